@@ -1,0 +1,51 @@
+# `make run`: the paper's main scenario. `make test`: all tests. Needs Python 3.11 to 3.13 and nothing else.
+SHELL := /bin/sh
+PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
+	$$p -c 'import sys, venv, ensurepip; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' 2>/dev/null \
+	&& echo $$p && break; done)
+BIN := .venv/bin
+READY := .venv/.ready
+
+.PHONY: run test lint format typecheck paper bench lock clean
+
+run: $(READY)
+	$(BIN)/dtb run controller=nimc_twin
+
+test: $(READY)
+	$(BIN)/python -m pytest -n 2
+
+paper: $(READY)
+	$(BIN)/dtb paper
+
+lint: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+format: $(READY)
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+typecheck: $(READY)
+	$(BIN)/mypy
+
+bench: $(READY)
+	$(BIN)/python -m benchmarks
+
+# The lock holds for every Python and every platform; `make lock` after a change of the dependencies.
+lock: $(READY)
+	$(BIN)/uv pip compile pyproject.toml --no-config --all-extras --universal --python-version 3.11 \
+		--fork-strategy fewest --generate-hashes --no-annotate --no-emit-index-url --no-header \
+		--upgrade --quiet --output-file requirements.lock
+
+# A half-finished set-up has no stamp and is done again; the project itself is installed in place.
+$(READY): requirements.lock pyproject.toml
+	@test -n "$(PYTHON)" || { echo "make: needs Python 3.11, 3.12 or 3.13 with venv; set PYTHON=..." >&2; exit 1; }
+	@rm -f $(READY)
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $(READY)
+
+clean:
+	rm -rf .venv build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

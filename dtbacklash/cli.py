@@ -1,0 +1,71 @@
+"""The command line: ``dtb <command> ...``. Heavy imports happen only inside a command.
+
+Exit codes: 0 done; 1 the command ran and something in it failed; 2 wrong input; 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+
+from dtbacklash import __version__
+from dtbacklash.errors import UserError
+
+COMMANDS = {
+    "run": ("dtbacklash.commands.run", "simulate a controller on a rig while its backlash grows"),
+    "paper": ("dtbacklash.commands.paper", "reproduce the figures and check the claims of the paper"),
+}
+
+
+def usage() -> str:
+    """Return the text of ``dtb --help``."""
+    lines = ["dtb: a drive with growing backlash, its controllers and its digital twin", ""]
+    lines += ["usage: dtb <command> [key=value ...]", "", "commands:"]
+    lines += [f"  {name:<10} {summary}" for name, (_, summary) in COMMANDS.items()]
+    lines += ["", "dtb <command> --help says what can be chosen; dtb --version says which code this is."]
+    return "\n".join(lines)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run ``dtb``; every mistake of the user ends in one line on stderr. Returns the exit code."""
+    words = sys.argv[1:] if arguments is None else list(arguments)
+    try:
+        return _dispatch(words)
+    except UserError as error:
+        return fail(str(error))
+    except KeyboardInterrupt as interrupt:
+        print(f"dtb: interrupted{interrupt}", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        # the reader of our output (head, less) has gone: not an error, but nothing more can be printed
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+def fail(line: str) -> int:
+    """Print one error line and return the exit code of wrong input."""
+    print("dtb: error: " + " ".join(line.split()), file=sys.stderr)
+    return 2
+
+
+def _dispatch(words: list[str]) -> int:
+    if not words or words[0] in ("-h", "--help", "help"):
+        print(usage())
+        return 0
+    if words[0] in ("-V", "--version"):
+        print(f"dtb {__version__}")
+        return 0
+    if words[0] not in COMMANDS:
+        raise UserError("command", words[0], "choose one of " + ", ".join(COMMANDS))
+    command = importlib.import_module(COMMANDS[words[0]][0])
+    return int(command.main(words[1:]))
+
+
+def entry() -> None:
+    """Entry point of the installed script."""
+    sys.exit(main())
+
+
+if __name__ == "__main__":
+    entry()

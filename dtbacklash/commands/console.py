@@ -1,0 +1,104 @@
+"""What the user sees on the terminal: progress, the table of moves, a summary line."""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+PATIENCE_S = 2.0  # what is quicker needs no progress bar
+WIDTH_ELSEWHERE = 120
+
+
+@contextmanager
+def progress(what: str) -> Iterator[Callable[[float], None]]:
+    """Give a function that takes the fraction done; a bar appears on stderr when it takes longer than 2 s."""
+    console = Console(stderr=True)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeRemainingColumn(),
+    )
+    bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    number = bar.add_task(what, total=1.0)
+    begin = time.monotonic()
+    started = False
+
+    def tick(fraction: float) -> None:
+        nonlocal started
+        if not started and time.monotonic() - begin > PATIENCE_S:
+            bar.start()
+            started = True
+        bar.update(number, completed=fraction)
+
+    try:
+        yield tick
+    finally:
+        if started:
+            bar.stop()
+
+
+def stdout_console() -> Console:
+    """Return a console for results, as wide as the terminal, or wide enough for a table in a file."""
+    console = Console(highlight=False)
+    return console if console.is_terminal else Console(highlight=False, width=WIDTH_ELSEWHERE)
+
+
+def print_run(summary: dict[str, Any], moves: pd.DataFrame, folder: Path) -> None:
+    """Print the moves, one line that sums them up, and where the report is."""
+    console = stdout_console()
+    if len(moves):
+        console.print(_moves_table(moves))
+    console.print(escape(_summary_line(summary)), soft_wrap=True)
+    report = folder / "report.html"
+    console.print(escape(shown_path(report)), soft_wrap=True)
+
+
+def shown_path(path: Path) -> str:
+    """Return ``path`` relative to here if it lies below, for people to click or copy."""
+    relative = os.path.relpath(path)
+    return str(path) if relative.startswith("..") else relative
+
+
+def number(value: Any, digits: int = 3) -> str:
+    """Format a value of a table: a dash for what is missing."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "-"
+    return f"{value:.{digits}g}" if isinstance(value, float) else str(value)
+
+
+def _moves_table(moves: pd.DataFrame) -> Table:
+    table = Table(box=None, pad_edge=False)
+    heads = {
+        "move": "move", "t_s": "t [s]", "from_mm": "from [mm]", "to_mm": "to [mm]",
+        "overshoot_pct": "overshoot [%]", "settling_time_s": "settling [s]", "peak_voltage_v": "peak [V]",
+    }  # fmt: skip
+    for head in heads.values():
+        table.add_column(escape(head), justify="right")
+    for row in moves[list(heads)].itertuples(index=False):
+        table.add_row(*(number(float(value)) for value in row))
+    return table
+
+
+def _summary_line(summary: dict[str, Any]) -> str:
+    parts = [
+        f"{summary.get('controller')}: overshoot at most {number(summary.get('overshoot_pct_max'))} %",
+        f"settling at most {number(summary.get('settling_time_s_max'))} s",
+        f"peak {number(summary.get('peak_voltage_v'))} V",
+    ]
+    if summary.get("n_estimations"):
+        parts.append(f"{summary.get('n_accepted')} of {summary.get('n_estimations')} estimates accepted")
+    wall = summary.get("wall_s", {})
+    parts.append(f"{number(summary.get('seconds_simulated'))} s simulated in {number(wall.get('total'))} s")
+    return ", ".join(parts)

@@ -1,0 +1,1 @@
+"""The controller: its design from the linear models, and its laws."""

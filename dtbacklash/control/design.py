@@ -1,0 +1,360 @@
+"""Design of the controllers from the linear models of motor and structure (paper, sections 2.1 and 2.2).
+
+Everything here is SI: metres, radians, volts, seconds. Transfer functions are those of python-control, which
+is imported inside the functions because its import alone takes a second. The compiled loop gets plain arrays
+(:class:`SampledModel`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from dtbacklash.errors import UserError
+
+if TYPE_CHECKING:
+    import control
+
+Array = NDArray[np.float64]
+
+PREFILTERS = ("reduced", "none")
+#: Order that is kept of the structure's balanced realisation: one dominant mode (section 2.2.1).
+REDUCED_ORDER = 2
+#: Hankel singular values below this share of the largest are rounding, not dynamics.
+HANKEL_FLOOR = 1e-12
+
+
+@dataclass(frozen=True)
+class MotorParameters:
+    """A dc motor, eqs (1)-(4), by the paper's symbols.
+
+    J: rotor inertia [kg m^2]; L: inductance [H]; R: resistance [ohm]; k_T: torque constant [N m/A];
+    k_B: back-emf constant [V s/rad].
+    """
+
+    J: float
+    L: float
+    R: float
+    k_T: float
+    k_B: float
+
+
+@dataclass(frozen=True)
+class StructureParameters:
+    """A chain of N >= 1 masses on a base that the lead screw moves to ``pitch_m_per_rad * theta_d``.
+
+    Link i (stiffness [N/m], damping [N s/m]) joins mass i [kg] to mass i-1, link 1 joins mass 1 to the base.
+    All three tuples have length N. The paper's structure is N = 2: its q_2 and q_3.
+    """
+
+    masses_kg: tuple[float, ...]
+    stiffnesses_n_per_m: tuple[float, ...]
+    dampings_n_s_per_m: tuple[float, ...]
+    pitch_m_per_rad: float
+
+    def __post_init__(self) -> None:
+        sizes = (len(self.masses_kg), len(self.stiffnesses_n_per_m), len(self.dampings_n_s_per_m))
+        if sizes[0] < 1 or len(set(sizes)) != 1:
+            raise UserError("rig.structure", sizes, "as many springs and dampers as masses, at least one")
+        if min(self.masses_kg) <= 0 or min(self.stiffnesses_n_per_m) <= 0 or min(self.dampings_n_s_per_m) < 0:
+            raise UserError("rig.structure", self, "masses and stiffnesses above 0, dampings at least 0")
+        if self.pitch_m_per_rad <= 0:
+            raise UserError("rig.structure.pitch_m_per_rad", self.pitch_m_per_rad, "a number above 0")
+
+
+@dataclass(frozen=True)
+class SampledModel:
+    """x[k+1] = A x[k] + B u[k], y[k] = C x[k] + D u[k].
+
+    Contiguous float64 arrays of shapes (n, n), (n, m), (p, n), (p, m); a static gain has n = 0.
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+
+    @property
+    def order(self) -> int:
+        """Number of states."""
+        return int(self.A.shape[0])
+
+
+@dataclass(frozen=True)
+class ControllerDesign:
+    """All sampled-data models that the controllers need (zero-order hold at ``sample_time_s``).
+
+    prefilter: W, reference minus prediction error [m] -> theta_ref [rad], eq. (14).
+    motor_speed: s G1, u [V] -> omega_m [rad/s]; states current [A], speed [rad/s].
+    motor_position: G1, u [V] -> theta_m [rad]; states current, speed, angle.
+    inner_loop: G_theta of eq. (12) as a continuous loop, theta_ref -> theta_m [rad], then sampled.
+    inner_loop_sampled: the same loop closed through the sampler, u[k] = K_theta (theta_ref[k] - theta_m[k]):
+        what the rig really does, so that the prediction error of a perfect model is zero at the samples.
+    structure: G2, theta_d [rad] -> position of the last mass [m].
+    dominant_frequency_rad_s: damped frequency omega_d of the structure's dominant mode.
+    """
+
+    prefilter: SampledModel
+    motor_speed: SampledModel
+    motor_position: SampledModel
+    inner_loop: SampledModel
+    inner_loop_sampled: SampledModel
+    structure: SampledModel
+    k_theta_v_per_rad: float
+    sample_time_s: float
+    dominant_frequency_rad_s: float
+
+
+def motor_tf(motor: MotorParameters) -> control.TransferFunction:
+    """G1(s), u [V] -> theta_m [rad], eq. (6)."""
+    import control
+
+    return control.tf([motor.k_T], [motor.J * motor.L, motor.J * motor.R, motor.k_B * motor.k_T, 0.0])
+
+
+def motor_ss(motor: MotorParameters) -> control.StateSpace:
+    """u [V] -> (omega_m [rad/s], theta_m [rad]), eqs (1)-(4); states current, speed, angle."""
+    import control
+
+    a = [[-motor.R / motor.L, -motor.k_B / motor.L, 0.0], [motor.k_T / motor.J, 0.0, 0.0], [0.0, 1.0, 0.0]]
+    b, c = [[1.0 / motor.L], [0.0], [0.0]], [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    return control.ss(a, b, c, np.zeros((2, 1)))
+
+
+def structure_matrices(structure: StructureParameters) -> tuple[Array, Array, Array, Array, Array]:
+    """M, C, K of eq. (8), shape (N, N), and the base's columns of C and of K, shape (N,)."""
+    n = len(structure.masses_kg)
+    mass = np.diag(np.asarray(structure.masses_kg, dtype=float))
+    matrices = []
+    for links in (structure.dampings_n_s_per_m, structure.stiffnesses_n_per_m):
+        matrix = np.zeros((n, n))
+        for i, value in enumerate(links):
+            matrix[i, i] += value
+            if i > 0:
+                matrix[i - 1, i - 1] += value
+                matrix[i - 1, i] = matrix[i, i - 1] = -value
+        matrices.append(matrix)
+    base = np.zeros((2, n))
+    base[:, 0] = structure.dampings_n_s_per_m[0], structure.stiffnesses_n_per_m[0]
+    return mass, matrices[0], matrices[1], base[0], base[1]
+
+
+def structure_ss(structure: StructureParameters) -> control.StateSpace:
+    """G2 in state space, theta_d [rad] -> position of the last mass [m], from M, C and K of eq. (8).
+
+    States: the N positions, and the N velocities less M^-1 c p theta_d. The latter takes the derivative of
+    the input out of eq. (8), so that a step of theta_d needs no impulse.
+    """
+    import control
+
+    mass, damping, stiffness, base_c, base_k = structure_matrices(structure)
+    n, p = mass.shape[0], structure.pitch_m_per_rad
+    c_in = np.linalg.solve(mass, base_c) * p
+    k_in = np.linalg.solve(mass, base_k * p - damping @ c_in)
+    a = np.block(
+        [[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)]]
+    )
+    c_out = np.zeros((1, 2 * n))
+    c_out[0, n - 1] = 1.0
+    return control.ss(a, np.concatenate([c_in, k_in])[:, None], c_out, [[0.0]])
+
+
+def structure_polynomials(structure: StructureParameters) -> tuple[Array, Array]:
+    """G2(s): numerator with the pitch, monic denominator, highest power first; eq. (9) for two equal masses.
+
+    The numerator is the product of the links' impedances, the denominator det(M s^2 + C s + K): exact
+    coefficients, without the cancellations of a general state-space conversion.
+    """
+    mass, damping, stiffness, _, _ = structure_matrices(structure)
+    links = zip(structure.dampings_n_s_per_m, structure.stiffnesses_n_per_m, strict=True)
+    num = np.array([structure.pitch_m_per_rad])
+    for c, k in links:
+        num = np.polymul(num, [c, k])
+    den = _tridiagonal_determinant(mass, damping, stiffness)
+    return num / den[0], den / den[0]
+
+
+def structure_tf(structure: StructureParameters) -> control.TransferFunction:
+    """G2(s), theta_d [rad] -> position of the last mass [m], from :func:`structure_polynomials`."""
+    import control
+
+    return control.tf(*structure_polynomials(structure))
+
+
+def _tridiagonal_determinant(mass: Array, damping: Array, stiffness: Array) -> Array:
+    """Coefficients of det(M s^2 + C s + K) of a chain, highest power first, by the three-term recurrence."""
+    before, now = np.zeros(1), np.ones(1)
+    for i in range(mass.shape[0]):
+        diagonal = np.array([mass[i, i], damping[i, i], stiffness[i, i]])
+        following = np.polymul(diagonal, now)
+        if i > 0:
+            link = np.array([damping[i, i - 1], stiffness[i, i - 1]])
+            following = np.polysub(following, np.polymul(np.polymul(link, link), before))
+        before, now = now, following
+    return now
+
+
+def inner_loop(motor: MotorParameters, k_theta: float) -> control.TransferFunction:
+    """G_theta(s) = K G1 / (1 + K G1), theta_ref -> theta_m, eq. (12)."""
+    import control
+
+    return control.feedback(k_theta * motor_tf(motor), 1)
+
+
+def dominant_frequency(structure: StructureParameters) -> float:
+    """Damped frequency omega_d [rad/s] of the oscillating mode that decays most slowly (27.07 in the paper).
+
+    An overdamped structure has none: then the magnitude of its slowest pole.
+    """
+    poles = structure_ss(structure).poles()
+    oscillating = poles[np.abs(poles.imag) > 1e-6 * np.abs(poles)]
+    if oscillating.size == 0:
+        return float(np.min(np.abs(poles)))
+    # an undamped chain has all its poles on the axis: there the lowest frequency decides
+    slowest = oscillating[np.lexsort((np.abs(oscillating), np.round(-oscillating.real, 9)))][0]
+    return float(abs(slowest.imag))
+
+
+def balanced_reduction(system: control.StateSpace, order: int) -> control.StateSpace:
+    """Balanced realisation of a stable system, residualised to ``order`` states: the dc gain stays.
+
+    python-control's own balanced reduction needs the Fortran library slycot; the balancing here is the
+    square-root algorithm on SciPy's Lyapunov solver, the residualisation is python-control's ``matchdc``.
+    """
+    import control
+
+    a, b, c = system.A, system.B, system.C
+    roots = [_psd_root(linalg.solve_continuous_lyapunov(x, -y @ y.T)) for x, y in ((a, b), (a.T, c.T))]
+    u, hankel, vt = linalg.svd(roots[1].T @ roots[0])
+    rank = int(np.sum(hankel > HANKEL_FLOOR * hankel[0]))
+    scale = 1.0 / np.sqrt(hankel[:rank])
+    right = roots[0] @ vt[:rank].T * scale
+    left = (roots[1] @ u[:, :rank] * scale).T
+    balanced = control.ss(left @ a @ right, left @ b, c @ right, system.D)
+    if rank <= order:
+        return balanced
+    return control.model_reduction(balanced, list(range(order, rank)), method="matchdc")
+
+
+def _psd_root(gramian: Array) -> Array:
+    """A square root X with X X^T = gramian, also where rounding made the Gramian slightly indefinite."""
+    values, vectors = linalg.eigh(0.5 * (gramian + gramian.T))
+    return np.asarray(vectors * np.sqrt(np.clip(values, 0.0, None)))
+
+
+def reduced_structure(structure: StructureParameters) -> control.StateSpace:
+    """The dominant mode of G2 / G2(0): balanced, reduced to second order, dc gain 1 (section 2.2.1)."""
+    import control
+
+    full = structure_ss(structure)
+    if np.max(full.poles().real) >= -1e-9 * np.max(np.abs(full.poles())):
+        raise UserError(
+            "controller.prefilter", "reduced", "needs damping in the structure; without it choose none"
+        )
+    normalised = control.ss(full.A, full.B / structure.pitch_m_per_rad, full.C, full.D)
+    return balanced_reduction(normalised, min(REDUCED_ORDER, full.nstates))
+
+
+def minimum_phase(system: control.StateSpace) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Zeros and poles of the minimum-phase spectral factor: right-half-plane zeros mirrored to the left.
+
+    |G(j w)| stays as it is, and the inverse becomes stable. A zero on the axis cannot be inverted: UserError.
+    """
+    zeros, poles = system.zeros(), system.poles()
+    # the zeros of a strictly proper model come out of the pencil as huge numbers or infinity
+    zeros = zeros[np.abs(zeros) < 1e9 * np.max(np.abs(poles))]
+    if np.any(np.abs(zeros.real) <= 1e-9 * np.abs(zeros)):
+        raise UserError("controller.prefilter", "reduced", "cannot invert this structure; choose none")
+    return -np.abs(zeros.real) + 1j * zeros.imag, poles
+
+
+def prefilter(structure: StructureParameters, kind: str, tau_r_s: float) -> control.StateSpace:
+    """W(s) = W~(s)/p, position [m] -> theta_ref [rad], eqs (14) and (15).
+
+    kind 'reduced': W~ = G_d^-1 / (tau_r s + 1), G_d the minimum-phase factor of :func:`reduced_structure`;
+    kind 'none': W~ = 1. Raises UserError for another kind or where G_d cannot be inverted.
+    """
+    import control
+
+    gain = 1.0 / structure.pitch_m_per_rad
+    if kind == "none":
+        return control.ss([], [], [], [[gain]])
+    if kind != "reduced":
+        raise UserError("controller.prefilter", kind, "one of " + ", ".join(PREFILTERS))
+    if not tau_r_s > 0:
+        raise UserError("controller.tau_r_s", tau_r_s, "a number above 0")
+    zeros, poles = minimum_phase(reduced_structure(structure))
+    if poles.size > zeros.size + 1:
+        raise UserError("controller.prefilter", kind, "the inverse is improper here; choose none")
+    num, den = np.poly(poles).real, np.polymul(np.poly(zeros).real, [tau_r_s, 1.0])
+    return _tf_to_ss(num * (gain * den[-1] / num[-1]), den)
+
+
+def _tf_to_ss(num: Array, den: Array) -> control.StateSpace:
+    """Controllable canonical form, its time scaled by the poles' geometric mean: entries near 1."""
+    import control
+
+    order = len(den) - 1
+    rate = abs(den[-1] / den[0]) ** (1.0 / order)
+    powers = rate ** np.arange(order, -1, -1.0) / (den[0] * rate**order)
+    num_scaled = np.concatenate([np.zeros(order + 1 - len(num)), num]) * powers
+    den_scaled = den * powers
+    companion = np.eye(order, k=-1)
+    companion[0] = -den_scaled[1:]
+    c = (num_scaled[1:] - num_scaled[0] * den_scaled[1:])[None, :]
+    return control.ss(companion * rate, np.eye(order, 1) * rate, c, [[num_scaled[0]]])
+
+
+def sampled(
+    system: control.StateSpace, sample_time_s: float, outputs: list[int] | None = None
+) -> SampledModel:
+    """Zero-order-hold equivalent of a continuous model, of all its outputs or of some."""
+    import control
+
+    rows = list(range(system.noutputs)) if outputs is None else outputs
+    c, d = np.atleast_2d(system.C)[rows], np.atleast_2d(system.D)[rows]
+    if system.nstates == 0:
+        return _model(np.zeros((0, 0)), np.zeros((0, system.ninputs)), np.zeros((len(rows), 0)), d)
+    discrete = control.c2d(control.ss(system.A, system.B, c, d), sample_time_s, method="zoh")
+    return _model(discrete.A, discrete.B, discrete.C, discrete.D)
+
+
+def _model(*matrices: Any) -> SampledModel:
+    return SampledModel(*(np.ascontiguousarray(matrix, dtype=np.float64) for matrix in matrices))
+
+
+def design_controller(
+    motor: MotorParameters,
+    structure: StructureParameters,
+    k_theta: float,
+    prefilter_kind: str,
+    tau_r_s: float,
+    sample_time_s: float,
+) -> ControllerDesign:
+    """All sampled models of the controllers.
+
+    k_theta in V/rad; prefilter_kind and tau_r_s as in :func:`prefilter`, whose UserErrors it raises.
+    """
+    import control
+
+    full = motor_ss(motor)
+    speed = control.ss(full.A[:2, :2], full.B[:2], full.C[:1, :2], [[0.0]])
+    position = sampled(full, sample_time_s, outputs=[1])
+    closed = control.ss(full.A - k_theta * full.B @ full.C[1:], k_theta * full.B, full.C[1:], [[0.0]])
+    return ControllerDesign(
+        prefilter=sampled(prefilter(structure, prefilter_kind, tau_r_s), sample_time_s),
+        motor_speed=sampled(speed, sample_time_s),
+        motor_position=position,
+        inner_loop=sampled(closed, sample_time_s),
+        inner_loop_sampled=_model(
+            position.A - k_theta * position.B @ position.C, k_theta * position.B, position.C, position.D
+        ),
+        structure=sampled(structure_ss(structure), sample_time_s),
+        k_theta_v_per_rad=float(k_theta),
+        sample_time_s=float(sample_time_s),
+        dominant_frequency_rad_s=dominant_frequency(structure),
+    )

@@ -1,0 +1,1 @@
+"""The rig: what it is made of, which effects act on it, and its compiled simulation."""

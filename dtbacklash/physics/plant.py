@@ -1,0 +1,116 @@
+"""What the compiled simulation works on: flat arrays, and the integers that say where things are in them.
+
+The continuous plant is ``x' = A x + G w`` with the state ``x = [i?, q (bodies), v (bodies), aux]`` and the
+channels ``w``: the voltage, the base's extra position and velocity, an effort on each body, a rate for each
+auxiliary state. ``A`` and ``G`` come in two versions: gear out of contact, and in contact.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+# channels
+CH_V, CH_D, CH_DD, CH_F = 0, 1, 2, 3
+
+# ends of links and friction contacts that are not bodies
+GROUND, BASE = -1, -2
+
+# states of the gear; PLUS and MINUS are contacts on that side, RIGID means that there is no gap
+FREE, PLUS, MINUS, RIGID = 0, 1, -1, 2
+
+# columns of `body`
+B_DIFFERENCE, B_COGGING, B_WAVE, B_PHASE, B_LOAD, N_BODY = 0, 1, 2, 3, 4, 5
+# columns of `link`
+L_K, L_CUBIC, L_QUADRATIC, L_FORCE, L_DISPLACEMENT, L_STOP, L_CLEARANCE, L_DRIFT, N_LINK = range(9)
+# columns of `friction`
+F_COULOMB, F_STRIBECK, F_SPEED, N_FRICTION = range(4)
+# entries of `circuit`
+C_R, C_KT, C_HEAT, C_TAU, C_RIPPLE, C_PERIODS, C_PHASE, N_CIRCUIT = range(8)
+# entries of `amplifier`
+A_LIMIT, A_DEAD, A_GAIN, N_AMPLIFIER = range(4)
+# entries of `screw`
+S_LEAD, S_SHARE, S_AMPLITUDE, S_PERIODS, S_PHASE, S_BASE_MASS, S_INERTIA, N_SCREW = range(8)
+# columns of `sensor`
+Y_INDEX, Y_RATE, Y_GAIN, Y_OFFSET, Y_WHOLE, Y_PART, N_SENSOR = range(7)
+#: `sensor[:, Y_INDEX]` of a sensor on the base (the mass that a rigid screw carries): position, velocity
+BASE_POSITION, BASE_VELOCITY = -1, -2
+
+
+class Plant(NamedTuple):
+    """A rig, compiled for one sampling time. ``m`` gear modes, ``l`` step levels, ``n`` states, ``c`` channels.
+
+    E : (m, l, n, n) transposed transition matrices over a step ``sample_time/substeps/2**level``.
+    P1, P2 : (m, l, c, n) transposed responses to channels that are constant, and that rise from 0 to 1.
+    A : (m, n, n), G : (m, c, n) the continuous matrices (G transposed).
+    """
+
+    E: Floats
+    P1: Floats
+    P2: Floats
+    A: Floats
+    G: Floats
+    body: Floats
+    link: Floats
+    link_ends: Ints
+    friction: Floats
+    friction_ends: Ints
+    circuit: Floats
+    amplifier: Floats
+    screw: Floats
+    sensor: Floats
+    aux_of_link: Ints
+    sample_time: float
+    substeps: int
+    levels: int
+    current: int  # index of i in x, or -1
+    rotor: int  # index of the rotor among the bodies, or -1
+    n_bodies: int
+    position: int  # index of the first position in x
+    heat: int  # index of the winding's rise in x, or -1
+    has_base: bool  # a screw drives the structure
+    imposed: bool  # the motor's angle is given instead of simulated
+    forced: bool  # something besides the voltage and the gear acts
+    delay_whole: int  # the amplifier's delay: whole samples,
+    delay_ticks: int  # and ticks (sample_time/substeps/2**(levels-1))
+
+
+class State(NamedTuple):
+    """What changes while a plant is simulated, and room to work in. Made by :func:`new_state`."""
+
+    x: Floats  # (n,)
+    gear: Floats  # (1,) theta_d while the gear is out of contact
+    mode: Ints  # (1 + frictions,) state of the gear, then -1/0/1 a friction contact: slips back, sticks, slips
+    commands: Floats  # the last commands u, newest first
+    seen: Floats  # (depth, sensors, 2) what the sensors would have seen, newest first, and its rate
+    xn: Floats
+    xp: Floats
+    w0: Floats
+    w1: Floats
+    rates: Floats
+    reaction: Floats  # (frictions,) the force that keeps a sticking contact at rest
+
+
+def new_state(plant: Plant) -> State:
+    """The plant at rest at zero, gear centred in its gap, every friction contact sticking."""
+    n, channels = plant.A.shape[1], plant.G.shape[1]
+    frictions, sensors = len(plant.friction), len(plant.sensor)
+    depth = int(plant.sensor[:, Y_WHOLE].max(initial=0)) + 2
+    mode = np.zeros(1 + frictions, dtype=np.int64)
+    mode[0] = FREE if plant.imposed else RIGID
+    return State(
+        x=np.zeros(n),
+        gear=np.zeros(1),
+        mode=mode,
+        commands=np.zeros(plant.delay_whole + 2),
+        seen=np.zeros((depth, sensors, 2)),
+        xn=np.zeros(n),
+        xp=np.zeros(n),
+        w0=np.zeros(channels),
+        w1=np.zeros(channels),
+        rates=np.zeros(n),
+        reaction=np.zeros(frictions),
+    )

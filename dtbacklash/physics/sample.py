@@ -1,0 +1,249 @@
+"""One sample of the plant: the amplifier, steps with located events, and what the sensors see at its end."""
+
+import math
+
+from dtbacklash.physics import laws
+from dtbacklash.physics import plant as pl
+from dtbacklash.compiled import clear, compiled, copy, inlined
+from dtbacklash.physics.forces import add_forces
+from dtbacklash.physics.step import MOST_EVENTS, screw_angle, slip_rate, try_step
+
+NO_EVENT, GEAR_CLOSES, GEAR_OPENS, FRICTION = 0, 1, 2, 3
+
+
+@inlined
+def amplify(P, u):
+    """The voltage (or command of the actuator) that leaves the amplifier for the command ``u``."""
+    A = P.amplifier
+    return laws.saturation(laws.dead_zone(A[pl.A_GAIN] * u, A[pl.A_DEAD]), A[pl.A_LIMIT])
+
+
+@inlined
+def find_event(P, S, gap, gap_rate):
+    """The first kind of event that the step to ``S.xn`` has passed; ``gap`` is the half-gap at its end."""
+    mode = S.mode[0]
+    theta_d = S.gear[0]
+    if P.rotor >= 0 and mode != pl.RIGID:
+        if mode == pl.FREE:
+            if abs(S.xn[P.position + P.rotor] - theta_d) > gap:
+                return GEAR_CLOSES
+        elif mode * S.xn[P.position + P.n_bodies + P.rotor] < gap_rate:
+            return GEAR_OPENS
+    for c in range(P.friction.shape[0]):
+        direction = S.mode[1 + c]
+        if direction == 0:
+            if abs(S.reaction[c]) > P.friction[c, pl.F_COULOMB] + P.friction[c, pl.F_STRIBECK]:
+                return FRICTION
+        elif direction * slip_rate(P, S.xn, mode, c, theta_d, gap_rate) < 0.0:
+            return FRICTION
+    return NO_EVENT
+
+
+@compiled
+def switch_gear(P, S, gap, gap_rate):
+    """Let the gear close or open at the present state."""
+    mode = S.mode[0]
+    if P.rotor < 0 or mode == pl.RIGID:
+        return
+    theta_m = S.x[P.position + P.rotor]
+    speed = P.position + P.n_bodies + P.rotor
+    if mode == pl.FREE:
+        z = theta_m - S.gear[0]
+        if abs(z) > gap:
+            S.mode[0] = pl.PLUS if z > 0.0 else pl.MINUS
+            carried = P.screw[pl.S_SHARE] * P.screw[pl.S_LEAD] ** 2 * P.screw[pl.S_BASE_MASS]
+            if carried != 0.0:  # the teeth meet without rebound: momentum is shared with what the screw carries
+                S.x[speed] *= P.screw[pl.S_INERTIA] / (P.screw[pl.S_INERTIA] + carried)
+    elif mode * S.x[speed] < gap_rate:
+        S.gear[0] = theta_m - mode * gap
+        S.mode[0] = pl.FREE
+
+
+@compiled
+def switch_friction(P, S, t, gap, gap_rate, voltage):
+    """Let friction contacts come to rest, turn round or break loose at the present state."""
+    contact = 0 if S.mode[0] == pl.FREE else 1
+    theta_d = screw_angle(P, S, gap) if not P.imposed else 0.0
+    for c in range(P.friction.shape[0]):
+        most = P.friction[c, pl.F_COULOMB] + P.friction[c, pl.F_STRIBECK]
+        if S.mode[1 + c] == 0:
+            if abs(S.reaction[c]) > most:
+                S.mode[1 + c] = -1 if S.reaction[c] > 0.0 else 1
+            continue
+        rate = slip_rate(P, S.x, S.mode[0], c, theta_d, gap_rate)
+        if S.mode[1 + c] * rate >= 0.0:
+            continue
+        S.mode[1 + c] = 0
+        acceleration, mobility = _slip_acceleration(P, S, c, t, contact, theta_d, voltage)
+        _stop(P, S, c, contact, rate / mobility)
+        if abs(acceleration) > mobility * most:
+            S.mode[1 + c] = 1 if acceleration > 0.0 else -1
+
+
+@compiled
+def _slip_acceleration(P, S, c, t, contact, theta_d, voltage):
+    """Acceleration of a contact's slip without its own friction, and what one newton on it would add."""
+    A, G = P.A[contact], P.G[contact]
+    w = S.w0
+    clear(w)
+    w[pl.CH_V] = voltage
+    w[pl.CH_D] = P.screw[pl.S_LEAD] * (theta_d - (S.x[P.position + P.rotor] if contact == 1 else 0.0))
+    add_forces(P, S.x, S.mode, w, contact, t, theta_d, 0.0)
+    a, b = P.friction_ends[c, 0], P.friction_ends[c, 1]
+    acceleration, mobility = 0.0, 0.0
+    for end, sign in ((b, 1.0), (a, -1.0)):
+        if end >= 0:
+            i = P.position + P.n_bodies + end
+            total = 0.0
+            for j in range(S.x.shape[0]):
+                total += A[i, j] * S.x[j]
+            for k in range(w.shape[0]):
+                total += G[k, i] * w[k]
+            acceleration += sign * total
+            mobility += G[pl.CH_F + end, i]
+    return acceleration, mobility
+
+
+@compiled
+def _stop(P, S, c, contact, impulse):
+    """Take out the rest of a contact's slip by an impulse (N s) between its ends."""
+    first = P.position + P.n_bodies
+    a, b = P.friction_ends[c, 0], P.friction_ends[c, 1]
+    if b >= 0:
+        S.x[first + b] -= impulse * P.G[contact, pl.CH_F + b, first + b]
+    if a >= 0:
+        S.x[first + a] += impulse * P.G[contact, pl.CH_F + a, first + a]
+
+
+@inlined
+def _settle_gear(P, S, gap0, gap1, gap_rate):
+    """At a sample's start: no gap means rigid, and a gap that opens faster than the motor follows frees the gear."""
+    mode = S.mode[0]
+    if gap0 == 0.0 and gap1 == 0.0:
+        S.mode[0] = pl.RIGID
+        return
+    if mode == pl.RIGID:
+        S.gear[0] = S.x[P.position + P.rotor]
+        S.mode[0] = pl.FREE
+    elif mode != pl.FREE and mode * S.x[P.position + P.n_bodies + P.rotor] < gap_rate:
+        S.gear[0] = S.x[P.position + P.rotor] - mode * gap0
+        S.mode[0] = pl.FREE
+
+
+@inlined
+def advance(P, S, t, u, gap0, gap1, theta0, theta1):
+    """Advance the plant by one sample.
+
+    Parameters
+    ----------
+    t : time at the sample's start, s. u : command held over the sample, V.
+    gap0, gap1 : half-gap at its start and end, rad; linear between.
+    theta0, theta1 : the motor's angle at start and end where it is imposed (else ignored), rad; linear between.
+    """
+    for d in range(S.commands.shape[0] - 1, 0, -1):
+        S.commands[d] = S.commands[d - 1]
+    S.commands[0] = u
+    gap_rate = (gap1 - gap0) / P.sample_time
+    if P.has_base and not P.imposed:
+        _settle_gear(P, S, gap0, gap1, gap_rate)
+    _steps(P, S, t, gap0, gap_rate, theta0, theta1)
+
+
+@inlined
+def _steps(P, S, t, gap0, gap_rate, theta0, theta1):
+    """The steps of one sample, each as long as the events and the amplifier's delay let it be."""
+    last = P.levels - 1
+    whole = P.substeps << last
+    tick, end = 0, whole
+    voltage = amplify(P, S.commands[P.delay_whole])
+    if P.delay_ticks > 0:
+        end = P.delay_ticks
+        voltage = amplify(P, S.commands[P.delay_whole + 1])
+    tick_s = P.sample_time / whole
+    least, events = 0, 0
+    theta_rate = (theta1 - theta0) / P.sample_time
+    while tick < whole:
+        if tick == end:  # the command of this sample arrives
+            end = whole
+            voltage = amplify(P, S.commands[P.delay_whole])
+        level = least
+        while (1 << (last - level)) > end - tick:
+            level += 1
+        ticks = 1 << (last - level)
+        h = ticks * tick_s
+        start = tick * tick_s
+        gap = gap0 + gap_rate * start
+        given, given_rate = 0.0, 0.0
+        if P.imposed:
+            given = S.gear[0]
+            theta = theta0 + theta_rate * (start + h)
+            given_rate = (laws.play(given, theta, gap + gap_rate * h) - given) / h
+        try_step(P, S, level, h, t + start, voltage, gap, gap_rate, given, given_rate)
+        event = find_event(P, S, gap + gap_rate * h, gap_rate)
+        if event != NO_EVENT and level < last and events < MOST_EVENTS:
+            least = level + 1
+            continue
+        copy(S.xn, S.x)
+        tick += ticks
+        if P.imposed:
+            S.gear[0] = given + given_rate * h
+        if event != NO_EVENT:
+            gap += gap_rate * h
+            switch_gear(P, S, gap, gap_rate)
+            switch_friction(P, S, t + start + h, gap, gap_rate, voltage)
+            events += 1
+            least = 0
+        elif least == last:  # what a longer step had seen is not there: go on with long steps
+            least = 0
+            events += 1
+        elif least > 0:
+            least += 1
+
+
+@inlined
+def _read(P, S, s, gap, gap_rate):
+    """Present value and rate of what sensor ``s`` measures, before its errors."""
+    index = P.sensor[s, pl.Y_INDEX]
+    if math.isnan(index):
+        return 0.0, 0.0
+    if index < 0:
+        d = P.screw[pl.S_LEAD] * screw_angle(P, S, gap)
+        if P.screw[pl.S_AMPLITUDE] != 0.0:
+            A = P.screw
+            d += laws.periodic(screw_angle(P, S, gap), A[pl.S_AMPLITUDE], A[pl.S_PERIODS], A[pl.S_PHASE])
+            d -= laws.periodic(0.0, A[pl.S_AMPLITUDE], A[pl.S_PERIODS], A[pl.S_PHASE])
+        omega = 0.0
+        if S.mode[0] != pl.FREE:
+            omega = S.x[P.position + P.n_bodies + P.rotor] - (0 if S.mode[0] == pl.RIGID else S.mode[0] * gap_rate)
+        rate = P.screw[pl.S_LEAD] * omega
+        return (d, 0.0) if index == pl.BASE_POSITION else (rate, 0.0)
+    i = int(index)
+    r = int(P.sensor[s, pl.Y_RATE])
+    return S.x[i], S.x[r] if r >= 0 else 0.0
+
+
+@inlined
+def sense(P, S, gap, gap_rate, y):
+    """Write what every sensor shows now into ``y`` (sensors,): delayed, scaled and offset, without noise."""
+    depth = S.seen.shape[0]
+    for s in range(P.sensor.shape[0]):
+        for d in range(depth - 1, 0, -1):
+            S.seen[d, s, 0] = S.seen[d - 1, s, 0]
+            S.seen[d, s, 1] = S.seen[d - 1, s, 1]
+        S.seen[0, s, 0], S.seen[0, s, 1] = _read(P, S, s, gap, gap_rate)
+        row = P.sensor[s]
+        whole, part = int(row[pl.Y_WHOLE]), row[pl.Y_PART]
+        value = S.seen[whole, s, 0]
+        if part > 0.0:
+            value = _between(S.seen[whole + 1, s], S.seen[whole, s], 1.0 - part, P.sample_time, row[pl.Y_RATE] >= 0)
+        y[s] = row[pl.Y_GAIN] * value + row[pl.Y_OFFSET]
+
+
+@inlined
+def _between(older, newer, f, h, with_rates):
+    """Value at the fraction ``f`` between two samples: cubic Hermite where the rates are known, else linear."""
+    if not with_rates:
+        return older[0] + f * (newer[0] - older[0])
+    g = 1.0 - f
+    value = g * g * (1.0 + 2.0 * f) * older[0] + f * f * (1.0 + 2.0 * g) * newer[0]
+    return value + h * f * g * (g * older[1] - f * newer[1])

@@ -1,0 +1,1 @@
+"""Figures, tables and pages: this package draws and formats results, it computes no physics."""

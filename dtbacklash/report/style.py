@@ -1,0 +1,131 @@
+"""The look of the house: one style for every figure, one colour for every signal.
+
+Figures are built on `matplotlib.figure.Figure` without pyplot: no global state, no window, a faster start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+INK = "#1f2933"  # text, axes, the truth
+MUTED = "#7b8794"  # thresholds, notes, bands
+
+# Okabe and Ito's palette (told apart with any colour vision), one colour a signal
+COLOUR = {
+    "reference": "#7b8794",
+    "output": "#0072b2",
+    "gap": INK,
+    "gap_hat": "#d55e00",
+    "rejected": "#b5478a",
+    "voltage": "#00805f",
+    "novelty": "#6a51a3",
+    "error": "#b5478a",
+}
+SERIES = ["#0072b2", "#d55e00", "#00805f", "#b5478a", "#6a51a3", "#9a7d0a", "#56b4e9", INK]
+"""Colours for what is no signal (the series of a sweep), in this order."""
+MARKERS = ["o", "s", "D", "^", "v", "P", "X", "*"]
+
+DPI = 160
+WIDTH = 9.0  # inch
+
+RC: Any = {
+    "font.family": "DejaVu Sans",  # comes with matplotlib: the same figure on every machine
+    "font.size": 12,
+    "axes.labelsize": 12,
+    "axes.titlesize": 12,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.titlepad": 7,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.titlecolor": INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.9,
+    "axes.axisbelow": True,
+    "axes.grid": True,
+    "grid.color": "#e4e7eb",
+    "grid.linewidth": 0.8,
+    "xtick.labelsize": 11,
+    "ytick.labelsize": 11,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "text.color": INK,
+    "legend.fontsize": 11,
+    "legend.frameon": False,
+    "legend.handlelength": 1.8,
+    "legend.borderaxespad": 0.2,
+    "lines.linewidth": 1.6,
+    "lines.solid_capstyle": "round",
+    "path.simplify_threshold": 0.3,
+    "figure.constrained_layout.use": True,
+    "figure.constrained_layout.h_pad": 0.06,
+    "figure.constrained_layout.w_pad": 0.06,
+    "figure.dpi": DPI,
+    "savefig.dpi": DPI,
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+}
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def styled(draw: Callable[P, T]) -> Callable[P, T]:
+    """Run a drawing function under the house style and leave matplotlib's global settings as they were."""
+
+    @wraps(draw)
+    def under_style(*args: P.args, **kwargs: P.kwargs) -> T:
+        with matplotlib.rc_context(RC):
+            return draw(*args, **kwargs)
+
+    return under_style
+
+
+def panels(heights: list[float], sharex: bool = True) -> tuple[Figure, list[Axes]]:
+    """A figure with one panel below the other.
+
+    Args:
+        heights: height of each panel [inch].
+        sharex: whether the panels share their x axis.
+    """
+    figure = new_figure(sum(heights) + 0.4)
+    axes = figure.subplots(len(heights), 1, sharex=sharex, squeeze=False, height_ratios=heights)[:, 0]
+    return figure, list(axes)
+
+
+def new_figure(height: float, width: float = WIDTH) -> Figure:
+    """An empty figure of the house's width; sizes in inch."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def letter(axes: list[Axes], titles: list[str]) -> None:
+    """Title the panels (a), (b), (c) ... ; a single panel gets no letter."""
+    for index, (ax, title) in enumerate(zip(axes, titles, strict=True)):
+        ax.set_title(f"({chr(ord('a') + index)})  {title}" if len(axes) > 1 else title)
+
+
+def legend_above(ax: Axes, columns: int = 4) -> None:
+    """Legend in the title's line at the right, where it can hide no data."""
+    ax.legend(
+        loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, borderaxespad=0.0, columnspacing=1.4
+    )
+
+
+@styled
+def save(figure: Figure, path: Path) -> Path:
+    """Write the figure as PNG (its folder is made if needed) and return the path."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    # no software version in the file: the same figure is the same bytes
+    figure.savefig(path, format="png", metadata={"Software": None}, pil_kwargs={"compress_level": 4})
+    return path

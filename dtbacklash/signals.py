@@ -1,0 +1,219 @@
+"""The two inputs of an experiment over time: the reference r and the gap of the gear.
+
+Every function takes the sample times ``t_s`` (shape ``(N + 1,)``, seconds, increasing from 0) and returns an
+array of the same shape. Files are checked row by row before anything is simulated.
+"""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from dtbacklash.config.run import ProfileConfig, ReferenceConfig
+from dtbacklash.errors import UserError
+
+Array = NDArray[np.float64]
+
+GAP_LIMIT_DEG = 360.0  # a gap of more than a turn is a mistake of unit
+REGULAR_SHARE = 0.9  # a file is regularly sampled if this share of its time steps equals their median ...
+HOLE_FACTOR = 1.5  # ... and then a longer step than this times the median is a hole
+REGULAR_ROWS = 10
+EDGE = 1e-9  # relative to the period: a sample at k*period belongs to the next period despite rounding
+
+
+def reference(config: ReferenceConfig, t_s: Array, seed: int = 0) -> Array:
+    """Return r at ``t_s`` in mm, shape of ``t_s``.
+
+    Raises
+    ------
+    UserError : a CSV that is unreadable, has NaN, holes, or does not cover ``t_s`` (key ``reference.path``).
+    """
+    if config.kind == "csv":
+        times_s, values_mm = read_columns("reference.path", config.path, ("t_s", "r_mm"), t_s)
+        if config.interpolation == "linear":
+            return np.interp(t_s, times_s, values_mm)
+        tolerance_s = EDGE * max(1.0, float(t_s[-1]))
+        row = np.searchsorted(times_s, t_s + tolerance_s, side="right") - 1
+        return np.asarray(values_mm[row])
+    return config.offset_mm + _REFERENCES[config.kind](config, t_s, seed)
+
+
+def gap_profile(config: ProfileConfig, t_s: Array) -> Array:
+    """Return the gap at ``t_s`` in degrees (>= 0), shape of ``t_s``.
+
+    The growing kinds go from ``start_deg`` to ``end_deg`` between ``t_start_s`` and ``t_end_s`` by a growth
+    law g(x), x = 0..1, g(0) = 0, g(1) = 1, and rest before and after: ``ramp`` g = x; ``s_curve`` the
+    minimum-jerk g = 10x^3 - 15x^4 + 6x^5 (Flash and Hogan, 1985); ``step`` jumps at ``t_start_s``;
+    ``wear`` see :func:`wear_growth`.
+
+    Raises
+    ------
+    UserError : a CSV that is unreadable, has NaN, holes, a negative gap or one above 360 deg, or does not
+        cover ``t_s`` (key ``profile.path``).
+    """
+    if config.kind == "csv":
+        times_s, gaps_deg = read_columns("profile.path", config.path, ("t_s", "gap_deg"), t_s)
+        _check_gaps(str(config.path), gaps_deg)
+        return np.interp(t_s, times_s, gaps_deg)
+    if config.kind == "constant":
+        return np.full(t_s.shape, float(config.start_deg))
+    if config.kind == "step":
+        return np.where(_reached(t_s, config.t_start_s), config.end_deg, config.start_deg).astype(float)
+    x = np.clip((t_s - config.t_start_s) / (config.t_end_s - config.t_start_s), 0.0, 1.0)
+    if config.kind == "ramp":
+        growth = x
+    elif config.kind == "s_curve":
+        growth = x**3 * (10.0 + x * (6.0 * x - 15.0))
+    else:
+        growth = wear_growth(config, x)
+    return config.start_deg + (config.end_deg - config.start_deg) * growth
+
+
+def wear_growth(config: ProfileConfig, x: Array) -> Array:
+    """Return the classical three-phase wear curve g(x), from 0 at x = 0 to 1 at x = 1, never falling.
+
+    Running-in saturates exponentially (its share of the growth is ``running_in_share``, its time constant
+    ``running_in_span``), steady wear is linear, and severe wear (``severe_share``) grows with the cube of the
+    time since ``severe_from``. Form after Kragelsky, Friction and Wear (1965): three phases of the wear rate.
+    """
+    running_in = np.expm1(-x / config.running_in_span) / np.expm1(-1.0 / config.running_in_span)
+    severe = np.clip((x - config.severe_from) / (1.0 - config.severe_from), 0.0, None) ** 3
+    steady_share = 1.0 - config.running_in_share - config.severe_share
+    growth = config.running_in_share * running_in + steady_share * x + config.severe_share * severe
+    return np.asarray(growth)
+
+
+def _square(config: ReferenceConfig, t_s: Array, seed: int) -> Array:
+    half = np.floor(2.0 * t_s / config.period_s + EDGE).astype(np.int64)
+    return np.where(half % 2 == 0, config.amplitude_mm, -config.amplitude_mm).astype(float)
+
+
+def _step(config: ReferenceConfig, t_s: Array, seed: int) -> Array:
+    return np.where(_reached(t_s, config.t_start_s), config.amplitude_mm, 0.0).astype(float)
+
+
+def _staircase(config: ReferenceConfig, t_s: Array, seed: int) -> Array:
+    tread = np.floor(t_s / config.dwell_s + EDGE) + 1.0  # the first step is at t = 0
+    level = config.levels - np.abs(tread % (2 * config.levels) - config.levels)
+    return np.asarray(config.step_mm * level)
+
+
+def _multisine(config: ReferenceConfig, t_s: Array, seed: int) -> Array:
+    """Sum equal harmonics of 1/period_s in the band, with random phases (Pintelon and Schoukens)."""
+    first = int(np.ceil(config.f_min_hz * config.period_s - EDGE))
+    last = int(np.floor(config.f_max_hz * config.period_s + EDGE))
+    if last < max(first, 1):
+        allowed = f"must be long enough for a line in the band {config.f_min_hz:g} to {config.f_max_hz:g} Hz"
+        raise UserError("reference.period_s", config.period_s, allowed)
+    lines = np.arange(max(first, 1), last + 1)
+    phases = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, lines.size)
+    total = np.zeros(t_s.shape)
+    for line, phase in zip(lines, phases, strict=True):  # one line at a time: lines x samples would not fit
+        total += np.cos(2.0 * np.pi * line / config.period_s * t_s + phase)
+    return total * (config.rms_mm * np.sqrt(2.0 / lines.size))
+
+
+_REFERENCES = {"square": _square, "step": _step, "staircase": _staircase, "multisine": _multisine}
+
+
+def _reached(t_s: Array, at_s: float) -> NDArray[np.bool_]:
+    """Whether ``t_s`` has reached ``at_s``, a sample on it included despite rounding."""
+    return t_s >= at_s - EDGE * max(1.0, at_s)
+
+
+def read_columns(key: str, path: str | None, columns: tuple[str, str], t_s: Array) -> tuple[Array, Array]:
+    """Read two columns of a CSV file: the time, and a value that must be known over all of ``t_s``.
+
+    Raises
+    ------
+    UserError : in the name of ``key``, with the row that is wrong.
+    """
+    table = _read_csv(key, path, columns)
+    times = _finite_column(key, path, table, columns[0])
+    values = _finite_column(key, path, table, columns[1])
+    if times.size < 2:
+        raise UserError(key, path, "needs at least two rows")
+    steps = np.diff(times)
+    if np.any(steps <= 0):
+        row = int(np.argmax(steps <= 0))
+        raise UserError(
+            key, path, f"{columns[0]} must increase, but does not in row {row + 2} (t = {times[row + 1]:g} s)"
+        )
+    _check_holes(key, path, times, steps)
+    slack_s = EDGE * max(1.0, float(t_s[-1]))
+    if times[0] > t_s[0] + slack_s or times[-1] < t_s[-1] - slack_s:
+        span = f"{times[0]:g} to {times[-1]:g} s"
+        raise UserError(key, path, f"covers {span}, but the run needs {t_s[0]:g} to {t_s[-1]:g} s")
+    return times, values
+
+
+def _read_csv(key: str, path: str | None, columns: tuple[str, str]) -> pd.DataFrame:
+    wanted = ",".join(columns)
+    if path is None or not Path(path).is_file():
+        raise UserError(key, path, f"is not a file; give a CSV file with the columns {wanted}")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter(
+                "error", pd.errors.ParserWarning
+            )  # a row longer than the header is a mistake
+            table = pd.read_csv(
+                path,
+                dtype=str,
+                skipinitialspace=True,
+                encoding="utf-8-sig",
+                keep_default_na=False,
+                index_col=False,
+            )
+    except (
+        OSError,
+        ValueError,
+        pd.errors.ParserWarning,
+    ) as error:  # parser and decoding errors are ValueErrors
+        reason = " ".join(str(error).split())[:80]
+        raise UserError(
+            key, path, f"is not a readable CSV file with the columns {wanted} ({reason})"
+        ) from error
+    table.columns = [str(name).strip() for name in table.columns]
+    missing = [name for name in columns if list(table.columns).count(name) != 1]
+    if missing:
+        found = ",".join(table.columns)[:60]
+        raise UserError(key, path, f"must have the columns {wanted} once each; it has {found}")
+    return table
+
+
+def _finite_column(key: str, path: str | None, table: pd.DataFrame, name: str) -> Array:
+    text = table[name].fillna("")
+    values = pd.to_numeric(text, errors="coerce").to_numpy(dtype=float)
+    bad = ~np.isfinite(values)
+    if bad.any():
+        row = int(np.argmax(bad))
+        shown = repr(str(text.iloc[row]))[:30]
+        raise UserError(key, path, f"{name} must be a finite number in every row; row {row + 1} has {shown}")
+    return values
+
+
+def _check_holes(key: str, path: str | None, times: Array, steps: Array) -> None:
+    """Refuse a hole in a regularly sampled file; a few hand-written rows at any spacing are fine."""
+    median = float(np.median(steps))
+    regular = np.mean(np.abs(steps - median) <= 0.01 * median) >= REGULAR_SHARE
+    holes = steps > HOLE_FACTOR * median
+    if steps.size >= REGULAR_ROWS and regular and holes.any():
+        row = int(np.argmax(holes))
+        span = f"from {times[row]:g} to {times[row + 1]:g} s"
+        raise UserError(key, path, f"has a hole {span}; it is sampled every {median:g} s otherwise")
+
+
+def _check_gaps(path: str, gaps_deg: Array) -> None:
+    if np.any(gaps_deg < 0):
+        row = int(np.argmax(gaps_deg < 0))
+        raise UserError(
+            "profile.path", path, f"gap_deg must not be negative; row {row + 1} has {gaps_deg[row]:g}"
+        )
+    if np.any(gaps_deg > GAP_LIMIT_DEG):
+        row = int(np.argmax(gaps_deg > GAP_LIMIT_DEG))
+        allowed = f"gap_deg must be at most 360 (in degrees); row {row + 1} has {gaps_deg[row]:g}"
+        raise UserError("profile.path", path, allowed)

@@ -1,0 +1,97 @@
+"""The novelty index: instantaneous amplitude of the dominant mode in the prediction error, eqs (19)-(21).
+
+The error is multiplied by cosine and sine of omega_d t, both products pass the same third-order low-pass
+filter, and the magnitude of the two is the amplitude. The multiplication moves a constant error to omega_d,
+where the filter is 40 dB down ('cheby2'), as the paper asks. It cannot have its cut-off at omega_d/2 as well:
+the elliptic filter of third order with that cut-off ('ellip') is 28 dB down at omega_d.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dtbacklash.compiled import compiled, compiled_allocating
+from dtbacklash.errors import UserError
+
+Array = NDArray[np.float64]
+
+FILTERS = ("cheby2", "ellip")
+ORDER = 3
+STOPBAND_DB = 40.0
+RIPPLE_DB = 1.0
+
+
+@dataclass(frozen=True)
+class NoveltyDesign:
+    """The low-pass filter's second-order sections, (sections, 6), and the oscillator's step exp(i w_d Ts).
+
+    Sections and not one polynomial: at 1 kHz and a cut-off of a few hertz all poles lie next to z = 1.
+    """
+
+    sos: Array
+    cos_step: float
+    sin_step: float
+
+    def initial_state(self) -> Array:
+        """State of :func:`novelty_step` at t = 0: oscillator at phase 0, filters at rest."""
+        state = np.zeros(2 + 4 * self.sos.shape[0])
+        state[0] = 1.0
+        return state
+
+
+def novelty_design(kind: str, frequency_rad_s: float, sample_time_s: float) -> NoveltyDesign:
+    """The lock-in filter at omega_d = frequency_rad_s.
+
+    kind 'cheby2': Chebyshev II, 40 dB from omega_d on; 'ellip': elliptic, 1 dB ripple up to its edge
+    omega_d/2, 40 dB stopband further up. UserError for another kind, or if sampling is too slow.
+    """
+    from scipy.signal import cheby2, ellip
+
+    nyquist = np.pi / sample_time_s
+    if not 0.0 < frequency_rad_s < nyquist:
+        allowed = f"sampling above twice the dominant mode's {frequency_rad_s / (2 * np.pi):.3g} Hz"
+        raise UserError("sample_time_s", sample_time_s, allowed)
+    if kind == "cheby2":
+        sos = cheby2(ORDER, STOPBAND_DB, frequency_rad_s / nyquist, output="sos")
+    elif kind == "ellip":
+        sos = ellip(ORDER, RIPPLE_DB, STOPBAND_DB, 0.5 * frequency_rad_s / nyquist, output="sos")
+    else:
+        raise UserError("twin.novelty_filter", kind, "one of " + ", ".join(FILTERS))
+    phase = frequency_rad_s * sample_time_s
+    return NoveltyDesign(np.ascontiguousarray(sos), float(np.cos(phase)), float(np.sin(phase)))
+
+
+@compiled
+def novelty_step(state: Array, sos: Array, cos_step: float, sin_step: float, error: float) -> float:
+    """Amplitude of the mode after one more sample of the prediction error, in the error's unit.
+
+    state: from :meth:`NoveltyDesign.initial_state`, changed in place. The oscillator is a rotating phasor,
+    pulled back to the unit circle every sample, so that it neither grows nor fades however long the run.
+    """
+    squares = 0.0
+    for channel in range(2):
+        value = 2.0 * error * state[channel]
+        for section in range(sos.shape[0]):
+            at = 2 + 4 * section + 2 * channel
+            out = sos[section, 0] * value + state[at]
+            state[at] = sos[section, 1] * value - sos[section, 4] * out + state[at + 1]
+            state[at + 1] = sos[section, 2] * value - sos[section, 5] * out
+            value = out
+        squares += value * value
+    real = state[0] * cos_step - state[1] * sin_step
+    imag = state[0] * sin_step + state[1] * cos_step
+    pull = 1.5 - 0.5 * (real * real + imag * imag)
+    state[0], state[1] = real * pull, imag * pull
+    return np.sqrt(squares)
+
+
+@compiled_allocating
+def novelty_index(errors: Array, sos: Array, cos_step: float, sin_step: float, state: Array) -> Array:
+    """:func:`novelty_step` over a whole record (N,) of errors; (N,) amplitudes."""
+    out = np.empty_like(errors)
+    for k in range(errors.size):
+        out[k] = novelty_step(state, sos, cos_step, sin_step, errors[k])
+    return out

@@ -1,0 +1,243 @@
+"""The twin's mixed nonlinear-linear simulation (Figure 12): backlash, then the structure's linear observer.
+
+An observer of G2 = num/den with the characteristic polynomial chi(s) = (s + pole)^n, driven by the simulated
+theta_d and the measured q3, has the output error
+
+    eps = q3 - q3_estimated = den(s)/chi(s) q3 - num(s)/chi(s) theta_d,
+
+whatever its state coordinates, so no gain has to be placed. In F = pole/(s + pole) both quotients are
+polynomials, realised here as a chain of n equal lags: well conditioned for any number of masses.
+
+Sampling is by first-order hold. theta_d and q3 come from continuous motion, so straight lines between their
+samples err by O(Ts^2); a zero-order hold would delay both by Ts/2, which looks like a change of the gap.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import linalg
+
+from dtbacklash.compiled import compiled_allocating
+from dtbacklash.control.design import StructureParameters, structure_polynomials
+from dtbacklash.errors import UserError
+
+Array = NDArray[np.float64]
+
+
+class Path(NamedTuple):
+    """One input's way to the output error: x[k+1] = phi x[k] + b u[k], y[k] = x[k][0] + d u[k].
+
+    phi: (n, n), upper triangular; b: (n,); start: (n,) the state at rest for a unit input.
+    """
+
+    phi: Array
+    b: Array
+    d: float
+    start: Array
+
+
+@dataclass(frozen=True)
+class TwinModel:
+    """What the twin knows of the structure.
+
+    from_q3 [m -> m] and from_theta_d [rad -> m]: the two paths to the output error. settle: first sample of a
+    buffer that counts in the cost (0-based). noise_colour: power at zero frequency over mean power, >= 1, of
+    the output error that white noise on q3 causes.
+    """
+
+    from_q3: Path
+    from_theta_d: Path
+    settle: int
+    sample_time_s: float
+    pitch_m_per_rad: float
+    pole_rad_s: float
+    noise_colour: float
+
+
+def twin_model(
+    structure: StructureParameters, pole_rad_s: float, sample_time_s: float, settle: int
+) -> TwinModel:
+    """The observer with all n = 2N eigenvalues at -pole_rad_s [rad/s], sampled every sample_time_s [s]."""
+    if not pole_rad_s > 0:
+        raise UserError("twin.observer_pole_rad_s", pole_rad_s, "a number above 0")
+    num, den = structure_polynomials(structure)
+    order = len(den) - 1
+    from_q3 = _sampled_path(_in_lags(den, order, pole_rad_s), pole_rad_s, sample_time_s)
+    return TwinModel(
+        from_q3=from_q3,
+        from_theta_d=_sampled_path(-_in_lags(num, order, pole_rad_s), pole_rad_s, sample_time_s),
+        settle=int(settle),
+        sample_time_s=float(sample_time_s),
+        pitch_m_per_rad=structure.pitch_m_per_rad,
+        pole_rad_s=float(pole_rad_s),
+        noise_colour=_noise_colour(from_q3),
+    )
+
+
+def _noise_colour(path: Path) -> float:
+    """Power that a path gives to white noise at zero frequency, over that at all frequencies; at least 1."""
+    covariance = linalg.solve_discrete_lyapunov(path.phi, np.outer(path.b, path.b))
+    mean_power = covariance[0, 0] + path.d**2
+    return max(1.0, float((path.start[0] + path.d) ** 2 / mean_power))
+
+
+def _in_lags(polynomial: Array, order: int, pole: float) -> Array:
+    """(order+1,) coefficients c with polynomial(s)/(s + pole)^order = sum_k c[k] F^k, F = pole/(s + pole).
+
+    With s = pole (1 - F)/F, a term p_j s^j becomes p_j pole^(j - order) (1 - F)^j F^(order - j).
+    """
+    coefficients = np.zeros(order + 1)
+    for j, value in enumerate(np.asarray(polynomial)[::-1]):
+        term = np.poly1d([-1.0, 1.0]) ** j * value * pole ** float(j - order)
+        coefficients[order - j :] += np.asarray(term.coeffs)[::-1]
+    return coefficients
+
+
+def _sampled_path(lags: Array, pole: float, sample_time_s: float) -> Path:
+    """The chain of lags y = c0 u + F(c1 u + F(c2 u + ...)), sampled by first-order hold."""
+    from scipy.signal import cont2discrete
+
+    order = len(lags) - 1
+    a = pole * (np.eye(order, k=1) - np.eye(order))
+    system = (a, pole * lags[1:, None], np.eye(1, order), lags[:1, None])
+    phi, b, _, d, _ = cont2discrete(system, sample_time_s, method="foh")
+    start = np.linalg.solve(np.eye(order) - phi, b)
+    columns = [np.array(column[:, 0], dtype=np.float64) for column in (b, start)]
+    return Path(np.array(np.triu(phi), dtype=np.float64), columns[0], float(d[0, 0]), columns[1])
+
+
+@compiled_allocating
+def play(theta_m: Array, half_gap: float, theta_d0: float, growth: float) -> Array:
+    """theta_d of the backlash (16)-(17), driven by the samples theta_m; both (N,) [rad].
+
+    theta_d stays until theta_m has crossed the gap and then follows at the distance half_gap [rad, >= 0].
+    theta_d0 [rad] is where it rests before the first sample; it is pushed if the gap does not allow it.
+    growth [rad/sample]: half_gap is that of the middle of the buffer, and grows by this much per sample.
+    """
+    theta_d = np.empty_like(theta_m)
+    now = theta_d0
+    middle = 0.5 * (theta_m.size - 1)
+    for k in range(theta_m.size):
+        gap = max(half_gap + growth * (k - middle), 0.0)
+        now = min(max(now, theta_m[k] - gap), theta_m[k] + gap)
+        theta_d[k] = now
+    return theta_d
+
+
+@compiled_allocating
+def filtered(u: Array, path: Path) -> Array:
+    """Response of a path to the samples u, (N,), from rest at u[0]."""
+    phi, b, d = path.phi, path.b, path.d
+    n = b.size
+    state = path.start * u[0]
+    out = np.empty_like(u)
+    for k in range(u.size):
+        out[k] = state[0] + d * u[k]
+        for i in range(n):
+            following = b[i] * u[k]
+            for j in range(i, n):
+                following += phi[i, j] * state[j]
+            state[i] = following
+    return out
+
+
+@compiled_allocating
+def cost(
+    theta_m: Array, eps_q: Array, half_gap: float, theta_d0: float, growth: float, path: Path, settle: int
+) -> float:
+    """Mean square output error [m^2] from sample ``settle`` on, eq. (18).
+
+    theta_m: (N,) [rad]. eps_q: (N,) [m], the measured q3 through ``from_q3``: it depends on no parameter.
+    path: ``from_theta_d``. half_gap and theta_d0 [rad], growth [rad/sample] as in :func:`play`; a negative
+    half_gap counts as its magnitude, which makes the cost smooth where the true gap is zero.
+    """
+    phi, b, d = path.phi, path.b, path.d
+    n = b.size
+    middle = 0.5 * (theta_m.size - 1)
+    theta_d = theta_d0
+    state = np.zeros(n)
+    total = 0.0
+    for k in range(theta_m.size):
+        gap = max(abs(half_gap) + growth * (k - middle), 0.0)
+        theta_d = min(max(theta_d, theta_m[k] - gap), theta_m[k] + gap)
+        if k == 0:
+            state[:] = path.start * theta_d
+        if k >= settle:
+            error = eps_q[k] + state[0] + d * theta_d
+            total += error * error
+        for i in range(n):
+            following = b[i] * theta_d
+            for j in range(i, n):
+                following += phi[i, j] * state[j]
+            state[i] = following
+    return total / (theta_m.size - settle)
+
+
+@compiled_allocating
+def play_sensitivities(theta_m: Array, half_gap: float, theta_d0: float, growth: float, out: Array) -> None:
+    """theta_d and its derivatives by half_gap, theta_d0 and growth into the rows of ``out``, (4, N).
+
+    Exact wherever the play is smooth: theta_d moves with theta_d0 until the first contact, and from then on
+    by -1 or +1 with the gap, by the side that pushed last.
+    """
+    sign = -1.0 if half_gap < 0.0 else 1.0
+    middle = 0.5 * (theta_m.size - 1)
+    theta_d, by_gap, by_start, by_growth = theta_d0, 0.0, 1.0, 0.0
+    for k in range(theta_m.size):
+        gap = max(abs(half_gap) + growth * (k - middle), 0.0)
+        side = 0.0
+        if theta_d < theta_m[k] - gap:
+            side = -1.0
+        elif theta_d > theta_m[k] + gap:
+            side = 1.0
+        if side != 0.0:
+            theta_d = theta_m[k] + side * gap
+            by_gap, by_start, by_growth = side * sign, 0.0, side * (k - middle)
+        out[0, k], out[1, k], out[2, k], out[3, k] = theta_d, by_gap, by_start, by_growth
+
+
+@compiled_allocating
+def sensitivities(
+    theta_m: Array, eps_q: Array, half_gap: float, theta_d0: float, growth: float, path: Path, settle: int
+) -> Array:
+    """Output error and its derivatives by half_gap, theta_d0 and growth: rows of (4, N - settle), SI.
+
+    Arguments as for :func:`cost`.
+    """
+    rows = np.empty((4, theta_m.size))
+    play_sensitivities(theta_m, half_gap, theta_d0, growth, rows)
+    for row in range(4):
+        rows[row] = filtered(rows[row], path)
+    rows[0] += eps_q
+    return rows[:, settle:].copy()
+
+
+@compiled_allocating
+def cost_and_gradient(
+    theta_m: Array, eps_q: Array, half_gap: float, theta_d0: float, path: Path, settle: int
+) -> tuple[float, float, float]:
+    """:func:`cost` [m^2] and its derivatives by half_gap and theta_d0 [m^2/rad], without growth."""
+    rows = np.empty((4, theta_m.size))
+    play_sensitivities(theta_m, half_gap, theta_d0, 0.0, rows)
+    error = (filtered(rows[0], path) + eps_q)[settle:]
+    scale = 2.0 / error.size
+    by_gap = scale * np.sum(error * filtered(rows[1], path)[settle:])
+    by_start = scale * np.sum(error * filtered(rows[2], path)[settle:])
+    return 0.5 * scale * np.sum(error * error), by_gap, by_start
+
+
+@compiled_allocating
+def start_sensitivity(
+    theta_m: Array, eps_q: Array, half_gap: float, theta_d0: float, path: Path, settle: int
+) -> Array:
+    """Output error and its derivative by theta_d0 alone: rows of (2, N - settle), SI; half_gap >= 0."""
+    rows = np.empty((4, theta_m.size))
+    play_sensitivities(theta_m, half_gap, theta_d0, 0.0, rows)
+    out = np.empty((2, theta_m.size - settle))
+    out[0] = (filtered(rows[0], path) + eps_q)[settle:]
+    out[1] = filtered(rows[2], path)[settle:]
+    return out

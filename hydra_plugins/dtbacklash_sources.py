@@ -1,0 +1,75 @@
+"""Hydra plugins: a user's own ``conf`` folder, and rigs from any YAML file (``rig=path/to/rig.yaml``)."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from hydra.core.config_search_path import ConfigSearchPath, SearchPathQuery
+from hydra.core.object_type import ObjectType
+from hydra.plugins.config_source import ConfigLoadError, ConfigResult, ConfigSource
+from hydra.plugins.search_path_plugin import SearchPathPlugin
+from omegaconf import DictConfig, OmegaConf
+
+from dtbacklash.errors import UserError
+
+OURS = "pkg://dtbacklash.conf"
+GROUP = "rig/"
+SUFFIXES = (".yaml", ".yml")
+
+
+class RigFileSource(ConfigSource):
+    """Options of the group ``rig`` that are file names, relative to where ``dtb`` was started."""
+
+    @staticmethod
+    def scheme() -> str:
+        return "rigfile"
+
+    def _file(self, config_path: str) -> Path | None:
+        name = config_path.removeprefix(GROUP)
+        if name == config_path or not name.endswith(SUFFIXES):
+            return None
+        return Path(self.path) / name
+
+    def load_config(self, config_path: str) -> ConfigResult:
+        file = self._file(config_path)
+        if file is None or not file.is_file():
+            raise ConfigLoadError(f"Config not found: {config_path}")
+        try:
+            config = OmegaConf.load(file)
+        except (OSError, UnicodeDecodeError):  # a number, a word, no text at all
+            config = None
+        if not isinstance(config, DictConfig):
+            raise UserError(
+                "rig", config_path.removeprefix(GROUP), "must be a YAML file that describes a rig"
+            )
+        return ConfigResult(
+            config=config, path=self.full_path(), provider=self.provider, header={"package": None}
+        )
+
+    def available(self) -> bool:
+        return True
+
+    def is_group(self, config_path: str) -> bool:
+        return False
+
+    def is_config(self, config_path: str) -> bool:
+        file = self._file(config_path)
+        return file is not None and file.is_file()
+
+    def list(self, config_path: str, results_filter: ObjectType | None) -> list[str]:
+        return []
+
+
+class DtbSearchPath(SearchPathPlugin):
+    """Extends the ``conf`` of ``dtb``, and of no other Hydra application, by what the user brings."""
+
+    def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
+        if not any(element.path == OURS for element in search_path.get_path()):
+            return
+        here = os.getcwd()
+        user = Path(here) / "conf"
+        # first match wins: a user's option replaces ours of the same name
+        if user.is_dir() and not (user / "__init__.py").exists():
+            search_path.prepend("user", f"file://{user}", anchor=SearchPathQuery(provider="main"))
+        search_path.append("rigfile", f"rigfile://{here}")

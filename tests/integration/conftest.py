@@ -1,0 +1,117 @@
+"""A stand-in for the simulation, so that the tests of the command line are quick; and the real command."""
+
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from hydra.core.global_hydra import GlobalHydra
+
+from dtbacklash import cli, signals
+
+
+@dataclass
+class StandIn:
+    """Like a RunResult."""
+
+    config: Any
+    trace: pd.DataFrame
+    estimates: pd.DataFrame
+    summary: dict
+    recording: pd.DataFrame
+
+
+def pretend(config, progress=None):
+    """Return a result of the right form, without simulating."""
+    t_s = np.arange(config.samples + 1) * config.sample_time_s
+    r_mm = signals.reference(config.reference, t_s, config.seed)
+    gap = signals.gap_profile(config.profile, t_s)
+    names = [
+        "t_s",
+        "r_mm",
+        "q3_mm",
+        "u_v",
+        "theta_m_rad",
+        "theta_d_rad",
+        "gap_deg",
+        "gap_hat_deg",
+        "eps_mm",
+        "novelty_mm",
+    ]
+    columns = [t_s, r_mm, r_mm, r_mm, r_mm, r_mm, gap, gap, 0 * gap, 0 * gap]
+    heads = [
+        "t_event_s",
+        "t_applied_s",
+        "gap_deg",
+        "true_gap_deg",
+        "accepted",
+        "reason",
+        "cost",
+        "evaluations",
+        "wall_s",
+    ]
+    summary = {
+        "controller": config.controller.name, "n_estimations": 0, "n_accepted": 0,
+        "overshoot_pct_max": np.float64(config.twin.delay_s), "settling_time_s_max": float("nan"),
+        "peak_voltage_v": 4.5, "moves": [], "estimates": [], "seconds_simulated": config.duration_s,
+        "wall_s": {"simulate": 0.0, "estimate": 0.0, "total": 0.0},
+    }  # fmt: skip
+    recording = pd.DataFrame({"t": t_s, "r": r_mm, "u": r_mm, "theta_m": r_mm, "q3": r_mm})
+    trace = pd.DataFrame(dict(zip(names, columns, strict=True)))
+    return StandIn(config, trace, pd.DataFrame(columns=heads), summary, recording)
+
+
+@pytest.fixture
+def scenario(monkeypatch):
+    """The module that the command calls; a test may replace its ``run_scenario``."""
+    module = SimpleNamespace(run_scenario=pretend)
+    monkeypatch.setitem(sys.modules, "dtbacklash.scenario", module)
+    monkeypatch.setattr("dtbacklash.scenario", module, raising=False)
+    return module
+
+
+@pytest.fixture
+def dtb(tmp_path, monkeypatch, capsys, scenario):
+    """Run ``dtb`` here, in an empty folder, with the stand-in: words -> (exit code, stdout, stderr)."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words):
+        GlobalHydra.instance().clear()
+        code = cli.main([str(word) for word in words])
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    yield call
+    GlobalHydra.instance().clear()
+
+
+@pytest.fixture
+def process(tmp_path):
+    """Run ``dtb`` as a process with the real simulation: words -> CompletedProcess."""
+
+    def call(*words, timeout=300, **extra):
+        command = [sys.executable, "-m", "dtbacklash.cli", *map(str, words)]
+        options = {
+            "cwd": tmp_path,
+            "capture_output": True,
+            "text": True,
+            "timeout": timeout,
+            "env": os.environ | extra,
+        }
+        return subprocess.run(command, check=False, **options)
+
+    return call
+
+
+@pytest.fixture
+def files():
+    """List the files below a folder, hidden ones too."""
+    return lambda folder: sorted(
+        str(path.relative_to(folder)) for path in Path(folder).rglob("*") if path.is_file()
+    )

@@ -1,0 +1,239 @@
+"""Whatever a user gets wrong: one line with key, value and what is allowed; exit code 2; nothing left."""
+
+import errno
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from dtbacklash.errors import Diverged
+
+WRONG = {
+    "controller=foo": "choose one of imc, nimc_fixed, nimc_novelty, nimc_twin, open_loop",
+    "profile=foo": "choose one of constant, csv, ramp, s_curve, step, wear",
+    "experiment=foo": "fig13",
+    "hydra/launcher=foo": "joblib",
+    "rig=foo": "choose one of lead_screw, or the path of a YAML file",
+    "rig=foo.yaml": "no such file",
+    "twin=null": "choose one of cloud",
+    "twin.dely_s=3": "did you mean twin.delay_s?",
+    "+twin.dely_s=3": "did you mean twin.delay_s?",
+    "dealy_s=3": "did you mean twin.delay_s?",
+    "xyzzy=3": "no such setting",
+    "hydra.run.dri=x": "did you mean hydra.run.dir?",
+    "twin.delay_s=abc": "must be a number",
+    "twin.delay_s=4s": "must be a number",
+    "twin.delay_s=null": "must be a number",
+    "twin.delay_s=": "must be a number",
+    "twin.delay_s=-1": "must be at least 0 s",
+    "twin.delay_s=nan": "must be finite",
+    "twin.delay_s=inf": "must be finite",
+    "twin.buffer=1.5": "must be a whole number",
+    "twin.buffer=1000000": "must not be longer than the run (200000 samples)",
+    "twin.settle=1000": "must be below twin.buffer=1000",
+    "twin.guard=perhaps": "must be true or false",
+    "sensors.noise.q3_mm=abc": "must be a number",
+    "sensors.noise.q3_mm=-1": "must be at least 0",
+    "sensors.noise.q9_mm=1": "has the sensors",
+    "rig.parameters.zz.value=3": "the rig has no such parameter",
+    "rig.parameters.m.value=abc": "must be a number",
+    "rig.effects.gear=3": "a mapping",
+    "profile.end_deg=-5": "must be at least 0 and at most 360 deg",
+    "profile.t_start_s=180": "",
+    "profile=csv": "columns t_s,gap_deg",
+    "reference=csv": "columns t_s,r_mm",
+    "duration_s=0": "must be at least 0.01 s",
+    "duration_s=1e12": "must be at most",
+    "sample_time_s=0.0003": "whole number of samples",
+    "seed=-1": "must be at least 0",
+    "seed=${nope}": "nope",
+    "optimizer.name=guess": "choose one of bfgs",
+    "recording.save=seen.txt": "must end in .csv or .parquet",
+    "recording.save=no/such/seen.csv": "folder that exists",
+    "controller=imc,nimc_fixed": "give several with -m",
+    "twin.delay_s=[1": "cannot be read",
+    "~twin": "cannot be removed",
+    "a b": "write key=value",
+    "=3": "write key=value",
+    "--frobnicate": "choose one of --cfg",
+    "hydra.run.dir=": "give a folder",
+}
+
+
+def check(answer, key, said):
+    code, out, err = answer
+    assert code == 2
+    assert out == ""
+    assert err.startswith(f"dtb: error: {key}")
+    assert said in err
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize("word", WRONG)
+def test_one_line_exit_2_nothing_left(dtb, tmp_path, word):
+    key = {"a b": "argument=a b", "=3": "argument==3", "--frobnicate": "option="}.get(word)
+    moved = {
+        "profile.t_start_s=180": "profile.t_end_s=",
+        "profile=csv": "profile.path=",
+        "reference=csv": "reference.path=",
+    }
+    moved["sample_time_s=0.0003"] = "duration_s="
+    key = key or moved.get(word) or word.lstrip("+~").partition("=")[0]
+    key = "twin.dely_s" if word.startswith("+twin") else key
+    check(dtb("run", word), key, WRONG[word])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_unknown_command(dtb):
+    check(dtb("fly"), "command=fly", "choose one of run, paper")
+    check(dtb("paper", "seed=1"), "argument=seed=1", "out=FOLDER")
+
+
+def test_a_wrong_file_names_the_file_and_the_row(dtb, tmp_path):
+    (tmp_path / "gap.csv").write_text("t_s,gap_deg\n0,0\n10,nan\n200,1\n")
+    check(dtb("run", "profile=csv", "profile.path=gap.csv"), "profile.path=gap.csv", "row 2")
+    (tmp_path / "r.csv").write_text("t_s,r_mm\n0,0\n10,1\n")
+    check(dtb("run", "reference=csv", "reference.path=r.csv"), "reference.path=r.csv", "needs 0 to 200 s")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["gap.csv", "r.csv"]
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "said"),
+    [
+        ("name: [oops\n", "file=", "not valid YAML"),
+        ("name: x\nmass: 3\n", "rig.mass=", "no such setting"),
+        ("- 1\n- 2\n", "rig", ""),
+        ("3\n", "rig", ""),
+        ("parameters: {m: {value: heavy}}\n", "rig.parameters.m.value=heavy", "must be a number"),
+        ("elements: {gear: 3}\n", "rig.elements.gear=3", "a mapping"),
+        ("\x00\x01", "file=", ""),
+    ],
+)
+def test_a_wrong_rig_file(dtb, tmp_path, text, key, said):
+    (tmp_path / "mine.yaml").write_text(text)
+    check(dtb("run", "rig=mine.yaml"), key, said)
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.yaml"]
+
+
+def test_a_wrong_file_in_the_users_conf(dtb, tmp_path):
+    (tmp_path / "conf" / "twin").mkdir(parents=True)
+    (tmp_path / "conf" / "twin" / "mine.yaml").write_text("delay_s: {\n")
+    check(dtb("run", "twin=mine"), "file=", "mine.yaml:2")
+
+
+def test_a_loop_that_diverges_says_when(dtb, scenario, tmp_path):
+    def diverge(config, progress):
+        raise Diverged(
+            "controller.k_theta_v_per_rad", config.controller.k_theta_v_per_rad, 1.25, "q3 = 1000 mm"
+        )
+
+    scenario.run_scenario = diverge
+    answer = dtb("run", "controller.k_theta_v_per_rad=900")
+    check(answer, "controller.k_theta_v_per_rad=900", "diverged at t = 1.250 s")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_places_that_cannot_be_written(dtb, tmp_path):
+    (tmp_path / "file").write_text("precious")
+    (tmp_path / "thesis").mkdir()
+    (tmp_path / "thesis" / "chapter.tex").write_text("precious")
+    for place, said in {
+        "file": "file exists", "file/run": "not a directory", "thesis": "not an earlier run",
+        "/proc/run": "cannot be written",
+    }.items():  # fmt: skip
+        check(dtb("run", "duration_s=2", f"hydra.run.dir={place}"), "hydra.run.dir=", said)
+    assert sorted(str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*")) == [
+        "file",
+        "thesis",
+        "thesis/chapter.tex",
+    ]
+
+
+def test_a_full_disk(dtb, tmp_path, monkeypatch):
+    import pandas as pd
+
+    def full(self, path, **options):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(pd.DataFrame, "to_parquet", full)
+    check(dtb("run", "duration_s=2", "figures=false"), "hydra.run.dir=", "the disk is full")
+    check(
+        dtb("run", "duration_s=2", "figures=false", "recording.save=x.parquet"),
+        "hydra.run.dir=",
+        "the disk is full",
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_recording_that_cannot_be_written_leaves_no_run_either(dtb, tmp_path, monkeypatch):
+    import pandas as pd
+
+    original = pd.DataFrame.to_csv
+
+    def full(self, path, **options):
+        if "partial" in str(path) and "x" in path.name[:3]:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return original(self, path, **options)
+
+    monkeypatch.setattr(pd.DataFrame, "to_csv", full)
+    check(
+        dtb("run", "duration_s=2", "figures=false", "recording.save=x.csv"),
+        "recording.save=x.csv",
+        "disk is full",
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+def _small_files():
+    resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+
+
+def test_the_system_refusing_to_write_for_real(tmp_path):
+    """A limit on the size of files stands in for a full disk: the write itself fails, in whatever library."""
+    command = [
+        sys.executable,
+        "-m",
+        "dtbacklash.cli",
+        "run",
+        "controller=imc",
+        "duration_s=100",
+        "figures=false",
+    ]
+    answer = subprocess.run(
+        command,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        preexec_fn=_small_files,
+        check=False,
+        timeout=300,
+    )
+    assert answer.returncode == 2, answer.stderr
+    assert answer.stderr.startswith("dtb: error: hydra.run.dir=")
+    assert answer.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_ctrl_c_is_one_line_and_leaves_nothing(tmp_path):
+    words = ["run", "duration_s=3000", "figures=false"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "dtbacklash.cli", *words], cwd=tmp_path, start_new_session=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    deadline = time.monotonic() + 60
+    while (
+        not list(tmp_path.glob("outputs/*/.*.partial"))
+        and process.poll() is None
+        and time.monotonic() < deadline
+    ):
+        time.sleep(0.02)
+    os.killpg(process.pid, signal.SIGINT)
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert (out, err) == ("", "dtb: interrupted\n")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,54 @@
+"""Every option in ``conf`` can be chosen, and the conf folder of the plain clone is the packaged one."""
+
+from pathlib import Path
+
+import pytest
+from hydra import compose, initialize_config_module
+from hydra.core.global_hydra import GlobalHydra
+
+import dtbacklash
+from dtbacklash.commands import hydra_app
+from dtbacklash.commands.run_help import GROUPS, options
+from dtbacklash.config.load import load
+
+FILES = {"profile": "t_s,gap_deg\n0,0\n300,90\n", "reference": "t_s,r_mm\n0,0\n300,1\n"}
+CHOICES = [(group, option) for group in GROUPS if "/" not in group for option in options(group)]
+
+
+@pytest.fixture
+def hydra_ready():
+    GlobalHydra.instance().clear()
+    hydra_app.register()
+    with initialize_config_module("dtbacklash.conf", version_base="1.3"):
+        yield
+    GlobalHydra.instance().clear()
+
+
+@pytest.mark.parametrize(("group", "option"), CHOICES)
+def test_every_option_gives_a_valid_configuration(hydra_ready, tmp_path, group, option):
+    words = [f"{group}={option}"]
+    if option == "csv":
+        file = tmp_path / "signal.csv"
+        file.write_text(FILES[group])
+        words.append(f"{group}.path={file}")
+    config = load(compose("run", overrides=words))
+    if group in ("profile", "reference"):
+        assert getattr(config, group).kind == option
+    if group in ("controller", "optimizer"):
+        assert getattr(config, group).name == option
+
+
+def test_defaults_of_the_files_and_of_the_schema_agree(hydra_ready):
+    from dtbacklash.config.run import RunConfig
+
+    chosen, schema = load(compose("run")), RunConfig()
+    schema.rig = chosen.rig
+    assert chosen == schema
+
+
+def test_the_top_level_conf_is_the_packaged_one():
+    package = Path(dtbacklash.__file__).parent
+    link = package.parent / "conf"
+    if not link.exists():
+        pytest.skip("an installed package, not a clone")
+    assert link.samefile(package / "conf")

@@ -1,0 +1,90 @@
+"""Every setting refuses what makes no sense, in one line that names it."""
+
+import math
+
+import pytest
+
+from dtbacklash.config import run
+from dtbacklash.config.rig import RigConfig
+from dtbacklash.errors import UserError
+
+REFUSED = [
+    (run.ControllerConfig, {"structure": "pid"}, "controller.structure"),
+    (run.ControllerConfig, {"k_theta_v_per_rad": 0.0}, "controller.k_theta_v_per_rad"),
+    (run.ControllerConfig, {"k_theta_v_per_rad": math.nan}, "controller.k_theta_v_per_rad"),
+    (run.ControllerConfig, {"tau_r_s": -1.0}, "controller.tau_r_s"),
+    (run.ControllerConfig, {"gap_hat_deg": -1.0}, "controller.gap_hat_deg"),
+    (run.ControllerConfig, {"structure": "imc"}, "controller.reconfigure"),
+    (run.ControllerConfig, {"internal_model": "none"}, "controller.internal_model"),
+    (run.ProfileConfig, {"kind": "sinus"}, "profile.kind"),
+    (run.ProfileConfig, {"end_deg": -1.0}, "profile.end_deg"),
+    (run.ProfileConfig, {"end_deg": 400.0}, "profile.end_deg"),
+    (run.ProfileConfig, {"start_deg": math.inf}, "profile.start_deg"),
+    (run.ProfileConfig, {"t_start_s": 150.0}, "profile.t_end_s"),
+    (run.ProfileConfig, {"running_in_share": 0.6}, "profile.severe_share"),
+    (run.ProfileConfig, {"severe_from": 1.0}, "profile.severe_from"),
+    (run.ProfileConfig, {"kind": "constant", "start_deg": 1.0, "end_deg": 2.0}, "profile.end_deg"),
+    (run.ProfileConfig, {"kind": "csv"}, "profile.path"),
+    (run.ReferenceConfig, {"kind": "sinus"}, "reference.kind"),
+    (run.ReferenceConfig, {"period_s": 0.0}, "reference.period_s"),
+    (run.ReferenceConfig, {"amplitude_mm": math.nan}, "reference.amplitude_mm"),
+    (run.ReferenceConfig, {"levels": 0}, "reference.levels"),
+    (run.ReferenceConfig, {"kind": "multisine", "f_max_hz": 0.01}, "reference.f_max_hz"),
+    (run.ReferenceConfig, {"kind": "csv"}, "reference.path"),
+    (run.TwinConfig, {"delay_s": -1.0}, "twin.delay_s"),
+    (run.TwinConfig, {"delay_s": math.inf}, "twin.delay_s"),
+    (run.TwinConfig, {"settle": 1000}, "twin.settle"),
+    (run.TwinConfig, {"buffer": 1}, "twin.buffer"),
+    (run.TwinConfig, {"gap_max_deg": 0.0}, "twin.gap_max_deg"),
+    (run.TwinConfig, {"novelty_filter": "bessel"}, "twin.novelty_filter"),
+    (run.OptimizerConfig, {"name": "guess"}, "optimizer.name"),
+    (run.OptimizerConfig, {"max_evaluations": 0}, "optimizer.max_evaluations"),
+    (run.OptimizerConfig, {"tolerance": 0.0}, "optimizer.tolerance"),
+    (run.SensorsConfig, {"noise": {"q3_mm": -1.0}}, "sensors.noise.q3_mm"),
+    (run.SensorsConfig, {"resolution": {"q3_mm": math.nan}}, "sensors.resolution.q3_mm"),
+    (run.SolverConfig, {"substeps": -1}, "solver.substeps"),
+    (run.RecordingOutConfig, {"save": "seen.txt"}, "recording.save"),
+    (run.RecordingOutConfig, {"save": "no/such/folder/seen.csv"}, "recording.save"),
+    (run.RunConfig, {"duration_s": 0.0}, "duration_s"),
+    (run.RunConfig, {"duration_s": math.nan}, "duration_s"),
+    (run.RunConfig, {"duration_s": 1e9}, "duration_s"),
+    (run.RunConfig, {"duration_s": 1.00005}, "duration_s"),
+    (run.RunConfig, {"sample_time_s": -0.001}, "sample_time_s"),
+    (run.RunConfig, {"seed": -1}, "seed"),
+    (run.RunConfig, {"duration_s": 0.9}, "twin.buffer"),
+    (run.RunConfig, {"controller": run.ControllerConfig(gap_hat_deg=200.0)}, "controller.gap_hat_deg"),
+    (run.RunConfig, {"sensors": run.SensorsConfig(noise={"q9_mm": 1.0})}, "sensors.noise.q9_mm"),
+    (
+        run.RunConfig,
+        {"reference": run.ReferenceConfig(kind="multisine", f_max_hz=501.0)},
+        "reference.f_max_hz",
+    ),
+    (run.RunConfig, {"rig": RigConfig(elements={"cart": {"kind": "carriage"}})}, "controller"),
+]
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "key"), REFUSED, ids=[f"{k}-{i}" for i, (_, _, k) in enumerate(REFUSED)]
+)
+def test_refuses_in_one_line_that_names_the_key(kind, values, key):
+    with pytest.raises(UserError) as caught:
+        kind(**values)
+    assert caught.value.key == key
+    assert str(caught.value).startswith(f"{key}=")
+    assert "\n" not in str(caught.value)
+
+
+def test_the_defaults_are_the_papers_scenario():
+    config = run.RunConfig()
+    assert config.samples == 200_000
+    assert (config.twin.delay_s, config.twin.buffer, config.twin.settle) == (4.0, 1000, 400)
+    assert config.controller.tau_r_s == pytest.approx(1 / 6)
+
+
+def test_a_short_run_without_a_twin_needs_no_buffer():
+    controller = run.ControllerConfig(name="imc", structure="imc", reconfigure="never")
+    assert run.RunConfig(controller=controller, duration_s=0.5).samples == 500
+
+
+def test_any_gain_is_allowed_because_divergence_is_reported_by_the_run():
+    assert run.ControllerConfig(k_theta_v_per_rad=1e6).k_theta_v_per_rad == 1e6

@@ -1,0 +1,109 @@
+"""The figure of a sweep: the right layout for any axes, and no job left out."""
+
+import numpy as np
+import pytest
+import synthetic
+from PIL import Image
+
+from dtbacklash.report.sweep_figure import PANELS, draw, failed_jobs, sweep_figure
+
+CONTROLLERS = ["imc", "nimc_fixed", "nimc_twin", "nimc_novelty"]
+ACCEPTANCE = {"controller": CONTROLLERS, "profile": ["s_curve", "step"], "twin.delay_s": [0, 4]}
+
+
+def drawn(axes_list, kind="done"):
+    """Number of markers: plain ones (in data) or failed (crosses) or unsettled (white triangles)."""
+    crosses = sum(len(i.get_xdata()) for ax in axes_list for i in ax.lines if i.get_marker() == "x")
+    white = sum(len(i.get_xdata()) for ax in axes_list for i in ax.lines if i.get_color() == "white")
+    if kind == "failed":
+        return crosses
+    if kind == "unsettled":
+        return white
+    data = [i for ax in axes_list for i in ax.lines if i.get_marker() != "x" and i.get_color() != "white"]
+    return sum(int(np.isfinite(np.asarray(i.get_xydata(), dtype=float)).all(axis=1).sum()) for i in data)
+
+
+def test_the_sweep_of_sixteen_jobs_shows_each_once_in_each_panel():
+    table = synthetic.sweep_table(ACCEPTANCE)
+    table.loc[[4, 9], "settling_time_s_max"] = np.nan
+    panels = sweep_figure(table, list(ACCEPTANCE)).axes
+    assert len(panels) == 6  # three figures of merit, a column for each delay
+    assert drawn(panels, "failed") == 3
+    assert drawn(panels, "unsettled") == 2
+    assert drawn(panels) == 3 * 15 - 2
+    assert [ax.get_title(loc="left") for ax in panels[:2]] == ["twin.delay_s = 0", "twin.delay_s = 4"]
+
+
+def test_a_numeric_axis_becomes_a_line_in_rising_order():
+    table = synthetic.sweep_table({"twin.delay_s": [8, 0, 4]})
+    panels = sweep_figure(table, ["twin.delay_s"]).axes
+    curve = panels[0].lines[0]
+    assert curve.get_linestyle() == "-"
+    assert curve.get_xdata().tolist() == [0, 4, 8]
+
+
+def test_seeds_are_not_joined_by_a_line():
+    panels = sweep_figure(synthetic.sweep_table({"seed": [0, 1, 2, 3, 4]}), ["seed"]).axes
+    assert panels[0].lines[0].get_linestyle() == "None"
+
+
+def test_numbers_that_come_as_text_are_numbers():
+    table = synthetic.sweep_table({"twin.delay_s": ["8", "0", "16", "4"]})
+    assert sweep_figure(table, ["twin.delay_s"]).axes[0].lines[0].get_xdata().tolist() == [0, 4, 8, 16]
+
+
+@pytest.mark.parametrize(
+    "axes",
+    [
+        {},
+        {"controller": ["imc"]},
+        {"controller": CONTROLLERS},
+        {"profile.path": ["/data/a.csv", "/data/b.csv"], "twin.guard": [True, False]},
+        {"controller": CONTROLLERS, "twin.delay_s": [0, 1.5, 4]},
+        {**ACCEPTANCE, "optimizer": ["bfgs", "lbfgsb"]},
+        {**ACCEPTANCE, "optimizer": ["bfgs", "lbfgsb"], "seed": [0, 1]},
+        {"seed": list(range(40)), "twin.delay_s": list(range(20))},
+    ],
+    ids=["none", "one job", "categories", "paths", "mixed", "four", "five", "two long"],
+)
+def test_any_number_of_axes_gives_a_figure_with_every_job(axes, tmp_path):
+    table = synthetic.sweep_table(axes or {"seed": [0, 1]})
+    figure = sweep_figure(table, list(axes))
+    jobs = len(table) - int(failed_jobs(table).sum())
+    assert drawn(figure.axes) == 3 * jobs
+    with Image.open(draw(table, list(axes), tmp_path / "sweep.png")) as image:
+        assert image.height < 12_000
+
+
+def test_a_sweep_in_which_everything_failed_is_drawn():
+    table = synthetic.sweep_table(ACCEPTANCE).assign(status="failed", **dict.fromkeys(PANELS, np.nan))
+    assert drawn(sweep_figure(table, list(ACCEPTANCE)).axes, "failed") == 3 * 16
+
+
+def test_without_a_status_a_job_without_figures_counts_as_failed():
+    table = synthetic.sweep_table(ACCEPTANCE).drop(columns="status")
+    assert failed_jobs(table).tolist() == [i == 2 for i in range(16)]
+
+
+def test_one_diverging_job_does_not_hide_the_others():
+    table = synthetic.sweep_table(ACCEPTANCE)
+    table.loc[5, "overshoot_pct_max"] = 590.0
+    top = sweep_figure(table, list(ACCEPTANCE)).axes[0]
+    assert top.get_yscale() == "symlog"
+    assert top.get_ylim()[1] > 590
+
+
+def test_missing_values_of_any_kind_are_missing():
+    table = synthetic.sweep_table(ACCEPTANCE)
+    plain = sweep_figure(table, list(ACCEPTANCE)).axes
+    table["n_estimations"] = table["n_estimations"].astype("Int64")
+    whole = table["overshoot_pct_max"]
+    table["overshoot_pct_max"] = whole.astype(object).where(whole.notna(), None)
+    assert drawn(sweep_figure(table, list(ACCEPTANCE)).axes) == drawn(plain)
+
+
+def test_the_table_given_is_not_changed():
+    table = synthetic.sweep_table(ACCEPTANCE)
+    before = table.copy()
+    sweep_figure(table, list(ACCEPTANCE))
+    assert table.equals(before)

@@ -1,0 +1,99 @@
+"""Terminal tables and numbers: narrow, plain, nothing eaten as markup."""
+
+import io
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+import synthetic
+
+from dtbacklash.metrics import move_table
+from dtbacklash.report import tables
+from dtbacklash.report.numbers import fixed, number, quantity
+
+AXES = {"controller": ["imc", "nimc_fixed", "nimc_twin", "nimc_novelty"], "profile": ["s_curve", "step"],
+        "twin.delay_s": [0, 4]}  # fmt: skip
+
+
+def printed(*renderables, encoding="utf-8"):
+    raw = io.BytesIO()
+    stream = io.TextIOWrapper(raw, encoding=encoding)
+    tables.show(*renderables, file=stream)
+    stream.flush()
+    return raw.getvalue().decode(encoding)
+
+
+@pytest.fixture(scope="module")
+def moves():
+    return move_table(synthetic.trace_table(None))
+
+
+def everything(moves):
+    sweep = synthetic.sweep_table(AXES)
+    return [
+        tables.moves(moves),
+        tables.estimates(synthetic.estimates_table()),
+        tables.sweep(sweep, list(AXES)),
+        tables.claims(synthetic.claims_table()),
+    ]
+
+
+def test_every_table_fits_into_a_hundred_columns_without_control_codes(moves):
+    text = printed(*everything(moves))
+    assert max(len(line) for line in text.splitlines()) <= 100
+    assert "\x1b" not in text
+
+
+def test_a_stream_that_knows_ascii_only_gets_question_marks_not_an_error(moves):
+    assert "?0.5 V" in printed(*everything(moves), encoding="ascii")
+
+
+def test_brackets_are_text(moves):
+    text = printed(*everything(moves))
+    assert "at [s]" in text
+    assert "bounds [0, 180]" in text
+
+
+def test_missing_values_say_what_they_mean(moves):
+    moves = moves.copy()
+    moves.loc[0, "settling_time_s"] = math.nan
+    assert "not settled" in printed(tables.moves(moves))
+
+
+def test_a_failed_job_and_a_failed_claim_are_told_with_their_reason():
+    sweep = printed(tables.sweep(synthetic.sweep_table(AXES), list(AXES)))
+    assert sweep.count("FAILED") == 1
+    assert "job 2: controller.k_theta_v_per_rad=900: the loop diverged" in sweep
+    claims = printed(tables.claims(synthetic.claims_table()))
+    assert "FAIL estimates are unbiased: mean error" in claims
+    assert claims.count("pass") == 5
+
+
+def test_columns_that_a_table_does_not_have_are_left_out():
+    short = synthetic.sweep_table(AXES)[["controller", "overshoot_pct_max"]]
+    text = printed(tables.sweep(short, ["controller"]))
+    assert "settling" not in text
+    assert "nimc_novelty" in text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (47.1239, "47.1"), (0.8024, "0.802"), (3, "3"), (100.0, "100"), (0.0, "0"), (1234.5, "1234"),
+        (2.0, "2"),
+        (1e-9, "1e-09"), (math.nan, "-"), (None, "-"), (pd.NA, "-"),
+        ("almost 100 %", "almost 100 %"), (True, "yes"),
+        (np.bool_(False), "no"), (np.float64(0.5), "0.5"), (math.inf, "inf"), (-0.04567, "-0.0457"),
+    ],
+)  # fmt: skip
+def test_numbers_have_three_digits(value, text):
+    assert number(value) == text
+
+
+def test_fixed_decimals_and_units():
+    assert fixed(-1e-9, 2) == "0.00"
+    assert fixed(math.nan, 2, "never") == "never"
+    assert fixed(None, 1) == "-"
+    assert quantity(0.02, "N m") == "0.02 N m"
+    assert quantity(0.05, "1") == "0.05"

@@ -1,0 +1,93 @@
+"""The lock-in amplitude (19)-(21): what it passes, what it suppresses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import sosfreqz
+
+from dtbacklash.errors import UserError
+from dtbacklash.twin.novelty import NoveltyDesign, novelty_design, novelty_index, novelty_step
+
+OMEGA_D, TS = 27.06868, 1e-3
+T = np.arange(20_000) * TS
+SETTLED = slice(6_000, None)
+#: Gain of the two filters at the mode: 40 dB down, and what a third-order elliptic filter reaches, 28 dB.
+AT_MODE = {"cheby2": 0.0101, "ellip": 0.0387}
+
+
+def index(design: NoveltyDesign, errors: np.ndarray) -> np.ndarray:
+    return novelty_index(errors, design.sos, design.cos_step, design.sin_step, design.initial_state())
+
+
+def kind(design: NoveltyDesign) -> str:
+    return "cheby2" if np.allclose(design.sos, novelty_design("cheby2", OMEGA_D, TS).sos) else "ellip"
+
+
+@pytest.fixture(params=["cheby2", "ellip"])
+def lock_in(request: pytest.FixtureRequest) -> NoveltyDesign:
+    return novelty_design(request.param, OMEGA_D, TS)
+
+
+@pytest.mark.parametrize("phase", [0.0, 1.0, 2.5])
+def test_a_sine_at_the_mode_gives_its_amplitude(lock_in: NoveltyDesign, phase: float) -> None:
+    amplitude = index(lock_in, 0.37 * np.sin(OMEGA_D * T + phase))[SETTLED]
+    assert amplitude == pytest.approx(0.37, rel=0.012)  # the image at 2 omega_d is 40 dB down
+    assert np.mean(amplitude) == pytest.approx(0.37, rel=1e-3)
+
+
+def test_a_constant_is_suppressed(lock_in: NoveltyDesign) -> None:
+    amplitude = index(lock_in, np.ones(T.size))[SETTLED]
+    assert np.max(amplitude) <= 2.0 * AT_MODE[kind(lock_in)]  # eqs (20), (21) carry a factor of 2
+
+
+@pytest.mark.parametrize("ratio", [2.0, 3.0, 10.0])
+def test_other_frequencies_are_suppressed(lock_in: NoveltyDesign, ratio: float) -> None:
+    amplitude = index(lock_in, np.sin(ratio * OMEGA_D * T))[SETTLED]
+    assert np.max(amplitude) <= AT_MODE[kind(lock_in)] + 0.0101  # images at the difference and at the sum
+
+
+@pytest.mark.parametrize(
+    ("name", "edge", "passed", "stop"), [("cheby2", 0.3, 0.7, 1.0), ("ellip", 0.5, 0.89, 1.6)]
+)
+def test_filter_is_third_order_with_its_edges(name: str, edge: float, passed: float, stop: float) -> None:
+    design = novelty_design(name, OMEGA_D, TS)
+    omega = np.array([0.0, edge * OMEGA_D, stop * OMEGA_D, 1.0 / TS])
+    gain = np.abs(sosfreqz(design.sos, omega * TS)[1])
+    assert (
+        np.sum(design.sos[:, 3:] != 0) - design.sos.shape[0] == 3
+    )  # poles: coefficients but for the leading 1
+    assert gain[0] == pytest.approx(1.0, abs=1e-9)
+    assert gain[1] > passed - 0.01
+    assert np.all(gain[2:] <= 0.01 * (1 + 1e-6))
+
+
+def test_matches_the_definition_with_cosine_and_sine(lock_in: NoveltyDesign) -> None:
+    from scipy.signal import sosfilt
+
+    errors = np.random.default_rng(5).standard_normal(T.size)
+    real = sosfilt(lock_in.sos, 2 * errors * np.cos(OMEGA_D * T))
+    imag = sosfilt(lock_in.sos, 2 * errors * np.sin(OMEGA_D * T))
+    assert index(lock_in, errors) == pytest.approx(np.hypot(real, imag), rel=1e-6, abs=1e-9)
+
+
+def test_oscillator_neither_grows_nor_drifts_in_a_long_run(lock_in: NoveltyDesign) -> None:
+    state, n = lock_in.initial_state(), 2_000_000
+    novelty_index(np.zeros(n), lock_in.sos, lock_in.cos_step, lock_in.sin_step, state)
+    assert np.hypot(state[0], state[1]) == pytest.approx(1.0, abs=1e-12)
+    phase = np.angle(np.exp(1j * (OMEGA_D * n * TS - np.arctan2(state[1], state[0]))))
+    assert abs(phase) < 1e-6
+
+
+def test_step_by_step_is_the_whole_record(lock_in: NoveltyDesign) -> None:
+    errors = np.sin(25.0 * T[:500])
+    state = lock_in.initial_state()
+    steps = [novelty_step(state, lock_in.sos, lock_in.cos_step, lock_in.sin_step, e) for e in errors]
+    assert steps == list(index(lock_in, errors))
+
+
+def test_wrong_choices_are_named() -> None:
+    with pytest.raises(UserError, match="novelty_filter=fir"):
+        novelty_design("fir", OMEGA_D, TS)
+    with pytest.raises(UserError, match=r"sample_time_s=0\.2"):
+        novelty_design("cheby2", OMEGA_D, 0.2)
