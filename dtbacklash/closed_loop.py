@@ -53,7 +53,9 @@ def _measure(P, S, signals, k, rate, traces):
 
 
 @compiled
-def run_segment(P, S, C, X, detector, oscillator, signals, traces, roles, first, stop, gap_hat, limits, before):
+def run_segment(
+    P, S, C, X, detector, oscillator, signals, traces, roles, first, stop, gap_hat, limits, before
+):
     """Run the samples ``first <= k < stop``.
 
     Parameters

@@ -33,7 +33,13 @@ from dtbacklash.twin.observer import TwinModel, twin_model
 #: samples between two calls of the progress callback (and two chances for Ctrl-C)
 CHUNK = 5000
 #: a sensor's unit in SI -> the unit, its factor and its suffix in traces
-TRACE_UNITS = {"m": ("mm", 1e3), "rad": ("rad", 1.0), "A": ("a", 1.0), "m/s": ("mm_s", 1e3), "rad/s": ("rad_s", 1.0)}
+TRACE_UNITS = {
+    "m": ("mm", 1e3),
+    "rad": ("rad", 1.0),
+    "A": ("a", 1.0),
+    "m/s": ("mm_s", 1e3),
+    "rad/s": ("rad_s", 1.0),
+}
 
 ESTIMATE_COLUMNS = [
     "t_event_s", "t_applied_s", "gap_deg", "true_gap_deg", "accepted", "reason", "cost", "evaluations", "wall_s",
@@ -190,10 +196,15 @@ def _prepare(config: RunConfig, rig: Rig) -> _Run:
     roles = _roles(rig, closed)
     changes = np.flatnonzero(np.diff(r)) + 1
     link: TwinLink[float] = TwinLink(config.twin.buffer, config.twin.delay_s, config.sample_time_s)
-    run = _Run(config, rig, into, traces, roles, changes, link, None, math.radians(config.controller.gap_hat_deg))
+    run = _Run(
+        config, rig, into, traces, roles, changes, link, None, math.radians(config.controller.gap_hat_deg)
+    )
     if config.controller.reconfigure != "never":
         run.model = twin_model(
-            structure_parameters(rig), config.twin.observer_pole_rad_s, config.sample_time_s, config.twin.settle
+            structure_parameters(rig),
+            config.twin.observer_pole_rad_s,
+            config.sample_time_s,
+            config.twin.settle,
         )
         warm_up(run.model, config.optimizer)
     return run
@@ -206,7 +217,9 @@ def _sensor_errors(config: RunConfig, sensors: list[Sensor], n: int) -> tuple[Fl
     for kind, sizes in (("noise", config.sensors.noise), ("resolution", config.sensors.resolution)):
         for name, size in sizes.items():
             if name not in columns:
-                raise UserError(f"sensors.{kind}.{name}", size, f"no such column; known: {', '.join(columns)}")
+                raise UserError(
+                    f"sensors.{kind}.{name}", size, f"no such column; known: {', '.join(columns)}"
+                )
             j, factor = columns[name]
             if kind == "resolution":
                 resolution[j] = size / factor

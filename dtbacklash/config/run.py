@@ -32,19 +32,21 @@ class ControllerConfig:
     k_theta_v_per_rad: float = 15.0
     prefilter: str = "reduced"  # reduced: 1/(tau_r s + 1) Gd^-1 ; none: 1
     tau_r_s: float = 1.0 / 6.0
-    internal_model: str = (
-        "bare"  # bare: G1 driven by u ; measured: theta_m ; inner_loop: G_theta driven by theta_ref
-    )
+    # what drives the model of the structure. bare: G1 driven by u ; measured: theta_m ; inner_loop: a model of the
+    # inner loop driven by theta_ref ; exact (imc): G1 G2 sampled as one
+    internal_model: str = "bare"
     gap_hat_deg: float = 0.0  # first estimate of the gap
 
     def __post_init__(self) -> None:
         choice("controller.structure", self.structure, STRUCTURES)
         choice("controller.reconfigure", self.reconfigure, TRIGGERS)
         choice("controller.prefilter", self.prefilter, ("reduced", "none"))
-        choice("controller.internal_model", self.internal_model, ("bare", "measured", "inner_loop"))
+        choice("controller.internal_model", self.internal_model, ("bare", "measured", "inner_loop", "exact"))
         number("controller.k_theta_v_per_rad", self.k_theta_v_per_rad, above=0, unit="V/rad")
         number("controller.tau_r_s", self.tau_r_s, above=0, unit="s")
         number("controller.gap_hat_deg", self.gap_hat_deg, at_least=0, at_most=360, unit="deg")
+        if self.internal_model == "exact" and self.structure == "nimc":
+            raise UserError("controller.internal_model", "exact", "only structure=imc has a linear internal model")
         if self.reconfigure != "never" and self.structure != "nimc":
             raise UserError(
                 "controller.reconfigure", self.reconfigure, "only structure=nimc has a gap to reconfigure"

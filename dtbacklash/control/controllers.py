@@ -11,6 +11,8 @@ What drives the model of the structure is ``controller.internal_model``:
 - ``bare``: the paper's. The motor's model G1 is driven by u; for NIMC, its motion passes the gap's model, which takes
   its distance to the contact from the measured motor angle (``z = theta_m - theta_d^``).
 - ``measured``: the measured motor angle; no integrator that could drift.
+- ``exact`` (IMC only): G1 G2 sampled as one, driven by u; without gap and effects its error is zero to rounding, the
+  paper's "perfect sampled-data model" of Figures 4 and 6. The other forms sample G1 and G2 apart, each with a hold.
 - ``inner_loop``: a complete model of the inner loop, with its own feedback, driven by theta_ref.
 """
 
@@ -25,9 +27,9 @@ from dtbacklash.physics import laws
 from dtbacklash.physics.plant import Floats
 
 IMC, NIMC, OPEN_LOOP = 0, 1, 2
-BARE, MEASURED, INNER_LOOP = 0, 1, 2
+BARE, MEASURED, INNER_LOOP, EXACT = 0, 1, 2, 3
 _STRUCTURES = {"imc": IMC, "nimc": NIMC, "open_loop": OPEN_LOOP}
-_MODELS = {"bare": BARE, "measured": MEASURED, "inner_loop": INNER_LOOP}
+_MODELS = {"bare": BARE, "measured": MEASURED, "inner_loop": INNER_LOOP, "exact": EXACT}
 
 
 class Controller(NamedTuple):
@@ -45,6 +47,7 @@ class Controller(NamedTuple):
     sa: Floats
     sb: Floats
     sc: Floats
+    sample_time: float
 
 
 class ControllerState(NamedTuple):
@@ -62,12 +65,15 @@ def build_controller(config: ControllerConfig, design: ControllerDesign | None) 
     structure, model = _STRUCTURES[config.structure], _MODELS[config.internal_model]
     if design is None:
         none, row = np.zeros((0, 0)), np.zeros(0)
-        return Controller(structure, model, 0.0, none, row, row, 0.0, np.zeros((3, 3)), np.zeros(3), none, row, row)
-    W, M, S = design.prefilter, design.motor_position, design.structure
+        return Controller(structure, model, 0.0, none, row, row, 0.0, np.zeros((3, 3)), np.zeros(3), none, row,
+                          row, 1.0)  # fmt: skip
+    W, M = design.prefilter, design.motor_position
+    S = design.plant if model == EXACT else design.structure
     flat = [np.ascontiguousarray(a, dtype=float).ravel() for a in (W.B, W.C, M.B, S.B, S.C)]
     wb, wc, mb, sb, sc = flat
     return Controller(
-        structure, model, design.k_theta_v_per_rad, W.A, wb, wc, float(W.D[0, 0]), M.A, mb, S.A, sb, sc
+        structure, model, design.k_theta_v_per_rad, W.A, wb, wc, float(W.D[0, 0]), M.A, mb, S.A, sb, sc,
+        design.sample_time_s,
     )  # fmt: skip
 
 
@@ -119,6 +125,10 @@ def control_step(C, X, r, theta_m, q3, gap_hat):
     theta_ref = _output(C.wc, X.w) + C.wd * error
     _advance_model(C.wa, C.wb, error, X.w, X.spare)
     gap = gap_hat if C.structure == NIMC else 0.0
+    if C.model == EXACT:
+        u = C.gain * (theta_ref - theta_m)
+        _advance_model(C.sa, C.sb, u, X.s, X.spare)
+        return u, eps
     if C.model == BARE:
         theta_d = X.theta_d[0] if C.structure == NIMC else X.m[2]
     elif C.model == MEASURED:
@@ -134,12 +144,11 @@ def control_step(C, X, r, theta_m, q3, gap_hat):
     u = C.gain * (theta_ref - feedback)
     _advance_model(C.sa, C.sb, theta_d, X.s, X.spare)
     if C.model == BARE:
-        before = X.m[2]
-        _advance_model(C.ma, C.mb, u, X.m, X.spare)
-        if C.structure == NIMC:
+        if C.structure == NIMC:  # Eqs (16)-(17) with the sampled sG1's speed, integrated forward
             z, omega = theta_m - X.theta_d[0], X.m[1]
             if (omega > 0.0 and z >= gap) or (omega < 0.0 and z <= -gap):
-                X.theta_d[0] += X.m[2] - before
+                X.theta_d[0] += omega * C.sample_time
+        _advance_model(C.ma, C.mb, u, X.m, X.spare)
     elif C.model == INNER_LOOP:
         _advance_model(C.ma, C.mb, C.gain * (theta_ref - theta_d), X.m, X.spare)
     return u, eps

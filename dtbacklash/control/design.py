@@ -89,21 +89,16 @@ class ControllerDesign:
     """All sampled-data models that the controllers need (zero-order hold at ``sample_time_s``).
 
     prefilter: W, reference minus prediction error [m] -> theta_ref [rad], eq. (14).
-    motor_speed: s G1, u [V] -> omega_m [rad/s]; states current [A], speed [rad/s].
     motor_position: G1, u [V] -> theta_m [rad]; states current, speed, angle.
-    inner_loop: G_theta of eq. (12) as a continuous loop, theta_ref -> theta_m [rad], then sampled.
-    inner_loop_sampled: the same loop closed through the sampler, u[k] = K_theta (theta_ref[k] - theta_m[k]):
-        what the rig really does, so that the prediction error of a perfect model is zero at the samples.
     structure: G2, theta_d [rad] -> position of the last mass [m].
+    plant: G1 G2 sampled as one, u [V] -> position of the last mass [m].
     dominant_frequency_rad_s: damped frequency omega_d of the structure's dominant mode.
     """
 
     prefilter: SampledModel
-    motor_speed: SampledModel
     motor_position: SampledModel
-    inner_loop: SampledModel
-    inner_loop_sampled: SampledModel
     structure: SampledModel
+    plant: SampledModel
     k_theta_v_per_rad: float
     sample_time_s: float
     dominant_frequency_rad_s: float
@@ -309,17 +304,14 @@ def _tf_to_ss(num: Array, den: Array) -> control.StateSpace:
     return control.ss(companion * rate, np.eye(order, 1) * rate, c, [[num_scaled[0]]])
 
 
-def sampled(
-    system: control.StateSpace, sample_time_s: float, outputs: list[int] | None = None
-) -> SampledModel:
-    """Zero-order-hold equivalent of a continuous model, of all its outputs or of some."""
+def sampled(system: control.StateSpace, sample_time_s: float) -> SampledModel:
+    """Zero-order-hold equivalent of a continuous model."""
     import control
 
-    rows = list(range(system.noutputs)) if outputs is None else outputs
-    c, d = np.atleast_2d(system.C)[rows], np.atleast_2d(system.D)[rows]
     if system.nstates == 0:
-        return _model(np.zeros((0, 0)), np.zeros((0, system.ninputs)), np.zeros((len(rows), 0)), d)
-    discrete = control.c2d(control.ss(system.A, system.B, c, d), sample_time_s, method="zoh")
+        rows, columns = system.noutputs, system.ninputs
+        return _model(np.zeros((0, 0)), np.zeros((0, columns)), np.zeros((rows, 0)), np.atleast_2d(system.D))
+    discrete = control.c2d(system, sample_time_s, method="zoh")
     return _model(discrete.A, discrete.B, discrete.C, discrete.D)
 
 
@@ -342,18 +334,13 @@ def design_controller(
     import control
 
     full = motor_ss(motor)
-    speed = control.ss(full.A[:2, :2], full.B[:2], full.C[:1, :2], [[0.0]])
-    position = sampled(full, sample_time_s, outputs=[1])
-    closed = control.ss(full.A - k_theta * full.B @ full.C[1:], k_theta * full.B, full.C[1:], [[0.0]])
+    angle = control.ss(full.A, full.B, full.C[1:], [[0.0]])
+    chain = structure_ss(structure)
     return ControllerDesign(
         prefilter=sampled(prefilter(structure, prefilter_kind, tau_r_s), sample_time_s),
-        motor_speed=sampled(speed, sample_time_s),
-        motor_position=position,
-        inner_loop=sampled(closed, sample_time_s),
-        inner_loop_sampled=_model(
-            position.A - k_theta * position.B @ position.C, k_theta * position.B, position.C, position.D
-        ),
-        structure=sampled(structure_ss(structure), sample_time_s),
+        motor_position=sampled(angle, sample_time_s),
+        structure=sampled(chain, sample_time_s),
+        plant=sampled(control.series(angle, chain), sample_time_s),
         k_theta_v_per_rad=float(k_theta),
         sample_time_s=float(sample_time_s),
         dominant_frequency_rad_s=dominant_frequency(structure),

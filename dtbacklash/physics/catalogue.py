@@ -67,7 +67,9 @@ class Effect:
         known = {p.name: p for p in self.parameters}
         for name in values:
             if name not in known:
-                raise UserError(f"{key}.{name}", values[name], f"unknown parameter; known: {', '.join(known)}")
+                raise UserError(
+                    f"{key}.{name}", values[name], f"unknown parameter; known: {', '.join(known)}"
+                )
         if self.size.name not in values:
             raise UserError(key, dict(values), f"`{self.size.name}` [{self.size.unit}] must be given")
         filled = {p.name: float(values.get(p.name, p.typical)) for p in self.parameters}

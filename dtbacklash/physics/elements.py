@@ -20,7 +20,9 @@ class Kind:
 KINDS: dict[str, Kind] = {
     kind.name: kind
     for kind in (
-        Kind("amplifier", {}, {}, ("drives",), "turns the command into a voltage or, with an actuator, a force"),
+        Kind(
+            "amplifier", {}, {}, ("drives",), "turns the command into a voltage or, with an actuator, a force"
+        ),
         Kind(
             "motor_circuit",
             {"resistance": "ohm", "inductance": "H", "torque_constant": "N m/A", "emf_constant": "V s/rad"},
@@ -30,8 +32,20 @@ KINDS: dict[str, Kind] = {
         ),
         Kind("actuator", {"gain": "N/V"}, {}, ("drives",), "an ideal force, gain times the command"),
         Kind("rotor", {"inertia": "kg m^2"}, {}, (), "the motor's inertia in its bearing"),
-        Kind("gear", {}, {}, ("driven_by",), "1:1, where the backlash is; its output holds its place (self-locking)"),
-        Kind("screw", {"lead": "m/rad"}, {}, ("driven_by", "carries"), "turns the angle into the base's position"),
+        Kind(
+            "gear",
+            {},
+            {},
+            ("driven_by",),
+            "1:1, where the backlash is; its output holds its place (self-locking)",
+        ),
+        Kind(
+            "screw",
+            {"lead": "m/rad"},
+            {},
+            ("driven_by", "carries"),
+            "turns the angle into the base's position",
+        ),
         Kind(
             "mass",
             {"mass": "kg"},
@@ -40,7 +54,9 @@ KINDS: dict[str, Kind] = {
             "a lumped mass",
         ),
         Kind("carriage", {"mass": "kg"}, {}, (), "a mass that slides on a bearing"),
-        Kind("link", {"stiffness": "N/m"}, {"damping": "N s/m"}, ("between",), "spring and damper in parallel"),
+        Kind(
+            "link", {"stiffness": "N/m"}, {"damping": "N s/m"}, ("between",), "spring and damper in parallel"
+        ),
     )
 }
 

@@ -90,7 +90,9 @@ def circuit_forces(P, x, w):
     i = x[P.current]
     if C[pl.C_RIPPLE] != 0.0 and P.rotor >= 0:
         angle = x[P.position + P.rotor]
-        w[pl.CH_F + P.rotor] += C[pl.C_KT] * i * laws.periodic(angle, C[pl.C_RIPPLE], C[pl.C_PERIODS], C[pl.C_PHASE])
+        w[pl.CH_F + P.rotor] += (
+            C[pl.C_KT] * i * laws.periodic(angle, C[pl.C_RIPPLE], C[pl.C_PERIODS], C[pl.C_PHASE])
+        )
     if P.heat >= 0:
         y = x[P.heat]
         w[pl.CH_V] -= C[pl.C_R] * y * i

@@ -52,7 +52,9 @@ def switch_gear(P, S, gap, gap_rate):
         if abs(z) > gap:
             S.mode[0] = pl.PLUS if z > 0.0 else pl.MINUS
             carried = P.screw[pl.S_SHARE] * P.screw[pl.S_LEAD] ** 2 * P.screw[pl.S_BASE_MASS]
-            if carried != 0.0:  # the teeth meet without rebound: momentum is shared with what the screw carries
+            if (
+                carried != 0.0
+            ):  # the teeth meet without rebound: momentum is shared with what the screw carries
                 S.x[speed] *= P.screw[pl.S_INERTIA] / (P.screw[pl.S_INERTIA] + carried)
     elif mode * S.x[speed] < gap_rate:
         S.gear[0] = theta_m - mode * gap
@@ -83,25 +85,30 @@ def switch_friction(P, S, t, gap, gap_rate, voltage):
 @compiled
 def _slip_acceleration(P, S, c, t, contact, theta_d, voltage):
     """Acceleration of a contact's slip without its own friction, and what one newton on it would add."""
-    A, G = P.A[contact], P.G[contact]
     w = S.w0
     clear(w)
     w[pl.CH_V] = voltage
     w[pl.CH_D] = P.screw[pl.S_LEAD] * (theta_d - (S.x[P.position + P.rotor] if contact == 1 else 0.0))
     add_forces(P, S.x, S.mode, w, contact, t, theta_d, 0.0)
-    a, b = P.friction_ends[c, 0], P.friction_ends[c, 1]
     acceleration, mobility = 0.0, 0.0
-    for end, sign in ((b, 1.0), (a, -1.0)):
+    for end, sign in ((P.friction_ends[c, 1], 1.0), (P.friction_ends[c, 0], -1.0)):
         if end >= 0:
-            i = P.position + P.n_bodies + end
-            total = 0.0
-            for j in range(S.x.shape[0]):
-                total += A[i, j] * S.x[j]
-            for k in range(w.shape[0]):
-                total += G[k, i] * w[k]
-            acceleration += sign * total
-            mobility += G[pl.CH_F + end, i]
+            acceleration += sign * _acceleration(P, S.x, w, contact, end)
+            mobility += P.G[contact, pl.CH_F + end, P.position + P.n_bodies + end]
+        elif end == pl.BASE and contact == 1 and P.rotor >= 0:
+            acceleration += sign * P.screw[pl.S_LEAD] * _acceleration(P, S.x, w, contact, P.rotor)
     return acceleration, mobility
+
+
+@compiled
+def _acceleration(P, x, w, contact, body):
+    i = P.position + P.n_bodies + body
+    total = 0.0
+    for j in range(x.shape[0]):
+        total += P.A[contact, i, j] * x[j]
+    for k in range(w.shape[0]):
+        total += P.G[contact, k, i] * w[k]
+    return total
 
 
 @compiled
@@ -214,7 +221,9 @@ def _read(P, S, s, gap, gap_rate):
             d -= laws.periodic(0.0, A[pl.S_AMPLITUDE], A[pl.S_PERIODS], A[pl.S_PHASE])
         omega = 0.0
         if S.mode[0] != pl.FREE:
-            omega = S.x[P.position + P.n_bodies + P.rotor] - (0 if S.mode[0] == pl.RIGID else S.mode[0] * gap_rate)
+            omega = S.x[P.position + P.n_bodies + P.rotor] - (
+                0 if S.mode[0] == pl.RIGID else S.mode[0] * gap_rate
+            )
         rate = P.screw[pl.S_LEAD] * omega
         return (d, 0.0) if index == pl.BASE_POSITION else (rate, 0.0)
     i = int(index)
@@ -235,7 +244,9 @@ def sense(P, S, gap, gap_rate, y):
         whole, part = int(row[pl.Y_WHOLE]), row[pl.Y_PART]
         value = S.seen[whole, s, 0]
         if part > 0.0:
-            value = _between(S.seen[whole + 1, s], S.seen[whole, s], 1.0 - part, P.sample_time, row[pl.Y_RATE] >= 0)
+            value = _between(
+                S.seen[whole + 1, s], S.seen[whole, s], 1.0 - part, P.sample_time, row[pl.Y_RATE] >= 0
+            )
         y[s] = row[pl.Y_GAIN] * value + row[pl.Y_OFFSET]
 
 

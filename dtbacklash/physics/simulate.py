@@ -32,7 +32,9 @@ def _run(P, S, u, gap, theta_m, y, x, theta_d):
         theta_d[k + 1] = S.gear[0] if P.rotor < 0 else screw_angle(P, S, gap[k + 1])
 
 
-def simulate_plant(plant: Plant, u: Floats, gap_rad: Floats, theta_m_rad: Floats) -> tuple[Floats, Floats, Floats, State]:
+def simulate_plant(
+    plant: Plant, u: Floats, gap_rad: Floats, theta_m_rad: Floats
+) -> tuple[Floats, Floats, Floats, State]:
     """Simulate a compiled plant from rest.
 
     Parameters

@@ -152,15 +152,14 @@ def designed(kind: str = "reduced") -> design.ControllerDesign:
     return design.design_controller(MOTOR, STRUCTURE, K_THETA, kind, TAU_R, 1e-3)
 
 
-@pytest.mark.parametrize("name", ["prefilter", "motor_speed", "motor_position", "inner_loop", "structure"])
+@pytest.mark.parametrize("name", ["prefilter", "motor_position", "structure", "plant"])
 def test_sampled_models_hold_at_the_samples(name: str) -> None:
     """A zero-order-hold model answers a step, which is constant between samples, exactly."""
     continuous = {
         "prefilter": design.prefilter(STRUCTURE, "reduced", TAU_R),
-        "motor_speed": control.ss(control.tf([0.8], [5e-9, 6e-5, 0.08])),
         "motor_position": control.ss(design.motor_tf(MOTOR)),
-        "inner_loop": control.ss(design.inner_loop(MOTOR, K_THETA)),
         "structure": design.structure_ss(STRUCTURE),
+        "plant": control.series(control.ss(design.motor_tf(MOTOR)), design.structure_ss(STRUCTURE)),
     }[name]
     model = getattr(designed(), name)
     _, expected = step(continuous, 0.3, 1e-3)
@@ -170,18 +169,6 @@ def test_sampled_models_hold_at_the_samples(name: str) -> None:
         x = model.A @ x + model.B[:, 0]
     assert np.array(actual) == pytest.approx(expected, rel=1e-6, abs=1e-9 * float(np.max(np.abs(expected))))
     assert all(m.flags.c_contiguous and m.dtype == np.float64 for m in (model.A, model.B, model.C, model.D))
-
-
-def test_sampled_inner_loop_is_the_motor_under_sampled_feedback() -> None:
-    models = designed()
-    motor, loop = models.motor_position, models.inner_loop_sampled
-    x, z = np.zeros(3), np.zeros(3)
-    for k in range(200):
-        reference = np.sin(0.05 * k)
-        angle = (motor.C @ x)[0]
-        assert (loop.C @ z)[0] == pytest.approx(angle, abs=1e-12)
-        x = motor.A @ x + motor.B[:, 0] * K_THETA * (reference - angle)
-        z = loop.A @ z + loop.B[:, 0] * reference
 
 
 def test_no_prefilter_is_a_static_gain() -> None:

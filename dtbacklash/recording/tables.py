@@ -1,0 +1,216 @@
+"""From a file's bytes to named columns: CSV, Parquet, MATLAB, NumPy, JSON, each also gzipped."""
+
+from __future__ import annotations
+
+import io
+import json
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dtbacklash.recording import text
+from dtbacklash.recording.model import Floats, Refused
+
+FORMATS = "CSV, Parquet, MATLAB .mat, NumPy .npz or JSON, gzipped or not"
+BYTES_MAX = 4 << 30  # of an unpacked file; beyond this the memory, not the reader, is the limit
+COLUMNS_MAX = 256  # a matrix wider than this is not one column a channel
+
+_GZIP = b"\x1f\x8b"
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+
+
+@dataclass
+class Table:
+    """Columns of one length, their units where the file states them, single numbers, what had to be said."""
+
+    columns: dict[str, Floats]
+    units: dict[str, str] = field(default_factory=dict)
+    constants: dict[str, float] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return len(next(iter(self.columns.values()))) if self.columns else 0
+
+
+def read_table(file: Path) -> Table:
+    """Read the columns of ``file``; the format is known by its content, not by its name.
+
+    Raises
+    ------
+    Refused : not a file, no known format, damaged, or without columns.
+    """
+    try:
+        content = unpacked(file.read_bytes())
+    except OSError as error:
+        raise Refused(f"cannot be read: {(error.strerror or str(error)).lower()}") from error
+    except MemoryError as error:
+        raise Refused("does not fit into the memory") from error
+    if not content.strip():
+        raise Refused("is empty")
+    name, reader = _reader(content, file.name)
+    try:
+        table = reader(content)
+    except Refused:
+        raise
+    except Exception as error:  # the parsers of damaged files raise whatever they meet first
+        reason = next(iter(str(error).splitlines()), "") or type(error).__name__
+        raise Refused(f"is damaged: it cannot be read as {name} ({reason[:80]})") from error
+    if not table.columns:
+        raise Refused(f"holds no columns of numbers ({name})")
+    return table
+
+
+def unpacked(content: bytes) -> bytes:
+    """Return ``content`` without its gzip, if it has one.
+
+    Raises
+    ------
+    Refused : a damaged or endless archive.
+    """
+    if not content.startswith(_GZIP):
+        return content
+    result, rest = [], content
+    try:
+        while rest.startswith(_GZIP):  # an archive may have several members
+            engine = zlib.decompressobj(wbits=31)
+            result.append(engine.decompress(rest, BYTES_MAX))
+            if not engine.eof:
+                too_large = bool(engine.unconsumed_tail)
+                raise Refused("unpacks to more than 4 GB" if too_large else "is damaged: its gzip ends too early")
+            rest = engine.unused_data
+    except zlib.error as error:
+        raise Refused("is damaged: its gzip cannot be unpacked") from error
+    return b"".join(result)
+
+
+def _reader(content: bytes, name: str) -> tuple[str, Callable[[bytes], Table]]:
+    head = content[:512]
+    if head.startswith(b"PAR1"):
+        return "Parquet", _parquet
+    if head.startswith(_HDF5) or b"MATLAB 7.3 MAT-file" in head[:128]:
+        return "MATLAB 7.3", _matlab73
+    if head.startswith(b"MATLAB 5.0 MAT-file"):
+        return "MATLAB 5", _matlab5
+    if head.startswith(b"PK\x03\x04"):
+        return "NumPy .npz", _npz
+    if head.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] in (b"{", b"["):
+        return "JSON", _json
+    if b"\0" in head or name.lower().removesuffix(".gz").endswith((".mat", ".parquet", ".npz", ".npy")):
+        raise Refused(f"is not a recording that can be read: {FORMATS}")
+    return "CSV", _csv
+
+
+def _csv(content: bytes) -> Table:
+    names, written, columns = text.read(content)
+    return Table(columns, dict(zip(names, written, strict=True)))
+
+
+def _parquet(content: bytes) -> Table:
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    table = parquet.read_table(io.BytesIO(content))
+    found, notes = {}, []
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        kind = column.type
+        if pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_decimal(kind):
+            found[name] = np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=float)
+        else:
+            notes.append(f"Column {name} holds no numbers and is not used.")
+    return Table(found, notes=notes)
+
+
+def _matlab5(content: bytes) -> Table:
+    from scipy.io import loadmat
+
+    return _from_arrays(_flat(loadmat(io.BytesIO(content), simplify_cells=True)))
+
+
+def _matlab73(content: bytes) -> Table:
+    try:
+        import h5py
+    except ImportError:
+        raise Refused("is a MATLAB 7.3 file, which needs h5py: pip install dtbacklash[matlab]") from None
+    arrays: dict[str, Any] = {}
+
+    def visit(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and not name.startswith("#") and item.dtype.kind in "fiu":
+            arrays[name.replace("/", ".")] = item[()].T  # MATLAB stores by columns
+
+    with h5py.File(io.BytesIO(content), "r") as file:
+        file.visititems(visit)
+    return _from_arrays(arrays)
+
+
+def _npz(content: bytes) -> Table:
+    with np.load(io.BytesIO(content), allow_pickle=False) as archive:
+        return _from_arrays({name: archive[name] for name in archive.files})
+
+
+def _json(content: bytes) -> Table:
+    data = json.loads(content)
+    if isinstance(data, list):
+        data = {"data": data}
+    names = data.get("columns")
+    rows = data.get("data")
+    if isinstance(names, dict):  # {"columns": {"t": [...], ...}}
+        return _from_arrays(_flat({**data, **names}))
+    if isinstance(rows, list) and rows and isinstance(rows[0], dict):
+        rest = {key: value for key, value in data.items() if key not in ("data", "columns")}
+        return _from_arrays(_flat({**rest, **{key: [row.get(key) for row in rows] for key in rows[0]}}))
+    table = _from_arrays(_flat({key: value for key, value in data.items() if key not in ("data", "columns")}))
+    if isinstance(rows, dict):
+        return _from_arrays(_flat({**table.constants, **rows}))
+    if rows is not None:
+        matrix = np.array(rows, dtype=float)
+        if matrix.ndim != 2 or (names is not None and len(names) != matrix.shape[1]):
+            raise Refused("must hold `data` as rows of one length, one number for each of `columns`")
+        labels = [str(name) for name in names] if names is not None else map(str, range(matrix.shape[1]))
+        table.columns = dict(zip(labels, matrix.T, strict=True))
+    return table
+
+
+def _flat(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Structures inside structures as dotted names; MATLAB's own entries and texts left out."""
+    result: dict[str, Any] = {}
+    for key, value in tree.items():
+        if str(key).startswith("__") or isinstance(value, (str, bytes, bool)):
+            continue
+        if isinstance(value, dict):
+            result |= _flat(value, f"{prefix}{key}.")
+        else:
+            result[f"{prefix}{key}"] = value
+    return result
+
+
+def _from_arrays(arrays: dict[str, Any]) -> Table:
+    """Vectors and the columns of matrices are columns, single numbers are constants; of several lengths the longest
+    counts."""
+    columns: dict[str, Floats] = {}
+    constants: dict[str, float] = {}
+    notes: list[str] = []
+    for name, value in arrays.items():
+        try:
+            array = np.asarray(value, dtype=float)
+        except (TypeError, ValueError):
+            notes.append(f"Column {name} holds no numbers and is not used.")
+            continue
+        if array.size == 1:
+            constants[name] = float(array.reshape(-1)[0])
+        elif array.ndim == 1 or (array.ndim == 2 and 1 in array.shape):
+            columns[name] = array.reshape(-1)
+        elif array.ndim == 2 and min(array.shape) <= COLUMNS_MAX:
+            matrix = array if array.shape[0] >= array.shape[1] else array.T
+            alone = len(arrays) == 1
+            columns |= {str(j) if alone else f"{name}.{j}": column for j, column in enumerate(matrix.T)}
+    length = max((len(column) for column in columns.values()), default=0)
+    short = [name for name, column in columns.items() if len(column) != length]
+    if short:
+        notes.append(f"Not used, for being shorter than the others: {', '.join(short)}.")
+    return Table({n: c for n, c in columns.items() if len(c) == length}, constants=constants, notes=notes)

@@ -1,0 +1,356 @@
+"""The equations of motion of a rig, force by force, in SI.
+
+State: the winding's current, the position and velocity of every body that can move by itself, the hysteretic
+variable of every link that has one, the winding's rise of resistance. A mass that a rigid screw carries is not a
+body: it is where the screw is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dtbacklash.physics.rig import Rig
+
+FREE, RIGID = 0, 2  # contact on the positive or negative side is +1 or -1
+GROUND = "ground"
+SCREW = "the screw's end"
+
+
+@dataclass
+class Link:
+    """Everything that acts along the line between two ends; the stretch counts from ``a`` to ``b``."""
+
+    a: str
+    b: str
+    stiffness: float = 0.0
+    damping: float = 0.0
+    cubic: float = 0.0
+    quadratic: float = 0.0
+    hysteresis: float = 0.0
+    displacement: float = 1.0
+    stop: float = 0.0
+    clearance: float = 0.0
+    drift: float = 0.0
+    z: int = -1  # where its hysteretic variable stands in the state
+
+
+@dataclass
+class Contact:
+    """A dry friction between two ends: it sticks (0) or slips in a direction (-1, 1)."""
+
+    a: str
+    b: str
+    coulomb: float
+    stribeck: float = 0.0
+    speed: float = 1.0
+    mode: int = 0
+
+    def level(self, rate: float) -> float:
+        return self.coulomb + self.stribeck * math.exp(-((rate / self.speed) ** 2))
+
+
+@dataclass
+class Body:
+    """A body that moves by itself, and what acts on it alone."""
+
+    inertia: float
+    q: int
+    v: int
+    viscous: float = 0.0
+    difference: float = 0.0
+    cogging: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    load: float = 0.0
+
+
+@dataclass
+class Screw:
+    """The worm gear and the lead screw."""
+
+    lead: float
+    share: float = 0.0
+    pitch: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    carried: str | None = None
+    carried_mass: float = 0.0
+
+    def travel(self, angle: float) -> float:
+        amplitude, periods, phase = self.pitch
+        return self.lead * angle + amplitude * (math.sin(periods * angle + phase) - math.sin(phase))
+
+    def slope(self, angle: float) -> float:
+        amplitude, periods, phase = self.pitch
+        return self.lead + amplitude * periods * math.cos(periods * angle + phase)
+
+    def curvature(self, angle: float) -> float:
+        amplitude, periods, phase = self.pitch
+        return -amplitude * periods**2 * math.sin(periods * angle + phase)
+
+
+@dataclass
+class Machine:
+    """A rig ready to be integrated; ``gear``, the contacts' modes, ``held`` and the inputs change on the way."""
+
+    bodies: dict[str, Body] = field(default_factory=dict)
+    links: list[Link] = field(default_factory=list)
+    contacts: list[Contact] = field(default_factory=list)
+    screw: Screw | None = None
+    rotor: str | None = None
+    circuit: dict[str, float] | None = None
+    ripple: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    heating: tuple[float, float] | None = None
+    driven: str = ""
+    gain: float = 0.0
+    size: int = 0
+    amplifier: dict[str, dict[str, float]] = field(default_factory=dict)
+    # what changes
+    gear: int = FREE
+    held: float = 0.0  # the screw's angle while the gear is free
+    drive: float = 0.0
+    gap: tuple[float, float, float] = (0.0, 0.0, 0.0)  # at time, half-gap, its rate
+
+    def amplify(self, u: float) -> float:
+        """What leaves the amplifier for a command."""
+        u *= 1.0 + self.amplifier.get("gain_error", {}).get("relative", 0.0)
+        width = self.amplifier.get("dead_zone", {}).get("half_width", 0.0)
+        u = math.copysign(max(abs(u) - width, 0.0), u)
+        limit = self.amplifier.get("saturation", {}).get("limit", math.inf)
+        return max(-limit, min(limit, u))
+
+    def half_gap(self, t: float) -> float:
+        return self.gap[1] + self.gap[2] * (t - self.gap[0])
+
+    def screw_angle(self, t: float, x: np.ndarray) -> tuple[float, float]:
+        """theta_d and its rate."""
+        if self.gear == FREE or self.rotor is None:
+            return self.held, 0.0
+        body = self.bodies[self.rotor]
+        if self.gear == RIGID:
+            return x[body.q], x[body.v]
+        return x[body.q] - self.gear * self.half_gap(t), x[body.v] - self.gear * self.gap[2]
+
+    def ends(self, t: float, x: list[float]) -> dict[str, tuple[float, float]]:
+        """Position and velocity of everything that a link or a friction can be fastened to."""
+        where = {name: (x[body.q], x[body.v]) for name, body in self.bodies.items()}
+        where[GROUND] = (0.0, 0.0)
+        if self.screw:
+            angle, rate = self.screw_angle(t, x)
+            where[SCREW] = self.screw.travel(angle), self.screw.slope(angle) * rate
+            if self.screw.carried and not self._gives_way():
+                where[self.screw.carried] = where[SCREW]
+        return where
+
+    def slip(self, t: float, x: list[float], contact: Contact) -> float:
+        """Velocity of end b against end a."""
+        where = self.ends(t, x)
+        return where[contact.b][1] - where[contact.a][1]
+
+    def rates(self, t: float, x: list[float], holding: list[float] | None = None) -> list[float]:
+        """x' with given forces in the contacts that stick (without: those that keep them at rest)."""
+        if holding is None:
+            holding = self.holding(t, x)
+        out = [0.0] * self.size
+        where = self.ends(t, x)
+        effort = dict.fromkeys(where, 0.0)
+        for link in self.links:
+            force = self._link_force(link, t, x, where, out)
+            effort[link.b] -= force
+            effort[link.a] += force
+        for contact, hold in zip(self.contacts, holding, strict=True):
+            force = hold
+            if contact.mode:
+                rate = where[contact.b][1] - where[contact.a][1]
+                force = -contact.mode * contact.level(rate)
+            effort[contact.b] += force
+            effort[contact.a] -= force
+        for name, body in self.bodies.items():
+            q, v = x[body.q], x[body.v]
+            amplitude, wave, phase = body.cogging
+            effort[name] += body.load - body.viscous * v - body.difference * abs(v)
+            effort[name] += amplitude * math.sin(wave * q + phase)
+        self._drive(x, effort, out)
+        for name, body in self.bodies.items():
+            out[body.q] = x[body.v]
+            out[body.v] = effort[name] / body.inertia
+        if self.screw and self.screw.share and self.gear != FREE:
+            self._react(t, x, effort, out)
+        return out
+
+    def _link_force(self, link: Link, t: float, x: list[float], where: dict, out: list[float]) -> float:
+        (qa, va), (qb, vb) = where[link.a], where[link.b]
+        s, rate = qb - qa, vb - va
+        force = link.stiffness * (1.0 + link.drift * t) * s + link.damping * rate
+        force += link.cubic * s**3 + link.quadratic * abs(rate) * rate
+        if s > link.clearance:
+            force += link.stop * (s - link.clearance)
+        if link.z >= 0:
+            z = x[link.z]
+            force += link.hysteresis * z
+            out[link.z] = (rate - 0.5 * abs(rate) * z - 0.5 * rate * abs(z)) / link.displacement
+        return force
+
+    def _drive(self, x: list[float], effort: dict[str, float], out: list[float]) -> None:
+        """The motor's torque, or the actuator's force."""
+        if self.circuit is None:
+            if self.driven:
+                effort[self.driven] += self.gain * self.drive
+            return
+        body, i = self.bodies[self.driven], x[0]
+        resistance = self.circuit["resistance"]
+        if self.heating:
+            gain, time_constant = self.heating
+            rise = x[self.size - 1]
+            out[self.size - 1] = (gain * resistance * i * i - rise) / time_constant
+            resistance *= 1.0 + rise
+        out[0] = (self.drive - resistance * i - self.circuit["emf_constant"] * x[body.v]) / self.circuit[
+            "inductance"
+        ]
+        relative, periods, phase = self.ripple
+        effort[self.driven] += (
+            self.circuit["torque_constant"] * i * (1.0 + relative * math.sin(periods * x[body.q] + phase))
+        )
+
+    def _react(self, t: float, x: list[float], effort: dict[str, float], out: list[float]) -> None:
+        """The rotor carries what hangs on the screw: J w' = T - share d'(theta) (M x1'' - forces on the screw)."""
+        screw, body = self.screw, self.bodies[self.rotor]
+        angle, rate = self.screw_angle(t, x)
+        slope = screw.slope(angle)
+        on_screw = effort[SCREW] + (effort[screw.carried] if screw.carried and not self._gives_way() else 0.0)
+        moving = 0.0 if self._gives_way() else screw.carried_mass
+        torque = effort[self.rotor] + screw.share * slope * (
+            on_screw - moving * screw.curvature(angle) * rate**2
+        )
+        out[body.v] = torque / (body.inertia + screw.share * slope**2 * moving)
+
+    def _gives_way(self) -> bool:
+        return self.screw.carried in self.bodies
+
+    def holding(self, t: float, x: list[float]) -> list[float]:
+        """The forces (on end b) that leave the contacts that stick without acceleration; 0 where it slips."""
+        stuck = [j for j, c in enumerate(self.contacts) if c.mode == 0]
+        forces = [0.0] * len(self.contacts)
+        if not stuck:
+            return forces
+        free = self.slip_accelerations(t, x, forces)
+        response = np.zeros((len(stuck), len(stuck)))
+        for column, j in enumerate(stuck):
+            unit = [0.0] * len(self.contacts)
+            unit[j] = 1.0
+            one = self.slip_accelerations(t, x, unit)
+            response[:, column] = [one[k] - free[k] for k in stuck]
+        found = np.linalg.solve(response, [-free[k] for k in stuck])
+        for j, force in zip(stuck, found, strict=True):
+            forces[j] = float(force)
+        return forces
+
+    def slip_accelerations(self, t: float, x: list[float], holding: list[float]) -> list[float]:
+        """Acceleration of b against a for every contact."""
+        out = self.rates(t, x, holding)
+        acceleration = {name: out[body.v] for name, body in self.bodies.items()}
+        acceleration[GROUND] = 0.0
+        if self.screw and self.screw.carried and not self._gives_way():
+            angle, rate = self.screw_angle(t, x)
+            turning = out[self.bodies[self.rotor].v] if self.gear != FREE else 0.0
+            carried = self.screw.slope(angle) * turning + self.screw.curvature(angle) * rate**2
+            acceleration[self.screw.carried] = carried
+        return [acceleration[c.b] - acceleration[c.a] for c in self.contacts]
+
+    def energy(self, x: list[float], t: float = 0.0) -> float:
+        """Kinetic energy, and that of the linear springs, J."""
+        where = self.ends(t, x)
+        total = sum(0.5 * body.inertia * x[body.v] ** 2 for body in self.bodies.values())
+        return total + sum(0.5 * k.stiffness * (where[k.b][0] - where[k.a][0]) ** 2 for k in self.links)
+
+
+def machine(rig: Rig) -> Machine:
+    """Read a rig's description."""
+    it = Machine()
+    rotor, screw = rig.only("rotor"), rig.only("screw")
+    circuit, actuator, amplifier = rig.only("motor_circuit"), rig.only("actuator"), rig.only("amplifier")
+    it.amplifier = dict(rig.effects.get(amplifier.name, {})) if amplifier else {}
+    masses = [*rig.of_kind("mass"), *rig.of_kind("carriage")]
+    carried = screw.neighbours.get("carries") if screw else None
+    compliance = rig.effect(screw.name, "compliance") if screw else None
+    inertia = {rotor.name: rotor.values["inertia"]} if rotor else {}
+    inertia |= {e.name: e.values["mass"] for e in masses if e.name != carried or compliance}
+    inertia |= {f"{e.name}'s absorber": a["mass"] for e in masses if (a := rig.effect(e.name, "absorber"))}
+    first, n = (1 if circuit else 0), len(inertia)
+    for j, (name, value) in enumerate(inertia.items()):
+        it.bodies[name] = _body(Body(value, first + j, first + n + j), rig.effects.get(name, {}))
+        _contact(it, name, rig.effects.get(name, {}))
+    it.size = first + 2 * n
+    if circuit:
+        it.circuit, it.driven = circuit.values, circuit.neighbours["drives"]
+        if ripple := rig.effect(circuit.name, "torque_ripple"):
+            it.ripple = ripple["relative"], ripple["periods"], ripple["phase"]
+    elif actuator:
+        it.driven, it.gain = actuator.neighbours["drives"], actuator.values["gain"]
+    if rotor:
+        it.rotor = rotor.name
+    if screw:
+        reaction, pitch = rig.effect(screw.name, "load_reaction"), rig.effect(screw.name, "pitch_error")
+        it.screw = Screw(
+            screw.values["lead"],
+            share=reaction["share"] if reaction else 0.0,
+            pitch=(pitch["amplitude"], pitch["periods"], pitch["phase"]) if pitch else (0.0, 0.0, 0.0),
+            carried=carried,
+            carried_mass=rig.elements[carried].values["mass"] if carried else 0.0,
+        )
+        if compliance:  # the axial spring has 2 % of critical damping with the mass that it pushes
+            stiffness = 1.0 / compliance["compliance"]
+            damping = 2.0 * 0.02 * math.sqrt(stiffness * it.screw.carried_mass)
+            it.links.append(Link(SCREW, carried, stiffness, damping))
+    for element in masses:
+        values = element.values
+        it.links.append(
+            Link(GROUND, element.name, values.get("ground_stiffness", 0.0), values.get("ground_damping", 0.0))
+        )
+        if absorber := rig.effect(element.name, "absorber"):
+            omega, mass = 2.0 * math.pi * absorber["frequency"], absorber["mass"]
+            damping = 2.0 * absorber["damping_ratio"] * omega * mass
+            it.links.append(Link(element.name, f"{element.name}'s absorber", omega**2 * mass, damping))
+    for element in rig.of_kind("link"):
+        _link(it, rig, element.name)
+    if circuit and (heating := rig.effect(circuit.name, "resistance_heating")):
+        it.heating = heating["gain"], heating["time_constant"]
+        it.size += 1
+    return it
+
+
+def _body(body: Body, effects: dict[str, dict[str, float]]) -> Body:
+    body.viscous = effects.get("viscous_friction", {}).get("coefficient", 0.0)
+    body.difference = effects.get("asymmetric_friction", {}).get("viscous_difference", 0.0)
+    if cogging := effects.get("cogging"):
+        size = cogging.get("torque", cogging.get("force"))
+        body.cogging = size, cogging.get("periods", cogging.get("wave_number")), cogging["phase"]
+    load = effects.get("constant_load") or effects.get("constant_force") or {}
+    body.load = load.get("torque", load.get("force", 0.0))
+    return body
+
+
+def _contact(it: Machine, name: str, effects: dict[str, dict[str, float]]) -> None:
+    dry = effects.get("coulomb_friction") or effects.get("ground_friction") or {}
+    stribeck = effects.get("stribeck_friction", {})
+    if dry or stribeck:
+        coulomb = dry.get("torque", dry.get("force", 0.0))
+        extra = stribeck.get("torque", stribeck.get("force", 0.0))
+        it.contacts.append(Contact(GROUND, name, coulomb, extra, stribeck.get("speed", 1.0)))
+
+
+def _link(it: Machine, rig: Rig, name: str) -> None:
+    element, effects = rig.elements[name], rig.effects.get(name, {})
+    a, b = element.neighbours["between"]
+    link = Link(a, b, element.values["stiffness"], element.values.get("damping", 0.0))
+    link.cubic = effects.get("cubic_stiffness", {}).get("k3", 0.0)
+    link.quadratic = effects.get("quadratic_damping", {}).get("c2", 0.0)
+    link.drift = effects.get("stiffness_drift", {}).get("rate", 0.0)
+    if bumper := effects.get("bumper"):
+        link.stop, link.clearance = bumper["stiffness"], bumper["clearance"]
+    if hysteresis := effects.get("hysteresis"):
+        link.hysteresis, link.displacement = hysteresis["force"], hysteresis["displacement"]
+        link.z = it.size
+        it.size += 1
+    it.links.append(link)
+    if dry := effects.get("dry_friction"):
+        it.contacts.append(Contact(a, b, dry["force"]))
