@@ -158,14 +158,10 @@ def _signals(bench: Bench, case: Case) -> loop.Signals:
         reference[k:] = level * 1e-3
     resolution = np.zeros(sensors)
     resolution[:2] = case.theta_m_count_rad, case.q3_count_m
-    noise = _noise(case, 0, (n, sensors), np.array([case.theta_m_noise_rad, case.q3_noise_m]))
+    noise = np.zeros((n, sensors))
+    sizes = np.array([case.theta_m_noise_rad, case.q3_noise_m])
+    noise[:, :2] = sizes * np.random.default_rng([*case.seed, 1, 0]).standard_normal((n, 2))
     return loop.Signals(reference, np.full(n, math.radians(case.gap_deg)), noise, resolution)
-
-
-def _noise(case: Case, repeat: int, shape: tuple[int, int], sizes: Floats) -> Floats:
-    noise = np.zeros(shape)
-    noise[:, :2] = sizes * np.random.default_rng([*case.seed, 1, repeat]).standard_normal((shape[0], 2))
-    return noise
 
 
 def _scatter_um(bench: Bench, case: Case, memory: _Loop, signals: loop.Signals, exact_mm: Floats) -> float:
@@ -176,8 +172,10 @@ def _scatter_um(bench: Bench, case: Case, memory: _Loop, signals: loop.Signals, 
         return 0.0
     largest = 0.0
     for repeat in range(1, REPEATS + 1):
-        other = signals._replace(noise=_noise(case, repeat, signals.noise.shape, sizes))
-        y = _continued(bench, case, memory, other, case.gap_deg)
+        after = np.random.default_rng([*case.seed, 1, repeat]).standard_normal((exact_mm.size, 2))
+        noise = signals.noise.copy()
+        noise[case.due :, :2] = sizes * after
+        y = _continued(bench, case, memory, signals._replace(noise=noise), case.gap_deg)
         largest = max(largest, _rms_um(y, exact_mm))
     return largest
 

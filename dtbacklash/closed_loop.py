@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from dtbacklash.compiled import compiled
+from dtbacklash.compiled import compiled, inlined
 from dtbacklash.control.controllers import control_step
 from dtbacklash.physics.plant import Floats
 from dtbacklash.physics.sample import advance, sense
@@ -38,7 +38,7 @@ class Traces(NamedTuple):
     seen: Floats
 
 
-@compiled
+@inlined
 def _measure(P, S, signals, k, rate, traces):
     """What the sensors show at sample k, with noise and counts; the truth goes beside it."""
     seen = traces.seen[k]
@@ -53,9 +53,7 @@ def _measure(P, S, signals, k, rate, traces):
 
 
 @compiled
-def run_segment(
-    P, S, C, X, detector, oscillator, signals, traces, roles, first, stop, gap_hat, limits, before
-):
+def run_segment(P, S, C, X, detector, oscillator, signals, traces, roles, first, stop, gap_hat, limits, before):
     """Run the samples ``first <= k < stop``.
 
     Parameters

@@ -16,9 +16,7 @@ from pathlib import Path
 
 from dtbacklash.errors import UserError
 
-RUN_ENTRIES = frozenset(
-    {"summary.json", "metrics.csv", "estimates.csv", "trace.parquet", "figures", "report.html"}
-)
+RUN_ENTRIES = frozenset({"summary.json", "metrics.csv", "estimates.csv", "trace.parquet", "figures", "report.html"})
 
 PARTIAL = ".partial"
 

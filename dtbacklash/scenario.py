@@ -21,7 +21,7 @@ from dtbacklash.control.design import (
 )
 from dtbacklash.errors import Diverged, UserError
 from dtbacklash.physics.assembly import compile_plant
-from dtbacklash.physics.plant import Floats, new_state
+from dtbacklash.physics.plant import Floats, Ints, new_state
 from dtbacklash.physics.rig import Rig, Sensor, build_rig
 from dtbacklash.physics.simulate import rig_half_gap
 from dtbacklash.twin.estimate import Problem, default_start, estimate_gap
@@ -70,7 +70,7 @@ class _Run:
     signals: loop.Signals
     traces: loop.Traces
     roles: tuple[int, int]
-    changes: Floats
+    changes: Ints
     link: TwinLink[float]
     model: TwinModel | None
     gap_hat: float
@@ -184,7 +184,7 @@ def run_scenario(config: RunConfig, progress: Callable[[float], None] | None = N
 def _prepare(config: RunConfig, rig: Rig) -> _Run:
     """Signals in, room for the traces, the twin and its link."""
     n, sensors = config.samples + 1, list(rig.sensors.values())
-    t_s = np.arange(n) * config.sample_time_s
+    t_s = np.arange(n, dtype=np.float64) * config.sample_time_s
     r = signals.reference(config.reference, t_s, config.seed)
     closed = config.controller.structure != "open_loop"
     gap = np.radians(signals.gap_profile(config.profile, t_s)) + rig_half_gap(rig)
@@ -194,11 +194,9 @@ def _prepare(config: RunConfig, rig: Rig) -> _Run:
     into = loop.Signals(np.ascontiguousarray(r * (1e-3 if closed else 1.0)), gap, noise, resolution)
     traces = loop.Traces(*(np.zeros(n) for _ in range(5)), *(np.zeros((n, len(sensors))) for _ in range(2)))
     roles = _roles(rig, closed)
-    changes = np.flatnonzero(np.diff(r)) + 1
+    changes = (np.flatnonzero(np.diff(r)) + 1).astype(np.int64)
     link: TwinLink[float] = TwinLink(config.twin.buffer, config.twin.delay_s, config.sample_time_s)
-    run = _Run(
-        config, rig, into, traces, roles, changes, link, None, math.radians(config.controller.gap_hat_deg)
-    )
+    run = _Run(config, rig, into, traces, roles, changes, link, None, math.radians(config.controller.gap_hat_deg))
     if config.controller.reconfigure != "never":
         run.model = twin_model(
             structure_parameters(rig),
@@ -217,9 +215,7 @@ def _sensor_errors(config: RunConfig, sensors: list[Sensor], n: int) -> tuple[Fl
     for kind, sizes in (("noise", config.sensors.noise), ("resolution", config.sensors.resolution)):
         for name, size in sizes.items():
             if name not in columns:
-                raise UserError(
-                    f"sensors.{kind}.{name}", size, f"no such column; known: {', '.join(columns)}"
-                )
+                raise UserError(f"sensors.{kind}.{name}", size, f"no such column; known: {', '.join(columns)}")
             j, factor = columns[name]
             if kind == "resolution":
                 resolution[j] = size / factor
@@ -317,7 +313,7 @@ def _estimate(run: _Run, full: FullBuffer, k: int) -> None:
 
 def _report_divergence(config: RunConfig, t_s: float) -> None:
     c = config.controller
-    key, value = ("controller.k_theta_v_per_rad", c.k_theta_v_per_rad)
+    key, value = "controller.k_theta_v_per_rad", str(c.k_theta_v_per_rad)
     if c.structure == "open_loop":
         key, value = "controller", c.name
     what = f"|q3| above solver.divergence_mm={config.solver.divergence_mm:g} mm"

@@ -157,9 +157,7 @@ def _read_csv(key: str, path: str | None, columns: tuple[str, str]) -> pd.DataFr
         raise UserError(key, path, f"is not a file; give a CSV file with the columns {wanted}")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter(
-                "error", pd.errors.ParserWarning
-            )  # a row longer than the header is a mistake
+            warnings.simplefilter("error", pd.errors.ParserWarning)  # a row longer than the header is a mistake
             table = pd.read_csv(
                 path,
                 dtype=str,
@@ -174,9 +172,7 @@ def _read_csv(key: str, path: str | None, columns: tuple[str, str]) -> pd.DataFr
         pd.errors.ParserWarning,
     ) as error:  # parser and decoding errors are ValueErrors
         reason = " ".join(str(error).split())[:80]
-        raise UserError(
-            key, path, f"is not a readable CSV file with the columns {wanted} ({reason})"
-        ) from error
+        raise UserError(key, path, f"is not a readable CSV file with the columns {wanted} ({reason})") from error
     table.columns = [str(name).strip() for name in table.columns]
     missing = [name for name in columns if list(table.columns).count(name) != 1]
     if missing:
@@ -210,9 +206,7 @@ def _check_holes(key: str, path: str | None, times: Array, steps: Array) -> None
 def _check_gaps(path: str, gaps_deg: Array) -> None:
     if np.any(gaps_deg < 0):
         row = int(np.argmax(gaps_deg < 0))
-        raise UserError(
-            "profile.path", path, f"gap_deg must not be negative; row {row + 1} has {gaps_deg[row]:g}"
-        )
+        raise UserError("profile.path", path, f"gap_deg must not be negative; row {row + 1} has {gaps_deg[row]:g}")
     if np.any(gaps_deg > GAP_LIMIT_DEG):
         row = int(np.argmax(gaps_deg > GAP_LIMIT_DEG))
         allowed = f"gap_deg must be at most 360 (in degrees); row {row + 1} has {gaps_deg[row]:g}"

@@ -50,9 +50,7 @@ def explain(error: BaseException, words: Sequence[str]) -> UserError | None:
         return _composition(error, words)
     if isinstance(error, UnicodeDecodeError):
         return UserError("file", "a YAML file", "must be text in UTF-8")
-    if (
-        isinstance(error, OSError) and error.errno is None
-    ):  # OmegaConf, of a file that holds a number or a word
+    if isinstance(error, OSError) and error.errno is None:  # OmegaConf, of a file that holds a number or a word
         return UserError("file", "a YAML file", "must hold settings, one `key: value` a line")
     if isinstance(error, OSError):  # the task explains its own; this is Hydra making the folder
         return UserError("hydra.run.dir", error.filename, f"cannot be written: {reason(error)}")
@@ -88,9 +86,7 @@ def _unreadable(word: str) -> UserError:
     key, equals, value = word.partition("=")
     if not equals:
         return UserError("argument", word, "write key=value")
-    return UserError(
-        key, value, "cannot be read; put quotes around a value with special signs: key=\"'value'\""
-    )
+    return UserError(key, value, "cannot be read; put quotes around a value with special signs: key=\"'value'\"")
 
 
 def _bad_yaml(error: yaml.YAMLError) -> UserError:

@@ -95,7 +95,5 @@ def call(task: Callable[[DictConfig], object], program: str, words: list[str]) -
     """Run ``task`` by ``hydra.main``; exceptions of the task and of Hydra come out as they are."""
     register()
     sys.argv = [program, *plain_overrides(words)]
-    os.environ["HYDRA_FULL_ERROR"] = (
-        "1"  # Hydra raises instead of printing pages; the edge makes one line of it
-    )
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra raises instead of printing pages; the edge makes one line of it
     hydra.main(version_base="1.3", config_path="pkg://dtbacklash.conf", config_name="run")(task)()

@@ -25,15 +25,15 @@ def main(words: Sequence[str]) -> int:
         print(HELP)
         return 0
     folder = _folder(words)
-    from dtbacklash import paper
     from dtbacklash.commands.console import progress, shown_path
+    from dtbacklash.paper import run_paper
     from dtbacklash.runfolder import run_folder
 
     with (
         run_folder(folder, key="out", mark="claims.csv", known=ENTRIES) as scratch,
         progress("paper") as tick,
     ):
-        passed = paper.run_paper(scratch, tick)
+        passed = run_paper(scratch, tick)
     print(shown_path(folder / "claims.csv"))
     return 0 if passed else 1
 

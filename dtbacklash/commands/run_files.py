@@ -77,9 +77,7 @@ def _save_recording(config: RunConfig, result: RunResult) -> None:
             result.recording.to_parquet(scratch, index=False)
         scratch.replace(target)
     except OSError as error:
-        raise UserError(
-            "recording.save", config.recording.save, f"cannot be written: {reason(error)}"
-        ) from error
+        raise UserError("recording.save", config.recording.save, f"cannot be written: {reason(error)}") from error
     finally:
         scratch.unlink(missing_ok=True)
 

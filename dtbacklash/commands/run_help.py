@@ -56,15 +56,9 @@ EXAMPLES = """\
 def text() -> str:
     """Return the help text, with the options of the packaged ``conf`` and of a ``conf`` folder here."""
     parts = ["usage: dtb run [-m] [group=option ...] [key=value ...]", ""]
-    parts += [
-        "Simulates a controller on a rig while its backlash grows; writes tables, figures and report.html."
-    ]
-    parts += [
-        "-m sweeps: every combination of the comma-separated choices, one table and one figure at the end;"
-    ]
-    parts += [
-        "started again, it does only what is missing. --cfg job shows the configuration and runs nothing."
-    ]
+    parts += ["Simulates a controller on a rig while its backlash grows; writes tables, figures and report.html."]
+    parts += ["-m sweeps: every combination of the comma-separated choices, one table and one figure at the end;"]
+    parts += ["started again, it does only what is missing. --cfg job shows the configuration and runs nothing."]
     parts += ["", "choices (group=option):"]
     for group, summary in GROUPS.items():
         chosen = LAUNCHERS if group == "hydra/launcher" else ", ".join(options(group))

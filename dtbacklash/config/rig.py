@@ -58,9 +58,7 @@ class RigConfig:
             key = f"rig.parameters.{name}"
             finite(f"{key}.value", parameter.value)
             if not 0.0 <= parameter.tolerance < 1.0:
-                raise UserError(
-                    f"{key}.tolerance", parameter.tolerance, "a relative tolerance from 0 to below 1"
-                )
+                raise UserError(f"{key}.tolerance", parameter.tolerance, "a relative tolerance from 0 to below 1")
         for name, element in self.elements.items():
             if not isinstance(element, dict) or "kind" not in element:
                 raise UserError(f"rig.elements.{name}", element, "a mapping with at least `kind`")

@@ -48,9 +48,7 @@ class ControllerConfig:
         if self.internal_model == "exact" and self.structure == "nimc":
             raise UserError("controller.internal_model", "exact", "only structure=imc has a linear internal model")
         if self.reconfigure != "never" and self.structure != "nimc":
-            raise UserError(
-                "controller.reconfigure", self.reconfigure, "only structure=nimc has a gap to reconfigure"
-            )
+            raise UserError("controller.reconfigure", self.reconfigure, "only structure=nimc has a gap to reconfigure")
 
 
 @dataclass
@@ -84,17 +82,13 @@ class ProfileConfig:
             raise UserError("profile.severe_share", self.severe_share, allowed)
         self._check_times()
         if self.kind == "constant" and self.end_deg != self.start_deg:
-            raise UserError(
-                "profile.end_deg", self.end_deg, "a constant gap is set by profile.start_deg alone"
-            )
+            raise UserError("profile.end_deg", self.end_deg, "a constant gap is set by profile.start_deg alone")
         if self.kind == "csv":
             _check_input_file("profile.path", self.path, "t_s,gap_deg")
 
     def _check_times(self) -> None:
         if self.kind in ("s_curve", "ramp", "wear") and not self.t_end_s > self.t_start_s:
-            raise UserError(
-                "profile.t_end_s", self.t_end_s, f"must be above profile.t_start_s={self.t_start_s:g} s"
-            )
+            raise UserError("profile.t_end_s", self.t_end_s, f"must be above profile.t_start_s={self.t_start_s:g} s")
 
 
 @dataclass
@@ -268,16 +262,12 @@ class RunConfig:
         rest = abs(self.duration_s / self.sample_time_s - self.samples)
         if rest > 1e-6 * max(1.0, self.samples * 1e-6):
             near = self.samples * self.sample_time_s
-            raise UserError(
-                "duration_s", self.duration_s, f"must be a whole number of samples, e.g. {near:.9g} s"
-            )
+            raise UserError("duration_s", self.duration_s, f"must be a whole number of samples, e.g. {near:.9g} s")
 
     def _check_rig(self) -> None:
         kinds = [element["kind"] for element in self.rig.elements.values()]
         if self.controller.structure == "nimc" and self.rig.elements and "gear" not in kinds:
-            raise UserError(
-                "controller", self.controller.name, f"needs a rig with a gear; {self.rig.name} has none"
-            )
+            raise UserError("controller", self.controller.name, f"needs a rig with a gear; {self.rig.name} has none")
         for kind in ("noise", "resolution"):
             for column in getattr(self.sensors, kind):
                 if not any(column.startswith(f"{sensor}_") for sensor in self.rig.sensors):

@@ -80,7 +80,8 @@ def build_controller(config: ControllerConfig, design: ControllerDesign | None) 
 def new_controller_state(controller: Controller) -> ControllerState:
     """The controller at rest."""
     sizes = len(controller.wb), len(controller.mb), len(controller.sb)
-    return ControllerState(*(np.zeros(n) for n in sizes), np.zeros(1), np.zeros(max(*sizes, 1)))
+    w, m, s = (np.zeros(n) for n in sizes)
+    return ControllerState(w, m, s, np.zeros(1), np.zeros(max(*sizes, 1)))
 
 
 @inlined

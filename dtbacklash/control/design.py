@@ -150,9 +150,7 @@ def structure_ss(structure: StructureParameters) -> control.StateSpace:
     n, p = mass.shape[0], structure.pitch_m_per_rad
     c_in = np.linalg.solve(mass, base_c) * p
     k_in = np.linalg.solve(mass, base_k * p - damping @ c_in)
-    a = np.block(
-        [[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)]]
-    )
+    a = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(mass, stiffness), -np.linalg.solve(mass, damping)]])
     c_out = np.zeros((1, 2 * n))
     c_out[0, n - 1] = 1.0
     return control.ss(a, np.concatenate([c_in, k_in])[:, None], c_out, [[0.0]])
@@ -247,9 +245,7 @@ def reduced_structure(structure: StructureParameters) -> control.StateSpace:
 
     full = structure_ss(structure)
     if np.max(full.poles().real) >= -1e-9 * np.max(np.abs(full.poles())):
-        raise UserError(
-            "controller.prefilter", "reduced", "needs damping in the structure; without it choose none"
-        )
+        raise UserError("controller.prefilter", "reduced", "needs damping in the structure; without it choose none")
     normalised = control.ss(full.A, full.B / structure.pitch_m_per_rad, full.C, full.D)
     return balanced_reduction(normalised, min(REDUCED_ORDER, full.nstates))
 

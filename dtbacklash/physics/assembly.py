@@ -140,9 +140,7 @@ def _take_apart(rig: Rig, imposed: bool) -> _Parts:
     for element in sorted(masses, key=lambda e: order.index(e.name)):
         if element.name != base:
             inertia[element.name] = element.values["mass"]
-    absorbers = {
-        f"absorber of {e.name}": (e.name, a) for e in masses if (a := rig.effect(e.name, "absorber"))
-    }
+    absorbers = {f"absorber of {e.name}": (e.name, a) for e in masses if (a := rig.effect(e.name, "absorber"))}
     for name, (_, absorber) in absorbers.items():
         inertia[name] = absorber["mass"]
     nb = len(inertia)
@@ -172,7 +170,9 @@ def _take_apart(rig: Rig, imposed: bool) -> _Parts:
         _add_bearing(parts, element)
     for effect in rig.effects.get(base or "", {}):
         if effect != "absorber":
-            allowed = "no force on a mass that a rigid screw carries; give the screw `compliance` or choose another mass"
+            allowed = (
+                "no force on a mass that a rigid screw carries; give the screw `compliance` or choose another mass"
+            )
             raise UserError(f"rig.effects.{base}.{effect}", rig.effects[base or ""][effect], allowed)
     return parts
 

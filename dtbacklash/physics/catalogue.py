@@ -65,11 +65,9 @@ class Effect:
     def complete(self, values: dict[str, float], key: str) -> dict[str, float]:
         """Fill in defaults and check names and bounds; ``key`` is the dotted name for the error."""
         known = {p.name: p for p in self.parameters}
-        for name in values:
+        for name, value in values.items():
             if name not in known:
-                raise UserError(
-                    f"{key}.{name}", values[name], f"unknown parameter; known: {', '.join(known)}"
-                )
+                raise UserError(f"{key}.{name}", value, f"unknown parameter; known: {', '.join(known)}")
         if self.size.name not in values:
             raise UserError(key, dict(values), f"`{self.size.name}` [{self.size.unit}] must be given")
         filled = {p.name: float(values.get(p.name, p.typical)) for p in self.parameters}
@@ -167,7 +165,7 @@ def _bearing(axis: _Axis) -> list[Effect]:
             "stribeck_friction", kind,
             (Parameter(effort, unit, 0.0, top, size / 2, 0.0), Parameter("speed", axis.speed_unit, 1e-6, 1e3, speed)),
             f"-{effort} exp(-(v/speed)^2) sign(v)", "friction_level", source,
-            f"Friction at the {{location}} is higher by {{{effort}}} at rest and falls off within {{speed}} (Stribeck).",
+            f"Friction at the {{location}} is higher by {{{effort}}} at rest and falls off within {{speed}}.",
         ),
         Effect(
             "viscous_friction", kind, (Parameter("coefficient", axis.viscous_unit, 0.0, 1e5, size / 20, 0.0),),

@@ -20,9 +20,7 @@ class Kind:
 KINDS: dict[str, Kind] = {
     kind.name: kind
     for kind in (
-        Kind(
-            "amplifier", {}, {}, ("drives",), "turns the command into a voltage or, with an actuator, a force"
-        ),
+        Kind("amplifier", {}, {}, ("drives",), "turns the command into a voltage or, with an actuator, a force"),
         Kind(
             "motor_circuit",
             {"resistance": "ohm", "inductance": "H", "torque_constant": "N m/A", "emf_constant": "V s/rad"},
@@ -54,9 +52,7 @@ KINDS: dict[str, Kind] = {
             "a lumped mass",
         ),
         Kind("carriage", {"mass": "kg"}, {}, (), "a mass that slides on a bearing"),
-        Kind(
-            "link", {"stiffness": "N/m"}, {"damping": "N s/m"}, ("between",), "spring and damper in parallel"
-        ),
+        Kind("link", {"stiffness": "N/m"}, {"damping": "N s/m"}, ("between",), "spring and damper in parallel"),
     )
 }
 

@@ -1,8 +1,8 @@
 """The forces that act beside the linear plant: every nonlinear effect of the catalogue, summed into channels."""
 
+from dtbacklash.compiled import inlined
 from dtbacklash.physics import laws
 from dtbacklash.physics import plant as pl
-from dtbacklash.compiled import inlined
 
 
 @inlined
@@ -90,9 +90,7 @@ def circuit_forces(P, x, w):
     i = x[P.current]
     if C[pl.C_RIPPLE] != 0.0 and P.rotor >= 0:
         angle = x[P.position + P.rotor]
-        w[pl.CH_F + P.rotor] += (
-            C[pl.C_KT] * i * laws.periodic(angle, C[pl.C_RIPPLE], C[pl.C_PERIODS], C[pl.C_PHASE])
-        )
+        w[pl.CH_F + P.rotor] += C[pl.C_KT] * i * laws.periodic(angle, C[pl.C_RIPPLE], C[pl.C_PERIODS], C[pl.C_PHASE])
     if P.heat >= 0:
         y = x[P.heat]
         w[pl.CH_V] -= C[pl.C_R] * y * i

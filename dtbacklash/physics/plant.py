@@ -83,9 +83,7 @@ class State(NamedTuple):
 
     x: Floats  # (n,)
     gear: Floats  # (1,) theta_d while the gear is out of contact
-    mode: (
-        Ints  # (1 + frictions,) state of the gear, then -1/0/1 a friction contact: slips back, sticks, slips
-    )
+    mode: Ints  # (1 + frictions,) state of the gear, then -1/0/1 a friction contact: slips back, sticks, slips
     commands: Floats  # the last commands u, newest first
     seen: Floats  # (depth, sensors, 2) what the sensors would have seen, newest first, and its rate
     xn: Floats

@@ -152,9 +152,7 @@ def _check_neighbours(elements: dict[str, Element]) -> None:
             key = f"rig.elements.{element.name}.{role}"
             names = target if role == "between" else [target]
             if role == "between" and (not isinstance(names, list) or len(names) != 2 or names[0] == names[1]):
-                raise UserError(
-                    key, target, "two different bodies, e.g. [mass_1, mass_2] or [ground, mass_1]"
-                )
+                raise UserError(key, target, "two different bodies, e.g. [mass_1, mass_2] or [ground, mass_1]")
             for name in names:
                 if not (role == "between" and name == GROUND) and name not in elements:
                     raise UserError(key, name, f"the name of an element: {', '.join(elements)}")
@@ -163,9 +161,7 @@ def _check_neighbours(elements: dict[str, Element]) -> None:
                     and name != GROUND
                     and elements[name].kind not in ("mass", "carriage")
                 ):
-                    raise UserError(
-                        key, name, "a mass, a carriage" + (" or ground" if role == "between" else "")
-                    )
+                    raise UserError(key, name, "a mass, a carriage" + (" or ground" if role == "between" else ""))
 
 
 def _sensor(name: str, spec: dict[str, Any], elements: dict[str, Element]) -> Sensor:

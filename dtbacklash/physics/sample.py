@@ -2,9 +2,9 @@
 
 import math
 
+from dtbacklash.compiled import clear, compiled, copy, inlined
 from dtbacklash.physics import laws
 from dtbacklash.physics import plant as pl
-from dtbacklash.compiled import clear, compiled, copy, inlined
 from dtbacklash.physics.forces import add_forces
 from dtbacklash.physics.step import MOST_EVENTS, screw_angle, slip_rate, try_step
 
@@ -52,9 +52,7 @@ def switch_gear(P, S, gap, gap_rate):
         if abs(z) > gap:
             S.mode[0] = pl.PLUS if z > 0.0 else pl.MINUS
             carried = P.screw[pl.S_SHARE] * P.screw[pl.S_LEAD] ** 2 * P.screw[pl.S_BASE_MASS]
-            if (
-                carried != 0.0
-            ):  # the teeth meet without rebound: momentum is shared with what the screw carries
+            if carried != 0.0:  # the teeth meet without rebound: momentum is shared with what the screw carries
                 S.x[speed] *= P.screw[pl.S_INERTIA] / (P.screw[pl.S_INERTIA] + carried)
     elif mode * S.x[speed] < gap_rate:
         S.gear[0] = theta_m - mode * gap
@@ -221,9 +219,7 @@ def _read(P, S, s, gap, gap_rate):
             d -= laws.periodic(0.0, A[pl.S_AMPLITUDE], A[pl.S_PERIODS], A[pl.S_PHASE])
         omega = 0.0
         if S.mode[0] != pl.FREE:
-            omega = S.x[P.position + P.n_bodies + P.rotor] - (
-                0 if S.mode[0] == pl.RIGID else S.mode[0] * gap_rate
-            )
+            omega = S.x[P.position + P.n_bodies + P.rotor] - (0 if S.mode[0] == pl.RIGID else S.mode[0] * gap_rate)
         rate = P.screw[pl.S_LEAD] * omega
         return (d, 0.0) if index == pl.BASE_POSITION else (rate, 0.0)
     i = int(index)
@@ -244,9 +240,7 @@ def sense(P, S, gap, gap_rate, y):
         whole, part = int(row[pl.Y_WHOLE]), row[pl.Y_PART]
         value = S.seen[whole, s, 0]
         if part > 0.0:
-            value = _between(
-                S.seen[whole + 1, s], S.seen[whole, s], 1.0 - part, P.sample_time, row[pl.Y_RATE] >= 0
-            )
+            value = _between(S.seen[whole + 1, s], S.seen[whole, s], 1.0 - part, P.sample_time, row[pl.Y_RATE] >= 0)
         y[s] = row[pl.Y_GAIN] * value + row[pl.Y_OFFSET]
 
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.compiled import compiled, copy
+from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.plant import Floats, Plant, State, new_state
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.sample import advance, sense
@@ -80,7 +80,7 @@ def simulate(
     plant = compile_plant(rig, sample_time_s, substeps, event_levels, imposed)
     y, x, theta_d, _ = simulate_plant(plant, np.ascontiguousarray(u, dtype=float), gap, theta)
     sensors = {name: y[:, j] for j, name in enumerate(rig.sensors)}
-    return Response(sample_time_s * np.arange(n + 1), sensors, x, theta_d)
+    return Response(sample_time_s * np.arange(n + 1, dtype=np.float64), sensors, x, theta_d)
 
 
 def rig_half_gap(rig: Rig) -> float:

@@ -5,8 +5,8 @@ contact or not. A step in which the gear closes or opens, or a friction contact 
 halved until the event is located to a tick (``sample_time/substeps/2**(levels-1)``).
 """
 
-from dtbacklash.physics import plant as pl
 from dtbacklash.compiled import clear, copy, inlined
+from dtbacklash.physics import plant as pl
 from dtbacklash.physics.forces import add_forces, base_motion, end_velocity
 
 #: a sample with more events than this (chatter) is finished without locating further ones
@@ -127,7 +127,7 @@ def slip_rate(P, x, gear_mode, c, theta_d, gap_rate):
     """Velocity at which friction contact ``c`` slips, m/s or rad/s."""
     a, b = P.friction_ends[c, 0], P.friction_ends[c, 1]
     base_rate = 0.0
-    if P.has_base and (a == pl.BASE or b == pl.BASE):
+    if P.has_base and min(a, b) == pl.BASE:
         base_rate = base_motion(P, x, 0, theta_d, _rate_of_screw(P, x, gear_mode, gap_rate))[1]
     return end_velocity(P, x, b, base_rate) - end_velocity(P, x, a, base_rate)
 

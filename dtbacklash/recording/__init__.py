@@ -1,5 +1,6 @@
 """Recordings in: read, checked, in SI units on a uniform time grid."""
 
+from dtbacklash.recording.command import refined
 from dtbacklash.recording.mapping import Mapping, load_mapping, mapping_names
 from dtbacklash.recording.model import Recording, split
 from dtbacklash.recording.plausible import check_units, expectations
@@ -14,5 +15,6 @@ __all__ = [
     "mapping_names",
     "read_pair",
     "read_recording",
+    "refined",
     "split",
 ]

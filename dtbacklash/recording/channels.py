@@ -54,7 +54,9 @@ def fill(channels: dict[str, Floats], t_s: Floats, required: frozenset[str]) -> 
     last = min(index[-1] for index in good.values()) + 1
     cut = len(t_s) - max(last - first, 0)
     if cut > TRIM_MAX * len(t_s):
-        raise Refused(f"the channels have values at the same time in {100 * (1 - cut / len(t_s)):.0f} % of the rows only")
+        raise Refused(
+            f"the channels have values at the same time in {100 * (1 - cut / len(t_s)):.0f} % of the rows only"
+        )
     if cut:
         notes.append(f"{cut} rows at the ends, where a channel has no value, were cut off.")
     inside = slice(int(first), int(last))
@@ -75,15 +77,17 @@ def _filled(name: str, values: Floats, t_s: Floats, notes: list[str]) -> Floats:
         )
     if count > MISSING_SHARE_MAX * len(values):
         raise Refused(f"channel {name} has no value in {count} of {len(values)} rows")
-    notes.append(f"Channel {name}: {count} missing value{'s' * (count > 1)} interpolated, at most {stop - start} in a row.")
+    notes.append(
+        f"Channel {name}: {count} missing value{'s' * (count > 1)} interpolated, at most {stop - start} in a row."
+    )
     return np.interp(t_s, t_s[~missing], values[~missing])
 
 
 def clipping(name: str, values: Floats) -> str | None:
     """Say that a channel is clipped, or return None.
 
-    Clipped is what runs into its own extreme at speed and stays there. What comes to rest at its extreme (the last
-    steps are small), or only ever takes a few levels (a command of steps), is not.
+    Clipped is what runs into its own extreme at speed and stays there. What comes to rest at its extreme
+    (the last steps are small), or only ever takes a few levels (a command of steps), is not.
     """
     top, bottom = values.max(), values.min()
     if top == bottom or len(np.unique(values[:: max(1, len(values) // 5000)])) <= 20:
@@ -99,7 +103,7 @@ def clipping(name: str, values: Floats) -> str | None:
             continue
         if float(np.median(entries)) > max(0.2 * usual, 1.5 * quantum):
             share = 100 * count / len(values)
-            return f"Channel {name} is clipped at its {word} ({limit:.6g}) in {share:.2g} % of the samples; used as it is."
+            return f"Channel {name} is clipped at its {word} ({limit:.6g}) in {share:.2g} % of the samples; kept."
     return None
 
 

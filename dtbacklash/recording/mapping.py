@@ -10,6 +10,7 @@ from typing import Any
 
 from dtbacklash.errors import UserError
 from dtbacklash.recording import units
+from dtbacklash.recording.command import COMMANDS, HELD
 
 SUFFIXES = (".yaml", ".yml")
 NO_MAPPING = "none"  # the option of `dtb run` that says where nothing is saved
@@ -29,8 +30,8 @@ class Channel:
 class PublicFile:
     """A file that can be had from a public source.
 
-    ``url`` is the file itself or an archive that holds it as ``member``; ``sha256`` and ``size_bytes`` are those of
-    the file's content, unpacked. ``about`` says in a few words what distinguishes it.
+    ``url`` is the file itself or an archive that holds it as ``member``; ``sha256`` and ``size_bytes`` are
+    those of the file's content, unpacked. ``about`` says in a few words what distinguishes it.
     """
 
     name: str
@@ -54,6 +55,7 @@ class Mapping:
     file: str = ""
     files: dict[str, PublicFile] = field(default_factory=dict)
     time: Channel | None = None
+    command: str = HELD
     sample_time_s: float | None = None
     channels: dict[str, Channel] = field(default_factory=dict)
     parts: dict[str, tuple[int, int]] = field(default_factory=dict)
@@ -62,7 +64,9 @@ class Mapping:
 
 def mapping_names() -> list[str]:
     """The names of the mappings in the packaged ``conf/recording`` and in a ``conf/recording`` here."""
-    names = {entry.name.removesuffix(".yaml") for entry in resources.files("dtbacklash.conf").joinpath("recording").iterdir()}
+    names = {
+        entry.name.removesuffix(".yaml") for entry in resources.files("dtbacklash.conf").joinpath("recording").iterdir()
+    }
     mine = Path("conf") / "recording"
     if mine.is_dir():
         names |= {entry.stem for entry in mine.iterdir() if entry.suffix in SUFFIXES}
@@ -109,15 +113,18 @@ class _Mistake(Exception):
 
 def _build(name: str, data: dict[str, Any]) -> Mapping:
     known = {
-        "name", "title", "rig", "citation", "licence", "page", "file", "files", "time", "sample_time_s", "channels",
+        "command", "name", "title", "rig", "citation", "licence", "page", "file", "files", "time", "sample_time_s", "channels",
         "parts", "notes",
     }  # fmt: skip
-    for key in data:
+    for key, value in data.items():
         if key not in known:
-            raise _Mistake(str(key), data[key], "no such key; choose one of " + ", ".join(sorted(known)))
+            raise _Mistake(str(key), value, "no such key; choose one of " + ", ".join(sorted(known)))
     channels = _section(data, "channels")
     if not channels:
         raise _Mistake("channels", "{}", "name at least one channel: {u: {column: ..., unit: ...}}")
+    command = data.get("command", HELD)
+    if command not in COMMANDS:
+        raise _Mistake("command", command, "choose one of " + ", ".join(COMMANDS))
     step = data.get("sample_time_s")
     if step is not None and not (isinstance(step, (int, float)) and not isinstance(step, bool) and step > 0):
         raise _Mistake("sample_time_s", step, "must be positive s")
@@ -125,6 +132,7 @@ def _build(name: str, data: dict[str, Any]) -> Mapping:
     return Mapping(
         name=str(data.get("name") or name),
         rig=data.get("rig"),
+        command=command,
         files={str(key): _file(str(key), value) for key, value in _section(data, "files").items()},
         time=_channel("time", data["time"]) if data.get("time") else None,
         sample_time_s=float(step) if step is not None else None,
@@ -173,5 +181,10 @@ def _file(name: str, spec: Any) -> PublicFile:
         raise _Mistake(f"files.{name}.url", spec["url"], "must start with https://")
     size = spec.get("size_bytes", 0)
     return PublicFile(
-        name, str(spec["url"]), str(spec["sha256"]), str(spec.get("member", "")), int(size), str(spec.get("about", ""))
+        name,
+        str(spec["url"]),
+        str(spec["sha256"]),
+        str(spec.get("member", "")),
+        int(size),
+        str(spec.get("about", "")),
     )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtbacklash.errors import UserError
+from dtbacklash.recording.command import HELD
 
 Floats = NDArray[np.float64]
 
@@ -36,6 +37,7 @@ class Recording:
     rig : the rig that it was recorded on, where the mapping says so.
     splits : the parts that the mapping names, as half-open ranges of rows of the file.
     part : which of them this is, or empty for the whole file.
+    command : what ``u`` does between two samples: ``held`` or ``band_limited`` (see :mod:`.command`).
     """
 
     name: str
@@ -50,6 +52,7 @@ class Recording:
     rig: str | None = None
     splits: dict[str, tuple[int, int]] = field(default_factory=dict)
     part: str = ""
+    command: str = HELD
 
     @property
     def samples(self) -> int:

@@ -38,31 +38,35 @@ class Table:
         return len(next(iter(self.columns.values()))) if self.columns else 0
 
 
-def read_table(file: Path) -> Table:
-    """Read the columns of ``file``; the format is known by its content, not by its name.
-
-    Raises
-    ------
-    Refused : not a file, no known format, damaged, or without columns.
-    """
+def load(file: Path) -> bytes:
+    """Return the unpacked content of ``file`` (raises Refused)."""
     try:
-        content = unpacked(file.read_bytes())
+        return unpacked(file.read_bytes())
     except OSError as error:
         raise Refused(f"cannot be read: {(error.strerror or str(error)).lower()}") from error
     except MemoryError as error:
         raise Refused("does not fit into the memory") from error
+
+
+def read_table(content: bytes, name: str) -> Table:
+    """Read the columns of a file's ``content``; its format is known by the content, hardly by its ``name``.
+
+    Raises
+    ------
+    Refused : no known format, damaged, or without columns.
+    """
     if not content.strip():
         raise Refused("is empty")
-    name, reader = _reader(content, file.name)
+    kind, reader = _reader(content, name)
     try:
         table = reader(content)
     except Refused:
         raise
     except Exception as error:  # the parsers of damaged files raise whatever they meet first
         reason = next(iter(str(error).splitlines()), "") or type(error).__name__
-        raise Refused(f"is damaged: it cannot be read as {name} ({reason[:80]})") from error
+        raise Refused(f"is damaged: it cannot be read as {kind} ({reason[:80]})") from error
     if not table.columns:
-        raise Refused(f"holds no columns of numbers ({name})")
+        raise Refused(f"holds no columns of numbers ({kind})")
     return table
 
 
@@ -129,7 +133,7 @@ def _parquet(content: bytes) -> Table:
 def _matlab5(content: bytes) -> Table:
     from scipy.io import loadmat
 
-    return _from_arrays(_flat(loadmat(io.BytesIO(content), simplify_cells=True)))
+    return _from_arrays(_flat(loadmat(io.BytesIO(content), simplify_cells=True)))  # type: ignore[arg-type]
 
 
 def _matlab73(content: bytes) -> Table:
@@ -190,7 +194,7 @@ def _flat(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def _from_arrays(arrays: dict[str, Any]) -> Table:
-    """Vectors and the columns of matrices are columns, single numbers are constants; of several lengths the longest
+    """Vectors and the columns of matrices are columns, single numbers constants; of several lengths the longest
     counts."""
     columns: dict[str, Floats] = {}
     constants: dict[str, float] = {}

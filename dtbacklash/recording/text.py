@@ -15,7 +15,16 @@ COMMENTS = ("#", "%", "//")
 HEAD_LINES = 400  # a preamble longer than this is not looked for
 _SPACE = r"\s+"
 #: delimiter and decimal sign, in the order in which they are tried: the unmistakable ones first
-DIALECTS = (("\t", "."), (";", "."), ("|", "."), (",", "."), (_SPACE, "."), ("\t", ","), (";", ","), (_SPACE, ","))
+DIALECTS = (
+    ("\t", "."),
+    (";", "."),
+    ("|", "."),
+    (",", "."),
+    (_SPACE, "."),
+    ("\t", ","),
+    (";", ","),
+    (_SPACE, ","),
+)
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?|[+-]?(nan|inf|infinity)|na|n/a|null", re.IGNORECASE)
 
 
@@ -40,8 +49,9 @@ def read(content: bytes) -> tuple[list[str], list[str], dict[str, Floats]]:
     body = whole.split("\n", first)[first] if first else whole
     try:
         frame = pd.read_csv(
-            io.StringIO(body), sep=delimiter, decimal=decimal, header=None, names=range(width), index_col=False,
-            comment="#" if "#" in whole[: len(whole) - len(body)] else None, low_memory=False,
+            io.StringIO(body), sep=delimiter, decimal=decimal, header=None, names=range(width),
+            index_col=False, comment="#" if "#" in whole[: len(whole) - len(body)] else None,
+            low_memory=False,
         )  # fmt: skip
     except pd.errors.ParserError as error:
         reason = str(error).split("C error: ")[-1].strip()

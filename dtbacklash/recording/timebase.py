@@ -35,17 +35,17 @@ class Grid:
 
 def constant_step(rows: int, sample_time_s: float) -> Grid:
     """The grid of a recording without a time column."""
-    _check_length(rows)
+    check_length(rows)
     _check_step(sample_time_s)
-    t_s = sample_time_s * np.arange(rows)
+    t_s: Floats = sample_time_s * np.arange(rows)
     return Grid(np.arange(rows), t_s, t_s, sample_time_s, False, [])
 
 
 def uniform_grid(stamps_s: Floats) -> Grid:
     """Find the uniform grid behind recorded times.
 
-    Small defects (rounded stamps, jitter, a few missing or double samples) are repaired and noted; a gap leaves the
-    longest stretch.
+    Small defects (rounded stamps, jitter, a few missing or double samples) are repaired and noted; a gap
+    leaves the longest stretch.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def uniform_grid(stamps_s: Floats) -> Grid:
         raise Refused(f"{lost} of {len(stamps_s)} rows have no time")
     if lost:
         notes.append(f"{_count(lost, 'row')} without a time {_were(lost)} dropped.")
-    _check_length(len(rows))
+    check_length(len(rows))
     t = stamps_s[rows]
     _check_forward(t, rows)
     grid = _rounded(rows, t, notes)
@@ -76,7 +76,8 @@ def uniform_grid(stamps_s: Floats) -> Grid:
     return _repaired(rows, t, notes)
 
 
-def _check_length(samples: int) -> None:
+def check_length(samples: int) -> None:
+    """Refuse a recording that is too short (raises Refused)."""
     if samples < SAMPLES_MIN:
         raise Refused(f"is too short: {samples} samples, at least {SAMPLES_MIN} are needed")
 
@@ -94,7 +95,9 @@ def _check_forward(t: Floats, rows: np.ndarray) -> None:
     if len(back):
         k = back[0]
         times = "once" if len(back) == 1 else f"{len(back)} times"
-        raise Refused(f"time runs backwards {times}, first in row {rows[k] + 2} (from {t[k]:.6g} s to {t[k + 1]:.6g} s)")
+        raise Refused(
+            f"time runs backwards {times}, first in row {rows[k] + 2} (from {t[k]:.6g} s to {t[k + 1]:.6g} s)"
+        )
 
 
 def _rounded(rows: np.ndarray, t: Floats, notes: list[str]) -> Grid | None:
@@ -114,7 +117,9 @@ def _rounded(rows: np.ndarray, t: Floats, notes: list[str]) -> Grid | None:
         if off > 0.75 * 10.0**-digits or off > 3 * step:
             return None
         line = start + step * k
-        notes.append(f"The times are rounded to {10.0**-digits:g} s; the samples are taken as uniform, {step:.6g} s apart.")
+        notes.append(
+            f"The times are rounded to {10.0**-digits:g} s; the samples are taken as uniform, {step:.6g} s apart."
+        )
     _check_step(step)
     return Grid(rows, t, line, float(step), False, notes)
 
@@ -141,7 +146,7 @@ def _repaired(rows: np.ndarray, t: Floats, notes: list[str]) -> Grid:
             f"{t[b - 1]:.6g} s."
         )
         rows, t = rows[a:b], t[a:b]
-        _check_length(len(t))
+        check_length(len(t))
         steps = np.diff(t)
         long = steps > 1.5 * usual
     missing = int(np.round(steps[long] / usual - 1.0).sum())

@@ -31,7 +31,7 @@ _BRACKET = re.compile(r"\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 
 
 def find(unit: str) -> tuple[str, float] | None:
-    """Return the SI unit and the factor of ``unit``, or None if it is unknown; ``u_v`` is as good as ``u [V]``."""
+    """Return the SI unit and the factor of ``unit``, or None if it is unknown; capitals matter only in doubt."""
     if unit in UNITS:
         return UNITS[unit]
     lower = {name.lower(): value for name, value in reversed(UNITS.items())}
@@ -53,8 +53,8 @@ def plain_si(name: str, sensors: dict[str, str]) -> str | None:
 def parse(column: str, sensors: dict[str, str], written: str = "") -> tuple[str, str, float] | None:
     """Return channel, SI unit and factor of a column, or None for a column that is no channel.
 
-    Known are plain names (``q3``), names with a unit in brackets (``q3 [mm]``) or as a suffix (``q3_mm``), and a
-    unit in a line of its own (``written``).
+    Known are plain names (``q3``), names with a unit in brackets (``q3 [mm]``) or as a suffix (``q3_mm``),
+    and a unit in a line of its own (``written``).
     """
     label = column.strip()
     bracket = _BRACKET.search(label)

@@ -61,9 +61,7 @@ def response_and_voltage(
 def _mark_point(ax: Axes, x: float, y: float, text: str, colour: str) -> None:
     """A dot at the point and its value beside it."""
     ax.plot([x], [y], "o", color=colour, ms=6, mec="white", zorder=5, clip_on=False)
-    ax.annotate(
-        text, (x, y), xytext=(10, 0), textcoords="offset points", color=colour, va="center", fontweight="bold"
-    )
+    ax.annotate(text, (x, y), xytext=(10, 0), textcoords="offset points", color=colour, va="center", fontweight="bold")
 
 
 def _mark_settling(ax: Axes, t0: float, settling_s: float, band: float, target: float) -> None:
@@ -180,9 +178,7 @@ def response_panel(ax: Axes, trace: pd.DataFrame) -> None:
     """Reference and output over time [mm]."""
     t = trace["t_s"].to_numpy()
     ax.plot(*envelope(t, trace["q3_mm"]), color=COLOUR["output"], lw=1.3, label="output $q_3$")
-    ax.plot(
-        *envelope(t, trace["r_mm"]), color=COLOUR["reference"], lw=1.2, ls=(0, (4, 2)), label="reference $r$"
-    )
+    ax.plot(*envelope(t, trace["r_mm"]), color=COLOUR["reference"], lw=1.2, ls=(0, (4, 2)), label="reference $r$")
     ax.set_ylabel("position [mm]")
     legend_above(ax)
 

@@ -117,9 +117,7 @@ def letter(axes: list[Axes], titles: list[str]) -> None:
 
 def legend_above(ax: Axes, columns: int = 4) -> None:
     """Legend in the title's line at the right, where it can hide no data."""
-    ax.legend(
-        loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, borderaxespad=0.0, columnspacing=1.4
-    )
+    ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, borderaxespad=0.0, columnspacing=1.4)
 
 
 @styled

@@ -222,9 +222,7 @@ def _legend(figure: Figure, table: pd.DataFrame, layout: Layout) -> None:
 def _special_handles(table: pd.DataFrame) -> list[Line2D]:
     handles = []
     if table["_failed"].any():
-        handles.append(
-            Line2D([], [], ls="none", marker="x", ms=9, mew=2.6, color=FAILED_COLOUR, label="failed")
-        )
+        handles.append(Line2D([], [], ls="none", marker="x", ms=9, mew=2.6, color=FAILED_COLOUR, label="failed"))
     if (table[list(PANELS)].isna().any(axis=1) & ~table["_failed"]).any():
         handles.append(
             Line2D([], [], ls="none", marker="^", ms=8, mew=1.8, color="white", mec=INK, label="not settled")
@@ -246,9 +244,7 @@ def _one_line_a_job(table: pd.DataFrame, axes: list[str]) -> Figure:
         ax.hlines(rows, 0, np.nan_to_num(y), color=MUTED, lw=1.0, alpha=0.6)
         ax.plot(y, rows, "o", color=SERIES[k], ms=6, clip_on=False)
         edge = ax.get_yaxis_transform()
-        ax.plot(
-            np.full(failed.sum(), 0.08), rows[failed], "x", color=FAILED_COLOUR, ms=8, mew=2.4, transform=edge
-        )
+        ax.plot(np.full(failed.sum(), 0.08), rows[failed], "x", color=FAILED_COLOUR, ms=8, mew=2.4, transform=edge)
         missing = np.isnan(y) & ~failed
         ax.plot(
             np.full(missing.sum(), 0.94),

@@ -133,20 +133,15 @@ def _reference(r: ReferenceConfig) -> str:
         "square": lambda: f"square wave of ±{size} mm, period {number(r.period_s)} s",
         "step": lambda: f"one step of {size} mm at {number(r.t_start_s)} s",
         "staircase": lambda: (
-            f"staircase: {r.levels} steps of {number(r.step_mm)} mm up and down, "
-            f"{number(r.dwell_s)} s on each"
+            f"staircase: {r.levels} steps of {number(r.step_mm)} mm up and down, {number(r.dwell_s)} s on each"
         ),
-        "multisine": lambda: (
-            f"multisine of {number(r.rms_mm)} mm rms, {number(r.f_min_hz)} to {number(r.f_max_hz)} Hz"
-        ),
+        "multisine": lambda: f"multisine of {number(r.rms_mm)} mm rms, {number(r.f_min_hz)} to {number(r.f_max_hz)} Hz",
     }[r.kind]()
     return f"{text}, offset {number(r.offset_mm)} mm" if r.offset_mm else text
 
 
 def _sensors(s: SensorsConfig) -> str:
-    parts = [
-        f"noise on {name}: {number(size)} (standard deviation)" for name, size in s.noise.items() if size
-    ]
+    parts = [f"noise on {name}: {number(size)} (standard deviation)" for name, size in s.noise.items() if size]
     parts += [f"resolution of {name}: {number(size)}" for name, size in s.resolution.items() if size]
     return "; ".join(parts) or "ideal: no noise, no quantisation"
 

@@ -195,9 +195,7 @@ def _lbfgsb(cost: _Counted, x0: Array, settings: OptimizerLike, rng: np.random.G
     bounds = cost.bounds()
     start = np.clip(x0, *np.transpose(bounds))
     options = {"gtol": settings.tolerance, "ftol": 1e-14}
-    return _scipy("minimize")(
-        cost.with_gradient, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options
-    )
+    return _scipy("minimize")(cost.with_gradient, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
 
 
 def _nelder_mead(cost: _Counted, x0: Array, settings: OptimizerLike, rng: np.random.Generator) -> Any:
@@ -214,9 +212,7 @@ def _nelder_mead(cost: _Counted, x0: Array, settings: OptimizerLike, rng: np.ran
     return _scipy("minimize")(cost.value, start, method="Nelder-Mead", bounds=bounds, options=options)
 
 
-def _differential_evolution(
-    cost: _Counted, x0: Array, settings: OptimizerLike, rng: np.random.Generator
-) -> Any:
+def _differential_evolution(cost: _Counted, x0: Array, settings: OptimizerLike, rng: np.random.Generator) -> Any:
     """Global search by a population within the physical bounds, then L-BFGS-B from the best member."""
     bounds = cost.bounds()
     members = 8  # per variable; each generation then costs 16 evaluations

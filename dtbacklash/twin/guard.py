@@ -76,9 +76,7 @@ class Attempt:
 
 
 @compiled_allocating
-def profile_point(
-    theta_m: Array, eps_q: Array, half_gap: float, path: Path, settle: int
-) -> tuple[float, float]:
+def profile_point(theta_m: Array, eps_q: Array, half_gap: float, path: Path, settle: int) -> tuple[float, float]:
     """Least cost [m^2] over theta_d0 for one gap, and that theta_d0 [rad]. Arguments as observer.cost.
 
     theta_d0 lies within the gap around theta_m[0]. Where it matters the cost is piecewise quadratic in it, so
@@ -244,9 +242,7 @@ def warm_up(model: TwinModel, optimizer: OptimizerLike) -> None:
     guard.scan()
 
 
-def _attempt(
-    guard: Guard, optimizer: OptimizerLike, start: Start, rng: np.random.Generator | None
-) -> Attempt:
+def _attempt(guard: Guard, optimizer: OptimizerLike, start: Start, rng: np.random.Generator | None) -> Attempt:
     estimate = estimate_gap(guard.problem, optimizer, start, rng)
     verdict = guard.judge(estimate)
     if verdict.accepted:

@@ -58,9 +58,7 @@ class TwinModel:
     noise_colour: float
 
 
-def twin_model(
-    structure: StructureParameters, pole_rad_s: float, sample_time_s: float, settle: int
-) -> TwinModel:
+def twin_model(structure: StructureParameters, pole_rad_s: float, sample_time_s: float, settle: int) -> TwinModel:
     """The observer with all n = 2N eigenvalues at -pole_rad_s [rad/s], sampled every sample_time_s [s]."""
     if not pole_rad_s > 0:
         raise UserError("twin.observer_pole_rad_s", pole_rad_s, "a number above 0")
@@ -231,9 +229,7 @@ def cost_and_gradient(
 
 
 @compiled_allocating
-def start_sensitivity(
-    theta_m: Array, eps_q: Array, half_gap: float, theta_d0: float, path: Path, settle: int
-) -> Array:
+def start_sensitivity(theta_m: Array, eps_q: Array, half_gap: float, theta_d0: float, path: Path, settle: int) -> Array:
     """Output error and its derivative by theta_d0 alone: rows of (2, N - settle), SI; half_gap >= 0."""
     rows = np.empty((4, theta_m.size))
     play_sensitivities(theta_m, half_gap, theta_d0, 0.0, rows)

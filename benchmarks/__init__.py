@@ -1,0 +1,1 @@
+"""How fast the simulation is, beside other ways to do the same, and how safe the guarded twin."""

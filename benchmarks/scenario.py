@@ -1,0 +1,95 @@
+"""The scenarios that are timed, ready to be simulated by any of the contestants."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dtbacklash import closed_loop as loop
+from dtbacklash.config.compose import compose
+from dtbacklash.config.run import RunConfig
+from dtbacklash.control.controllers import Controller, build_controller, new_controller_state
+from dtbacklash.control.design import ControllerDesign, MotorParameters, StructureParameters
+from dtbacklash.physics.assembly import compile_plant
+from dtbacklash.physics.plant import Floats, Plant, new_state
+from dtbacklash.physics.rig import build_rig
+from dtbacklash.scenario import (
+    RunResult,
+    design_for,
+    motor_parameters,
+    run_scenario,
+    structure_parameters,
+)
+from dtbacklash.twin.novelty import NoveltyDesign, novelty_design
+
+PAPER = ("controller=nimc_twin",)
+#: what slow contestants simulate: two moves with the gear in its gap and out of it, a constant gap of 50 deg
+SHORT = (
+    "controller=nimc_fixed", "profile=constant", "profile.start_deg=50", "profile.end_deg=50",
+    "reference.period_s=4", "duration_s=4",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """Inputs, design and parameters of one scenario, and the run that says which estimate was in force when.
+
+    reference_m, gap_rad, gap_hat_rad, q3_m: (N+1,), q3_m as ``dtb run`` finds it.
+    """
+
+    config: RunConfig
+    result: RunResult
+    design: ControllerDesign
+    motor: MotorParameters
+    structure: StructureParameters
+    plant: Plant
+    controller: Controller
+    detector: NoveltyDesign
+    reference_m: Floats
+    gap_rad: Floats
+    gap_hat_rad: Floats
+    q3_m: Floats
+
+    @property
+    def seconds(self) -> float:
+        """Simulated time [s]."""
+        return self.config.duration_s
+
+
+def prepare(*overrides: str) -> Scenario:
+    """Compose, design and run a scenario once."""
+    config = compose(*overrides)
+    rig = build_rig(config.rig)
+    design = design_for(config, rig)
+    assert design is not None
+    result = run_scenario(config)
+    columns = (("r_mm", 1e-3), ("gap_deg", np.pi / 180), ("gap_hat_deg", np.pi / 180), ("q3_mm", 1e-3))
+    arrays = [result.trace[name].to_numpy() * factor for name, factor in columns]
+    return Scenario(
+        config, result, design, motor_parameters(rig), structure_parameters(rig),
+        compile_plant(rig, config.sample_time_s, config.solver.substeps, config.solver.event_levels),
+        build_controller(config.controller, design),
+        novelty_design(config.twin.novelty_filter, design.dominant_frequency_rad_s, config.sample_time_s),
+        *arrays,
+    )  # fmt: skip
+
+
+def ours(scenario: Scenario) -> Floats:
+    """q3 [m] by our compiled loop, segment by segment between changes of the estimate, as ``dtb run`` does it."""
+    n, sensors = scenario.reference_m.size, len(scenario.plant.sensor)
+    signals = loop.Signals(
+        scenario.reference_m, scenario.gap_rad, np.zeros((0, sensors)), np.zeros(sensors)
+    )
+    traces = loop.Traces(*(np.zeros(n) for _ in range(5)), np.zeros((n, sensors)), np.zeros((n, sensors)))
+    state, control_state = new_state(scenario.plant), new_controller_state(scenario.controller)
+    detector = scenario.detector
+    memory = detector.initial_state()
+    edges = [0, *(np.flatnonzero(np.diff(scenario.gap_hat_rad)) + 1), n]
+    for first, stop in zip(edges[:-1], edges[1:], strict=True):
+        loop.run_segment(
+            scenario.plant, state, scenario.controller, control_state, memory,
+            (detector.sos, detector.cos_step, detector.sin_step), signals, traces, (0, 1), int(first), int(stop),
+            float(scenario.gap_hat_rad[first]), (1.0, np.inf), 0.0,
+        )  # fmt: skip
+    return traces.truth[:, 1]

@@ -1,0 +1,107 @@
+"""``dtb recordings``: the public recordings that have a mapping; ``dtb recordings fetch NAME`` gets one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from dtbacklash.errors import UserError
+
+if TYPE_CHECKING:
+    from rich.table import Table as RichTable
+
+    from dtbacklash.recording.mapping import Mapping
+
+HELP = """\
+usage: dtb recordings
+       dtb recordings fetch NAME [FILE]
+
+Lists the recordings that have a mapping (conf/recording/*.yaml): what they are, where they were found, how
+to cite them. fetch downloads the files of one of them from their public source and compares their SHA-256.
+
+A recording is looked for in the folder $DTB_RECORDINGS (also in its subfolder NAME), then in the download
+cache."""
+
+
+def main(words: Sequence[str]) -> int:
+    """Run ``dtb recordings``; returns the exit code."""
+    if any(word in ("-h", "--help", "help") for word in words):
+        print(HELP)
+        return 0
+    if not words:
+        _list()
+        return 0
+    if words[0] != "fetch":
+        raise UserError("argument", words[0], "dtb recordings takes nothing, or fetch NAME")
+    if not 2 <= len(words) <= 3:
+        raise UserError("argument", " ".join(words), "write dtb recordings fetch NAME [FILE]")
+    _fetch(words[1], words[2] if len(words) == 3 else None)
+    return 0
+
+
+def _list() -> None:
+    from rich.markup import escape
+
+    from dtbacklash.commands.console import stdout_console
+    from dtbacklash.recording.mapping import load_mapping, mapping_names
+
+    console = stdout_console()
+    for name in mapping_names():
+        mapping = load_mapping(name)
+        rig, title = escape(mapping.rig or "-"), escape(mapping.title)
+        console.print(f"[bold]{escape(mapping.name)}[/bold] (rig={rig}): {title}", soft_wrap=True)
+        console.print(_files_table(mapping))
+        if mapping.parts:
+            parts = ", ".join(f"recording={mapping.name}:{part}" for part in mapping.parts)
+            console.print(f"  parts    {escape(parts)}", soft_wrap=True)
+        for label, value in (
+            ("licence", mapping.licence),
+            ("cite", mapping.citation),
+            ("page", mapping.page),
+        ):
+            console.print(f"  {label:<8} {escape(value or '-')}", soft_wrap=True)
+        console.print()
+
+
+def _files_table(mapping: Mapping) -> RichTable:
+    """A row a file: name, size, where it was found, what it is."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    from dtbacklash.commands.console import shown_path
+    from dtbacklash.recording import locate
+
+    table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 2))
+    for justify in ("left", "right", "left", "left"):
+        table.add_column(justify=justify, overflow="fold")
+    for name in list(mapping.files) or [mapping.file or "(recording.path=FILE)"]:
+        public = mapping.files.get(name)
+        place = locate.find(mapping, name)
+        where = shown_path(place) if place else "missing"
+        about = public.about if public else ""
+        if name == mapping.file and len(mapping.files) > 1:
+            about += " (the default)"
+        size = f"{public.size_bytes / 1000:.0f} kB" if public else "-"
+        colour = "green" if place else "yellow"
+        table.add_row(escape(name), size, f"[{colour}]{escape(where)}[/]", escape(about))
+    return table
+
+
+def _fetch(name: str, only: str | None) -> None:
+    from dtbacklash.commands.console import progress, shown_path
+    from dtbacklash.recording.fetch import fetch
+    from dtbacklash.recording.mapping import load_mapping, mapping_names
+
+    if name not in mapping_names():
+        raise UserError("recordings", name, "choose one of " + ", ".join(mapping_names()))
+    mapping = load_mapping(name)
+    if not mapping.files:
+        raise UserError("recordings", name, "its mapping names no public source")
+    if only is not None and only not in mapping.files:
+        raise UserError("recordings", only, "choose one of " + ", ".join(mapping.files))
+    for file in mapping.files.values():
+        if only is None or file.name == only:
+            with progress(f"fetching {file.name}") as tick:
+                print(shown_path(fetch(mapping, file, tick)))
+    print(f"licence: {mapping.licence or '-'}")
+    print(f"cite: {mapping.citation or '-'}")
