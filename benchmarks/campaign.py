@@ -40,8 +40,10 @@ from dtbacklash.twin.novelty import NoveltyDesign, novelty_design
 from dtbacklash.twin.observer import TwinModel, twin_model
 
 #: An estimation did harm if the loop is farther from the exact one than with the old estimate by more than this
-#: share of the moves' rms size, a tenth of the band in which a move counts as settled, and the scatter together.
+#: share of the moves' rms size, a tenth of the band in which a move counts as settled ...
 HARM_SHARE = 1e-3
+#: ... and this many times the scatter: a ninth loop may well be farther off than the farthest of eight, but not twice
+HARM_SCATTER = 2.0
 #: exact loops with other noise, from which the scatter is taken ...
 REPEATS = 8
 #: ... and the least noise of a sensor that counts, in counts: no real signal stands still between two of them
@@ -296,6 +298,6 @@ def run_campaign(n: int, seed: int, progress: Callable[[int], None] | None = Non
 
 
 def harmful(table: pd.DataFrame, way: str) -> pd.Series[bool]:
-    """Which cases of a campaign were made worse, ``way`` plain or guarded; see HARM_SHARE."""
-    allowed = HARM_SHARE + 1e-3 * table["scatter_um"] / table["moves_rms_mm"]
+    """Which cases of a campaign were made worse, ``way`` plain or guarded; see HARM_SHARE, HARM_SCATTER."""
+    allowed = HARM_SHARE + HARM_SCATTER * 1e-3 * table["scatter_um"] / table["moves_rms_mm"]
     return ~(table[f"harm_{way}"] <= allowed)

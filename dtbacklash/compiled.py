@@ -1,29 +1,32 @@
 """How the inner loops are compiled: one place for numba's options and for where the compiled code is kept."""
 
-import hashlib
 import os
 from pathlib import Path
 
 import numba
 
+from dtbacklash import sources
 
-def _cache_folder() -> Path:
-    """A folder for this very state of the sources.
+
+def cache_folder() -> Path:
+    """Where compiled code is kept: a folder for this very state of the sources.
 
     numba looks at the file of a function only, not at the files of the functions that it calls; so that a change
-    in one file cannot leave stale code in another, the folder's name is a hash of all the package's sources. It
+    in one file cannot leave stale code in another, the folder's name is a hash of all sources that are compiled. It
     also works where the package itself lies in a folder that cannot be written to.
     """
-    sources = sorted(Path(__file__).parent.rglob("*.py"))
-    digest = hashlib.sha256(numba.__version__.encode())
-    for source in sources:
-        digest.update(source.read_bytes())
+    if chosen := os.environ.get("NUMBA_CACHE_DIR"):
+        return Path(chosen)
     root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(root) / "dtbacklash" / "numba" / digest.hexdigest()[:16]
+    return Path(root) / "dtbacklash" / "numba" / f"{numba.__version__}-{sources.digest(sources.COMPILED)}"
 
 
-if not os.environ.get("NUMBA_CACHE_DIR"):
-    numba.config.CACHE_DIR = str(_cache_folder())
+def is_cold() -> bool:
+    """Whether the first run is still to come, which compiles for about a quarter of a minute."""
+    return not any(cache_folder().rglob("*.nbi"))
+
+
+numba.config.CACHE_DIR = str(cache_folder())
 
 #: Cached on disk, so that only the first run on a machine compiles; no fast-math: results repeat to the last bit.
 #: ``_nrt=False`` takes the counting of references out of the loop: it may not allocate, and a call costs 1 ns

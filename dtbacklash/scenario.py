@@ -50,13 +50,15 @@ ESTIMATE_COLUMNS = [
 class RunResult:
     """What a run gives; the columns are those that ``dtb run`` writes.
 
-    trace : a row a sample. recording : what the sensors saw (t s, r mm, u V, then the sensors). estimates : a row an
-    estimation. summary : JSON-able figures of the run.
+    trace : a row a sample. recording : what the sensors saw (t s, r mm, u V, then the sensors). moves : a row a
+    move, see :func:`dtbacklash.metrics.move_table`. estimates : a row an estimation. summary : JSON-able figures of
+    the run.
     """
 
     config: RunConfig
     trace: pd.DataFrame
     recording: pd.DataFrame
+    moves: pd.DataFrame
     estimates: pd.DataFrame
     summary: dict[str, Any]
 
@@ -333,7 +335,7 @@ def _collect(run: _Run, total_s: float) -> RunResult:
         truth[_column(sensor)] = t.truth[:, j] * factor
         seen[sensor.name] = t.seen[:, j] * factor
     q3 = truth.pop(_column(sensors[run.roles[1]])) if run.roles[1] >= 0 else np.full_like(time_s, math.nan)
-    theta_m = truth.pop("theta_m_rad") if run.roles[0] >= 0 else np.full_like(time_s, math.nan)
+    theta_m = truth.pop(_column(sensors[run.roles[0]])) if run.roles[0] >= 0 else np.full_like(time_s, math.nan)
     trace = pd.DataFrame({
         "t_s": time_s, "r_mm": r_mm, "q3_mm": q3, "u_v": t.u, "theta_m_rad": theta_m, "theta_d_rad": t.theta_d,
         "gap_deg": np.degrees(s.gap), "gap_hat_deg": np.degrees(t.gap_hat), "eps_mm": t.eps * 1e3,
@@ -341,11 +343,15 @@ def _collect(run: _Run, total_s: float) -> RunResult:
     })  # fmt: skip
     recording = pd.DataFrame({"t": time_s, "r": r_mm, "u": t.u, **seen})
     estimates = pd.DataFrame(run.rows, columns=ESTIMATE_COLUMNS)
-    return RunResult(run.config, trace, recording, estimates, _summary(run, trace, estimates, total_s))
+    moves = metrics.move_table(trace if closed else trace.iloc[:0])  # in open loop r is no target of q3
+    summary = _summary(run, trace, moves, estimates, total_s)
+    return RunResult(run.config, trace, recording, moves, estimates, summary)
 
 
-def _summary(run: _Run, trace: pd.DataFrame, estimates: pd.DataFrame, total_s: float) -> dict[str, Any]:
-    moves = metrics.move_table(trace)
+def _summary(
+    run: _Run, trace: pd.DataFrame, moves: pd.DataFrame, estimates: pd.DataFrame, total_s: float
+) -> dict[str, Any]:
+    closed = run.config.controller.structure != "open_loop"
     return {
         "controller": run.config.controller.name,
         "n_moves": len(moves),
@@ -355,7 +361,7 @@ def _summary(run: _Run, trace: pd.DataFrame, estimates: pd.DataFrame, total_s: f
         # a move that does not settle has no settling time, and then the worst one has none either
         "settling_time_s_max": float(moves["settling_time_s"].max(skipna=False)) if len(moves) else None,
         "peak_voltage_v": float(trace["u_v"].abs().max()),
-        "tracking_rms_mm": metrics.tracking_rms_mm(trace),
+        "tracking_rms_mm": metrics.tracking_rms_mm(trace) if closed else None,
         "seconds_simulated": float(trace["t_s"].iloc[-1]),
         "moves": moves.to_dict("records"),
         "estimates": estimates.to_dict("records"),

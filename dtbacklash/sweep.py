@@ -94,7 +94,7 @@ def job(config: DictConfig, folder: Path, command: str) -> None:
     try:
         settings = load(config)
         mark = fingerprint(settings)
-        result, _ = simulate_and_write(settings, folder, command)
+        result = simulate_and_write(settings, folder, command)
         found = {name: result.summary.get(name) for name in FIGURES_OF_MERIT}
         write_status(folder, {"status": "done", "fingerprint": mark, "figures": found})
     except UserError as error:

@@ -14,24 +14,20 @@ import pandas as pd
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
-from dtbacklash.commands.console import number, shown_path, stdout_console
+from dtbacklash.commands.console import announce_compilation, shown_path, stdout_console
 from dtbacklash.runfolder import PARTIAL, hidden_sibling
 
 if TYPE_CHECKING:
     from dtbacklash.sweep import Job
 
 POLL_S = 0.25
-SHORT = {
-    "overshoot_pct_max": "overshoot [%]", "settling_time_s_max": "settling [s]", "peak_voltage_v": "peak [V]",
-    "n_estimations": "estimates", "n_accepted": "accepted",
-}  # fmt: skip
 
 
 @contextmanager
 def watch(missing: list[Job], total: int) -> Iterator[None]:
     """Show on stderr how many jobs are done, by their status files, whoever runs them and wherever."""
+    announce_compilation()
     console = Console(stderr=True)
     stop = threading.Event()
     kept = total - len(missing)
@@ -117,17 +113,10 @@ def _refused(one: Job) -> dict[str, Any]:
 
 
 def _print(folder: Path, table: pd.DataFrame, axes: list[str], kept: int) -> None:
+    from dtbacklash.report import tables
+
     console = stdout_console()
-    shown = Table(box=None, pad_edge=False)
-    for axis in axes:
-        shown.add_column(escape(axis), overflow="fold")
-    for head in SHORT.values():
-        shown.add_column(escape(head), justify="right")
-    shown.add_column("status")
-    for row in table.to_dict("records"):
-        figures = (number(None if pd.isna(row[name]) else row[name]) for name in SHORT)
-        shown.add_row(*(escape(str(row[axis])) for axis in axes), *figures, row["status"])
-    console.print(shown)
+    tables.show(tables.sweep(table.drop(columns="error"), axes), "")
     for row in table[table["status"] != "done"].to_dict("records"):
         choices = ", ".join(f"{axis}={row[axis]}" for axis in axes)
         print(f"dtb: job {choices} failed: {row['error']}", file=sys.stderr)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import os
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,7 +14,6 @@ import pandas as pd
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
 PATIENCE_S = 2.0  # what is quicker needs no progress bar
 WIDTH_ELSEWHERE = 120
@@ -49,17 +48,28 @@ def progress(what: str) -> Iterator[Callable[[float], None]]:
             bar.stop()
 
 
+def announce_compilation() -> None:
+    """Say why the first run takes longer than the others."""
+    from dtbacklash.compiled import is_cold
+
+    if is_cold():
+        print("dtb: compiling the simulation, once on this machine (about 20 s)", file=sys.stderr, flush=True)
+
+
 def stdout_console() -> Console:
     """Return a console for results, as wide as the terminal, or wide enough for a table in a file."""
     console = Console(highlight=False)
     return console if console.is_terminal else Console(highlight=False, width=WIDTH_ELSEWHERE)
 
 
-def print_run(summary: dict[str, Any], moves: pd.DataFrame, folder: Path) -> None:
-    """Print the moves, one line that sums them up, and where the report is."""
+def print_run(summary: dict[str, Any], moves: pd.DataFrame, estimates: pd.DataFrame, folder: Path) -> None:
+    """Print the moves, the estimates, one line that sums them up, and where the report is."""
+    from dtbacklash.report import tables
+
+    shown = [table(frame) for table, frame in ((tables.moves, moves), (tables.estimates, estimates)) if len(frame)]
+    for table in shown:
+        tables.show(table, "")
     console = stdout_console()
-    if len(moves):
-        console.print(_moves_table(moves))
     console.print(escape(_summary_line(summary)), soft_wrap=True)
     report = folder / "report.html"
     console.print(escape(shown_path(report)), soft_wrap=True)
@@ -71,34 +81,16 @@ def shown_path(path: Path) -> str:
     return str(path) if relative.startswith("..") else relative
 
 
-def number(value: Any, digits: int = 3) -> str:
-    """Format a value of a table: a dash for what is missing."""
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return "-"
-    return f"{value:.{digits}g}" if isinstance(value, float) else str(value)
-
-
-def _moves_table(moves: pd.DataFrame) -> Table:
-    table = Table(box=None, pad_edge=False)
-    heads = {
-        "move": "move", "t_s": "t [s]", "from_mm": "from [mm]", "to_mm": "to [mm]",
-        "overshoot_pct": "overshoot [%]", "settling_time_s": "settling [s]", "peak_voltage_v": "peak [V]",
-    }  # fmt: skip
-    for head in heads.values():
-        table.add_column(escape(head), justify="right")
-    for row in moves[list(heads)].itertuples(index=False):
-        table.add_row(*(number(float(value)) for value in row))
-    return table
-
-
 def _summary_line(summary: dict[str, Any]) -> str:
-    parts = [
-        f"{summary.get('controller')}: overshoot at most {number(summary.get('overshoot_pct_max'))} %",
-        f"settling at most {number(summary.get('settling_time_s_max'))} s",
-        f"peak {number(summary.get('peak_voltage_v'))} V",
-    ]
+    from dtbacklash.report.numbers import number
+
+    parts = [f"peak {number(summary.get('peak_voltage_v'))} V"]
+    if summary.get("n_moves"):
+        settling = number(summary.get("settling_time_s_max"), missing="not reached by every move;")
+        parts.insert(0, f"overshoot at most {number(summary.get('overshoot_pct_max'))} %")
+        parts.insert(1, f"settling at most {settling} s")
     if summary.get("n_estimations"):
         parts.append(f"{summary.get('n_accepted')} of {summary.get('n_estimations')} estimates accepted")
     wall = summary.get("wall_s", {})
     parts.append(f"{number(summary.get('seconds_simulated'))} s simulated in {number(wall.get('total'))} s")
-    return ", ".join(parts)
+    return f"{summary.get('controller')}: " + ", ".join(parts)

@@ -76,15 +76,16 @@ def task(config: DictConfig) -> None:
 
 
 def command_line(overrides: Sequence[str]) -> str:
-    """Return the command that repeats a run with these overrides, quoted for a shell."""
-    return shlex.join(["dtb", "run", *overrides])
+    """Return the command that repeats a run with these overrides, as a person writes them, quoted for a shell."""
+    return shlex.join(["dtb", "run", *(word.removeprefix("++") for word in overrides)])
 
 
 def single(config: RunConfig, folder: Path, command: str) -> None:
     """Simulate ``config``, write its folder and tell the user."""
     from dtbacklash.commands import console, run_files
 
+    console.announce_compilation()
     with console.progress("simulating") as tick:
-        result, moves = run_files.simulate_and_write(config, folder, command, tick)
-    console.print_run(result.summary, moves, folder)
+        result = run_files.simulate_and_write(config, folder, command, tick)
+    console.print_run(result.summary, result.moves, result.estimates, folder)
     sys.stdout.flush()

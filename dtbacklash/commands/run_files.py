@@ -11,8 +11,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import pandas as pd
-
 from dtbacklash import __version__
 from dtbacklash.config.load import fingerprint, plain
 from dtbacklash.config.run import RunConfig
@@ -27,7 +25,7 @@ LIBRARIES = ("numpy", "scipy", "numba", "control", "pandas", "hydra-core", "matp
 
 def simulate_and_write(
     config: RunConfig, folder: Path, command: str, progress: Callable[[float], None] | None = None
-) -> tuple[RunResult, pd.DataFrame]:
+) -> RunResult:
     """Run ``config`` and put its results into ``folder``, complete or not at all.
 
     Parameters
@@ -37,29 +35,28 @@ def simulate_and_write(
 
     Returns
     -------
-    The result and its table of moves.
+    The result.
 
     Raises
     ------
     UserError : the folder or the recording cannot be written; the loop diverged (:class:`Diverged`).
     """
-    from dtbacklash import metrics, scenario
+    from dtbacklash import scenario
     from dtbacklash.report import run_report
 
     with run_folder(folder) as scratch:
         result = scenario.run_scenario(config, progress)
-        moves = metrics.move_table(result.trace)
         result.summary |= {"command": command, **provenance(config)}
-        _write_data(result, moves, scratch)
-        run_report.write(result, moves, scratch)
+        _write_data(result, scratch)
+        run_report.write(result, result.moves, scratch)
         _save_recording(config, result)
-    return result, moves
+    return result
 
 
-def _write_data(result: RunResult, moves: pd.DataFrame, folder: Path) -> None:
+def _write_data(result: RunResult, folder: Path) -> None:
     text = json.dumps(json_able(result.summary), indent=2, allow_nan=False)
     (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
-    moves.to_csv(folder / "metrics.csv", index=False)
+    result.moves.to_csv(folder / "metrics.csv", index=False)
     result.estimates.to_csv(folder / "estimates.csv", index=False)
     result.trace.to_parquet(folder / "trace.parquet", index=False)
 

@@ -12,7 +12,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from dtbacklash import __version__
+from dtbacklash import sources
 from dtbacklash.config.run import RunConfig
 from dtbacklash.errors import UserError
 
@@ -93,9 +93,9 @@ def plain(config: RunConfig) -> dict[str, Any]:
 
 
 def fingerprint(config: RunConfig) -> str:
-    """Return a hash of all that decides the result: settings, content of input files, version."""
+    """Return a hash of all that decides the result: settings, content of input files, the code."""
     settled = plain(config)
-    settled["version"] = __version__
+    settled["code"] = sources.digest()
     del settled["recording"]
     for section in ("profile", "reference"):
         path = settled[section].pop("path")

@@ -8,7 +8,6 @@ import pandas as pd
 
 from dtbacklash.config.compose import compose
 from dtbacklash.control.design import ControllerDesign, MotorParameters, StructureParameters
-from dtbacklash.metrics import move_table
 from dtbacklash.physics.laws import play
 from dtbacklash.physics.plant import Floats
 from dtbacklash.physics.rig import build_rig
@@ -61,7 +60,7 @@ def run_experiments(progress: Callable[[float], None] | None = None) -> Experime
     rig = build_rig(config.rig)
     design = design_for(config, rig)
     assert design is not None
-    moves = {name: move_table(run.trace) for name, run in runs.items()}
+    moves = {name: run.moves for name, run in runs.items()}
     return Experiments(runs, moves, play_under_growing_sine(), design, motor_parameters(rig), structure_parameters(rig))
 
 

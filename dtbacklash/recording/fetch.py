@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import io
-import shutil
 import urllib.error
 import urllib.request
 import zipfile
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from dtbacklash import __version__
@@ -92,11 +92,12 @@ def _write(target: Path, content: bytes) -> None:
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         scratch.write_bytes(content)
-        shutil.move(scratch, target)
+        scratch.replace(target)
     except OSError as error:
         raise UserError("XDG_CACHE_HOME", target.parent, f"cannot be written: {reason(error)}") from error
     finally:
-        scratch.unlink(missing_ok=True)
+        with suppress(OSError):
+            scratch.unlink()
 
 
 def _why(error: Exception) -> str:

@@ -46,8 +46,7 @@ def resolve(source: str, path: str | None) -> tuple[Path, Mapping | None, str, s
 
     Returns
     -------
-    the file, its mapping (None: plain columns), the part asked for (empty: none), and the key to name in
-    errors.
+    the file, its mapping (None: plain columns), the part asked for (empty: none), the key to name in errors.
 
     Raises
     ------

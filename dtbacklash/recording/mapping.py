@@ -113,8 +113,8 @@ class _Mistake(Exception):
 
 def _build(name: str, data: dict[str, Any]) -> Mapping:
     known = {
-        "command", "name", "title", "rig", "citation", "licence", "page", "file", "files", "time", "sample_time_s", "channels",
-        "parts", "notes",
+        "name", "title", "rig", "citation", "licence", "page", "file", "files", "time", "sample_time_s", "command",
+        "channels", "parts", "notes",
     }  # fmt: skip
     for key, value in data.items():
         if key not in known:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.signal import detrend
 
 from dtbacklash.recording.command import refined
 from dtbacklash.recording.model import Floats, Recording, Refused
@@ -24,7 +25,7 @@ FACTORS = {
 SCALE_TOLERANCE = 0.05  # of a ratio of sizes: sizes alone say little
 SIGNAL_TOLERANCE = 0.5  # of a ratio of two signals that have the same shape: no missing physics makes a factor 500
 SAME_SHAPE = 0.95  # correlation from which two signals have the same shape
-BLOCKS = 400  # signals are compared as the changes between this many blocks, so that a drift does not count
+BLOCKS = 400  # for the changes of a signal over time
 
 Expectation = float | Floats
 
@@ -34,10 +35,9 @@ def check_units(recording: Recording, expect: Mapping[str, Expectation]) -> None
 
     Parameters
     ----------
-    expect : channel -> its rms size about its mean in SI, or (N,) the signal that a nominal model gives. A
-    ratio
-        of sizes must lie within 5 % of a factor; where two signals have the same shape (correlation of their
-        changes above 0.95), within a factor 1.5.
+    expect : channel -> its rms size about its mean in SI, or (N,) the signal that a nominal model gives. A ratio
+        of sizes must lie within 5 % of a factor; where two signals have the same shape (correlation
+        above 0.95), within a factor 1.5.
 
     Raises
     ------
@@ -59,16 +59,16 @@ def _ratio(values: Floats, expected: Expectation) -> tuple[float, float]:
     if isinstance(expected, (int, float)):
         return (float(np.std(values)) / expected if expected > 0.0 else 0.0), SCALE_TOLERANCE
     n = min(len(values), len(expected))
-    a, b = _changes(values[:n]), _changes(np.asarray(expected[:n], dtype=float))
-    size_a, size_b = float(np.linalg.norm(a)), float(np.linalg.norm(b))
-    if not (size_a > 0.0 and size_b > 0.0 and math.isfinite(size_b)):
-        return 0.0, SIGNAL_TOLERANCE
-    same = float(a @ b) / (size_a * size_b) > SAME_SHAPE
-    return (size_a / size_b if same else 0.0), SIGNAL_TOLERANCE
+    for form in (_changes, detrend):
+        a, b = form(values[:n]), form(np.asarray(expected[:n], dtype=float))
+        size_a, size_b = float(np.linalg.norm(a)), float(np.linalg.norm(b))
+        if size_a * size_b > 0.0 and math.isfinite(size_b) and float(a @ b) > SAME_SHAPE * size_a * size_b:
+            return size_a / size_b, SIGNAL_TOLERANCE
+    return 0.0, SIGNAL_TOLERANCE
 
 
 def _changes(values: Floats) -> Floats:
-    """Differences between the means of consecutive blocks."""
+    """Differences between the means of consecutive blocks: blind to a drift."""
     length = max(1, len(values) // BLOCKS)
     blocks = values[: len(values) // length * length].reshape(-1, length).mean(axis=1)
     return np.diff(blocks)

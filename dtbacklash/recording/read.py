@@ -13,7 +13,7 @@ from dtbacklash.errors import UserError
 from dtbacklash.recording import channels as checks
 from dtbacklash.recording import locate, timebase, units
 from dtbacklash.recording.command import HELD
-from dtbacklash.recording.mapping import Mapping
+from dtbacklash.recording.mapping import Mapping, load_mapping, mapping_names
 from dtbacklash.recording.model import Floats, Recording, Refused, split
 from dtbacklash.recording.plausible import Expectation, check_units, expectations
 from dtbacklash.recording.tables import Table, load, read_table
@@ -49,8 +49,8 @@ def read_recording(
 
     Parameters
     ----------
-    source : the path of a file with plain columns; or the name of a mapping, ``name:part`` for one of its
-    parts. mapping : a mapping to read the file ``source`` with.
+    source : the path of a file with plain columns; or the name of a mapping, ``name:part`` for one of its parts.
+    mapping : a mapping to read the file ``source`` with.
     path : the file of a mapping, where it is not in the usual places; or the name of one of its public files.
     part : the part of the mapping to use; None: its part ``train`` if it has one, else all; "": all.
     rig : tells which sensors there are and in which units, and what signals to expect.
@@ -60,8 +60,7 @@ def read_recording(
     Raises
     ------
     UserError : with the key ``recording`` or ``recording.path``: nothing there, nothing readable, or a
-    defect that
-        cannot be handled.
+        defect that cannot be handled.
     """
     if mapping is not None:
         source, path = mapping, str(source)
@@ -94,7 +93,8 @@ def read_pair(
     if validation is None:
         return split(recording, share)
     name = str(source).partition(":")[0]
-    own = Path(str(validation)).is_file() and not Path(str(source)).is_file()
+    mapped = not Path(str(source)).is_file() and name in mapping_names()
+    own = mapped and (Path(str(validation)).is_file() or str(validation) in load_mapping(name).files)
     try:
         held_out = read_recording(
             validation, name if own else None, part="" if own else None, rig=rig, sample_time_s=sample_time_s
@@ -164,7 +164,8 @@ def _plain(table: Table, rig: Rig | None) -> _Picked:
     picked = _Picked(None, table.constants.get("dt"), {}, {}, [])
     unused = []
     for column, values in table.columns.items():
-        found = units.parse(column, sensors, table.units.get(column, ""))
+        inner = column.rpartition(".")[2]  # of a structure
+        found = units.parse(inner, sensors, table.units.get(column, ""))
         if found is None:
             unused.append(column)
             continue
@@ -244,7 +245,8 @@ def _defects(values: dict[str, Floats], t_s: Floats) -> list[str]:
     for name, column in values.items():
         if name == REFERENCE:
             continue
-        found.append(checks.clipping(name, column))
-        if name != COMMAND:
+        clipped = checks.clipping(name, column)
+        found.append(clipped)
+        if name != COMMAND and clipped is None:
             found.append(checks.hanging(name, column, values.get(COMMAND), t_s))
     return [note for note in found if note]

@@ -120,10 +120,12 @@ def _header(lines: list[str], delimiter: str, width: int) -> tuple[list[str], li
         bare = line.strip()
         for sign in COMMENTS:
             bare = bare.removeprefix(sign).strip()
-        fields = _fields(bare, delimiter)
-        padded = fields + [""] * (width - len(fields))
-        if bare and len(padded) == width and width - len(fields) <= 1:
-            candidates.append(padded)
+        splits = [_fields(bare, delimiter)]
+        if bare != line.strip():  # a commented header often has blanks or commas where the numbers have tabs
+            splits += [_fields(bare, _SPACE), _fields(bare, ",")]
+        fields = next((fields for fields in splits if fields and 0 <= width - len(fields) <= 1), None)
+        if bare and fields is not None:
+            candidates.append(fields + [""] * (width - len(fields)))
     if not candidates:
         return [""] * width, [""] * width
     last = [field.strip("[]()") for field in candidates[-1]]

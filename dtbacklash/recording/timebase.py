@@ -37,7 +37,7 @@ def constant_step(rows: int, sample_time_s: float) -> Grid:
     """The grid of a recording without a time column."""
     check_length(rows)
     _check_step(sample_time_s)
-    t_s: Floats = sample_time_s * np.arange(rows)
+    t_s = np.arange(rows) * np.float64(sample_time_s)
     return Grid(np.arange(rows), t_s, t_s, sample_time_s, False, [])
 
 
@@ -66,7 +66,9 @@ def uniform_grid(stamps_s: Floats) -> Grid:
         return grid
     double = np.flatnonzero(np.diff(t) == 0.0) + 1
     if len(double) > BAD_STAMPS_MAX * len(t):
-        raise Refused(f"{len(double)} of {len(t)} rows repeat the time of the row before")
+        raise Refused(
+            f"{len(double)} of {len(t)} rows repeat the time of the row before: is it written with enough digits?"
+        )
     if len(double):
         rows, t = np.delete(rows, double), np.delete(t, double)
         verb = "repeats" if len(double) == 1 else "repeat"
@@ -108,13 +110,16 @@ def _rounded(rows: np.ndarray, t: Floats, notes: list[str]) -> Grid | None:
     line = t[0] + step * np.arange(len(t))
     off = float(np.abs(t - line).max())
     if off > UNIFORM * step:
+        steps = np.diff(t)
+        if np.mean(np.abs(steps - np.median(steps)) > UNIFORM * step) < ODD_SHARE_MAX:
+            return None  # rounding shows everywhere; here single rows are amiss
         digits = next((d for d in range(10) if np.abs(t - np.round(t, d)).max() < 1e-9 * max(1.0, abs(t[-1]))), None)
         if digits is None or digits > 8:
             return None
         k = np.arange(len(t))
         step, start = np.polyfit(k, t, 1)
         off = float(np.abs(t - (start + step * k)).max())
-        if off > 0.75 * 10.0**-digits or off > 3 * step:
+        if off > 0.6 * 10.0**-digits or 10.0**-digits >= step:
             return None
         line = start + step * k
         notes.append(

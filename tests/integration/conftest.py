@@ -14,6 +14,7 @@ import pytest
 from hydra.core.global_hydra import GlobalHydra
 
 from dtbacklash import cli, signals
+from dtbacklash.metrics import move_table
 
 
 @dataclass
@@ -22,6 +23,7 @@ class StandIn:
 
     config: Any
     trace: pd.DataFrame
+    moves: pd.DataFrame
     estimates: pd.DataFrame
     summary: dict
     recording: pd.DataFrame
@@ -57,14 +59,14 @@ def pretend(config, progress=None):
         "wall_s",
     ]
     summary = {
-        "controller": config.controller.name, "n_estimations": 0, "n_accepted": 0,
+        "controller": config.controller.name, "n_moves": 1, "n_estimations": 0, "n_accepted": 0,
         "overshoot_pct_max": np.float64(config.twin.delay_s), "settling_time_s_max": float("nan"),
         "peak_voltage_v": 4.5, "moves": [], "estimates": [], "seconds_simulated": config.duration_s,
         "wall_s": {"simulate": 0.0, "estimate": 0.0, "total": 0.0},
     }  # fmt: skip
     recording = pd.DataFrame({"t": t_s, "r": r_mm, "u": r_mm, "theta_m": r_mm, "q3": r_mm})
     trace = pd.DataFrame(dict(zip(names, columns, strict=True)))
-    return StandIn(config, trace, pd.DataFrame(columns=heads), summary, recording)
+    return StandIn(config, trace, move_table(trace), pd.DataFrame(columns=heads), summary, recording)
 
 
 @pytest.fixture
@@ -112,6 +114,4 @@ def process(tmp_path):
 @pytest.fixture
 def files():
     """List the files below a folder, hidden ones too."""
-    return lambda folder: sorted(
-        str(path.relative_to(folder)) for path in Path(folder).rglob("*") if path.is_file()
-    )
+    return lambda folder: sorted(str(path.relative_to(folder)) for path in Path(folder).rglob("*") if path.is_file())

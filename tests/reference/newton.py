@@ -107,6 +107,7 @@ class Machine:
     # what changes
     gear: int = FREE
     held: float = 0.0  # the screw's angle while the gear is free
+    resting: int = 0  # the side on which a motor leans that cannot push the load on; the self-locking screw stands
     drive: float = 0.0
     gap: tuple[float, float, float] = (0.0, 0.0, 0.0)  # at time, half-gap, its rate
 
@@ -175,7 +176,18 @@ class Machine:
             out[body.v] = effort[name] / body.inertia
         if self.screw and self.screw.share and self.gear != FREE:
             self._react(t, x, effort, out)
+        if self.resting:
+            out[self.bodies[self.rotor].v] = 0.0
         return out
+
+    def leaning(self, t: float, x: list[float], side: int) -> tuple[float, float]:
+        """Acceleration of the motor towards ``side`` without the screw, and with it."""
+        before, found = (self.gear, self.resting), []
+        self.resting = 0
+        for self.gear in (FREE, side):
+            found.append(side * self.rates(t, x)[self.bodies[self.rotor].v])
+        self.gear, self.resting = before
+        return found[0], found[1]
 
     def _link_force(self, link: Link, t: float, x: list[float], where: dict, out: list[float]) -> float:
         (qa, va), (qb, vb) = where[link.a], where[link.b]

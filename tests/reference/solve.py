@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 
 #: the electrical time constant is 0.1 ms: no step longer than this, so that no event can hide in one
 LONGEST_STEP_S = 1e-3
+STEP_AFTER_EVENT_S, SHORTEST_STEP_S = 1e-6, 1e-12
 #: lengths are integrated in millimetres, so that one absolute tolerance suits angles, currents and lengths
 MILLI = 1e-3
 
@@ -52,7 +53,10 @@ class _Run:
         sticking = any(c.mode == 0 and c.b == it.rotor for c in it.contacts)
         if it.screw and it.rotor and it.gear != RIGID:
             rotor = it.bodies[it.rotor]
-            if it.gear == FREE:
+            if it.resting:
+                found.append(lambda t, y: it.leaning(t, self.si(y), it.resting)[0])
+                found.append(lambda t, y: -it.leaning(t, self.si(y), it.resting)[1])
+            elif it.gear == FREE:
                 found.append(lambda t, y: it.half_gap(t) - (y[rotor.q] - it.held))
                 found.append(lambda t, y: it.half_gap(t) + (y[rotor.q] - it.held))
             elif not sticking:
@@ -79,7 +83,9 @@ class _Run:
             sticking = any(c.mode == 0 and c.b == it.rotor for c in it.contacts)
             gear = 2 if it.gear == FREE else (0 if sticking else 1)
             if which < gear:
-                if it.gear == FREE:
+                if it.resting:
+                    it.gear, it.resting = (FREE if which == 0 else it.resting), 0
+                elif it.gear == FREE:
                     self._close(1 if which == 0 else -1, t, y)
                 else:
                     self._open(t, y)
@@ -115,9 +121,13 @@ class _Run:
                 contact.mode = 1 if slip > 0.0 else -1
 
     def _open(self, t: float, y: Array) -> None:
+        """The screw stops where it is; a motor that is only too weak for the load leans on it."""
         it = self.machine
-        it.held = it.screw_angle(t, y)[0]
+        side, it.held = it.gear, it.screw_angle(t, y)[0]
         it.gear = FREE
+        if it.screw.share and it.leaning(t, self.si(y), side)[0] > 0.0:
+            it.resting = side
+            y[it.bodies[it.rotor].v] = side * it.gap[2]
 
     def _align(self, t: float, y: Array, contact) -> None:
         """Take the last rounding error out of the slip of a contact that has come to rest."""
@@ -139,6 +149,10 @@ class _Run:
                     contact.mode, changed = (-1 if force > 0.0 else 1), True
             if not changed:
                 break
+        if it.resting:
+            free, loaded = it.leaning(t, self.si(y), it.resting)
+            if free < 0.0 or loaded > 0.0:
+                it.gear, it.resting = (FREE if free < 0.0 else it.resting), 0
         if it.gear in (1, -1):
             rotor = it.bodies[it.rotor]
             turns = y[rotor.v]
@@ -163,7 +177,7 @@ class _Run:
                 lambda s, z: np.array(it.rates(s, self.si(z))) / self.scale, (t, t1), y, method="DOP853",
                 t_eval=np.append(at, t1) if at.size == 0 or at[-1] < t1 else at,
                 events=self.margins() or None, rtol=self.rtol, atol=self.atol,
-                max_step=LONGEST_STEP_S, first_step=step,
+                max_step=LONGEST_STEP_S, first_step=step and min(step, t1 - t),
             )  # fmt: skip
             assert out.success, out.message
             ended = out.status == 1
@@ -179,8 +193,12 @@ class _Run:
             if not ended:
                 return out.y[:, -1]
             which = next(j for j, times in enumerate(out.t_events) if len(times))
+            # a contact that has just broken loose comes to rest again so soon that the first step misses the slip
+            no_progress = out.t_events[which][0] == t and step is not None and step > SHORTEST_STEP_S
+            step = step / 100.0 if no_progress else STEP_AFTER_EVENT_S
             t, y = float(out.t_events[which][0]), out.y_events[which][0].copy()
-            self.cross(which, t, y)
+            if not no_progress:
+                self.cross(which, t, y)
         return y
 
 

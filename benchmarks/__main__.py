@@ -1,0 +1,107 @@
+"""``python -m benchmarks [name ...]``: run the benchmarks, print their tables, write them as CSV and JSON."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks import speed
+from benchmarks.campaign import run_campaign
+from benchmarks.guard import guard_rows, guard_words
+from benchmarks.measure import Row
+
+TITLES = {
+    "loop": "200 s of the paper's scenario: our loop beside a hand-written one with ten substeps a sample",
+    "libraries": "The loop with a constant gap, 4 s: general libraries beside both compiled loops",
+    "estimate": "One estimate of the gap (1000 samples), nine buffers of the paper's scenario",
+    "linearity": "Time over simulated time",
+    "process": "Whole processes, warm caches",
+    "guard": "The twin with and without its guard in the closed loop, random starts, noises, gaps and buffers",
+}
+SPEED: dict[str, Callable[[], list[Row]]] = {
+    "loop": speed.loop_rows,
+    "libraries": speed.library_rows,
+    "estimate": speed.estimate_rows,
+    "linearity": speed.linearity_rows,
+    "process": speed.process_rows,
+}
+
+
+def main() -> int:
+    """Run what was asked for; exit code 1 if a limit is not met."""
+    options = _options()
+    names = options.names or list(TITLES)
+    console = Console(highlight=False)
+    console = console if console.is_terminal else Console(highlight=False, width=160)
+    options.out.mkdir(parents=True, exist_ok=True)
+    results: dict[str, Any] = {"machine": _machine()}
+    for name in names:
+        words: list[str] = []
+        if name == "guard":
+            table = run_campaign(options.n, options.seed)
+            table.to_csv(options.out / "guard_cases.csv", index=False)
+            rows, words = guard_rows(table), guard_words(table, options.seed)
+        else:
+            rows = SPEED[name]()
+        console.print(_table(TITLES[name], rows))
+        for line in words:
+            console.print(line, soft_wrap=True)
+        console.print()
+        pd.DataFrame(rows).to_csv(options.out / f"{name}.csv", index=False)
+        results[name] = rows
+    (options.out / "benchmarks.json").write_text(json.dumps(results, indent=2, default=float) + "\n", encoding="utf-8")
+    failed = [f"{name}: {row['what']}" for name in names for row in results[name] if row.get("pass") == "no"]
+    console.print(f"written to {options.out}; beyond their limits: {', '.join(failed) or 'none'}")
+    return 1 if failed else 0
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="name", help="all by default; of " + ", ".join(TITLES))
+    parser.add_argument("--n", type=int, default=1000, help="cases of the guard's campaign")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the guard's campaign")
+    parser.add_argument("--out", type=Path, default=Path("outputs/benchmarks"), help="folder of the results")
+    options = parser.parse_args()
+    if unknown := [name for name in options.names if name not in TITLES]:
+        parser.error(f"no benchmark {unknown[0]!r}; choose of " + ", ".join(TITLES))
+    return options
+
+
+def _machine() -> dict[str, Any]:
+    return {
+        "python": platform.python_version(),
+        "system": platform.platform(),
+        "processors": os.cpu_count(),
+        "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
+    }
+
+
+def _table(title: str, rows: list[Row]) -> Table:
+    """The rows as a table for people: three significant digits, units in the heads."""
+    table = Table(title=title, title_justify="left")
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    for column in columns:
+        table.add_column(column.replace("_", " "), justify="left" if column in ("what", "pass") else "right")
+    for row in rows:
+        table.add_row(*(_cell(row.get(column)) for column in columns))
+    return table
+
+
+def _cell(value: Any) -> str:
+    if value is None:
+        return ""
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,67 @@
+"""What a diagnosis works on: recordings, blocks and the noise floor, and the loss of a rig on them."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dtbacklash.diagnose.compare import Block, Record, cut, places_of, residual
+from dtbacklash.diagnose.floor import noise_floor
+from dtbacklash.physics.plant import Floats
+from dtbacklash.physics.rig import Rig
+
+#: the paired test compares losses over stretches of this length, s
+STRETCH_S = 0.5
+#: at least this many stretches judge, even of a short recording
+STRETCHES_MIN = 12
+
+Residuals = dict[str, list[Floats]]
+
+
+@dataclass
+class Evidence:
+    """Recordings, the blocks into which the rig is cut, and the noise floor of every channel."""
+
+    records: list[Record]
+    blocks: list[Block]
+    floor: dict[str, Floats]
+    settle: int = 0
+    _stretch: int = field(default=0)
+
+    @classmethod
+    def gather(cls, rig: Rig, records: list[Record]) -> "Evidence":
+        """Cut the rig and measure the floor."""
+        channels = tuple(set.intersection(*(set(r.y) for r in records)))
+        step = records[0].sample_time_s
+        blocks = cut(rig, channels, step)
+        held = sum(int(r.held.sum()) for r in records)
+        stretch = max(20, min(round(STRETCH_S / step), held // STRETCHES_MIN))
+        return cls(records, blocks, noise_floor(rig, blocks, records), 0, stretch)
+
+    def residuals(self, rig: Rig, known: Residuals | None = None, places: set[str] | None = None) -> Residuals:
+        """Per block and record, (N, channels) residuals in units of the floor.
+
+        ``known`` are the residuals of a rig that differs at ``places`` only: blocks that do not hold one are copied.
+        """
+        found: Residuals = {}
+        for block in self.blocks:
+            if known is not None and places is not None and not places & places_of(rig, block):
+                found[block.name] = known[block.name]
+            else:
+                scale = self.floor[block.name]
+                found[block.name] = [residual(rig, block, r) / scale for r in self.records]
+        return found
+
+    def rows(self, residuals: Residuals, name: str, part: str) -> Floats:
+        """(channels, samples) of one block's residuals in a part: ``train`` or ``held``."""
+        chosen = [e[getattr(r, part)] for e, r in zip(residuals[name], self.records, strict=True)]
+        return np.concatenate(chosen).T
+
+    def mean_square(self, residuals: Residuals, part: str) -> dict[str, Floats]:
+        """Per block, (channels,) mean square in units of the floor's."""
+        return {b.name: np.mean(self.rows(residuals, b.name, part) ** 2, axis=1) for b in self.blocks}
+
+    def stretches(self, residuals: Residuals, name: str, part: str = "held") -> Floats:
+        """(channels, stretches) mean squares over stretches of a part, in units of the floor's."""
+        squares = self.rows(residuals, name, part) ** 2
+        whole = squares.shape[1] // self._stretch * self._stretch
+        return squares[:, :whole].reshape(len(squares), -1, self._stretch).mean(axis=2)

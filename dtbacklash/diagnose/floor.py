@@ -1,0 +1,83 @@
+"""The noise floor, from the recording itself: counts, white noise, and what the method's own inputs add."""
+
+import numpy as np
+from scipy.signal import welch
+
+from dtbacklash.diagnose.compare import Block, Record, residual
+from dtbacklash.physics.plant import Floats
+from dtbacklash.physics.rig import Rig
+from dtbacklash.physics.simulate import simulate
+
+#: two integrators of the same equations differ by less than this share of a signal
+NUMERICAL = 3e-5
+#: a channel with this many values at most relative to its samples can be one of counts
+COUNTED_SHARE = 0.5
+
+
+def quantum(values: Floats) -> float:
+    """Size of a count, in the channel's unit; 0 if the channel is not counted."""
+    levels = np.unique(values)
+    if len(levels) < 3 or len(levels) > COUNTED_SHARE * len(values):
+        return 0.0
+    steps = np.diff(levels)
+    step = float(np.quantile(steps, 0.1))
+    counts = np.diff(levels) / step
+    regular = np.abs(counts - np.round(counts)) < 0.05
+    return step if regular[counts < 20].mean() > 0.95 else 0.0
+
+
+def white_noise(values: Floats) -> float:
+    """Standard deviation of the white noise: the lowest level that the spectrum reaches, spread over all of it.
+
+    The signal is differenced first, so that its slow parts do not leak, and the spectrum divided by that again.
+    """
+    steps = np.diff(values)
+    length = int(min(1024, len(steps) // 4))
+    frequency, density = welch(steps, 1.0, "blackmanharris", length, detrend=False, average="median")
+    density = density[1:] / (2.0 * np.sin(np.pi * frequency[1:])) ** 2
+    width = max(4, len(density) // 32)
+    bands = density[: len(density) // width * width].reshape(-1, width).mean(axis=1)
+    return float(np.sqrt(bands[len(bands) // 4 :].min() * 0.5))
+
+
+def sensor_noise(values: Floats) -> tuple[float, float]:
+    """(standard deviation, size of a count) of a channel's noise, in its unit."""
+    count = quantum(values)
+    least = max(count / np.sqrt(12.0), NUMERICAL * float(np.std(values)))
+    return max(white_noise(values), least), count
+
+
+def synthetic(rig: Rig, record: Record, rng: np.random.Generator) -> Record:
+    """What the recording would be if the rig were the truth: the same commands, noise and counts."""
+    response = simulate(rig, record.u[:-1], record.sample_time_s).sensors
+    y = {}
+    for name, values in record.y.items():
+        sigma, count = sensor_noise(values)
+        spread = np.sqrt(max(sigma**2 - count**2 / 12.0, 0.0)) if sigma > 1.5 * count / np.sqrt(12.0) else 0.0
+        shown = response[name] + rng.normal(0.0, 1.0, record.samples) * spread
+        y[name] = count * np.round(shown / count) if count else shown
+    return Record(record.sample_time_s, record.u, y, record.train, record.held)
+
+
+def noise_floor(rig: Rig, blocks: list[Block], records: list[Record], seed: int = 0) -> dict[str, Floats]:
+    """Per block, (channels,) the rms residual that a true model leaves, SI.
+
+    Measured by passing simulated recordings of the nominal rig through the same comparison: the encoder's counts
+    that reach the structure are in it, and so is the error of the method.
+    """
+    rng = np.random.default_rng(seed)
+    floors = {}
+    for block in blocks:
+        squares = []
+        for record in records:
+            own = np.array([sensor_noise(record.y[c])[0] for c in block.channels])
+            squares.append(np.maximum(_passed(rig, block, record, rng), own) ** 2)
+        floors[block.name] = np.sqrt(np.mean(squares, axis=0))
+    return floors
+
+
+def _passed(rig: Rig, block: Block, record: Record, rng: np.random.Generator) -> Floats:
+    made = synthetic(rig, record, rng)
+    if not all(np.isfinite(v).all() for v in made.y.values()):
+        return np.zeros(len(block.channels))
+    return np.sqrt(np.mean(residual(rig, block, made) ** 2, axis=0))

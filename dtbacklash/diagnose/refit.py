@@ -1,0 +1,256 @@
+"""Refit: effects and nominal parameters together, by simulation, under the parameters' priors.
+
+The nominal parameters are free within their tolerances: the prior of each is Gaussian, and the likelihood counts as
+many independent samples as the residual has, not as many as were taken; otherwise 30 000 correlated samples of a
+residual that is not noise would overrule every prior.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from dtbacklash.diagnose.compare import places_of
+from dtbacklash.diagnose.evidence import Evidence, Residuals
+from dtbacklash.errors import UserError
+from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.plant import Floats
+from dtbacklash.physics.rig import Rig
+
+#: a nominal parameter may not leave its value by more than this many tolerances: beyond is physics
+TOLERANCES_MAX = 3.0
+#: as many samples at least count as one where the residual is far above the floor
+CORRELATED_S = 0.02
+
+Effects = dict[tuple[str, str], dict[str, float]]
+
+
+@dataclass(frozen=True)
+class Free:
+    """One free parameter: of an effect at ``place``, or (``effect`` empty) a nominal one.
+
+    It is fitted as ``x``: value = centre + scale x, or centre exp(x) where ``log``.
+    """
+
+    place: str
+    effect: str
+    name: str
+    centre: float
+    scale: float
+    log: bool
+    low: float
+    high: float
+    prior: bool
+    places: frozenset[str]
+
+    def value(self, x: float) -> float:
+        """The parameter at ``x``, within its bounds."""
+        value = self.centre * math.exp(x) if self.log else self.centre + self.scale * x
+        if self.name == "phase":
+            return (value + math.pi) % (2.0 * math.pi) - math.pi
+        return min(max(value, self.low), self.high)
+
+    def limits(self) -> tuple[float, float]:
+        """Bounds of x."""
+        if self.name == "phase":
+            return -math.inf, math.inf
+        if self.log:
+            low = math.log(max(self.low, 1e-300) / self.centre)
+            return max(low, -12.0), min(math.log(self.high / self.centre) if math.isfinite(self.high) else 12.0, 12.0)
+        return (self.low - self.centre) / self.scale, (self.high - self.centre) / self.scale
+
+
+def nominal_free(rig: Rig) -> list[Free]:
+    """The nominal parameters that have a tolerance."""
+    found = []
+    for name, p in rig.config.parameters.items():
+        users = frozenset(e for e, spec in rig.config.elements.items() if name in spec.values())
+        if p.tolerance > 0.0 and users:
+            width = abs(p.value) * p.tolerance
+            low, high = p.value - TOLERANCES_MAX * width, p.value + TOLERANCES_MAX * width
+            found.append(Free("", "", name, p.value, width, False, low, high, True, users))
+    return found
+
+
+def effect_free(rig: Rig, place: str, effect: str, values: dict[str, float]) -> list[Free]:
+    """The parameters of one effect, from the values where the fit starts."""
+    entry = find(rig.kind_at(place), effect, f"rig.effects.{place}.{effect}")
+    found = []
+    for p in entry.parameters:
+        start = values[p.name]
+        positive = p.low > 0.0 or (p is not entry.size and p.low >= 0.0)
+        log = positive and start > 0.0
+        scale = abs(start) or abs(p.typical) or 1.0
+        if p.name == "phase":
+            scale = 1.0
+        if p.name in ("periods", "wave_number"):
+            log, scale = False, 0.02 * start
+        found.append(Free(place, effect, p.name, start, scale, log, p.low, p.high, False, frozenset({place})))
+    return found
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A rig whose free parameters have been fitted.
+
+    Attributes
+    ----------
+    rig : with the fitted values. free, x : the parameters and where they ended. residuals : in units of the floor.
+    penalty : sum of the squared deviations of the nominal parameters in tolerances. weights : per block (channels,)
+        what one squared residual weighs in the likelihood.
+    """
+
+    rig: Rig
+    base: Rig
+    free: list[Free]
+    x: Floats
+    residuals: Residuals
+    penalty: float
+    weights: dict[str, Floats]
+
+    @property
+    def effects(self) -> Effects:
+        """The effects of the rig by place and name."""
+        return {(p, n): v for p, there in self.rig.effects.items() for n, v in there.items()}
+
+
+def apply(base: Rig, free: list[Free], x: Floats) -> Rig:
+    """The base rig with the free parameters at ``x``."""
+    nominal, effects = {}, {}
+    for f, xi in zip(free, x, strict=True):
+        if f.effect:
+            effects.setdefault((f.place, f.effect), {})[f.name] = f.value(xi)
+        else:
+            nominal[f.name] = f.value(xi)
+    places = {p: dict(e) for p, e in base.config.effects.items()}
+    for (place, effect), values in effects.items():
+        places.setdefault(place, {})[effect] = values
+    parameters = dict(base.config.parameters)
+    for name, value in nominal.items():
+        parameters[name] = replace(parameters[name], value=value)
+    from dtbacklash.physics.rig import build_rig
+
+    return build_rig(replace(base.config, effects=places, parameters=parameters))
+
+
+def weights_for(evidence: Evidence, residuals: Residuals) -> dict[str, Floats]:
+    """Per block, (channels,) the weight of a squared residual: 1 at the floor, and far below where it is not noise."""
+    mean = evidence.mean_square(residuals, "train")
+    least = max(1.0, CORRELATED_S / evidence.records[0].sample_time_s)
+    result = {}
+    for name, squares in mean.items():
+        above = np.maximum(squares, 1.0)
+        share = np.clip((above - 1.0) / above, 0.0, 1.0)  # of the residual that is not noise
+        result[name] = 1.0 / (above * (1.0 + share * (least - 1.0)))
+    return result
+
+
+class Problem:
+    """The least-squares problem of one set of free parameters."""
+
+    def __init__(self, evidence: Evidence, base: Rig, free: list[Free], known: Residuals | None = None) -> None:
+        self.evidence, self.base, self.free = evidence, base, free
+        everything = set().union(*(f.places for f in free)) if free else set()
+        self.places = everything
+        self.known = known
+        rig = apply(base, free, np.zeros(len(free)))
+        self.touched = [b.name for b in evidence.blocks if known is None or everything & places_of(rig, b)]
+        self.weights: dict[str, Floats] = {}
+        self.prior = np.array([f.prior for f in free])
+        self._last: tuple[bytes, Residuals] | None = None
+
+    def residuals(self, x: Floats) -> Residuals:
+        """Residuals at x; the last ones are remembered."""
+        key = x.tobytes()
+        if self._last is None or self._last[0] != key:
+            self._last = key, self.evidence.residuals(apply(self.base, self.free, x), self.known, self.places)
+        return self._last[1]
+
+    def stack(self, residuals: Residuals, x: Floats) -> Floats:
+        """The rows whose squares are summed: weighted residuals of the training part, then the priors."""
+        rows = []
+        for name in self.touched:
+            part = self.evidence.rows(residuals, name, "train")
+            rows.append((part * np.sqrt(self.weights[name])[:, None]).ravel())
+        rows.append(x[self.prior])
+        return np.concatenate(rows)
+
+    def jacobian(self, x: Floats) -> Floats:
+        """Forward differences; blocks that a parameter does not touch are not simulated."""
+        here = self.residuals(x)
+        start = self.stack(here, x)
+        columns = np.empty((len(start), len(self.free)))
+        for j, f in enumerate(self.free):
+            step = _step(f, x[j])
+            moved = x.copy()
+            moved[j] += step
+            there = self.evidence.residuals(apply(self.base, self.free, moved), here, set(f.places))
+            columns[:, j] = (self.stack(there, moved) - start) / step
+        return columns
+
+
+def _step(free: Free, x: float) -> float:
+    low, high = free.limits()
+    step = 1e-3 if free.prior else 1e-2
+    if free.name in ("periods", "wave_number"):
+        step = 1e-3
+    return -step if x + step > high else step
+
+
+def fit(
+    evidence: Evidence,
+    base: Rig,
+    free: list[Free],
+    start: Floats | None = None,
+    known: Residuals | None = None,
+    rounds: int = 2,
+    evaluations: int = 8,
+) -> Fit:
+    """Fit the free parameters; ``rounds`` times with the weights of where the last round ended.
+
+    ``known`` : residuals of a rig that differs from ``base`` only where ``free`` acts; saves simulating the rest.
+    """
+    problem = Problem(evidence, base, free, known)
+    x = np.zeros(len(free)) if start is None else np.asarray(start, dtype=float)
+    bounds = np.array([f.limits() for f in free]).reshape(-1, 2).T
+    x = np.clip(x, bounds[0] + 1e-9, bounds[1] - 1e-9) if len(free) else x
+    for _ in range(rounds if len(free) else 0):
+        problem.weights = weights_for(evidence, problem.residuals(x))
+        x = _solve(problem, x, bounds, evaluations)
+    residuals = problem.residuals(x)
+    penalty = float(np.sum(x[problem.prior] ** 2))
+    return Fit(apply(base, free, x), base, free, x, residuals, penalty, weights_for(evidence, residuals))
+
+
+def _solve(problem: Problem, x: Floats, bounds: Floats, evaluations: int) -> Floats:
+    def guarded(function: Callable[[Floats], Floats]) -> Callable[[Floats], Floats]:
+        def call(at: Floats) -> Floats:
+            rows = function(at)
+            return np.nan_to_num(rows, nan=1e6, posinf=1e6, neginf=-1e6)
+
+        return call
+
+    try:
+        result = least_squares(
+            guarded(lambda at: problem.stack(problem.residuals(at), at)), x, guarded(problem.jacobian),
+            tuple(bounds), max_nfev=evaluations, x_scale="jac", ftol=1e-4, xtol=1e-6,
+        )  # fmt: skip
+    except (UserError, np.linalg.LinAlgError):
+        return x
+    return result.x
+
+
+def objective(evidence: Evidence, fitted: Fit, part: str = "train") -> float:
+    """Minus twice the log-likelihood of a part, with as many samples as count, plus the prior's penalty."""
+    total = fitted.penalty
+    for block in evidence.blocks:
+        rows = evidence.rows(fitted.residuals, block.name, part)
+        squares = np.mean(rows**2, axis=1)
+        above = np.maximum(squares, 1.0)
+        share = (above - 1.0) / above
+        least = max(1.0, CORRELATED_S / evidence.records[0].sample_time_s)
+        count = rows.shape[1] / (1.0 + share * (least - 1.0))
+        total += float(np.sum(count * (np.log(above) + squares / above)))
+    return total

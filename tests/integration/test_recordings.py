@@ -1,0 +1,168 @@
+"""`dtb recordings`, what `dtb run recording.save=` writes, and the public recordings where they are at hand."""
+
+import os
+import socket
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dtbacklash import cli
+from dtbacklash.config.compose import compose
+from dtbacklash.recording import mapping_names, read_recording, refined
+
+FOLDER = os.environ.get("DTB_RECORDINGS", "")
+#: beside the repository, where a shared folder of recordings may lie
+NEIGHBOUR = Path(__file__).resolve().parents[3] / "shared" / "recordings"
+
+
+@pytest.fixture
+def public(monkeypatch):
+    """Use the folder of public recordings, or skip."""
+    folder = Path(FOLDER) if FOLDER else NEIGHBOUR
+    if not (folder / "emps").is_dir():
+        pytest.skip("the public recordings are not at hand: set DTB_RECORDINGS to their folder")
+    monkeypatch.setenv("DTB_RECORDINGS", str(folder))
+    return folder
+
+
+@pytest.fixture
+def offline(monkeypatch, tmp_path):
+    """No recordings, and no network."""
+    monkeypatch.delenv("DTB_RECORDINGS", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+    def refuse(*arguments, **options):
+        raise OSError("no network in tests")
+
+    monkeypatch.setattr(socket, "create_connection", refuse)
+    monkeypatch.setattr(socket, "getaddrinfo", refuse)
+
+
+def test_the_list_names_every_recording_and_how_to_cite_it(offline, capsys):
+    assert cli.main(["recordings"]) == 0
+    text = capsys.readouterr().out
+    for name in mapping_names():
+        assert f"{name} (rig=" in text
+    for word in ("missing", "DATA_EMPS.mat", "626 kB", "Janot", "CC BY-SA 4.0", "silverbox:test", "https://"):
+        assert word in text
+
+
+def test_the_list_says_where_they_were_found(public, capsys):
+    assert cli.main(["recordings"]) == 0
+    text = capsys.readouterr().out
+    assert "missing" not in text
+    assert "SNLS80mV.csv.gz" in "".join(text.split())
+
+
+def test_fetch_without_a_network_is_one_line(offline, capsys, tmp_path):
+    assert cli.main(["recordings", "fetch", "emps"]) == 2
+    shown = capsys.readouterr()
+    assert shown.err.startswith("dtb: error: recordings=emps: the source cannot be reached; get DATA_EMPS.mat")
+    assert str(tmp_path / "cache" / "dtbacklash" / "recordings" / "emps") in shown.err
+    assert shown.err.count("\n") == 1
+    assert not (tmp_path / "cache").exists()
+
+
+def test_fetch_of_what_is_here_needs_no_network(public, monkeypatch, capsys):
+    monkeypatch.setattr(socket, "create_connection", None)
+    assert cli.main(["recordings", "fetch", "brfd"]) == 0
+    assert capsys.readouterr().out.count(".json.gz\n") == 4
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["fetch", "nope"], "recordings=nope: choose one of brfd, emps, silverbox"),
+        (["fetch", "emps", "nope.mat"], "recordings=nope.mat: choose one of DATA_EMPS.mat"),
+        (["fetch"], "write dtb recordings fetch NAME"),
+        (["remove", "emps"], "takes nothing, or fetch NAME"),
+    ],
+)
+def test_wrong_words_are_one_line(words, said, offline, capsys):
+    assert cli.main(["recordings", *words]) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+
+
+def test_help(capsys):
+    assert cli.main(["recordings", "--help"]) == 0
+    assert "fetch NAME" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_what_a_run_saves_is_read_back(suffix, tmp_path):
+    from dtbacklash.physics.rig import build_rig
+    from dtbacklash.scenario import run_scenario
+
+    config = compose(
+        "controller=nimc_fixed", "profile=constant", "profile.start_deg=50", "duration_s=3", "sensors=encoder"
+    )
+    seen = run_scenario(config).recording
+    file = tmp_path / f"seen.{suffix}"
+    if suffix == "csv":
+        seen.to_csv(file, index=False)
+    else:
+        seen.to_parquet(file, index=False)
+    recording = read_recording(file, rig=build_rig(config.rig))
+    assert set(recording.channels) == {"r", "u", *config.rig.sensors}
+    assert recording.sample_time_s == pytest.approx(1e-3, rel=1e-9)
+    for name, unit in recording.units.items():
+        assert np.allclose(recording.channels[name], seen[name] * (1e-3 if unit == "m" else 1.0), rtol=1e-12, atol=0)
+
+
+def rig_of(name: str):
+    from dtbacklash.physics.rig import build_rig
+
+    return build_rig(compose("controller=open_loop", f"rig={name}").rig)
+
+
+def rms_mm(values: np.ndarray) -> float:
+    return 1e3 * float(np.sqrt(np.mean(values**2)))
+
+
+def test_emps_drifts_away_without_friction_and_stays_with_the_published_one(public):
+    """The published parameters leave 7 mm open loop, the bare mass metres."""
+    from dtbacklash.physics.simulate import simulate
+
+    rig = rig_of("emps")
+    recording = read_recording("emps", rig=rig)
+    assert (recording.samples, recording.notes, recording.rig) == (24841, [], "emps")
+    measured = recording.channels["qm"] - recording.channels["qm"][0]
+    u, _ = refined(recording)
+    assert rms_mm(simulate(rig, u, recording.sample_time_s).sensors["qm"] - measured) > 1000
+    for effect, values in (("coulomb_friction", {"force": 20.3935}), ("viscous_friction", {"coefficient": 203.5034}),
+                           ("constant_force", {"force": 3.1648})):  # fmt: skip
+        rig = rig.with_effect("carriage", effect, values)
+    assert rms_mm(simulate(rig, u, recording.sample_time_s).sensors["qm"] - measured) < 10
+
+
+def test_silverbox_is_nearly_linear_and_a_cubic_spring_predicts_the_arrow(public):
+    """With the values that a least-squares fit to the multisine gives, the arrow is predicted to below 1 mV."""
+    from dtbacklash.physics.simulate import simulate
+
+    rig = rig_of("silverbox")
+    train, arrow = read_recording("silverbox", rig=rig), read_recording("silverbox:test", rig=rig)
+    assert (train.samples, arrow.samples, train.command) == (86750, 40475, "band_limited")
+    cubic = rig.with_parameters({"m": 5.3697e-6, "c": 2.2493e-4, "k": 0.98918})
+    cubic = cubic.with_effect("link_1", "cubic_stiffness", {"k3": 3.9137})
+    for recording, model, offset, low, high in (
+        (train, rig, -0.00523, 6.0, 7.5), (train, cubic, -0.00521, 0.5, 0.7), (arrow, cubic, -0.00521, 0.5, 1.0)
+    ):  # fmt: skip
+        u, parts = refined(recording)
+        y = simulate(model, u, recording.sample_time_s / parts).sensors["y"][::parts] + offset
+        assert low < rms_mm((y - recording.channels["y"])[300:]) < high
+
+
+@pytest.mark.parametrize("file", ["", "dataset-1_1Hz_35lb.json", "dataset-2_0.25Hz_30lb_0.5in.json"])
+def test_brfd_is_read_in_si(file, public):
+    recording = read_recording("brfd", path=file or None)
+    assert recording.sample_time_s == 1 / 1024
+    assert recording.notes == []
+    assert recording.licence == "CC BY-SA 4.0"
+    u, force = recording.channels["u"], recording.channels["force"]
+    assert 0.01 < np.ptp(u) / 2 < 0.04  # 0.5 to 1.5 in
+    assert 5e3 < np.abs(force).max() < 3e4  # a 20 kN device
+    # the friction force follows the direction of motion
+    assert np.corrcoef(np.sign(np.gradient(u)), force)[0, 1] > 0.5

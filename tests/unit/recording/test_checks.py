@@ -1,0 +1,269 @@
+"""Each defect of a recording: found, said in one sentence, and handled or refused."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dtbacklash.errors import UserError
+from dtbacklash.recording import Recording, check_units, read_pair, read_recording, split
+from dtbacklash.recording.channels import clipping, hanging
+from dtbacklash.recording.model import Refused
+
+LEAD_MM = 1 / np.pi
+
+
+def note(recording: Recording, words: str) -> str:
+    """The one note of a recording, which must hold ``words``."""
+    assert len(recording.notes) == 1, recording.notes
+    assert words in recording.notes[0]
+    assert recording.notes[0].endswith(".")
+    return recording.notes[0]
+
+
+# --- time
+
+
+def test_jitter_is_resampled(frame, save):
+    rng = np.random.default_rng(1)
+    t = frame.t + 1e-4 * rng.uniform(-1, 1, len(frame))
+    jittered = frame.assign(t=t, q3=np.interp(t, frame.t, frame.q3))
+    recording = read_recording(save(jittered))
+    assert "resampled linearly" in note(recording, "uneven by up to")
+    truth = np.interp(recording.t_s, frame.t, frame.q3 * 1e-3)
+    assert np.abs(recording.channels["q3"] - truth)[1:-1].max() < 1e-4 * np.ptp(truth)
+    assert np.ptp(np.diff(recording.t_s)) < 1e-12
+
+
+def test_large_jitter_is_refused(frame, save, refusal):
+    t = frame.t + 4.5e-4 * np.random.default_rng(1).uniform(-1, 1, len(frame))
+    assert "sampling is uneven" in refusal(save(frame.assign(t=t)))
+
+
+def test_two_sample_rates_are_refused(frame, save, refusal):
+    assert "sampling is uneven" in refusal(save(frame[(frame.index < 2000) | (frame.index % 2 == 0)]))
+
+
+def test_rounded_stamps_are_not_jitter(frame, save):
+    t = np.arange(len(frame)) * 0.0016384041943147375
+    recording = read_recording(save(frame.assign(t=np.round(t, 4))))
+    note(recording, "times are rounded to 0.0001 s")
+    assert recording.sample_time_s == pytest.approx(t[1], rel=1e-5)
+    assert np.allclose(recording.channels["q3"], 1e-3 * frame.q3)
+
+
+def test_a_few_missing_rows_are_interpolated(frame, save):
+    recording = read_recording(save(frame.drop(index=[500, 501, 502, 2000])))
+    note(recording, "4 missing samples were interpolated")
+    assert recording.samples == len(frame)
+    assert np.abs(recording.channels["q3"] - 1e-3 * frame.q3).max() < 1e-3 * np.ptp(recording.channels["q3"])
+
+
+def test_a_gap_leaves_the_longest_stretch(frame, save):
+    recording = read_recording(save(frame.drop(index=range(1000, 1300))))
+    note(recording, "1 gap, the widest 0.301 s at t = 0.999 s; only the longest stretch is used, 1.3 to 3.999 s")
+    assert recording.t_s[0] == pytest.approx(1.3)
+    assert recording.samples == 2700
+
+
+def test_gaps_everywhere_are_refused(frame, save, refusal):
+    keep = frame[(frame.index // 300) % 2 == 0]
+    assert "the longest stretch without one holds" in refusal(save(keep))
+
+
+def test_time_that_runs_backwards_is_refused(frame, save, refusal):
+    t = frame.t.copy()
+    t[700:] -= 0.2
+    assert "time runs backwards once, first in row 701 (from 0.699 s to 0.5 s)" in refusal(save(frame.assign(t=t)))
+    assert "time runs backwards 3999 times" in refusal(save(frame[::-1]))
+
+
+def test_a_few_double_stamps_are_dropped(frame, save):
+    recording = read_recording(save(pd.concat([frame[:900], frame[899:]])))
+    note(recording, "1 row that repeats the time of the row before was dropped")
+    assert recording.samples == len(frame)
+
+
+def test_many_double_stamps_are_refused(frame, save, refusal):
+    doubled = pd.concat([frame, frame[::3]]).sort_values("t")
+    assert "repeat the time of the row before" in refusal(save(doubled))
+
+
+def test_time_that_stands_still_is_refused(frame, save, refusal):
+    assert "time stands still" in refusal(save(frame.assign(t=3.0)))
+
+
+def test_rows_without_a_time(frame, save, refusal):
+    frame.loc[[7, 8], "t"] = np.nan
+    recording = read_recording(save(frame))
+    assert recording.notes[0] == "2 rows without a time were dropped."
+    frame.loc[::3, "t"] = np.nan
+    assert "rows have no time" in refusal(save(frame))
+
+
+@pytest.mark.parametrize("factor", [1e3, 1e6])
+def test_time_in_another_unit_is_refused(factor, frame, save, refusal):
+    assert "is it in ms or a row number?" in refusal(save(frame.assign(t=frame.t * factor)))
+
+
+def test_too_short_is_refused(frame, save, refusal):
+    assert "is too short: 99 samples, at least 100" in refusal(save(frame[:99]))
+
+
+def test_without_a_time_column_the_step_must_be_given(frame, save, refusal):
+    file = save(frame.drop(columns="t"))
+    assert "has no time column" in refusal(file)
+    assert read_recording(file, sample_time_s=0.002).duration_s == pytest.approx(7.998)
+
+
+# --- channels
+
+
+def test_missing_columns_are_named(frame, save, refusal):
+    assert "lacks the column u (the command); it has r, theta_m, q3" in refusal(save(frame.drop(columns="u")))
+    assert "lacks a measured channel" in refusal(save(frame[["t", "r", "u"]]))
+
+
+def test_short_runs_of_nan_are_interpolated(frame, save):
+    spoilt = frame.copy()
+    spoilt.loc[100:104, "q3"] = np.nan
+    spoilt.loc[2000, "q3"] = np.inf
+    recording = read_recording(save(spoilt))
+    note(recording, "Channel q3: 6 missing values interpolated, at most 5 in a row")
+    assert np.abs(recording.channels["q3"] - 1e-3 * frame.q3).max() < 1e-3 * np.ptp(recording.channels["q3"])
+
+
+def test_long_runs_of_nan_are_refused(frame, save, refusal):
+    frame.loc[100:130, "q3"] = np.nan
+    assert "channel q3 has no value for 31 samples in a row at t = 0.1 s" in refusal(save(frame))
+
+
+def test_many_nan_are_refused(frame, save, refusal):
+    frame.loc[1::10, "q3"] = np.nan
+    assert "channel q3 has no value in 400 of 4000 rows" in refusal(save(frame))
+
+
+def test_nan_at_the_ends_are_cut_off(frame, save):
+    frame.loc[:49, "q3"] = np.nan
+    frame.loc[3950:, "theta_m"] = np.nan
+    recording = read_recording(save(frame))
+    note(recording, "100 rows at the ends")
+    assert recording.samples == 3900
+
+
+def test_a_channel_without_values(frame, save, refusal):
+    recording = read_recording(save(frame.assign(q2=np.nan)))
+    note(recording, "Channel q2 has hardly any values and is not used")
+    assert "channel u has no value in 100 % of the rows" in refusal(save(frame.assign(u=np.nan)))
+
+
+def test_a_clipped_channel_is_noted(frame, save):
+    recording = read_recording(save(frame.assign(q3=frame.q3.clip(upper=0.5))))
+    note(recording, "Channel q3 is clipped at its top (0.0005)")
+
+
+def test_a_peak_of_an_encoder_and_a_rest_are_not_clipped():
+    t = np.arange(5000) * 1e-3
+    count = 1e-4
+    assert clipping("q3", count * np.round(np.sin(6 * t) / count)) is None
+    assert clipping("q3", count * np.round((1 - np.exp(-2 * t)) / count)) is None
+    assert clipping("u", np.sign(np.sin(6 * t))) is None
+    assert clipping("q3", np.clip(count * np.round(np.sin(6 * t) / count), -0.8, 1)) is not None
+
+
+def test_a_channel_that_never_changes_is_refused(frame, save, refusal):
+    assert "channel q3 never changes" in refusal(save(frame.assign(q3=0.2)))
+
+
+def test_a_channel_that_hangs_and_jumps_is_refused(frame, save, refusal):
+    frame.loc[1000:1900, "q3"] = frame.q3[1000]
+    assert "channel q3 hangs from 1 to 1.9 s" in refusal(save(frame))
+
+
+def test_a_channel_that_hangs_to_the_end_is_refused(frame, save, refusal):
+    frame.loc[3000:, "theta_m"] = frame.theta_m[3000]
+    assert "channel theta_m hangs from 3 to 3.999 s" in refusal(save(frame))
+
+
+def test_a_rest_is_noted_not_refused():
+    t = np.arange(4000) * 1e-3
+    u = np.sin(8 * t)
+    play = np.where(t < 1.0, 0.0, np.where(t < 2.0, 1 - np.cos(3 * (t - 1)), 1 - np.cos(3) + np.sin(3 * (t - 2))))
+    assert "stands still from 0 to" in str(hanging("q3", play, u, t))
+    with pytest.raises(Refused, match="hangs"):
+        hanging("q3", np.where(t < 1.0, 0.0, 5 + t), u, t)
+    # while the input rests as well, nothing is amiss
+    assert hanging("q3", play, np.where(t < 1.0, 0.0, u), t) is None
+
+
+# --- units
+
+
+@pytest.mark.parametrize(("factor", "said"), [(1e3, "1000 too large"), (1e-3, "1000 too small"),
+                                              (57.3, "57.3 too large"), (1 / 57.3, "57.3 too small")])  # fmt: skip
+def test_a_wrong_unit_is_refused(factor, said, frame, save, refusal):
+    file = save(frame.assign(q3=frame.q3 * factor))
+    truth = 1e-3 * frame.q3.to_numpy()
+    assert said in refusal(file, expect={"q3": float(truth.std())})
+    # in spite of missing physics a signal of the same shape tells
+    assert said in refusal(file, expect={"q3": 1.3 * truth})
+
+
+def test_a_large_difference_is_no_wrong_unit(frame, save):
+    truth = 1e-3 * frame.q3.to_numpy()
+    rng = np.random.default_rng(0)
+    for factor in (0.005, 0.1, 3.0, 20.0, 300.0):
+        read_recording(save(frame.assign(q3=frame.q3 * factor)), expect={"q3": truth})
+    drift = np.cumsum(rng.standard_normal(len(truth)))
+    read_recording(save(frame), expect={"q3": drift, "q9": 1.0, "theta_m": 1e9})
+
+
+@pytest.mark.parametrize(("channel", "factor"), [("q3", 1e-3), ("q3", 1e3), ("theta_m", 57.29578)])
+def test_the_rig_tells_a_wrong_unit(channel, factor, tmp_path, refusal):
+    from dtbacklash.config.compose import compose
+    from dtbacklash.physics.rig import build_rig
+    from dtbacklash.physics.simulate import simulate
+
+    rig = build_rig(compose("rig=lead_screw").rig)
+    t = np.arange(4001) * 1e-3
+    u = 2.0 * np.sin(2 * np.pi * 0.8 * t) + 1.5 * np.sin(2 * np.pi * 2.3 * t)
+    worn = rig.with_effect("gear", "backlash", {"half_gap": 0.5})
+    worn = worn.with_effect("motor_bearing", "coulomb_friction", {"torque": 0.02})
+    seen = simulate(worn, u[:-1], 1e-3).sensors
+    table = pd.DataFrame({"t": t, "u": u, "theta_m": seen["theta_m"], "q3": 1e3 * seen["q3"]})
+    table.to_csv(tmp_path / "good.csv", index=False)
+    assert read_recording(tmp_path / "good.csv", rig=rig).notes == []
+    table.assign(**{channel: factor * table[channel]}).to_csv(tmp_path / "bad.csv", index=False)
+    line = refusal(tmp_path / "bad.csv", rig=rig)
+    assert "wrong unit" in line
+    assert channel in line
+
+
+def test_check_units_names_the_channel(frame, save):
+    recording = read_recording(save(frame))
+    with pytest.raises(Refused, match=r"channel theta_m .*degrees for radians"):
+        check_units(recording, {"theta_m": float(frame.theta_m.std()) * np.pi / 180})
+
+
+# --- what to judge on
+
+
+def test_the_last_share_is_held_out(frame, save):
+    train, held_out = read_pair(save(frame))
+    assert (train.samples, held_out.samples) == (2800, 1200)
+    assert held_out.t_s[0] == pytest.approx(2.8)
+    assert np.array_equal(np.concatenate([train.channels["u"], held_out.channels["u"]]), frame.u)
+    with pytest.raises(UserError, match="held_out"):
+        split(train, 0.01)
+    with pytest.raises(UserError, match="above 0"):
+        split(train, 1.0)
+
+
+def test_another_recording_to_judge_on(frame, save):
+    train, held_out = read_pair(save(frame), save(frame[:1000], "other.csv"))
+    assert (train.samples, held_out.samples) == (4000, 1000)
+    for spoilt, word in ((frame.drop(columns="q3"), "lacks the recording's channel q3"),
+                         (frame.assign(t=2 * frame.t), "sample time 0.001 s"), (frame[:5], "too short")):  # fmt: skip
+        with pytest.raises(UserError) as caught:
+            read_pair(save(frame), save(spoilt, "other.csv"))
+        assert caught.value.key == "validation"
+        assert word in str(caught.value)
