@@ -35,7 +35,7 @@ def white_noise(values: Floats) -> float:
     length = int(min(1024, len(steps) // 4))
     frequency, density = welch(steps, 1.0, "blackmanharris", length, detrend=False, average="median")
     density = density[1:] / (2.0 * np.sin(np.pi * frequency[1:])) ** 2
-    width = max(4, len(density) // 32)
+    width = max(4, len(density) // 8)
     bands = density[: len(density) // width * width].reshape(-1, width).mean(axis=1)
     return float(np.sqrt(bands[len(bands) // 4 :].min() * 0.5))
 

@@ -5,7 +5,7 @@ import math
 from dtbacklash.compiled import clear, compiled, copy, inlined
 from dtbacklash.physics import laws
 from dtbacklash.physics import plant as pl
-from dtbacklash.physics.forces import add_forces
+from dtbacklash.physics.forces import add_forces, push
 from dtbacklash.physics.step import MOST_EVENTS, screw_angle, slip_rate, try_step
 
 NO_EVENT, GEAR_CLOSES, GEAR_OPENS, FRICTION = 0, 1, 2, 3
@@ -29,14 +29,33 @@ def find_event(P, S, gap, gap_rate):
                 return GEAR_CLOSES
         elif mode * S.xn[P.position + P.n_bodies + P.rotor] < gap_rate:
             return GEAR_OPENS
+    if P.friction.shape[0] > 0:
+        return _friction_event(P, S, mode, theta_d, gap_rate)
+    return NO_EVENT
+
+
+@compiled
+def _friction_event(P, S, mode, theta_d, gap_rate):
+    """Whether a contact that slips has turned round, or one that sticks cannot be held any longer."""
+    contact = 0 if mode == pl.FREE else 1
+    found = NO_EVENT
+    for c in range(P.friction.shape[0]):
+        if S.mode[1 + c] == 0:
+            push(P, S.w1, contact, P.friction_ends[c, 1], S.reaction[c])
+            push(P, S.w1, contact, P.friction_ends[c, 0], -S.reaction[c])
     for c in range(P.friction.shape[0]):
         direction = S.mode[1 + c]
         if direction == 0:
-            if abs(S.reaction[c]) > P.friction[c, pl.F_COULOMB] + P.friction[c, pl.F_STRIBECK]:
-                return FRICTION
+            most = P.friction[c, pl.F_COULOMB] + P.friction[c, pl.F_STRIBECK]
+            if abs(S.reaction[c]) <= most:
+                # the step's mean is not what is needed at its end: correct it by the acceleration that it leaves
+                acceleration, mobility = _slip_acceleration(P, S.xn, S.w1, c, contact)
+                S.reaction[c] -= acceleration / mobility
+            if abs(S.reaction[c]) > most:
+                found = FRICTION
         elif direction * slip_rate(P, S.xn, mode, c, theta_d, gap_rate) < 0.0:
-            return FRICTION
-    return NO_EVENT
+            found = FRICTION
+    return found
 
 
 @compiled
@@ -74,27 +93,27 @@ def switch_friction(P, S, t, gap, gap_rate, voltage):
         if S.mode[1 + c] * rate >= 0.0:
             continue
         S.mode[1 + c] = 0
-        acceleration, mobility = _slip_acceleration(P, S, c, t, contact, theta_d, voltage)
+        w = S.w0
+        clear(w)
+        w[pl.CH_V] = voltage
+        w[pl.CH_D] = P.screw[pl.S_LEAD] * (theta_d - (S.x[P.position + P.rotor] if contact == 1 else 0.0))
+        add_forces(P, S.x, S.mode, w, contact, t, theta_d, 0.0)
+        acceleration, mobility = _slip_acceleration(P, S.x, w, c, contact)
         _stop(P, S, c, contact, rate / mobility)
         if abs(acceleration) > mobility * most:
             S.mode[1 + c] = 1 if acceleration > 0.0 else -1
 
 
 @compiled
-def _slip_acceleration(P, S, c, t, contact, theta_d, voltage):
-    """Acceleration of a contact's slip without its own friction, and what one newton on it would add."""
-    w = S.w0
-    clear(w)
-    w[pl.CH_V] = voltage
-    w[pl.CH_D] = P.screw[pl.S_LEAD] * (theta_d - (S.x[P.position + P.rotor] if contact == 1 else 0.0))
-    add_forces(P, S.x, S.mode, w, contact, t, theta_d, 0.0)
+def _slip_acceleration(P, x, w, c, contact):
+    """Acceleration of a contact's slip under the channels ``w``, and what one newton on it adds."""
     acceleration, mobility = 0.0, 0.0
     for end, sign in ((P.friction_ends[c, 1], 1.0), (P.friction_ends[c, 0], -1.0)):
         if end >= 0:
-            acceleration += sign * _acceleration(P, S.x, w, contact, end)
+            acceleration += sign * _acceleration(P, x, w, contact, end)
             mobility += P.G[contact, pl.CH_F + end, P.position + P.n_bodies + end]
         elif end == pl.BASE and contact == 1 and P.rotor >= 0:
-            acceleration += sign * P.screw[pl.S_LEAD] * _acceleration(P, S.x, w, contact, P.rotor)
+            acceleration += sign * P.screw[pl.S_LEAD] * _acceleration(P, x, w, contact, P.rotor)
     return acceleration, mobility
 
 

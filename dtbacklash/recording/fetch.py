@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import http.client
 import io
 import urllib.error
 import urllib.request
 import zipfile
+import zlib
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -41,7 +43,7 @@ def fetch(mapping: Mapping, file: PublicFile, progress: Progress | None = None) 
     target = locate.cache_folder() / mapping.name / file.name
     try:
         archive = _download(file.url, progress or (lambda fraction: None))
-    except (OSError, ValueError) as error:  # URLError and HTTPError are OSErrors
+    except (OSError, ValueError, http.client.HTTPException) as error:  # URLError and HTTPError are OSErrors
         raise UserError("recordings", mapping.name, _instead(mapping, file, _why(error))) from error
     content = _content(archive, file)
     if content is None or not locate.is_genuine(content, file):
@@ -83,7 +85,7 @@ def _content(archive: bytes, file: PublicFile) -> bytes | None:
             last = wanted.rpartition("/")[2]
             names = [name for name in zipped.namelist() if name == wanted or name.rpartition("/")[2] == last]
             return zipped.read(names[0]) if names else None
-    except (Refused, zipfile.BadZipFile, OSError, RuntimeError, NotImplementedError):
+    except (Refused, zipfile.BadZipFile, zlib.error, EOFError, OSError, RuntimeError):
         return None
 
 
@@ -110,5 +112,5 @@ def _why(error: Exception) -> str:
 
 def _instead(mapping: Mapping, file: PublicFile, why: str) -> str:
     folder = locate.cache_folder() / mapping.name
-    what = f"{file.name} (in the archive it comes in)" if file.member else file.name
+    what = f"{file.name} (it comes in an archive)" if file.member else file.name
     return f"{why}; get {what} from {mapping.page or file.url} and put it into {folder} or into ${locate.FOLDER}"

@@ -183,7 +183,9 @@ def _plain(table: Table, rig: Rig | None) -> _Picked:
         shown = ", ".join(unused[:8]) + (" ..." if len(unused) > 8 else "")
         picked.notes.append(f"Columns that are no channels of the rig are not used: {shown}.")
     r, u = picked.channels.get(REFERENCE), picked.channels.get(COMMAND)
-    if r is not None and u is not None and np.array_equal(r * 1e3, u):  # open loop: the reference is the command
+    if (
+        r is not None and u is not None and np.allclose(r * 1e3, u, rtol=1e-12, atol=0.0)
+    ):  # open loop: the reference is the command
         picked.channels[REFERENCE], picked.units[REFERENCE] = u, "V"
     return picked
 

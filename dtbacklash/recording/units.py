@@ -25,7 +25,7 @@ PLAIN: dict[str, str] = {
 
 #: SI unit of the plain columns that every rig has, and of sensors by the habit of their names
 _ALWAYS = {"t": "s", "r": "m", "u": "V"}
-_HABITS = ((re.compile(r"q\d*"), "m"), (re.compile(r"theta(_[a-z])?"), "rad"), (re.compile(r"i(_[a-z])?"), "A"))
+_HABITS = ((re.compile(r"q(\d*|[a-z])"), "m"), (re.compile(r"theta(_[a-z])?"), "rad"), (re.compile(r"i(_[a-z])?"), "A"))
 
 _BRACKET = re.compile(r"\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 

@@ -50,8 +50,7 @@ class _Run:
     def margins(self) -> list[Callable[[float, Array], float]]:
         """One function for each way in which the present mode can end: positive while it lasts."""
         it, found = self.machine, []
-        sticking = any(c.mode == 0 and c.b == it.rotor for c in it.contacts)
-        if it.screw and it.rotor and it.gear != RIGID:
+        if self._gear_watched():
             rotor = it.bodies[it.rotor]
             if it.resting:
                 found.append(lambda t, y: it.leaning(t, self.si(y), it.resting)[0])
@@ -59,7 +58,7 @@ class _Run:
             elif it.gear == FREE:
                 found.append(lambda t, y: it.half_gap(t) - (y[rotor.q] - it.held))
                 found.append(lambda t, y: it.half_gap(t) + (y[rotor.q] - it.held))
-            elif not sticking:
+            else:
                 found.append(lambda t, y: it.gear * y[rotor.v] - it.gap[2])
         for j, contact in enumerate(it.contacts):
             if contact.mode:
@@ -71,6 +70,17 @@ class _Run:
             function.terminal, function.direction = True, -1.0
         return found
 
+    def _gear_watched(self) -> bool:
+        """Whether the gear can change its state; while friction stops the motor at a steady gap, friction decides."""
+        it = self.machine
+        if not it.screw or not it.rotor or it.gear == RIGID:
+            return False
+        rubbing = [c for c in it.contacts if c.b == it.rotor]
+        sticking = any(c.mode == 0 for c in rubbing)
+        if it.gear == FREE:
+            return not (sticking and it.gap[2] >= 0.0)
+        return not (rubbing and it.gap[2] == 0.0)
+
     def si(self, y: Array) -> list[float]:
         return (y * self.scale).tolist()
 
@@ -79,9 +89,8 @@ class _Run:
         it = self.machine
         self.events += 1
         gear = 0
-        if it.screw and it.rotor and it.gear != RIGID:
-            sticking = any(c.mode == 0 and c.b == it.rotor for c in it.contacts)
-            gear = 2 if it.gear == FREE else (0 if sticking else 1)
+        if self._gear_watched():
+            gear = 2 if it.gear == FREE else 1
             if which < gear:
                 if it.resting:
                     it.gear, it.resting = (FREE if which == 0 else it.resting), 0
@@ -157,7 +166,7 @@ class _Run:
             rotor = it.bodies[it.rotor]
             turns = y[rotor.v]
             for contact in it.contacts:
-                if contact.b == it.rotor and contact.mode and turns == 0.0:
+                if contact.b == it.rotor and abs(turns) < 1e-12:  # it is just breaking loose, or sticks
                     turns = contact.mode * 1e-300
             if it.gear * turns < it.gap[2] - 1e-9 or (it.gap[2] == 0.0 and it.gear * turns < 0.0):
                 self._open(t, y)

@@ -102,6 +102,12 @@ def test_columns_of_a_trace_are_known_by_their_suffixes(frame, save):
     assert recording.notes == ["Columns that are no channels of the rig are not used: gap_deg."]
 
 
+def test_in_open_loop_the_reference_is_the_command(frame, save):
+    recording = read_recording(save(frame.assign(r=frame.u)))
+    assert recording.units["r"] == "V"
+    assert np.array_equal(recording.channels["r"], frame.u)
+
+
 def test_a_column_in_a_unit_of_another_kind_is_refused(frame, save, refusal):
     assert "column q3_deg is in rad" in refusal(save(frame.rename(columns={"q3": "q3_deg"})))
 
@@ -160,7 +166,8 @@ def test_an_unreadable_file_is_refused(frame, save, refusal, monkeypatch):
 
 
 HEADS = (b"", b"PAR1", b"MATLAB 5.0 MAT-file" + 105 * b" " + b"\x00\x01IM", b"PK\x03\x04", b"{", b"[[",
-         b"\x1f\x8b\x08\x00", b"\x89HDF\r\n\x1a\n", b"\x93NUMPY", b"t,u,q3\n", b"t;u;q3\n0,1;2;3\n", b"# t u\n1 2\n")  # fmt: skip
+         b"\x1f\x8b\x08\x00", b"\x89HDF\r\n\x1a\n", b"\x93NUMPY", b"t,u,q3\n",
+         b"t;u;q3\n0,1;2;3\n", b"# t u\n1 2\n")  # fmt: skip
 
 
 @RELAXED

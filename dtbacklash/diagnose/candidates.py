@@ -1,0 +1,124 @@
+"""What could be missing: every effect that a rig's elements take, and where its secondary parameters may lie."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dtbacklash.diagnose.compare import Block, Record, places_of, predict
+from dtbacklash.errors import UserError
+from dtbacklash.physics.catalogue import Effect, effects_of
+from dtbacklash.physics.elements import BODY_KINDS
+from dtbacklash.physics.plant import Floats
+from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
+
+Values = dict[str, float]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect at one place, with the grid of values from which its signatures are made."""
+
+    place: str
+    effect: Effect
+    grid: list[Values] = field(default_factory=list)
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """(place, effect's name)."""
+        return self.place, self.effect.name
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How the rig moves in the recording: from which secondary parameters take their grids.
+
+    ``command`` (N,) V; ``speed`` and ``stretch``: typical largest values by element; ``position`` its travel.
+    """
+
+    command: Floats
+    speed: dict[str, float]
+    stretch: dict[str, Floats]
+
+
+def candidates(rig: Rig, blocks: list[Block], motion: Motion) -> list[Candidate]:
+    """All effects that the rig does not have yet and that the blocks can show."""
+    places = set().union(*(places_of(rig, b) for b in blocks))
+    channels = {SENSOR_PREFIX + c for b in blocks for c in b.channels}
+    found = []
+    for place in [*rig.elements, *sorted(p for p in places if p.startswith(SENSOR_PREFIX))]:
+        if place.startswith(SENSOR_PREFIX) and place not in channels | places:
+            continue
+        for effect in effects_of(rig.kind_at(place)).values():
+            if rig.effect(place, effect.name) is None and _possible(rig, place, effect):
+                found.append(Candidate(place, effect, _grid(rig, place, effect, motion)))
+    return found
+
+
+def _possible(rig: Rig, place: str, effect: Effect) -> bool:
+    """Whether the rig's build takes the effect at all, and it can be seen from where the rig begins."""
+    base = (screw := rig.only("screw")) and screw.neighbours.get("carries")
+    if place == base and not (screw and rig.effect(screw.name, "compliance")):
+        return False  # a mass on a rigid screw moves as the screw does, whatever acts on it
+    try:
+        rig.with_effect(place, effect.name, {effect.size.name: effect.size.typical})
+    except UserError:
+        return False
+    return True
+
+
+def _grid(rig: Rig, place: str, effect: Effect, motion: Motion) -> list[Values]:
+    """Starting values; the size stands at its typical value and is scaled to the residual later."""
+    base = {p.name: p.typical for p in effect.parameters}
+    speed, stretch = motion.speed.get(place, 0.0), motion.stretch.get(place)
+    if effect.name == "saturation":
+        top = np.abs(motion.command)
+        return [{"limit": float(v)} for v in {0.97 * top.max(), *np.quantile(top[top > 0], (0.5, 0.8, 0.95, 0.99))}]
+    if effect.name == "stribeck_friction" and speed > 0.0:
+        return [{**base, "speed": share * speed} for share in (0.02, 0.1, 0.4)]
+    if effect.name == "hysteresis" and stretch is not None:
+        top = float(np.quantile(np.abs(stretch), 0.95))
+        return [{**base, "displacement": share * top} for share in (0.03, 0.15, 0.6)]
+    if effect.name == "bumper" and stretch is not None:
+        return [{**base, "clearance": float(v)} for v in np.quantile(stretch, (0.03, 0.2, 0.5, 0.8, 0.93, 0.98, 0.995))]
+    if effect.name == "absorber":
+        return [{**base, "frequency": float(f)} for f in np.geomspace(1.5, 60.0, 12)]
+    if effect.name == "resistance_heating":
+        return [{**base, "time_constant": tau} for tau in (1.0, 5.0, 25.0)]
+    return [base]
+
+
+def motion_of(rig: Rig, blocks: list[Block], records: list[Record]) -> Motion:
+    """Speeds of the bodies and stretches of the links, from the measurement and the simulation of what is not measured."""
+    positions = _positions(rig, blocks, records[0])
+    step = records[0].sample_time_s
+    speed, stretch = {}, {}
+    for name, q in positions.items():
+        smooth = np.convolve(q, np.ones(9) / 9, "same")[8:-8]
+        speed[name] = float(np.quantile(np.abs(np.diff(smooth)) / step, 0.98)) if len(smooth) > 2 else 0.0
+    for link in rig.of_kind("link"):
+        a, b = (positions.get(e, np.zeros(records[0].samples)) for e in link.neighbours["between"])
+        stretch[link.name] = b - a
+    return Motion(np.concatenate([r.u for r in records]), speed, stretch)
+
+
+def _positions(rig: Rig, blocks: list[Block], record: Record) -> dict[str, Floats]:
+    """(N,) position of every body, SI: as the blocks simulate them, measured where they are."""
+    from dataclasses import replace
+
+    found: dict[str, Floats] = {}
+    bodies = [e.name for e in rig.elements.values() if e.kind in BODY_KINDS]
+    for block in blocks:
+        inside = [b for b in bodies if b in places_of(rig, block)]
+        sensors = {f"_{b}": {"of": b, "quantity": "position"} for b in inside}
+        config = replace(rig.config, sensors={**rig.config.sensors, **sensors})
+        from dtbacklash.physics.rig import build_rig
+
+        wide = replace(block, channels=(*block.channels, *sensors))
+        y = {**record.y, **{s: np.zeros(record.samples) for s in sensors}}
+        values = predict(build_rig(config), wide, replace(record, y=y))
+        for j, body in enumerate(inside):
+            found[body] = values[:, len(block.channels) + j]
+    for name, sensor in rig.sensors.items():
+        if sensor.quantity == "position" and name in record.y:
+            found[sensor.of] = record.y[name]
+    return found

@@ -1,0 +1,151 @@
+"""Locate: a bank of signatures, one simulation or two per candidate, and how much of the residual each explains.
+
+A signature is what a candidate changes in the output, at a size at which it would be about as large as the residual.
+The signatures of the nominal parameters are taken out of both by regression under the parameters' priors, so that a
+wrong mass within its tolerance is not called new physics.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dtbacklash.diagnose.candidates import Candidate, Values
+from dtbacklash.diagnose.compare import Block, places_of
+from dtbacklash.diagnose.evidence import Evidence, Residuals
+from dtbacklash.diagnose.periodic import wave_grid
+from dtbacklash.diagnose.refit import Fit, Problem, weights_for
+from dtbacklash.errors import UserError
+from dtbacklash.physics.plant import Floats
+from dtbacklash.physics.rig import Rig
+
+#: signatures are simulated with this many substeps: they need not be accurate to the last digit
+SUBSTEPS = 2
+#: a signature within this factor of the residual's size is not made again
+SIZE_BAND = 3.0
+
+
+@dataclass(frozen=True)
+class Score:
+    """How well one candidate's signature fits the residual.
+
+    explained : share of the weighted residual that it takes away (training part). gain : the same as a fall of the
+    objective. values : the parameters to start a fit from. signature : (rows,) projected, weighted.
+    """
+
+    candidate: Candidate
+    values: Values
+    explained: float
+    gain: float
+    signature: Floats
+
+
+class Bank:
+    """The signatures of all candidates about one fitted rig."""
+
+    def __init__(self, evidence: Evidence, fitted: Fit) -> None:
+        self.evidence, self.fitted = evidence, fitted
+        self.rig = fitted.rig
+        problem = Problem(evidence, fitted.base, fitted.free)
+        problem.weights = weights_for(evidence, fitted.residuals)
+        self.weights = problem.weights
+        self.touched = problem.touched = [b.name for b in evidence.blocks]
+        if len(fitted.free):
+            jacobian = problem.jacobian(fitted.x)
+            self._q = np.linalg.qr(jacobian)[0]
+        else:
+            self._q = np.zeros((len(problem.stack(fitted.residuals, fitted.x)), 0))
+        self._priors = int(problem.prior.sum())
+        rows = problem.stack(fitted.residuals, fitted.x)
+        self.residual = self._project(rows)
+        self.total = float(self.residual @ self.residual)
+
+    def _project(self, rows: Floats) -> Floats:
+        return rows - self._q @ (self._q.T @ rows)
+
+    def _stack(self, residuals: Residuals) -> Floats:
+        rows = []
+        for name in self.touched:
+            part = self.evidence.rows(residuals, name, "train")
+            rows.append((part * np.sqrt(self.weights[name])[:, None]).ravel())
+        rows.append(np.zeros(self._priors))
+        return np.concatenate(rows)
+
+    def signature(self, candidate: Candidate, values: Values) -> Floats | None:
+        """(rows,) what the effect adds to the prediction, weighted; None if it cannot be simulated."""
+        place, name = candidate.key
+        try:
+            rig = self.rig.with_effect(place, name, values)
+            changed = self.evidence.residuals(rig, self.fitted.residuals, {place})
+        except UserError:
+            return None
+        rows = self._stack(self.fitted.residuals) - self._stack(changed)
+        return rows if np.isfinite(rows).all() else None
+
+    def score(self, candidate: Candidate) -> Score | None:
+        """The best of a candidate's grid."""
+        best: Score | None = None
+        for values in wave_grid(candidate, self) or candidate.grid:
+            found = self._score(candidate, values)
+            if found and (best is None or found.explained > best.explained):
+                best = found
+        return best
+
+    def _score(self, candidate: Candidate, values: Values) -> Score | None:
+        size = candidate.effect.size
+        signature = self.signature(candidate, values)
+        if signature is None:
+            return None
+        projected = self._project(signature)
+        if size.neutral == 0.0:
+            factor = self._wanted(candidate, projected)
+            if not factor:
+                return self._rate(candidate, values, projected) if factor is None else None
+            if not 1.0 / SIZE_BAND < factor < SIZE_BAND:
+                value = float(np.clip(values[size.name] * factor, size.low, size.high))
+                values = {**values, size.name: value}
+                again = self.signature(candidate, values)
+                if again is None:
+                    return None
+                projected = self._project(again)
+        return self._rate(candidate, values, projected)
+
+    def _wanted(self, candidate: Candidate, projected: Floats) -> float | None:
+        """Factor on the size at which the signature would fit best; None to leave it; 0: it does nothing."""
+        norm = float(projected @ projected)
+        if norm < 1e-12 * max(self.total, 1.0):
+            return 0.0
+        factor = float(projected @ self.residual) / norm
+        most = np.sqrt(self.total / norm)
+        factor = np.sign(factor) * max(abs(factor), 0.1 * most)
+        if factor < 0.0 and candidate.effect.size.low >= 0.0:
+            factor = 0.1 * most  # the wrong sign at this size; it may still turn at another
+        return float(np.clip(factor, -1e4, 1e4))
+
+    def _rate(self, candidate: Candidate, values: Values, projected: Floats) -> Score | None:
+        norm = float(projected @ projected)
+        if norm < 1e-12 * max(self.total, 1.0):
+            return None
+        along = float(projected @ self.residual)
+        share = along / norm
+        size = candidate.effect.size
+        if size.neutral == 0.0:
+            share = max(share, 0.0) if size.low >= 0.0 else share
+            share = float(np.clip(share, -3.0, 3.0))
+            value = float(np.clip(values[size.name] * share, size.low, size.high)) if share else values[size.name]
+            start = {**values, size.name: value if abs(share) > 0.05 else values[size.name] * 0.05}
+        else:
+            share, start = float(np.clip(share, 0.0, 1.0)), values
+        fall = 2.0 * share * along - share * share * norm
+        return Score(candidate, start, max(fall, 0.0) / max(self.total, 1e-300), fall, projected)
+
+
+def bank(evidence: Evidence, fitted: Fit, listed: list[Candidate]) -> tuple[Bank, list[Score]]:
+    """Score all candidates about a fitted rig, best first."""
+    signatures = Bank(evidence, fitted)
+    scores = [s for c in listed if (s := signatures.score(c)) is not None]
+    return signatures, sorted(scores, key=lambda s: -s.explained)
+
+
+def blocks_touched(rig: Rig, blocks: list[Block], place: str) -> list[str]:
+    """Names of the blocks whose prediction something at ``place`` can change."""
+    return [b.name for b in blocks if place in places_of(rig, b)]

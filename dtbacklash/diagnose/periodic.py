@@ -1,0 +1,159 @@
+"""Periodic laws: which wave number and phase, found by one linear regression per wave number.
+
+A force ``A sin(n q + phase)`` evaluated along the measured motion is linear in ``A cos(phase)`` and ``A sin(phase)``, and
+reaches the output through the block's linear dynamics: no simulation per wave number, only a filter.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.signal import lfilter, ss2tf
+
+from dtbacklash.diagnose.compare import Block, Record, part_of, places_of, true_angle
+from dtbacklash.physics import plant as pl
+from dtbacklash.physics.assembly import compile_plant, state_names
+from dtbacklash.physics.plant import Floats, Plant
+
+if TYPE_CHECKING:
+    from dtbacklash.diagnose.candidates import Candidate, Values
+    from dtbacklash.diagnose.locate import Bank
+
+#: wave numbers are tried in steps of this share of a cycle over the travel
+STEP = 0.35
+#: and at most as many of them
+WAVES_MAX = 700
+#: of the best wave numbers, as many are simulated
+KEPT = 2
+
+
+def wave_grid(candidate: Candidate, bank: Bank) -> list[Values]:
+    """The best few starts of a periodic effect, or nothing if it is not one."""
+    names = [p.name for p in candidate.effect.parameters]
+    if "phase" not in names:
+        return []
+    block = next((b for b in bank.evidence.blocks if candidate.place in places_of(bank.rig, b)), None)
+    if block is None:
+        return []
+    found = _scan(candidate, bank, block)
+    wave = candidate.effect.parameters[1]
+    size = candidate.effect.size
+    return [
+        {size.name: float(np.clip(a, size.low, size.high)), wave.name: float(n), "phase": float(phase)}
+        for n, a, phase in found
+        if a > 0.0
+    ]
+
+
+def _scan(candidate: Candidate, bank: Bank, block: Block) -> list[tuple[float, float, float]]:
+    """(wave number, amplitude, phase) of the best wave numbers."""
+    records, part = bank.evidence.records, part_of(bank.rig, block)
+    plant = compile_plant(part, records[0].sample_time_s, 1, 2, block.imposed is not None)
+    paths = [_path(candidate, bank, block, plant, r) for r in records]
+    b, a = _transfer(candidate, block, part, plant)
+    waves = _waves(candidate, paths)
+    scale = np.sqrt(bank.weights[block.name]) / bank.evidence.floor[block.name]
+    target = bank._stack(bank.fitted.residuals)
+    start, width = _place_of_rows(bank, block)
+    rated = []
+    for n in waves:
+        columns = []
+        for shape in (np.sin, np.cos):
+            rows = np.zeros(len(target))
+            outputs = [_filtered(shape(n * q) * w - (shape(n * q[0]) * w[0] if d else 0.0), b, a)
+                       for (q, w, d) in paths]  # fmt: skip
+            kept = [o[:, r.train] for o, r in zip(outputs, records, strict=True)]
+            rows[start : start + width] = (np.concatenate(kept, axis=1) * scale[:, None]).ravel()
+            columns.append(bank._project(rows))
+        X = np.column_stack(columns)
+        solution, *_ = np.linalg.lstsq(X, bank.residual, rcond=None)
+        fall = float(bank.residual @ X @ solution)
+        rated.append((fall, n, math.hypot(*solution), math.atan2(solution[1], solution[0])))
+    rated.sort(reverse=True)
+    kept_waves: list[tuple[float, float, float]] = []
+    for _, n, amplitude, phase in rated:
+        if all(abs(n - other[0]) > 0.05 * n for other in kept_waves):
+            kept_waves.append((n, amplitude, phase))
+        if len(kept_waves) == KEPT:
+            break
+    return kept_waves
+
+
+def _place_of_rows(bank: Bank, block: Block) -> tuple[int, int]:
+    start = 0
+    for name in bank.touched:
+        width = bank.evidence.rows(bank.fitted.residuals, name, "train").size
+        if name == block.name:
+            return start, width
+        start += width
+    raise KeyError(block.name)
+
+
+def _path(candidate: Candidate, bank: Bank, block: Block, plant: Plant, record: Record) -> tuple[Floats, Floats, bool]:
+    """(N,) the position that the law depends on, what it is multiplied by, and whether it is counted from its start."""
+    name = candidate.effect.name
+    if name == "pitch_error":
+        return true_angle(bank.rig, block, record), np.ones(record.samples), True
+    sensor = block.pulled
+    q = record.y[sensor] if sensor else np.zeros(record.samples)
+    if name == "torque_ripple":
+        circuit = plant.circuit
+        rate = np.gradient(q, record.sample_time_s)
+        emf = bank.rig.elements[candidate.place].values["emf_constant"]
+        return q, circuit[pl.C_KT] * (record.u - emf * rate) / circuit[pl.C_R], False
+    return q, np.ones(record.samples), False
+
+
+def _waves(candidate: Candidate, paths: list[tuple[Floats, Floats, bool]]) -> Floats:
+    """Wave numbers to try: spaced so that none can slip through, from half a cycle over the travel on."""
+    wave = candidate.effect.parameters[1]
+    travel = max(float(np.ptp(q)) for q, _, _ in paths)
+    if travel <= 0.0:
+        return np.zeros(0)
+    step = STEP * math.pi / travel
+    most = min(wave.high, max(60.0 * wave.typical / 24.0, 6.0 * wave.typical))
+    low = max(wave.low, 2.0 * step)
+    return np.linspace(low, most, int(min(WAVES_MAX, max(2, (most - low) / step))))
+
+
+def _transfer(candidate: Candidate, block: Block, part, plant: Plant) -> tuple[Floats, Floats]:
+    """Numerators (channels, order+1) and denominator from the effort (or the base's position) to the innovation."""
+    contact = 0 if plant.rotor < 0 else 1
+    A = plant.E[contact, 0].T
+    if candidate.effect.name == "pitch_error":
+        channel = pl.CH_D
+    else:
+        kinds = {"torque_ripple": plant.rotor}
+        names = state_names(part, block.imposed is not None)
+        body = kinds.get(candidate.effect.name, names.index(candidate.place) if candidate.place in names else 0)
+        channel = pl.CH_F + body
+    B1, B2 = plant.P1[contact, 0, channel], plant.P2[contact, 0, channel]
+    names = list(part.sensors)
+    C = np.zeros((len(block.channels), len(A)))
+    for j, c in enumerate(block.channels):
+        index = int(plant.sensor[names.index(c), pl.Y_INDEX])
+        if index >= 0:
+            C[j, index] = 1.0
+    if block.pulled:
+        row = C[list(block.channels).index(block.pulled)]
+        gain = np.zeros(len(A))
+        where = int(np.argmax(row))
+        gain[where], gain[where + plant.n_bodies] = block.gains
+        A = A - A @ np.outer(gain, row)
+    # the input of a sample is the ramp from its start to its end: a state more holds the next value
+    n = len(A)
+    big = np.zeros((n + 1, n + 1))
+    big[:n, :n], big[:n, n] = A, B1 - B2
+    drive = np.concatenate([B2, [1.0]])
+    out = np.concatenate([C, np.zeros((len(C), 1))], axis=1)
+    # x[k+1] = A x[k] + (B1 - B2) w[k] + B2 w[k+1]
+    numerators, denominator = ss2tf(big, drive[:, None], out, np.zeros((len(out), 1)))
+    return numerators, denominator
+
+
+def _filtered(w: Floats, b: Floats, a: Floats) -> Floats:
+    """(channels, N) the response to an effort w; its value at a sample's end acts within the sample."""
+    ahead = np.append(w[1:], w[-1])
+    return np.array([lfilter(row, a, ahead) for row in b])
