@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from benchmarks.scenario import new_traces
 from dtbacklash import closed_loop as loop
 from dtbacklash.config.compose import compose
 from dtbacklash.config.run import RunConfig
@@ -129,8 +130,9 @@ def random_case(campaign: int, number: int) -> Case:
     the search starts anywhere up to 400 degrees, with theta_d anywhere in that gap.
     """
     rng = np.random.default_rng([campaign, number])
-    gap = float(rng.choice([0.0, rng.uniform(0, 120)], p=[0.1, 0.9]))
-    old = float(rng.choice([rng.uniform(0, 120), np.clip(gap + 3 * rng.standard_normal(), 0, 180), gap], p=[0.6, 0.3, 0.1]))
+    gap = float(rng.choice(np.array([0.0, rng.uniform(0, 120)]), p=[0.1, 0.9]))
+    anything, near = float(rng.uniform(0, 120)), float(np.clip(gap + 3 * rng.standard_normal(), 0, 180))
+    old = float(rng.choice(np.array([anything, near, gap]), p=[0.6, 0.3, 0.1]))
     times = np.sort(rng.integers(100, 6000, rng.integers(1, 4)))
     size = rng.choice([0.1, 0.5, 2.0])
     moves = tuple((int(t), float(rng.uniform(-size, size))) for t in times)
@@ -182,11 +184,6 @@ def _scatter_um(bench: Bench, case: Case, memory: _Loop, signals: loop.Signals, 
     return largest
 
 
-def _traces(bench: Bench, n: int) -> loop.Traces:
-    wide = (n, len(bench.plant.sensor))
-    return loop.Traces(*(np.zeros(n) for _ in range(5)), np.zeros(wide), np.zeros(wide))
-
-
 def _run(
     bench: Bench, memory: _Loop, signals: loop.Signals, traces: loop.Traces, first: int, stop: int, gap: float
 ) -> bool:
@@ -203,10 +200,8 @@ def _run(
 def run_case(bench: Bench, case: Case) -> dict[str, Any]:
     """Run one case in the four ways; one row of the table (see :func:`run_campaign`)."""
     signals = _signals(bench, case)
-    memory = _Loop(
-        new_state(bench.plant), new_controller_state(bench.controller), bench.detector.initial_state()
-    )
-    before = _traces(bench, case.samples + 1)
+    memory = _Loop(new_state(bench.plant), new_controller_state(bench.controller), bench.detector.initial_state())
+    before = new_traces(case.samples + 1, len(bench.plant.sensor))
     old = math.radians(case.old_deg)
     if not _run(bench, memory, signals, before, 0, case.due, old):
         raise RuntimeError(f"case {case.seed}: the loop diverged before the twin was asked")
@@ -219,11 +214,9 @@ def run_case(bench: Bench, case: Case) -> dict[str, Any]:
     return row | _compared(case, 1e3 * signals.reference[case.due :], q3_mm)
 
 
-def _continued(
-    bench: Bench, case: Case, memory: _Loop, signals: loop.Signals, gap_deg: float
-) -> Floats:
+def _continued(bench: Bench, case: Case, memory: _Loop, signals: loop.Signals, gap_deg: float) -> Floats:
     """q3 [mm] from the answer on, if the answer is ``gap_deg``; infinite where the loop diverged."""
-    traces = _traces(bench, case.samples + 1)
+    traces = new_traces(case.samples + 1, len(bench.plant.sensor))
     fine = _run(bench, memory.copy(), signals, traces, case.due, case.samples + 1, math.radians(gap_deg))
     y = 1e3 * traces.truth[case.due :, 1]
     return y if fine else np.full_like(y, math.inf)

@@ -19,7 +19,7 @@ SUBSTEPS = 10
 
 
 @njit(error_model="numpy")
-def _loop(r, gap, gap_hat, motor, structure, gain, W, M, S, step, out):
+def _loop(r, gap, gap_hat, motor, structure, gain, W, M, S, step, out):  # type: ignore[no-untyped-def]
     J, L, R, k_T, k_B = motor
     m, k, c, p = structure
     wa, wb, wc, wd = W

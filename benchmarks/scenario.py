@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -75,18 +76,22 @@ def prepare(*overrides: str) -> Scenario:
     )  # fmt: skip
 
 
+def new_traces(n: int, sensors: int) -> loop.Traces:
+    """Room for the traces of n samples."""
+    u, theta_d, gap_hat, eps, novelty = (np.zeros(n) for _ in range(5))
+    return loop.Traces(u, theta_d, gap_hat, eps, novelty, np.zeros((n, sensors)), np.zeros((n, sensors)))
+
+
 def ours(scenario: Scenario) -> Floats:
     """q3 [m] by our compiled loop, segment by segment between changes of the estimate, as ``dtb run`` does it."""
     n, sensors = scenario.reference_m.size, len(scenario.plant.sensor)
-    signals = loop.Signals(
-        scenario.reference_m, scenario.gap_rad, np.zeros((0, sensors)), np.zeros(sensors)
-    )
-    traces = loop.Traces(*(np.zeros(n) for _ in range(5)), np.zeros((n, sensors)), np.zeros((n, sensors)))
+    signals = loop.Signals(scenario.reference_m, scenario.gap_rad, np.zeros((0, sensors)), np.zeros(sensors))
+    traces = new_traces(n, sensors)
     state, control_state = new_state(scenario.plant), new_controller_state(scenario.controller)
     detector = scenario.detector
     memory = detector.initial_state()
     edges = [0, *(np.flatnonzero(np.diff(scenario.gap_hat_rad)) + 1), n]
-    for first, stop in zip(edges[:-1], edges[1:], strict=True):
+    for first, stop in pairwise(edges):
         loop.run_segment(
             scenario.plant, state, scenario.controller, control_state, memory,
             (detector.sos, detector.cos_step, detector.sin_step), signals, traces, (0, 1), int(first), int(stop),

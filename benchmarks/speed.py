@@ -9,6 +9,7 @@ import sys
 import tempfile
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +19,14 @@ from benchmarks.libraries import python_control, scipy_ivp
 from benchmarks.measure import Row, interleaved_s, median, times_s, verdict
 from benchmarks.scenario import PAPER, SHORT, ours, prepare
 from dtbacklash.config.compose import compose
+from dtbacklash.config.run import OptimizerConfig
+from dtbacklash.physics.plant import Floats
 from dtbacklash.scenario import run_scenario
-from dtbacklash.twin.estimate import OPTIMIZERS, Problem, default_start, estimate_gap
-from dtbacklash.twin.guard import guarded_estimates
-from dtbacklash.twin.observer import twin_model
+from dtbacklash.twin.estimate import OPTIMIZERS, Estimate, Problem, default_start, estimate_gap
+from dtbacklash.twin.guard import Attempt, guarded_estimates
+from dtbacklash.twin.observer import TwinModel, twin_model
+
+Buffer = tuple[Floats, Floats]
 
 LOOP_RATIO_MAX = 2.0
 ESTIMATE_MAX_S = 0.020
@@ -34,8 +39,8 @@ LINEARITY_MAX = 1.25
 def loop_rows(repeats: int = 15) -> list[Row]:
     """The paper's 200 s by our compiled loop and by the hand-written one, in turn in one process."""
     scenario = prepare(*PAPER)
-    ours_s, hand_s = interleaved_s([lambda: ours(scenario), lambda: hand_written(scenario)], repeats)
-    rows = []
+    ours_s, hand_s = interleaved_s([partial(ours, scenario), partial(hand_written, scenario)], repeats)
+    rows: list[Row] = []
     for name, seconds, q3 in (("hand-written loop", hand_s, hand_written), ("dtbacklash", ours_s, ours)):
         rows.append({
             "what": name, "simulated_s": scenario.seconds, "wall_s": seconds, "ratio": seconds / hand_s,
@@ -49,10 +54,10 @@ def loop_rows(repeats: int = 15) -> list[Row]:
 def library_rows() -> list[Row]:
     """python-control and SciPy on four seconds, beside both compiled loops; times per 200 simulated seconds."""
     scenario = prepare(*SHORT)
-    hand_s, ours_s = interleaved_s([lambda: hand_written(scenario), lambda: ours(scenario)], 15)
+    hand_s, ours_s = interleaved_s([partial(hand_written, scenario), partial(ours, scenario)], 15)
     timed = [("hand-written loop", hand_s, hand_written), ("dtbacklash", ours_s, ours)]
     for name, function in (("python-control", python_control), ("SciPy solve_ivp", scipy_ivp)):
-        timed.append((name, min(times_s(lambda f=function: f(scenario), 2)), function))  # type: ignore[misc]
+        timed.append((name, min(times_s(partial(function, scenario), 2)), function))
     return [
         {
             "what": name, "simulated_s": scenario.seconds, "wall_s": seconds,
@@ -69,7 +74,7 @@ def estimate_rows(repeats: int = 5) -> list[Row]:
     config, trace = scenario.config, scenario.result.trace
     model = twin_model(scenario.structure, config.twin.observer_pole_rad_s, config.sample_time_s, config.twin.settle)
     theta_m, q3 = trace["theta_m_rad"].to_numpy(), trace["q3_mm"].to_numpy() * 1e-3
-    rows = []
+    rows: list[Row] = []
     for name in OPTIMIZERS:
         settings = compose(f"optimizer={name}").optimizer
         plain, guarded, errors = [], [], []
@@ -78,16 +83,11 @@ def estimate_rows(repeats: int = 5) -> list[Row]:
             window = slice(first, first + config.twin.buffer)
             gap = float(scenario.gap_hat_rad[first])
 
-            def one(part: slice = window, gap: float = gap) -> float:
-                problem = Problem(theta_m[part], q3[part], model)
-                return estimate_gap(problem, settings, default_start(problem, gap)).gap_rad
-
-            def checked(part: slice = window, gap: float = gap) -> object:
-                return guarded_estimates(Problem(theta_m[part], q3[part], model), settings, gap)
-
-            plain.append(median(times_s(one, repeats)))
-            guarded.append(median(times_s(checked, repeats)))
-            errors.append(abs(math.degrees(one() - scenario.gap_rad[first + config.twin.buffer // 2])))
+            buffer = theta_m[window], q3[window]
+            plain.append(min(times_s(partial(_plain, buffer, model, settings, gap), repeats)))
+            guarded.append(min(times_s(partial(_guarded, buffer, model, settings, gap), repeats)))
+            found = _plain(buffer, model, settings, gap).gap_rad
+            errors.append(abs(math.degrees(found - scenario.gap_rad[first + config.twin.buffer // 2])))
         rows.append({
             "what": name, "plain_median_ms": 1e3 * median(plain), "plain_worst_ms": 1e3 * max(plain),
             "guarded_median_ms": 1e3 * median(guarded), "guarded_worst_ms": 1e3 * max(guarded),
@@ -97,14 +97,23 @@ def estimate_rows(repeats: int = 5) -> list[Row]:
     return rows
 
 
+def _plain(buffer: Buffer, model: TwinModel, settings: OptimizerConfig, gap_rad: float) -> Estimate:
+    problem = Problem(*buffer, model)
+    return estimate_gap(problem, settings, default_start(problem, gap_rad))
+
+
+def _guarded(buffer: Buffer, model: TwinModel, settings: OptimizerConfig, gap_rad: float) -> list[Attempt]:
+    return guarded_estimates(Problem(*buffer, model), settings, gap_rad)
+
+
 def linearity_rows(repeats: int = 7) -> list[Row]:
     """The compiled loop and the whole scenario (without the files) for 50 to 400 s of the same experiment."""
-    rows = []
+    rows: list[Row] = []
     for seconds in (50.0, 100.0, 200.0, 400.0):
         scenario = prepare(*PAPER, f"duration_s={seconds:g}")
-        loop_s = min(times_s(lambda s=scenario: ours(s), repeats))  # type: ignore[misc]
+        loop_s = min(times_s(partial(ours, scenario), repeats))
         quiet = replace(scenario.config, figures=False)
-        whole_s = min(times_s(lambda c=quiet: run_scenario(c), 3))  # type: ignore[misc]
+        whole_s = min(times_s(partial(run_scenario, quiet), 3))
         rows.append({
             "what": f"{seconds:g} s", "simulated_s": seconds, "loop_s": loop_s, "scenario_s": whole_s,
             "loop_us_per_s": 1e6 * loop_s / seconds,
@@ -123,7 +132,7 @@ def process_rows(repeats: int = 5) -> list[Row]:
         ("dtb run, figures=false", ["run", "controller=nimc_twin", "figures=false"], None),
         ("dtb --help", ["--help"], HELP_MAX_S),
     )
-    rows = []
+    rows: list[Row] = []
     for name, words, at_most in commands:
         runs = [_process(words) for _ in range(repeats + 1)][1:]  # the first fills the caches
         wall = [run[0] for run in runs]

@@ -8,6 +8,11 @@ from dtbacklash.physics import plant as pl
 from dtbacklash.physics.forces import add_forces, push
 from dtbacklash.physics.step import MOST_EVENTS, screw_angle, slip_rate, try_step
 
+#: a contact is located well enough when the gear would move no farther than this by what is left, rad (relative to an
+#: angle above 1 rad). A motor that creeps to rest on a flank would otherwise be chased through steps in which its
+#: angle does not change by rounding any more.
+NEAR_RAD = 1e-12
+
 NO_EVENT, GEAR_CLOSES, GEAR_OPENS, FRICTION = 0, 1, 2, 3
 
 
@@ -46,16 +51,27 @@ def _friction_event(P, S, mode, theta_d, gap_rate):
     for c in range(P.friction.shape[0]):
         direction = S.mode[1 + c]
         if direction == 0:
-            most = P.friction[c, pl.F_COULOMB] + P.friction[c, pl.F_STRIBECK]
-            if abs(S.reaction[c]) <= most:
-                # the step's mean is not what is needed at its end: correct it by the acceleration that it leaves
-                acceleration, mobility = _slip_acceleration(P, S.xn, S.w1, c, contact)
-                S.reaction[c] -= acceleration / mobility
-            if abs(S.reaction[c]) > most:
+            # the step's mean reaction lags behind what is needed at its end: correct it by the slip's acceleration
+            acceleration, mobility = _slip_acceleration(P, S.xn, S.w1, c, contact)
+            S.reaction[c] -= acceleration / mobility
+            if abs(S.reaction[c]) > P.friction[c, pl.F_COULOMB] + P.friction[c, pl.F_STRIBECK]:
                 found = FRICTION
         elif direction * slip_rate(P, S.xn, mode, c, theta_d, gap_rate) < 0.0:
             found = FRICTION
     return found
+
+
+@inlined
+def _located(P, S, event, gap, gap_rate, h):
+    """Whether the event of the gear lies so near to the end of the step of ``h`` seconds that nothing is lost."""
+    if event == FRICTION:
+        return False
+    theta_m = S.xn[P.position + P.rotor]
+    if event == GEAR_CLOSES:
+        beyond = abs(theta_m - S.gear[0]) - gap
+    else:
+        beyond = (gap_rate - S.mode[0] * S.xn[P.position + P.n_bodies + P.rotor]) * h
+    return beyond <= NEAR_RAD * max(1.0, abs(theta_m))
 
 
 @compiled
@@ -72,10 +88,21 @@ def switch_gear(P, S, gap, gap_rate):
             S.mode[0] = pl.PLUS if z > 0.0 else pl.MINUS
             carried = P.screw[pl.S_SHARE] * P.screw[pl.S_LEAD] ** 2 * P.screw[pl.S_BASE_MASS]
             if carried != 0.0:  # the teeth meet without rebound: momentum is shared with what the screw carries
-                S.x[speed] *= P.screw[pl.S_INERTIA] / (P.screw[pl.S_INERTIA] + carried)
+                inertia = P.screw[pl.S_INERTIA]
+                S.x[speed] = (inertia * S.x[speed] + carried * S.mode[0] * gap_rate) / (inertia + carried)
+            _jerk_base_contacts(P, S, gap_rate)
     elif mode * S.x[speed] < gap_rate:
         S.gear[0] = theta_m - mode * gap
         S.mode[0] = pl.FREE
+
+
+@compiled
+def _jerk_base_contacts(P, S, gap_rate):
+    """The base has jumped to the motor's speed: friction contacts with an end on it slip from now on."""
+    for c in range(P.friction.shape[0]):
+        if min(P.friction_ends[c, 0], P.friction_ends[c, 1]) == pl.BASE:
+            rate = slip_rate(P, S.x, S.mode[0], c, S.gear[0], gap_rate)
+            S.mode[1 + c] = 1 if rate > 0.0 else (-1 if rate < 0.0 else 0)
 
 
 @compiled
@@ -204,7 +231,8 @@ def _steps(P, S, t, gap0, gap_rate, theta0, theta1):
             given_rate = (laws.play(given, theta, gap + gap_rate * h) - given) / h
         try_step(P, S, level, h, t + start, voltage, gap, gap_rate, given, given_rate)
         event = find_event(P, S, gap + gap_rate * h, gap_rate)
-        if event != NO_EVENT and level < last and events < MOST_EVENTS:
+        chased = event != NO_EVENT and level < last and events < MOST_EVENTS
+        if chased and not _located(P, S, event, gap + gap_rate * h, gap_rate, h):
             least = level + 1
             continue
         copy(S.xn, S.x)

@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import tomllib
 from pathlib import Path
 
 import pandas as pd
@@ -119,6 +120,16 @@ def test_commands_in_the_docs_are_accepted(command: str, tmp_path: Path, monkeyp
             compose(*others, f"{key}={value}")
     if not plain:
         assert words in ([], ["-m"], ["--help"], ["--cfg", "job"])
+
+
+def test_every_library_is_accounted_for() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    needed = [*project["dependencies"], *(d for extra in project["optional-dependencies"].values() for d in extra)]
+    page = (ROOT / "docs" / "libraries.md").read_text(encoding="utf-8")
+    listed = {
+        name.strip() for line in page.splitlines() if line.startswith("| ") for name in _cells(line)[0].split(",")
+    }
+    assert {re.split(r"[<>=!~\[ ]", need)[0] for need in needed} == listed - {"library", "---"}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=ids)

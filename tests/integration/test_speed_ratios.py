@@ -1,0 +1,58 @@
+"""Speed as ratios within one process; absolute times are measured by ``python -m benchmarks``."""
+
+from __future__ import annotations
+
+import math
+import statistics
+
+import numpy as np
+import pytest
+
+from benchmarks.hand_written import hand_written
+from benchmarks.libraries import python_control, scipy_ivp
+from benchmarks.measure import interleaved_s
+from benchmarks.scenario import PAPER, SHORT, Scenario, ours, prepare
+from dtbacklash.twin.estimate import Problem, default_start, estimate_gap
+from dtbacklash.twin.observer import twin_model
+
+
+@pytest.fixture(scope="module")
+def paper() -> Scenario:
+    return prepare(*PAPER)
+
+
+def test_the_contestants_solve_the_same_problem(paper: Scenario) -> None:
+    assert np.max(np.abs(ours(paper) - paper.q3_m)) < 1e-10
+    # first order in a substep of 0.1 ms
+    assert np.max(np.abs(hand_written(paper) - paper.q3_m)) < 5e-5
+    short = prepare(*SHORT, "duration_s=0.5", "reference.period_s=0.5")
+    for contestant in (hand_written, python_control, scipy_ivp):
+        assert np.max(np.abs(contestant(short) - short.q3_m)) < 2e-5
+
+
+def test_at_most_twice_the_time_of_a_hand_written_loop(paper: Scenario) -> None:
+    ours_s, hand_s = interleaved_s([lambda: ours(paper), lambda: hand_written(paper)], 9)
+    assert ours_s < 2.0 * hand_s
+
+
+def test_a_long_rest_costs_no_more_than_motion(paper: Scenario) -> None:
+    """Time is linear in the length: a motor that creeps to rest on a flank must not be chased by the event search."""
+    longer = prepare(*PAPER, "duration_s=400")
+    short_s, long_s = interleaved_s([lambda: ours(paper), lambda: ours(longer)], 9)
+    assert long_s / short_s < 2.0 * 1.5
+
+
+def test_an_estimate_costs_less_than_the_hand_written_run(paper: Scenario) -> None:
+    """20 ms where the hand-written run takes 30 ms; the bound of the ratio is the same for any machine."""
+    config, trace = paper.config, paper.result.trace
+    model = twin_model(paper.structure, config.twin.observer_pole_rad_s, config.sample_time_s, config.twin.settle)
+    first = 120_000
+    window = slice(first, first + config.twin.buffer)
+    buffer = trace["theta_m_rad"].to_numpy()[window], trace["q3_mm"].to_numpy()[window] * 1e-3
+
+    def estimate() -> None:
+        problem = Problem(*buffer, model)
+        estimate_gap(problem, config.optimizer, default_start(problem, math.radians(20.0)))
+
+    rounds = [interleaved_s([estimate, lambda: hand_written(paper)], 1) for _ in range(7)]
+    assert statistics.median(one / run for one, run in rounds) < 20.0 / 30.0

@@ -1,0 +1,76 @@
+"""The rigs and the commands on which the compiled simulation is compared with the reference."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+import dtbacklash
+from dtbacklash.config.rig import ParameterConfig, RigConfig
+from dtbacklash.physics.rig import Rig, build_rig
+
+Array = NDArray[np.float64]
+
+
+def lead_screw() -> Rig:
+    """The paper's rig, from the file that the package ships."""
+    path = Path(dtbacklash.__file__).parent / "conf" / "rig" / "lead_screw.yaml"
+    described = yaml.safe_load(path.read_text())
+    described["parameters"] = {k: ParameterConfig(**v) for k, v in described["parameters"].items()}
+    return build_rig(RigConfig(**described))
+
+
+def carriage() -> Rig:
+    """A mass of 95 kg on a bearing, pushed by an ideal force: 1 V is 35 N."""
+    return build_rig(
+        RigConfig(
+            name="carriage",
+            parameters={"M": ParameterConfig(95.0, "kg"), "gain": ParameterConfig(35.0, "N/V")},
+            elements={
+                "amplifier": {"kind": "amplifier", "drives": "motor"},
+                "motor": {"kind": "actuator", "gain": "gain", "drives": "carriage"},
+                "carriage": {"kind": "carriage", "mass": "M"},
+            },
+            sensors={
+                "q": {"of": "carriage", "quantity": "position"},
+                "v": {"of": "carriage", "quantity": "velocity"},
+            },
+        )
+    )
+
+
+def oscillator(damping: float = 4.0) -> Rig:
+    """Two masses: one tied to the ground and pushed by an ideal force, one tied to the first."""
+    return build_rig(
+        RigConfig(
+            name="oscillator",
+            parameters={
+                "m": ParameterConfig(1.0, "kg"),
+                "k": ParameterConfig(2000.0, "N/m"),
+                "c": ParameterConfig(damping, "N s/m"),
+                "gain": ParameterConfig(1.0, "N/V"),
+            },
+            elements={
+                "amplifier": {"kind": "amplifier", "drives": "source"},
+                "source": {"kind": "actuator", "gain": "gain", "drives": "mass_1"},
+                "mass_1": {"kind": "mass", "mass": "m"},
+                "link_1": {"kind": "link", "between": ["ground", "mass_1"], "stiffness": "k", "damping": "c"},
+                "mass_2": {"kind": "mass", "mass": "m"},
+                "link_2": {"kind": "link", "between": ["mass_1", "mass_2"], "stiffness": "k", "damping": "c"},
+            },
+            sensors={
+                "q1": {"of": "mass_1", "quantity": "position"},
+                "q2": {"of": "mass_2", "quantity": "position"},
+            },
+        )
+    )
+
+
+def random_steps(samples: int, hold: int, size: float, seed: int = 1) -> Array:
+    """Filtered random steps, each held for ``hold`` samples; (samples,) V."""
+    steps = np.random.default_rng(seed).standard_normal(samples // hold + 1)
+    return size * np.repeat(lfilter([0.3], [1.0, -0.7], steps), hold)[:samples]
