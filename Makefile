@@ -6,7 +6,7 @@ PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: run test lint format typecheck paper bench lock clean
+.PHONY: run test lint format typecheck paper bench docs lock clean
 
 run: $(READY)
 	$(BIN)/dtb run controller=nimc_twin
@@ -27,6 +27,10 @@ format: $(READY)
 
 typecheck: $(READY)
 	$(BIN)/mypy
+
+# the tables that are generated from the code: docs/effects.md, docs/configuration.md
+docs: $(READY)
+	$(BIN)/python -m dtbacklash.docs
 
 bench: $(READY)
 	$(BIN)/python -m benchmarks

@@ -63,8 +63,19 @@ def _dispatch(words: list[str]) -> int:
     return int(command.main(words[1:]))
 
 
+def one_blas_thread() -> None:
+    """Keep the libraries of linear algebra to one thread, unless the user says otherwise; before numpy is loaded.
+
+    All matrices here are tiny. With threads, L-BFGS-B took up to 0.2 s instead of 4 ms on a busy machine, and the jobs
+    of a sweep would compete for the cores.
+    """
+    for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+
+
 def entry() -> None:
     """Entry point of the installed script."""
+    one_blas_thread()
     sys.exit(main())
 
 

@@ -33,7 +33,7 @@ KEYS = """\
   reference.path=FILE          with reference=csv: columns t_s,r_mm
   controller.gap_hat_deg=0     first estimate of the gap [deg]
   controller.k_theta_v_per_rad=15   gain of the inner loop [V/rad]
-  controller.internal_model=bare    what drives the internal model: bare, measured, inner_loop
+  controller.internal_model=bare    what drives the internal model: bare, measured, inner_loop, exact
   twin.delay_s=4               from a full buffer to the new gap in force [s]
   twin.buffer=1000             samples of one estimation; twin.settle=400 of them dropped
   twin.guard=true              false: trust whatever the optimizer returns

@@ -8,9 +8,9 @@ a fixed high-pass of that bandwidth. No model can hand the measurement back, as 
 
 from dataclasses import dataclass, replace
 
+import numba
 import numpy as np
 
-from dtbacklash.compiled import compiled
 from dtbacklash.errors import UserError
 from dtbacklash.physics import plant as pl
 from dtbacklash.physics.assembly import compile_plant, state_names
@@ -24,7 +24,9 @@ PULL_RAD_S = 15.0
 #: a pole of the nominal block slower than this integrates, rad/s
 INTEGRATES_RAD_S = 0.5
 #: a contact is located to sample_time/substeps/2**EVENT_LEVELS
-EVENT_LEVELS = 12
+EVENT_LEVELS = 10
+#: where a rough answer will do: substeps and levels
+ROUGH = (2, 4)
 
 MOTOR_KINDS = ("amplifier", "motor_circuit", "actuator", "rotor")
 
@@ -155,7 +157,7 @@ def true_angle(rig: Rig, block: Block, record: Record) -> Floats:
     return np.ascontiguousarray(angle)
 
 
-@compiled
+@numba.njit(cache=True, error_model="numpy", _nrt=False, nogil=True)
 def _track(P, S, u, gap, theta, target, pulled, where, gains, y):
     """Simulate all samples into ``y`` (N, sensors), each before it pulls the state towards ``target``."""
     n = u.shape[0]
@@ -169,10 +171,12 @@ def _track(P, S, u, gap, theta, target, pulled, where, gains, y):
             advance(P, S, k * P.sample_time, u[k], gap, gap, theta[k], theta[k + 1])
 
 
-def predict(rig: Rig, block: Block, record: Record, substeps: int = 0) -> Floats:
+def predict(rig: Rig, block: Block, record: Record, rough: bool = False) -> Floats:
     """(N, channels) what the block's channels would show, SI, each sample before the measurement pulls it."""
     part = part_of(rig, block)
-    plant = compile_plant(part, record.sample_time_s, substeps, EVENT_LEVELS, block.imposed is not None)
+    plant = compile_plant(part, record.sample_time_s, 0, EVENT_LEVELS, block.imposed is not None)
+    if rough and plant.forced and plant.delay_whole + plant.delay_ticks == 0:
+        plant = compile_plant(part, record.sample_time_s, *ROUGH, block.imposed is not None)
     names = list(part.sensors)
     column = names.index(block.pulled) if block.pulled else -1
     target = record.y[block.pulled] if block.pulled else np.zeros(1)
@@ -204,8 +208,8 @@ def _start(part: Rig, plant: Plant, block: Block, record: Record, angle: float):
     return state
 
 
-def residual(rig: Rig, block: Block, record: Record, substeps: int = 0) -> Floats:
+def residual(rig: Rig, block: Block, record: Record, rough: bool = False) -> Floats:
     """(N, channels) measured minus predicted, SI."""
     measured = np.column_stack([record.y[c] for c in block.channels])
-    return measured - predict(rig, block, record, substeps)
+    return measured - predict(rig, block, record, rough)
 

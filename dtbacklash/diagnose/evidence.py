@@ -1,6 +1,6 @@
 """What a diagnosis works on: recordings, blocks and the noise floor, and the loss of a rig on them."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,34 +21,36 @@ Residuals = dict[str, list[Floats]]
 class Evidence:
     """Recordings, the blocks into which the rig is cut, and the noise floor of every channel."""
 
+    nominal: Rig
     records: list[Record]
     blocks: list[Block]
     floor: dict[str, Floats]
-    settle: int = 0
-    _stretch: int = field(default=0)
+    _stretch: int
 
     @classmethod
     def gather(cls, rig: Rig, records: list[Record]) -> "Evidence":
         """Cut the rig and measure the floor."""
-        channels = tuple(set.intersection(*(set(r.y) for r in records)))
+        channels = tuple(n for n in rig.sensors if all(n in r.y for r in records))
         step = records[0].sample_time_s
         blocks = cut(rig, channels, step)
         held = sum(int(r.held.sum()) for r in records)
         stretch = max(20, min(round(STRETCH_S / step), held // STRETCHES_MIN))
-        return cls(records, blocks, noise_floor(rig, blocks, records), 0, stretch)
+        return cls(rig, records, blocks, noise_floor(rig, blocks, records), stretch)
 
-    def residuals(self, rig: Rig, known: Residuals | None = None, places: set[str] | None = None) -> Residuals:
+    def residuals(
+        self, rig: Rig, known: Residuals | None = None, places: set[str] | None = None, rough: bool = False
+    ) -> Residuals:
         """Per block and record, (N, channels) residuals in units of the floor.
 
-        ``known`` are the residuals of a rig that differs at ``places`` only: blocks that do not hold one are copied.
+        ``known`` : residuals, of some blocks, of a rig that differs at ``places`` only: blocks that hold none of them are copied.
         """
         found: Residuals = {}
         for block in self.blocks:
-            if known is not None and places is not None and not places & places_of(rig, block):
+            if known is not None and block.name in known and not (places or set()) & places_of(rig, block):
                 found[block.name] = known[block.name]
             else:
                 scale = self.floor[block.name]
-                found[block.name] = [residual(rig, block, r) / scale for r in self.records]
+                found[block.name] = [residual(rig, block, r, rough) / scale for r in self.records]
         return found
 
     def rows(self, residuals: Residuals, name: str, part: str) -> Floats:

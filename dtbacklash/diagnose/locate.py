@@ -18,8 +18,8 @@ from dtbacklash.errors import UserError
 from dtbacklash.physics.plant import Floats
 from dtbacklash.physics.rig import Rig
 
-#: signatures are simulated with this many substeps: they need not be accurate to the last digit
-SUBSTEPS = 2
+#: a signature's size is changed by at most this factor of the typical size
+GROWTH_MAX = 30.0
 #: a signature within this factor of the residual's size is not made again
 SIZE_BAND = 3.0
 
@@ -28,13 +28,12 @@ SIZE_BAND = 3.0
 class Score:
     """How well one candidate's signature fits the residual.
 
-    explained : share of the weighted residual that it takes away (training part). gain : the same as a fall of the
-    objective. values : the parameters to start a fit from. signature : (rows,) projected, weighted.
+    values : the parameters to start a fit from. gain : fall of minus twice the log-likelihood of the training part.
+    signature : (rows,) projected, weighted.
     """
 
     candidate: Candidate
     values: Values
-    explained: float
     gain: float
     signature: Floats
 
@@ -51,16 +50,17 @@ class Bank:
         self.touched = problem.touched = [b.name for b in evidence.blocks]
         if len(fitted.free):
             jacobian = problem.jacobian(fitted.x)
-            self._q = np.linalg.qr(jacobian)[0]
+            self.q_rows = np.linalg.qr(jacobian)[0]
         else:
-            self._q = np.zeros((len(problem.stack(fitted.residuals, fitted.x)), 0))
+            self.q_rows = np.zeros((len(problem.stack(fitted.residuals, fitted.x)), 0))
         self._priors = int(problem.prior.sum())
+        self.samples = sum(int(r.train.sum()) for r in evidence.records)
         rows = problem.stack(fitted.residuals, fitted.x)
         self.residual = self._project(rows)
         self.total = float(self.residual @ self.residual)
 
     def _project(self, rows: Floats) -> Floats:
-        return rows - self._q @ (self._q.T @ rows)
+        return rows - self.q_rows @ (self.q_rows.T @ rows)
 
     def _stack(self, residuals: Residuals) -> Floats:
         rows = []
@@ -75,7 +75,7 @@ class Bank:
         place, name = candidate.key
         try:
             rig = self.rig.with_effect(place, name, values)
-            changed = self.evidence.residuals(rig, self.fitted.residuals, {place})
+            changed = self.evidence.residuals(rig, self.fitted.residuals, {place}, rough=True)
         except UserError:
             return None
         rows = self._stack(self.fitted.residuals) - self._stack(changed)
@@ -86,7 +86,7 @@ class Bank:
         best: Score | None = None
         for values in wave_grid(candidate, self) or candidate.grid:
             found = self._score(candidate, values)
-            if found and (best is None or found.explained > best.explained):
+            if found and (best is None or found.gain > best.gain):
                 best = found
         return best
 
@@ -119,7 +119,7 @@ class Bank:
         factor = np.sign(factor) * max(abs(factor), 0.1 * most)
         if factor < 0.0 and candidate.effect.size.low >= 0.0:
             factor = 0.1 * most  # the wrong sign at this size; it may still turn at another
-        return float(np.clip(factor, -1e4, 1e4))
+        return float(np.clip(factor, -GROWTH_MAX, GROWTH_MAX))
 
     def _rate(self, candidate: Candidate, values: Values, projected: Floats) -> Score | None:
         norm = float(projected @ projected)
@@ -135,15 +135,28 @@ class Bank:
             start = {**values, size.name: value if abs(share) > 0.05 else values[size.name] * 0.05}
         else:
             share, start = float(np.clip(share, 0.0, 1.0)), values
-        fall = 2.0 * share * along - share * share * norm
-        return Score(candidate, start, max(fall, 0.0) / max(self.total, 1e-300), fall, projected)
+        gain = self._gain(self.residual - share * projected)
+        return Score(candidate, start, gain, projected)
+
+    def _gain(self, rest: Floats) -> float:
+        """Fall of minus twice the log-likelihood when ``rest`` is what remains, channel by channel."""
+        gain, start = 0.0, 0
+        for name in self.touched:
+            for weight in self.weights[name]:
+                rows = slice(start, start + self.samples)
+                start += self.samples
+                before = float(np.sum(self.residual[rows] ** 2))
+                after = float(np.sum(rest[rows] ** 2))
+                noise = self.samples * weight  # no model can fall below the floor
+                gain += before * np.log(max(before, noise) / max(after, noise))
+        return gain
 
 
 def bank(evidence: Evidence, fitted: Fit, listed: list[Candidate]) -> tuple[Bank, list[Score]]:
     """Score all candidates about a fitted rig, best first."""
     signatures = Bank(evidence, fitted)
     scores = [s for c in listed if (s := signatures.score(c)) is not None]
-    return signatures, sorted(scores, key=lambda s: -s.explained)
+    return signatures, sorted(scores, key=lambda s: -s.gain)
 
 
 def blocks_touched(rig: Rig, blocks: list[Block], place: str) -> list[str]:

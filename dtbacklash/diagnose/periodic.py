@@ -22,9 +22,11 @@ if TYPE_CHECKING:
     from dtbacklash.diagnose.locate import Bank
 
 #: wave numbers are tried in steps of this share of a cycle over the travel
-STEP = 0.35
+STEP = 0.5
 #: and at most as many of them
-WAVES_MAX = 700
+WAVES_MAX = 500
+#: every THIN-th sample is enough to choose a wave number, BATCH of them at once
+THIN, BATCH = 5, 25
 #: of the best wave numbers, as many are simulated
 KEPT = 2
 
@@ -54,23 +56,14 @@ def _scan(candidate: Candidate, bank: Bank, block: Block) -> list[tuple[float, f
     paths = [_path(candidate, bank, block, plant, r) for r in records]
     b, a = _transfer(candidate, block, part, plant)
     waves = _waves(candidate, paths)
-    scale = np.sqrt(bank.weights[block.name]) / bank.evidence.floor[block.name]
-    target = bank._stack(bank.fitted.residuals)
     start, width = _place_of_rows(bank, block)
+    q = bank.q_rows[start : start + width].reshape(len(block.channels), -1, bank.q_rows.shape[1])[:, ::THIN]
+    e = bank.residual[start : start + width].reshape(len(block.channels), -1)[:, ::THIN]
+    scale = np.sqrt(bank.weights[block.name]) / bank.evidence.floor[block.name]
     rated = []
-    for n in waves:
-        columns = []
-        for shape in (np.sin, np.cos):
-            rows = np.zeros(len(target))
-            outputs = [_filtered(shape(n * q) * w - (shape(n * q[0]) * w[0] if d else 0.0), b, a)
-                       for (q, w, d) in paths]  # fmt: skip
-            kept = [o[:, r.train] for o, r in zip(outputs, records, strict=True)]
-            rows[start : start + width] = (np.concatenate(kept, axis=1) * scale[:, None]).ravel()
-            columns.append(bank._project(rows))
-        X = np.column_stack(columns)
-        solution, *_ = np.linalg.lstsq(X, bank.residual, rcond=None)
-        fall = float(bank.residual @ X @ solution)
-        rated.append((fall, n, math.hypot(*solution), math.atan2(solution[1], solution[0])))
+    for some in np.array_split(waves, max(1, math.ceil(len(waves) / BATCH))):
+        S, C = (_signatures(some, shape, paths, records, b, a)[:, :, ::THIN] * scale[:, None, None] for shape in (0, 1))
+        rated += _regress(some, S, C, q, e)
     rated.sort(reverse=True)
     kept_waves: list[tuple[float, float, float]] = []
     for _, n, amplitude, phase in rated:
@@ -79,6 +72,42 @@ def _scan(candidate: Candidate, bank: Bank, block: Block) -> list[tuple[float, f
         if len(kept_waves) == KEPT:
             break
     return kept_waves
+
+
+def _signatures(
+    waves: Floats, shape: int, paths: list[tuple[Floats, Floats, bool]], records: list[Record], b: Floats, a: Floats
+) -> Floats:
+    """(channels, waves, training samples) the responses to a sine (0) or a cosine (1) along the paths."""
+    outputs = []
+    for (q, w, counted), record in zip(paths, records, strict=True):
+        angle = waves[:, None] * q + 0.5 * math.pi * shape
+        effort = np.sin(angle) * w
+        if counted:
+            effort -= math.sin(0.5 * math.pi * shape)
+        ahead = np.concatenate([effort[:, 1:], effort[:, -1:]], axis=1)
+        outputs.append(np.array([lfilter(row, a, ahead)[:, record.train] for row in b]))
+    return np.concatenate(outputs, axis=2)
+
+
+def _regress(waves: Floats, S: Floats, C: Floats, q: Floats, e: Floats) -> list[tuple[float, float, float, float]]:
+    """(fall, wave number, amplitude, phase) of each wave number: a regression on its two signatures."""
+    flat = q.reshape(-1, q.shape[2])
+    gram = np.linalg.inv(flat.T @ flat + 1e-12 * np.eye(flat.shape[1])) if flat.shape[1] else np.zeros((0, 0))
+
+    def sides(X: Floats) -> tuple[Floats, Floats]:
+        rows = np.swapaxes(X, 0, 1).reshape(len(waves), -1)
+        return rows, rows @ flat
+
+    (s, s_q), (c, c_q) = sides(S), sides(C)
+    ss = np.einsum("ij,ij->i", s, s) - np.einsum("ij,jk,ik->i", s_q, gram, s_q)
+    cc = np.einsum("ij,ij->i", c, c) - np.einsum("ij,jk,ik->i", c_q, gram, c_q)
+    sc = np.einsum("ij,ij->i", s, c) - np.einsum("ij,jk,ik->i", s_q, gram, c_q)
+    e_q = gram @ (flat.T @ e.ravel())
+    se, ce = s @ e.ravel() - s_q @ e_q, c @ e.ravel() - c_q @ e_q
+    det = np.maximum(ss * cc - sc**2, 1e-9 * ss * cc + 1e-300)
+    A, B = (cc * se - sc * ce) / det, (ss * ce - sc * se) / det
+    fall = A * se + B * ce
+    return [(float(f), float(n), math.hypot(x, y), math.atan2(y, x)) for f, n, x, y in zip(fall, waves, A, B, strict=True)]
 
 
 def _place_of_rows(bank: Bank, block: Block) -> tuple[int, int]:
@@ -151,9 +180,3 @@ def _transfer(candidate: Candidate, block: Block, part, plant: Plant) -> tuple[F
     # x[k+1] = A x[k] + (B1 - B2) w[k] + B2 w[k+1]
     numerators, denominator = ss2tf(big, drive[:, None], out, np.zeros((len(out), 1)))
     return numerators, denominator
-
-
-def _filtered(w: Floats, b: Floats, a: Floats) -> Floats:
-    """(channels, N) the response to an effort w; its value at a sample's end acts within the sample."""
-    ahead = np.append(w[1:], w[-1])
-    return np.array([lfilter(row, a, ahead) for row in b])

@@ -17,7 +17,7 @@ from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.plant import Floats
-from dtbacklash.physics.rig import Rig
+from dtbacklash.physics.rig import Rig, build_rig
 
 #: a nominal parameter may not leave its value by more than this many tolerances: beyond is physics
 TOLERANCES_MAX = 3.0
@@ -62,12 +62,12 @@ class Free:
         return (self.low - self.centre) / self.scale, (self.high - self.centre) / self.scale
 
 
-def nominal_free(rig: Rig) -> list[Free]:
-    """The nominal parameters that have a tolerance."""
+def nominal_free(rig: Rig, places: set[str] | None = None) -> list[Free]:
+    """The nominal parameters that have a tolerance (and that an element among ``places`` uses)."""
     found = []
     for name, p in rig.config.parameters.items():
         users = frozenset(e for e, spec in rig.config.elements.items() if name in spec.values())
-        if p.tolerance > 0.0 and users:
+        if p.tolerance > 0.0 and users and (places is None or users & places):
             width = abs(p.value) * p.tolerance
             low, high = p.value - TOLERANCES_MAX * width, p.value + TOLERANCES_MAX * width
             found.append(Free("", "", name, p.value, width, False, low, high, True, users))
@@ -130,9 +130,16 @@ def apply(base: Rig, free: list[Free], x: Floats) -> Rig:
     parameters = dict(base.config.parameters)
     for name, value in nominal.items():
         parameters[name] = replace(parameters[name], value=value)
-    from dtbacklash.physics.rig import build_rig
-
     return build_rig(replace(base.config, effects=places, parameters=parameters))
+
+
+def penalty_of(rig: Rig, nominal: Rig) -> float:
+    """Sum of the squared deviations of the parameters from their nominal values, in tolerances."""
+    total = 0.0
+    for name, p in nominal.config.parameters.items():
+        if p.tolerance > 0.0 and p.value != 0.0:
+            total += ((rig.config.parameters[name].value / p.value - 1.0) / p.tolerance) ** 2
+    return total
 
 
 def weights_for(evidence: Evidence, residuals: Residuals) -> dict[str, Floats]:
@@ -156,7 +163,9 @@ class Problem:
         self.places = everything
         self.known = known
         rig = apply(base, free, np.zeros(len(free)))
-        self.touched = [b.name for b in evidence.blocks if known is None or everything & places_of(rig, b)]
+        self.touched = [
+            b.name for b in evidence.blocks if known is None or b.name not in known or everything & places_of(rig, b)
+        ]
         self.weights: dict[str, Floats] = {}
         self.prior = np.array([f.prior for f in free])
         self._last: tuple[bytes, Residuals] | None = None
@@ -220,8 +229,8 @@ def fit(
         problem.weights = weights_for(evidence, problem.residuals(x))
         x = _solve(problem, x, bounds, evaluations)
     residuals = problem.residuals(x)
-    penalty = float(np.sum(x[problem.prior] ** 2))
-    return Fit(apply(base, free, x), base, free, x, residuals, penalty, weights_for(evidence, residuals))
+    rig = apply(base, free, x)
+    return Fit(rig, base, free, x, residuals, penalty_of(rig, evidence.nominal), weights_for(evidence, residuals))
 
 
 def _solve(problem: Problem, x: Floats, bounds: Floats, evaluations: int) -> Floats:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -51,9 +51,9 @@ CASES: dict[tuple[str, str], Case] = {
     ("amplifier", "dead_zone"): Case(("amplifier",)),
     ("amplifier", "delay"): Case(("amplifier",)),
     ("amplifier", "gain_error"): Case(("amplifier",)),
-    # the motor takes 0.1 W here: a large gain and a short time make the winding's warmth matter within seconds
+    # an unloaded motor takes 0.1 W: here it turns against a viscous friction, so that its winding gets warm
     ("motor_circuit", "resistance_heating"): Case(
-        ("motor_circuit",), {"gain": 10.0, "time_constant": 0.5}, size_v=30.0, rig="loaded lead_screw"
+        ("motor_circuit",), {"gain": 0.05, "time_constant": 0.5}, size_v=20.0, rig="loaded lead_screw"
     ),
     ("motor_circuit", "torque_ripple"): Case(("motor_circuit",)),
     ("rotor", "coulomb_friction"): Case(("motor_bearing",)),
@@ -76,14 +76,14 @@ CASES: dict[tuple[str, str], Case] = {
     ("mass", "constant_force"): Case(("mass_2", "mass_3")),
     ("mass", "absorber"): Case(("mass_2", "mass_3")),
     ("sensor", "delay"): Case((*SENSORS, "sensor_i_m")),
-    ("sensor", "gain_error"): Case((*SENSORS, "sensor_i_m")),
-    ("sensor", "offset"): Case(SENSORS),
+    ("sensor", "gain_error"): Case(SENSORS),
+    ("sensor", "offset"): Case(SENSORS, {"offset": 0.01}),
     ("carriage", "coulomb_friction"): CARRIAGE,
     ("carriage", "stribeck_friction"): CARRIAGE,
     ("carriage", "viscous_friction"): Case(("carriage",), {"coefficient": 200.0}, size_v=3.0, rig="carriage"),
     ("carriage", "asymmetric_friction"): CARRIAGE,
-    # a wave of 2.5 mm: at 0.4 m/s the carriage passes a fifth of it in a sample
-    ("carriage", "cogging"): CARRIAGE,
+    # more than the waves' 20 N, but not so little that the carriage hesitates on a crest: there any error grows
+    ("carriage", "cogging"): replace(CARRIAGE, size_v=2.0),
     ("carriage", "constant_force"): CARRIAGE,
     ("carriage", "absorber"): CARRIAGE,
 }
@@ -185,7 +185,7 @@ def _gaps() -> dict[str, Array]:
 
 @pytest.mark.parametrize("shape", _gaps())
 def test_the_linear_rig_is_exact_however_the_gap_changes(shape: str) -> None:
-    rig, gap = rigs.lead_screw(), np.radians(_gaps()[shape])
+    rig, gap = rigs.lead_screw(), np.radians(_gaps()[shape]).round(12)
     u = rigs.random_steps(SAMPLES, HOLD, 6.0, seed=3)
     truth = solve(rig, u, SAMPLE_TIME_S, gap)
     got = simulate(rig, u, SAMPLE_TIME_S, gap)

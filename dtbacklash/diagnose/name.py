@@ -1,0 +1,200 @@
+"""Name: try the best candidates in full, keep what earns its place on data that it was not fitted to, and go on.
+
+Adding is greedy with a look ahead; what was added first is tried against its rivals once more when others have joined,
+and each is tried without in the end.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dtbacklash.diagnose.candidates import candidates, motion_of
+from dtbacklash.diagnose.compare import places_of
+from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.locate import Score, bank
+from dtbacklash.diagnose.refit import Fit, effect_free, fit, nominal_free, objective
+
+#: effects at most in one diagnosis
+EFFECTS_MAX = 4
+#: of a bank's candidates, as many are fitted in full; only those whose signature promises more than GAIN_MIN
+FITTED, GAIN_MIN = 4, 12.0
+#: standard errors that the held-out loss has to fall by, in the paired test over stretches
+T_MIN = 3.0
+#: least share of the held-out excess over the floor that an effect has to take away, and of the floor itself
+SHARE_MIN, FLOOR_MIN = 0.2, 0.015
+#: as much of the prior's penalty (in -2 log) makes up for no gain on held-out data
+PENALTY_MIN = 15.0
+#: two fits are the same where their held-out losses differ by less than this share and not significantly
+SAME = 0.02
+
+Key = tuple[str, str]
+
+
+@dataclass
+class Trial:
+    """One candidate that was fitted in full: the fit, and what it gained on the held-out part."""
+
+    key: Key
+    score: Score
+    fitted: Fit
+    held_out: float
+    verdict: str = ""
+
+
+@dataclass
+class Search:
+    """What the search did: the fit of the nominal rig, the last fit, and every trial, newest last."""
+
+    nominal: Fit
+    fitted: Fit
+    order: list[Key]
+    trials: list[Trial] = field(default_factory=list)
+    scores: list[Score] = field(default_factory=list)
+
+
+def held_loss(evidence: Evidence, fitted: Fit) -> float:
+    """Root mean square of the held-out residuals of all channels, in units of the floor."""
+    squares = evidence.mean_square(fitted.residuals, "held")
+    return float(np.sqrt(np.mean(np.concatenate(list(squares.values())))))
+
+
+def paired(evidence: Evidence, before: Fit, after: Fit) -> tuple[float, float, float]:
+    """(share, floor share, t) of the fall of the held-out loss, in the block and channels that it concerns.
+
+    share : of the excess over the floor. floor share : in units of the floor. t : in standard errors over stretches.
+    """
+    falls, excess, worth = [], [], []
+    for block in evidence.blocks:
+        if after.residuals[block.name] is before.residuals[block.name]:
+            continue
+        first = evidence.stretches(before.residuals, block.name)
+        second = evidence.stretches(after.residuals, block.name)
+        mean = np.maximum(first.mean(axis=1), 1.0)
+        falls.append((first - second) / mean[:, None])
+        worth.append(float(np.max((first - second).mean(axis=1))))
+        excess.append(np.maximum(first.mean(axis=1) - 1.0, FLOOR_MIN) / mean)
+    if not falls:
+        return 0.0, 0.0, 0.0
+    d = np.concatenate(falls).sum(axis=0)
+    error = float(np.std(d, ddof=1) / np.sqrt(len(d))) + 1e-12
+    total = float(np.concatenate(excess).sum())
+    return float(d.mean()) / total, max(worth), float(d.mean()) / error
+
+
+def earns(evidence: Evidence, before: Fit, after: Fit) -> bool:
+    """Whether ``after`` has earned what it has more than ``before``."""
+    share, floor, t = paired(evidence, before, after)
+    relief = before.penalty - after.penalty
+    if share > SHARE_MIN and floor > FLOOR_MIN and t > T_MIN:
+        return True
+    return relief > PENALTY_MIN and share > -SHARE_MIN / 4
+
+
+def refit_with(evidence: Evidence, current: Fit, added: list[tuple[Key, dict[str, float]]], left_out: Key | None = None,
+               rounds: int = 2, evaluations: int = 8) -> Fit:  # fmt: skip
+    """Fit effects anew with some added or one left out, with the nominal parameters of the blocks they touch."""
+    base = current.rig
+    for (place, name), values in added:
+        base = base.with_effect(place, name, values)
+    if left_out:
+        base = base.with_effect(*left_out, None)
+    changed = {key[0] for key, _ in added} | ({left_out[0]} if left_out else set())
+    touched = set().union(*(
+        places_of(rig, b) for b in evidence.blocks for rig in (base, current.rig) if changed & places_of(rig, b)
+    ))  # fmt: skip
+    free = nominal_free(evidence.nominal, touched)
+    start = []
+    for f in free:
+        value = current.rig.config.parameters[f.name].value
+        start.append((value - f.centre) / f.scale)
+    for place, there in base.effects.items():
+        for name, values in there.items():
+            if place in touched:
+                more = effect_free(base, place, name, values)
+                free += more
+                start += [0.0] * len(more)
+    known = {
+        b.name: current.residuals[b.name] for b in evidence.blocks if not changed & places_of(base, b)
+        and not changed & places_of(current.rig, b)
+    }  # fmt: skip
+    return fit(evidence, base, free, np.array(start), known, rounds, evaluations)
+
+
+def search(evidence: Evidence, progress: Callable[[str, float], None] | None = None) -> Search:
+    """Find the effects that the recording needs, one after the other."""
+    say = progress or (lambda text, share: None)
+    rig = evidence.nominal
+    say("recalibrating the nominal rig", 0.02)
+    nominal = fit(evidence, rig, nominal_free(rig))
+    found = Search(nominal, nominal, [])
+    while len(found.order) < EFFECTS_MAX:
+        say(f"looking for effect {len(found.order) + 1}", 0.1 + 0.2 * len(found.order))
+        if not _add(evidence, found):
+            break
+        _swap(evidence, found)
+    say("trying to do without", 0.9)
+    _eliminate(evidence, found)
+    return found
+
+
+def scores_about(evidence: Evidence, fitted: Fit) -> list[Score]:
+    """The bank about a fit."""
+    motion = motion_of(fitted.rig, evidence.blocks, evidence.records)
+    return bank(evidence, fitted, candidates(fitted.rig, evidence.blocks, motion))[1]
+
+
+def _try(evidence: Evidence, current: Fit, score: Score) -> Trial:
+    fitted = refit_with(evidence, current, [(score.candidate.key, score.values)])
+    return Trial(score.candidate.key, score, fitted, held_loss(evidence, fitted))
+
+
+def merit(evidence: Evidence, trial_fit: Fit) -> float:
+    """What the best of several fits is least in: minus twice the held-out log-likelihood, and the prior's penalty."""
+    return objective(evidence, trial_fit, "held") + 0.5 * objective(evidence, trial_fit, "train")
+
+
+def _add(evidence: Evidence, found: Search) -> bool:
+    """Add the best candidate that earns its place, or the best pair where none does alone."""
+    scores = scores_about(evidence, found.fitted)
+    if not found.scores:
+        found.scores = scores
+    top = [s for s in scores if s.gain > GAIN_MIN][:FITTED]
+    trials = [_try(evidence, found.fitted, s) for s in top]
+    trials.sort(key=lambda t: merit(evidence, t.fitted))
+    found.trials += trials
+    for trial in trials:
+        if earns(evidence, found.fitted, trial.fitted):
+            found.fitted, trial.verdict = trial.fitted, "added"
+            found.order.append(trial.key)
+            return True
+    return False
+
+
+def _swap(evidence: Evidence, found: Search) -> None:
+    """Try every earlier effect against its rivals, now that others have joined."""
+    for key in found.order[:-1]:
+        without = refit_with(evidence, found.fitted, [], key)
+        scores = [s for s in scores_about(evidence, without) if s.candidate.key != key and s.gain > GAIN_MIN][:2]
+        best = merit(evidence, found.fitted)
+        for score in scores:
+            trial = _try(evidence, without, score)
+            if merit(evidence, trial.fitted) < best - 6.0:
+                best = merit(evidence, trial.fitted)
+                found.fitted = trial.fitted
+                found.order = [trial.key if k == key else k for k in found.order]
+                trial.verdict = f"took the place of {key[1]}"
+                found.trials.append(trial)
+                key = trial.key
+
+
+def _eliminate(evidence: Evidence, found: Search) -> None:
+    """Take out what does not earn its place beside the others."""
+    for key in list(found.order):
+        if len(found.order) < 2:
+            return
+        without = refit_with(evidence, found.fitted, [], key)
+        if not earns(evidence, without, found.fitted):
+            found.fitted = without
+            found.order.remove(key)
+

@@ -1,0 +1,25 @@
+"""A rig as the YAML file that describes it."""
+
+from dataclasses import asdict
+
+import yaml
+
+from dtbacklash.physics.rig import Rig
+
+
+def rig_yaml(rig: Rig) -> str:
+    """The text of a file for ``rig=FILE`` that gives this rig again, effects with all of their parameters."""
+    config = rig.config
+    sections = (
+        {"name": config.name, "description": config.description},
+        {"parameters": {name: asdict(parameter) for name, parameter in config.parameters.items()}},
+        {"elements": config.elements},
+        {"effects": rig.effects},
+        {"sensors": config.sensors},
+    )
+    # a leaf on one line, as in the files that come with the package; numbers with all their digits
+    texts = [
+        yaml.safe_dump(section, sort_keys=False, default_flow_style=None, width=160, allow_unicode=True)
+        for section in sections
+    ]
+    return "# Values are SI; `tolerance` is relative, one standard deviation.\n" + "\n".join(texts)

@@ -1,0 +1,231 @@
+"""The figures of a diagnosis: measured and modelled signals with what is left over, and recovered forces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from dtbacklash.report.decimate import envelope
+from dtbacklash.report.intervals import name_in_words, scaled, unit_in_signs
+from dtbacklash.report.style import INK, MUTED, new_figure, styled
+
+MEASURED, NOMINAL, EXTENDED = INK, "#0072b2", "#d55e00"
+HELD_OUT = "#eef1f4"
+ZOOM_SHARE, ZOOM_SAMPLES = 0.07, 120  # length of the closer look: share of the record, and samples at least
+OUT_OF_VIEW = 1.5  # a model that leaves the measured range by this much of it does not set the scale
+BINS, BIN_SAMPLES = 40, 8
+POINTS = 5000  # of a cloud
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One channel of the recording and what the models say.
+
+    Attributes:
+        name: of the channel. unit: SI.
+        t_s, measured, nominal, extended: (N,) each. ``extended`` may be recalibrated only, or equal to ``nominal``.
+        held_out_from_s: from here on the models were not fitted; None: nowhere here.
+        noise_floor: standard deviation of the sensor's noise in ``unit``; None: not drawn.
+    """
+
+    name: str
+    unit: str
+    t_s: Floats
+    measured: Floats
+    nominal: Floats
+    extended: Floats
+    held_out_from_s: float | None = None
+    noise_floor: float | None = None
+
+    @property
+    def changed(self) -> bool:
+        """Whether the extended model says anything else than the nominal one."""
+        return not np.array_equal(self.nominal, self.extended)
+
+
+@dataclass(frozen=True)
+class Force:
+    """What has to act at a location to explain the recording, against the state that it depends on most.
+
+    Attributes:
+        location, effect: where, and the effect whose law is drawn; ``effect`` empty where nothing explains it.
+        state_label: e.g. ``speed of motor_bearing``. state_unit, effort_unit: SI.
+        state, recovered: (N,) each. law_state, law: (M,) each, may be empty.
+    """
+
+    location: str
+    effect: str
+    state_label: str
+    state_unit: str
+    effort_unit: str
+    state: Floats
+    recovered: Floats
+    law_state: Floats = field(default_factory=lambda: np.empty(0))
+    law: Floats = field(default_factory=lambda: np.empty(0))
+
+
+@styled
+def curve_figure(curve: Curve, model: str = "extended") -> Figure:
+    """Signal above, what each model leaves unexplained below; left the whole record, right a closer look.
+
+    Args:
+        curve: one channel.
+        model: what to call the better model: ``extended`` or ``recalibrated``.
+    """
+    rows = ["nominal", *([model] if curve.changed else [])]
+    figure = new_figure(2.7 + 1.5 * len(rows) + 0.5)
+    axes = figure.subplots(
+        1 + len(rows), 2, sharex="col", width_ratios=[1.5, 1.0], height_ratios=[2.6] + [1.45] * len(rows)
+    )
+    window = zoom(curve)
+    for column, (begin, end) in enumerate(((curve.t_s[0], curve.t_s[-1]), window)):
+        part = (curve.t_s >= begin) & (curve.t_s <= end)
+        _signal(axes[0, column], curve, part, model, label=column == 0)
+        for ax, name in zip(axes[1:, column], rows, strict=True):
+            values = curve.measured - (curve.nominal if name == "nominal" else curve.extended)
+            _left_over(ax, curve, part, values, name, label=column == 0)
+        for ax in axes[:, column]:
+            _shade(ax, curve, begin, end)
+            ax.set_xlim(begin, end)
+        axes[-1, column].set_xlabel("time [s]")
+    for ax in axes[:-1, 0]:
+        ax.axvspan(*window, fc="none", ec=MUTED, lw=0.9, ls=":")
+    axes[-1, 0].axvspan(*window, fc="none", ec=MUTED, lw=0.9, ls=":")
+    axes[0, 0].set_title("the whole record")
+    axes[0, 1].set_title("a closer look (dotted at the left)")
+    figure.align_ylabels(axes[:, 0])
+    figure.legend(loc="outside upper left", ncols=5, columnspacing=1.6)
+    return figure
+
+
+def zoom(curve: Curve) -> tuple[float, float]:
+    """The stretch to look at more closely: where the nominal model errs most, if possible in what was held out."""
+    n = len(curve.t_s)
+    size = min(n, max(ZOOM_SAMPLES, round(ZOOM_SHARE * n)))
+    error = curve.measured - curve.nominal if curve.changed else curve.measured
+    first = 0
+    if curve.held_out_from_s is not None:
+        first = min(int(np.searchsorted(curve.t_s, curve.held_out_from_s)), n - size)
+    error = error - np.mean(error)
+    total, square = (np.concatenate([[0.0], np.cumsum(e)]) for e in (error, error**2))
+    spread = (square[size:] - square[:-size]) / size - ((total[size:] - total[:-size]) / size) ** 2
+    begin = first + int(np.argmax(spread[first:]))
+    return float(curve.t_s[begin]), float(curve.t_s[begin + size - 1])
+
+
+def _signal(ax: Axes, curve: Curve, part: NDArray[np.bool_], model: str, label: bool) -> None:
+    t = curve.t_s[part]
+    factor, unit = scaled(curve.unit, float(np.ptp(curve.measured)))
+    lines = [(curve.measured, "measured", {"color": MEASURED, "lw": 2.4})]
+    lines.append((curve.nominal, "nominal model", {"color": NOMINAL, "lw": 1.3, "ls": (0, (4, 1.6))}))
+    if curve.changed:
+        lines.append((curve.extended, f"{model} model", {"color": EXTENDED, "lw": 1.2}))
+    for values, name, style in lines:
+        ax.plot(*envelope(t, values[part] / factor), label=name if label else None, **style)
+    _frame(ax, [values[part] / factor for values, _, _ in lines])
+    if label:
+        ax.set_ylabel(f"{curve.name} [{unit_in_signs(unit)}]")
+
+
+def _frame(ax: Axes, lines: list[Floats]) -> None:
+    """Scale to measurement and better model; a nominal model far outside would flatten both and gets a note."""
+    shown = np.concatenate([lines[0], lines[-1]]) if len(lines) > 2 else lines[0]
+    low, high = float(shown.min()), float(shown.max())
+    span = high - low or abs(high) or 1.0
+    allowed = (low - OUT_OF_VIEW * span, high + OUT_OF_VIEW * span)
+    top, bottom = float(lines[1].max()), float(lines[1].min())
+    if bottom < allowed[0] or top > allowed[1]:
+        reach = ("up to", top) if top - high > low - bottom else ("down to", bottom)
+        ax.text(
+            0.98, 0.05, f"the nominal model goes {reach[0]} {reach[1]:.3g}", transform=ax.transAxes, ha="right",
+            color=NOMINAL, fontsize=10, bbox={"fc": "white", "ec": "none", "alpha": 0.85, "pad": 1.5}, zorder=6,
+        )  # fmt: skip
+    else:
+        low, high = min(low, bottom), max(high, top)
+        span = high - low or abs(high) or 1.0
+    ax.set_ylim(low - 0.1 * span, high + 0.1 * span)
+
+
+def _left_over(ax: Axes, curve: Curve, part: NDArray[np.bool_], values: Floats, name: str, label: bool) -> None:
+    """Measured minus model over the band of the noise (two standard deviations to each side)."""
+    t, size = curve.t_s[part], float(np.abs(values).max())
+    factor, unit = scaled(curve.unit, max(size, 2 * (curve.noise_floor or 0.0)))
+    if curve.noise_floor:
+        band = 2 * curve.noise_floor / factor
+        first = label and name == "nominal"
+        ax.axhspan(-band, band, color="#00805f", alpha=0.22, lw=0, label="noise (±2 σ)" if first else None, zorder=1)
+    ax.plot(*envelope(t, values[part] / factor), color=NOMINAL if name == "nominal" else EXTENDED, lw=0.9, zorder=2)
+    ax.margins(y=0.12)
+    if label:
+        ax.set_ylabel(f"measured −\n{name} [{unit_in_signs(unit)}]", fontsize=10.5)
+
+
+def _shade(ax: Axes, curve: Curve, begin: float, end: float) -> None:
+    """Grey where the models were not fitted."""
+    start = curve.held_out_from_s
+    if start is None or start >= end:
+        return
+    first = ax.get_subplotspec().is_first_row() and ax.get_subplotspec().is_first_col()  # type: ignore[union-attr]
+    ax.axvspan(max(begin, start), end, color=HELD_OUT, lw=0, zorder=0, label="held out" if first else None)
+
+
+@styled
+def force_figure(force: Force) -> Figure:
+    """The recovered effort against its state: a cloud, its middle in bins of the state, and the fitted law."""
+    figure = new_figure(4.3)
+    ax = figure.subplots()
+    kept = np.isfinite(force.state) & np.isfinite(force.recovered)
+    state, recovered = force.state[kept], force.recovered[kept]
+    fx, x_unit = scaled(force.state_unit, _reach(state))
+    fy, y_unit = scaled(force.effort_unit, _reach(recovered))
+    step = max(1, len(state) // POINTS)
+    ax.plot(state[::step] / fx, recovered[::step] / fy, ".", color="#9fb3c8", ms=2.5, alpha=0.55, mew=0, rasterized=True)
+    ax.plot([], [], ".", color="#9fb3c8", ms=9, label="recovered from the recording")
+    centres, middle, low, high = binned(state / fx, recovered / fy)
+    ax.errorbar(
+        centres, middle, yerr=[middle - low, high - middle], fmt="o", color=NOMINAL, ms=4, lw=1.2, capsize=0,
+        label="median and quartiles", zorder=4,
+    )  # fmt: skip
+    if force.law.size:
+        label = f"fitted law: {name_in_words(force.effect)}"
+        ax.plot(force.law_state / fx, force.law / fy, color=EXTENDED, lw=2.4, label=label, zorder=5)
+    ax.axhline(0, color=INK, lw=0.7, zorder=1)
+    if len(recovered):
+        edges = np.concatenate([np.quantile(recovered, (0.004, 0.996)) / fy, force.law / fy])
+        pad = 0.12 * (float(np.ptp(edges)) or 1.0)
+        ax.set_ylim(edges.min() - pad, edges.max() + pad)
+        ax.set_xlim(*(np.quantile(state, (0.001, 0.999)) / fx) * 1.04)
+    ax.set_xlabel(f"{force.state_label} [{unit_in_signs(x_unit)}]")
+    effort = {"N m": "torque", "N": "force", "V": "voltage", "m": "displacement"}.get(force.effort_unit, "effort")
+    ax.set_ylabel(f"missing {effort} [{unit_in_signs(y_unit)}]")
+    figure.legend(loc="outside upper left", ncols=3, columnspacing=1.6)
+    return figure
+
+
+def _reach(values: Floats) -> float:
+    return float(np.quantile(np.abs(values), 0.98)) if len(values) else 0.0
+
+
+def binned(state: Floats, values: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Centre of each bin of the state, and median, lower and upper quartile of the values in it.
+
+    Bins of equal width between the outer thousandths of the state; those with fewer than 8 samples are left out.
+    """
+    if len(state) < BIN_SAMPLES:
+        return (np.empty(0),) * 4
+    low, high = np.quantile(state, (0.001, 0.999))
+    edges = np.linspace(low, high, BINS + 1)
+    index = np.digitize(state, edges) - 1
+    rows = []
+    for k in range(BINS):
+        inside = values[index == k]
+        if len(inside) >= BIN_SAMPLES:
+            rows.append([(edges[k] + edges[k + 1]) / 2, np.median(inside), *np.quantile(inside, (0.25, 0.75))])
+    table = np.array(rows).reshape(-1, 4)
+    return table[:, 0], table[:, 1], table[:, 2], table[:, 3]

@@ -1,0 +1,129 @@
+"""Values with their 95 % intervals as an engineer writes them: 20.0 ± 0.5 mN m."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from dtbacklash.report.numbers import number
+
+#: units that may carry a prefix, and whether also kilo and mega (nobody writes kilometres of travel here)
+PREFIXED = {"m": False, "s": False, "rad": False, "N": True, "V": True, "A": True, "Hz": True, "W": True, "ohm": True}
+#: from this size on: factor and prefix
+DOWN = ((0.1, 1.0, ""), (1e-4, 1e-3, "m"), (1e-7, 1e-6, "µ"), (0.0, 1e-9, "n"))
+UP = ((1e7, 1e6, "M"), (1e4, 1e3, "k"))
+SUPERSCRIPT = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+DIGITS_MAX = 7  # of a value, however narrow its interval
+SYMMETRIC = 0.15  # an interval whose halves differ by less is written with ±
+
+
+def name_in_words(name: str) -> str:
+    """An identifier as words: ``coulomb_friction`` is ``Coulomb friction``."""
+    proper = {"coulomb": "Coulomb", "stribeck": "Stribeck"}
+    return " ".join(proper.get(word, word) for word in name.split("_"))
+
+
+def unit_in_signs(unit: str) -> str:
+    """A unit for a page: ``N s^2/m^2`` is ``N s²/m²``."""
+    parts = unit.split("^")
+    raised = [part[: _digits(part)].translate(SUPERSCRIPT) + part[_digits(part) :] for part in parts[1:]]
+    return (parts[0] + "".join(raised)).replace("ohm", "Ω")
+
+
+def _digits(text: str) -> int:
+    """How many characters of the beginning are an exponent."""
+    return len(text) - len(text.lstrip("-0123456789"))
+
+
+def scaled(unit: str, size: float) -> tuple[float, str]:
+    """The factor by which to divide a value of about ``size``, and the unit (as text) that it then has.
+
+    A share (unit ``1``) becomes percent; units of length, force, voltage ... take a prefix.
+    """
+    size = abs(size)
+    if unit == "1":
+        return 0.01, "%"
+    lead = next((unit[:i] for i, sign in enumerate(unit) if sign in " /^"), unit)
+    if lead not in PREFIXED or unit[len(lead) : len(lead) + 1] == "^" or size == 0 or not math.isfinite(size):
+        return 1.0, unit
+    for least, factor, prefix in (UP if PREFIXED[lead] else ()) + DOWN:
+        if size >= least:
+            return factor, prefix + unit
+    return 1.0, unit
+
+
+def interval(value: float, ci95: Sequence[Any] | None, unit: str, plain: bool = False) -> str:
+    """A value, its 95 % interval and its unit.
+
+    Args:
+        value: SI.
+        ci95: the interval's two ends, SI; None, or an end that is None, NaN or infinite where it is open.
+        unit: SI unit as in the catalogue, ``1`` for a share.
+        plain: write it in letters that every terminal has.
+    """
+    low, high = (_end(end) for end in (ci95 if ci95 is not None else (None, None)))
+    factor, shown = scaled(unit, value)
+    text = _with_power(value / factor, low and low / factor, high and high / factor, shown, plain)
+    if unit == "rad" and not plain:
+        text += f" ({number(math.degrees(value))}°)"
+    return text
+
+
+def value_text(value: float, unit: str, plain: bool = False) -> str:
+    """A value with its unit and without an interval, four digits."""
+    factor, shown = scaled(unit, value)
+    return _joined(number(value / factor, 4), shown, plain)
+
+
+def _end(value: Any) -> float | None:
+    if value is None or not math.isfinite(float(value)):
+        return None
+    return float(value)
+
+
+def _with_power(value: float, low: float | None, high: float | None, unit: str, plain: bool) -> str:
+    """The text; what no prefix brings into reach gets a power of ten."""
+    power = 0
+    if value and math.isfinite(value) and not 1e-3 <= abs(value) < 1e6:
+        power = math.floor(math.log10(abs(value)))
+    ten = 10.0**power
+    body, joined = _body(value / ten, None if low is None else low / ten, None if high is None else high / ten)
+    if power:
+        raised = f"e{power}" if plain else f" × 10{str(power).translate(SUPERSCRIPT)}"
+        body = (f"({body})" if joined else body) + raised
+    return _joined(body.replace("±", "+/-") if plain else body, unit, plain)
+
+
+def _joined(text: str, unit: str, plain: bool) -> str:
+    if unit in ("", "1"):
+        return text
+    shown = unit if plain else unit_in_signs(unit)
+    joined = f"({text})" if "±" in text and not text.startswith("(") and unit == "%" else text
+    return f"{joined} {shown.replace('µ', 'u') if plain else shown}"
+
+
+def _body(value: float, low: float | None, high: float | None) -> tuple[str, bool]:
+    """The numbers, and whether there is more than one of them."""
+    if low is None and high is None:
+        return number(value, 4), False
+    if low is None or high is None:
+        end, word = (high, "at most") if low is None else (low, "at least")
+        return f"{number(value)}, {word} {number(end)}", True
+    half = (high - low) / 2
+    decimals = _decimals(value, half)
+    if abs(value - (low + high) / 2) > SYMMETRIC * half:
+        return f"{value:.{decimals}f} ({low:.{decimals}f} to {high:.{decimals}f})", True
+    shown = f"{half:.{decimals}f}"
+    if half > 0 and float(shown) == 0:
+        shown = number(half, 1)
+    return f"{value:.{decimals}f} ± {shown}", True
+
+
+def _decimals(value: float, half: float) -> int:
+    """Decimals that show two digits of the half-width and no more than `DIGITS_MAX` of the value."""
+    if half <= 0:
+        return max(0, 3 - math.floor(math.log10(abs(value)))) if value else 0
+    wanted = 1 - math.floor(math.log10(half))
+    top = DIGITS_MAX - 1 - math.floor(math.log10(abs(value))) if value else wanted
+    return max(0, min(wanted, top))
