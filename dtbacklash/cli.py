@@ -15,6 +15,7 @@ from dtbacklash.errors import UserError
 COMMANDS = {
     "run": ("dtbacklash.commands.run", "simulate a controller on a rig while its backlash grows"),
     "paper": ("dtbacklash.commands.paper", "reproduce the figures and check the claims of the paper"),
+    "diagnose": ("dtbacklash.commands.diagnose", "say what physics a recording has and a rig lacks, and where"),
     "recordings": ("dtbacklash.commands.recordings", "list the public recordings that it knows, and fetch them"),
 }
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from dtbacklash.compiled import compiled, inlined
 from dtbacklash.control.controllers import control_step
 from dtbacklash.physics.plant import Floats
-from dtbacklash.physics.sample import advance, sense
+from dtbacklash.physics.sample import advance, read_sensor, sense
 from dtbacklash.physics.step import screw_angle
 from dtbacklash.twin.novelty import novelty_step
 
@@ -44,7 +44,7 @@ def _measure(P, S, signals, k, rate, traces):
     seen = traces.seen[k]
     sense(P, S, signals.gap[k], rate, seen)
     for s in range(seen.shape[0]):
-        traces.truth[k, s] = S.seen[0, s, 0]
+        traces.truth[k, s] = read_sensor(P, S, s, signals.gap[k], rate)
         if signals.noise.shape[0] > 0:
             seen[s] += signals.noise[k, s]
         count = signals.resolution[s]

@@ -25,7 +25,7 @@ class Evidence:
     records: list[Record]
     blocks: list[Block]
     floor: dict[str, Floats]
-    _stretch: int
+    stretch: int
 
     @classmethod
     def gather(cls, rig: Rig, records: list[Record]) -> "Evidence":
@@ -65,5 +65,5 @@ class Evidence:
     def stretches(self, residuals: Residuals, name: str, part: str = "held") -> Floats:
         """(channels, stretches) mean squares over stretches of a part, in units of the floor's."""
         squares = self.rows(residuals, name, part) ** 2
-        whole = squares.shape[1] // self._stretch * self._stretch
-        return squares[:, :whole].reshape(len(squares), -1, self._stretch).mean(axis=2)
+        whole = squares.shape[1] // self.stretch * self.stretch
+        return squares[:, :whole].reshape(len(squares), -1, self.stretch).mean(axis=2)

@@ -29,13 +29,14 @@ class Score:
     """How well one candidate's signature fits the residual.
 
     values : the parameters to start a fit from. gain : fall of minus twice the log-likelihood of the training part.
-    signature : (rows,) projected, weighted.
+    signature : (rows,) projected, weighted. lightest : weight of a sample in the blocks that it changes.
     """
 
     candidate: Candidate
     values: Values
     gain: float
     signature: Floats
+    lightest: float
 
 
 class Bank:
@@ -136,7 +137,9 @@ class Bank:
         else:
             share, start = float(np.clip(share, 0.0, 1.0)), values
         gain = self._gain(self.residual - share * projected)
-        return Score(candidate, start, gain, projected)
+        names = blocks_touched(self.rig, self.evidence.blocks, candidate.place)
+        lightest = min(float(self.weights[n].min()) for n in names)
+        return Score(candidate, start, gain, projected, min(lightest * 20.0, 1.0))
 
     def _gain(self, rest: Floats) -> float:
         """Fall of minus twice the log-likelihood when ``rest`` is what remains, channel by channel."""

@@ -17,8 +17,8 @@ from dtbacklash.diagnose.refit import Fit, effect_free, fit, nominal_free, objec
 
 #: effects at most in one diagnosis
 EFFECTS_MAX = 4
-#: of a bank's candidates, as many are fitted in full; only those whose signature promises more than GAIN_MIN
-FITTED, GAIN_MIN = 4, 12.0
+#: of a bank's candidates, as many are fitted, roughly and then in full; only those whose signature promises more than GAIN_MIN
+FITTED, FINISHED, GAIN_MIN = 5, 3, 12.0
 #: standard errors that the held-out loss has to fall by, in the paired test over stretches
 T_MIN = 3.0
 #: least share of the held-out excess over the floor that an effect has to take away, and of the floor itself
@@ -44,12 +44,13 @@ class Trial:
 
 @dataclass
 class Search:
-    """What the search did: the fit of the nominal rig, the last fit, and every trial, newest last."""
+    """What the search did: the fit of the nominal rig, the last fit, every trial, and per effect what would fit as well."""
 
     nominal: Fit
     fitted: Fit
     order: list[Key]
     trials: list[Trial] = field(default_factory=list)
+    rivals: dict[Key, list[Trial]] = field(default_factory=dict)
     scores: list[Score] = field(default_factory=list)
 
 
@@ -92,7 +93,7 @@ def earns(evidence: Evidence, before: Fit, after: Fit) -> bool:
 
 
 def refit_with(evidence: Evidence, current: Fit, added: list[tuple[Key, dict[str, float]]], left_out: Key | None = None,
-               rounds: int = 2, evaluations: int = 8) -> Fit:  # fmt: skip
+               rounds: int = 2, evaluations: int = 8, rough: bool = False) -> Fit:  # fmt: skip
     """Fit effects anew with some added or one left out, with the nominal parameters of the blocks they touch."""
     base = current.rig
     for (place, name), values in added:
@@ -118,7 +119,7 @@ def refit_with(evidence: Evidence, current: Fit, added: list[tuple[Key, dict[str
         b.name: current.residuals[b.name] for b in evidence.blocks if not changed & places_of(base, b)
         and not changed & places_of(current.rig, b)
     }  # fmt: skip
-    return fit(evidence, base, free, np.array(start), known, rounds, evaluations)
+    return fit(evidence, base, free, np.array(start), known, rounds, evaluations, rough)
 
 
 def search(evidence: Evidence, progress: Callable[[str, float], None] | None = None) -> Search:
@@ -144,9 +145,24 @@ def scores_about(evidence: Evidence, fitted: Fit) -> list[Score]:
     return bank(evidence, fitted, candidates(fitted.rig, evidence.blocks, motion))[1]
 
 
-def _try(evidence: Evidence, current: Fit, score: Score) -> Trial:
-    fitted = refit_with(evidence, current, [(score.candidate.key, score.values)])
+def _promising(evidence: Evidence, scores: list[Score]) -> list[Score]:
+    """The scores that promise as much as an effect has to earn."""
+    samples = sum(int(r.train.sum()) for r in evidence.records)
+    return [s for s in scores if s.gain > max(GAIN_MIN, 0.5 * FLOOR_MIN * samples * s.lightest)]
+
+
+def _try(evidence: Evidence, current: Fit, score: Score, rough: bool = False) -> Trial:
+    evaluations = 5 if rough else 8
+    fitted = refit_with(evidence, current, [(score.candidate.key, score.values)], None, 1, evaluations, rough)
     return Trial(score.candidate.key, score, fitted, held_loss(evidence, fitted))
+
+
+def _finish(evidence: Evidence, current: Fit, trial: Trial) -> Trial:
+    values = trial.fitted.rig.effect(*trial.key)
+    if values is None:
+        return trial
+    fitted = refit_with(evidence, current, [(trial.key, values)])
+    return Trial(trial.key, trial.score, fitted, held_loss(evidence, fitted))
 
 
 def merit(evidence: Evidence, trial_fit: Fit) -> float:
@@ -159,32 +175,57 @@ def _add(evidence: Evidence, found: Search) -> bool:
     scores = scores_about(evidence, found.fitted)
     if not found.scores:
         found.scores = scores
-    top = [s for s in scores if s.gain > GAIN_MIN][:FITTED]
-    trials = [_try(evidence, found.fitted, s) for s in top]
+    trials = [_try(evidence, found.fitted, s, rough=True) for s in _promising(evidence, scores)[:FITTED]]
     trials.sort(key=lambda t: merit(evidence, t.fitted))
+    trials = [_finish(evidence, found.fitted, t) if j < FINISHED else t for j, t in enumerate(trials)]
     found.trials += trials
-    for trial in trials:
+    for trial in _simplest_first(evidence, trials):
         if earns(evidence, found.fitted, trial.fitted):
             found.fitted, trial.verdict = trial.fitted, "added"
             found.order.append(trial.key)
+            found.rivals[trial.key] = [t for t in trials if t is not trial and same(evidence, trial.fitted, t.fitted)]
             return True
     return False
+
+
+def same(evidence: Evidence, chosen: Fit, rival: Fit) -> bool:
+    """Whether this recording cannot tell a rival from what was chosen."""
+    if rival.penalty - chosen.penalty > PENALTY_MIN:
+        return False
+    first, second = held_loss(evidence, chosen), held_loss(evidence, rival)
+    share, _, t = paired(evidence, rival, chosen)
+    return second < first * (1.0 + SAME) or (t < T_MIN and second < first * (1.0 + 5 * SAME))
+
+
+def _simplest_first(evidence: Evidence, trials: list[Trial]) -> list[Trial]:
+    """Best first; among those that fit as well as the best, the one with the fewest parameters."""
+    ranked = sorted(trials, key=lambda t: merit(evidence, t.fitted))
+    if not ranked:
+        return []
+    best = ranked[0]
+    equal = [t for t in ranked if t is best or same(evidence, best.fitted, t.fitted)]
+    equal.sort(key=lambda t: (len(t.score.candidate.effect.parameters), merit(evidence, t.fitted)))
+    return equal + [t for t in ranked if t not in equal]
 
 
 def _swap(evidence: Evidence, found: Search) -> None:
     """Try every earlier effect against its rivals, now that others have joined."""
     for key in found.order[:-1]:
         without = refit_with(evidence, found.fitted, [], key)
-        scores = [s for s in scores_about(evidence, without) if s.candidate.key != key and s.gain > GAIN_MIN][:2]
+        scores = [s for s in _promising(evidence, scores_about(evidence, without)) if s.candidate.key != key][:2]
         best = merit(evidence, found.fitted)
+        found.rivals[key] = []
         for score in scores:
             trial = _try(evidence, without, score)
+            if same(evidence, found.fitted, trial.fitted):
+                found.rivals[key].append(trial)
             if merit(evidence, trial.fitted) < best - 6.0:
                 best = merit(evidence, trial.fitted)
                 found.fitted = trial.fitted
                 found.order = [trial.key if k == key else k for k in found.order]
                 trial.verdict = f"took the place of {key[1]}"
                 found.trials.append(trial)
+                found.rivals[trial.key] = []
                 key = trial.key
 
 

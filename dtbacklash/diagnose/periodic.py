@@ -27,6 +27,8 @@ STEP = 0.5
 WAVES_MAX = 500
 #: every THIN-th sample is enough to choose a wave number, BATCH of them at once
 THIN, BATCH = 5, 25
+_Path = tuple[Floats, Floats, bool]
+
 #: of the best wave numbers, as many are simulated
 KEPT = 2
 
@@ -52,17 +54,22 @@ def wave_grid(candidate: Candidate, bank: Bank) -> list[Values]:
 def _scan(candidate: Candidate, bank: Bank, block: Block) -> list[tuple[float, float, float]]:
     """(wave number, amplitude, phase) of the best wave numbers."""
     records, part = bank.evidence.records, part_of(bank.rig, block)
-    plant = compile_plant(part, records[0].sample_time_s, 1, 2, block.imposed is not None)
-    paths = [_path(candidate, bank, block, plant, r) for r in records]
-    b, a = _transfer(candidate, block, part, plant)
-    waves = _waves(candidate, paths)
+    fine = compile_plant(part, records[0].sample_time_s, 1, 2, block.imposed is not None)
+    coarse = compile_plant(part, THIN * records[0].sample_time_s, 1, 2, block.imposed is not None)
+    paths = [_path(candidate, bank, block, fine, r) for r in records]
+    transfer = _transfer(candidate, block, part, coarse)
     start, width = _place_of_rows(bank, block)
-    q = bank.q_rows[start : start + width].reshape(len(block.channels), -1, bank.q_rows.shape[1])[:, ::THIN]
-    e = bank.residual[start : start + width].reshape(len(block.channels), -1)[:, ::THIN]
-    scale = np.sqrt(bank.weights[block.name]) / bank.evidence.floor[block.name]
+    channels, count = len(block.channels), bank.q_rows.shape[1]
+    chosen = np.concatenate([_thinned(r)[1] for r in records])
+    ends = np.cumsum([0, *(int(r.train.sum()) for r in records)])
+    at = np.concatenate([_thinned(r)[0] + end for r, end in zip(records, ends, strict=False)])
+    q = bank.q_rows[start : start + width].reshape(channels, -1, count)[:, at]
+    e = bank.residual[start : start + width].reshape(channels, -1)[:, at]
+    scale = (np.sqrt(bank.weights[block.name]) / bank.evidence.floor[block.name])[:, None, None]
     rated = []
+    waves = _waves(candidate, paths)
     for some in np.array_split(waves, max(1, math.ceil(len(waves) / BATCH))):
-        S, C = (_signatures(some, shape, paths, records, b, a)[:, :, ::THIN] * scale[:, None, None] for shape in (0, 1))
+        S, C = (_signatures(some, shape, paths, transfer)[:, :, chosen] * scale for shape in (0, 1))
         rated += _regress(some, S, C, q, e)
     rated.sort(reverse=True)
     kept_waves: list[tuple[float, float, float]] = []
@@ -74,18 +81,29 @@ def _scan(candidate: Candidate, bank: Bank, block: Block) -> list[tuple[float, f
     return kept_waves
 
 
-def _signatures(
-    waves: Floats, shape: int, paths: list[tuple[Floats, Floats, bool]], records: list[Record], b: Floats, a: Floats
-) -> Floats:
-    """(channels, waves, training samples) the responses to a sine (0) or a cosine (1) along the paths."""
-    outputs = []
-    for (q, w, counted), record in zip(paths, records, strict=True):
-        angle = waves[:, None] * q + 0.5 * math.pi * shape
-        effort = np.sin(angle) * w
+def _thinned(record: Record) -> tuple[np.ndarray, np.ndarray]:
+    """Of every THIN-th sample that trains: its number among the training samples, and a mask over the thinned ones."""
+    first = np.arange(0, record.samples // THIN * THIN, THIN)
+    mask = record.train[first]
+    return (np.cumsum(record.train) - 1)[first[mask]], mask
+
+
+def _signatures(waves: Floats, shape: int, paths: list[_Path], transfer: tuple[Floats, Floats]) -> Floats:
+    """(channels, waves, thinned samples) the responses to a sine (0) or a cosine (1) along the paths.
+
+    The effort is averaged over THIN samples before it is filtered at that slower rate; single precision will do.
+    """
+    numerators, denominator = transfer
+    shift, outputs = np.float32(0.5 * math.pi * shape), []
+    for q, w, counted in paths:
+        effort = np.sin(waves[:, None].astype(np.float32) * q.astype(np.float32) + shift)
         if counted:
-            effort -= math.sin(0.5 * math.pi * shape)
-        ahead = np.concatenate([effort[:, 1:], effort[:, -1:]], axis=1)
-        outputs.append(np.array([lfilter(row, a, ahead)[:, record.train] for row in b]))
+            effort -= np.sin(shift)
+        else:
+            effort *= w.astype(np.float32)
+        n = effort.shape[1] // THIN * THIN
+        mean = effort[:, :n].reshape(len(waves), -1, THIN).mean(axis=2, dtype=np.float64)
+        outputs.append(np.array([lfilter(row, denominator, mean) for row in numerators]))
     return np.concatenate(outputs, axis=2)
 
 
@@ -120,7 +138,7 @@ def _place_of_rows(bank: Bank, block: Block) -> tuple[int, int]:
     raise KeyError(block.name)
 
 
-def _path(candidate: Candidate, bank: Bank, block: Block, plant: Plant, record: Record) -> tuple[Floats, Floats, bool]:
+def _path(candidate: Candidate, bank: Bank, block: Block, plant: Plant, record: Record) -> _Path:
     """(N,) the position that the law depends on, what it is multiplied by, and whether it is counted from its start."""
     name = candidate.effect.name
     if name == "pitch_error":
@@ -135,7 +153,7 @@ def _path(candidate: Candidate, bank: Bank, block: Block, plant: Plant, record: 
     return q, np.ones(record.samples), False
 
 
-def _waves(candidate: Candidate, paths: list[tuple[Floats, Floats, bool]]) -> Floats:
+def _waves(candidate: Candidate, paths: list[_Path]) -> Floats:
     """Wave numbers to try: spaced so that none can slip through, from half a cycle over the travel on."""
     wave = candidate.effect.parameters[1]
     travel = max(float(np.ptp(q)) for q, _, _ in paths)
@@ -158,7 +176,6 @@ def _transfer(candidate: Candidate, block: Block, part, plant: Plant) -> tuple[F
         names = state_names(part, block.imposed is not None)
         body = kinds.get(candidate.effect.name, names.index(candidate.place) if candidate.place in names else 0)
         channel = pl.CH_F + body
-    B1, B2 = plant.P1[contact, 0, channel], plant.P2[contact, 0, channel]
     names = list(part.sensors)
     C = np.zeros((len(block.channels), len(A)))
     for j, c in enumerate(block.channels):
@@ -169,14 +186,6 @@ def _transfer(candidate: Candidate, block: Block, part, plant: Plant) -> tuple[F
         row = C[list(block.channels).index(block.pulled)]
         gain = np.zeros(len(A))
         where = int(np.argmax(row))
-        gain[where], gain[where + plant.n_bodies] = block.gains
+        gain[where], gain[where + plant.n_bodies] = THIN * block.gains[0], THIN * block.gains[1]
         A = A - A @ np.outer(gain, row)
-    # the input of a sample is the ramp from its start to its end: a state more holds the next value
-    n = len(A)
-    big = np.zeros((n + 1, n + 1))
-    big[:n, :n], big[:n, n] = A, B1 - B2
-    drive = np.concatenate([B2, [1.0]])
-    out = np.concatenate([C, np.zeros((len(C), 1))], axis=1)
-    # x[k+1] = A x[k] + (B1 - B2) w[k] + B2 w[k+1]
-    numerators, denominator = ss2tf(big, drive[:, None], out, np.zeros((len(out), 1)))
-    return numerators, denominator
+    return ss2tf(A, plant.P1[contact, 0, channel][:, None], C, np.zeros((len(C), 1)))

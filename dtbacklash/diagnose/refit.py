@@ -157,8 +157,9 @@ def weights_for(evidence: Evidence, residuals: Residuals) -> dict[str, Floats]:
 class Problem:
     """The least-squares problem of one set of free parameters."""
 
-    def __init__(self, evidence: Evidence, base: Rig, free: list[Free], known: Residuals | None = None) -> None:
-        self.evidence, self.base, self.free = evidence, base, free
+    def __init__(self, evidence: Evidence, base: Rig, free: list[Free], known: Residuals | None = None,
+                 rough: bool = False) -> None:  # fmt: skip
+        self.evidence, self.base, self.free, self.rough = evidence, base, free, rough
         everything = set().union(*(f.places for f in free)) if free else set()
         self.places = everything
         self.known = known
@@ -174,7 +175,7 @@ class Problem:
         """Residuals at x; the last ones are remembered."""
         key = x.tobytes()
         if self._last is None or self._last[0] != key:
-            self._last = key, self.evidence.residuals(apply(self.base, self.free, x), self.known, self.places)
+            self._last = key, self.evidence.residuals(apply(self.base, self.free, x), self.known, self.places, self.rough)
         return self._last[1]
 
     def stack(self, residuals: Residuals, x: Floats) -> Floats:
@@ -195,7 +196,7 @@ class Problem:
             step = _step(f, x[j])
             moved = x.copy()
             moved[j] += step
-            there = self.evidence.residuals(apply(self.base, self.free, moved), here, set(f.places))
+            there = self.evidence.residuals(apply(self.base, self.free, moved), here, set(f.places), self.rough)
             columns[:, j] = (self.stack(there, moved) - start) / step
         return columns
 
@@ -216,12 +217,13 @@ def fit(
     known: Residuals | None = None,
     rounds: int = 2,
     evaluations: int = 8,
+    rough: bool = False,
 ) -> Fit:
     """Fit the free parameters; ``rounds`` times with the weights of where the last round ended.
 
     ``known`` : residuals of a rig that differs from ``base`` only where ``free`` acts; saves simulating the rest.
     """
-    problem = Problem(evidence, base, free, known)
+    problem = Problem(evidence, base, free, known, rough)
     x = np.zeros(len(free)) if start is None else np.asarray(start, dtype=float)
     bounds = np.array([f.limits() for f in free]).reshape(-1, 2).T
     x = np.clip(x, bounds[0] + 1e-9, bounds[1] - 1e-9) if len(free) else x

@@ -8,7 +8,7 @@ import numpy as np
 from dtbacklash.errors import UserError
 from dtbacklash.physics import plant as pl
 from dtbacklash.physics.elements import GROUND
-from dtbacklash.physics.plant import Floats, Plant
+from dtbacklash.physics.plant import Floats, Ints, Plant
 from dtbacklash.physics.rig import SENSOR_PREFIX, Element, Rig
 
 #: damping ratio of the axial spring of a screw that gives way, with the mass that it carries
@@ -105,13 +105,14 @@ def compile_plant(
     A, G = _continuous(parts, circuit, n_aux + (1 if heat else 0), heat, screw)
     E, P1, P2 = _discretise(A, G, sample_time_s / substeps, event_levels + 1)
     delay = _delay(rig, sample_time_s, substeps << event_levels)
+    looks = _sensor_delays(rig, sample_time_s, substeps << event_levels)
     return Plant(
         E=E, P1=P1, P2=P2, A=A, G=G, body=body, link=link,
         link_ends=np.array(parts.link_ends, dtype=np.int64).reshape(-1, 2),
         friction=np.array(parts.friction, dtype=float).reshape(-1, pl.N_FRICTION),
         friction_ends=np.array(parts.friction_ends, dtype=np.int64).reshape(-1, 2),
         circuit=circuit_row, amplifier=_amplifier_row(rig), screw=screw,
-        sensor=_sensor_rows(parts, circuit, sample_time_s),
+        sensor=_sensor_rows(parts, circuit), sensor_whole=looks[0], sensor_tick=looks[1],
         aux_of_link=np.array(aux_of_link, dtype=np.int64),
         sample_time=sample_time_s, substeps=substeps, levels=event_levels + 1,
         current=0 if circuit else -1,
@@ -282,7 +283,7 @@ def _delay(rig: Rig, sample_time_s: float, ticks: int) -> tuple[int, int]:
     return total // ticks, total % ticks
 
 
-def _sensor_rows(parts: _Parts, circuit: Element | None, sample_time_s: float) -> Floats:
+def _sensor_rows(parts: _Parts, circuit: Element | None) -> Floats:
     rig, names = parts.rig, parts.bodies.names
     rows = []
     first = 1 if circuit else 0
@@ -292,22 +293,23 @@ def _sensor_rows(parts: _Parts, circuit: Element | None, sample_time_s: float) -
             row[pl.Y_INDEX] = np.nan  # measures what is imposed: there is nothing to simulate
         elif sensor.quantity == "current":
             row[pl.Y_INDEX] = 0
-            row[pl.Y_RATE] = -1
         elif sensor.of == parts.base:
             row[pl.Y_INDEX] = pl.BASE_POSITION if sensor.quantity == "position" else pl.BASE_VELOCITY
-            row[pl.Y_RATE] = -1
         else:
             body = names.index(sensor.of)
-            position, velocity = first + body, first + len(names) + body
-            row[pl.Y_INDEX] = position if sensor.quantity == "position" else velocity
-            row[pl.Y_RATE] = velocity if sensor.quantity == "position" else -1
+            row[pl.Y_INDEX] = first + body + (0 if sensor.quantity == "position" else len(names))
         there = rig.effects.get(SENSOR_PREFIX + sensor.name, {})
         row[pl.Y_GAIN] = 1.0 + there.get("gain_error", {}).get("relative", 0.0)
         row[pl.Y_OFFSET] = there.get("offset", {}).get("offset", 0.0)
-        part, whole = math.modf(there.get("delay", {}).get("time", 0.0) / sample_time_s)
-        row[pl.Y_WHOLE], row[pl.Y_PART] = whole, part
         rows.append(row)
     return np.array(rows).reshape(-1, pl.N_SENSOR)
+
+
+def _sensor_delays(rig: Rig, sample_time_s: float, ticks: int) -> tuple[Ints, Ints]:
+    """Whole samples of every sensor's delay, and the tick within a sample at which it looks (0: at its end)."""
+    delays = [rig.effects.get(SENSOR_PREFIX + name, {}).get("delay", {}).get("time", 0.0) for name in rig.sensors]
+    total = np.round(np.array(delays) / sample_time_s * ticks).astype(np.int64)
+    return total // ticks, (-total) % ticks
 
 
 def _continuous(

@@ -35,7 +35,7 @@ A_LIMIT, A_DEAD, A_GAIN, N_AMPLIFIER = range(4)
 # entries of `screw`
 S_LEAD, S_SHARE, S_AMPLITUDE, S_PERIODS, S_PHASE, S_BASE_MASS, S_INERTIA, N_SCREW = range(8)
 # columns of `sensor`
-Y_INDEX, Y_RATE, Y_GAIN, Y_OFFSET, Y_WHOLE, Y_PART, N_SENSOR = range(7)
+Y_INDEX, Y_GAIN, Y_OFFSET, N_SENSOR = range(4)
 #: `sensor[:, Y_INDEX]` of a sensor on the base (the mass that a rigid screw carries): position, velocity
 BASE_POSITION, BASE_VELOCITY = -1, -2
 
@@ -62,6 +62,8 @@ class Plant(NamedTuple):
     amplifier: Floats
     screw: Floats
     sensor: Floats
+    sensor_whole: Ints  # a sensor's delay: whole samples,
+    sensor_tick: Ints  # and the tick of a sample at which it looks (0: at its end)
     aux_of_link: Ints
     sample_time: float
     substeps: int
@@ -85,12 +87,13 @@ class State(NamedTuple):
     gear: Floats  # (1,) theta_d while the gear is out of contact
     mode: Ints  # (1 + frictions,) state of the gear, then -1/0/1 a friction contact: slips back, sticks, slips
     commands: Floats  # the last commands u, newest first
-    seen: Floats  # (depth, sensors, 2) what the sensors would have seen, newest first, and its rate
+    seen: Floats  # (depth, sensors) what the sensors have looked at, newest first
+    caught: Floats  # (sensors,) what those that look within a sample saw in the last one
     xn: Floats
     xp: Floats
     w0: Floats
     w1: Floats
-    rates: Floats
+    lean: Ints  # (1,) the side on which the motor leans on a load that it cannot move; 0: it does not
     reaction: Floats  # (frictions,) the force that keeps a sticking contact at rest
 
 
@@ -98,7 +101,7 @@ def new_state(plant: Plant) -> State:
     """The plant at rest at zero, gear centred in its gap, every friction contact sticking."""
     n, channels = plant.A.shape[1], plant.G.shape[1]
     frictions, sensors = len(plant.friction), len(plant.sensor)
-    depth = int(plant.sensor[:, Y_WHOLE].max(initial=0)) + 2
+    depth = int(plant.sensor_whole.max(initial=0)) + 1
     mode = np.zeros(1 + frictions, dtype=np.int64)
     mode[0] = FREE if plant.imposed else RIGID
     return State(
@@ -106,11 +109,12 @@ def new_state(plant: Plant) -> State:
         gear=np.zeros(1),
         mode=mode,
         commands=np.zeros(plant.delay_whole + 2),
-        seen=np.zeros((depth, sensors, 2)),
+        seen=np.zeros((depth, sensors)),
+        caught=np.zeros(sensors),
         xn=np.zeros(n),
         xp=np.zeros(n),
         w0=np.zeros(channels),
         w1=np.zeros(channels),
-        rates=np.zeros(n),
+        lean=np.zeros(1, dtype=np.int64),
         reaction=np.zeros(frictions),
     )

@@ -10,8 +10,8 @@ from dtbacklash.physics.rig import Rig
 def rig_yaml(rig: Rig) -> str:
     """The text of a file for ``rig=FILE`` that gives this rig again, effects with all of their parameters."""
     config = rig.config
+    head = yaml.safe_dump({"name": config.name, "description": config.description}, sort_keys=False, allow_unicode=True)
     sections = (
-        {"name": config.name, "description": config.description},
         {"parameters": {name: asdict(parameter) for name, parameter in config.parameters.items()}},
         {"elements": config.elements},
         {"effects": rig.effects},
@@ -22,4 +22,4 @@ def rig_yaml(rig: Rig) -> str:
         yaml.safe_dump(section, sort_keys=False, default_flow_style=None, width=160, allow_unicode=True)
         for section in sections
     ]
-    return "# Values are SI; `tolerance` is relative, one standard deviation.\n" + "\n".join(texts)
+    return "# Values are SI; `tolerance` is relative, one standard deviation.\n" + "\n".join([head, *texts])

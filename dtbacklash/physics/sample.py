@@ -5,15 +5,15 @@ import math
 from dtbacklash.compiled import clear, compiled, copy, inlined
 from dtbacklash.physics import laws
 from dtbacklash.physics import plant as pl
-from dtbacklash.physics.forces import add_forces, push
-from dtbacklash.physics.step import MOST_EVENTS, screw_angle, slip_rate, try_step
+from dtbacklash.physics.forces import add_forces, base_motion, push
+from dtbacklash.physics.step import MOST_EVENTS, rate_of_screw, screw_angle, slip_rate, try_step
 
 #: a contact is located well enough when the gear would move no farther than this by what is left, rad (relative to an
 #: angle above 1 rad). A motor that creeps to rest on a flank would otherwise be chased through steps in which its
 #: angle does not change by rounding any more.
 NEAR_RAD = 1e-12
 
-NO_EVENT, GEAR_CLOSES, GEAR_OPENS, FRICTION = 0, 1, 2, 3
+NO_EVENT, GEAR_CLOSES, GEAR_OPENS, FRICTION, LEANING_ENDS = 0, 1, 2, 3, 4
 
 
 @inlined
@@ -29,7 +29,10 @@ def find_event(P, S, gap, gap_rate):
     mode = S.mode[0]
     theta_d = S.gear[0]
     if P.rotor >= 0 and mode != pl.RIGID:
-        if mode == pl.FREE:
+        if mode == pl.FREE and S.lean[0] != 0:
+            if _leaning_ends(P, S, S.xn) != 0:
+                return LEANING_ENDS
+        elif mode == pl.FREE:
             if abs(S.xn[P.position + P.rotor] - theta_d) > gap:
                 return GEAR_CLOSES
         elif mode * S.xn[P.position + P.n_bodies + P.rotor] < gap_rate:
@@ -51,10 +54,12 @@ def _friction_event(P, S, mode, theta_d, gap_rate):
     for c in range(P.friction.shape[0]):
         direction = S.mode[1 + c]
         if direction == 0:
-            # the step's mean reaction lags behind what is needed at its end: correct it by the slip's acceleration
-            acceleration, mobility = _slip_acceleration(P, S.xn, S.w1, c, contact)
-            S.reaction[c] -= acceleration / mobility
-            if abs(S.reaction[c]) > P.friction[c, pl.F_COULOMB] + P.friction[c, pl.F_STRIBECK]:
+            most = P.friction[c, pl.F_COULOMB] + P.friction[c, pl.F_STRIBECK]
+            if abs(S.reaction[c]) <= most:
+                # the step's mean is not what is needed at its end: correct it by the acceleration that it leaves
+                acceleration, mobility = _slip_acceleration(P, S.xn, S.w1, c, contact)
+                S.reaction[c] -= acceleration / mobility
+            if abs(S.reaction[c]) > most:
                 found = FRICTION
         elif direction * slip_rate(P, S.xn, mode, c, theta_d, gap_rate) < 0.0:
             found = FRICTION
@@ -64,7 +69,7 @@ def _friction_event(P, S, mode, theta_d, gap_rate):
 @inlined
 def _located(P, S, event, gap, gap_rate, h):
     """Whether the event of the gear lies so near to the end of the step of ``h`` seconds that nothing is lost."""
-    if event == FRICTION:
+    if event in (FRICTION, LEANING_ENDS):
         return False
     theta_m = S.xn[P.position + P.rotor]
     if event == GEAR_CLOSES:
@@ -82,7 +87,12 @@ def switch_gear(P, S, gap, gap_rate):
         return
     theta_m = S.x[P.position + P.rotor]
     speed = P.position + P.n_bodies + P.rotor
-    if mode == pl.FREE:
+    if S.lean[0] != 0:
+        ends = _leaning_ends(P, S, S.x)
+        if ends != 0:
+            S.mode[0] = S.lean[0] if ends > 0 else pl.FREE
+            S.lean[0] = 0
+    elif mode == pl.FREE:
         z = theta_m - S.gear[0]
         if abs(z) > gap:
             S.mode[0] = pl.PLUS if z > 0.0 else pl.MINUS
@@ -94,6 +104,24 @@ def switch_gear(P, S, gap, gap_rate):
     elif mode * S.x[speed] < gap_rate:
         S.gear[0] = theta_m - mode * gap
         S.mode[0] = pl.FREE
+        if P.screw[pl.S_SHARE] != 0.0:
+            S.w1[pl.CH_D] += P.screw[pl.S_LEAD] * theta_m  # the base's place for the free gear's matrices
+            if mode * _acceleration(P, S.x, S.w1, 0, P.rotor) > 0.0:
+                S.lean[0] = mode
+                S.x[speed] = mode * gap_rate
+
+
+@compiled
+def _leaning_ends(P, S, x):
+    """Whether the motor that leans on its load lets go (-1) or overcomes it (+1) at state ``x``; 0: neither."""
+    free = _acceleration(P, x, S.w1, 0, P.rotor)
+    if S.lean[0] * free < 0.0:
+        return -1
+    base = P.screw[pl.S_LEAD] * x[P.position + P.rotor]
+    S.w1[pl.CH_D] -= base
+    loaded = _acceleration(P, x, S.w1, 1, P.rotor)
+    S.w1[pl.CH_D] += base
+    return 1 if S.lean[0] * loaded > 0.0 else 0
 
 
 @compiled
@@ -201,22 +229,33 @@ def advance(P, S, t, u, gap0, gap1, theta0, theta1):
 
 
 @inlined
+def _next_stop(P, tick, whole):
+    """The next tick at which a step has to end: a late command arrives, a late sensor looks, or the sample is over."""
+    stop = P.delay_ticks if P.delay_ticks > tick else whole
+    for s in range(P.sensor_tick.shape[0]):
+        if tick < P.sensor_tick[s] < stop:
+            stop = P.sensor_tick[s]
+    return stop
+
+
+@inlined
 def _steps(P, S, t, gap0, gap_rate, theta0, theta1):
-    """The steps of one sample, each as long as the events and the amplifier's delay let it be."""
+    """The steps of one sample, each as long as the events and the delays let it be."""
     last = P.levels - 1
     whole = P.substeps << last
-    tick, end = 0, whole
-    voltage = amplify(P, S.commands[P.delay_whole])
-    if P.delay_ticks > 0:
-        end = P.delay_ticks
-        voltage = amplify(P, S.commands[P.delay_whole + 1])
+    tick, end = 0, _next_stop(P, 0, whole)
+    voltage = amplify(P, S.commands[P.delay_whole + (1 if P.delay_ticks > 0 else 0)])
     tick_s = P.sample_time / whole
     least, events = 0, 0
     theta_rate = (theta1 - theta0) / P.sample_time
     while tick < whole:
-        if tick == end:  # the command of this sample arrives
-            end = whole
-            voltage = amplify(P, S.commands[P.delay_whole])
+        if tick == end:
+            if tick == P.delay_ticks:
+                voltage = amplify(P, S.commands[P.delay_whole])
+            for s in range(P.sensor_tick.shape[0]):
+                if P.sensor_tick[s] == tick:
+                    S.caught[s] = read_sensor(P, S, s, gap0 + gap_rate * tick * tick_s, gap_rate)
+            end = _next_stop(P, tick, whole)
         level = least
         while (1 << (last - level)) > end - tick:
             level += 1
@@ -253,49 +292,23 @@ def _steps(P, S, t, gap0, gap_rate, theta0, theta1):
 
 
 @inlined
-def _read(P, S, s, gap, gap_rate):
-    """Present value and rate of what sensor ``s`` measures, before its errors."""
+def read_sensor(P, S, s, gap, gap_rate):
+    """Present value of what sensor ``s`` measures, SI, before its errors."""
     index = P.sensor[s, pl.Y_INDEX]
     if math.isnan(index):
-        return 0.0, 0.0
-    if index < 0:
-        d = P.screw[pl.S_LEAD] * screw_angle(P, S, gap)
-        if P.screw[pl.S_AMPLITUDE] != 0.0:
-            A = P.screw
-            d += laws.periodic(screw_angle(P, S, gap), A[pl.S_AMPLITUDE], A[pl.S_PERIODS], A[pl.S_PHASE])
-            d -= laws.periodic(0.0, A[pl.S_AMPLITUDE], A[pl.S_PERIODS], A[pl.S_PHASE])
-        omega = 0.0
-        if S.mode[0] != pl.FREE:
-            omega = S.x[P.position + P.n_bodies + P.rotor] - (0 if S.mode[0] == pl.RIGID else S.mode[0] * gap_rate)
-        rate = P.screw[pl.S_LEAD] * omega
-        return (d, 0.0) if index == pl.BASE_POSITION else (rate, 0.0)
-    i = int(index)
-    r = int(P.sensor[s, pl.Y_RATE])
-    return S.x[i], S.x[r] if r >= 0 else 0.0
+        return 0.0
+    if index >= 0:
+        return S.x[int(index)]
+    rate = 0.0 if P.rotor < 0 else rate_of_screw(P, S.x, S.mode[0], gap_rate)
+    base, base_rate = base_motion(P, S.x, 0, screw_angle(P, S, gap), rate)
+    return base if index == pl.BASE_POSITION else base_rate
 
 
 @inlined
 def sense(P, S, gap, gap_rate, y):
-    """Write what every sensor shows now into ``y`` (sensors,): delayed, scaled and offset, without noise."""
-    depth = S.seen.shape[0]
+    """Write what every sensor shows at this sample into ``y`` (sensors,): delayed, scaled and offset, no noise."""
     for s in range(P.sensor.shape[0]):
-        for d in range(depth - 1, 0, -1):
-            S.seen[d, s, 0] = S.seen[d - 1, s, 0]
-            S.seen[d, s, 1] = S.seen[d - 1, s, 1]
-        S.seen[0, s, 0], S.seen[0, s, 1] = _read(P, S, s, gap, gap_rate)
-        row = P.sensor[s]
-        whole, part = int(row[pl.Y_WHOLE]), row[pl.Y_PART]
-        value = S.seen[whole, s, 0]
-        if part > 0.0:
-            value = _between(S.seen[whole + 1, s], S.seen[whole, s], 1.0 - part, P.sample_time, row[pl.Y_RATE] >= 0)
-        y[s] = row[pl.Y_GAIN] * value + row[pl.Y_OFFSET]
-
-
-@inlined
-def _between(older, newer, f, h, with_rates):
-    """Value at the fraction ``f`` between two samples: cubic Hermite where the rates are known, else linear."""
-    if not with_rates:
-        return older[0] + f * (newer[0] - older[0])
-    g = 1.0 - f
-    value = g * g * (1.0 + 2.0 * f) * older[0] + f * f * (1.0 + 2.0 * g) * newer[0]
-    return value + h * f * g * (g * older[1] - f * newer[1])
+        for d in range(S.seen.shape[0] - 1, 0, -1):
+            S.seen[d, s] = S.seen[d - 1, s]
+        S.seen[0, s] = read_sensor(P, S, s, gap, gap_rate) if P.sensor_tick[s] == 0 else S.caught[s]
+        y[s] = P.sensor[s, pl.Y_GAIN] * S.seen[P.sensor_whole[s], s] + P.sensor[s, pl.Y_OFFSET]

@@ -24,7 +24,8 @@ def screw_angle(P, S, gap):
 
 
 @inlined
-def _rate_of_screw(P, x, mode, gap_rate):
+def rate_of_screw(P, x, mode, gap_rate):
+    """Rate of theta_d, rad/s."""
     if mode == pl.FREE or P.rotor < 0:
         return 0.0
     omega = x[P.position + P.n_bodies + P.rotor]
@@ -128,7 +129,7 @@ def slip_rate(P, x, gear_mode, c, theta_d, gap_rate):
     a, b = P.friction_ends[c, 0], P.friction_ends[c, 1]
     base_rate = 0.0
     if P.has_base and min(a, b) == pl.BASE:
-        base_rate = base_motion(P, x, 0, theta_d, _rate_of_screw(P, x, gear_mode, gap_rate))[1]
+        base_rate = base_motion(P, x, 0, theta_d, rate_of_screw(P, x, gear_mode, gap_rate))[1]
     return end_velocity(P, x, b, base_rate) - end_velocity(P, x, a, base_rate)
 
 
@@ -167,6 +168,21 @@ def try_step(P, S, level, h, t, voltage, gap, gap_rate, given, given_rate):
         channels = pl.CH_F if P.has_base else pl.CH_D
         _propagate(P, S, level, contact, channels)
         _ramp(P, S, level, contact, channels)
+    if S.lean[0] != 0:
+        _rest(P, S, level, h, gap_rate)
+
+
+@inlined
+def _rest(P, S, level, h, gap_rate):
+    """Keep the motor on the tooth on which it leans, which stands still or moves away as the gap grows."""
+    R = P.P1[0, level]
+    channel, speed = pl.CH_F + P.rotor, P.position + P.n_bodies + P.rotor
+    tooth_rate = S.lean[0] * gap_rate
+    force = (tooth_rate - S.xn[speed]) / R[channel, speed]
+    for i in range(S.x.shape[0]):
+        S.xn[i] += R[channel, i] * force
+    S.xn[P.position + P.rotor] = S.x[P.position + P.rotor] + tooth_rate * h
+    S.xn[speed] = tooth_rate
 
 
 @inlined
@@ -175,7 +191,7 @@ def _forced_step(P, S, level, h, t, contact, gap, gap_rate, given, given_rate):
     mode = S.mode[0]
     channels = S.w0.shape[0]
     angle = given if P.imposed else screw_angle(P, S, gap)
-    rate = given_rate if P.imposed else _rate_of_screw(P, S.x, mode, gap_rate)
+    rate = given_rate if P.imposed else rate_of_screw(P, S.x, mode, gap_rate)
     add_forces(P, S.x, S.mode, S.w0, contact, t, angle, rate)
     _propagate(P, S, level, contact, channels)
     copy(S.xn, S.xp)
@@ -184,7 +200,7 @@ def _forced_step(P, S, level, h, t, contact, gap, gap_rate, given, given_rate):
     _hold(P, S, level, contact, angle, gap_rate)
     if not P.imposed and mode != pl.FREE:
         angle = S.xn[P.position + P.rotor] - (0 if mode == pl.RIGID else mode * (gap + gap_rate * h))
-        rate = _rate_of_screw(P, S.xn, mode, gap_rate)
+        rate = rate_of_screw(P, S.xn, mode, gap_rate)
     add_forces(P, S.xn, S.mode, S.w1, contact, t + h, angle, rate)
     copy(S.xp, S.xn)
     _ramp(P, S, level, contact, channels)

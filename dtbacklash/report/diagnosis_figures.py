@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,7 +15,8 @@ from dtbacklash.report.intervals import name_in_words, scaled, unit_in_signs
 from dtbacklash.report.style import INK, MUTED, new_figure, styled
 
 MEASURED, NOMINAL, EXTENDED = INK, "#0072b2", "#d55e00"
-HELD_OUT = "#eef1f4"
+NOISE = r"noise ($\pm 2 \sigma$)"
+HELD_OUT = "#e8ecf0"
 ZOOM_SHARE, ZOOM_SAMPLES = 0.07, 120  # length of the closer look: share of the record, and samples at least
 OUT_OF_VIEW = 1.5  # a model that leaves the measured range by this much of it does not set the scale
 BINS, BIN_SAMPLES = 40, 8
@@ -98,7 +100,7 @@ def curve_figure(curve: Curve, model: str = "extended") -> Figure:
         ax.axvspan(*window, fc="none", ec=MUTED, lw=0.9, ls=":")
     axes[-1, 0].axvspan(*window, fc="none", ec=MUTED, lw=0.9, ls=":")
     axes[0, 0].set_title("the whole record")
-    axes[0, 1].set_title("a closer look (dotted at the left)")
+    axes[0, 1].set_title("a closer look")
     figure.align_ylabels(axes[:, 0])
     figure.legend(loc="outside upper left", ncols=5, columnspacing=1.6)
     return figure
@@ -122,18 +124,18 @@ def zoom(curve: Curve) -> tuple[float, float]:
 def _signal(ax: Axes, curve: Curve, part: NDArray[np.bool_], model: str, label: bool) -> None:
     t = curve.t_s[part]
     factor, unit = scaled(curve.unit, float(np.ptp(curve.measured)))
-    lines = [(curve.measured, "measured", {"color": MEASURED, "lw": 2.4})]
+    lines: list[tuple[Floats, str, dict[str, Any]]] = [(curve.measured, "measured", {"color": MEASURED, "lw": 2.4})]
     lines.append((curve.nominal, "nominal model", {"color": NOMINAL, "lw": 1.3, "ls": (0, (4, 1.6))}))
     if curve.changed:
         lines.append((curve.extended, f"{model} model", {"color": EXTENDED, "lw": 1.2}))
     for values, name, style in lines:
         ax.plot(*envelope(t, values[part] / factor), label=name if label else None, **style)
-    _frame(ax, [values[part] / factor for values, _, _ in lines])
+    _frame(ax, [values[part] / factor for values, _, _ in lines], unit)
     if label:
         ax.set_ylabel(f"{curve.name} [{unit_in_signs(unit)}]")
 
 
-def _frame(ax: Axes, lines: list[Floats]) -> None:
+def _frame(ax: Axes, lines: list[Floats], unit: str) -> None:
     """Scale to measurement and better model; a nominal model far outside would flatten both and gets a note."""
     shown = np.concatenate([lines[0], lines[-1]]) if len(lines) > 2 else lines[0]
     low, high = float(shown.min()), float(shown.max())
@@ -141,11 +143,14 @@ def _frame(ax: Axes, lines: list[Floats]) -> None:
     allowed = (low - OUT_OF_VIEW * span, high + OUT_OF_VIEW * span)
     top, bottom = float(lines[1].max()), float(lines[1].min())
     if bottom < allowed[0] or top > allowed[1]:
-        reach = ("up to", top) if top - high > low - bottom else ("down to", bottom)
+        up = top - high > low - bottom
+        reach = f"up to {top:.3g}" if up else f"down to {bottom:.3g}"
         ax.text(
-            0.98, 0.05, f"the nominal model goes {reach[0]} {reach[1]:.3g}", transform=ax.transAxes, ha="right",
-            color=NOMINAL, fontsize=10, bbox={"fc": "white", "ec": "none", "alpha": 0.85, "pad": 1.5}, zorder=6,
+            0.97, 0.98 if up else 0.02, f"nominal model: {reach} {unit}", transform=ax.transAxes, ha="right",
+            va="top" if up else "bottom", color=NOMINAL, fontsize=10, zorder=6,
+            bbox={"fc": "white", "ec": "none", "alpha": 0.85, "pad": 1.5},
         )  # fmt: skip
+        low, high = (low, high + 0.16 * span) if up else (low - 0.16 * span, high)  # room for the note
     else:
         low, high = min(low, bottom), max(high, top)
         span = high - low or abs(high) or 1.0
@@ -159,11 +164,13 @@ def _left_over(ax: Axes, curve: Curve, part: NDArray[np.bool_], values: Floats, 
     if curve.noise_floor:
         band = 2 * curve.noise_floor / factor
         first = label and name == "nominal"
-        ax.axhspan(-band, band, color="#00805f", alpha=0.22, lw=0, label="noise (±2 σ)" if first else None, zorder=1)
+        ax.axhspan(-band, band, color="#00805f", alpha=0.22, lw=0, label=NOISE if first else None, zorder=1)
+        for edge in (-band, band) if band * factor > 0.05 * size else ():  # the curve may hide the band
+            ax.axhline(edge, color="#00634a", lw=1.0, ls=(0, (3, 2)), zorder=3)
     ax.plot(*envelope(t, values[part] / factor), color=NOMINAL if name == "nominal" else EXTENDED, lw=0.9, zorder=2)
     ax.margins(y=0.12)
     if label:
-        ax.set_ylabel(f"measured −\n{name} [{unit_in_signs(unit)}]", fontsize=10.5)
+        ax.set_ylabel(f"measured \N{MINUS SIGN}\n{name} [{unit_in_signs(unit)}]", fontsize=10.5)
 
 
 def _shade(ax: Axes, curve: Curve, begin: float, end: float) -> None:
@@ -185,7 +192,7 @@ def force_figure(force: Force) -> Figure:
     fx, x_unit = scaled(force.state_unit, _reach(state))
     fy, y_unit = scaled(force.effort_unit, _reach(recovered))
     step = max(1, len(state) // POINTS)
-    ax.plot(state[::step] / fx, recovered[::step] / fy, ".", color="#9fb3c8", ms=2.5, alpha=0.55, mew=0, rasterized=True)
+    ax.plot(state[::step] / fx, recovered[::step] / fy, ".", color="#9fb3c8", ms=3.2, alpha=0.6, mew=0, rasterized=True)
     ax.plot([], [], ".", color="#9fb3c8", ms=9, label="recovered from the recording")
     centres, middle, low, high = binned(state / fx, recovered / fy)
     ax.errorbar(
@@ -221,7 +228,7 @@ def binned(state: Floats, values: Floats) -> tuple[Floats, Floats, Floats, Float
         return (np.empty(0),) * 4
     low, high = np.quantile(state, (0.001, 0.999))
     edges = np.linspace(low, high, BINS + 1)
-    index = np.digitize(state, edges) - 1
+    index = np.where(state == high, BINS - 1, np.digitize(state, edges) - 1)
     rows = []
     for k in range(BINS):
         inside = values[index == k]

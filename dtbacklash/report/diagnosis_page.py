@@ -11,10 +11,10 @@ from typing import Any
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 from dtbacklash.physics.rig_file import rig_yaml
 from dtbacklash.report.diagnosis_figures import Curve, Force, curve_figure, force_figure
-from dtbacklash.report.intervals import interval, name_in_words, value_text
+from dtbacklash.report.intervals import degrees, interval, name_in_words
 from dtbacklash.report.numbers import number
 from dtbacklash.report.page import embedded, render
-from dtbacklash.report.rig_drawing import draw_rig
+from dtbacklash.report.rig_drawing import SHARE_MIN, draw_rig
 from dtbacklash.report.style import save
 from dtbacklash.report.words import plain
 
@@ -25,7 +25,7 @@ BADGES = {
     "missing_physics": ("missing physics", "warm"),
     "unexplained": ("unexplained", "bad"),
 }
-COLUMNS = {"nominal": "nominal", "recalibrated": "recalibrated", "extended": "extended"}
+MODELS = ("nominal", "recalibrated", "extended")
 PARTS = {"train": "fitted to", "held_out": "held out"}
 
 
@@ -70,13 +70,17 @@ def write(view: View, folder: Path) -> None:
         tiles=_tiles(diagnosis),
         findings=[_finding(f) for f in diagnosis["findings"]],
         recalibrated=[_recalibrated(n, r, view.rig) for n, r in diagnosis["recalibrated"].items()],
-        fit=_fit(diagnosis["fit"]),
+        fit=_fit(diagnosis["fit"], better_model(diagnosis)),
+        verdict=diagnosis["verdict"],
+        rig_is="nominal" if diagnosis["verdict"] == "consistent" else better_model(diagnosis),
+        located=any(share >= SHARE_MIN for share in view.evidence.values()),
         channels=diagnosis["fit"].get("channels", []),
         candidates=_candidates(diagnosis),
         shown=SHOWN_CANDIDATES,
         next_experiment=diagnosis.get("next_experiment") or "",
         figures=figures,
         notes=view.notes,
+        command="dtb run rig=rig.yaml" + ("" if view.extended.only("gear") else " controller=open_loop"),
         json=text,
         rig_yaml=rig_text,
     )
@@ -103,7 +107,7 @@ def heading(view: View) -> str:
     """The verdict in one line."""
     diagnosis = view.diagnosis
     verdict, findings = diagnosis["verdict"], diagnosis["findings"]
-    named = [f"{name_in_words(f['effect'])} at the {place_in_words(f['location'])}" for f in findings if f.get("effect")]
+    named = _by_place([(f["location"], f["effect"]) for f in findings if f.get("effect")])
     if verdict == "consistent":
         return "The model explains this recording"
     if verdict == "parameters":
@@ -117,6 +121,20 @@ def heading(view: View) -> str:
     where = f" at the {place_in_words(place)}" if place else ""
     rest = f"beside {listed(named)}, " if named else ""
     return f"Unexplained: {rest}something acts{where} that the catalogue does not hold"
+
+
+def _by_place(found: list[tuple[str, str]]) -> list[str]:
+    """``Coulomb friction and constant force at the carriage``, ...: a text a place."""
+    places = list(dict.fromkeys(location for location, _ in found))
+    return [
+        f"{listed([name_in_words(e) for there, e in found if there == place])} at the {place_in_words(place)}"
+        for place in places
+    ]
+
+
+def better_model(diagnosis: dict[str, Any]) -> str:
+    """What to call the model that is set against the nominal one: without a named effect it is recalibrated only."""
+    return "extended" if any(f.get("effect") for f in diagnosis["findings"]) else "recalibrated"
 
 
 def listed(names: list[str]) -> str:
@@ -133,7 +151,7 @@ def error_text(value: float | None, metric: str) -> str:
 
 def _draw(view: View, folder: Path) -> dict[str, Any]:
     """The figures as data URIs by what they are."""
-    model = "recalibrated" if view.diagnosis["verdict"] == "parameters" else "extended"
+    model = better_model(view.diagnosis)
     drawn = draw_rig(view.rig, view.evidence, _labels(view.diagnosis))
     found: dict[str, Any] = {"rig": embedded(save(drawn, folder / "rig.png")), "curves": [], "forces": []}
     for curve in view.curves:
@@ -141,7 +159,7 @@ def _draw(view: View, folder: Path) -> dict[str, Any]:
         found["curves"].append((curve.name, embedded(path)))
     for index, force in enumerate(view.forces):
         path = save(force_figure(force), folder / f"force_{index + 1}_{force.location}.png")
-        name = name_in_words(force.effect) if force.effect else "unexplained"
+        name = name_in_words(force.effect) if force.effect else "something unexplained"
         found["forces"].append((f"{name} at the {place_in_words(force.location)}", force, embedded(path)))
     return found
 
@@ -150,7 +168,9 @@ def _labels(diagnosis: dict[str, Any]) -> list[tuple[str, str]]:
     """What stands below an element: effect and the size that it has."""
     labels = []
     for finding in diagnosis["findings"]:
-        lines = [name_in_words(finding["effect"]) if finding.get("effect") else "unexplained"]
+        effect = name_in_words(finding["effect"]) if finding.get("effect") else "unexplained"
+        sensor = finding["location"].startswith(SENSOR_PREFIX)  # its label stands below what it watches
+        lines = [f"{place_in_words(finding['location'])}: {effect}" if sensor else effect]
         parameters = list(finding.get("parameters", {}).values())
         if parameters:
             first = parameters[0]
@@ -163,10 +183,10 @@ def _tiles(diagnosis: dict[str, Any]) -> list[tuple[str, str]]:
     """The few numbers to be read first: (value, what it is)."""
     fit, metric = diagnosis["fit"], diagnosis["fit"].get("metric", "")
     held = fit["held_out"]
-    best = "recalibrated" if diagnosis["verdict"] == "parameters" else "extended"
-    tiles = [(error_text(held.get("nominal"), metric), "error of the nominal model, held-out data")]
+    best = better_model(diagnosis)
+    tiles = [(error_text(held.get("nominal"), metric), "error of the nominal model on held-out data")]
     if diagnosis["verdict"] != "consistent" and held.get(best) is not None:
-        tiles.append((error_text(held[best], metric), f"error of the {best} model, held-out data"))
+        tiles.append((error_text(held[best], metric), f"error of the {best} model on held-out data"))
     if fit.get("noise_floor") is not None:
         tiles.append((error_text(fit["noise_floor"], metric), "noise floor: no model can do better"))
     return tiles
@@ -174,10 +194,13 @@ def _tiles(diagnosis: dict[str, Any]) -> list[tuple[str, str]]:
 
 def _finding(finding: dict[str, Any]) -> dict[str, Any]:
     parameters = [
-        {"name": name_in_words(name), "text": interval(p["value"], p.get("ci95"), p["unit"])}
+        {
+            "name": name_in_words(name),
+            "text": interval(p["value"], p.get("ci95"), p["unit"]) + degrees(p["unit"], p["value"]),
+        }
         for name, p in finding.get("parameters", {}).items()
     ]
-    effect = name_in_words(finding["effect"]) if finding.get("effect") else "Unexplained"
+    effect = name_in_words(finding["effect"]) if finding.get("effect") else "something unexplained"
     return {
         "title": f"{effect[:1].upper()}{effect[1:]} at the {place_in_words(finding['location'])}",
         "sentence": finding.get("sentence") or "",
@@ -193,17 +216,18 @@ def _recalibrated(name: str, row: dict[str, Any], rig: Rig) -> dict[str, Any]:
     return {
         "name": name,
         "about": known.description if known else "",
-        "nominal": value_text(nominal, row["unit"]),
-        "value": interval(row["value"], row.get("ci95"), row["unit"]),
+        "nominal": interval(nominal, None, row["unit"], size=nominal),
+        "value": interval(row["value"], row.get("ci95"), row["unit"], size=nominal),
         "change": f"{100 * (row['value'] / nominal - 1):+.2g} %" if nominal else "-",
         "tolerance": f"± {number(100 * known.tolerance)} %" if known else "-",
     }
 
 
-def _fit(fit: dict[str, Any]) -> dict[str, Any]:
+def _fit(fit: dict[str, Any], best: str) -> dict[str, Any]:
     """Rows of errors: fitted and held out; columns: the models that there are."""
     metric = fit.get("metric", "")
-    columns = [c for c in COLUMNS if any(fit.get(part, {}).get(c) is not None for part in PARTS)]
+    models = MODELS if best == "extended" else MODELS[:2]
+    columns = [c for c in models if any(fit.get(part, {}).get(c) is not None for part in PARTS)]
     rows = [(words, [error_text(fit[part].get(c), metric) for c in columns]) for part, words in PARTS.items()]
     return {"metric": metric, "columns": columns, "rows": rows, "floor": error_text(fit.get("noise_floor"), metric)}
 

@@ -53,7 +53,9 @@ def scaled(unit: str, size: float) -> tuple[float, str]:
     return 1.0, unit
 
 
-def interval(value: float, ci95: Sequence[Any] | None, unit: str, plain: bool = False) -> str:
+def interval(
+    value: float, ci95: Sequence[Any] | None, unit: str, plain: bool = False, size: float | None = None
+) -> str:
     """A value, its 95 % interval and its unit.
 
     Args:
@@ -61,19 +63,16 @@ def interval(value: float, ci95: Sequence[Any] | None, unit: str, plain: bool = 
         ci95: the interval's two ends, SI; None, or an end that is None, NaN or infinite where it is open.
         unit: SI unit as in the catalogue, ``1`` for a share.
         plain: write it in letters that every terminal has.
+        size: chooses the unit's prefix, for values to be compared; None: the value itself.
     """
     low, high = (_end(end) for end in (ci95 if ci95 is not None else (None, None)))
-    factor, shown = scaled(unit, value)
-    text = _with_power(value / factor, low and low / factor, high and high / factor, shown, plain)
-    if unit == "rad" and not plain:
-        text += f" ({number(math.degrees(value))}°)"
-    return text
+    factor, shown = scaled(unit, value if size is None else size)
+    return _with_power(value / factor, low and low / factor, high and high / factor, shown, plain)
 
 
-def value_text(value: float, unit: str, plain: bool = False) -> str:
-    """A value with its unit and without an interval, four digits."""
-    factor, shown = scaled(unit, value)
-    return _joined(number(value / factor, 4), shown, plain)
+def degrees(unit: str, value: float) -> str:
+    """An angle in degrees, in brackets; nothing for other units."""
+    return f" ({number(math.degrees(value))}°)" if unit == "rad" else ""
 
 
 def _end(value: Any) -> float | None:
@@ -90,7 +89,7 @@ def _with_power(value: float, low: float | None, high: float | None, unit: str, 
     ten = 10.0**power
     body, joined = _body(value / ten, None if low is None else low / ten, None if high is None else high / ten)
     if power:
-        raised = f"e{power}" if plain else f" × 10{str(power).translate(SUPERSCRIPT)}"
+        raised = f"e{power}" if plain else f" \N{MULTIPLICATION SIGN} 10{str(power).translate(SUPERSCRIPT)}"
         body = (f"({body})" if joined else body) + raised
     return _joined(body.replace("±", "+/-") if plain else body, unit, plain)
 
@@ -121,9 +120,10 @@ def _body(value: float, low: float | None, high: float | None) -> tuple[str, boo
 
 
 def _decimals(value: float, half: float) -> int:
-    """Decimals that show two digits of the half-width and no more than `DIGITS_MAX` of the value."""
+    """Decimals that show the half-width with one digit, or two if it begins with 1, 2 or 3, as is the custom."""
     if half <= 0:
         return max(0, 3 - math.floor(math.log10(abs(value)))) if value else 0
-    wanted = 1 - math.floor(math.log10(half))
+    power = math.floor(math.log10(half))
+    wanted = (1 if half < 3.55 * 10.0**power else 0) - power
     top = DIGITS_MAX - 1 - math.floor(math.log10(abs(value))) if value else wanted
     return max(0, min(wanted, top))

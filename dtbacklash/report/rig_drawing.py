@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,16 +14,17 @@ from matplotlib.patches import Circle, FancyBboxPatch
 from numpy.typing import NDArray
 
 from dtbacklash.physics.elements import GROUND
-from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
+from dtbacklash.physics.rig import SENSOR_PREFIX, Element, Rig
 from dtbacklash.report.style import INK, MUTED, WIDTH, new_figure, styled
 
 HEAT = LinearSegmentedColormap.from_list("evidence", ["#ffffff", "#fde3c8", "#f6a55f", "#d55e00"])
-PITCH = 1.0  # inch from element to element
-TILE = 0.31  # half the side of a tile, inch
-PER_ROW = 9
+PITCH_MAX = 1.05  # inch from element to element
+TILE = 0.29  # half the side of a tile, inch
+PER_ROW = 12
 SENSOR_RISE, SENSOR_RADIUS = 0.62, 0.1
 NAME_DROP = 0.42
-LABEL_DROP, LABEL_HEIGHT, LABEL_WIDTH = 1.12, 0.56, 2.15
+LABEL_DROP, LABEL_HEIGHT = 1.27, 0.56
+LINE_HEIGHT, LETTER_WIDTH = 0.16, 0.086
 SHARE_MIN = 0.01  # evidence below this is not written
 
 Line = NDArray[np.float64]
@@ -101,8 +104,9 @@ def draw_rig(rig: Rig, evidence: dict[str, float], labels: list[tuple[str, str]]
         evidence: element or ``sensor_<name>`` -> share, 0 to 1.
         labels: (location, text of one or two lines) to be shown below their element; several at one are stacked.
     """
-    names = list(rig.elements)
-    chunks = [names[i : i + PER_ROW] for i in range(0, len(names), PER_ROW)]
+    names = chain(rig)
+    rows_needed = -(-len(names) // PER_ROW)
+    chunks = [list(chunk) for chunk in np.array_split(np.array(names, dtype=object), rows_needed)]
     host = {SENSOR_PREFIX + s.name: s.of for s in rig.sensors.values()}
     xs = _columns(chunks)
     rows = [_row(chunk, labels, host, xs) for chunk in chunks]
@@ -111,45 +115,82 @@ def draw_rig(rig: Rig, evidence: dict[str, float], labels: list[tuple[str, str]]
         row.y = -(height + SENSOR_RISE + 0.38)
         height += SENSOR_RISE + 0.38 + row.depth
     figure = new_figure(height)
+    figure.set_layout_engine("none")  # every inch is placed by hand
     ax = figure.add_axes((0, 0, 1, 1))
     ax.set(xlim=(0, WIDTH), ylim=(-height, 0), aspect="equal")
     ax.set_axis_off()
     at = {name: (xs[name], row.y) for row in rows for name in row.names}
     _connect(ax, rig, at)
     for name in names:
-        _tile(ax, rig, name, at[name], evidence.get(name, 0.0))
+        _tile(ax, rig.elements[name], at[name], evidence.get(name, 0.0))
     _sensors(ax, rig, at, evidence)
     for row in rows:
-        _labels(ax, row, host, xs)
+        _labels(ax, row, host, xs, evidence)
     return figure
 
 
 def _columns(chunks: list[list[str]]) -> dict[str, float]:
     """x of every element; each row is centred."""
-    xs = {}
+    xs: dict[str, float] = {}
+    pitch = _pitch(max(map(len, chunks)))
     for chunk in chunks:
-        start = WIDTH / 2 - PITCH * (len(chunk) - 1) / 2
-        xs |= {name: start + PITCH * i for i, name in enumerate(chunk)}
+        start = WIDTH / 2 - pitch * (len(chunk) - 1) / 2
+        xs |= {name: start + pitch * i for i, name in enumerate(chunk)}
     return xs
 
 
-def _label_x(x: float) -> float:
-    return float(np.clip(x, LABEL_WIDTH / 2 + 0.05, WIDTH - LABEL_WIDTH / 2 - 0.05))
+def _pitch(count: int) -> float:
+    """Distance of the elements of a row, inch."""
+    return min(PITCH_MAX, (WIDTH - 0.1) / count)
+
+
+def label_width(text: str) -> float:
+    """Width of a label's box, inch, by its longest line."""
+    return LETTER_WIDTH * max(map(len, text.split("\n"))) + 0.2
+
+
+def _label_x(x: float, text: str) -> float:
+    """x of a label's middle: below its element, as far as the paper reaches."""
+    half = label_width(text) / 2 + 0.04
+    return float(np.clip(x, half, WIDTH - half))
+
+
+def chain(rig: Rig) -> list[str]:
+    """The elements in the order of a walk from the first one along its neighbours; short branches first."""
+    near: dict[str, list[str]] = {name: [] for name in rig.elements}
+    for a, b in _edges(rig):
+        if b != GROUND:
+            near[a].append(b)
+            near[b].append(a)
+    walk: list[str] = []
+    waiting = list(reversed(rig.elements))
+    while waiting:
+        name = waiting.pop()
+        if name not in walk:
+            walk.append(name)
+            waiting += sorted(near[name], key=lambda other: -len(near[other]))
+    return walk
 
 
 def _row(names: list[str], labels: list[tuple[str, str]], host: dict[str, str], xs: dict[str, float]) -> _Row:
     """Put each label of the row into the first lane in which it touches no other."""
     mine = [(place, text) for place, text in labels if host.get(place, place) in names]
-    taken: list[list[float]] = []
+    taken: list[list[tuple[float, float]]] = []
     lanes = []
-    for place, _ in mine:
-        x = _label_x(xs[host.get(place, place)])
-        lane = next((k for k, there in enumerate(taken) if all(abs(x - o) >= LABEL_WIDTH for o in there)), len(taken))
+    for place, text in mine:
+        x, half = _label_x(xs[host.get(place, place)], text), label_width(text) / 2
+        free = (k for k, there in enumerate(taken) if all(abs(x - o) >= half + h for o, h in there))
+        lane = next(free, len(taken))
         if lane == len(taken):
             taken.append([])
-        taken[lane].append(x)
+        taken[lane].append((x, half))
         lanes.append(lane)
     return _Row(names, mine, lanes)
+
+
+def _longest(at: dict[str, tuple[float, float]]) -> int:
+    """How many elements the longest row has."""
+    return max(Counter(y for _, y in at.values()).values())
 
 
 def _edges(rig: Rig) -> list[tuple[str, str]]:
@@ -163,15 +204,12 @@ def _edges(rig: Rig) -> list[tuple[str, str]]:
 
 def _connect(ax: Axes, rig: Rig, at: dict[str, tuple[float, float]]) -> None:
     """Lines between neighbours: straight where they stand side by side, else around the tiles."""
-    style = {"color": MUTED, "lw": 2.2, "zorder": 1}
+    style: dict[str, Any] = {"color": MUTED, "lw": 2.2, "zorder": 1}
     for a, b in _edges(rig):
-        (xa, ya), right = at[a], None if b == GROUND else at[b]
-        if right is None:
-            side = -1 if any(c == a and d != GROUND and at[d][0] > xa for c, d in _edges(rig)) else 1
-            _ground(ax, xa + side * 0.62 * PITCH, ya, xa)
+        if b == GROUND:
             continue
-        xb, yb = right
-        if ya == yb and abs(xa - xb) < 1.5 * PITCH:
+        (xa, ya), (xb, yb) = at[a], at[b]
+        if ya == yb and abs(xa - xb) < 1.5 * _pitch(_longest(at)):
             ax.plot([xa, xb], [ya, yb], **style)
         elif ya == yb:
             ax.plot([xa, xa, xb, xb], [ya, ya + 0.44, ya + 0.44, yb], **style)
@@ -183,33 +221,39 @@ def _connect(ax: Axes, rig: Rig, at: dict[str, tuple[float, float]]) -> None:
             ax.plot([xb - 0.45, xb], [yb, yb], **style)
 
 
-def _ground(ax: Axes, x: float, y: float, origin: float) -> None:
-    """A wall with hatching, joined to the element at `origin`."""
-    away = 0.1 if x > origin else -0.1
-    ax.plot([origin, x], [y, y], color=MUTED, lw=2.2, zorder=1)
-    ax.plot([x, x], [y - 0.25, y + 0.25], color=INK, lw=1.6)
-    for rise in np.linspace(-0.25, 0.15, 5):
-        ax.plot([x, x + away], [y + rise + 0.1, y + rise], color=INK, lw=0.9)
+def _stand(ax: Axes, x: float, y: float) -> None:
+    """Hatched ground below a tile."""
+    bottom = y - TILE
+    for left in np.linspace(-0.2, 0.16, 7):
+        ax.plot([x + left, x + left + 0.05], [bottom - 0.07, bottom - 0.015], color=INK, lw=0.9, zorder=2)
+    ax.plot([x - 0.22, x + 0.22], [bottom - 0.005] * 2, color=INK, lw=2.4, zorder=4)
 
 
-def _tile(ax: Axes, rig: Rig, name: str, place: tuple[float, float], share: float) -> None:
-    (x, y), element = place, rig.elements[name]
+def _tile(ax: Axes, element: Element, place: tuple[float, float], share: float) -> None:
+    (x, y), name = place, element.name
     share = float(np.clip(share, 0.0, 1.0))
-    corner = (x - TILE, y - TILE)
     box = FancyBboxPatch(
-        corner, 2 * TILE, 2 * TILE, boxstyle="round,pad=0,rounding_size=0.07", fc=HEAT(share), ec=INK, lw=1.1, zorder=3
-    )
+        (x - TILE, y - TILE), 2 * TILE, 2 * TILE, boxstyle="round,pad=0,rounding_size=0.07", fc=HEAT(share), ec=INK,
+        lw=1.1, zorder=3,
+    )  # fmt: skip
     ax.add_patch(box)
     for line in GLYPHS.get(element.kind, []):
         ax.plot(x + 0.82 * TILE * line[:, 0], y + 0.82 * TILE * line[:, 1], color=INK, lw=1.3, zorder=4)
     if element.kind not in GLYPHS:
         ax.text(x, y, element.kind[:4], ha="center", va="center", fontsize=9, zorder=4)
-    shown = _broken(name)
-    ax.text(x, y - NAME_DROP, shown, ha="center", va="top", fontsize=9.5, linespacing=1.05)
+    if GROUND in element.neighbours.get("between", []) or "ground_stiffness" in element.values:
+        _stand(ax, x, y)
+    ax.text(x, y - NAME_DROP, _broken(name), ha="center", va="top", fontsize=9.5, linespacing=1.05)
     if share >= SHARE_MIN:
-        drop = NAME_DROP + 0.16 * (1 + shown.count("\n")) + 0.04
+        drop = _text_end(name, 0.0) + 0.04
         ax.text(x, y - drop, f"{100 * share:.0f} %", ha="center", va="top", fontsize=9.5, fontweight="bold",
                 color="#a84600")  # fmt: skip
+
+
+def _text_end(name: str, share: float) -> float:
+    """How far the words below a tile reach, inch."""
+    lines = 1 + _broken(name).count("\n")
+    return NAME_DROP + LINE_HEIGHT * lines + (0.04 + LINE_HEIGHT if share >= SHARE_MIN else 0.0)
 
 
 def _broken(name: str) -> str:
@@ -237,16 +281,14 @@ def _sensors(ax: Axes, rig: Rig, at: dict[str, tuple[float, float]], evidence: d
                     fontweight="bold" if share >= SHARE_MIN else "normal")  # fmt: skip
 
 
-def _labels(ax: Axes, row: _Row, host: dict[str, str], xs: dict[str, float]) -> None:
+def _labels(ax: Axes, row: _Row, host: dict[str, str], xs: dict[str, float], evidence: dict[str, float]) -> None:
     for (place, text), lane in zip(row.labels, row.lanes, strict=True):
-        x0 = xs[host.get(place, place)]
+        element = host.get(place, place)
+        x = xs[element]
         y = row.y - LABEL_DROP - lane * LABEL_HEIGHT
-        ax.annotate(
-            text, (x0, y + 0.28), xytext=(_label_x(x0), y), ha="center", va="center", fontsize=10, color=INK,
-            linespacing=1.25, zorder=6,
+        ax.text(
+            _label_x(x, text), y, text, ha="center", va="center", fontsize=10, color=INK, linespacing=1.25, zorder=6,
             bbox={"boxstyle": "round,pad=0.32", "fc": "#fff6ec", "ec": "#d55e00", "lw": 1.2},
         )  # fmt: skip
-        if lane == 0:
-            ax.plot([x0, x0], [row.y - NAME_DROP - 0.52, y + 0.2], color="#d55e00", lw=1.2, zorder=5)
-
-
+        top = row.y - _text_end(element, evidence.get(element, 0.0)) - 0.05
+        ax.plot([x, x], [top, y], color="#d55e00", lw=1.2, zorder=2)

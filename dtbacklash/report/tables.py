@@ -125,6 +125,26 @@ def claims(frame: pd.DataFrame) -> Table:
     return table
 
 
+def fit(errors: dict[str, Any]) -> Table:
+    """The errors of the models on the data they were fitted to and on held-out data.
+
+    Args:
+        errors: ``metric``, ``train`` and ``held_out`` (model -> error or None), ``noise_floor``.
+    """
+    nrmse = errors.get("metric") == "nrmse"
+    percent: Cell = lambda value: f"{number(100 * value)} %" if nrmse and not pd.isna(value) else number(value)  # noqa: E731
+    rows = [
+        {"data": words, **errors[part], "noise_floor": errors.get("noise_floor")}
+        for part, words in (("train", "fitted to"), ("held_out", "held out"))
+    ]
+    frame = pd.DataFrame(rows).dropna(axis=1, how="all")
+    return _fill(_table("Error of the models" + (" (normalised rms)" if nrmse else "")), frame, [
+        ("data", "data", _plain, False),
+        ("nominal", "nominal", percent, True), ("recalibrated", "recalibrated", percent, True),
+        ("extended", "extended", percent, True), ("noise_floor", "noise floor", percent, True),
+    ])  # fmt: skip
+
+
 def _notes(lines: Iterable[str]) -> Text:
     """Lines below a table."""
     return Text("\n" + "\n".join(lines))

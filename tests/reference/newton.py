@@ -215,9 +215,7 @@ class Machine:
             rise = x[self.size - 1]
             out[self.size - 1] = (gain * resistance * i * i - rise) / time_constant
             resistance *= 1.0 + rise
-        out[0] = (self.drive - resistance * i - self.circuit["emf_constant"] * x[body.v]) / self.circuit[
-            "inductance"
-        ]
+        out[0] = (self.drive - resistance * i - self.circuit["emf_constant"] * x[body.v]) / self.circuit["inductance"]
         relative, periods, phase = self.ripple
         effort[self.driven] += (
             self.circuit["torque_constant"] * i * (1.0 + relative * math.sin(periods * x[body.q] + phase))
@@ -230,9 +228,7 @@ class Machine:
         slope = screw.slope(angle)
         on_screw = effort[SCREW] + (effort[screw.carried] if screw.carried and not self._gives_way() else 0.0)
         moving = 0.0 if self._gives_way() else screw.carried_mass
-        torque = effort[self.rotor] + screw.share * slope * (
-            on_screw - moving * screw.curvature(angle) * rate**2
-        )
+        torque = effort[self.rotor] + screw.share * slope * (on_screw - moving * screw.curvature(angle) * rate**2)
         out[body.v] = torque / (body.inertia + screw.share * slope**2 * moving)
 
     def _gives_way(self) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 from dtbacklash.physics.rig import Rig
 
-from .newton import FREE, GROUND, RIGID, SCREW, Machine, machine
+from .newton import FREE, GROUND, RIGID, SCREW, Contact, machine
 
 Array = NDArray[np.float64]
 
@@ -135,10 +136,11 @@ class _Run:
         side, it.held = it.gear, it.screw_angle(t, y)[0]
         it.gear = FREE
         if it.screw.share and it.leaning(t, self.si(y), side)[0] > 0.0:
+            assert not any(c.b == it.rotor for c in it.contacts), "no dry friction on a motor that leans on its load"
             it.resting = side
             y[it.bodies[it.rotor].v] = side * it.gap[2]
 
-    def _align(self, t: float, y: Array, contact) -> None:
+    def _align(self, t: float, y: Array, contact: Contact) -> None:
         """Take the last rounding error out of the slip of a contact that has come to rest."""
         it = self.machine
         slip = it.slip(t, self.si(y), contact)
@@ -173,9 +175,7 @@ class _Run:
 
     # --- time --------------------------------------------------------------------------------------------------
 
-    def piece(
-        self, t0: float, t1: float, y: Array, wanted: Array, keep: Callable[[Array, Array], None]
-    ) -> Array:
+    def piece(self, t0: float, t1: float, y: Array, wanted: Array, keep: Callable[[Array, Array], None]) -> Array:
         """Integrate while the inputs stay as they are; ``keep`` gets states at the ``wanted`` times."""
         it, t = self.machine, t0
         step = None
@@ -190,13 +190,7 @@ class _Run:
             )  # fmt: skip
             assert out.success, out.message
             ended = out.status == 1
-            reached = (
-                len(at)
-                if not ended
-                else int(np.searchsorted(at, out.t[-1], side="right"))
-                if len(out.t)
-                else 0
-            )
+            reached = len(at) if not ended else int(np.searchsorted(at, out.t[-1], side="right")) if len(out.t) else 0
             if reached:
                 keep(out.t[:reached], out.y[:, :reached].T)
             if not ended:
@@ -279,7 +273,7 @@ def _pieces(u: Array, gap: Array, t_s: Array, late: float) -> list[tuple[float, 
     edges = sorted(cuts)
     step = t_s[1]
     found = []
-    for t0, t1 in zip(edges[:-1], edges[1:], strict=True):
+    for t0, t1 in pairwise(edges):
         middle = 0.5 * (t0 + t1)
         k = int(np.floor((middle - late) / step))
         first = int(np.floor(t0 / step + 1e-6))

@@ -237,7 +237,7 @@ def closed_loop_voltage(gap: Array, period_s: float) -> Array:
 
 
 def test_twenty_seconds_of_the_papers_rig_in_closed_loop() -> None:
-    """Voltages up to 60 V that change every millisecond, a gap that grows from 0 to 100 degrees."""
+    """Voltages up to 146 V that change every millisecond, a gap that grows from 0 to 100 degrees."""
     t = np.linspace(0.0, 1.0, 20001)
     gap = np.radians(100.0) * (10.0 * t**3 - 15.0 * t**4 + 6.0 * t**5)
     u = closed_loop_voltage(gap, period_s=4.0)

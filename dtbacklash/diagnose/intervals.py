@@ -1,0 +1,52 @@
+"""Intervals that hold: standard errors from the curvature and from how the score varies from stretch to stretch.
+
+Residuals are correlated (an encoder's counts, what no model explains), so that the curvature alone would promise too
+much: the sandwich of Huber and White over stretches of time is taken where it is wider.
+"""
+
+import numpy as np
+
+from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.refit import Fit, Problem, nominal_free, effect_free
+from dtbacklash.physics.plant import Floats
+
+
+def standard_errors(evidence: Evidence, fitted: Fit) -> dict[tuple[str, str, str], float]:
+    """(place, effect, name) -> standard error of every free parameter, in its unit (place and effect empty: nominal)."""
+    free = nominal_free(evidence.nominal)
+    start = [(fitted.rig.config.parameters[f.name].value - f.centre) / f.scale for f in free]
+    for place, there in fitted.rig.effects.items():
+        for name, values in there.items():
+            more = effect_free(fitted.rig, place, name, values)
+            free, start = free + more, start + [0.0] * len(more)
+    if not free:
+        return {}
+    x = np.array(start)
+    problem = Problem(evidence, fitted.rig, free)
+    problem.weights = fitted.weights
+    jacobian = problem.jacobian(x)
+    rows = problem.stack(problem.residuals(x), x)
+    covariance = _covariance(evidence, problem, jacobian, rows)
+    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    result = {}
+    for f, at, error in zip(free, x, errors, strict=True):
+        slope = f.value(at) if f.log else f.scale
+        result[(f.place, f.effect, f.name)] = float(abs(slope) * error)
+    return result
+
+
+def _covariance(evidence: Evidence, problem: Problem, jacobian: Floats, rows: Floats) -> Floats:
+    priors = int(problem.prior.sum())
+    data, e = jacobian[: len(jacobian) - priors], rows[: len(rows) - priors]
+    bread = np.linalg.pinv(jacobian.T @ jacobian)
+    # weights count a residual that is not noise less, once; the scores below measure its spread themselves
+    samples = sum(int(r.train.sum()) for r in evidence.records)
+    length = max(2, evidence.stretch)
+    contributions = (data * e[:, None]).reshape(-1, samples, data.shape[1]).sum(axis=0)
+    whole = samples // length * length
+    sums = contributions[:whole].reshape(-1, length, data.shape[1]).sum(axis=1)
+    prior_part = jacobian[len(jacobian) - priors :]
+    meat = sums.T @ sums + prior_part.T @ prior_part
+    sandwich = bread @ meat @ bread
+    wider = np.maximum(np.diag(sandwich), np.diag(bread))
+    return np.diag(wider)

@@ -1,0 +1,55 @@
+"""What to record next: which sensor that the rig has, but that was not recorded, would separate what this recording cannot."""
+
+import numpy as np
+
+from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.name import Search
+from dtbacklash.physics.plant import Floats
+from dtbacklash.physics.rig import Rig
+from dtbacklash.physics.simulate import simulate
+
+#: two models are told apart by a sensor in which they differ by this share of its signal
+TOLD_APART = 0.01
+
+
+def next_experiment(evidence: Evidence, found: Search) -> str:
+    """A sentence, from simulations of the finding and of each rival: in which sensor, or at which amplitude, they differ."""
+    pairs = [(key, t) for key in found.order for t in found.rivals.get(key, [])]
+    if not pairs:
+        return "Nothing is ambiguous in this recording; a second recording would confirm it."
+    key, trial = pairs[0]
+    first, second = found.fitted.rig, trial.fitted.rig
+    what = f"{key[1].replace('_', ' ')} ({key[0]}) from {trial.key[1].replace('_', ' ')} ({trial.key[0]})"
+    recorded = {c for b in evidence.blocks for c in b.channels}
+    here = _differences(evidence, first, second, 1.0)
+    hidden = {n: d for n, d in here.items() if n not in recorded}
+    if hidden:
+        best = max(hidden, key=lambda n: hidden[n])
+        if hidden[best] > TOLD_APART:
+            return (f"To tell {what}, record {best} as well: there the two differ by {100 * hidden[best]:.0f} % of the "
+                    "signal.")  # fmt: skip
+    ranked = {}
+    for factor in (0.25, 4.0):
+        differences = _differences(evidence, first, second, factor)
+        ranked[factor] = max((d for n, d in differences.items() if n in recorded), default=0.0)
+    factor = max(ranked, key=lambda f: ranked[f])
+    if ranked[factor] > TOLD_APART:
+        return (f"To tell {what}, record once more with the command {factor:g} times as large: the two then differ by "
+                f"{100 * ranked[factor]:.0f} % of the signal.")  # fmt: skip
+    return f"Neither another sensor of this rig nor another amplitude tells {what}."
+
+
+def _differences(evidence: Evidence, first: Rig, second: Rig, factor: float) -> dict[str, float]:
+    """Per sensor, the rms difference of two rigs' answers to the scaled command, relative to the signal."""
+    record = evidence.records[0]
+    n = min(record.samples, 20000)
+    u = factor * record.u[: n - 1]
+    a = simulate(first, u, record.sample_time_s, substeps=2, event_levels=4).sensors
+    b = simulate(second, u, record.sample_time_s, substeps=2, event_levels=4).sensors
+    return {name: _relative(a[name], b[name]) for name in a}
+
+
+def _relative(a: Floats, b: Floats) -> float:
+    size = float(np.std(a))
+    value = float(np.std(a - b)) / size if size > 0.0 else 0.0
+    return value if np.isfinite(value) else 0.0

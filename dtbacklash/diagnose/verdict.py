@@ -1,0 +1,204 @@
+"""Verdict: from a finished search to what is said, with intervals, rivals and what to record next."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dtbacklash.diagnose.compare import Record
+from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.intervals import standard_errors
+from dtbacklash.diagnose.name import Key, Search, search
+from dtbacklash.diagnose.next_experiment import next_experiment
+from dtbacklash.diagnose.refit import Fit
+from dtbacklash.diagnose.sayings import quantity, summary, when
+from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.rig import Rig
+
+CONSISTENT, PARAMETERS, MISSING, UNEXPLAINED = "consistent", "parameters", "missing_physics", "unexplained"
+
+#: a channel's mean square, in units of the floor's, below which it is noise
+NOISE = 1.2
+#: share of the excess over the floor that may remain when physics has been named
+REMAINS = 0.1
+#: a parameter has moved when it did so by this many standard errors and this share of its tolerance
+MOVED, MOVED_SHARE = 3.0, 0.2
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The result of a diagnosis.
+
+    verdict : one of the four. search : fits, trials and rivals. evidence : recordings, blocks, floor. nominal : the
+    rig as it was given. extended : the rig with what was found. document : the content of ``diagnosis.json``.
+    """
+
+    verdict: str
+    evidence: Evidence
+    search: Search
+    nominal: Rig
+    extended: Rig
+    document: dict[str, Any]
+
+    def to_json(self) -> dict[str, Any]:
+        """The content of ``diagnosis.json``."""
+        return self.document
+
+
+def diagnose_records(rig: Rig, records: list[Record], progress: Callable[[str, float], None] | None = None) -> Diagnosis:
+    """Diagnose recordings on a rig.
+
+    Parameters
+    ----------
+    rig : the nominal rig; effects that it has already are kept and fitted anew.
+    records : with masks of the samples to fit and to judge on. progress : called with a text and a share, 0 to 1.
+
+    Raises
+    ------
+    UserError : no channel of the rig was recorded, or an integrating part of it was not measured.
+    """
+    evidence = Evidence.gather(rig, records)
+    found = search(evidence, progress)
+    verdict = _verdict(evidence, found)
+    document = _document(evidence, found, verdict)
+    return Diagnosis(verdict, evidence, found, rig, found.fitted.rig, document)
+
+
+def _excess(evidence: Evidence, fitted: Fit) -> dict[str, np.ndarray]:
+    """Per block, (channels,) mean square over both parts, in units of the floor's."""
+    train, held = evidence.mean_square(fitted.residuals, "train"), evidence.mean_square(fitted.residuals, "held")
+    return {name: np.minimum(train[name], held[name]) for name in train}
+
+
+def remaining(evidence: Evidence, found: Search) -> dict[str, float]:
+    """Per block, the share of the recalibrated model's excess over the floor that the last fit leaves (0 at the floor)."""
+    first, last = _excess(evidence, found.nominal), _excess(evidence, found.fitted)
+    shares = {}
+    for name in last:
+        left = np.where(last[name] < NOISE, 0.0, last[name] - 1.0)
+        shares[name] = float(np.max(left / np.maximum(first[name] - 1.0, 1e-9)))
+    return shares
+
+
+def _verdict(evidence: Evidence, found: Search) -> str:
+    left = max(remaining(evidence, found).values())
+    if left > REMAINS:
+        return UNEXPLAINED
+    if found.order:
+        return MISSING
+    return PARAMETERS if _moved(evidence, found.fitted) else CONSISTENT
+
+
+def _moved(evidence: Evidence, fitted: Fit) -> dict[str, tuple[float, float]]:
+    """Nominal parameters that had to move: name -> (value, standard error)."""
+    errors = standard_errors(evidence, fitted)
+    moved = {}
+    for name, p in evidence.nominal.config.parameters.items():
+        value, error = fitted.rig.config.parameters[name].value, errors.get(("", "", name))
+        if error is None or p.tolerance == 0.0:
+            continue
+        away = abs(value - p.value)
+        if away > MOVED_SHARE * p.tolerance * abs(p.value) and _needed(evidence, fitted):
+            moved[name] = (value, error)
+    return moved
+
+
+def _needed(evidence: Evidence, fitted: Fit) -> bool:
+    """Whether recalibration improves the held-out part at all."""
+    nominal = evidence.mean_square(evidence.residuals(_uncalibrated(evidence, fitted)), "held")
+    here = evidence.mean_square(fitted.residuals, "held")
+    return any(bool(np.any(nominal[n] > 1.03 * here[n])) for n in here)
+
+
+def _uncalibrated(evidence: Evidence, fitted: Fit) -> Rig:
+    values = {name: p.value for name, p in evidence.nominal.config.parameters.items()}
+    return fitted.rig.with_parameters(values)
+
+
+def _document(evidence: Evidence, found: Search, verdict: str) -> dict[str, Any]:
+    errors = standard_errors(evidence, found.fitted)
+    moved = _moved(evidence, found.fitted)
+    findings = [_finding(evidence, found, key, errors) for key in found.order]
+    units = {name: p.unit for name, p in evidence.nominal.config.parameters.items()}
+    recalibrated = {
+        name: {"nominal": evidence.nominal.config.parameters[name].value, "value": value, "unit": units[name],
+               "ci95": [value - 1.96 * error, value + 1.96 * error]}
+        for name, (value, error) in moved.items()
+    }  # fmt: skip
+    return {
+        "verdict": verdict,
+        "summary": summary(verdict, findings, recalibrated, _located(evidence, found)),
+        "findings": findings,
+        "recalibrated": recalibrated,
+        "fit": _fit_table(evidence, found),
+        "candidates": _candidates(found),
+        "located": _located(evidence, found),
+        "next_experiment": next_experiment(evidence, found),
+    }
+
+
+def _finding(evidence: Evidence, found: Search, key: Key, errors: dict[tuple[str, str, str], float]) -> dict[str, Any]:
+    place, name = key
+    entry = find(evidence.nominal.kind_at(place), name, place)
+    values = found.fitted.rig.effect(place, name) or {}
+    units = {p.name: p.unit for p in entry.parameters}
+    if place.startswith("sensor_") and name == "offset":
+        units["offset"] = evidence.nominal.sensors[place.removeprefix("sensor_")].unit
+    parameters = {}
+    for p in entry.parameters:
+        error, value = errors.get((place, name, p.name), float("nan")), values[p.name]
+        interval = [max(value - 1.96 * error, p.low), min(value + 1.96 * error, p.high)]
+        parameters[p.name] = {"value": value, "unit": units[p.name], "ci95": interval}
+    shown = {n: quantity(p["value"], p["unit"]) for n, p in parameters.items()}
+    return {
+        "location": place,
+        "effect": name,
+        "parameters": parameters,
+        "also_fits": [{"location": t.key[0], "effect": t.key[1]} for t in found.rivals.get(key, [])],
+        "when": when(evidence, found, key),
+        "sentence": entry.sentence.format(location=place.replace("_", " "), **shown),
+    }
+
+
+def _located(evidence: Evidence, found: Search) -> dict[str, Any] | None:
+    """Where what is left sits: the block, and the place whose candidates explain it best."""
+    shares = remaining(evidence, found)
+    name = max(shares, key=lambda n: shares[n])
+    if shares[name] <= REMAINS:
+        return None
+    trials = [t for t in found.trials] or []
+    places = [t.key[0] for t in sorted(trials, key=lambda t: t.held_out)] or [s.candidate.place for s in found.scores[:1]]
+    return {"block": name, "location": places[0] if places else name, "share": shares[name]}
+
+
+def _fit_table(evidence: Evidence, found: Search) -> dict[str, Any]:
+    fits = {
+        "nominal": evidence.residuals(evidence.nominal), "recalibrated": found.nominal.residuals,
+        "extended": found.fitted.residuals,
+    }  # fmt: skip
+    scale = {
+        b.name: evidence.floor[b.name] / np.array([max(np.std(evidence.records[0].y[c]), 1e-300) for c in b.channels])
+        for b in evidence.blocks
+    }
+    table: dict[str, Any] = {"metric": "nrmse", "channels": [c for b in evidence.blocks for c in b.channels]}
+    for part, label in (("train", "train"), ("held", "held_out")):
+        table[label] = {}
+        for name, residuals in fits.items():
+            squares = evidence.mean_square(residuals, part)
+            parts = np.concatenate([squares[b] * scale[b] ** 2 for b in squares])
+            table[label][name] = float(np.sqrt(np.mean(parts)))
+    table["noise_floor"] = float(np.sqrt(np.mean(np.concatenate(list(scale.values())) ** 2)))
+    return table
+
+
+def _candidates(found: Search) -> list[dict[str, Any]]:
+    tried = {t.key: t for t in found.trials}
+    rows = []
+    for score in found.scores:
+        key = score.candidate.key
+        trial = tried.get(key)
+        verdict = "added" if key in found.order else (trial.verdict or "fitted, not better") if trial else "low score"
+        rows.append({"location": key[0], "effect": key[1], "score": score.gain,
+                     "held_out": trial.held_out if trial else None, "verdict": verdict})  # fmt: skip
+    return rows

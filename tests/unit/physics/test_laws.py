@@ -1,0 +1,124 @@
+"""Properties of the laws."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dtbacklash.physics import laws
+
+angles = st.floats(-100.0, 100.0)
+gaps = st.floats(0.0, 6.3)
+positive = st.floats(1e-3, 1e3)
+paths = st.lists(angles, min_size=1, max_size=30)
+
+
+def play_along(path: list[float], gap: float, start: float = 0.0) -> list[float]:
+    now, out = start, []
+    for theta_m in path:
+        now = laws.play(now, theta_m, gap)
+        out.append(now)
+    return out
+
+
+@given(paths, gaps)
+def test_the_play_stays_within_the_gap(path: list[float], gap: float) -> None:
+    for theta_m, theta_d in zip(path, play_along(path, gap), strict=True):
+        assert abs(theta_m - theta_d) <= gap + 1e-12
+
+
+@given(paths, gaps)
+def test_the_play_does_not_depend_on_the_pace(path: list[float], gap: float) -> None:
+    """Points in between, on the straight way, and pauses change nothing at the points themselves."""
+    slow, before = [], 0.0
+    for theta_m in path:
+        slow += [before + f * (theta_m - before) for f in (0.25, 0.5, 0.75)] + [theta_m, theta_m]
+        before = theta_m
+    assert play_along(slow, gap)[4::5] == pytest.approx(play_along(path, gap), abs=1e-9)
+
+
+@given(paths, gaps)
+def test_the_play_moves_only_where_it_is_pushed(path: list[float], gap: float) -> None:
+    before, last = 0.0, 0.0
+    for theta_m, theta_d in zip(path, play_along(path, gap), strict=True):
+        assert (theta_d - before) * (theta_m - last) >= 0.0 or before == theta_d or abs(last - before) > gap
+        before, last = theta_d, theta_m
+
+
+@given(paths)
+def test_the_play_without_a_gap_is_rigid(path: list[float]) -> None:
+    assert play_along(path, 0.0) == path
+
+
+@given(paths, gaps, angles)
+def test_the_play_is_symmetric(path: list[float], gap: float, start: float) -> None:
+    mirrored = play_along([-x for x in path], gap, -start)
+    assert mirrored == [-x for x in play_along(path, gap, start)]
+
+
+@given(angles, positive)
+def test_dead_zone_and_saturation_are_odd_and_do_not_amplify(u: float, width: float) -> None:
+    for function in (laws.dead_zone, laws.saturation):
+        assert function(-u, width) == -function(u, width)
+        assert abs(function(u, width)) <= abs(u)
+    assert laws.dead_zone(u, 0.0) == u == laws.saturation(u, math.inf)
+    assert abs(laws.saturation(u, width)) <= width
+    # what the one takes away is what the other lets through
+    assert laws.dead_zone(u, width) + laws.saturation(u, width) == pytest.approx(u, abs=1e-12)
+
+
+@given(positive, positive, positive)
+def test_friction_falls_from_the_static_to_the_sliding_level(coulomb: float, extra: float, speed: float) -> None:
+    levels = [laws.friction_level(f * speed, coulomb, extra, speed) for f in (0.0, 0.5, 1.0, 2.0, 50.0)]
+    assert levels[0] == pytest.approx(coulomb + extra)
+    assert levels == sorted(levels, reverse=True)
+    assert levels[-1] == pytest.approx(coulomb)
+    assert laws.friction_level(speed, coulomb, 0.0, speed) == coulomb
+
+
+@given(st.floats(-1.0, 1.0), positive)
+def test_dampers_oppose_the_motion(rate: float, c2: float) -> None:
+    assert laws.quadratic_damping(rate, c2) * rate >= 0.0
+    assert laws.asymmetric_friction(rate, c2) <= 0.0
+
+
+@given(st.floats(-1.0, 1.0), st.floats(-10.0, 10.0), positive)
+def test_bouc_wen_never_leaves_its_bounds(z: float, rate: float, displacement: float) -> None:
+    """At |z| = 1 the rate points inwards or vanishes; unloading is elastic."""
+    assert laws.bouc_wen_rate(1.0, rate, displacement) <= 0.0 or math.isclose(rate, 0.0)
+    assert laws.bouc_wen_rate(-1.0, rate, displacement) >= 0.0 or math.isclose(rate, 0.0)
+    if z * rate <= 0.0:
+        assert laws.bouc_wen_rate(z, rate, displacement) == pytest.approx(rate / displacement)
+
+
+@given(st.floats(-1e-3, 1e-3), st.floats(-1e-3, 1e-3), positive)
+def test_the_bumper_only_pushes(stretch: float, clearance: float, stiffness: float) -> None:
+    force = laws.bumper(stretch, clearance, stiffness)
+    assert force >= 0.0
+    assert (force > 0.0) == (stretch > clearance)
+
+
+@given(angles, positive, st.floats(0.1, 50.0), st.floats(-3.0, 3.0))
+def test_the_slope_of_the_periodic_law(position: float, amplitude: float, wave: float, phase: float) -> None:
+    step = 1e-6 / wave
+    difference = laws.periodic(position + step, amplitude, wave, phase)
+    difference -= laws.periodic(position - step, amplitude, wave, phase)
+    slope = laws.periodic_slope(position, amplitude, wave, phase)
+    assert difference / (2.0 * step) == pytest.approx(slope, abs=1e-4 * amplitude * wave)
+
+
+@given(st.floats(-3.0, 3.0), positive, positive, positive)
+def test_a_winding_warms_up_to_its_loss(current: float, resistance: float, gain: float, tau: float) -> None:
+    steady = gain * resistance * current * current
+    assert laws.heating_rate(steady, current, resistance, gain, tau) == 0.0
+    assert laws.heating_rate(0.0, current, resistance, gain, tau) >= 0.0
+
+
+@given(st.floats(-1e-2, 1e-2), positive)
+def test_the_cubic_spring_is_odd(stretch: float, k3: float) -> None:
+    assert laws.cubic_stiffness(-stretch, k3) == -laws.cubic_stiffness(stretch, k3)
+    assert laws.cubic_stiffness(stretch, k3) == pytest.approx(k3 * stretch**3)
+    assert laws.stiffness_drift(stretch, 2.0, k3, 0.5) == pytest.approx(k3 * stretch)

@@ -1,0 +1,75 @@
+"""An effect at its neutral value changes nothing, to the last bit; a tiny one changes next to nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from reference import rigs
+
+from dtbacklash.physics.catalogue import CATALOGUE
+from dtbacklash.physics.rig import Rig
+from dtbacklash.physics.simulate import Response, simulate
+
+SAMPLE_TIME_S, SAMPLES = 1e-3, 800
+PLACES = {
+    "amplifier": "amplifier",
+    "motor_circuit": "motor_circuit",
+    "rotor": "motor_bearing",
+    "gear": "gear",
+    "screw": "screw",
+    "link": "link_2",
+    "mass": "mass_2",
+    "sensor": "sensor_q3",
+    "carriage": "carriage",
+}
+
+
+def run(rig: Rig) -> Response:
+    gap = np.full(SAMPLES + 1, 0.4) if rig.only("gear") else None
+    return simulate(rig, rigs.random_steps(SAMPLES, 25, 5.0), SAMPLE_TIME_S, gap)
+
+
+def busy_lead_screw() -> Rig:
+    """Nonlinear already, so that the forces' code runs with and without the neutral effect."""
+    rig = rigs.lead_screw().with_effect("link_1", "cubic_stiffness", {"k3": 1e10})
+    return rig.with_effect("mass_3", "ground_friction", {"force": 0.1})
+
+
+@pytest.mark.parametrize("busy", [False, True])
+@pytest.mark.parametrize(("kind", "name"), CATALOGUE)
+def test_a_neutral_effect_changes_no_bit(kind: str, name: str, busy: bool) -> None:
+    effect = CATALOGUE[kind, name]
+    rig = rigs.carriage() if kind == "carriage" else busy_lead_screw() if busy else rigs.lead_screw()
+    values = {p.name: p.typical for p in effect.parameters} | {effect.size.name: effect.size.neutral}
+    before, after = run(rig), run(rig.with_effect(PLACES[kind], name, values))
+    for sensor in rig.sensors:
+        assert np.array_equal(before.sensors[sensor], after.sensors[sensor]), sensor
+    assert np.array_equal(before.states, after.states)
+    assert np.array_equal(before.theta_d_rad, after.theta_d_rad)
+
+
+def near_neutral(neutral: float, typical: float) -> float:
+    return 1e6 if np.isinf(neutral) else neutral + 1e-6 * typical
+
+
+@pytest.mark.parametrize(("kind", "name"), [k for k in CATALOGUE if k[1] not in ("compliance", "absorber")])
+def test_an_effect_fades_out_towards_its_neutral_value(kind: str, name: str) -> None:
+    """Switched on with a millionth of its typical size: the code of the effect runs, and nearly nothing happens."""
+    effect = CATALOGUE[kind, name]
+    rig = rigs.carriage() if kind == "carriage" else rigs.lead_screw()
+    tiny = {p.name: p.typical for p in effect.parameters}
+    tiny[effect.size.name] = near_neutral(effect.size.neutral, effect.size.typical)
+    plain = run(rig)
+    ours = run(rig.with_effect(PLACES[kind], name, tiny))
+    for sensor in rig.sensors:
+        span = np.ptp(plain.sensors[sensor])
+        assert np.abs(plain.sensors[sensor] - ours.sensors[sensor]).max() < 1e-4 * span, sensor
+
+
+@pytest.mark.parametrize(("kind", "name"), CATALOGUE)
+def test_every_effect_has_a_neutral_size(kind: str, name: str) -> None:
+    size, *others = CATALOGUE[kind, name].parameters
+    assert size.neutral is not None
+    assert all(p.neutral is None for p in others)
+    assert size.low <= size.neutral <= size.high
+    assert size.typical != size.neutral

@@ -1,0 +1,266 @@
+"""A rig's description: what is refused, in which words, and how copies are made."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from reference import rigs
+
+from dtbacklash.config.rig import ParameterConfig, RigConfig
+from dtbacklash.errors import UserError
+from dtbacklash.physics.assembly import compile_plant, state_names
+from dtbacklash.physics.catalogue import CATALOGUE, effects_of, find
+from dtbacklash.physics.elements import KINDS
+from dtbacklash.physics.rig import Rig, build_rig
+from dtbacklash.physics.simulate import simulate
+
+Change = Callable[[RigConfig], Any]
+
+
+def changed(change: Change) -> RigConfig:
+    config = copy.deepcopy(rigs.lead_screw().config)
+    change(config)
+    return config
+
+
+def element(name: str, **fields: Any) -> Change:
+    return lambda c: c.elements[name].update(fields)
+
+
+def drop(name: str, key: str) -> Change:
+    return lambda c: c.elements[name].pop(key)
+
+
+def parameter(name: str, **fields: Any) -> Change:
+    return lambda c: c.parameters.__setitem__(name, ParameterConfig(**({"value": 1.0} | fields)))
+
+
+def sensor(**fields: Any) -> Change:
+    return lambda c: c.sensors["q3"].update(fields)
+
+
+def put(name: str, spec: Any) -> Change:
+    return lambda c: c.elements.__setitem__(name, spec)
+
+
+REFUSED: list[tuple[Change, str, str]] = [
+    (element("link_1", kind="spring"), "rig.elements.link_1.kind=spring", "link"),
+    (element("link_1", stifness="k"), "rig.elements.link_1.stifness=k", "stiffness"),
+    (element("link_1", stiffness="kk"), "rig.elements.link_1.stiffness=kk", "the name of one of the rig's parameters"),
+    (element("link_1", stiffness=1e4), "rig.elements.link_1.stiffness=10000.0", "the name of one of"),
+    (drop("link_1", "stiffness"), "rig.elements.link_1.stiffness=(missing)", "N/m"),
+    (drop("link_1", "between"), "rig.elements.link_1.between=(missing)", "another element"),
+    (drop("motor_circuit", "drives"), "rig.elements.motor_circuit.drives=(missing)", "another element"),
+    (element("link_1", between=["mass_1"]), "rig.elements.link_1.between", "two different bodies"),
+    (element("link_1", between=["mass_1", "mass_1"]), "rig.elements.link_1.between", "two different bodies"),
+    (element("link_1", between="mass_1"), "rig.elements.link_1.between=mass_1", "two different bodies"),
+    (element("link_1", between=["mass_1", "mass_9"]), "rig.elements.link_1.between=mass_9", "mass_3"),
+    (element("link_1", between=["mass_1", "gear"]), "rig.elements.link_1.between=gear", "a mass"),
+    (element("screw", carries="link_1"), "rig.elements.screw.carries=link_1", "a mass"),
+    (element("gear", driven_by="motor"), "rig.elements.gear.driven_by=motor", "motor_bearing"),
+    (put("ground", {"kind": "mass", "mass": "m"}), "rig.elements.ground", "a name other than `ground`"),
+    (put("sensor_x", {"kind": "mass", "mass": "m"}), "rig.elements.sensor_x", "not beginning with `sensor_`"),
+    (put("second", {"kind": "rotor", "inertia": "J"}), "rig.elements=motor_bearing, second", "at most one"),
+    (parameter("m", value=0.0, unit="kg"), "rig.parameters.m.value=0.0", "above 0 kg"),
+    (parameter("m", value=-5.2, unit="kg"), "rig.parameters.m.value=-5.2", "above 0 kg"),
+    (parameter("k", value=-1.0, unit="N/m"), "rig.parameters.k.value=-1.0", "above 0 N/m"),
+    (parameter("m", value=5.2, unit="g"), "rig.parameters.m.unit=g", "kg, as rig.elements.mass_1.mass needs it"),
+    (parameter("R", value=12.0, unit="kohm"), "rig.parameters.R.unit=kohm", "ohm"),
+    (sensor(of="mass_7"), "rig.sensors.q3.of=mass_7", "mass_3"),
+    (sensor(of="gear"), "rig.sensors.q3.of=gear", "mass_3"),
+    (sensor(quantity="current"), "rig.sensors.q3.quantity=current", "position, velocity"),
+    (sensor(of="motor_circuit"), "rig.sensors.q3.quantity=position", "current"),
+]
+
+
+@pytest.mark.parametrize(("change", "key", "allowed"), REFUSED, ids=[key for _, key, _ in REFUSED])
+def test_what_a_description_may_not_say(change: Change, key: str, allowed: str) -> None:
+    config = changed(change)
+    with pytest.raises(UserError) as error:
+        build_rig(config)
+    line = str(error.value)
+    assert line.startswith(key)
+    assert allowed in line
+    assert "\n" not in line
+
+
+SCHEMA: list[tuple[dict[str, Any], str]] = [
+    ({"elements": {"x": 3}}, "rig.elements.x=3"),
+    ({"elements": {"x": {"mass": "m"}}}, "rig.elements.x="),
+    ({"sensors": {"q": {"of": "mass_1"}}}, "rig.sensors.q="),
+    ({"sensors": {"q": "mass_1"}}, "rig.sensors.q=mass_1"),
+    ({"parameters": {"m": ParameterConfig(math.nan)}}, "rig.parameters.m.value=nan"),
+    ({"parameters": {"m": ParameterConfig(math.inf)}}, "rig.parameters.m.value=inf"),
+    ({"parameters": {"m": ParameterConfig("5 kg")}}, "rig.parameters.m.value=5 kg"),
+    ({"parameters": {"m": ParameterConfig(1.0, tolerance=1.0)}}, "rig.parameters.m.tolerance=1.0"),
+    ({"parameters": {"m": ParameterConfig(1.0, tolerance=-0.1)}}, "rig.parameters.m.tolerance=-0.1"),
+    ({"effects": {"gear": 3}}, "rig.effects.gear=3"),
+    ({"effects": {"gear": {"backlash": 0.3}}}, "rig.effects.gear.backlash=0.3"),
+    ({"effects": {"gear": {"backlash": {"half_gap": math.nan}}}}, "rig.effects.gear.backlash.half_gap=nan"),
+    ({"effects": {"gear": {"backlash": {"half_gap": "wide"}}}}, "rig.effects.gear.backlash.half_gap=wide"),
+    ({"effects": {"gear": {"backlash": {"half_gap": True}}}}, "rig.effects.gear.backlash.half_gap=True"),
+]
+
+
+@pytest.mark.parametrize(("fields", "key"), SCHEMA, ids=[key for _, key in SCHEMA])
+def test_what_the_schema_refuses(fields: dict[str, Any], key: str) -> None:
+    with pytest.raises(UserError) as error:
+        RigConfig(**fields)
+    assert str(error.value).startswith(key)
+
+
+EFFECTS: list[tuple[str, str, dict[str, float], str, str]] = [
+    ("mass_9", "ground_friction", {"force": 1.0}, "rig.effects.mass_9", "unknown location; known: amplifier"),
+    ("sensor_q9", "offset", {"offset": 1.0}, "rig.effects.sensor_q9", "sensor_q3"),
+    ("q3", "offset", {"offset": 1.0}, "rig.effects.q3", "sensor_q3"),
+    ("gear", "slop", {"half_gap": 1.0}, "rig.effects.gear.slop=slop", "`gear` takes backlash"),
+    ("gear", "cubic_stiffness", {"k3": 1.0}, "rig.effects.gear.cubic_stiffness", "`gear` takes backlash"),
+    ("gear", "backlash", {"gap": 0.3}, "rig.effects.gear.backlash.gap=0.3", "unknown parameter; known: half_gap"),
+    ("gear", "backlash", {}, "rig.effects.gear.backlash", "`half_gap` [rad] must be given"),
+    ("gear", "backlash", {"half_gap": -0.1}, "rig.effects.gear.backlash.half_gap=-0.1", "from 0 to 6.3 rad"),
+    ("gear", "backlash", {"half_gap": 50.0}, "rig.effects.gear.backlash.half_gap=50.0", "from 0 to 6.3 rad"),
+    ("gear", "backlash", {"half_gap": math.nan}, "rig.effects.gear.backlash.half_gap=nan", "a number"),
+    ("screw", "pitch_error", {"periods": 2.0}, "rig.effects.screw.pitch_error", "`amplitude` [m] must be given"),
+]
+
+
+@pytest.mark.parametrize(("place", "name", "values", "key", "allowed"), EFFECTS, ids=[e[3] for e in EFFECTS])
+def test_effects_that_do_not_fit(place: str, name: str, values: dict[str, float], key: str, allowed: str) -> None:
+    with pytest.raises(UserError) as error:
+        rigs.lead_screw().with_effect(place, name, values)
+    assert str(error.value).startswith(key)
+    assert allowed in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["ground_friction", "constant_force"])
+def test_no_force_on_a_mass_that_a_rigid_screw_carries(name: str) -> None:
+    rig = rigs.lead_screw().with_effect("mass_1", name, {"force": 1.0})
+    with pytest.raises(UserError, match=r"rig\.effects\.mass_1\..*compliance"):
+        compile_plant(rig, 1e-3)
+    soft = rig.with_effect("screw", "compliance", {"compliance": 1e-6})
+    assert "mass_1" in state_names(soft)
+    compile_plant(soft, 1e-3)
+
+
+def test_a_soft_screw_must_carry_something() -> None:
+    config = changed(drop("screw", "carries"))
+    rig = build_rig(config).with_effect("screw", "compliance", {"compliance": 1e-6})
+    with pytest.raises(UserError, match=r"rig\.effects\.screw\.compliance.*carries a mass"):
+        compile_plant(rig, 1e-3)
+
+
+def test_with_effect_leaves_the_original_alone() -> None:
+    rig = rigs.lead_screw()
+    more = rig.with_effect("link_1", "cubic_stiffness", {"k3": 1e9})
+    assert rig.effects == {}
+    assert rig.config.effects == {}
+    assert more.effect("link_1", "cubic_stiffness") == {"k3": 1e9}
+    assert more.effect("link_2", "cubic_stiffness") is None
+    both = more.with_effect("link_1", "quadratic_damping", {"c2": 10.0})
+    assert set(both.effects["link_1"]) == {"cubic_stiffness", "quadratic_damping"}
+    back = both.with_effect("link_1", "quadratic_damping", None).with_effect("link_1", "cubic_stiffness", None)
+    assert back.effects == {}
+    assert back.config.effects == {}
+
+
+def test_with_effect_replaces_a_former_size() -> None:
+    rig = rigs.lead_screw().with_effect("gear", "backlash", {"half_gap": 0.3})
+    assert rig.with_effect("gear", "backlash", {"half_gap": 0.1}).effect("gear", "backlash") == {"half_gap": 0.1}
+
+
+def test_missing_parameters_of_an_effect_get_their_typical_values() -> None:
+    rig = rigs.lead_screw().with_effect("motor_bearing", "cogging", {"torque": 0.01})
+    typical = {p.name: p.typical for p in CATALOGUE["rotor", "cogging"].parameters}
+    assert rig.effect("motor_bearing", "cogging") == typical | {"torque": 0.01}
+
+
+def test_with_parameters() -> None:
+    rig = rigs.lead_screw()
+    other = rig.with_parameters({"k": 9000.0, "R": 13.0})
+    assert other.elements["link_2"].values["stiffness"] == other.elements["link_1"].values["stiffness"] == 9000.0
+    assert other.elements["motor_circuit"].values["resistance"] == 13.0
+    assert rig.elements["link_1"].values["stiffness"] == 1e4
+    assert other.config.parameters["k"].tolerance == rig.config.parameters["k"].tolerance
+    with pytest.raises(UserError, match=r"rig\.parameters\.kk=1\.0: unknown parameter; known: m, k"):
+        rig.with_parameters({"kk": 1.0})
+    for value in (-1.0, 0.0, math.nan, math.inf):
+        with pytest.raises(UserError, match=r"rig\.parameters\.m"):
+            rig.with_parameters({"m": value})
+
+
+def test_find_names_what_an_element_takes() -> None:
+    assert find("gear", "backlash", "k").name == "backlash"
+    with pytest.raises(UserError, match="takes no effect"):
+        find("actuator", "backlash", "rig.effects.motor.backlash")
+
+
+def test_the_catalogue_keeps_to_the_kinds_and_names_of_the_rig() -> None:
+    assert {kind for kind, _ in CATALOGUE} <= {*KINDS, "sensor"}
+    for (kind, name), effect in CATALOGUE.items():
+        assert (effect.kind, effect.name) == (kind, name)
+        assert effects_of(kind)[name] is effect
+        fields = {"location": "here"} | {p.name: "x" for p in effect.parameters}
+        assert "{" not in effect.sentence.format(**fields)
+        for p in effect.parameters:
+            assert p.low <= p.typical <= p.high
+
+
+@pytest.mark.parametrize(("kind", "name"), CATALOGUE)
+def test_bounds_are_inclusive_and_kept(kind: str, name: str) -> None:
+    effect = CATALOGUE[kind, name]
+    for p in effect.parameters:
+        size = {effect.size.name: effect.size.typical}
+        for value in (p.low, p.high):
+            assert effect.complete(size | {p.name: value}, "key")[p.name] == value
+        for value in (p.low - abs(p.low) - 1.0, p.high + abs(p.high) + 1.0):
+            if value not in (p.low, p.high):  # beyond an infinite bound there is nothing
+                with pytest.raises(UserError, match=rf"^key\.{p.name}="):
+                    effect.complete(size | {p.name: value}, "key")
+
+
+bodies = st.integers(1, 5)
+
+
+@given(bodies, st.floats(0.1, 100.0), st.floats(1e2, 1e5), st.floats(0.0, 50.0))
+def test_a_chain_of_any_length_hangs_statically_as_springs_in_series(n: int, m: float, k: float, c: float) -> None:
+    """A constant force at the end of n springs stretches each by F/k: the plant's equilibrium."""
+    plant = compile_plant(chain(n, m, k, c), 1e-3)
+    A, B = plant.A[0], plant.G[0].T
+    at_rest = -np.linalg.solve(A, B[:, 0])
+    assert at_rest[:n] == pytest.approx(np.arange(1, n + 1) / k, rel=1e-6)
+    assert at_rest[n:] == pytest.approx(np.zeros(n), abs=1e-9 / k)
+    assert np.linalg.eigvals(A).real.max() < 1e-6 * math.sqrt(k / m)
+
+
+def chain(n: int, m: float, k: float, c: float) -> Rig:
+    elements: dict[str, Any] = {
+        "amplifier": {"kind": "amplifier", "drives": "source"},
+        "source": {"kind": "actuator", "gain": "gain", "drives": f"mass_{n}"},
+    }
+    for j in range(1, n + 1):
+        before = f"mass_{j - 1}" if j > 1 else "ground"
+        elements[f"mass_{j}"] = {"kind": "mass", "mass": "m"}
+        ends = [before, f"mass_{j}"]
+        elements[f"link_{j}"] = {"kind": "link", "between": ends, "stiffness": "k", "damping": "c"}
+    numbers = {"m": (m, "kg"), "k": (k, "N/m"), "c": (c, "N s/m"), "gain": (1.0, "N/V")}
+    return build_rig(
+        RigConfig(
+            parameters={name: ParameterConfig(*value) for name, value in numbers.items()},
+            elements=elements,
+            sensors={"q": {"of": f"mass_{n}", "quantity": "position"}},
+        )
+    )
+
+
+@pytest.mark.parametrize("n", [1, 4])
+def test_a_chain_settles_where_the_springs_say(n: int) -> None:
+    rig = chain(n, 1.0, 1e4, 100.0)
+    q = simulate(rig, np.full(4000, 3.0), 1e-3).sensors["q"]
+    assert q[-1] == pytest.approx(3.0 * n / 1e4, rel=1e-9)
