@@ -197,13 +197,20 @@ def same(evidence: Evidence, chosen: Fit, rival: Fit) -> bool:
     return second < first * (1.0 + SAME) or (t < T_MIN and second < first * (1.0 + 5 * SAME))
 
 
+def nearly(evidence: Evidence, best: Fit, simpler: Fit) -> bool:
+    """Whether what ``best`` gains on ``simpler`` is less than a parameter more has to earn."""
+    if simpler.penalty - best.penalty > PENALTY_MIN:
+        return False
+    return same(evidence, best, simpler) or paired(evidence, simpler, best)[0] < SHARE_MIN
+
+
 def _simplest_first(evidence: Evidence, trials: list[Trial]) -> list[Trial]:
     """Best first; among those that fit as well as the best, the one with the fewest parameters."""
     ranked = sorted(trials, key=lambda t: merit(evidence, t.fitted))
     if not ranked:
         return []
     best = ranked[0]
-    equal = [t for t in ranked if t is best or same(evidence, best.fitted, t.fitted)]
+    equal = [t for t in ranked if t is best or nearly(evidence, best.fitted, t.fitted)]
     equal.sort(key=lambda t: (len(t.score.candidate.effect.parameters), merit(evidence, t.fitted)))
     return equal + [t for t in ranked if t not in equal]
 

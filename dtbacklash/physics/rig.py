@@ -107,7 +107,7 @@ def build_rig(config: RigConfig) -> Rig:
 
 def _element(name: str, spec: dict[str, Any], parameters: dict[str, ParameterConfig]) -> Element:
     key = f"rig.elements.{name}"
-    kind = KINDS.get(spec["kind"])
+    kind = KINDS.get(spec["kind"]) if isinstance(spec["kind"], str) else None
     if kind is None:
         raise UserError(f"{key}.kind", spec["kind"], f"choose one of {', '.join(KINDS)}")
     if name == GROUND or name.startswith(SENSOR_PREFIX):
@@ -142,11 +142,25 @@ def _value(key: str, name: object, unit: str, parameters: dict[str, ParameterCon
     return value
 
 
+#: role -> kinds of element that may stand there; `between` also takes the ground
+_PARTNERS = {
+    ("amplifier", "drives"): ("motor_circuit", "actuator"),
+    ("motor_circuit", "drives"): ("rotor", "carriage", "mass"),
+    ("actuator", "drives"): ("carriage", "mass"),
+    ("gear", "driven_by"): ("rotor",),
+    ("screw", "driven_by"): ("gear",),
+    ("screw", "carries"): ("mass", "carriage"),
+    ("link", "between"): ("mass", "carriage"),
+}
+
+
 def _check_neighbours(elements: dict[str, Element]) -> None:
-    for kind in ("amplifier", "motor_circuit", "actuator", "rotor", "gear", "screw"):
-        names = [e.name for e in elements.values() if e.kind == kind]
+    if not any(e.kind in BODY_KINDS for e in elements.values()):
+        raise UserError("rig.elements", ", ".join(elements) or "(none)", f"at least one {', '.join(BODY_KINDS)}")
+    for kinds in (("amplifier",), ("motor_circuit", "actuator"), ("rotor",), ("gear",), ("screw",)):
+        names = [e.name for e in elements.values() if e.kind in kinds]
         if len(names) > 1:
-            raise UserError("rig.elements", ", ".join(names), f"at most one element of kind {kind}")
+            raise UserError("rig.elements", ", ".join(names), f"at most one element of kind {' or '.join(kinds)}")
     for element in elements.values():
         for role, target in element.neighbours.items():
             key = f"rig.elements.{element.name}.{role}"
@@ -154,22 +168,25 @@ def _check_neighbours(elements: dict[str, Element]) -> None:
             if role == "between" and (not isinstance(names, list) or len(names) != 2 or names[0] == names[1]):
                 raise UserError(key, target, "two different bodies, e.g. [mass_1, mass_2] or [ground, mass_1]")
             for name in names:
-                if not (role == "between" and name == GROUND) and name not in elements:
-                    raise UserError(key, name, f"the name of an element: {', '.join(elements)}")
-                if (
-                    role in ("between", "carries")
-                    and name != GROUND
-                    and elements[name].kind not in ("mass", "carriage")
-                ):
-                    raise UserError(key, name, "a mass, a carriage" + (" or ground" if role == "between" else ""))
+                if role == "between" and name == GROUND:
+                    continue
+                kinds = _PARTNERS[element.kind, role]
+                fitting = [e.name for e in elements.values() if e.kind in kinds]
+                if not isinstance(name, str) or name not in fitting:
+                    allowed = f"an element of kind {' or '.join(kinds)}: {', '.join(fitting) or 'the rig has none'}"
+                    raise UserError(key, name, allowed)
 
 
 def _sensor(name: str, spec: dict[str, Any], elements: dict[str, Element]) -> Sensor:
     of, quantity = spec["of"], spec["quantity"]
+    unknown = sorted(str(key) for key in set(spec) - {"of", "quantity"})
+    if unknown:
+        key = f"rig.sensors.{name}.{unknown[0]}"
+        raise UserError(key, spec[unknown[0]], "unknown; a sensor has `of` and `quantity`")
     measurable = [e.name for e in elements.values() if e.kind in (*BODY_KINDS, "motor_circuit")]
     if of not in measurable:
         raise UserError(f"rig.sensors.{name}.of", of, f"choose one of {', '.join(measurable)}")
     units = QUANTITIES[elements[of].kind]
-    if quantity not in units:
+    if not isinstance(quantity, str) or quantity not in units:
         raise UserError(f"rig.sensors.{name}.quantity", quantity, f"at {of}: {', '.join(units)}")
     return Sensor(name, of, quantity, units[quantity])

@@ -51,6 +51,13 @@ def put(name: str, spec: Any) -> Change:
 
 
 REFUSED: list[tuple[Change, str, str]] = [
+    (element("motor_circuit", drives="link_1"), "rig.elements.motor_circuit.drives=link_1", "of kind rotor"),
+    (element("motor_circuit", drives=["motor_bearing"]), "rig.elements.motor_circuit.drives=", "of kind rotor"),
+    (element("amplifier", drives="motor_bearing"), "rig.elements.amplifier.drives=motor_bearing", "motor_circuit"),
+    (element("gear", driven_by="mass_1"), "rig.elements.gear.driven_by=mass_1", "of kind rotor"),
+    (element("screw", driven_by="motor_bearing"), "rig.elements.screw.driven_by=motor_bearing", "of kind gear"),
+    (element("link_1", between=[{"a": 1}, "mass_2"]), "rig.elements.link_1.between=", "of kind mass"),
+    (element("gear", kind=["gear"]), "rig.elements.gear.kind=", "choose one of"),
     (element("link_1", kind="spring"), "rig.elements.link_1.kind=spring", "link"),
     (element("link_1", stifness="k"), "rig.elements.link_1.stifness=k", "stiffness"),
     (element("link_1", stiffness="kk"), "rig.elements.link_1.stiffness=kk", "the name of one of the rig's parameters"),
@@ -62,8 +69,8 @@ REFUSED: list[tuple[Change, str, str]] = [
     (element("link_1", between=["mass_1", "mass_1"]), "rig.elements.link_1.between", "two different bodies"),
     (element("link_1", between="mass_1"), "rig.elements.link_1.between=mass_1", "two different bodies"),
     (element("link_1", between=["mass_1", "mass_9"]), "rig.elements.link_1.between=mass_9", "mass_3"),
-    (element("link_1", between=["mass_1", "gear"]), "rig.elements.link_1.between=gear", "a mass"),
-    (element("screw", carries="link_1"), "rig.elements.screw.carries=link_1", "a mass"),
+    (element("link_1", between=["mass_1", "gear"]), "rig.elements.link_1.between=gear", "of kind mass"),
+    (element("screw", carries="link_1"), "rig.elements.screw.carries=link_1", "of kind mass"),
     (element("gear", driven_by="motor"), "rig.elements.gear.driven_by=motor", "motor_bearing"),
     (put("ground", {"kind": "mass", "mass": "m"}), "rig.elements.ground", "a name other than `ground`"),
     (put("sensor_x", {"kind": "mass", "mass": "m"}), "rig.elements.sensor_x", "not beginning with `sensor_`"),
