@@ -40,12 +40,8 @@ class RigFileSource(ConfigSource):
         except (OSError, UnicodeDecodeError):  # a number, a word, no text at all
             config = None
         if not isinstance(config, DictConfig):
-            raise UserError(
-                "rig", config_path.removeprefix(GROUP), "must be a YAML file that describes a rig"
-            )
-        return ConfigResult(
-            config=config, path=self.full_path(), provider=self.provider, header={"package": None}
-        )
+            raise UserError("rig", config_path.removeprefix(GROUP), "must be a YAML file that describes a rig")
+        return ConfigResult(config=config, path=self.full_path(), provider=self.provider, header={"package": None})
 
     def available(self) -> bool:
         return True

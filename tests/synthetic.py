@@ -149,9 +149,7 @@ def sweep_table(axes: dict[str, list], seed: int = 0) -> pd.DataFrame:
     table["peak_voltage_v"] = random.gamma(4.0, 2.0, n)
     if n > 3:
         table["error"] = ""
-        table.loc[2, ["overshoot_pct_max", "settling_time_s_max", "n_estimations", "peak_voltage_v"]] = (
-            math.nan
-        )
+        table.loc[2, ["overshoot_pct_max", "settling_time_s_max", "n_estimations", "peak_voltage_v"]] = math.nan
         table.loc[2, ["status", "error"]] = ["failed", "controller.k_theta_v_per_rad=900: the loop diverged"]
     return table
 

@@ -32,12 +32,15 @@ class Candidate:
 class Motion:
     """How the rig moves in the recording: from which secondary parameters take their grids.
 
-    ``command`` (N,) V; ``speed`` and ``stretch``: typical largest values by element; ``position`` its travel.
+    ``command`` (N,) V. ``speed`` : of each body, its largest but for the last 2 %. ``stretch`` (N,) and ``rate`` : of
+    each link. ``force`` : what drives each body, N, as large as it usually is.
     """
 
     command: Floats
     speed: dict[str, float]
     stretch: dict[str, Floats]
+    rate: dict[str, float]
+    force: dict[str, float]
 
 
 def candidates(rig: Rig, blocks: list[Block], motion: Motion) -> list[Candidate]:
@@ -69,6 +72,8 @@ def _possible(rig: Rig, place: str, effect: Effect) -> bool:
 def _grid(rig: Rig, place: str, effect: Effect, motion: Motion) -> list[Values]:
     """Starting values; the size stands at its typical value and is scaled to the residual later."""
     base = {p.name: p.typical for p in effect.parameters}
+    if (size := _size(rig, place, effect, motion)) > 0.0:
+        base[effect.size.name] = float(np.clip(size, effect.size.low, effect.size.high))
     speed, stretch = motion.speed.get(place, 0.0), motion.stretch.get(place)
     if effect.name == "saturation":
         top = np.abs(motion.command)
@@ -87,18 +92,57 @@ def _grid(rig: Rig, place: str, effect: Effect, motion: Motion) -> list[Values]:
     return [base]
 
 
+def _size(rig: Rig, place: str, effect: Effect, motion: Motion) -> float:
+    """A size at which the effect would be a few percent of what moves this rig in this recording; 0 if unknown.
+
+    The catalogue's typical sizes belong to the paper's rig; another rig can be a million times lighter.
+    """
+    element = rig.elements.get(place)
+    if element is None:
+        return 0.0
+    values = element.values
+    if effect.kind == "link":
+        s = float(np.quantile(np.abs(motion.stretch[place]), 0.95)) if place in motion.stretch else 0.0
+        k, rate = values["stiffness"], motion.rate.get(place, 0.0)
+        if s <= 0.0 or rate <= 0.0 or k <= 0.0:
+            return 0.0
+        sizes = {
+            "cubic_stiffness": 0.1 * k / s**2, "quadratic_damping": 0.1 * values.get("damping", k * s / rate) / rate,
+            "dry_friction": 0.02 * k * s, "hysteresis": 0.1 * k * s, "bumper": k,
+        }  # fmt: skip
+        return sizes.get(effect.name, 0.0)
+    if effect.name == "absorber":
+        return 0.05 * values["mass"]
+    force = motion.force.get(place, 0.0)
+    if effect.kind in ("mass", "carriage") and force > 0.0:
+        speed = motion.speed.get(place, 0.0)
+        unit = effect.size.unit
+        if unit == "N":
+            return 0.05 * force
+        return 0.05 * force / speed if speed > 0.0 and unit == "N s/m" else 0.0
+    return 0.0
+
+
 def motion_of(rig: Rig, blocks: list[Block], records: list[Record]) -> Motion:
     """Speeds of the bodies and stretches of the links, from the measurement and the simulation of what is not measured."""
     positions = _positions(rig, blocks, records[0])
     step = records[0].sample_time_s
-    speed, stretch = {}, {}
+    speed, stretch, rate, force = {}, {}, {}, {}
     for name, q in positions.items():
         smooth = np.convolve(q, np.ones(9) / 9, "same")[8:-8]
         speed[name] = float(np.quantile(np.abs(np.diff(smooth)) / step, 0.98)) if len(smooth) > 2 else 0.0
     for link in rig.of_kind("link"):
         a, b = (positions.get(e, np.zeros(records[0].samples)) for e in link.neighbours["between"])
         stretch[link.name] = b - a
-    return Motion(np.concatenate([r.u for r in records]), speed, stretch)
+        rate[link.name] = float(np.quantile(np.abs(np.diff(b - a)) / step, 0.9))
+        pull = link.values["stiffness"] * float(np.quantile(np.abs(b - a), 0.9))
+        for end in link.neighbours["between"]:
+            force[end] = max(force.get(end, 0.0), pull)
+    command = np.concatenate([r.u for r in records])
+    if actuator := rig.only("actuator"):
+        driven = actuator.neighbours["drives"]
+        force[driven] = max(force.get(driven, 0.0), actuator.values["gain"] * float(np.std(command)))
+    return Motion(command, speed, stretch, rate, force)
 
 
 def _positions(rig: Rig, blocks: list[Block], record: Record) -> dict[str, Floats]:

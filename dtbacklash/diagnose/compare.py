@@ -21,6 +21,8 @@ from dtbacklash.physics.simulate import rig_half_gap
 
 #: bandwidth of the pull towards the measurement, rad/s: slow against the laws that are looked for, fast against drift
 PULL_RAD_S = 15.0
+#: the same where the command is integrated twice: an offset of the force shows at low frequencies only
+PULL_TWICE_RAD_S = 3.0
 #: a pole of the nominal block slower than this integrates, rad/s
 INTEGRATES_RAD_S = 0.5
 #: a contact is located to sample_time/substeps/2**EVENT_LEVELS
@@ -103,7 +105,11 @@ def _pulled(block: Block, rig: Rig, sample_time_s: float) -> Block:
     if not names:
         raise UserError("recording", ", ".join(block.channels), "needs a measured position where the rig integrates")
     b = PULL_RAD_S
-    gains = (b * sample_time_s, 0.0) if integrators == 1 else (2 * b * sample_time_s, b**2 * sample_time_s)
+    if integrators == 1:
+        gains = (b * sample_time_s, 0.0)
+    else:
+        b = PULL_TWICE_RAD_S
+        gains = (2 * b * sample_time_s, b**2 * sample_time_s)
     return replace(block, pulled=names[0], gains=gains)
 
 

@@ -14,6 +14,9 @@ STRETCH_S = 0.5
 #: at least this many stretches judge, even of a short recording
 STRETCHES_MIN = 12
 
+#: residuals beyond this many floors are all the same: the simulation ran away
+RUNAWAY = 1e9
+
 Residuals = dict[str, list[Floats]]
 
 
@@ -50,7 +53,7 @@ class Evidence:
                 found[block.name] = known[block.name]
             else:
                 scale = self.floor[block.name]
-                found[block.name] = [residual(rig, block, r, rough) / scale for r in self.records]
+                found[block.name] = [np.clip(residual(rig, block, r, rough) / scale, -RUNAWAY, RUNAWAY) for r in self.records]
         return found
 
     def rows(self, residuals: Residuals, name: str, part: str) -> Floats:

@@ -20,6 +20,8 @@ from dtbacklash.physics.rig import Rig
 
 #: a signature's size is changed by at most this factor of the typical size
 GROWTH_MAX = 30.0
+#: as often it is made smaller where the simulation runs away
+SHRINKS = 4
 #: a signature within this factor of the residual's size is not made again
 SIZE_BAND = 3.0
 
@@ -94,6 +96,11 @@ class Bank:
     def _score(self, candidate: Candidate, values: Values) -> Score | None:
         size = candidate.effect.size
         signature = self.signature(candidate, values)
+        for _ in range(SHRINKS if size.neutral == 0.0 else 0):
+            if signature is not None and signature @ signature < 1e6 * max(self.total, 1.0):
+                break
+            values = {**values, size.name: 0.03 * values[size.name]}
+            signature = self.signature(candidate, values)
         if signature is None:
             return None
         projected = self._project(signature)

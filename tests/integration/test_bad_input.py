@@ -127,9 +127,7 @@ def test_a_wrong_file_in_the_users_conf(dtb, tmp_path):
 
 def test_a_loop_that_diverges_says_when(dtb, scenario, tmp_path):
     def diverge(config, progress):
-        raise Diverged(
-            "controller.k_theta_v_per_rad", config.controller.k_theta_v_per_rad, 1.25, "q3 = 1000 mm"
-        )
+        raise Diverged("controller.k_theta_v_per_rad", config.controller.k_theta_v_per_rad, 1.25, "q3 = 1000 mm")
 
     scenario.run_scenario = diverge
     answer = dtb("run", "controller.k_theta_v_per_rad=900")
@@ -226,11 +224,7 @@ def test_ctrl_c_is_one_line_and_leaves_nothing(tmp_path):
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     deadline = time.monotonic() + 60
-    while (
-        not list(tmp_path.glob("outputs/*/.*.partial"))
-        and process.poll() is None
-        and time.monotonic() < deadline
-    ):
+    while not list(tmp_path.glob("outputs/*/.*.partial")) and process.poll() is None and time.monotonic() < deadline:
         time.sleep(0.02)
     os.killpg(process.pid, signal.SIGINT)
     out, err = process.communicate(timeout=120)

@@ -110,9 +110,7 @@ def test_a_users_conf_folder_extends_ours_and_wins(dtb, tmp_path):
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
 def test_a_recording_is_written_beside(dtb, tmp_path, files, suffix):
-    code, _, _ = dtb(
-        "run", "duration_s=2", "figures=false", f"recording.save=seen.{suffix}", "hydra.run.dir=there"
-    )
+    code, _, _ = dtb("run", "duration_s=2", "figures=false", f"recording.save=seen.{suffix}", "hydra.run.dir=there")
     assert code == 0
     read = pd.read_csv if suffix == "csv" else pd.read_parquet
     table = read(tmp_path / f"seen.{suffix}")

@@ -162,11 +162,7 @@ def test_ctrl_c_keeps_finished_jobs_and_the_same_command_does_the_rest(process, 
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     deadline = time.monotonic() + 200
-    while (
-        not list(tmp_path.glob("here/status/*.json"))
-        and running.poll() is None
-        and time.monotonic() < deadline
-    ):
+    while not list(tmp_path.glob("here/status/*.json")) and running.poll() is None and time.monotonic() < deadline:
         time.sleep(0.02)
     os.killpg(running.pid, signal.SIGINT)
     _, err = running.communicate(timeout=60)

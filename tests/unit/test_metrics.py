@@ -27,9 +27,7 @@ def square(moves, hold_s):
 
 
 @seeded
-@given(
-    tau=st.floats(0.05, 0.5), target=st.floats(-5, 5).filter(lambda x: abs(x) > 0.01), start=st.floats(-3, 3)
-)
+@given(tau=st.floats(0.05, 0.5), target=st.floats(-5, 5).filter(lambda x: abs(x) > 0.01), start=st.floats(-3, 3))
 def test_first_order_lag_settles_after_tau_ln_100_and_never_overshoots(tau, target, start):
     if abs(target - start) < 0.01:
         target = start + 1.0
@@ -49,9 +47,7 @@ def test_second_order_overshoot_is_that_of_the_textbook(zeta, sign):
     ring = np.cos(damped * t) + zeta / math.sqrt(1 - zeta**2) * np.sin(damped * t)
     y = sign * 2 * (1 - np.exp(-zeta * omega * t) * ring)
     found = step_metrics(t, y, np.zeros(t.size), sign * 2)
-    assert found.overshoot_pct == pytest.approx(
-        100 * math.exp(-math.pi * zeta / math.sqrt(1 - zeta**2)), abs=0.01
-    )
+    assert found.overshoot_pct == pytest.approx(100 * math.exp(-math.pi * zeta / math.sqrt(1 - zeta**2)), abs=0.01)
 
 
 @seeded

@@ -37,9 +37,7 @@ def test_an_empty_folder_made_by_somebody_else_is_filled(tmp_path):
     assert (target / "summary.json").read_text() == "new"
 
 
-@pytest.mark.parametrize(
-    "what", [RuntimeError("bug"), KeyboardInterrupt(), UserError("a", 1, "b"), SystemExit(3)]
-)
+@pytest.mark.parametrize("what", [RuntimeError("bug"), KeyboardInterrupt(), UserError("a", 1, "b"), SystemExit(3)])
 def test_whatever_goes_wrong_nothing_is_left(tmp_path, what):
     with pytest.raises(type(what)), run_folder(tmp_path / "day" / "run") as scratch:
         (scratch / "summary.json").write_text("{}")

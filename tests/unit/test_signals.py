@@ -179,11 +179,7 @@ def test_one_bad_cell_anywhere_is_refused(tmp_path_factory, steps, data):
 
 
 @settings(max_examples=150, deadline=None)
-@given(
-    content=st.one_of(
-        st.binary(max_size=200), st.text(alphabet='t_sgap_der,;"0123456789.\n -e', max_size=200)
-    )
-)
+@given(content=st.one_of(st.binary(max_size=200), st.text(alphabet='t_sgap_der,;"0123456789.\n -e', max_size=200)))
 def test_whatever_the_file_holds_it_is_read_or_refused(tmp_path_factory, content):
     t_s = np.linspace(0.0, 1.0, 11)
     mistake = None

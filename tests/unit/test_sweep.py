@@ -16,9 +16,7 @@ def job(folder, name="seed=1", mark="abc"):
 def finish(one, mark="abc"):
     one.folder.mkdir()
     (one.folder / "summary.json").write_text("{}")
-    sweep.write_status(
-        one.folder, {"status": "done", "fingerprint": mark, "figures": {"overshoot_pct_max": 1.5}}
-    )
+    sweep.write_status(one.folder, {"status": "done", "fingerprint": mark, "figures": {"overshoot_pct_max": 1.5}})
 
 
 def test_a_job_is_named_by_its_choices():

@@ -63,9 +63,7 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("kind", "values", "key"), REFUSED, ids=[f"{k}-{i}" for i, (_, _, k) in enumerate(REFUSED)]
-)
+@pytest.mark.parametrize(("kind", "values", "key"), REFUSED, ids=[f"{k}-{i}" for i, (_, _, k) in enumerate(REFUSED)])
 def test_refuses_in_one_line_that_names_the_key(kind, values, key):
     with pytest.raises(UserError) as caught:
         kind(**values)

@@ -69,9 +69,7 @@ def test_the_step_figure_marks_overshoot_settling_and_peak():
 
 def test_the_step_figure_names_neither_an_overshoot_nor_a_settling_time_that_is_not_there():
     t, q3, u = synthetic.step_response(False)
-    assert not any(
-        "overshoot" in text.get_text() for text in figures.response_and_voltage(t, q3, u).axes[0].texts
-    )
+    assert not any("overshoot" in text.get_text() for text in figures.response_and_voltage(t, q3, u).axes[0].texts)
     early = figures.response_and_voltage(t[:300], q3[:300], u[:300])
     assert any("not settled" in text.get_text() for text in early.axes[0].texts)
 
@@ -84,9 +82,7 @@ def test_the_play_figure_shows_twice_the_gap():
     assert (upper.get_ydata() - upper.get_xdata()).tolist() == pytest.approx([20.0, 20.0])
 
 
-def test_accepted_estimates_stand_where_they_were_applied_and_rejected_ones_where_they_were_asked_for(
-    trace, estimates
-):
+def test_accepted_estimates_stand_where_they_were_applied_and_rejected_ones_where_they_were_asked_for(trace, estimates):
     gap = figures.gap_scenario(trace, estimates).axes[1]
     good, bad = estimates[estimates["accepted"]], estimates[~estimates["accepted"]]
     assert line(gap, "accepted").get_xydata().tolist() == good[["t_applied_s", "gap_deg"]].values.tolist()
@@ -160,9 +156,7 @@ def test_moves_that_never_settle_are_shown_for_three_seconds(trace):
 
 
 def test_a_long_trace_makes_a_small_sharp_and_repeatable_file(trace, estimates, tmp_path):
-    first, second = (
-        style.save(figures.gap_scenario(trace, estimates), tmp_path / "new" / f"{k}.png") for k in (1, 2)
-    )
+    first, second = (style.save(figures.gap_scenario(trace, estimates), tmp_path / "new" / f"{k}.png") for k in (1, 2))
     assert first.stat().st_size < 300_000
     assert first.read_bytes() == second.read_bytes()
     with Image.open(first) as image:

@@ -126,9 +126,7 @@ def test_moves_that_do_not_settle_are_named(result, tmp_path):
 
 @pytest.mark.parametrize("kind", ["s_curve", "constant", "ramp", "step", "wear"])
 def test_every_profile_has_its_words(kind):
-    words = dict(
-        describe(RunConfig(profile=ProfileConfig(kind=kind, end_deg=0.0 if kind == "constant" else 90)))
-    )
+    words = dict(describe(RunConfig(profile=ProfileConfig(kind=kind, end_deg=0.0 if kind == "constant" else 90))))
     assert words["Gap"][0].endswith(".")
     assert ("90°" in words["Gap"][0]) == (kind != "constant")
 

@@ -52,15 +52,11 @@ def test_every_optimizer_finds_the_gap(
     assert estimate.gap_rad >= 0.0
 
 
-def test_global_methods_are_repeatable_and_need_no_good_start(
-    moved: Callable[..., Any], paper_twin: TwinModel
-) -> None:
+def test_global_methods_are_repeatable_and_need_no_good_start(moved: Callable[..., Any], paper_twin: TwinModel) -> None:
     problem = moved(70.0).problem(3000, 1000, paper_twin)
     for name in ("differential_evolution", "dual_annealing"):
         runs = [
-            estimate_gap(
-                problem, Optimizer(name, 1000), (3.0, problem.theta_m[0] - 2.9), np.random.default_rng(4)
-            )
+            estimate_gap(problem, Optimizer(name, 1000), (3.0, problem.theta_m[0] - 2.9), np.random.default_rng(4))
             for _ in range(2)
         ]
         assert runs[0].gap_rad == runs[1].gap_rad

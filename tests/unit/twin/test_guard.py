@@ -223,9 +223,7 @@ def random_case(seed: int, run_experiment: Experiment, move: Any, model: TwinMod
     first = int(1000 * times[-1]) if rng.random() < 0.6 else int(rng.integers(0, 5500))
     measured = run_experiment(moves, true, 8.0, q3_noise, theta_noise, seed)
     problem = measured.problem(first, length, model)
-    present = float(
-        rng.choice([rng.uniform(0, 120), np.clip(true + 3 * rng.standard_normal(), 0, 180), true])
-    )
+    present = float(rng.choice([rng.uniform(0, 120), np.clip(true + 3 * rng.standard_normal(), 0, 180), true]))
     gap = np.radians(rng.uniform(0, 400))
     start = (gap, problem.theta_m[0] + rng.uniform(-1, 1) * gap)
     travel = np.sum(np.abs(np.diff(measured.theta_d_rad[first + model.settle : first + length])))

@@ -47,16 +47,12 @@ def test_other_frequencies_are_suppressed(lock_in: NoveltyDesign, ratio: float) 
     assert np.max(amplitude) <= AT_MODE[kind(lock_in)] + 0.0101  # images at the difference and at the sum
 
 
-@pytest.mark.parametrize(
-    ("name", "edge", "passed", "stop"), [("cheby2", 0.3, 0.7, 1.0), ("ellip", 0.5, 0.89, 1.6)]
-)
+@pytest.mark.parametrize(("name", "edge", "passed", "stop"), [("cheby2", 0.3, 0.7, 1.0), ("ellip", 0.5, 0.89, 1.6)])
 def test_filter_is_third_order_with_its_edges(name: str, edge: float, passed: float, stop: float) -> None:
     design = novelty_design(name, OMEGA_D, TS)
     omega = np.array([0.0, edge * OMEGA_D, stop * OMEGA_D, 1.0 / TS])
     gain = np.abs(sosfreqz(design.sos, omega * TS)[1])
-    assert (
-        np.sum(design.sos[:, 3:] != 0) - design.sos.shape[0] == 3
-    )  # poles: coefficients but for the leading 1
+    assert np.sum(design.sos[:, 3:] != 0) - design.sos.shape[0] == 3  # poles: coefficients but for the leading 1
     assert gain[0] == pytest.approx(1.0, abs=1e-9)
     assert gain[1] > passed - 0.01
     assert np.all(gain[2:] <= 0.01 * (1 + 1e-6))

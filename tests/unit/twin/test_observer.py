@@ -78,9 +78,7 @@ def test_error_vanishes_at_rest_for_any_chain(count: int) -> None:
     assert model.from_q3.b.size == 2 * count
 
 
-def test_true_parameters_leave_nanometres(
-    run_experiment: Experiment, move: Any, paper_twin: TwinModel
-) -> None:
+def test_true_parameters_leave_nanometres(run_experiment: Experiment, move: Any, paper_twin: TwinModel) -> None:
     measured = run_experiment([move(0.1, 180.0, 0.2), move(1.0, -150.0, 0.2)], 40.0, 2.5)
     problem = measured.problem(1000, 1000, paper_twin)
     rms = np.sqrt(problem.cost(np.radians(40.0), measured.theta_d_rad[1000]))
@@ -96,9 +94,7 @@ def test_initial_vibration_is_forgotten(run_experiment: Experiment, move: Any, p
     assert np.max(np.abs(rows[0])) < 5e-7
 
 
-def test_derivatives_agree_with_differences(
-    run_experiment: Experiment, move: Any, paper_twin: TwinModel
-) -> None:
+def test_derivatives_agree_with_differences(run_experiment: Experiment, move: Any, paper_twin: TwinModel) -> None:
     measured = run_experiment([move(0.1, 180.0, 0.2), move(1.0, -150.0, 0.3)], 60.0, 2.5)
     problem = measured.problem(1000, 1000, paper_twin)
     point = np.array([1.0, measured.theta_d_rad[1000] + 0.2, 0.2])
