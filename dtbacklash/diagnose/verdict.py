@@ -1,17 +1,18 @@
 """Verdict: from a finished search to what is said, with intervals, rivals and what to record next."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from dtbacklash.diagnose.command import CLEARLY, held_equivalent
 from dtbacklash.diagnose.compare import Record
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.intervals import standard_errors
 from dtbacklash.diagnose.name import Key, Search, search
 from dtbacklash.diagnose.next_experiment import next_experiment
-from dtbacklash.diagnose.refit import Fit
+from dtbacklash.diagnose.refit import Fit, fit, nominal_free
 from dtbacklash.diagnose.sayings import quantity, summary, when
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig
@@ -58,11 +59,28 @@ def diagnose_records(rig: Rig, records: list[Record], progress: Callable[[str, f
     ------
     UserError : no channel of the rig was recorded, or an integrating part of it was not measured.
     """
-    evidence = Evidence.gather(rig, records)
+    evidence, note = _read_command(rig, records)
     found = search(evidence, progress)
     verdict = _verdict(evidence, found)
     document = _document(evidence, found, verdict)
+    document["notes"] = [note] if note else []
     return Diagnosis(verdict, evidence, found, rig, found.fitted.rig, document)
+
+
+def _read_command(rig: Rig, records: list[Record]) -> tuple[Evidence, str]:
+    """The evidence with the command held between its samples, or smooth where that fits clearly better."""
+    held = Evidence.gather(rig, records)
+    if rig.only("actuator") is None:
+        return held, ""
+    smooth = Evidence.gather(rig, [replace(r, u=held_equivalent(r.u)) for r in records])
+    losses = []
+    for evidence in (held, smooth):
+        fitted = fit(evidence, rig, nominal_free(rig), rounds=1)
+        squares = evidence.mean_square(fitted.residuals, "train")
+        losses.append(sum(float(np.sum(v * held.floor[n] ** 2)) for n, v in squares.items()))
+    if losses[1] < CLEARLY * losses[0]:
+        return smooth, "The command is a measured signal: it passes smoothly through its samples instead of being held."
+    return held, ""
 
 
 def _excess(evidence: Evidence, fitted: Fit) -> dict[str, np.ndarray]:

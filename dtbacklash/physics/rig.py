@@ -157,7 +157,14 @@ _PARTNERS = {
 def _check_neighbours(elements: dict[str, Element]) -> None:
     if not any(e.kind in BODY_KINDS for e in elements.values()):
         raise UserError("rig.elements", ", ".join(elements) or "(none)", f"at least one {', '.join(BODY_KINDS)}")
-    for kinds in (("amplifier",), ("motor_circuit", "actuator"), ("rotor",), ("gear",), ("screw",)):
+    singles: tuple[tuple[str, ...], ...] = (
+        ("amplifier",),
+        ("motor_circuit", "actuator"),
+        ("rotor",),
+        ("gear",),
+        ("screw",),
+    )
+    for kinds in singles:
         names = [e.name for e in elements.values() if e.kind in kinds]
         if len(names) > 1:
             raise UserError("rig.elements", ", ".join(names), f"at most one element of kind {' or '.join(kinds)}")
