@@ -79,6 +79,8 @@ def run_folder(
     UserError : the folder holds something else, cannot be written, or the disk is full.
     """
     folder = folder.absolute()
+    if not folder.name:
+        raise UserError(key, folder, "give a folder of its own")
     note_missing(folder)
     scratch = hidden_sibling(folder, PARTIAL)
     try:

@@ -22,7 +22,7 @@ from dtbacklash.control.design import (
 from dtbacklash.errors import Diverged, UserError
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.plant import Floats, Ints, new_state
-from dtbacklash.physics.rig import Rig, Sensor, build_rig
+from dtbacklash.physics.rig import Element, Rig, Sensor, build_rig
 from dtbacklash.physics.simulate import rig_half_gap
 from dtbacklash.twin.estimate import Problem, default_start, estimate_gap
 from dtbacklash.twin.guard import Attempt, GuardSettings, Verdict, guarded_estimates, outcome, warm_up
@@ -40,6 +40,9 @@ TRACE_UNITS = {
     "m/s": ("mm_s", 1e3),
     "rad/s": ("rad_s", 1.0),
 }
+
+#: names that a sensor may not have: the columns of traces and recordings
+RESERVED = ("t", "r", "u", "theta_d", "gap", "gap_hat", "eps", "novelty")
 
 ESTIMATE_COLUMNS = [
     "t_event_s", "t_applied_s", "gap_deg", "true_gap_deg", "accepted", "reason", "cost", "evaluations", "wall_s",
@@ -78,10 +81,11 @@ class _Run:
     gap_hat: float
     rows: list[dict[str, Any]] = field(default_factory=list)
     estimate_s: float = 0.0
+    rejected: bool = False  # the last estimate was: ask again as long as the novelty index is high
 
 
-def structure_parameters(rig: Rig) -> StructureParameters:
-    """The chain that the screw drives, as the design wants it.
+def driven_chain(rig: Rig) -> tuple[list[Element], list[Element]]:
+    """Masses and links behind the mass that the screw carries, in order.
 
     Raises
     ------
@@ -89,9 +93,9 @@ def structure_parameters(rig: Rig) -> StructureParameters:
     """
     screw = rig.only("screw")
     base = screw.neighbours.get("carries") if screw else None
-    allowed = "needs a rig with a motor, a screw that carries a mass, and a chain of links from there"
-    if screw is None or base is None or rig.only("motor_circuit") is None or rig.only("rotor") is None:
-        raise UserError("controller", f"on {rig.config.name}", f"{allowed}; or choose controller=open_loop")
+    allowed = "a rig with a motor, a screw that carries a mass, and a chain of links from there, or controller=open_loop"
+    if base is None or rig.only("motor_circuit") is None or rig.only("rotor") is None:
+        raise UserError("rig", rig.config.name, f"this controller needs {allowed}")
     links, masses, here = [], [], base
     remaining = {e.name: e for e in rig.of_kind("link")}
     while step := [e for e in remaining.values() if here in e.neighbours["between"]]:
@@ -103,7 +107,15 @@ def structure_parameters(rig: Rig) -> StructureParameters:
         links.append(link)
         masses.append(rig.elements[here])
     if remaining or not links:
-        raise UserError("controller", f"on {rig.config.name}", f"{allowed}; or choose controller=open_loop")
+        raise UserError("rig", rig.config.name, f"this controller needs {allowed}")
+    return masses, links
+
+
+def structure_parameters(rig: Rig) -> StructureParameters:
+    """The chain that the screw drives, as the design wants it; raises as :func:`driven_chain`."""
+    masses, links = driven_chain(rig)
+    screw = rig.only("screw")
+    assert screw is not None
     return StructureParameters(
         tuple(e.values["mass"] for e in masses),
         tuple(e.values["stiffness"] for e in links),
@@ -156,28 +168,26 @@ def run_scenario(config: RunConfig, progress: Callable[[float], None] | None = N
     detector_state = detector.initial_state()
     oscillator = (detector.sos, detector.cos_step, detector.sin_step)
     run = _prepare(config, rig)
-    limits_m = config.solver.divergence_mm * 1e-3
+    # in open loop there is nothing that could be unstable by choice: a carriage may well run away
+    limits_m = config.solver.divergence_mm * 1e-3 if design else math.inf
     threshold_m = config.twin.novelty_threshold_mm * 1e-3
-    k, n, armed = 0, config.samples + 1, True
+    k, n = 0, config.samples + 1
     while k < n:
         _twin_due(run, k)
         stop = min(_next_stop(run, k, n), n)
         listening = config.controller.reconfigure == "novelty" and not _busy(run)
         limits = (limits_m, threshold_m if listening else math.inf)
-        before = run.traces.novelty[k - 1] if k > 0 and not (armed and listening) else 0.0
+        before = run.traces.novelty[k - 1] if k > 0 and not run.rejected else 0.0
         k, why = loop.run_segment(
             plant, state, controller, control_state, detector_state, oscillator, run.signals, run.traces, run.roles,
             k, stop, run.gap_hat, limits, before,
         )  # fmt: skip
         if why == loop.DIVERGED:
             _report_divergence(config, k * config.sample_time_s)
-        if listening:
-            armed = False
         if why == loop.NOVELTY:
-            last = run.changes[run.changes < k]
-            run.link.open(k, int(last[-1]) if last.size else 0)
-        elif listening is False and run.rows and not run.rows[-1]["accepted"]:
-            armed = True  # a rejected estimate: ask again as long as the index is high
+            run.link.open(k, None if run.rejected else _last_change(run, k))
+        if listening:
+            run.rejected = False
         if progress:
             progress(k / n)
     return _collect(run, time.perf_counter() - started)
@@ -236,21 +246,35 @@ def _column(sensor: Sensor) -> str:
 
 def _roles(rig: Rig, closed: bool) -> tuple[int, int]:
     """Which sensors show the motor's angle and the position of the last mass (-1: none)."""
-    bodies = [e for e in rig.elements.values() if e.kind in ("mass", "carriage")]
+    bodies = [e.name for e in rig.elements.values() if e.kind in ("mass", "carriage")]
+    end = driven_chain(rig)[0][-1].name if closed else (bodies or [""])[-1]
     motor, output = -1, -1
     for j, sensor in enumerate(rig.sensors.values()):
-        if sensor.quantity == "position":
-            if rig.elements[sensor.of].kind == "rotor":
-                motor = j
-            elif sensor.of == bodies[-1].name:
-                output = j
+        if sensor.quantity == "position" and rig.elements[sensor.of].kind == "rotor":
+            motor = j
+        elif sensor.quantity == "position" and sensor.of == end:
+            output = j
     if closed and (motor < 0 or output < 0):
-        allowed = "a closed loop needs position sensors on the motor and on the last mass"
+        allowed = f"a closed loop needs position sensors on the motor and on {end}"
         raise UserError("rig.sensors", ", ".join(rig.sensors), allowed)
+    for j, name in enumerate(rig.sensors):
+        if name in RESERVED or (name == "q3" and j != output) or (name == "theta_m" and j != motor):
+            allowed = f"another name; kept for the traces: {', '.join(RESERVED)}, q3 ({end}) and theta_m (the motor)"
+            raise UserError(f"rig.sensors.{name}", name, allowed)
     return motor, output
 
 
+def _last_change(run: _Run, k: int) -> int:
+    """The last change of the reference before sample k: memory still holds the motion that raised the alarm.
+
+    A new attempt after a rejected one begins at its own event instead, since the same samples would say the same.
+    """
+    before = run.changes[run.changes < k]
+    return int(before[-1]) if before.size else 0
+
+
 def _busy(run: _Run) -> bool:
+    """Whether a buffer fills or an answer is on its way; meanwhile the novelty index raises no further alarm."""
     return run.link.next_sample() is not None
 
 
@@ -292,6 +316,7 @@ def _estimate(run: _Run, full: FullBuffer, k: int) -> None:
         estimate = estimate_gap(problem, run.config.optimizer, default_start(problem, run.gap_hat), rng)
         attempts = [Attempt(estimate, Verdict(True, "not guarded"))]
     chosen = outcome(attempts)
+    run.rejected = not chosen.verdict.accepted
     applied = math.nan
     if chosen.verdict.accepted:
         gap = chosen.estimate.gap_rad if run.config.twin.guard else chosen.estimate.fit_gap_rad
@@ -315,11 +340,8 @@ def _estimate(run: _Run, full: FullBuffer, k: int) -> None:
 
 def _report_divergence(config: RunConfig, t_s: float) -> None:
     c = config.controller
-    key, value = "controller.k_theta_v_per_rad", str(c.k_theta_v_per_rad)
-    if c.structure == "open_loop":
-        key, value = "controller", c.name
     what = f"|q3| above solver.divergence_mm={config.solver.divergence_mm:g} mm"
-    raise Diverged(key, value, t_s, what)
+    raise Diverged("controller", c.name, t_s, what)
 
 
 def _collect(run: _Run, total_s: float) -> RunResult:
@@ -355,7 +377,8 @@ def _summary(
     return {
         "controller": run.config.controller.name,
         "n_moves": len(moves),
-        "n_estimations": len(estimates),
+        "n_estimations": int(estimates["t_event_s"].nunique()),
+        "n_attempts": len(estimates),
         "n_accepted": int(estimates["accepted"].sum()) if len(estimates) else 0,
         "overshoot_pct_max": float(moves["overshoot_pct"].max()) if len(moves) else None,
         # a move that does not settle has no settling time, and then the worst one has none either

@@ -86,9 +86,10 @@ def _summary_line(summary: dict[str, Any]) -> str:
 
     parts = [f"peak {number(summary.get('peak_voltage_v'))} V"]
     if summary.get("n_moves"):
-        settling = number(summary.get("settling_time_s_max"), missing="not reached by every move;")
+        longest = summary.get("settling_time_s_max")
+        settles = longest is not None and longest == longest
         parts.insert(0, f"overshoot at most {number(summary.get('overshoot_pct_max'))} %")
-        parts.insert(1, f"settling at most {settling} s")
+        parts.insert(1, f"settling at most {number(longest)} s" if settles else "not every move settles")
     if summary.get("n_estimations"):
         parts.append(f"{summary.get('n_accepted')} of {summary.get('n_estimations')} estimates accepted")
     wall = summary.get("wall_s", {})

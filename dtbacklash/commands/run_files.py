@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.metadata
 import json
 import math
@@ -76,7 +77,8 @@ def _save_recording(config: RunConfig, result: RunResult) -> None:
     except OSError as error:
         raise UserError("recording.save", config.recording.save, f"cannot be written: {reason(error)}") from error
     finally:
-        scratch.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # where it could not be made it cannot be removed either
+            scratch.unlink(missing_ok=True)
 
 
 def provenance(config: RunConfig) -> dict[str, Any]:

@@ -191,7 +191,7 @@ class SolverConfig:
 
     def __post_init__(self) -> None:
         number("solver.substeps", self.substeps, at_least=0, at_most=10_000)
-        number("solver.event_levels", self.event_levels, at_least=0, at_most=50)
+        number("solver.event_levels", self.event_levels, at_least=0, at_most=30)
         number("solver.divergence_mm", self.divergence_mm, above=0, unit="mm")
 
 
@@ -271,7 +271,7 @@ class RunConfig:
         for kind in ("noise", "resolution"):
             for column in getattr(self.sensors, kind):
                 if not any(column.startswith(f"{sensor}_") for sensor in self.rig.sensors):
-                    allowed = f"{self.rig.name} has the sensors " + ", ".join(self.rig.sensors)
+                    allowed = f"a sensor and its unit, e.g. q3_mm; {self.rig.name} has " + ", ".join(self.rig.sensors)
                     raise UserError(f"sensors.{kind}.{column}", getattr(self.sensors, kind)[column], allowed)
 
     def _check_twin(self) -> None:

@@ -51,7 +51,11 @@ class Controller(NamedTuple):
 
 
 class ControllerState(NamedTuple):
-    """States of the controller: prefilter, motor model (i, omega, theta), structure model, theta_d^, a spare."""
+    """States of the controller: prefilter, motor model (i, omega, theta), structure model, two theta_d^, a spare.
+
+    theta_d : (2,) the screw behind the model's motor (or, with `measured`, behind the measured one), and the screw
+        behind the measured motor, on which the loop acts with `inner_loop`.
+    """
 
     w: Floats
     m: Floats
@@ -81,7 +85,7 @@ def new_controller_state(controller: Controller) -> ControllerState:
     """The controller at rest."""
     sizes = len(controller.wb), len(controller.mb), len(controller.sb)
     w, m, s = (np.zeros(n) for n in sizes)
-    return ControllerState(w, m, s, np.zeros(1), np.zeros(max(*sizes, 1)))
+    return ControllerState(w, m, s, np.zeros(2), np.zeros(max(*sizes, 1)))
 
 
 @inlined
@@ -141,7 +145,8 @@ def control_step(C, X, r, theta_m, q3, gap_hat):
     feedback = theta_m
     if C.structure == NIMC:
         # the inner loop acts on the screw's angle; the complete model has its own, so the loop takes the measured one
-        feedback = theta_d if C.model != INNER_LOOP else laws.play(X.theta_d[0], theta_m, gap)
+        X.theta_d[1] = laws.play(X.theta_d[1], theta_m, gap)
+        feedback = X.theta_d[1] if C.model == INNER_LOOP else theta_d
     u = C.gain * (theta_ref - feedback)
     _advance_model(C.sa, C.sb, theta_d, X.s, X.spare)
     if C.model == BARE:

@@ -22,7 +22,7 @@ from dtbacklash.physics.simulate import rig_half_gap
 #: bandwidth of the pull towards the measurement, rad/s: slow against the laws that are looked for, fast against drift
 PULL_RAD_S = 15.0
 #: the same where the command is integrated twice: an offset of the force shows at low frequencies only
-PULL_TWICE_RAD_S = 3.0
+PULL_TWICE_RAD_S = 15.0
 #: a pole of the nominal block slower than this integrates, rad/s
 INTEGRATES_RAD_S = 0.5
 #: a contact is located to sample_time/substeps/2**EVENT_LEVELS
@@ -111,6 +111,16 @@ def _pulled(block: Block, rig: Rig, sample_time_s: float) -> Block:
         b = PULL_TWICE_RAD_S
         gains = (2 * b * sample_time_s, b**2 * sample_time_s)
     return replace(block, pulled=names[0], gains=gains)
+
+
+def slowest_decay(rig: Rig, block: Block, sample_time_s: float) -> float:
+    """Decay rate of the block's slowest pole that does not integrate, or of its pull, 1/s."""
+    plant = compile_plant(part_of(rig, block), sample_time_s, imposed=block.imposed is not None)
+    rates = -np.linalg.eigvals(plant.A[0 if plant.rotor < 0 else 1]).real
+    decays = [float(r) for r in rates if r > INTEGRATES_RAD_S]
+    if block.pulled:
+        decays.append(block.gains[0] / sample_time_s / (2.0 if block.gains[1] else 1.0))
+    return min(decays, default=1.0)
 
 
 def part_of(rig: Rig, block: Block) -> Rig:

@@ -1,11 +1,11 @@
 """What a diagnosis works on: recordings, blocks and the noise floor, and the loss of a rig on them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dtbacklash.diagnose.compare import Block, Record, cut, places_of, residual
-from dtbacklash.diagnose.floor import noise_floor
+from dtbacklash.diagnose.compare import Block, Record, cut, places_of, residual, slowest_decay
+from dtbacklash.diagnose.floor import noise_floor, sensor_noise
 from dtbacklash.physics.plant import Floats
 from dtbacklash.physics.rig import Rig
 
@@ -14,10 +14,33 @@ STRETCH_S = 0.5
 #: at least this many stretches judge, even of a short recording
 STRETCHES_MIN = 12
 
+#: time constants of the slowest decay until a beginning in motion is forgotten
+TRANSIENTS = 8.0
 #: residuals beyond this many floors are all the same: the simulation ran away
 RUNAWAY = 1e9
 
 Residuals = dict[str, list[Floats]]
+
+
+def settled(rig: Rig, blocks: list[Block], record: Record) -> Record:
+    """The record without training and judging on its beginning, where it does not begin at rest.
+
+    The state there is not known; what it adds dies out with the slowest decay of the blocks.
+    """
+    moves = any(_moves(record.y[c]) for b in blocks for c in b.channels)
+    if not moves:
+        return record
+    slowest = min(slowest_decay(rig, b, record.sample_time_s) for b in blocks)
+    wait = min(round(TRANSIENTS / slowest / record.sample_time_s), round(0.15 * record.samples))
+    free = np.arange(record.samples) >= wait
+    return replace(record, train=record.train & free, held=record.held & free)
+
+
+def _moves(values: Floats) -> bool:
+    """Whether a channel moves from its first samples on."""
+    first = values[: max(20, len(values) // 500)]
+    noise, _ = sensor_noise(values)
+    return float(np.ptp(first)) > max(12.0 * noise, 1e-3 * float(np.std(values)))
 
 
 @dataclass
@@ -36,6 +59,7 @@ class Evidence:
         channels = tuple(n for n in rig.sensors if all(n in r.y for r in records))
         step = records[0].sample_time_s
         blocks = cut(rig, channels, step)
+        records = [settled(rig, blocks, r) for r in records]
         held = sum(int(r.held.sum()) for r in records)
         stretch = max(20, min(round(STRETCH_S / step), held // STRETCHES_MIN))
         return cls(rig, records, blocks, noise_floor(rig, blocks, records), stretch)

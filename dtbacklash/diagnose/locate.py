@@ -13,13 +13,15 @@ from dtbacklash.diagnose.candidates import Candidate, Values
 from dtbacklash.diagnose.compare import Block, places_of
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.periodic import wave_grid
-from dtbacklash.diagnose.refit import Fit, Problem, weights_for
+from dtbacklash.diagnose.refit import Fit, Free, Problem, weights_for
 from dtbacklash.errors import UserError
 from dtbacklash.physics.plant import Floats
 from dtbacklash.physics.rig import Rig
 
 #: a signature's size is changed by at most this factor of the typical size
 GROWTH_MAX = 30.0
+#: a nominal parameter this many tolerances from its bound has no room left
+AT_BOUND = 0.3
 #: as often it is made smaller where the simulation runs away
 SHRINKS = 4
 #: a signature within this factor of the residual's size is not made again
@@ -53,6 +55,8 @@ class Bank:
         self.touched = problem.touched = [b.name for b in evidence.blocks]
         if len(fitted.free):
             jacobian = problem.jacobian(fitted.x)
+            # what stands at its bound cannot take up anything more
+            jacobian = jacobian[:, [not _bound(f, x) for f, x in zip(fitted.free, fitted.x, strict=True)]]
             self.q_rows = np.linalg.qr(jacobian)[0]
         else:
             self.q_rows = np.zeros((len(problem.stack(fitted.residuals, fitted.x)), 0))
@@ -160,6 +164,11 @@ class Bank:
                 noise = self.samples * weight  # no model can fall below the floor
                 gain += before * np.log(max(before, noise) / max(after, noise))
         return gain
+
+
+def _bound(free: Free, x: float) -> bool:
+    low, high = free.limits()
+    return free.prior and not low + AT_BOUND < x < high - AT_BOUND
 
 
 def bank(evidence: Evidence, fitted: Fit, listed: list[Candidate]) -> tuple[Bank, list[Score]]:

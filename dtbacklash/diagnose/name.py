@@ -20,11 +20,13 @@ EFFECTS_MAX = 4
 #: of a bank's candidates, as many are fitted, roughly and then in full; only those whose signature promises more than GAIN_MIN
 FITTED, FINISHED, GAIN_MIN = 5, 3, 12.0
 #: standard errors that the held-out loss has to fall by, in the paired test over stretches
-T_MIN = 3.0
+T_MIN = 2.0
 #: least share of the held-out excess over the floor that an effect has to take away, and of the floor itself
 SHARE_MIN, FLOOR_MIN = 0.2, 0.015
 #: as much of the prior's penalty (in -2 log) makes up for no gain on held-out data
 PENALTY_MIN = 15.0
+#: less than this share of the nominal rig's mean square is minor; a residual below this one is nearly noise
+MINOR, NEARLY_NOISE = 2e-3, 2.0
 #: two fits are the same where their held-out losses differ by less than this share and not significantly
 SAME = 0.02
 
@@ -83,13 +85,23 @@ def paired(evidence: Evidence, before: Fit, after: Fit) -> tuple[float, float, f
     return float(d.mean()) / total, max(worth), float(d.mean()) / error
 
 
-def earns(evidence: Evidence, before: Fit, after: Fit) -> bool:
-    """Whether ``after`` has earned what it has more than ``before``."""
+def earns(evidence: Evidence, before: Fit, after: Fit, nominal: Fit) -> bool:
+    """Whether ``after`` has earned what it has more than ``before``.
+
+    What is small against the mismatch of the nominal rig is believed only where it brings the residual down to the
+    noise; elsewhere it may as well mend the form of an effect that has been named.
+    """
     share, floor, t = paired(evidence, before, after)
     relief = before.penalty - after.penalty
     if share > SHARE_MIN and floor > FLOOR_MIN and t > T_MIN:
-        return True
+        return floor > MINOR * _worst(evidence, nominal) or _worst(evidence, after) < NEARLY_NOISE
     return relief > PENALTY_MIN and share > -SHARE_MIN / 4
+
+
+def _worst(evidence: Evidence, fitted: Fit) -> float:
+    """Largest held-out mean square of a fit, in units of the floor's."""
+    squares = evidence.mean_square(fitted.residuals, "held")
+    return max(float(v.max()) for v in squares.values())
 
 
 def refit_with(evidence: Evidence, current: Fit, added: list[tuple[Key, dict[str, float]]], left_out: Key | None = None,
@@ -151,9 +163,9 @@ def _promising(evidence: Evidence, scores: list[Score]) -> list[Score]:
     return [s for s in scores if s.gain > max(GAIN_MIN, 0.5 * FLOOR_MIN * samples * s.lightest)]
 
 
-def _try(evidence: Evidence, current: Fit, score: Score, rough: bool = False) -> Trial:
-    evaluations = 5 if rough else 8
-    fitted = refit_with(evidence, current, [(score.candidate.key, score.values)], None, 1, evaluations, rough)
+def _try(evidence: Evidence, current: Fit, score: Score, quick: bool = False) -> Trial:
+    rounds, evaluations = (1, 5) if quick else (2, 8)
+    fitted = refit_with(evidence, current, [(score.candidate.key, score.values)], None, rounds, evaluations)
     return Trial(score.candidate.key, score, fitted, held_loss(evidence, fitted))
 
 
@@ -175,12 +187,12 @@ def _add(evidence: Evidence, found: Search) -> bool:
     scores = scores_about(evidence, found.fitted)
     if not found.scores:
         found.scores = scores
-    trials = [_try(evidence, found.fitted, s, rough=True) for s in _promising(evidence, scores)[:FITTED]]
+    trials = [_try(evidence, found.fitted, s, quick=True) for s in _promising(evidence, scores)[:FITTED]]
     trials.sort(key=lambda t: merit(evidence, t.fitted))
     trials = [_finish(evidence, found.fitted, t) if j < FINISHED else t for j, t in enumerate(trials)]
     found.trials += trials
     for trial in _simplest_first(evidence, trials):
-        if earns(evidence, found.fitted, trial.fitted):
+        if earns(evidence, found.fitted, trial.fitted, found.nominal):
             found.fitted, trial.verdict = trial.fitted, "added"
             found.order.append(trial.key)
             found.rivals[trial.key] = [t for t in trials if t is not trial and same(evidence, trial.fitted, t.fitted)]
@@ -205,14 +217,13 @@ def nearly(evidence: Evidence, best: Fit, simpler: Fit) -> bool:
 
 
 def _simplest_first(evidence: Evidence, trials: list[Trial]) -> list[Trial]:
-    """Best first; among those that fit as well as the best, the one with the fewest parameters."""
+    """Those that fit as well as the best, the one with the fewest parameters first."""
     ranked = sorted(trials, key=lambda t: merit(evidence, t.fitted))
     if not ranked:
         return []
     best = ranked[0]
     equal = [t for t in ranked if t is best or nearly(evidence, best.fitted, t.fitted)]
-    equal.sort(key=lambda t: (len(t.score.candidate.effect.parameters), merit(evidence, t.fitted)))
-    return equal + [t for t in ranked if t not in equal]
+    return sorted(equal, key=lambda t: (len(t.score.candidate.effect.parameters), merit(evidence, t.fitted)))
 
 
 def _swap(evidence: Evidence, found: Search) -> None:
@@ -226,7 +237,7 @@ def _swap(evidence: Evidence, found: Search) -> None:
             trial = _try(evidence, without, score)
             if same(evidence, found.fitted, trial.fitted):
                 found.rivals[key].append(trial)
-            if merit(evidence, trial.fitted) < best - 6.0:
+            if merit(evidence, trial.fitted) < best and not nearly(evidence, trial.fitted, found.fitted):
                 best = merit(evidence, trial.fitted)
                 found.fitted = trial.fitted
                 found.order = [trial.key if k == key else k for k in found.order]
@@ -242,7 +253,7 @@ def _eliminate(evidence: Evidence, found: Search) -> None:
         if len(found.order) < 2:
             return
         without = refit_with(evidence, found.fitted, [], key)
-        if not earns(evidence, without, found.fitted):
+        if not earns(evidence, without, found.fitted, found.nominal):
             found.fitted = without
             found.order.remove(key)
 

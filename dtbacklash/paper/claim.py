@@ -38,7 +38,7 @@ class Claim:
 def between(
     claim: str, section: str, paper: str, ours: float, unit: str, low: float, high: float, why: str, failing: str = ""
 ) -> Claim:
-    bounds = f"{low:.4g} to {high:.4g} {unit}".strip()
+    bounds = (f"{low:.4g} to {high:.4g} {unit}" if low < high else f"exactly {low:.4g} {unit}").strip()
     if low == -math.inf:
         bounds = f"at most {high:.4g} {unit}".strip()
     elif high == math.inf:

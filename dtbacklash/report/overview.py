@@ -124,4 +124,5 @@ def _scale_overlay(left: Axes, right: Axes, curves: list[np.ndarray[Any, Any]], 
         arrived = np.flatnonzero(curve[:, 1] >= 1 - band)
         if arrived.size:
             reach = max(reach, float(np.abs(curve[arrived[0] :, 1] - 1).max()))
+    reach = min(reach, 12 * band)  # close to the target, also where one move is far from it
     right.set_ylim(1 - 1.15 * reach, 1 + 1.15 * reach)
