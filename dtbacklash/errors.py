@@ -27,7 +27,7 @@ class Diverged(UserError):
 
     def __init__(self, key: str, value: object, t_s: float, what: str) -> None:
         self.t_s = t_s
-        likely = "controller.k_theta_v_per_rad, sample_time_s, or controller.internal_model=bare under a load or friction"
+        likely = "controller.k_theta_v_per_rad, sample_time_s, and internal_model=bare under a load or friction"
         allowed = f"the loop diverged at t = {t_s:.3f} s ({what}); look at {likely}"
         UserError.__init__(self, key, value, allowed)
         self.args = (key, value, t_s, what)  # so that it survives pickling between workers

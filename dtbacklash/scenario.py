@@ -18,6 +18,7 @@ from dtbacklash.control.design import (
     MotorParameters,
     StructureParameters,
     design_controller,
+    dominant_frequency,
 )
 from dtbacklash.errors import Diverged, UserError
 from dtbacklash.physics.assembly import compile_plant
@@ -93,7 +94,9 @@ def driven_chain(rig: Rig) -> tuple[list[Element], list[Element]]:
     """
     screw = rig.only("screw")
     base = screw.neighbours.get("carries") if screw else None
-    allowed = "a rig with a motor, a screw that carries a mass, and a chain of links from there, or controller=open_loop"
+    allowed = (
+        "a rig with a motor, a screw that carries a mass, and a chain of links from there, or controller=open_loop"
+    )
     if base is None or rig.only("motor_circuit") is None or rig.only("rotor") is None:
         raise UserError("rig", rig.config.name, f"this controller needs {allowed}")
     links, masses, here = [], [], base
@@ -125,10 +128,10 @@ def structure_parameters(rig: Rig) -> StructureParameters:
 
 
 def motor_parameters(rig: Rig) -> MotorParameters:
-    """The motor of a rig as the design wants it."""
+    """The motor of a rig as the design wants it; the rig has one (:func:`driven_chain` checks it)."""
     circuit, rotor = rig.only("motor_circuit"), rig.only("rotor")
-    if circuit is None or rotor is None:
-        raise UserError("controller", f"on {rig.config.name}", "needs a rig with a motor")
+    assert circuit is not None
+    assert rotor is not None
     v = circuit.values
     return MotorParameters(
         rotor.values["inertia"], v["inductance"], v["resistance"], v["torque_constant"], v["emf_constant"]
@@ -140,10 +143,14 @@ def design_for(config: RunConfig, rig: Rig) -> ControllerDesign | None:
     c = config.controller
     if c.structure == "open_loop":
         return None
+    structure = structure_parameters(rig)
+    frequency = dominant_frequency(structure)
+    if frequency * config.sample_time_s >= math.pi:
+        allowed = f"sampling above twice the dominant mode's {frequency / (2 * math.pi):.3g} Hz"
+        raise UserError("sample_time_s", config.sample_time_s, allowed)
     return design_controller(
-        motor_parameters(rig), structure_parameters(rig), c.k_theta_v_per_rad, c.prefilter, c.tau_r_s,
-        config.sample_time_s,
-    )  # fmt: skip
+        motor_parameters(rig), structure, c.k_theta_v_per_rad, c.prefilter, c.tau_r_s, config.sample_time_s
+    )
 
 
 def run_scenario(config: RunConfig, progress: Callable[[float], None] | None = None) -> RunResult:
@@ -169,6 +176,10 @@ def run_scenario(config: RunConfig, progress: Callable[[float], None] | None = N
     oscillator = (detector.sos, detector.cos_step, detector.sin_step)
     run = _prepare(config, rig)
     # in open loop there is nothing that could be unstable by choice: a carriage may well run away
+    if progress:
+        progress(0.0)  # all checks are done: from here on compiled code runs
+    if run.model is not None:
+        warm_up(run.model, config.optimizer)
     limits_m = config.solver.divergence_mm * 1e-3 if design else math.inf
     threshold_m = config.twin.novelty_threshold_mm * 1e-3
     k, n = 0, config.samples + 1
@@ -216,7 +227,6 @@ def _prepare(config: RunConfig, rig: Rig) -> _Run:
             config.sample_time_s,
             config.twin.settle,
         )
-        warm_up(run.model, config.optimizer)
     return run
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 import time
@@ -32,10 +33,13 @@ def progress(what: str) -> Iterator[Callable[[float], None]]:
     bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
     number = bar.add_task(what, total=1.0)
     begin = time.monotonic()
-    started = False
+    started, ticks = False, 0
 
     def tick(fraction: float) -> None:
-        nonlocal started
+        nonlocal started, ticks
+        ticks += 1
+        if ticks == 1:
+            announce_compilation()
         if not started and time.monotonic() - begin > PATIENCE_S:
             bar.start()
             started = True
@@ -87,7 +91,7 @@ def _summary_line(summary: dict[str, Any]) -> str:
     parts = [f"peak {number(summary.get('peak_voltage_v'))} V"]
     if summary.get("n_moves"):
         longest = summary.get("settling_time_s_max")
-        settles = longest is not None and longest == longest
+        settles = longest is not None and not math.isnan(longest)
         parts.insert(0, f"overshoot at most {number(summary.get('overshoot_pct_max'))} %")
         parts.insert(1, f"settling at most {number(longest)} s" if settles else "not every move settles")
     if summary.get("n_estimations"):

@@ -76,17 +76,14 @@ def main(words: Sequence[str]) -> int:
         print(HELP)
         return 0
     request = parse(words)
-    from dtbacklash.commands.console import announce_compilation
-    from dtbacklash.recording import read_pair
     from dtbacklash.report import diagnosis_page
     from dtbacklash.runfolder import run_folder
 
     folder = (request.out or _default_folder(request)).absolute()
     with _logging(request.verbose), run_folder(folder, key="out", mark="diagnosis.json", known=ENTRIES) as scratch:
         rig = nominal_rig(request)
-        train, held_out = read_pair(request.recording, request.validation, path=request.path, rig=rig)
+        train, held_out = _read(request, rig)
         _log_recordings(train, held_out)
-        announce_compilation()
         with _progress(request.verbose) as tell:
             view = run_diagnosis(train, held_out, rig, request.seed, tell)
             tell(1.0, "drawing the report")
@@ -95,12 +92,22 @@ def main(words: Sequence[str]) -> int:
     return 0
 
 
-def run_diagnosis(train: Recording, held_out: Recording, rig: Rig, seed: int, progress: Progress) -> View:
+def _read(request: Request, rig: Rig) -> tuple[Recording, Recording | None]:
+    """The recording, and the one to judge on if there is one: else the diagnosis holds out the recording's end."""
+    from dtbacklash.recording import read_pair, read_recording
+
+    if request.validation is None:
+        return read_recording(request.recording, path=request.path, rig=rig), None
+    return read_pair(request.recording, request.validation, path=request.path, rig=rig)
+
+
+def run_diagnosis(train: Recording, held_out: Recording | None, rig: Rig, seed: int, progress: Progress) -> View:
     """Diagnose, and give what the report shows."""
     from dtbacklash.diagnose import diagnose
+    from dtbacklash.report.diagnosis_view import view_of
 
-    result = diagnose(train, held_out, rig, seed=seed, progress=progress)
-    return result.view(source=_source(train), notes=_notes(train, held_out))
+    result = diagnose(train, rig, held_out, progress=lambda text, share: progress(share, text))
+    return view_of(result, _source(train), _notes(train, held_out))
 
 
 def parse(words: Sequence[str]) -> Request:
@@ -190,17 +197,19 @@ def _source(train: Recording) -> str:
     return f"{train.name}:{train.part}" if train.part else train.name
 
 
-def _notes(train: Recording, held_out: Recording) -> list[str]:
+def _notes(train: Recording, held_out: Recording | None) -> list[str]:
     """What the reader said, and which data were fitted and which judge."""
-    other = [note for note in held_out.notes if note not in train.notes]
-    parts = [
-        f"{what} {r.name}{':' + r.part if r.part else ''}, {r.t_s[0]:.6g} to {r.t_s[-1]:.6g} s ({r.samples} samples)"
-        for what, r in (("Fitted to", train), ("judged on", held_out))
-    ]
-    return [*train.notes, *(f"Held-out data: {note}" for note in other), "; ".join(parts) + "."]
+    if held_out is None:
+        return [*train.notes, f"{_span('Fitted to the beginning of', train)}; its last 30 % judge."]
+    other = [f"Held-out data: {note}" for note in held_out.notes if note not in train.notes]
+    return [*train.notes, *other, f"{_span('Fitted to', train)}; {_span('judged on', held_out)}."]
 
 
-def _log_recordings(train: Recording, held_out: Recording) -> None:
+def _span(what: str, r: Recording) -> str:
+    return f"{what} {_source(r)}, {r.t_s[0]:.6g} to {r.t_s[-1]:.6g} s ({r.samples} samples)"
+
+
+def _log_recordings(train: Recording, held_out: Recording | None) -> None:
     for note in _notes(train, held_out):
         log.info(note)
 

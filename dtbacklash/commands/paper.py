@@ -25,11 +25,10 @@ def main(words: Sequence[str]) -> int:
         print(HELP)
         return 0
     folder = _folder(words)
-    from dtbacklash.commands.console import announce_compilation, progress, shown_path
+    from dtbacklash.commands.console import progress, shown_path
     from dtbacklash.paper import run_paper
     from dtbacklash.runfolder import run_folder
 
-    announce_compilation()
     with (
         run_folder(folder, key="out", mark="claims.csv", known=ENTRIES) as scratch,
         progress("paper") as tick,

@@ -84,7 +84,6 @@ def single(config: RunConfig, folder: Path, command: str) -> None:
     """Simulate ``config``, write its folder and tell the user."""
     from dtbacklash.commands import console, run_files
 
-    console.announce_compilation()
     with console.progress("simulating") as tick:
         result = run_files.simulate_and_write(config, folder, command, tick)
     console.print_run(result.summary, result.moves, result.estimates, folder)

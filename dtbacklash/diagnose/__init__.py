@@ -15,13 +15,14 @@ __all__ = ["Diagnosis", "Record", "diagnose", "diagnose_records", "record_of"]
 HELD_OUT = 0.3
 
 
-def record_of(recording: Recording, train: bool, held: bool, share: float = HELD_OUT) -> Record:
+def record_of(recording: Recording, rig: Rig, train: bool, held: bool, share: float = HELD_OUT) -> Record:
     """A recording with its masks: all of it for one purpose, or the last ``share`` to judge and the rest to fit."""
     n = recording.samples
     cut = n - round(share * n) if train and held else n * train
     mask = np.arange(n) < cut
-    channels = {c: np.ascontiguousarray(v, dtype=float) for c, v in recording.channels.items()}
-    return Record(recording.sample_time_s, channels["u"], channels, mask, ~mask)
+    found = {c: np.ascontiguousarray(v, dtype=float) for c, v in recording.channels.items()}
+    measured = {c: v for c, v in found.items() if c in rig.sensors}
+    return Record(recording.sample_time_s, found["u"], measured, mask, ~mask)
 
 
 def diagnose(
@@ -43,5 +44,5 @@ def diagnose(
     UserError : no channel of the rig was recorded, or an integrating part of it was not measured.
     """
     if validation is None:
-        return diagnose_records(rig, [record_of(recording, True, True, held_out)], progress)
-    return diagnose_records(rig, [record_of(recording, True, False), record_of(validation, False, True)], progress)
+        return diagnose_records(rig, [record_of(recording, rig, True, True, held_out)], progress)
+    return diagnose_records(rig, [record_of(recording, rig, True, False), record_of(validation, rig, False, True)], progress)

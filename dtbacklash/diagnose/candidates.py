@@ -1,6 +1,6 @@
 """What could be missing: every effect that a rig's elements take, and where its secondary parameters may lie."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import Effect, effects_of
 from dtbacklash.physics.elements import BODY_KINDS
 from dtbacklash.physics.plant import Floats
-from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
+from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, build_rig
 
 Values = dict[str, float]
 
@@ -76,15 +76,17 @@ def _grid(rig: Rig, place: str, effect: Effect, motion: Motion) -> list[Values]:
         base[effect.size.name] = float(np.clip(size, effect.size.low, effect.size.high))
     speed, stretch = motion.speed.get(place, 0.0), motion.stretch.get(place)
     if effect.name == "saturation":
-        top = np.abs(motion.command)
-        return [{"limit": float(v)} for v in {0.97 * top.max(), *np.quantile(top[top > 0], (0.5, 0.8, 0.95, 0.99))}]
+        size = np.abs(motion.command[motion.command != 0.0])
+        limits = [0.97 * size.max(), *np.quantile(size, (0.5, 0.8, 0.95, 0.99))] if len(size) else []
+        return [{"limit": float(v)} for v in limits]
     if effect.name == "stribeck_friction" and speed > 0.0:
         return [{**base, "speed": share * speed} for share in (0.02, 0.1, 0.4)]
     if effect.name == "hysteresis" and stretch is not None:
-        top = float(np.quantile(np.abs(stretch), 0.95))
-        return [{**base, "displacement": share * top} for share in (0.03, 0.15, 0.6)]
+        most = float(np.quantile(np.abs(stretch), 0.95))
+        return [{**base, "displacement": share * most} for share in (0.03, 0.15, 0.6)]
     if effect.name == "bumper" and stretch is not None:
-        return [{**base, "clearance": float(v)} for v in np.quantile(stretch, (0.03, 0.2, 0.5, 0.8, 0.93, 0.98, 0.995))]
+        levels = np.quantile(stretch, (0.03, 0.2, 0.5, 0.8, 0.93, 0.98, 0.995))
+        return [{**base, "clearance": float(v)} for v in levels]
     if effect.name == "absorber":
         return [{**base, "frequency": float(f)} for f in np.geomspace(1.5, 60.0, 12)]
     if effect.name == "resistance_heating":
@@ -124,10 +126,13 @@ def _size(rig: Rig, place: str, effect: Effect, motion: Motion) -> float:
 
 
 def motion_of(rig: Rig, blocks: list[Block], records: list[Record]) -> Motion:
-    """Speeds of the bodies and stretches of the links, from the measurement and the simulation of what is not measured."""
+    """How bodies and links move: as measured, and as simulated where that is not measured."""
     positions = _positions(rig, blocks, records[0])
     step = records[0].sample_time_s
-    speed, stretch, rate, force = {}, {}, {}, {}
+    speed: dict[str, float] = {}
+    stretch: dict[str, Floats] = {}
+    rate: dict[str, float] = {}
+    force: dict[str, float] = {}
     for name, q in positions.items():
         smooth = np.convolve(q, np.ones(9) / 9, "same")[8:-8]
         speed[name] = float(np.quantile(np.abs(np.diff(smooth)) / step, 0.98)) if len(smooth) > 2 else 0.0
@@ -147,16 +152,12 @@ def motion_of(rig: Rig, blocks: list[Block], records: list[Record]) -> Motion:
 
 def _positions(rig: Rig, blocks: list[Block], record: Record) -> dict[str, Floats]:
     """(N,) position of every body, SI: as the blocks simulate them, measured where they are."""
-    from dataclasses import replace
-
     found: dict[str, Floats] = {}
     bodies = [e.name for e in rig.elements.values() if e.kind in BODY_KINDS]
     for block in blocks:
         inside = [b for b in bodies if b in places_of(rig, block)]
         sensors = {f"_{b}": {"of": b, "quantity": "position"} for b in inside}
         config = replace(rig.config, sensors={**rig.config.sensors, **sensors})
-        from dtbacklash.physics.rig import build_rig
-
         wide = replace(block, channels=(*block.channels, *sensors))
         y = {**record.y, **{s: np.zeros(record.samples) for s in sensors}}
         values = predict(build_rig(config), wide, replace(record, y=y))

@@ -14,7 +14,7 @@ import numpy as np
 from dtbacklash.errors import UserError
 from dtbacklash.physics import plant as pl
 from dtbacklash.physics.assembly import compile_plant, state_names
-from dtbacklash.physics.plant import Floats, Plant, new_state
+from dtbacklash.physics.plant import Floats, Plant, State, new_state
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, build_rig
 from dtbacklash.physics.sample import advance, sense
 from dtbacklash.physics.simulate import rig_half_gap
@@ -174,7 +174,7 @@ def true_angle(rig: Rig, block: Block, record: Record) -> Floats:
 
 
 @numba.njit(cache=True, error_model="numpy", _nrt=False, nogil=True)
-def _track(P, S, u, gap, theta, target, pulled, where, gains, y):
+def _track(P, S, u, gap, theta, target, pulled, where, gains, y):  # type: ignore[no-untyped-def]
     """Simulate all samples into ``y`` (N, sensors), each before it pulls the state towards ``target``."""
     n = u.shape[0]
     for k in range(n):
@@ -206,7 +206,7 @@ def predict(rig: Rig, block: Block, record: Record, rough: bool = False) -> Floa
     return y[:, [names.index(c) for c in block.channels]]
 
 
-def _start(part: Rig, plant: Plant, block: Block, record: Record, angle: float):
+def _start(part: Rig, plant: Plant, block: Block, record: Record, angle: float) -> State:
     """The block at rest where the recording begins."""
     state = new_state(plant)
     bodies = state_names(part, block.imposed is not None)
@@ -228,4 +228,3 @@ def residual(rig: Rig, block: Block, record: Record, rough: bool = False) -> Flo
     """(N, channels) measured minus predicted, SI."""
     measured = np.column_stack([record.y[c] for c in block.channels])
     return measured - predict(rig, block, record, rough)
-

@@ -69,7 +69,8 @@ class Evidence:
     ) -> Residuals:
         """Per block and record, (N, channels) residuals in units of the floor.
 
-        ``known`` : residuals, of some blocks, of a rig that differs at ``places`` only: blocks that hold none of them are copied.
+        ``known`` : residuals, of some blocks, of a rig that differs at ``places`` only: blocks that hold none of
+        them are copied.
         """
         found: Residuals = {}
         for block in self.blocks:
@@ -77,7 +78,9 @@ class Evidence:
                 found[block.name] = known[block.name]
             else:
                 scale = self.floor[block.name]
-                found[block.name] = [np.clip(residual(rig, block, r, rough) / scale, -RUNAWAY, RUNAWAY) for r in self.records]
+                found[block.name] = [
+                    np.clip(residual(rig, block, r, rough) / scale, -RUNAWAY, RUNAWAY) for r in self.records
+                ]
         return found
 
     def rows(self, residuals: Residuals, name: str, part: str) -> Floats:

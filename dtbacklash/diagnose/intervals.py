@@ -7,12 +7,15 @@ much: the sandwich of Huber and White over stretches of time is taken where it i
 import numpy as np
 
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.refit import Fit, Problem, nominal_free, effect_free
+from dtbacklash.diagnose.refit import Fit, Problem, effect_free, nominal_free
 from dtbacklash.physics.plant import Floats
+
+#: the spread is taken over stretches as long as CORRELATED of those that judge, but at least GROUPS_MIN of them
+CORRELATED, GROUPS_MIN = 2, 16
 
 
 def standard_errors(evidence: Evidence, fitted: Fit) -> dict[tuple[str, str, str], float]:
-    """(place, effect, name) -> standard error of every free parameter, in its unit (place and effect empty: nominal)."""
+    """(place, effect, name) -> standard error, in the parameter's unit; ('', '', name) for a nominal one."""
     free = nominal_free(evidence.nominal)
     start = [(fitted.rig.config.parameters[f.name].value - f.centre) / f.scale for f in free]
     for place, there in fitted.rig.effects.items():
@@ -24,7 +27,7 @@ def standard_errors(evidence: Evidence, fitted: Fit) -> dict[tuple[str, str, str
     x = np.array(start)
     problem = Problem(evidence, fitted.rig, free)
     problem.weights = fitted.weights
-    jacobian = problem.jacobian(x)
+    jacobian = problem.jacobian(x, central=True)
     rows = problem.stack(problem.residuals(x), x)
     covariance = _covariance(evidence, problem, jacobian, rows)
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -41,12 +44,14 @@ def _covariance(evidence: Evidence, problem: Problem, jacobian: Floats, rows: Fl
     bread = np.linalg.pinv(jacobian.T @ jacobian)
     # weights count a residual that is not noise less, once; the scores below measure its spread themselves
     samples = sum(int(r.train.sum()) for r in evidence.records)
-    length = max(2, evidence.stretch)
+    length = max(2, min(CORRELATED * evidence.stretch, samples // GROUPS_MIN))
     contributions = (data * e[:, None]).reshape(-1, samples, data.shape[1]).sum(axis=0)
     whole = samples // length * length
     sums = contributions[:whole].reshape(-1, length, data.shape[1]).sum(axis=1)
     prior_part = jacobian[len(jacobian) - priors :]
-    meat = sums.T @ sums + prior_part.T @ prior_part
+    groups = len(sums)
+    small = groups / max(groups - data.shape[1], 1.0)  # each fitted parameter takes up a part of the spread
+    meat = min(small, 2.0) * sums.T @ sums + prior_part.T @ prior_part
     sandwich = bread @ meat @ bread
     wider = np.maximum(np.diag(sandwich), np.diag(bread))
     return np.diag(wider)

@@ -17,7 +17,7 @@ from dtbacklash.diagnose.refit import Fit, effect_free, fit, nominal_free, objec
 
 #: effects at most in one diagnosis
 EFFECTS_MAX = 4
-#: of a bank's candidates, as many are fitted, roughly and then in full; only those whose signature promises more than GAIN_MIN
+#: of a bank's candidates that promise more than GAIN_MIN, as many are fitted, quickly and then in full
 FITTED, FINISHED, GAIN_MIN = 5, 3, 12.0
 #: standard errors that the held-out loss has to fall by, in the paired test over stretches
 T_MIN = 2.0
@@ -46,7 +46,7 @@ class Trial:
 
 @dataclass
 class Search:
-    """What the search did: the fit of the nominal rig, the last fit, every trial, and per effect what would fit as well."""
+    """What the search did: the nominal rig's fit, the last fit, every trial, and per effect what would fit as well."""
 
     nominal: Fit
     fitted: Fit
@@ -105,7 +105,7 @@ def _worst(evidence: Evidence, fitted: Fit) -> float:
 
 
 def refit_with(evidence: Evidence, current: Fit, added: list[tuple[Key, dict[str, float]]], left_out: Key | None = None,
-               rounds: int = 2, evaluations: int = 8, rough: bool = False) -> Fit:  # fmt: skip
+               rounds: int = 2, evaluations: int = 8) -> Fit:  # fmt: skip
     """Fit effects anew with some added or one left out, with the nominal parameters of the blocks they touch."""
     base = current.rig
     for (place, name), values in added:
@@ -131,7 +131,7 @@ def refit_with(evidence: Evidence, current: Fit, added: list[tuple[Key, dict[str
         b.name: current.residuals[b.name] for b in evidence.blocks if not changed & places_of(base, b)
         and not changed & places_of(current.rig, b)
     }  # fmt: skip
-    return fit(evidence, base, free, np.array(start), known, rounds, evaluations, rough)
+    return fit(evidence, base, free, np.array(start), known, rounds, evaluations)
 
 
 def search(evidence: Evidence, progress: Callable[[str, float], None] | None = None) -> Search:
@@ -205,7 +205,7 @@ def same(evidence: Evidence, chosen: Fit, rival: Fit) -> bool:
     if rival.penalty - chosen.penalty > PENALTY_MIN:
         return False
     first, second = held_loss(evidence, chosen), held_loss(evidence, rival)
-    share, _, t = paired(evidence, rival, chosen)
+    t = paired(evidence, rival, chosen)[2]
     return second < first * (1.0 + SAME) or (t < T_MIN and second < first * (1.0 + 5 * SAME))
 
 
@@ -228,7 +228,8 @@ def _simplest_first(evidence: Evidence, trials: list[Trial]) -> list[Trial]:
 
 def _swap(evidence: Evidence, found: Search) -> None:
     """Try every earlier effect against its rivals, now that others have joined."""
-    for key in found.order[:-1]:
+    for earlier in found.order[:-1]:
+        key = earlier
         without = refit_with(evidence, found.fitted, [], key)
         scores = [s for s in _promising(evidence, scores_about(evidence, without)) if s.candidate.key != key][:2]
         best = merit(evidence, found.fitted)
@@ -256,4 +257,3 @@ def _eliminate(evidence: Evidence, found: Search) -> None:
         if not earns(evidence, without, found.fitted, found.nominal):
             found.fitted = without
             found.order.remove(key)
-

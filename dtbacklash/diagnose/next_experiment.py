@@ -1,4 +1,4 @@
-"""What to record next: which sensor that the rig has, but that was not recorded, would separate what this recording cannot."""
+"""What to record next: the sensor or the amplitude that would separate what this recording cannot."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ TOLD_APART = 0.01
 
 
 def next_experiment(evidence: Evidence, found: Search) -> str:
-    """A sentence, from simulations of the finding and of each rival: in which sensor, or at which amplitude, they differ."""
+    """A sentence, from simulations of a finding and its rival: in which sensor, or at which amplitude, they differ."""
     pairs = [(key, t) for key in found.order for t in found.rivals.get(key, [])]
     if not pairs:
         return "Nothing is ambiguous in this recording; a second recording would confirm it."

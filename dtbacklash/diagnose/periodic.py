@@ -1,6 +1,6 @@
 """Periodic laws: which wave number and phase, found by one linear regression per wave number.
 
-A force ``A sin(n q + phase)`` evaluated along the measured motion is linear in ``A cos(phase)`` and ``A sin(phase)``, and
+A force ``A sin(n q + phase)`` along the measured motion is linear in ``A cos(phase)`` and ``A sin(phase)``, and
 reaches the output through the block's linear dynamics: no simulation per wave number, only a filter.
 """
 
@@ -16,6 +16,7 @@ from dtbacklash.diagnose.compare import Block, Record, part_of, places_of, true_
 from dtbacklash.physics import plant as pl
 from dtbacklash.physics.assembly import compile_plant, state_names
 from dtbacklash.physics.plant import Floats, Plant
+from dtbacklash.physics.rig import Rig
 
 if TYPE_CHECKING:
     from dtbacklash.diagnose.candidates import Candidate, Values
@@ -38,7 +39,9 @@ def wave_grid(candidate: Candidate, bank: Bank) -> list[Values]:
     names = [p.name for p in candidate.effect.parameters]
     if "phase" not in names:
         return []
-    block = next((b for b in bank.evidence.blocks if candidate.place in places_of(bank.rig, b)), None)
+    driven = candidate.effect.name == "pitch_error"  # by the measured angle
+    blocks = [b for b in bank.evidence.blocks if (b.imposed is not None) == driven]
+    block = next((b for b in blocks if candidate.place in places_of(bank.rig, b)), None)
     if block is None:
         return []
     found = _scan(candidate, bank, block)
@@ -63,7 +66,7 @@ def _scan(candidate: Candidate, bank: Bank, block: Block) -> list[tuple[float, f
     chosen = np.concatenate([_thinned(r)[1] for r in records])
     ends = np.cumsum([0, *(int(r.train.sum()) for r in records)])
     at = np.concatenate([_thinned(r)[0] + end for r, end in zip(records, ends, strict=False)])
-    q = bank.q_rows[start : start + width].reshape(channels, -1, count)[:, at]
+    q = bank.q_rows[start : start + width].reshape(channels, width // channels, count)[:, at]
     e = bank.residual[start : start + width].reshape(channels, -1)[:, at]
     scale = (np.sqrt(bank.weights[block.name]) / bank.evidence.floor[block.name])[:, None, None]
     rated = []
@@ -109,7 +112,7 @@ def _signatures(waves: Floats, shape: int, paths: list[_Path], transfer: tuple[F
 
 def _regress(waves: Floats, S: Floats, C: Floats, q: Floats, e: Floats) -> list[tuple[float, float, float, float]]:
     """(fall, wave number, amplitude, phase) of each wave number: a regression on its two signatures."""
-    flat = q.reshape(-1, q.shape[2])
+    flat = q.reshape(q.shape[0] * q.shape[1], q.shape[2])
     gram = np.linalg.inv(flat.T @ flat + 1e-12 * np.eye(flat.shape[1])) if flat.shape[1] else np.zeros((0, 0))
 
     def sides(X: Floats) -> tuple[Floats, Floats]:
@@ -125,7 +128,9 @@ def _regress(waves: Floats, S: Floats, C: Floats, q: Floats, e: Floats) -> list[
     det = np.maximum(ss * cc - sc**2, 1e-9 * ss * cc + 1e-300)
     A, B = (cc * se - sc * ce) / det, (ss * ce - sc * se) / det
     fall = A * se + B * ce
-    return [(float(f), float(n), math.hypot(x, y), math.atan2(y, x)) for f, n, x, y in zip(fall, waves, A, B, strict=True)]
+    return [
+        (float(f), float(n), math.hypot(x, y), math.atan2(y, x)) for f, n, x, y in zip(fall, waves, A, B, strict=True)
+    ]
 
 
 def _place_of_rows(bank: Bank, block: Block) -> tuple[int, int]:
@@ -165,7 +170,7 @@ def _waves(candidate: Candidate, paths: list[_Path]) -> Floats:
     return np.linspace(low, most, int(min(WAVES_MAX, max(2, (most - low) / step))))
 
 
-def _transfer(candidate: Candidate, block: Block, part, plant: Plant) -> tuple[Floats, Floats]:
+def _transfer(candidate: Candidate, block: Block, part: Rig, plant: Plant) -> tuple[Floats, Floats]:
     """Numerators (channels, order+1) and denominator from the effort (or the base's position) to the innovation."""
     contact = 0 if plant.rotor < 0 else 1
     A = plant.E[contact, 0].T

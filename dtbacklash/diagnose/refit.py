@@ -118,7 +118,8 @@ class Fit:
 
 def apply(base: Rig, free: list[Free], x: Floats) -> Rig:
     """The base rig with the free parameters at ``x``."""
-    nominal, effects = {}, {}
+    nominal: dict[str, float] = {}
+    effects: Effects = {}
     for f, xi in zip(free, x, strict=True):
         if f.effect:
             effects.setdefault((f.place, f.effect), {})[f.name] = f.value(xi)
@@ -157,9 +158,8 @@ def weights_for(evidence: Evidence, residuals: Residuals) -> dict[str, Floats]:
 class Problem:
     """The least-squares problem of one set of free parameters."""
 
-    def __init__(self, evidence: Evidence, base: Rig, free: list[Free], known: Residuals | None = None,
-                 rough: bool = False) -> None:  # fmt: skip
-        self.evidence, self.base, self.free, self.rough = evidence, base, free, rough
+    def __init__(self, evidence: Evidence, base: Rig, free: list[Free], known: Residuals | None = None) -> None:
+        self.evidence, self.base, self.free = evidence, base, free
         everything = set().union(*(f.places for f in free)) if free else set()
         self.places = everything
         self.known = known
@@ -175,7 +175,7 @@ class Problem:
         """Residuals at x; the last ones are remembered."""
         key = x.tobytes()
         if self._last is None or self._last[0] != key:
-            self._last = key, self.evidence.residuals(apply(self.base, self.free, x), self.known, self.places, self.rough)
+            self._last = key, self.evidence.residuals(apply(self.base, self.free, x), self.known, self.places)
         return self._last[1]
 
     def stack(self, residuals: Residuals, x: Floats) -> Floats:
@@ -187,8 +187,11 @@ class Problem:
         rows.append(x[self.prior])
         return np.concatenate(rows)
 
-    def jacobian(self, x: Floats) -> Floats:
-        """Forward differences; blocks that a parameter does not touch are not simulated."""
+    def jacobian(self, x: Floats, central: bool = False) -> Floats:
+        """Forward or central differences; blocks that a parameter does not touch are not simulated.
+
+        Directions that only the priors determine show as such in central differences: the curvature is out of them.
+        """
         here = self.residuals(x)
         start = self.stack(here, x)
         columns = np.empty((len(start), len(self.free)))
@@ -196,14 +199,18 @@ class Problem:
             step = _step(f, x[j])
             moved = x.copy()
             moved[j] += step
-            there = self.evidence.residuals(apply(self.base, self.free, moved), here, set(f.places), self.rough)
+            there = self.evidence.residuals(apply(self.base, self.free, moved), here, set(f.places))
             columns[:, j] = (self.stack(there, moved) - start) / step
+            if central:
+                moved[j] = x[j] - step
+                there = self.evidence.residuals(apply(self.base, self.free, moved), here, set(f.places))
+                columns[:, j] = 0.5 * (columns[:, j] + (start - self.stack(there, moved)) / step)
         return columns
 
 
 def _step(free: Free, x: float) -> float:
-    low, high = free.limits()
-    step = 1e-3 if free.prior else 1e-2
+    high = free.limits()[1]
+    step = 1e-4 if free.prior else 1e-2
     if free.name in ("periods", "wave_number"):
         step = 1e-3
     return -step if x + step > high else step
@@ -217,13 +224,12 @@ def fit(
     known: Residuals | None = None,
     rounds: int = 2,
     evaluations: int = 8,
-    rough: bool = False,
 ) -> Fit:
     """Fit the free parameters; ``rounds`` times with the weights of where the last round ended.
 
     ``known`` : residuals of a rig that differs from ``base`` only where ``free`` acts; saves simulating the rest.
     """
-    problem = Problem(evidence, base, free, known, rough)
+    problem = Problem(evidence, base, free, known)
     x = np.zeros(len(free)) if start is None else np.asarray(start, dtype=float)
     bounds = np.array([f.limits() for f in free]).reshape(-1, 2).T
     x = np.clip(x, bounds[0] + 1e-9, bounds[1] - 1e-9) if len(free) else x
@@ -263,5 +269,6 @@ def objective(evidence: Evidence, fitted: Fit, part: str = "train") -> float:
         share = (above - 1.0) / above
         least = max(1.0, CORRELATED_S / evidence.records[0].sample_time_s)
         count = rows.shape[1] / (1.0 + share * (least - 1.0))
-        total += float(np.sum(count * (np.log(above) + squares / above)))
+        # counted from a residual that is all noise, as the count itself falls with what is not
+        total += float(np.sum(count * (np.log(above) + squares / above - 1.0)))
     return total

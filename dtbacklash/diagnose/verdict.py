@@ -47,7 +47,9 @@ class Diagnosis:
         return self.document
 
 
-def diagnose_records(rig: Rig, records: list[Record], progress: Callable[[str, float], None] | None = None) -> Diagnosis:
+def diagnose_records(
+    rig: Rig, records: list[Record], progress: Callable[[str, float], None] | None = None
+) -> Diagnosis:
     """Diagnose recordings on a rig.
 
     Parameters
@@ -90,7 +92,7 @@ def _excess(evidence: Evidence, fitted: Fit) -> dict[str, np.ndarray]:
 
 
 def remaining(evidence: Evidence, found: Search) -> dict[str, float]:
-    """Per block, the share of the recalibrated model's excess over the floor that the last fit leaves (0 at the floor)."""
+    """Per block, the share of the recalibrated model's excess over the floor that the last fit leaves."""
     first, last = _excess(evidence, found.nominal), _excess(evidence, found.fitted)
     shares = {}
     for name in last:
@@ -163,7 +165,7 @@ def _finding(evidence: Evidence, found: Search, key: Key, errors: dict[tuple[str
     units = {p.name: p.unit for p in entry.parameters}
     if place.startswith("sensor_") and name == "offset":
         units["offset"] = evidence.nominal.sensors[place.removeprefix("sensor_")].unit
-    parameters = {}
+    parameters: dict[str, dict[str, Any]] = {}
     for p in entry.parameters:
         error, value = errors.get((place, name, p.name), float("nan")), values[p.name]
         interval = [max(value - 1.96 * error, p.low), min(value + 1.96 * error, p.high)]
@@ -185,8 +187,8 @@ def _located(evidence: Evidence, found: Search) -> dict[str, Any] | None:
     name = max(shares, key=lambda n: shares[n])
     if shares[name] <= REMAINS:
         return None
-    trials = [t for t in found.trials] or []
-    places = [t.key[0] for t in sorted(trials, key=lambda t: t.held_out)] or [s.candidate.place for s in found.scores[:1]]
+    places = [t.key[0] for t in sorted(found.trials, key=lambda t: t.held_out)]
+    places += [s.candidate.place for s in found.scores[:1]]
     return {"block": name, "location": places[0] if places else name, "share": shares[name]}
 
 

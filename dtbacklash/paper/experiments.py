@@ -52,6 +52,8 @@ class Experiments:
 def run_experiments(progress: Callable[[float], None] | None = None) -> Experiments:
     """Run them all; ``progress`` gets the share done, 0 to 1."""
     runs = {}
+    if progress:
+        progress(0.0)
     for j, (name, words) in enumerate(SCENARIOS.items()):
         runs[name] = run_scenario(compose(*words))
         if progress:

@@ -1,7 +1,9 @@
 """A rig as the YAML file that describes it."""
 
 from dataclasses import asdict
+from typing import Any
 
+import numpy as np
 import yaml
 
 from dtbacklash.physics.rig import Rig
@@ -19,7 +21,14 @@ def rig_yaml(rig: Rig) -> str:
     )
     # a leaf on one line, as in the files that come with the package; numbers with all their digits
     texts = [
-        yaml.safe_dump(section, sort_keys=False, default_flow_style=None, width=160, allow_unicode=True)
+        yaml.safe_dump(_plain(section), sort_keys=False, default_flow_style=None, width=160, allow_unicode=True)
         for section in sections
     ]
     return "# Values are SI; `tolerance` is relative, one standard deviation.\n" + "\n".join([head, *texts])
+
+
+def _plain(value: Any) -> Any:
+    """The same with NumPy's numbers as Python's, which YAML knows."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return value.item() if isinstance(value, np.generic) else value

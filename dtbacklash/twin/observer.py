@@ -14,7 +14,6 @@ samples err by O(Ts^2); a zero-order hold would delay both by Ts/2, which looks 
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -79,9 +78,7 @@ def twin_model(structure: StructureParameters, pole_rad_s: float, sample_time_s:
 
 def _noise_colour(path: Path) -> float:
     """Power that a path gives to white noise at zero frequency, over that at all frequencies; at least 1."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # ill-conditioned for absurd structures, which are refused elsewhere
-        covariance = linalg.solve_discrete_lyapunov(path.phi, np.outer(path.b, path.b))
+    covariance = linalg.solve_discrete_lyapunov(path.phi, np.outer(path.b, path.b))
     mean_power = covariance[0, 0] + path.d**2
     return max(1.0, float((path.start[0] + path.d) ** 2 / mean_power))
 

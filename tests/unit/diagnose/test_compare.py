@@ -1,0 +1,58 @@
+import numpy as np
+import pytest
+
+from dtbacklash.diagnose.command import held_equivalent
+from dtbacklash.diagnose.compare import cut, residual, true_angle
+from dtbacklash.diagnose.floor import quantum, white_noise
+from dtbacklash.errors import UserError
+
+from .conftest import COUNTS, STEP_S, recorded
+
+
+def test_cut_at_the_measured_angle(rig):
+    motor, structure = cut(rig, ("theta_m", "q3"), STEP_S)
+    assert (motor.name, motor.pulled, motor.imposed) == ("motor", "theta_m", None)
+    assert (structure.channels, structure.imposed, structure.pulled) == (("q3",), "theta_m", None)
+
+
+def test_no_channel_of_the_rig_is_refused(rig):
+    with pytest.raises(UserError):
+        cut(rig, ("temperature",), STEP_S)
+
+
+def test_the_truth_leaves_the_sensors_noise(rig):
+    record = recorded(rig)
+    motor, structure = cut(rig, ("theta_m", "q3"), STEP_S)
+    assert np.std(residual(rig, motor, record)) < 1.2 * COUNTS["theta_m"] / np.sqrt(12)
+    assert np.std(residual(rig, structure, record)) == pytest.approx(1.05e-6, rel=0.08)
+
+
+def test_friction_shows_in_the_motor_and_not_in_the_structure(rig):
+    record = recorded(rig.with_effect("motor_bearing", "coulomb_friction", {"torque": 0.02}))
+    motor, structure = cut(rig, ("theta_m", "q3"), STEP_S)
+    assert np.std(residual(rig, motor, record)) > 10 * COUNTS["theta_m"]
+    assert np.std(residual(rig, structure, record)) < 1.3e-6
+
+
+def test_a_late_angle_sensor_is_undone_where_it_drives(rig):
+    record = recorded(rig)
+    _, structure = cut(rig, ("theta_m", "q3"), STEP_S)
+    late = rig.with_effect("sensor_theta_m", "delay", {"time": 2e-3})
+    assert np.allclose(true_angle(late, structure, record)[5:-9], true_angle(rig, structure, record)[7:-7])
+
+
+def test_quantum_and_white_noise():
+    rng = np.random.default_rng(0)
+    t = np.arange(20000) * 1e-3
+    smooth = np.sin(3 * t)
+    assert quantum(0.01 * np.round(smooth / 0.01)) == pytest.approx(0.01)
+    assert quantum(smooth + rng.normal(0, 1e-3, len(t))) == 0.0
+    assert white_noise(smooth + rng.normal(0, 1e-3, len(t))) == pytest.approx(1e-3, rel=0.1)
+
+
+@pytest.mark.parametrize("omega", [0.1, 0.7, 1.5])
+def test_held_equivalent_leads_by_half_a_sample(omega):
+    t = np.arange(400.0)
+    x = omega / 2
+    expected = np.sin(omega * (t + 0.5)) * x / np.sin(x)
+    assert np.abs(held_equivalent(np.sin(omega * t)) - expected)[40:-40].max() < 2e-3

@@ -1,0 +1,64 @@
+"""The whole diagnosis on simulated recordings; other integrators and real recordings have tests of their own."""
+
+import numpy as np
+import pytest
+
+from dtbacklash.diagnose import diagnose_records
+from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.refit import TOLERANCES_MAX, fit, nominal_free
+
+from .conftest import recorded
+
+KEYS = {"verdict", "summary", "findings", "recalibrated", "fit", "candidates", "next_experiment"}
+
+
+def test_nothing_missing_is_consistent(rig):
+    document = diagnose_records(rig, [recorded(rig)]).to_json()
+    assert document["verdict"] == "consistent"
+    assert not document["findings"]
+    assert set(document) >= KEYS
+
+
+def test_a_wrong_parameter_is_not_physics(rig):
+    document = diagnose_records(rig, [recorded(rig.with_parameters({"k": 1.08e4}))]).to_json()
+    assert document["verdict"] == "parameters"
+    assert not document["findings"]
+    low, high = document["recalibrated"]["k"]["ci95"]
+    assert low < 1.08e4 < high
+
+
+@pytest.mark.parametrize(
+    ("place", "effect", "values"),
+    [
+        ("motor_bearing", "coulomb_friction", {"torque": 0.02}),
+        ("gear", "backlash", {"half_gap": 0.35}),
+        ("link_1", "cubic_stiffness", {"k3": 1e10}),
+    ],
+)
+def test_one_effect_is_named(rig, place, effect, values):
+    truth = rig.with_parameters({"m": 5.3, "R": 12.2}).with_effect(place, effect, values)
+    found = diagnose_records(rig, [recorded(truth)])
+    document = found.to_json()
+    assert document["verdict"] == "missing_physics"
+    assert [(f["location"], f["effect"]) for f in document["findings"]] == [(place, effect)]
+    name, value = next(iter(values.items()))
+    low, high = document["findings"][0]["parameters"][name]["ci95"]
+    assert low <= value <= high
+    held = document["fit"]["held_out"]
+    assert held["extended"] < 1.2 * document["fit"]["noise_floor"] < held["nominal"]
+    assert found.extended.effect(place, effect) is not None
+
+
+def test_parameters_stay_within_their_tolerances(rig):
+    evidence = Evidence.gather(rig, [recorded(rig.with_parameters({"J": 1.6e-5}))])
+    fitted = fit(evidence, rig, nominal_free(rig))
+    for name, p in rig.config.parameters.items():
+        away = abs(fitted.rig.config.parameters[name].value / p.value - 1.0)
+        assert away <= TOLERANCES_MAX * p.tolerance + 1e-9
+
+
+def test_the_progress_is_told(rig):
+    told: list[float] = []
+    diagnose_records(rig, [recorded(rig, seconds=4.0)], lambda _, share: told.append(share))
+    assert told
+    assert np.all(np.diff(told) >= 0)
