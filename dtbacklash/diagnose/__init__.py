@@ -45,4 +45,6 @@ def diagnose(
     """
     if validation is None:
         return diagnose_records(rig, [record_of(recording, rig, True, True, held_out)], progress)
-    return diagnose_records(rig, [record_of(recording, rig, True, False), record_of(validation, rig, False, True)], progress)
+    return diagnose_records(
+        rig, [record_of(recording, rig, True, False), record_of(validation, rig, False, True)], progress
+    )

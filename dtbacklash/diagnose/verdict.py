@@ -14,8 +14,12 @@ from dtbacklash.diagnose.name import Key, Search, search
 from dtbacklash.diagnose.next_experiment import next_experiment
 from dtbacklash.diagnose.refit import Fit, fit, nominal_free
 from dtbacklash.diagnose.sayings import quantity, summary, when
+from dtbacklash.diagnose.slow import refit_slowly
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig
+
+Errors = dict[tuple[str, str, str], float]
+Moved = dict[str, tuple[float, float]]
 
 CONSISTENT, PARAMETERS, MISSING, UNEXPLAINED = "consistent", "parameters", "missing_physics", "unexplained"
 
@@ -23,8 +27,8 @@ CONSISTENT, PARAMETERS, MISSING, UNEXPLAINED = "consistent", "parameters", "miss
 NOISE = 1.2
 #: share of the excess over the floor that may remain when physics has been named
 REMAINS = 0.1
-#: a parameter has moved when it did so by this many standard errors and this share of its tolerance
-MOVED, MOVED_SHARE = 3.0, 0.2
+#: a parameter has moved when it did so by this share of its tolerance
+MOVED_SHARE = 0.2
 
 
 @dataclass(frozen=True)
@@ -63,8 +67,11 @@ def diagnose_records(
     """
     evidence, note = _read_command(rig, records)
     found = search(evidence, progress)
-    verdict = _verdict(evidence, found)
-    document = _document(evidence, found, verdict)
+    slow, fitted = refit_slowly(evidence, found)
+    errors = standard_errors(slow, fitted)
+    moved = _moved(evidence, found.fitted, errors)
+    verdict = _verdict(evidence, found, moved)
+    document = _document(evidence, found, verdict, errors, moved)
     document["notes"] = [note] if note else []
     return Diagnosis(verdict, evidence, found, rig, found.fitted.rig, document)
 
@@ -101,25 +108,25 @@ def remaining(evidence: Evidence, found: Search) -> dict[str, float]:
     return shares
 
 
-def _verdict(evidence: Evidence, found: Search) -> str:
+def _verdict(evidence: Evidence, found: Search, moved: Moved) -> str:
     left = max(remaining(evidence, found).values())
     if left > REMAINS:
         return UNEXPLAINED
     if found.order:
         return MISSING
-    return PARAMETERS if _moved(evidence, found.fitted) else CONSISTENT
+    return PARAMETERS if moved else CONSISTENT
 
 
-def _moved(evidence: Evidence, fitted: Fit) -> dict[str, tuple[float, float]]:
+def _moved(evidence: Evidence, fitted: Fit, errors: Errors) -> Moved:
     """Nominal parameters that had to move: name -> (value, standard error)."""
-    errors = standard_errors(evidence, fitted)
-    moved = {}
+    moved: Moved = {}
+    needed = _needed(evidence, fitted)
     for name, p in evidence.nominal.config.parameters.items():
         value, error = fitted.rig.config.parameters[name].value, errors.get(("", "", name))
         if error is None or p.tolerance == 0.0:
             continue
         away = abs(value - p.value)
-        if away > MOVED_SHARE * p.tolerance * abs(p.value) and _needed(evidence, fitted):
+        if away > MOVED_SHARE * p.tolerance * abs(p.value) and needed:
             moved[name] = (value, error)
     return moved
 
@@ -136,9 +143,7 @@ def _uncalibrated(evidence: Evidence, fitted: Fit) -> Rig:
     return fitted.rig.with_parameters(values)
 
 
-def _document(evidence: Evidence, found: Search, verdict: str) -> dict[str, Any]:
-    errors = standard_errors(evidence, found.fitted)
-    moved = _moved(evidence, found.fitted)
+def _document(evidence: Evidence, found: Search, verdict: str, errors: Errors, moved: Moved) -> dict[str, Any]:
     findings = [_finding(evidence, found, key, errors) for key in found.order]
     units = {name: p.unit for name, p in evidence.nominal.config.parameters.items()}
     recalibrated = {
@@ -158,7 +163,7 @@ def _document(evidence: Evidence, found: Search, verdict: str) -> dict[str, Any]
     }
 
 
-def _finding(evidence: Evidence, found: Search, key: Key, errors: dict[tuple[str, str, str], float]) -> dict[str, Any]:
+def _finding(evidence: Evidence, found: Search, key: Key, errors: Errors) -> dict[str, Any]:
     place, name = key
     entry = find(evidence.nominal.kind_at(place), name, place)
     values = found.fitted.rig.effect(place, name) or {}

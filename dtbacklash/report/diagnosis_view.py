@@ -35,7 +35,7 @@ def _curves(diagnosis: Diagnosis) -> list[Curve]:
     curves = []
     evidence = diagnosis.evidence
     for number, record in enumerate(evidence.records):
-        t_s = np.arange(record.samples) * record.sample_time_s
+        t_s = np.arange(record.samples, dtype=np.float64) * record.sample_time_s
         held = np.flatnonzero(record.held)
         for block in evidence.blocks:
             nominal = predict(diagnosis.nominal, block, record)

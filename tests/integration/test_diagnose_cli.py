@@ -64,11 +64,9 @@ def test_it_writes_everything_and_says_what_it_found(dtb, asked, tmp_path, files
         assert phrase in out
     page = (tmp_path / "found" / "report.html").read_text(encoding="utf-8")
     assert "Columns that are no channels of the rig are not used: lab." in page
-    assert (
-        "Fitted to bench.csv, 0 to 2.799 s (2800 samples); judged on bench.csv, 2.8 to 3.999 s (1200 samples)." in page
-    )
+    assert "Fitted to the beginning of bench.csv, 0 to 3.999 s (4000 samples); its last 30 % judge." in page
     assert asked["seed"] == 0
-    assert asked["train"].samples == 2800
+    assert (asked["train"].samples, asked["held_out"]) == (4000, None)
 
 
 def test_the_default_folder_is_named_after_the_recording(dtb, tmp_path):
@@ -113,7 +111,7 @@ def test_verbose_says_what_it_is_doing_once_each_and_leaves_logging_alone(dtb):
     lines = [line for line in err.splitlines() if line.startswith("dtb: ")]
     assert sum("comparing" in line for line in lines) == 1
     assert any("naming" in line for line in lines)
-    assert any("judged on" in line for line in lines)
+    assert any("its last 30 % judge" in line for line in lines)
     assert logging.getLogger("dtbacklash").handlers == before
 
 

@@ -1,0 +1,49 @@
+"""Where the command is integrated twice, the last fit pulls more slowly: open-loop prediction lives at low frequency.
+
+The search pulls fast, so that laws are evaluated along the measured motion; once the laws are known, a slow pull weighs
+what drifts in seconds, and the parameters predict the recording without any pull.
+"""
+
+from dataclasses import replace
+
+from dtbacklash.diagnose.compare import Block
+from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.floor import noise_floor
+from dtbacklash.diagnose.name import Search, refit_with
+from dtbacklash.diagnose.refit import Fit, penalty_of, weights_for
+
+#: bandwidth of the slow pull, rad/s
+SLOW_RAD_S = 0.7
+
+
+def slow_evidence(evidence: Evidence) -> Evidence:
+    """The same recordings with a slow pull where the command is integrated twice; itself where it is not."""
+    if not any(b.gains[1] > 0.0 for b in evidence.blocks):
+        return evidence
+    step = evidence.records[0].sample_time_s
+    slow = (2.0 * SLOW_RAD_S * step, SLOW_RAD_S**2 * step)
+    blocks: list[Block] = [replace(b, gains=slow) if b.gains[1] > 0.0 else b for b in evidence.blocks]
+    return replace(evidence, blocks=blocks, floor=noise_floor(evidence.nominal, blocks, evidence.records))
+
+
+def _seen_by(evidence: Evidence, fitted: Fit) -> Fit:
+    residuals = evidence.residuals(fitted.rig)
+    penalty = penalty_of(fitted.rig, evidence.nominal)
+    return replace(fitted, residuals=residuals, penalty=penalty, weights=weights_for(evidence, residuals))
+
+
+def refit_slowly(evidence: Evidence, found: Search) -> tuple[Evidence, Fit]:
+    """Refit what was found with the slow pull; the search's last fit takes over its parameters.
+
+    Returns
+    -------
+    The evidence and the fit from which the intervals are taken.
+    """
+    slow = slow_evidence(evidence)
+    if slow is evidence or not found.order:
+        return evidence, found.fitted
+    start = _seen_by(slow, found.fitted)
+    effects = [(key, start.effects[key]) for key in found.order]
+    fitted = refit_with(slow, start, effects, rounds=3)
+    found.fitted = _seen_by(evidence, fitted)
+    return slow, fitted
