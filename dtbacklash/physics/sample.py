@@ -137,7 +137,7 @@ def _jerk_base_contacts(P, S, gap_rate):
 def switch_friction(P, S, t, gap, gap_rate, voltage):
     """Let friction contacts come to rest, turn round or break loose at the present state."""
     contact = 0 if S.mode[0] == pl.FREE else 1
-    theta_d = screw_angle(P, S, gap) if not P.imposed else 0.0
+    theta_d = screw_angle(P, S, gap) if not P.imposed else S.gear[0]
     for c in range(P.friction.shape[0]):
         most = P.friction[c, pl.F_COULOMB] + P.friction[c, pl.F_STRIBECK]
         if S.mode[1 + c] == 0:
