@@ -16,7 +16,9 @@ COMMANDS = {
     "run": ("dtbacklash.commands.run", "simulate a controller on a rig while its backlash grows"),
     "paper": ("dtbacklash.commands.paper", "reproduce the figures and check the claims of the paper"),
     "diagnose": ("dtbacklash.commands.diagnose", "say what physics a recording has and a rig lacks, and where"),
+    "prove": ("dtbacklash.commands.prove", "diagnose concealed recordings blind, open their seals, and score"),
     "recordings": ("dtbacklash.commands.recordings", "list the public recordings that it knows, and fetch them"),
+    "conceal": ("dtbacklash.commands.conceal", "make recordings with something hidden in them, and seal the answers"),
 }
 
 

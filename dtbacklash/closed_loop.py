@@ -80,7 +80,7 @@ def run_segment(P, S, C, X, detector, oscillator, signals, traces, roles, first,
         if not abs(q3) <= limits[0] or not math.isfinite(u):
             return k, DIVERGED
         if k < last:
-            advance(P, S, k * P.sample_time, u, signals.gap[k], signals.gap[k + 1], 0.0, 0.0)
+            advance(P, S, k * P.sample_time, u, signals.gap[k], signals.gap[k + 1], signals.reference, k)
         if level > limits[1] and not before > limits[1]:
             return k + 1, NOVELTY
         before = level

@@ -22,7 +22,7 @@ from dtbacklash.control.design import (
 )
 from dtbacklash.errors import Diverged, UserError
 from dtbacklash.physics.assembly import compile_plant
-from dtbacklash.physics.plant import Floats, Ints, new_state
+from dtbacklash.physics.plant import Floats, Ints, new_state, place_at
 from dtbacklash.physics.rig import Element, Rig, Sensor, build_rig
 from dtbacklash.physics.simulate import rig_half_gap
 from dtbacklash.twin.estimate import Problem, default_start, estimate_gap
@@ -40,6 +40,7 @@ TRACE_UNITS = {
     "A": ("a", 1.0),
     "m/s": ("mm_s", 1e3),
     "rad/s": ("rad_s", 1.0),
+    "N": ("n", 1.0),
 }
 
 #: names that a sensor may not have: the columns of traces and recordings
@@ -175,6 +176,8 @@ def run_scenario(config: RunConfig, progress: Callable[[float], None] | None = N
     detector_state = detector.initial_state()
     oscillator = (detector.sos, detector.cos_step, detector.sin_step)
     run = _prepare(config, rig)
+    if plant.imposed:
+        place_at(plant, state, run.signals.reference[0])
     # in open loop there is nothing that could be unstable by choice: a carriage may well run away
     if progress:
         progress(0.0)  # all checks are done: from here on compiled code runs

@@ -83,14 +83,14 @@ def candidates(chosen: list[tuple[str, str]]) -> list[dict]:
 def friction_force(effect: str = "coulomb_friction", torque: float = 0.02) -> Force:
     """A recovered torque against speed."""
     random = np.random.default_rng(3)
-    speed = 8 * np.sin(np.linspace(0, 60, 20000)) * random.uniform(0.2, 1, 20000)
-    law_state = np.array([-9.0, -1e-9, 1e-9, 9.0])
-    law = -torque * np.sign(law_state)
-    noisy = -torque * np.tanh(speed / 0.3) + 0.25 * torque * random.standard_normal(20000)
+    speed = np.linspace(-8.0, 8.0, 25)
+    law = -torque * np.sign(speed)
+    recovered = -torque * np.tanh(speed / 0.3) + 0.02 * torque * random.standard_normal(25)
     if not effect:
-        noisy = noisy + 1.5 * torque * np.sin(speed)
-        law_state = law = np.empty(0)
-    return Force("motor_bearing", effect, "speed of motor_bearing", "rad/s", "N m", speed, noisy, law_state, law)
+        recovered = recovered + 1.5 * torque * np.sin(speed)
+        law = np.empty(0)
+    error = np.full(25, 0.02 * torque)
+    return Force("motor_bearing", effect, "speed of motor bearing", "rad/s", "N m", speed, recovered, error, law)
 
 
 def missing() -> View:
@@ -152,9 +152,10 @@ def drifting() -> View:
         {"nominal": 11.3, "recalibrated": 9.4, "extended": 0.0031}, findings=findings,
         candidates=candidates([("carriage", f["effect"]) for f in findings]),
     )  # fmt: skip
-    force = Force("carriage", "coulomb_friction", "speed of carriage", "m/s", "N", np.linspace(-0.1, 0.1, 3000),
-                  -20.3 * np.sign(np.linspace(-0.1, 0.1, 3000)) + np.random.default_rng(5).standard_normal(3000),
-                  np.array([-0.1, -1e-9, 1e-9, 0.1]), np.array([20.3, 20.3, -20.3, -20.3]))  # fmt: skip
+    speed = np.linspace(-0.1, 0.1, 20)
+    force = Force("carriage", "coulomb_friction", "speed of carriage", "m/s", "N", speed,
+                  -20.3 * np.sign(speed) + np.random.default_rng(5).standard_normal(20), np.ones(20),
+                  -20.4 * np.sign(speed))  # fmt: skip
     return View(found, nominal, truth, {"carriage": 0.98}, curves(truth, nominal, truth, u), [force], [], "emps")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import os
 import sys
@@ -50,6 +51,23 @@ def progress(what: str) -> Iterator[Callable[[float], None]]:
     finally:
         if started:
             bar.stop()
+
+
+@contextmanager
+def messages(verbose: bool) -> Iterator[None]:
+    """With ``-v`` the package's messages go to stderr."""
+    logger = logging.getLogger("dtbacklash")
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(logging.Formatter("dtb: %(message)s"))
+    level = logger.level
+    if verbose:
+        logger.addHandler(handler)
+        logger.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(level)
 
 
 def announce_compilation() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -76,11 +75,12 @@ def main(words: Sequence[str]) -> int:
         print(HELP)
         return 0
     request = parse(words)
+    from dtbacklash.commands.console import messages
     from dtbacklash.report import diagnosis_page
     from dtbacklash.runfolder import run_folder
 
     folder = (request.out or _default_folder(request)).absolute()
-    with _logging(request.verbose), run_folder(folder, key="out", mark="diagnosis.json", known=ENTRIES) as scratch:
+    with messages(request.verbose), run_folder(folder, key="out", mark="diagnosis.json", known=ENTRIES) as scratch:
         rig = nominal_rig(request)
         train, held_out = _read(request, rig)
         _log_recordings(train, held_out)
@@ -212,23 +212,6 @@ def _span(what: str, r: Recording) -> str:
 def _log_recordings(train: Recording, held_out: Recording | None) -> None:
     for note in _notes(train, held_out):
         log.info(note)
-
-
-@contextmanager
-def _logging(verbose: bool) -> Iterator[None]:
-    """With ``-v`` the package's messages go to stderr."""
-    logger = logging.getLogger("dtbacklash")
-    handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(logging.Formatter("dtb: %(message)s"))
-    level = logger.level
-    if verbose:
-        logger.addHandler(handler)
-        logger.setLevel(logging.INFO)
-    try:
-        yield
-    finally:
-        logger.removeHandler(handler)
-        logger.setLevel(level)
 
 
 @contextmanager

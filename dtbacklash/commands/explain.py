@@ -101,6 +101,10 @@ def _bad_setting(error: OmegaConfBaseException, words: Sequence[str]) -> UserErr
     if "." not in key:  # inside a free mapping OmegaConf forgets the way to the key
         key = next((w.partition("=")[0].lstrip("+") for w in words if f".{key}." in w.partition("=")[0]), key)
     value = value_of(key, words)
+    chosen = value_of("recording", words)
+    if chosen is not None and value is None and key.startswith("recording."):  # a mapping, which no run reads
+        allowed = f"is a recording to diagnose (dtb diagnose recording={chosen}); a run takes recording.save=FILE"
+        return UserError("recording", chosen, allowed)
     if value is None:
         value = str(error.value) if error.value is not None else _quoted_value(str(error))
     first_line = (str(error).splitlines() or ["not allowed"])[0]

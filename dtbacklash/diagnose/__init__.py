@@ -31,6 +31,7 @@ def diagnose(
     validation: Recording | None = None,
     held_out: float = HELD_OUT,
     progress: Callable[[str, float], None] | None = None,
+    jobs: int | None = None,
 ) -> Diagnosis:
     """Diagnose a recording on a rig.
 
@@ -38,13 +39,14 @@ def diagnose(
     ----------
     recording, validation : to fit, and to judge on; without the second the last share ``held_out`` of the first judges.
     rig : the nominal rig. progress : called with what is being done and a share, 0 to 1.
+    jobs : threads that share the work; None leaves what ``joblib.parallel_config`` says, else one.
 
     Raises
     ------
     UserError : no channel of the rig was recorded, or an integrating part of it was not measured.
     """
     if validation is None:
-        return diagnose_records(rig, [record_of(recording, rig, True, True, held_out)], progress)
+        return diagnose_records(rig, [record_of(recording, rig, True, True, held_out)], progress, jobs)
     return diagnose_records(
-        rig, [record_of(recording, rig, True, False), record_of(validation, rig, False, True)], progress
+        rig, [record_of(recording, rig, True, False), record_of(validation, rig, False, True)], progress, jobs
     )

@@ -7,7 +7,7 @@ import numpy as np
 from dtbacklash.diagnose.compare import Block, Record, places_of, predict
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import Effect, effects_of
-from dtbacklash.physics.elements import BODY_KINDS
+from dtbacklash.physics.elements import BODY_KINDS, LINK_KINDS, SLIDING_KINDS
 from dtbacklash.physics.plant import Floats
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, build_rig
 
@@ -88,7 +88,7 @@ def _grid(rig: Rig, place: str, effect: Effect, motion: Motion) -> list[Values]:
         levels = np.quantile(stretch, (0.03, 0.2, 0.5, 0.8, 0.93, 0.98, 0.995))
         return [{**base, "clearance": float(v)} for v in levels]
     if effect.name == "absorber":
-        return [{**base, "frequency": float(f)} for f in np.geomspace(1.5, 60.0, 12)]
+        return [{**base, "frequency": float(f)} for f in np.geomspace(1.5, 60.0, 25)]
     if effect.name == "resistance_heating":
         return [{**base, "time_constant": tau} for tau in (1.0, 5.0, 25.0)]
     return [base]
@@ -103,7 +103,7 @@ def _size(rig: Rig, place: str, effect: Effect, motion: Motion) -> float:
     if element is None:
         return 0.0
     values = element.values
-    if effect.kind == "link":
+    if effect.kind in LINK_KINDS:
         s = float(np.quantile(np.abs(motion.stretch[place]), 0.95)) if place in motion.stretch else 0.0
         k, rate = values["stiffness"], motion.rate.get(place, 0.0)
         if s <= 0.0 or rate <= 0.0 or k <= 0.0:
@@ -111,12 +111,13 @@ def _size(rig: Rig, place: str, effect: Effect, motion: Motion) -> float:
         sizes = {
             "cubic_stiffness": 0.1 * k / s**2, "quadratic_damping": 0.1 * values.get("damping", k * s / rate) / rate,
             "dry_friction": 0.02 * k * s, "hysteresis": 0.1 * k * s, "bumper": k,
+            "backlash": 0.2 * s,
         }  # fmt: skip
         return sizes.get(effect.name, 0.0)
     if effect.name == "absorber":
         return 0.05 * values["mass"]
     force = motion.force.get(place, 0.0)
-    if effect.kind in ("mass", "carriage") and force > 0.0:
+    if effect.kind in SLIDING_KINDS and force > 0.0:
         speed = motion.speed.get(place, 0.0)
         unit = effect.size.unit
         if unit == "N":
@@ -127,17 +128,17 @@ def _size(rig: Rig, place: str, effect: Effect, motion: Motion) -> float:
 
 def motion_of(rig: Rig, blocks: list[Block], records: list[Record]) -> Motion:
     """How bodies and links move: as measured, and as simulated where that is not measured."""
-    positions = _positions(rig, blocks, records[0])
+    where = positions(rig, blocks, records[0])
     step = records[0].sample_time_s
     speed: dict[str, float] = {}
     stretch: dict[str, Floats] = {}
     rate: dict[str, float] = {}
     force: dict[str, float] = {}
-    for name, q in positions.items():
+    for name, q in where.items():
         smooth = np.convolve(q, np.ones(9) / 9, "same")[8:-8]
         speed[name] = float(np.quantile(np.abs(np.diff(smooth)) / step, 0.98)) if len(smooth) > 2 else 0.0
-    for link in rig.of_kind("link"):
-        a, b = (positions.get(e, np.zeros(records[0].samples)) for e in link.neighbours["between"])
+    for link in rig.links():
+        a, b = (where.get(e, np.zeros(records[0].samples)) for e in link.neighbours["between"])
         stretch[link.name] = b - a
         rate[link.name] = float(np.quantile(np.abs(np.diff(b - a)) / step, 0.9))
         pull = link.values["stiffness"] * float(np.quantile(np.abs(b - a), 0.9))
@@ -150,7 +151,7 @@ def motion_of(rig: Rig, blocks: list[Block], records: list[Record]) -> Motion:
     return Motion(command, speed, stretch, rate, force)
 
 
-def _positions(rig: Rig, blocks: list[Block], record: Record) -> dict[str, Floats]:
+def positions(rig: Rig, blocks: list[Block], record: Record) -> dict[str, Floats]:
     """(N,) position of every body, SI: as the blocks simulate them, measured where they are."""
     found: dict[str, Floats] = {}
     bodies = [e.name for e in rig.elements.values() if e.kind in BODY_KINDS]

@@ -14,7 +14,7 @@ import numpy as np
 from dtbacklash.errors import UserError
 from dtbacklash.physics import plant as pl
 from dtbacklash.physics.assembly import compile_plant, state_names
-from dtbacklash.physics.plant import Floats, Plant, State, new_state
+from dtbacklash.physics.plant import Floats, Plant, State, new_state, place_at
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, build_rig
 from dtbacklash.physics.sample import advance, sense
 from dtbacklash.physics.simulate import rig_half_gap
@@ -29,6 +29,13 @@ INTEGRATES_RAD_S = 0.5
 EVENT_LEVELS = 10
 #: where a rough answer will do: substeps and levels
 ROUGH = (2, 4)
+
+#: parameters that count waves over a position; a substep turns them by PHASE_MAX rad at most
+WAVES, PHASE_MAX = ("periods", "wave_number"), 0.1
+#: what the plant takes by itself where it has to step, and the most that are worth it
+SUBSTEPS_PLAIN, SUBSTEPS_MAX = 8, 64
+#: as many follow the current of a winding, whose time constant is a tenth of a sample
+SUBSTEPS_CURRENT = 32
 
 MOTOR_KINDS = ("amplifier", "motor_circuit", "actuator", "rotor")
 
@@ -157,20 +164,33 @@ def places_of(rig: Rig, block: Block) -> set[str]:
 
 
 def true_angle(rig: Rig, block: Block, record: Record) -> Floats:
-    """(N,) the motor's angle behind its sensor's modelled errors, rad."""
+    """(N,) the motor's angle behind its sensor's modelled errors, rad; a copy."""
     assert block.imposed is not None
-    seen = record.y[block.imposed]
+    angle = _behind(rig, block.imposed, record)
     there = rig.effects.get(SENSOR_PREFIX + block.imposed, {})
-    angle = (seen - there.get("offset", {}).get("offset", 0.0)) / (
-        1.0 + there.get("gain_error", {}).get("relative", 0.0)
-    )
     late = there.get("delay", {}).get("time", 0.0) / record.sample_time_s
     if late > 0.0:
         at = np.arange(record.samples) + late
         angle = np.interp(at, np.arange(record.samples), angle)
-    # the plant takes the angle as linear between samples, which shrinks a sine of omega by (omega h)^2/12: undone here
-    angle[1:-1] -= np.diff(angle, 2) / 12.0
     return np.ascontiguousarray(angle)
+
+
+def _behind(rig: Rig, channel: str, record: Record) -> Floats:
+    """(N,) what a sensor looks at, behind its modelled offset and gain."""
+    there = rig.effects.get(SENSOR_PREFIX + channel, {})
+    offset, gain = there.get("offset", {}).get("offset", 0.0), there.get("gain_error", {}).get("relative", 0.0)
+    seen: Floats = (record.y[channel] - offset) / (1.0 + gain)
+    return seen
+
+
+def _drive(rig: Rig, block: Block, record: Record, plant: Plant) -> Floats:
+    """(N,) what is imposed on the block: the motor's angle, rad, or the command of a positioner, V."""
+    if not plant.imposed:
+        return record.u
+    angle = true_angle(rig, block, record) if block.imposed else record.u.copy()
+    # what is imposed is linear in a step, which shrinks a sine of omega by (omega h)^2/12: undone here
+    angle[1:-1] -= np.diff(angle, 2) / (12.0 * plant.substeps**2)
+    return angle
 
 
 @numba.njit(cache=True, error_model="numpy", _nrt=False, nogil=True)
@@ -184,19 +204,20 @@ def _track(P, S, u, gap, theta, target, pulled, where, gains, y):  # type: ignor
             S.x[where] += gains[0] * e
             S.x[where + P.n_bodies] += gains[1] * e
         if k + 1 < n:
-            advance(P, S, k * P.sample_time, u[k], gap, gap, theta[k], theta[k + 1])
+            advance(P, S, k * P.sample_time, u[k], gap, gap, theta, k)
 
 
 def predict(rig: Rig, block: Block, record: Record, rough: bool = False) -> Floats:
     """(N, channels) what the block's channels would show, SI, each sample before the measurement pulls it."""
     part = part_of(rig, block)
-    plant = compile_plant(part, record.sample_time_s, 0, EVENT_LEVELS, block.imposed is not None)
+    substeps = _substeps(part, block, record)
+    plant = compile_plant(part, record.sample_time_s, substeps, EVENT_LEVELS, block.imposed is not None)
     if rough and plant.forced and plant.delay_whole + plant.delay_ticks == 0:
         plant = compile_plant(part, record.sample_time_s, *ROUGH, block.imposed is not None)
     names = list(part.sensors)
     column = names.index(block.pulled) if block.pulled else -1
     target = record.y[block.pulled] if block.pulled else np.zeros(1)
-    theta = true_angle(rig, block, record) if block.imposed else np.zeros(record.samples)
+    theta = _drive(rig, block, record, plant)
     state = _start(part, plant, block, record, theta[0])
     where = int(plant.sensor[column, pl.Y_INDEX]) if block.pulled else 0
     y = np.zeros((record.samples, len(names)))
@@ -206,21 +227,31 @@ def predict(rig: Rig, block: Block, record: Record, rough: bool = False) -> Floa
     return y[:, [names.index(c) for c in block.channels]]
 
 
+def _substeps(part: Rig, block: Block, record: Record) -> int:
+    """Enough of them for what is periodic in the position; 0 leaves the choice to the plant."""
+    waves = [v for there in part.effects.values() for values in there.values() for n, v in values.items() if n in WAVES]
+    sensor = block.imposed or block.pulled
+    if not waves or sensor is None:
+        return 0
+    phase = max(waves) * float(np.quantile(np.abs(np.diff(record.y[sensor])), 0.99))
+    wanted = 2 ** int(np.ceil(np.log2(max(phase / PHASE_MAX, 1.0))))
+    if any("torque_ripple" in there for there in part.effects.values()):
+        wanted = max(wanted, SUBSTEPS_CURRENT)  # it multiplies a current that jumps within a fraction of a sample
+    return min(wanted, SUBSTEPS_MAX) if wanted > SUBSTEPS_PLAIN else 0
+
+
 def _start(part: Rig, plant: Plant, block: Block, record: Record, angle: float) -> State:
     """The block at rest where the recording begins."""
     state = new_state(plant)
     bodies = state_names(part, block.imposed is not None)
-    lead = plant.screw[pl.S_LEAD]
     if not block.imposed and block.pulled and plant.rotor >= 0:
-        angle = record.y[block.pulled][0]
+        angle = _behind(part, block.pulled, record)[0]
     if plant.has_base:
-        state.gear[0] = angle
-        for j in range(plant.n_bodies):
-            state.x[plant.position + j] = angle if j == plant.rotor else lead * angle
+        place_at(plant, state, angle)
     for name in block.channels:
         sensor = part.sensors[name]
         if sensor.quantity == "position" and sensor.of in bodies and not plant.has_base:
-            state.x[plant.position + bodies.index(sensor.of)] = record.y[name][0]
+            state.x[plant.position + bodies.index(sensor.of)] = _behind(part, name, record)[0]
     return state
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dtbacklash.diagnose.compare import Block, Record, cut, places_of, residual, slowest_decay
-from dtbacklash.diagnose.floor import noise_floor, sensor_noise
+from dtbacklash.diagnose.floor import Noise, channel_noise, noise_floor, sensor_noise
 from dtbacklash.physics.plant import Floats
 from dtbacklash.physics.rig import Rig
 
@@ -16,6 +16,8 @@ STRETCHES_MIN = 12
 
 #: time constants of the slowest decay until a beginning in motion is forgotten
 TRANSIENTS = 8.0
+#: a channel's noise is corrected where a residual shows this share of it
+QUIETER = 0.8
 #: residuals beyond this many floors are all the same: the simulation ran away
 RUNAWAY = 1e9
 
@@ -50,6 +52,7 @@ class Evidence:
     nominal: Rig
     records: list[Record]
     blocks: list[Block]
+    noise: Noise
     floor: dict[str, Floats]
     stretch: int
 
@@ -62,7 +65,24 @@ class Evidence:
         records = [settled(rig, blocks, r) for r in records]
         held = sum(int(r.held.sum()) for r in records)
         stretch = max(20, min(round(STRETCH_S / step), held // STRETCHES_MIN))
-        return cls(rig, records, blocks, noise_floor(rig, blocks, records), stretch)
+        noise = channel_noise(records)
+        return cls(rig, records, blocks, noise, noise_floor(rig, blocks, records, noise), stretch)
+
+    def quieter(self, residuals: Residuals) -> "Evidence":
+        """The same with a lower floor, where these residuals show that a channel's noise is less than was thought."""
+        left = {c: [e[:, j] * self.floor[b.name][j] for e in residuals[b.name]]
+                for b in self.blocks for j, c in enumerate(b.channels)}  # fmt: skip
+        noise = channel_noise(self.records, left)
+        noise = {c: noise[c] if noise[c][0] < QUIETER * old[0] else old for c, old in self.noise.items()}
+        if noise == self.noise:
+            return self
+        return replace(self, noise=noise, floor=noise_floor(self.nominal, self.blocks, self.records, noise))
+
+    def rescaled(self, residuals: Residuals, before: "Evidence") -> Residuals:
+        """Residuals in units of this floor, from those in units of the floor of ``before``."""
+        return {
+            b.name: [e * (before.floor[b.name] / self.floor[b.name]) for e in residuals[b.name]] for b in self.blocks
+        }
 
     def residuals(
         self, rig: Rig, known: Residuals | None = None, places: set[str] | None = None, rough: bool = False

@@ -13,6 +13,9 @@ NUMERICAL = 3e-5
 #: a channel with this many values at most relative to its samples can be one of counts
 COUNTED_SHARE = 0.5
 
+#: per channel (standard deviation, size of a count), in its unit
+Noise = dict[str, tuple[float, float]]
+
 
 def quantum(values: Floats) -> float:
     """Size of a count, in the channel's unit; 0 if the channel is not counted."""
@@ -47,19 +50,37 @@ def sensor_noise(values: Floats) -> tuple[float, float]:
     return max(white_noise(values), least), count
 
 
-def synthetic(rig: Rig, record: Record, rng: np.random.Generator) -> Record:
+def channel_noise(records: list[Record], residuals: dict[str, list[Floats]] | None = None) -> Noise:
+    """Per channel (standard deviation, size of a count) of its noise, in its unit: the quietest that any reading says.
+
+    ``residuals`` : per channel, of every record, what a model leaves of it: a signal that is rough by itself (a current
+    that follows a stepping voltage) shows its noise only there.
+    """
+    found: Noise = {}
+    for name in records[0].y:
+        own = [sensor_noise(r.y[name]) for r in records]
+        sigma, count = (float(np.sqrt(np.mean([s**2 for s, _ in own]))), max(c for _, c in own))
+        if residuals and name in residuals:
+            left = float(np.sqrt(np.mean([white_noise(e) ** 2 for e in residuals[name]])))
+            least = max(count / np.sqrt(12.0), NUMERICAL * float(np.mean([np.std(r.y[name]) for r in records])))
+            sigma = min(sigma, max(left, least))
+        found[name] = sigma, count
+    return found
+
+
+def synthetic(rig: Rig, record: Record, noise: Noise, rng: np.random.Generator) -> Record:
     """What the recording would be if the rig were the truth: the same commands, noise and counts."""
     response = simulate(rig, record.u[:-1], record.sample_time_s).sensors
     y = {}
-    for name, values in record.y.items():
-        sigma, count = sensor_noise(values)
+    for name in record.y:
+        sigma, count = noise[name]
         spread = np.sqrt(max(sigma**2 - count**2 / 12.0, 0.0)) if sigma > 1.5 * count / np.sqrt(12.0) else 0.0
         shown = response[name] + rng.normal(0.0, 1.0, record.samples) * spread
         y[name] = count * np.round(shown / count) if count else shown
     return Record(record.sample_time_s, record.u, y, record.train, record.held)
 
 
-def noise_floor(rig: Rig, blocks: list[Block], records: list[Record], seed: int = 0) -> dict[str, Floats]:
+def noise_floor(rig: Rig, blocks: list[Block], records: list[Record], noise: Noise, seed: int = 0) -> dict[str, Floats]:
     """Per block, (channels,) the rms residual that a true model leaves, SI.
 
     Measured by passing simulated recordings of the nominal rig through the same comparison: the encoder's counts
@@ -68,16 +89,14 @@ def noise_floor(rig: Rig, blocks: list[Block], records: list[Record], seed: int 
     rng = np.random.default_rng(seed)
     floors = {}
     for block in blocks:
-        squares = []
-        for record in records:
-            own = np.array([sensor_noise(record.y[c])[0] for c in block.channels])
-            squares.append(np.maximum(_passed(rig, block, record, rng), own) ** 2)
+        own = np.array([noise[c][0] for c in block.channels])
+        squares = [np.maximum(_passed(rig, block, record, noise, rng), own) ** 2 for record in records]
         floors[block.name] = np.sqrt(np.mean(squares, axis=0))
     return floors
 
 
-def _passed(rig: Rig, block: Block, record: Record, rng: np.random.Generator) -> Floats:
-    made = synthetic(rig, record, rng)
+def _passed(rig: Rig, block: Block, record: Record, noise: Noise, rng: np.random.Generator) -> Floats:
+    made = synthetic(rig, record, noise, rng)
     if not all(np.isfinite(v).all() for v in made.y.values()):
         return np.zeros(len(block.channels))
     return np.sqrt(np.mean(residual(rig, block, made) ** 2, axis=0))

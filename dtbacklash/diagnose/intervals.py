@@ -27,7 +27,7 @@ def standard_errors(evidence: Evidence, fitted: Fit) -> dict[tuple[str, str, str
     x = np.array(start)
     problem = Problem(evidence, fitted.rig, free)
     problem.weights = fitted.weights
-    jacobian = problem.jacobian(x, central=True)
+    jacobian = problem.precise_jacobian(x)
     rows = problem.stack(problem.residuals(x), x)
     covariance = _covariance(evidence, problem, jacobian, rows)
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))

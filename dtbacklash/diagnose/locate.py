@@ -11,15 +11,17 @@ import numpy as np
 
 from dtbacklash.diagnose.candidates import Candidate, Values
 from dtbacklash.diagnose.compare import Block, places_of
+from dtbacklash.diagnose.delays import delay_grid
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.periodic import wave_grid
 from dtbacklash.diagnose.refit import Fit, Free, Problem, weights_for
+from dtbacklash.diagnose.spread import spread
 from dtbacklash.errors import UserError
 from dtbacklash.physics.plant import Floats
 from dtbacklash.physics.rig import Rig
 
-#: a signature's size is changed by at most this factor of the typical size
-GROWTH_MAX = 30.0
+#: a signature's size is changed by at most this factor at once, and so often
+GROWTH_MAX, GROWTHS = 30.0, 3
 #: a nominal parameter this many tolerances from its bound has no room left
 AT_BOUND = 0.3
 #: as often it is made smaller where the simulation runs away
@@ -60,6 +62,7 @@ class Bank:
             self.q_rows = np.linalg.qr(jacobian)[0]
         else:
             self.q_rows = np.zeros((len(problem.stack(fitted.residuals, fitted.x)), 0))
+        self.rough = evidence.residuals(self.rig, rough=True)
         self._priors = int(problem.prior.sum())
         self.samples = sum(int(r.train.sum()) for r in evidence.records)
         rows = problem.stack(fitted.residuals, fitted.x)
@@ -82,16 +85,18 @@ class Bank:
         place, name = candidate.key
         try:
             rig = self.rig.with_effect(place, name, values)
-            changed = self.evidence.residuals(rig, self.fitted.residuals, {place}, rough=True)
+            # with a delay nothing is simulated roughly: what it changes is the difference to what was not either
+            base = self.fitted.residuals if name == "delay" else self.rough
+            changed = self.evidence.residuals(rig, base, {place}, rough=True)
         except UserError:
             return None
-        rows = self._stack(self.fitted.residuals) - self._stack(changed)
+        rows = self._stack(base) - self._stack(changed)
         return rows if np.isfinite(rows).all() else None
 
     def score(self, candidate: Candidate) -> Score | None:
         """The best of a candidate's grid."""
         best: Score | None = None
-        for values in wave_grid(candidate, self) or candidate.grid:
+        for values in wave_grid(candidate, self) or delay_grid(candidate, self) or candidate.grid:
             found = self._score(candidate, values)
             if found and (best is None or found.gain > best.gain):
                 best = found
@@ -108,28 +113,31 @@ class Bank:
         if signature is None:
             return None
         projected = self._project(signature)
-        if size.neutral == 0.0:
-            factor = self._wanted(candidate, projected)
+        for _ in range(GROWTHS if size.neutral == 0.0 else 0):
+            factor = self._wanted(projected, size.low)
             if not factor:
-                return self._rate(candidate, values, projected) if factor is None else None
-            if not 1.0 / SIZE_BAND < factor < SIZE_BAND:
-                value = float(np.clip(values[size.name] * factor, size.low, size.high))
-                values = {**values, size.name: value}
-                again = self.signature(candidate, values)
-                if again is None:
-                    return None
-                projected = self._project(again)
+                return None
+            value = float(np.clip(values[size.name] * factor, size.low, size.high))
+            if 1.0 / SIZE_BAND < factor < SIZE_BAND or value == values[size.name]:
+                break
+            values = {**values, size.name: value}
+            again = self.signature(candidate, values)
+            if again is None:
+                return None
+            projected = self._project(again)
+            if abs(factor) < GROWTH_MAX:
+                break
         return self._rate(candidate, values, projected)
 
-    def _wanted(self, candidate: Candidate, projected: Floats) -> float | None:
-        """Factor on the size at which the signature would fit best; None to leave it; 0: it does nothing."""
+    def _wanted(self, projected: Floats, low: float) -> float:
+        """Factor on the size, not below ``low``, at which the signature would fit best; 0: it does nothing."""
         norm = float(projected @ projected)
         if norm < 1e-12 * max(self.total, 1.0):
             return 0.0
         factor = float(projected @ self.residual) / norm
         most = np.sqrt(self.total / norm)
         factor = np.sign(factor) * max(abs(factor), 0.1 * most)
-        if factor < 0.0 and candidate.effect.size.low >= 0.0:
+        if factor < 0.0 <= low:
             factor = 0.1 * most  # the wrong sign at this size; it may still turn at another
         return float(np.clip(factor, -GROWTH_MAX, GROWTH_MAX))
 
@@ -174,7 +182,7 @@ def _bound(free: Free, x: float) -> bool:
 def bank(evidence: Evidence, fitted: Fit, listed: list[Candidate]) -> tuple[Bank, list[Score]]:
     """Score all candidates about a fitted rig, best first."""
     signatures = Bank(evidence, fitted)
-    scores = [s for c in listed if (s := signatures.score(c)) is not None]
+    scores = [s for s in spread(signatures.score, listed) if s is not None]
     return signatures, sorted(scores, key=lambda s: -s.gain)
 
 

@@ -5,7 +5,8 @@ and each is tried without in the end.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -13,12 +14,23 @@ from dtbacklash.diagnose.candidates import candidates, motion_of
 from dtbacklash.diagnose.compare import places_of
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.locate import Score, bank
-from dtbacklash.diagnose.refit import Fit, effect_free, fit, nominal_free, objective
+from dtbacklash.diagnose.refit import Fit, effect_free, fit, nominal_free, objective, weights_for
+from dtbacklash.diagnose.spread import spread
+from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.plant import Floats
 
 #: effects at most in one diagnosis
 EFFECTS_MAX = 4
 #: of a bank's candidates that promise more than GAIN_MIN, as many are fitted, quickly and then in full
 FITTED, FINISHED, GAIN_MIN = 5, 3, 12.0
+#: rivals that an effect is tried against when another has joined, and in the end
+SWAPPED, RIVALS = 2, 4
+#: signatures whose cosine is above this are those of twins; as many are fitted beside the best candidates
+TWIN, TWINS_MAX = 0.95, 3
+#: held-out loss, in floors, below which a fit leaves noise only
+CLOSE = 1.1
+#: a quick fit that leaves this many times what the best one leaves is not finished
+HOPELESS = 4.0
 #: standard errors that the held-out loss has to fall by, in the paired test over stretches
 T_MIN = 2.0
 #: least share of the held-out excess over the floor that an effect has to take away, and of the floor itself
@@ -48,12 +60,17 @@ class Trial:
 class Search:
     """What the search did: the nominal rig's fit, the last fit, every trial, and per effect what would fit as well."""
 
+    evidence: Evidence
     nominal: Fit
     fitted: Fit
     order: list[Key]
     trials: list[Trial] = field(default_factory=list)
     rivals: dict[Key, list[Trial]] = field(default_factory=dict)
+    #: per effect what was fitted beside it when it was added
+    tried: dict[Key, list[Trial]] = field(default_factory=dict)
     scores: list[Score] = field(default_factory=list)
+    #: per effect the simplest at its place that would be named if it were not there, but explains less
+    instead: dict[Key, Trial] = field(default_factory=dict)
 
 
 def held_loss(evidence: Evidence, fitted: Fit) -> float:
@@ -94,14 +111,15 @@ def earns(evidence: Evidence, before: Fit, after: Fit, nominal: Fit) -> bool:
     share, floor, t = paired(evidence, before, after)
     relief = before.penalty - after.penalty
     if share > SHARE_MIN and floor > FLOOR_MIN and t > T_MIN:
-        return floor > MINOR * _worst(evidence, nominal) or _worst(evidence, after) < NEARLY_NOISE
+        names = [b.name for b in evidence.blocks if after.residuals[b.name] is not before.residuals[b.name]]
+        return floor > MINOR * _worst(evidence, nominal, names) or _worst(evidence, after, names) < NEARLY_NOISE
     return relief > PENALTY_MIN and share > -SHARE_MIN / 4
 
 
-def _worst(evidence: Evidence, fitted: Fit) -> float:
-    """Largest held-out mean square of a fit, in units of the floor's."""
+def _worst(evidence: Evidence, fitted: Fit, names: list[str]) -> float:
+    """Largest held-out mean square of a fit in these blocks, in units of the floor's."""
     squares = evidence.mean_square(fitted.residuals, "held")
-    return max(float(v.max()) for v in squares.values())
+    return max(float(squares[n].max()) for n in names)
 
 
 def refit_with(evidence: Evidence, current: Fit, added: list[tuple[Key, dict[str, float]]], left_out: Key | None = None,
@@ -140,15 +158,41 @@ def search(evidence: Evidence, progress: Callable[[str, float], None] | None = N
     rig = evidence.nominal
     say("recalibrating the nominal rig", 0.02)
     nominal = fit(evidence, rig, nominal_free(rig))
-    found = Search(nominal, nominal, [])
+    found = Search(evidence, nominal, nominal, [])
     while len(found.order) < EFFECTS_MAX:
+        _listen(found)
         say(f"looking for effect {len(found.order) + 1}", 0.1 + 0.2 * len(found.order))
-        if not _add(evidence, found):
+        if not _add(found.evidence, found):
             break
-        _swap(evidence, found)
-    say("trying to do without", 0.9)
-    _eliminate(evidence, found)
+        _reconsider(found.evidence, found, found.order[:-1], SWAPPED)
+    say("trying to do without", 0.8)
+    _eliminate(found.evidence, found)
+    if len(found.order) > 1:
+        say("what else would fit", 0.9)
+        _reconsider(found.evidence, found, list(found.order), RIVALS)
     return found
+
+
+def _listen(found: Search) -> None:
+    """Lower the floor where what the last fit leaves shows that there is less noise."""
+    before, evidence = found.evidence, found.evidence.quieter(found.fitted.residuals)
+    if evidence is before:
+        return
+
+    def seen(fitted: Fit) -> Fit:
+        residuals = evidence.rescaled(fitted.residuals, before)
+        return replace(fitted, residuals=residuals, weights=weights_for(evidence, residuals))
+
+    found.evidence = evidence
+    found.nominal, found.fitted = seen(found.nominal), seen(found.fitted)
+    for trial in found.trials:
+        trial.fitted = seen(trial.fitted)
+        trial.held_out = held_loss(evidence, trial.fitted)
+    # the weights of the channels have changed: the same structure, fitted anew
+    if not found.order:
+        found.nominal = found.fitted = fit(evidence, evidence.nominal, found.nominal.free, found.nominal.x)
+    else:
+        found.fitted = refit_with(evidence, found.fitted, [(key, found.fitted.effects[key]) for key in found.order])
 
 
 def scores_about(evidence: Evidence, fitted: Fit) -> list[Score]:
@@ -163,9 +207,9 @@ def _promising(evidence: Evidence, scores: list[Score]) -> list[Score]:
     return [s for s in scores if s.gain > max(GAIN_MIN, 0.5 * FLOOR_MIN * samples * s.lightest)]
 
 
-def _try(evidence: Evidence, current: Fit, score: Score, quick: bool = False) -> Trial:
-    rounds, evaluations = (1, 5) if quick else (2, 8)
-    fitted = refit_with(evidence, current, [(score.candidate.key, score.values)], None, rounds, evaluations)
+def _try(evidence: Evidence, current: Fit, score: Score) -> Trial:
+    """A quick fit."""
+    fitted = refit_with(evidence, current, [(score.candidate.key, score.values)], None, 1, 5)
     return Trial(score.candidate.key, score, fitted, held_loss(evidence, fitted))
 
 
@@ -183,21 +227,74 @@ def merit(evidence: Evidence, trial_fit: Fit) -> float:
 
 
 def _add(evidence: Evidence, found: Search) -> bool:
-    """Add the best candidate that earns its place, or the best pair where none does alone."""
+    """Add the best candidate that earns its place."""
     scores = scores_about(evidence, found.fitted)
     if not found.scores:
         found.scores = scores
-    trials = [_try(evidence, found.fitted, s, quick=True) for s in _promising(evidence, scores)[:FITTED]]
+    current = found.fitted
+    trials = spread(partial(_try, evidence, current), _promising(evidence, scores)[:FITTED])
+    trials += spread(partial(_try, evidence, current), _twins(evidence, scores, trials))
     trials.sort(key=lambda t: merit(evidence, t.fitted))
-    trials = [_finish(evidence, found.fitted, t) if j < FINISHED else t for j, t in enumerate(trials)]
+    rest = [t for t in trials[:FINISHED] if t.held_out < HOPELESS * trials[0].held_out]
+    trials = [*spread(partial(_finish, evidence, current), rest), *trials[len(rest) :]]
+    trials += spread(partial(_try, evidence, current), _siblings(evidence, scores, trials))
     found.trials += trials
     for trial in _simplest_first(evidence, trials):
         if earns(evidence, found.fitted, trial.fitted, found.nominal):
+            _note_instead(evidence, found, trial.key, (current, trial.fitted), trials)
             found.fitted, trial.verdict = trial.fitted, "added"
             found.order.append(trial.key)
-            found.rivals[trial.key] = [t for t in trials if t is not trial and same(evidence, trial.fitted, t.fitted)]
+            found.tried[trial.key] = [t for t in trials if t is not trial]
+            found.rivals[trial.key] = [t for t in found.tried[trial.key] if same(evidence, trial.fitted, t.fitted)]
             return True
     return False
+
+
+def _twins(evidence: Evidence, scores: list[Score], trials: list[Trial]) -> list[Score]:
+    """Those not tried yet whose signatures are almost that of the best trial."""
+    best = min(trials, key=lambda t: merit(evidence, t.fitted), default=None)
+    if best is None:
+        return []
+    known, mine = {t.key for t in trials}, best.score.signature
+    near = [s for s in scores if s.candidate.key not in known and abs(_cosine(s.signature, mine)) > TWIN]
+    return near[:TWINS_MAX]
+
+
+def _cosine(a: Floats, b: Floats) -> float:
+    return float(a @ b) / max(float(np.sqrt((a @ a) * (b @ b))), 1e-300)
+
+
+def _siblings(evidence: Evidence, scores: list[Score], trials: list[Trial]) -> list[Score]:
+    """The best trial's effect at the other places that take it, from the values that were fitted here.
+
+    Only where noise is not all that is left: a resonance that is narrow or a stop that is seldom hit is found at the
+    wrong place first, because its grid happens to be nearer there.
+    """
+    best = min(trials, key=lambda t: merit(evidence, t.fitted), default=None)
+    values = best.fitted.rig.effect(*best.key) if best else None
+    if best is None or values is None or best.held_out < CLOSE:
+        return []
+    known = {t.key for t in trials}
+    return [
+        replace(s, values=values) for s in scores
+        if s.candidate.key[1] == best.key[1] and s.candidate.key not in known
+        and s.candidate.effect.kind == best.score.candidate.effect.kind
+    ]  # fmt: skip
+
+
+def _note_instead(evidence: Evidence, found: Search, key: Key, fits: tuple[Fit, Fit], trials: list[Trial]) -> None:
+    """Remember the simplest of the trials at the same place that explain less; ``fits`` : without ``key``, with it."""
+    without, chosen = fits
+    less = [
+        t for t in trials
+        if t.key != key and t.key[0] == key[0] and not same(evidence, chosen, t.fitted)
+        and earns(evidence, without, t.fitted, found.nominal)
+    ]  # fmt: skip
+    found.instead.pop(key, None)
+    if less:
+        found.instead[key] = min(
+            less, key=lambda t: (len(t.score.candidate.effect.parameters), merit(evidence, t.fitted))
+        )
 
 
 def same(evidence: Evidence, chosen: Fit, rival: Fit) -> bool:
@@ -226,26 +323,35 @@ def _simplest_first(evidence: Evidence, trials: list[Trial]) -> list[Trial]:
     return sorted(equal, key=lambda t: (len(t.score.candidate.effect.parameters), merit(evidence, t.fitted)))
 
 
-def _swap(evidence: Evidence, found: Search) -> None:
-    """Try every earlier effect against its rivals, now that others have joined."""
-    for earlier in found.order[:-1]:
+def _reconsider(evidence: Evidence, found: Search, keys: list[Key], rivals: int) -> None:
+    """Try effects against the best ``rivals`` of their time, now that others have joined."""
+    for earlier in keys:
         key = earlier
         without = refit_with(evidence, found.fitted, [], key)
-        scores = [s for s in _promising(evidence, scores_about(evidence, without)) if s.candidate.key != key][:2]
-        best = merit(evidence, found.fitted)
+        former = [t for t in found.tried.get(key, []) if t.key not in found.order]
+        former = sorted(former, key=lambda t: t.held_out)[:rivals]
+        trials = spread(partial(_finish, evidence, without), former)
+        _note_instead(evidence, found, key, (without, found.fitted), trials)
         found.rivals[key] = []
-        for score in scores:
-            trial = _try(evidence, without, score)
+        for trial in trials:
             if same(evidence, found.fitted, trial.fitted):
                 found.rivals[key].append(trial)
-            if merit(evidence, trial.fitted) < best and not nearly(evidence, trial.fitted, found.fitted):
-                best = merit(evidence, trial.fitted)
+            fewer = _count(evidence, trial.key) < _count(evidence, key)
+            simpler = fewer and nearly(evidence, found.fitted, trial.fitted)
+            better = merit(evidence, trial.fitted) < merit(evidence, found.fitted)
+            if simpler or (better and not nearly(evidence, trial.fitted, found.fitted)):
                 found.fitted = trial.fitted
                 found.order = [trial.key if k == key else k for k in found.order]
                 trial.verdict = f"took the place of {key[1]}"
                 found.trials.append(trial)
-                found.rivals[trial.key] = []
+                found.rivals[trial.key] = [t for t in found.rivals.pop(key) if t is not trial]
+                found.tried[trial.key] = found.tried.pop(key, [])
                 key = trial.key
+
+
+def _count(evidence: Evidence, key: Key) -> int:
+    """How many parameters an effect has."""
+    return len(find(evidence.nominal.kind_at(key[0]), key[1], key[0]).parameters)
 
 
 def _eliminate(evidence: Evidence, found: Search) -> None:

@@ -23,6 +23,8 @@ from dtbacklash.physics.rig import Rig, build_rig
 TOLERANCES_MAX = 3.0
 #: as many samples at least count as one where the residual is far above the floor
 CORRELATED_S = 0.02
+#: the Jacobian's columns of the nominal parameters serve until one of these has moved by as many tolerances
+STALE = 0.05
 
 Effects = dict[tuple[str, str], dict[str, float]]
 
@@ -170,6 +172,13 @@ class Problem:
         self.weights: dict[str, Floats] = {}
         self.prior = np.array([f.prior for f in free])
         self._last: tuple[bytes, Residuals] | None = None
+        self._kept: dict[int, Floats] = {}
+        self._kept_at = np.zeros(0)
+
+    def weigh(self, residuals: Residuals) -> None:
+        """Take the weights of these residuals, and let the next Jacobian be made anew."""
+        self.weights = weights_for(self.evidence, residuals)
+        self._kept = {}
 
     def residuals(self, x: Floats) -> Residuals:
         """Residuals at x; the last ones are remembered."""
@@ -187,32 +196,60 @@ class Problem:
         rows.append(x[self.prior])
         return np.concatenate(rows)
 
-    def jacobian(self, x: Floats, central: bool = False) -> Floats:
-        """Forward or central differences; blocks that a parameter does not touch are not simulated.
-
-        Directions that only the priors determine show as such in central differences: the curvature is out of them.
-        """
+    def jacobian(self, x: Floats) -> Floats:
+        """Forward differences; blocks that a parameter does not touch are not simulated."""
         here = self.residuals(x)
         start = self.stack(here, x)
+        if self._kept and np.abs(x - self._kept_at)[self.prior].max() > STALE:
+            self._kept = {}
+        if not self._kept:
+            self._kept_at = x.copy()
         columns = np.empty((len(start), len(self.free)))
         for j, f in enumerate(self.free):
+            if j in self._kept:
+                columns[:, j] = self._kept[j]
+                continue
             step = _step(f, x[j])
-            moved = x.copy()
-            moved[j] += step
-            there = self.evidence.residuals(apply(self.base, self.free, moved), here, set(f.places))
-            columns[:, j] = (self.stack(there, moved) - start) / step
-            if central:
-                moved[j] = x[j] - step
-                there = self.evidence.residuals(apply(self.base, self.free, moved), here, set(f.places))
-                columns[:, j] = 0.5 * (columns[:, j] + (start - self.stack(there, moved)) / step)
+            columns[:, j] = (self._moved(x, j, step, here) - start) / step
+            if f.prior:  # these are most of the simulations
+                self._kept[j] = columns[:, j].copy()
         return columns
+
+    def precise_jacobian(self, x: Floats) -> Floats:
+        """Differences of fourth order.
+
+        Directions that only the priors determine (all masses, springs and forces grow alike) show as such only if
+        neither the contacts' last tick nor the curvature of the response is in the differences.
+        """
+        here = self.residuals(x)
+        columns = []
+        for j, f in enumerate(self.free):
+            low, high = f.limits()
+            step = _step(f, x[j])
+            room = min(high - x[j], x[j] - low)
+            if room < 2.0 * abs(step):
+                step = 0.5 * room
+            if step == 0.0:  # at its bound: it cannot move both ways
+                step = _step(f, x[j])
+                columns.append((self._moved(x, j, step, here) - self.stack(here, x)) / step)
+                continue
+            near = self._moved(x, j, step, here) - self._moved(x, j, -step, here)
+            far = self._moved(x, j, 2.0 * step, here) - self._moved(x, j, -2.0 * step, here)
+            columns.append((8.0 * near - far) / (12.0 * step))
+        return np.column_stack(columns)
+
+    def _moved(self, x: Floats, j: int, step: float, here: Residuals) -> Floats:
+        """The rows with one parameter moved."""
+        at = x.copy()
+        at[j] += step
+        there = self.evidence.residuals(apply(self.base, self.free, at), here, set(self.free[j].places))
+        return self.stack(there, at)
 
 
 def _step(free: Free, x: float) -> float:
+    """Step of a difference: large enough that contacts found a tick earlier or later do not show in it."""
     high = free.limits()[1]
-    step = 1e-4 if free.prior else 1e-2
-    if free.name in ("periods", "wave_number"):
-        step = 1e-3
+    step = 1e-3 if free.name in ("periods", "wave_number") else 1e-2
     return -step if x + step > high else step
 
 
@@ -234,7 +271,7 @@ def fit(
     bounds = np.array([f.limits() for f in free]).reshape(-1, 2).T
     x = np.clip(x, bounds[0] + 1e-9, bounds[1] - 1e-9) if len(free) else x
     for _ in range(rounds if len(free) else 0):
-        problem.weights = weights_for(evidence, problem.residuals(x))
+        problem.weigh(problem.residuals(x))
         x = _solve(problem, x, bounds, evaluations)
     residuals = problem.residuals(x)
     rig = apply(base, free, x)

@@ -7,13 +7,26 @@ import numpy as np
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.name import Key, Search
 
-#: a mismatch that lies within this time of an event is said to lie there
-NEAR_S = 0.05
+#: a mismatch that lies within one of these times of an event is said to lie there, s
+NEAR_S = (0.05, 0.1, 0.2, 0.3)
+#: slower than this share of the highest speed is taken as rest
+TREMOR = 0.02
 
 
 def quantity(value: float, unit: str) -> str:
-    """A number with its unit, three digits."""
+    """A number with its unit, three digits; lengths in millimetres."""
+    if unit == "m":
+        value, unit = 1e3 * value, "mm"
     return f"{value:.3g}" + ("" if unit in ("", "1") else f" {unit}")
+
+
+def less(instead: dict[str, Any] | None) -> str:
+    """What the second best would be, where there is one that explains a part."""
+    if instead is None or instead["times_the_error"] < 1.0:
+        return ""
+    what = f"{instead['effect'].replace('_', ' ')} ({quantity(instead['value'], instead['unit'])})"
+    return (f" Without it, {what} at the {instead['location'].replace('_', ' ')} would be named, which leaves "
+            f"{instead['times_the_error']:.2g} times the error; beside it there is no need of that.")  # fmt: skip
 
 
 def when(evidence: Evidence, found: Search, key: Key) -> str:
@@ -27,16 +40,21 @@ def when(evidence: Evidence, found: Search, key: Key) -> str:
         change += np.sum(difference**2, axis=1)
     if change.sum() <= 0.0:
         return "the effect does not change the prediction of this recording"
-    signal = record.y[evidence.blocks[0].channels[0]]
+    # a positioner's command is the motion itself
+    imposed = evidence.nominal.only("positioner") is not None
+    signal = record.u if imposed else record.y[evidence.blocks[0].channels[0]]
     smooth = np.convolve(np.gradient(signal), np.ones(11) / 11, "same")
-    near = max(1, round(NEAR_S / record.sample_time_s))
-    turns = np.flatnonzero(np.diff(np.sign(smooth)) != 0)
-    mask = np.zeros(record.samples, dtype=bool)
-    for k in turns:
-        mask[max(0, k - near) : k + near] = True
-    share = float(change[mask].sum() / change.sum())
-    if share > 0.5 and mask.mean() < 0.6 * share:
-        return f"{100 * share:.0f} % of the mismatch lies within {1e3 * NEAR_S:.0f} ms of a velocity reversal"
+    moving = np.flatnonzero(np.abs(smooth) > TREMOR * np.abs(smooth).max())
+    turns = moving[1:][np.diff(np.sign(smooth[moving])) != 0]
+    before = max(1, round(NEAR_S[0] / record.sample_time_s))
+    for near_s in NEAR_S:
+        near = max(1, round(near_s / record.sample_time_s))
+        mask = np.zeros(record.samples, dtype=bool)
+        for k in turns:
+            mask[max(0, k - before) : k + near] = True
+        share = float(change[mask].sum() / change.sum())
+        if share > 0.5 and mask.mean() < 0.6 * share:
+            return f"{100 * share:.0f} % of the mismatch lies within {1e3 * near_s:.0f} ms of a velocity reversal"
     fast = np.abs(smooth) > np.quantile(np.abs(smooth), 0.75)
     share = float(change[fast].sum() / change.sum())
     if share > 0.5:

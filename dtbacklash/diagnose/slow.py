@@ -23,7 +23,9 @@ def slow_evidence(evidence: Evidence) -> Evidence:
     step = evidence.records[0].sample_time_s
     slow = (2.0 * SLOW_RAD_S * step, SLOW_RAD_S**2 * step)
     blocks: list[Block] = [replace(b, gains=slow) if b.gains[1] > 0.0 else b for b in evidence.blocks]
-    return replace(evidence, blocks=blocks, floor=noise_floor(evidence.nominal, blocks, evidence.records))
+    return replace(
+        evidence, blocks=blocks, floor=noise_floor(evidence.nominal, blocks, evidence.records, evidence.noise)
+    )
 
 
 def _seen_by(evidence: Evidence, fitted: Fit) -> Fit:

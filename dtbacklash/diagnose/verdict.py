@@ -5,16 +5,19 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from dtbacklash.diagnose.command import CLEARLY, held_equivalent
 from dtbacklash.diagnose.compare import Record
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.intervals import standard_errors
-from dtbacklash.diagnose.name import Key, Search, search
+from dtbacklash.diagnose.name import Key, Search, held_loss, search
 from dtbacklash.diagnose.next_experiment import next_experiment
+from dtbacklash.diagnose.recover import Recovered, locate_rest, recover
 from dtbacklash.diagnose.refit import Fit, fit, nominal_free
-from dtbacklash.diagnose.sayings import quantity, summary, when
+from dtbacklash.diagnose.sayings import less, quantity, summary, when
 from dtbacklash.diagnose.slow import refit_slowly
+from dtbacklash.diagnose.spread import on_cores
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig
 
@@ -36,7 +39,9 @@ class Diagnosis:
     """The result of a diagnosis.
 
     verdict : one of the four. search : fits, trials and rivals. evidence : recordings, blocks, floor. nominal : the
-    rig as it was given. extended : the rig with what was found. document : the content of ``diagnosis.json``.
+    rig as it was given. extended : the rig with what was found. recovered : per finding its effect and the effort
+    that a model without it lacks; last, with an empty effect, what nothing explains. document : the content of
+    ``diagnosis.json``.
     """
 
     verdict: str
@@ -44,6 +49,7 @@ class Diagnosis:
     search: Search
     nominal: Rig
     extended: Rig
+    recovered: list[tuple[str, Recovered]]
     document: dict[str, Any]
 
     def to_json(self) -> dict[str, Any]:
@@ -52,7 +58,7 @@ class Diagnosis:
 
 
 def diagnose_records(
-    rig: Rig, records: list[Record], progress: Callable[[str, float], None] | None = None
+    rig: Rig, records: list[Record], progress: Callable[[str, float], None] | None = None, jobs: int | None = None
 ) -> Diagnosis:
     """Diagnose recordings on a rig.
 
@@ -60,20 +66,25 @@ def diagnose_records(
     ----------
     rig : the nominal rig; effects that it has already are kept and fitted anew.
     records : with masks of the samples to fit and to judge on. progress : called with a text and a share, 0 to 1.
+    jobs : threads; None leaves what joblib has been told, else one.
 
     Raises
     ------
     UserError : no channel of the rig was recorded, or an integrating part of it was not measured.
     """
-    evidence, note = _read_command(rig, records)
-    found = search(evidence, progress)
-    slow, fitted = refit_slowly(evidence, found)
-    errors = standard_errors(slow, fitted)
-    moved = _moved(evidence, found.fitted, errors)
-    verdict = _verdict(evidence, found, moved)
-    document = _document(evidence, found, verdict, errors, moved)
+    # many short products of long vectors: threads of the linear algebra would cost more than they bring
+    with on_cores(jobs), threadpool_limits(1, "blas"):
+        evidence, note = _read_command(rig, records)
+        found = search(evidence, progress)
+        evidence = found.evidence
+        slow, fitted = refit_slowly(evidence, found)
+        errors = standard_errors(slow, fitted)
+        moved = _moved(evidence, found.fitted, errors)
+        verdict = _verdict(evidence, found, moved)
+        recovered = _recovered(evidence, found, verdict)
+        document = _document(evidence, found, verdict, errors, moved, recovered)
     document["notes"] = [note] if note else []
-    return Diagnosis(verdict, evidence, found, rig, found.fitted.rig, document)
+    return Diagnosis(verdict, evidence, found, rig, found.fitted.rig, recovered, document)
 
 
 def _read_command(rig: Rig, records: list[Record]) -> tuple[Evidence, str]:
@@ -143,7 +154,18 @@ def _uncalibrated(evidence: Evidence, fitted: Fit) -> Rig:
     return fitted.rig.with_parameters(values)
 
 
-def _document(evidence: Evidence, found: Search, verdict: str, errors: Errors, moved: Moved) -> dict[str, Any]:
+def _recovered(evidence: Evidence, found: Search, verdict: str) -> list[tuple[str, Recovered]]:
+    listed = [(key[1], recover(evidence, found.fitted, *key)) for key in found.order]
+    if verdict == UNEXPLAINED:
+        listed.append(("", locate_rest(evidence, found.fitted)))
+    return [(effect, r) for effect, r in listed if r is not None]
+
+
+def _document(
+    evidence: Evidence, found: Search, verdict: str, errors: Errors, moved: Moved,
+    recovered: list[tuple[str, Recovered]],
+) -> dict[str, Any]:  # fmt: skip
+    located = _located(evidence, found, next((r for effect, r in recovered if not effect), None))
     findings = [_finding(evidence, found, key, errors) for key in found.order]
     units = {name: p.unit for name, p in evidence.nominal.config.parameters.items()}
     recalibrated = {
@@ -153,12 +175,12 @@ def _document(evidence: Evidence, found: Search, verdict: str, errors: Errors, m
     }  # fmt: skip
     return {
         "verdict": verdict,
-        "summary": summary(verdict, findings, recalibrated, _located(evidence, found)),
+        "summary": summary(verdict, findings, recalibrated, located),
         "findings": findings,
         "recalibrated": recalibrated,
         "fit": _fit_table(evidence, found),
         "candidates": _candidates(found),
-        "located": _located(evidence, found),
+        "located": located,
         "next_experiment": next_experiment(evidence, found),
     }
 
@@ -175,6 +197,7 @@ def _finding(evidence: Evidence, found: Search, key: Key, errors: Errors) -> dic
         error, value = errors.get((place, name, p.name), float("nan")), values[p.name]
         interval = [max(value - 1.96 * error, p.low), min(value + 1.96 * error, p.high)]
         parameters[p.name] = {"value": value, "unit": units[p.name], "ci95": interval}
+    instead = _instead(evidence, found, key)
     shown = {n: quantity(p["value"], p["unit"]) for n, p in parameters.items()}
     return {
         "location": place,
@@ -182,19 +205,37 @@ def _finding(evidence: Evidence, found: Search, key: Key, errors: Errors) -> dic
         "parameters": parameters,
         "also_fits": [{"location": t.key[0], "effect": t.key[1]} for t in found.rivals.get(key, [])],
         "when": when(evidence, found, key),
-        "sentence": entry.sentence.format(location=place.replace("_", " "), **shown),
+        "instead": instead,
+        "sentence": entry.sentence.format(location=place.replace("_", " "), **shown) + less(instead),
     }
 
 
-def _located(evidence: Evidence, found: Search) -> dict[str, Any] | None:
-    """Where what is left sits: the block, and the place whose candidates explain it best."""
+def _instead(evidence: Evidence, found: Search, key: Key) -> dict[str, Any] | None:
+    """What would be named if an effect were not in the catalogue: place, effect, size, and how much worse it is."""
+    trial = found.instead.get(key)
+    if trial is None or trial.key in found.order:
+        return None
+    size = find(evidence.nominal.kind_at(trial.key[0]), trial.key[1], trial.key[0]).size
+    values = trial.fitted.rig.effect(*trial.key) or {}
+    worse = held_loss(evidence, trial.fitted) / held_loss(evidence, found.fitted)
+    return {"location": trial.key[0], "effect": trial.key[1], "value": values.get(size.name, size.neutral),
+            "unit": size.unit, "times_the_error": worse}  # fmt: skip
+
+
+def _located(evidence: Evidence, found: Search, rest: Recovered | None) -> dict[str, Any] | None:
+    """Where what is left sits: the block, and the place and state whose effort explains most of it."""
     shares = remaining(evidence, found)
     name = max(shares, key=lambda n: shares[n])
     if shares[name] <= REMAINS:
         return None
-    places = [t.key[0] for t in sorted(found.trials, key=lambda t: t.held_out)]
-    places += [s.candidate.place for s in found.scores[:1]]
-    return {"block": name, "location": places[0] if places else name, "share": shares[name]}
+    located: dict[str, Any] = {"block": name, "location": name, "share": shares[name]}
+    if rest is not None:
+        points = zip(rest.knots.tolist(), rest.effort.tolist(), rest.error.tolist(), strict=True)
+        located |= {
+            "location": rest.place, "state": rest.state, "state_unit": rest.state_unit,
+            "effort_unit": rest.effort_unit, "explained": rest.share, "recovered": [list(p) for p in points],
+        }  # fmt: skip
+    return located
 
 
 def _fit_table(evidence: Evidence, found: Search) -> dict[str, Any]:

@@ -7,7 +7,8 @@ import numpy as np
 
 from dtbacklash.errors import UserError
 from dtbacklash.physics import plant as pl
-from dtbacklash.physics.elements import GROUND
+from dtbacklash.physics.elements import GROUND, SLIDING_KINDS
+from dtbacklash.physics.exponential import discretise
 from dtbacklash.physics.plant import Floats, Ints, Plant
 from dtbacklash.physics.rig import SENSOR_PREFIX, Element, Rig
 
@@ -16,9 +17,6 @@ SCREW_DAMPING_RATIO = 0.02
 
 #: steps a sample where forces act beside the linear plant: errs by less than 1e-4 mm on every effect (tests)
 SUBSTEPS_FORCED = 8
-
-#: terms of the Taylor series of the matrix functions: the first one left out is below 1e-19 at |A| h = 1/2
-_TAYLOR_TERMS = 16
 
 
 @dataclass
@@ -83,11 +81,12 @@ def compile_plant(
     sample_time_s : sampling time, s.
     substeps : steps a sample; 0 chooses 1 where the linear solution is exact, else SUBSTEPS_FORCED.
     event_levels : a contact is located to ``sample_time_s / substeps / 2**event_levels``.
-    imposed : drive the gear with a given motor angle instead of the simulated motor.
+    imposed : drive the gear with a given motor angle instead of the simulated motor. A positioner always imposes.
 
     Source: exponential time differencing of second order with a ramp (Cox & Matthews, J. Comput. Phys. 176
     (2002) 430), exact for the linear part and for inputs that are constant or linear in a step.
     """
+    imposed = imposed or rig.only("positioner") is not None
     parts = _take_apart(rig, imposed)
     n_aux = sum(1 for j in parts.aux_of_link if j >= 0)
     circuit = None if imposed else rig.only("motor_circuit")
@@ -99,11 +98,11 @@ def compile_plant(
     link = np.array(parts.link, dtype=float).reshape(-1, pl.N_LINK)
     circuit_row = _circuit_row(rig, circuit)
     screw = _screw_row(parts)
-    forced = bool(body.any() or link[:, 1:].any() or parts.friction or heat or circuit_row[pl.C_RIPPLE])
+    forced = bool(body.any() or link[:, pl.L_BESIDE :].any() or parts.friction or heat or circuit_row[pl.C_RIPPLE])
     forced = forced or bool(screw[pl.S_AMPLITUDE])
     substeps = substeps or (SUBSTEPS_FORCED if forced else 1)
     A, G = _continuous(parts, circuit, n_aux + (1 if heat else 0), heat, screw)
-    E, P1, P2 = _discretise(A, G, sample_time_s / substeps, event_levels + 1)
+    E, P1, P2 = discretise(A, G, sample_time_s / substeps, event_levels + 1)
     delay = _delay(rig, sample_time_s, substeps << event_levels)
     looks = _sensor_delays(rig, sample_time_s, substeps << event_levels)
     return Plant(
@@ -118,9 +117,14 @@ def compile_plant(
         current=0 if circuit else -1,
         rotor=-1 if imposed or rig.only("rotor") is None else 0,
         n_bodies=len(parts.bodies.names), position=1 if circuit else 0,
-        heat=heat_index, has_base=rig.only("screw") is not None, imposed=imposed, forced=forced,
+        heat=heat_index, has_base=_base_drive(rig) is not None, imposed=imposed, forced=forced,
         delay_whole=delay[0], delay_ticks=delay[1],
     )  # fmt: skip
+
+
+def _base_drive(rig: Rig) -> Element | None:
+    """What moves the base, whatever else happens: a screw or a positioner."""
+    return rig.only("screw") or rig.only("positioner")
 
 
 def state_names(rig: Rig, imposed: bool = False) -> list[str]:
@@ -132,11 +136,11 @@ def _take_apart(rig: Rig, imposed: bool) -> _Parts:
     rotor, screw = rig.only("rotor"), rig.only("screw")
     compliance = rig.effect(screw.name, "compliance") if screw else None
     carried = screw.neighbours.get("carries") if screw else None
-    base = carried if carried and not compliance else None
+    base = _base(rig)
     inertia: dict[str, float] = {}
     if rotor and not imposed:
         inertia[rotor.name] = rotor.values["inertia"]
-    masses = [*rig.of_kind("mass"), *rig.of_kind("carriage")]
+    masses = [e for kind in SLIDING_KINDS for e in rig.of_kind(kind)]
     order = list(rig.elements)
     for element in sorted(masses, key=lambda e: order.index(e.name)):
         if element.name != base:
@@ -165,7 +169,7 @@ def _take_apart(rig: Rig, imposed: bool) -> _Parts:
         omega = 2.0 * math.pi * absorber["frequency"]
         m, zeta = absorber["mass"], absorber["damping_ratio"]
         bodies.connect(bodies.end(host, base), bodies.names.index(name), m * omega**2, 2 * zeta * omega * m)
-    for element in rig.of_kind("link"):
+    for element in rig.links():
         _add_link(parts, element)
     for element in rig.elements.values():
         _add_bearing(parts, element)
@@ -178,13 +182,23 @@ def _take_apart(rig: Rig, imposed: bool) -> _Parts:
     return parts
 
 
+def _base(rig: Rig) -> str | None:
+    """What moves as it is driven, whatever pulls on it: a positioner, or the mass on a screw that does not give way."""
+    if positioner := rig.only("positioner"):
+        return positioner.name
+    screw = rig.only("screw")
+    if screw is None or rig.effect(screw.name, "compliance"):
+        return None
+    return screw.neighbours.get("carries")
+
+
 def _add_link(parts: _Parts, element: Element) -> None:
     rig, bodies = parts.rig, parts.bodies
     a, b = (bodies.end(name, parts.base) for name in element.neighbours["between"])
     k, c = element.values["stiffness"], element.values.get("damping", 0.0)
     bodies.connect(a, b, k, c)
     row = [0.0] * pl.N_LINK
-    row[pl.L_K] = k
+    row[pl.L_K], row[pl.L_C] = k, c
     columns = {
         "cubic_stiffness": {"k3": pl.L_CUBIC},
         "quadratic_damping": {"c2": pl.L_QUADRATIC},
@@ -195,6 +209,8 @@ def _add_link(parts: _Parts, element: Element) -> None:
     for name, where in columns.items():
         for parameter, value in (rig.effect(element.name, name) or {}).items():
             row[where[parameter]] = value
+    if play := rig.effect(element.name, "backlash"):
+        row[pl.L_HALF_GAP] = 0.5 * play["lost_motion"]
     parts.link.append(row)
     parts.link_ends.append((a, b))
     parts.aux_of_link.append(sum(1 for j in parts.aux_of_link if j >= 0) if row[pl.L_FORCE] else -1)
@@ -213,8 +229,9 @@ def _add_bearing(parts: _Parts, element: Element) -> None:
         parts.bodies.C[body, body] += viscous["coefficient"]
     coulomb = rig.effect(element.name, "coulomb_friction") or rig.effect(element.name, "ground_friction")
     stribeck = rig.effect(element.name, "stribeck_friction")
-    if coulomb or stribeck:
-        level = next(iter(coulomb.values())) if coulomb else 0.0
+    level = element.values.get("friction", 0.0)
+    if coulomb or stribeck or level:
+        level += next(iter(coulomb.values())) if coulomb else 0.0
         extra, speed = tuple(stribeck.values()) if stribeck else (0.0, 1.0)
         parts.friction.append([level, extra, speed])
         parts.friction_ends.append((pl.GROUND, body))
@@ -250,6 +267,8 @@ def _circuit_row(rig: Rig, circuit: Element | None) -> Floats:
 def _screw_row(parts: _Parts) -> Floats:
     rig, row = parts.rig, np.zeros(pl.N_SCREW)
     screw, rotor = rig.only("screw"), rig.only("rotor")
+    if positioner := rig.only("positioner"):
+        row[pl.S_LEAD] = positioner.values["travel"]
     if screw is None:
         return row
     row[pl.S_LEAD] = screw.values["lead"]
@@ -289,7 +308,10 @@ def _sensor_rows(parts: _Parts, circuit: Element | None) -> Floats:
     first = 1 if circuit else 0
     for sensor in rig.sensors.values():
         row = np.zeros(pl.N_SENSOR)
-        if sensor.of not in names and sensor.of != parts.base and not (circuit and sensor.of == circuit.name):
+        if sensor.quantity == "force":
+            row[pl.Y_INDEX] = pl.LINK_FORCE
+            row[pl.Y_LINK] = [e.name for e in rig.links()].index(sensor.of)
+        elif sensor.of not in names and sensor.of != parts.base and not (circuit and sensor.of == circuit.name):
             row[pl.Y_INDEX] = np.nan  # measures what is imposed: there is nothing to simulate
         elif sensor.quantity == "current":
             row[pl.Y_INDEX] = 0
@@ -359,35 +381,3 @@ def _continuous(
         if heat:
             A[contact, n - 1, n - 1] = -1.0 / heat["time_constant"]
     return A, G
-
-
-def _discretise(A: Floats, G: Floats, step_s: float, levels: int) -> tuple[Floats, Floats, Floats]:
-    """Transition matrices and input responses (all transposed) for steps ``step_s / 2**level``.
-
-    ``E = e^{Ah}``, ``P1 = h phi_1(Ah) G``, ``P2 = h phi_2(Ah) G`` by their Taylor series where ``|A| h < 1/2``, and
-    by doubling for longer steps (scaling and squaring; Higham, Functions of Matrices (2008), ch. 10).
-    """
-    norm = float(np.abs(A).sum(axis=1).max())
-    smallest = max(0, math.ceil(math.log2(max(norm * step_s, 1e-300) / 0.5)))
-    depth = max(levels, smallest + 1)
-    h = step_s * 0.5 ** np.arange(depth)
-    modes, n = A.shape[:2]
-    E, F1, F2 = (np.zeros((modes, depth, n, n)) for _ in range(3))
-    power = np.broadcast_to(np.eye(n), A.shape)
-    for k in range(_TAYLOR_TERMS):
-        scale = h**k / math.factorial(k)
-        term = scale[None, :, None, None] * power[:, None]
-        E += term
-        F1 += term / (k + 1)
-        F2 += term / ((k + 1) * (k + 2))
-        power = power @ A
-    B = np.swapaxes(G, -1, -2)[:, None]
-    scaled = h[None, :, None, None]
-    P1, P2 = scaled * (F1 @ B), scaled * (F2 @ B)
-    for level in range(smallest - 1, -1, -1):
-        e, p1, p2 = E[:, level + 1], P1[:, level + 1], P2[:, level + 1]
-        E[:, level] = e @ e
-        P1[:, level] = p1 + e @ p1
-        P2[:, level] = 0.5 * (e @ p2 + p1 + p2)
-    E, P1, P2 = (np.ascontiguousarray(np.swapaxes(M[:, :levels], -1, -2)) for M in (E, P1, P2))
-    return E, P1, P2

@@ -192,12 +192,21 @@ def _bearing(axis: _Axis) -> list[Effect]:
     ]  # fmt: skip
 
 
+def _backlash(kind: str, size: Parameter, law: str, sentence: str) -> Effect:
+    """Lost motion, at a gear that holds its place or in a spring that returns to the middle of the play."""
+    return Effect("backlash", kind, (size,), law, "play", "play operator; the paper's Eqs (16)-(17)", sentence)
+
+
 def _transmission() -> list[Effect]:
     return [
-        Effect(
-            "backlash", "gear", (Parameter("half_gap", "rad", 0.0, 6.3, 0.35, 0.0),),
-            "theta_d = play(theta_m, half_gap)", "play", "play operator; the paper's Eqs (16)-(17)",
+        _backlash(
+            "gear", Parameter("half_gap", "rad", 0.0, 6.3, 0.35, 0.0), "theta_d = play(theta_m, half_gap)",
             "The {location} has backlash of {half_gap} to each side.",
+        ),
+        _backlash(
+            "coupling", Parameter("lost_motion", "m", 0.0, 1.0, 1e-3, 0.0),
+            "the spring's stretch is what s has beyond lost_motion/2 to either side",
+            "The {location} has backlash: a lost motion of {lost_motion} at each reversal.",
         ),
         Effect(
             "compliance", "screw", (Parameter("compliance", "m/N", 0.0, 1e-4, 1e-6, 0.0),),
@@ -313,6 +322,10 @@ def _declare() -> dict[tuple[str, str], Effect]:
     listed = [*_amplifier(), *_motor_circuit(), *_bearing(_ROTARY), *linear, *_transmission(), *_link(), *_mass(),
               *_sensor()]  # fmt: skip
     listed += [replace(e, kind="carriage") for e in _mass() if e.name == "absorber"]
+    of_a_spring = ("cubic_stiffness", "quadratic_damping", "hysteresis")
+    listed += [replace(e, kind="coupling") for e in _link() if e.name in of_a_spring]
+    # a brake's dry friction is one of its parameters
+    listed += [replace(e, kind="brake") for e in linear if e.name not in ("coulomb_friction", "cogging")]
     return {(e.kind, e.name): e for e in listed}
 
 

@@ -53,16 +53,35 @@ KINDS: dict[str, Kind] = {
         ),
         Kind("carriage", {"mass": "kg"}, {}, (), "a mass that slides on a bearing"),
         Kind("link", {"stiffness": "N/m"}, {"damping": "N s/m"}, ("between",), "spring and damper in parallel"),
+        Kind(
+            "positioner",
+            {"travel": "m/V"},
+            {},
+            (),
+            "imposes a position, travel times the command, straight between samples (a test machine)",
+        ),
+        Kind(
+            "coupling",
+            {"stiffness": "N/m"},
+            {"damping": "N s/m"},
+            ("between",),
+            "spring and damper in parallel, in whose force there may be play",
+        ),
+        Kind("brake", {"mass": "kg", "friction": "N"}, {}, (), "a mass held by dry friction of a known level"),
     )
 }
 
-BODY_KINDS = ("rotor", "mass", "carriage")
+BODY_KINDS = ("rotor", "mass", "carriage", "brake")
+SLIDING_KINDS = BODY_KINDS[1:]
+LINK_KINDS = ("link", "coupling")
 GROUND = "ground"
 
-#: quantity -> unit, for a sensor on a body that turns, one that slides, and a circuit
+#: quantity -> unit, for a sensor on a body that turns, on those that slide, a circuit and a coupling
 QUANTITIES: dict[str, dict[str, str]] = {
     "rotor": {"position": "rad", "velocity": "rad/s"},
     "mass": {"position": "m", "velocity": "m/s"},
     "carriage": {"position": "m", "velocity": "m/s"},
+    "brake": {"position": "m", "velocity": "m/s"},
     "motor_circuit": {"current": "A"},
+    "coupling": {"force": "N"},
 }

@@ -44,30 +44,48 @@ def push(P, w, contact, end, effort):
 
 
 @inlined
+def stretch_of(P, x, j, base, base_rate):
+    """Stretch of link ``j`` and its rate, m and m/s."""
+    a, b = P.link_ends[j, 0], P.link_ends[j, 1]
+    s = end_position(P, x, b, base) - end_position(P, x, a, base)
+    return s, end_velocity(P, x, b, base_rate) - end_velocity(P, x, a, base_rate)
+
+
+@inlined
+def force_beside(P, x, j, s, rate, t):
+    """Force of link ``j`` beyond its spring and damper, N."""
+    row = P.link[j]
+    force = 0.0
+    if row[pl.L_HALF_GAP] != 0.0:
+        held = laws.lost_motion(s, row[pl.L_HALF_GAP])
+        force += row[pl.L_K] * (held - s)
+        s = held
+    if row[pl.L_CUBIC] != 0.0:
+        force += laws.cubic_stiffness(s, row[pl.L_CUBIC])
+    if row[pl.L_QUADRATIC] != 0.0:
+        force += laws.quadratic_damping(rate, row[pl.L_QUADRATIC])
+    if row[pl.L_STOP] != 0.0:
+        force += laws.bumper(s, row[pl.L_CLEARANCE], row[pl.L_STOP])
+    if row[pl.L_DRIFT] != 0.0:
+        force += laws.stiffness_drift(s, t, row[pl.L_K], row[pl.L_DRIFT])
+    if P.aux_of_link[j] >= 0:
+        force += row[pl.L_FORCE] * x[P.aux_of_link[j]]
+    return force
+
+
+@inlined
 def link_forces(P, x, w, contact, t, base, base_rate):
     """Forces of the links beyond spring and damper."""
     for j in range(P.link.shape[0]):
         row = P.link[j]
-        a, b = P.link_ends[j, 0], P.link_ends[j, 1]
-        s = end_position(P, x, b, base) - end_position(P, x, a, base)
-        rate = end_velocity(P, x, b, base_rate) - end_velocity(P, x, a, base_rate)
-        force = 0.0
-        if row[pl.L_CUBIC] != 0.0:
-            force += laws.cubic_stiffness(s, row[pl.L_CUBIC])
-        if row[pl.L_QUADRATIC] != 0.0:
-            force += laws.quadratic_damping(rate, row[pl.L_QUADRATIC])
-        if row[pl.L_STOP] != 0.0:
-            force += laws.bumper(s, row[pl.L_CLEARANCE], row[pl.L_STOP])
-        if row[pl.L_DRIFT] != 0.0:
-            force += laws.stiffness_drift(s, t, row[pl.L_K], row[pl.L_DRIFT])
+        s, rate = stretch_of(P, x, j, base, base_rate)
+        force = force_beside(P, x, j, s, rate, t)
         aux = P.aux_of_link[j]
         if aux >= 0:
-            z = x[aux]
-            force += row[pl.L_FORCE] * z
             channel = pl.CH_F + P.n_bodies + aux - (P.position + 2 * P.n_bodies)
-            w[channel] += laws.bouc_wen_rate(z, rate, row[pl.L_DISPLACEMENT])
-        push(P, w, contact, b, -force)
-        push(P, w, contact, a, force)
+            w[channel] += laws.bouc_wen_rate(x[aux], rate, row[pl.L_DISPLACEMENT])
+        push(P, w, contact, P.link_ends[j, 1], -force)
+        push(P, w, contact, P.link_ends[j, 0], force)
 
 
 @inlined

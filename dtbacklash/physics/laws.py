@@ -69,6 +69,12 @@ def play(theta_d, theta_m, half_gap):
 
 
 @law
+def lost_motion(stretch, half_gap):
+    """What is left of a stretch behind a play that springs back to its middle: :func:`play` from rest. m -> m."""
+    return play(0.0, stretch, half_gap)
+
+
+@law
 def cubic_stiffness(stretch, k3):
     """Force of a hardening (k3 > 0) or softening spring: ``k3 stretch^3``. m -> N."""
     return k3 * stretch * stretch * stretch

@@ -25,7 +25,9 @@ FREE, PLUS, MINUS, RIGID = 0, 1, -1, 2
 # columns of `body`
 B_DIFFERENCE, B_COGGING, B_WAVE, B_PHASE, B_LOAD, N_BODY = 0, 1, 2, 3, 4, 5
 # columns of `link`
-L_K, L_CUBIC, L_QUADRATIC, L_FORCE, L_DISPLACEMENT, L_STOP, L_CLEARANCE, L_DRIFT, N_LINK = range(9)
+(L_K, L_C, L_CUBIC, L_QUADRATIC, L_FORCE, L_DISPLACEMENT, L_STOP, L_CLEARANCE, L_DRIFT, L_HALF_GAP, N_LINK) = range(11)
+#: the columns from here on act beside the linear plant
+L_BESIDE = L_CUBIC
 # columns of `friction`
 F_COULOMB, F_STRIBECK, F_SPEED, N_FRICTION = range(4)
 # entries of `circuit`
@@ -35,9 +37,10 @@ A_LIMIT, A_DEAD, A_GAIN, N_AMPLIFIER = range(4)
 # entries of `screw`
 S_LEAD, S_SHARE, S_AMPLITUDE, S_PERIODS, S_PHASE, S_BASE_MASS, S_INERTIA, N_SCREW = range(8)
 # columns of `sensor`
-Y_INDEX, Y_GAIN, Y_OFFSET, N_SENSOR = range(4)
-#: `sensor[:, Y_INDEX]` of a sensor on the base (the mass that a rigid screw carries): position, velocity
-BASE_POSITION, BASE_VELOCITY = -1, -2
+Y_INDEX, Y_GAIN, Y_OFFSET, Y_LINK, N_SENSOR = range(5)
+#: `sensor[:, Y_INDEX]` of a sensor on the base (the mass that a rigid screw carries): position, velocity; and of one
+#: that shows the force of the link `sensor[:, Y_LINK]`
+BASE_POSITION, BASE_VELOCITY, LINK_FORCE = -1, -2, -3
 
 
 class Plant(NamedTuple):
@@ -73,8 +76,8 @@ class Plant(NamedTuple):
     n_bodies: int
     position: int  # index of the first position in x
     heat: int  # index of the winding's rise in x, or -1
-    has_base: bool  # a screw drives the structure
-    imposed: bool  # the motor's angle is given instead of simulated
+    has_base: bool  # a screw or a positioner drives the structure
+    imposed: bool  # the motor's angle (or the positioner's command) is given instead of simulated
     forced: bool  # something besides the voltage and the gear acts
     delay_whole: int  # the amplifier's delay: whole samples,
     delay_ticks: int  # and ticks (sample_time/substeps/2**(levels-1))
@@ -84,7 +87,7 @@ class State(NamedTuple):
     """What changes while a plant is simulated, and room to work in. Made by :func:`new_state`."""
 
     x: Floats  # (n,)
-    gear: Floats  # (1,) theta_d while the gear is out of contact
+    gear: Floats  # (2,) theta_d while the gear is out of contact or its motion imposed, and then its rate
     mode: Ints  # (1 + frictions,) state of the gear, then -1/0/1 a friction contact: slips back, sticks, slips
     commands: Floats  # the last commands u, newest first
     seen: Floats  # (depth, sensors) what the sensors have looked at, newest first
@@ -106,7 +109,7 @@ def new_state(plant: Plant) -> State:
     mode[0] = FREE if plant.imposed else RIGID
     return State(
         x=np.zeros(n),
-        gear=np.zeros(1),
+        gear=np.zeros(2),
         mode=mode,
         commands=np.zeros(plant.delay_whole + 2),
         seen=np.zeros((depth, sensors)),
@@ -118,3 +121,10 @@ def new_state(plant: Plant) -> State:
         lean=np.zeros(1, dtype=np.int64),
         reaction=np.zeros(frictions),
     )
+
+
+def place_at(plant: Plant, state: State, angle: float) -> None:
+    """Put a plant with a base at rest with the motor at ``angle``, rad (a positioner at the command ``angle``, V)."""
+    state.gear[0] = angle
+    for j in range(plant.n_bodies):
+        state.x[plant.position + j] = angle if j == plant.rotor else plant.screw[S_LEAD] * angle

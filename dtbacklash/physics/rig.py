@@ -6,7 +6,7 @@ from typing import Any
 from dtbacklash.config.rig import ParameterConfig, RigConfig, finite
 from dtbacklash.errors import UserError
 from dtbacklash.physics import catalogue
-from dtbacklash.physics.elements import BODY_KINDS, GROUND, KINDS, QUANTITIES
+from dtbacklash.physics.elements import BODY_KINDS, GROUND, KINDS, LINK_KINDS, QUANTITIES, SLIDING_KINDS
 
 SENSOR_PREFIX = "sensor_"
 Effects = dict[str, dict[str, dict[str, float]]]
@@ -44,6 +44,10 @@ class Rig:
     def of_kind(self, kind: str) -> list[Element]:
         """All elements of a kind, in order."""
         return [e for e in self.elements.values() if e.kind == kind]
+
+    def links(self) -> list[Element]:
+        """All links and couplings, in order."""
+        return [e for e in self.elements.values() if e.kind in LINK_KINDS]
 
     def only(self, kind: str) -> Element | None:
         """The single element of a kind, or None."""
@@ -146,11 +150,12 @@ def _value(key: str, name: object, unit: str, parameters: dict[str, ParameterCon
 _PARTNERS = {
     ("amplifier", "drives"): ("motor_circuit", "actuator"),
     ("motor_circuit", "drives"): ("rotor", "carriage", "mass"),
-    ("actuator", "drives"): ("carriage", "mass"),
+    ("actuator", "drives"): SLIDING_KINDS,
     ("gear", "driven_by"): ("rotor",),
     ("screw", "driven_by"): ("gear",),
     ("screw", "carries"): ("mass", "carriage"),
-    ("link", "between"): ("mass", "carriage"),
+    ("link", "between"): SLIDING_KINDS,
+    ("coupling", "between"): (*SLIDING_KINDS, "positioner"),
 }
 
 
@@ -159,10 +164,10 @@ def _check_neighbours(elements: dict[str, Element]) -> None:
         raise UserError("rig.elements", ", ".join(elements) or "(none)", f"at least one {', '.join(BODY_KINDS)}")
     singles: tuple[tuple[str, ...], ...] = (
         ("amplifier",),
-        ("motor_circuit", "actuator"),
+        ("motor_circuit", "actuator", "positioner"),
         ("rotor",),
         ("gear",),
-        ("screw",),
+        ("screw", "positioner"),
     )
     for kinds in singles:
         names = [e.name for e in elements.values() if e.kind in kinds]
@@ -190,7 +195,7 @@ def _sensor(name: str, spec: dict[str, Any], elements: dict[str, Element]) -> Se
     if unknown:
         key = f"rig.sensors.{name}.{unknown[0]}"
         raise UserError(key, spec[unknown[0]], "unknown; a sensor has `of` and `quantity`")
-    measurable = [e.name for e in elements.values() if e.kind in (*BODY_KINDS, "motor_circuit")]
+    measurable = [e.name for e in elements.values() if e.kind in QUANTITIES]
     if of not in measurable:
         raise UserError(f"rig.sensors.{name}.of", of, f"choose one of {', '.join(measurable)}")
     units = QUANTITIES[elements[of].kind]

@@ -5,8 +5,8 @@ import math
 from dtbacklash.compiled import clear, compiled, copy, inlined
 from dtbacklash.physics import laws
 from dtbacklash.physics import plant as pl
-from dtbacklash.physics.forces import add_forces, base_motion, push
-from dtbacklash.physics.step import MOST_EVENTS, rate_of_screw, screw_angle, slip_rate, try_step
+from dtbacklash.physics.forces import add_forces, base_motion, force_beside, push, stretch_of
+from dtbacklash.physics.step import MOST_EVENTS, drive_rate, screw_angle, slip_rate, try_step
 
 #: a contact is located well enough when the gear would move no farther than this by what is left, rad (relative to an
 #: angle above 1 rad). A motor that creeps to rest on a flank would otherwise be chased through steps in which its
@@ -61,7 +61,7 @@ def _friction_event(P, S, mode, theta_d, gap_rate):
                 S.reaction[c] -= acceleration / mobility
             if abs(S.reaction[c]) > most:
                 found = FRICTION
-        elif direction * slip_rate(P, S.xn, mode, c, theta_d, gap_rate) < 0.0:
+        elif direction * slip_rate(P, S, S.xn, c, theta_d, gap_rate) < 0.0:
             found = FRICTION
     return found
 
@@ -129,7 +129,7 @@ def _jerk_base_contacts(P, S, gap_rate):
     """The base has jumped to the motor's speed: friction contacts with an end on it slip from now on."""
     for c in range(P.friction.shape[0]):
         if min(P.friction_ends[c, 0], P.friction_ends[c, 1]) == pl.BASE:
-            rate = slip_rate(P, S.x, S.mode[0], c, S.gear[0], gap_rate)
+            rate = slip_rate(P, S, S.x, c, S.gear[0], gap_rate)
             S.mode[1 + c] = 1 if rate > 0.0 else (-1 if rate < 0.0 else 0)
 
 
@@ -144,7 +144,7 @@ def switch_friction(P, S, t, gap, gap_rate, voltage):
             if abs(S.reaction[c]) > most:
                 S.mode[1 + c] = -1 if S.reaction[c] > 0.0 else 1
             continue
-        rate = slip_rate(P, S.x, S.mode[0], c, theta_d, gap_rate)
+        rate = slip_rate(P, S, S.x, c, theta_d, gap_rate)
         if S.mode[1 + c] * rate >= 0.0:
             continue
         S.mode[1 + c] = 0
@@ -210,14 +210,31 @@ def _settle_gear(P, S, gap0, gap1, gap_rate):
 
 
 @inlined
-def advance(P, S, t, u, gap0, gap1, theta0, theta1):
+def _imposed_angle(P, theta, k, share):
+    """What is imposed at ``share`` of the way from sample k to the next.
+
+    Straight where a step is as long as a sample, so that its ramp is exact; else through its neighbours with a
+    continuous rate (Catmull & Rom, 1974): friction against what moves in jerks would let go at each of them.
+    """
+    here, there = theta[k], theta[k + 1]
+    rise = there - here
+    if P.substeps == 1:
+        return here + share * rise
+    first = 0.5 * (there - theta[k - 1]) if k > 0 else rise
+    last = 0.5 * (theta[k + 2] - here) if k + 2 < theta.shape[0] else rise
+    bend = (first - rise) * (1.0 - share) - (last - rise) * share
+    return here + share * (rise + (1.0 - share) * bend)
+
+
+@inlined
+def advance(P, S, t, u, gap0, gap1, theta, k):
     """Advance the plant by one sample.
 
     Parameters
     ----------
     t : time at the sample's start, s. u : command held over the sample, V.
     gap0, gap1 : half-gap at its start and end, rad; linear between.
-    theta0, theta1 : the motor's angle at start and end where it is imposed (else ignored), rad; linear between.
+    theta, k : the motor's angle at all samples where it is imposed (else ignored), rad; this sample begins at k.
     """
     for d in range(S.commands.shape[0] - 1, 0, -1):
         S.commands[d] = S.commands[d - 1]
@@ -225,7 +242,7 @@ def advance(P, S, t, u, gap0, gap1, theta0, theta1):
     gap_rate = (gap1 - gap0) / P.sample_time
     if P.has_base and not P.imposed:
         _settle_gear(P, S, gap0, gap1, gap_rate)
-    _steps(P, S, t, gap0, gap_rate, theta0, theta1)
+    _steps(P, S, t, gap0, gap_rate, theta, k)
 
 
 @inlined
@@ -239,7 +256,7 @@ def _next_stop(P, tick, whole):
 
 
 @inlined
-def _steps(P, S, t, gap0, gap_rate, theta0, theta1):
+def _steps(P, S, t, gap0, gap_rate, theta, k):
     """The steps of one sample, each as long as the events and the delays let it be."""
     last = P.levels - 1
     whole = P.substeps << last
@@ -247,7 +264,6 @@ def _steps(P, S, t, gap0, gap_rate, theta0, theta1):
     voltage = amplify(P, S.commands[P.delay_whole + (1 if P.delay_ticks > 0 else 0)])
     tick_s = P.sample_time / whole
     least, events = 0, 0
-    theta_rate = (theta1 - theta0) / P.sample_time
     while tick < whole:
         if tick == end:
             if tick == P.delay_ticks:
@@ -263,12 +279,11 @@ def _steps(P, S, t, gap0, gap_rate, theta0, theta1):
         h = ticks * tick_s
         start = tick * tick_s
         gap = gap0 + gap_rate * start
-        given, given_rate = 0.0, 0.0
+        given = S.gear[0]
         if P.imposed:
-            given = S.gear[0]
-            theta = theta0 + theta_rate * (start + h)
-            given_rate = (laws.play(given, theta, gap + gap_rate * h) - given) / h
-        try_step(P, S, level, h, t + start, voltage, gap, gap_rate, given, given_rate)
+            angle = _imposed_angle(P, theta, k, (tick + ticks) / whole)
+            S.gear[1] = (laws.play(given, angle, gap + gap_rate * h) - given) / h
+        try_step(P, S, level, h, t + start, voltage, gap, gap_rate, given)
         event = find_event(P, S, gap + gap_rate * h, gap_rate)
         chased = event != NO_EVENT and level < last and events < MOST_EVENTS
         if chased and not _located(P, S, event, gap + gap_rate * h, gap_rate, h):
@@ -277,7 +292,7 @@ def _steps(P, S, t, gap0, gap_rate, theta0, theta1):
         copy(S.xn, S.x)
         tick += ticks
         if P.imposed:
-            S.gear[0] = given + given_rate * h
+            S.gear[0] = given + S.gear[1] * h
         if event != NO_EVENT:
             gap += gap_rate * h
             switch_gear(P, S, gap, gap_rate)
@@ -299,8 +314,14 @@ def read_sensor(P, S, s, gap, gap_rate):
         return 0.0
     if index >= 0:
         return S.x[int(index)]
-    rate = 0.0 if P.rotor < 0 else rate_of_screw(P, S.x, S.mode[0], gap_rate)
-    base, base_rate = base_motion(P, S.x, 0, screw_angle(P, S, gap), rate)
+    base, base_rate = 0.0, 0.0
+    if P.has_base:
+        base, base_rate = base_motion(P, S.x, 0, screw_angle(P, S, gap), drive_rate(P, S, S.x, gap_rate))
+    if index == pl.LINK_FORCE:
+        j = int(P.sensor[s, pl.Y_LINK])
+        stretch, rate = stretch_of(P, S.x, j, base, base_rate)
+        beside = force_beside(P, S.x, j, stretch, rate, 0.0)
+        return P.link[j, pl.L_K] * stretch + P.link[j, pl.L_C] * rate + beside
     return base if index == pl.BASE_POSITION else base_rate
 
 

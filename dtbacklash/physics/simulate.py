@@ -6,7 +6,7 @@ import numpy as np
 
 from dtbacklash.compiled import compiled, copy
 from dtbacklash.physics.assembly import compile_plant
-from dtbacklash.physics.plant import Floats, Plant, State, new_state
+from dtbacklash.physics.plant import Floats, Plant, State, new_state, place_at
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.sample import advance, sense
 from dtbacklash.physics.step import screw_angle
@@ -26,7 +26,7 @@ class Response:
 def _run(P, S, u, gap, theta_m, y, x, theta_d):
     for k in range(u.shape[0]):
         rate = (gap[k + 1] - gap[k]) / P.sample_time
-        advance(P, S, k * P.sample_time, u[k], gap[k], gap[k + 1], theta_m[k], theta_m[k + 1])
+        advance(P, S, k * P.sample_time, u[k], gap[k], gap[k + 1], theta_m, k)
         sense(P, S, gap[k + 1], rate, y[k + 1])
         copy(S.x, x[k + 1])
         theta_d[k + 1] = S.gear[0] if P.rotor < 0 else screw_angle(P, S, gap[k + 1])
@@ -40,13 +40,15 @@ def simulate_plant(
     Parameters
     ----------
     u : (N,) commands, each held over a sample, V. gap_rad : (N+1,) half-gap. theta_m_rad : (N+1,) the motor's
-        angle where the plant was compiled with ``imposed``.
+        angle (or the positioner's command) where the plant was compiled with ``imposed``.
 
     Returns
     -------
     sensors (N+1, sensors) in SI, states (N+1, n), theta_d (N+1,), and the last state.
     """
     state = new_state(plant)
+    if plant.imposed:
+        place_at(plant, state, theta_m_rad[0])
     y = np.zeros((len(u) + 1, len(plant.sensor)))
     x = np.zeros((len(u) + 1, plant.A.shape[1]))
     theta_d = np.zeros(len(u) + 1)
@@ -70,12 +72,14 @@ def simulate(
     ----------
     u : (N,) commands, V. sample_time_s : s.
     gap_rad : (N+1,) gap added to the rig's own half-gap, rad; None for none.
-    theta_m_rad : (N+1,) the motor's angle, if it is given instead of simulated.
+    theta_m_rad : (N+1,) the motor's angle, if it is given instead of simulated; a positioner follows the command.
     """
     n = len(u)
     own = rig_half_gap(rig)
     gap = np.full(n + 1, own) if gap_rad is None else np.ascontiguousarray(gap_rad, dtype=float) + own
     imposed = theta_m_rad is not None
+    if rig.only("positioner"):
+        theta_m_rad = np.append(u, u[-1:])
     theta = np.zeros(n + 1) if theta_m_rad is None else np.ascontiguousarray(theta_m_rad, dtype=float)
     plant = compile_plant(rig, sample_time_s, substeps, event_levels, imposed)
     y, x, theta_d, _ = simulate_plant(plant, np.ascontiguousarray(u, dtype=float), gap, theta)

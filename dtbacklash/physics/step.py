@@ -33,6 +33,12 @@ def rate_of_screw(P, x, mode, gap_rate):
 
 
 @inlined
+def drive_rate(P, S, x, gap_rate):
+    """Rate of theta_d, rad/s, at state ``x``, whether it is imposed or simulated."""
+    return S.gear[1] if P.imposed else rate_of_screw(P, x, S.mode[0], gap_rate)
+
+
+@inlined
 def _propagate(P, S, level, contact, channels):
     """xn = E x + P1 w0 over the first ``channels``: the inputs of the step's start, held."""
     E, P1 = P.E[contact, level], P.P1[contact, level]
@@ -99,7 +105,7 @@ def _hold(P, S, level, contact, theta_d, gap_rate):
         for c in range(frictions):
             if S.mode[1 + c] == 0:
                 a, b = P.friction_ends[c, 0], P.friction_ends[c, 1]
-                rate = slip_rate(P, S.xn, S.mode[0], c, theta_d, gap_rate)
+                rate = slip_rate(P, S, S.xn, c, theta_d, gap_rate)
                 R = P.P1[contact, level]
                 mobility = _mobility(P, R, contact, a) + _mobility(P, R, contact, b)
                 if a >= 0 and b >= 0:
@@ -124,20 +130,20 @@ def _pin(P, S):
 
 
 @inlined
-def slip_rate(P, x, gear_mode, c, theta_d, gap_rate):
+def slip_rate(P, S, x, c, theta_d, gap_rate):
     """Velocity at which friction contact ``c`` slips, m/s or rad/s."""
     a, b = P.friction_ends[c, 0], P.friction_ends[c, 1]
     base_rate = 0.0
     if P.has_base and min(a, b) == pl.BASE:
-        base_rate = base_motion(P, x, 0, theta_d, rate_of_screw(P, x, gear_mode, gap_rate))[1]
+        base_rate = base_motion(P, x, 0, theta_d, drive_rate(P, S, x, gap_rate))[1]
     return end_velocity(P, x, b, base_rate) - end_velocity(P, x, a, base_rate)
 
 
 @inlined
-def try_step(P, S, level, h, t, voltage, gap, gap_rate, given, given_rate):
+def try_step(P, S, level, h, t, voltage, gap, gap_rate, given):
     """Advance ``S.x`` into ``S.xn`` by a step of ``h`` seconds with the contacts as they are.
 
-    ``given`` and ``given_rate`` are theta_d and its rate where the motor's angle is imposed.
+    ``given`` is theta_d at the start where the motor's angle is imposed; its rate stands in ``S.gear[1]``.
     """
     mode = S.mode[0]
     contact = 0 if mode == pl.FREE else 1
@@ -151,8 +157,8 @@ def try_step(P, S, level, h, t, voltage, gap, gap_rate, given, given_rate):
         lead = P.screw[pl.S_LEAD]
         if mode == pl.FREE:
             w0[pl.CH_D] = lead * (given if P.imposed else S.gear[0])
-            w1[pl.CH_D] = w0[pl.CH_D] + lead * given_rate * h
-            w0[pl.CH_DD] = lead * given_rate
+            w1[pl.CH_D] = w0[pl.CH_D] + lead * S.gear[1] * h
+            w0[pl.CH_DD] = lead * S.gear[1]
         elif mode == pl.RIGID:
             w0[pl.CH_D] = 0.0
             w1[pl.CH_D] = 0.0
@@ -163,7 +169,7 @@ def try_step(P, S, level, h, t, voltage, gap, gap_rate, given, given_rate):
             w0[pl.CH_DD] = -lead * mode * gap_rate
         w1[pl.CH_DD] = w0[pl.CH_DD]
     if P.forced:
-        _forced_step(P, S, level, h, t, contact, gap, gap_rate, given, given_rate)
+        _forced_step(P, S, level, h, t, contact, gap, gap_rate, given)
     else:
         channels = pl.CH_F if P.has_base else pl.CH_D
         _propagate(P, S, level, contact, channels)
@@ -186,17 +192,17 @@ def _rest(P, S, level, h, gap_rate):
 
 
 @inlined
-def _forced_step(P, S, level, h, t, contact, gap, gap_rate, given, given_rate):
+def _forced_step(P, S, level, h, t, contact, gap, gap_rate, given):
     """Predictor with the forces of the start, corrector with their mean slope, friction at rest solved in both."""
     mode = S.mode[0]
     channels = S.w0.shape[0]
     angle = given if P.imposed else screw_angle(P, S, gap)
-    rate = given_rate if P.imposed else rate_of_screw(P, S.x, mode, gap_rate)
+    rate = drive_rate(P, S, S.x, gap_rate)
     add_forces(P, S.x, S.mode, S.w0, contact, t, angle, rate)
     _propagate(P, S, level, contact, channels)
     copy(S.xn, S.xp)
     if P.imposed:
-        angle = given + given_rate * h
+        angle = given + S.gear[1] * h
     _hold(P, S, level, contact, angle, gap_rate)
     if not P.imposed and mode != pl.FREE:
         angle = S.xn[P.position + P.rotor] - (0 if mode == pl.RIGID else mode * (gap + gap_rate * h))

@@ -19,8 +19,6 @@ NOISE = r"noise ($\pm 2 \sigma$)"
 HELD_OUT = "#e8ecf0"
 ZOOM_SHARE, ZOOM_SAMPLES = 0.07, 120  # length of the closer look: share of the record, and samples at least
 OUT_OF_VIEW = 1.5  # a model that leaves the measured range by this much of it does not set the scale
-BINS, BIN_SAMPLES = 40, 8
-POINTS = 5000  # of a cloud
 
 Floats = NDArray[np.float64]
 
@@ -58,7 +56,8 @@ class Force:
     Attributes:
         location, effect: where, and the effect whose law is drawn; ``effect`` empty where nothing explains it.
         state_label: e.g. ``speed of motor_bearing``. state_unit, effort_unit: SI.
-        state, recovered: (N,) each. law_state, law: (M,) each, may be empty.
+        state, recovered, error: (K,) state, effort, and the effort's standard error.
+        law: (K,) the fitted law seen in the same way, may be empty.
     """
 
     location: str
@@ -68,7 +67,7 @@ class Force:
     effort_unit: str
     state: Floats
     recovered: Floats
-    law_state: Floats = field(default_factory=lambda: np.empty(0))
+    error: Floats
     law: Floats = field(default_factory=lambda: np.empty(0))
 
 
@@ -184,55 +183,31 @@ def _shade(ax: Axes, curve: Curve, begin: float, end: float) -> None:
 
 @styled
 def force_figure(force: Force) -> Figure:
-    """The recovered effort against its state: a cloud, its middle in bins of the state, and the fitted law."""
+    """The recovered effort against its state, with two standard errors, and the fitted law."""
     figure = new_figure(4.3)
     ax = figure.subplots()
-    kept = np.isfinite(force.state) & np.isfinite(force.recovered)
-    state, recovered = force.state[kept], force.recovered[kept]
-    fx, x_unit = scaled(force.state_unit, _reach(state))
-    fy, y_unit = scaled(force.effort_unit, _reach(recovered))
-    step = max(1, len(state) // POINTS)
-    ax.plot(state[::step] / fx, recovered[::step] / fy, ".", color="#9fb3c8", ms=3.2, alpha=0.6, mew=0, rasterized=True)
-    ax.plot([], [], ".", color="#9fb3c8", ms=9, label="recovered from the recording")
-    centres, middle, low, high = binned(state / fx, recovered / fy)
+    fx, x_unit = scaled(force.state_unit, _reach(force.state))
+    fy, y_unit = scaled(force.effort_unit, _reach(force.recovered))
+    state, effort = force.state / fx, force.recovered / fy
     ax.errorbar(
-        centres, middle, yerr=[middle - low, high - middle], fmt="o", color=NOMINAL, ms=4, lw=1.2, capsize=0,
-        label="median and quartiles", zorder=4,
+        state, effort, yerr=2 * force.error / fy, fmt="o", color=NOMINAL, ms=5, lw=1.2, capsize=2.5,
+        label=r"recovered from the recording ($\pm 2 \sigma$)", zorder=4,
     )  # fmt: skip
     if force.law.size:
         label = f"fitted law: {name_in_words(force.effect)}"
-        ax.plot(force.law_state / fx, force.law / fy, color=EXTENDED, lw=2.4, label=label, zorder=5)
+        ax.plot(state, force.law / fy, color=EXTENDED, lw=2.4, label=label, zorder=5)
     ax.axhline(0, color=INK, lw=0.7, zorder=1)
-    if len(recovered):
-        edges = np.concatenate([np.quantile(recovered, (0.004, 0.996)) / fy, force.law / fy])
-        pad = 0.12 * (float(np.ptp(edges)) or 1.0)
-        ax.set_ylim(edges.min() - pad, edges.max() + pad)
-        ax.set_xlim(*(np.quantile(state, (0.001, 0.999)) / fx) * 1.04)
+    if len(effort):  # a knot that the recording hardly visits may not set the scale
+        edges = np.concatenate([effort[force.error / fy <= 0.5 * np.ptp(effort)], force.law / fy])
+        pad = 0.15 * (float(np.ptp(edges)) if len(edges) else 0.0)
+        if pad > 0.0:
+            ax.set_ylim(edges.min() - pad, edges.max() + pad)
     ax.set_xlabel(f"{force.state_label} [{unit_in_signs(x_unit)}]")
-    effort = {"N m": "torque", "N": "force", "V": "voltage", "m": "displacement"}.get(force.effort_unit, "effort")
-    ax.set_ylabel(f"missing {effort} [{unit_in_signs(y_unit)}]")
+    effort_name = {"N m": "torque", "N": "force", "V": "voltage", "m": "displacement"}.get(force.effort_unit, "effort")
+    ax.set_ylabel(f"missing {effort_name} [{unit_in_signs(y_unit)}]")
     figure.legend(loc="outside upper left", ncols=3, columnspacing=1.6)
     return figure
 
 
 def _reach(values: Floats) -> float:
     return float(np.quantile(np.abs(values), 0.98)) if len(values) else 0.0
-
-
-def binned(state: Floats, values: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Centre of each bin of the state, and median, lower and upper quartile of the values in it.
-
-    Bins of equal width between the outer thousandths of the state; those with fewer than 8 samples are left out.
-    """
-    if len(state) < BIN_SAMPLES:
-        return (np.empty(0),) * 4
-    low, high = np.quantile(state, (0.001, 0.999))
-    edges = np.linspace(low, high, BINS + 1)
-    index = np.where(state == high, BINS - 1, np.digitize(state, edges) - 1)
-    rows = []
-    for k in range(BINS):
-        inside = values[index == k]
-        if len(inside) >= BIN_SAMPLES:
-            rows.append([(edges[k] + edges[k + 1]) / 2, np.median(inside), *np.quantile(inside, (0.25, 0.75))])
-    table = np.array(rows).reshape(-1, 4)
-    return table[:, 0], table[:, 1], table[:, 2], table[:, 3]

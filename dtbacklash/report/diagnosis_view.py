@@ -4,7 +4,8 @@ import numpy as np
 
 from dtbacklash.diagnose import Diagnosis
 from dtbacklash.diagnose.compare import predict
-from dtbacklash.report.diagnosis_figures import Curve
+from dtbacklash.diagnose.recover import Recovered
+from dtbacklash.report.diagnosis_figures import Curve, Force
 from dtbacklash.report.diagnosis_page import View
 
 
@@ -24,10 +25,18 @@ def view_of(diagnosis: Diagnosis, source: str, notes: list[str]) -> View:
         extended=diagnosis.extended,
         evidence=evidence,
         curves=_curves(diagnosis),
-        forces=[],
+        forces=[_force(effect, found) for effect, found in diagnosis.recovered],
         notes=notes,
         source=source,
     )
+
+
+def _force(effect: str, found: Recovered) -> Force:
+    label = "time" if found.state == "time" else f"{found.state} of {found.place.replace('_', ' ')}"
+    return Force(
+        found.place, effect, label, found.state_unit, found.effort_unit, found.knots, found.effort, found.error,
+        found.law,
+    )  # fmt: skip
 
 
 def _curves(diagnosis: Diagnosis) -> list[Curve]:

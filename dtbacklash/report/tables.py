@@ -145,6 +145,30 @@ def fit(errors: dict[str, Any]) -> Table:
     ])  # fmt: skip
 
 
+def proof(score: Any) -> Table:
+    """The shares of a proof with their bars, and the errors and times below.
+
+    Args:
+        score: a `dtbacklash.prove.score.Score`.
+    """
+    from dtbacklash.prove.table import figure_row, quantity_row
+
+    names = ("figure", "share", "count", "interval", "bar", "met", "all")
+    frame = pd.DataFrame([dict(zip(names, figure_row(f), strict=True)) for f in score.figures])
+    table = _fill(_table("Blind proof"), frame.replace("**miss**", "MISS"), [
+        ("figure", "figure", _plain, False), ("share", "share", _plain, True), ("count", "count", _plain, True),
+        ("interval", "95 % interval", _plain, True), ("bar", "bar", _plain, True), ("met", "", _plain, False),
+        ("all", "all sizes", _plain, True),
+    ])  # fmt: skip
+    lines = []
+    for q in score.quantities:
+        what, median, ninety, unit, of, bar, met = quantity_row(q)
+        judged = f"; {bar}: {met}".replace("**miss**", "MISS") if bar else ""
+        lines.append(" ".join(f"{what}: median {median}, 90 % {ninety} {unit}".split()) + f" ({of} cases{judged})")
+    table.caption = _notes(lines)
+    return table
+
+
 def _notes(lines: Iterable[str]) -> Text:
     """Lines below a table."""
     return Text("\n" + "\n".join(lines))

@@ -35,6 +35,8 @@ class Link:
     clearance: float = 0.0
     drift: float = 0.0
     z: int = -1  # where its hysteretic variable stands in the state
+    play: float = 0.0  # the stretch, side to side, over which the spring does not take hold
+    name: str = ""
 
 
 @dataclass
@@ -192,6 +194,7 @@ class Machine:
     def _link_force(self, link: Link, t: float, x: list[float], where: dict, out: list[float]) -> float:
         (qa, va), (qb, vb) = where[link.a], where[link.b]
         s, rate = qb - qa, vb - va
+        s = math.copysign(max(abs(s) - 0.5 * link.play, 0.0), s)
         force = link.stiffness * (1.0 + link.drift * t) * s + link.damping * rate
         force += link.cubic * s**3 + link.quadratic * abs(rate) * rate
         if s > link.clearance:
@@ -201,6 +204,11 @@ class Machine:
             force += link.hysteresis * z
             out[link.z] = (rate - 0.5 * abs(rate) * z - 0.5 * rate * abs(z)) / link.displacement
         return force
+
+    def force_in(self, name: str, t: float, x: list[float]) -> float:
+        """The force of one link, by its name."""
+        link = next(k for k in self.links if k.name == name)
+        return self._link_force(link, t, x, self.ends(t, x), [0.0] * self.size)
 
     def _drive(self, x: list[float], effort: dict[str, float], out: list[float]) -> None:
         """The motor's torque, or the actuator's force."""
@@ -277,7 +285,7 @@ def machine(rig: Rig) -> Machine:
     rotor, screw = rig.only("rotor"), rig.only("screw")
     circuit, actuator, amplifier = rig.only("motor_circuit"), rig.only("actuator"), rig.only("amplifier")
     it.amplifier = dict(rig.effects.get(amplifier.name, {})) if amplifier else {}
-    masses = [*rig.of_kind("mass"), *rig.of_kind("carriage")]
+    masses = [e for kind in ("mass", "carriage", "brake") for e in rig.of_kind(kind)]
     carried = screw.neighbours.get("carries") if screw else None
     compliance = rig.effect(screw.name, "compliance") if screw else None
     inertia = {rotor.name: rotor.values["inertia"]} if rotor else {}
@@ -286,7 +294,8 @@ def machine(rig: Rig) -> Machine:
     first, n = (1 if circuit else 0), len(inertia)
     for j, (name, value) in enumerate(inertia.items()):
         it.bodies[name] = _body(Body(value, first + j, first + n + j), rig.effects.get(name, {}))
-        _contact(it, name, rig.effects.get(name, {}))
+        own = rig.elements[name].values.get("friction", 0.0) if name in rig.elements else 0.0
+        _contact(it, name, rig.effects.get(name, {}), own)
     it.size = first + 2 * n
     if circuit:
         it.circuit, it.driven = circuit.values, circuit.neighbours["drives"]
@@ -318,7 +327,7 @@ def machine(rig: Rig) -> Machine:
             omega, mass = 2.0 * math.pi * absorber["frequency"], absorber["mass"]
             damping = 2.0 * absorber["damping_ratio"] * omega * mass
             it.links.append(Link(element.name, f"{element.name}'s absorber", omega**2 * mass, damping))
-    for element in rig.of_kind("link"):
+    for element in (e for e in rig.elements.values() if e.kind in ("link", "coupling")):
         _link(it, rig, element.name)
     if circuit and (heating := rig.effect(circuit.name, "resistance_heating")):
         it.heating = heating["gain"], heating["time_constant"]
@@ -337,11 +346,11 @@ def _body(body: Body, effects: dict[str, dict[str, float]]) -> Body:
     return body
 
 
-def _contact(it: Machine, name: str, effects: dict[str, dict[str, float]]) -> None:
+def _contact(it: Machine, name: str, effects: dict[str, dict[str, float]], own: float) -> None:
     dry = effects.get("coulomb_friction") or effects.get("ground_friction") or {}
     stribeck = effects.get("stribeck_friction", {})
-    if dry or stribeck:
-        coulomb = dry.get("torque", dry.get("force", 0.0))
+    if dry or stribeck or own:
+        coulomb = own + dry.get("torque", dry.get("force", 0.0))
         extra = stribeck.get("torque", stribeck.get("force", 0.0))
         it.contacts.append(Contact(GROUND, name, coulomb, extra, stribeck.get("speed", 1.0)))
 
@@ -350,6 +359,7 @@ def _link(it: Machine, rig: Rig, name: str) -> None:
     element, effects = rig.elements[name], rig.effects.get(name, {})
     a, b = element.neighbours["between"]
     link = Link(a, b, element.values["stiffness"], element.values.get("damping", 0.0))
+    link.name, link.play = name, effects.get("backlash", {}).get("lost_motion", 0.0)
     link.cubic = effects.get("cubic_stiffness", {}).get("k3", 0.0)
     link.quadratic = effects.get("quadratic_damping", {}).get("c2", 0.0)
     link.drift = effects.get("stiffness_drift", {}).get("rate", 0.0)

@@ -43,6 +43,35 @@ def carriage() -> Rig:
     )
 
 
+def damper() -> Rig:
+    """A mass on a spring, pushed by an ideal force, that drags a brake along by a coupling."""
+    return build_rig(
+        RigConfig(
+            name="damper",
+            parameters={
+                "m": ParameterConfig(1.0, "kg"),
+                "k": ParameterConfig(2000.0, "N/m"),
+                "stiff": ParameterConfig(5e3, "N/m"),
+                "c": ParameterConfig(20.0, "N s/m"),
+                "friction": ParameterConfig(5.0, "N"),
+                "gain": ParameterConfig(1.0, "N/V"),
+            },
+            elements={
+                "amplifier": {"kind": "amplifier", "drives": "source"},
+                "source": {"kind": "actuator", "gain": "gain", "drives": "mass_1"},
+                "mass_1": {"kind": "mass", "mass": "m"},
+                "link_1": {"kind": "link", "between": ["ground", "mass_1"], "stiffness": "k", "damping": "c"},
+                "joint": {"kind": "coupling", "between": ["band", "mass_1"], "stiffness": "stiff", "damping": "c"},
+                "band": {"kind": "brake", "mass": "m", "friction": "friction"},
+            },
+            sensors={
+                "q1": {"of": "mass_1", "quantity": "position"},
+                "force": {"of": "joint", "quantity": "force"},
+            },
+        )
+    )
+
+
 def oscillator(damping: float = 4.0) -> Rig:
     """Two masses: one tied to the ground and pushed by an ideal force, one tied to the first."""
     return build_rig(

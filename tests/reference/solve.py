@@ -297,6 +297,8 @@ def _solution(rig, run, t_s, times, states, angles, travels, lags) -> Solution:
         index = np.searchsorted(times, t_s - lags[name] - 1e-12)
         if sensor.quantity == "current":
             values = states[:, 0]
+        elif sensor.quantity == "force":
+            values = np.array([it.force_in(sensor.of, t, x) for t, x in zip(times, states.tolist(), strict=True)])
         elif sensor.of == carried and carried not in it.bodies:
             values = np.array(travels)[:, 0 if sensor.quantity == "position" else 1]
         else:

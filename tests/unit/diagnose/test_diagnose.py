@@ -42,7 +42,12 @@ def test_one_effect_is_named(rig, place, effect, values):
     assert document["verdict"] == "missing_physics"
     assert [(f["location"], f["effect"]) for f in document["findings"]] == [(place, effect)]
     name, value = next(iter(values.items()))
-    assert document["findings"][0]["parameters"][name]["value"] == pytest.approx(value, rel=0.03)
+    found_value = document["findings"][0]["parameters"][name]
+    # masses, springs and forces that all grow alike cannot be seen: the size is known as well as the mass is
+    assert found_value["value"] == pytest.approx(value, rel=0.1)
+    low, high = found_value["ci95"]
+    assert low <= value <= high
+    assert high - low < 0.4 * value
     held = document["fit"]["held_out"]
     assert held["extended"] < 1.2 * document["fit"]["noise_floor"] < held["nominal"]
     assert found.extended.effect(place, effect) is not None

@@ -21,7 +21,10 @@ PLACES = {
     "mass": "mass_2",
     "sensor": "sensor_q3",
     "carriage": "carriage",
+    "coupling": "joint",
+    "brake": "band",
 }
+RIGS = {"carriage": rigs.carriage, "coupling": rigs.damper, "brake": rigs.damper}
 
 
 def run(rig: Rig) -> Response:
@@ -39,7 +42,7 @@ def busy_lead_screw() -> Rig:
 @pytest.mark.parametrize(("kind", "name"), CATALOGUE)
 def test_a_neutral_effect_changes_no_bit(kind: str, name: str, busy: bool) -> None:
     effect = CATALOGUE[kind, name]
-    rig = rigs.carriage() if kind == "carriage" else busy_lead_screw() if busy else rigs.lead_screw()
+    rig = RIGS.get(kind, busy_lead_screw if busy else rigs.lead_screw)()
     values = {p.name: p.typical for p in effect.parameters} | {effect.size.name: effect.size.neutral}
     before, after = run(rig), run(rig.with_effect(PLACES[kind], name, values))
     for sensor in rig.sensors:
@@ -56,7 +59,7 @@ def near_neutral(neutral: float, typical: float) -> float:
 def test_an_effect_fades_out_towards_its_neutral_value(kind: str, name: str) -> None:
     """Switched on with a millionth of its typical size: the code of the effect runs, and nearly nothing happens."""
     effect = CATALOGUE[kind, name]
-    rig = rigs.carriage() if kind == "carriage" else rigs.lead_screw()
+    rig = RIGS.get(kind, rigs.lead_screw)()
     tiny = {p.name: p.typical for p in effect.parameters}
     tiny[effect.size.name] = near_neutral(effect.size.neutral, effect.size.typical)
     plain = run(rig)

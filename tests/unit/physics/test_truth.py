@@ -86,6 +86,14 @@ CASES: dict[tuple[str, str], Case] = {
     ("carriage", "cogging"): replace(CARRIAGE, size_v=2.0),
     ("carriage", "constant_force"): CARRIAGE,
     ("carriage", "absorber"): CARRIAGE,
+    ("coupling", "backlash"): Case(("joint",), {"lost_motion": 5e-3}, size_v=60.0, rig="damper"),
+    ("coupling", "cubic_stiffness"): Case(("joint",), {"k3": 1e8}, size_v=60.0, rig="damper"),
+    ("coupling", "quadratic_damping"): Case(("joint",), {"c2": 200.0}, size_v=60.0, rig="damper"),
+    ("coupling", "hysteresis"): Case(("joint",), {"force": 2.0, "displacement": 5e-4}, size_v=60.0, rig="damper"),
+    ("brake", "stribeck_friction"): Case(("band",), {"force": 1.0, "speed": 0.1}, size_v=60.0, rig="damper"),
+    ("brake", "viscous_friction"): Case(("band",), {"coefficient": 10.0}, size_v=60.0, rig="damper"),
+    ("brake", "asymmetric_friction"): Case(("band",), {"viscous_difference": 10.0}, size_v=60.0, rig="damper"),
+    ("brake", "constant_force"): Case(("band",), {"force": 1.0}, size_v=60.0, rig="damper"),
 }
 
 #: the same laws where an ideal force drives masses that no screw carries
@@ -111,7 +119,7 @@ def growing_gap() -> Array:
 
 
 def base_rig(case: Case) -> Rig:
-    rig = rigs.carriage() if case.rig == "carriage" else rigs.lead_screw()
+    rig = {"carriage": rigs.carriage, "damper": rigs.damper}.get(case.rig, rigs.lead_screw)()
     if case.rig == "loaded lead_screw":
         rig = rig.with_effect("motor_bearing", "viscous_friction", {"coefficient": 0.02})
     for place, effects in case.companions.items():

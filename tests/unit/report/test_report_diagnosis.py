@@ -15,7 +15,7 @@ from dtbacklash.config.compose import compose
 from dtbacklash.physics.rig import build_rig
 from dtbacklash.physics.rig_file import rig_yaml
 from dtbacklash.report import diagnosis_page, tables
-from dtbacklash.report.diagnosis_figures import Curve, binned, curve_figure, force_figure, zoom
+from dtbacklash.report.diagnosis_figures import Curve, curve_figure, force_figure, zoom
 from dtbacklash.report.diagnosis_page import heading
 from dtbacklash.report.diagnosis_text import lines
 from dtbacklash.report.intervals import interval, name_in_words, scaled, unit_in_signs
@@ -242,16 +242,6 @@ def test_models_that_agree_get_one_residual():
     assert legend == ["measured", "nominal model", "held out"]
 
 
-def test_bins_give_median_and_quartiles():
-    state = np.repeat(np.arange(40.0), 50)
-    centres, middle, low, high = binned(state, np.tile(np.arange(50.0), 40))
-    assert len(centres) == 40
-    assert middle == pytest.approx(24.5)
-    assert low == pytest.approx(12.25)
-    assert high == pytest.approx(36.75)
-    assert all(len(part) == 0 for part in binned(state[:5], state[:5]))
-
-
 @pytest.mark.parametrize("effect", ["coulomb_friction", ""])
 def test_a_law_is_drawn_where_there_is_one(effect):
     figure = force_figure(diagnosed.friction_force(effect))
@@ -261,7 +251,9 @@ def test_a_law_is_drawn_where_there_is_one(effect):
 
 
 def test_a_force_without_samples_is_an_empty_figure():
-    empty = replace(diagnosed.friction_force(), state=np.empty(0), recovered=np.empty(0))
+    empty = replace(
+        diagnosed.friction_force(), state=np.empty(0), recovered=np.empty(0), error=np.empty(0), law=np.empty(0)
+    )
     assert force_figure(empty).axes
 
 

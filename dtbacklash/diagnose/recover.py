@@ -1,0 +1,255 @@
+"""Recover: the effort that is missing at a place, against the state that it depends on, with no law assumed.
+
+The effort is a sum of hat functions of a state. Each reaches the output through the block's linear dynamics, so that
+one regression on what a model leaves gives their heights, with the nominal parameters free beside them. Where no effect
+explains a mismatch, the place and the state that explain most of it on held-out data say where it sits.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import lfilter, ss2tf
+
+from dtbacklash.diagnose.candidates import positions
+from dtbacklash.diagnose.compare import Block, Record, part_of, places_of, true_angle
+from dtbacklash.diagnose.evidence import Evidence, Residuals
+from dtbacklash.diagnose.refit import Fit, Problem, nominal_free
+from dtbacklash.physics import plant as pl
+from dtbacklash.physics.assembly import compile_plant, state_names
+from dtbacklash.physics.elements import BODY_KINDS, LINK_KINDS
+from dtbacklash.physics.plant import Floats
+from dtbacklash.physics.rig import Rig
+
+#: hat functions over a state, at its quantiles
+KNOTS = 25
+#: of a state's outermost values this share lies beyond the outermost knots
+TAILS = 0.002
+#: weight of the heights' second differences, relative to the data's
+SMOOTH = 1e-3
+
+
+@dataclass(frozen=True)
+class Recovered:
+    """The missing effort at a place against a state.
+
+    Attributes
+    ----------
+    place, state : where, and of what (``speed``, ``position``, ``stretch``, ``stretch rate``, ``command``, ``time``).
+    state_unit, effort_unit : SI.
+    knots, effort, error : (K,) state, effort and its standard error. law : (K,) the same regression on what a fitted
+    law does, or empty. share : of the mismatch's mean square on the held-out part that it explains.
+    """
+
+    place: str
+    state: str
+    state_unit: str
+    effort_unit: str
+    knots: Floats
+    effort: Floats
+    error: Floats
+    law: Floats
+    share: float
+
+
+def recover(evidence: Evidence, fitted: Fit, place: str, effect: str = "") -> Recovered | None:
+    """The effort that a model without ``effect`` lacks at ``place``, against the state that explains most of it.
+
+    None where no linear path leads from the place to a measured signal.
+    """
+    if effect:
+        rig = fitted.rig.with_effect(place, effect, None)
+        base = replace(fitted, rig=rig, residuals=evidence.residuals(rig, fitted.residuals, {place}))
+    else:
+        base = fitted
+    lens = _Lens(evidence, base)
+    found = [r for block in evidence.blocks for r in lens.at(block, place, fitted.residuals if effect else None)]
+    return max(found, key=lambda r: r.share, default=None)
+
+
+def locate_rest(evidence: Evidence, fitted: Fit) -> Recovered | None:
+    """The place and state whose effort explains most of what a fit leaves, on held-out data."""
+    lens = _Lens(evidence, fitted)
+    places = [p for p in fitted.rig.elements if fitted.rig.elements[p].kind not in ("actuator", "motor_circuit")]
+    found = [r for place in places for block in evidence.blocks for r in lens.at(block, place, None)]
+    return max(found, key=lambda r: r.share, default=None)
+
+
+class _Lens:
+    """Regressions on what one model leaves."""
+
+    def __init__(self, evidence: Evidence, base: Fit) -> None:
+        self.evidence, self.base, self.rig = evidence, base, base.rig
+        self.positions = [positions(base.rig, evidence.blocks, r) for r in evidence.records]
+        self._drift = _nominal_columns(evidence, base)
+
+    def at(self, block: Block, place: str, extended: Residuals | None) -> list[Recovered]:
+        """What is missing at a place as one block sees it, against each of the place's states."""
+        part = part_of(self.rig, block)
+        path = _path(part, block, place) if place in places_of(self.rig, block) else None
+        if path is None:
+            return []
+        unit, columns = path
+        records = self.evidence.records
+        states = [_states(self.rig, place, block, r, p) for r, p in zip(records, self.positions, strict=True)]
+        transfer = _transfer(part, block, records[0].sample_time_s, columns)
+        found = []
+        for name, (_, state_unit) in states[0].items():
+            values = [s[name][0] for s in states]
+            knots = _knots(np.concatenate(values))
+            if knots is not None:
+                found.append(self._regress(block, place, (name, state_unit, unit), values, knots, transfer, extended))
+        return found
+
+    def _regress(
+        self, block: Block, place: str, names: tuple[str, str, str], values: list[Floats], knots: Floats,
+        transfer: tuple[Floats, Floats], extended: Residuals | None,
+    ) -> Recovered:  # fmt: skip
+        scale = self.evidence.floor[block.name]
+        numerators, denominator = transfer
+        hats = np.eye(len(knots))
+        waves: Residuals = {block.name: []}
+        for v in values:
+            shapes = np.array([np.interp(v, knots, h) for h in hats])
+            # (samples, channels, knots) in units of the floor
+            response = np.array([lfilter(row, denominator, shapes, axis=1) for row in numerators])
+            waves[block.name].append(np.moveaxis(response, 2, 0) / scale[None, :, None])
+        root = np.sqrt(self.base.weights[block.name])
+
+        def rows(of: list[Floats], part: str) -> Floats:
+            kept = [e[getattr(r, part)] * _wide(root, e) for e, r in zip(of, self.evidence.records, strict=True)]
+            joined = np.concatenate(kept)
+            return joined.reshape(joined.shape[0] * joined.shape[1], *joined.shape[2:])
+
+        left, drift = self.base.residuals[block.name], self._drift.get(block.name, [])
+        x, count = rows(waves[block.name], "train"), len(knots)
+        x = np.hstack([x, rows(drift, "train")]) if drift else x
+        bend = np.diff(np.eye(count), 2, axis=0) * np.sqrt(SMOOTH * np.mean(np.sum(x[:, :count] ** 2, axis=0)))
+        below = np.zeros((len(bend) + x.shape[1], x.shape[1]))
+        below[: len(bend), :count] = bend
+        below[len(bend) :] = np.diag(np.r_[np.full(count, 1e-9 * np.abs(x[:, :count]).max()), self._prior(drift)])
+        gram = np.linalg.pinv(x.T @ x + below.T @ below)
+        y = rows(left, "train")
+        heights = gram @ (x.T @ y)
+        law = np.empty(0)
+        if extended is not None:
+            law = (gram @ (x.T @ (y - rows(extended[block.name], "train"))))[:count]
+        held = rows(waves[block.name], "held")
+        held = np.hstack([held, rows(drift, "held")]) if drift else held
+        target = rows(left, "held")
+        rest = target - held @ heights
+        error = np.sqrt(np.maximum(np.diag(gram)[:count] * np.mean((y - x @ heights) ** 2), 0.0))
+        share = 1.0 - float(rest @ rest) / max(self._total(root, block.name, target), 1e-300)
+        return Recovered(place, *names, knots, heights[:count], error, law, share)
+
+    def _total(self, root: Floats, name: str, target: Floats) -> float:
+        """Held-out mismatch of all blocks, so that shares of different blocks can be compared."""
+        total = float(target @ target)
+        for block in self.evidence.blocks:
+            if block.name != name:
+                e = self.evidence.rows(self.base.residuals, block.name, "held")
+                total += float(np.sum(e**2 * self.base.weights[block.name][:, None]))
+        return total
+
+    def _prior(self, drift: list[Floats]) -> Floats:
+        return np.ones(drift[0].shape[2]) if drift else np.zeros(0)
+
+
+def _wide(root: Floats, e: Floats) -> Floats:
+    return root[None, :, None] if e.ndim == 3 else root[None, :]
+
+
+def _nominal_columns(evidence: Evidence, base: Fit) -> dict[str, list[Floats]]:
+    """Per block and record, (samples, channels, parameters) what a tolerance of each nominal parameter changes."""
+    free = nominal_free(base.rig)
+    problem = Problem(evidence, base.rig, free)
+    found: dict[str, list[list[Floats]]] = {b.name: [[] for _ in evidence.records] for b in evidence.blocks}
+    for j in range(len(free)):
+        there = problem.residuals(np.eye(len(free))[j] * 1e-3)
+        for name, per_record in there.items():
+            for k, e in enumerate(per_record):
+                found[name][k].append((base.residuals[name][k] - e) / 1e-3)
+    return {n: [np.stack(c, axis=2) for c in per] for n, per in found.items() if free}
+
+
+def _path(part: Rig, block: Block, place: str) -> tuple[str, dict[int, float]] | None:
+    """(unit of the effort, {input channel: sign}) through which an effort at a place acts."""
+    element = part.elements.get(place)
+    bodies = state_names(part, block.imposed is not None)
+    if element is None:
+        return None
+    if element.kind == "amplifier":
+        return "V", {pl.CH_V: 1.0}
+    if element.kind in BODY_KINDS:
+        unit = "N m" if element.kind == "rotor" else "N"
+        return (unit, {pl.CH_F + bodies.index(place): 1.0}) if place in bodies else None
+    if element.kind in LINK_KINDS:
+        a, b = element.neighbours["between"]
+        ends = {pl.CH_F + bodies.index(e): sign for e, sign in ((a, 1.0), (b, -1.0)) if e in bodies}
+        return ("N", ends) if ends else None
+    if element.kind in ("gear", "screw") and block.imposed:
+        return "m", {pl.CH_D: 1.0}
+    return None
+
+
+def _states(rig: Rig, place: str, block: Block, record: Record, at: dict[str, Floats]) -> dict[str, tuple[Floats, str]]:
+    """What an effort at the place may depend on: name -> ((N,) values, unit)."""
+    step, kind = record.sample_time_s, rig.elements[place].kind
+    clock = np.arange(record.samples, dtype=np.float64) * step
+    time = {"time": (clock, "s")}
+    if kind == "amplifier":
+        return {"command": (record.u, "V"), **time}
+    if kind in ("gear", "screw"):
+        angle = true_angle(rig, block, record)
+        return {"angle": (angle, "rad"), "speed": (_rate(angle, step), "rad/s"), **time}
+    if kind in LINK_KINDS:
+        a, b = rig.elements[place].neighbours["between"]
+        zero = np.zeros(record.samples)
+        stretch = at.get(b, zero) - at.get(a, zero)
+        return {"stretch": (stretch, "m"), "stretch rate": (_rate(stretch, step), "m/s"), **time}
+    unit = "rad" if kind == "rotor" else "m"
+    q = at.get(place, np.zeros(record.samples))
+    return {"speed": (_rate(q, step), f"{unit}/s"), "position": (q, unit), **time}
+
+
+def _rate(q: Floats, step: float) -> Floats:
+    """Derivative of a position that may be counted: smoothed over a few samples."""
+    width = 9
+    window = np.hanning(width + 2)
+    rate: Floats = np.convolve(np.gradient(q, step), window[1:-1] / window.sum(), "same")
+    return rate
+
+
+def _knots(values: Floats) -> Floats | None:
+    """Places of the hats: half of them even over the range, half of them where the state mostly is."""
+    low, high = np.quantile(values, (TAILS, 1.0 - TAILS))
+    if not high > low:
+        return None
+    even = np.linspace(low, high, KNOTS // 2 + 1)
+    often = np.quantile(values, np.linspace(TAILS, 1.0 - TAILS, KNOTS // 2 + 1))
+    knots = np.unique(np.concatenate([even, often]))
+    kept = [knots[0]]
+    for k in knots[1:]:
+        if k - kept[-1] > 1e-3 * (high - low):
+            kept.append(k)
+    return np.array(kept) if len(kept) > 4 else None
+
+
+def _transfer(part: Rig, block: Block, step: float, columns: dict[int, float]) -> tuple[Floats, Floats]:
+    """Numerators (channels, order + 1) and denominator from the effort to the block's innovations."""
+    plant = compile_plant(part, step, 1, 2, block.imposed is not None)
+    contact = 0 if plant.rotor < 0 else 1
+    A = plant.E[contact, 0].T
+    B = sum(sign * plant.P1[contact, 0, channel] for channel, sign in columns.items())
+    names = list(part.sensors)
+    C = np.zeros((len(block.channels), len(A)))
+    for j, c in enumerate(block.channels):
+        index = int(plant.sensor[names.index(c), pl.Y_INDEX])
+        if index >= 0:
+            C[j, index] = 1.0
+    if block.pulled:
+        row = C[list(block.channels).index(block.pulled)]
+        gain = np.zeros(len(A))
+        where = int(np.argmax(row))
+        gain[where], gain[where + plant.n_bodies] = block.gains
+        A = A - A @ np.outer(gain, row)
+    return ss2tf(A, np.asarray(B)[:, None], C, np.zeros((len(C), 1)))

@@ -1,0 +1,141 @@
+"""Make a concealed recording: draw, record, seal; a folder that tells nothing, complete or not there at all."""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import hmac
+import io
+import json
+import shutil
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+
+from dtbacklash.errors import UserError
+from dtbacklash.physics.rig import Rig
+from dtbacklash.prove import seal
+from dtbacklash.prove.draw import check_choices, draw, record
+from dtbacklash.prove.other_rig import Loop, Run, check_concealable
+from dtbacklash.prove.secret import Secret
+from dtbacklash.runfolder import hidden_sibling, reason
+
+#: SI unit of a sensor -> factor to the unit of its plain column
+FACTORS = {"m": 1e3, "m/s": 1e3}
+
+
+def nominal_rig(name: str) -> Rig:
+    """The rig called ``name`` (or in a YAML file), as ``rig=`` takes it in the other commands.
+
+    Raises
+    ------
+    UserError : no such rig, or something in it is wrong.
+    """
+    from dtbacklash.commands.diagnose import Request
+    from dtbacklash.commands.diagnose import nominal_rig as build
+
+    return build(Request(rig=name))
+
+
+def conceal(
+    seed: int,
+    rig_name: str | Rig,
+    folder: Path | str,
+    *,
+    kind: str | None = None,
+    effect: str | None = None,
+    instruments: str | None = None,
+    key_file: Path | str | None = None,
+    keep: bool = False,
+) -> Path:
+    """Make one concealed recording.
+
+    Parameters
+    ----------
+    seed : of everything that is drawn; the same seed and key give the same case and recording.
+    rig_name : a rig's name or file, or the rig itself. folder : where the case's folder comes.
+    kind, effect, instruments : choices that are otherwise drawn, see :func:`.draw.draw`.
+    key_file : of the key; made if it is not there. Default: ``<folder>.key``.
+    keep : return a case that is there already instead of refusing to overwrite it.
+
+    Returns
+    -------
+    ``folder/<id>`` with ``recording.csv.gz``, ``public.json`` (rig, channels) and ``sealed.json``.
+
+    Raises
+    ------
+    UserError : a choice that cannot be, a case that is there already, a folder or key that cannot be used.
+    """
+    folder = Path(folder).absolute()
+    rig = nominal_rig(rig_name) if isinstance(rig_name, str) else rig_name
+    key_file = Path(key_file) if key_file is not None else seal.key_path(folder)
+    if folder in key_file.absolute().parents:
+        raise UserError("key", key_file, f"a file outside {folder}: who gets the recordings must not get the key")
+    check_concealable(rig)
+    check_choices(rig, kind, effect, instruments)
+    key = seal.read_or_make_key(key_file)
+    case = folder / case_id(seed, rig, key, kind, effect, instruments)
+    if case.exists():
+        if keep:
+            return case
+        raise UserError("seed", seed, f"its recording is there already: {case}")
+    secret = draw(seed, rig, kind, effect, instruments)
+    if isinstance(rig_name, str):
+        secret = replace(secret, rig=rig_name)
+    write_case(case, secret, rig, key)
+    return case
+
+
+def case_id(
+    seed: int, rig: Rig, key: bytes, kind: str | None = None, effect: str | None = None, instruments: str | None = None
+) -> str:
+    """The name of a case: without the key it tells nothing about the seed."""
+    words = json.dumps([seed, rig.config.name, kind, effect, instruments])
+    return hmac.new(key, words.encode(), hashlib.sha256).hexdigest()[:12]
+
+
+def write_case(case: Path, secret: Secret, nominal: Rig, key: bytes) -> None:
+    """Record a secret and seal it into the folder ``case``, complete or not at all.
+
+    Raises
+    ------
+    UserError : it cannot be written.
+    """
+    loop, run = record(secret, nominal)
+    content = csv_gz(recording_table(secret, nominal, loop, run))
+    public = {"rig": secret.rig, "channels": secret.channels}
+    scratch = hidden_sibling(case, ".partial")
+    try:
+        scratch.mkdir(parents=True)
+        (scratch / seal.RECORDING).write_bytes(content)
+        _write_json(scratch / seal.PUBLIC, public)
+        _write_json(scratch / seal.SEALED, seal.seal(secret, content, key))
+        scratch.rename(case)
+    except OSError as error:
+        raise UserError("out", case.parent, f"cannot be written: {reason(error)}") from error
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _write_json(path: Path, content: Mapping[str, object]) -> None:
+    path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+
+
+def recording_table(secret: Secret, nominal: Rig, loop: Loop, run: Run) -> pd.DataFrame:
+    """What was recorded, in the columns and units of ``dtb run recording.save=``: t s, r mm (V in open loop), u V."""
+    t_s = [round(k * secret.sample_time_s, 9) for k in range(len(run.u))]
+    columns = {"t": t_s, "r": loop.reference * (1e3 if loop.closed else 1.0) + 0.0, "u": run.u + 0.0}
+    for name in secret.channels:
+        columns[name] = run.seen[name] * FACTORS.get(nominal.sensors[name].unit, 1.0) + 0.0  # no -0
+    return pd.DataFrame(columns)
+
+
+def csv_gz(table: pd.DataFrame) -> bytes:
+    """A table as gzipped CSV: no file name, no date, the same bytes for the same table."""
+    text = table.to_csv(index=False, float_format="%.12g", lineterminator="\n")
+    buffer = io.BytesIO()
+    with gzip.GzipFile(filename="", mode="wb", fileobj=buffer, mtime=0, compresslevel=6) as file:
+        file.write(text.encode())
+    return buffer.getvalue()

@@ -1,0 +1,156 @@
+"""The oracle: a fit that knows the true structure, on the same samples as the diagnosis, by the tool's own fit.
+
+It says two things of a case: how small the held-out error can be (the diagnosed rig is judged beside it, by the same
+evidence), and which of the hidden things this recording shows clearly at all. The rule of the second, for each hidden
+effect with all others kept and everything fitted anew with and without it:
+
+    clear = in one channel, the held-out mean square's excess over the noise floor falls by at least half
+            (``EXCESS_LEFT``), and by at least ``T_CLEAR`` standard errors in the paired test over stretches.
+
+The same rule, with a nominal parameter held at its nominal value instead of an effect left out, says which wrong
+parameter is clear. Physics that the catalogue lacks has no oracle; there :data:`.rules.UNKNOWN_CLEAR` decides.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dtbacklash.diagnose.evidence import Evidence, Residuals
+from dtbacklash.diagnose.refit import Fit, Free, effect_free, fit, nominal_free
+from dtbacklash.physics.rig import Rig, build_rig
+
+#: of the excess over the floor, at most this share may be left with what was hidden in the model
+EXCESS_LEFT = 0.5
+#: standard errors, over stretches, by which the held-out mean square has to fall
+T_CLEAR = 3.0
+#: rounds of the fits: each with the weights of where the last one ended
+ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What one hidden thing does to the clearest channel: mean squares in units of the floor's, and t of their fall."""
+
+    without: float
+    with_it: float
+    t: float
+
+    @property
+    def clear(self) -> bool:
+        """The rule."""
+        left, excess = max(self.with_it - 1.0, 0.0), self.without - 1.0
+        return excess > 0.0 and left <= EXCESS_LEFT * excess and self.t >= T_CLEAR
+
+
+def look(evidence: Evidence, secret: dict[str, Any], extended: Rig | None) -> dict[str, Any]:
+    """What an oracle sees in one case.
+
+    Parameters
+    ----------
+    evidence : of the recording on the nominal rig. secret : what was hidden, as its JSON.
+    extended : the rig as the diagnosis left it, or None where it failed.
+
+    Returns
+    -------
+    ``held_out`` : rms of the held-out residuals of all channels, in units of the floor, of the ``nominal``, the
+    ``recalibrated``, the ``extended`` and the ``oracle``'s rig; ``clear`` and ``clear_parameters`` : name -> bool;
+    ``seen`` : the figures behind them; ``wall_s``.
+    """
+    begin = time.perf_counter()
+    rig = evidence.nominal
+    effects = {(e["location"], e["effect"]): e["parameters"] for e in secret["effects"]}
+    recalibrated = fit(evidence, rig, nominal_free(rig))
+    best = refit_truth(evidence, effects, secret["parameters"]) if effects else recalibrated
+    seen: dict[str, Seen] = {}
+    for key in effects:
+        others = {k: v for k, v in effects.items() if k != key}
+        without = refit_truth(evidence, others, secret["parameters"]) if others else recalibrated
+        seen[".".join(key)] = compare(evidence, without, best)
+    wrong = _wrong_parameters(evidence, secret, best)
+    held = {
+        "nominal": held_loss(evidence, evidence.residuals(rig)),
+        "recalibrated": held_loss(evidence, recalibrated.residuals),
+        "extended": held_loss(evidence, evidence.residuals(extended)) if extended else math.nan,
+        "oracle": held_loss(evidence, best.residuals),
+    }
+    return {
+        "held_out": held,
+        "clear": {name: s.clear for name, s in seen.items()},
+        "clear_parameters": {name: s.clear for name, s in wrong.items()},
+        "seen": {n: {"without": s.without, "with": s.with_it, "t": s.t} for n, s in {**seen, **wrong}.items()},
+        "wall_s": time.perf_counter() - begin,
+    }
+
+
+def refit_truth(
+    evidence: Evidence,
+    effects: dict[tuple[str, str], dict[str, float]],
+    parameters: dict[str, float],
+    pinned: str | None = None,
+) -> Fit:
+    """Fit these effects and the nominal parameters, from the true values of both; ``pinned`` stays nominal."""
+    base = evidence.nominal
+    for (place, name), values in effects.items():
+        base = base.with_effect(place, name, values)
+    free = [f for f in nominal_free(base) if f.name != pinned]
+    start = [_start(f, parameters) for f in free]
+    for place, name in effects:
+        there = base.effect(place, name)
+        if there is not None:  # at its neutral value it does nothing, and nothing is there to fit
+            more = effect_free(base, place, name, there)
+            free, start = free + more, start + [0.0] * len(more)
+    return fit(evidence, base, free, np.array(start), rounds=ROUNDS)
+
+
+def _start(free: Free, parameters: dict[str, float]) -> float:
+    return (parameters.get(free.name, free.centre) - free.centre) / free.scale
+
+
+def _wrong_parameters(evidence: Evidence, secret: dict[str, Any], best: Fit) -> dict[str, Seen]:
+    """For a case that hides wrong parameters only: what each does that the others cannot undo."""
+    if secret["kind"] != "parameters":
+        return {}
+    return {
+        name: compare(evidence, refit_truth(evidence, {}, secret["parameters"], pinned=name), best)
+        for name in secret["parameters"]
+    }
+
+
+def compare(evidence: Evidence, without: Fit, best: Fit) -> Seen:
+    """The clearest channel, or, if none is clear, the one whose mean square falls most surely."""
+    found = []
+    for block in evidence.blocks:
+        first = evidence.stretches(without.residuals, block.name)
+        second = evidence.stretches(best.residuals, block.name)
+        falls = first - second
+        errors = falls.std(axis=1, ddof=1) / np.sqrt(falls.shape[1]) + 1e-12
+        for channel in range(len(falls)):
+            t = float(falls[channel].mean() / errors[channel])
+            found.append(Seen(float(first[channel].mean()), float(second[channel].mean()), t))
+    return max(found, key=lambda s: (s.clear, s.t))
+
+
+def held_loss(evidence: Evidence, residuals: Residuals) -> float:
+    """Rms of the held-out residuals of all channels, in units of the floor."""
+    squares = evidence.mean_square(residuals, "held")
+    return float(np.sqrt(np.mean(np.concatenate(list(squares.values())))))
+
+
+def described(rig: Rig) -> dict[str, Any]:
+    """What a diagnosed rig has, as JSON: values of all parameters, and effects."""
+    parameters = {name: p.value for name, p in rig.config.parameters.items()}
+    return {"parameters": parameters, "effects": rig.effects}
+
+
+def rebuilt(nominal: Rig, description: dict[str, Any]) -> Rig:
+    """The rig of :func:`described` on the same nominal rig."""
+    rig = build_rig(nominal.config).with_parameters(description["parameters"])
+    for place, there in description["effects"].items():
+        for name, values in there.items():
+            rig = rig.with_effect(place, name, values)
+    return rig

@@ -1,0 +1,76 @@
+"""The quick proof: a fixed set of scoring seeds, and what was reached on it.
+
+The recordings are chosen by a rule that knows no result: of each kind the first, as many as in ``QUOTA``, from the
+first scoring seed on; a full proof from there holds the same. What was reached stands in ``reached.yaml``, per figure
+as count and number of cases; a share below it is a drop.
+"""
+
+from __future__ import annotations
+
+from importlib import resources
+from typing import Any
+
+import yaml
+
+from dtbacklash.prove.run import SCORING_FROM
+from dtbacklash.prove.score import Score
+
+#: recordings of each kind
+QUOTA = {"nothing": 3, "parameters": 3, "single": 8, "several": 3, "unknown": 3}
+#: figures that the quick proof holds against what was reached
+HELD = (
+    "strict", "within_ambiguity", "nothing_found", "parameters_told", "unknown_admitted", "coverage_effects",
+    "coverage_parameters",
+)  # fmt: skip
+#: the median of the held-out error over the oracle's may rise by this share: fits differ in the last digits
+RATIO_SLACK = 0.05
+HEAD = """\
+# What `dtb prove --quick` reached: per figure [right, of]. A lower share fails it.
+# Raised by copying the reached.yaml that the quick proof writes beside its score.
+"""
+
+
+def quick_seeds() -> tuple[int, ...]:
+    """The seeds of the quick proof, in order."""
+    from dtbacklash.prove.draw import draw_kind
+
+    left, seeds, seed = dict(QUOTA), [], SCORING_FROM
+    while any(left.values()):
+        kind = draw_kind(seed)
+        if left[kind]:
+            left[kind] -= 1
+            seeds.append(seed)
+        seed += 1
+    return tuple(seeds)
+
+
+def reached(rig: str) -> dict[str, Any]:
+    """What was reached on a rig; empty if nothing is on record."""
+    text = (resources.files("dtbacklash.prove") / "reached.yaml").read_text(encoding="utf-8")
+    return dict((yaml.safe_load(text) or {}).get(rig) or {})
+
+
+def reached_text(rig: str, score: Score) -> str:
+    """The text of a ``reached.yaml`` that holds this score."""
+    lines = [f"  {name}: [{score.figure(name).right}, {score.figure(name).of}]" for name in HELD]
+    ratio = next(q for q in score.quantities if q.name == "ratio")
+    if ratio.of:
+        lines.append(f"  ratio: {ratio.median:.3f}")
+    return HEAD + f"{rig}:\n" + "\n".join(lines) + "\n"
+
+
+def drops(score: Score, before: dict[str, Any]) -> list[str]:
+    """One sentence for each figure that fell below what was reached."""
+    found = []
+    for name, there in before.items():
+        if name == "ratio":
+            now = next(q for q in score.quantities if q.name == "ratio").median
+            if not now <= float(there) * (1.0 + RATIO_SLACK):
+                found.append(f"held-out error over the oracle's: {now:.3g}, reached were {float(there):.3g}")
+            continue
+        right, of = there
+        figure = score.figure(name)
+        # cross-multiplied: exact, and a figure that nothing counts towards any more is a drop too
+        if figure.right * of < right * figure.of or (of and not figure.of):
+            found.append(f"{figure.what}: {figure.right}/{figure.of}, reached were {right}/{of}")
+    return found

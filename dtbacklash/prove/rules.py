@@ -1,0 +1,208 @@
+"""The rules by which one diagnosis is judged against what was hidden. All of them stand here; none looks elsewhere.
+
+A case is *clear* when an oracle (see :mod:`.oracle`) sees everything that was hidden in it; the bars of the score
+count clear cases, and the score shows all of them beside that.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+Key = tuple[str, str]
+
+KINDS = ("nothing", "parameters", "single", "several", "unknown")
+#: an unknown effect is clear when it changes the signals by this many times their noise: there is no oracle for it
+UNKNOWN_CLEAR = 3.0
+#: a diagnosis without a finding may say one of these where no physics is missing
+NOTHING_MISSING = ("consistent", "parameters")
+
+
+@dataclass(frozen=True)
+class Case:
+    """One concealed recording with its answer.
+
+    Attributes
+    ----------
+    id : name of its folder. secret : what was hidden, as its JSON. diagnosis : content of ``diagnosis.json``, or
+    None where the diagnosis failed. oracle : see :func:`.oracle.look`. wall_s : time of the diagnosis. error : why
+    it failed.
+    """
+
+    id: str
+    secret: dict[str, Any]
+    diagnosis: dict[str, Any] | None
+    oracle: dict[str, Any]
+    wall_s: float | None = None
+    error: str = ""
+
+    @property
+    def kind(self) -> str:
+        """What sort of thing was hidden, one of ``KINDS``."""
+        return str(self.secret["kind"])
+
+    @property
+    def hidden(self) -> list[Key]:
+        """(location, effect) of each hidden effect of the catalogue."""
+        return [(e["location"], e["effect"]) for e in self.secret["effects"]]
+
+    @property
+    def findings(self) -> list[dict[str, Any]]:
+        """The findings that name an effect."""
+        return [f for f in (self.diagnosis or {}).get("findings", []) if f.get("effect")]
+
+    @property
+    def named(self) -> list[Key]:
+        """(location, effect) of each finding."""
+        return [(f["location"], f["effect"]) for f in self.findings]
+
+    @property
+    def verdict(self) -> str:
+        """The verdict, or ``failed``."""
+        return str(self.diagnosis["verdict"]) if self.diagnosis else "failed"
+
+    def visibility(self, key: Key) -> float:
+        """Rms change of the measured signals by one effect, in units of their noise; NaN if it is not known."""
+        return float(self.secret.get("visibility", {}).get(".".join(key), math.nan))
+
+    @property
+    def unknown_visibility(self) -> float:
+        """The same for what the catalogue lacks."""
+        unknown = self.secret.get("unknown")
+        return self.visibility((unknown["location"], unknown["name"])) if unknown else math.nan
+
+
+def also(finding: dict[str, Any]) -> set[Key]:
+    """What a finding says that it cannot be told from."""
+    return {(a["location"], a["effect"]) for a in finding.get("also_fits", [])}
+
+
+def matches(case: Case) -> dict[int, int]:
+    """Hidden effect -> finding, by index: one to one, by name first, then by the stated ambiguity.
+
+    Of all assignments the one with most exact matches among those with most matches.
+    """
+    hidden, findings = case.hidden, case.findings
+    if not hidden or not findings:
+        return {}
+    worth = np.zeros((len(hidden), len(findings)))
+    for i, key in enumerate(hidden):
+        for j, finding in enumerate(findings):
+            exact = key == (finding["location"], finding["effect"])
+            worth[i, j] = 1.01 if exact else float(key in also(finding))
+    rows, columns = linear_sum_assignment(worth, maximize=True)
+    return {int(i): int(j) for i, j in zip(rows, columns, strict=True) if worth[i, j] > 0.0}
+
+
+def exact(case: Case) -> set[int]:
+    """Indices of the hidden effects that a finding names at the right place."""
+    named = case.named
+    return {i for i, key in enumerate(case.hidden) if key in named}
+
+
+def strict(case: Case) -> bool:
+    """Exactly the hidden set of (location, effect), no more and no less."""
+    return case.diagnosis is not None and sorted(case.named) == sorted(case.hidden)
+
+
+def within_ambiguity(case: Case) -> bool:
+    """Each hidden effect is a finding or in a finding's ``also_fits``, one to one, and no finding is left over."""
+    paired = matches(case)
+    return case.diagnosis is not None and len(paired) == len(case.hidden) == len(case.findings)
+
+
+def no_physics(case: Case) -> bool:
+    """No finding, and a verdict that says that no physics is missing."""
+    findings = (case.diagnosis or {}).get("findings", [])
+    return case.verdict in NOTHING_MISSING and not findings
+
+
+def unknown_admitted(case: Case) -> bool:
+    """Physics that the catalogue lacks: called unexplained, or located rightly by a finding or by ``located``."""
+    if case.diagnosis is None:
+        return False
+    place = case.secret["unknown"]["location"]
+    places = {f.get("location") for f in case.diagnosis.get("findings", [])}
+    places.add((case.diagnosis.get("located") or {}).get("location"))
+    return case.verdict == "unexplained" or place in places
+
+
+def clear(case: Case) -> bool:
+    """Whether an oracle sees everything that was hidden. Where nothing was hidden there is nothing to see."""
+    if case.kind == "unknown":
+        return case.unknown_visibility >= UNKNOWN_CLEAR
+    if case.kind in ("single", "several"):
+        seen = case.oracle.get("clear", {})
+        return all(seen.get(".".join(key), False) for key in case.hidden)
+    return True
+
+
+def right(case: Case) -> bool:
+    """Whether the diagnosis is right by the strict rule of its kind."""
+    if case.kind in ("nothing", "parameters"):
+        return no_physics(case)
+    return unknown_admitted(case) if case.kind == "unknown" else strict(case)
+
+
+def clear_parameters(case: Case) -> list[str]:
+    """The wrong parameters that an oracle sees one by one: without moving this one, none of the others fits."""
+    return [name for name, seen in case.oracle.get("clear_parameters", {}).items() if seen]
+
+
+def right_parameters(case: Case) -> int:
+    """How many of the clear wrong parameters were recalibrated, each with an interval that holds its true value."""
+    there = (case.diagnosis or {}).get("recalibrated", {})
+    return sum(
+        name in there and holds(there[name]["ci95"], case.secret["parameters"][name]) for name in clear_parameters(case)
+    )
+
+
+def holds(interval: list[float | None], truth: float, period: float | None = None) -> bool:
+    """Whether an interval holds the truth; of an angle, modulo its period. No interval holds nothing."""
+    low, high = interval
+    if low is None or high is None or not (math.isfinite(low) and math.isfinite(high)):
+        return False
+    if period is None:
+        return low <= truth <= high
+    middle = 0.5 * (low + high)
+    away = (truth - middle + 0.5 * period) % period - 0.5 * period
+    return abs(away) <= 0.5 * (high - low)
+
+
+def intervals_of(case: Case, i: int) -> list[bool]:
+    """For each parameter of one hidden effect that was named exactly: whether its interval holds the truth."""
+    if i not in exact(case):
+        return []
+    truth = case.secret["effects"][i]["parameters"]
+    found = case.findings[case.named.index(case.hidden[i])]["parameters"]
+    period = {"phase": 2.0 * math.pi}
+    return [holds(found[name]["ci95"], value, period.get(name)) for name, value in truth.items() if name in found]
+
+
+def effect_intervals(case: Case) -> list[bool]:
+    """The same for all hidden effects of a case."""
+    return [held for i in range(len(case.hidden)) for held in intervals_of(case, i)]
+
+
+def nominal_intervals(case: Case) -> list[bool]:
+    """For each recalibrated parameter of a case whose structure is right: whether its interval holds the truth."""
+    structure = no_physics(case) if case.kind in ("nothing", "parameters") else strict(case)
+    if case.kind == "unknown" or not structure or case.diagnosis is None:
+        return []
+    truth = case.secret["parameters"]
+    return [
+        holds(there["ci95"], truth.get(name, there["nominal"]))
+        for name, there in case.diagnosis.get("recalibrated", {}).items()
+    ]
+
+
+def error_ratio(case: Case) -> float:
+    """Held-out error of the diagnosed rig over the oracle's; infinite where the diagnosis failed."""
+    losses = case.oracle.get("held_out", {})
+    if case.diagnosis is None or losses.get("extended") is None:
+        return math.inf
+    return float(losses["extended"]) / float(losses["oracle"])

@@ -1,0 +1,132 @@
+"""Sealed answers: what a recording hides, encrypted, with a commitment that shows any later change.
+
+The secret is encrypted by Fernet (AES-128 in CBC mode with an HMAC; the package ``cryptography``). Beside it stands
+the SHA-256 of a random number and the secret: known before the diagnosis, it can be compared after the opening. The
+secret also binds the recording by its hash, so that a recording cannot be exchanged under a seal.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import secrets
+from pathlib import Path
+from typing import Any
+
+from cryptography.fernet import Fernet, InvalidToken
+
+from dtbacklash.errors import UserError
+from dtbacklash.prove.secret import Secret
+from dtbacklash.runfolder import hidden_sibling, reason
+
+RECORDING, PUBLIC, SEALED = "recording.csv.gz", "public.json", "sealed.json"
+FORMAT = "dtbacklash sealed secret 1"
+#: what is sealed is filled up to a multiple of this many bytes, so that its length does not tell how much is hidden
+PADDING = 8192
+
+
+def key_path(folder: Path) -> Path:
+    """Where the key of a folder of concealed recordings is, unless the user says otherwise: beside it."""
+    return folder.with_name(folder.name + ".key")
+
+
+def read_key(path: Path) -> bytes:
+    """Read a key.
+
+    Raises
+    ------
+    UserError : it cannot be read, or is no key.
+    """
+    try:
+        key = path.read_bytes().strip()
+    except OSError as error:
+        raise UserError("key", path, f"cannot be read: {reason(error)}") from error
+    _cipher(key, path)
+    return key
+
+
+def read_or_make_key(path: Path) -> bytes:
+    """The key in ``path``; a new one is written there, readable by its owner only, if there is no such file.
+
+    Raises
+    ------
+    UserError : it cannot be written, or is no key.
+    """
+    if not path.exists():
+        scratch = hidden_sibling(path, ".partial")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with os.fdopen(os.open(scratch, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+                file.write(Fernet.generate_key() + b"\n")
+            with contextlib.suppress(FileExistsError):  # somebody else was quicker: theirs holds
+                os.link(scratch, path)
+        except OSError as error:
+            raise UserError("key", path, f"cannot be written: {reason(error)}") from error
+        finally:
+            scratch.unlink(missing_ok=True)
+    return read_key(path)
+
+
+def _cipher(key: bytes, path: Path) -> Fernet:
+    try:
+        return Fernet(key)
+    except ValueError:
+        raise UserError("key", path, "holds no key; it is the file that `dtb conceal` has written") from None
+
+
+def seal(secret: Secret, recording: bytes, key: bytes) -> dict[str, str]:
+    """Seal a secret with the recording that it belongs to; what ``sealed.json`` holds."""
+    text, nonce = secret.to_json(), secrets.token_hex(32)
+    content = {"nonce": nonce, "secret": text, "recording_sha256": hashlib.sha256(recording).hexdigest()}
+    plain = json.dumps(content).encode()
+    token = Fernet(key).encrypt(plain.ljust(-(-len(plain) // PADDING) * PADDING))
+    return {"format": FORMAT, "sha256": commitment(nonce, text), "token": token.decode()}
+
+
+def commitment(nonce: str, text: str) -> str:
+    """SHA-256 of nonce and secret, hexadecimal."""
+    return hashlib.sha256((nonce + text).encode()).hexdigest()
+
+
+def open_seal(case: Path | str, key_file: Path | str) -> Secret:
+    """Open the seal of a case. Only scoring may call this, when all diagnoses are written.
+
+    Parameters
+    ----------
+    case : the folder of one concealed recording. key_file : the key that it was sealed with.
+
+    Raises
+    ------
+    UserError : no such case or key, a wrong key, a seal or a recording that has been changed.
+    """
+    case, key_file = Path(case), Path(key_file)
+    cipher = _cipher(read_key(key_file), key_file)
+    sealed = _sealed(case)
+    try:
+        content = json.loads(cipher.decrypt(sealed["token"].encode()))
+    except InvalidToken:
+        raise UserError("key", key_file, f"does not open {case / SEALED}: a wrong key, or a changed seal") from None
+    if commitment(content["nonce"], content["secret"]) != sealed["sha256"]:
+        raise UserError("case", case, f"{SEALED} has been changed: the secret does not match its commitment")
+    try:
+        recording = (case / RECORDING).read_bytes()
+    except OSError as error:
+        raise UserError("case", case, f"{RECORDING} cannot be read: {reason(error)}") from error
+    if hashlib.sha256(recording).hexdigest() != content["recording_sha256"]:
+        raise UserError("case", case, f"{RECORDING} is not the one that was sealed")
+    return Secret.from_json(content["secret"])
+
+
+def _sealed(case: Path) -> dict[str, Any]:
+    try:
+        sealed = json.loads((case / SEALED).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UserError("case", case, f"{SEALED} cannot be read: {reason(error)}") from error
+    except ValueError:
+        sealed = None
+    form = isinstance(sealed, dict) and sealed.get("format") == FORMAT
+    if not form or not all(isinstance(sealed.get(name), str) for name in ("sha256", "token")):
+        raise UserError("case", case, f"{SEALED} is no seal of `dtb conceal`, or has been changed")
+    return dict(sealed)

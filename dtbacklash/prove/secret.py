@@ -1,0 +1,76 @@
+"""What a concealed recording hides, as a plain record that goes to JSON and back."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any
+
+from dtbacklash.errors import UserError
+from dtbacklash.physics.rig import Rig
+
+KINDS = ("nothing", "parameters", "single", "several", "unknown")
+INSTRUMENTS = ("minimal", "rich")
+
+
+@dataclass(frozen=True)
+class Secret:
+    """Everything that was drawn for one recording; with the rig, it repeats the recording to the last bit.
+
+    Attributes
+    ----------
+    seed : the seed it was drawn from. rig : name of the rig. kind : one of KINDS.
+    effects : each ``{"location", "effect", "parameters": {name: value in SI}}``, names of the catalogue.
+    unknown : None, or ``{"location", "name", "description", "size", "scale"}``: physics that the catalogue lacks.
+    parameters : true values of the rig's parameters that differ from its nominal ones, SI.
+    excitation : what moves the rig, see :mod:`.excitation`. controller : ``cascade`` or ``open_loop``.
+    instruments : ``minimal`` or ``rich``. channels : the sensors that were recorded.
+    noise, resolution : sensor -> standard deviation, size of a count, SI.
+    visibility : ``location.name`` (and ``parameters``) -> rms of what it changes in the recorded signal that shows it
+        most, in units of that sensor's noise (white noise and counts together): two runs without noise, with and
+        without it, in the same closed loop (where the voltage is given, held together by a weak one).
+    """
+
+    seed: int
+    rig: str
+    kind: str
+    effects: list[dict[str, Any]] = field(default_factory=list)
+    unknown: dict[str, Any] | None = None
+    parameters: dict[str, float] = field(default_factory=dict)
+    excitation: dict[str, Any] = field(default_factory=dict)
+    controller: str = "cascade"
+    instruments: str = "minimal"
+    channels: list[str] = field(default_factory=list)
+    noise: dict[str, float] = field(default_factory=dict)
+    resolution: dict[str, float] = field(default_factory=dict)
+    duration_s: float = 30.0
+    sample_time_s: float = 1e-3
+    visibility: dict[str, float] = field(default_factory=dict)
+
+    def to_json(self) -> str:
+        """The record as JSON, keys in a fixed order, floats with all their digits."""
+        return json.dumps(asdict(self), sort_keys=True, allow_nan=False)
+
+    @classmethod
+    def from_json(cls, text: str) -> Secret:
+        """Read what :meth:`to_json` wrote.
+
+        Raises
+        ------
+        UserError : it is something else.
+        """
+        try:
+            data = json.loads(text)
+            known = {f.name for f in fields(cls)}
+            if not isinstance(data, dict) or set(data) != known or data["kind"] not in KINDS:
+                raise ValueError
+        except (ValueError, RecursionError):
+            raise UserError("secret", text[:40], "what `dtb conceal` has sealed") from None
+        return cls(**data)
+
+    def true_rig(self, nominal: Rig) -> Rig:
+        """The nominal rig with the true parameters and the hidden effects of the catalogue."""
+        rig = nominal.with_parameters(self.parameters) if self.parameters else nominal
+        for effect in self.effects:
+            rig = rig.with_effect(effect["location"], effect["effect"], effect["parameters"])
+        return rig

@@ -1,0 +1,191 @@
+"""``dtb prove`` from the command line: two short concealed recordings end to end, resumption, one-line errors."""
+
+import json
+import shutil
+from dataclasses import replace
+from types import SimpleNamespace
+
+import proved
+import pytest
+from hydra.core.global_hydra import GlobalHydra
+
+from dtbacklash import cli
+from dtbacklash.prove import conceal, seal
+from dtbacklash.prove.draw import draw, draw_kind
+from dtbacklash.prove.quick import quick_seeds
+from dtbacklash.report.proof_page import BEGIN, END
+
+FILES = [
+    "confusion.csv", "figures/confusion.png", "figures/errors.png", "figures/shares.png", "figures/visibility.png",
+    "plan.json", "report.html", "score.csv", "score.json", "table.md",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def concealed(tmp_path_factory):
+    """Two sealed recordings of six seconds: nothing, and backlash."""
+    folder = tmp_path_factory.mktemp("given") / "bench"
+    rig = conceal.nominal_rig("lead_screw")
+    key = seal.read_or_make_key(seal.key_path(folder))
+    for name, kind, effect in (("a1", "nothing", None), ("b2", "single", "gear.backlash")):
+        secret = draw(3, rig, kind, effect, "minimal")
+        conceal.write_case(folder / name, replace(secret, duration_s=6.0), rig, key)
+    return folder
+
+
+@pytest.fixture
+def dtb(tmp_path, monkeypatch, capsys, concealed):
+    """Run ``dtb prove`` in an empty folder beside a copy of the recordings: words -> (exit code, stdout, stderr)."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("dtbacklash.compiled.is_cold", lambda: False)
+    shutil.copytree(concealed, tmp_path / "bench")
+    shutil.copy(seal.key_path(concealed), tmp_path / "bench.key")
+
+    def call(*words):
+        GlobalHydra.instance().clear()
+        code = cli.main(["prove", *map(str, words)])
+        out, err = capsys.readouterr()
+        return code, out, err
+
+    yield call
+    GlobalHydra.instance().clear()
+
+
+@pytest.fixture
+def pretended(monkeypatch):
+    """A diagnosis that names backlash in every recording, and counts how often it is asked."""
+    asked = []
+
+    def pretend(recording, rig):
+        asked.append(recording.source.parent.name)
+        found = proved.diagnosis(proved.finding(proved.BACKLASH))
+        extended = rig.with_effect(*proved.BACKLASH, proved.VALUES[proved.BACKLASH])
+        return SimpleNamespace(to_json=lambda: found, extended=extended)
+
+    monkeypatch.setattr("dtbacklash.diagnose.diagnose", pretend)
+    return asked
+
+
+def test_two_recordings_end_to_end(dtb, tmp_path, files):
+    code, out, err = dtb("folder=bench", "out=proof", "jobs=1")
+    assert code == 0, err
+    results = [name for name in files(tmp_path / "proof") if not name.startswith("cases")]
+    assert results == FILES
+    document = json.loads((tmp_path / "proof" / "score.json").read_text())
+    assert (document["cases"], document["failed"], document["oracle_failed"]) == (2, 0, 0)
+    assert document["clear"]["single"] == 1
+    assert document["notes"]["command"] == "dtb prove folder=bench"
+    assert "exactly the hidden" in out
+    assert out.rstrip().endswith("proof/report.html")
+    assert "asking the oracle: 2 of 2" in err
+
+
+def test_started_again_it_only_scores(dtb, pretended, tmp_path):
+    assert dtb("folder=bench", "out=proof", "jobs=1")[0] == 0
+    assert sorted(pretended) == ["a1", "b2"]
+    first = (tmp_path / "proof" / "score.json").read_bytes()
+    (tmp_path / "proof" / "cases" / "b2.json").unlink()
+    assert dtb("folder=bench", "out=proof", "jobs=1")[0] == 0
+    assert sorted(pretended) == ["a1", "b2", "b2"]
+    found = json.loads((tmp_path / "proof" / "score.json").read_text())
+    assert found["figures"] == json.loads(first)["figures"]
+    strict = next(f for f in found["figures"] if f["name"] == "strict")
+    silent = next(f for f in found["figures"] if f["name"] == "nothing_found")
+    assert (strict["right"], strict["of"], silent["right"], silent["of"]) == (1, 1, 0, 1)
+
+
+def test_the_score_comes_into_the_docs(dtb, pretended, tmp_path):
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs" / "proof.md").write_text(f"{BEGIN}\n{END}\n")
+    assert dtb("folder=bench", "out=proof", "jobs=1", "docs=docs")[0] == 0
+    assert "| exactly the hidden effects, at their places | 100.0 % | 1/1 |" in (tmp_path / "docs/proof.md").read_text()
+
+
+def test_the_quick_proof_fails_when_the_score_drops(dtb, pretended, tmp_path, monkeypatch):
+    chosen = tuple(seed for seed in quick_seeds() if draw_kind(seed) == "nothing")
+
+    def short(seed, rig_name, folder, *, key_file, keep):
+        rig = conceal.nominal_rig(rig_name)
+        key = seal.read_or_make_key(key_file)
+        secret = replace(draw(seed, rig), duration_s=3.0)
+        case = folder / conceal.case_id(seed, rig, key)
+        conceal.write_case(case, secret, rig, key)
+        return case
+
+    monkeypatch.setattr("dtbacklash.prove.quick.quick_seeds", lambda: chosen)
+    monkeypatch.setattr("dtbacklash.prove.conceal.conceal", short)
+    monkeypatch.setattr("dtbacklash.prove.quick.reached", lambda rig: {"nothing_found": [2, 3], "strict": [0, 0]})
+    code, _, err = dtb("--quick", "out=proof", "jobs=1")
+    assert code == 1
+    assert "dtb: dropped: nothing found where nothing is: 0/3, reached were 2/3" in err
+    assert "nothing_found: [0, 3]" in (tmp_path / "proof" / "reached.yaml").read_text()
+    monkeypatch.setattr("dtbacklash.prove.quick.reached", lambda rig: {"nothing_found": [0, 3]})
+    assert dtb("--quick", "out=proof", "jobs=1")[0] == 0
+    assert len(pretended) == 3
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["n=0"], "n=0: must be a whole number, 1 or more"),
+        (["n=many"], "n=many: must be a whole number"),
+        (["seed=-1"], "seed=-1: must be a whole number, 0 or more"),
+        (["jobs=0"], "jobs=0: must be a whole number, 1 or more"),
+        (["rig=nosuch"], "rig=nosuch: choose one of"),
+        (["rig=emps"], "rig="),
+        (["backend=slurm"], "backend=slurm: choose one of loky, dask, ray"),
+        (["scheduler=tcp://a:1"], "scheduler=tcp://a:1: belongs to backend=dask"),
+        (["folder=nowhere"], "folder="),
+        (["folder=bench", "n=3"], "n=3: does not go with folder"),
+        (["folder=bench", "key=nowhere.key"], "key="),
+        (["key=bench.key"], "key=bench.key: belongs to folder=FOLDER"),
+        (["--quick", "n=3"], "n=3: does not go with --quick"),
+        (["docs=nowhere"], "docs="),
+        (["n=2", "n=3"], "n=3: is given twice; the first is 2"),
+        (["n="], "n=: give a value"),
+        (["colour=red"], "colour=red: no such setting; choose one of n, seed"),
+        (["--slow"], "option=--slow: choose one of --quick"),
+        (["fast"], "argument=fast: write key=value"),
+        (["out=bench", "n=1"], "out="),
+    ],
+)
+def test_a_mistake_is_one_line_and_leaves_nothing(dtb, tmp_path, words, line):
+    code, out, err = dtb(*words)
+    assert code == 2
+    assert err.startswith(f"dtb: error: {line}"), err
+    assert err.count("\n") == 1
+    assert out == ""
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bench", "bench.key"]
+
+
+def test_a_wrong_key_opens_nothing(dtb, pretended, tmp_path):
+    (tmp_path / "bench.key").unlink()
+    seal.read_or_make_key(tmp_path / "bench.key")
+    code, _, err = dtb("folder=bench", "out=proof", "jobs=1")
+    assert code == 2
+    assert "dtb: error: key=" in err.splitlines()[-1]
+    assert not (tmp_path / "proof" / "score.json").exists()
+
+
+def test_ctrl_c_is_one_line_and_the_same_command_goes_on(dtb, monkeypatch, pretended, tmp_path):
+    answers = iter([KeyboardInterrupt])
+
+    def interrupted(folder, rig_name, secret, extended):
+        for answer in answers:
+            raise answer
+        return proved.oracle(proved.BACKLASH)
+
+    monkeypatch.setattr("dtbacklash.prove.work.oracle_folder", interrupted)
+    code, _, err = dtb("folder=bench", "out=proof", "jobs=1")
+    assert code == 130
+    assert err.splitlines()[-1] == ("dtb: interrupted: 0 of 2 cases are done and stay; the same command does the rest")
+    assert dtb("folder=bench", "out=proof", "jobs=1")[0] == 0
+    assert len(pretended) == 2
+
+
+def test_help_is_short_and_narrow(dtb):
+    code, out, _ = dtb("--help")
+    assert code == 0
+    assert max(map(len, out.splitlines())) <= 120
+    assert "--quick" in out
+    assert "prove" in cli.usage()

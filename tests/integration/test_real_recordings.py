@@ -1,0 +1,134 @@
+"""The public recordings diagnosed: what is named, how large, and how well the extended rig predicts unseen data.
+
+Parts of the records, so that each takes half a minute at most; docs/real-recordings.md has the figures of them all.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from dtbacklash import cli
+from dtbacklash.config.compose import compose
+from dtbacklash.diagnose import Diagnosis, diagnose
+from dtbacklash.diagnose.command import held_equivalent
+from dtbacklash.physics.rig import Rig, build_rig
+from dtbacklash.physics.rig_file import rig_yaml
+from dtbacklash.physics.simulate import simulate
+from dtbacklash.recording import Recording, read_recording
+
+FOLDER = os.environ.get("DTB_RECORDINGS", "")
+#: beside the repository, where a shared folder of recordings may lie
+NEIGHBOUR = Path(__file__).resolve().parents[3] / "shared" / "recordings"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _public():
+    """Use the folder of public recordings, or skip."""
+    folder = Path(FOLDER) if FOLDER else NEIGHBOUR
+    if not (folder / "emps").is_dir():
+        pytest.skip("the public recordings are not at hand: set DTB_RECORDINGS to their folder")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("DTB_RECORDINGS", str(folder))
+        yield
+
+
+def nominal(name: str) -> Rig:
+    return build_rig(compose(f"rig={name}", "controller=open_loop").rig)
+
+
+def named(found: Diagnosis) -> dict[tuple[str, str], dict[str, dict]]:
+    return {(f["location"], f["effect"]): f["parameters"] for f in found.to_json()["findings"]}
+
+
+def near(parameter: dict, published: float, slack: float) -> bool:
+    """Whether a published value lies in the interval, or no further from it than ``slack`` of itself."""
+    low, high = parameter["ci95"]
+    return low - slack * abs(published) <= published <= high + slack * abs(published)
+
+
+def emps_error_m(rig: Rig, recording: Recording) -> float:
+    """Rms error of the position over the whole record, force in, nothing measured coming to help."""
+    q = recording.channels["qm"]
+    shown = simulate(rig, recording.channels["u"][:-1], recording.sample_time_s).sensors["qm"]
+    return float(np.sqrt(np.mean((shown + q[0] - q) ** 2)))
+
+
+def test_emps_has_viscous_coulomb_and_asymmetric_friction() -> None:
+    rig = nominal("emps")
+    recording = read_recording("emps", rig=rig)
+    found = diagnose(recording.section(0, 12000), rig)
+    parameters = named(found)
+    assert found.verdict == "missing_physics"
+    assert set(parameters) == {
+        ("carriage", "viscous_friction"), ("carriage", "coulomb_friction"), ("carriage", "asymmetric_friction"),
+    }  # fmt: skip
+    # Janot, Gautier, Brunot (2019), with friction that differs between the directions: Fv+ 166.7, Fv- 240.4 N s/m,
+    # Fc+ 20.14, Fc- 20.63 N
+    assert near(parameters["carriage", "viscous_friction"]["coefficient"], 203.55, 0.05)
+    assert near(parameters["carriage", "coulomb_friction"]["force"], 20.39, 0.05)
+    assert near(parameters["carriage", "asymmetric_friction"]["viscous_difference"], -36.85, 0.1)
+    held = found.to_json()["fit"]["held_out"]
+    assert held["extended"] < 0.05 * held["recalibrated"]
+    assert emps_error_m(found.extended, recording) < 9e-3  # 7.1 mm from half of the record, 2.9 mm from all of it
+
+
+def test_silverbox_has_a_cubic_spring_and_the_arrow_is_predicted() -> None:
+    rig = nominal("silverbox")
+    arrow = read_recording("silverbox", part="arrow", rig=rig)
+    train = read_recording("silverbox", rig=rig).section(0, 12000)
+    found = diagnose(train, rig, arrow.section(32000, 40000))
+    parameters = named(found)
+    assert found.verdict == "missing_physics"
+    assert ("link_1", "cubic_stiffness") in parameters
+    assert ("link_1", "bumper") not in parameters
+    assert 3.7 < parameters["link_1", "cubic_stiffness"]["k3"]["value"] < 4.1
+    u, y = (arrow.channels[name] for name in ("u", "y"))
+    held = held_equivalent(u)[:-1]
+    errors = [y - simulate(r, held, arrow.sample_time_s).sensors["y"] for r in (rig, found.extended)]
+    before, after = (float(np.sqrt(np.mean(e**2))) for e in errors)
+    assert before > 10e-3
+    assert after < 1e-3
+
+
+def test_the_damper_has_lost_motion_at_its_reversals(tmp_path, capsys) -> None:
+    rig = nominal("brfd")
+    found = diagnose(read_recording("brfd", rig=rig), rig)
+    parameters, document = named(found), found.to_json()
+    assert found.verdict == "missing_physics"
+    assert set(parameters) == {("joint", "backlash")}
+    lost = parameters["joint", "backlash"]["lost_motion"]
+    assert 4.5e-3 < lost["value"] < 5.5e-3  # the force stays under 10 % of its plateau for 5.0 to 5.8 mm
+    assert lost["ci95"][1] - lost["ci95"][0] < 1e-3
+    assert "mm at each reversal" in document["findings"][0]["sentence"]
+    assert "of a velocity reversal" in document["findings"][0]["when"]
+    assert document["fit"]["held_out"]["extended"] < 0.4 * document["fit"]["held_out"]["recalibrated"]
+    file = tmp_path / "rig.yaml"
+    file.write_text(rig_yaml(found.extended))
+    assert yaml.safe_load(file.read_text())["effects"]["joint"]["backlash"]["lost_motion"] == pytest.approx(
+        lost["value"]
+    )
+    words = ["reference.amplitude_mm=25", "duration_s=3", "figures=false", f"hydra.run.dir={tmp_path / 'run'}"]
+    assert cli.main(["run", "controller=open_loop", f"rig={file}", *words]) == 0
+    assert (tmp_path / "run" / "summary.json").is_file()
+    capsys.readouterr()
+
+
+def test_another_frequency_and_amplitude_of_the_damper_is_predicted() -> None:
+    rig = nominal("brfd")
+    other = read_recording("brfd", path="dataset-2_0.25Hz_30lb_0.5in.json", rig=rig)
+    found = diagnose(read_recording("brfd", rig=rig), rig, other)
+    assert ("joint", "backlash") in named(found)
+    held = found.to_json()["fit"]["held_out"]
+    assert held["extended"] < 0.4 * held["recalibrated"]
+
+
+def test_a_run_says_that_a_public_recording_is_for_a_diagnosis(capsys) -> None:
+    assert cli.main(["run", "recording=emps"]) == 2
+    line = capsys.readouterr().err
+    assert line.startswith("dtb: error: recording=emps: is a recording to diagnose (dtb diagnose recording=emps)")
+    assert line.count("\n") == 1

@@ -1,0 +1,153 @@
+"""Each rule on made-up answers and diagnoses, once where it holds and once for each way in which it can fail."""
+
+from dataclasses import replace
+
+import proved
+import pytest
+from proved import BACKLASH, COGGING, COULOMB, CUBIC, DEAD_ZONE, diagnosis, finding, oracle, perfect, secret
+
+from dtbacklash.prove import rules
+from dtbacklash.prove.rules import Case
+
+ELSEWHERE = ("link_2", "cubic_stiffness")
+
+
+def case(kind, hidden, *findings, **more):
+    seen = oracle(*hidden)
+    return Case("a", secret(kind, *hidden), diagnosis(*findings, **more), seen, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "found", "strict", "within"),
+    [
+        ([COULOMB], [finding(COULOMB)], True, True),
+        ([COULOMB], [], False, False),
+        ([COULOMB], [finding(DEAD_ZONE)], False, False),
+        ([COULOMB], [finding(DEAD_ZONE, COULOMB)], False, True),
+        ([COULOMB], [finding(COULOMB), finding(BACKLASH)], False, False),
+        ([CUBIC], [finding(ELSEWHERE)], False, False),
+        ([COULOMB, BACKLASH], [finding(BACKLASH), finding(COULOMB)], True, True),
+        ([COULOMB, BACKLASH], [finding(BACKLASH)], False, False),
+        ([COULOMB, BACKLASH], [finding(BACKLASH), finding(DEAD_ZONE, COULOMB)], False, True),
+        # one finding may not stand for two effects, and its own name comes before what it may also be
+        ([COULOMB, BACKLASH], [finding(DEAD_ZONE, COULOMB, BACKLASH)], False, False),
+        ([COULOMB, DEAD_ZONE], [finding(DEAD_ZONE, COULOMB), finding(COULOMB, DEAD_ZONE)], True, True),
+        ([COULOMB, DEAD_ZONE], [finding(DEAD_ZONE, COULOMB), finding(BACKLASH, DEAD_ZONE)], False, True),
+    ],
+)
+def test_strict_and_within_the_stated_ambiguity(hidden, found, strict, within):
+    judged = case("several" if len(hidden) > 1 else "single", hidden, *found)
+    assert (rules.strict(judged), rules.within_ambiguity(judged)) == (strict, within)
+
+
+def test_exact_matches_come_first():
+    judged = case("several", [COULOMB, DEAD_ZONE], finding(DEAD_ZONE, COULOMB), finding(COULOMB, DEAD_ZONE))
+    assert rules.matches(judged) == {0: 1, 1: 0}
+
+
+@pytest.mark.parametrize(
+    ("found", "right"),
+    [
+        (diagnosis(), True),
+        (diagnosis(k=(9300.0, 9000.0, 9600.0)), True),
+        (diagnosis(finding(COULOMB)), False),
+        (diagnosis(verdict="unexplained"), False),
+        (None, False),
+    ],
+)
+@pytest.mark.parametrize("kind", ["nothing", "parameters"])
+def test_no_physics(kind, found, right):
+    judged = Case("a", secret(kind), found, oracle())
+    assert rules.no_physics(judged) is right
+    assert rules.right(judged) is right
+
+
+@pytest.mark.parametrize(
+    ("found", "right"),
+    [
+        (diagnosis(verdict="unexplained"), True),
+        (diagnosis(verdict="unexplained", located="gear"), True),
+        (diagnosis(finding(CUBIC)), True),
+        (diagnosis(finding(ELSEWHERE), located="link_1"), True),
+        (diagnosis(finding(ELSEWHERE)), False),
+        (diagnosis(), False),
+        (diagnosis(k=(1.0, 0.9, 1.1)), False),
+        (None, False),
+    ],
+)
+def test_unknown_physics_is_admitted_or_located(found, right):
+    assert rules.unknown_admitted(Case("a", secret("unknown"), found, oracle())) is right
+
+
+def test_a_failed_diagnosis_is_never_right():
+    for kind, hidden in (("nothing", []), ("parameters", []), ("single", [COULOMB]), ("unknown", [])):
+        judged = Case("a", secret(kind, *hidden), None, oracle(*hidden, extended=None), None, "died")
+        assert not rules.right(judged)
+        assert not rules.within_ambiguity(judged)
+        assert rules.error_ratio(judged) == float("inf")
+        assert judged.verdict == "failed"
+
+
+def test_clear_means_that_the_oracle_sees_every_effect():
+    seen = case("several", [COULOMB, BACKLASH])
+    assert rules.clear(seen)
+    seen.oracle["clear"]["gear.backlash"] = False
+    assert not rules.clear(seen)
+    assert not rules.clear(replace(seen, oracle={"error": "it failed"}))
+    assert rules.clear(Case("a", secret("nothing"), diagnosis(), {}))
+
+
+@pytest.mark.parametrize(("size", "clear"), [(2.9, False), (3.0, True)])
+def test_unknown_physics_is_clear_by_its_size(size, clear):
+    assert rules.clear(Case("a", secret("unknown", size=size), diagnosis(), {})) is clear
+
+
+@pytest.mark.parametrize(
+    ("interval", "truth", "period", "held"),
+    [
+        ([0.9, 1.1], 1.0, None, True),
+        ([0.9, 1.1], 1.2, None, False),
+        ([None, 1.1], 1.0, None, False),
+        ([0.9, float("nan")], 1.0, None, False),
+        ([3.0, 3.3], -3.1, 6.283185, True),
+        ([3.0, 3.3], 2.9, 6.283185, False),
+        ([-3.2, -3.0], 3.1, 6.283185, True),
+    ],
+)
+def test_an_interval_holds_the_truth(interval, truth, period, held):
+    assert rules.holds(interval, truth, period) is held
+
+
+def test_intervals_count_only_of_what_was_named_exactly():
+    judged = case("several", [COULOMB, COGGING], finding(DEAD_ZONE, COULOMB), finding(COGGING, off=0.02, width=0.01))
+    assert rules.effect_intervals(judged) == [False, False, False]
+    judged = case("several", [COULOMB, COGGING], finding(COULOMB), finding(COGGING))
+    assert rules.effect_intervals(judged) == [True] * 4
+
+
+def test_recalibrated_parameters_count_where_the_structure_is_right():
+    off, held = (10000.0, 9900.0, 10100.0), (9310.0, 9290.0, 9330.0)
+    judged = Case("a", secret("parameters"), diagnosis(k=held, m=(1.01e4, 1.0e4, 1.02e4)), oracle())
+    assert rules.nominal_intervals(judged) == [True, True]  # m is at its nominal value, 1e4 in this made-up rig
+    assert rules.nominal_intervals(replace(judged, diagnosis=diagnosis(k=off))) == [False]
+    assert rules.nominal_intervals(replace(judged, diagnosis=diagnosis(finding(COULOMB), k=held))) == []
+    assert rules.nominal_intervals(Case("a", secret("unknown"), diagnosis(k=held), oracle())) == []
+
+
+@pytest.mark.parametrize(
+    ("found", "count"),
+    [((9310.0, 9290.0, 9330.0), 1), ((9400.0, 9390.0, 9410.0), 0), (None, 0)],
+)
+def test_the_right_parameter_is_recalibrated(found, count):
+    judged = perfect("parameters")
+    judged = replace(judged, diagnosis=diagnosis(k=found) if found else diagnosis())
+    assert rules.right_parameters(judged) == count
+    unclear = replace(judged, oracle={"clear_parameters": {"k": False}})
+    assert rules.right_parameters(unclear) == 0 == len(rules.clear_parameters(unclear))
+
+
+def test_a_finding_without_an_effect_names_nothing():
+    somewhere = {**finding(COULOMB), "effect": None}
+    judged = case("single", [COULOMB], somewhere, verdict="unexplained")
+    assert judged.named == []
+    assert not rules.no_physics(replace(judged, secret=proved.secret("nothing")))

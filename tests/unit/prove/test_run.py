@@ -1,0 +1,223 @@
+"""The course of a proof, with made-up recordings and stand-ins for the diagnosis and the oracle."""
+
+import json
+import os
+import signal
+from importlib.util import find_spec
+from pathlib import Path
+
+import proved
+import pytest
+from proved import COULOMB
+
+from dtbacklash.errors import UserError
+from dtbacklash.prove import run, seal, work
+from dtbacklash.prove.run import Plan, Workers
+from dtbacklash.prove.score import score
+from dtbacklash.prove.secret import Secret
+from dtbacklash.prove.store import read_json, write_json
+
+ALONE, TWO = Workers(jobs=1), Workers(jobs=2)
+N = 4
+
+
+def silent(stage, done, total):
+    pass
+
+
+def diagnose(folder, rig_name):
+    """Right for every case but the one that cannot be diagnosed."""
+    with (folder / "asked").open("a") as file:
+        file.write("x")
+    if folder.name == "case2":
+        raise RuntimeError("no luck\nat all")
+    return proved.diagnosis(proved.finding(COULOMB)), {"parameters": {}, "effects": {}}
+
+
+def oracle(folder, rig_name, secret, extended):
+    assert secret["kind"] == "single"
+    return proved.oracle(COULOMB, extended=1.0 if extended else None)
+
+
+def killed(folder, rig_name):
+    if folder.name == "case1":
+        os.kill(os.getpid(), signal.SIGKILL)
+    return diagnose(folder, rig_name)
+
+
+@pytest.fixture
+def plan(tmp_path):
+    """Four sealed cases of one effect, in a folder with its key."""
+    folder = tmp_path / "concealed"
+    key = seal.read_or_make_key(seal.key_path(folder))
+    for j in range(N):
+        case = folder / f"case{j}"
+        case.mkdir(parents=True)
+        (case / seal.RECORDING).write_bytes(b"a recording")
+        write_json(case / seal.PUBLIC, {"rig": "lead_screw", "channels": ["theta_m", "q3"]})
+        secret = Secret(**proved.secret("single", COULOMB, seed=10_000 + j))
+        write_json(case / seal.SEALED, seal.seal(secret, b"a recording", key))
+    return Plan(tmp_path / "out", folder=folder)
+
+
+def asked(plan):
+    return [len((case / "asked").read_text()) if (case / "asked").exists() else 0 for case in run.given_cases(plan)]
+
+
+def course(plan, by=ALONE):
+    cases = run.given_cases(plan)
+    run.diagnose_missing(plan, cases, by, silent, diagnose)
+    secrets = run.open_seals(plan, cases)
+    run.ask_oracle(plan, cases, secrets, by, silent, oracle)
+    return run.gather(plan, cases, secrets)
+
+
+DASK = pytest.param(
+    Workers("dask", 2),
+    id="dask",
+    marks=pytest.mark.skipif(find_spec("distributed") is None, reason="the extra dask is not installed"),
+)
+
+
+@pytest.mark.parametrize("by", [pytest.param(ALONE, id="here"), pytest.param(TWO, id="loky"), DASK])
+def test_a_whole_course_with_a_case_that_fails(plan, by):
+    cases = course(plan, by)
+    found = score(cases)
+    assert (found.cases, found.failed) == (N, 1)
+    assert (found.figure("strict").right, found.figure("strict").of) == (3, 4)
+    assert cases[2].error == "RuntimeError: no luck at all"
+    assert "raise RuntimeError" in read_json(plan.target(plan.concealed / "case2"))["traceback"]
+
+
+def test_what_is_done_is_not_done_again(plan):
+    course(plan)
+    told = []
+    cases = run.given_cases(plan)
+    run.diagnose_missing(plan, cases, ALONE, lambda *words: told.append(words), diagnose)
+    assert asked(plan) == [1] * N
+    assert told == [("diagnosing", N, N)]
+
+
+def test_a_missing_or_broken_file_is_done_again(plan):
+    course(plan)
+    cases = run.given_cases(plan)
+    plan.target(cases[0]).unlink()
+    plan.target(cases[3]).write_text('{"id": "case3", "diag')
+    run.diagnose_missing(plan, cases, ALONE, silent, diagnose)
+    assert asked(plan) == [2, 1, 1, 2]
+    assert not work.looked_at(plan.target(cases[0]))
+    assert work.looked_at(plan.target(cases[1]))
+
+
+def test_other_code_diagnoses_again(plan, monkeypatch):
+    course(plan)
+    monkeypatch.setattr(work.sources, "digest", lambda parts: "other")
+    run.diagnose_missing(plan, run.given_cases(plan), ALONE, silent, diagnose)
+    assert asked(plan) == [2] * N
+
+
+def test_ctrl_c_leaves_what_is_finished(plan):
+    cases = run.given_cases(plan)
+
+    def interrupted(folder, rig_name):
+        if folder.name == "case2":
+            raise KeyboardInterrupt
+        return diagnose(folder, rig_name)
+
+    with pytest.raises(KeyboardInterrupt, match="2 of 4 cases are done and stay"):
+        run.diagnose_missing(plan, cases, ALONE, silent, interrupted)
+    assert sorted(path.name for path in (plan.out / run.CASES).iterdir()) == ["case0.json", "case1.json"]
+    run.diagnose_missing(plan, cases, ALONE, silent, diagnose)
+    assert asked(plan) == [1, 1, 1, 1]
+
+
+def test_the_seals_stay_shut_until_every_case_is_diagnosed(plan, monkeypatch):
+    cases = run.given_cases(plan)
+    opened = []
+    monkeypatch.setattr(seal, "open_seal", lambda *words: opened.append(words))
+    run.diagnose_missing(plan, cases[:3], ALONE, silent, diagnose)
+    with pytest.raises(UserError, match="1 of 4 diagnoses are missing"):
+        run.open_seals(plan, cases)
+    assert opened == []
+
+
+def test_a_worker_that_dies_twice_is_a_failed_diagnosis(plan):
+    cases = run.given_cases(plan)
+    run.diagnose_missing(plan, cases, TWO, silent, killed)
+    entries = [read_json(plan.target(case)) for case in cases]
+    assert [entry["error"] for entry in entries] == ["", "its worker died", "RuntimeError: no luck at all", ""]
+
+
+def test_an_oracle_that_fails_leaves_its_reason(plan):
+    cases = run.given_cases(plan)
+    run.diagnose_missing(plan, cases, ALONE, silent, diagnose)
+    secrets = run.open_seals(plan, cases)
+
+    def broken(*_):
+        raise ValueError("no fit")
+
+    run.ask_oracle(plan, cases, secrets, ALONE, silent, broken)
+    found = score(run.gather(plan, cases, secrets))
+    assert (found.oracle_failed, found.figure("strict").of, found.figure("strict").every_right) == (N, 0, 3)
+
+
+def test_a_result_is_whole_or_not_there(plan, monkeypatch):
+    case = run.given_cases(plan)[0]
+    write_json(plan.target(case), {"old": 1})
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", full)
+    with pytest.raises(UserError, match="the disk is full"):
+        write_json(plan.target(case), {"new": 2})
+    assert read_json(plan.target(case)) == {"old": 1}
+    assert [path.name for path in plan.target(case).parent.iterdir()] == ["case0.json"]
+
+
+def test_numbers_that_json_lacks_become_none(tmp_path):
+    write_json(tmp_path / "a.json", {"a": float("nan"), "b": [float("inf"), 1.5], "c": (1, {2})})
+    assert json.loads((tmp_path / "a.json").read_text()) == {"a": None, "b": [None, 1.5], "c": [1, [2]]}
+
+
+def test_the_folder_of_the_results_belongs_to_one_proof(plan, tmp_path):
+    run.claim(plan)
+    run.claim(plan)
+    with pytest.raises(UserError, match="holds a proof of other recordings"):
+        run.claim(Plan(plan.out, "lead_screw", (10_000,)))
+    with pytest.raises(UserError, match="holds files that are no proof"):
+        run.claim(Plan(tmp_path))
+    with pytest.raises(UserError, match="is a file"):
+        run.claim(Plan(plan.out / run.PLAN))
+
+
+def test_a_given_folder_needs_recordings_and_a_key(plan, tmp_path):
+    with pytest.raises(UserError, match="is no folder"):
+        run.given_cases(Plan(plan.out, folder=tmp_path / "nowhere"))
+    with pytest.raises(UserError, match="holds no concealed recording"):
+        run.given_cases(Plan(plan.out, folder=tmp_path))
+    plan.key_file.unlink()
+    with pytest.raises(UserError, match="without it the seals cannot be opened"):
+        run.given_cases(plan)
+
+
+def test_a_case_that_names_no_rig_takes_the_chosen_one(plan):
+    case = run.given_cases(plan)[0]
+    assert work.rig_of(case, None) == "lead_screw"
+    assert work.rig_of(case, "mine.yaml") == "mine.yaml"
+    write_json(case / seal.PUBLIC, {})
+    with pytest.raises(UserError, match="names no rig"):
+        work.rig_of(case, None)
+
+
+def test_one_score_holds_results_of_one_state_of_the_package(plan, monkeypatch):
+    cases = run.given_cases(plan)
+    digest = work.sources.digest
+
+    def changing(folder, rig_name):
+        monkeypatch.setattr(work.sources, "digest", digest)
+        return diagnose(folder, rig_name)
+
+    monkeypatch.setattr(work.sources, "digest", lambda parts: "before")
+    with pytest.raises(UserError, match="the package changed while 1 cases were worked on"):
+        run.diagnose_missing(plan, cases, ALONE, silent, changing)

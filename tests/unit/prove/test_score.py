@@ -1,0 +1,174 @@
+"""The score: its figures, intervals, bins, confusion, text and files."""
+
+import json
+import math
+from dataclasses import replace
+
+import proved
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from proved import BACKLASH, COULOMB, CUBIC, DEAD_ZONE, diagnosis, finding, oracle, perfect, secret
+
+from dtbacklash.prove import rules
+from dtbacklash.prove.rules import Case
+from dtbacklash.prove.score import (
+    EXTRA,
+    FAILED,
+    NOTHING,
+    UNEXPLAINED,
+    Figure,
+    Score,
+    bins,
+    confusion,
+    family,
+    score,
+    wilson,
+)  # fmt: skip
+from dtbacklash.prove.store import plain
+from dtbacklash.prove.table import case_rows, confusion_rows, markdown, which_seeds
+
+KEYS = list(proved.VALUES)
+EACH = st.one_of(
+    st.tuples(st.sampled_from(["nothing", "parameters", "unknown"]), st.just([])),
+    st.tuples(st.just("single"), st.lists(st.sampled_from(KEYS), min_size=1, max_size=1)),
+    st.tuples(st.just("several"), st.lists(st.sampled_from(KEYS), min_size=2, max_size=3, unique=True)),
+)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(EACH, min_size=1, max_size=12))
+def test_a_perfect_diagnosis_scores_perfectly(drawn):
+    cases = [perfect(kind, *keys, seed=10_000 + j) for j, (kind, keys) in enumerate(drawn)]
+    found = score(cases)
+    assert all(f.right == f.of for f in found.figures)
+    assert found.failed == 0
+    assert sum(c.count for c in found.confusion if c.hidden == c.named) == sum(c.count for c in found.confusion)
+    assert all(b.exact == b.within == b.of for b in found.bins)
+    assert all(q.median == q.ninety == 1.0 for q in found.quantities if q.name == "ratio" and q.of)
+    assert case_rows(cases)["right"].all()
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(EACH, min_size=1, max_size=8))
+def test_failed_diagnoses_count_against_every_share(drawn):
+    whole = [perfect(kind, *keys, seed=j) for j, (kind, keys) in enumerate(drawn)]
+    cases = [replace(c, diagnosis=None, oracle={**c.oracle, "held_out": {"oracle": 1.0}}) for c in whole]
+    found = score(cases)
+    by_case = [f for f in found.figures if not f.name.startswith("coverage")]
+    assert all(f.right == 0 for f in by_case)
+    assert [f.of for f in by_case] == [f.of for f in score(whole).figures if not f.name.startswith("coverage")]
+    assert all(math.isinf(q.median) for q in found.quantities if q.name == "ratio" and q.of)
+
+
+def test_what_is_not_clear_counts_beside_the_bar():
+    hidden = Case("b", secret("single", BACKLASH), diagnosis(), oracle(BACKLASH, clear=False), 1.0)
+    strict = score([perfect("single", COULOMB), hidden]).figure("strict")
+    assert (strict.right, strict.of, strict.every_right, strict.every_of) == (1, 1, 1, 2)
+
+
+@pytest.mark.parametrize(
+    ("right", "of", "bar", "met"),
+    [
+        (9, 10, (0.90, 1), True), (89, 100, (0.90, 1), False), (19, 20, (0.95, 1), True),
+        (100, 100, (0.9, 0.99), False), (0, 0, (0.9, 1), None), (3, 4, None, None),
+    ],
+)  # fmt: skip
+def test_a_bar_is_met_or_missed(right, of, bar, met):
+    assert Figure("a", "a", right, of, bar).met is met
+
+
+def test_wilson_is_that_of_the_textbook():
+    # Newcombe, Statistics in Medicine 17 (1998) 857, Table I
+    assert wilson(81, 263) == pytest.approx((0.2553, 0.3662), abs=5e-5)
+    assert wilson(15, 148) == pytest.approx((0.0624, 0.1605), abs=5e-5)
+    assert wilson(0, 20) == pytest.approx((0.0, 0.1611), abs=5e-5)
+    assert wilson(0, 0) == (0.0, 1.0)
+
+
+def test_the_errors_quantiles_are_by_rank_and_held_against_the_bar():
+    cases = [perfect("single", COULOMB, seed=j) for j in range(10)]
+    for j, one in enumerate(cases):
+        one.oracle["held_out"]["extended"] = 1.0 + 0.05 * j
+    ratio = next(q for q in score(cases).quantities if q.name == "ratio")
+    assert (ratio.median, ratio.ninety) == (1.25, 1.45)
+    assert [ratio.met(v) for v in (1.2, 1.21)] == [True, False]
+
+
+def test_the_bins_part_by_family_and_size():
+    small = Case("a", secret("single", CUBIC, size=0.5), diagnosis(), oracle(CUBIC), 1.0)
+    other = Case("b", secret("single", CUBIC, size=0.6), diagnosis(finding(DEAD_ZONE, CUBIC)), oracle(CUBIC), 1.0)
+    found = bins([small, other, perfect("single", CUBIC, size=40.0), perfect("unknown", size=5.0)])
+    assert [(b.family, b.low, b.high, b.of, b.exact, b.within, b.intervals, b.hold) for b in found] == [
+        ("structure", 0.316, 1.0, 2, 0, 1, 0, 0),
+        ("structure", 31.6, 100.0, 1, 1, 1, 1, 1),
+        ("unknown", 3.16, 10.0, 1, 1, 1, 0, 0),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("place", "name"),
+    [("motor_bearing", "drive"), ("amplifier", "drive"), ("gear", "transmission"), ("link_2", "structure"),
+     ("sensor_q3", "sensors"), ("mass_1", "structure")],
+)  # fmt: skip
+def test_families(place, name):
+    assert family(place) == name
+
+
+def test_the_confusion_pairs_each_thing_once():
+    cases = [
+        perfect("nothing"),
+        Case("a", secret("nothing"), diagnosis(finding(COULOMB)), oracle()),
+        Case("b", secret("single", COULOMB), diagnosis(finding(DEAD_ZONE, COULOMB)), oracle(COULOMB)),
+        Case("c", secret("several", COULOMB, BACKLASH), diagnosis(finding(BACKLASH)), oracle(COULOMB, BACKLASH)),
+        Case("d", secret("single", COULOMB), diagnosis(finding(COULOMB), finding(CUBIC)), oracle(COULOMB)),
+        Case("e", secret("single", COULOMB), None, oracle(COULOMB)),
+        Case("f", secret("unknown"), diagnosis(finding(CUBIC)), oracle()),
+        Case("g", secret("single", BACKLASH), diagnosis(verdict="unexplained"), oracle(BACKLASH)),
+    ]
+    coulomb, backlash, cubic = (" ".join(k) for k in (COULOMB, BACKLASH, CUBIC))
+    assert {(c.hidden, c.named): (c.count, c.within) for c in confusion(cases)} == {
+        (NOTHING, NOTHING): (1, 0), (NOTHING, coulomb): (1, 0), (coulomb, "amplifier dead_zone"): (1, 1),
+        (backlash, backlash): (1, 1), (coulomb, NOTHING): (1, 0), (coulomb, coulomb): (1, 1), (EXTRA, cubic): (1, 0),
+        (coulomb, FAILED): (1, 0), (UNEXPLAINED, cubic): (1, 1), (backlash, UNEXPLAINED): (1, 0),
+    }  # fmt: skip
+
+
+def test_every_hidden_thing_stands_in_the_confusion():
+    cases = proved.campaign(100)
+    found = confusion(cases)
+    things = sum(max(len(c.hidden), 1) for c in cases)
+    assert sum(c.count for c in found if c.hidden != EXTRA) >= things
+    assert len(confusion_rows(score(cases))) == len(found)
+
+
+def test_the_score_survives_its_file():
+    found = score(proved.campaign(150), {"command": "dtb prove n=150"})
+    again = Score.from_json(json.loads(json.dumps(plain(found.to_json()))))
+    assert markdown(again) == markdown(found)
+    assert again.figures == found.figures
+    assert again.bins == found.bins
+
+
+def test_the_table_says_which_seeds_and_what_repeats_it():
+    text = markdown(score(proved.campaign(30), {"command": "dtb prove n=30"}))
+    assert "dtb prove n=30" in text
+    assert "Scoring seeds 10000 to 10029" in text
+    assert "at least 97 %" in text
+    assert "Diagnoses that failed, and count as wrong: 1." in text
+    assert "development seeds: the tool may have been tuned" in which_seeds(score([perfect("nothing", seed=7)]))
+    mixed = [perfect("nothing", seed=9_999), perfect("nothing", seed=10_000)]
+    assert "may have been tuned" in which_seeds(score(mixed))
+
+
+def test_a_row_a_case_in_order_of_the_seeds():
+    rows = case_rows(list(reversed(proved.campaign(40))))
+    assert list(rows["seed"]) == sorted(rows["seed"])
+    assert rows.loc[rows["error"] != "", "right"].tolist() == [False]
+
+
+def test_an_oracle_that_failed_is_said():
+    found = score([Case("a", secret("single", COULOMB), diagnosis(finding(COULOMB)), {"error": "no fit"}, 1.0)])
+    assert (found.oracle_failed, found.figure("strict").of, found.figure("strict").every_of) == (1, 0, 1)
+    assert "because the oracle itself failed: 1" in markdown(found)
+    assert rules.error_ratio(perfect("single", COULOMB)) == 1.0

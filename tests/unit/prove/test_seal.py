@@ -1,0 +1,124 @@
+"""Seals: only the key opens them, and nothing that was changed passes."""
+
+import json
+import stat
+
+import pytest
+
+from dtbacklash.errors import UserError
+from dtbacklash.prove import seal
+from dtbacklash.prove.secret import Secret
+
+SECRET = Secret(
+    seed=7, rig="lead_screw", kind="single",
+    effects=[{"location": "gear", "effect": "backlash", "parameters": {"half_gap": 0.1}}],
+    parameters={"k": 9500.0}, visibility={"gear.backlash": 12.5},
+)  # fmt: skip
+
+
+@pytest.fixture
+def case(tmp_path):
+    """A sealed case; returns its folder and the key's file."""
+    key = tmp_path / "folder.key"
+    folder = tmp_path / "folder" / "1234"
+    folder.mkdir(parents=True)
+    (folder / seal.RECORDING).write_bytes(b"samples")
+    sealed = seal.seal(SECRET, b"samples", seal.read_or_make_key(key))
+    (folder / seal.SEALED).write_text(json.dumps(sealed))
+    return folder, key
+
+
+def change(folder, **entries):
+    path = folder / seal.SEALED
+    path.write_text(json.dumps({**json.loads(path.read_text()), **entries}))
+
+
+def test_the_key_opens_the_seal(case):
+    assert seal.open_seal(*case) == SECRET
+    assert seal.key_path(case[0].parent) == case[1]
+
+
+def test_nothing_of_the_secret_can_be_read_without_the_key(case):
+    text = (case[0] / seal.SEALED).read_text()
+    text = text.replace(seal.FORMAT, "")
+    assert all(word not in text for word in ("backlash", "half_gap", "single", "lead_screw", "visibility"))
+
+
+def test_the_length_of_a_seal_does_not_tell_how_much_is_hidden(case):
+    key = seal.read_key(case[1])
+    nothing = seal.seal(Secret(seed=1, rig="lead_screw", kind="nothing"), b"", key)
+    several = seal.seal(Secret(seed=2, rig="lead_screw", kind="several", effects=SECRET.effects * 3), b"", key)
+    assert len(nothing["token"]) == len(several["token"])
+
+
+def test_the_commitment_differs_though_the_secret_is_the_same(case):
+    key = seal.read_key(case[1])
+    assert seal.seal(SECRET, b"", key)["sha256"] != seal.seal(SECRET, b"", key)["sha256"]
+
+
+def test_a_key_is_the_owners_alone_and_stays_as_it_is(case):
+    before = case[1].read_bytes()
+    assert stat.S_IMODE(case[1].stat().st_mode) == 0o600
+    assert seal.read_or_make_key(case[1]) == before.strip()
+    assert [p.name for p in case[1].parent.iterdir()].count(case[1].name) == 1
+    assert not list(case[1].parent.glob(".*"))
+
+
+def test_another_key_does_not_open_it(case, tmp_path):
+    other = tmp_path / "other.key"
+    seal.read_or_make_key(other)
+    with pytest.raises(UserError, match="a wrong key, or a changed seal"):
+        seal.open_seal(case[0], other)
+
+
+def test_what_is_no_key_is_refused(case, tmp_path):
+    bad = tmp_path / "bad.key"
+    bad.write_text("secret")
+    with pytest.raises(UserError, match="holds no key"):
+        seal.open_seal(case[0], bad)
+    with pytest.raises(UserError, match="cannot be read: no such file"):
+        seal.open_seal(case[0], tmp_path / "none.key")
+
+
+def test_a_changed_token_is_noticed(case):
+    token = json.loads((case[0] / seal.SEALED).read_text())["token"]
+    change(case[0], token=token[:-10] + ("A" if token[-10] != "A" else "B") + token[-9:])
+    with pytest.raises(UserError, match="a wrong key, or a changed seal"):
+        seal.open_seal(*case)
+
+
+def test_another_secret_under_the_same_commitment_is_noticed(case):
+    other = seal.seal(Secret(seed=8, rig="lead_screw", kind="nothing"), b"samples", seal.read_key(case[1]))
+    change(case[0], token=other["token"])
+    with pytest.raises(UserError, match="the secret does not match its commitment"):
+        seal.open_seal(*case)
+
+
+def test_an_exchanged_recording_is_noticed(case):
+    (case[0] / seal.RECORDING).write_bytes(b"other samples")
+    with pytest.raises(UserError, match=r"recording.csv.gz is not the one that was sealed"):
+        seal.open_seal(*case)
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{}", '{"format": "x"}', '{"format": "dtbacklash sealed secret 1"}'])
+def test_what_is_no_seal_is_refused(case, content):
+    (case[0] / seal.SEALED).write_text(content)
+    with pytest.raises(UserError, match="is no seal of `dtb conceal`"):
+        seal.open_seal(*case)
+
+
+@pytest.mark.parametrize("name", [seal.SEALED, seal.RECORDING])
+def test_a_missing_file_is_named(case, name):
+    (case[0] / name).unlink()
+    with pytest.raises(UserError, match=f"{name} cannot be read: no such file"):
+        seal.open_seal(*case)
+
+
+def test_a_secret_goes_to_json_and_back():
+    assert Secret.from_json(SECRET.to_json()) == SECRET
+
+
+@pytest.mark.parametrize("text", ["", "3", "{}", "[[", SECRET.to_json().replace("single", "double")])
+def test_json_that_is_no_secret_is_refused(text):
+    with pytest.raises(UserError, match="what `dtb conceal` has sealed"):
+        Secret.from_json(text)

@@ -1,0 +1,164 @@
+"""The figures, the page and the docs of a proof."""
+
+import json
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import proved
+import pytest
+from proved import COULOMB, CUBIC, diagnosis, finding, oracle, perfect, secret
+
+from dtbacklash.errors import UserError
+from dtbacklash.prove.rules import Case
+from dtbacklash.prove.score import Cell, Score, score
+from dtbacklash.prove.store import read_json
+from dtbacklash.report import proof_page
+from dtbacklash.report.proof_confusion import ELSEWHERE, RIGHT, STATED, WRONG, confusion_figure, gathered
+from dtbacklash.report.proof_figures import errors_figure, merged, shares_figure, visibility_figure
+
+DOCS = Path(__file__).resolve().parents[3] / "docs"
+
+
+@pytest.fixture(scope="module")
+def cases():
+    return proved.campaign(120)
+
+
+@pytest.fixture(scope="module")
+def found(cases):
+    return score(cases, {"command": "dtb prove n=120"})
+
+
+def overlapping(figure, ax):
+    """Pairs of tick labels of one axis that touch."""
+    figure.canvas.draw()
+    boxes = [t.get_window_extent() for t in ax.get_yticklabels() if t.get_text()]
+    return [(a, b) for i, a in enumerate(boxes) for b in boxes[i + 1 :] if a.overlaps(b)]
+
+
+def test_every_share_has_its_row_and_its_count(found):
+    figure = shares_figure(found)
+    (ax,) = figure.axes
+    assert [t.get_text() for t in ax.texts] == [f"{f.right}/{f.of}" for f in reversed(found.figures)]
+    assert overlapping(figure, ax) == []
+
+
+def test_the_confusion_is_coloured_by_what_the_tool_stated():
+    cells = [
+        Cell("gear backlash", "gear backlash", 5, 5),
+        Cell("gear backlash", "screw compliance", 2, 2),
+        Cell("gear backlash", "link_1 bumper", 2, 1),
+        Cell("link_1 bumper", "link_2 bumper", 1, 0),
+        Cell("nothing", "parameters", 3, 0),
+        Cell("nothing", "link_1 bumper", 1, 0),
+    ]
+    assert gathered(cells)["link bumper", ELSEWHERE] == (1, 0)
+    made = Score(14, 0, 0, {}, {}, None, [], [], [], cells)
+    figure = confusion_figure(made)
+    (ax,) = figure.axes
+    faces = [matplotlib.colors.to_hex(p.get_facecolor()) for p in ax.patches if p.get_facecolor()[3] > 0]
+    assert faces == [RIGHT, STATED, WRONG, WRONG, RIGHT, WRONG]
+    assert [t.get_text() for t in ax.texts] == ["5", "2", "2", "1", "3", "1"]
+
+
+def test_the_labels_of_the_whole_catalogue_do_not_touch():
+    from dtbacklash.config.compose import compose
+    from dtbacklash.physics.rig import build_rig
+    from dtbacklash.prove.draw import entries
+
+    names = [" ".join(key) for key in entries(build_rig(compose("rig=lead_screw").rig))]
+    cells = [Cell(name, name, 1, 1) for name in names]
+    figure = confusion_figure(Score(1, 0, 0, {}, {}, None, [], [], [], cells))
+    assert overlapping(figure, figure.axes[0]) == []
+
+
+def test_the_bins_of_all_families_add_up(found):
+    effects = [b for b in found.bins if b.family != "unknown"]
+    together = merged(effects)
+    assert sum(b.of for b in together) == sum(b.of for b in effects)
+    figure = visibility_figure(found)
+    assert [ax.get_title(loc="left") for ax in figure.axes][:2] == [
+        "all effects of the catalogue", "95 % intervals of what was named exactly",
+    ]  # fmt: skip
+    line = figure.axes[0].lines[-1 - len(together)]
+    assert np.allclose(line.get_ydata(), [100 * b.exact / b.of for b in together])
+
+
+def test_figures_of_next_to_nothing():
+    for few in ([perfect("nothing")], [Case("a", secret("single", COULOMB), None, {"error": "no fit"}, None, "died")]):
+        small = score(few)
+        for draw in (shares_figure, visibility_figure, confusion_figure):
+            draw(small).canvas.draw()
+        errors_figure(proof_page.case_rows(few)).canvas.draw()
+
+
+def test_all_files_are_written_and_the_page_stands_alone(found, cases, tmp_path):
+    proof_page.write(found, cases, tmp_path)
+    assert sorted(str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*") if p.is_file()) == [
+        "confusion.csv", "figures/confusion.png", "figures/errors.png", "figures/shares.png",
+        "figures/visibility.png", "report.html", "score.csv", "score.json", "table.md",
+    ]  # fmt: skip
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64,") == 4
+    assert "http://" not in page
+    assert "https://" not in page
+    document = json.loads((tmp_path / "score.json").read_text(encoding="utf-8"))
+    strict = document["figures"][0]
+    assert strict["share"] == pytest.approx(strict["right"] / strict["of"])
+
+
+def test_the_page_lists_what_went_wrong(tmp_path):
+    wrong = Case("a", secret("single", CUBIC, seed=10_007), diagnosis(finding(COULOMB)), oracle(CUBIC), 3.0)
+    few = [perfect("nothing"), wrong]
+    proof_page.write(score(few), few, tmp_path)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "(1 of 2)" in page
+    assert "<td>link_1 cubic_stiffness</td>" in page
+    assert "<td>motor_bearing coulomb_friction</td>" in page
+
+
+def test_the_score_comes_into_the_docs_again_and_again(found, cases, tmp_path):
+    (tmp_path / "proof.md").write_text(f"before\n\n{proof_page.BEGIN}\n{proof_page.END}\n\nafter\n", encoding="utf-8")
+    for _ in range(2):
+        proof_page.write_docs(found, cases, tmp_path)
+    text = (tmp_path / "proof.md").read_text(encoding="utf-8")
+    assert text == f"before\n\n{proof_page.docs_block(found)}\n\nafter\n"
+    images = [tmp_path / "images" / f"proof_{name}.png" for name in proof_page.CAPTIONS]
+    assert max(image.stat().st_size for image in images) < 200_000
+    assert Score.from_json(read_json(tmp_path / "proof" / "score.json")).figures == found.figures
+
+
+def test_docs_without_a_place_for_the_score_are_refused(tmp_path):
+    (tmp_path / "proof.md").write_text("no marks", encoding="utf-8")
+    with pytest.raises(UserError, match=r"docs=.*needs a proof.md"):
+        proof_page.check_docs(tmp_path)
+
+
+def test_no_figure_of_the_docs_is_typed_by_hand():
+    """What stands between the marks is what the committed score.json says, or nothing where there is none."""
+    proof_page.check_docs(DOCS)
+    text = (DOCS / "proof.md").read_text(encoding="utf-8")
+    block = proof_page.BEGIN + text.split(proof_page.BEGIN)[1].split(proof_page.END)[0] + proof_page.END
+    document = read_json(DOCS / "proof" / "score.json")
+    made = proof_page.docs_block(Score.from_json(document)) if document else f"{proof_page.BEGIN}\n{proof_page.END}"
+    assert block == made
+
+
+def test_no_figure_of_the_comparison_is_typed_by_hand(tmp_path):
+    alternatives = pytest.importorskip("benchmarks.alternatives")
+    text = (DOCS / "proof.md").read_text(encoding="utf-8")
+    begin, end = alternatives.BEGIN, alternatives.END
+    document = read_json(DOCS / "proof" / "alternatives.json")
+    block = begin + text.split(begin)[1].split(end)[0] + end
+    assert block == (alternatives.docs_block(document) if document else f"{begin}\n{end}")
+    row = {"what": "7 gear.backlash: NARX", "theta_m_floors": float("inf"), "q3_floors": 2.0, "time_s": 0.5,
+           "terms": 0, "hidden_is_among": "no", "named": ""}  # fmt: skip
+    (tmp_path / "proof.md").write_text(f"before\n{begin}\n{end}\nafter\n", encoding="utf-8")
+    for _ in range(2):
+        alternatives.write_docs([row], 1, 7, tmp_path)
+    made = (tmp_path / "proof.md").read_text(encoding="utf-8")
+    assert "| 7 gear.backlash: NARX | ran away | 2 |" in made
+    assert "--n 1 --seed 7" in made
+    assert made.startswith("before\n")
+    assert made.endswith("\nafter\n")
