@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -31,7 +32,7 @@ diagnosis.json, figures and rig.yaml, the extended rig (dtb run rig=FILE).
   rig=NAME|FILE          the nominal rig (default: that of the mapping, else lead_screw)
   rig.KEY=VALUE          a change of the rig, as in dtb run: rig.parameters.k.value=9500
   out=FOLDER             where the results go (default: outputs/<date>/<time>_diagnose_<recording>)
-  seed=0                 of whatever draws lots
+  jobs=2                 threads that share the work (default: one for each core)
   -v                     say what it is doing
 
 The verdict is one of
@@ -47,8 +48,9 @@ examples:
   dtb diagnose recording=silverbox validation=silverbox:arrow -v"""
 
 ENTRIES = frozenset({"diagnosis.json", "report.html", "figures", "rig.yaml"})
-KEYS = ("recording", "recording.path", "validation", "rig", "out", "seed")
+KEYS = ("recording", "recording.path", "validation", "rig", "out", "jobs")
 DEFAULT_RIG = "lead_screw"
+JOBS_MAX = 256
 
 Progress = Callable[[float, str], None]
 
@@ -64,7 +66,7 @@ class Request:
     validation: str | None = None
     rig: str | None = None
     out: Path | None = None
-    seed: int = 0
+    jobs: int = 1
     verbose: bool = False
     changes: list[str] = field(default_factory=list)
 
@@ -85,7 +87,7 @@ def main(words: Sequence[str]) -> int:
         train, held_out = _read(request, rig)
         _log_recordings(train, held_out)
         with _progress(request.verbose) as tell:
-            view = run_diagnosis(train, held_out, rig, request.seed, tell)
+            view = run_diagnosis(train, held_out, rig, request.jobs, tell)
             tell(1.0, "drawing the report")
             diagnosis_page.write(view, scratch)
     _show(view, folder)
@@ -101,12 +103,12 @@ def _read(request: Request, rig: Rig) -> tuple[Recording, Recording | None]:
     return read_pair(request.recording, request.validation, path=request.path, rig=rig)
 
 
-def run_diagnosis(train: Recording, held_out: Recording | None, rig: Rig, seed: int, progress: Progress) -> View:
+def run_diagnosis(train: Recording, held_out: Recording | None, rig: Rig, jobs: int, progress: Progress) -> View:
     """Diagnose, and give what the report shows."""
     from dtbacklash.diagnose import diagnose
     from dtbacklash.report.diagnosis_view import view_of
 
-    result = diagnose(train, rig, held_out, progress=lambda text, share: progress(share, text))
+    result = diagnose(train, rig, held_out, progress=lambda text, share: progress(share, text), jobs=jobs)
     return view_of(result, _source(train), _notes(train, held_out))
 
 
@@ -115,7 +117,7 @@ def parse(words: Sequence[str]) -> Request:
 
     Raises
     ------
-    UserError : an unknown word, a key without a value or twice, no recording, a seed that is no whole number.
+    UserError : an unknown word, a key without a value or twice, no recording, jobs that are no whole number.
     """
     request = Request()
     given: dict[str, str] = {}
@@ -145,13 +147,13 @@ def parse(words: Sequence[str]) -> Request:
     request.recording, request.path = given["recording"], given.get("recording.path")
     request.validation, request.rig = given.get("validation"), given.get("rig")
     request.out = Path(given["out"]) if "out" in given else None
-    request.seed = _seed(given.get("seed", "0"))
+    request.jobs = _jobs(given["jobs"]) if "jobs" in given else os.cpu_count() or 1
     return request
 
 
-def _seed(text: str) -> int:
-    if not text.isdecimal():
-        raise UserError("seed", text, "must be a whole number, 0 or more")
+def _jobs(text: str) -> int:
+    if not text.isdecimal() or not 1 <= int(text) <= JOBS_MAX:
+        raise UserError("jobs", text, f"must be a whole number from 1 to {JOBS_MAX}")
     return int(text)
 
 

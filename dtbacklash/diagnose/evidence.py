@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dtbacklash.diagnose.compare import Block, Record, cut, places_of, residual, slowest_decay
-from dtbacklash.diagnose.floor import Noise, channel_noise, noise_floor, sensor_noise
+from dtbacklash.diagnose.floor import NUMERICAL, Noise, channel_noise, noise_floor, sensor_noise
 from dtbacklash.physics.plant import Floats
 from dtbacklash.physics.rig import Rig
 
@@ -18,6 +18,8 @@ STRETCHES_MIN = 12
 TRANSIENTS = 8.0
 #: a channel's noise is corrected where a residual shows this share of it
 QUIETER = 0.8
+#: share of a signal that the method itself leaves where a sensor is exact
+METHOD = 2e-4
 #: residuals beyond this many floors are all the same: the simulation ran away
 RUNAWAY = 1e9
 
@@ -77,6 +79,20 @@ class Evidence:
         if noise == self.noise:
             return self
         return replace(self, noise=noise, floor=noise_floor(self.nominal, self.blocks, self.records, noise))
+
+    def least(self) -> dict[str, Floats]:
+        """Per block, (channels,) the mean square below which nothing can be told, in units of the floor's.
+
+        1 where a sensor has noise. Where it has none, the method's own error counts: the motor's angle is known at the
+        samples only, and what it does between them leaves a small share of the signal.
+        """
+        found = {}
+        for block in self.blocks:
+            sizes = np.array([np.mean([np.std(r.y[c]) for r in self.records]) for c in block.channels])
+            exact = np.array([self.noise[c][0] for c in block.channels]) <= 1.05 * NUMERICAL * sizes
+            method = (METHOD * sizes / self.floor[block.name]) ** 2
+            found[block.name] = np.where(exact, np.maximum(method, 1.0), 1.0)
+        return found
 
     def rescaled(self, residuals: Residuals, before: "Evidence") -> Residuals:
         """Residuals in units of this floor, from those in units of the floor of ``before``."""

@@ -85,6 +85,7 @@ def paired(evidence: Evidence, before: Fit, after: Fit) -> tuple[float, float, f
     share : of the excess over the floor. floor share : in units of the floor. t : in standard errors over stretches.
     """
     falls, excess, worth = [], [], []
+    least = evidence.least()
     for block in evidence.blocks:
         if after.residuals[block.name] is before.residuals[block.name]:
             continue
@@ -92,7 +93,9 @@ def paired(evidence: Evidence, before: Fit, after: Fit) -> tuple[float, float, f
         second = evidence.stretches(after.residuals, block.name)
         mean = np.maximum(first.mean(axis=1), 1.0)
         falls.append((first - second) / mean[:, None])
-        worth.append(float(np.max((first - second).mean(axis=1))))
+        fall = (first - second).mean(axis=1)
+        # an exact sensor's channel has to fall by what the method itself leaves
+        worth.append(float(np.max(np.where((least[block.name] > 1.0) & (fall < least[block.name]), 0.0, fall))))
         excess.append(np.maximum(first.mean(axis=1) - 1.0, FLOOR_MIN) / mean)
     if not falls:
         return 0.0, 0.0, 0.0

@@ -111,10 +111,10 @@ def _excess(evidence: Evidence, fitted: Fit) -> dict[str, np.ndarray]:
 
 def remaining(evidence: Evidence, found: Search) -> dict[str, float]:
     """Per block, the share of the recalibrated model's excess over the floor that the last fit leaves."""
-    first, last = _excess(evidence, found.nominal), _excess(evidence, found.fitted)
+    first, last, least = _excess(evidence, found.nominal), _excess(evidence, found.fitted), evidence.least()
     shares = {}
     for name in last:
-        left = np.where(last[name] < NOISE, 0.0, last[name] - 1.0)
+        left = np.where(last[name] < NOISE * least[name], 0.0, last[name] - 1.0)
         shares[name] = float(np.max(left / np.maximum(first[name] - 1.0, 1e-9)))
     return shares
 
