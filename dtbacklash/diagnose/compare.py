@@ -35,7 +35,7 @@ WAVES, PHASE_MAX = ("periods", "wave_number"), 0.1
 #: what the plant takes by itself where it has to step, and the most that are worth it
 SUBSTEPS_PLAIN, SUBSTEPS_MAX = 8, 64
 #: as many follow the current of a winding, whose time constant is a tenth of a sample
-SUBSTEPS_CURRENT = 32
+SUBSTEPS_CURRENT = 16
 
 MOTOR_KINDS = ("amplifier", "motor_circuit", "actuator", "rotor")
 

@@ -27,10 +27,12 @@ FITTED, FINISHED, GAIN_MIN = 5, 3, 12.0
 SWAPPED, RIVALS = 2, 4
 #: signatures whose cosine is above this are those of twins; as many are fitted beside the best candidates
 TWIN, TWINS_MAX = 0.95, 3
+#: a quick fit that has not gained this share of what has to be earned is not finished either
+HOPE = 0.25
 #: held-out loss, in floors, below which a fit leaves noise only
 CLOSE = 1.1
-#: a quick fit that leaves this many times what the best one leaves is not finished
-HOPELESS = 4.0
+#: a quick fit that leaves this many times what the best one leaves is not finished: where that is noise, and elsewhere
+HOPELESS = (1.5, 4.0)
 #: standard errors that the held-out loss has to fall by, in the paired test over stretches
 T_MIN = 2.0
 #: least share of the held-out excess over the floor that an effect has to take away, and of the floor itself
@@ -238,8 +240,13 @@ def _add(evidence: Evidence, found: Search) -> bool:
     trials = spread(partial(_try, evidence, current), _promising(evidence, scores)[:FITTED])
     trials += spread(partial(_try, evidence, current), _twins(evidence, scores, trials))
     trials.sort(key=lambda t: merit(evidence, t.fitted))
-    rest = [t for t in trials[:FINISHED] if t.held_out < HOPELESS * trials[0].held_out]
-    trials = [*spread(partial(_finish, evidence, current), rest), *trials[len(rest) :]]
+    far = HOPELESS[0] if trials and trials[0].held_out < CLOSE else HOPELESS[1]
+    rest = [
+        t for t in trials[:FINISHED]
+        if t.held_out < far * trials[0].held_out and _hopeful(evidence, current, t.fitted)
+    ]  # fmt: skip
+    finished = spread(partial(_finish, evidence, current), rest)
+    trials = [*finished, *(t for t in trials if all(t is not r for r in rest))]
     trials += spread(partial(_try, evidence, current), _siblings(evidence, scores, trials))
     found.trials += trials
     for trial in _simplest_first(evidence, trials):
@@ -283,6 +290,13 @@ def _siblings(evidence: Evidence, scores: list[Score], trials: list[Trial]) -> l
         if s.candidate.key[1] == best.key[1] and s.candidate.key not in known
         and s.candidate.effect.kind == best.score.candidate.effect.kind
     ]  # fmt: skip
+
+
+def _hopeful(evidence: Evidence, before: Fit, quick: Fit) -> bool:
+    """Whether a quick fit comes near to what it would have to earn."""
+    share, floor, _ = paired(evidence, before, quick)
+    relief = before.penalty - quick.penalty
+    return (share > HOPE * SHARE_MIN and floor > HOPE * FLOOR_MIN) or relief > HOPE * PENALTY_MIN
 
 
 def _note_instead(evidence: Evidence, found: Search, key: Key, fits: tuple[Fit, Fit], trials: list[Trial]) -> None:
@@ -330,6 +344,8 @@ def _reconsider(evidence: Evidence, found: Search, keys: list[Key], rivals: int)
     """Try effects against the best ``rivals`` of their time, now that others have joined."""
     for earlier in keys:
         key = earlier
+        if not any(_meet(evidence, key, other) for other in found.order if other != key):
+            continue  # alone in its blocks: what was found when it was added stands
         without = refit_with(evidence, found.fitted, [], key)
         former = [t for t in found.tried.get(key, []) if t.key not in found.order]
         former = sorted(former, key=lambda t: t.held_out)[:rivals]
@@ -350,6 +366,11 @@ def _reconsider(evidence: Evidence, found: Search, keys: list[Key], rivals: int)
                 found.rivals[trial.key] = [t for t in found.rivals.pop(key) if t is not trial]
                 found.tried[trial.key] = found.tried.pop(key, [])
                 key = trial.key
+
+
+def _meet(evidence: Evidence, first: Key, second: Key) -> bool:
+    """Whether two effects act in the same block."""
+    return any({first[0], second[0]} <= places_of(evidence.nominal, b) for b in evidence.blocks)
 
 
 def _count(evidence: Evidence, key: Key) -> int:

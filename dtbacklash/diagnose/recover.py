@@ -1,7 +1,7 @@
 """Recover: the effort that is missing at a place, against the state that it depends on, with no law assumed.
 
 The effort is a sum of hat functions of a state. Each reaches the output through the block's linear dynamics, so that
-one regression on what a model leaves gives their heights, with the nominal parameters free beside them. Where no effect
+one regression on what a model leaves gives their heights; its parameters stay at their fitted values. Where no effect
 explains a mismatch, the place and the state that explain most of it on held-out data say where it sits.
 """
 
@@ -13,7 +13,7 @@ from scipy.signal import lfilter, ss2tf
 from dtbacklash.diagnose.candidates import positions
 from dtbacklash.diagnose.compare import Block, Record, part_of, places_of, true_angle
 from dtbacklash.diagnose.evidence import Evidence, Residuals
-from dtbacklash.diagnose.refit import Fit, Problem, nominal_free
+from dtbacklash.diagnose.refit import Fit
 from dtbacklash.physics import plant as pl
 from dtbacklash.physics.assembly import compile_plant, state_names
 from dtbacklash.physics.elements import BODY_KINDS, LINK_KINDS
@@ -80,7 +80,6 @@ class _Lens:
     def __init__(self, evidence: Evidence, base: Fit) -> None:
         self.evidence, self.base, self.rig = evidence, base, base.rig
         self.positions = [positions(base.rig, evidence.blocks, r) for r in evidence.records]
-        self._drift = _nominal_columns(evidence, base)
 
     def at(self, block: Block, place: str, extended: Residuals | None) -> list[Recovered]:
         """What is missing at a place as one block sees it, against each of the place's states."""
@@ -120,26 +119,19 @@ class _Lens:
             joined = np.concatenate(kept)
             return joined.reshape(joined.shape[0] * joined.shape[1], *joined.shape[2:])
 
-        left, drift = self.base.residuals[block.name], self._drift.get(block.name, [])
-        x, count = rows(waves[block.name], "train"), len(knots)
-        x = np.hstack([x, rows(drift, "train")]) if drift else x
-        bend = np.diff(np.eye(count), 2, axis=0) * np.sqrt(SMOOTH * np.mean(np.sum(x[:, :count] ** 2, axis=0)))
-        below = np.zeros((len(bend) + x.shape[1], x.shape[1]))
-        below[: len(bend), :count] = bend
-        below[len(bend) :] = np.diag(np.r_[np.full(count, 1e-9 * np.abs(x[:, :count]).max()), self._prior(drift)])
-        gram = np.linalg.pinv(x.T @ x + below.T @ below)
+        left, x = self.base.residuals[block.name], rows(waves[block.name], "train")
+        bend = np.diff(np.eye(len(knots)), 2, axis=0) * np.sqrt(SMOOTH * np.mean(np.sum(x**2, axis=0)))
+        gram = np.linalg.pinv(x.T @ x + bend.T @ bend + 1e-12 * np.mean(np.sum(x**2, axis=0)) * np.eye(len(knots)))
         y = rows(left, "train")
         heights = gram @ (x.T @ y)
         law = np.empty(0)
         if extended is not None:
-            law = (gram @ (x.T @ (y - rows(extended[block.name], "train"))))[:count]
-        held = rows(waves[block.name], "held")
-        held = np.hstack([held, rows(drift, "held")]) if drift else held
+            law = gram @ (x.T @ (y - rows(extended[block.name], "train")))
         target = rows(left, "held")
-        rest = target - held @ heights
-        error = np.sqrt(np.maximum(np.diag(gram)[:count] * np.mean((y - x @ heights) ** 2), 0.0))
+        rest = target - rows(waves[block.name], "held") @ heights
+        error = np.sqrt(np.maximum(np.diag(gram) * np.mean((y - x @ heights) ** 2), 0.0))
         share = 1.0 - float(rest @ rest) / max(self._total(root, block.name, target), 1e-300)
-        return Recovered(place, *names, knots, heights[:count], error, law, share)
+        return Recovered(place, *names, knots, heights, error, law, share)
 
     def _total(self, root: Floats, name: str, target: Floats) -> float:
         """Held-out mismatch of all blocks, so that shares of different blocks can be compared."""
@@ -150,25 +142,9 @@ class _Lens:
                 total += float(np.sum(e**2 * self.base.weights[block.name][:, None]))
         return total
 
-    def _prior(self, drift: list[Floats]) -> Floats:
-        return np.ones(drift[0].shape[2]) if drift else np.zeros(0)
-
 
 def _wide(root: Floats, e: Floats) -> Floats:
     return root[None, :, None] if e.ndim == 3 else root[None, :]
-
-
-def _nominal_columns(evidence: Evidence, base: Fit) -> dict[str, list[Floats]]:
-    """Per block and record, (samples, channels, parameters) what a tolerance of each nominal parameter changes."""
-    free = nominal_free(base.rig)
-    problem = Problem(evidence, base.rig, free)
-    found: dict[str, list[list[Floats]]] = {b.name: [[] for _ in evidence.records] for b in evidence.blocks}
-    for j in range(len(free)):
-        there = problem.residuals(np.eye(len(free))[j] * 1e-3)
-        for name, per_record in there.items():
-            for k, e in enumerate(per_record):
-                found[name][k].append((base.residuals[name][k] - e) / 1e-3)
-    return {n: [np.stack(c, axis=2) for c in per] for n, per in found.items() if free}
 
 
 def _path(part: Rig, block: Block, place: str) -> tuple[str, dict[int, float]] | None:
