@@ -13,6 +13,9 @@ from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, build_rig
 
 Values = dict[str, float]
 
+#: a delay's fit has a valley for every turn of the signal: it starts from each of these
+DELAYS_S = (0.7e-3, 2e-3, 5e-3, 12e-3)
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -87,6 +90,8 @@ def _grid(rig: Rig, place: str, effect: Effect, motion: Motion) -> list[Values]:
     if effect.name == "bumper" and stretch is not None:
         levels = np.quantile(stretch, (0.03, 0.2, 0.5, 0.8, 0.93, 0.98, 0.995))
         return [{**base, "clearance": float(v)} for v in levels]
+    if effect.name == "delay":
+        return [{effect.size.name: time} for time in DELAYS_S]
     if effect.name == "absorber":
         return [{**base, "frequency": float(f)} for f in np.geomspace(1.5, 60.0, 25)]
     if effect.name == "resistance_heating":

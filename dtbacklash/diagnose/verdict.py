@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from dtbacklash.diagnose.candidates import positions
 from dtbacklash.diagnose.command import CLEARLY, held_equivalent
 from dtbacklash.diagnose.compare import Record
 from dtbacklash.diagnose.evidence import Evidence
@@ -28,8 +29,14 @@ CONSISTENT, PARAMETERS, MISSING, UNEXPLAINED = "consistent", "parameters", "miss
 
 #: a channel's mean square, in units of the floor's, below which it is noise
 NOISE = 1.2
+#: the same of the part of the recording where it is larger
+NOISE_ONCE = 2.0
 #: share of the excess over the floor that may remain when physics has been named
 REMAINS = 0.1
+#: effect -> (parameter, the law that it becomes where the parameter is small): Bouc-Wen is dry friction then
+LIMITS = {"hysteresis": ("displacement", "dry_friction")}
+#: small is below this share of the link's stretch
+SHARP = 0.03
 #: a parameter has moved when it did so by this share of its tolerance
 MOVED_SHARE = 0.2
 
@@ -103,18 +110,24 @@ def _read_command(rig: Rig, records: list[Record]) -> tuple[Evidence, str]:
     return held, ""
 
 
-def _excess(evidence: Evidence, fitted: Fit) -> dict[str, np.ndarray]:
-    """Per block, (channels,) mean square over both parts, in units of the floor's."""
+def _squares(evidence: Evidence, fitted: Fit) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Per block, (channels,) the smaller and the larger mean square of the two parts, in units of the floor's."""
     train, held = evidence.mean_square(fitted.residuals, "train"), evidence.mean_square(fitted.residuals, "held")
-    return {name: np.minimum(train[name], held[name]) for name in train}
+    return (
+        {name: np.minimum(train[name], held[name]) for name in train},
+        {name: np.maximum(train[name], held[name]) for name in train},
+    )
 
 
 def remaining(evidence: Evidence, found: Search) -> dict[str, float]:
     """Per block, the share of the recalibrated model's excess over the floor that the last fit leaves."""
-    first, last, least = _excess(evidence, found.nominal), _excess(evidence, found.fitted), evidence.least()
-    shares = {}
+    _, first = _squares(evidence, found.nominal)
+    smaller, last = _squares(evidence, found.fitted)
+    least, shares = evidence.least(), {}
     for name in last:
-        left = np.where(last[name] < NOISE * least[name], 0.0, last[name] - 1.0)
+        # what happens in one part only has not been explained either
+        noise = (smaller[name] < NOISE * least[name]) & (last[name] < NOISE_ONCE * least[name])
+        left = np.where(noise, 0.0, last[name] - 1.0)
         shares[name] = float(np.max(left / np.maximum(first[name] - 1.0, 1e-9)))
     return shares
 
@@ -203,11 +216,25 @@ def _finding(evidence: Evidence, found: Search, key: Key, errors: Errors) -> dic
         "location": place,
         "effect": name,
         "parameters": parameters,
-        "also_fits": [{"location": t.key[0], "effect": t.key[1]} for t in found.rivals.get(key, [])],
+        "also_fits": _also_fits(evidence, found, key, values),
         "when": when(evidence, found, key),
         "instead": instead,
         "sentence": entry.sentence.format(location=place.replace("_", " "), **shown) + less(instead),
     }
+
+
+def _also_fits(evidence: Evidence, found: Search, key: Key, values: dict[str, float]) -> list[dict[str, str]]:
+    """What this recording cannot tell from a finding: fits that are as good, and the law that it is the limit of."""
+    listed = [t.key for t in found.rivals.get(key, [])]
+    parameter, limit = LIMITS.get(key[1], ("", ""))
+    record, (place, _) = evidence.records[0], key
+    if limit:
+        a, b = evidence.nominal.elements[place].neighbours["between"]
+        at = positions(found.fitted.rig, evidence.blocks, record)
+        stretch = at.get(b, np.zeros(1)) - at.get(a, np.zeros(1))
+        if values[parameter] < SHARP * float(np.quantile(np.abs(stretch - np.mean(stretch)), 0.95)):
+            listed.append((place, limit))
+    return [{"location": place, "effect": effect} for place, effect in dict.fromkeys(listed)]
 
 
 def _instead(evidence: Evidence, found: Search, key: Key) -> dict[str, Any] | None:
