@@ -4,6 +4,8 @@ Residuals are correlated (an encoder's counts, what no model explains), so that 
 much: the sandwich of Huber and White over stretches of time is taken where it is wider.
 """
 
+import math
+
 import numpy as np
 
 from dtbacklash.diagnose.evidence import Evidence
@@ -34,8 +36,19 @@ def standard_errors(evidence: Evidence, fitted: Fit) -> dict[tuple[str, str, str
     result = {}
     for f, at, error in zip(free, x, errors, strict=True):
         slope = f.value(at) if f.log else f.scale
-        result[(f.place, f.effect, f.name)] = float(abs(slope) * error)
+        counted = _counted(evidence) if (f.effect, f.name) == ("backlash", "half_gap") else 0.0
+        result[(f.place, f.effect, f.name)] = math.hypot(float(slope) * float(error), counted)
     return result
+
+
+def _counted(evidence: Evidence) -> float:
+    """Standard error of a gap that is seen through an encoder's counts, in the encoder's unit.
+
+    At a reversal the play sees the outermost count: the turning point errs by up to half a count, always outwards, and
+    more recording does not average that out.
+    """
+    counts = [evidence.noise[b.imposed][1] for b in evidence.blocks if b.imposed]
+    return max(counts, default=0.0) / (2.0 * math.sqrt(12.0))
 
 
 def _covariance(evidence: Evidence, problem: Problem, jacobian: Floats, rows: Floats) -> Floats:

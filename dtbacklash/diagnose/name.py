@@ -49,13 +49,14 @@ Key = tuple[str, str]
 
 @dataclass
 class Trial:
-    """One candidate that was fitted in full: the fit, and what it gained on the held-out part."""
+    """One candidate that was fitted: the fit, what it leaves of the held-out part, beside how many found effects."""
 
     key: Key
     score: Score
     fitted: Fit
     held_out: float
     verdict: str = ""
+    beside: int = 0
 
 
 @dataclass
@@ -248,6 +249,8 @@ def _add(evidence: Evidence, found: Search) -> bool:
     finished = spread(partial(_finish, evidence, current), rest)
     trials = [*finished, *(t for t in trials if all(t is not r for r in rest))]
     trials += spread(partial(_try, evidence, current), _siblings(evidence, scores, trials))
+    for trial in trials:
+        trial.beside = len(found.order)
     found.trials += trials
     for trial in _simplest_first(evidence, trials):
         if earns(evidence, found.fitted, trial.fitted, found.nominal):

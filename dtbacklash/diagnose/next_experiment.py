@@ -4,6 +4,7 @@ import numpy as np
 
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.name import Search
+from dtbacklash.physics.catalogue import name_in_words
 from dtbacklash.physics.plant import Floats
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
@@ -19,7 +20,7 @@ def next_experiment(evidence: Evidence, found: Search) -> str:
         return "Nothing is ambiguous in this recording; a second recording would confirm it."
     key, trial = pairs[0]
     first, second = found.fitted.rig, trial.fitted.rig
-    what = f"{key[1].replace('_', ' ')} ({key[0]}) from {trial.key[1].replace('_', ' ')} ({trial.key[0]})"
+    what = f"{name_in_words(key[1])} ({key[0]}) from {name_in_words(trial.key[1])} ({trial.key[0]})"
     recorded = {c for b in evidence.blocks for c in b.channels}
     here = _differences(evidence, first, second, 1.0)
     hidden = {n: d for n, d in here.items() if n not in recorded}

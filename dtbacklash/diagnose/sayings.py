@@ -6,6 +6,7 @@ import numpy as np
 
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.name import Key, Search
+from dtbacklash.physics.catalogue import name_in_words
 
 #: a mismatch that lies within one of these times of an event is said to lie there, s
 NEAR_S = (0.05, 0.1, 0.2, 0.3)
@@ -24,7 +25,7 @@ def less(instead: dict[str, Any] | None) -> str:
     """What the second best would be, where there is one that explains a part."""
     if instead is None or instead["times_the_error"] < 1.0:
         return ""
-    what = f"{instead['effect'].replace('_', ' ')} ({quantity(instead['value'], instead['unit'])})"
+    what = f"{name_in_words(instead['effect'])} ({quantity(instead['value'], instead['unit'])})"
     return (f" Without it, {what} at the {instead['location'].replace('_', ' ')} would be named, which leaves "
             f"{instead['times_the_error']:.2g} times the error; beside it there is no need of that.")  # fmt: skip
 
@@ -61,6 +62,8 @@ def when(evidence: Evidence, found: Search, key: Key) -> str:
         return f"{100 * share:.0f} % of the mismatch lies in the quarter of the time in which it moves fastest"
     order = np.sort(change)[::-1]
     busy = float(np.searchsorted(np.cumsum(order), 0.8 * change.sum()) / record.samples)
+    if busy > 0.4:
+        return "the mismatch is spread over the whole recording"
     return f"80 % of the mismatch lies in {100 * busy:.0f} % of the time"
 
 
@@ -77,9 +80,9 @@ def summary(
     parts += [f["sentence"] for f in findings]
     for finding in findings:
         if finding["also_fits"]:
-            others = " or ".join(f"{o['effect'].replace('_', ' ')} at the {o['location'].replace('_', ' ')}"
+            others = " or ".join(f"{name_in_words(o['effect'])} at the {o['location'].replace('_', ' ')}"
                                  for o in finding["also_fits"])  # fmt: skip
-            parts.append(f"This recording cannot tell {finding['effect'].replace('_', ' ')} from {others}.")
+            parts.append(f"This recording cannot tell {name_in_words(finding['effect'])} from {others}.")
     if verdict == "unexplained" and located:
         said = "What remains" if findings else "The mismatch"
         parts.append(f"{said} is real and lies at or near {located['location'].replace('_', ' ')}, "

@@ -39,6 +39,8 @@ LIMITS = {"hysteresis": ("displacement", "dry_friction")}
 SHARP = 0.03
 #: a parameter has moved when it did so by this share of its tolerance
 MOVED_SHARE = 0.2
+#: and by as many standard errors: what only follows another one along a direction that cannot be seen has not
+MOVED_ERRORS = 0.7
 
 
 @dataclass(frozen=True)
@@ -121,14 +123,15 @@ def _squares(evidence: Evidence, fitted: Fit) -> tuple[dict[str, np.ndarray], di
 
 def remaining(evidence: Evidence, found: Search) -> dict[str, float]:
     """Per block, the share of the recalibrated model's excess over the floor that the last fit leaves."""
-    _, first = _squares(evidence, found.nominal)
-    smaller, last = _squares(evidence, found.fitted)
+    first, last = _squares(evidence, found.nominal), _squares(evidence, found.fitted)
     least, shares = evidence.least(), {}
-    for name in last:
-        # what happens in one part only has not been explained either
-        noise = (smaller[name] < NOISE * least[name]) & (last[name] < NOISE_ONCE * least[name])
-        left = np.where(noise, 0.0, last[name] - 1.0)
-        shares[name] = float(np.max(left / np.maximum(first[name] - 1.0, 1e-9)))
+    for name in least:
+        quiet = last[0][name] < NOISE * least[name]
+        # what happens in one part only has not been explained either: then that part counts
+        once = quiet & (last[1][name] > NOISE_ONCE * least[name])
+        left = np.where(once, last[1][name], last[0][name]) - 1.0
+        before = np.where(once, first[1][name], first[0][name]) - 1.0
+        shares[name] = float(np.max(np.where(quiet & ~once, 0.0, left) / np.maximum(before, 1e-9)))
     return shares
 
 
@@ -143,16 +146,20 @@ def _verdict(evidence: Evidence, found: Search, moved: Moved) -> str:
 
 def _moved(evidence: Evidence, fitted: Fit, errors: Errors) -> Moved:
     """Nominal parameters that had to move: name -> (value, standard error)."""
+    if not _needed(evidence, fitted):
+        return {}
     moved: Moved = {}
-    needed = _needed(evidence, fitted)
+    clearly: dict[str, float] = {}
     for name, p in evidence.nominal.config.parameters.items():
         value, error = fitted.rig.config.parameters[name].value, errors.get(("", "", name))
         if error is None or p.tolerance == 0.0:
             continue
         away = abs(value - p.value)
-        if away > MOVED_SHARE * p.tolerance * abs(p.value) and needed:
+        if away > MOVED_SHARE * p.tolerance * abs(p.value):
             moved[name] = (value, error)
-    return moved
+            clearly[name] = away / max(error, 1e-300)
+    least = min(MOVED_ERRORS, max(clearly.values(), default=0.0))
+    return {name: found for name, found in moved.items() if clearly[name] >= least}
 
 
 def _needed(evidence: Evidence, fitted: Fit) -> bool:
@@ -291,7 +298,10 @@ def _candidates(found: Search) -> list[dict[str, Any]]:
     for score in found.scores:
         key = score.candidate.key
         trial = tried.get(key)
-        verdict = "added" if key in found.order else (trial.verdict or "fitted, not better") if trial else "low score"
+        verdict = "added" if key in found.order else "low score"
+        if trial and key not in found.order:
+            others = f" beside {trial.beside} found" if trial.beside else ""
+            verdict = trial.verdict or f"fitted{others}, does not earn its place"
         rows.append({"location": key[0], "effect": key[1], "score": score.gain,
                      "held_out": trial.held_out if trial else None, "verdict": verdict})  # fmt: skip
     return rows

@@ -78,6 +78,12 @@ class Effect:
         return filled
 
 
+def name_in_words(name: str) -> str:
+    """A name of the vocabulary as words: ``coulomb_friction`` is ``Coulomb friction``."""
+    proper = {"coulomb": "Coulomb", "stribeck": "Stribeck"}
+    return " ".join(proper.get(word, word) for word in name.split("_"))
+
+
 def _amplifier() -> list[Effect]:
     kind = "amplifier"
     return [
@@ -176,7 +182,8 @@ def _bearing(axis: _Axis) -> list[Effect]:
             "asymmetric_friction", kind,
             (Parameter("viscous_difference", axis.viscous_unit, -1e5, 1e5, size / 40, 0.0),),
             "-viscous_difference |v|", "asymmetric_friction", "direction-dependent viscous friction",
-            "Viscous friction at the {location} differs between the directions by twice {viscous_difference}.",
+            "Viscous friction at the {location} is higher by {viscous_difference} in the positive direction and lower "
+            "by as much in the other.",
         ),
         Effect(
             "cogging", kind,

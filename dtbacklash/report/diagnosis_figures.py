@@ -10,8 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from dtbacklash.physics.catalogue import name_in_words
 from dtbacklash.report.decimate import envelope
-from dtbacklash.report.intervals import name_in_words, scaled, unit_in_signs
+from dtbacklash.report.intervals import scaled, unit_in_signs
 from dtbacklash.report.style import INK, MUTED, new_figure, styled
 
 MEASURED, NOMINAL, EXTENDED = INK, "#0072b2", "#d55e00"

@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from dtbacklash.physics.catalogue import name_in_words
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 from dtbacklash.physics.rig_file import rig_yaml
 from dtbacklash.report.diagnosis_figures import Curve, Force, curve_figure, force_figure
-from dtbacklash.report.intervals import degrees, interval, name_in_words
+from dtbacklash.report.intervals import degrees, interval
 from dtbacklash.report.numbers import number
 from dtbacklash.report.page import embedded, render
 from dtbacklash.report.rig_drawing import SHARE_MIN, draw_rig

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from rich.text import Text
 
+from dtbacklash.physics.catalogue import name_in_words
 from dtbacklash.report.diagnosis_page import View, heading, place_in_words
-from dtbacklash.report.intervals import interval, name_in_words
+from dtbacklash.report.intervals import interval
 
 
 def lines(view: View) -> list[Text]:

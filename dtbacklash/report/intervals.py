@@ -18,12 +18,6 @@ DIGITS_MAX = 7  # of a value, however narrow its interval
 SYMMETRIC = 0.15  # an interval whose halves differ by less is written with ±
 
 
-def name_in_words(name: str) -> str:
-    """An identifier as words: ``coulomb_friction`` is ``Coulomb friction``."""
-    proper = {"coulomb": "Coulomb", "stribeck": "Stribeck"}
-    return " ".join(proper.get(word, word) for word in name.split("_"))
-
-
 def unit_in_signs(unit: str) -> str:
     """A unit for a page: ``N s^2/m^2`` is ``N s²/m²``."""
     parts = unit.split("^")

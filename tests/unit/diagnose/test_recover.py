@@ -27,7 +27,7 @@ def test_the_recovered_force_is_the_hidden_one(rig, coulomb):
     assert found.share > 0.95
     fast = np.abs(found.knots) > 0.3 * np.abs(found.knots).max()
     assert found.effort[fast] == pytest.approx(-0.02 * np.sign(found.knots[fast]), rel=0.2)
-    assert np.median(np.abs(found.effort[fast])) == pytest.approx(0.02, rel=0.02)
+    assert np.median(np.abs(found.effort[fast])) == pytest.approx(0.02, rel=0.05)
     assert found.law == pytest.approx(found.effort, abs=0.002)
 
 

@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 
 from dtbacklash.config.compose import compose
+from dtbacklash.physics.catalogue import name_in_words
 from dtbacklash.physics.rig import build_rig
 from dtbacklash.physics.rig_file import rig_yaml
 from dtbacklash.report import diagnosis_page, tables
 from dtbacklash.report.diagnosis_figures import Curve, curve_figure, force_figure, zoom
 from dtbacklash.report.diagnosis_page import heading
 from dtbacklash.report.diagnosis_text import lines
-from dtbacklash.report.intervals import interval, name_in_words, scaled, unit_in_signs
+from dtbacklash.report.intervals import interval, scaled, unit_in_signs
 from dtbacklash.report.rig_drawing import GLYPHS, chain, draw_rig, label_width
 from dtbacklash.report.style import WIDTH
 
