@@ -4,6 +4,7 @@ import numpy as np
 
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.name import Search
+from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.physics.catalogue import name_in_words
 from dtbacklash.physics.plant import Floats
 from dtbacklash.physics.rig import Rig
@@ -13,8 +14,17 @@ from dtbacklash.physics.simulate import simulate
 TOLD_APART = 0.01
 
 
-def next_experiment(evidence: Evidence, found: Search) -> str:
-    """A sentence, from simulations of a finding and its rival: in which sensor, or at which amplitude, they differ."""
+def next_experiment(evidence: Evidence, found: Search, rest: Recovered | None = None) -> str:
+    """A sentence, from simulations of a finding and its rival: in which sensor, or at which amplitude, they differ.
+
+    ``rest`` : what nothing explains, if anything is left.
+    """
+    if rest is not None:
+        place = rest.place.replace("_", " ")
+        if rest.state == "time":
+            return f"What is missing at {place} has a time course of its own: record the same motion again, and rest."
+        return (f"What is missing depends most on the {rest.state} of {place}: record it slowly from end to end of its "
+                "range, in both directions, and at another speed.")  # fmt: skip
     pairs = [(key, t) for key in found.order for t in found.rivals.get(key, [])]
     if not pairs:
         return "Nothing is ambiguous in this recording; a second recording would confirm it."

@@ -26,8 +26,11 @@ def less(instead: dict[str, Any] | None) -> str:
     if instead is None or instead["times_the_error"] < 1.0:
         return ""
     what = f"{name_in_words(instead['effect'])} ({quantity(instead['value'], instead['unit'])})"
-    return (f" Without it, {what} at the {instead['location'].replace('_', ' ')} would be named, which leaves "
-            f"{instead['times_the_error']:.2g} times the error; beside it there is no need of that.")  # fmt: skip
+    worse = instead["times_the_error"]
+    times = f"{worse:.2g}" if worse < 10.0 else f"{worse:.0f}"
+    place = instead["location"].replace("_", " ")
+    return (f" If the catalogue did not hold that, {what} at the {place} would be named, "
+            f"with {times} times the error; it is not needed beside it.")  # fmt: skip
 
 
 def when(evidence: Evidence, found: Search, key: Key) -> str:

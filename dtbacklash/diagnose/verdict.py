@@ -201,7 +201,7 @@ def _document(
         "fit": _fit_table(evidence, found),
         "candidates": _candidates(found),
         "located": located,
-        "next_experiment": next_experiment(evidence, found),
+        "next_experiment": next_experiment(evidence, found, next((r for e, r in recovered if not e), None)),
     }
 
 
@@ -219,6 +219,7 @@ def _finding(evidence: Evidence, found: Search, key: Key, errors: Errors) -> dic
         parameters[p.name] = {"value": value, "unit": units[p.name], "ci95": interval}
     instead = _instead(evidence, found, key)
     shown = {n: quantity(p["value"], p["unit"]) for n, p in parameters.items()}
+    said = entry.sentence.format(location=place.replace("_", " "), **shown)
     return {
         "location": place,
         "effect": name,
@@ -226,7 +227,7 @@ def _finding(evidence: Evidence, found: Search, key: Key, errors: Errors) -> dic
         "also_fits": _also_fits(evidence, found, key, values),
         "when": when(evidence, found, key),
         "instead": instead,
-        "sentence": entry.sentence.format(location=place.replace("_", " "), **shown) + less(instead),
+        "sentence": said[:1].upper() + said[1:] + less(instead),
     }
 
 

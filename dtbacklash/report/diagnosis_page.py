@@ -117,6 +117,7 @@ def heading(view: View) -> str:
     if verdict == "missing_physics":
         return f"Missing: {listed(named)}"
     place = next((f["location"] for f in findings if not f.get("effect")), None)
+    place = place or (diagnosis.get("located") or {}).get("location")
     if place is None and any(view.evidence.values()):
         place = max(view.evidence, key=lambda name: view.evidence[name])
     where = f" at the {place_in_words(place)}" if place else ""
@@ -234,7 +235,6 @@ def _fit(fit: dict[str, Any], best: str) -> dict[str, Any]:
 
 
 def _candidates(diagnosis: dict[str, Any]) -> list[dict[str, Any]]:
-    metric = diagnosis["fit"].get("metric", "")
     chosen = {(f["location"], f.get("effect")) for f in diagnosis["findings"]}
     alike = {(a["location"], a["effect"]) for f in diagnosis["findings"] for a in f["also_fits"]}
     rows = []
@@ -244,7 +244,7 @@ def _candidates(diagnosis: dict[str, Any]) -> list[dict[str, Any]]:
             "location": place_in_words(candidate["location"]),
             "effect": name_in_words(candidate["effect"]),
             "score": candidate.get("score"),
-            "held_out": error_text(candidate.get("held_out"), metric),
+            "held_out": "-" if (left := candidate.get("held_out")) is None else number(left),
             "verdict": candidate.get("verdict") or "",
             "mark": "chosen" if key in chosen else "alike" if key in alike else "",
         })  # fmt: skip

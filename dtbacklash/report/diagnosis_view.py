@@ -12,6 +12,7 @@ from dtbacklash.report.diagnosis_page import View
 def view_of(diagnosis: Diagnosis, source: str, notes: list[str]) -> View:
     """What the page of a diagnosis shows. source : name of the recording; notes : what its reader said."""
     document = diagnosis.to_json()
+    document = {**document, "notes": [*notes, *document["notes"]]}
     scores: dict[str, float] = {}
     for row in document["candidates"]:
         score = row["score"]
