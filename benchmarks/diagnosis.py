@@ -43,7 +43,7 @@ def diagnosis_rows() -> list[Row]:
             wall_s = time.perf_counter() - begin
             per_second.append(wall_s / seconds)
             row: Row = {
-                "what": f"{effect.rpartition('.')[0]}, {seconds:g} s", "wall_s": wall_s,
+                "what": f"{effect.partition('=')[0].rpartition('.')[0]}, {seconds:g} s", "wall_s": wall_s,
                 "ratio": per_second[-1] / per_second[0], "named": ", ".join(".".join(k) for k in found.search.order),
             }  # fmt: skip
             if seconds == 30.0:
