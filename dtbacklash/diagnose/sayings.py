@@ -10,6 +10,8 @@ from dtbacklash.physics.catalogue import name_in_words
 
 #: a mismatch that lies within one of these times of an event is said to lie there, s
 NEAR_S = (0.05, 0.1, 0.2, 0.3)
+#: a second best that leaves more than this many times the error explains nothing
+WORTH_SAYING = 10.0
 #: slower than this share of the highest speed is taken as rest
 TREMOR = 0.02
 
@@ -23,7 +25,7 @@ def quantity(value: float, unit: str) -> str:
 
 def less(instead: dict[str, Any] | None) -> str:
     """What the second best would be, where there is one that explains a part."""
-    if instead is None or instead["times_the_error"] < 1.0:
+    if instead is None or not 1.0 <= instead["times_the_error"] <= WORTH_SAYING:
         return ""
     what = f"{name_in_words(instead['effect'])} ({quantity(instead['value'], instead['unit'])})"
     worse = instead["times_the_error"]
