@@ -7,6 +7,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from dtbacklash.commands.words import read_words
 from dtbacklash.errors import UserError
 
 HELP = """\
@@ -91,20 +92,7 @@ def parse(words: Sequence[str]) -> Request:
     UserError : an unknown word, a key without a value or twice, no folder, a number that is none, the key's file in
         the folder of the recordings.
     """
-    given: dict[str, str] = {}
-    for word in words:
-        key, equals, value = word.partition("=")
-        if word.startswith("-"):
-            raise UserError("option", word, "choose --help, or write key=value")
-        if not equals:
-            raise UserError("argument", word, "write key=value")
-        if key not in KEYS:
-            raise UserError(key, value, "no such setting; choose one of " + ", ".join(KEYS))
-        if not value:
-            raise UserError(key, "", "give a value")
-        if key in given:
-            raise UserError(key, value, f"is given twice; the first is {given[key]}")
-        given[key] = value
+    given = read_words(words, KEYS, (), "choose --help, or write key=value").given
     if "out" not in given:
         raise UserError("out", "(missing)", "give a new folder for the recordings")
     out = Path(given["out"]).absolute()

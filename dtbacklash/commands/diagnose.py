@@ -11,6 +11,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dtbacklash.commands.words import VERBOSE, read_words
 from dtbacklash.errors import UserError
 
 if TYPE_CHECKING:
@@ -119,27 +120,9 @@ def parse(words: Sequence[str]) -> Request:
     ------
     UserError : an unknown word, a key without a value or twice, no recording, jobs that are no whole number.
     """
-    request = Request()
-    given: dict[str, str] = {}
-    for word in words:
-        if word in ("-v", "--verbose"):
-            request.verbose = True
-            continue
-        key, equals, value = word.partition("=")
-        if word.startswith("-"):
-            raise UserError("option", word, "choose one of -v, --help")
-        if not equals:
-            raise UserError("argument", word, "write key=value")
-        if key.lstrip("+").startswith("rig."):
-            request.changes.append(word)
-            continue
-        if key not in KEYS:
-            raise UserError(key, value, "no such setting; choose one of " + ", ".join((*KEYS, "rig.KEY")))
-        if not value:
-            raise UserError(key, "", "give a value")
-        if key in given:
-            raise UserError(key, value, f"is given twice; the first is {given[key]}")
-        given[key] = value
+    read = read_words(words, KEYS, VERBOSE, "choose one of -v, --help", prefix="rig.")
+    given = read.given
+    request = Request(verbose=not read.options.isdisjoint(VERBOSE), changes=read.passed)
     if "recording" not in given:
         from dtbacklash.recording import mapping_names
 

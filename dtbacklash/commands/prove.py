@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dtbacklash.commands.words import VERBOSE, read_words
 from dtbacklash.errors import UserError
 
 if TYPE_CHECKING:
@@ -130,26 +131,8 @@ def parse(words: Sequence[str]) -> Request:
     ------
     UserError : an unknown word, a key without a value or twice, keys that exclude each other.
     """
-    request = Request({})
-    for word in words:
-        if word in ("-v", "--verbose"):
-            request.verbose = True
-            continue
-        if word == "--quick":
-            request.quick = True
-            continue
-        key, equals, value = word.partition("=")
-        if word.startswith("-"):
-            raise UserError("option", word, "choose one of --quick, -v, --help")
-        if not equals:
-            raise UserError("argument", word, "write key=value")
-        if key not in KEYS:
-            raise UserError(key, value, "no such setting; choose one of " + ", ".join(KEYS))
-        if not value:
-            raise UserError(key, "", "give a value")
-        if key in request.given:
-            raise UserError(key, value, f"is given twice; the first is {request.given[key]}")
-        request.given[key] = value
+    read = read_words(words, KEYS, (*VERBOSE, "--quick"), "choose one of --quick, -v, --help")
+    request = Request(read.given, verbose=not read.options.isdisjoint(VERBOSE), quick="--quick" in read.options)
     _check_excludes(request)
     return request
 

@@ -10,9 +10,10 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.signal import lfilter, ss2tf
+from scipy.signal import lfilter
 
 from dtbacklash.diagnose.compare import Block, Record, part_of, places_of, true_angle
+from dtbacklash.diagnose.responses import transfer
 from dtbacklash.physics import plant as pl
 from dtbacklash.physics.assembly import compile_plant, state_names
 from dtbacklash.physics.plant import Floats, Plant
@@ -60,7 +61,7 @@ def _scan(candidate: Candidate, bank: Bank, block: Block) -> list[tuple[float, f
     fine = compile_plant(part, records[0].sample_time_s, 1, 2, block.imposed is not None)
     coarse = compile_plant(part, THIN * records[0].sample_time_s, 1, 2, block.imposed is not None)
     paths = [_path(candidate, bank, block, fine, r) for r in records]
-    transfer = _transfer(candidate, block, part, coarse)
+    response = transfer(part, block, coarse, {_channel(candidate, block, part, coarse): 1.0}, THIN)
     start, width = _place_of_rows(bank, block)
     channels, count = len(block.channels), bank.q_rows.shape[1]
     chosen = np.concatenate([_thinned(r)[1] for r in records])
@@ -72,7 +73,7 @@ def _scan(candidate: Candidate, bank: Bank, block: Block) -> list[tuple[float, f
     rated = []
     waves = _waves(candidate, paths)
     for some in np.array_split(waves, max(1, math.ceil(len(waves) / BATCH))):
-        S, C = (_signatures(some, shape, paths, transfer)[:, :, chosen] * scale for shape in (0, 1))
+        S, C = (_signatures(some, shape, paths, response)[:, :, chosen] * scale for shape in (0, 1))
         rated += _regress(some, S, C, q, e)
     rated.sort(reverse=True)
     kept_waves: list[tuple[float, float, float]] = []
@@ -91,12 +92,12 @@ def _thinned(record: Record) -> tuple[np.ndarray, np.ndarray]:
     return (np.cumsum(record.train) - 1)[first[mask]], mask
 
 
-def _signatures(waves: Floats, shape: int, paths: list[_Path], transfer: tuple[Floats, Floats]) -> Floats:
+def _signatures(waves: Floats, shape: int, paths: list[_Path], response: tuple[Floats, Floats]) -> Floats:
     """(channels, waves, thinned samples) the responses to a sine (0) or a cosine (1) along the paths.
 
     The effort is averaged over THIN samples before it is filtered at that slower rate; single precision will do.
     """
-    numerators, denominator = transfer
+    numerators, denominator = response
     shift, outputs = np.float32(0.5 * math.pi * shape), []
     for q, w, counted in paths:
         effort = np.sin(waves[:, None].astype(np.float32) * q.astype(np.float32) + shift)
@@ -170,27 +171,11 @@ def _waves(candidate: Candidate, paths: list[_Path]) -> Floats:
     return np.linspace(low, most, int(min(WAVES_MAX, max(2, (most - low) / step))))
 
 
-def _transfer(candidate: Candidate, block: Block, part: Rig, plant: Plant) -> tuple[Floats, Floats]:
-    """Numerators (channels, order+1) and denominator from the effort (or the base's position) to the innovation."""
-    contact = 0 if plant.rotor < 0 else 1
-    A = plant.E[contact, 0].T
+def _channel(candidate: Candidate, block: Block, part: Rig, plant: Plant) -> int:
+    """The input channel through which a periodic law acts: an effort on a body, or the base's position."""
     if candidate.effect.name == "pitch_error":
-        channel = pl.CH_D
-    else:
-        kinds = {"torque_ripple": plant.rotor}
-        names = state_names(part, block.imposed is not None)
-        body = kinds.get(candidate.effect.name, names.index(candidate.place) if candidate.place in names else 0)
-        channel = pl.CH_F + body
-    names = list(part.sensors)
-    C = np.zeros((len(block.channels), len(A)))
-    for j, c in enumerate(block.channels):
-        index = int(plant.sensor[names.index(c), pl.Y_INDEX])
-        if index >= 0:
-            C[j, index] = 1.0
-    if block.pulled:
-        row = C[list(block.channels).index(block.pulled)]
-        gain = np.zeros(len(A))
-        where = int(np.argmax(row))
-        gain[where], gain[where + plant.n_bodies] = THIN * block.gains[0], THIN * block.gains[1]
-        A = A - A @ np.outer(gain, row)
-    return ss2tf(A, plant.P1[contact, 0, channel][:, None], C, np.zeros((len(C), 1)))
+        return pl.CH_D
+    names = state_names(part, block.imposed is not None)
+    if candidate.effect.name == "torque_ripple":
+        return pl.CH_F + plant.rotor
+    return pl.CH_F + (names.index(candidate.place) if candidate.place in names else 0)

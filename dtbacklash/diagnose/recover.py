@@ -8,12 +8,13 @@ explains a mismatch, the place and the state that explain most of it on held-out
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import lfilter, ss2tf
+from scipy.signal import lfilter
 
 from dtbacklash.diagnose.candidates import positions
 from dtbacklash.diagnose.compare import Block, Record, part_of, places_of, true_angle
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.refit import Fit
+from dtbacklash.diagnose.responses import transfer
 from dtbacklash.physics import plant as pl
 from dtbacklash.physics.assembly import compile_plant, state_names
 from dtbacklash.physics.elements import BODY_KINDS, LINK_KINDS
@@ -90,28 +91,29 @@ class _Lens:
         unit, columns = path
         records = self.evidence.records
         states = [_states(self.rig, place, block, r, p) for r, p in zip(records, self.positions, strict=True)]
-        transfer = _transfer(part, block, records[0].sample_time_s, columns)
+        plant = compile_plant(part, records[0].sample_time_s, 1, 2, block.imposed is not None)
+        response = transfer(part, block, plant, columns)
         found = []
         for name, (_, state_unit) in states[0].items():
             values = [s[name][0] for s in states]
             knots = _knots(np.concatenate(values))
             if knots is not None:
-                found.append(self._regress(block, place, (name, state_unit, unit), values, knots, transfer, extended))
+                found.append(self._regress(block, place, (name, state_unit, unit), values, knots, response, extended))
         return found
 
     def _regress(
         self, block: Block, place: str, names: tuple[str, str, str], values: list[Floats], knots: Floats,
-        transfer: tuple[Floats, Floats], extended: Residuals | None,
+        response: tuple[Floats, Floats], extended: Residuals | None,
     ) -> Recovered:  # fmt: skip
         scale = self.evidence.floor[block.name]
-        numerators, denominator = transfer
+        numerators, denominator = response
         hats = np.eye(len(knots))
         waves: Residuals = {block.name: []}
         for v in values:
             shapes = np.array([np.interp(v, knots, h) for h in hats])
             # (samples, channels, knots) in units of the floor
-            response = np.array([lfilter(row, denominator, shapes, axis=1) for row in numerators])
-            waves[block.name].append(np.moveaxis(response, 2, 0) / scale[None, :, None])
+            reached = np.array([lfilter(row, denominator, shapes, axis=1) for row in numerators])
+            waves[block.name].append(np.moveaxis(reached, 2, 0) / scale[None, :, None])
         root = np.sqrt(self.base.weights[block.name])
 
         def rows(of: list[Floats], part: str) -> Floats:
@@ -208,24 +210,3 @@ def _knots(values: Floats) -> Floats | None:
         if k - kept[-1] > 1e-3 * (high - low):
             kept.append(k)
     return np.array(kept) if len(kept) > 4 else None
-
-
-def _transfer(part: Rig, block: Block, step: float, columns: dict[int, float]) -> tuple[Floats, Floats]:
-    """Numerators (channels, order + 1) and denominator from the effort to the block's innovations."""
-    plant = compile_plant(part, step, 1, 2, block.imposed is not None)
-    contact = 0 if plant.rotor < 0 else 1
-    A = plant.E[contact, 0].T
-    B = sum(sign * plant.P1[contact, 0, channel] for channel, sign in columns.items())
-    names = list(part.sensors)
-    C = np.zeros((len(block.channels), len(A)))
-    for j, c in enumerate(block.channels):
-        index = int(plant.sensor[names.index(c), pl.Y_INDEX])
-        if index >= 0:
-            C[j, index] = 1.0
-    if block.pulled:
-        row = C[list(block.channels).index(block.pulled)]
-        gain = np.zeros(len(A))
-        where = int(np.argmax(row))
-        gain[where], gain[where + plant.n_bodies] = block.gains
-        A = A - A @ np.outer(gain, row)
-    return ss2tf(A, np.asarray(B)[:, None], C, np.zeros((len(C), 1)))

@@ -4,12 +4,12 @@ import json
 import math
 import re
 from dataclasses import replace
-from html.parser import HTMLParser
 from io import StringIO
 
 import diagnosed
 import numpy as np
 import pytest
+from page_reader import Reader
 
 from dtbacklash.config.compose import compose
 from dtbacklash.physics.catalogue import name_in_words
@@ -22,27 +22,6 @@ from dtbacklash.report.diagnosis_text import lines
 from dtbacklash.report.intervals import interval, scaled, unit_in_signs
 from dtbacklash.report.rig_drawing import GLYPHS, chain, draw_rig, label_width
 from dtbacklash.report.style import WIDTH
-
-
-class Reader(HTMLParser):
-    """Collects the text and every address; checks that tags are closed."""
-
-    VOID = frozenset({"meta", "img", "br", "link", "input"})
-
-    def __init__(self):
-        super().__init__()
-        self.text, self.addresses, self.open = [], [], []
-
-    def handle_starttag(self, tag, attrs):
-        self.addresses += [value for name, value in attrs if name in ("src", "href")]
-        if tag not in self.VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        self.text.append(data)
 
 
 @pytest.fixture(scope="module", params=list(diagnosed.EACH))

@@ -1,37 +1,16 @@
 """The pages: everything in one file, nothing from outside, nothing unescaped, in words that are right."""
 
 import re
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 import synthetic
+from page_reader import Reader
 
 from dtbacklash.config.run import ProfileConfig, ReferenceConfig, RunConfig
 from dtbacklash.metrics import move_table
 from dtbacklash.report import paper_page, run_report
 from dtbacklash.report.words import describe, effect_sentences, plain
-
-
-class Reader(HTMLParser):
-    """Collects the text and every address that a browser would fetch; checks that tags are closed."""
-
-    VOID = frozenset({"meta", "img", "br", "link", "input"})
-
-    def __init__(self):
-        super().__init__()
-        self.text, self.addresses, self.open = [], [], []
-
-    def handle_starttag(self, tag, attrs):
-        self.addresses += [value for name, value in attrs if name in ("src", "href")]
-        if tag not in self.VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        self.text.append(data)
 
 
 def read(path):
