@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from dtbacklash.errors import UserError
 
 if TYPE_CHECKING:
-    from rich.table import Table as RichTable
-
     from dtbacklash.recording.mapping import Mapping
 
 HELP = """\
@@ -50,7 +48,8 @@ def _list() -> None:
         mapping = load_mapping(name)
         rig, title = escape(mapping.rig or "-"), escape(mapping.title)
         console.print(f"[bold]{escape(mapping.name)}[/bold] (rig={rig}): {title}", soft_wrap=True)
-        console.print(_files_table(mapping))
+        for line in _files_lines(mapping):
+            console.print(line, soft_wrap=True)
         if mapping.parts:
             parts = ", ".join(f"recording={mapping.name}:{part}" for part in mapping.parts)
             console.print(f"  parts    {escape(parts)}", soft_wrap=True)
@@ -63,28 +62,23 @@ def _list() -> None:
         console.print()
 
 
-def _files_table(mapping: Mapping) -> RichTable:
-    """A row a file: name, size, where it was found, what it is."""
+def _files_lines(mapping: Mapping) -> Iterator[str]:
+    """Two lines a file: name, size and what it is; then where it was found, unbroken so that it can be copied."""
     from rich.markup import escape
-    from rich.table import Table
 
     from dtbacklash.commands.console import shown_path
     from dtbacklash.recording import locate
 
-    table = Table(box=None, show_header=False, pad_edge=False, padding=(0, 2, 0, 2))
-    for justify in ("left", "right", "left", "left"):
-        table.add_column(justify=justify, overflow="fold")
-    for name in list(mapping.files) or [mapping.file or "(recording.path=FILE)"]:
+    names = list(mapping.files) or [mapping.file or "(recording.path=FILE)"]
+    for name in names:
         public = mapping.files.get(name)
         place = locate.find(mapping, name)
-        where = shown_path(place) if place else "missing"
         about = public.about if public else ""
         if name == mapping.file and len(mapping.files) > 1:
             about += " (the default)"
         size = f"{public.size_bytes / 1000:.0f} kB" if public else "-"
-        colour = "green" if place else "yellow"
-        table.add_row(escape(name), size, f"[{colour}]{escape(where)}[/]", escape(about))
-    return table
+        yield f"  {escape(name):<{max(map(len, names))}}  {size:>8}  {escape(about)}"
+        yield f"    [green]{escape(shown_path(place))}[/]" if place else "    [yellow]missing[/]"
 
 
 def _fetch(name: str, only: str | None) -> None:
