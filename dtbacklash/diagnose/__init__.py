@@ -43,7 +43,7 @@ def diagnose(
 
     Raises
     ------
-    UserError : no channel of the rig was recorded, or an integrating part of it was not measured.
+    UserError : no channel of the rig was recorded, an integrating part not measured, or nothing was commanded.
     """
     if validation is None:
         return diagnose_records(rig, [record_of(recording, rig, True, True, held_out)], progress, jobs)

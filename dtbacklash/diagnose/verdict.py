@@ -19,6 +19,7 @@ from dtbacklash.diagnose.refit import Fit, fit, nominal_free
 from dtbacklash.diagnose.sayings import less, quantity, summary, when
 from dtbacklash.diagnose.slow import refit_slowly
 from dtbacklash.diagnose.spread import on_cores
+from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig
 
@@ -79,8 +80,10 @@ def diagnose_records(
 
     Raises
     ------
-    UserError : no channel of the rig was recorded, or an integrating part of it was not measured.
+    UserError : no channel of the rig was recorded, an integrating part not measured, or nothing was commanded.
     """
+    if not any(np.any(r.u[r.train]) for r in records):
+        raise UserError("recording", "u", "it is 0 in all that is fitted: record the machine while it is commanded")
     # many short products of long vectors: threads of the linear algebra would cost more than they bring
     with on_cores(jobs), threadpool_limits(1, "blas"):
         evidence, note = _read_command(rig, records)

@@ -1,11 +1,14 @@
 """The whole diagnosis on simulated recordings; other integrators and real recordings have tests of their own."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from dtbacklash.diagnose import diagnose_records
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.refit import TOLERANCES_MAX, fit, nominal_free
+from dtbacklash.errors import UserError
 
 from .conftest import recorded
 
@@ -66,3 +69,10 @@ def test_the_progress_is_told(rig):
     diagnose_records(rig, [recorded(rig, seconds=4.0)], lambda _, share: told.append(share))
     assert told
     assert np.all(np.diff(told) >= 0)
+
+
+def test_a_recording_without_a_command_is_refused(rig):
+    record = recorded(rig, seconds=4.0)
+    silent = replace(record, u=np.zeros(record.samples))
+    with pytest.raises(UserError, match="it is 0 in all that is fitted"):
+        diagnose_records(rig, [silent])
