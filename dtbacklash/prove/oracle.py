@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from dtbacklash.diagnose.evidence import Evidence, Residuals
-from dtbacklash.diagnose.refit import Fit, Free, effect_free, fit, nominal_free
+from dtbacklash.diagnose.refit import Effects, Fit, Free, effect_free, fit, nominal_free, objective
 from dtbacklash.physics.rig import Rig, build_rig
 
 #: of the excess over the floor, at most this share may be left with what was hidden in the model
@@ -65,7 +65,7 @@ def look(evidence: Evidence, secret: dict[str, Any], extended: Rig | None) -> di
     rig = evidence.nominal
     effects = {(e["location"], e["effect"]): e["parameters"] for e in secret["effects"]}
     recalibrated = fit(evidence, rig, nominal_free(rig))
-    best = refit_truth(evidence, effects, secret["parameters"]) if effects else recalibrated
+    best = _best(evidence, effects, secret["parameters"], extended) if effects else recalibrated
     seen: dict[str, Seen] = {}
     for key in effects:
         others = {k: v for k, v in effects.items() if k != key}
@@ -87,9 +87,26 @@ def look(evidence: Evidence, secret: dict[str, Any], extended: Rig | None) -> di
     }
 
 
+def _best(
+    evidence: Evidence, effects: Effects, parameters: dict[str, float], extended: Rig | None
+) -> Fit:  # fmt: skip
+    """The true structure fitted from the true values, or from the diagnosed ones if that structure is the true one.
+
+    The better of the two: a fit of several effects can get stuck, and an oracle that is stuck would flatter the tool.
+    """
+    best = refit_truth(evidence, effects, parameters)
+    if extended is None:
+        return best
+    found = {(place, name): values for place, there in extended.effects.items() for name, values in there.items()}
+    if found.keys() != effects.keys():
+        return best
+    again = refit_truth(evidence, found, {n: p.value for n, p in extended.config.parameters.items()})
+    return min(best, again, key=lambda fitted: objective(evidence, fitted))
+
+
 def refit_truth(
     evidence: Evidence,
-    effects: dict[tuple[str, str], dict[str, float]],
+    effects: Effects,
     parameters: dict[str, float],
     pinned: str | None = None,
 ) -> Fit:

@@ -50,6 +50,16 @@ def test_it_sees_what_is_large_and_reaches_the_floor(rig):
     assert look(given, secret("single", BACKLASH, k=9300.0), None)["held_out"]["extended"] != held["extended"]
 
 
+def test_it_is_not_stuck_where_the_diagnosis_was_not(rig):
+    """From a number of teeth that is far off, no fit finds the right one; from the diagnosed rig's it does."""
+    there = {"torque": 0.01, "periods": 14.0, "phase": 0.3}
+    truth = rig.with_effect("motor_bearing", "cogging", there)
+    given = evidence(rig, truth)
+    astray = {"location": "motor_bearing", "effect": "cogging", "parameters": {**there, "periods": 10.0}}
+    alone, beside = (look(given, secret("single", astray), found)["held_out"]["oracle"] for found in (None, truth))
+    assert beside < 1.3 < alone
+
+
 def test_it_does_not_see_what_is_not_there(rig):
     small = {**BACKLASH, "parameters": {"half_gap": 1e-7}}
     seen = look(evidence(rig, rig), secret("single", small), rig)
