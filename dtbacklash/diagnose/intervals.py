@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.refit import Fit, Problem, effect_free, nominal_free
+from dtbacklash.diagnose.refit import Fit, Problem, all_free
 from dtbacklash.physics.plant import Floats
 
 #: the spread is taken over stretches as long as CORRELATED of those that judge, but at least GROUPS_MIN of them
@@ -18,15 +18,9 @@ CORRELATED, GROUPS_MIN = 2, 16
 
 def standard_errors(evidence: Evidence, fitted: Fit) -> dict[tuple[str, str, str], float]:
     """(place, effect, name) -> standard error, in the parameter's unit; ('', '', name) for a nominal one."""
-    free = nominal_free(evidence.nominal)
-    start = [(fitted.rig.config.parameters[f.name].value - f.centre) / f.scale for f in free]
-    for place, there in fitted.rig.effects.items():
-        for name, values in there.items():
-            more = effect_free(fitted.rig, place, name, values)
-            free, start = free + more, start + [0.0] * len(more)
+    free, x = all_free(evidence.nominal, fitted.rig)
     if not free:
         return {}
-    x = np.array(start)
     problem = Problem(evidence, fitted.rig, free)
     problem.weights = fitted.weights
     jacobian = problem.precise_jacobian(x)

@@ -14,7 +14,7 @@ from dtbacklash.diagnose.compare import Block, places_of
 from dtbacklash.diagnose.delays import delay_grid
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.periodic import wave_grid
-from dtbacklash.diagnose.refit import Fit, Free, Problem, weights_for
+from dtbacklash.diagnose.refit import Fit, Free, Problem, all_free, weights_for
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.errors import UserError
 from dtbacklash.physics.plant import Floats
@@ -51,21 +51,23 @@ class Bank:
     def __init__(self, evidence: Evidence, fitted: Fit) -> None:
         self.evidence, self.fitted = evidence, fitted
         self.rig = fitted.rig
-        problem = Problem(evidence, fitted.base, fitted.free)
+        # all of them: the last fit may have moved those of its own blocks only
+        free, x = all_free(evidence.nominal, fitted.rig)
+        problem = Problem(evidence, fitted.rig, free)
         problem.weights = weights_for(evidence, fitted.residuals)
         self.weights = problem.weights
         self.touched = problem.touched = [b.name for b in evidence.blocks]
-        if len(fitted.free):
-            jacobian = problem.jacobian(fitted.x)
+        if free:
+            jacobian = problem.jacobian(x)
             # what stands at its bound cannot take up anything more
-            jacobian = jacobian[:, [not _bound(f, x) for f, x in zip(fitted.free, fitted.x, strict=True)]]
+            jacobian = jacobian[:, [not _bound(f, at) for f, at in zip(free, x, strict=True)]]
             self.q_rows = np.linalg.qr(jacobian)[0]
         else:
-            self.q_rows = np.zeros((len(problem.stack(fitted.residuals, fitted.x)), 0))
+            self.q_rows = np.zeros((len(problem.stack(fitted.residuals, x)), 0))
         self.rough = evidence.residuals(self.rig, rough=True)
         self._priors = int(problem.prior.sum())
         self.samples = sum(int(r.train.sum()) for r in evidence.records)
-        rows = problem.stack(fitted.residuals, fitted.x)
+        rows = problem.stack(fitted.residuals, x)
         self.residual = self._project(rows)
         self.total = float(self.residual @ self.residual)
 

@@ -37,6 +37,8 @@ HOPELESS = (1.5, 4.0)
 T_MIN = 2.0
 #: least share of the held-out excess over the floor that an effect has to take away, and of the floor itself
 SHARE_MIN, FLOOR_MIN = 0.2, 0.015
+#: what happens seldom falls in few stretches: not significant over all, but sure where this share of it is gone
+SURE = 0.9
 #: as much of the prior's penalty (in -2 log) makes up for no gain on held-out data
 PENALTY_MIN = 15.0
 #: less than this share of the nominal rig's mean square is minor; a residual below this one is nearly noise
@@ -116,8 +118,9 @@ def earns(evidence: Evidence, before: Fit, after: Fit, nominal: Fit) -> bool:
     """
     share, floor, t = paired(evidence, before, after)
     relief = before.penalty - after.penalty
-    if share > SHARE_MIN and floor > FLOOR_MIN and t > T_MIN:
-        names = [b.name for b in evidence.blocks if after.residuals[b.name] is not before.residuals[b.name]]
+    names = [b.name for b in evidence.blocks if after.residuals[b.name] is not before.residuals[b.name]]
+    seldom = share > SURE and floor > 1.0 and _worst(evidence, after, names) < NEARLY_NOISE
+    if share > SHARE_MIN and floor > FLOOR_MIN and (t > T_MIN or seldom):
         return floor > MINOR * _worst(evidence, nominal, names) or _worst(evidence, after, names) < NEARLY_NOISE
     return relief > PENALTY_MIN and share > -SHARE_MIN / 4
 
@@ -252,15 +255,27 @@ def _add(evidence: Evidence, found: Search) -> bool:
     for trial in trials:
         trial.beside = len(found.order)
     found.trials += trials
-    for trial in _simplest_first(evidence, trials):
-        if earns(evidence, found.fitted, trial.fitted, found.nominal):
-            _note_instead(evidence, found, trial.key, (current, trial.fitted), trials)
-            found.fitted, trial.verdict = trial.fitted, "added"
-            found.order.append(trial.key)
-            found.tried[trial.key] = [t for t in trials if t is not trial]
-            found.rivals[trial.key] = [t for t in found.tried[trial.key] if same(evidence, trial.fitted, t.fitted)]
-            return True
+    for group in _apart(evidence, trials):
+        for trial in _simplest_first(evidence, group):
+            if earns(evidence, found.fitted, trial.fitted, found.nominal):
+                _note_instead(evidence, found, trial.key, (current, trial.fitted), group)
+                found.fitted, trial.verdict = trial.fitted, "added"
+                found.order.append(trial.key)
+                found.tried[trial.key] = [t for t in group if t is not trial]
+                found.rivals[trial.key] = [t for t in found.tried[trial.key] if same(evidence, trial.fitted, t.fitted)]
+                return True
     return False
+
+
+def _apart(evidence: Evidence, trials: list[Trial]) -> list[list[Trial]]:
+    """All trials, the best first; then, should none of them earn its place, those that share no block with the best.
+
+    What is the best in one block may be worth nothing there and still hide what is missing in another.
+    """
+    if not trials:
+        return []
+    best = min(trials, key=lambda t: merit(evidence, t.fitted))
+    return [trials, [t for t in trials if not _meet(evidence, best.key, t.key)]]
 
 
 def _twins(evidence: Evidence, scores: list[Score], trials: list[Trial]) -> list[Score]:

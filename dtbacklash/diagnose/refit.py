@@ -93,6 +93,17 @@ def effect_free(rig: Rig, place: str, effect: str, values: dict[str, float]) -> 
     return found
 
 
+def all_free(nominal: Rig, rig: Rig) -> tuple[list[Free], Floats]:
+    """All nominal parameters and those of all effects of a rig, and where they stand there."""
+    free = nominal_free(nominal)
+    start = [(rig.config.parameters[f.name].value - f.centre) / f.scale for f in free]
+    for place, there in rig.effects.items():
+        for name, values in there.items():
+            more = effect_free(rig, place, name, values)
+            free, start = free + more, start + [0.0] * len(more)
+    return free, np.array(start)
+
+
 @dataclass(frozen=True)
 class Fit:
     """A rig whose free parameters have been fitted.
