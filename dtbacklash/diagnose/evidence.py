@@ -94,6 +94,18 @@ class Evidence:
             found[block.name] = np.where(exact, np.maximum(method, 1.0), 1.0)
         return found
 
+    def passed(self) -> dict[str, Floats]:
+        """Per block, (channels,) the share of the floor's mean square that is not the sensor's own noise.
+
+        An encoder's counts that drive the structure, mostly. It is measured on a simulated recording, in which the
+        motor stops between other counts: it is known to a factor only, and something that an effect can fit.
+        """
+        found = {}
+        for block in self.blocks:
+            own = np.array([self.noise[c][0] for c in block.channels])
+            found[block.name] = np.clip(1.0 - (own / self.floor[block.name]) ** 2, 0.0, 1.0)
+        return found
+
     def rescaled(self, residuals: Residuals, before: "Evidence") -> Residuals:
         """Residuals in units of this floor, from those in units of the floor of ``before``."""
         return {
@@ -127,6 +139,10 @@ class Evidence:
     def mean_square(self, residuals: Residuals, part: str) -> dict[str, Floats]:
         """Per block, (channels,) mean square in units of the floor's."""
         return {b.name: np.mean(self.rows(residuals, b.name, part) ** 2, axis=1) for b in self.blocks}
+
+    def rms(self, residuals: Residuals, part: str = "held") -> float:
+        """Root mean square over all channels, in units of the floor."""
+        return float(np.sqrt(np.mean(np.concatenate(list(self.mean_square(residuals, part).values())))))
 
     def stretches(self, residuals: Residuals, name: str, part: str = "held") -> Floats:
         """(channels, stretches) mean squares over stretches of a part, in units of the floor's."""

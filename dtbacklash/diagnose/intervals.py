@@ -1,7 +1,8 @@
 """Intervals that hold: standard errors from the curvature and from how the score varies from stretch to stretch.
 
 Residuals are correlated (an encoder's counts, what no model explains), so that the curvature alone would promise too
-much: the sandwich of Huber and White over stretches of time is taken where it is wider.
+much: the sandwich of Huber and White over stretches of time is taken where it is wider. Neither knows that the law
+itself is one formulation of several: the catalogue says what that is worth.
 """
 
 import math
@@ -10,6 +11,7 @@ import numpy as np
 
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.refit import Fit, Problem, all_free
+from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.plant import Floats
 
 #: the spread is taken over stretches as long as CORRELATED of those that judge, but at least GROUPS_MIN of them
@@ -29,9 +31,10 @@ def standard_errors(evidence: Evidence, fitted: Fit) -> dict[tuple[str, str, str
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     result = {}
     for f, at, error in zip(free, x, errors, strict=True):
-        slope = f.value(at) if f.log else f.scale
+        slope = float(f.value(at) if f.log else f.scale)
         counted = _counted(evidence) if (f.effect, f.name) == ("backlash", "half_gap") else 0.0
-        result[(f.place, f.effect, f.name)] = math.hypot(float(slope) * float(error), counted)
+        law = slope * find(fitted.rig.kind_at(f.place), f.effect, f.place).formulation_error if f.effect else 0.0
+        result[(f.place, f.effect, f.name)] = math.hypot(slope * float(error), counted, law)
     return result
 
 
@@ -45,10 +48,19 @@ def _counted(evidence: Evidence) -> float:
     return max(counts, default=0.0) / (2.0 * math.sqrt(12.0))
 
 
+def _inverse(jacobian: Floats) -> Floats:
+    """Inverse of J'J, by J's singular values: columns differ by many decades, and some directions only priors see."""
+    norms = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    _, sizes, directions = np.linalg.svd(jacobian / norms, full_matrices=False)
+    scaled = directions.T / np.maximum(sizes, 1e-12 * sizes[0]) / norms[:, None]
+    inverse: Floats = scaled @ scaled.T
+    return inverse
+
+
 def _covariance(evidence: Evidence, problem: Problem, jacobian: Floats, rows: Floats) -> Floats:
     priors = int(problem.prior.sum())
     data, e = jacobian[: len(jacobian) - priors], rows[: len(rows) - priors]
-    bread = np.linalg.pinv(jacobian.T @ jacobian)
+    bread = _inverse(jacobian)
     # weights count a residual that is not noise less, once; the scores below measure its spread themselves
     samples = sum(int(r.train.sum()) for r in evidence.records)
     length = max(2, min(CORRELATED * evidence.stretch, samples // GROUPS_MIN))

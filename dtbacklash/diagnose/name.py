@@ -12,9 +12,10 @@ import numpy as np
 
 from dtbacklash.diagnose.candidates import candidates, motion_of
 from dtbacklash.diagnose.compare import places_of
+from dtbacklash.diagnose.earn import FLOOR_MIN, PENALTY_MIN, SHARE_MIN, earns, held_loss, merit, nearly, paired, same
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.locate import Score, bank
-from dtbacklash.diagnose.refit import Fit, effect_free, fit, nominal_free, objective, weights_for
+from dtbacklash.diagnose.refit import Fit, effect_free, fit, nominal_free, weights_for
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.plant import Floats
@@ -33,18 +34,8 @@ HOPE = 0.25
 CLOSE = 1.1
 #: a quick fit that leaves this many times what the best one leaves is not finished: where that is noise, and elsewhere
 HOPELESS = (1.5, 4.0)
-#: standard errors that the held-out loss has to fall by, in the paired test over stretches
-T_MIN = 2.0
-#: least share of the held-out excess over the floor that an effect has to take away, and of the floor itself
-SHARE_MIN, FLOOR_MIN = 0.2, 0.015
-#: what happens seldom falls in few stretches: not significant over all, but sure where this share of it is gone
-SURE = 0.9
-#: as much of the prior's penalty (in -2 log) makes up for no gain on held-out data
-PENALTY_MIN = 15.0
-#: less than this share of the nominal rig's mean square is minor; a residual below this one is nearly noise
-MINOR, NEARLY_NOISE = 2e-3, 2.0
-#: two fits are the same where their held-out losses differ by less than this share and not significantly
-SAME = 0.02
+#: a nominal parameter this many tolerances away may have been led astray: the fit starts again from the nominal ones
+ASTRAY = 2.5
 
 Key = tuple[str, str]
 
@@ -76,59 +67,6 @@ class Search:
     scores: list[Score] = field(default_factory=list)
     #: per effect the simplest at its place that would be named if it were not there, but explains less
     instead: dict[Key, Trial] = field(default_factory=dict)
-
-
-def held_loss(evidence: Evidence, fitted: Fit) -> float:
-    """Root mean square of the held-out residuals of all channels, in units of the floor."""
-    squares = evidence.mean_square(fitted.residuals, "held")
-    return float(np.sqrt(np.mean(np.concatenate(list(squares.values())))))
-
-
-def paired(evidence: Evidence, before: Fit, after: Fit) -> tuple[float, float, float]:
-    """(share, floor share, t) of the fall of the held-out loss, in the block and channels that it concerns.
-
-    share : of the excess over the floor. floor share : in units of the floor. t : in standard errors over stretches.
-    """
-    falls, excess, worth = [], [], []
-    least = evidence.least()
-    for block in evidence.blocks:
-        if after.residuals[block.name] is before.residuals[block.name]:
-            continue
-        first = evidence.stretches(before.residuals, block.name)
-        second = evidence.stretches(after.residuals, block.name)
-        mean = np.maximum(first.mean(axis=1), 1.0)
-        falls.append((first - second) / mean[:, None])
-        fall = (first - second).mean(axis=1)
-        # an exact sensor's channel has to fall by what the method itself leaves
-        worth.append(float(np.max(np.where((least[block.name] > 1.0) & (fall < least[block.name]), 0.0, fall))))
-        excess.append(np.maximum(first.mean(axis=1) - 1.0, FLOOR_MIN) / mean)
-    if not falls:
-        return 0.0, 0.0, 0.0
-    d = np.concatenate(falls).sum(axis=0)
-    error = float(np.std(d, ddof=1) / np.sqrt(len(d))) + 1e-12
-    total = float(np.concatenate(excess).sum())
-    return float(d.mean()) / total, max(worth), float(d.mean()) / error
-
-
-def earns(evidence: Evidence, before: Fit, after: Fit, nominal: Fit) -> bool:
-    """Whether ``after`` has earned what it has more than ``before``.
-
-    What is small against the mismatch of the nominal rig is believed only where it brings the residual down to the
-    noise; elsewhere it may as well mend the form of an effect that has been named.
-    """
-    share, floor, t = paired(evidence, before, after)
-    relief = before.penalty - after.penalty
-    names = [b.name for b in evidence.blocks if after.residuals[b.name] is not before.residuals[b.name]]
-    seldom = share > SURE and floor > 1.0 and _worst(evidence, after, names) < NEARLY_NOISE
-    if share > SHARE_MIN and floor > FLOOR_MIN and (t > T_MIN or seldom):
-        return floor > MINOR * _worst(evidence, nominal, names) or _worst(evidence, after, names) < NEARLY_NOISE
-    return relief > PENALTY_MIN and share > -SHARE_MIN / 4
-
-
-def _worst(evidence: Evidence, fitted: Fit, names: list[str]) -> float:
-    """Largest held-out mean square of a fit in these blocks, in units of the floor's."""
-    squares = evidence.mean_square(fitted.residuals, "held")
-    return max(float(squares[n].max()) for n in names)
 
 
 def refit_with(evidence: Evidence, current: Fit, added: list[tuple[Key, dict[str, float]]], left_out: Key | None = None,
@@ -174,12 +112,28 @@ def search(evidence: Evidence, progress: Callable[[str, float], None] | None = N
         if not _add(found.evidence, found):
             break
         _reconsider(found.evidence, found, found.order[:-1], SWAPPED)
+        _from_the_middle(found.evidence, found)
     say("trying to do without", 0.8)
     _eliminate(found.evidence, found)
     if len(found.order) > 1:
         say("what else would fit", 0.9)
         _reconsider(found.evidence, found, list(found.order), RIVALS)
     return found
+
+
+def _from_the_middle(evidence: Evidence, found: Search) -> None:
+    """Fit once more from the nominal parameters where some were led astray before the effects were known."""
+    values = {n: p.value for n, p in evidence.nominal.config.parameters.items()}
+    away = [
+        abs(found.fitted.rig.config.parameters[n].value - p.value) / max(abs(p.value) * p.tolerance, 1e-300)
+        for n, p in evidence.nominal.config.parameters.items() if p.tolerance
+    ]  # fmt: skip
+    if max(away, default=0.0) < ASTRAY:
+        return
+    middle = replace(found.fitted, rig=found.fitted.rig.with_parameters(values))
+    again = refit_with(evidence, middle, [(key, found.fitted.effects[key]) for key in found.order], rounds=3)
+    if merit(evidence, again) < merit(evidence, found.fitted):
+        found.fitted = again
 
 
 def _listen(found: Search) -> None:
@@ -228,11 +182,6 @@ def _finish(evidence: Evidence, current: Fit, trial: Trial) -> Trial:
         return trial
     fitted = refit_with(evidence, current, [(trial.key, values)])
     return Trial(trial.key, trial.score, fitted, held_loss(evidence, fitted))
-
-
-def merit(evidence: Evidence, trial_fit: Fit) -> float:
-    """What the best of several fits is least in: minus twice the held-out log-likelihood, and the prior's penalty."""
-    return objective(evidence, trial_fit, "held") + 0.5 * objective(evidence, trial_fit, "train")
 
 
 def _add(evidence: Evidence, found: Search) -> bool:
@@ -330,22 +279,6 @@ def _note_instead(evidence: Evidence, found: Search, key: Key, fits: tuple[Fit, 
         found.instead[key] = min(
             less, key=lambda t: (len(t.score.candidate.effect.parameters), merit(evidence, t.fitted))
         )
-
-
-def same(evidence: Evidence, chosen: Fit, rival: Fit) -> bool:
-    """Whether this recording cannot tell a rival from what was chosen."""
-    if rival.penalty - chosen.penalty > PENALTY_MIN:
-        return False
-    first, second = held_loss(evidence, chosen), held_loss(evidence, rival)
-    t = paired(evidence, rival, chosen)[2]
-    return second < first * (1.0 + SAME) or (t < T_MIN and second < first * (1.0 + 5 * SAME))
-
-
-def nearly(evidence: Evidence, best: Fit, simpler: Fit) -> bool:
-    """Whether what ``best`` gains on ``simpler`` is less than a parameter more has to earn."""
-    if simpler.penalty - best.penalty > PENALTY_MIN:
-        return False
-    return same(evidence, best, simpler) or paired(evidence, simpler, best)[0] < SHARE_MIN
 
 
 def _simplest_first(evidence: Evidence, trials: list[Trial]) -> list[Trial]:

@@ -258,9 +258,13 @@ class Problem:
 
 
 def _step(free: Free, x: float) -> float:
-    """Step of a difference: large enough that contacts found a tick earlier or later do not show in it."""
+    """Step of a difference: about 1e-3 of the value, or less.
+
+    Large enough that contacts found a tick earlier or later do not show in it, and small enough that a motor which
+    snaps from tooth to tooth answers linearly.
+    """
     high = free.limits()[1]
-    step = 1e-3 if free.name in ("periods", "wave_number") else 1e-2
+    step = 1e-3 if free.effect else 1e-2
     return -step if x + step > high else step
 
 

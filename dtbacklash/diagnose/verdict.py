@@ -10,9 +10,10 @@ from threadpoolctl import threadpool_limits
 from dtbacklash.diagnose.candidates import positions
 from dtbacklash.diagnose.command import CLEARLY, held_equivalent
 from dtbacklash.diagnose.compare import Record
+from dtbacklash.diagnose.earn import held_loss
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.intervals import standard_errors
-from dtbacklash.diagnose.name import Key, Search, held_loss, search
+from dtbacklash.diagnose.name import Key, Search, search
 from dtbacklash.diagnose.next_experiment import next_experiment
 from dtbacklash.diagnose.recover import Recovered, locate_rest, recover
 from dtbacklash.diagnose.refit import Fit, fit, nominal_free

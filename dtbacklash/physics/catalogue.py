@@ -11,6 +11,10 @@ from dtbacklash.errors import UserError
 
 INF = float("inf")
 
+#: relative standard deviation of an effect's parameters between two formulations of its law that engineers would call
+#: the same (a bristle for ideal friction, a stiff spring for a stop), and of two integrators
+FORMULATION_ERROR = 5e-4
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -43,6 +47,7 @@ class Effect:
     parameters : the first is its size and has the neutral value.
     law : the formula as text; ``function`` names the compiled form in :mod:`.laws`, if it is not linear.
     sentence : what a report says; ``{location}`` and the parameters' names are filled in.
+    formulation_error : see :data:`FORMULATION_ERROR`; intervals count it.
     """
 
     name: str
@@ -52,6 +57,7 @@ class Effect:
     function: str
     source: str
     sentence: str
+    formulation_error: float = FORMULATION_ERROR
 
     @property
     def size(self) -> Parameter:
@@ -172,6 +178,7 @@ def _bearing(axis: _Axis) -> list[Effect]:
             (Parameter(effort, unit, 0.0, top, size / 2, 0.0), Parameter("speed", axis.speed_unit, 1e-6, 1e3, speed)),
             f"-{effort} exp(-(v/speed)^2) sign(v)", "friction_level", source,
             f"Friction at the {{location}} is higher by {{{effort}}} at rest and falls off within {{speed}}.",
+            0.05,  # how far it rises before it falls off depends on how a body is held at rest
         ),
         Effect(
             "viscous_friction", kind, (Parameter("coefficient", axis.viscous_unit, 0.0, 1e5, size / 20, 0.0),),

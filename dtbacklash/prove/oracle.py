@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from dtbacklash.diagnose.evidence import Evidence, Residuals
+from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.refit import Effects, Fit, Free, effect_free, fit, nominal_free, objective
 from dtbacklash.physics.rig import Rig, build_rig
 
@@ -73,10 +73,10 @@ def look(evidence: Evidence, secret: dict[str, Any], extended: Rig | None) -> di
         seen[".".join(key)] = compare(evidence, without, best)
     wrong = _wrong_parameters(evidence, secret, best)
     held = {
-        "nominal": held_loss(evidence, evidence.residuals(rig)),
-        "recalibrated": held_loss(evidence, recalibrated.residuals),
-        "extended": held_loss(evidence, evidence.residuals(extended)) if extended else math.nan,
-        "oracle": held_loss(evidence, best.residuals),
+        "nominal": evidence.rms(evidence.residuals(rig)),
+        "recalibrated": evidence.rms(recalibrated.residuals),
+        "extended": evidence.rms(evidence.residuals(extended)) if extended else math.nan,
+        "oracle": evidence.rms(best.residuals),
     }
     return {
         "held_out": held,
@@ -150,12 +150,6 @@ def compare(evidence: Evidence, without: Fit, best: Fit) -> Seen:
             t = float(falls[channel].mean() / errors[channel])
             found.append(Seen(float(first[channel].mean()), float(second[channel].mean()), t))
     return max(found, key=lambda s: (s.clear, s.t))
-
-
-def held_loss(evidence: Evidence, residuals: Residuals) -> float:
-    """Rms of the held-out residuals of all channels, in units of the floor."""
-    squares = evidence.mean_square(residuals, "held")
-    return float(np.sqrt(np.mean(np.concatenate(list(squares.values())))))
 
 
 def described(rig: Rig) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from dtbacklash.diagnose.intervals import standard_errors
 from dtbacklash.diagnose.locate import Bank
 from dtbacklash.diagnose.name import refit_with, scores_about
 from dtbacklash.diagnose.refit import fit, nominal_free
+from dtbacklash.physics.catalogue import FORMULATION_ERROR
 
 from .conftest import recorded
 
@@ -22,6 +23,27 @@ def test_masses_and_springs_that_grow_alike_cannot_be_seen(rig):
     for name in ("m", "k", "c"):
         assert relative[name] == pytest.approx(expected, rel=0.25)
     assert relative["p"] < 1e-4
+
+
+def test_a_torque_is_known_as_well_as_the_torque_constant(rig):
+    """All torques, the inertia and the torque constant may grow alike: the angle shows none of it."""
+    truth = rig.with_effect("motor_bearing", "cogging", {"torque": 0.03, "periods": 14.0, "phase": 0.3})
+    evidence = Evidence.gather(rig, [recorded(truth)])
+    nominal = fit(evidence, rig, nominal_free(rig))
+    there = {"torque": 0.03, "periods": 14.0, "phase": 0.3}
+    fitted = refit_with(evidence, nominal, [(("motor_bearing", "cogging"), there)])
+    errors = standard_errors(evidence, fitted)
+    assert errors["motor_bearing", "cogging", "torque"] > 0.01 * 0.03
+    assert errors["motor_bearing", "cogging", "periods"] < 1e-3 * 14.0
+
+
+def test_the_law_is_one_formulation_of_several(rig):
+    truth = rig.with_effect("sensor_q3", "offset", {"offset": 1e-3})
+    evidence = Evidence.gather(rig, [recorded(truth)])
+    nominal = fit(evidence, rig, nominal_free(rig))
+    fitted = refit_with(evidence, nominal, [(("sensor_q3", "offset"), {"offset": 1e-3})])
+    error = standard_errors(evidence, fitted)["sensor_q3", "offset", "offset"]
+    assert error >= FORMULATION_ERROR * 1e-3
 
 
 def test_a_gap_is_known_to_a_fraction_of_itself(rig):

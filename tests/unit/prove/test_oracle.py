@@ -8,7 +8,6 @@ from dtbacklash.diagnose import Record
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import simulate
-from dtbacklash.prove import oracle
 from dtbacklash.prove.oracle import Seen, described, look, rebuilt
 
 STEP_S, SECONDS = 1e-3, 5.0
@@ -96,12 +95,3 @@ def test_a_rig_survives_its_description(rig):
     again = rebuilt(rig, described(changed))
     assert again.effects == changed.effects
     assert again.elements == changed.elements
-
-
-def test_the_held_loss_is_that_of_the_search(rig):
-    from dtbacklash.diagnose import name
-    from dtbacklash.diagnose.refit import fit, nominal_free
-
-    given = evidence(rig, rig)
-    fitted = fit(given, rig, nominal_free(rig), rounds=1)
-    assert oracle.held_loss(given, fitted.residuals) == pytest.approx(name.held_loss(given, fitted))

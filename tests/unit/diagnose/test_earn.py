@@ -1,0 +1,98 @@
+"""What earns its place: on residuals made up for the purpose, and beside parameters that could do the same."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dtbacklash.diagnose.candidates import candidates, motion_of
+from dtbacklash.diagnose.earn import BY_CHANCE, earns, paired
+from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.locate import Bank
+from dtbacklash.diagnose.name import _apart, refit_with
+from dtbacklash.diagnose.refit import Fit, fit, nominal_free
+
+from .conftest import recorded
+
+
+@pytest.fixture(scope="module")
+def evidence(rig) -> Evidence:
+    return Evidence.gather(rig, [recorded(rig)])
+
+
+@pytest.fixture(scope="module")
+def nominal(rig, evidence) -> Fit:
+    return fit(evidence, rig, nominal_free(rig), rounds=1)
+
+
+def made(nominal: Fit, evidence: Evidence, seed: int, burst: float = 0.0, share: float = 1.0) -> Fit:
+    """The fit with noise for residuals, and in the motor's a short burst in the held-out part."""
+    rng = np.random.default_rng(seed)
+    residuals = {}
+    for block in evidence.blocks:
+        shape = nominal.residuals[block.name][0].shape
+        residuals[block.name] = [rng.normal(0.0, 1.0, shape)]
+    held = np.flatnonzero(evidence.records[0].held)
+    residuals["motor"][0][held[100:130], 0] += burst * share
+    return replace(nominal, residuals=residuals)
+
+
+def test_a_burst_that_goes_is_sure_though_it_is_in_one_stretch(nominal, evidence):
+    before, after = made(nominal, evidence, 1, burst=300.0), made(nominal, evidence, 1)
+    after.residuals["structure"] = before.residuals["structure"]
+    assert paired(evidence, before, after)[2] < 2.0
+    assert earns(evidence, before, after, before)
+
+
+def test_a_burst_that_shrinks_is_not(nominal, evidence):
+    before, after = made(nominal, evidence, 1, burst=300.0), made(nominal, evidence, 1, burst=300.0, share=0.5)
+    after.residuals["structure"] = before.residuals["structure"]
+    assert not earns(evidence, before, after, before)
+
+
+def test_what_the_counts_pass_on_is_not_earned(nominal, evidence):
+    """The structure is driven by the encoder's counts: a part of its floor may be fitted by chance."""
+    before = made(nominal, evidence, 1)
+    after = replace(before, residuals={**before.residuals, "structure": [0.95 * before.residuals["structure"][0]]})
+    gained = 1.0 - 0.95**2
+    passed = float(evidence.passed()["structure"][0])
+    assert passed > 0.01
+    assert paired(evidence, before, after)[1] == pytest.approx(gained - BY_CHANCE * passed, abs=0.02)
+
+
+def test_what_is_tiny_beside_a_large_mismatch_is_another_formulation(nominal, evidence):
+    before, after = made(nominal, evidence, 1), made(nominal, evidence, 1)
+    before.residuals["structure"] = after.residuals["structure"]
+    before.residuals["motor"] = [1.05 * after.residuals["motor"][0]]
+    huge = replace(nominal, residuals={k: [1e3 * e for e in v] for k, v in after.residuals.items()})
+    assert earns(evidence, before, after, replace(huge, residuals=before.residuals))
+    assert not earns(evidence, before, after, huge)
+
+
+def test_the_bank_takes_out_what_the_last_fit_left_alone(rig, evidence, nominal):
+    """After an effect of the motor a gain of the structure's only sensor is still the lead's, not new."""
+    fitted = refit_with(evidence, nominal, [(("amplifier", "dead_zone"), {"half_width": 0.01})])
+    assert "p" not in {f.name for f in fitted.free}
+    bank = Bank(evidence, fitted)
+    listed = candidates(fitted.rig, evidence.blocks, motion_of(fitted.rig, evidence.blocks, evidence.records))
+    gain = next(c for c in listed if c.key == ("sensor_q3", "gain_error"))
+    plain = bank.signature(gain, {"relative": 1e-3})
+    left = bank._project(plain)
+    assert np.linalg.norm(left) < 0.02 * np.linalg.norm(plain)
+
+
+def test_what_is_best_in_one_block_does_not_hide_another(evidence, nominal):
+    from dtbacklash.diagnose.name import Trial
+
+    def trial(place: str, name: str, left: float) -> Trial:
+        changed = {k: [left * e for e in v] for k, v in nominal.residuals.items()}
+        return Trial((place, name), None, replace(nominal, residuals=changed), left)
+
+    motor, again, beyond = (
+        trial("amplifier", "saturation", 0.1),
+        trial("amplifier", "delay", 0.5),
+        trial("screw", "compliance", 0.9),
+    )
+    first, second = _apart(evidence, [again, motor, beyond])
+    assert first == [again, motor, beyond]
+    assert second == [beyond]
