@@ -46,9 +46,13 @@ class Score:
 
 
 class Bank:
-    """The signatures of all candidates about one fitted rig."""
+    """The signatures of all candidates about one fitted rig.
 
-    def __init__(self, evidence: Evidence, fitted: Fit) -> None:
+    A nominal parameter at its bound is held there, as it cannot take up anything more; or, ``inward``, it is taken out
+    like the others: a candidate may be what drove it there, and then lets it come back.
+    """
+
+    def __init__(self, evidence: Evidence, fitted: Fit, inward: bool = False) -> None:
         self.evidence, self.fitted = evidence, fitted
         self.rig = fitted.rig
         # all of them: the last fit may have moved those of its own blocks only
@@ -57,11 +61,10 @@ class Bank:
         problem.weights = weights_for(evidence, fitted.residuals)
         self.weights = problem.weights
         self.touched = problem.touched = [b.name for b in evidence.blocks]
+        bound = np.array([_bound(f, at) for f, at in zip(free, x, strict=True)], dtype=bool)
+        self.bound = bool(bound.any())
         if free:
-            jacobian = problem.jacobian(x)
-            # what stands at its bound cannot take up anything more
-            jacobian = jacobian[:, [not _bound(f, at) for f, at in zip(free, x, strict=True)]]
-            self.q_rows = np.linalg.qr(jacobian)[0]
+            self.q_rows = np.linalg.qr(problem.jacobian(x)[:, ~bound | inward])[0]
         else:
             self.q_rows = np.zeros((len(problem.stack(fitted.residuals, x)), 0))
         self.rough = evidence.residuals(self.rig, rough=True)
@@ -184,10 +187,21 @@ def _bound(free: Free, x: float) -> bool:
 def bank(evidence: Evidence, fitted: Fit, listed: list[Candidate]) -> tuple[Bank, list[Score]]:
     """Score all candidates about a fitted rig, best first."""
     signatures = Bank(evidence, fitted)
-    scores = [s for s in spread(signatures.score, listed) if s is not None]
-    return signatures, sorted(scores, key=lambda s: -s.gain)
+    scores = spread(signatures.score, listed)
+    if signatures.bound:
+        scores += spread(Bank(evidence, fitted, inward=True).score, listed)
+    ranked = sorted((s for s in scores if s is not None), key=lambda s: -s.gain)
+    return signatures, _first(ranked)
 
 
 def blocks_touched(rig: Rig, blocks: list[Block], place: str) -> list[str]:
     """Names of the blocks whose prediction something at ``place`` can change."""
     return [b.name for b in blocks if place in places_of(rig, b)]
+
+
+def _first(ranked: list[Score]) -> list[Score]:
+    """The best score of each candidate."""
+    best: dict[tuple[str, str], Score] = {}
+    for score in ranked:
+        best.setdefault(score.candidate.key, score)
+    return list(best.values())

@@ -181,6 +181,7 @@ class Problem:
             b.name for b in evidence.blocks if known is None or b.name not in known or everything & places_of(rig, b)
         ]
         self.weights: dict[str, Floats] = {}
+        self.fine = False
         self.prior = np.array([f.prior for f in free])
         self._last: tuple[bytes, Residuals] | None = None
         self._kept: dict[int, Floats] = {}
@@ -220,7 +221,7 @@ class Problem:
             if j in self._kept:
                 columns[:, j] = self._kept[j]
                 continue
-            step = _step(f, x[j])
+            step = _step(f, x[j], self.fine)
             columns[:, j] = (self._moved(x, j, step, here) - start) / step
             if f.prior:  # these are most of the simulations
                 self._kept[j] = columns[:, j].copy()
@@ -236,12 +237,12 @@ class Problem:
         columns = []
         for j, f in enumerate(self.free):
             low, high = f.limits()
-            step = _step(f, x[j])
+            step = _step(f, x[j], True)
             room = min(high - x[j], x[j] - low)
             if room < 2.0 * abs(step):
                 step = 0.5 * room
             if step == 0.0:  # at its bound: it cannot move both ways
-                step = _step(f, x[j])
+                step = _step(f, x[j], True)
                 columns.append((self._moved(x, j, step, here) - self.stack(here, x)) / step)
                 continue
             near = self._moved(x, j, step, here) - self._moved(x, j, -step, here)
@@ -257,14 +258,15 @@ class Problem:
         return self.stack(there, at)
 
 
-def _step(free: Free, x: float) -> float:
-    """Step of a difference: about 1e-3 of the value, or less.
+def _step(free: Free, x: float, fine: bool) -> float:
+    """Step of a difference: of a nominal parameter about 5e-4 of its value, of an effect's 1e-2, or fine 1e-3.
 
-    Large enough that contacts found a tick earlier or later do not show in it, and small enough that a motor which
-    snaps from tooth to tooth answers linearly.
+    Large enough that contacts found a tick earlier or later do not show in it. The larger one looks across the small
+    valleys that sticking and slipping make; the fine one is small enough that a motor which snaps from tooth to tooth
+    answers linearly.
     """
     high = free.limits()[1]
-    step = 1e-3 if free.effect else 1e-2
+    step = 1e-3 if free.effect and (fine or free.name in ("periods", "wave_number")) else 1e-2
     return -step if x + step > high else step
 
 
@@ -277,7 +279,7 @@ def fit(
     rounds: int = 2,
     evaluations: int = 8,
 ) -> Fit:
-    """Fit the free parameters; ``rounds`` times with the weights of where the last round ended.
+    """Fit the free parameters; ``rounds`` times with the weights of where the last round ended, the last one finely.
 
     ``known`` : residuals of a rig that differs from ``base`` only where ``free`` acts; saves simulating the rest.
     """
@@ -285,8 +287,9 @@ def fit(
     x = np.zeros(len(free)) if start is None else np.asarray(start, dtype=float)
     bounds = np.array([f.limits() for f in free]).reshape(-1, 2).T
     x = np.clip(x, bounds[0] + 1e-9, bounds[1] - 1e-9) if len(free) else x
-    for _ in range(rounds if len(free) else 0):
+    for k in range(rounds if len(free) else 0):
         problem.weigh(problem.residuals(x))
+        problem.fine = 0 < k == rounds - 1
         x = _solve(problem, x, bounds, evaluations)
     residuals = problem.residuals(x)
     rig = apply(base, free, x)

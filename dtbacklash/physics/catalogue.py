@@ -133,7 +133,7 @@ def _motor_circuit() -> list[Effect]:
                 Parameter("phase", "rad", -3.2, 3.2, 0.0),
             ),
             "T = k_T i (1 + relative sin(periods theta + phase))", "periodic", "torque ripple of a commutated motor",
-            "The torque constant of the {location} ripples by {relative}, {periods}.",
+            "The torque constant of the {location} ripples by {relative}, {periods}.", 2e-3,
         ),
     ]  # fmt: skip
 
@@ -270,13 +270,13 @@ def _link() -> list[Effect]:
             (Parameter("force", "N", 0.0, 1e5, 1.0, 0.0), Parameter("displacement", "m", 1e-8, 1.0, 5e-5)),
             "force z, z' = (s' - |s'| z/2 - s' |z|/2)/displacement", "bouc_wen_rate",
             "Bouc-Wen; Wen, J. Eng. Mech. 102 (1976) 249",
-            "{location} yields hysteretically at {force} within {displacement} (Bouc-Wen).",
+            "{location} yields hysteretically at {force} within {displacement} (Bouc-Wen).", 5e-3,
         ),
         Effect(
             "bumper", kind,
             (Parameter("stiffness", "N/m", 0.0, 1e8, 1e4, 0.0), Parameter("clearance", "m", -1.0, 1.0, 1e-4)),
             "stiffness (s - clearance) where s > clearance", "bumper", "one-sided elastic stop",
-            "{location} hits a stop of {stiffness} at a stretch of {clearance}.",
+            "{location} hits a stop of {stiffness} at a stretch of {clearance}.", 5e-3,
         ),
         Effect(
             "stiffness_drift", kind, (Parameter("rate", "1/s", -1.0, 1.0, 2e-3, 0.0),),
