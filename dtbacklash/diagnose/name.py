@@ -15,7 +15,7 @@ from dtbacklash.diagnose.compare import places_of
 from dtbacklash.diagnose.earn import FLOOR_MIN, PENALTY_MIN, SHARE_MIN, earns, held_loss, merit, nearly, paired, same
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.locate import Score, bank
-from dtbacklash.diagnose.refit import Fit, effect_free, fit, nominal_free, weights_for
+from dtbacklash.diagnose.refit import Fit, all_free, effect_free, fit, nominal_free, weights_for
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.plant import Floats
@@ -130,8 +130,8 @@ def _from_the_middle(evidence: Evidence, found: Search) -> None:
     ]  # fmt: skip
     if max(away, default=0.0) < ASTRAY:
         return
-    middle = replace(found.fitted, rig=found.fitted.rig.with_parameters(values))
-    again = refit_with(evidence, middle, [(key, found.fitted.effects[key]) for key in found.order], rounds=3)
+    middle = found.fitted.rig.with_parameters(values)
+    again = fit(evidence, middle, *all_free(evidence.nominal, middle), rounds=3)
     if merit(evidence, again) < merit(evidence, found.fitted):
         found.fitted = again
 

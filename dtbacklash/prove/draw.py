@@ -20,14 +20,16 @@ from dtbacklash.prove.secret import INSTRUMENTS, KINDS, Secret
 #: how often each kind is drawn
 SHARES = {"nothing": 0.10, "parameters": 0.12, "single": 0.43, "several": 0.20, "unknown": 0.15}
 #: an effect is as visible as a draw from this range, even in logarithms, in units of the noise
-VISIBILITY = (3.0, 300.0)
+VISIBILITY = (1.0, 300.0)
 #: a parameter that is the matter is off by this many tolerances; one that is not, by less than one
 WRONG, SLIGHT = (0.7, 2.0), 1.0
 SAMPLE_TIME_S = 1e-3
 DURATION_S = (20, 30)
 #: what is hidden is drawn anew, this often, if it cannot be seen on this rig (the warming of a motor that runs light)
 #: or the loop does not stay finite
-LEAST_VISIBLE, ATTEMPTS = 2.0, 40
+LEAST_VISIBLE, ATTEMPTS = 0.5, 40
+#: a seed's stream is [seed, attempt]; that of its sensors' noise and that of its kind end with these
+NOISE_STREAM, KIND_STREAM = 10**6, 2 * 10**6
 #: bandwidth of the weak loop that keeps two runs together whose voltage is given, when they are compared, rad/s
 WEAK_RAD_S = 15.0
 
@@ -131,7 +133,7 @@ def draw(
 
 def draw_kind(seed: int) -> str:
     """What a recording with this seed hides, by SHARES."""
-    return str(np.random.default_rng(seed).choice(list(SHARES), p=list(SHARES.values())))
+    return str(np.random.default_rng([seed, KIND_STREAM]).choice(list(SHARES), p=list(SHARES.values())))
 
 
 def _is_seen(secret: Secret) -> bool:
@@ -248,7 +250,7 @@ def _with_effects(
     count = 1 if secret.kind == "single" else int(rng.integers(2, 4))
     places = entries(bench.rig)
     picked = [chosen] if chosen else _pick(rng, places, count)
-    picked, secret, bench = _recorded(picked, secret, bench)
+    secret, bench = _recorded(picked, secret, bench)
     for place, name in picked:
         values = _sized(rng, bench, plain, place, name, motion)
         secret.effects.append({"location": place, "effect": name, "parameters": values})
@@ -273,15 +275,13 @@ def _pick(rng: Generator, known: list[tuple[str, str]], count: int) -> list[tupl
     return picked
 
 
-def _recorded(
-    picked: list[tuple[str, str]], secret: Secret, bench: _Bench
-) -> tuple[list[tuple[str, str]], Secret, _Bench]:
+def _recorded(picked: list[tuple[str, str]], secret: Secret, bench: _Bench) -> tuple[Secret, _Bench]:
     """An error of a sensor can only be hidden where the sensor is recorded."""
     needed = {p.removeprefix(SENSOR_PREFIX) for p, _ in picked if p.startswith(SENSOR_PREFIX)}
     if needed <= set(secret.channels):
-        return picked, secret, bench
+        return secret, bench
     channels = list(bench.rig.sensors)
-    return picked, replace(secret, instruments="rich", channels=channels), replace(bench, channels=channels)
+    return replace(secret, instruments="rich", channels=channels), replace(bench, channels=channels)
 
 
 def _hide(rig: Rig, effects: list[dict[str, Any]]) -> Rig:
@@ -353,6 +353,6 @@ def record(secret: Secret, nominal: Rig) -> tuple[Loop, Run]:
     bench = _Bench(nominal, secret.excitation, secret.channels, secret.noise, secret.resolution, secret.duration_s)
     loop = bench.loop(unknown)
     shape = len(loop.reference), len(nominal.sensors)
-    draws: Floats = np.random.default_rng([secret.seed, 10**6]).standard_normal(shape)
+    draws: Floats = np.random.default_rng([secret.seed, NOISE_STREAM]).standard_normal(shape)
     errors = Errors(secret.noise, secret.resolution, draws)
     return loop, simulate_other(secret.true_rig(nominal), loop, secret.sample_time_s, errors, unknown)

@@ -65,7 +65,7 @@ def look(evidence: Evidence, secret: dict[str, Any], extended: Rig | None) -> di
     rig = evidence.nominal
     effects = {(e["location"], e["effect"]): e["parameters"] for e in secret["effects"]}
     recalibrated = fit(evidence, rig, nominal_free(rig))
-    best = _best(evidence, effects, secret["parameters"], extended) if effects else recalibrated
+    best = refit_truth(evidence, effects, secret["parameters"]) if effects else recalibrated
     seen: dict[str, Seen] = {}
     for key in effects:
         others = {k: v for k, v in effects.items() if k != key}
@@ -76,7 +76,7 @@ def look(evidence: Evidence, secret: dict[str, Any], extended: Rig | None) -> di
         "nominal": evidence.rms(evidence.residuals(rig)),
         "recalibrated": evidence.rms(recalibrated.residuals),
         "extended": evidence.rms(evidence.residuals(extended)) if extended else math.nan,
-        "oracle": evidence.rms(best.residuals),
+        "oracle": evidence.rms(_better(evidence, best, effects, extended).residuals),
     }
     return {
         "held_out": held,
@@ -87,15 +87,13 @@ def look(evidence: Evidence, secret: dict[str, Any], extended: Rig | None) -> di
     }
 
 
-def _best(
-    evidence: Evidence, effects: Effects, parameters: dict[str, float], extended: Rig | None
-) -> Fit:  # fmt: skip
-    """The true structure fitted from the true values, or from the diagnosed ones if that structure is the true one.
+def _better(evidence: Evidence, best: Fit, effects: Effects, extended: Rig | None) -> Fit:
+    """The oracle's fit, or a better one from the diagnosed values, if their structure is the true one.
 
-    The better of the two: a fit of several effects can get stuck, and an oracle that is stuck would flatter the tool.
+    A fit of several effects can get stuck, and an oracle that is stuck would flatter the tool. What is clear does not
+    depend on the diagnosis: that is judged by the fit from the true values.
     """
-    best = refit_truth(evidence, effects, parameters)
-    if extended is None:
+    if extended is None or not effects:
         return best
     found = {(place, name): values for place, there in extended.effects.items() for name, values in there.items()}
     if found.keys() != effects.keys():

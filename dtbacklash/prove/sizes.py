@@ -121,7 +121,7 @@ def _secondary(rng: Generator, rig: Rig, location: str, name: str, effect: Effec
         return float(rng.uniform(0.01, 0.12))
     if name == "time_constant":
         return motion.duration_s * float(rng.uniform(0.05, 0.4))
-    return effect.size.typical if name == effect.size.name else _typical(effect, name)
+    return _typical(effect, name)
 
 
 def _typical(effect: Effect, name: str) -> float:

@@ -9,7 +9,7 @@ from dtbacklash.diagnose.candidates import candidates, motion_of
 from dtbacklash.diagnose.earn import BY_CHANCE, earns, paired
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.locate import Bank
-from dtbacklash.diagnose.name import _apart, refit_with
+from dtbacklash.diagnose.name import ASTRAY, Search, _apart, _from_the_middle, refit_with
 from dtbacklash.diagnose.refit import Fit, fit, nominal_free
 
 from .conftest import recorded
@@ -79,6 +79,23 @@ def test_the_bank_takes_out_what_the_last_fit_left_alone(rig, evidence, nominal)
     plain = bank.signature(gain, {"relative": 1e-3})
     left = bank._project(plain)
     assert np.linalg.norm(left) < 0.02 * np.linalg.norm(plain)
+
+
+def test_a_fit_from_the_middle_is_of_all_blocks(rig):
+    """What a fit says of a block is what its rig leaves there, also where the block has no effect."""
+    truth = rig.with_parameters({"k": 8800.0, "k_B": 0.1145}).with_effect("amplifier", "dead_zone", {"half_width": 0.1})
+    given = Evidence.gather(rig, [recorded(truth, seconds=6.0)])
+    first = fit(given, rig, nominal_free(rig))
+    with_it = refit_with(given, first, [(("amplifier", "dead_zone"), {"half_width": 0.1})])
+    astray = with_it.rig.with_parameters({"k_B": 0.1 * (1.0 + 0.05 * 1.01 * ASTRAY)})
+    stuck = replace(with_it, rig=astray, residuals=given.residuals(astray))
+    found = Search(given, first, stuck, [("amplifier", "dead_zone")])
+    _from_the_middle(given, found)
+    assert found.fitted is not stuck
+    again = given.residuals(found.fitted.rig)
+    for block in given.blocks:
+        assert np.allclose(found.fitted.residuals[block.name][0], again[block.name][0])
+    assert max(v.max() for v in given.mean_square(again, "held").values()) < 1.5
 
 
 def test_what_is_best_in_one_block_does_not_hide_another(evidence, nominal):
