@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks import speed
-from benchmarks.alternatives import alternative_rows, alternative_words, write_docs
+from benchmarks.alternatives import alternative_rows, alternative_words, check_docs, write_docs
 from benchmarks.campaign import run_campaign
 from benchmarks.diagnosis import diagnosis_rows
 from benchmarks.guard import guard_rows, guard_words
@@ -61,6 +61,8 @@ def main() -> int:
             rows, words = guard_rows(table), guard_words(table, seed)
         elif name == "alternatives":
             n, seed = _campaign(options, 5, 10_000)
+            if options.docs:
+                check_docs(options.docs)
             rows = alternative_rows(n, seed)
             words = alternative_words(rows)
             if options.docs:

@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from dtbacklash.commands.words import read_words
+from dtbacklash.commands.words import SEED_MOST, read_words, whole
 from dtbacklash.errors import UserError
 
 HELP = """\
@@ -15,8 +15,8 @@ usage: dtb conceal out=FOLDER [n=1] [seed=0] [key=value ...]
 
 Makes recordings of a rig with something hidden in them, and seals what it is: one or several effects of the
 catalogue, wrong parameters, physics that the catalogue does not have, or nothing. Kind, place, size, excitation,
-noise, counts, instruments and duration are drawn from the seed; the simulation shares no equations with the one that
-diagnoses. Each recording gets a folder of its own with a name that tells nothing:
+noise, counts, instruments and duration are drawn from the seed. Another integrator than the diagnosis has makes them,
+with other formulations where a law is not smooth. Each recording gets a folder with a name that tells nothing:
 
   FOLDER/<id>/recording.csv.gz   t s, r mm (V in open loop), u V, and the sensors
   FOLDER/<id>/public.json        the rig and the channels
@@ -92,23 +92,21 @@ def parse(words: Sequence[str]) -> Request:
     UserError : an unknown word, a key without a value or twice, no folder, a number that is none, the key's file in
         the folder of the recordings.
     """
+    from dtbacklash.prove.seal import key_path
+
     given = read_words(words, KEYS, (), "choose --help, or write key=value").given
     if "out" not in given:
         raise UserError("out", "(missing)", "give a new folder for the recordings")
     out = Path(given["out"]).absolute()
-    key_file = Path(given["key"]).absolute() if "key" in given else out.with_name(out.name + ".key")
+    if not out.name:
+        raise UserError("out", given["out"], "give a new folder for the recordings")
+    key_file = Path(given["key"]).absolute() if "key" in given else key_path(out)
     if out == key_file or out in key_file.parents:
         raise UserError("key", given["key"], "a file outside the folder of the recordings")
     return Request(
-        out, _whole("n", given.get("n", "1"), 1, MOST), _whole("seed", given.get("seed", "0"), 0, 2**53),
+        out, whole("n", given.get("n", "1"), 1, MOST), whole("seed", given.get("seed", "0"), 0, SEED_MOST),
         given.get("kind"), given.get("effect"), given.get("instruments"), given.get("rig", "lead_screw"), key_file,
     )  # fmt: skip
-
-
-def _whole(key: str, text: str, low: int, high: int) -> int:
-    if not text.isascii() or not text.isdecimal() or len(text) > 20 or not low <= int(text) <= high:
-        raise UserError(key, text, f"must be a whole number from {low} to {high}")
-    return int(text)
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dtbacklash.commands.words import VERBOSE, read_words
+from dtbacklash.commands.words import JOBS_MAX, VERBOSE, read_words, whole
 from dtbacklash.errors import UserError
 
 if TYPE_CHECKING:
@@ -51,7 +51,6 @@ examples:
 ENTRIES = frozenset({"diagnosis.json", "report.html", "figures", "rig.yaml"})
 KEYS = ("recording", "recording.path", "validation", "rig", "out", "jobs")
 DEFAULT_RIG = "lead_screw"
-JOBS_MAX = 256
 
 Progress = Callable[[float, str], None]
 
@@ -130,14 +129,8 @@ def parse(words: Sequence[str]) -> Request:
     request.recording, request.path = given["recording"], given.get("recording.path")
     request.validation, request.rig = given.get("validation"), given.get("rig")
     request.out = Path(given["out"]) if "out" in given else None
-    request.jobs = _jobs(given["jobs"]) if "jobs" in given else os.cpu_count() or 1
+    request.jobs = whole("jobs", given["jobs"], 1, JOBS_MAX) if "jobs" in given else os.cpu_count() or 1
     return request
-
-
-def _jobs(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= JOBS_MAX:
-        raise UserError("jobs", text, f"must be a whole number from 1 to {JOBS_MAX}")
-    return int(text)
 
 
 def nominal_rig(request: Request) -> Rig:

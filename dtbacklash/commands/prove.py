@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -9,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dtbacklash.commands.words import VERBOSE, read_words
+from dtbacklash.commands.words import JOBS_MAX, SEED_MOST, VERBOSE, read_words, whole
 from dtbacklash.errors import UserError
 
 if TYPE_CHECKING:
@@ -44,6 +45,7 @@ examples:
   dtb prove folder=bench backend=dask scheduler=tcp://cluster:8786"""
 
 KEYS = ("n", "seed", "rig", "folder", "key", "out", "jobs", "backend", "scheduler", "docs")
+MOST = 100_000
 QUICK_EXCLUDES = ("n", "seed", "folder", "key", "docs")
 FOLDER_EXCLUDES = ("n", "seed")
 
@@ -56,12 +58,9 @@ class Request:
     quick: bool = False
     verbose: bool = False
 
-    def count(self, key: str, default: int, least: int) -> int:
+    def count(self, key: str, default: int, low: int, high: int) -> int:
         """A whole number."""
-        text = self.given.get(key, str(default))
-        if not text.isdecimal() or int(text) < least:
-            raise UserError(key, text, f"must be a whole number, {least} or more")
-        return int(text)
+        return whole(key, self.given.get(key, str(default)), low, high)
 
     def path(self, key: str) -> Path | None:
         """A path, absolute, or None."""
@@ -75,7 +74,7 @@ def main(words: Sequence[str]) -> int:
         return 0
     request = parse(words)
     from dtbacklash.commands.console import messages
-    from dtbacklash.prove import quick, run
+    from dtbacklash.prove import run
 
     by = _workers(request)
     plan = _plan(request)
@@ -85,20 +84,39 @@ def main(words: Sequence[str]) -> int:
 
         check_docs(docs)
     if plan.folder is not None:
-        run.given_cases(plan)
-    run.claim(plan)
-    with messages(request.verbose), _progress() as tell:
+        run.check_given(plan)
+    with messages(request.verbose), _nothing_half_made(plan), _progress() as tell:
+        run.claim(plan)
         score = prove(plan, by, tell, _command(request), docs)
     _show(score, plan.out)
-    if not request.quick:
-        return 0
+    return _compare(plan, score) if request.quick else 0
+
+
+def _compare(plan: Plan, score: Score) -> int:
+    """Hold a quick proof against what was reached; returns the exit code."""
+    from dtbacklash.prove import quick
     from dtbacklash.prove.store import write_text
 
     write_text(plan.out / "reached.yaml", quick.reached_text(str(plan.rig), score))
-    dropped = quick.drops(score, quick.reached(str(plan.rig)))
+    before = quick.reached(str(plan.rig))
+    if not before:
+        print(f"dtb: nothing is on record for rig={plan.rig}: this score is compared with nothing", file=sys.stderr)
+    dropped = quick.drops(score, before)
     for line in dropped:
         print(f"dtb: dropped: {line}", file=sys.stderr)
     return 1 if dropped else 0
+
+
+@contextmanager
+def _nothing_half_made(plan: Plan) -> Iterator[None]:
+    """A folder that this call made goes again if wrong input ends it before anything is in there."""
+    there = plan.out.exists()
+    try:
+        yield
+    except UserError:
+        if not there and plan.out.is_dir() and not any(plan.out.glob("*/*")):
+            shutil.rmtree(plan.out, ignore_errors=True)
+        raise
 
 
 def prove(plan: Plan, by: Workers, tell: Tell, command: str = "", docs: Path | None = None) -> Score:
@@ -152,7 +170,7 @@ def _workers(request: Request) -> Workers:
     from dtbacklash.prove.run import Workers
 
     by = Workers(
-        request.given.get("backend", "loky"), request.count("jobs", 2, 1), request.given.get("scheduler")
+        request.given.get("backend", "loky"), request.count("jobs", 2, 1, JOBS_MAX), request.given.get("scheduler")
     )  # fmt: skip
     check_backend(by.backend, by.scheduler)
     return by
@@ -160,7 +178,7 @@ def _workers(request: Request) -> Workers:
 
 def _plan(request: Request) -> Plan:
     from dtbacklash.prove.conceal import nominal_rig
-    from dtbacklash.prove.other_rig import check_concealable
+    from dtbacklash.prove.other_rig import check_concealable, loop_sensors
     from dtbacklash.prove.quick import quick_seeds
     from dtbacklash.prove.run import Plan
 
@@ -169,11 +187,13 @@ def _plan(request: Request) -> Plan:
         out = out or Path("outputs").absolute() / f"prove_{folder.name}"
         return Plan(out, request.given.get("rig"), folder=folder, key=request.path("key"))
     rig = request.given.get("rig", "lead_screw")
-    check_concealable(nominal_rig(rig))
+    nominal = nominal_rig(rig)
+    check_concealable(nominal)
+    loop_sensors(nominal)
     stem = Path(rig).stem
     if request.quick:
         return Plan(out or Path("outputs").absolute() / f"prove_quick_{stem}", rig, quick_seeds())
-    n, first = request.count("n", 500, 1), request.count("seed", 10_000, 0)
+    n, first = request.count("n", 500, 1, MOST), request.count("seed", 10_000, 0, SEED_MOST)
     out = out or Path("outputs").absolute() / f"prove_{stem}_{first}_{n}"
     return Plan(out, rig, tuple(range(first, first + n)))
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from dtbacklash.errors import UserError
 
 VERBOSE = ("-v", "--verbose")
+#: what is read as a number of workers, and as a seed, at most
+JOBS_MAX, SEED_MOST = 256, 2**53
 
 
 @dataclass(frozen=True)
@@ -15,6 +17,18 @@ class Words:
     given: dict[str, str] = field(default_factory=dict)
     options: set[str] = field(default_factory=set)
     passed: list[str] = field(default_factory=list)
+
+
+def whole(key: str, text: str, low: int, high: int) -> int:
+    """Read a whole number within bounds.
+
+    Raises
+    ------
+    UserError : it is none, or out of bounds.
+    """
+    if not text.isascii() or not text.isdecimal() or len(text) > 20 or not low <= int(text) <= high:
+        raise UserError(key, text, f"must be a whole number from {low} to {high}")
+    return int(text)
 
 
 def read_words(

@@ -121,18 +121,26 @@ def no_physics(case: Case) -> bool:
     return case.verdict in NOTHING_MISSING and not findings
 
 
+def called_consistent(case: Case) -> bool:
+    """The verdict is that what is left over is the sensors' noise."""
+    return case.verdict == "consistent"
+
+
 def unknown_admitted(case: Case) -> bool:
-    """Physics that the catalogue lacks: called unexplained, or located rightly by a finding or by ``located``."""
+    """Physics that the catalogue lacks: called unexplained, or all that is found is at the right place."""
     if case.diagnosis is None:
         return False
-    place = case.secret["unknown"]["location"]
     places = {f.get("location") for f in case.diagnosis.get("findings", [])}
-    places.add((case.diagnosis.get("located") or {}).get("location"))
-    return case.verdict == "unexplained" or place in places
+    return case.verdict == "unexplained" or places == {case.secret["unknown"]["location"]}
 
 
 def clear(case: Case) -> bool:
-    """Whether an oracle sees everything that was hidden. Where nothing was hidden there is nothing to see."""
+    """Whether an oracle sees everything that was hidden. Where nothing was hidden there is nothing to see.
+
+    A case in which the diagnosis failed counts, whatever the oracle says: it is wrong by every rule.
+    """
+    if case.diagnosis is None:
+        return True
     if case.kind == "unknown":
         return case.unknown_visibility >= UNKNOWN_CLEAR
     if case.kind in ("single", "several"):

@@ -141,6 +141,23 @@ def given_cases(plan: Plan) -> list[Path]:
     return found
 
 
+def check_given(plan: Plan) -> None:
+    """Refuse a folder whose recordings, seals, key or rigs are wrong, before hours are spent.
+
+    Raises
+    ------
+    UserError : as :func:`given_cases`, no key in the key's file, a seal that is none, a rig that there is not.
+    """
+    from dtbacklash.prove import conceal, seal
+
+    cases = given_cases(plan)
+    seal.read_key(plan.key_file)
+    for case in cases:
+        seal.check_seal(case)
+    for rig in sorted({work.rig_of(case, plan.rig) for case in cases}):
+        conceal.nominal_rig(rig)
+
+
 def diagnose_missing(
     plan: Plan, cases: Sequence[Path], by: Workers, tell: Tell, diagnose: work.Diagnose | None = None
 ) -> None:

@@ -126,6 +126,8 @@ class Score:
         document = asdict(self)
         for row, figure in zip(document["figures"], self.figures, strict=True):
             row |= {"share": figure.share, "ci95": list(figure.interval), "met": figure.met}
+        for row, q in zip(document["quantities"], self.quantities, strict=True):
+            row |= {"met": [q.met(q.median), q.met(q.ninety)]}
         return document
 
     @classmethod
@@ -135,7 +137,13 @@ class Score:
         figures = [Figure(**{k: v for k, v in f.items() if k not in derived}) for f in document["figures"]]
         figures = [Figure(**{**asdict(f), "bar": tuple(f.bar) if f.bar else None}) for f in figures]
         quantities = [
-            Quantity(**{**q, "median": _number(q["median"]), "ninety": _number(q["ninety"])})
+            Quantity(
+                **{
+                    **{k: v for k, v in q.items() if k != "met"},
+                    "median": _number(q["median"]),
+                    "ninety": _number(q["ninety"]),
+                }
+            )
             for q in document["quantities"]
         ]
         return cls(**{
@@ -178,6 +186,8 @@ BY_CASE = (
     _Declared("within_ambiguity", "each hidden effect named, or in the stated ambiguity; none too many",
               ("single", "several"), rules.within_ambiguity, (0.97, 1)),
     _Declared("nothing_found", "nothing found where nothing is", ("nothing",), rules.no_physics, (0.95, 1), False),
+    _Declared("called_consistent", "of these, called consistent", ("nothing",), rules.called_consistent,
+              None, False),
     _Declared("parameters_told", "wrong parameters not taken for physics", ("parameters",), rules.no_physics,
               (0.90, 1), False),
     _Declared("unknown_admitted", "unknown physics called unexplained, or located rightly", ("unknown",),
@@ -195,7 +205,7 @@ def score(cases: Sequence[Case], notes: dict[str, Any] | None = None) -> Score:
     return Score(
         cases=len(cases),
         failed=sum(c.diagnosis is None for c in cases),
-        oracle_failed=sum(bool(c.oracle.get("error")) for c in cases),
+        oracle_failed=sum("held_out" not in c.oracle for c in cases),
         kinds={k: sum(c.kind == k for c in cases) for k in rules.KINDS},
         clear={k: sum(c.kind == k and rules.clear(c) for c in cases) for k in rules.KINDS},
         seeds=(min(seeds), max(seeds)) if seeds else None,
@@ -242,6 +252,8 @@ def _quantities(cases: Sequence[Case]) -> list[Quantity]:
     for model, which in words.items():
         losses = [_number(c.oracle["held_out"].get(model)) for c in judged if "held_out" in c.oracle]
         found.append(_quantity(f"loss_{model}", f"held-out error {which}", "noise floors", losses))
+    rivals = [float(len(rules.also(f))) for c in judged for f in c.findings]
+    found.append(_quantity("rivals", "alternatives in a finding's stated ambiguity", "1", rivals))
     return [*found, _quantity("time", "time of a diagnosis", "s", [float(t) for t in times])]
 
 
@@ -314,8 +326,10 @@ def _pairs(case: Case) -> list[tuple[str, str, bool]]:
     names = [" ".join(key) for key in case.named]
     if not case.hidden:
         hidden = {"nothing": NOTHING, "parameters": PARAMETERS}.get(case.kind, UNEXPLAINED)
-        located = case.kind == "unknown" and rules.unknown_admitted(case)
-        return [(hidden, name, located) for name in names] or [(hidden, without, located)]
+        if not names:
+            return [(hidden, without, case.kind == "unknown" and rules.unknown_admitted(case))]
+        place = (case.secret.get("unknown") or {}).get("location")
+        return [(hidden, name, key[0] == place) for name, key in zip(names, case.named, strict=True)]
     paired = rules.matches(case)
     pairs = [(" ".join(case.hidden[i]), names[j], True) for i, j in paired.items()]
     missed = [" ".join(key) for i, key in enumerate(case.hidden) if i not in paired]

@@ -119,6 +119,11 @@ def open_seal(case: Path | str, key_file: Path | str) -> Secret:
     return Secret.from_json(content["secret"])
 
 
+def check_seal(case: Path) -> None:
+    """Refuse a case whose ``sealed.json`` is no seal; opens nothing."""
+    _sealed(case)
+
+
 def _sealed(case: Path) -> dict[str, Any]:
     try:
         sealed = json.loads((case / SEALED).read_text(encoding="utf-8"))

@@ -61,7 +61,8 @@ def which_seeds(score: Score) -> str:
         return (
             f"Scoring seeds {low} to {high}; the tool is tuned on development seeds only, those below {SCORING_FROM}."
         )
-    return f"Seeds {low} to {high}, which are development seeds: the tool may have been tuned on them."
+    there = "development seeds" if high < SCORING_FROM else f"development seeds below {SCORING_FROM}"
+    return f"Seeds {low} to {high}, with {there}: the tool may have been tuned on them."
 
 
 def markdown(score: Score) -> str:

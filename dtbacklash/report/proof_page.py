@@ -63,11 +63,11 @@ def draw(score: Score, rows: pd.DataFrame, folder: Path, prefix: str) -> dict[st
 
 def page(score: Score, rows: pd.DataFrame, figures: dict[str, Path]) -> str:
     """The text of ``report.html``."""
-    barred = [f for f in score.figures if f.met is not None]
+    bars = [f.met for f in score.figures] + [q.met(v) for q in score.quantities for v in (q.median, q.ninety)]
     wrong = rows[~rows["right"].astype(bool)].to_dict("records")
     return render(
         "proof.html.j2", score=score, seeds=which_seeds(score), command=score.notes.get("command", ""),
-        met=sum(bool(f.met) for f in barred), barred=len(barred),
+        met=sum(met is True for met in bars), barred=sum(met is not None for met in bars),
         shares=[(figure_row(f), f.met) for f in score.figures],
         quantities=[quantity_row(q) for q in score.quantities],
         figures=[(CAPTIONS[name], embedded(path)) for name, path in figures.items()], wrong=wrong,

@@ -72,6 +72,7 @@ def test_help_says_what_can_be_chosen(capsys):
         (["out=x", "out=y"], "out=y: is given twice; the first is x"),
         (["-q", "out=x"], "option=-q: choose --help, or write key=value"),
         (["out=x", "size=3"], "size=3: no such setting; choose one of out, n, seed, kind"),
+        (["out=/"], "out=/: give a new folder"),
         (["out=x", "n=0"], "n=0: must be a whole number from 1 to 100000"),
         (["out=x", "n=many"], "n=many: must be a whole number"),
         (["out=x", "seed=-1"], "seed=-1: must be a whole number from 0"),

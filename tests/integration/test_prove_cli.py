@@ -10,6 +10,7 @@ import pytest
 from hydra.core.global_hydra import GlobalHydra
 
 from dtbacklash import cli
+from dtbacklash.errors import UserError
 from dtbacklash.prove import conceal, seal
 from dtbacklash.prove.draw import draw, draw_kind
 from dtbacklash.prove.quick import quick_seeds
@@ -124,18 +125,49 @@ def test_the_quick_proof_fails_when_the_score_drops(dtb, pretended, tmp_path, mo
     assert len(pretended) == 3
 
 
+def test_a_seal_that_is_none_is_found_before_anything_is_diagnosed(dtb, tmp_path, pretended):
+    (tmp_path / "bench" / "b2" / "sealed.json").write_text("{}")
+    code, out, err = dtb("folder=bench", "out=proof")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "sealed.json is no seal" in err
+    assert pretended == []
+    assert not (tmp_path / "proof").exists()
+
+
+def test_a_cluster_that_does_not_answer_leaves_no_folder(dtb, tmp_path, monkeypatch):
+    def refuse(*_):
+        raise UserError("scheduler", "tcp://a:1", "no Dask scheduler answers there")
+
+    monkeypatch.setattr("dtbacklash.prove.run._spread", refuse)
+    code, _, err = dtb("folder=bench", "out=proof")
+    assert (code, err.count("\n")) == (2, 1)
+    assert not (tmp_path / "proof").exists()
+
+
+def test_a_rig_with_nothing_on_record_is_said_to_be_compared_with_nothing(dtb, tmp_path, monkeypatch, pretended):
+    monkeypatch.setattr("dtbacklash.prove.quick.reached", lambda rig: {})
+    chosen = tuple(seed for seed in quick_seeds() if draw_kind(seed) == "nothing")[:1]
+    monkeypatch.setattr("dtbacklash.prove.quick.quick_seeds", lambda: chosen)
+    code, _, err = dtb("--quick", "out=proof", "jobs=1")
+    assert code == 0
+    assert "nothing is on record for rig=lead_screw" in err
+
+
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (["n=0"], "n=0: must be a whole number, 1 or more"),
+        (["n=0"], "n=0: must be a whole number from 1 to 100000"),
+        (["n=1" + 5000 * "0"], "n=1000"),
         (["n=many"], "n=many: must be a whole number"),
-        (["seed=-1"], "seed=-1: must be a whole number, 0 or more"),
-        (["jobs=0"], "jobs=0: must be a whole number, 1 or more"),
+        (["seed=-1"], "seed=-1: must be a whole number from 0 to"),
+        (["jobs=0"], "jobs=0: must be a whole number from 1 to 256"),
         (["rig=nosuch"], "rig=nosuch: choose one of"),
-        (["rig=emps"], "rig="),
+        (["rig=emps"], "rig=emps: a rig with motor_circuit"),
         (["backend=slurm"], "backend=slurm: choose one of loky, dask, ray"),
         (["scheduler=tcp://a:1"], "scheduler=tcp://a:1: belongs to backend=dask"),
         (["folder=nowhere"], "folder="),
+        (["folder=bench", "rig=nosuch"], "rig=nosuch: choose one of"),
+        (["folder=bench", "key=bench/a1/public.json"], "key="),
         (["folder=bench", "n=3"], "n=3: does not go with folder"),
         (["folder=bench", "key=nowhere.key"], "key="),
         (["key=bench.key"], "key=bench.key: belongs to folder=FOLDER"),
