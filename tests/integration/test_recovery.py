@@ -1,7 +1,7 @@
-"""Every effect of the catalogue is recovered from recordings that other equations and another integrator made.
+"""Every effect of the catalogue is recovered from recordings that another integrator made, with other formulations.
 
 `dtbacklash.prove` simulates with bristles for dry friction, stiff contact for ideal backlash, smooth corners for sharp
-ones, by a Runge-Kutta method of fixed steps; it shares no equations with the simulation that diagnoses. Seeds are
+ones, by a Runge-Kutta method of fixed steps; it shares no code with the simulation that diagnoses. Seeds are
 development seeds. `dtb prove` scores the same on seeds that nothing was tuned on.
 """
 
