@@ -6,13 +6,17 @@ PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: run test lint format typecheck paper bench docs lock clean
+.PHONY: run test prove lint format typecheck paper bench docs lock clean
 
 run: $(READY)
 	$(BIN)/dtb run controller=nimc_twin
 
 test: $(READY)
 	$(BIN)/python -m pytest -n 2
+
+# the blind proof on its fixed seeds, in a new folder; fails if the score is below what was reached
+prove: $(READY)
+	$(BIN)/dtb prove --quick out="$$(mktemp -d)/proof"
 
 paper: $(READY)
 	$(BIN)/dtb paper

@@ -51,8 +51,10 @@ def test_larger_errors_wider_misses_and_fewer_clear_cases_are_drops():
     assert quick.drops(score(worse), before) == ["held-out error over the oracle's: 1.06, reached were 1"]
     missed = cases()
     missed[2] = replace(missed[2], diagnosis=diagnosis(proved.finding(COULOMB, off=0.5)))
+    assert quick.drops(score(missed), before) == []  # one may be lost to another processor
+    missed[3] = replace(missed[3], diagnosis=diagnosis(proved.finding(proved.BACKLASH, off=0.5)))
     assert quick.drops(score(missed), before) == [
-        "95 % intervals of rightly named effects that hold the truth: 1/2, reached were 2/2"
+        "95 % intervals of rightly named effects that hold the truth: 0/2, reached were 2/2"
     ]
     unclear = cases()
     for one in unclear[2:4]:
