@@ -20,6 +20,7 @@ NOISE = r"noise ($\pm 2 \sigma$)"
 HELD_OUT = "#e8ecf0"
 ZOOM_SHARE, ZOOM_SAMPLES = 0.07, 120  # length of the closer look: share of the record, and samples at least
 OUT_OF_VIEW = 1.5  # a model that leaves the measured range by this much of it does not set the scale
+USUAL, RARE = 0.998, 4.0  # what leaves this quantile of what is left by this factor does not either
 
 Floats = NDArray[np.float64]
 
@@ -159,7 +160,9 @@ def _frame(ax: Axes, lines: list[Floats], unit: str) -> None:
 
 def _left_over(ax: Axes, curve: Curve, part: NDArray[np.bool_], values: Floats, name: str, label: bool) -> None:
     """Measured minus model over the band of the noise (two standard deviations to each side)."""
-    t, size = curve.t_s[part], float(np.abs(values).max())
+    most, size = float(np.abs(values).max()), float(np.quantile(np.abs(values), USUAL))
+    rare = most > RARE * size > 0.0  # a beginning in motion, say
+    t, size = curve.t_s[part], size if rare else most
     factor, unit = scaled(curve.unit, max(size, 2 * (curve.noise_floor or 0.0)))
     if curve.noise_floor:
         band = 2 * curve.noise_floor / factor
@@ -169,6 +172,9 @@ def _left_over(ax: Axes, curve: Curve, part: NDArray[np.bool_], values: Floats, 
             ax.axhline(edge, color="#00634a", lw=1.0, ls=(0, (3, 2)), zorder=3)
     ax.plot(*envelope(t, values[part] / factor), color=NOMINAL if name == "nominal" else EXTENDED, lw=0.9, zorder=2)
     ax.margins(y=0.12)
+    if rare:
+        reach = 1.3 * max(size, 2 * (curve.noise_floor or 0.0)) / factor
+        ax.set_ylim(-reach, reach)
     if label:
         ax.set_ylabel(f"measured \N{MINUS SIGN}\n{name} [{unit_in_signs(unit)}]", fontsize=10.5)
 

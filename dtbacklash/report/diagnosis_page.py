@@ -220,7 +220,7 @@ def _recalibrated(name: str, row: dict[str, Any], rig: Rig) -> dict[str, Any]:
         "about": known.description if known else "",
         "nominal": interval(nominal, None, row["unit"], size=nominal),
         "value": interval(row["value"], row.get("ci95"), row["unit"], size=nominal),
-        "change": f"{100 * (row['value'] / nominal - 1):+.2g} %" if nominal else "-",
+        "change": f"{100 * (row['value'] / nominal - 1):+.3g} %" if nominal else "-",
         "tolerance": f"± {number(100 * known.tolerance)} %" if known else "-",
     }
 

@@ -26,7 +26,8 @@ def view_of(diagnosis: Diagnosis, source: str, notes: list[str]) -> View:
         extended=diagnosis.extended,
         evidence=evidence,
         curves=_curves(diagnosis),
-        forces=[_force(effect, found) for effect, found in diagnosis.recovered],
+        # where a block is driven by what is imposed on it, a force may show nowhere: there is nothing to draw then
+        forces=[_force(effect, found) for effect, found in diagnosis.recovered if np.any(found.effort)],
         notes=notes,
         source=source,
     )
