@@ -25,8 +25,11 @@ def standard_errors(evidence: Evidence, fitted: Fit) -> dict[tuple[str, str, str
         return {}
     problem = Problem(evidence, fitted.rig, free)
     problem.weights = fitted.weights
-    jacobian = problem.precise_jacobian(x)
-    rows = problem.stack(problem.residuals(x), x)
+    # where the simulation ran away on one side of a difference, the row says nothing
+    jacobian, rows = (
+        np.nan_to_num(part, nan=0.0, posinf=0.0, neginf=0.0)
+        for part in (problem.precise_jacobian(x), problem.stack(problem.residuals(x), x))
+    )
     covariance = _covariance(evidence, problem, jacobian, rows)
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     result = {}

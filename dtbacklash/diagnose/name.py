@@ -17,6 +17,8 @@ from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.locate import Score, bank
 from dtbacklash.diagnose.refit import Fit, all_free, effect_free, fit, nominal_free, weights_for
 from dtbacklash.diagnose.spread import spread
+from dtbacklash.errors import UserError
+from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.plant import Floats
 
@@ -297,6 +299,8 @@ def _reconsider(evidence: Evidence, found: Search, keys: list[Key], rivals: int)
         key = earlier
         if not any(_meet(evidence, key, other) for other in found.order if other != key):
             continue  # alone in its blocks: what was found when it was added stands
+        if _borne(found.fitted, key, evidence.records[0].sample_time_s):
+            continue
         without = refit_with(evidence, found.fitted, [], key)
         former = [t for t in found.tried.get(key, []) if t.key not in found.order]
         former = sorted(former, key=lambda t: t.held_out)[:rivals]
@@ -319,6 +323,15 @@ def _reconsider(evidence: Evidence, found: Search, keys: list[Key], rivals: int)
                 key = trial.key
 
 
+def _borne(fitted: Fit, key: Key, step_s: float) -> bool:
+    """Whether another effect of the rig needs this one: a force on a mass that only a yielding screw lets move."""
+    try:
+        compile_plant(fitted.rig.with_effect(*key, None), step_s)
+    except UserError:
+        return True
+    return False
+
+
 def _meet(evidence: Evidence, first: Key, second: Key) -> bool:
     """Whether two effects act in the same block."""
     return any({first[0], second[0]} <= places_of(evidence.nominal, b) for b in evidence.blocks)
@@ -334,6 +347,8 @@ def _eliminate(evidence: Evidence, found: Search) -> None:
     for key in list(found.order):
         if len(found.order) < 2:
             return
+        if _borne(found.fitted, key, evidence.records[0].sample_time_s):
+            continue
         without = refit_with(evidence, found.fitted, [], key)
         if not earns(evidence, without, found.fitted, found.nominal):
             found.fitted = without

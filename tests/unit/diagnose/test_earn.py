@@ -9,7 +9,7 @@ from dtbacklash.diagnose.candidates import candidates, motion_of
 from dtbacklash.diagnose.earn import BY_CHANCE, earns, paired
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.locate import Bank
-from dtbacklash.diagnose.name import ASTRAY, Search, _apart, _from_the_middle, refit_with
+from dtbacklash.diagnose.name import ASTRAY, Search, _apart, _borne, _eliminate, _from_the_middle, refit_with
 from dtbacklash.diagnose.refit import Fit, fit, nominal_free
 
 from .conftest import recorded
@@ -96,6 +96,17 @@ def test_a_fit_from_the_middle_is_of_all_blocks(rig):
     for block in given.blocks:
         assert np.allclose(found.fitted.residuals[block.name][0], again[block.name][0])
     assert max(v.max() for v in given.mean_square(again, "held").values()) < 1.5
+
+
+def test_what_another_effect_needs_is_not_tried_without(rig, evidence, nominal):
+    yielding = rig.with_effect("screw", "compliance", {"compliance": 1e-7})
+    pushed = yielding.with_effect("mass_1", "constant_force", {"force": 1.0})
+    held = replace(nominal, rig=pushed)
+    assert _borne(held, ("screw", "compliance"), 1e-3)
+    assert not _borne(held, ("mass_1", "constant_force"), 1e-3)
+    found = Search(evidence, nominal, held, [("screw", "compliance"), ("mass_1", "constant_force")])
+    _eliminate(evidence, found)
+    assert ("mass_1", "constant_force") not in found.order  # nothing of it is in the recording
 
 
 def test_what_is_best_in_one_block_does_not_hide_another(evidence, nominal):

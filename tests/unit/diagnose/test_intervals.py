@@ -8,7 +8,7 @@ from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.intervals import standard_errors
 from dtbacklash.diagnose.locate import Bank
 from dtbacklash.diagnose.name import refit_with, scores_about
-from dtbacklash.diagnose.refit import fit, nominal_free
+from dtbacklash.diagnose.refit import Problem, fit, nominal_free
 from dtbacklash.physics.catalogue import FORMULATION_ERROR
 
 from .conftest import recorded
@@ -44,6 +44,22 @@ def test_the_law_is_one_formulation_of_several(rig):
     fitted = refit_with(evidence, nominal, [(("sensor_q3", "offset"), {"offset": 1e-3})])
     error = standard_errors(evidence, fitted)["sensor_q3", "offset", "offset"]
     assert error >= FORMULATION_ERROR * 1e-3
+
+
+def test_a_simulation_that_runs_away_beside_the_fit_leaves_an_interval(rig, monkeypatch):
+    evidence = Evidence.gather(rig, [recorded(rig, seconds=4.0)])
+    fitted = fit(evidence, rig, nominal_free(rig), rounds=1)
+    plain = Problem.precise_jacobian
+
+    def runs_away(problem, x):
+        jacobian = plain(problem, x)
+        jacobian[3, 0], jacobian[5, 1] = np.nan, np.inf
+        return jacobian
+
+    usual = standard_errors(evidence, fitted)
+    monkeypatch.setattr(Problem, "precise_jacobian", runs_away)
+    for key, error in standard_errors(evidence, fitted).items():
+        assert error == pytest.approx(usual[key], rel=0.05)
 
 
 def test_a_gap_is_known_to_a_fraction_of_itself(rig):
