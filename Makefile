@@ -6,7 +6,7 @@ PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: run test prove lint format typecheck paper bench docs lock clean
+.PHONY: run test prove lint format typecheck paper bench docs site gallery lock clean
 
 run: $(READY)
 	$(BIN)/dtb run controller=nimc_twin
@@ -24,6 +24,7 @@ paper: $(READY)
 lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports --no-cache
 
 format: $(READY)
 	$(BIN)/ruff check --fix .
@@ -36,13 +37,21 @@ typecheck: $(READY)
 docs: $(READY)
 	$(BIN)/python -m dtbacklash.docs
 
+# the docs as a site, in build/site; a link that leads nowhere or a page that the navigation lacks fails it
+site: $(READY)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
+
+# docs/gallery.md with its figures: conceals and diagnoses a recording for each, minutes
+gallery: $(READY)
+	$(BIN)/python -m dtbacklash.docs.gallery docs
+
 bench: $(READY)
 	$(BIN)/python -m benchmarks
 
 # The lock holds for every Python and every platform; `make lock` after a change of the dependencies. Without the extras
 # `compare` and `ray`: what only a benchmark or a cluster needs does not hold back everything else.
 lock: $(READY)
-	$(BIN)/uv pip compile pyproject.toml --no-config --extra dev --extra dask --extra matlab --extra submitit --universal --python-version 3.11 \
+	$(BIN)/uv pip compile pyproject.toml --no-config --extra dev --extra docs --extra dask --extra matlab --extra submitit --universal --python-version 3.11 \
 		--fork-strategy fewest --generate-hashes --no-annotate --no-emit-index-url --no-header \
 		--upgrade --quiet --output-file requirements.lock
 

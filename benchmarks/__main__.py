@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import platform
 import sys
@@ -15,12 +14,13 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import speed
+from benchmarks import ablation, speed
 from benchmarks.alternatives import alternative_rows, alternative_words, check_docs, write_docs
 from benchmarks.campaign import run_campaign
 from benchmarks.diagnosis import diagnosis_rows
 from benchmarks.guard import guard_rows, guard_words
 from benchmarks.measure import Row
+from dtbacklash.files import write_json
 
 TITLES = {
     "loop": "200 s of the paper's scenario: our loop beside a hand-written one with ten substeps a sample",
@@ -30,10 +30,11 @@ TITLES = {
     "process": "Whole processes, warm caches",
     "diagnosis": "Diagnosing a recording of one effect, two threads; ratio: time per recorded second over that of 15 s",
     "alternatives": "Beside the diagnosis, on concealed recordings: PySINDy on the residual, NARX by sysidentpy",
+    "ablation": "Each setting of the diagnosis halved and doubled, on concealed recordings",
     "guard": "The twin with and without its guard in the closed loop, random starts, noises, gaps and buffers",
 }
-#: run only when asked for: it needs the extra ``compare``
-ASKED = ("alternatives",)
+#: run only when asked for: it needs the extra ``compare``; hours
+ASKED = ("alternatives", "ablation")
 SPEED: dict[str, Callable[[], list[Row]]] = {
     "loop": speed.loop_rows,
     "libraries": speed.library_rows,
@@ -67,6 +68,12 @@ def main() -> int:
             words = alternative_words(rows)
             if options.docs:
                 write_docs(rows, n, seed, options.docs)
+        elif name == "ablation":
+            # with --docs the committed results are gone on from
+            kept = options.docs / ablation.ROWS if options.docs else options.out / "ablation.json"
+            rows = ablation.ablation_rows(_campaign(options, 3, 0)[0], options.settings, options.minutes, kept)
+            if options.docs:
+                ablation.write_docs(kept, options.docs)
         else:
             rows = SPEED[name]()
         console.print(_table(TITLES[name], rows))
@@ -75,7 +82,7 @@ def main() -> int:
         console.print()
         pd.DataFrame(rows).to_csv(options.out / f"{name}.csv", index=False)
         results[name] = rows
-    (options.out / "benchmarks.json").write_text(json.dumps(results, indent=2, default=float) + "\n", encoding="utf-8")
+    write_json(options.out / "benchmarks.json", results)
     failed = [f"{name}: {row['what']}" for name in names for row in results[name] if row.get("pass") == "no"]
     console.print(f"written to {options.out}; beyond their limits: {', '.join(failed) or 'none'}")
     return 1 if failed else 0
@@ -89,10 +96,16 @@ def _campaign(options: argparse.Namespace, n: int, seed: int) -> tuple[int, int]
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="name", help="of " + ", ".join(TITLES))
-    parser.add_argument("--n", type=int, help="cases of a campaign (guard: 1000, alternatives: 5)")
+    parser.add_argument(
+        "--n", type=int, help="cases of a campaign (guard: 1000, alternatives: 5, ablation: 3 recordings)"
+    )
     parser.add_argument("--seed", type=int, help="its first seed (guard: 1, alternatives: 10000)")
     parser.add_argument("--out", type=Path, default=Path("outputs/benchmarks"), help="folder of the results")
-    parser.add_argument("--docs", type=Path, help="alternatives: also bring the table into DOCS/proof.md")
+    parser.add_argument("--docs", type=Path, help="alternatives, ablation: also bring the table into the docs")
+    parser.add_argument("--settings", nargs="*", default=[], help="ablation: these settings first and alone")
+    parser.add_argument(
+        "--minutes", type=float, default=600.0, help="ablation: stop after so long; a repeated run goes on"
+    )
     options = parser.parse_args()
     if unknown := [name for name in options.names if name not in TITLES]:
         parser.error(f"no benchmark {unknown[0]!r}; choose of " + ", ".join(TITLES))

@@ -25,9 +25,9 @@ import numpy as np
 from scipy.signal import butter, cont2discrete, sosfiltfilt
 
 from benchmarks.measure import Row
-from dtbacklash.diagnose import Record, diagnose_records, record_of
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose import Record, diagnose_records, records_of
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.physics.plant import Floats
 from dtbacklash.physics.rig import Rig
 from dtbacklash.prove.conceal import conceal, nominal_rig
 from dtbacklash.prove.seal import RECORDING, key_path, open_seal
@@ -116,8 +116,8 @@ def alternative_rows(n: int, seed: int) -> list[Row]:
 def _case_rows(seed: int, folder: Path) -> list[Row]:
     case = conceal(seed, "lead_screw", folder, kind="single", instruments="minimal")
     rig = nominal_rig("lead_screw")
-    record = record_of(read_recording(case / RECORDING, rig=rig), rig, True, True)
-    evidence = Evidence.gather(rig, [record])
+    records = records_of(read_recording(case / RECORDING, rig=rig), rig, True, True)
+    evidence = Evidence.gather(rig, records)
     channels = channels_of(evidence)
     answers = {"nominal rig": _nominal(evidence), "dtb diagnose": _diagnosed(rig, evidence)}
     for ensemble in (False, True):
@@ -300,8 +300,8 @@ END = "<!-- alternatives: end -->"
 
 def docs_block(document: dict[str, Any]) -> str:
     """What stands between the two lines in the docs, from the rows and the seeds of a run."""
-    from dtbacklash.docs import table
-    from dtbacklash.report.numbers import number
+    from dtbacklash.report.kit.markdown import table
+    from dtbacklash.report.kit.numbers import number
 
     rows = document["rows"]
     heads = [
@@ -339,7 +339,7 @@ def check_docs(folder: Path) -> None:
 
 def write_docs(rows: list[Row], n: int, seed: int, folder: Path) -> None:
     """Bring a run into ``proof.md`` of the docs, and its rows beside it."""
-    from dtbacklash.prove.store import write_json, write_text
+    from dtbacklash.files import write_json, write_text
 
     kept = [{k: "inf" if v == float("inf") else v for k, v in row.items()} for row in rows]  # JSON knows no infinity
     document = {"n": n, "seed": seed, "rows": kept}

@@ -27,14 +27,15 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.scenario import new_traces
-from dtbacklash import closed_loop as loop
+from dtbacklash.arrays import Floats
 from dtbacklash.config.compose import compose
 from dtbacklash.config.run import RunConfig
-from dtbacklash.control.controllers import Controller, build_controller, new_controller_state
+from dtbacklash.control.chain import design_for, structure_parameters
+from dtbacklash.control.laws import Controller, build_controller, new_controller_state
+from dtbacklash.experiment import loop
 from dtbacklash.physics.assembly import compile_plant
-from dtbacklash.physics.plant import Floats, Plant, new_state
+from dtbacklash.physics.kernel.plant import Plant, new_state
 from dtbacklash.physics.rig import build_rig
-from dtbacklash.scenario import design_for, structure_parameters
 from dtbacklash.twin.estimate import Problem, estimate_gap
 from dtbacklash.twin.guard import guarded_estimates, outcome
 from dtbacklash.twin.novelty import NoveltyDesign, novelty_design

@@ -5,15 +5,18 @@ from __future__ import annotations
 import resource
 import time
 
+import numpy as np
+
 from benchmarks.measure import Row, verdict
 from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Record, diagnose_records
 from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.free import nominal_free
 from dtbacklash.diagnose.name import scores_about
-from dtbacklash.diagnose.refit import fit, nominal_free
+from dtbacklash.diagnose.refit import fit
 from dtbacklash.diagnose.spread import on_cores
+from dtbacklash.experiment.run import run_scenario
 from dtbacklash.physics.rig import Rig, build_rig
-from dtbacklash.scenario import run_scenario
 
 SECONDS_MAX, BANK_MAX_S, MEMORY_MAX_MB = 30.0, 5.0, 1000.0
 #: time per recorded second of the longest recording over that of the shortest
@@ -44,7 +47,8 @@ def diagnosis_rows() -> list[Row]:
             per_second.append(wall_s / seconds)
             row: Row = {
                 "what": f"{effect.partition('=')[0].rpartition('.')[0]}, {seconds:g} s", "wall_s": wall_s,
-                "ratio": per_second[-1] / per_second[0], "named": ", ".join(".".join(k) for k in found.search.order),
+                "ratio": per_second[-1] / per_second[0],
+                "named": ", ".join(f"{f.location}.{f.effect}" for f in found.findings),
             }  # fmt: skip
             if seconds == 30.0:
                 row |= {"limit": SECONDS_MAX, "pass": verdict(wall_s, SECONDS_MAX)}
@@ -74,9 +78,7 @@ def _bank_s(rig: Rig) -> float:
 def _record(rig: Rig, effect: str, seconds: float) -> Record:
     """A recording of the rig with an effect and two wrong parameters, from an encoder and a laser sensor."""
     config = compose(*MOTION, f"duration_s={seconds:g}", f"rig.effects.{effect}")
-    seen = run_scenario(config).recording
-    to_si = {"theta_m": 1.0, "q3": 1e-3}
-    measured = {name: seen[name].to_numpy(float) * by for name, by in to_si.items()}
-    u = seen["u"].to_numpy(float)
-    train = seen.index.to_numpy() < round(0.7 * len(seen))
-    return Record(config.sample_time_s, u, measured, train, ~train)
+    seen = run_scenario(config).seen
+    u = seen["u"]
+    train = np.arange(u.size) < round(0.7 * u.size)
+    return Record(config.sample_time_s, u, {name: seen[name] for name in ("theta_m", "q3")}, train, ~train)

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.scenario import Scenario
+from dtbacklash.arrays import Floats
 from dtbacklash.control.design import SampledModel
-from dtbacklash.physics.plant import Floats
 
 SUBSTEPS = 10
 

@@ -7,21 +7,17 @@ from itertools import pairwise
 
 import numpy as np
 
-from dtbacklash import closed_loop as loop
+from dtbacklash.arrays import Floats
 from dtbacklash.config.compose import compose
 from dtbacklash.config.run import RunConfig
-from dtbacklash.control.controllers import Controller, build_controller, new_controller_state
+from dtbacklash.control.chain import design_for, motor_parameters, structure_parameters
 from dtbacklash.control.design import ControllerDesign, MotorParameters, StructureParameters
+from dtbacklash.control.laws import Controller, build_controller, new_controller_state
+from dtbacklash.experiment import loop
+from dtbacklash.experiment.run import RunResult, run_scenario
 from dtbacklash.physics.assembly import compile_plant
-from dtbacklash.physics.plant import Floats, Plant, new_state
+from dtbacklash.physics.kernel.plant import Plant, new_state
 from dtbacklash.physics.rig import build_rig
-from dtbacklash.scenario import (
-    RunResult,
-    design_for,
-    motor_parameters,
-    run_scenario,
-    structure_parameters,
-)
 from dtbacklash.twin.novelty import NoveltyDesign, novelty_design
 
 PAPER = ("controller=nimc_twin",)

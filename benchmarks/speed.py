@@ -17,10 +17,10 @@ from benchmarks.hand_written import hand_written
 from benchmarks.libraries import python_control, scipy_ivp
 from benchmarks.measure import Row, interleaved_s, median, times_s, verdict
 from benchmarks.scenario import PAPER, SHORT, ours, prepare
+from dtbacklash.arrays import Floats
 from dtbacklash.config.compose import compose
 from dtbacklash.config.run import OptimizerConfig
-from dtbacklash.physics.plant import Floats
-from dtbacklash.scenario import run_scenario
+from dtbacklash.experiment.run import run_scenario
 from dtbacklash.twin.estimate import OPTIMIZERS, Estimate, Problem, default_start, estimate_gap
 from dtbacklash.twin.guard import Attempt, guarded_estimates
 from dtbacklash.twin.observer import TwinModel, twin_model

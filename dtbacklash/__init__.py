@@ -1,3 +1,97 @@
-"""A simulator of a lead-screw drive with growing backlash, its controllers and its digital twin."""
+"""A simulator of a lead-screw drive with growing backlash, its controllers, its digital twin, and a diagnosis.
 
-__version__ = "0.1.0"
+The face for Python; every name is imported when it is first used, and the import of the package changes nothing::
+
+    import dtbacklash as dtb
+
+    rig = dtb.load_rig("lead_screw")
+    result = dtb.run("controller=nimc_twin", rig=rig)
+    recording = dtb.read_recording("bench.csv", rig=rig)
+    found = dtb.diagnose(recording, rig)
+
+What each takes and gives, with shapes and units: docs/python.md.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from dtbacklash.errors import Diverged, UserError
+    from dtbacklash.face.diagnose import Found, diagnose
+    from dtbacklash.face.recordings import read_recording
+    from dtbacklash.face.rigs import load_rig, save_rig
+    from dtbacklash.face.run import Run, run
+    from dtbacklash.physics.rig import Rig
+    from dtbacklash.recording import Recording
+
+from dtbacklash.version import __version__
+
+__all__ = [
+    "Diverged",
+    "Found",
+    "Recording",
+    "Rig",
+    "Run",
+    "UserError",
+    "__version__",
+    "diagnose",
+    "load_rig",
+    "read_recording",
+    "run",
+    "save_rig",
+]
+
+#: name -> the module that it is found in
+_FOUND_IN = {
+    "Diverged": "errors",
+    "Found": "face.diagnose",
+    "Recording": "recording",
+    "Rig": "physics.rig",
+    "Run": "face.run",
+    "UserError": "errors",
+    "load_rig": "face.rigs",
+    "read_recording": "face.recordings",
+    "run": "face.run",
+    "save_rig": "face.rigs",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a name of the face at its first use (PEP 562)."""
+    if name == "diagnose":
+        return importlib.import_module(f"{__name__}.diagnose")
+    if name not in _FOUND_IN:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"{__name__}.{_FOUND_IN[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
+class _Diagnose(ModuleType):
+    """The room ``dtbacklash.diagnose``, which can be called: the face has a function of that name."""
+
+    def __call__(self, *args: Any, **settings: Any) -> Any:
+        """Diagnose a recording on a rig: :func:`dtbacklash.face.diagnose.diagnose`."""
+        from dtbacklash.face.diagnose import diagnose
+
+        return diagnose(*args, **settings)
+
+
+class _Package(ModuleType):
+    """This package; an import of a room sets it here under its name, and one of them has the name of a function."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name == "diagnose" and type(value) is ModuleType:
+            value.__class__ = _Diagnose
+        super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package

@@ -5,20 +5,19 @@ Exit codes: 0 done; 1 the command ran and something in it failed; 2 wrong input;
 
 from __future__ import annotations
 
-import importlib
+import gc
 import os
 import sys
 
-from dtbacklash import __version__
+from dtbacklash.config.grammar import GRAMMARS
 from dtbacklash.errors import UserError
+from dtbacklash.version import __version__
 
+RECORDINGS = "recordings"
+#: command -> what it does; all but one are applications of Hydra
 COMMANDS = {
-    "run": ("dtbacklash.commands.run", "simulate a controller on a rig while its backlash grows"),
-    "paper": ("dtbacklash.commands.paper", "reproduce the figures and check the claims of the paper"),
-    "diagnose": ("dtbacklash.commands.diagnose", "say what physics a recording has and a rig lacks, and where"),
-    "prove": ("dtbacklash.commands.prove", "diagnose concealed recordings blind, open their seals, and score"),
-    "recordings": ("dtbacklash.commands.recordings", "list the public recordings that it knows, and fetch them"),
-    "conceal": ("dtbacklash.commands.conceal", "make recordings with something hidden in them, and seal the answers"),
+    **{name: grammar.summary for name, grammar in GRAMMARS.items()},
+    RECORDINGS: "list the public recordings that it knows, and fetch them",
 }
 
 
@@ -26,8 +25,9 @@ def usage() -> str:
     """Return the text of ``dtb --help``."""
     lines = ["dtb: a drive with growing backlash, its controllers and its digital twin", ""]
     lines += ["usage: dtb <command> [key=value ...]", "", "commands:"]
-    lines += [f"  {name:<10} {summary}" for name, (_, summary) in COMMANDS.items()]
-    lines += ["", "dtb <command> --help says what can be chosen; dtb --version says which code this is."]
+    lines += [f"  {name:<10} {summary}" for name, summary in COMMANDS.items()]
+    lines += ["", "dtb <command> --help says what can be chosen; dtb --version says which code this is;"]
+    lines += ["dtb --install-completion lets the shell complete commands, settings and choices (bash, zsh)."]
     return "\n".join(lines)
 
 
@@ -37,7 +37,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         return _dispatch(words)
     except UserError as error:
-        return fail(str(error))
+        return fail(str(error), error.exit_code)
     except KeyboardInterrupt as interrupt:
         print(f"dtb: interrupted{interrupt}", file=sys.stderr)
         return 130
@@ -47,10 +47,10 @@ def main(arguments: list[str] | None = None) -> int:
         return 0
 
 
-def fail(line: str) -> int:
-    """Print one error line and return the exit code of wrong input."""
+def fail(line: str, exit_code: int = 2) -> int:
+    """Print one error line and return the exit code: by default that of wrong input."""
     print("dtb: error: " + " ".join(line.split()), file=sys.stderr)
-    return 2
+    return exit_code
 
 
 def _dispatch(words: list[str]) -> int:
@@ -60,10 +60,19 @@ def _dispatch(words: list[str]) -> int:
     if words[0] in ("-V", "--version"):
         print(f"dtb {__version__}")
         return 0
+    if words[0] in ("--install-completion", "--show-completion", "--complete"):
+        from dtbacklash.commands import completion
+
+        return completion.main(words)
     if words[0] not in COMMANDS:
         raise UserError("command", words[0], "choose one of " + ", ".join(COMMANDS))
-    command = importlib.import_module(COMMANDS[words[0]][0])
-    return int(command.main(words[1:]))
+    if words[0] == RECORDINGS:
+        from dtbacklash.commands import recordings
+
+        return recordings.main(words[1:])
+    from dtbacklash.commands import application
+
+    return application.main(words[0], words[1:])
 
 
 def one_blas_thread() -> None:
@@ -76,9 +85,14 @@ def one_blas_thread() -> None:
         os.environ.setdefault(name, "1")
 
 
+#: the libraries are half a million objects that live to the end: looking through them again and again took 5 % of a run
+GARBAGE_AFTER = 50_000
+
+
 def entry() -> None:
     """Entry point of the installed script."""
     one_blas_thread()
+    gc.set_threshold(GARBAGE_AFTER)
     sys.exit(main())
 
 

@@ -1,9 +1,13 @@
 """How the inner loops are compiled: one place for numba's options and for where the compiled code is kept."""
 
 import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numba
+from numba.core import event
 
 from dtbacklash import sources
 
@@ -15,7 +19,7 @@ def cache_folder() -> Path:
     in one file cannot leave stale code in another, the folder's name is a hash of all sources that are compiled. It
     also works where the package itself lies in a folder that cannot be written to.
     """
-    if chosen := os.environ.get("NUMBA_CACHE_DIR"):
+    if chosen := os.environ.get("NUMBA_CACHE_DIR") or numba.config.CACHE_DIR:
         return Path(chosen)
     root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(root) / "dtbacklash" / "numba" / f"{numba.__version__}-{sources.digest(sources.COMPILED)}"
@@ -26,21 +30,52 @@ def is_cold() -> bool:
     return not any(cache_folder().rglob("*.nbi"))
 
 
-numba.config.CACHE_DIR = str(cache_folder())
+def kept(decorator: Callable[[Callable[..., Any]], Any]) -> Callable[[Callable[..., Any]], Any]:
+    """A decorator of numba whose functions are kept in :func:`cache_folder`.
+
+    numba takes the folder from a setting of the whole process, and it does so when a function is decorated: the setting
+    is ours for that moment only, and the functions of others are kept where they always were.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        before = numba.config.CACHE_DIR
+        folder = str(cache_folder())
+        numba.config.CACHE_DIR = folder
+        try:
+            return decorator(function)
+        finally:
+            numba.config.CACHE_DIR = before
+
+    return decorate
+
+
+@contextmanager
+def compiling() -> Iterator[Callable[[], float]]:
+    """Give a function that says how many seconds have been spent compiling since; loading from the cache is none."""
+    with event.install_listener("numba:compile", event.TimingListener()) as listener:
+        yield lambda: float(listener.duration) if listener.done else 0.0
+
 
 #: Cached on disk, so that only the first run on a machine compiles; no fast-math: results repeat to the last bit.
 #: ``_nrt=False`` takes the counting of references out of the loop: it may not allocate, and a call costs 1 ns
 #: instead of 0.5 us (the plant is a tuple of twenty arrays, each counted at each call).
-compiled = numba.njit(cache=True, error_model="numpy", _nrt=False)
+compiled = kept(numba.njit(cache=True, error_model="numpy", _nrt=False))
+
+#: The same without the interpreter's lock, so that threads can share the work.
+compiled_free = kept(numba.njit(cache=True, error_model="numpy", _nrt=False, nogil=True))
 
 #: For what the inner loop calls every time: a call that is not inlined passes the plant's two hundred words (0.15 us).
-inlined = numba.njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
+inlined = kept(numba.njit(cache=True, error_model="numpy", _nrt=False, forceinline=True))
 
 #: The same for functions that allocate.
-compiled_allocating = numba.njit(cache=True, error_model="numpy")
+compiled_allocating = kept(numba.njit(cache=True, error_model="numpy"))
+
+#: For functions that are written while the package is imported, of which numba finds no file to keep compiled code by;
+#: it is kept with the functions that call them.
+generated = numba.njit(error_model="numpy", _nrt=False, forceinline=True)
 
 #: The laws: small enough to be part of every function that calls them.
-law = numba.njit(inline="always", cache=True, error_model="numpy")
+law = kept(numba.njit(inline="always", cache=True, error_model="numpy"))
 
 
 @compiled

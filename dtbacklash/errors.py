@@ -11,6 +11,9 @@ class UserError(ValueError):
     allowed : what is allowed, as a short phrase.
     """
 
+    #: of a command that it ends
+    exit_code = 2
+
     def __init__(self, key: str, value: object, allowed: str) -> None:
         self.key, self.value, self.allowed = key, value, allowed
         super().__init__(key, value, allowed)
@@ -22,12 +25,20 @@ class UserError(ValueError):
         return f"{self.key}={text}: {self.allowed}"
 
 
-class Diverged(UserError):
-    """The simulated loop left every plausible range: the chosen controller is unstable on this rig."""
+class Failure(UserError):
+    """What was asked was right, and the machine failed in the middle of the work: a full disk. Same arguments."""
 
-    def __init__(self, key: str, value: object, t_s: float, what: str) -> None:
+    exit_code = 1
+
+
+class Diverged(UserError):
+    """The simulated loop left every plausible range: the chosen controller is unstable on this rig.
+
+    ``cause`` says why and which setting helps, where that is known.
+    """
+
+    def __init__(self, key: str, value: object, t_s: float, what: str, cause: str = "") -> None:
         self.t_s = t_s
-        likely = "controller.k_theta_v_per_rad, sample_time_s, and internal_model=bare under a load or friction"
-        allowed = f"the loop diverged at t = {t_s:.3f} s ({what}); look at {likely}"
-        UserError.__init__(self, key, value, allowed)
-        self.args = (key, value, t_s, what)  # so that it survives pickling between workers
+        cause = cause or "look at controller.k_theta_v_per_rad and sample_time_s"
+        UserError.__init__(self, key, value, f"the loop diverged at t = {t_s:.3f} s ({what}). {cause}")
+        self.args = (key, value, t_s, what, cause)  # so that it survives pickling between workers

@@ -1,20 +1,46 @@
-"""Which code this is: hashes of the package's own sources."""
+"""Which code this is: hashes of the package's own sources, and of laws that others have registered."""
+
+from __future__ import annotations
 
 import hashlib
+import inspect
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from typing import Any
+
+PACKAGE = Path(__file__).parent
 
 #: what compiled code is made of: changes elsewhere need no new compilation
-COMPILED = ("compiled.py", "closed_loop.py", "physics", "control", "twin", "diagnose")
+COMPILED = (
+    "compiled.py", "diagnose/track.py", "experiment/loop.py", "physics", "control/laws.py", "twin/observer.py",
+    "twin/guard.py", "twin/novelty.py",
+)  # fmt: skip
+
+_foreign: set[str] = set()
 
 
 @cache
-def digest(parts: tuple[str, ...] = (".",)) -> str:
-    """Hash of the Python files in these parts (files or folders) of the package, 16 hexadecimal digits."""
-    package = Path(__file__).parent
+def _digest(parts: tuple[str, ...], foreign: frozenset[str]) -> str:
     total = hashlib.sha256()
     for part in parts:
-        path = package / part
+        path = PACKAGE / part
         for source in [path] if path.is_file() else sorted(path.rglob("*.py")):
             total.update(source.read_bytes())
+    for text in sorted(foreign):
+        total.update(text.encode())
     return total.hexdigest()[:16]
+
+
+def digest(parts: tuple[str, ...] = (".",)) -> str:
+    """Hash of the Python files in these parts (files or folders) of the package, 16 hexadecimal digits.
+
+    Laws from outside the package count as a part of each of them.
+    """
+    return _digest(parts, frozenset(_foreign))
+
+
+def note_foreign(function: Callable[..., Any]) -> None:
+    """Let a function from outside the package count as a part of the code."""
+    if PACKAGE not in Path(inspect.getfile(function)).parents:
+        _foreign.add(inspect.getsource(function))

@@ -5,16 +5,19 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from hydra._internal.core_plugins import file_config_source
 from hydra.core.config_search_path import ConfigSearchPath, SearchPathQuery
 from hydra.core.object_type import ObjectType
 from hydra.plugins.config_source import ConfigLoadError, ConfigResult, ConfigSource
 from hydra.plugins.search_path_plugin import SearchPathPlugin
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import OmegaConf
 
+from dtbacklash import yaml_files
 from dtbacklash.errors import UserError
 
 OURS = "pkg://dtbacklash.conf"
 GROUP = "rig/"
+DATA = ("rig/", "recording/")  # groups whose files are data: not even references to other settings
 SUFFIXES = (".yaml", ".yml")
 
 
@@ -35,13 +38,18 @@ class RigFileSource(ConfigSource):
         file = self._file(config_path)
         if file is None or not file.is_file():
             raise ConfigLoadError(f"Config not found: {config_path}")
+        name = config_path.removeprefix(GROUP)
         try:
-            config = OmegaConf.load(file)
-        except (OSError, UnicodeDecodeError):  # a number, a word, no text at all
-            config = None
-        if not isinstance(config, DictConfig):
-            raise UserError("rig", config_path.removeprefix(GROUP), "must be a YAML file that describes a rig")
-        return ConfigResult(config=config, path=self.full_path(), provider=self.provider, header={"package": None})
+            data = yaml_files.read(file.read_bytes())
+        except yaml_files.Mistake as mistake:
+            raise UserError("rig", name, str(mistake)) from mistake
+        except OSError as error:
+            raise UserError("rig", name, f"cannot be read: {(error.strerror or str(error)).lower()}") from error
+        if not isinstance(data, dict):
+            raise UserError("rig", name, "must be a YAML file that describes a rig")
+        return ConfigResult(
+            config=OmegaConf.create(data), path=self.full_path(), provider=self.provider, header={"package": None}
+        )
 
     def available(self) -> bool:
         return True
@@ -57,6 +65,29 @@ class RigFileSource(ConfigSource):
         return []
 
 
+class UserConfSource(file_config_source.FileConfigSource):
+    """The ``conf`` folder of a user: Hydra's folder of files, each of them checked before it is loaded."""
+
+    @staticmethod
+    def scheme() -> str:
+        return "userconf"
+
+    def load_config(self, config_path: str) -> ConfigResult:
+        file = Path(self.path) / self._normalize_file_name(config_path)
+        if file.is_file():
+            try:
+                if config_path.startswith(DATA):
+                    yaml_files.read(file.read_bytes())
+                else:  # Hydra's own settings need its resolvers: ${now:...} in a folder's name
+                    hydra = config_path.startswith("hydra") or "/" not in config_path
+                    yaml_files.check(file.read_bytes(), resolvers=hydra)
+            except yaml_files.Mistake as mistake:
+                raise UserError(
+                    config_path.partition("/")[0], f"conf/{self._normalize_file_name(config_path)}", str(mistake)
+                ) from mistake
+        return super().load_config(config_path)
+
+
 class DtbSearchPath(SearchPathPlugin):
     """Extends the ``conf`` of ``dtb``, and of no other Hydra application, by what the user brings."""
 
@@ -67,5 +98,5 @@ class DtbSearchPath(SearchPathPlugin):
         user = Path(here) / "conf"
         # first match wins: a user's option replaces ours of the same name
         if user.is_dir() and not (user / "__init__.py").exists():
-            search_path.prepend("user", f"file://{user}", anchor=SearchPathQuery(provider="main"))
+            search_path.prepend("user", f"userconf://{user}", anchor=SearchPathQuery(provider="main"))
         search_path.append("rigfile", f"rigfile://{here}")

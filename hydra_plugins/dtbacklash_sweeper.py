@@ -1,4 +1,4 @@
-"""Hydra plugin: the sweeper behind ``dtb run -m``. Hydra accepts sweepers from this namespace only."""
+"""Hydra plugin: the sweeper behind ``-m``. Hydra accepts sweepers from this namespace only."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 
 
 class ResumableSweeper(BasicSweeper):
-    """Expands the choices as Hydra does; :mod:`dtbacklash.sweep` runs what is missing."""
+    """Expands the choices as Hydra does; :mod:`dtbacklash.campaign.sweep` runs what is missing."""
 
     def sweep(self, arguments: list[str]) -> Any:
-        from dtbacklash import sweep
+        from dtbacklash.campaign import sweep
+        from dtbacklash.commands.console import announce_compilation
 
-        return sweep.run(self, arguments)
+        return sweep.run(self, arguments, announce_compilation)

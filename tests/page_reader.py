@@ -4,16 +4,21 @@ from html.parser import HTMLParser
 
 
 class Reader(HTMLParser):
-    """Collects the text and every address that a browser would fetch; checks that tags are closed."""
+    """Collects the text, every address that a browser would fetch, links within the page and what they may lead to;
+    checks that tags are closed."""
 
     VOID = frozenset({"meta", "img", "br", "link", "input"})
 
     def __init__(self):
         super().__init__()
         self.text, self.addresses, self.open = [], [], []
+        self.anchors, self.ids = [], []
 
     def handle_starttag(self, tag, attrs):
-        self.addresses += [value for name, value in attrs if name in ("src", "href")]
+        given = [value for name, value in attrs if name in ("src", "href")]
+        self.addresses += [value for value in given if not value.startswith("#")]
+        self.anchors += [value[1:] for value in given if value.startswith("#")]
+        self.ids += [value for name, value in attrs if name == "id"]
         if tag not in self.VOID:
             self.open.append(tag)
 

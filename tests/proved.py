@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from dtbacklash.prove.rules import Case
+from dtbacklash.prove import rules
 
 COULOMB = ("motor_bearing", "coulomb_friction")
 DEAD_ZONE = ("amplifier", "dead_zone")
@@ -66,12 +66,12 @@ def diagnosis(*findings: dict[str, Any], verdict: str = "", located: str = "", *
 def oracle(*keys: tuple[str, str], clear: bool = True, extended: float | None = 1.0) -> dict[str, Any]:
     """An oracle that sees all of the effects, or none."""
     return {
-        "clear": {".".join(key): clear for key in keys}, "clear_parameters": {},
+        "clear": {".".join(key): clear for key in keys}, "clear_parameters": {}, "unlisted_clear": clear,
         "held_out": {"nominal": 40.0, "recalibrated": 20.0, "extended": extended, "oracle": 1.0},
     }  # fmt: skip
 
 
-def perfect(kind: str, *keys: tuple[str, str], seed: int = 10_000, size: float = 30.0) -> Case:
+def perfect(kind: str, *keys: tuple[str, str], seed: int = 10_000, size: float = 30.0) -> rules.Case:
     """A case that was diagnosed without a fault."""
     seen = oracle(*keys)
     if kind == "parameters":
@@ -81,10 +81,22 @@ def perfect(kind: str, *keys: tuple[str, str], seed: int = 10_000, size: float =
         found = diagnosis(verdict="unexplained")
     else:
         found = diagnosis(*(finding(key) for key in keys))
-    return Case(f"case{seed}", secret(kind, *keys, seed=seed, size=size), found, seen, 10.0)
+    return case(f"case{seed}", secret(kind, *keys, seed=seed, size=size), found, seen, 10.0)
 
 
-def campaign(n: int = 200, seed: int = 0) -> list[Case]:
+#: kind of each element of the rig of these cases
+KINDS = {
+    "amplifier": "amplifier", "motor_circuit": "motor_circuit", "motor_bearing": "rotor", "gear": "gear",
+    "screw": "screw", **{f"mass_{j}": "mass" for j in (1, 2, 3)}, **{f"link_{j}": "link" for j in (1, 2)},
+}  # fmt: skip
+
+
+def case(*arguments: Any, **named: Any) -> rules.Case:
+    """A case of the rig ``lead_screw``."""
+    return rules.Case(*arguments, **{"kinds": KINDS} | named)
+
+
+def campaign(n: int = 200, seed: int = 0) -> list[rules.Case]:
     """Cases in which a made-up tool sees what is large, errs now and then, and fails once."""
     rng = np.random.default_rng(seed)
     kinds, keys = ("nothing", "parameters", "single", "single", "single", "several", "unknown"), list(VALUES)
@@ -93,15 +105,15 @@ def campaign(n: int = 200, seed: int = 0) -> list[Case]:
         kind, size = str(rng.choice(kinds)), float(10 ** rng.uniform(-1, 3.5))
         count = {"single": 1, "several": 2}.get(kind, 0)
         hidden = [keys[k] for k in rng.choice(len(keys), count, replace=False)]
-        case = perfect(kind, *hidden, seed=10_000 + j, size=size)
-        case.oracle["clear"] = dict.fromkeys(case.oracle["clear"], size > 2)
-        case.oracle["held_out"]["oracle"] = float(rng.uniform(1.0, 1.1))
-        case.oracle["held_out"]["extended"] = float(rng.uniform(1.0, 1.4))
+        one = perfect(kind, *hidden, seed=10_000 + j, size=size)
+        one.oracle["clear"] = dict.fromkeys(one.oracle["clear"], size > 2)
+        one.oracle["held_out"]["oracle"] = float(rng.uniform(1.0, 1.1))
+        one.oracle["held_out"]["extended"] = float(rng.uniform(1.0, 1.4))
         if hidden and rng.random() > size / (size + 3):
             wrong = [] if rng.random() < 0.5 else [finding(keys[int(rng.integers(len(keys)))], hidden[0])]
-            case = Case(case.id, case.secret, diagnosis(*wrong), case.oracle, 12.0)
-        cases.append(case)
+            one = case(one.id, one.secret, diagnosis(*wrong), one.oracle, 12.0)
+        cases.append(one)
     broken = next(c for c in cases if c.kind == "single")
     lost = {**broken.oracle, "held_out": {**broken.oracle["held_out"], "extended": None}}
-    cases[cases.index(broken)] = Case(broken.id, broken.secret, None, lost, None, "its worker died")
+    cases[cases.index(broken)] = case(broken.id, broken.secret, None, lost, None, "its worker died")
     return cases

@@ -10,6 +10,7 @@ import pandas as pd
 
 from dtbacklash.config.rig import ParameterConfig, RigConfig
 from dtbacklash.config.run import RunConfig, SensorsConfig
+from dtbacklash.experiment.metrics import tracking_rms_mm
 
 OMEGA, DECAY, TAU = 27.07, 1.35, 1 / 6
 DURATION, PERIOD, T_S = 200.0, 20.0, 0.001
@@ -105,7 +106,9 @@ def run_result(**changes: object) -> SimpleNamespace:
     summary = {
         "controller": "nimc_twin",
         "n_estimations": len(estimates),
+        "n_attempts": len(estimates),
         "n_accepted": int(estimates["accepted"].sum()),
+        "tracking_rms_mm": tracking_rms_mm(trace),
         "overshoot_pct_max": 3.1,
         "settling_time_s_max": 1.9,
         "peak_voltage_v": 8.4,

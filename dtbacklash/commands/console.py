@@ -3,71 +3,74 @@
 from __future__ import annotations
 
 import logging
-import math
 import os
 import sys
-import time
-from collections.abc import Callable, Iterator
+import threading
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol
 
-import pandas as pd
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.text import Text
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 PATIENCE_S = 2.0  # what is quicker needs no progress bar
 WIDTH_ELSEWHERE = 120
 
+log = logging.getLogger("dtbacklash.progress")
+
+
+class Tell(Protocol):
+    """Takes the fraction done, 0 to 1, and what is being done now."""
+
+    def __call__(self, share: float, text: str = "") -> None: ...
+
 
 @contextmanager
-def progress(what: str) -> Iterator[Callable[[float], None]]:
-    """Give a function that takes the fraction done; a bar appears on stderr when it takes longer than 2 s."""
+def progress(what: str, compiles: bool = True) -> Iterator[Tell]:
+    """Give a function of the fraction done and of what is being done.
+
+    In a terminal a bar with the time left appears on stderr after 2 s, by itself: what is silent for long is seen to
+    work. With ``-v`` there are lines instead. ``compiles``: whether the compiled code is needed, which may have to be
+    made first.
+    """
     console = Console(stderr=True)
+    verbose = log.isEnabledFor(logging.INFO)
     columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.percentage:3.0f} %"),
-        TimeRemainingColumn(),
-    )
-    bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+        TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn(),
+        TextColumn("left:"), TimeRemainingColumn(),
+    )  # fmt: skip
+    bar = Progress(*columns, console=console, transient=True)
     number = bar.add_task(what, total=1.0)
-    begin = time.monotonic()
-    started, ticks = False, 0
+    patience = threading.Timer(PATIENCE_S, bar.start)
+    patience.daemon = True
+    told: list[str] = []
 
-    def tick(fraction: float) -> None:
-        nonlocal started, ticks
-        ticks += 1
-        if ticks == 1:
+    def tell(share: float, text: str = "") -> None:
+        if compiles and not told:
             announce_compilation()
-        if not started and time.monotonic() - begin > PATIENCE_S:
-            bar.start()
-            started = True
-        bar.update(number, completed=fraction)
+        bar.update(number, completed=share, description=f"{what}: {text}" if text else what)
+        line = text or f"{what}: {10 * int(10 * share)} %"
+        if not told or told[-1] != line:
+            told.append(line)
+            if verbose:
+                log.info("%3.0f %%  %s", 100 * share, text or what)
 
+    if console.is_terminal and not verbose:
+        patience.start()
     try:
-        yield tick
+        yield tell
     finally:
-        if started:
+        patience.cancel()
+        if patience.is_alive():
+            patience.join()
+        if bar.live.is_started:  # else it would end with an empty line
             bar.stop()
-
-
-@contextmanager
-def messages(verbose: bool) -> Iterator[None]:
-    """With ``-v`` the package's messages go to stderr."""
-    logger = logging.getLogger("dtbacklash")
-    handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(logging.Formatter("dtb: %(message)s"))
-    level = logger.level
-    if verbose:
-        logger.addHandler(handler)
-        logger.setLevel(logging.INFO)
-    try:
-        yield
-    finally:
-        logger.removeHandler(handler)
-        logger.setLevel(level)
 
 
 def announce_compilation() -> None:
@@ -85,35 +88,20 @@ def stdout_console() -> Console:
 
 
 def print_run(summary: dict[str, Any], moves: pd.DataFrame, estimates: pd.DataFrame, folder: Path) -> None:
-    """Print the moves, the estimates, one line that sums them up, and where the report is."""
-    from dtbacklash.report import tables
+    """Print the moves, the estimates, what sums them up, what helps if it does not settle, and where the report is."""
+    from dtbacklash.report.kit import tables
+    from dtbacklash.report.run.text import lines
 
-    shown = [table(frame) for table, frame in ((tables.moves, moves), (tables.estimates, estimates)) if len(frame)]
-    for table in shown:
-        tables.show(table, "")
     console = stdout_console()
-    console.print(escape(_summary_line(summary)), soft_wrap=True)
-    report = folder / "report.html"
-    console.print(escape(shown_path(report)), soft_wrap=True)
+    for line in lines(summary, moves, estimates):
+        if isinstance(line, Text):
+            console.print(line, soft_wrap=True)
+        else:
+            tables.show(line)
+    console.print(escape(shown_path(folder / "report.html")), soft_wrap=True)
 
 
 def shown_path(path: Path) -> str:
     """Return ``path`` relative to here if it lies below, for people to click or copy."""
     relative = os.path.relpath(path)
     return str(path) if relative.startswith("..") else relative
-
-
-def _summary_line(summary: dict[str, Any]) -> str:
-    from dtbacklash.report.numbers import number
-
-    parts = [f"peak {number(summary.get('peak_voltage_v'))} V"]
-    if summary.get("n_moves"):
-        longest = summary.get("settling_time_s_max")
-        settles = longest is not None and not math.isnan(longest)
-        parts.insert(0, f"overshoot at most {number(summary.get('overshoot_pct_max'))} %")
-        parts.insert(1, f"settling at most {number(longest)} s" if settles else "not every move settles")
-    if summary.get("n_estimations"):
-        parts.append(f"{summary.get('n_accepted')} of {summary.get('n_estimations')} estimates accepted")
-    wall = summary.get("wall_s", {})
-    parts.append(f"{number(summary.get('seconds_simulated'))} s simulated in {number(wall.get('total'))} s")
-    return f"{summary.get('controller')}: " + ", ".join(parts)

@@ -2,48 +2,54 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from datetime import datetime
+import json
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from dtbacklash.errors import UserError
+from dtbacklash import sources
+from dtbacklash.campaign.application import Application
+from dtbacklash.config.grammar import RUN_FOLDER
+from dtbacklash.config.load import load
+from dtbacklash.config.paper import PaperConfig
+from dtbacklash.files import run_folder
 
-HELP = """\
-usage: dtb paper [out=FOLDER]
+if TYPE_CHECKING:
+    from dtbacklash.commands.console import Tell
 
-Reproduces the figures of the paper (4, 6, 7, 8, 10, 13, 14) and checks its statements in claims.csv.
-Exit code 0 if every claim holds, 1 if any fails.
-
-  out=FOLDER   where the results go (default: outputs/<date>/<time>_paper)"""
-
-ENTRIES = frozenset({"claims.csv", "figures", "report.html", "summary.json"})
+MARK = "claims.csv"
+ENTRIES = frozenset({MARK, "figures", "report.html", "summary.json"})
+FIGURES = ("claims", "passed")
 
 
-def main(words: Sequence[str]) -> int:
-    """Run ``dtb paper``; returns the exit code."""
-    if any(word in ("-h", "--help", "help") for word in words):
-        print(HELP)
-        return 0
-    folder = _folder(words)
+def single(config: PaperConfig, folder: Path, command: str) -> int:
+    """Make the figures and check the claims; returns 0 if every claim holds, 1 if any fails."""
     from dtbacklash.commands.console import progress, shown_path
-    from dtbacklash.paper import run_paper
-    from dtbacklash.runfolder import run_folder
 
-    with (
-        run_folder(folder, key="out", mark="claims.csv", known=ENTRIES) as scratch,
-        progress("paper") as tick,
-    ):
-        passed = run_paper(scratch, tick)
-    print(shown_path(folder / "claims.csv"))
+    with progress("paper") as tell:
+        passed = reproduce(folder, tell)
+    print(shown_path(folder / MARK))
     return 0 if passed else 1
 
 
-def _folder(words: Sequence[str]) -> Path:
-    now = datetime.now()
-    folder = Path("outputs") / f"{now:%Y-%m-%d}" / f"{now:%H-%M-%S}_paper"
-    for word in words:
-        key, equals, value = word.partition("=")
-        if key != "out" or not equals or not value:
-            raise UserError("argument", word, "dtb paper takes only out=FOLDER")
-        folder = Path(value)
-    return folder.absolute()
+def reproduce(folder: Path, tell: Tell | None = None) -> bool:
+    """Write the folder, complete or not at all; returns whether every claim holds."""
+    from dtbacklash.paper import run_paper
+
+    with run_folder(folder, RUN_FOLDER, MARK, ENTRIES) as scratch:
+        return run_paper(scratch, tell)
+
+
+def work(config: PaperConfig, folder: Path, command: str) -> dict[str, Any]:
+    """The same as a job of a sweep; returns how many claims there are and hold."""
+    reproduce(folder)
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    return {name: summary[name] for name in FIGURES}
+
+
+def fingerprint(config: PaperConfig) -> str:
+    """The paper's experiments depend on the code alone."""
+    return sources.digest()
+
+
+APPLICATION = Application("paper", partial(load, schema=PaperConfig), fingerprint, work, MARK, FIGURES)

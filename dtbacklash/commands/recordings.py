@@ -76,7 +76,9 @@ def _files_lines(mapping: Mapping) -> Iterator[str]:
         about = public.about if public else ""
         if name == mapping.file and len(mapping.files) > 1:
             about += " (the default)"
-        size = f"{public.size_bytes / 1000:.0f} kB" if public else "-"
+        known = public.size_bytes if public else 0  # of a file of one's own nothing is known but what is there
+        size_bytes = known or (place.stat().st_size if place else 0)
+        size = f"{size_bytes / 1000:.0f} kB" if size_bytes >= 1000 else f"{size_bytes} B" if size_bytes else "-"
         yield f"  {escape(name):<{max(map(len, names))}}  {size:>8}  {escape(about)}"
         yield f"    [green]{escape(shown_path(place))}[/]" if place else "    [yellow]missing[/]"
 
@@ -95,7 +97,7 @@ def _fetch(name: str, only: str | None) -> None:
         raise UserError("recordings", only, "choose one of " + ", ".join(mapping.files))
     for file in mapping.files.values():
         if only is None or file.name == only:
-            with progress(f"fetching {file.name}") as tick:
+            with progress(f"fetching {file.name}", compiles=False) as tick:
                 print(shown_path(fetch(mapping, file, tick)))
     print(f"licence: {mapping.licence or '-'}")
     print(f"cite: {mapping.citation or '-'}")

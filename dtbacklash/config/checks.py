@@ -26,17 +26,28 @@ def number(
     """
     if math.isfinite(value) and above < value < below and at_least <= value <= at_most:
         return
-    limits = [] if math.isfinite(value) else ["finite"]
-    if at_least > -math.inf:
-        limits.append(f"at least {at_least:g}")
-    if above > -math.inf:
-        limits.append("positive" if above == 0 else f"above {above:g}")
-    if at_most < math.inf:
-        limits.append(f"at most {at_most:g}")
-    if below < math.inf:
-        limits.append(f"below {below:g}")
-    phrase = " and ".join(limits) or "finite"
+    phrases = [] if math.isfinite(value) else ["finite"]
+    phrases += limits(above=above, at_least=at_least, below=below, at_most=at_most)
+    phrase = " and ".join(phrases) or "finite"
     raise UserError(key, value, f"must be {phrase}" + (f" {unit}" if unit else ""))
+
+
+def limits(*, above: float, at_least: float, below: float, at_most: float) -> list[str]:
+    """Bounds in words; a whole number with all its digits."""
+    found = []
+    if at_least > -math.inf:
+        found.append(f"at least {_text(at_least)}")
+    if above > -math.inf:
+        found.append("positive" if above == 0 else f"above {_text(above)}")
+    if at_most < math.inf:
+        found.append(f"at most {_text(at_most)}")
+    if below < math.inf:
+        found.append(f"below {_text(below)}")
+    return found
+
+
+def _text(bound: float) -> str:
+    return str(bound) if isinstance(bound, int) else f"{bound:g}"
 
 
 def choice(key: str, value: str, allowed: Iterable[str]) -> None:

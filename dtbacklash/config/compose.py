@@ -1,22 +1,102 @@
-"""A checked configuration from override words, as the command line would make it; for scripts, tests and the paper."""
+"""A checked configuration from override words, as the command line would make it; for Python, tests and the paper."""
 
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from threading import RLock
+from typing import Any, TypeVar
+
+from omegaconf import DictConfig
+
+from dtbacklash.config.grammar import RUN, Grammar
 from dtbacklash.config.load import load
 from dtbacklash.config.run import RunConfig
 
+Config = TypeVar("Config")
 
-def compose(*overrides: str) -> RunConfig:
-    """The configuration of ``dtb run <overrides>``.
+_one_at_a_time = RLock()
+
+
+def compose(*overrides: str, rig: Mapping[str, Any] | None = None) -> RunConfig:
+    """The configuration of ``dtb run <overrides>``; Hydra's state in this process stays as it was.
+
+    Parameters
+    ----------
+    overrides : words as on the command line, e.g. ``"controller=imc"``.
+    rig : the content of a rig's YAML file, in place of ``rig=NAME``; overrides such as ``rig.parameters.k.value=9000``
+        change it.
 
     Raises
     ------
-    UserError : a value out of range, an unknown key.
+    UserError : a value out of range, an unknown key or choice, a word that is none.
     """
-    import hydra
-    from hydra.core.global_hydra import GlobalHydra
+    return compose_for(RUN, RunConfig, *overrides, rig=rig)
 
-    from dtbacklash.commands.hydra_app import plain_overrides, register
+
+def compose_for(
+    grammar: Grammar, schema: type[Config], *overrides: str, rig: Mapping[str, Any] | None = None
+) -> Config:
+    """The configuration of any command; ``schema`` is that of its grammar. The rest as for :func:`compose`."""
+    from dtbacklash.config.explain import explain
+
+    words = list(overrides)
+    try:
+        with _hydra_apart(), _rig_option(rig) as choice:
+            return load(_composed(grammar, [*choice, *words]), schema)
+    except Exception as error:
+        mistake = explain(error, words, grammar)
+        if mistake is None:
+            raise
+        raise mistake from error
+
+
+def _composed(grammar: Grammar, words: list[str]) -> DictConfig:
+    import hydra
+
+    from dtbacklash.config.application import VERSION_BASE, overrides, register
 
     register()
-    GlobalHydra.instance().clear()
-    with hydra.initialize_config_module("dtbacklash.conf", version_base="1.3"):
-        return load(hydra.compose("run", overrides=plain_overrides(list(overrides))))
+    with hydra.initialize_config_module("dtbacklash.conf", version_base=VERSION_BASE):
+        return hydra.compose(grammar.name, overrides=overrides(grammar, words))
+
+
+@contextmanager
+def _rig_option(rig: Mapping[str, Any] | None) -> Iterator[list[str]]:
+    """Offer a rig that is no file as an option of the group ``rig``, and give the word that chooses it."""
+    if rig is None:
+        yield []
+        return
+    from hydra.core.config_store import ConfigStore
+
+    options = ConfigStore.instance().repo.setdefault("rig", {})
+    name = "_given"
+    ConfigStore.instance().store(name=name, group="rig", node=dict(rig))
+    try:
+        yield [f"rig={name}"]
+    finally:
+        options.pop(f"{name}.yaml", None)
+
+
+@contextmanager
+def _hydra_apart() -> Iterator[None]:
+    """Put aside what Hydra keeps for the process, and give it back: the caller may be an application of Hydra itself.
+
+    Hydra initializes one application a process, remembers its name and version, and replaces resolvers of OmegaConf.
+    """
+    from hydra.core.global_hydra import GlobalHydra
+    from hydra.core.singleton import Singleton
+    from hydra.core.utils import JobRuntime
+    from hydra.version import VersionBase
+    from omegaconf.basecontainer import BaseContainer
+
+    kinds: tuple[type, ...] = (GlobalHydra, JobRuntime, VersionBase)
+    with _one_at_a_time:
+        aside = {kind: Singleton._instances.pop(kind) for kind in kinds if kind in Singleton._instances}
+        resolvers = dict(BaseContainer._resolvers)
+        try:
+            yield
+        finally:
+            for kind in kinds:
+                Singleton._instances.pop(kind, None)
+            Singleton._instances.update(aside)
+            BaseContainer._resolvers.clear()
+            BaseContainer._resolvers.update(resolvers)

@@ -1,4 +1,4 @@
-"""From Hydra's configuration to a checked :class:`RunConfig`, and back to plain data."""
+"""From Hydra's configuration to a checked one of a command's schema, and back to plain data."""
 
 from __future__ import annotations
 
@@ -6,25 +6,29 @@ import dataclasses
 import hashlib
 import json
 import typing
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from dtbacklash import sources
+from dtbacklash.config.grammar import RUN, Grammar, grammar_of
 from dtbacklash.config.run import RunConfig
 from dtbacklash.errors import UserError
 
+Config = TypeVar("Config")
 
-def load(config: DictConfig) -> RunConfig:
+
+def load(config: DictConfig, schema: type[Config]) -> Config:
     """Resolve and check ``config``.
 
     Raises
     ------
     UserError : a value out of range, an unknown key, an interpolation that leads nowhere.
     """
-    _refuse_unknown(config, RunConfig, "")
+    _refuse_unknown(config, schema, grammar_of(schema), "")
     try:
         result = OmegaConf.to_object(config)  # runs every __post_init__
     except OmegaConfBaseException as error:
@@ -34,61 +38,52 @@ def load(config: DictConfig) -> RunConfig:
         for part in key.split("."):
             value = value.get(part, "...") if isinstance(value, dict) else value
         raise UserError(key, value, first_line.lower()) from error
-    assert isinstance(result, RunConfig)
+    assert isinstance(result, schema)
     return result
 
 
-def _refuse_unknown(config: DictConfig, schema: type, prefix: str) -> None:
+def _refuse_unknown(config: DictConfig, schema: type, grammar: Grammar, prefix: str) -> None:
     """Refuse what ``+key=value`` added: a key that nothing reads is a mistake."""
     known = typing.get_type_hints(schema)
     for key in map(str, config):
         dotted = prefix + key
         if key not in known:
-            raise UserError(dotted, config[key], unknown_key(dotted))
+            raise UserError(dotted, config[key], unknown_key(dotted, grammar))
         child = known[key]
         if dataclasses.is_dataclass(child) and isinstance(child, type):
-            _refuse_unknown(config[key], child, f"{dotted}.")
+            _refuse_unknown(config[key], child, grammar, f"{dotted}.")
 
 
-def settings(schema: type = RunConfig, prefix: str = "") -> dict[str, Any]:
-    """Return every setting of the schema: dotted key -> type."""
-    result: dict[str, Any] = {}
-    for name, kind in typing.get_type_hints(schema).items():
-        if dataclasses.is_dataclass(kind) and isinstance(kind, type):
-            result |= settings(kind, f"{prefix}{name}.")
-        else:
-            result[prefix + name] = kind
-    return result
-
-
-def unknown_key(key: str) -> str:
-    """Say that ``key`` is no setting, and which one may be meant."""
+def unknown_key(key: str, grammar: Grammar = RUN) -> str:
+    """Say that ``key`` is no setting of a command, and which one may be meant."""
     import difflib
 
-    known = [*settings(), "hydra.run.dir", "hydra.sweep.dir", "hydra.launcher.n_jobs"]
-    groups = {name.split(".")[0] for name in settings()}
+    known = grammar.known_keys()
+    groups = {name.split(".")[0] for name in known if not name.startswith("hydra.")}
     near = difflib.get_close_matches(key, [*known, *groups], n=1, cutoff=0.6)
     near = near or [name for name in known if name.split(".")[-1] == key.rsplit(".", maxsplit=1)[-1]][:1]
     if near:
         return f"no such setting; did you mean {near[0]}?"
     if key.startswith("hydra."):
-        return "no such setting; dtb run --cfg hydra lists them"
+        return f"no such setting; dtb {grammar.name} --cfg hydra lists them"
     section = key.split(".", maxsplit=1)[0] + "."
     inside = [name for name in known if name.startswith(section)]
     return "no such setting; choose one of " + ", ".join(inside or sorted(groups))
 
 
-def kind_of(key: str) -> str:
+def kind_of(key: str, grammar: Grammar = RUN) -> str:
     """Say in words what type the setting ``key`` has."""
-    kind = settings().get(key)
     words = {float: "a number", int: "a whole number", bool: "true or false", str: "a text"}
-    if kind is None and key.startswith(("sensors.", "rig.parameters.")):
-        return "a number"
-    return words.get(kind, "a value of another kind")  # type: ignore[arg-type]
+    if key in grammar.settings:
+        return words.get(grammar.settings[key].plain_kind, "a value of another kind")
+    numbers = key.startswith(("sensors.", "rig.parameters."))
+    return "a number" if numbers else "a value of another kind"
 
 
-def plain(config: RunConfig) -> dict[str, Any]:
-    """Return ``config`` as nested dictionaries of JSON types."""
+def plain(config: object) -> dict[str, Any]:
+    """A configuration as nested dictionaries of JSON types."""
+    assert dataclasses.is_dataclass(config)
+    assert not isinstance(config, type)
     return dataclasses.asdict(config)
 
 
@@ -102,4 +97,12 @@ def fingerprint(config: RunConfig) -> str:
         if path is not None:
             settled[section]["content"] = hashlib.sha256(Path(path).read_bytes()).hexdigest()
     text = json.dumps(settled, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def settings_hash(config: object, files: Iterable[str | None] = ()) -> str:
+    """A hash of settings, of the content of ``files`` (those that there are), and of the code."""
+    contents = [Path(file).read_bytes() for file in files if file is not None and Path(file).is_file()]
+    hashes = [hashlib.sha256(content).hexdigest() for content in contents]
+    text = json.dumps([plain(config), hashes, sources.digest()], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]

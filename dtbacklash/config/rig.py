@@ -1,14 +1,15 @@
 """The schema of a rig: named parameters, named elements, the effects that act on them, and the sensors.
 
 A rig is described by one YAML file (``conf/rig/*.yaml`` or a file of the user's). This module checks its
-form; what an element needs and which effects it takes stand in :mod:`dtbacklash.physics.elements` and
+form; what an element needs and which effects it takes stand in :mod:`dtbacklash.physics.kinds` and
 :mod:`dtbacklash.physics.catalogue`, and :mod:`dtbacklash.physics.rig` checks the content.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
+from dtbacklash.config.setting import setting
 from dtbacklash.errors import UserError
 
 
@@ -37,21 +38,23 @@ class ParameterConfig:
 class RigConfig:
     """A rig as its YAML file states it.
 
-    Attributes
-    ----------
-    parameters : name -> value, unit, relative tolerance. Elements refer to parameters by name, so that two
-        links may share one stiffness ``k``.
-    elements : name -> ``{kind: ..., <field>: <parameter name>, ...}`` in the order of the power flow.
-    effects : element -> effect -> parameter -> value; the vocabulary is that of the catalogue.
-    sensors : name -> ``{of: <element>, quantity: position|velocity|current}``.
+    Elements refer to parameters by name, so that two links may share one stiffness ``k``.
     """
 
-    name: str = "rig"
-    description: str = ""
-    parameters: dict[str, ParameterConfig] = field(default_factory=dict)
-    elements: dict[str, Any] = field(default_factory=dict)
-    effects: dict[str, Any] = field(default_factory=dict)
-    sensors: dict[str, Any] = field(default_factory=dict)
+    name: str = setting("rig", "name of the rig, for reports")
+    description: str = setting("", "one line, for reports")
+    parameters: dict[str, ParameterConfig] = setting(
+        dict, "name -> value, unit, tolerance (relative, one standard deviation), description", unit="SI"
+    )
+    elements: dict[str, Any] = setting(
+        dict, "name -> kind, its fields, its neighbours, in the order of the power flow; see below"
+    )
+    effects: dict[str, Any] = setting(
+        dict, "element -> effect -> parameter -> value, or {value, tolerance} as above; see effects.md", unit="SI"
+    )
+    sensors: dict[str, Any] = setting(
+        dict, "name -> of (element), quantity, recorded_in (unit of its column in recordings; SI); see below"
+    )
 
     def __post_init__(self) -> None:
         for name, parameter in self.parameters.items():
@@ -76,5 +79,25 @@ class RigConfig:
                 if not isinstance(values, dict):
                     raise UserError(key, values, "a mapping parameter -> value")
                 for parameter, value in values.items():
-                    if isinstance(value, bool) or not isinstance(value, (int, float)) or math.isnan(value):
-                        raise UserError(f"{key}.{parameter}", value, "a number")
+                    _check_value(f"{key}.{parameter}", value)
+
+
+def value_of(leaf: float | dict[str, float]) -> float:
+    """The value of an effect's parameter: the number, or the ``value`` beside its ``tolerance``."""
+    return leaf["value"] if isinstance(leaf, dict) else leaf
+
+
+def _check_value(key: str, value: object) -> None:
+    """An effect's parameter is a number, or a mapping with its ``value`` and its ``tolerance``."""
+    if isinstance(value, dict):
+        if set(value) != {"value", "tolerance"}:
+            raise UserError(key, value, "a number, or {value: number, tolerance: relative, one standard deviation}")
+        _check_value(f"{key}.value", value["value"])
+        if not _is_number(value["tolerance"]) or not 0.0 <= value["tolerance"] < 1.0:
+            raise UserError(f"{key}.tolerance", value["tolerance"], "a relative tolerance from 0 to below 1")
+    elif not _is_number(value):
+        raise UserError(key, value, "a number, or {value: number, tolerance: relative, one standard deviation}")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and not math.isnan(value)

@@ -9,42 +9,52 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from dtbacklash.config.checks import choice, number
+from dtbacklash.config.checks import number
+from dtbacklash.config.choices import (
+    INTERNAL_MODELS,
+    INTERPOLATIONS,
+    NOVELTY_FILTERS,
+    OPTIMIZERS,
+    PREFILTERS,
+    PROFILES,
+    REFERENCES,
+    STRUCTURES,
+    TRIGGERS,
+)
 from dtbacklash.config.rig import RigConfig
+from dtbacklash.config.setting import INPUT, OUTPUT, check, setting
 from dtbacklash.errors import UserError
 
-STRUCTURES = ("imc", "nimc", "open_loop")
-TRIGGERS = ("never", "reference_change", "novelty")
-PROFILES = ("s_curve", "constant", "ramp", "step", "wear", "csv")
-REFERENCES = ("square", "step", "staircase", "multisine", "csv")
-OPTIMIZERS = ("bfgs", "lbfgsb", "nelder_mead", "differential_evolution", "dual_annealing")
 SAMPLES_MAX = 20_000_000  # a trace of this length needs about 2 GB
 RECORDING_SUFFIXES = (".csv", ".parquet")
+SEED_MAX = 2**63 - 1
 
 
 @dataclass
 class ControllerConfig:
     """The controller: its structure, when the twin may reconfigure it, and its design parameters."""
 
-    name: str = "nimc_twin"
-    structure: str = "nimc"  # imc | nimc | open_loop (the reference drives the rig's input itself)
-    reconfigure: str = "reference_change"  # never | reference_change | novelty
-    k_theta_v_per_rad: float = 15.0
-    prefilter: str = "reduced"  # reduced: 1/(tau_r s + 1) Gd^-1 ; none: 1
-    tau_r_s: float = 1.0 / 6.0
-    # what drives the model of the structure. bare: G1 driven by u ; measured: theta_m ; inner_loop: a model of the
-    # inner loop driven by theta_ref ; exact (imc): G1 G2 sampled as one
-    internal_model: str = "bare"
-    gap_hat_deg: float = 0.0  # first estimate of the gap
+    name: str = setting("nimc_twin", "name in results; the option's file sets it")
+    structure: str = setting(
+        "nimc", "linear IMC, IMC with a model of the backlash, or the reference as the rig's input", choices=STRUCTURES
+    )
+    reconfigure: str = setting(
+        "reference_change", "when the twin is asked: never, at a reference change, when the novelty index rises",
+        choices=TRIGGERS,
+    )  # fmt: skip
+    k_theta_v_per_rad: float = setting(15.0, "gain of the motor's inner loop", unit="V/rad", above=0)
+    prefilter: str = setting(
+        "reduced", "`reduced`: 1/(tau_r s + 1) times the inverse of the dominant mode; `none`: 1", choices=PREFILTERS
+    )
+    tau_r_s: float = setting(1.0 / 6.0, "time constant of the reference model", unit="s", above=0)
+    internal_model: str = setting(
+        "bare", "what drives the model of the structure: u, theta_m, a model of the inner loop; `exact` (imc): G1 G2 "
+        "sampled as one; see theory.md", choices=INTERNAL_MODELS,
+    )  # fmt: skip
+    gap_hat_deg: float = setting(0.0, "first estimate of the gap", unit="deg", at_least=0, at_most=360)
 
     def __post_init__(self) -> None:
-        choice("controller.structure", self.structure, STRUCTURES)
-        choice("controller.reconfigure", self.reconfigure, TRIGGERS)
-        choice("controller.prefilter", self.prefilter, ("reduced", "none"))
-        choice("controller.internal_model", self.internal_model, ("bare", "measured", "inner_loop", "exact"))
-        number("controller.k_theta_v_per_rad", self.k_theta_v_per_rad, above=0, unit="V/rad")
-        number("controller.tau_r_s", self.tau_r_s, above=0, unit="s")
-        number("controller.gap_hat_deg", self.gap_hat_deg, at_least=0, at_most=360, unit="deg")
+        check(self, "controller.")
         if self.internal_model == "exact" and self.structure == "nimc":
             raise UserError("controller.internal_model", "exact", "only structure=imc has a linear internal model")
         if self.reconfigure != "never" and self.structure != "nimc":
@@ -53,29 +63,25 @@ class ControllerConfig:
 
 @dataclass
 class ProfileConfig:
-    """The gap over time. What a kind does not use it ignores; see :func:`dtbacklash.signals.gap_profile`."""
+    """The gap over time. What a kind does not use it ignores; see :func:`dtbacklash.experiment.signals.gap_profile`."""
 
-    kind: str = "s_curve"
-    start_deg: float = 0.0
-    end_deg: float = 100.0
-    t_start_s: float = 50.0
-    t_end_s: float = 150.0
-    running_in_share: float = 0.15  # wear: share of the growth in the running-in phase ...
-    running_in_span: float = 0.1  # ... and its time constant as a share of the time
-    severe_share: float = 0.55  # wear: share of the growth in the severe phase ...
-    severe_from: float = 0.6  # ... and the share of the time at which it begins
-    path: str | None = None  # csv: columns t_s, gap_deg
+    kind: str = setting("s_curve", "how the gap develops", choices=PROFILES)
+    start_deg: float = setting(0.0, "gap (half-width) at the start", unit="deg", at_least=0, at_most=360)
+    end_deg: float = setting(
+        100.0, "gap at the end; with `constant` it follows start_deg", unit="deg", at_least=0, at_most=360
+    )
+    t_start_s: float = setting(50.0, "growth begins (`step`: the jump)", unit="s", at_least=0)
+    t_end_s: float = setting(150.0, "growth ends", unit="s", at_least=0)
+    running_in_share: float = setting(0.15, "wear: share of the growth in the running-in phase", at_least=0, at_most=1)
+    running_in_span: float = setting(0.1, "wear: time constant of the running-in, as a share of the time", above=0)
+    severe_share: float = setting(0.55, "wear: share of the growth in the severe phase", at_least=0, at_most=1)
+    severe_from: float = setting(
+        0.6, "wear: where the severe phase begins, as a share of the time", at_least=0, below=1
+    )
+    path: str | None = setting(None, "csv: file with the columns t_s, gap_deg; linear between its rows", path=INPUT)
 
     def __post_init__(self) -> None:
-        choice("profile.kind", self.kind, PROFILES)
-        number("profile.start_deg", self.start_deg, at_least=0, at_most=360, unit="deg")
-        number("profile.end_deg", self.end_deg, at_least=0, at_most=360, unit="deg")
-        number("profile.t_start_s", self.t_start_s, at_least=0, unit="s")
-        number("profile.t_end_s", self.t_end_s, at_least=0, unit="s")
-        for name in ("running_in_share", "severe_share"):
-            number(f"profile.{name}", getattr(self, name), at_least=0, at_most=1)
-        number("profile.running_in_span", self.running_in_span, above=0)
-        number("profile.severe_from", self.severe_from, at_least=0, below=1)
+        check(self, "profile.")
         if self.running_in_share + self.severe_share > 1:
             most = 1 - self.running_in_share
             allowed = f"must be at most {most:g}, as running_in_share={self.running_in_share:g}"
@@ -93,35 +99,27 @@ class ProfileConfig:
 
 @dataclass
 class ReferenceConfig:
-    """The reference r over time; see :func:`dtbacklash.signals.reference`."""
+    """The reference r over time; see :func:`dtbacklash.experiment.signals.reference`."""
 
-    kind: str = "square"
-    amplitude_mm: float = 1.0  # square: between +A and -A ; step: from 0 to A
-    offset_mm: float = 0.0  # added to every kind but csv
-    period_s: float = 40.0  # square, multisine
-    t_start_s: float = 0.0  # step
-    step_mm: float = 0.5  # staircase: size of one step ...
-    dwell_s: float = 10.0  # ... the time on it ...
-    levels: int = 4  # ... and how many steps up before it goes down again
-    f_min_hz: float = 0.1  # multisine: band ...
-    f_max_hz: float = 2.0
-    rms_mm: float = 0.5  # ... and size
-    path: str | None = None  # csv: columns t_s, r_mm
-    interpolation: str = "hold"  # csv, between its rows: hold | linear
+    kind: str = setting("square", "form of the reference", choices=REFERENCES)
+    amplitude_mm: float = setting(
+        1.0, "square: between + and - this, beginning with +; step: from 0 to this", unit="mm", at_least=-1e4,
+        at_most=1e4,
+    )  # fmt: skip
+    offset_mm: float = setting(0.0, "added to every kind but csv", unit="mm", at_least=-1e4, at_most=1e4)
+    period_s: float = setting(40.0, "square and multisine: period", unit="s", above=0)
+    t_start_s: float = setting(0.0, "step: when", unit="s", at_least=0)
+    step_mm: float = setting(0.5, "staircase: size of a step", unit="mm", at_least=-1e4, at_most=1e4)
+    dwell_s: float = setting(10.0, "staircase: time on a step", unit="s", above=0)
+    levels: int = setting(4, "staircase: steps up before it goes down again", at_least=1, at_most=1000)
+    f_min_hz: float = setting(0.1, "multisine: lowest frequency", unit="Hz", above=0)
+    f_max_hz: float = setting(2.0, "multisine: highest frequency, at most half the sample rate", unit="Hz", above=0)
+    rms_mm: float = setting(0.5, "multisine: root mean square", unit="mm", at_least=0, at_most=1e4)
+    path: str | None = setting(None, "csv: file with the columns t_s, r_mm", path=INPUT)
+    interpolation: str = setting("hold", "csv: between its rows", choices=INTERPOLATIONS)
 
     def __post_init__(self) -> None:
-        choice("reference.kind", self.kind, REFERENCES)
-        choice("reference.interpolation", self.interpolation, ("hold", "linear"))
-        for name in ("amplitude_mm", "step_mm"):
-            number(f"reference.{name}", getattr(self, name), at_least=-1e4, at_most=1e4, unit="mm")
-        number("reference.offset_mm", self.offset_mm, at_least=-1e4, at_most=1e4, unit="mm")
-        number("reference.rms_mm", self.rms_mm, at_least=0, at_most=1e4, unit="mm")
-        number("reference.period_s", self.period_s, above=0, unit="s")
-        number("reference.dwell_s", self.dwell_s, above=0, unit="s")
-        number("reference.t_start_s", self.t_start_s, at_least=0, unit="s")
-        number("reference.levels", self.levels, at_least=1, at_most=1000)
-        number("reference.f_min_hz", self.f_min_hz, above=0, unit="Hz")
-        number("reference.f_max_hz", self.f_max_hz, above=0, unit="Hz")
+        check(self, "reference.")
         if self.kind == "multisine" and self.f_max_hz < self.f_min_hz:
             allowed = f"must be at least reference.f_min_hz={self.f_min_hz:g} Hz"
             raise UserError("reference.f_max_hz", self.f_max_hz, allowed)
@@ -133,23 +131,19 @@ class ReferenceConfig:
 class TwinConfig:
     """The digital twin: its link, its buffer, its observer and what it accepts."""
 
-    delay_s: float = 4.0  # from a full buffer to the new gap in force
-    buffer: int = 1000  # samples of one estimation
-    settle: int = 400  # samples at the start of the buffer that do not enter the cost
-    observer_pole_rad_s: float = 40.0
-    gap_max_deg: float = 180.0  # physical bound of an estimate
-    guard: bool = True  # false: trust whatever the optimiser returns, as the paper does
-    novelty_threshold_mm: float = 0.1
-    novelty_filter: str = "cheby2"
+    delay_s: float = setting(4.0, "from the full buffer to the new gap in force", unit="s", at_least=0)
+    buffer: int = setting(1000, "samples of one estimation", unit="samples", at_least=10, at_most=SAMPLES_MAX)
+    settle: int = setting(
+        400, "of them, how many at the start do not enter the cost (below twin.buffer)", unit="samples", at_least=0
+    )
+    observer_pole_rad_s: float = setting(40.0, "all poles of the observer lie at minus this", unit="rad/s", above=0)
+    gap_max_deg: float = setting(180.0, "physical bound of an estimate", unit="deg", above=0, at_most=360)
+    guard: bool = setting(True, "false: whatever the optimizer returns goes to the controller, as in the paper")
+    novelty_threshold_mm: float = setting(0.1, "novelty index that calls the twin", unit="mm", above=0)
+    novelty_filter: str = setting("cheby2", "low-pass of the index: Chebyshev II or elliptic", choices=NOVELTY_FILTERS)
 
     def __post_init__(self) -> None:
-        number("twin.delay_s", self.delay_s, at_least=0, unit="s")
-        number("twin.buffer", self.buffer, at_least=10, at_most=SAMPLES_MAX, unit="samples")
-        number("twin.settle", self.settle, at_least=0, unit="samples")
-        number("twin.observer_pole_rad_s", self.observer_pole_rad_s, above=0, unit="rad/s")
-        number("twin.gap_max_deg", self.gap_max_deg, above=0, at_most=360, unit="deg")
-        number("twin.novelty_threshold_mm", self.novelty_threshold_mm, above=0, unit="mm")
-        choice("twin.novelty_filter", self.novelty_filter, ("cheby2", "ellip"))
+        check(self, "twin.")
         if self.settle >= self.buffer:
             raise UserError("twin.settle", self.settle, f"must be below twin.buffer={self.buffer} samples")
 
@@ -158,22 +152,22 @@ class TwinConfig:
 class OptimizerConfig:
     """The search for the gap: a method of scipy.optimize and when it stops."""
 
-    name: str = "bfgs"
-    max_evaluations: int = 200
-    tolerance: float = 1e-6
+    name: str = setting("bfgs", "method of scipy.optimize", choices=OPTIMIZERS)
+    max_evaluations: int = setting(200, "evaluations of the cost, at most", at_least=2, at_most=1_000_000)
+    tolerance: float = setting(1e-6, "when the method stops, in its own terms", above=0, below=1)
 
     def __post_init__(self) -> None:
-        choice("optimizer.name", self.name, OPTIMIZERS)
-        number("optimizer.max_evaluations", self.max_evaluations, at_least=2, at_most=1_000_000)
-        number("optimizer.tolerance", self.tolerance, above=0, below=1)
+        check(self, "optimizer.")
 
 
 @dataclass
 class SensorsConfig:
     """Per column: noise (standard deviation) and resolution (size of one count); 0 = none."""
 
-    noise: dict[str, float] = field(default_factory=dict)
-    resolution: dict[str, float] = field(default_factory=dict)
+    noise: dict[str, float] = setting(dict, "column of the trace -> standard deviation, e.g. sensors.noise.q3_mm=0.001")
+    resolution: dict[str, float] = setting(
+        dict, "column of the trace -> size of a count, e.g. sensors.resolution.theta_m_rad=0.0015"
+    )
 
     def __post_init__(self) -> None:
         for kind in ("noise", "resolution"):
@@ -185,21 +179,21 @@ class SensorsConfig:
 class SolverConfig:
     """Accuracy of the simulation."""
 
-    substeps: int = 0  # per sample; 0 = automatic
-    event_levels: int = 16  # a contact is located to sample_time_s / 2**event_levels
-    divergence_mm: float = 1000.0  # |q3| beyond this is reported as diverged
+    substeps: int = setting(0, "steps a sample; 0: 1 where that is exact, else 8", at_least=0, at_most=10_000)
+    event_levels: int = setting(16, "a contact is located to sample_time_s / substeps / 2^this", at_least=0, at_most=30)
+    divergence_mm: float = setting(1000.0, "a loop whose q3 goes beyond this has diverged", unit="mm", above=0)
 
     def __post_init__(self) -> None:
-        number("solver.substeps", self.substeps, at_least=0, at_most=10_000)
-        number("solver.event_levels", self.event_levels, at_least=0, at_most=30)
-        number("solver.divergence_mm", self.divergence_mm, above=0, unit="mm")
+        check(self, "solver.")
 
 
 @dataclass
 class RecordingOutConfig:
     """Where to write what the sensors saw, beside the run folder."""
 
-    save: str | None = None
+    save: str | None = setting(
+        None, "file to which what the sensors saw is also written: .csv or .parquet", path=OUTPUT
+    )
 
     def __post_init__(self) -> None:
         if self.save is None:
@@ -226,15 +220,15 @@ class RunConfig:
     sensors: SensorsConfig = field(default_factory=SensorsConfig)
     solver: SolverConfig = field(default_factory=SolverConfig)
     recording: RecordingOutConfig = field(default_factory=RecordingOutConfig)
-    duration_s: float = 200.0
-    sample_time_s: float = 0.001
-    seed: int = 0
-    figures: bool = True
+    duration_s: float = setting(200.0, "length of the run, a whole number of samples", unit="s", above=0)
+    sample_time_s: float = setting(0.001, "sample time of the controller and of the trace", unit="s", above=0)
+    seed: int = setting(0, "of noise, random references, optimizers that draw lots", at_least=0, at_most=SEED_MAX)
+    figures: bool = setting(True, "false: no figures, also not in report.html")
 
     def __post_init__(self) -> None:
         number("sample_time_s", self.sample_time_s, above=0, unit="s")
         number("duration_s", self.duration_s, at_least=10 * self.sample_time_s, unit="s (ten samples)")
-        number("seed", self.seed, at_least=0, at_most=2**63 - 1)
+        check(self)
         self._check_length()
         self._check_twin()
         self._check_rig()
@@ -265,9 +259,6 @@ class RunConfig:
             raise UserError("duration_s", self.duration_s, f"must be a whole number of samples, e.g. {near:.9g} s")
 
     def _check_rig(self) -> None:
-        kinds = [element["kind"] for element in self.rig.elements.values()]
-        if self.controller.structure == "nimc" and self.rig.elements and "gear" not in kinds:
-            raise UserError("controller", self.controller.name, f"needs a rig with a gear; {self.rig.name} has none")
         for kind in ("noise", "resolution"):
             for column in getattr(self.sensors, kind):
                 if not any(column.startswith(f"{sensor}_") for sensor in self.rig.sensors):

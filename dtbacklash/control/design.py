@@ -341,3 +341,35 @@ def design_controller(
         sample_time_s=float(sample_time_s),
         dominant_frequency_rad_s=dominant_frequency(structure),
     )
+
+
+def largest_gain(motor: SampledModel, delay: int = 0) -> float:
+    """The gain of the inner loop, V/rad, from which it is unstable, its voltage ``delay`` samples late.
+
+    The loop u[k + delay] = K (theta_ref[k] - theta_m[k]) around the sampled G1, by bisection of the spectral radius;
+    inf where no gain up to 1e9 V/rad is too large.
+    """
+
+    def stable(gain: float) -> bool:
+        # states: those of the motor, then the voltages that are on their way, the next one first
+        n = motor.order
+        a = np.zeros((n + delay, n + delay))
+        a[:n, :n] = motor.A
+        feedback = -gain * motor.C[0]
+        if delay:
+            a[:n, n] = motor.B[:, 0]
+            a[n:-1, n + 1 :] = np.eye(delay - 1)
+            a[-1, :n] = feedback
+        else:
+            a += np.outer(motor.B[:, 0], feedback)
+        return bool(np.abs(np.linalg.eigvals(a)).max() < 1.0)
+
+    low, high = 0.0, 1.0
+    while stable(high):
+        low, high = high, 2.0 * high
+        if high > 1e9:
+            return float("inf")
+    while high - low > 1e-4 * high:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if stable(middle) else (low, middle)
+    return low

@@ -1,52 +1,58 @@
 """Diagnosis: where a recording and the simulation differ, what physics is missing, and whether it fits better."""
 
 from collections.abc import Callable
-
-import numpy as np
+from dataclasses import replace
 
 from dtbacklash.diagnose.compare import Record
-from dtbacklash.diagnose.verdict import Diagnosis, diagnose_records
+from dtbacklash.diagnose.naming import names_the_recording
+from dtbacklash.diagnose.pipeline import diagnose_records
+from dtbacklash.diagnose.result import Diagnosis
+from dtbacklash.diagnose.sayings import notes_of, source_of
+from dtbacklash.diagnose.settings import settings as in_force
+from dtbacklash.diagnose.stretches import long_enough, records_of
+from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.model import Recording
+from dtbacklash.recording.overlap import shared_rows
 
-__all__ = ["Diagnosis", "Record", "diagnose", "diagnose_records", "record_of"]
-
-#: the last share of a recording is held out where no other recording judges
-HELD_OUT = 0.3
+__all__ = ["Diagnosis", "Record", "diagnose", "diagnose_records", "records_of"]
 
 
-def record_of(recording: Recording, rig: Rig, train: bool, held: bool, share: float = HELD_OUT) -> Record:
-    """A recording with its masks: all of it for one purpose, or the last ``share`` to judge and the rest to fit."""
-    n = recording.samples
-    cut = n - round(share * n) if train and held else n * train
-    mask = np.arange(n) < cut
-    found = {c: np.ascontiguousarray(v, dtype=float) for c, v in recording.channels.items()}
-    measured = {c: v for c, v in found.items() if c in rig.sensors}
-    return Record(recording.sample_time_s, found["u"], measured, mask, ~mask)
-
-
+@names_the_recording
 def diagnose(
     recording: Recording,
     rig: Rig,
     validation: Recording | None = None,
-    held_out: float = HELD_OUT,
+    held_out: float | None = None,
     progress: Callable[[str, float], None] | None = None,
     jobs: int | None = None,
+    units: dict[str, str] | None = None,
 ) -> Diagnosis:
     """Diagnose a recording on a rig.
 
     Parameters
     ----------
-    recording, validation : to fit, and to judge on; without the second the last share ``held_out`` of the first judges.
+    recording, validation : to fit, and to choose and judge on; without the second the last share ``held_out`` of the
+        first does so (None: as the settings say). What chooses is fitted to in the end, and what judges comes last.
     rig : the nominal rig. progress : called with what is being done and a share, 0 to 1.
     jobs : threads that share the work; None leaves what ``joblib.parallel_config`` says, else one.
+    units : channel -> the unit that was read, and who says so, for the report; None: as the recording has it.
 
     Raises
     ------
-    UserError : no channel of the rig was recorded, an integrating part not measured, or nothing was commanded.
+    UserError : no channel of the rig was recorded, an integrating part not measured, nothing was commanded, or the
+        validation repeats the recording.
     """
+    held_out = in_force().held_out_share if held_out is None else held_out
     if validation is None:
-        return diagnose_records(rig, [record_of(recording, rig, True, True, held_out)], progress, jobs)
-    return diagnose_records(
-        rig, [record_of(recording, rig, True, False), record_of(validation, rig, False, True)], progress, jobs
-    )
+        records = records_of(recording, rig, True, True, held_out)
+    else:
+        if shared := shared_rows(recording, validation):
+            said = f"holds {shared} samples of the recording itself; what was fitted to cannot judge: give another one"
+            raise UserError("validation", validation.name, said)
+        records = records_of(recording, rig, True, False) + records_of(validation, rig, False, True)
+    records, left_out = long_enough(rig, records)
+    found = diagnose_records(rig, records, progress, jobs)
+    notes = *notes_of(recording, validation, held_out), *left_out
+    read = recording.assumed_units if units is None else units
+    return replace(found, source=source_of(recording), notes=(*notes, *found.notes), units=dict(read))

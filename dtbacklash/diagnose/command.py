@@ -7,12 +7,10 @@ come half a sample late, which shows up as a delay, a wrong damping, or worse.
 import numpy as np
 from scipy.signal.windows import kaiser
 
-from dtbacklash.physics.plant import Floats
+from dtbacklash.arrays import Floats
 
 #: taps to each side of the interpolation
 REACH = 24
-#: the smooth reading is taken where it leaves less than this share of the mean square that the held one leaves
-CLEARLY = 0.7
 
 
 def held_equivalent(u: Floats) -> Floats:

@@ -6,49 +6,62 @@ a motion that never was. So the simulation of such a block is pulled towards the
 a fixed high-pass of that bandwidth. No model can hand the measurement back, as the gain is not the model's.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
-import numba
 import numpy as np
 
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.launch import Launch
+from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.starts import Beginning
+from dtbacklash.diagnose.track import track
 from dtbacklash.errors import UserError
-from dtbacklash.physics import plant as pl
 from dtbacklash.physics.assembly import compile_plant, state_names
-from dtbacklash.physics.plant import Floats, Plant, State, new_state, place_at
+from dtbacklash.physics.bodies import hidden_bodies, natural_frequencies_hz
+from dtbacklash.physics.effects import slots
+from dtbacklash.physics.effects.declare import Role
+from dtbacklash.physics.kernel import plant as pl
+from dtbacklash.physics.kernel.plant import Plant, State, new_state, place_at
+from dtbacklash.physics.kernel.sample import sense
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, build_rig
-from dtbacklash.physics.sample import advance, sense
 from dtbacklash.physics.simulate import rig_half_gap
 
-#: bandwidth of the pull towards the measurement, rad/s: slow against the laws that are looked for, fast against drift
-PULL_RAD_S = 15.0
-#: the same where the command is integrated twice: an offset of the force shows at low frequencies only
-PULL_TWICE_RAD_S = 15.0
-#: a pole of the nominal block slower than this integrates, rad/s
-INTEGRATES_RAD_S = 0.5
 #: a contact is located to sample_time/substeps/2**EVENT_LEVELS
 EVENT_LEVELS = 10
 #: where a rough answer will do: substeps and levels
 ROUGH = (2, 4)
 
-#: parameters that count waves over a position; a substep turns them by PHASE_MAX rad at most
-WAVES, PHASE_MAX = ("periods", "wave_number"), 0.1
+
+#: a substep turns what is periodic in a position by this angle at most, rad
+PHASE_MAX = 0.1
 #: what the plant takes by itself where it has to step, and the most that are worth it
 SUBSTEPS_PLAIN, SUBSTEPS_MAX = 8, 64
 #: as many follow the current of a winding, whose time constant is a tenth of a sample
 SUBSTEPS_CURRENT = 16
 
-MOTOR_KINDS = ("amplifier", "motor_circuit", "actuator", "rotor")
+
+Mask = np.ndarray
 
 
 @dataclass(frozen=True)
 class Record:
-    """One recording on its grid: (N,) command V, (N,) measured channels in SI, which samples train and which judge."""
+    """One recording, or one stretch of it, on its grid.
+
+    u : (N,) command, V. y : (N,) measured channels, SI. train, held, judge : (N,) which samples are fitted to, which
+    are held out to choose by, and which judge, having chosen nothing; none do unless :mod:`.parts` takes them from what
+    is held out. from_s : time of its first sample since the recording began, s. begins : where it begins in motion,
+    else None.
+    """
 
     sample_time_s: float
     u: Floats
     y: dict[str, Floats]
-    train: np.ndarray
-    held: np.ndarray
+    train: Mask
+    held: Mask
+    from_s: float = 0.0
+    begins: Beginning | None = None
+    judge: Mask = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
     @property
     def samples(self) -> int:
@@ -83,9 +96,10 @@ def cut(rig: Rig, channels: tuple[str, ...], sample_time_s: float) -> list[Block
     """
     known = tuple(name for name in rig.sensors if name in channels)
     if not known:
-        raise UserError("recording", ", ".join(channels), f"needs a channel of {', '.join(rig.sensors)}")
+        allowed = f"has no channel of this rig; it needs one of {', '.join(rig.sensors)}"
+        raise UserError("recording", ", ".join(channels) or rig.config.name, allowed)
     angle = _angle_sensor(rig, known)
-    motor_side = [n for n in known if rig.elements[rig.sensors[n].of].kind in MOTOR_KINDS]
+    motor_side = [n for n in known if rig.elements[rig.sensors[n].of].trait.motor_side]
     beyond = tuple(n for n in known if n not in motor_side)
     if angle and rig.only("screw"):
         blocks = [_pulled(Block("motor", tuple(motor_side)), rig, sample_time_s)]
@@ -94,39 +108,93 @@ def cut(rig: Rig, channels: tuple[str, ...], sample_time_s: float) -> list[Block
 
 
 def _angle_sensor(rig: Rig, known: tuple[str, ...]) -> str | None:
+    rotor = rig.motor_rotor()
     for name in known:
         sensor = rig.sensors[name]
-        if sensor.quantity == "position" and rig.elements[sensor.of].kind == "rotor":
+        if rotor and sensor.quantity == "position" and sensor.of == rotor.name:
             return name
     return None
 
 
 def _pulled(block: Block, rig: Rig, sample_time_s: float) -> Block:
     """Choose the gains: one on the position per integrator, both for two (a critically damped observer)."""
-    plant = compile_plant(part_of(rig, block), sample_time_s)
-    poles = np.linalg.eigvals(plant.A[0 if plant.rotor < 0 else 1])
-    integrators = int(np.sum(np.abs(poles) < INTEGRATES_RAD_S))
+    integrators = _integrators(rig, block, sample_time_s)
     if integrators == 0:
         return block
     names = [n for n in block.channels if rig.sensors[n].quantity == "position"]
     if not names:
-        raise UserError("recording", ", ".join(block.channels), "needs a measured position where the rig integrates")
-    b = PULL_RAD_S
+        return _without_position(block, rig, integrators, sample_time_s)
+    b = settings().pull_rad_s
     if integrators == 1:
         gains = (b * sample_time_s, 0.0)
     else:
-        b = PULL_TWICE_RAD_S
+        b = settings().pull_rad_s
         gains = (2 * b * sample_time_s, b**2 * sample_time_s)
     return replace(block, pulled=names[0], gains=gains)
 
 
-def slowest_decay(rig: Rig, block: Block, sample_time_s: float) -> float:
-    """Decay rate of the block's slowest pole that does not integrate, or of its pull, 1/s."""
+def guided(rig: Rig, block: Block, records: list[Record]) -> Block:
+    """The block with a pull that is as fast as it has to be for the nominal rig to stay near its recording.
+
+    Where a model is far off, or swings out of step with its recording, every law is evaluated along a motion that
+    never was: a spring that hardens then looks like a stop. The pull begins at the slowest mode and is doubled until
+    the simulation of the nominal rig follows the recorded positions and speeds; one that follows by itself, or driven
+    by a measured angle, is left alone.
+    """
+    rules = settings()
+    names = [n for n in block.channels if rig.sensors[n].quantity == "position"]
+    if block.imposed or not names:
+        return block
+    step, fastest = records[0].sample_time_s, rules.pull_per_sample_max / records[0].sample_time_s
+    swing = natural_frequencies_hz(rig)
+    b = 0.5 * max(2.0 * np.pi * float(swing.min()) if len(swing) else 0.0, rules.pull_rad_s)
+    while 2.0 * b < fastest and _astray(rig, block, records) > rules.pull_error_share_max:
+        b *= 2.0
+        block = replace(block, pulled=block.pulled or names[0], gains=(2.0 * b * step, b**2 * step))
+    return block
+
+
+def _astray(rig: Rig, block: Block, records: list[Record]) -> float:
+    """The largest error of a position or speed that the rig predicts, relative to what it does."""
+    moving = [j for j, n in enumerate(block.channels) if rig.sensors[n].quantity in ("position", "velocity")]
+    worst = 0.0
+    for record in records:
+        sizes = np.array([np.std(record.y[c]) for c in block.channels])
+        with np.errstate(all="ignore"):
+            errors = np.sqrt(np.mean(residual(rig, block, record, rough=True) ** 2, axis=0)) / np.maximum(sizes, 1e-300)
+        worst = max(worst, float(np.max(np.nan_to_num(errors[moving], nan=np.inf))))
+    return worst
+
+
+def _integrators(rig: Rig, block: Block, sample_time_s: float) -> int:
     plant = compile_plant(part_of(rig, block), sample_time_s, imposed=block.imposed is not None)
+    poles = np.linalg.eigvals(plant.A[0 if plant.rotor < 0 else 1])
+    return int(np.sum(np.abs(poles) < settings().integrator_rad_s))
+
+
+def _without_position(block: Block, rig: Rig, integrators: int, sample_time_s: float) -> Block:
+    """Nothing shows where the block is: its position is left free, and a speed that integrates is pulled."""
+    if integrators == 1:
+        return block
+    names = [n for n in block.channels if rig.sensors[n].quantity == "velocity"]
+    if not names:
+        allowed = "needs a measured position or velocity where the rig integrates"
+        raise UserError("recording", ", ".join(block.channels), allowed)
+    return replace(block, pulled=names[0], gains=(settings().pull_rad_s * sample_time_s, 0.0))
+
+
+def adrift(rig: Rig, block: Block, sample_time_s: float) -> bool:
+    """Whether the block's position is free and recorded nowhere: a law that depends on it cannot be seen."""
+    measured = any(rig.sensors[n].quantity == "position" for n in block.channels)
+    return not measured and _integrators(rig, block, sample_time_s) > 0
+
+
+def slowest_decay(plant: Plant, block: Block) -> float:
+    """Decay rate of the block's slowest pole that does not integrate, or of its pull, 1/s."""
     rates = -np.linalg.eigvals(plant.A[0 if plant.rotor < 0 else 1]).real
-    decays = [float(r) for r in rates if r > INTEGRATES_RAD_S]
-    if block.pulled:
-        decays.append(block.gains[0] / sample_time_s / (2.0 if block.gains[1] else 1.0))
+    decays = [float(r) for r in rates if r > settings().integrator_rad_s]
+    if block.gains[0] > 0.0:
+        decays.append(block.gains[0] / plant.sample_time / (2.0 if block.gains[1] else 1.0))
     return min(decays, default=1.0)
 
 
@@ -140,12 +208,12 @@ def part_of(rig: Rig, block: Block) -> Rig:
 def reacts(rig: Rig) -> bool:
     """Whether the structure pushes back on the motor, so that the motor's block has to hold all of the rig."""
     screw = rig.only("screw")
-    return bool(screw and rig.effect(screw.name, "load_reaction"))
+    return bool(screw and rig.amount(screw.name, slots.Reaction, "share"))
 
 
 def _motor_only(rig: Rig) -> Rig:
     config = rig.config
-    elements = {n: s for n, s in config.elements.items() if s["kind"] in MOTOR_KINDS}
+    elements = {n: s for n, s in config.elements.items() if rig.elements[n].trait.motor_side}
     sensors = {n: s for n, s in config.sensors.items() if s["of"] in elements}
     places = {*elements, *(SENSOR_PREFIX + n for n in sensors)}
     effects = {p: e for p, e in config.effects.items() if p in places}
@@ -158,7 +226,7 @@ def places_of(rig: Rig, block: Block) -> set[str]:
         names = set(rig.elements)
     else:
         inside = block.name == "motor"
-        names = {e.name for e in rig.elements.values() if (e.kind in MOTOR_KINDS) == inside}
+        names = {e.name for e in rig.elements.values() if e.trait.motor_side == inside}
     places = names | {SENSOR_PREFIX + c for c in block.channels}
     return places | {SENSOR_PREFIX + block.imposed} if block.imposed else places
 
@@ -167,8 +235,7 @@ def true_angle(rig: Rig, block: Block, record: Record) -> Floats:
     """(N,) the motor's angle behind its sensor's modelled errors, rad; a copy."""
     assert block.imposed is not None
     angle = _behind(rig, block.imposed, record)
-    there = rig.effects.get(SENSOR_PREFIX + block.imposed, {})
-    late = there.get("delay", {}).get("time", 0.0) / record.sample_time_s
+    late = rig.amount(SENSOR_PREFIX + block.imposed, slots.Late, "time") / record.sample_time_s
     if late > 0.0:
         at = np.arange(record.samples) + late
         angle = np.interp(at, np.arange(record.samples), angle)
@@ -176,10 +243,13 @@ def true_angle(rig: Rig, block: Block, record: Record) -> Floats:
 
 
 def _behind(rig: Rig, channel: str, record: Record) -> Floats:
-    """(N,) what a sensor looks at, behind its modelled offset and gain."""
-    there = rig.effects.get(SENSOR_PREFIX + channel, {})
-    offset, gain = there.get("offset", {}).get("offset", 0.0), there.get("gain_error", {}).get("relative", 0.0)
-    seen: Floats = (record.y[channel] - offset) / (1.0 + gain)
+    """(N,) what a sensor looks at, behind its modelled errors."""
+    seen = record.y[channel].copy()
+    for effect, values in sorted(
+        rig.active(SENSOR_PREFIX + channel, slots.Reading), key=lambda pair: -getattr(pair[0].slot, "stage", 0)
+    ):
+        assert isinstance(effect.slot, slots.Reading)
+        seen = effect.slot.inverse(seen, *values.values())
     return seen
 
 
@@ -193,20 +263,6 @@ def _drive(rig: Rig, block: Block, record: Record, plant: Plant) -> Floats:
     return angle
 
 
-@numba.njit(cache=True, error_model="numpy", _nrt=False, nogil=True)
-def _track(P, S, u, gap, theta, target, pulled, where, gains, y):  # type: ignore[no-untyped-def]
-    """Simulate all samples into ``y`` (N, sensors), each before it pulls the state towards ``target``."""
-    n = u.shape[0]
-    for k in range(n):
-        sense(P, S, gap, 0.0, y[k])
-        if pulled >= 0:
-            e = target[k] - y[k, pulled]
-            S.x[where] += gains[0] * e
-            S.x[where + P.n_bodies] += gains[1] * e
-        if k + 1 < n:
-            advance(P, S, k * P.sample_time, u[k], gap, gap, theta, k)
-
-
 def predict(rig: Rig, block: Block, record: Record, rough: bool = False) -> Floats:
     """(N, channels) what the block's channels would show, SI, each sample before the measurement pulls it."""
     part = part_of(rig, block)
@@ -214,37 +270,54 @@ def predict(rig: Rig, block: Block, record: Record, rough: bool = False) -> Floa
     plant = compile_plant(part, record.sample_time_s, substeps, EVENT_LEVELS, block.imposed is not None)
     if rough and plant.forced and plant.delay_whole + plant.delay_ticks == 0:
         plant = compile_plant(part, record.sample_time_s, *ROUGH, block.imposed is not None)
+    theta = _drive(rig, block, record, plant)
+    run = _runner(part, plant, block, record, theta)
+    if record.begins is None:
+        state = _start(part, plant, block, record, theta[0])
+    else:
+        state = _launch(part, plant, block, record, theta, record.begins).fitted(run)
+    return run(state, record.samples)
+
+
+def _runner(part: Rig, plant: Plant, block: Block, record: Record, theta: Floats) -> Callable[[State, int], Floats]:
+    """A function that simulates so many samples from a state: (n, channels) of the block."""
     names = list(part.sensors)
     column = names.index(block.pulled) if block.pulled else -1
     target = record.y[block.pulled] if block.pulled else np.zeros(1)
-    theta = _drive(rig, block, record, plant)
-    state = _start(part, plant, block, record, theta[0])
     where = int(plant.sensor[column, pl.Y_INDEX]) if block.pulled else 0
-    y = np.zeros((record.samples, len(names)))
-    for _ in range(state.seen.shape[0]):
-        sense(plant, state, rig_half_gap(rig), 0.0, y[0])
-    _track(plant, state, record.u, rig_half_gap(rig), theta, target, column, where, np.array(block.gains), y)
-    return y[:, [names.index(c) for c in block.channels]]
+    gap, gains = rig_half_gap(part), np.array(block.gains)
+    chosen = [names.index(c) for c in block.channels]
+
+    def run(state: State, samples: int) -> Floats:
+        y = np.zeros((samples, len(names)))
+        for _ in range(state.seen.shape[0]):
+            sense(plant, state, gap, 0.0, y[0])
+        track(plant, state, record.u[:samples], gap, theta, target, column, where, gains, y, record.from_s)
+        return y[:, chosen]
+
+    return run
 
 
 def _substeps(part: Rig, block: Block, record: Record) -> int:
     """Enough of them for what is periodic in the position; 0 leaves the choice to the plant."""
-    waves = [v for there in part.effects.values() for values in there.values() for n, v in values.items() if n in WAVES]
+    acting = [(e, values) for place in part.effects for e, values in part.active(place, slots.Slot)]
+    waves = [values[p.name] for e, values in acting for p in e.parameters if p.role is Role.WAVE]
     sensor = block.imposed or block.pulled
     if not waves or sensor is None:
         return 0
     phase = max(waves) * float(np.quantile(np.abs(np.diff(record.y[sensor])), 0.99))
     wanted = 2 ** int(np.ceil(np.log2(max(phase / PHASE_MAX, 1.0))))
-    if any("torque_ripple" in there for there in part.effects.values()):
+    if any(isinstance(e.slot, slots.MotorTorque) for e, _ in acting):
         wanted = max(wanted, SUBSTEPS_CURRENT)  # it multiplies a current that jumps within a fraction of a sample
     return min(wanted, SUBSTEPS_MAX) if wanted > SUBSTEPS_PLAIN else 0
 
 
 def _start(part: Rig, plant: Plant, block: Block, record: Record, angle: float) -> State:
-    """The block at rest where the recording begins."""
+    """The block at rest where the recording begins; in motion: :class:`.launch.Launch`."""
     state = new_state(plant)
     bodies = state_names(part, block.imposed is not None)
-    if not block.imposed and block.pulled and plant.rotor >= 0:
+    shown = part.sensors[block.pulled].quantity == "position" if block.pulled else False
+    if not block.imposed and block.pulled and shown and plant.rotor >= 0:
         angle = _behind(part, block.pulled, record)[0]
     if plant.has_base:
         place_at(plant, state, angle)
@@ -253,6 +326,33 @@ def _start(part: Rig, plant: Plant, block: Block, record: Record, angle: float) 
         if sensor.quantity == "position" and sensor.of in bodies and not plant.has_base:
             state.x[plant.position + bodies.index(sensor.of)] = _behind(part, name, record)[0]
     return state
+
+
+def _launch(part: Rig, plant: Plant, block: Block, record: Record, theta: Floats, begins: Beginning) -> Launch:
+    """What is known of a block where the recording begins in motion, over the beginning that fits its first state."""
+    rules = settings()
+    moving = rules.beginning_decays / slowest_decay(plant, block)
+    if block.pulled and block.gains[0] == 0.0:
+        moving = max(moving, rules.beginning_integrating_s)
+    n = min(record.samples, max(rules.beginning_samples_min, round(moving / record.sample_time_s)))
+    names = state_names(part, block.imposed is not None)
+    owners = {b: b for b in part.elements} | {b: host[0] for b, host in hidden_bodies(part).items()}
+    columns = [j for j, c in enumerate(block.channels) if c in begins.noise]
+    channels = [block.channels[j] for j in columns]
+    seen = {
+        quantity: {
+            c: (part.sensors[c].of, _behind(part, c, record)[:n])
+            for c in channels if part.sensors[c].quantity == quantity and part.sensors[c].of in names
+        }
+        for quantity in ("position", "velocity")
+    }  # fmt: skip
+    late = plant.delay_whole + plant.delay_ticks + int(plant.sensor_whole.max(initial=0)) > 0
+    return Launch(
+        plant, {b: (owners[b], part.elements[owners[b]].trait.axis) for b in names}, rig_half_gap(part),
+        theta[:n] if plant.imposed else None, record.u[:n], float(np.std(record.u)),
+        seen["position"], seen["velocity"], np.column_stack([record.y[c][:n] for c in channels]), columns,
+        np.array([begins.noise[c] for c in channels]), begins, min(rules.delay_reach_samples, n // 2) if late else 0,
+    )  # fmt: skip
 
 
 def residual(rig: Rig, block: Block, record: Record, rough: bool = False) -> Floats:

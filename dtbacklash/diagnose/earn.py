@@ -4,23 +4,7 @@ import numpy as np
 
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.refit import Fit, objective
-
-#: standard errors that the held-out loss has to fall by, in the paired test over stretches
-T_MIN = 2.0
-#: least share of the held-out excess over the floor that an effect has to take away, and of the floor itself
-SHARE_MIN, FLOOR_MIN = 0.2, 0.015
-#: what the counts of an encoder pass on to a channel may be fitted by chance: this share of it is not earned
-BY_CHANCE = 0.25
-#: what happens seldom falls in few stretches: not significant over all, but sure where this share of it is gone
-SURE = 0.9
-#: as much of the prior's penalty (in -2 log) makes up for no gain on held-out data
-PENALTY_MIN = 15.0
-#: less than this share of the nominal rig's mean square is minor; a residual below this one is nearly noise
-MINOR, NEARLY_NOISE = 2e-3, 2.0
-#: less than this one is what another formulation of a large effect makes, even where nearly noise is left
-NEGLIGIBLE = 1e-5
-#: two fits are the same where their held-out losses differ by less than this share and not significantly
-SAME = 0.02
+from dtbacklash.diagnose.settings import settings
 
 
 def held_loss(evidence: Evidence, fitted: Fit) -> float:
@@ -42,10 +26,10 @@ def paired(evidence: Evidence, before: Fit, after: Fit) -> tuple[float, float, f
         second = evidence.stretches(after.residuals, block.name)
         mean = np.maximum(first.mean(axis=1), 1.0)
         falls.append((first - second) / mean[:, None])
-        fall = (first - second).mean(axis=1) - BY_CHANCE * passed[block.name]
+        fall = (first - second).mean(axis=1) - settings().earn_counts_share * passed[block.name]
         # an exact sensor's channel has to fall by what the method itself leaves
         worth.append(float(np.max(np.where((least[block.name] > 1.0) & (fall < least[block.name]), 0.0, fall))))
-        excess.append(np.maximum(first.mean(axis=1) - 1.0, FLOOR_MIN) / mean)
+        excess.append(np.maximum(first.mean(axis=1) - 1.0, settings().earn_floors) / mean)
     if not falls:
         return 0.0, 0.0, 0.0
     d = np.concatenate(falls).sum(axis=0)
@@ -58,16 +42,20 @@ def earns(evidence: Evidence, before: Fit, after: Fit, nominal: Fit) -> bool:
     """Whether ``after`` has earned what it has more than ``before``.
 
     What is small against the mismatch of the nominal rig is believed only where it brings the residual down to the
-    noise; elsewhere it may as well mend the form of an effect that has been named. What is tiny never is.
+    noise, or takes away most of what is left; elsewhere it may as well mend the form of an effect that has been named.
+    What is tiny never is.
     """
+    rules = settings()
     share, floor, t = paired(evidence, before, after)
     relief = before.penalty - after.penalty
     names = [b.name for b in evidence.blocks if after.residuals[b.name] is not before.residuals[b.name]]
-    seldom = share > SURE and floor > 1.0 and _worst(evidence, after, names) < NEARLY_NOISE
-    if share > SHARE_MIN and floor > FLOOR_MIN and (t > T_MIN or seldom):
-        least = NEGLIGIBLE if _worst(evidence, after, names) < NEARLY_NOISE else MINOR
+    nearly_noise = bool(names) and _worst(evidence, after, names) < rules.nearly_noise_floors
+    seldom = share > rules.earn_seldom_share and floor > rules.earn_seldom_floors and nearly_noise
+    if share > rules.earn_excess_share and floor > rules.earn_floors and (t > rules.earn_errors or seldom):
+        sure = nearly_noise or share > rules.decisive_share
+        least = rules.negligible_share if sure else rules.minor_share
         return floor > least * _worst(evidence, nominal, names)
-    return relief > PENALTY_MIN and share > -SHARE_MIN / 4
+    return relief > rules.earn_penalty and share > -rules.earn_penalty_loss_share
 
 
 def _worst(evidence: Evidence, fitted: Fit, names: list[str]) -> float:
@@ -78,20 +66,24 @@ def _worst(evidence: Evidence, fitted: Fit, names: list[str]) -> float:
 
 def merit(evidence: Evidence, trial_fit: Fit) -> float:
     """What the best of several fits is least in: minus twice the held-out log-likelihood, and the prior's penalty."""
-    return objective(evidence, trial_fit, "held") + 0.5 * objective(evidence, trial_fit, "train")
+    weight = settings().merit_train_weight
+    return objective(evidence, trial_fit, "held") + weight * objective(evidence, trial_fit, "train")
 
 
 def same(evidence: Evidence, chosen: Fit, rival: Fit) -> bool:
     """Whether this recording cannot tell a rival from what was chosen."""
-    if rival.penalty - chosen.penalty > PENALTY_MIN:
+    rules = settings()
+    if rival.penalty - chosen.penalty > rules.earn_penalty:
         return False
     first, second = held_loss(evidence, chosen), held_loss(evidence, rival)
     t = paired(evidence, rival, chosen)[2]
-    return second < first * (1.0 + SAME) or (t < T_MIN and second < first * (1.0 + 5 * SAME))
+    if second < first * (1.0 + rules.same_loss_share):
+        return True
+    return t < rules.earn_errors and second < first * (1.0 + rules.same_uncertain_share)
 
 
 def nearly(evidence: Evidence, best: Fit, simpler: Fit) -> bool:
     """Whether what ``best`` gains on ``simpler`` is less than a parameter more has to earn."""
-    if simpler.penalty - best.penalty > PENALTY_MIN:
+    if simpler.penalty - best.penalty > settings().earn_penalty:
         return False
-    return same(evidence, best, simpler) or paired(evidence, simpler, best)[0] < SHARE_MIN
+    return same(evidence, best, simpler) or paired(evidence, simpler, best)[0] < settings().earn_excess_share

@@ -4,47 +4,32 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dtbacklash.diagnose.compare import Block, Record, cut, places_of, residual, slowest_decay
-from dtbacklash.diagnose.floor import NUMERICAL, Noise, channel_noise, noise_floor, sensor_noise
-from dtbacklash.physics.plant import Floats
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.begun import begun
+from dtbacklash.diagnose.candidates import PlacesInMotion
+from dtbacklash.diagnose.compare import Block, Record, cut, guided, places_of, residual
+from dtbacklash.diagnose.floor import Noise, channel_noise, noise_floor
+from dtbacklash.diagnose.settings import settings
+from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.effects.declare import Bounds
 from dtbacklash.physics.rig import Rig
 
-#: the paired test compares losses over stretches of this length, s
-STRETCH_S = 0.5
-#: at least this many stretches judge, even of a short recording
-STRETCHES_MIN = 12
-
-#: time constants of the slowest decay until a beginning in motion is forgotten
-TRANSIENTS = 8.0
-#: a channel's noise is corrected where a residual shows this share of it
-QUIETER = 0.8
-#: share of a signal that the method itself leaves where a sensor is exact
-METHOD = 2e-4
 #: residuals beyond this many floors are all the same: the simulation ran away
 RUNAWAY = 1e9
 
 Residuals = dict[str, list[Floats]]
 
 
-def settled(rig: Rig, blocks: list[Block], record: Record) -> Record:
-    """The record without training and judging on its beginning, where it does not begin at rest.
-
-    The state there is not known; what it adds dies out with the slowest decay of the blocks.
-    """
-    moves = any(_moves(record.y[c]) for b in blocks for c in b.channels)
-    if not moves:
-        return record
-    slowest = min(slowest_decay(rig, b, record.sample_time_s) for b in blocks)
-    wait = min(round(TRANSIENTS / slowest / record.sample_time_s), round(0.15 * record.samples))
-    free = np.arange(record.samples) >= wait
-    return replace(record, train=record.train & free, held=record.held & free)
+def stretch_of(records: list[Record]) -> int:
+    """Samples of a stretch over which losses are compared."""
+    rules = settings()
+    held = sum(int(r.held.sum()) for r in records)
+    return max(20, min(round(rules.paired_stretch_s / records[0].sample_time_s), held // rules.paired_stretches_min))
 
 
-def _moves(values: Floats) -> bool:
-    """Whether a channel moves from its first samples on."""
-    first = values[: max(20, len(values) // 500)]
-    noise, _ = sensor_noise(values)
-    return float(np.ptp(first)) > max(12.0 * noise, 1e-3 * float(np.std(values)))
+def _finite(residuals: Floats) -> Floats:
+    """Residuals of which none is beyond RUNAWAY, also where the simulation overflowed."""
+    return np.clip(np.nan_to_num(residuals, nan=RUNAWAY, posinf=RUNAWAY, neginf=-RUNAWAY), -RUNAWAY, RUNAWAY)
 
 
 @dataclass
@@ -57,25 +42,31 @@ class Evidence:
     noise: Noise
     floor: dict[str, Floats]
     stretch: int
+    moving: PlacesInMotion
 
     @classmethod
     def gather(cls, rig: Rig, records: list[Record]) -> "Evidence":
         """Cut the rig and measure the floor."""
         channels = tuple(n for n in rig.sensors if all(n in r.y for r in records))
         step = records[0].sample_time_s
-        blocks = cut(rig, channels, step)
-        records = [settled(rig, blocks, r) for r in records]
-        held = sum(int(r.held.sum()) for r in records)
-        stretch = max(20, min(round(STRETCH_S / step), held // STRETCHES_MIN))
+        blocks = [guided(rig, b, records) for b in cut(rig, channels, step)]
+        records = [begun(rig, blocks, r) for r in records]
+        stretch = stretch_of(records)
         noise = channel_noise(records)
-        return cls(rig, records, blocks, noise, noise_floor(rig, blocks, records, noise), stretch)
+        moving = PlacesInMotion(rig, blocks, records)
+        return cls(rig, records, blocks, noise, noise_floor(rig, blocks, records, noise), stretch, moving)
+
+    def bounds(self, key: tuple[str, str]) -> Bounds:
+        """Parameter -> (low, high) within which these recordings can show an effect at a place."""
+        return find(self.nominal.kind_at(key[0]), key[1], key[0]).bounds_at(self.moving(key[0]))
 
     def quieter(self, residuals: Residuals) -> "Evidence":
         """The same with a lower floor, where these residuals show that a channel's noise is less than was thought."""
         left = {c: [e[:, j] * self.floor[b.name][j] for e in residuals[b.name]]
                 for b in self.blocks for j, c in enumerate(b.channels)}  # fmt: skip
         noise = channel_noise(self.records, left)
-        noise = {c: noise[c] if noise[c][0] < QUIETER * old[0] else old for c, old in self.noise.items()}
+        ratio = settings().quieter_ratio
+        noise = {c: noise[c] if noise[c][0] < ratio * old[0] else old for c, old in self.noise.items()}
         if noise == self.noise:
             return self
         return replace(self, noise=noise, floor=noise_floor(self.nominal, self.blocks, self.records, noise))
@@ -86,11 +77,12 @@ class Evidence:
         1 where a sensor has noise. Where it has none, the method's own error counts: the motor's angle is known at the
         samples only, and what it does between them leaves a small share of the signal.
         """
+        rules = settings()
         found = {}
         for block in self.blocks:
             sizes = np.array([np.mean([np.std(r.y[c]) for r in self.records]) for c in block.channels])
-            exact = np.array([self.noise[c][0] for c in block.channels]) <= 1.05 * NUMERICAL * sizes
-            method = (METHOD * sizes / self.floor[block.name]) ** 2
+            exact = np.array([self.noise[c][0] for c in block.channels]) <= 1.05 * rules.numerical_error_share * sizes
+            method = (rules.method_error_share * sizes / self.floor[block.name]) ** 2
             found[block.name] = np.where(exact, np.maximum(method, 1.0), 1.0)
         return found
 
@@ -126,9 +118,7 @@ class Evidence:
                 found[block.name] = known[block.name]
             else:
                 scale = self.floor[block.name]
-                found[block.name] = [
-                    np.clip(residual(rig, block, r, rough) / scale, -RUNAWAY, RUNAWAY) for r in self.records
-                ]
+                found[block.name] = [_finite(residual(rig, block, r, rough) / scale) for r in self.records]
         return found
 
     def rows(self, residuals: Residuals, name: str, part: str) -> Floats:
@@ -148,4 +138,5 @@ class Evidence:
         """(channels, stretches) mean squares over stretches of a part, in units of the floor's."""
         squares = self.rows(residuals, name, part) ** 2
         whole = squares.shape[1] // self.stretch * self.stretch
-        return squares[:, :whole].reshape(len(squares), -1, self.stretch).mean(axis=2)
+        means: Floats = squares[:, :whole].reshape(len(squares), -1, self.stretch).mean(axis=2)
+        return means

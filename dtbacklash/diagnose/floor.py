@@ -3,15 +3,11 @@
 import numpy as np
 from scipy.signal import welch
 
+from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.compare import Block, Record, residual
-from dtbacklash.physics.plant import Floats
+from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
-
-#: two integrators of the same equations differ by less than this share of a signal
-NUMERICAL = 3e-5
-#: a channel with this many values at most relative to its samples can be one of counts
-COUNTED_SHARE = 0.5
 
 #: per channel (standard deviation, size of a count), in its unit
 Noise = dict[str, tuple[float, float]]
@@ -20,7 +16,7 @@ Noise = dict[str, tuple[float, float]]
 def quantum(values: Floats) -> float:
     """Size of a count, in the channel's unit; 0 if the channel is not counted."""
     levels = np.unique(values)
-    if len(levels) < 3 or len(levels) > COUNTED_SHARE * len(values):
+    if len(levels) < 3 or len(levels) > settings().counted_share * len(values):
         return 0.0
     steps = np.diff(levels)
     step = float(np.quantile(steps, 0.1))
@@ -46,7 +42,7 @@ def white_noise(values: Floats) -> float:
 def sensor_noise(values: Floats) -> tuple[float, float]:
     """(standard deviation, size of a count) of a channel's noise, in its unit."""
     count = quantum(values)
-    least = max(count / np.sqrt(12.0), NUMERICAL * float(np.std(values)))
+    least = max(count / np.sqrt(12.0), settings().numerical_error_share * float(np.std(values)))
     return max(white_noise(values), least), count
 
 
@@ -62,7 +58,10 @@ def channel_noise(records: list[Record], residuals: dict[str, list[Floats]] | No
         sigma, count = (float(np.sqrt(np.mean([s**2 for s, _ in own]))), max(c for _, c in own))
         if residuals and name in residuals:
             left = float(np.sqrt(np.mean([white_noise(e) ** 2 for e in residuals[name]])))
-            least = max(count / np.sqrt(12.0), NUMERICAL * float(np.mean([np.std(r.y[name]) for r in records])))
+            least = max(
+                count / np.sqrt(12.0),
+                settings().numerical_error_share * float(np.mean([np.std(r.y[name]) for r in records])),
+            )
             sigma = min(sigma, max(left, least))
         found[name] = sigma, count
     return found
@@ -99,4 +98,5 @@ def _passed(rig: Rig, block: Block, record: Record, noise: Noise, rng: np.random
     made = synthetic(rig, record, noise, rng)
     if not all(np.isfinite(v).all() for v in made.y.values()):
         return np.zeros(len(block.channels))
-    return np.sqrt(np.mean(residual(rig, block, made) ** 2, axis=0))
+    passed: Floats = np.sqrt(np.mean(residual(rig, block, made) ** 2, axis=0))
+    return passed

@@ -9,18 +9,17 @@ import math
 
 import numpy as np
 
+from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.refit import Fit, Problem, all_free
+from dtbacklash.diagnose.free import all_free
+from dtbacklash.diagnose.refit import Fit, Problem
+from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.catalogue import find
-from dtbacklash.physics.plant import Floats
-
-#: the spread is taken over stretches as long as CORRELATED of those that judge, but at least GROUPS_MIN of them
-CORRELATED, GROUPS_MIN = 2, 16
 
 
 def standard_errors(evidence: Evidence, fitted: Fit) -> dict[tuple[str, str, str], float]:
     """(place, effect, name) -> standard error, in the parameter's unit; ('', '', name) for a nominal one."""
-    free, x = all_free(evidence.nominal, fitted.rig)
+    free, x = all_free(evidence, fitted.rig)
     if not free:
         return {}
     problem = Problem(evidence, fitted.rig, free)
@@ -35,7 +34,7 @@ def standard_errors(evidence: Evidence, fitted: Fit) -> dict[tuple[str, str, str
     result = {}
     for f, at, error in zip(free, x, errors, strict=True):
         slope = float(f.value(at) if f.log else f.scale)
-        counted = _counted(evidence) if (f.effect, f.name) == ("backlash", "half_gap") else 0.0
+        counted = _counted(evidence) if f.counted else 0.0
         law = slope * find(fitted.rig.kind_at(f.place), f.effect, f.place).formulation_error if f.effect else 0.0
         result[(f.place, f.effect, f.name)] = math.hypot(slope * float(error), counted, law)
     return result
@@ -66,7 +65,7 @@ def _covariance(evidence: Evidence, problem: Problem, jacobian: Floats, rows: Fl
     bread = _inverse(jacobian)
     # weights count a residual that is not noise less, once; the scores below measure its spread themselves
     samples = sum(int(r.train.sum()) for r in evidence.records)
-    length = max(2, min(CORRELATED * evidence.stretch, samples // GROUPS_MIN))
+    length = max(2, min(settings().error_stretches * evidence.stretch, samples // settings().error_groups_min))
     contributions = (data * e[:, None]).reshape(-1, samples, data.shape[1]).sum(axis=0)
     whole = samples // length * length
     sums = contributions[:whole].reshape(-1, length, data.shape[1]).sum(axis=1)

@@ -1,33 +1,27 @@
 """Locate: a bank of signatures, one simulation or two per candidate, and how much of the residual each explains.
 
 A signature is what a candidate changes in the output, at a size at which it would be about as large as the residual.
-The signatures of the nominal parameters are taken out of both by regression under the parameters' priors, so that a
-wrong mass within its tolerance is not called new physics.
+What the nominal parameters could take up is taken out of both (:mod:`.projection`).
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from dtbacklash.diagnose.candidates import Candidate, Values
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.candidates import Candidate
 from dtbacklash.diagnose.compare import Block, places_of
 from dtbacklash.diagnose.delays import delay_grid
-from dtbacklash.diagnose.evidence import Evidence, Residuals
+from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.periodic import wave_grid
-from dtbacklash.diagnose.refit import Fit, Free, Problem, all_free, weights_for
+from dtbacklash.diagnose.projection import Projection
+from dtbacklash.diagnose.refit import Fit
+from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.errors import UserError
-from dtbacklash.physics.plant import Floats
+from dtbacklash.physics.effects import slots
+from dtbacklash.physics.effects.declare import Values
 from dtbacklash.physics.rig import Rig
-
-#: a signature's size is changed by at most this factor at once, and so often
-GROWTH_MAX, GROWTHS = 30.0, 3
-#: a nominal parameter this many tolerances from its bound has no room left
-AT_BOUND = 0.3
-#: as often it is made smaller where the simulation runs away
-SHRINKS = 4
-#: a signature within this factor of the residual's size is not made again
-SIZE_BAND = 3.0
 
 
 @dataclass(frozen=True)
@@ -45,45 +39,12 @@ class Score:
     lightest: float
 
 
-class Bank:
-    """The signatures of all candidates about one fitted rig.
-
-    A nominal parameter at its bound is held there, as it cannot take up anything more; or, ``inward``, it is taken out
-    like the others: a candidate may be what drove it there, and then lets it come back.
-    """
+class Bank(Projection):
+    """The signatures of all candidates about one fitted rig."""
 
     def __init__(self, evidence: Evidence, fitted: Fit, inward: bool = False) -> None:
-        self.evidence, self.fitted = evidence, fitted
-        self.rig = fitted.rig
-        # all of them: the last fit may have moved those of its own blocks only
-        free, x = all_free(evidence.nominal, fitted.rig)
-        problem = Problem(evidence, fitted.rig, free)
-        problem.weights = weights_for(evidence, fitted.residuals)
-        self.weights = problem.weights
-        self.touched = problem.touched = [b.name for b in evidence.blocks]
-        bound = np.array([_bound(f, at) for f, at in zip(free, x, strict=True)], dtype=bool)
-        self.bound = bool(bound.any())
-        if free:
-            self.q_rows = np.linalg.qr(problem.jacobian(x)[:, ~bound | inward])[0]
-        else:
-            self.q_rows = np.zeros((len(problem.stack(fitted.residuals, x)), 0))
+        super().__init__(evidence, fitted, inward)
         self.rough = evidence.residuals(self.rig, rough=True)
-        self._priors = int(problem.prior.sum())
-        self.samples = sum(int(r.train.sum()) for r in evidence.records)
-        rows = problem.stack(fitted.residuals, x)
-        self.residual = self._project(rows)
-        self.total = float(self.residual @ self.residual)
-
-    def _project(self, rows: Floats) -> Floats:
-        return rows - self.q_rows @ (self.q_rows.T @ rows)
-
-    def _stack(self, residuals: Residuals) -> Floats:
-        rows = []
-        for name in self.touched:
-            part = self.evidence.rows(residuals, name, "train")
-            rows.append((part * np.sqrt(self.weights[name])[:, None]).ravel())
-        rows.append(np.zeros(self._priors))
-        return np.concatenate(rows)
 
     def signature(self, candidate: Candidate, values: Values) -> Floats | None:
         """(rows,) what the effect adds to the prediction, weighted; None if it cannot be simulated."""
@@ -91,11 +52,11 @@ class Bank:
         try:
             rig = self.rig.with_effect(place, name, values)
             # with a delay nothing is simulated roughly: what it changes is the difference to what was not either
-            base = self.fitted.residuals if name == "delay" else self.rough
+            base = self.fitted.residuals if isinstance(candidate.effect.slot, slots.Late) else self.rough
             changed = self.evidence.residuals(rig, base, {place}, rough=True)
         except UserError:
             return None
-        rows = self._stack(base) - self._stack(changed)
+        rows = self.stack(base) - self.stack(changed)
         return rows if np.isfinite(rows).all() else None
 
     def score(self, candidate: Candidate) -> Score | None:
@@ -108,31 +69,37 @@ class Bank:
         return best
 
     def _score(self, candidate: Candidate, values: Values) -> Score | None:
+        rules = settings()
         size = candidate.effect.size
-        signature = self.signature(candidate, values)
-        for _ in range(SHRINKS if size.neutral == 0.0 else 0):
-            if signature is not None and signature @ signature < 1e6 * max(self.total, 1.0):
-                break
-            values = {**values, size.name: 0.03 * values[size.name]}
-            signature = self.signature(candidate, values)
+        signature, values = self._tame(candidate, values)
         if signature is None:
             return None
-        projected = self._project(signature)
-        for _ in range(GROWTHS if size.neutral == 0.0 else 0):
+        projected = self.project(signature)
+        for _ in range(rules.signature_growths if size.neutral == 0.0 else 0):
             factor = self._wanted(projected, size.low)
             if not factor:
                 return None
             value = float(np.clip(values[size.name] * factor, size.low, size.high))
-            if 1.0 / SIZE_BAND < factor < SIZE_BAND or value == values[size.name]:
+            if 1.0 / rules.signature_size_band < factor < rules.signature_size_band or value == values[size.name]:
                 break
-            values = {**values, size.name: value}
-            again = self.signature(candidate, values)
+            again, values = self._tame(candidate, {**values, size.name: value})
             if again is None:
                 return None
-            projected = self._project(again)
-            if abs(factor) < GROWTH_MAX:
+            projected = self.project(again)
+            if abs(factor) < rules.signature_growth_max:
                 break
         return self._rate(candidate, values, projected)
+
+    def _tame(self, candidate: Candidate, values: Values) -> tuple[Floats | None, Values]:
+        """The signature and the values, smaller where the simulation runs away: a spring that softens turns over."""
+        size = candidate.effect.size
+        signature = self.signature(candidate, values)
+        for _ in range(settings().signature_shrinks if size.neutral == 0.0 else 0):
+            if signature is not None and signature @ signature < 1e6 * max(self.total, 1.0):
+                break
+            values = {**values, size.name: settings().signature_shrink_ratio * values[size.name]}
+            signature = self.signature(candidate, values)
+        return signature, values
 
     def _wanted(self, projected: Floats, low: float) -> float:
         """Factor on the size, not below ``low``, at which the signature would fit best; 0: it does nothing."""
@@ -144,7 +111,7 @@ class Bank:
         factor = np.sign(factor) * max(abs(factor), 0.1 * most)
         if factor < 0.0 <= low:
             factor = 0.1 * most  # the wrong sign at this size; it may still turn at another
-        return float(np.clip(factor, -GROWTH_MAX, GROWTH_MAX))
+        return float(np.clip(factor, -settings().signature_growth_max, settings().signature_growth_max))
 
     def _rate(self, candidate: Candidate, values: Values, projected: Floats) -> Score | None:
         norm = float(projected @ projected)
@@ -163,7 +130,7 @@ class Bank:
         gain = self._gain(self.residual - share * projected)
         names = blocks_touched(self.rig, self.evidence.blocks, candidate.place)
         lightest = min(float(self.weights[n].min()) for n in names)
-        return Score(candidate, start, gain, projected, min(lightest * 20.0, 1.0))
+        return Score(candidate, start, gain, projected, min(lightest * settings().gain_weight_ratio, 1.0))
 
     def _gain(self, rest: Floats) -> float:
         """Fall of minus twice the log-likelihood when ``rest`` is what remains, channel by channel."""
@@ -177,11 +144,6 @@ class Bank:
                 noise = self.samples * weight  # no model can fall below the floor
                 gain += before * np.log(max(before, noise) / max(after, noise))
         return gain
-
-
-def _bound(free: Free, x: float) -> bool:
-    low, high = free.limits()
-    return free.prior and not low + AT_BOUND < x < high - AT_BOUND
 
 
 def bank(evidence: Evidence, fitted: Fit, listed: list[Candidate]) -> tuple[Bank, list[Score]]:

@@ -10,34 +10,31 @@ from functools import partial
 
 import numpy as np
 
-from dtbacklash.diagnose.candidates import candidates, motion_of
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.candidates import candidates
 from dtbacklash.diagnose.compare import places_of
-from dtbacklash.diagnose.earn import FLOOR_MIN, PENALTY_MIN, SHARE_MIN, earns, held_loss, merit, nearly, paired, same
+from dtbacklash.diagnose.earn import earns, held_loss, merit, nearly, paired, same
 from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.free import (
+    all_free,
+    apply,
+    as_given,
+    at_limit,
+    effect_free,
+    effects_of_rig,
+    is_known,
+    nominal_free,
+    standing,
+)
 from dtbacklash.diagnose.locate import Score, bank
-from dtbacklash.diagnose.refit import Fit, all_free, effect_free, fit, nominal_free, weights_for
+from dtbacklash.diagnose.own import own_parameter
+from dtbacklash.diagnose.refit import Fit, fit, weights_for
+from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.spread import spread
+from dtbacklash.diagnose.trial import objection
 from dtbacklash.errors import UserError
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.catalogue import find
-from dtbacklash.physics.plant import Floats
-
-#: effects at most in one diagnosis
-EFFECTS_MAX = 4
-#: of a bank's candidates that promise more than GAIN_MIN, as many are fitted, quickly and then in full
-FITTED, FINISHED, GAIN_MIN = 5, 3, 12.0
-#: rivals that an effect is tried against when another has joined, and in the end
-SWAPPED, RIVALS = 2, 4
-#: signatures whose cosine is above this are those of twins; as many are fitted beside the best candidates
-TWIN, TWINS_MAX = 0.95, 3
-#: a quick fit that has not gained this share of what has to be earned is not finished either
-HOPE = 0.25
-#: held-out loss, in floors, below which a fit leaves noise only
-CLOSE = 1.1
-#: a quick fit that leaves this many times what the best one leaves is not finished: where that is noise, and elsewhere
-HOPELESS = (1.5, 4.0)
-#: a nominal parameter this many tolerances away may have been led astray: the fit starts again from the nominal ones
-ASTRAY = 2.5
 
 Key = tuple[str, str]
 
@@ -69,6 +66,10 @@ class Search:
     scores: list[Score] = field(default_factory=list)
     #: per effect the simplest at its place that would be named if it were not there, but explains less
     instead: dict[Key, Trial] = field(default_factory=dict)
+    #: what fitted and was not believed: why
+    refused: dict[Key, str] = field(default_factory=dict)
+    #: per block what other formulations of laws that were found explain more, mean square in units of the floor's
+    formulations: dict[str, Floats] = field(default_factory=dict)
 
 
 def refit_with(evidence: Evidence, current: Fit, added: list[tuple[Key, dict[str, float]]], left_out: Key | None = None,
@@ -78,22 +79,18 @@ def refit_with(evidence: Evidence, current: Fit, added: list[tuple[Key, dict[str
     for (place, name), values in added:
         base = base.with_effect(place, name, values)
     if left_out:
-        base = base.with_effect(*left_out, None)
+        base = as_given(evidence.nominal, base, left_out)
     changed = {key[0] for key, _ in added} | ({left_out[0]} if left_out else set())
     touched = set().union(*(
         places_of(rig, b) for b in evidence.blocks for rig in (base, current.rig) if changed & places_of(rig, b)
     ))  # fmt: skip
-    free = nominal_free(evidence.nominal, touched)
-    start = []
-    for f in free:
-        value = current.rig.config.parameters[f.name].value
-        start.append((value - f.centre) / f.scale)
-    for place, there in base.effects.items():
-        for name, values in there.items():
-            if place in touched:
-                more = effect_free(base, place, name, values)
-                free += more
-                start += [0.0] * len(more)
+    free = nominal_free(evidence.nominal, touched, base)
+    start = [standing(f, base) for f in free]
+    for key, values in effects_of_rig(base).items():
+        if key[0] in touched and not is_known(base, key):
+            more = effect_free(base, *key, values, evidence.bounds(key))
+            free += more
+            start += [0.0] * len(more)
     known = {
         b.name: current.residuals[b.name] for b in evidence.blocks if not changed & places_of(base, b)
         and not changed & places_of(current.rig, b)
@@ -103,37 +100,60 @@ def refit_with(evidence: Evidence, current: Fit, added: list[tuple[Key, dict[str
 
 def search(evidence: Evidence, progress: Callable[[str, float], None] | None = None) -> Search:
     """Find the effects that the recording needs, one after the other."""
+    rules = settings()
     say = progress or (lambda text, share: None)
     rig = evidence.nominal
     say("recalibrating the nominal rig", 0.02)
     nominal = fit(evidence, rig, nominal_free(rig))
     found = Search(evidence, nominal, nominal, [])
-    while len(found.order) < EFFECTS_MAX:
+    while len(found.order) < rules.effects_max:
         _listen(found)
         say(f"looking for effect {len(found.order) + 1}", 0.1 + 0.2 * len(found.order))
-        if not _add(found.evidence, found):
+        if not (_release(found.evidence, found) or _add(found.evidence, found)):
             break
-        _reconsider(found.evidence, found, found.order[:-1], SWAPPED)
+        _reconsider(found.evidence, found, found.order[:-1], rules.swap_rivals)
         _from_the_middle(found.evidence, found)
     say("trying to do without", 0.8)
     _eliminate(found.evidence, found)
     if len(found.order) > 1:
         say("what else would fit", 0.9)
-        _reconsider(found.evidence, found, list(found.order), RIVALS)
+        _reconsider(found.evidence, found, list(found.order), rules.final_rivals)
+    _own_instead(found)
     return found
+
+
+def _own_instead(found: Search) -> None:
+    """Let one element have a parameter of its own instead of everything that was found, where that does as well."""
+    own = own_parameter(found.evidence, found.nominal)
+    most = merit(found.evidence, found.fitted) + settings().earn_penalty
+    if own is not None and merit(own.evidence, own.fitted) < most:
+        found.refused |= dict.fromkeys(found.order, "one element's own parameter does as well")
+        found.evidence, found.nominal, found.fitted, found.order = own.evidence, own.fitted, own.fitted, []
+
+
+def _release(evidence: Evidence, found: Search) -> bool:
+    """Let an effect of the nominal rig go that stands at the end of what its tolerance allows, where that earns it.
+
+    Then it is found, as one that the rig lacked: what the rig says of it is wrong.
+    """
+    rig = found.fitted.rig
+    known = [f for f in nominal_free(evidence.nominal, rig=rig) if f.effect]
+    for key in dict.fromkeys((f.place, f.effect) for f in known if at_limit(f, standing(f, rig))):
+        trial = refit_with(evidence, found.fitted, [(key, rig.effects[key[0]][key[1]])])
+        if earns(evidence, found.fitted, trial, found.nominal):
+            found.fitted = trial
+            found.order.append(key)
+            return True
+    return False
 
 
 def _from_the_middle(evidence: Evidence, found: Search) -> None:
     """Fit once more from the nominal parameters where some were led astray before the effects were known."""
-    values = {n: p.value for n, p in evidence.nominal.config.parameters.items()}
-    away = [
-        abs(found.fitted.rig.config.parameters[n].value - p.value) / max(abs(p.value) * p.tolerance, 1e-300)
-        for n, p in evidence.nominal.config.parameters.items() if p.tolerance
-    ]  # fmt: skip
-    if max(away, default=0.0) < ASTRAY:
+    known, rig = nominal_free(evidence.nominal, rig=found.fitted.rig), found.fitted.rig
+    if max((abs(standing(f, rig)) for f in known), default=0.0) < settings().astray_tolerances:
         return
-    middle = found.fitted.rig.with_parameters(values)
-    again = fit(evidence, middle, *all_free(evidence.nominal, middle), rounds=3)
+    middle = apply(rig, known, np.zeros(len(known)))
+    again = fit(evidence, middle, *all_free(evidence, middle), rounds=3)
     if merit(evidence, again) < merit(evidence, found.fitted):
         found.fitted = again
 
@@ -160,16 +180,18 @@ def _listen(found: Search) -> None:
         found.fitted = refit_with(evidence, found.fitted, [(key, found.fitted.effects[key]) for key in found.order])
 
 
-def scores_about(evidence: Evidence, fitted: Fit) -> list[Score]:
-    """The bank about a fit."""
-    motion = motion_of(fitted.rig, evidence.blocks, evidence.records)
-    return bank(evidence, fitted, candidates(fitted.rig, evidence.blocks, motion))[1]
+def scores_about(evidence: Evidence, found: Search) -> list[Score]:
+    """The bank about the last fit, without what has been refused."""
+    listed = candidates(found.fitted.rig, evidence.blocks, evidence.moving)
+    return bank(evidence, found.fitted, [c for c in listed if c.key not in found.refused])[1]
 
 
 def _promising(evidence: Evidence, scores: list[Score]) -> list[Score]:
     """The scores that promise as much as an effect has to earn."""
     samples = sum(int(r.train.sum()) for r in evidence.records)
-    return [s for s in scores if s.gain > max(GAIN_MIN, 0.5 * FLOOR_MIN * samples * s.lightest)]
+    rules = settings()
+    floors = rules.gain_floor_share * rules.earn_floors * samples
+    return [s for s in scores if s.gain > max(rules.gain_min, floors * s.lightest)]
 
 
 def _try(evidence: Evidence, current: Fit, score: Score) -> Trial:
@@ -188,27 +210,29 @@ def _finish(evidence: Evidence, current: Fit, trial: Trial) -> Trial:
 
 def _add(evidence: Evidence, found: Search) -> bool:
     """Add the best candidate that earns its place."""
-    scores = scores_about(evidence, found.fitted)
+    rules = settings()
+    scores = scores_about(evidence, found)
     if not found.scores:
         found.scores = scores
     current = found.fitted
-    trials = spread(partial(_try, evidence, current), _promising(evidence, scores)[:FITTED])
+    trials = spread(partial(_try, evidence, current), _promising(evidence, scores)[: rules.quick_fits])
     trials += spread(partial(_try, evidence, current), _twins(evidence, scores, trials))
     trials.sort(key=lambda t: merit(evidence, t.fitted))
-    far = HOPELESS[0] if trials and trials[0].held_out < CLOSE else HOPELESS[1]
+    is_close = bool(trials) and trials[0].held_out < rules.close_floors
+    far = rules.hopeless_ratio_noise if is_close else rules.hopeless_ratio
     rest = [
-        t for t in trials[:FINISHED]
+        t for t in trials[:rules.full_fits]
         if t.held_out < far * trials[0].held_out and _hopeful(evidence, current, t.fitted)
     ]  # fmt: skip
-    finished = spread(partial(_finish, evidence, current), rest)
-    trials = [*finished, *(t for t in trials if all(t is not r for r in rest))]
+    finished = spread(partial(_finish, evidence, current), [*rest, *_runners_up(found, rest)])
+    trials = [*finished, *(t for t in trials if t.key not in {f.key for f in finished})]
     trials += spread(partial(_try, evidence, current), _siblings(evidence, scores, trials))
     for trial in trials:
         trial.beside = len(found.order)
     found.trials += trials
     for group in _apart(evidence, trials):
         for trial in _simplest_first(evidence, group):
-            if earns(evidence, found.fitted, trial.fitted, found.nominal):
+            if earns(evidence, found.fitted, trial.fitted, found.nominal) and _believed(evidence, found, trial):
                 _note_instead(evidence, found, trial.key, (current, trial.fitted), group)
                 found.fitted, trial.verdict = trial.fitted, "added"
                 found.order.append(trial.key)
@@ -216,6 +240,14 @@ def _add(evidence: Evidence, found: Search) -> bool:
                 found.rivals[trial.key] = [t for t in found.tried[trial.key] if same(evidence, trial.fitted, t.fitted)]
                 return True
     return False
+
+
+def _believed(evidence: Evidence, found: Search, trial: Trial) -> bool:
+    """Whether nothing speaks against a trial; else it is refused, and not tried again."""
+    why = objection(evidence, trial.fitted.rig, trial.key)
+    if why:
+        found.refused[trial.key] = trial.verdict = f"fits, but {why}"
+    return not why
 
 
 def _apart(evidence: Evidence, trials: list[Trial]) -> list[list[Trial]]:
@@ -231,12 +263,24 @@ def _apart(evidence: Evidence, trials: list[Trial]) -> list[list[Trial]]:
 
 def _twins(evidence: Evidence, scores: list[Score], trials: list[Trial]) -> list[Score]:
     """Those not tried yet whose signatures are almost that of the best trial."""
+    rules = settings()
     best = min(trials, key=lambda t: merit(evidence, t.fitted), default=None)
     if best is None:
         return []
     known, mine = {t.key for t in trials}, best.score.signature
-    near = [s for s in scores if s.candidate.key not in known and abs(_cosine(s.signature, mine)) > TWIN]
-    return near[:TWINS_MAX]
+    near = [s for s in scores if s.candidate.key not in known and abs(_cosine(s.signature, mine)) > rules.twin_cosine]
+    return near[: rules.twins_max]
+
+
+def _runners_up(found: Search, trials: list[Trial]) -> list[Trial]:
+    """What came next to the effect that was added last, from the values that it was fitted to.
+
+    Two large effects each stand in for the other: the first to be added takes more than its share, and about that fit
+    the signature of the second shows nothing.
+    """
+    known = {t.key for t in trials} | set(found.order) | set(found.refused)
+    former = [t for t in found.tried.get(found.order[-1], []) if t.key not in known] if found.order else []
+    return sorted(former, key=lambda t: t.held_out)[: settings().runners_up]
 
 
 def _cosine(a: Floats, b: Floats) -> float:
@@ -251,7 +295,7 @@ def _siblings(evidence: Evidence, scores: list[Score], trials: list[Trial]) -> l
     """
     best = min(trials, key=lambda t: merit(evidence, t.fitted), default=None)
     values = best.fitted.rig.effect(*best.key) if best else None
-    if best is None or values is None or best.held_out < CLOSE:
+    if best is None or values is None or best.held_out < settings().close_floors:
         return []
     known = {t.key for t in trials}
     return [
@@ -263,9 +307,11 @@ def _siblings(evidence: Evidence, scores: list[Score], trials: list[Trial]) -> l
 
 def _hopeful(evidence: Evidence, before: Fit, quick: Fit) -> bool:
     """Whether a quick fit comes near to what it would have to earn."""
+    rules = settings()
     share, floor, _ = paired(evidence, before, quick)
     relief = before.penalty - quick.penalty
-    return (share > HOPE * SHARE_MIN and floor > HOPE * FLOOR_MIN) or relief > HOPE * PENALTY_MIN
+    promised = share > rules.hope_share * rules.earn_excess_share and floor > rules.hope_share * rules.earn_floors
+    return promised or relief > rules.hope_share * rules.earn_penalty
 
 
 def _note_instead(evidence: Evidence, found: Search, key: Key, fits: tuple[Fit, Fit], trials: list[Trial]) -> None:
@@ -302,7 +348,7 @@ def _reconsider(evidence: Evidence, found: Search, keys: list[Key], rivals: int)
         if _borne(found.fitted, key, evidence.records[0].sample_time_s):
             continue
         without = refit_with(evidence, found.fitted, [], key)
-        former = [t for t in found.tried.get(key, []) if t.key not in found.order]
+        former = [t for t in found.tried.get(key, []) if t.key not in (*found.order, *found.refused)]
         former = sorted(former, key=lambda t: t.held_out)[:rivals]
         trials = spread(partial(_finish, evidence, without), former)
         _note_instead(evidence, found, key, (without, found.fitted), trials)
@@ -313,7 +359,8 @@ def _reconsider(evidence: Evidence, found: Search, keys: list[Key], rivals: int)
             fewer = _count(evidence, trial.key) < _count(evidence, key)
             simpler = fewer and nearly(evidence, found.fitted, trial.fitted)
             better = merit(evidence, trial.fitted) < merit(evidence, found.fitted)
-            if simpler or (better and not nearly(evidence, trial.fitted, found.fitted)):
+            better = better and not nearly(evidence, trial.fitted, found.fitted)
+            if (simpler or better) and not objection(evidence, trial.fitted.rig, trial.key):
                 found.fitted = trial.fitted
                 found.order = [trial.key if k == key else k for k in found.order]
                 trial.verdict = f"took the place of {key[1]}"
@@ -340,6 +387,15 @@ def _meet(evidence: Evidence, first: Key, second: Key) -> bool:
 def _count(evidence: Evidence, key: Key) -> int:
     """How many parameters an effect has."""
     return len(find(evidence.nominal.kind_at(key[0]), key[1], key[0]).parameters)
+
+
+def drop(evidence: Evidence, found: Search, key: Key, why: str) -> None:
+    """Take a finding back, for good."""
+    found.fitted = refit_with(evidence, found.fitted, [], key)
+    found.order = [k for k in found.order if k != key and found.fitted.rig.effect(*k) is not None]
+    found.refused[key] = f"taken back: {why}"
+    if not found.order:
+        found.fitted = found.nominal
 
 
 def _eliminate(evidence: Evidence, found: Search) -> None:

@@ -2,16 +2,14 @@
 
 import numpy as np
 
+from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.name import Search
 from dtbacklash.diagnose.recover import Recovered
-from dtbacklash.physics.catalogue import name_in_words
-from dtbacklash.physics.plant import Floats
+from dtbacklash.diagnose.settings import settings
+from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
-
-#: two models are told apart by a sensor in which they differ by this share of its signal
-TOLD_APART = 0.01
 
 
 def next_experiment(evidence: Evidence, found: Search, rest: Recovered | None = None) -> str:
@@ -36,7 +34,7 @@ def next_experiment(evidence: Evidence, found: Search, rest: Recovered | None = 
     hidden = {n: d for n, d in here.items() if n not in recorded}
     if hidden:
         best = max(hidden, key=lambda n: hidden[n])
-        if hidden[best] > TOLD_APART:
+        if hidden[best] > settings().told_apart_share:
             return (f"To tell {what}, record {best} as well: there the two differ by {100 * hidden[best]:.0f} % of the "
                     "signal.")  # fmt: skip
     ranked = {}
@@ -44,7 +42,7 @@ def next_experiment(evidence: Evidence, found: Search, rest: Recovered | None = 
         differences = _differences(evidence, first, second, factor)
         ranked[factor] = max((d for n, d in differences.items() if n in recorded), default=0.0)
     factor = max(ranked, key=lambda f: ranked[f])
-    if ranked[factor] > TOLD_APART:
+    if ranked[factor] > settings().told_apart_share:
         return (f"To tell {what}, record once more with the command {factor:g} times as large: the two then differ by "
                 f"{100 * ranked[factor]:.0f} % of the signal.")  # fmt: skip
     return f"Neither another sensor of this rig nor another amplitude tells {what}."

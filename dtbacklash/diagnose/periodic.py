@@ -4,72 +4,65 @@ A force ``A sin(n q + phase)`` along the measured motion is linear in ``A cos(ph
 reaches the output through the block's linear dynamics: no simulation per wave number, only a filter.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.signal import lfilter
 
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.candidates import Candidate
 from dtbacklash.diagnose.compare import Block, Record, part_of, places_of, true_angle
+from dtbacklash.diagnose.projection import Projection
 from dtbacklash.diagnose.responses import transfer
-from dtbacklash.physics import plant as pl
+from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.assembly import compile_plant, state_names
-from dtbacklash.physics.plant import Floats, Plant
+from dtbacklash.physics.effects import slots
+from dtbacklash.physics.effects.declare import Role, Values
+from dtbacklash.physics.kernel import plant as pl
+from dtbacklash.physics.kernel.plant import Plant
 from dtbacklash.physics.rig import Rig
 
-if TYPE_CHECKING:
-    from dtbacklash.diagnose.candidates import Candidate, Values
-    from dtbacklash.diagnose.locate import Bank
-
-#: wave numbers are tried in steps of this share of a cycle over the travel
-STEP = 0.5
-#: and at most as many of them
-WAVES_MAX = 500
-#: every THIN-th sample is enough to choose a wave number, BATCH of them at once
-THIN, BATCH = 5, 25
+#: wave numbers that are tried at once, for the memory that it takes
+BATCH = 25
 _Path = tuple[Floats, Floats, bool]
 
-#: of the best wave numbers, as many are simulated
-KEPT = 2
 
-
-def wave_grid(candidate: Candidate, bank: Bank) -> list[Values]:
+def wave_grid(candidate: Candidate, projection: Projection) -> list[Values]:
     """The best few starts of a periodic effect, or nothing if it is not one."""
-    names = [p.name for p in candidate.effect.parameters]
-    if "phase" not in names:
+    wave, angle = candidate.effect.of_role(Role.WAVE), candidate.effect.of_role(Role.ANGLE)
+    if angle is None:
         return []
-    driven = candidate.effect.name == "pitch_error"  # by the measured angle
-    blocks = [b for b in bank.evidence.blocks if (b.imposed is not None) == driven]
-    block = next((b for b in blocks if candidate.place in places_of(bank.rig, b)), None)
+    driven = isinstance(candidate.effect.slot, slots.Lead)  # by the measured angle
+    blocks = [b for b in projection.evidence.blocks if (b.imposed is not None) == driven]
+    block = next((b for b in blocks if candidate.place in places_of(projection.rig, b)), None)
     if block is None:
         return []
-    found = _scan(candidate, bank, block)
-    wave = candidate.effect.parameters[1]
+    found = _scan(candidate, projection, block)
     size = candidate.effect.size
-    return [
-        {size.name: float(np.clip(a, size.low, size.high)), wave.name: float(n), "phase": float(phase)}
-        for n, a, phase in found
-        if a > 0.0
-    ]
+    starts = []
+    for n, amplitude, phase in found:
+        if amplitude > 0.0:
+            values = {size.name: float(np.clip(amplitude, size.low, size.high)), angle.name: float(phase)}
+            starts.append(values | ({wave.name: float(n)} if wave else {}))
+    return starts
 
 
-def _scan(candidate: Candidate, bank: Bank, block: Block) -> list[tuple[float, float, float]]:
+def _scan(candidate: Candidate, projection: Projection, block: Block) -> list[tuple[float, float, float]]:
     """(wave number, amplitude, phase) of the best wave numbers."""
-    records, part = bank.evidence.records, part_of(bank.rig, block)
+    every = settings().wave_every_samples
+    records, part = projection.evidence.records, part_of(projection.rig, block)
     fine = compile_plant(part, records[0].sample_time_s, 1, 2, block.imposed is not None)
-    coarse = compile_plant(part, THIN * records[0].sample_time_s, 1, 2, block.imposed is not None)
-    paths = [_path(candidate, bank, block, fine, r) for r in records]
-    response = transfer(part, block, coarse, {_channel(candidate, block, part, coarse): 1.0}, THIN)
-    start, width = _place_of_rows(bank, block)
-    channels, count = len(block.channels), bank.q_rows.shape[1]
+    coarse = compile_plant(part, every * records[0].sample_time_s, 1, 2, block.imposed is not None)
+    paths = [_path(candidate, projection, block, fine, number) for number in range(len(records))]
+    response = transfer(part, block, coarse, {_channel(candidate, block, part, coarse): 1.0}, every)
+    start, width = _place_of_rows(projection, block)
+    channels, count = len(block.channels), projection.q_rows.shape[1]
     chosen = np.concatenate([_thinned(r)[1] for r in records])
     ends = np.cumsum([0, *(int(r.train.sum()) for r in records)])
     at = np.concatenate([_thinned(r)[0] + end for r, end in zip(records, ends, strict=False)])
-    q = bank.q_rows[start : start + width].reshape(channels, width // channels, count)[:, at]
-    e = bank.residual[start : start + width].reshape(channels, -1)[:, at]
-    scale = (np.sqrt(bank.weights[block.name]) / bank.evidence.floor[block.name])[:, None, None]
+    q = projection.q_rows[start : start + width].reshape(channels, width // channels, count)[:, at]
+    e = projection.residual[start : start + width].reshape(channels, -1)[:, at]
+    scale = (np.sqrt(projection.weights[block.name]) / projection.evidence.floor[block.name])[:, None, None]
     rated = []
     waves = _waves(candidate, paths)
     for some in np.array_split(waves, max(1, math.ceil(len(waves) / BATCH))):
@@ -80,14 +73,15 @@ def _scan(candidate: Candidate, bank: Bank, block: Block) -> list[tuple[float, f
     for _, n, amplitude, phase in rated:
         if all(abs(n - other[0]) > 0.05 * n for other in kept_waves):
             kept_waves.append((n, amplitude, phase))
-        if len(kept_waves) == KEPT:
+        if len(kept_waves) == settings().scanned_starts:
             break
     return kept_waves
 
 
 def _thinned(record: Record) -> tuple[np.ndarray, np.ndarray]:
-    """Of every THIN-th sample that trains: its number among the training samples, and a mask over the thinned ones."""
-    first = np.arange(0, record.samples // THIN * THIN, THIN)
+    """Of the samples kept by thinning that train: their numbers among all that train, and a mask over those kept."""
+    every = settings().wave_every_samples
+    first = np.arange(0, record.samples // every * every, every)
     mask = record.train[first]
     return (np.cumsum(record.train) - 1)[first[mask]], mask
 
@@ -95,18 +89,18 @@ def _thinned(record: Record) -> tuple[np.ndarray, np.ndarray]:
 def _signatures(waves: Floats, shape: int, paths: list[_Path], response: tuple[Floats, Floats]) -> Floats:
     """(channels, waves, thinned samples) the responses to a sine (0) or a cosine (1) along the paths.
 
-    The effort is averaged over THIN samples before it is filtered at that slower rate; single precision will do.
+    The effort is averaged over a few samples before it is filtered at that slower rate; single precision will do.
     """
     numerators, denominator = response
-    shift, outputs = np.float32(0.5 * math.pi * shape), []
+    every, shift, outputs = settings().wave_every_samples, np.float32(0.5 * math.pi * shape), []
     for q, w, counted in paths:
         effort = np.sin(waves[:, None].astype(np.float32) * q.astype(np.float32) + shift)
         if counted:
             effort -= np.sin(shift)
         else:
             effort *= w.astype(np.float32)
-        n = effort.shape[1] // THIN * THIN
-        mean = effort[:, :n].reshape(len(waves), -1, THIN).mean(axis=2, dtype=np.float64)
+        n = effort.shape[1] // every * every
+        mean = effort[:, :n].reshape(len(waves), -1, every).mean(axis=2, dtype=np.float64)
         outputs.append(np.array([lfilter(row, denominator, mean) for row in numerators]))
     return np.concatenate(outputs, axis=2)
 
@@ -134,48 +128,52 @@ def _regress(waves: Floats, S: Floats, C: Floats, q: Floats, e: Floats) -> list[
     ]
 
 
-def _place_of_rows(bank: Bank, block: Block) -> tuple[int, int]:
+def _place_of_rows(projection: Projection, block: Block) -> tuple[int, int]:
     start = 0
-    for name in bank.touched:
-        width = bank.evidence.rows(bank.fitted.residuals, name, "train").size
+    for name in projection.touched:
+        width = projection.evidence.rows(projection.fitted.residuals, name, "train").size
         if name == block.name:
             return start, width
         start += width
     raise KeyError(block.name)
 
 
-def _path(candidate: Candidate, bank: Bank, block: Block, plant: Plant, record: Record) -> _Path:
-    """(N,) the position that the law depends on, what it is multiplied by, and whether it is counted from its start."""
-    name = candidate.effect.name
-    if name == "pitch_error":
-        return true_angle(bank.rig, block, record), np.ones(record.samples), True
-    sensor = block.pulled
-    q = record.y[sensor] if sensor else np.zeros(record.samples)
-    if name == "torque_ripple":
+def _path(candidate: Candidate, projection: Projection, block: Block, plant: Plant, number: int) -> _Path:
+    """(N,) of recording ``number``: the position that the law depends on, what it is multiplied by, and whether it is
+    counted from its start."""
+    slot, record = candidate.effect.slot, projection.evidence.records[number]
+    if isinstance(slot, slots.Lead):
+        return true_angle(projection.rig, block, record), np.ones(record.samples), True
+    place = projection.rig.elements[candidate.place]
+    if isinstance(slot, slots.MotorTorque):
+        q = projection.path(place.neighbours["drives"], number)
         circuit = plant.circuit
         rate = np.gradient(q, record.sample_time_s)
-        emf = bank.rig.elements[candidate.place].values["emf_constant"]
+        emf = place.values["emf_constant"]
         return q, circuit[pl.C_KT] * (record.u - emf * rate) / circuit[pl.C_R], False
-    return q, np.ones(record.samples), False
+    return projection.path(place.name, number), np.ones(record.samples), False
 
 
 def _waves(candidate: Candidate, paths: list[_Path]) -> Floats:
     """Wave numbers to try: spaced so that none can slip through, from half a cycle over the travel on."""
-    wave = candidate.effect.parameters[1]
+    wave = candidate.effect.of_role(Role.WAVE)
+    if wave is None:
+        return np.ones(1)  # once a turn
     travel = max(float(np.ptp(q)) for q, _, _ in paths)
     if travel <= 0.0:
         return np.zeros(0)
-    step = STEP * math.pi / travel
+    step = settings().wave_step_share * math.pi / travel
     most = min(wave.high, max(60.0 * wave.typical / 24.0, 6.0 * wave.typical))
     low = max(wave.low, 2.0 * step)
-    return np.linspace(low, most, int(min(WAVES_MAX, max(2, (most - low) / step))))
+    return np.linspace(low, most, int(min(settings().waves_max, max(2, (most - low) / step))))
 
 
 def _channel(candidate: Candidate, block: Block, part: Rig, plant: Plant) -> int:
     """The input channel through which a periodic law acts: an effort on a body, or the base's position."""
-    if candidate.effect.name == "pitch_error":
+    slot = candidate.effect.slot
+    if isinstance(slot, slots.Lead):
         return pl.CH_D
     names = state_names(part, block.imposed is not None)
-    if candidate.effect.name == "torque_ripple":
-        return pl.CH_F + plant.rotor
+    if isinstance(slot, slots.MotorTorque):
+        return pl.CH_F + plant.driven
     return pl.CH_F + (names.index(candidate.place) if candidate.place in names else 0)

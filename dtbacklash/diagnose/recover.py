@@ -5,28 +5,24 @@ one regression on what a model leaves gives their heights; its parameters stay a
 explains a mismatch, the place and the state that explain most of it on held-out data say where it sits.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import lfilter
 
+from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.candidates import positions
 from dtbacklash.diagnose.compare import Block, Record, part_of, places_of, true_angle
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.refit import Fit
 from dtbacklash.diagnose.responses import transfer
-from dtbacklash.physics import plant as pl
+from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.assembly import compile_plant, state_names
-from dtbacklash.physics.elements import BODY_KINDS, LINK_KINDS
-from dtbacklash.physics.plant import Floats
+from dtbacklash.physics.effects import slots
+from dtbacklash.physics.kernel import plant as pl
+from dtbacklash.physics.kinds import AXES
 from dtbacklash.physics.rig import Rig
-
-#: hat functions over a state, at its quantiles
-KNOTS = 25
-#: of a state's outermost values this share lies beyond the outermost knots
-TAILS = 0.002
-#: weight of the heights' second differences, relative to the data's
-SMOOTH = 1e-3
 
 
 @dataclass(frozen=True)
@@ -37,8 +33,10 @@ class Recovered:
     ----------
     place, state : where, and of what (``speed``, ``position``, ``stretch``, ``stretch rate``, ``command``, ``time``).
     state_unit, effort_unit : SI.
-    knots, effort, error : (K,) state, effort and its standard error. law : (K,) the same regression on what a fitted
-    law does, or empty. share : of the mismatch's mean square on the held-out part that it explains.
+    knots, effort, error : (K,) state, effort and its standard error.
+    share : of the mismatch's mean square on the held-out part that it explains. fall : by which the held-out mean
+    square of the channel that shows it best falls, in units of the floor's. t : the fall, in standard errors over
+    stretches.
     """
 
     place: str
@@ -48,31 +46,16 @@ class Recovered:
     knots: Floats
     effort: Floats
     error: Floats
-    law: Floats
     share: float
+    fall: float = 0.0
+    t: float = 0.0
 
 
-def recover(evidence: Evidence, fitted: Fit, place: str, effect: str = "") -> Recovered | None:
-    """The effort that a model without ``effect`` lacks at ``place``, against the state that explains most of it.
-
-    None where no linear path leads from the place to a measured signal.
-    """
-    if effect:
-        rig = fitted.rig.with_effect(place, effect, None)
-        base = replace(fitted, rig=rig, residuals=evidence.residuals(rig, fitted.residuals, {place}))
-    else:
-        base = fitted
-    lens = _Lens(evidence, base)
-    found = [r for block in evidence.blocks for r in lens.at(block, place, fitted.residuals if effect else None)]
-    return max(found, key=lambda r: r.share, default=None)
-
-
-def locate_rest(evidence: Evidence, fitted: Fit) -> Recovered | None:
-    """The place and state whose effort explains most of what a fit leaves, on held-out data."""
+def free_forms(evidence: Evidence, fitted: Fit, places: Iterable[str] | None = None) -> list[Recovered]:
+    """What a fit leaves, as an effort against every state at every place (of ``places``), each on its own."""
     lens = _Lens(evidence, fitted)
-    places = [p for p in fitted.rig.elements if fitted.rig.elements[p].kind not in ("actuator", "motor_circuit")]
-    found = [r for place in places for block in evidence.blocks for r in lens.at(block, place, None)]
-    return max(found, key=lambda r: r.share, default=None)
+    listed = fitted.rig.elements if places is None else [p for p in fitted.rig.elements if p in places]
+    return [r for place in listed for block in evidence.blocks for r in lens.at(block, place)]
 
 
 class _Lens:
@@ -82,28 +65,28 @@ class _Lens:
         self.evidence, self.base, self.rig = evidence, base, base.rig
         self.positions = [positions(base.rig, evidence.blocks, r) for r in evidence.records]
 
-    def at(self, block: Block, place: str, extended: Residuals | None) -> list[Recovered]:
+    def at(self, block: Block, place: str) -> list[Recovered]:
         """What is missing at a place as one block sees it, against each of the place's states."""
         part = part_of(self.rig, block)
-        path = _path(part, block, place) if place in places_of(self.rig, block) else None
+        path = path_of(part, block, place) if place in places_of(self.rig, block) else None
         if path is None:
             return []
         unit, columns = path
         records = self.evidence.records
-        states = [_states(self.rig, place, block, r, p) for r, p in zip(records, self.positions, strict=True)]
+        states = [states_of(self.rig, place, block, r, p) for r, p in zip(records, self.positions, strict=True)]
         plant = compile_plant(part, records[0].sample_time_s, 1, 2, block.imposed is not None)
         response = transfer(part, block, plant, columns)
         found = []
         for name, (_, state_unit) in states[0].items():
             values = [s[name][0] for s in states]
-            knots = _knots(np.concatenate(values))
+            knots = knots_over(np.concatenate(values))
             if knots is not None:
-                found.append(self._regress(block, place, (name, state_unit, unit), values, knots, response, extended))
+                found.append(self._regress(block, place, (name, state_unit, unit), values, knots, response))
         return found
 
     def _regress(
         self, block: Block, place: str, names: tuple[str, str, str], values: list[Floats], knots: Floats,
-        response: tuple[Floats, Floats], extended: Residuals | None,
+        response: tuple[Floats, Floats],
     ) -> Recovered:  # fmt: skip
         scale = self.evidence.floor[block.name]
         numerators, denominator = response
@@ -122,18 +105,27 @@ class _Lens:
             return joined.reshape(joined.shape[0] * joined.shape[1], *joined.shape[2:])
 
         left, x = self.base.residuals[block.name], rows(waves[block.name], "train")
-        bend = np.diff(np.eye(len(knots)), 2, axis=0) * np.sqrt(SMOOTH * np.mean(np.sum(x**2, axis=0)))
+        power = np.mean(np.sum(x**2, axis=0))
+        bend = np.diff(np.eye(len(knots)), 2, axis=0) * np.sqrt(settings().recovered_smoothing * power)
         gram = np.linalg.pinv(x.T @ x + bend.T @ bend + 1e-12 * np.mean(np.sum(x**2, axis=0)) * np.eye(len(knots)))
         y = rows(left, "train")
         heights = gram @ (x.T @ y)
-        law = np.empty(0)
-        if extended is not None:
-            law = gram @ (x.T @ (y - rows(extended[block.name], "train")))
         target = rows(left, "held")
         rest = target - rows(waves[block.name], "held") @ heights
         error = np.sqrt(np.maximum(np.diag(gram) * np.mean((y - x @ heights) ** 2), 0.0))
         share = 1.0 - float(rest @ rest) / max(self._total(root, block.name, target), 1e-300)
-        return Recovered(place, *names, knots, heights, error, law, share)
+        fall, t = self._fall(block, waves[block.name], heights)
+        return Recovered(place, *names, knots, heights, error, share, fall, t)
+
+    def _fall(self, block: Block, waves: list[Floats], heights: Floats) -> tuple[float, float]:
+        """(fall, t) of the held-out mean square in the channel where an effort is most significant."""
+        before = self.base.residuals
+        after = {block.name: [e - w @ heights for e, w in zip(before[block.name], waves, strict=True)]}
+        falls = self.evidence.stretches(before, block.name) - self.evidence.stretches(after, block.name)
+        means = falls.mean(axis=1)
+        t = means / (falls.std(axis=1, ddof=1) / np.sqrt(falls.shape[1]) + 1e-12)
+        best = int(np.argmax(t))
+        return float(means[best]), float(t[best])
 
     def _total(self, root: Floats, name: str, target: Floats) -> float:
         """Held-out mismatch of all blocks, so that shares of different blocks can be compared."""
@@ -149,44 +141,47 @@ def _wide(root: Floats, e: Floats) -> Floats:
     return root[None, :, None] if e.ndim == 3 else root[None, :]
 
 
-def _path(part: Rig, block: Block, place: str) -> tuple[str, dict[int, float]] | None:
+def path_of(part: Rig, block: Block, place: str) -> tuple[str, dict[int, float]] | None:
     """(unit of the effort, {input channel: sign}) through which an effort at a place acts."""
     element = part.elements.get(place)
     bodies = state_names(part, block.imposed is not None)
     if element is None:
         return None
-    if element.kind == "amplifier":
+    trait = element.trait.trait
+    if trait == slots.AMPLIFIER:
         return "V", {pl.CH_V: 1.0}
-    if element.kind in BODY_KINDS:
-        unit = "N m" if element.kind == "rotor" else "N"
+    if trait == slots.BODY:
+        unit = AXES[element.trait.axis][2]
         return (unit, {pl.CH_F + bodies.index(place): 1.0}) if place in bodies else None
-    if element.kind in LINK_KINDS:
+    if trait == slots.SPRING:
         a, b = element.neighbours["between"]
         ends = {pl.CH_F + bodies.index(e): sign for e, sign in ((a, 1.0), (b, -1.0)) if e in bodies}
-        return ("N", ends) if ends else None
-    if element.kind in ("gear", "screw") and block.imposed:
+        return (AXES[element.trait.axis][2], ends) if ends else None
+    if trait in (slots.GEAR, slots.SCREW) and block.imposed:
         return "m", {pl.CH_D: 1.0}
     return None
 
 
-def _states(rig: Rig, place: str, block: Block, record: Record, at: dict[str, Floats]) -> dict[str, tuple[Floats, str]]:
+def states_of(
+    rig: Rig, place: str, block: Block, record: Record, at: dict[str, Floats]
+) -> dict[str, tuple[Floats, str]]:
     """What an effort at the place may depend on: name -> ((N,) values, unit)."""
-    step, kind = record.sample_time_s, rig.elements[place].kind
-    clock = np.arange(record.samples, dtype=np.float64) * step
+    step, kind = record.sample_time_s, rig.elements[place].trait
+    clock = record.from_s + np.arange(record.samples, dtype=np.float64) * step
     time = {"time": (clock, "s")}
-    if kind == "amplifier":
+    if kind.trait == slots.AMPLIFIER:
         return {"command": (record.u, "V"), **time}
-    if kind in ("gear", "screw"):
+    if kind.trait in (slots.GEAR, slots.SCREW):
         angle = true_angle(rig, block, record)
         return {"angle": (angle, "rad"), "speed": (_rate(angle, step), "rad/s"), **time}
-    if kind in LINK_KINDS:
+    position, velocity, _ = AXES.get(kind.axis, ("", "", ""))
+    if kind.trait == slots.SPRING:
         a, b = rig.elements[place].neighbours["between"]
         zero = np.zeros(record.samples)
         stretch = at.get(b, zero) - at.get(a, zero)
-        return {"stretch": (stretch, "m"), "stretch rate": (_rate(stretch, step), "m/s"), **time}
-    unit = "rad" if kind == "rotor" else "m"
+        return {"stretch": (stretch, position), "stretch rate": (_rate(stretch, step), velocity), **time}
     q = at.get(place, np.zeros(record.samples))
-    return {"speed": (_rate(q, step), f"{unit}/s"), "position": (q, unit), **time}
+    return {"speed": (_rate(q, step), velocity), "position": (q, position), **time}
 
 
 def _rate(q: Floats, step: float) -> Floats:
@@ -197,13 +192,14 @@ def _rate(q: Floats, step: float) -> Floats:
     return rate
 
 
-def _knots(values: Floats) -> Floats | None:
+def knots_over(values: Floats) -> Floats | None:
     """Places of the hats: half of them even over the range, half of them where the state mostly is."""
-    low, high = np.quantile(values, (TAILS, 1.0 - TAILS))
+    tails, half = settings().recovered_tail_share, settings().recovered_knots // 2 + 1
+    low, high = np.quantile(values, (tails, 1.0 - tails))
     if not high > low:
         return None
-    even = np.linspace(low, high, KNOTS // 2 + 1)
-    often = np.quantile(values, np.linspace(TAILS, 1.0 - TAILS, KNOTS // 2 + 1))
+    even = np.linspace(low, high, half)
+    often = np.quantile(values, np.linspace(tails, 1.0 - tails, half))
     knots = np.unique(np.concatenate([even, often]))
     kept = [knots[0]]
     for k in knots[1:]:

@@ -5,103 +5,23 @@ many independent samples as the residual has, not as many as were taken; otherwi
 residual that is not noise would overrule every prior.
 """
 
-import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
 
+from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.compare import places_of
 from dtbacklash.diagnose.evidence import Evidence, Residuals
+from dtbacklash.diagnose.free import Effects, Free, apply, effects_of_rig, penalty_of
+from dtbacklash.diagnose.settings import settings
 from dtbacklash.errors import UserError
-from dtbacklash.physics.catalogue import find
-from dtbacklash.physics.plant import Floats
-from dtbacklash.physics.rig import Rig, build_rig
+from dtbacklash.physics.effects.declare import Role
+from dtbacklash.physics.rig import Rig
 
-#: a nominal parameter may not leave its value by more than this many tolerances: beyond is physics
-TOLERANCES_MAX = 3.0
-#: as many samples at least count as one where the residual is far above the floor
-CORRELATED_S = 0.02
 #: the Jacobian's columns of the nominal parameters serve until one of these has moved by as many tolerances
 STALE = 0.05
-
-Effects = dict[tuple[str, str], dict[str, float]]
-
-
-@dataclass(frozen=True)
-class Free:
-    """One free parameter: of an effect at ``place``, or (``effect`` empty) a nominal one.
-
-    It is fitted as ``x``: value = centre + scale x, or centre exp(x) where ``log``.
-    """
-
-    place: str
-    effect: str
-    name: str
-    centre: float
-    scale: float
-    log: bool
-    low: float
-    high: float
-    prior: bool
-    places: frozenset[str]
-
-    def value(self, x: float) -> float:
-        """The parameter at ``x``, within its bounds."""
-        value = self.centre * math.exp(x) if self.log else self.centre + self.scale * x
-        if self.name == "phase":
-            return (value + math.pi) % (2.0 * math.pi) - math.pi
-        return min(max(value, self.low), self.high)
-
-    def limits(self) -> tuple[float, float]:
-        """Bounds of x."""
-        if self.name == "phase":
-            return -math.inf, math.inf
-        if self.log:
-            low = math.log(max(self.low, 1e-300) / self.centre)
-            return max(low, -12.0), min(math.log(self.high / self.centre) if math.isfinite(self.high) else 12.0, 12.0)
-        return (self.low - self.centre) / self.scale, (self.high - self.centre) / self.scale
-
-
-def nominal_free(rig: Rig, places: set[str] | None = None) -> list[Free]:
-    """The nominal parameters that have a tolerance (and that an element among ``places`` uses)."""
-    found = []
-    for name, p in rig.config.parameters.items():
-        users = frozenset(e for e, spec in rig.config.elements.items() if name in spec.values())
-        if p.tolerance > 0.0 and users and (places is None or users & places):
-            width = abs(p.value) * p.tolerance
-            low, high = p.value - TOLERANCES_MAX * width, p.value + TOLERANCES_MAX * width
-            found.append(Free("", "", name, p.value, width, False, low, high, True, users))
-    return found
-
-
-def effect_free(rig: Rig, place: str, effect: str, values: dict[str, float]) -> list[Free]:
-    """The parameters of one effect, from the values where the fit starts."""
-    entry = find(rig.kind_at(place), effect, f"rig.effects.{place}.{effect}")
-    found = []
-    for p in entry.parameters:
-        start = values[p.name]
-        positive = p.low > 0.0 or (p is not entry.size and p.low >= 0.0)
-        log = positive and start > 0.0
-        scale = abs(start) or abs(p.typical) or 1.0
-        if p.name == "phase":
-            scale = 1.0
-        if p.name in ("periods", "wave_number"):
-            log, scale = False, 0.02 * start
-        found.append(Free(place, effect, p.name, start, scale, log, p.low, p.high, False, frozenset({place})))
-    return found
-
-
-def all_free(nominal: Rig, rig: Rig) -> tuple[list[Free], Floats]:
-    """All nominal parameters and those of all effects of a rig, and where they stand there."""
-    free = nominal_free(nominal)
-    start = [(rig.config.parameters[f.name].value - f.centre) / f.scale for f in free]
-    for place, there in rig.effects.items():
-        for name, values in there.items():
-            more = effect_free(rig, place, name, values)
-            free, start = free + more, start + [0.0] * len(more)
-    return free, np.array(start)
 
 
 @dataclass(frozen=True)
@@ -126,40 +46,13 @@ class Fit:
     @property
     def effects(self) -> Effects:
         """The effects of the rig by place and name."""
-        return {(p, n): v for p, there in self.rig.effects.items() for n, v in there.items()}
-
-
-def apply(base: Rig, free: list[Free], x: Floats) -> Rig:
-    """The base rig with the free parameters at ``x``."""
-    nominal: dict[str, float] = {}
-    effects: Effects = {}
-    for f, xi in zip(free, x, strict=True):
-        if f.effect:
-            effects.setdefault((f.place, f.effect), {})[f.name] = f.value(xi)
-        else:
-            nominal[f.name] = f.value(xi)
-    places = {p: dict(e) for p, e in base.config.effects.items()}
-    for (place, effect), values in effects.items():
-        places.setdefault(place, {})[effect] = values
-    parameters = dict(base.config.parameters)
-    for name, value in nominal.items():
-        parameters[name] = replace(parameters[name], value=value)
-    return build_rig(replace(base.config, effects=places, parameters=parameters))
-
-
-def penalty_of(rig: Rig, nominal: Rig) -> float:
-    """Sum of the squared deviations of the parameters from their nominal values, in tolerances."""
-    total = 0.0
-    for name, p in nominal.config.parameters.items():
-        if p.tolerance > 0.0 and p.value != 0.0:
-            total += ((rig.config.parameters[name].value / p.value - 1.0) / p.tolerance) ** 2
-    return total
+        return effects_of_rig(self.rig)
 
 
 def weights_for(evidence: Evidence, residuals: Residuals) -> dict[str, Floats]:
     """Per block, (channels,) the weight of a squared residual: 1 at the floor, and far below where it is not noise."""
     mean = evidence.mean_square(residuals, "train")
-    least = max(1.0, CORRELATED_S / evidence.records[0].sample_time_s)
+    least = max(1.0, settings().correlated_s / evidence.records[0].sample_time_s)
     result = {}
     for name, squares in mean.items():
         above = np.maximum(squares, 1.0)
@@ -266,7 +159,7 @@ def _step(free: Free, x: float, fine: bool) -> float:
     answers linearly.
     """
     high = free.limits()[1]
-    step = 1e-3 if free.effect and (fine or free.name in ("periods", "wave_number")) else 1e-2
+    step = 1e-3 if free.effect and (fine or free.role is Role.WAVE) else 1e-2
     return -step if x + step > high else step
 
 
@@ -286,8 +179,8 @@ def fit(
     problem = Problem(evidence, base, free, known)
     x = np.zeros(len(free)) if start is None else np.asarray(start, dtype=float)
     bounds = np.array([f.limits() for f in free]).reshape(-1, 2).T
-    x = np.clip(x, bounds[0] + 1e-9, bounds[1] - 1e-9) if len(free) else x
-    for k in range(rounds if len(free) else 0):
+    x = np.clip(x, bounds[0] + 1e-9, bounds[1] - 1e-9) if free else x
+    for k in range(rounds if free else 0):
         problem.weigh(problem.residuals(x))
         problem.fine = 0 < k == rounds - 1
         x = _solve(problem, x, bounds, evaluations)
@@ -322,7 +215,7 @@ def objective(evidence: Evidence, fitted: Fit, part: str = "train") -> float:
         squares = np.mean(rows**2, axis=1)
         above = np.maximum(squares, 1.0)
         share = (above - 1.0) / above
-        least = max(1.0, CORRELATED_S / evidence.records[0].sample_time_s)
+        least = max(1.0, settings().correlated_s / evidence.records[0].sample_time_s)
         count = rows.shape[1] / (1.0 + share * (least - 1.0))
         # counted from a residual that is all noise, as the count itself falls with what is not
         total += float(np.sum(count * (np.log(above) + squares / above - 1.0)))

@@ -3,9 +3,10 @@
 import numpy as np
 from scipy.signal import ss2tf
 
+from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.compare import Block
-from dtbacklash.physics import plant as pl
-from dtbacklash.physics.plant import Floats, Plant
+from dtbacklash.physics.kernel import plant as pl
+from dtbacklash.physics.kernel.plant import Plant
 from dtbacklash.physics.rig import Rig
 
 
@@ -28,6 +29,8 @@ def transfer(part: Rig, block: Block, plant: Plant, columns: dict[int, float], t
         row = C[list(block.channels).index(block.pulled)]
         gain = np.zeros(len(A))
         where = int(np.argmax(row))
-        gain[where], gain[where + plant.n_bodies] = thin * block.gains[0], thin * block.gains[1]
+        gain[where] = thin * block.gains[0]
+        if block.gains[1]:
+            gain[where + plant.n_bodies] = thin * block.gains[1]
         A = A - A @ np.outer(gain, row)
     return ss2tf(A, np.asarray(B)[:, None], C, np.zeros((len(C), 1)))

@@ -1,12 +1,27 @@
 """The sentences of a diagnosis."""
 
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
-from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.name import Key, Search
-from dtbacklash.physics.catalogue import name_in_words
+from dtbacklash import units
+from dtbacklash.diagnose.evidence import Evidence, Residuals
+from dtbacklash.diagnose.name import Search
+from dtbacklash.diagnose.recover import Recovered
+from dtbacklash.diagnose.result import (
+    CONSISTENT,
+    PARAMETERS,
+    UNEXPLAINED,
+    Confidence,
+    Finding,
+    Instead,
+    Located,
+    Recalibrated,
+    Verdict,
+)
+from dtbacklash.diagnose.settings import settings
+from dtbacklash.physics.effects.declare import name_in_words
+from dtbacklash.recording.model import Recording
 
 #: a mismatch that lies within one of these times of an event is said to lie there, s
 NEAR_S = (0.05, 0.1, 0.2, 0.3)
@@ -17,39 +32,53 @@ TREMOR = 0.02
 
 
 def quantity(value: float, unit: str) -> str:
-    """A number with its unit, three digits; lengths in millimetres."""
-    if unit == "m":
-        value, unit = 1e3 * value, "mm"
-    return f"{value:.3g}" + ("" if unit in ("", "1") else f" {unit}")
+    """A number with its unit as people are shown it (lengths in millimetres), three digits."""
+    shown, factor = units.shown(unit)
+    return f"{factor * value:.3g}" + ("" if shown in ("", "1") else f" {shown}")
 
 
-def less(instead: dict[str, Any] | None) -> str:
+def less(instead: Instead | None) -> str:
     """What the second best would be, where there is one that explains a part."""
-    if instead is None or not 1.0 <= instead["times_the_error"] <= WORTH_SAYING:
+    if instead is None or not 1.0 <= instead.times_the_error <= WORTH_SAYING:
         return ""
-    what = f"{name_in_words(instead['effect'])} ({quantity(instead['value'], instead['unit'])})"
-    worse = instead["times_the_error"]
+    what = f"{name_in_words(instead.effect)} ({quantity(instead.value, instead.unit)})"
+    worse = instead.times_the_error
     times = f"{worse:.2g}" if worse < 10.0 else f"{worse:.0f}"
-    place = instead["location"].replace("_", " ")
+    place = instead.location.replace("_", " ")
     return (f" If the catalogue did not hold that, {what} at the {place} would be named, "
             f"with {times} times the error; it is not needed beside it.")  # fmt: skip
 
 
-def when(evidence: Evidence, found: Search, key: Key) -> str:
-    """When the effect matters: where the square of what it changes in the prediction lies."""
-    place, name = key
-    without = evidence.residuals(found.fitted.rig.with_effect(place, name, None), found.fitted.residuals, {place})
-    record = evidence.records[0]
+def unsure(confidence: Confidence, key: tuple[str, str], rest: Recovered | None) -> str:
+    """What has to be said of a name that does not stand for sure."""
+    if confidence == "sure" or rest is None:
+        return ""
+    what, place = name_in_words(key[1]), key[0].replace("_", " ")
+    if rest.place == key[0]:
+        return (f" It acts like {what}, but the law is another one: what is left depends on the {rest.state} of the "
+                f"{place}.")  # fmt: skip
+    return f" That is a part of the truth at best: what is left is not small against what {what} explains."
+
+
+def when(evidence: Evidence, found: Search, left_out: Residuals) -> str:
+    """When an effect matters: where the square of what it changes in the prediction lies, in the longest stretch.
+
+    left_out : what remains without it.
+    """
+    number = max(range(len(evidence.records)), key=lambda j: int(evidence.records[j].train.sum()))
+    record = evidence.records[number]
     change = np.zeros(record.samples)
     for block in evidence.blocks:
-        difference = without[block.name][0] - found.fitted.residuals[block.name][0]
+        difference = left_out[block.name][number] - found.fitted.residuals[block.name][number]
         change += np.sum(difference**2, axis=1)
     if change.sum() <= 0.0:
         return "the effect does not change the prediction of this recording"
     # a positioner's command is the motion itself
     imposed = evidence.nominal.only("positioner") is not None
     signal = record.u if imposed else record.y[evidence.blocks[0].channels[0]]
-    smooth = np.convolve(np.gradient(signal), np.ones(11) / 11, "same")
+    sensor = evidence.nominal.sensors[evidence.blocks[0].channels[0]]
+    speed = signal if sensor.quantity == "velocity" and not imposed else np.gradient(signal)
+    smooth = np.convolve(speed, np.ones(11) / 11, "same")
     moving = np.flatnonzero(np.abs(smooth) > TREMOR * np.abs(smooth).max())
     turns = moving[1:][np.diff(np.sign(smooth[moving])) != 0]
     before = max(1, round(NEAR_S[0] / record.sample_time_s))
@@ -73,23 +102,57 @@ def when(evidence: Evidence, found: Search, key: Key) -> str:
 
 
 def summary(
-    verdict: str, findings: list[dict[str, Any]], recalibrated: dict[str, Any], located: dict[str, Any] | None
+    verdict: Verdict, findings: Sequence[Finding], recalibrated: dict[str, Recalibrated], located: Located | None
 ) -> str:
     """Two or three sentences."""
-    parts = []
-    if verdict == "consistent":
+    if verdict == CONSISTENT:
         return "The recording agrees with the rig: what is left is the sensors' noise."
-    if verdict == "parameters":
-        names = ", ".join(f"{n} = {quantity(p['value'], p['unit'])}" for n, p in recalibrated.items())
+    if verdict == PARAMETERS:
+        names = ", ".join(f"{n} = {quantity(p.value, p.unit)}" for n, p in recalibrated.items())
         return f"No physics is missing: recalibrated parameters explain the recording ({names})."
-    parts += [f["sentence"] for f in findings]
+    parts = [f.sentence for f in findings]
     for finding in findings:
-        if finding["also_fits"]:
-            others = " or ".join(f"{name_in_words(o['effect'])} at the {o['location'].replace('_', ' ')}"
-                                 for o in finding["also_fits"])  # fmt: skip
-            parts.append(f"This recording cannot tell {name_in_words(finding['effect'])} from {others}.")
-    if verdict == "unexplained" and located:
+        if finding.also_fits:
+            others = " or ".join(f"{name_in_words(o.effect)} at the {o.location.replace('_', ' ')}"
+                                 for o in finding.also_fits)  # fmt: skip
+            parts.append(f"This recording cannot tell {name_in_words(finding.effect)} from {others}.")
+    if verdict == UNEXPLAINED and located:
         said = "What remains" if findings else "The mismatch"
-        parts.append(f"{said} is real and lies at or near {located['location'].replace('_', ' ')}, "
+        parts.append(f"{said} is real and lies at or near {located.location.replace('_', ' ')}, "
                      "but nothing in the catalogue explains it.")  # fmt: skip
     return " ".join(parts)
+
+
+def limits_said(effects: list[str], parameters: list[str]) -> str:
+    """What to say of effects' and of the rig's parameters that stand at their limits; empty where none do."""
+    said = []
+    if effects:
+        stand = "stands" if len(effects) == 1 else "stand"
+        said.append(f"{' and '.join(effects)} {stand} at the end of its range: the data did not choose it.")
+    if parameters:
+        stand, stands_in = ("stands", "it stands") if len(parameters) == 1 else ("stand", "they stand")
+        said.append(f"{' and '.join(parameters)} {stand} at the limit, as far from nominal as a fit may go: there "
+                    f"{stands_in} in for missing physics, or the rig's value is wrong.")  # fmt: skip
+    return " ".join(said)
+
+
+def source_of(recording: Recording) -> str:
+    """The name of a recording and, after a colon, of its part."""
+    return f"{recording.name}:{recording.part}" if recording.part else recording.name
+
+
+def notes_of(recording: Recording, validation: Recording | None, share: float) -> tuple[str, ...]:
+    """What the reader said, and which data are fitted to and which are held out: the last ``share``, or others."""
+    if validation is None:
+        return (
+            *recording.notes,
+            f"{_span('Fitted to the beginning of', recording)}; of its last {100 * share:.0f} % the first part chooses "
+            f"the structure, and the last {100 * settings().judging_share * share:.0f} % judge it.",
+        )
+    other = [f"Held-out data: {note}" for note in validation.notes if note not in recording.notes]
+    return *recording.notes, *other, f"{_span('Fitted to', recording)}; {_span('chosen and judged on', validation)}."
+
+
+def _span(what: str, r: Recording) -> str:
+    stretches = f" in {len(r.stretches)} stretches" if len(r.stretches) > 1 else ""
+    return f"{what} {source_of(r)}, {r.t_s[0]:.6g} to {r.t_s[-1]:.6g} s ({r.samples} samples{stretches})"

@@ -9,11 +9,10 @@ from dataclasses import replace
 from dtbacklash.diagnose.compare import Block
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.floor import noise_floor
+from dtbacklash.diagnose.free import penalty_of
 from dtbacklash.diagnose.name import Search, refit_with
-from dtbacklash.diagnose.refit import Fit, penalty_of, weights_for
-
-#: bandwidth of the slow pull, rad/s
-SLOW_RAD_S = 0.7
+from dtbacklash.diagnose.refit import Fit, weights_for
+from dtbacklash.diagnose.settings import settings
 
 
 def slow_evidence(evidence: Evidence) -> Evidence:
@@ -21,7 +20,8 @@ def slow_evidence(evidence: Evidence) -> Evidence:
     if not any(b.gains[1] > 0.0 for b in evidence.blocks):
         return evidence
     step = evidence.records[0].sample_time_s
-    slow = (2.0 * SLOW_RAD_S * step, SLOW_RAD_S**2 * step)
+    b = settings().pull_slow_rad_s
+    slow = (2.0 * b * step, b**2 * step)
     blocks: list[Block] = [replace(b, gains=slow) if b.gains[1] > 0.0 else b for b in evidence.blocks]
     return replace(
         evidence, blocks=blocks, floor=noise_floor(evidence.nominal, blocks, evidence.records, evidence.noise)

@@ -1,11 +1,11 @@
 """``dtb paper``: the paper's figures, and every statement of it that can be checked."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
 import pandas as pd
 
+from dtbacklash.files import write_json
 from dtbacklash.paper.claims import all_claims
 from dtbacklash.paper.experiments import Experiments, run_experiments
 from dtbacklash.paper.figures import draw_figures
@@ -22,7 +22,8 @@ def run_paper(folder: Path, progress: Callable[[float], None] | None = None) -> 
     -------
     Whether every claim holds.
     """
-    from dtbacklash.report import paper_page, tables
+    from dtbacklash.report.kit import tables
+    from dtbacklash.report.paper import page as paper_page
 
     experiments = run_experiments(progress)
     claims = pd.DataFrame([claim.row() for claim in all_claims(experiments)])
@@ -32,6 +33,6 @@ def run_paper(folder: Path, progress: Callable[[float], None] | None = None) -> 
     paper_page.write(claims, figures, folder)
     failed = claims.loc[~claims["pass"], "claim"].tolist()
     summary = {"claims": len(claims), "passed": int(claims["pass"].sum()), "failed": failed}
-    (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    write_json(folder / "summary.json", summary)
     tables.show(tables.claims(claims))
     return not failed

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from dtbacklash.arrays import Floats
 from dtbacklash.config.compose import compose
+from dtbacklash.control.chain import design_for, motor_parameters, structure_parameters
 from dtbacklash.control.design import ControllerDesign, MotorParameters, StructureParameters
-from dtbacklash.physics.laws import play
-from dtbacklash.physics.plant import Floats
+from dtbacklash.experiment.run import RunResult, run_scenario
+from dtbacklash.physics.effects.play import play
 from dtbacklash.physics.rig import build_rig
-from dtbacklash.scenario import RunResult, design_for, motor_parameters, run_scenario, structure_parameters
 
 #: figure or experiment -> the words of `dtb run` that make it
 SCENARIOS: dict[str, tuple[str, ...]] = {

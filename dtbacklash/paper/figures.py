@@ -2,8 +2,10 @@
 
 from pathlib import Path
 
+from dtbacklash.experiment.metrics import StepMetrics
 from dtbacklash.paper.experiments import PLAY_GAP_DEG, Experiments
-from dtbacklash.report import figures, style
+from dtbacklash.report.kit import style
+from dtbacklash.report.paper import figures
 
 
 def draw_figures(experiments: Experiments, folder: Path) -> dict[str, Path]:
@@ -13,7 +15,9 @@ def draw_figures(experiments: Experiments, folder: Path) -> dict[str, Path]:
     for number in (4, 6):
         trace = runs[f"fig{number}"].trace
         part = trace[trace["t_s"] <= (6.0 if number == 4 else 2.0)]
-        drawn[number] = figures.response_and_voltage(part["t_s"], part["q3_mm"], part["u_v"])
+        move = experiments.moves[f"fig{number}"].iloc[0]
+        found = StepMetrics(*(float(move[name]) for name in StepMetrics._fields))
+        drawn[number] = figures.response_and_voltage(part["t_s"], part["q3_mm"], part["u_v"], found)
     play = experiments.play
     drawn[7] = figures.play_figure(play.t_s, play.theta_m_deg, play.theta_d_deg, PLAY_GAP_DEG)
     for number in (8, 10, 13):

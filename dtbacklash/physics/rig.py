@@ -1,12 +1,16 @@
 """A rig whose description has been checked: elements in order, values resolved, effects complete."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from dtbacklash import units
 from dtbacklash.config.rig import ParameterConfig, RigConfig, finite
 from dtbacklash.errors import UserError
 from dtbacklash.physics import catalogue
-from dtbacklash.physics.elements import BODY_KINDS, GROUND, KINDS, LINK_KINDS, QUANTITIES, SLIDING_KINDS
+from dtbacklash.physics.effects import slots
+from dtbacklash.physics.effects.declare import Effect, Values
+from dtbacklash.physics.kinds import AXES, GROUND, KINDS, LINEAR, OPTIONAL_NEIGHBOURS, SENSOR, Kind
 
 SENSOR_PREFIX = "sensor_"
 Effects = dict[str, dict[str, dict[str, float]]]
@@ -21,45 +25,87 @@ class Element:
     values: dict[str, float] = field(default_factory=dict)
     neighbours: dict[str, Any] = field(default_factory=dict)
 
+    @property
+    def trait(self) -> Kind:
+        """What its kind says of it."""
+        return KINDS[self.kind]
+
 
 @dataclass(frozen=True)
 class Sensor:
-    """What one sensor measures: ``quantity`` of the element ``of``, in ``unit``."""
+    """What one sensor measures: ``quantity`` of the element ``of``, in the SI unit ``unit``.
+
+    ``recorded_in`` is the unit of its column in a recording that says nothing of units; empty: SI.
+    """
 
     name: str
     of: str
     quantity: str
     unit: str
+    recorded_in: str = ""
+
+    @property
+    def per_si(self) -> float:
+        """The factor from SI to the unit in which it is recorded."""
+        return units.per_si(self.recorded_in) if self.recorded_in else 1.0
 
 
 @dataclass(frozen=True)
 class Rig:
-    """A checked rig. Build it with :func:`build_rig`; it never changes, ``with_*`` give changed copies."""
+    """A checked rig. Build it with :func:`build_rig`; it never changes, ``with_*`` give changed copies.
+
+    effects : their values. tolerances : of those of their parameters that have one, relative, one standard deviation;
+    an effect with a tolerance is known, and diagnosed as the elements' parameters are.
+    """
 
     config: RigConfig
     elements: dict[str, Element]
     effects: Effects
     sensors: dict[str, Sensor]
+    tolerances: Effects = field(default_factory=dict)
 
     def of_kind(self, kind: str) -> list[Element]:
         """All elements of a kind, in order."""
         return [e for e in self.elements.values() if e.kind == kind]
 
     def links(self) -> list[Element]:
-        """All links and couplings, in order."""
-        return [e for e in self.elements.values() if e.kind in LINK_KINDS]
+        """All links, couplings and shafts, in order."""
+        return [e for e in self.elements.values() if e.trait.trait == slots.SPRING]
+
+    def bodies(self) -> list[Element]:
+        """All rotors and masses, in order."""
+        return [e for e in self.elements.values() if e.trait.trait == slots.BODY]
+
+    def motor_rotor(self) -> Element | None:
+        """The rotor that turns the gear, or else the one that the motor drives; None if the rig has neither."""
+        gear, drive = self.only("gear"), self.only("motor_circuit") or self.only("actuator")
+        name = gear.neighbours["driven_by"] if gear else drive.neighbours["drives"] if drive else None
+        element = self.elements.get(name) if name else None
+        return element if element is not None and element.kind == "rotor" else None
 
     def only(self, kind: str) -> Element | None:
         """The single element of a kind, or None."""
         found = self.of_kind(kind)
         return found[0] if found else None
 
+    def output_sensor(self) -> Sensor | None:
+        """The sensor whose target is the reference: the position of the last body that slides, else of the last one."""
+        places = {e.name: e for e in self.bodies()}
+        order = list(places)
+        shown = [s for s in self.sensors.values() if s.quantity == "position" and s.of in places]
+        return max(shown, key=lambda s: (places[s.of].trait.axis == LINEAR, order.index(s.of)), default=None)
+
+    def reference_per_si(self) -> float:
+        """The factor from the reference in SI to the unit of its column in recordings: that of the output's sensor."""
+        output = self.output_sensor()
+        return output.per_si if output else 1.0
+
     def kind_at(self, location: str) -> str:
         """The kind at a location of the vocabulary: an element's name or ``sensor_<name>``."""
         if location in self.elements:
             return self.elements[location].kind
         if location.removeprefix(SENSOR_PREFIX) in self.sensors and location.startswith(SENSOR_PREFIX):
-            return "sensor"
+            return SENSOR.name
         places = [*self.elements, *(SENSOR_PREFIX + s for s in self.sensors)]
         raise UserError(f"rig.effects.{location}", location, f"unknown location; known: {', '.join(places)}")
 
@@ -67,8 +113,23 @@ class Rig:
         """The parameters of an effect that is switched on, else None."""
         return self.effects.get(location, {}).get(name)
 
-    def with_effect(self, location: str, name: str, values: dict[str, float] | None) -> "Rig":
-        """A copy with one effect set (or, with None, taken out). Raises UserError if it does not fit."""
+    def active(self, location: str, slot: type[slots.Slot]) -> list[tuple[Effect, Values]]:
+        """The effects that act in a slot of a location, with their parameters, in the catalogue's order."""
+        there = self.effects.get(location)
+        if not there:
+            return []
+        known = catalogue.effects_of(self.kind_at(location))
+        return [(e, there[name]) for name, e in known.items() if name in there and isinstance(e.slot, slot)]
+
+    def amount(self, location: str, slot: type[slots.Slot], parameter: str) -> float:
+        """The sum of what the effects in a slot say of one of the slot's parameters; 0 if there are none."""
+        return sum((values[getattr(e.slot, parameter)] for e, values in self.active(location, slot)), 0.0)
+
+    def with_effect(self, location: str, name: str, values: Mapping[str, Any] | None) -> "Rig":
+        """A copy with one effect set (or, with None, taken out). Raises UserError if it does not fit.
+
+        values : numbers, SI, or mappings with ``value`` and ``tolerance``.
+        """
         effects = {place: dict(there) for place, there in self.config.effects.items()}
         effects.setdefault(location, {}).pop(name, None)
         if values is not None:
@@ -95,18 +156,24 @@ def build_rig(config: RigConfig) -> Rig:
     """
     elements = {name: _element(name, spec, config.parameters) for name, spec in config.elements.items()}
     _check_neighbours(elements)
+    _check_gain(elements, config)
     sensors = {name: _sensor(name, spec, elements) for name, spec in config.sensors.items()}
     rig = Rig(config, elements, {}, sensors)
     effects: Effects = {}
+    tolerances: Effects = {}
     for location, there in config.effects.items():
         kind = rig.kind_at(location)
-        for name, values in there.items():
+        for name, leaves in there.items():
             key = f"rig.effects.{location}.{name}"
             effect = catalogue.find(kind, name, key)
-            filled = effect.complete(values, key)
-            if not effect.is_neutral(filled):
-                effects.setdefault(location, {})[name] = filled
-    return replace(rig, effects=effects)
+            filled = effect.complete(leaves, key)
+            if effect.is_neutral(filled):
+                continue
+            effects.setdefault(location, {})[name] = filled
+            known = {p: float(leaf["tolerance"]) for p, leaf in leaves.items() if isinstance(leaf, dict)}
+            if known:
+                tolerances.setdefault(location, {})[name] = known
+    return replace(rig, effects=effects, tolerances=tolerances)
 
 
 def _element(name: str, spec: dict[str, Any], parameters: dict[str, ParameterConfig]) -> Element:
@@ -116,89 +183,119 @@ def _element(name: str, spec: dict[str, Any], parameters: dict[str, ParameterCon
         raise UserError(f"{key}.kind", spec["kind"], f"choose one of {', '.join(KINDS)}")
     if name == GROUND or name.startswith(SENSOR_PREFIX):
         raise UserError(key, name, f"a name other than `{GROUND}` and not beginning with `{SENSOR_PREFIX}`")
-    units = {**kind.required, **kind.optional}
-    unknown = set(spec) - {"kind", *units, *kind.neighbours}
+    fields = {**kind.required, **kind.optional}
+    unknown = set(spec) - {"kind", *fields, *kind.neighbours}
     if unknown:
-        allowed = f"unknown field; a {kind.name} has {', '.join([*units, *kind.neighbours])}"
+        article = "an" if kind.name[0] in "aeiou" else "a"
+        allowed = f"unknown field; {article} {kind.name} has {', '.join([*fields, *kind.neighbours])}"
         raise UserError(f"{key}.{min(unknown)}", spec[min(unknown)], allowed)
     values = {}
-    for field_name, unit in units.items():
+    for field_name, unit in fields.items():
         if field_name in spec:
             values[field_name] = _value(f"{key}.{field_name}", spec[field_name], unit, parameters)
         elif field_name in kind.required:
-            raise UserError(f"{key}.{field_name}", "(missing)", f"the name of a parameter in {unit}")
+            raise UserError(f"{key}.{field_name}", "(missing)", f"the name of a parameter in {_either(unit)}")
     for neighbour in kind.neighbours:
-        if neighbour not in spec and neighbour != "carries":
+        if neighbour not in spec and neighbour not in OPTIONAL_NEIGHBOURS:
             raise UserError(f"{key}.{neighbour}", "(missing)", "the name of another element")
     return Element(name, kind.name, values, {n: spec[n] for n in kind.neighbours if n in spec})
 
 
-def _value(key: str, name: object, unit: str, parameters: dict[str, ParameterConfig]) -> float:
+def _either(unit: str | tuple[str, ...]) -> str:
+    return unit if isinstance(unit, str) else " or ".join(unit)
+
+
+def _value(key: str, name: object, unit: str | tuple[str, ...], parameters: dict[str, ParameterConfig]) -> float:
     if not isinstance(name, str) or name not in parameters:
         raise UserError(key, name, f"the name of one of the rig's parameters: {', '.join(parameters)}")
     parameter = parameters[name]
-    if parameter.unit and parameter.unit != unit:
-        raise UserError(f"rig.parameters.{name}.unit", parameter.unit, f"{unit}, as {key} needs it")
+    if parameter.unit and parameter.unit not in ((unit,) if isinstance(unit, str) else unit):
+        raise UserError(f"rig.parameters.{name}.unit", parameter.unit, f"{_either(unit)}, as {key} needs it")
     value = finite(f"rig.parameters.{name}.value", parameter.value)
     damping_like = key.endswith(("damping", "stiffness"))
     if value < 0.0 or (value == 0.0 and not damping_like):
-        raise UserError(f"rig.parameters.{name}.value", value, f"above 0 {unit}")
+        raise UserError(f"rig.parameters.{name}.value", value, f"above 0 {_either(unit)}, as {key} needs it")
     return value
 
 
-#: role -> kinds of element that may stand there; `between` also takes the ground
-_PARTNERS = {
-    ("amplifier", "drives"): ("motor_circuit", "actuator"),
-    ("motor_circuit", "drives"): ("rotor", "carriage", "mass"),
-    ("actuator", "drives"): SLIDING_KINDS,
-    ("gear", "driven_by"): ("rotor",),
-    ("screw", "driven_by"): ("gear",),
-    ("screw", "carries"): ("mass", "carriage"),
-    ("link", "between"): SLIDING_KINDS,
-    ("coupling", "between"): (*SLIDING_KINDS, "positioner"),
-}
-
-
 def _check_neighbours(elements: dict[str, Element]) -> None:
-    if not any(e.kind in BODY_KINDS for e in elements.values()):
-        raise UserError("rig.elements", ", ".join(elements) or "(none)", f"at least one {', '.join(BODY_KINDS)}")
-    singles: tuple[tuple[str, ...], ...] = (
-        ("amplifier",),
-        ("motor_circuit", "actuator", "positioner"),
-        ("rotor",),
-        ("gear",),
-        ("screw", "positioner"),
-    )
-    for kinds in singles:
-        names = [e.name for e in elements.values() if e.kind in kinds]
+    if not any(e.trait.trait == slots.BODY for e in elements.values()):
+        bodies = [kind.name for kind in KINDS.values() if kind.trait == slots.BODY]
+        raise UserError("rig.elements", ", ".join(elements) or "(none)", f"at least one {', '.join(bodies)}")
+    for group in dict.fromkeys(group for kind in KINDS.values() for group in kind.one_of):
+        names = [e.name for e in elements.values() if group in e.trait.one_of]
         if len(names) > 1:
+            kinds = [kind.name for kind in KINDS.values() if group in kind.one_of]
             raise UserError("rig.elements", ", ".join(names), f"at most one element of kind {' or '.join(kinds)}")
     for element in elements.values():
         for role, target in element.neighbours.items():
-            key = f"rig.elements.{element.name}.{role}"
-            names = target if role == "between" else [target]
-            if role == "between" and (not isinstance(names, list) or len(names) != 2 or names[0] == names[1]):
-                raise UserError(key, target, "two different bodies, e.g. [mass_1, mass_2] or [ground, mass_1]")
-            for name in names:
-                if role == "between" and name == GROUND:
-                    continue
-                kinds = _PARTNERS[element.kind, role]
-                fitting = [e.name for e in elements.values() if e.kind in kinds]
-                if not isinstance(name, str) or name not in fitting:
-                    allowed = f"an element of kind {' or '.join(kinds)}: {', '.join(fitting) or 'the rig has none'}"
-                    raise UserError(key, name, allowed)
+            _check_neighbour(elements, element, role, target)
+    _check_drive(elements)
+    _check_rotors(elements)
+
+
+def _check_neighbour(elements: dict[str, Element], element: Element, role: str, target: Any) -> None:
+    key = f"rig.elements.{element.name}.{role}"
+    names = target if role == "between" else [target]
+    if role == "between" and (not isinstance(names, list) or len(names) != 2 or names[0] == names[1]):
+        raise UserError(key, target, "two different bodies, e.g. [mass_1, mass_2] or [ground, mass_1]")
+    kinds = element.trait.neighbours[role]
+    for name in names:
+        if role == "between" and name == GROUND:
+            continue
+        fitting = [e.name for e in elements.values() if e.kind in kinds]
+        if not isinstance(name, str) or name not in fitting:
+            allowed = f"an element of kind {' or '.join(kinds)}: {', '.join(fitting) or 'the rig has none'}"
+            raise UserError(key, name, allowed)
+
+
+def _check_drive(elements: dict[str, Element]) -> None:
+    """The motor turns the rotor that the gear is driven by; the angle that is measured there moves the structure."""
+    drive = next((e for e in elements.values() if "drives" in e.neighbours and e.kind != "amplifier"), None)
+    gear = next((e for e in elements.values() if e.kind == "gear"), None)
+    if drive is None or gear is None or elements[drive.neighbours["drives"]].kind == "rotor":
+        return
+    allowed = f"a rotor, as {gear.name} is driven by one"
+    raise UserError(f"rig.elements.{drive.name}.drives", drive.neighbours["drives"], allowed)
+
+
+def _check_rotors(elements: dict[str, Element]) -> None:
+    """Several rotors are a drive train: each is driven, drives the gear or hangs on a shaft."""
+    rotors = [e.name for e in elements.values() if e.kind == "rotor"]
+    reached = [
+        name
+        for e in elements.values() for target in e.neighbours.values()
+        for name in (target if isinstance(target, list) else [target])
+    ]  # fmt: skip
+    for name in rotors if len(rotors) > 1 else []:
+        if name not in reached:
+            raise UserError(f"rig.elements.{name}", name, "a rotor that a motor, a gear or a shaft reaches")
+
+
+def _check_gain(elements: dict[str, Element], config: RigConfig) -> None:
+    """What an actuator gives per volt is the effort of what it drives."""
+    for element in elements.values():
+        if element.kind == "actuator":
+            name, driven = config.elements[element.name]["gain"], element.neighbours["drives"]
+            unit, needed = config.parameters[name].unit, AXES[elements[driven].trait.axis][2] + "/V"
+            if unit and unit != needed:
+                raise UserError(f"rig.parameters.{name}.unit", unit, f"{needed}, as {element.name} drives {driven}")
 
 
 def _sensor(name: str, spec: dict[str, Any], elements: dict[str, Element]) -> Sensor:
     of, quantity = spec["of"], spec["quantity"]
-    unknown = sorted(str(key) for key in set(spec) - {"of", "quantity"})
+    unknown = sorted(str(key) for key in set(spec) - {"of", "quantity", "recorded_in"})
     if unknown:
         key = f"rig.sensors.{name}.{unknown[0]}"
-        raise UserError(key, spec[unknown[0]], "unknown; a sensor has `of` and `quantity`")
-    measurable = [e.name for e in elements.values() if e.kind in QUANTITIES]
+        raise UserError(key, spec[unknown[0]], "unknown; a sensor has `of`, `quantity`, `recorded_in`")
+    measurable = [e.name for e in elements.values() if e.trait.quantities]
     if of not in measurable:
         raise UserError(f"rig.sensors.{name}.of", of, f"choose one of {', '.join(measurable)}")
-    units = QUANTITIES[elements[of].kind]
-    if not isinstance(quantity, str) or quantity not in units:
-        raise UserError(f"rig.sensors.{name}.quantity", quantity, f"at {of}: {', '.join(units)}")
-    return Sensor(name, of, quantity, units[quantity])
+    known = elements[of].trait.quantities
+    if not isinstance(quantity, str) or quantity not in known:
+        raise UserError(f"rig.sensors.{name}.quantity", quantity, f"at {of}: {', '.join(known)}")
+    recorded_in = spec.get("recorded_in") or ""
+    if recorded_in and recorded_in not in units.of_kind(known[quantity]):
+        allowed = f"a unit of {known[quantity]}: {', '.join(units.of_kind(known[quantity]))}"
+        raise UserError(f"rig.sensors.{name}.recorded_in", recorded_in, allowed)
+    return Sensor(name, of, quantity, known[quantity], recorded_in)

@@ -4,12 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dtbacklash.arrays import Floats
 from dtbacklash.compiled import compiled, copy
 from dtbacklash.physics.assembly import compile_plant
-from dtbacklash.physics.plant import Floats, Plant, State, new_state, place_at
+from dtbacklash.physics.effects import slots
+from dtbacklash.physics.kernel.plant import Plant, State, new_state, place_at
+from dtbacklash.physics.kernel.sample import advance, sense
+from dtbacklash.physics.kernel.step import screw_angle
 from dtbacklash.physics.rig import Rig
-from dtbacklash.physics.sample import advance, sense
-from dtbacklash.physics.step import screw_angle
 
 
 @dataclass(frozen=True)
@@ -90,5 +92,4 @@ def simulate(
 def rig_half_gap(rig: Rig) -> float:
     """The half-gap of the rig's own backlash, rad; a profile adds to it."""
     gear = rig.only("gear")
-    backlash = rig.effect(gear.name, "backlash") if gear else None
-    return backlash["half_gap"] if backlash else 0.0
+    return rig.amount(gear.name, slots.GearPlay, "half_gap") if gear else 0.0

@@ -7,23 +7,19 @@ import hashlib
 import hmac
 import io
 import json
-import shutil
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 
 from dtbacklash.errors import UserError
+from dtbacklash.files import json_text, written
 from dtbacklash.physics.rig import Rig
 from dtbacklash.prove import seal
 from dtbacklash.prove.draw import check_choices, draw, record
-from dtbacklash.prove.other_rig import Loop, Run, check_concealable
 from dtbacklash.prove.secret import Secret
-from dtbacklash.runfolder import hidden_sibling, reason
-
-#: SI unit of a sensor -> factor to the unit of its plain column
-FACTORS = {"m": 1e3, "m/s": 1e3}
+from dtbacklash.prove.simulator.given import Loop
+from dtbacklash.prove.simulator.rig import Run, check_concealable
 
 
 def nominal_rig(name: str) -> Rig:
@@ -33,10 +29,10 @@ def nominal_rig(name: str) -> Rig:
     ------
     UserError : no such rig, or something in it is wrong.
     """
-    from dtbacklash.commands.diagnose import Request
-    from dtbacklash.commands.diagnose import nominal_rig as build
+    from dtbacklash.config.compose import compose
+    from dtbacklash.physics.rig import build_rig
 
-    return build(Request(rig=name))
+    return build_rig(compose("controller=open_loop", f"rig={name}").rig)
 
 
 def conceal(
@@ -49,6 +45,7 @@ def conceal(
     instruments: str | None = None,
     key_file: Path | str | None = None,
     keep: bool = False,
+    called: str | None = None,
 ) -> Path:
     """Make one concealed recording.
 
@@ -59,6 +56,7 @@ def conceal(
     kind, effect, instruments : choices that are otherwise drawn, see :func:`.draw.draw`.
     key_file : of the key; made if it is not there. Default: ``<folder>.key``.
     keep : return a case that is there already instead of refusing to overwrite it.
+    called : how the case names its rig: what ``rig=`` takes, a file relative to the case. Default: the rig's name.
 
     Returns
     -------
@@ -82,8 +80,8 @@ def conceal(
             return case
         raise UserError("seed", seed, f"its recording is there already: {case}")
     secret = draw(seed, rig, kind, effect, instruments)
-    if isinstance(rig_name, str):
-        secret = replace(secret, rig=rig_name)
+    if called is not None or isinstance(rig_name, str):
+        secret = replace(secret, rig=called or str(rig_name))
     write_case(case, secret, rig, key)
     return case
 
@@ -106,29 +104,23 @@ def write_case(case: Path, secret: Secret, nominal: Rig, key: bytes) -> None:
     loop, run = record(secret, nominal)
     content = csv_gz(recording_table(secret, nominal, loop, run))
     public = {"rig": secret.rig, "channels": secret.channels}
-    scratch = hidden_sibling(case, ".partial")
-    try:
-        scratch.mkdir(parents=True)
+    with written(case, shown=case.parent) as scratch:
+        scratch.mkdir()
         (scratch / seal.RECORDING).write_bytes(content)
-        _write_json(scratch / seal.PUBLIC, public)
-        _write_json(scratch / seal.SEALED, seal.seal(secret, content, key))
-        scratch.rename(case)
-    except OSError as error:
-        raise UserError("out", case.parent, f"cannot be written: {reason(error)}") from error
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
-
-
-def _write_json(path: Path, content: Mapping[str, object]) -> None:
-    path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        (scratch / seal.PUBLIC).write_text(json_text(public), encoding="utf-8")
+        (scratch / seal.SEALED).write_text(json_text(seal.seal(secret, content, key)), encoding="utf-8")
 
 
 def recording_table(secret: Secret, nominal: Rig, loop: Loop, run: Run) -> pd.DataFrame:
-    """What was recorded, in the columns and units of ``dtb run recording.save=``: t s, r mm (V in open loop), u V."""
+    """What was recorded, in the columns and units of ``dtb run recording.save=``: those that the rig declares."""
     t_s = [round(k * secret.sample_time_s, 9) for k in range(len(run.u))]
-    columns = {"t": t_s, "r": loop.reference * (1e3 if loop.closed else 1.0) + 0.0, "u": run.u + 0.0}
+    columns = {
+        "t": t_s,
+        "r": loop.reference * (nominal.reference_per_si() if loop.closed else 1.0) + 0.0,
+        "u": run.u + 0.0,
+    }
     for name in secret.channels:
-        columns[name] = run.seen[name] * FACTORS.get(nominal.sensors[name].unit, 1.0) + 0.0  # no -0
+        columns[name] = run.seen[name] * nominal.sensors[name].per_si + 0.0  # no -0
     return pd.DataFrame(columns)
 
 

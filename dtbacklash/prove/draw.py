@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.random import Generator
 
+from dtbacklash.arrays import Floats
 from dtbacklash.errors import UserError
-from dtbacklash.physics.catalogue import effects_of
-from dtbacklash.physics.plant import Floats
+from dtbacklash.physics.catalogue import CATALOGUE, effects_of
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
-from dtbacklash.prove import excitation, sizes
-from dtbacklash.prove.other_rig import Errors, Loop, Run, Unknown, check_concealable, loop_sensors, simulate_other
+from dtbacklash.prove import excitation, motion, sizes, tuning
+from dtbacklash.prove.bench import Bench, errors_in_cascade, errors_of
 from dtbacklash.prove.secret import INSTRUMENTS, KINDS, Secret
+from dtbacklash.prove.simulator.given import Errors, Loop, Unknown
+from dtbacklash.prove.simulator.rig import EFFECTS, Run, check_concealable, simulate_other
+from dtbacklash.prove.unlisted import DESCRIPTIONS, unknown_entries, unknown_range
 
 #: how often each kind is drawn
 SHARES = {"nothing": 0.10, "parameters": 0.12, "single": 0.43, "several": 0.20, "unknown": 0.15}
@@ -23,67 +27,17 @@ SHARES = {"nothing": 0.10, "parameters": 0.12, "single": 0.43, "several": 0.20, 
 VISIBILITY = (1.0, 300.0)
 #: a parameter that is the matter is off by this many tolerances; one that is not, by less than one
 WRONG, SLIGHT = (0.7, 2.0), 1.0
-SAMPLE_TIME_S = 1e-3
 DURATION_S = (20, 30)
 #: what is hidden is drawn anew, this often, if it cannot be seen on this rig (the warming of a motor that runs light)
 #: or the loop does not stay finite
 LEAST_VISIBLE, ATTEMPTS = 0.5, 40
-#: a seed's stream is [seed, attempt]; that of its sensors' noise and that of its kind end with these
+#: a seed's stream is [seed, attempt], and the hash of the rig's name but for rigs in cascade, which came first; that of
+#: its sensors' noise and that of its kind have these in the place of the attempt
 NOISE_STREAM, KIND_STREAM = 10**6, 2 * 10**6
-#: bandwidth of the weak loop that keeps two runs together whose voltage is given, when they are compared, rad/s
-WEAK_RAD_S = 15.0
-
-DESCRIPTIONS = {
-    "position_damping": "damping against the ground that grows with the square of the position",
-    "disturbance": "an unmeasured disturbance with a course of its own",
-    "directional_torque": "a torque constant that differs by the direction of motion",
-    "root_spring": "a part of the spring's force that grows with the square root of the stretch",
-    "speed_stiffening": "a spring that stiffens with the rate of its stretch",
-    "angular_play": "a play that depends on the angle of the screw",
-    "position_mass": "a mass that changes with the position",
-}
-
-
-@dataclass(frozen=True)
-class _Bench:
-    """The rig as it truly is but for what is hidden, and what is done with it."""
-
-    rig: Rig
-    excitation: dict[str, Any]
-    channels: list[str]
-    noise: dict[str, float]
-    resolution: dict[str, float]
-    duration_s: float
-    plain: Run | None = None
-
-    def loop(self, unknown: Unknown | None = None) -> Loop:
-        force = None
-        if unknown is not None and unknown.name == "disturbance":
-            force = excitation.disturbance(self.excitation["seed"], self.duration_s, SAMPLE_TIME_S)
-        return excitation.loop_of(self.excitation, self.duration_s, SAMPLE_TIME_S, force)
-
-    def quiet(self, rig: Rig, unknown: Unknown | None = None) -> Run:
-        """A run without noise and counts; beside a plain run in open loop, held to its motion by a weak loop."""
-        loop = self.loop(unknown)
-        if self.plain is not None and not loop.closed:
-            screw, circuit = rig.only("screw"), rig.only("motor_circuit")
-            assert screw is not None
-            assert circuit is not None
-            angle = self.plain.states[:, 2] * screw.values["lead"]
-            gain = WEAK_RAD_S * circuit.values["emf_constant"]
-            loop = replace(loop, closed=True, reference=angle, dither=loop.reference, gain=gain,
-                           filter_rad_s=math.inf, limit=math.inf)  # fmt: skip
-        return simulate_other(rig, loop, SAMPLE_TIME_S, None, unknown)
-
-    def seen(self, changed: Run, plain: Run) -> float:
-        """How much two runs differ in the channel that shows it most, in units of its noise."""
-        if changed.diverged or plain.diverged:
-            return math.inf
-        return max(
-            float(np.sqrt(np.mean((changed.truth[c] - plain.truth[c]) ** 2)))
-            / math.hypot(self.noise[c], self.resolution[c] / math.sqrt(12.0))
-            for c in self.channels
-        )
+#: what is hidden is drawn from a stream of its own name, ending in which of these and the hash of the name: a new entry
+#: of the catalogue leaves every recording as it was in which it is not hidden itself
+PICK_STREAM, SHAPE_STREAM = 1, 2
+Stream = tuple[int, ...]
 
 
 def entries(rig: Rig) -> list[tuple[str, str]]:
@@ -91,19 +45,7 @@ def entries(rig: Rig) -> list[tuple[str, str]]:
     screw = rig.only("screw")
     carried = screw.neighbours.get("carries") if screw else None
     places = [name for name in rig.elements if name != carried] + [SENSOR_PREFIX + name for name in rig.sensors]
-    return [(p, e) for p in places for e in effects_of(rig.kind_at(p)) if rig.effect(p, e) is None]
-
-
-def unknown_entries(rig: Rig) -> list[tuple[str, str]]:
-    """(location, name) of the physics beyond the catalogue, wherever the rig takes it."""
-    screw = rig.only("screw")
-    carried = screw.neighbours.get("carries") if screw else None
-    by_kind = {
-        "motor_circuit": ["directional_torque"], "rotor": ["disturbance"], "gear": ["angular_play"],
-        "link": ["root_spring", "speed_stiffening"], "mass": ["position_damping", "disturbance", "position_mass"],
-    }  # fmt: skip
-    places = [e for e in rig.elements.values() if e.name != carried]
-    return [(e.name, name) for e in places for name in by_kind.get(e.kind, [])]
+    return [(p, e) for p in places for e in effects_of(rig.kind_at(p)) if e in EFFECTS and rig.effect(p, e) is None]
 
 
 def draw(
@@ -122,18 +64,24 @@ def draw(
     """
     check_concealable(rig)
     wanted = check_choices(rig, kind, effect, instruments)
-    hidden = wanted[0] or draw_kind(seed)
+    hidden = wanted[0] or draw_kind(seed, rig)
     for attempt in range(ATTEMPTS):
-        secret = _draw(np.random.default_rng([seed, attempt]), seed, rig, hidden, *wanted[1:])
+        secret = _draw(stream_of(seed, attempt, rig), rig, hidden, *wanted[1:])
         if secret is not None and (wanted[1] is not None or _is_seen(secret)):
             return secret
     allowed = f"nothing of `{effect or hidden}` could be hidden in it so that it shows and the loop is stable"
     raise UserError("rig", rig.config.name, allowed)
 
 
-def draw_kind(seed: int) -> str:
+def stream_of(seed: int, which: int, rig: Rig) -> Stream:
+    """Where the draws of a seed for one rig come from."""
+    return (seed, which) if tuning.in_cascade(rig) else (seed, which, name_hash(rig.config.name))
+
+
+def draw_kind(seed: int, rig: Rig) -> str:
     """What a recording with this seed hides, by SHARES."""
-    return str(np.random.default_rng([seed, KIND_STREAM]).choice(list(SHARES), p=list(SHARES.values())))
+    rng = np.random.default_rng(stream_of(seed, KIND_STREAM, rig))
+    return str(rng.choice(list(SHARES), p=list(SHARES.values())))
 
 
 def _is_seen(secret: Secret) -> bool:
@@ -167,7 +115,7 @@ def check_choices(
             raise UserError("effect", effect, f"at {place} choose one of {', '.join(names)}")
         places = ", ".join(dict.fromkeys(p for p, _ in known))
         raise UserError("effect", effect, f"write location.effect; locations: {places}")
-    if place.startswith(SENSOR_PREFIX) and place.removeprefix(SENSOR_PREFIX) not in loop_sensors(rig):
+    if place.startswith(SENSOR_PREFIX) and place.removeprefix(SENSOR_PREFIX) not in tuning.fewest_sensors(rig):
         if instruments == "minimal":
             raise UserError("instruments", instruments, f"rich, or {place} is not recorded")
         instruments = "rich"
@@ -175,53 +123,40 @@ def check_choices(
 
 
 def _draw(
-    rng: Generator, seed: int, nominal: Rig, kind: str, chosen: tuple[str, str] | None, instruments: str | None
+    stream: Stream, nominal: Rig, kind: str, chosen: tuple[str, str] | None, instruments: str | None
 ) -> Secret | None:
-    """One attempt; None if the loop did not stay finite."""
+    """One attempt with the stream of a seed; None if the loop did not stay finite."""
+    rng, seed, cascade = np.random.default_rng(stream), stream[0], tuning.in_cascade(nominal)
     drawn = str(rng.choice(INSTRUMENTS))  # drawn in any case, so that a choice does not change the rest
     instruments = instruments or drawn
-    duration_s = float(rng.integers(DURATION_S[0], DURATION_S[1] + 1))
-    move = excitation.draw_excitation(rng, nominal)
-    noise, resolution = _sensor_errors(rng, nominal)
+    duration_s, step_s = float(rng.integers(DURATION_S[0], DURATION_S[1] + 1)), tuning.sample_time_s(nominal)
+    if cascade:
+        move = excitation.draw_excitation(rng, nominal)
+        errors = errors_in_cascade(rng, nominal)
+    else:
+        move = motion.draw_motion(rng, nominal, duration_s, step_s)
     parameters = _parameters(rng, nominal, kind)
-    channels = loop_sensors(nominal) if instruments == "minimal" else list(nominal.sensors)
+    channels = tuning.fewest_sensors(nominal) if instruments == "minimal" else list(nominal.sensors)
     rig = nominal.with_parameters(parameters) if parameters else nominal
-    bench = _Bench(rig, move, channels, noise, resolution, duration_s)
+    bench = Bench(rig, move, channels, duration_s, step_s)
     plain = bench.quiet(rig)
     if plain.diverged:
         return None
-    bench = replace(bench, plain=plain)
+    noise, resolution = errors if cascade else errors_of(rng, nominal, move, plain)
+    bench = replace(bench, plain=plain, noise=noise, resolution=resolution)
     secret = Secret(
         seed=seed, rig=nominal.config.name, kind=kind, parameters=parameters, excitation=move,
-        controller="open_loop" if move["form"].startswith("voltage") else "cascade", instruments=instruments,
-        channels=channels, noise=noise, resolution=resolution, duration_s=duration_s, sample_time_s=SAMPLE_TIME_S,
+        controller="open_loop" if not bench.loop().closed else "cascade" if cascade else "pid",
+        instruments=instruments, channels=channels, noise=noise, resolution=resolution, duration_s=duration_s,
+        sample_time_s=step_s,
     )  # fmt: skip
     if parameters:
         secret.visibility["parameters"] = bench.seen(plain, bench.quiet(nominal))
     if kind == "unknown":
-        return _with_unknown(rng, secret, bench, plain)
+        return _with_unknown(stream, secret, bench, plain)
     if kind in ("single", "several"):
-        return _with_effects(rng, secret, bench, plain, chosen)
+        return _with_effects(rng, stream, secret, bench, plain, chosen)
     return secret
-
-
-def _sensor_errors(rng: Generator, rig: Rig) -> tuple[dict[str, float], dict[str, float]]:
-    """Noise and counts of every sensor: around a 4096-count encoder and 1 um, in proportion to the rig's lead."""
-    turn, circuit = excitation.turn_m(rig) / excitation.PAPER_TURN_M, rig.only("motor_circuit")
-    assert circuit is not None
-    ampere = 1.0 / circuit.values["resistance"]
-    noise, resolution = {}, {}
-    for name, sensor in rig.sensors.items():
-        spread = float(np.exp(rng.uniform(math.log(0.3), math.log(3.0))))
-        counts = float(rng.choice([2048.0, 4096.0, 8192.0]))
-        part = float(rng.choice([0.1, 0.2, 0.5]))
-        if sensor.unit == "rad":
-            resolution[name] = 2.0 * math.pi / counts
-            noise[name] = 0.1 * spread * resolution[name]
-            continue
-        unit = {"m": 1e-6 * turn, "A": 8e-3 * ampere, "m/s": 2e-5 * turn, "rad/s": 0.05}[sensor.unit]
-        noise[name], resolution[name] = unit * spread, unit * part
-    return noise, resolution
 
 
 def _parameters(rng: Generator, rig: Rig, kind: str) -> dict[str, float]:
@@ -243,19 +178,20 @@ def _target(rng: Generator) -> float:
 
 
 def _with_effects(
-    rng: Generator, secret: Secret, bench: _Bench, plain: Run, chosen: tuple[str, str] | None
+    rng: Generator, stream: Stream, secret: Secret, bench: Bench, plain: Run, chosen: tuple[str, str] | None
 ) -> Secret | None:
     """Hide one effect of the catalogue, or two or three at different elements."""
-    motion = sizes.motion_of(bench.rig, plain, bench.duration_s)
+    moving = sizes.motion_of(bench.rig, plain, bench.duration_s, bench.excitation["f_max_hz"])
     count = 1 if secret.kind == "single" else int(rng.integers(2, 4))
-    places = entries(bench.rig)
-    picked = [chosen] if chosen else _pick(rng, places, count)
+    picked = [chosen] if chosen else _pick(stream, entries(bench.rig), count)
     secret, bench = _recorded(picked, secret, bench)
     for place, name in picked:
-        values = _sized(rng, bench, plain, place, name, motion)
+        own = np.random.default_rng([*stream, SHAPE_STREAM, name_hash(f"{place}.{name}")])
+        values = _sized(own, bench, plain, place, name, moving)
         secret.effects.append({"location": place, "effect": name, "parameters": values})
-    full = bench.quiet(_hide(bench.rig, secret.effects))
-    if full.diverged:
+    true_rig = _hide(bench.rig, secret.effects)
+    full = bench.quiet(true_rig)
+    if full.diverged or bench.wild(true_rig, full):
         return None
     for hidden in secret.effects:
         others = [e for e in secret.effects if e is not hidden]
@@ -264,18 +200,32 @@ def _with_effects(
     return secret if all(math.isfinite(v) for v in secret.visibility.values()) else None
 
 
-def _pick(rng: Generator, known: list[tuple[str, str]], count: int) -> list[tuple[str, str]]:
+def name_hash(name: str) -> int:
+    """A number that only the name decides, the same everywhere."""
+    return int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "big")
+
+
+def _in_lot(stream: Stream, known: list[tuple[str, str]]) -> list[tuple[str, str]]:
+    """The entries in a random order that another entry does not change: each draws its own lot."""
+
+    def lot(entry: tuple[str, str]) -> float:
+        return float(np.random.default_rng([*stream, PICK_STREAM, name_hash(".".join(entry))]).random())
+
+    return sorted(known, key=lot)
+
+
+def _pick(stream: Stream, known: list[tuple[str, str]], count: int) -> list[tuple[str, str]]:
     """Different effects at different elements, each entry equally likely."""
     picked: list[tuple[str, str]] = []
-    while len(picked) < count:
-        place, name = known[int(rng.integers(len(known)))]
-        clash = {"backlash", "load_reaction"} <= {name, *(e for _, e in picked)}
-        if place not in [p for p, _ in picked] and not clash:
+    excluded: set[str] = set()
+    for place, name in _in_lot(stream, known):
+        if len(picked) < count and place not in [p for p, _ in picked] and name not in excluded:
             picked.append((place, name))
+            excluded |= {other for (_, n), effect in CATALOGUE.items() if n == name for other in effect.excludes}
     return picked
 
 
-def _recorded(picked: list[tuple[str, str]], secret: Secret, bench: _Bench) -> tuple[Secret, _Bench]:
+def _recorded(picked: list[tuple[str, str]], secret: Secret, bench: Bench) -> tuple[Secret, Bench]:
     """An error of a sensor can only be hidden where the sensor is recorded."""
     needed = {p.removeprefix(SENSOR_PREFIX) for p, _ in picked if p.startswith(SENSOR_PREFIX)}
     if needed <= set(secret.channels):
@@ -290,10 +240,10 @@ def _hide(rig: Rig, effects: list[dict[str, Any]]) -> Rig:
     return rig
 
 
-def _sized(rng: Generator, bench: _Bench, plain: Run, place: str, name: str, motion: sizes.Motion) -> dict[str, float]:
+def _sized(rng: Generator, bench: Bench, plain: Run, place: str, name: str, moving: sizes.Motion) -> dict[str, float]:
     """The parameters of an effect that is as visible as drawn."""
     effect = effects_of(bench.rig.kind_at(place))[name]
-    shape = sizes.draw_shape(rng, bench.rig, place, effect, motion)
+    shape = effect.draw_shape(rng, moving.at(place))
 
     def visibility(strength: float) -> float:
         return bench.seen(bench.quiet(bench.rig.with_effect(place, name, shape.values(strength))), plain)
@@ -301,47 +251,27 @@ def _sized(rng: Generator, bench: _Bench, plain: Run, place: str, name: str, mot
     return shape.values(sizes.strength_for(visibility, _target(rng), shape.guess, shape.most))
 
 
-def _with_unknown(rng: Generator, secret: Secret, bench: _Bench, plain: Run) -> Secret | None:
+def _with_unknown(stream: Stream, secret: Secret, bench: Bench, plain: Run) -> Secret | None:
     """Hide physics that the catalogue does not have."""
-    motion = sizes.motion_of(bench.rig, plain, bench.duration_s)
-    known = unknown_entries(bench.rig)
-    place, name = known[int(rng.integers(len(known)))]
-    scale, guess, most = _unknown_range(rng, bench.rig, place, name, motion)
+    moving = sizes.motion_of(bench.rig, plain, bench.duration_s, bench.excitation["f_max_hz"])
+    place, name = _in_lot(stream, unknown_entries(bench.rig))[0]
+    rng = np.random.default_rng([*stream, SHAPE_STREAM, name_hash(f"{place}.{name}")])
+    scale, guess, most = unknown_range(rng, bench.rig, place, name, moving)
 
     def visibility(strength: float) -> float:
         hidden = Unknown(place, name, strength, scale)
         return bench.seen(bench.quiet(bench.rig, hidden), plain)
 
     size = sizes.strength_for(visibility, _target(rng), guess, most)
-    seen = visibility(size)
-    if not math.isfinite(seen):
+    hidden = Unknown(place, name, size, scale)
+    run = bench.quiet(bench.rig, hidden)
+    seen = bench.seen(run, plain)
+    if not math.isfinite(seen) or bench.wild(bench.rig, run, hidden):
         return None
     description = f"{DESCRIPTIONS[name]} ({place})"
     unknown = {"location": place, "name": name, "description": description, "size": size, "scale": scale}
     secret.visibility[f"{place}.{name}"] = seen
     return replace(secret, unknown=unknown)
-
-
-def _unknown_range(rng: Generator, rig: Rig, place: str, name: str, motion: sizes.Motion) -> tuple[float, float, float]:
-    """(scale of the state, first guess of the size, largest size) of physics beyond the catalogue."""
-    circuit = rig.only("motor_circuit")
-    assert circuit is not None
-    rotor = rig.of_kind("rotor")[0].name
-    torque = circuit.values["torque_constant"] / circuit.values["resistance"]
-    force = max(motion.force.values(), default=1.0)
-    if name == "disturbance":
-        return 1.0, *((0.1 * torque, sizes.EFFORT_MAX_V * torque) if place == rotor else (0.05 * force, 3.0 * force))
-    if name == "angular_play":
-        return float(rng.uniform(0.4, 2.0)), 0.03, 1.0
-    if name == "directional_torque":
-        return 0.02 * motion.velocity[rotor], 0.1, 0.9
-    if name == "root_spring":
-        return motion.stretch[place], 0.05, 3.0
-    if name == "speed_stiffening":
-        return motion.rate[place], 0.05, 3.0
-    if name == "position_mass":
-        return motion.place[place], 0.05, 0.4
-    return motion.place[place], 0.05 * force / motion.velocity[place], 3.0 * force / motion.velocity[place]
 
 
 def record(secret: Secret, nominal: Rig) -> tuple[Loop, Run]:
@@ -350,9 +280,12 @@ def record(secret: Secret, nominal: Rig) -> tuple[Loop, Run]:
     if secret.unknown is not None:
         u = secret.unknown
         unknown = Unknown(u["location"], u["name"], u["size"], u["scale"])
-    bench = _Bench(nominal, secret.excitation, secret.channels, secret.noise, secret.resolution, secret.duration_s)
+    bench = Bench(
+        nominal, secret.excitation, secret.channels, secret.duration_s, secret.sample_time_s, secret.noise,
+        secret.resolution,
+    )  # fmt: skip
     loop = bench.loop(unknown)
     shape = len(loop.reference), len(nominal.sensors)
-    draws: Floats = np.random.default_rng([secret.seed, NOISE_STREAM]).standard_normal(shape)
-    errors = Errors(secret.noise, secret.resolution, draws)
+    draws: Floats = np.random.default_rng(stream_of(secret.seed, NOISE_STREAM, nominal)).standard_normal(shape)
+    errors = Errors(bench.noise, bench.resolution, draws)
     return loop, simulate_other(secret.true_rig(nominal), loop, secret.sample_time_s, errors, unknown)

@@ -1,4 +1,4 @@
-"""What moves the rig in a concealed recording: references of a closed loop, voltages in open loop, disturbances."""
+"""What moves a motor with gear and screw in a concealed recording; courses of references, commands, disturbances."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from dtbacklash.physics.plant import Floats
+from dtbacklash.arrays import Floats
 from dtbacklash.physics.rig import Rig
-from dtbacklash.prove.other_rig import Loop
+from dtbacklash.prove.simulator.given import Loop
 
-#: the rig of the paper turns once in 2 mm; other rigs move and are measured in proportion to their lead
+#: the rig of the paper turns once in 2 mm; others with a screw move and are measured in proportion to their lead
 PAPER_TURN_M = 2e-3
 SHARE_OPEN_LOOP = 0.12
 #: bandwidth of the loop around the motor's angle, rad/s, and how far its gain is drawn from it
@@ -27,7 +27,7 @@ def turn_m(rig: Rig) -> float:
 
 
 def draw_excitation(rng: Generator, rig: Rig) -> dict[str, Any]:
-    """Draw what moves the rig; plain numbers and words.
+    """Draw what moves a rig in cascade; plain numbers and words.
 
     Closed loop: ``form`` is ``steps`` (random levels, random dwells), ``staircase`` or ``multisine``, on top of which a
     small multisine turns the motor round often. Open loop: a multisine or repeated chirp of the voltage.
@@ -35,14 +35,14 @@ def draw_excitation(rng: Generator, rig: Rig) -> dict[str, Any]:
     size = turn_m(rig) / PAPER_TURN_M * 1e-3
     if rng.random() < SHARE_OPEN_LOOP:
         return {
-            "form": str(rng.choice(["voltage_multisine", "voltage_chirp"])), "seed": _seed(rng),
+            "form": str(rng.choice(["voltage_multisine", "voltage_chirp"])), "seed": draw_seed(rng),
             "rms_v": float(rng.uniform(0.6, 2.0)), "f_min_hz": float(rng.uniform(0.2, 0.5)),
             "f_max_hz": float(rng.uniform(6.0, 20.0)),
         }  # fmt: skip
     circuit = rig.only("motor_circuit")
     assert circuit is not None
     return {
-        "form": str(rng.choice(["steps", "staircase", "multisine"], p=[0.5, 0.2, 0.3])), "seed": _seed(rng),
+        "form": str(rng.choice(["steps", "staircase", "multisine"], p=[0.5, 0.2, 0.3])), "seed": draw_seed(rng),
         "amplitude_m": float(rng.uniform(0.5, 2.0)) * size, "dwell_s": float(rng.uniform(0.3, 0.9)),
         "ripple": float(rng.uniform(0.05, 0.15)), "f_max_hz": float(rng.uniform(5.0, 12.0)),
         "gain_v_per_rad": circuit.values["emf_constant"] * INNER_RAD_S * float(rng.uniform(0.5, 1.1)),
@@ -50,38 +50,38 @@ def draw_excitation(rng: Generator, rig: Rig) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _seed(rng: Generator) -> int:
+def draw_seed(rng: Generator) -> int:
     return int(rng.integers(2**31))
 
 
-def loop_of(excitation: dict[str, Any], duration_s: float, sample_time_s: float, force: Floats | None = None) -> Loop:
-    """The signals of an excitation, (N+1,) samples each. ``force`` : a disturbance, if there is one."""
-    n = round(duration_s / sample_time_s) + 1
-    t_s: Floats = sample_time_s * np.arange(n, dtype=np.float64)
-    rng = np.random.default_rng(excitation["seed"])
-    none = np.zeros(n)
-    force = none if force is None else force
+def loop_of(excitation: dict[str, Any], t_s: Floats, force: Floats) -> Loop:
+    """The signals of an excitation in cascade, (N+1,) samples each. ``force`` : a disturbance."""
+    rng, none = np.random.default_rng(excitation["seed"]), np.zeros(len(t_s))
     form = excitation["form"]
     if form.startswith("voltage"):
-        draw = _multisine if form == "voltage_multisine" else _chirp
+        draw = multisine if form == "voltage_multisine" else chirp
         u = excitation["rms_v"] * draw(rng, t_s, excitation["f_min_hz"], excitation["f_max_hz"])
         return Loop(False, u, none, force)
     amplitude = excitation["amplitude_m"]
-    if form == "multisine":
-        r = 0.5 * amplitude * _multisine(rng, t_s, 0.1, 3.0)
-    else:
-        r = amplitude * (_steps if form == "steps" else _staircase)(rng, t_s, excitation["dwell_s"])
-    r = r + amplitude * excitation["ripple"] * _multisine(rng, t_s, 0.5, excitation["f_max_hz"])
+    r = amplitude * course(rng, form, t_s, excitation["dwell_s"])
+    r = r + amplitude * excitation["ripple"] * multisine(rng, t_s, 0.5, excitation["f_max_hz"])
     return Loop(
         True, r, none, force, excitation["gain_v_per_rad"], excitation["filter_rad_s"], excitation["integral_per_s"]
     )
+
+
+def course(rng: Generator, form: str, t_s: Floats, dwell_s: float) -> Floats:
+    """A reference of size 1: ``steps``, ``staircase`` or ``multisine``."""
+    if form == "multisine":
+        return 0.5 * multisine(rng, t_s, 0.1, 3.0)
+    return (_steps if form == "steps" else _staircase)(rng, t_s, dwell_s)
 
 
 def disturbance(seed: int, duration_s: float, sample_time_s: float) -> Floats:
     """(N+1,) a force with a course of its own, rms 1: slow noise, and a few strokes."""
     rng = np.random.default_rng([seed, 1])
     t_s: Floats = sample_time_s * np.arange(round(duration_s / sample_time_s) + 1, dtype=np.float64)
-    course = _multisine(rng, t_s, 0.05, 4.0)
+    course = multisine(rng, t_s, 0.05, 4.0)
     for start in rng.uniform(0.0, duration_s, max(3, round(duration_s / 3.0))):
         length = rng.uniform(0.05, 0.6)
         inside = (t_s >= start) & (t_s < start + length)
@@ -89,7 +89,7 @@ def disturbance(seed: int, duration_s: float, sample_time_s: float) -> Floats:
     return np.asarray(course / np.sqrt(np.mean(course**2)))
 
 
-def _multisine(rng: Generator, t_s: Floats, f_min_hz: float, f_max_hz: float) -> Floats:
+def multisine(rng: Generator, t_s: Floats, f_min_hz: float, f_max_hz: float) -> Floats:
     """Lines spread evenly in log frequency, random phases, rms 1, beginning softly."""
     lines = np.geomspace(f_min_hz, f_max_hz, MULTISINE_LINES) * rng.uniform(0.95, 1.05, MULTISINE_LINES)
     phases = rng.uniform(0.0, 2.0 * np.pi, MULTISINE_LINES)
@@ -99,7 +99,7 @@ def _multisine(rng: Generator, t_s: Floats, f_min_hz: float, f_max_hz: float) ->
     return np.asarray(total * np.sqrt(2.0 / MULTISINE_LINES) * -np.expm1(-t_s / 0.1))
 
 
-def _chirp(rng: Generator, t_s: Floats, f_min_hz: float, f_max_hz: float) -> Floats:
+def chirp(rng: Generator, t_s: Floats, f_min_hz: float, f_max_hz: float) -> Floats:
     """Sweeps up and down in log frequency, each 4 to 8 s, rms 1."""
     period = rng.uniform(4.0, 8.0)
     share = 1.0 - np.abs(2.0 * (t_s / period % 1.0) - 1.0)

@@ -12,6 +12,7 @@ from typing import Any
 
 import yaml
 
+from dtbacklash.physics.rig import Rig
 from dtbacklash.prove.score import Score
 
 FROM = 20_000
@@ -32,13 +33,13 @@ HEAD = """\
 """
 
 
-def quick_seeds() -> tuple[int, ...]:
-    """The seeds of the quick proof, in order."""
+def quick_seeds(rig: Rig) -> tuple[int, ...]:
+    """The seeds of the quick proof on a rig, in order."""
     from dtbacklash.prove.draw import draw_kind
 
     left, seeds, seed = dict(QUOTA), [], FROM
     while any(left.values()):
-        kind = draw_kind(seed)
+        kind = draw_kind(seed, rig)
         if left[kind]:
             left[kind] -= 1
             seeds.append(seed)

@@ -7,16 +7,21 @@ count clear cases, and the score shows all of them beside that.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from dtbacklash.physics.catalogue import CATALOGUE
+from dtbacklash.physics.effects.declare import Role
+
 Key = tuple[str, str]
 
 KINDS = ("nothing", "parameters", "single", "several", "unknown")
-#: an unknown effect is clear when it changes the signals by this many times their noise: there is no oracle for it
+#: stands for the kind of a place that is no element; its name begins with it
+SENSOR = "sensor"
+#: an unknown effect can be seen when it changes the signals by this many times their noise
 UNKNOWN_CLEAR = 3.0
 #: a diagnosis without a finding may say one of these where no physics is missing
 NOTHING_MISSING = ("consistent", "parameters")
@@ -30,7 +35,7 @@ class Case:
     ----------
     id : name of its folder. secret : what was hidden, as its JSON. diagnosis : content of ``diagnosis.json``, or
     None where the diagnosis failed. oracle : see :func:`.oracle.look`. wall_s : time of the diagnosis. error : why
-    it failed.
+    it failed. kinds : kind of each element of the rig, by its name. rig : its name.
     """
 
     id: str
@@ -39,6 +44,12 @@ class Case:
     oracle: dict[str, Any]
     wall_s: float | None = None
     error: str = ""
+    kinds: dict[str, str] = field(default_factory=dict)
+    rig: str = ""
+
+    def kind_of(self, location: str) -> str:
+        """The kind of the element at a location, or ``sensor``."""
+        return SENSOR if location.startswith(f"{SENSOR}_") else self.kinds[location]
 
     @property
     def kind(self) -> str:
@@ -134,6 +145,22 @@ def unknown_admitted(case: Case) -> bool:
     return case.verdict == "unexplained" or places == {case.secret["unknown"]["location"]}
 
 
+def unknown_unnamed(case: Case) -> bool:
+    """Physics that the catalogue lacks is not given a name: the right place with a law of the catalogue is one too.
+
+    What is called unexplained may have findings: they are said to be partial.
+    """
+    return case.diagnosis is not None and (case.verdict == "unexplained" or not case.findings)
+
+
+def beaten(case: Case) -> bool:
+    """Whether physics that the catalogue lacks is such that its true law clearly beats the best of the catalogue.
+
+    A case in which the diagnosis failed counts, as in :func:`clear`.
+    """
+    return case.diagnosis is None or bool(case.oracle.get("unlisted_clear", False))
+
+
 def clear(case: Case) -> bool:
     """Whether an oracle sees everything that was hidden. Where nothing was hidden there is nothing to see.
 
@@ -153,7 +180,7 @@ def right(case: Case) -> bool:
     """Whether the diagnosis is right by the strict rule of its kind."""
     if case.kind in ("nothing", "parameters"):
         return no_physics(case)
-    return unknown_admitted(case) if case.kind == "unknown" else strict(case)
+    return unknown_admitted(case) and unknown_unnamed(case) if case.kind == "unknown" else strict(case)
 
 
 def clear_parameters(case: Case) -> list[str]:
@@ -187,8 +214,17 @@ def intervals_of(case: Case, i: int) -> list[bool]:
         return []
     truth = case.secret["effects"][i]["parameters"]
     found = case.findings[case.named.index(case.hidden[i])]["parameters"]
-    period = {"phase": 2.0 * math.pi}
-    return [holds(found[name]["ci95"], value, period.get(name)) for name, value in truth.items() if name in found]
+    angles = _angles(case.hidden[i][1])
+    return [
+        holds(found[name]["ci95"], value, 2.0 * math.pi if name in angles else None)
+        for name, value in truth.items() if name in found
+    ]  # fmt: skip
+
+
+def _angles(effect: str) -> set[str]:
+    """The parameters of an effect that are angles."""
+    entries = [entry for (_, name), entry in CATALOGUE.items() if name == effect]
+    return {p.name for entry in entries for p in entry.parameters if p.role is Role.ANGLE}
 
 
 def effect_intervals(case: Case) -> list[bool]:

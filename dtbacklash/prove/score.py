@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
+from dtbacklash.physics.kinds import KINDS, PARTS
 from dtbacklash.prove import rules
+from dtbacklash.prove.confusion import ELSEWHERE, Cell, confusion
 from dtbacklash.prove.rules import Case
 
 #: edges of the bins of visibility: half decades, in units of the sensors' noise
@@ -45,10 +47,15 @@ class Figure:
 
     @property
     def met(self) -> bool | None:
-        """Whether the share is within the bar; None without a bar or without a case."""
+        """Whether the share is within the bar; None without a bar or without a case.
+
+        A share above the bar misses it only if its interval lies above it too: 17 of 17 does not show that intervals
+        are too wide. A share below it misses it, whatever its interval.
+        """
         if self.bar is None or not self.of:
             return None
-        return self.bar[0] <= self.share <= self.bar[1]
+        low, high = self.bar
+        return low <= self.share and (self.share <= high or self.interval[0] <= high)
 
 
 @dataclass(frozen=True)
@@ -87,23 +94,20 @@ class Bin:
     intervals: int
     hold: int
 
+    @property
+    def named_interval(self) -> tuple[float, float]:
+        """Wilson's 95 % interval of the share that was named exactly."""
+        return wilson(self.exact, self.of)
 
-@dataclass(frozen=True)
-class Cell:
-    """How often ``hidden`` was called ``named``.
-
-    ``within`` : how often of that it stood in the finding's stated ambiguity; for unknown physics, was located rightly.
-    """
-
-    hidden: str
-    named: str
-    count: int
-    within: int
+    @property
+    def hold_interval(self) -> tuple[float, float]:
+        """Wilson's 95 % interval of the share of intervals that hold the truth."""
+        return wilson(self.hold, self.intervals)
 
 
 @dataclass(frozen=True)
 class Score:
-    """Everything that is said about a proof."""
+    """Everything that is said about a proof; ``rigs`` : the figures of each rig alone, where there are several."""
 
     cases: int
     failed: int
@@ -116,16 +120,50 @@ class Score:
     bins: list[Bin]
     confusion: list[Cell]
     notes: dict[str, Any] = field(default_factory=dict)
+    rigs: dict[str, list[Figure]] = field(default_factory=dict)
 
     def figure(self, name: str) -> Figure:
         """A figure by its name."""
         return next(f for f in self.figures if f.name == name)
 
+    @property
+    def bars(self) -> tuple[int, int]:
+        """How many bars are met, and how many are judged."""
+        judged = [f.met for f in self.figures] + [q.met(v) for q in self.quantities for v in (q.median, q.ninety)]
+        return sum(met is True for met in judged), sum(met is not None for met in judged)
+
+    def bins_of(self, family: str | None = None) -> list[Bin]:
+        """The bins of one family; without one, those of all effects of the catalogue together."""
+        if family is not None:
+            return [b for b in self.bins if b.family == family]
+        found: dict[tuple[float, float], list[int]] = {}
+        for b in self.bins:
+            if b.family != UNKNOWN:
+                counts = found.setdefault((b.low, b.high), [0, 0, 0, 0, 0])
+                for j, value in enumerate((b.of, b.exact, b.within, b.intervals, b.hold)):
+                    counts[j] += value
+        return [Bin("all", low, high, *counts) for (low, high), counts in sorted(found.items())]
+
+    def by_kind(self) -> dict[tuple[str, str], tuple[int, int]]:
+        """(hidden, named) -> (count, of those within the stated ambiguity), all places of a kind together.
+
+        What was named at another place of the right kind stands in the column ``ELSEWHERE``.
+        """
+        found: dict[tuple[str, str], list[int]] = {}
+        for cell in self.confusion:
+            row, column = cell.hidden_kind, cell.named_kind
+            if row == column and cell.hidden != cell.named:
+                column = ELSEWHERE
+            counts = found.setdefault((row, column), [0, 0])
+            counts[0] += cell.count
+            counts[1] += cell.within
+        return {key: (count, within) for key, (count, within) in found.items()}
+
     def to_json(self) -> dict[str, Any]:
         """Content of ``score.json``."""
         document = asdict(self)
-        for row, figure in zip(document["figures"], self.figures, strict=True):
-            row |= {"share": figure.share, "ci95": list(figure.interval), "met": figure.met}
+        document["figures"] = _figure_rows(self.figures)
+        document["rigs"] = {rig: _figure_rows(figures) for rig, figures in self.rigs.items()}
         for row, q in zip(document["quantities"], self.quantities, strict=True):
             row |= {"met": [q.met(q.median), q.met(q.ninety)]}
         return document
@@ -133,9 +171,6 @@ class Score:
     @classmethod
     def from_json(cls, document: dict[str, Any]) -> Score:
         """The score of a ``score.json``."""
-        derived = ("share", "ci95", "met")
-        figures = [Figure(**{k: v for k, v in f.items() if k not in derived}) for f in document["figures"]]
-        figures = [Figure(**{**asdict(f), "bar": tuple(f.bar) if f.bar else None}) for f in figures]
         quantities = [
             Quantity(
                 **{
@@ -147,11 +182,22 @@ class Score:
             for q in document["quantities"]
         ]
         return cls(**{
-            **document, "figures": figures, "quantities": quantities,
+            **document, "figures": _figures(document["figures"]), "quantities": quantities,
+            "rigs": {rig: _figures(rows) for rig, rows in document.get("rigs", {}).items()},
             "seeds": tuple(document["seeds"]) if document["seeds"] else None,
             "bins": [Bin(**{**b, "high": _number(b["high"])}) for b in document["bins"]],
             "confusion": [Cell(**c) for c in document["confusion"]],
         })  # fmt: skip
+
+
+def _figure_rows(figures: list[Figure]) -> list[dict[str, Any]]:
+    return [asdict(f) | {"share": f.share, "ci95": list(f.interval), "met": f.met} for f in figures]
+
+
+def _figures(rows: list[dict[str, Any]]) -> list[Figure]:
+    derived = ("share", "ci95", "met")
+    kept = [{k: v for k, v in row.items() if k not in derived} for row in rows]
+    return [Figure(**{**row, "bar": tuple(row["bar"]) if row["bar"] else None}) for row in kept]
 
 
 def _number(value: float | None) -> float:
@@ -168,7 +214,7 @@ def wilson(right: int, of: int) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class _Declared:
-    """One figure: which kinds of case it counts, by which rule, and its bar."""
+    """One figure: which kinds of case it counts, by which rule, and its bar; which of the cases are clear to it."""
 
     name: str
     what: str
@@ -176,6 +222,7 @@ class _Declared:
     rule: Callable[[Case], bool]
     bar: tuple[float, float] | None
     by_clarity: bool = True
+    clear: Callable[[Case], bool] = rules.clear
 
 
 #: the figures that count cases, with the bar of each
@@ -192,6 +239,8 @@ BY_CASE = (
               (0.90, 1), False),
     _Declared("unknown_admitted", "unknown physics called unexplained, or located rightly", ("unknown",),
               rules.unknown_admitted, (0.80, 1)),
+    _Declared("unknown_unnamed", "unknown physics whose true law clearly beats the catalogue's best, given no name",
+              ("unknown",), rules.unknown_unnamed, (0.90, 1), clear=rules.beaten),
 )  # fmt: skip
 #: 95 % intervals hold the truth this often
 COVERAGE = (0.90, 0.99)
@@ -202,6 +251,7 @@ RATIO_MAX = 1.2
 def score(cases: Sequence[Case], notes: dict[str, Any] | None = None) -> Score:
     """Score the cases of a proof by the rules of :mod:`.rules`; ``notes`` is what the table says beside it."""
     seeds = [int(c.secret["seed"]) for c in cases]
+    rigs = list(dict.fromkeys(c.rig for c in cases))
     return Score(
         cases=len(cases),
         failed=sum(c.diagnosis is None for c in cases),
@@ -209,17 +259,22 @@ def score(cases: Sequence[Case], notes: dict[str, Any] | None = None) -> Score:
         kinds={k: sum(c.kind == k for c in cases) for k in rules.KINDS},
         clear={k: sum(c.kind == k and rules.clear(c) for c in cases) for k in rules.KINDS},
         seeds=(min(seeds), max(seeds)) if seeds else None,
-        figures=[*(_by_case(d, cases) for d in BY_CASE), *_by_parameter(cases)],
+        figures=_all_figures(cases),
         quantities=_quantities(cases),
         bins=bins(cases),
         confusion=confusion(cases),
         notes=notes or {},
+        rigs={rig: _all_figures([c for c in cases if c.rig == rig]) for rig in rigs} if len(rigs) > 1 else {},
     )
+
+
+def _all_figures(cases: Sequence[Case]) -> list[Figure]:
+    return [*(_by_case(d, cases) for d in BY_CASE), *_by_parameter(cases)]
 
 
 def _by_case(declared: _Declared, cases: Sequence[Case]) -> Figure:
     every = [c for c in cases if c.kind in declared.kinds]
-    counted = [c for c in every if rules.clear(c)] if declared.by_clarity else every
+    counted = [c for c in every if declared.clear(c)] if declared.by_clarity else every
     right, every_right = (sum(map(declared.rule, chosen)) for chosen in (counted, every))
     if not declared.by_clarity:
         return Figure(declared.name, declared.what, right, len(counted), declared.bar)
@@ -265,21 +320,14 @@ def _quantity(name: str, what: str, unit: str, values: list[float], at_most: flo
     return Quantity(name, what, unit, float(median), float(ninety), len(values), at_most)
 
 
-FAMILIES = {
-    "drive": ("amplifier", "motor_circuit", "motor_bearing", "actuator"),
-    "transmission": ("gear", "screw"),
-    "structure": ("link", "mass", "carriage"),
-    "sensors": ("sensor",),
-}
-UNKNOWN = "unknown"
+SENSORS, UNKNOWN = "sensors", "unknown"
+#: the parts of a rig by which the score sorts what was hidden
+FAMILIES = (*PARTS, SENSORS)
 
 
-def family(location: str) -> str:
-    """The part of the rig that a location belongs to."""
-    for name, starts in FAMILIES.items():
-        if location.startswith(starts):
-            return name
-    return "structure"
+def family(kind: str) -> str:
+    """The part of the rig that a kind of place belongs to."""
+    return SENSORS if kind == rules.SENSOR else KINDS[kind].part
 
 
 def bins(cases: Sequence[Case]) -> list[Bin]:
@@ -288,7 +336,15 @@ def bins(cases: Sequence[Case]) -> list[Bin]:
     for case in cases:
         there, paired = rules.exact(case), rules.matches(case)
         for i, key in enumerate(case.hidden):
-            seen.append((family(key[0]), case.visibility(key), i in there, i in paired, rules.intervals_of(case, i)))
+            seen.append(
+                (
+                    family(case.kind_of(key[0])),
+                    case.visibility(key),
+                    i in there,
+                    i in paired,
+                    rules.intervals_of(case, i),
+                )
+            )
         if case.kind == "unknown":
             admitted = rules.unknown_admitted(case)
             seen.append((UNKNOWN, case.unknown_visibility, admitted, admitted, []))
@@ -302,38 +358,3 @@ def bins(cases: Sequence[Case]) -> list[Bin]:
                 counts = sum(s[2] for s in inside), sum(s[3] for s in inside), len(held), sum(held)
                 found.append(Bin(name, low, high, len(inside), *counts))
     return found
-
-
-#: what stands for a place without an effect in the confusion matrix
-NOTHING, PARAMETERS, UNEXPLAINED, EXTRA, FAILED = "nothing", "parameters", "unknown", "one too many", "failed"
-
-
-def confusion(cases: Sequence[Case]) -> list[Cell]:
-    """What was hidden against what was named, over all cases, with ``location effect`` or a word for neither."""
-    counts: dict[tuple[str, str], list[int]] = {}
-    for case in cases:
-        for hidden, named, within in _pairs(case):
-            cell = counts.setdefault((hidden, named), [0, 0])
-            cell[0] += 1
-            cell[1] += within
-    return [Cell(hidden, named, *cell) for (hidden, named), cell in sorted(counts.items())]
-
-
-def _pairs(case: Case) -> list[tuple[str, str, bool]]:
-    """(hidden, named, whether within the stated ambiguity) of one case; each thing stands in one pair."""
-    silent = {"consistent": NOTHING, "parameters": PARAMETERS, "unexplained": UNEXPLAINED, "failed": FAILED}
-    without = silent.get(case.verdict, NOTHING)
-    names = [" ".join(key) for key in case.named]
-    if not case.hidden:
-        hidden = {"nothing": NOTHING, "parameters": PARAMETERS}.get(case.kind, UNEXPLAINED)
-        if not names:
-            return [(hidden, without, case.kind == "unknown" and rules.unknown_admitted(case))]
-        place = (case.secret.get("unknown") or {}).get("location")
-        return [(hidden, name, key[0] == place) for name, key in zip(names, case.named, strict=True)]
-    paired = rules.matches(case)
-    pairs = [(" ".join(case.hidden[i]), names[j], True) for i, j in paired.items()]
-    missed = [" ".join(key) for i, key in enumerate(case.hidden) if i not in paired]
-    more = [name for j, name in enumerate(names) if j not in paired.values()]
-    pairs += [(hidden, name, False) for hidden, name in zip(missed, more, strict=False)]
-    pairs += [(hidden, without, False) for hidden in missed[len(more) :]]
-    return pairs + [(EXTRA, name, False) for name in more[len(missed) :]]

@@ -7,10 +7,8 @@ secret also binds the recording by its hash, so that a recording cannot be excha
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
-import os
 import secrets
 from pathlib import Path
 from typing import Any
@@ -18,8 +16,8 @@ from typing import Any
 from cryptography.fernet import Fernet, InvalidToken
 
 from dtbacklash.errors import UserError
+from dtbacklash.files import reason, write_once
 from dtbacklash.prove.secret import Secret
-from dtbacklash.runfolder import hidden_sibling, reason
 
 RECORDING, PUBLIC, SEALED = "recording.csv.gz", "public.json", "sealed.json"
 FORMAT = "dtbacklash sealed secret 1"
@@ -55,17 +53,7 @@ def read_or_make_key(path: Path) -> bytes:
     UserError : it cannot be written, or is no key.
     """
     if not path.exists():
-        scratch = hidden_sibling(path, ".partial")
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with os.fdopen(os.open(scratch, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
-                file.write(Fernet.generate_key() + b"\n")
-            with contextlib.suppress(FileExistsError):  # somebody else was quicker: theirs holds
-                os.link(scratch, path)
-        except OSError as error:
-            raise UserError("key", path, f"cannot be written: {reason(error)}") from error
-        finally:
-            scratch.unlink(missing_ok=True)
+        write_once(path, Fernet.generate_key() + b"\n", "key")
     return read_key(path)
 
 

@@ -6,11 +6,11 @@ import json
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
+from dtbacklash.config.conceal import INSTRUMENTS, KINDS
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 
-KINDS = ("nothing", "parameters", "single", "several", "unknown")
-INSTRUMENTS = ("minimal", "rich")
+__all__ = ["INSTRUMENTS", "KINDS", "Secret"]
 
 
 @dataclass(frozen=True)

@@ -4,21 +4,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.random import Generator
 
-from dtbacklash.physics.catalogue import Effect
-from dtbacklash.physics.plant import Floats
-from dtbacklash.physics.rig import Rig
+from dtbacklash.arrays import Floats
+from dtbacklash.physics.bodies import natural_frequencies_hz
+from dtbacklash.physics.effects import slots
+from dtbacklash.physics.effects.declare import Place
+from dtbacklash.physics.kinds import ROTARY
+from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
+from dtbacklash.prove import tuning
+from dtbacklash.prove.bench import rms
 from dtbacklash.prove.excitation import turn_m
-from dtbacklash.prove.other_rig import Run
+from dtbacklash.prove.simulator.machine import driven_body
+from dtbacklash.prove.simulator.rig import Run
 
-DELAY_MAX_S = 6e-3
-GAIN_MAX = 0.4
-#: torque of this voltage at rest that friction or a load may take, V; the loop has 48
+#: torque of this voltage at rest that friction or a load may take of a cascade's motor, V; its loop has 48
 EFFORT_MAX_V = 8.0
+#: what friction or a load may take of what moves a body: where the motor drives it, and where springs do
+EFFORT_MAX_DRIVEN, EFFORT_MAX = 1.5, 3.0
+#: where nothing swings, a hidden mass does within these shares of the highest frequency of the excitation
+HIDDEN_SHARES = (0.25, 0.6)
 #: trial simulations, and how near to the drawn visibility is near enough (a factor)
 TRIALS, NEAR = 7, 1.2
 
@@ -27,141 +34,97 @@ TRIALS, NEAR = 7, 1.2
 class Motion:
     """How the plain rig moves under the excitation; SI, names of links and bodies.
 
-    command : largest but for a thousandth, V. current, speed : rms, A and rad/s. place, velocity : rms of each body.
-    stretch, rate : rms of each link; reach : its largest stretch. force : rms force of each link, N.
+    command : (N,) V. current : rms, A. highest_hz : of the excitation. place, velocity : rms of each body. stretch,
+    rate : rms of each link; reach : its largest stretch, or a body's largest position. force : rms force of each link,
+    N or N m. drive : rms effort of the drive on the body that it drives. shown : rms of each sensor's signal.
     """
 
-    command: float
+    rig: Rig
+    command: Floats
     current: float
     duration_s: float
+    highest_hz: float
     place: dict[str, float] = field(default_factory=dict)
     velocity: dict[str, float] = field(default_factory=dict)
     stretch: dict[str, float] = field(default_factory=dict)
     rate: dict[str, float] = field(default_factory=dict)
     reach: dict[str, float] = field(default_factory=dict)
     force: dict[str, float] = field(default_factory=dict)
+    drive: dict[str, float] = field(default_factory=dict)
+    shown: dict[str, float] = field(default_factory=dict)
+
+    def at(self, name: str) -> Place:
+        """What an effect's declaration is told of an element or a sensor."""
+        frequencies = natural_frequencies_hz(self.rig)
+        sensor = name.removeprefix(SENSOR_PREFIX)  # its offset has the scale of what it shows, where no screw turns
+        low, high = (share * self.highest_hz for share in HIDDEN_SHARES)
+        place = Place(
+            duration_s=self.duration_s, command=self.command, current=self.current,
+            travel=turn_m(self.rig) if self.rig.only("screw") else self.shown.get(sensor, 0.0),
+            modes=(float(frequencies.min()), float(frequencies.max())) if len(frequencies) else (low, high),
+            reach=self.reach.get(name, 0.0),
+        )  # fmt: skip
+        if name not in self.rig.elements:
+            return place
+        element = self.rig.elements[name]
+        place = replace(place, values=element.values, speed=self.velocity.get(name, 0.0))
+        if element.trait.trait == slots.SPRING:
+            s, rate, force = self.stretch[name], self.rate[name], self.force[name]
+            return replace(place, span=s, stretch_rate=rate, force=force, force_most=EFFORT_MAX * force)
+        force, most = self._moving(name)
+        return replace(place, force=force, force_most=most * force)
+
+    def _moving(self, name: str) -> tuple[float, float]:
+        """What moves a body, N or N m, and the share of it that friction or a load may take."""
+        element = self.rig.elements[name]
+        if tuning.in_cascade(self.rig):
+            circuit = self.rig.only("motor_circuit")
+            if circuit is not None and element.trait.axis == ROTARY:
+                return circuit.values["torque_constant"] / circuit.values["resistance"], EFFORT_MAX_V
+            return max(self.force.values(), default=1.0), EFFORT_MAX
+        if name in self.drive:
+            return self.drive[name], EFFORT_MAX_DRIVEN
+        pulls = [self.force[link.name] for link in self.rig.links() if name in link.neighbours["between"]]
+        return max(pulls, default=0.0), EFFORT_MAX
 
 
-def motion_of(rig: Rig, run: Run, duration_s: float) -> Motion:
+def motion_of(rig: Rig, run: Run, duration_s: float, highest_hz: float) -> Motion:
     """Measure how the rig moves in a run."""
-    screw, nb = rig.only("screw"), len(run.bodies)
-    assert screw is not None
-    zero, x = np.zeros(len(run.states)), run.states
+    nb, x = len(run.bodies), run.states
+    zero = np.zeros(len(x))
     q = {name: x[:, 2 + j] for j, name in enumerate(run.bodies)} | {"ground": zero}
     v = {name: x[:, 2 + nb + j] for j, name in enumerate(run.bodies)} | {"ground": zero}
-    carried, lead = screw.neighbours["carries"], screw.values["lead"]
-    if carried not in q:
-        q[carried], v[carried] = lead * x[:, 1], lead * v[run.bodies[0]]
-    found = Motion(float(np.quantile(np.abs(run.u), 0.999)), _rms(x[:, 0]), duration_s)
+    for name, place, speed in _borne(rig, run):
+        q.setdefault(name, place)
+        v.setdefault(name, speed)
+    shown = {name: rms(values) for name, values in run.truth.items()}
+    found = Motion(rig, run.u, rms(x[:, 0]), duration_s, highest_hz, shown=shown)
     for name in q:
-        found.place[name], found.velocity[name] = _rms(q[name]), _rms(v[name])
-    for link in rig.of_kind("link"):
+        found.place[name], found.velocity[name] = rms(q[name]), rms(v[name])
+        found.reach[name] = float(np.abs(q[name]).max())
+    for link in rig.links():
         a, b = link.neighbours["between"]
         s, rate = q[b] - q[a], v[b] - v[a]
-        found.stretch[link.name], found.rate[link.name] = _rms(s), _rms(rate)
+        found.stretch[link.name], found.rate[link.name] = rms(s), rms(rate)
         found.reach[link.name] = float(np.abs(s).max())
         force = link.values["stiffness"] * s + link.values.get("damping", 0.0) * rate
-        found.force[link.name] = _rms(force)
+        found.force[link.name] = rms(force)
+    if driven := driven_body(rig):
+        found.drive[driven] = tuning.plant_of(rig).per_volt * rms(run.u)
     return found
 
 
-def _rms(values: Floats) -> float:
-    return float(np.sqrt(np.mean(values**2))) + 1e-300
-
-
-@dataclass(frozen=True)
-class Shape:
-    """A drawn effect but for its size: where sizes may lie, and the values that a size gives.
-
-    most : largest strength. guess : where to begin. values : strength -> parameters of the effect.
-    """
-
-    most: float
-    guess: float
-    values: Callable[[float], dict[str, float]]
-
-
-def draw_shape(rng: Generator, rig: Rig, location: str, effect: Effect, motion: Motion) -> Shape:
-    """Draw everything of an effect but its size: sign and secondary parameters."""
-    size = effect.size
-    if effect.name == "saturation":
-        top = motion.command
-
-        def clipped(strength: float) -> dict[str, float]:
-            return {"limit": top * (1.0 - strength)}
-
-        return Shape(0.9, 0.3, clipped)
-    most, guess = _range(rig, location, effect, motion)
-    sign = float(rng.choice([-1.0, 1.0])) if size.low < 0.0 else 1.0
-    if effect.name == "cubic_stiffness" and sign < 0.0:
-        link = rig.elements[location]
-        most = min(most, 0.3 * link.values["stiffness"] / motion.reach[location] ** 2)
-    others = {p.name: _secondary(rng, rig, location, p.name, effect, motion) for p in effect.parameters[1:]}
-    most = min(most, size.high, -size.low if sign < 0.0 else math.inf)
-    return Shape(most, min(guess, 0.5 * most), lambda strength: {size.name: sign * strength, **others})
-
-
-def _secondary(rng: Generator, rig: Rig, location: str, name: str, effect: Effect, motion: Motion) -> float:
-    """A random value of a parameter that is not the size."""
-    if name == "phase":
-        return float(rng.uniform(-3.1, 3.1))
-    if name == "periods":
-        if effect.name == "pitch_error":
-            return float(rng.choice([0.5, 1.0, 2.0, 3.0, 4.0]))
-        return float(rng.integers(3, 25 if effect.name == "cogging" else 13))
-    if name == "speed":  # of Stribeck's curve
-        return motion.velocity[location] * float(rng.uniform(0.05, 0.4))
-    if name == "displacement":
-        return motion.stretch[location] * float(rng.uniform(0.3, 1.5))
-    if name == "clearance":
-        return motion.reach[location] * float(rng.uniform(0.1, 0.5))
-    if name == "frequency":
-        return float(rng.uniform(3.0, 25.0))
-    if name == "damping_ratio":
-        return float(rng.uniform(0.01, 0.12))
-    if name == "time_constant":
-        return motion.duration_s * float(rng.uniform(0.05, 0.4))
-    return _typical(effect, name)
-
-
-def _typical(effect: Effect, name: str) -> float:
-    return next(p.typical for p in effect.parameters if p.name == name)
-
-
-def _range(rig: Rig, location: str, effect: Effect, motion: Motion) -> tuple[float, float]:
-    """Largest strength that leaves a rig that still works, and a guess of one that is seen."""
-    circuit = rig.only("motor_circuit")
-    assert circuit is not None
-    v, name = circuit.values, effect.name
-    torque = v["torque_constant"] / v["resistance"]
-    speed = motion.velocity[rig.of_kind("rotor")[0].name]
-    relative = {
-        "delay": (DELAY_MAX_S, 5e-4), "gain_error": (GAIN_MAX, 0.02), "torque_ripple": (0.8, 0.1),
-        "dead_zone": (0.8 * motion.command, 0.05), "load_reaction": (1.0, 0.3), "backlash": (math.pi, 0.02),
-        "resistance_heating": (1.0 / (v["resistance"] * motion.current**2), 0.1 / motion.current**2 / v["resistance"]),
-        "viscous_friction": (torque * EFFORT_MAX_V / speed, 0.05 * torque / speed),
-        "asymmetric_friction": (0.5 * torque * EFFORT_MAX_V / speed, 0.05 * torque / speed),
-        "stiffness_drift": (0.6 / motion.duration_s, 0.1 / motion.duration_s),
-        "pitch_error": (0.25 * turn_m(rig), 0.003 * turn_m(rig)), "compliance": (1e-4, 1e-6),
-        "offset": (1e3, 0.003 * turn_m(rig)),
-    }  # fmt: skip
-    if name in relative:
-        return relative[name]
-    if rig.kind_at(location) == "rotor":
-        return torque * EFFORT_MAX_V, 0.1 * torque
-    if rig.kind_at(location) == "link":
-        force, s, rate = motion.force[location], motion.stretch[location], motion.rate[location]
-        k = rig.elements[location].values["stiffness"]
-        return {
-            "cubic_stiffness": (5.0 * k / s**2, 0.05 * k / s**2),
-            "quadratic_damping": (10.0 * force / rate**2, 0.02 * force / rate**2),
-            "bumper": (20.0 * k, 0.3 * k),
-        }.get(name, (3.0 * force, 0.05 * force))
-    if name == "absorber":
-        mass = rig.elements[location].values["mass"]
-        return mass, 0.03 * mass
-    force = max(motion.force.values(), default=1.0)
-    return 3.0 * force, 0.05 * force
+def _borne(rig: Rig, run: Run) -> list[tuple[str, Floats, Floats]]:
+    """(name, position, velocity) of what moves as the screw or the positioner does, whatever pulls on it."""
+    screw, positioner, x = rig.only("screw"), rig.only("positioner"), run.states
+    found = []
+    if screw and (carried := screw.neighbours.get("carries")):
+        lead = screw.values["lead"]
+        found.append((carried, lead * x[:, 1], lead * x[:, 2 + len(run.bodies)]))
+    if positioner:
+        course = positioner.values["travel"] * run.u
+        found.append((positioner.name, course, np.gradient(course, run.sample_time_s)))
+    return found
 
 
 def strength_for(visibility: Callable[[float], float], target: float, guess: float, most: float) -> float:

@@ -1,24 +1,24 @@
-"""What a worker does with one case: diagnose it, or let the oracle look at it; each result is one whole file."""
+"""What a worker does with one case: make it, diagnose it, let the oracle look at it; each result is one whole file."""
 
 from __future__ import annotations
 
-import os
-import signal
-import threading
 import time
 import traceback
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from dtbacklash import sources
-from dtbacklash.errors import UserError
+from dtbacklash.campaign.jobs import Job
+from dtbacklash.errors import Failure, UserError
+from dtbacklash.files import read_json, write_json
 from dtbacklash.prove.seal import PUBLIC, RECORDING
-from dtbacklash.prove.store import read_json, write_json
 
 #: the parts of the package that a diagnosis is made by: a case that other code diagnosed is diagnosed again
-DIAGNOSED_BY = ("compiled.py", "config", "physics", "control", "recording", "diagnose")
-ORACLE_BY = (*DIAGNOSED_BY, "prove/oracle.py")
+DIAGNOSED_BY = ("compiled.py", "config", "physics", "control", "recording", "units.py", "yaml_files.py", "diagnose")
+ORACLE_BY = (*DIAGNOSED_BY, "prove/oracle.py", "prove/draw.py", "prove/simulator")
+DEATH = "its worker died"
 
 #: (folder of the case, nominal rig's name) -> (content of diagnosis.json, the extended rig's description)
 Diagnose = Callable[[Path, str], tuple[dict[str, Any], dict[str, Any]]]
@@ -42,15 +42,19 @@ def oracle_folder(
     folder: Path, rig_name: str, secret: dict[str, Any], extended: dict[str, Any] | None
 ) -> dict[str, Any]:
     """Let the oracle look at a case; by now its seal is open."""
-    from dtbacklash.diagnose import record_of
+    from dtbacklash.diagnose import records_of
     from dtbacklash.diagnose.evidence import Evidence
+    from dtbacklash.diagnose.parts import marked
     from dtbacklash.prove.conceal import nominal_rig
+    from dtbacklash.prove.draw import record
     from dtbacklash.prove.oracle import look, rebuilt
+    from dtbacklash.prove.secret import Secret
     from dtbacklash.recording import read_recording
 
     rig = nominal_rig(rig_name)
-    record = record_of(read_recording(folder / RECORDING, rig=rig), rig, True, True)
-    return look(Evidence.gather(rig, [record]), secret, rebuilt(rig, extended) if extended else None)
+    records = marked(records_of(read_recording(folder / RECORDING, rig=rig), rig, True, True))
+    truth = record(Secret(**secret), rig)[1].truth if secret["kind"] == "unknown" else None
+    return look(Evidence.gather(rig, records), secret, rebuilt(rig, extended) if extended else None, truth)
 
 
 def rig_of(folder: Path, chosen: str | None) -> str:
@@ -63,53 +67,87 @@ def rig_of(folder: Path, chosen: str | None) -> str:
     name = chosen or read_json(folder / PUBLIC).get("rig")
     if not name:
         raise UserError("folder", folder, f"its {PUBLIC} names no rig; give rig=")
-    return str(name)
+    beside = folder / str(name)  # a rig of its own lies with the recordings
+    return str(beside.resolve()) if not chosen and beside.is_file() else str(name)
 
 
-def conceal_case(seed: int, rig_name: str, folder: Path, key_file: Path) -> None:
-    """Make one concealed recording."""
-    from dtbacklash.prove.conceal import conceal
+@dataclass(frozen=True)
+class Concealing(Job):
+    """Make one concealed recording, the folder ``record``, from its seed. Attributes: see :func:`.conceal.conceal`."""
 
-    _as_worker()
-    conceal(seed, rig_name, folder, key_file=key_file, keep=True)
+    record: Path
+    seed: int
+    rig: str
+    key_file: Path
 
+    def done(self) -> bool:
+        return self.record.exists()
 
-def diagnose_case(folder: Path, target: Path, rig_name: str, diagnose: Diagnose = diagnose_folder) -> None:
-    """Diagnose one case into ``target``. A diagnosis that fails is a result: it counts against the tool."""
-    _as_worker()
-    entry: dict[str, Any] = {"id": folder.name, "code": sources.digest(DIAGNOSED_BY), "error": ""}
-    begin = time.perf_counter()
-    try:
-        with _alone():
-            diagnosis, extended = diagnose(folder, rig_name)
-        entry |= {"diagnosis": diagnosis, "extended": extended}
-    except Exception as error:
-        why = str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
-        details = "" if isinstance(error, UserError) else "".join(traceback.format_exception(error))
-        entry |= {"diagnosis": None, "extended": None, "error": " ".join(why.split()), "traceback": details}
-    write_json(target, entry | {"wall_s": time.perf_counter() - begin})
+    def work(self) -> None:
+        from dtbacklash.prove.conceal import conceal
+
+        conceal(self.seed, self.rig, self.record.parent, key_file=self.key_file, keep=True)
+
+    def died(self, error: Exception | None) -> None:
+        raise error or Failure("seed", self.seed, f"no recording came of it: {DEATH}")
 
 
-def oracle_case(
-    folder: Path, target: Path, rig_name: str, secret: dict[str, Any], oracle: Oracle = oracle_folder
-) -> None:
-    """Add what the oracle says of one case to its file; an oracle that fails leaves its reason there."""
-    _as_worker()
-    entry = read_json(target)
-    try:
-        with _alone():
-            seen = oracle(folder, rig_name, secret, entry["extended"])
-    except Exception as error:
-        seen = {"error": " ".join(f"{type(error).__name__}: {error}".split())}
-    write_json(target, entry | {"secret": secret, "oracle": seen | {"code": sources.digest(ORACLE_BY)}})
+@dataclass(frozen=True)
+class Diagnosing(Job):
+    """Diagnose the case in ``folder`` into ``record``. A diagnosis that fails is a result, and counts as wrong."""
+
+    record: Path
+    folder: Path
+    rig: str
+    diagnose: Diagnose = diagnose_folder
+
+    def done(self) -> bool:
+        return diagnosed(self.record)
+
+    def work(self) -> None:
+        code, begin = sources.digest(DIAGNOSED_BY), time.perf_counter()
+        try:
+            diagnosis, extended = self.diagnose(self.folder, self.rig)
+            found: dict[str, Any] = {"error": "", "diagnosis": diagnosis, "extended": extended}
+        except Exception as error:
+            why = str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
+            details = "" if isinstance(error, UserError) else "".join(traceback.format_exception(error))
+            found = {"error": " ".join(why.split()), "diagnosis": None, "extended": None, "traceback": details}
+        self._tell(found, code, time.perf_counter() - begin)
+
+    def died(self, error: Exception | None) -> None:
+        self._tell({"error": DEATH, "diagnosis": None, "extended": None}, sources.digest(DIAGNOSED_BY), None)
+
+    def _tell(self, found: dict[str, Any], code: str, wall_s: float | None) -> None:
+        write_json(self.record, {"id": self.folder.name, "code": code, **found, "wall_s": wall_s})
 
 
-def record_death(folder: Path, target: Path) -> None:
-    """Write down that the process which diagnosed a case died, twice."""
-    write_json(target, {
-        "id": folder.name, "code": sources.digest(DIAGNOSED_BY), "diagnosis": None, "extended": None,
-        "error": "its worker died", "wall_s": None,
-    })  # fmt: skip
+@dataclass(frozen=True)
+class Asking(Job):
+    """Add what the oracle says of a case to its ``record``; an oracle that fails leaves its reason there."""
+
+    record: Path
+    folder: Path
+    rig: str
+    secret: dict[str, Any]
+    oracle: Oracle = oracle_folder
+
+    def done(self) -> bool:
+        return looked_at(self.record)
+
+    def work(self) -> None:
+        try:
+            seen = self.oracle(self.folder, self.rig, self.secret, read_json(self.record)["extended"])
+        except Exception as error:
+            seen = {"error": " ".join(f"{type(error).__name__}: {error}".split())}
+        self._tell(seen)
+
+    def died(self, error: Exception | None) -> None:
+        self._tell({"error": DEATH})
+
+    def _tell(self, seen: dict[str, Any]) -> None:
+        entry = read_json(self.record) | {"secret": self.secret}
+        write_json(self.record, entry | {"oracle": seen | {"code": sources.digest(ORACLE_BY)}})
 
 
 def diagnosed(target: Path) -> bool:
@@ -121,34 +159,3 @@ def looked_at(target: Path) -> bool:
     """Whether this code's oracle has looked at the case, after this code's diagnosis."""
     seen = read_json(target).get("oracle") or {}
     return diagnosed(target) and seen.get("code") == sources.digest(ORACLE_BY)
-
-
-def has_oracle(target: Path) -> bool:
-    """Whether an oracle, of whatever code, has looked at the case."""
-    return bool(read_json(target).get("oracle"))
-
-
-def forget_oracle(target: Path) -> None:
-    """Take out what an oracle of other code said."""
-    entry = read_json(target)
-    if entry.pop("oracle", None):
-        write_json(target, entry)
-
-
-_parent = os.getpid()
-
-
-def _as_worker() -> None:
-    """In a process of its own: leave Ctrl-C to the parent, which ends the workers."""
-    import multiprocessing
-
-    child = multiprocessing.parent_process() is not None or os.getpid() != _parent
-    if child and threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def _alone() -> Any:
-    """Keep whatever the diagnosis would spread over processes of its own within this worker."""
-    from joblib import parallel_config
-
-    return parallel_config("sequential")

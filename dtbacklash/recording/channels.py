@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dtbacklash.recording.model import Floats, Refused
+from dtbacklash.arrays import Floats
+from dtbacklash.recording.refusal import SAMPLES_MIN, Refused
 
-RUN_MAX = 10  # as many missing values in a row are interpolated
+RUN_MAX = 10  # as many missing values in a row are interpolated; at more the recording is cut
 MISSING_SHARE_MAX = 0.05  # of all values that may be missing
-TRIM_MAX = 0.3  # share of a recording that may be cut off for missing values at its ends
+TRIM_MAX = 0.3  # share of a recording that may be cut out for missing values
 CLIPPED_SHARE = 0.002  # of all samples at the limit from which clipping is reported
 HANGS_SHARE = 0.05  # of a recording that a channel must stand still for it to be looked at
 HANGS_END_SHARE = 0.1
@@ -25,19 +26,21 @@ def runs(mask: np.ndarray) -> list[tuple[int, int]]:
 
 @dataclass
 class Filled:
-    """Channels without missing values: the rows that remain, and what was done."""
+    """Channels without missing values in the stretches of rows that remain, half-open, and what was done."""
 
-    rows: slice
+    stretches: list[tuple[int, int]]
     channels: dict[str, Floats]
     notes: list[str]
 
 
-def fill(channels: dict[str, Floats], t_s: Floats, required: frozenset[str]) -> Filled:
-    """Interpolate short runs of missing values and cut off missing ends.
+def fill(channels: dict[str, Floats], t_s: Floats, required: frozenset[str], pieces: list[tuple[int, int]]) -> Filled:
+    """Interpolate short runs of missing values, cut off missing ends, and cut at long runs.
+
+    ``pieces`` : half-open ranges of rows that follow one another in time.
 
     Raises
     ------
-    Refused : too many or too long runs in a channel; a required channel without values.
+    Refused : too many values are missing; a required channel without values.
     """
     notes: list[str] = []
     kept: dict[str, Floats] = {}
@@ -49,66 +52,108 @@ def fill(channels: dict[str, Floats], t_s: Floats, required: frozenset[str]) -> 
             raise Refused(f"channel {name} has no value in {share:.0f} % of the rows")
         else:
             notes.append(f"Channel {name} has hardly any values and is not used.")
-    good = {name: np.flatnonzero(np.isfinite(values)) for name, values in kept.items()}
-    first = max(index[0] for index in good.values())
-    last = min(index[-1] for index in good.values()) + 1
-    cut = len(t_s) - max(last - first, 0)
-    if cut > TRIM_MAX * len(t_s):
-        raise Refused(
-            f"the channels have values at the same time in {100 * (1 - cut / len(t_s)):.0f} % of the rows only"
-        )
-    if cut:
-        notes.append(f"{cut} rows at the ends, where a channel has no value, were cut off.")
-    inside = slice(int(first), int(last))
-    filled = {name: _filled(name, values[inside], t_s[inside], notes) for name, values in kept.items()}
-    return Filled(inside, filled, notes)
+    stretches = [found for a, b in pieces for found in _stretches(kept, a, b)]
+    rows = sum(b - a for a, b in pieces)
+    used = sum(b - a for a, b in stretches)
+    if used < (1.0 - TRIM_MAX) * rows:
+        raise Refused(f"the channels have values at the same time in {100 * used / rows:.0f} % of the rows only")
+    _note_losses(kept, t_s, pieces, stretches, notes)
+    filled = {name: _filled(name, values, t_s, stretches, notes) for name, values in kept.items()}
+    return Filled(stretches, filled, notes)
 
 
-def _filled(name: str, values: Floats, t_s: Floats, notes: list[str]) -> Floats:
-    missing = ~np.isfinite(values)
-    count = int(missing.sum())
-    if not count:
-        return values
-    start, stop = max(runs(missing), key=lambda run: run[1] - run[0])
-    if stop - start > RUN_MAX:
-        raise Refused(
-            f"channel {name} has no value for {stop - start} samples in a row at t = {t_s[start]:.6g} s; up to "
-            f"{RUN_MAX} can be interpolated"
-        )
-    if count > MISSING_SHARE_MAX * len(values):
+def _stretches(channels: dict[str, Floats], start: int, stop: int) -> list[tuple[int, int]]:
+    """What lies between the long runs of missing values of any channel, without missing ends, where long enough."""
+    lost = np.zeros(stop - start, dtype=bool)
+    finite = [np.isfinite(values[start:stop]) for values in channels.values()]
+    for good in finite:
+        for a, b in runs(~good):
+            lost[a:b] |= b - a > RUN_MAX
+    found = []
+    for a, b in runs(~lost):
+        whole = [np.flatnonzero(f[a:b]) for f in finite]
+        if not all(len(index) for index in whole):
+            continue
+        first, last = a + max(index[0] for index in whole), a + min(index[-1] for index in whole) + 1
+        if last - first >= SAMPLES_MIN or (first, last) == (0, stop - start):
+            found.append((start + int(first), start + int(last)))
+    return found
+
+
+def _note_losses(
+    channels: dict[str, Floats], t_s: Floats, pieces: list[tuple[int, int]], stretches: list[tuple[int, int]],
+    notes: list[str],
+) -> None:  # fmt: skip
+    """Say what is cut off at the ends, and where channels drop out in between."""
+    first, last = stretches[0][0], stretches[-1][1]
+    ends = sum(b - a for a, b in pieces) - sum(max(0, min(b, last) - max(a, first)) for a, b in pieces)
+    if ends:
+        notes.append(f"{ends} rows at the ends, where a channel has no value, were cut off.")
+    for name, values in channels.items():
+        out = [(first + a, first + b) for a, b in runs(~np.isfinite(values[first:last])) if b - a > RUN_MAX]
+        if out:
+            a, b = max(out, key=lambda run: run[1] - run[0])
+            where = f"up to {b - a} samples in a row, first" if len(out) > 1 else f"{b - a} samples in a row"
+            times = "once" if len(out) == 1 else f"{len(out)} times"
+            notes.append(f"Channel {name} drops out {times}, for {where} at t = {t_s[out[0][0]]:.6g} s.")
+
+
+def _filled(name: str, values: Floats, t_s: Floats, stretches: list[tuple[int, int]], notes: list[str]) -> Floats:
+    """The channel with its short runs of missing values interpolated within each stretch."""
+    values, count, longest = values.copy(), 0, 0
+    for a, b in stretches:
+        missing = ~np.isfinite(values[a:b])
+        if missing.any():
+            count += int(missing.sum())
+            longest = max(longest, *(stop - start for start, stop in runs(missing)))
+            values[a:b] = np.interp(t_s[a:b], t_s[a:b][~missing], values[a:b][~missing])
+    if count > MISSING_SHARE_MAX * sum(b - a for a, b in stretches):
         raise Refused(f"channel {name} has no value in {count} of {len(values)} rows")
-    notes.append(
-        f"Channel {name}: {count} missing value{'s' * (count > 1)} interpolated, at most {stop - start} in a row."
-    )
-    return np.interp(t_s, t_s[~missing], values[~missing])
+    if count:
+        plural = "s" * (count > 1)
+        notes.append(f"Channel {name}: {count} missing value{plural} interpolated, at most {longest} in a row.")
+    return values
 
 
 def clipping(name: str, values: Floats) -> str | None:
-    """Say that a channel is clipped, or return None.
+    """Say that a channel is clipped, or return None."""
+    for word, mask in clipped(values):
+        limit, share = float(values[mask][0]), 100 * float(mask.mean())
+        return f"Channel {name} is clipped at its {word} ({limit:.6g}) in {share:.2g} % of the samples; kept."
+    return None
+
+
+def clipped(values: Floats) -> list[tuple[str, np.ndarray]]:
+    """The ends at which a channel is clipped: ``top`` or ``bottom``, and (N,) which samples are.
 
     Clipped is what runs into its own extreme at speed and stays there. What comes to rest at its extreme
     (the last steps are small), or only ever takes a few levels (a command of steps), is not.
     """
     top, bottom = values.max(), values.min()
     if top == bottom or len(np.unique(values[:: max(1, len(values) // 5000)])) <= 20:
-        return None
+        return []
     steps = np.abs(np.diff(values))
     moving = steps[steps > 0.0]
     usual, quantum = float(np.sqrt(np.mean(moving**2))), float(moving.min())
+    found = []
     for limit, word in ((top, "top"), (bottom, "bottom")):
         stays = [run for run in runs(values == limit) if run[1] - run[0] >= 3]
-        count = sum(stop - start for start, stop in stays)
-        entries = [steps[start - 1] for start, _ in stays if start > 0]
-        if count < CLIPPED_SHARE * len(values) or not entries:
+        # the step that reaches the limit is cut short by it: the one before tells the speed as well
+        entries = [steps[max(start - 2, 0) : start].max() for start, _ in stays if start > 0]
+        mask = np.zeros(len(values), dtype=bool)
+        for start, stop in stays:
+            mask[start:stop] = True
+        if mask.sum() < CLIPPED_SHARE * len(values) or not entries:
             continue
         if float(np.median(entries)) > max(0.2 * usual, 1.5 * quantum):
-            share = 100 * count / len(values)
-            return f"Channel {name} is clipped at its {word} ({limit:.6g}) in {share:.2g} % of the samples; kept."
-    return None
+            found.append((word, mask))
+    return found
 
 
-def hanging(name: str, values: Floats, u: Floats | None, t_s: Floats) -> str | None:
+def hanging(name: str, values: Floats, u: Floats | None, t_s: Floats, samples: int | None = None) -> str | None:
     """Note that a channel stands still while the input moves, or return None.
+
+    ``samples`` : of the whole recording, where this is one stretch of it.
 
     Raises
     ------
@@ -121,14 +166,15 @@ def hanging(name: str, values: Floats, u: Floats | None, t_s: Floats) -> str | N
             return f"Channel {name} never changes, and neither does the input."
         raise Refused(f"channel {name} never changes")
     usual = float(np.quantile(moving, 0.999))
-    at_least = max(20, int(HANGS_SHARE * len(values)))
+    samples = samples or len(values)
+    at_least = max(20, int(HANGS_SHARE * samples))
     for start, stop in runs(steps == 0.0):
         length = stop - start
         if u is None or length < at_least or np.std(u[start:stop]) < 0.5 * np.std(u):
             continue
         where = f"from {t_s[start]:.6g} to {t_s[stop]:.6g} s"
         jumps = stop < len(steps) and steps[stop] > JUMP * usual
-        forever = stop == len(steps) and length > HANGS_END_SHARE * len(values)
+        forever = stop == len(steps) and length > HANGS_END_SHARE * samples
         if jumps or forever:
             how = "and leaves with a jump" if jumps else "and never moves again"
             raise Refused(f"channel {name} hangs {where}: it does not change while the input moves, {how}")

@@ -2,32 +2,32 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from scipy.signal import resample_poly
 
-if TYPE_CHECKING:
-    from dtbacklash.recording.model import Floats, Recording
+from dtbacklash.arrays import Floats
 
 HELD = "held"
 BAND_LIMITED = "band_limited"
 COMMANDS = (HELD, BAND_LIMITED)
 
 
-def refined(recording: Recording, parts: int = 4) -> tuple[Floats, int]:
-    """Return the command in steps that may be held, and how many of them make a sample.
+def stepped(u: Floats, command: str, parts: int = 4) -> tuple[Floats, int]:
+    """Return a command in steps that may be held, and how many of them make a sample.
 
     A held command is itself, with one step a sample. A band-limited one is interpolated (Kaiser window) and cut into
     ``parts`` steps a sample, each with the value at its middle: the error is of second order in the step. The
     sensors are then every ``parts``-th row of the simulation.
 
+    Parameters
+    ----------
+    u : (N,) the command at the samples, V. command : ``held`` or ``band_limited``.
+
     Returns
     -------
     ((N - 1) * steps,) command, and the steps a sample.
     """
-    u = recording.channels["u"]
-    if recording.command == HELD:
+    if command == HELD:
         return u[:-1], 1
     fine = resample_poly(u, 2 * parts, 1, window=("kaiser", 8.0))
     return np.ascontiguousarray(fine[1 : 2 * parts * (len(u) - 1) : 2]), parts

@@ -1,29 +1,47 @@
-"""Downloads public recordings: whole and as published, or not at all."""
+"""Downloads public recordings by pooch: whole and as published, or not at all."""
 
 from __future__ import annotations
 
-import http.client
 import io
-import urllib.error
-import urllib.request
+import tempfile
 import zipfile
 import zlib
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 
-from dtbacklash import __version__
 from dtbacklash.errors import UserError
+from dtbacklash.files import write_bytes
 from dtbacklash.recording import locate
 from dtbacklash.recording.mapping import Mapping, PublicFile
-from dtbacklash.recording.model import Refused
+from dtbacklash.recording.refusal import Refused
 from dtbacklash.recording.tables import unpacked
-from dtbacklash.runfolder import PARTIAL, hidden_sibling, reason
+from dtbacklash.version import __version__
 
 TIMEOUT_S = 30
-CHUNK_BYTES = 1 << 16
 DOWNLOAD_MAX_BYTES = 1 << 30
 Progress = Callable[[float], None]
+
+
+class _Bar:
+    """What pooch tells of its progress, as a fraction done."""
+
+    total = 0
+
+    def __init__(self, progress: Progress) -> None:
+        self.progress, self.received = progress, 0
+
+    def update(self, size: int) -> None:
+        self.received += size
+        if self.received > DOWNLOAD_MAX_BYTES:
+            raise ValueError("more than 1 GB came")
+        if self.total:
+            self.progress(min(1.0, self.received / self.total))
+
+    def reset(self) -> None:
+        self.received = 0
+
+    def close(self) -> None:
+        self.progress(1.0)
 
 
 def fetch(mapping: Mapping, file: PublicFile, progress: Progress | None = None) -> Path:
@@ -35,21 +53,24 @@ def fetch(mapping: Mapping, file: PublicFile, progress: Progress | None = None) 
 
     Raises
     ------
-    UserError : no network, not what was published, no place to write.
+    UserError : no public source, no network, not what was published, no place to write.
     """
     here = locate.find(mapping, file.name)
     if here is not None and _holds(here, file):
         return here
+    if not file.url:
+        raise UserError("recordings", mapping.name, f"its mapping names no public source of {file.name}")
     target = locate.cache_folder() / mapping.name / file.name
-    try:
-        archive = _download(file.url, progress or (lambda fraction: None))
-    except (OSError, ValueError, http.client.HTTPException) as error:  # URLError and HTTPError are OSErrors
-        raise UserError("recordings", mapping.name, _instead(mapping, file, _why(error))) from error
+    with tempfile.TemporaryDirectory(prefix="dtbacklash-") as scratch:
+        try:
+            archive = _download(file.url, Path(scratch), progress or (lambda fraction: None)).read_bytes()
+        except (OSError, ValueError) as error:  # what requests raises is an OSError
+            raise UserError("recordings", mapping.name, _instead(mapping, file, _why(error))) from error
     content = _content(archive, file)
     if content is None or not locate.is_genuine(content, file):
         why = "what came is not the published file (its SHA-256 differs)"
         raise UserError("recordings", mapping.name, _instead(mapping, file, why))
-    _write(target, content)
+    write_bytes(target, content, "XDG_CACHE_HOME", target.parent)
     return target
 
 
@@ -61,18 +82,14 @@ def _holds(path: Path, file: PublicFile) -> bool:
         return False
 
 
-def _download(url: str, progress: Progress) -> bytes:
-    request = urllib.request.Request(url, headers={"User-Agent": f"dtbacklash/{__version__}"})
-    with urllib.request.urlopen(request, timeout=TIMEOUT_S) as answer:
-        size = int(answer.headers.get("Content-Length") or 0)
-        received = io.BytesIO()
-        while chunk := answer.read(CHUNK_BYTES):
-            received.write(chunk)
-            if received.tell() > DOWNLOAD_MAX_BYTES:
-                raise ValueError("more than 1 GB came")
-            if size:
-                progress(min(1.0, received.tell() / size))
-    return received.getvalue()
+def _download(url: str, folder: Path, progress: Progress) -> Path:
+    """Get what lies at ``url``. Its checksum is unknown: those of a mapping are of the file inside an archive."""
+    import pooch
+
+    pooch.get_logger().setLevel("ERROR")  # one line comes from us
+    headers = {"User-Agent": f"dtbacklash/{__version__}"}
+    downloader = pooch.HTTPDownloader(progressbar=_Bar(progress), timeout=TIMEOUT_S, headers=headers)
+    return Path(pooch.retrieve(url, known_hash=None, fname="download", path=folder, downloader=downloader))
 
 
 def _content(archive: bytes, file: PublicFile) -> bytes | None:
@@ -89,25 +106,16 @@ def _content(archive: bytes, file: PublicFile) -> bytes | None:
         return None
 
 
-def _write(target: Path, content: bytes) -> None:
-    scratch = hidden_sibling(target, PARTIAL)
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        scratch.write_bytes(content)
-        scratch.replace(target)
-    except OSError as error:
-        raise UserError("XDG_CACHE_HOME", target.parent, f"cannot be written: {reason(error)}") from error
-    finally:
-        with suppress(OSError):
-            scratch.unlink()
-
-
 def _why(error: Exception) -> str:
-    if isinstance(error, urllib.error.HTTPError):
-        return f"the source answers {error.code}"
-    if isinstance(error, urllib.error.URLError):
+    import requests
+
+    if isinstance(error, requests.HTTPError) and error.response is not None:
+        return f"the source answers {error.response.status_code}"
+    if isinstance(error, requests.Timeout):
+        return "the source does not answer in time"
+    if isinstance(error, requests.ConnectionError):
         return "the source cannot be reached"
-    return f"the download failed ({str(error) or type(error).__name__})"
+    return f"the download failed ({str(error)[:80] or type(error).__name__})"
 
 
 def _instead(mapping: Mapping, file: PublicFile, why: str) -> str:

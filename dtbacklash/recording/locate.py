@@ -4,31 +4,28 @@ from __future__ import annotations
 
 import hashlib
 import os
-import sys
 from pathlib import Path
 
 from dtbacklash.errors import UserError
-from dtbacklash.recording.mapping import Mapping, PublicFile, load_mapping, mapping_names
+from dtbacklash.recording.mapping import Mapping, PublicFile, mapping_names, mapping_of
 
 FOLDER = "DTB_RECORDINGS"
 
 
 def cache_folder() -> Path:
     """The folder of downloaded recordings: below the user's cache folder, as the platform has it."""
-    if os.environ.get("XDG_CACHE_HOME"):
-        base = Path(os.environ["XDG_CACHE_HOME"])
-    elif sys.platform == "darwin":
-        base = Path.home() / "Library" / "Caches"
-    elif os.name == "nt" and os.environ.get("LOCALAPPDATA"):
-        base = Path(os.environ["LOCALAPPDATA"])
-    else:
-        base = Path.home() / ".cache"
-    return base / "dtbacklash" / "recordings"
+    import pooch
+
+    return Path(pooch.os_cache("dtbacklash")) / "recordings"
 
 
 def places(mapping: Mapping, file: str) -> list[Path]:
-    """Where the file of a mapping is looked for, in this order; each may be gzipped as well."""
-    folders = []
+    """Where the file of a mapping is looked for, in this order; each may be gzipped as well.
+
+    A mapping of the user's own has its files beside it or where ``dtb`` was started; then come the folder
+    ``$DTB_RECORDINGS`` and the download cache.
+    """
+    folders = [mapping.folder, Path()] if mapping.folder is not None else []
     if os.environ.get(FOLDER):
         own = Path(os.environ[FOLDER])
         folders += [own, own / mapping.name]
@@ -55,11 +52,11 @@ def resolve(source: str, path: str | None) -> tuple[Path, Mapping | None, str, s
     if not source:
         raise UserError("recording", "null", "give the path of a file or one of " + ", ".join(mapping_names()))
     name, _, part = source.partition(":")
-    if Path(source).is_file() or (name not in mapping_names() and Path(name).suffix not in (".yaml", ".yml")):
+    mapping = mapping_of(source)
+    if mapping is None:
         if path is not None:
             raise UserError("recording.path", path, f"belongs to a mapping, and recording={source} is a file")
         return _plain(source), None, "", "recording"
-    mapping = load_mapping(name)
     if part and part not in mapping.parts:
         parts = "choose one of " + ", ".join(mapping.parts) if mapping.parts else f"{name} has no parts"
         raise UserError("recording", source, parts)
@@ -69,12 +66,11 @@ def resolve(source: str, path: str | None) -> tuple[Path, Mapping | None, str, s
         raise UserError("recording.path", "null", f"give the file for the mapping {name}")
     found = find(mapping, mapping.file)
     if found is None:
-        get = f"run `dtb recordings fetch {name}`, or " if mapping.files else ""
-        raise UserError(
-            "recording",
-            name,
-            f"{mapping.file} is not here; {get}put it into ${FOLDER}, or give recording.path=FILE",
-        )
+        public = any(file.url for file in mapping.files.values())
+        get = f"run `dtb recordings fetch {name}`, or " if public else ""
+        beside = "beside the mapping, " if mapping.folder else ""
+        get += f"put it {beside}into ${FOLDER}, or give recording.path=FILE"
+        raise UserError("recording", name, f"{mapping.file} is not here; {get}")
     return found, mapping, part, "recording"
 
 
@@ -97,7 +93,8 @@ def _given(mapping: Mapping, path: str) -> Path:
         found = find(mapping, path)
         if found is not None:
             return found
-        raise UserError("recording.path", path, f"is not here; run `dtb recordings fetch {mapping.name}`")
+        get = f"run `dtb recordings fetch {mapping.name}`" if mapping.files[path].url else "give the path of the file"
+        raise UserError("recording.path", path, f"is not here; {get}")
     if own.is_dir():
         raise UserError("recording.path", path, "is a folder; give a file")
     known = f" or one of {', '.join(mapping.files)}" if mapping.files else ""
@@ -105,5 +102,5 @@ def _given(mapping: Mapping, path: str) -> Path:
 
 
 def is_genuine(content: bytes, file: PublicFile) -> bool:
-    """Whether ``content`` (unpacked) is what was published."""
-    return hashlib.sha256(content).hexdigest() == file.sha256
+    """Whether ``content`` (unpacked) is what was published; anything is, where no checksum is known."""
+    return not file.sha256 or hashlib.sha256(content).hexdigest() == file.sha256

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from dtbacklash import units, yaml_files
 from dtbacklash.errors import UserError
-from dtbacklash.recording import units
 from dtbacklash.recording.command import COMMANDS, HELD
 
 SUFFIXES = (".yaml", ".yml")
@@ -19,24 +20,31 @@ _SHA256 = re.compile(r"[0-9a-f]{64}")
 
 @dataclass(frozen=True)
 class Channel:
-    """One channel: the column (name, or number from 0) it is read from, its SI unit and the factor to it."""
+    """One channel: the column (name, or number from 0) it is read from, and how it becomes a value in SI.
+
+    ``scale`` times the column plus ``offset`` is the value in ``unit`` (empty: as header and rig say, else SI), or in
+    SI where ``si`` names a unit.
+    """
 
     column: str
-    unit: str
-    scale: float
+    unit: str = ""
+    scale: float = 1.0
+    offset: float = 0.0
+    si: str = ""
 
 
 @dataclass(frozen=True)
 class PublicFile:
-    """A file that can be had from a public source.
+    """A file of a recording, maybe one that can be had from a public source.
 
     ``url`` is the file itself or an archive that holds it as ``member``; ``sha256`` and ``size_bytes`` are
-    those of the file's content, unpacked. ``about`` says in a few words what distinguishes it.
+    those of the file's content, unpacked; a file of one's own needs none of them. ``about`` says in a few words what
+    distinguishes it.
     """
 
     name: str
-    url: str
-    sha256: str
+    url: str = ""
+    sha256: str = ""
     member: str = ""
     size_bytes: int = 0
     about: str = ""
@@ -44,7 +52,7 @@ class PublicFile:
 
 @dataclass(frozen=True)
 class Mapping:
-    """How to read a recording, as its YAML file states it."""
+    """How to read a recording, as its YAML file states it. ``folder`` : of a mapping of the user's own, else None."""
 
     name: str
     title: str = ""
@@ -60,6 +68,7 @@ class Mapping:
     channels: dict[str, Channel] = field(default_factory=dict)
     parts: dict[str, tuple[int, int]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    folder: Path | None = None
 
 
 def mapping_names() -> list[str]:
@@ -80,27 +89,44 @@ def load_mapping(name: str) -> Mapping:
     ------
     UserError : no such mapping, or a mistake in it.
     """
-    candidates: list[Any] = [Path("conf") / "recording" / f"{name}{suffix}" for suffix in SUFFIXES]
-    candidates.append(resources.files("dtbacklash.conf").joinpath("recording", f"{name}.yaml"))
+    own = [Path("conf") / "recording" / f"{name}{suffix}" for suffix in SUFFIXES]
     if name.endswith(SUFFIXES):
-        candidates = [Path(name)]
-    for candidate in candidates:
+        own = [Path(name)]
+    for candidate in own:
         if candidate.is_file():
-            return _checked(name, candidate.read_bytes())
+            try:
+                return _checked(name, candidate.read_bytes(), candidate.parent)
+            except OSError as error:
+                raise UserError(
+                    "recording", name, f"cannot be read: {(error.strerror or str(error)).lower()}"
+                ) from error
+    packaged = resources.files("dtbacklash.conf").joinpath("recording", f"{name}.yaml")
+    if packaged.is_file() and not name.endswith(SUFFIXES):
+        return _checked(name, packaged.read_bytes(), None)
     raise UserError("recording", name, "choose one of " + ", ".join(mapping_names()) + ", or the path of a file")
 
 
-def _checked(name: str, content: bytes) -> Mapping:
-    import yaml
+def mapping_of(source: str) -> Mapping | None:
+    """The mapping that ``recording=source`` means (``name``, ``name:part``, ``file.yaml``), or None for a file of data.
 
+    Raises
+    ------
+    UserError : a mistake in the mapping.
+    """
+    name = source.partition(":")[0]
+    known = Path(name).suffix in SUFFIXES or (not Path(source).is_file() and name in mapping_names())
+    return load_mapping(name) if known else None
+
+
+def _checked(name: str, content: bytes, folder: Path | None) -> Mapping:
     try:
-        data = yaml.safe_load(content)
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise UserError("recording", name, "the mapping is not valid YAML") from error
+        data = yaml_files.read(content)
+    except yaml_files.Mistake as mistake:
+        raise UserError("recording", name, f"the mapping {mistake}") from mistake
     if not isinstance(data, dict):
         raise UserError("recording", name, "the mapping must hold `key: value` lines")
     try:
-        return _build(Path(name).stem, data)
+        return _build(Path(name).stem, data, folder)
     except _Mistake as mistake:
         raise UserError(f"recording.{mistake.key}", mistake.value, f"{mistake.allowed} (mapping {name})") from None
 
@@ -111,7 +137,7 @@ class _Mistake(Exception):
         self.key, self.value, self.allowed = key, value, allowed
 
 
-def _build(name: str, data: dict[str, Any]) -> Mapping:
+def _build(name: str, data: dict[str, Any], folder: Path | None) -> Mapping:
     known = {
         "name", "title", "rig", "citation", "licence", "page", "file", "files", "time", "sample_time_s", "command",
         "channels", "parts", "notes",
@@ -128,17 +154,29 @@ def _build(name: str, data: dict[str, Any]) -> Mapping:
     step = data.get("sample_time_s")
     if step is not None and not (isinstance(step, (int, float)) and not isinstance(step, bool) and step > 0):
         raise _Mistake("sample_time_s", step, "must be positive s")
+    rig = data.get("rig")
+    if rig is not None and not isinstance(rig, str):
+        raise _Mistake("rig", rig, "must be the name of a rig, or the path of its YAML file")
+    if rig and folder and rig.endswith(SUFFIXES) and (folder / rig).is_file():
+        rig = str(folder / rig)
+    notes = data.get("notes") or []
+    if not isinstance(notes, list):
+        raise _Mistake("notes", notes, "must be a list of texts")
     texts = {key: str(data.get(key) or "") for key in ("title", "citation", "licence", "page", "file")}
+    files = _files(data.get("files") or {})
+    if not texts["file"] and files:
+        texts["file"] = next(iter(files))
     return Mapping(
         name=str(data.get("name") or name),
-        rig=data.get("rig"),
+        rig=rig,
         command=command,
-        files={str(key): _file(str(key), value) for key, value in _section(data, "files").items()},
+        files=files,
         time=_channel("time", data["time"]) if data.get("time") else None,
         sample_time_s=float(step) if step is not None else None,
         channels={str(key): _channel(f"channels.{key}", value) for key, value in channels.items()},
         parts={str(key): _range(f"parts.{key}", value) for key, value in _section(data, "parts").items()},
-        notes=tuple(str(note) for note in data.get("notes") or ()),
+        notes=tuple(str(note) for note in notes),
+        folder=folder,
         **texts,
     )
 
@@ -147,22 +185,49 @@ def _section(data: dict[str, Any], key: str) -> dict[str, Any]:
     value = data.get(key) or {}
     if not isinstance(value, dict):
         raise _Mistake(key, value, "must be a mapping")
+    for name in value:
+        if isinstance(name, bool):  # on, off, yes and no are truth values to YAML
+            raise _Mistake(
+                f"{key}.{name}".lower(), value[name], "YAML reads on, off, yes, no so: put quotes round the name"
+            )
     return value
 
 
 def _channel(key: str, spec: Any) -> Channel:
-    if not isinstance(spec, dict) or "column" not in spec or set(spec) - {"column", "unit", "scale", "si_unit"}:
-        raise _Mistake(key, spec, "must be {column, unit} or {column, scale, si_unit}")
-    column = str(spec["column"])
-    if "scale" in spec:
-        scale = spec["scale"]
-        if isinstance(scale, bool) or not isinstance(scale, (int, float)) or not scale:
-            raise _Mistake(f"{key}.scale", scale, "must be a number other than 0")
-        return Channel(column, str(spec.get("si_unit", "")), float(scale))
-    unit = units.find(str(spec.get("unit", "")))
-    if unit is None:
-        raise _Mistake(f"{key}.unit", spec.get("unit"), "choose one of " + ", ".join(units.UNITS))
-    return Channel(column, *unit)
+    if isinstance(spec, (str, int)) and not isinstance(spec, bool):
+        return Channel(str(spec))
+    if (
+        not isinstance(spec, dict)
+        or "column" not in spec
+        or set(spec) - {"column", "unit", "scale", "offset", "si_unit"}
+    ):
+        raise _Mistake(key, spec, "must be a column's name, or {column, unit, scale, offset}")
+    scale, offset = (
+        _number(f"{key}.{name}", spec.get(name, default)) for name, default in (("scale", 1), ("offset", 0))
+    )
+    if not scale:
+        raise _Mistake(f"{key}.scale", spec["scale"], "must be a number other than 0")
+    unit, si = str(spec.get("unit") or ""), str(spec.get("si_unit") or "")
+    if unit and units.find(unit) is None:
+        raise _Mistake(f"{key}.unit", unit, "choose one of " + ", ".join(units.UNITS))
+    if unit and si:
+        raise _Mistake(f"{key}.si_unit", si, "give `unit` or `si_unit`, not both")
+    return Channel(str(spec["column"]), unit, scale, offset, si)
+
+
+def _number(key: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise _Mistake(key, value, "must be a number")
+    return float(value)
+
+
+def _files(value: Any) -> dict[str, PublicFile]:
+    """A list of names, or a mapping name -> what is known of the file."""
+    if isinstance(value, list) and all(isinstance(name, str) for name in value):
+        value = dict.fromkeys(value)
+    if not isinstance(value, dict):
+        raise _Mistake("files", value, "must be a list of names, or a mapping name: {about, url, sha256}")
+    return {str(name): _file(str(name), spec) for name, spec in value.items()}
 
 
 def _range(key: str, value: Any) -> tuple[int, int]:
@@ -173,18 +238,13 @@ def _range(key: str, value: Any) -> tuple[int, int]:
 
 
 def _file(name: str, spec: Any) -> PublicFile:
-    if not isinstance(spec, dict) or not {"url", "sha256"} <= set(spec):
-        raise _Mistake(f"files.{name}", spec, "must be a mapping with `url` and `sha256`")
-    if not _SHA256.fullmatch(str(spec["sha256"])):
-        raise _Mistake(f"files.{name}.sha256", spec["sha256"], "must be 64 hexadecimal digits")
-    if not str(spec["url"]).startswith("https://"):
-        raise _Mistake(f"files.{name}.url", spec["url"], "must start with https://")
-    size = spec.get("size_bytes", 0)
-    return PublicFile(
-        name,
-        str(spec["url"]),
-        str(spec["sha256"]),
-        str(spec.get("member", "")),
-        int(size),
-        str(spec.get("about", "")),
-    )
+    key, known = f"files.{name}", ("url", "member", "sha256", "size_bytes", "about")
+    spec = {} if spec is None else spec
+    if not isinstance(spec, dict) or set(spec) - set(known):
+        raise _Mistake(key, spec, "must be a mapping with some of " + ", ".join(known))
+    if "sha256" in spec and not _SHA256.fullmatch(str(spec["sha256"])):
+        raise _Mistake(f"{key}.sha256", spec["sha256"], "must be 64 hexadecimal digits")
+    if "url" in spec and not str(spec["url"]).startswith("https://"):
+        raise _Mistake(f"{key}.url", spec["url"], "must start with https://")
+    texts = {name: str(spec.get(name) or "") for name in ("url", "sha256", "member", "about")}
+    return PublicFile(name, size_bytes=int(_number(f"{key}.size_bytes", spec.get("size_bytes", 0))), **texts)

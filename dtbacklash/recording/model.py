@@ -2,46 +2,53 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping as Dict
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
+from dtbacklash import units as table_of_units
+from dtbacklash.arrays import Floats
 from dtbacklash.errors import UserError
-from dtbacklash.recording.command import HELD
+from dtbacklash.recording.clean import clean
+from dtbacklash.recording.command import HELD, stepped
+from dtbacklash.recording.frames import frame_table
+from dtbacklash.recording.pick import plain
+from dtbacklash.recording.refusal import SAMPLES_MIN, Refused
 
-Floats = NDArray[np.float64]
+if TYPE_CHECKING:
+    import pandas as pd
 
-SAMPLES_MIN = 100  # fewer samples cannot carry a diagnosis
+    from dtbacklash.physics.rig import Rig
 
-
-class Refused(ValueError):
-    """A recording that cannot be used; its text is one sentence. Becomes a UserError at the border."""
+__all__ = ["Recording", "Refused", "refined", "split"]
 
 
 @dataclass(frozen=True)
 class Recording:
-    """A recording on a uniform time grid, in SI units.
+    """A recording on a uniform time grid, in SI units; where it has gaps, in several stretches of one.
 
     Attributes
     ----------
-    name : name of the mapping or of the file.
-    source : the file that was read.
+    name : name of the mapping, of the file, or as given.
+    source : the file that was read; None for a recording that came from Python.
     sample_time_s : time between two samples, s.
-    t_s : (N,) time of each sample as recorded (it need not start at 0), s.
+    t_s : (N,) time of each sample as recorded (it need not start at 0, and jumps from stretch to stretch), s.
     channels : name -> (N,) values in SI units.
     units : name -> SI unit.
+    assumed_units : name (and ``t``) -> the unit in which it was read and who says so: ``m (assumed)``,
+        ``mm (declared by the rig)``, ``mm (header)``, ``mm (mapping)``, ``mm (given)``.
     notes : one sentence for each thing that was found and how it was handled.
     citation, licence : of a published recording, else empty.
     rig : the rig that it was recorded on, where the mapping says so.
     splits : the parts that the mapping names, as half-open ranges of rows of the file.
     part : which of them this is, or empty for the whole file.
     command : what ``u`` does between two samples: ``held`` or ``band_limited`` (see :mod:`.command`).
+    stretches : half-open ranges of samples without a gap, in their order; they hold all N. One if nothing is given.
     """
 
     name: str
-    source: Path
+    source: Path | None
     sample_time_s: float
     t_s: Floats
     channels: dict[str, Floats]
@@ -53,6 +60,75 @@ class Recording:
     splits: dict[str, tuple[int, int]] = field(default_factory=dict)
     part: str = ""
     command: str = HELD
+    assumed_units: dict[str, str] = field(default_factory=dict)
+    stretches: tuple[tuple[int, int], ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.stretches:
+            object.__setattr__(self, "stretches", ((0, len(self.t_s)),))
+
+    @classmethod
+    def from_frame(
+        cls,
+        frame: pd.DataFrame,
+        *,
+        units: Dict[str, str] | None = None,
+        rig: Rig | None = None,
+        name: str = "frame",
+        sample_time_s: float | None = None,
+        command: str = HELD,
+        trust_units: bool = False,
+    ) -> Recording:
+        """Make a recording from a DataFrame, by the rules of a file.
+
+        Parameters
+        ----------
+        frame : a row a sample; columns ``u`` and the sensors, also as ``q3 [mm]`` or ``q3_mm``; the time in a column
+            ``t`` or in the index (s, or times of pandas).
+        units : channel -> unit of its column, before all that header and rig say. Without any: SI.
+        rig : tells which sensors there are, in which units they are recorded, and what signals to expect.
+        name : for messages and reports. sample_time_s : of a frame without times. command : see :mod:`.command`.
+        trust_units : do not compare the channels' sizes with what the rig can do.
+
+        Raises
+        ------
+        UserError : with the key ``recording``: what is wrong with the frame.
+        """
+        try:
+            table = frame_table(frame)
+            picked = plain(table, rig, units or {})
+            found = clean(picked, rig, table.notes, command, sample_time_s, trust_units)
+        except Refused as refusal:
+            raise UserError("recording", name, str(refusal)) from refusal
+        return cls(
+            name, None, found.sample_time_s, found.t_s, found.channels, found.units, found.notes, command=command,
+            assumed_units=found.assumed_units, stretches=found.stretches,
+        )  # fmt: skip
+
+    def to_frame(self) -> pd.DataFrame:
+        """The recording as a DataFrame, a row a sample, with its units (SI) in its columns: ``t_s, u_v, q3_m``.
+
+        ``Recording.from_frame`` and, once written to a file, ``read_recording`` give the same recording again.
+        """
+        import pandas as pd
+
+        def column(name: str, unit: str) -> str:
+            return f"{name}_{table_of_units.suffix(unit)}" if unit else name
+
+        columns = {column(name, self.units[name]): values for name, values in self.channels.items()}
+        return pd.DataFrame({"t_s": self.t_s, **columns})
+
+    def __str__(self) -> str:
+        """What it holds in a few lines: its clock, each channel's range in SI and what it was read in, the notes."""
+        part = f", part {self.part}" if self.part else ""
+        clock = f"{self.samples} samples, {self.sample_time_s:.6g} s apart, from {self.t_s[0]:.6g} s"
+        width = max(map(len, self.channels), default=0)
+        lines = [f"{self.name}{part}: {clock}"]
+        for name, values in self.channels.items():
+            said = self.assumed_units.get(name, "")
+            read = f"   read in {said}" if said else ""
+            lines.append(f"  {name:<{width}}  {values.min():.4g} to {values.max():.4g} {self.units[name]}{read}")
+        return "\n".join([*lines, *(f"  {note}" for note in self.notes)])
 
     @property
     def samples(self) -> int:
@@ -61,13 +137,28 @@ class Recording:
 
     @property
     def duration_s(self) -> float:
-        """Time from the first to the last sample, s."""
-        return self.sample_time_s * (self.samples - 1)
+        """Time from the first to the last sample, without the gaps, s."""
+        return self.sample_time_s * (self.samples - len(self.stretches))
 
     def section(self, start: int, stop: int) -> Recording:
         """The samples ``start`` to ``stop - 1``."""
         channels = {name: values[start:stop] for name, values in self.channels.items()}
-        return replace(self, t_s=self.t_s[start:stop], channels=channels)
+        ends = [(max(a, start) - start, min(b, stop) - start) for a, b in self.stretches]
+        stretches = tuple((a, b) for a, b in ends if a < b)
+        return replace(self, t_s=self.t_s[start:stop], channels=channels, stretches=stretches)
+
+
+def refined(recording: Recording, parts: int = 4) -> tuple[Floats, int]:
+    """Return the command in steps that may be held, and how many of them make a sample: :func:`.command.stepped`.
+
+    Raises
+    ------
+    UserError : the recording has a gap, so that it cannot be simulated through; take :meth:`Recording.section` of a
+        stretch.
+    """
+    if len(recording.stretches) > 1:
+        raise UserError("recording", recording.name, f"has {len(recording.stretches)} stretches; take one of them")
+    return stepped(recording.channels["u"], recording.command, parts)
 
 
 def split(recording: Recording, share: float = 0.3) -> tuple[Recording, Recording]:

@@ -5,15 +5,17 @@ from __future__ import annotations
 import io
 import json
 import zlib
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from dtbacklash.arrays import Floats
 from dtbacklash.recording import text
-from dtbacklash.recording.model import Floats, Refused
+from dtbacklash.recording.refusal import Refused
 
 FORMATS = "CSV, Parquet, MATLAB .mat, NumPy .npz or JSON, gzipped or not"
 BYTES_MAX = 4 << 30  # of an unpacked file; beyond this the memory, not the reader, is the limit
@@ -25,12 +27,21 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 
 @dataclass
 class Table:
-    """Columns of one length, their units where the file states them, single numbers, what had to be said."""
+    """Columns of one length, their units where the file states them, single numbers, what had to be said.
+
+    ``unusable`` : column -> why it cannot be used ("is complex"); it matters only if the column is a channel.
+    """
 
     columns: dict[str, Floats]
     units: dict[str, str] = field(default_factory=dict)
     constants: dict[str, float] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    unusable: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def heads(self) -> list[str]:
+        """The names of all columns, usable or not."""
+        return [*self.columns, *self.unusable]
 
     @property
     def rows(self) -> int:
@@ -120,20 +131,20 @@ def _parquet(content: bytes) -> Table:
     from pyarrow import parquet
 
     table = parquet.read_table(io.BytesIO(content))
-    found, notes = {}, []
+    found, unusable = {}, {}
     for name, column in zip(table.column_names, table.columns, strict=True):
         kind = column.type
         if pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_decimal(kind):
             found[name] = np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=float)
         else:
-            notes.append(f"Column {name} holds no numbers and is not used.")
-    return Table(found, notes=notes)
+            unusable[name] = "holds no numbers"
+    return Table(found, unusable=unusable)
 
 
 def _matlab5(content: bytes) -> Table:
     from scipy.io import loadmat
 
-    return _from_arrays(_flat(loadmat(io.BytesIO(content), simplify_cells=True)))  # type: ignore[arg-type]
+    return from_arrays(_flat(loadmat(io.BytesIO(content), simplify_cells=True)))  # type: ignore[arg-type]
 
 
 def _matlab73(content: bytes) -> Table:
@@ -149,12 +160,12 @@ def _matlab73(content: bytes) -> Table:
 
     with h5py.File(io.BytesIO(content), "r") as file:
         file.visititems(visit)
-    return _from_arrays(arrays)
+    return from_arrays(arrays)
 
 
 def _npz(content: bytes) -> Table:
     with np.load(io.BytesIO(content), allow_pickle=False) as archive:
-        return _from_arrays({name: archive[name] for name in archive.files})
+        return from_arrays({name: archive[name] for name in archive.files})
 
 
 def _json(content: bytes) -> Table:
@@ -164,13 +175,13 @@ def _json(content: bytes) -> Table:
     names = data.get("columns")
     rows = data.get("data")
     if isinstance(names, dict):  # {"columns": {"t": [...], ...}}
-        return _from_arrays(_flat({**data, **names}))
+        return from_arrays(_flat({**data, **names}))
     if isinstance(rows, list) and rows and isinstance(rows[0], dict):
         rest = {key: value for key, value in data.items() if key not in ("data", "columns")}
-        return _from_arrays(_flat({**rest, **{key: [row.get(key) for row in rows] for key in rows[0]}}))
-    table = _from_arrays(_flat({key: value for key, value in data.items() if key not in ("data", "columns")}))
+        return from_arrays(_flat({**rest, **{key: [row.get(key) for row in rows] for key in rows[0]}}))
+    table = from_arrays(_flat({key: value for key, value in data.items() if key not in ("data", "columns")}))
     if isinstance(rows, dict):
-        return _from_arrays(_flat({**table.constants, **rows}))
+        return from_arrays(_flat({**table.constants, **rows}))
     if rows is not None:
         matrix = np.array(rows, dtype=float)
         if matrix.ndim != 2 or (names is not None and len(names) != matrix.shape[1]):
@@ -193,28 +204,47 @@ def _flat(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     return result
 
 
-def _from_arrays(arrays: dict[str, Any]) -> Table:
-    """Vectors and the columns of matrices are columns, single numbers constants; of several lengths the longest
-    counts."""
+def from_arrays(arrays: Mapping[str, object], whole: bool = False) -> Table:
+    """Vectors and the columns of matrices are columns, single numbers constants.
+
+    Of several lengths the commonest counts. ``whole`` : each entry is a column, however short.
+    """
     columns: dict[str, Floats] = {}
-    constants: dict[str, float] = {}
-    notes: list[str] = []
+    table = Table({})
     for name, value in arrays.items():
         try:
-            array = np.asarray(value, dtype=float)
-        except (TypeError, ValueError):
-            notes.append(f"Column {name} holds no numbers and is not used.")
+            array = _real(value)
+        except Refused as refusal:
+            table.unusable[name] = str(refusal)
             continue
-        if array.size == 1:
-            constants[name] = float(array.reshape(-1)[0])
+        if array.size == 1 and not whole:
+            table.constants[name] = float(array.reshape(-1)[0])
         elif array.ndim == 1 or (array.ndim == 2 and 1 in array.shape):
             columns[name] = array.reshape(-1)
         elif array.ndim == 2 and min(array.shape) <= COLUMNS_MAX:
             matrix = array if array.shape[0] >= array.shape[1] else array.T
             alone = len(arrays) == 1
             columns |= {str(j) if alone else f"{name}.{j}": column for j, column in enumerate(matrix.T)}
-    length = max((len(column) for column in columns.values()), default=0)
-    short = [name for name, column in columns.items() if len(column) != length]
-    if short:
-        notes.append(f"Not used, for being shorter than the others: {', '.join(short)}.")
-    return Table({n: c for n, c in columns.items() if len(c) == length}, constants=constants, notes=notes)
+    lengths = Counter(len(column) for column in columns.values())
+    length = max(lengths, key=lambda length: (lengths[length] * (length > 1), length), default=0)
+    for name, column in columns.items():
+        if len(column) == length:
+            table.columns[name] = column
+        else:
+            table.unusable[name] = f"has {len(column)} values, and the others {length}"
+    return table
+
+
+def _real(value: object) -> Floats:
+    """An array of real numbers (raises Refused: a phrase that says what it is instead)."""
+    try:
+        array = np.asarray(value)
+        if np.iscomplexobj(array):
+            if np.any(array.imag):
+                raise Refused("is complex: give its real part, its size or its phase as a column")
+            array = array.real
+        if array.dtype.kind not in "fiub" and array.dtype != object:
+            raise Refused("holds no numbers")
+        return array.astype(float)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise error if isinstance(error, Refused) else Refused("holds no numbers") from error

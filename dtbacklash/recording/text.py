@@ -8,8 +8,9 @@ import re
 import numpy as np
 import pandas as pd
 
-from dtbacklash.recording import units
-from dtbacklash.recording.model import Floats, Refused
+from dtbacklash import units
+from dtbacklash.arrays import Floats
+from dtbacklash.recording.refusal import Refused
 
 COMMENTS = ("#", "%", "//")
 HEAD_LINES = 400  # a preamble longer than this is not looked for

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from dtbacklash.recording.model import SAMPLES_MIN, Floats, Refused
+from dtbacklash.arrays import Floats
+from dtbacklash.recording.refusal import SAMPLES_MIN, Refused
 
 UNIFORM = 1e-3  # steps that differ by less, relative, are those of one clock
-JITTER_MAX = 0.45  # steps that differ by more are refused
+JITTER_MAX = 0.45  # steps that are shorter by more are odd
 MISSING_MAX = 10  # as many missing samples in a row are interpolated; more are a gap
-ODD_SHARE_MAX = 0.05  # of all steps that may be longer than the usual one
+ODD_SHARE_MAX = 0.05  # of all steps that may be longer than the usual one, or shorter
 BAD_STAMPS_MAX = 0.01  # of all rows that may have no time or that of the row before
-STRETCH_MIN = 0.5  # the longest stretch without a gap must hold this share of the samples
+STRETCH_MIN = 0.5  # stretches without a gap that are long enough must hold this share of the samples
 STEP_MAX_S = 0.1  # a mechanical rig is not recorded this slowly: the unit of the time is wrong
 
 
@@ -21,13 +23,14 @@ STEP_MAX_S = 0.1  # a mechanical rig is not recorded this slowly: the unit of th
 class Grid:
     """Rows of the file to use and the uniform times to bring them to.
 
-    rows : indices into the file's rows. stamps_s : their recorded times. t_s : (N,) the uniform grid.
-    resample : whether values must be interpolated from ``stamps_s`` to ``t_s``.
+    rows : indices into the file's rows. stamps_s : their recorded times.
+    pieces : the rows between two gaps, as half-open ranges of ``rows``, and the (N,) uniform times of each.
+    resample : whether values must be interpolated from ``stamps_s`` to those times.
     """
 
     rows: np.ndarray
     stamps_s: Floats
-    t_s: Floats
+    pieces: list[tuple[int, int, Floats]]
     sample_time_s: float
     resample: bool
     notes: list[str]
@@ -38,18 +41,18 @@ def constant_step(rows: int, sample_time_s: float) -> Grid:
     check_length(rows)
     _check_step(sample_time_s)
     t_s = np.arange(rows) * np.float64(sample_time_s)
-    return Grid(np.arange(rows), t_s, t_s, sample_time_s, False, [])
+    return Grid(np.arange(rows), t_s, [(0, rows, t_s)], sample_time_s, False, [])
 
 
 def uniform_grid(stamps_s: Floats) -> Grid:
     """Find the uniform grid behind recorded times.
 
     Small defects (rounded stamps, jitter, a few missing or double samples) are repaired and noted; a gap
-    leaves the longest stretch.
+    begins a new piece.
 
     Raises
     ------
-    Refused : time runs backwards, stands still or is too uneven; gaps everywhere; too few samples.
+    Refused : time runs backwards, stands still or is too uneven; too little between gaps; too few samples.
     """
     notes: list[str] = []
     rows = np.flatnonzero(np.isfinite(stamps_s))
@@ -126,48 +129,58 @@ def _rounded(rows: np.ndarray, t: Floats, notes: list[str]) -> Grid | None:
             f"The times are rounded to {10.0**-digits:g} s; the samples are taken as uniform, {step:.6g} s apart."
         )
     _check_step(step)
-    return Grid(rows, t, line, float(step), False, notes)
+    return Grid(rows, t, [(0, len(t), line)], float(step), False, notes)
 
 
 def _repaired(rows: np.ndarray, t: Floats, notes: list[str]) -> Grid:
-    """Drop what lies beyond gaps, then resample."""
+    """Cut at gaps, then resample."""
     steps = np.diff(t)
     usual = float(np.median(steps))
     _check_step(usual)
     long = steps > 1.5 * usual
     if long.mean() > ODD_SHARE_MAX:
         raise Refused(f"sampling is uneven: steps from {steps.min():.3g} to {steps.max():.3g} s")
-    gaps = np.flatnonzero(steps > (MISSING_MAX + 1.5) * usual)
-    if len(gaps):
-        bounds = np.concatenate(([0], gaps + 1, [len(t)]))
-        longest = int(np.argmax(np.diff(bounds)))
-        a, b = int(bounds[longest]), int(bounds[longest + 1])
-        widest = gaps[np.argmax(steps[gaps])]
-        what = f"{_count(len(gaps), 'gap')}, the widest {steps[widest]:.3g} s at t = {t[widest]:.6g} s"
-        if b - a < STRETCH_MIN * len(t):
-            raise Refused(f"has {what}; the longest stretch without one holds {100 * (b - a) / len(t):.0f} % of it")
-        notes.append(
-            f"There {'is' if len(gaps) == 1 else 'are'} {what}; only the longest stretch is used, {t[a]:.6g} to "
-            f"{t[b - 1]:.6g} s."
-        )
-        rows, t = rows[a:b], t[a:b]
-        check_length(len(t))
-        steps = np.diff(t)
-        long = steps > 1.5 * usual
-    missing = int(np.round(steps[long] / usual - 1.0).sum())
+    bounds = _between_gaps(t, (MISSING_MAX + 1.5) * usual, notes)
+    inside = np.ones(len(steps), dtype=bool)
+    inside[[a - 1 for a, _ in bounds if a > 0]] = False
+    inside[[b - 1 for _, b in bounds if b < len(t)]] = False
+    short = steps < (1.0 - JITTER_MAX) * usual
+    if short.mean() > ODD_SHARE_MAX:
+        raise Refused(f"sampling is uneven: steps from {steps[~long].min():.3g} to {steps[~long].max():.3g} s")
+    # a sample that came late, with the next ones in time again, is not missing: short steps make up for the long one
+    missing = max(0, int(np.round(steps[(long | short) & inside] / usual - 1.0).sum()))
     if missing:
         notes.append(f"{_count(missing, 'missing sample')} {_were(missing)} interpolated.")
-    spread = float(np.abs(steps[~long] / usual - 1.0).max())
-    if spread > JITTER_MAX:
-        raise Refused(f"sampling is uneven: steps from {steps[~long].min():.3g} to {steps[~long].max():.3g} s")
-    count = round((t[-1] - t[0]) / usual)
-    step = float((t[-1] - t[0]) / count)
+    spread = float(np.abs(steps[~long & inside] / usual - 1.0).max())
+    counts = [round((t[b - 1] - t[a]) / usual) for a, b in bounds]
+    step = float(sum(t[b - 1] - t[a] for a, b in bounds) / sum(counts))
     if spread > UNIFORM:
         notes.append(
             f"Sampling is uneven by up to {100 * spread:.2g} % of a step; the channels were resampled linearly to "
             f"{step:.6g} s."
         )
-    return Grid(rows, t, t[0] + step * np.arange(count + 1), step, bool(missing) or spread > UNIFORM, notes)
+    pieces = [(a, b, t[a] + step * np.arange(n + 1)) for (a, b), n in zip(bounds, counts, strict=True)]
+    return Grid(rows, t, pieces, step, bool(missing) or spread > UNIFORM, notes)
+
+
+def _between_gaps(t: Floats, gap_s: float, notes: list[str]) -> list[tuple[int, int]]:
+    """Half-open ranges of rows between steps longer than ``gap_s``, those that are long enough."""
+    steps = np.diff(t)
+    gaps = np.flatnonzero(steps > gap_s)
+    if not len(gaps):
+        return [(0, len(t))]
+    cuts = [0, *(gaps + 1).tolist(), len(t)]
+    found = [(a, b) for a, b in pairwise(cuts) if b - a >= SAMPLES_MIN]
+    used = sum(b - a for a, b in found)
+    widest = gaps[np.argmax(steps[gaps])]
+    what = f"{_count(len(gaps), 'gap')}, the widest {steps[widest]:.3g} s at t = {t[widest]:.6g} s"
+    if used < STRETCH_MIN * len(t):
+        raise Refused(
+            f"has {what}; stretches of at least {SAMPLES_MIN} samples between them hold {100 * used / len(t):.0f} % of "
+            "it"
+        )
+    notes.append(f"There {'is' if len(gaps) == 1 else 'are'} {what}.")
+    return found
 
 
 def _count(number: int, thing: str) -> str:

@@ -3,30 +3,25 @@
 import os
 import subprocess
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 from hydra.core.global_hydra import GlobalHydra
 
-from dtbacklash import cli, signals
-from dtbacklash.metrics import move_table
+from dtbacklash import cli
+from dtbacklash.compiled import is_cold
+from dtbacklash.experiment import signals
+from dtbacklash.experiment.metrics import move_table
+from dtbacklash.experiment.result import RunResult
 
-
-@dataclass
-class StandIn:
-    """Like a RunResult."""
-
-    config: Any
-    trace: pd.DataFrame
-    moves: pd.DataFrame
-    estimates: pd.DataFrame
-    summary: dict
-    recording: pd.DataFrame
+SENSORS = ("theta_m", "q3")
+SIGNALS = [
+    {"signal": "u", "column": "u_v", "unit": "V", "of": "", "quantity": "command",
+     "lowest": -1.0, "highest": 1.0, "rms": 0.5},
+]  # fmt: skip
 
 
 def pretend(config, progress=None):
@@ -59,22 +54,25 @@ def pretend(config, progress=None):
         "wall_s",
     ]
     summary = {
-        "controller": config.controller.name, "n_moves": 1, "n_estimations": 0, "n_accepted": 0,
+        "controller": config.controller.name, "n_moves": 1, "n_estimations": 0, "n_attempts": 0,
+        "n_accepted": 0, "settles": True, "advice": [], "tracking_rms_mm": 0.0, "signals": SIGNALS,
         "overshoot_pct_max": np.float64(config.twin.delay_s), "settling_time_s_max": float("nan"),
         "peak_voltage_v": 4.5, "moves": [], "estimates": [], "seconds_simulated": config.duration_s,
-        "wall_s": {"simulate": 0.0, "estimate": 0.0, "total": 0.0},
+        "wall_s": {"simulate": 0.0, "estimate": 0.0, "compile": 0.0, "total": 0.0},
     }  # fmt: skip
-    recording = pd.DataFrame({"t": t_s, "r": r_mm, "u": r_mm, "theta_m": r_mm, "q3": r_mm})
     trace = pd.DataFrame(dict(zip(names, columns, strict=True)))
-    return StandIn(config, trace, move_table(trace), pd.DataFrame(columns=heads), summary, recording)
+    sensors = {name: SimpleNamespace(name=name, unit="m", per_si=1.0) for name in SENSORS}
+    rig = SimpleNamespace(config=config.rig, sensors=sensors, reference_per_si=lambda: 1.0)
+    seen = dict.fromkeys(("r", "u", *SENSORS), 1e-3 * r_mm)
+    return RunResult(config, rig, trace, seen, move_table(trace), pd.DataFrame(columns=heads), summary)
 
 
 @pytest.fixture
 def scenario(monkeypatch):
     """The module that the command calls; a test may replace its ``run_scenario``."""
     module = SimpleNamespace(run_scenario=pretend)
-    monkeypatch.setitem(sys.modules, "dtbacklash.scenario", module)
-    monkeypatch.setattr("dtbacklash.scenario", module, raising=False)
+    monkeypatch.setitem(sys.modules, "dtbacklash.experiment.run", module)
+    monkeypatch.setattr("dtbacklash.experiment.run", module, raising=False)
     return module
 
 
@@ -91,6 +89,15 @@ def dtb(tmp_path, monkeypatch, capsys, scenario):
 
     yield call
     GlobalHydra.instance().clear()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled(tmp_path_factory):
+    """The first run on a machine says on stderr that it compiles; here that has been said already."""
+    if is_cold():
+        words = ["run", "duration_s=2", "twin.buffer=200", "twin.settle=100", "figures=false", "out=warm"]
+        command, folder = [sys.executable, "-m", "dtbacklash.cli", *words], tmp_path_factory.mktemp("warm")
+        subprocess.run(command, cwd=folder, capture_output=True, check=True, timeout=900)
 
 
 @pytest.fixture

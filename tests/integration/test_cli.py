@@ -1,6 +1,7 @@
 """``dtb`` as a person meets it."""
 
 import json
+import os
 import re
 import sys
 import time
@@ -10,6 +11,7 @@ import pandas as pd
 import pytest
 
 import dtbacklash
+from dtbacklash.compiled import cache_folder
 
 RUN_FILES = {"summary.json", "metrics.csv", "estimates.csv", "trace.parquet", "report.html"}
 
@@ -33,6 +35,21 @@ def test_help_does_not_load_the_libraries(dtb):
     loaded = answer.stdout.splitlines()[-1]
     for heavy in ("numpy", "hydra", "pandas", "omegaconf", "rich"):
         assert f"'{heavy}'" not in loaded
+
+
+def test_a_second_run_loads_no_library_that_designs(tmp_path):
+    import subprocess
+
+    code = (
+        "import sys; from dtbacklash import cli; cli.main(['run', 'duration_s=2', 'figures=false', 'out=run']); "
+        "print(sorted({'control', 'scipy.signal', 'scipy.stats', 'joblib'} & set(sys.modules)))"
+    )
+    environment = os.environ | {"XDG_CACHE_HOME": str(tmp_path), "NUMBA_CACHE_DIR": str(cache_folder())}
+    for expected in ("['control'", "[]"):
+        command = [sys.executable, "-c", code]
+        options = {"capture_output": True, "text": True, "check": True, "env": environment, "cwd": tmp_path}
+        answer = subprocess.run(command, **options)  # noqa: PLW1510 - check is among the options
+        assert answer.stdout.splitlines()[-1].startswith(expected)
 
 
 def test_no_words_print_the_help(dtb):

@@ -7,6 +7,7 @@ import pytest
 from dtbacklash import cli
 from dtbacklash.prove import conceal as concealing
 from dtbacklash.prove import draw as drawing
+from dtbacklash.prove.conceal import nominal_rig
 from dtbacklash.prove.seal import open_seal
 from dtbacklash.recording import read_recording
 
@@ -22,7 +23,7 @@ def here(monkeypatch, tmp_path):
 def test_recordings_are_made_sealed_and_can_be_diagnosed_next(here, capsys):
     assert cli.main(["conceal", "out=hidden", "n=3", "seed=7", "kind=nothing"]) == 0
     shown = capsys.readouterr().out.splitlines()
-    cases = sorted((here / "hidden").iterdir())
+    cases = sorted((here / "hidden").glob("*/"))
     assert len(cases) == 3
     assert shown[0] == "3 concealed recordings in hidden"
     assert "hidden.key" in shown[1]
@@ -39,7 +40,7 @@ def test_recordings_are_made_sealed_and_can_be_diagnosed_next(here, capsys):
 def test_one_effect_and_instruments_can_be_chosen_and_the_key_put_elsewhere(here, capsys):
     words = ["out=a/play", "seed=3", "effect=gear.backlash", "instruments=rich", "key=keys/mine"]
     assert cli.main(["conceal", *words]) == 0
-    (case,) = (here / "a" / "play").iterdir()
+    (case,) = (here / "a" / "play").glob("*/")
     assert json.loads((case / "public.json").read_text())["channels"] == ["theta_m", "q3", "i_m", "q2"]
     secret = open_seal(case, here / "keys" / "mine")
     assert [e["effect"] for e in secret.effects] == ["backlash"]
@@ -48,13 +49,28 @@ def test_one_effect_and_instruments_can_be_chosen_and_the_key_put_elsewhere(here
 
 def test_a_rig_of_the_users_own(here, capsys):
     from dtbacklash.physics.rig_file import rig_yaml
-    from dtbacklash.prove.conceal import nominal_rig
 
     (here / "mine.yaml").write_text(rig_yaml(nominal_rig("lead_screw").with_parameters({"m": 2.0, "p": 1e-3})))
     assert cli.main(["conceal", "out=hidden", "rig=mine.yaml", "kind=nothing"]) == 0
-    (case,) = (here / "hidden").iterdir()
-    assert json.loads((case / "public.json").read_text())["rig"] == "mine.yaml"
-    assert "rig=mine.yaml" in capsys.readouterr().out
+    (case,) = (here / "hidden").glob("*/")
+    assert json.loads((case / "public.json").read_text())["rig"] == "../rig.yaml"
+    assert "rig=hidden/rig.yaml" in capsys.readouterr().out
+    kept = nominal_rig(str(here / "hidden" / "rig.yaml"))
+    assert (kept.config.parameters["m"].value, kept.config.parameters["p"].value) == (2.0, 1e-3)
+
+
+def test_a_rig_that_is_changed_on_the_command_line_is_kept_with_the_recordings(here, capsys):
+    assert cli.main(["conceal", "out=hidden", "rig.parameters.k.value=9500", "kind=nothing"]) == 0
+    assert "rig=hidden/rig.yaml" in capsys.readouterr().out
+    assert nominal_rig("hidden/rig.yaml").config.parameters["k"].value == 9500.0
+
+
+def test_strange_names_of_files_work(here, capsys):
+    assert cli.main(["conceal", "out=hidden ä, b", "key=my keys/it's", "kind=nothing"]) == 0
+    (case,) = (here / "hidden ä, b").glob("*/")
+    assert open_seal(case, here / "my keys" / "it's").kind == "nothing"
+    line = capsys.readouterr().out.splitlines()[2]
+    assert line == f"dtb diagnose 'recording=hidden ä, b/{case.name}/recording.csv.gz' rig=lead_screw"
 
 
 def test_help_says_what_can_be_chosen(capsys):
@@ -66,21 +82,20 @@ def test_help_says_what_can_be_chosen(capsys):
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        ([], "out=(missing): give a new folder for the recordings"),
         (["out"], "argument=out: write key=value"),
-        (["out="], "out=: give a value"),
+        (["out="], "out=: give a folder"),
         (["out=x", "out=y"], "out=y: is given twice; the first is x"),
-        (["-q", "out=x"], "option=-q: choose --help, or write key=value"),
-        (["out=x", "size=3"], "size=3: no such setting; choose one of out, n, seed, kind"),
-        (["out=/"], "out=/: give a new folder"),
-        (["out=x", "n=0"], "n=0: must be a whole number from 1 to 100000"),
+        (["-q", "out=x"], "option=-q: choose one of --cfg"),
+        (["out=x", "size=3"], "size=3: no such setting; choose one of effect, instruments, key, kind"),
+        (["out=/"], "out=/: give a folder of its own"),
+        (["out=x", "n=0"], "n=0: must be at least 1 and at most 100000"),
         (["out=x", "n=many"], "n=many: must be a whole number"),
-        (["out=x", "seed=-1"], "seed=-1: must be a whole number from 0"),
+        (["out=x", "seed=-1"], "seed=-1: must be at least 0"),
         (["out=x", "kind=odd"], "kind=odd: choose one of nothing, parameters, single, several, unknown"),
         (["out=x", "effect=gear.slip"], "effect=gear.slip: at gear choose one of backlash"),
         (["out=x", "effect=gear.backlash", "kind=nothing"], "kind=nothing: effect= hides a single one"),
         (["out=x", "instruments=all"], "instruments=all: choose one of minimal, rich"),
-        (["out=x", "rig=emps"], "rig=emps: a rig with motor_circuit, rotor, gear, screw"),
+        (["out=x", "rig=emps", "effect=gear.backlash"], "effect=gear.backlash: write location.effect; locations"),
         (["out=x", "rig=nowhere"], "rig=nowhere: choose one of"),
         (["out=x", "key=x/key"], "key=x/key: a file outside the folder of the recordings"),
         (["out=file/x"], "cannot be written"),
@@ -102,11 +117,14 @@ def test_a_folder_with_something_in_it_is_not_overwritten(here, capsys):
     assert cli.main(["conceal", "out=hidden", "kind=nothing"]) == 0
     before = sorted(here.rglob("*"))
     assert cli.main(["conceal", "out=hidden", "kind=nothing"]) == 2
-    assert "give an empty or a new folder" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert said.startswith("dtb: error: out=")
+    assert "holds recordings of an earlier dtb conceal" in said
+    assert "give a new folder (out=FOLDER), or remove this one first" in said
     assert sorted(here.rglob("*")) == before
 
 
-@pytest.mark.parametrize(("error", "code"), [(KeyboardInterrupt(), 130), (OSError(28, "No space left"), 2)])
+@pytest.mark.parametrize(("error", "code"), [(KeyboardInterrupt(), 130), (OSError(28, "No space left"), 1)])
 def test_nothing_is_left_when_it_is_interrupted_or_the_disk_is_full(here, capsys, monkeypatch, error, code):
     write, made = concealing.write_case, []
 
@@ -129,4 +147,4 @@ def test_a_key_that_was_there_stays_when_it_fails(here, capsys):
     assert cli.main(["conceal", "out=one", "kind=nothing", "key=k"]) == 2
     assert cli.main(["conceal", "out=two", "kind=nothing", "key=k"]) == 0
     assert (here / "k").read_bytes() == key
-    assert [c.name for c in (here / "one").iterdir()] == [c.name for c in (here / "two").iterdir()]
+    assert [c.name for c in (here / "one").glob("*/")] == [c.name for c in (here / "two").glob("*/")]

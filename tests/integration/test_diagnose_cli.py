@@ -11,6 +11,8 @@ from hydra.core.global_hydra import GlobalHydra
 
 from dtbacklash import cli
 from dtbacklash.commands import diagnose as command
+from dtbacklash.diagnose.sayings import notes_of, source_of
+from dtbacklash.diagnose.settings import settings
 from dtbacklash.errors import UserError
 
 
@@ -18,13 +20,13 @@ from dtbacklash.errors import UserError
 def asked(monkeypatch):
     """What reached the diagnosis; it answers with a made-up one."""
     seen = {}
-    view = diagnosed.missing()
+    made_up = diagnosed.missing()
 
     def pretend(train, held_out, rig, jobs, progress):
         seen.update(train=train, held_out=held_out, rig=rig, jobs=jobs)
         for fraction, text in ((0.0, "comparing"), (0.2, "comparing"), (0.5, "naming")):
             progress(fraction, text)
-        return replace(view, source=command._source(train), notes=command._notes(train, held_out))
+        return replace(made_up, source=source_of(train), notes=notes_of(train, held_out, settings().held_out_share))
 
     monkeypatch.setattr(command, "run_diagnosis", pretend)
     return seen
@@ -56,15 +58,18 @@ def test_it_writes_everything_and_says_what_it_found(dtb, asked, tmp_path, files
     code, out, err = dtb("recording=bench.csv", "out=found")
     assert (code, err) == (0, "")
     assert files(tmp_path / "found") == [
-        "diagnosis.json", "figures/curve_q3.png", "figures/curve_theta_m.png", "figures/force_1_motor_bearing.png",
-        "figures/rig.png", "report.html", "rig.yaml",
+        "diagnosis.json", "figures/curve_q3.png", "figures/curve_theta_m.png",
+        "figures/law_1_motor_bearing.png", "figures/rig.png", "report.html", "rig.yaml",
     ]  # fmt: skip
     for phrase in ("missing_physics: Missing: Coulomb", "torque = 20.0 +/- 0.5 mN m", "cannot tell it from dead zone",
                    "held out", "0.042 %", "found/report.html"):  # fmt: skip
         assert phrase in out
     page = (tmp_path / "found" / "report.html").read_text(encoding="utf-8")
     assert "Columns that are no channels of the rig are not used: lab." in page
-    assert "Fitted to the beginning of bench.csv, 0 to 3.999 s (4000 samples); its last 30 % judge." in page
+    assert (
+        "Fitted to the beginning of bench.csv, 0 to 3.999 s (4000 samples); of its last 40 % the first part chooses"
+        in page
+    )
     assert asked["jobs"] >= 1
     assert (asked["train"].samples, asked["held_out"]) == (4000, None)
 
@@ -100,9 +105,61 @@ def test_another_recording_may_judge(dtb, asked, tmp_path):
     assert (asked["train"].samples, asked["held_out"].samples) == (4000, 900)
 
 
-def test_the_rig_of_a_mapping_is_taken(monkeypatch):
-    assert command.nominal_rig(command.parse(["recording=emps"])).config.name == "emps"
-    assert command.nominal_rig(command.parse(["recording=silverbox:arrow"])).config.name == "silverbox"
+def test_the_rig_of_a_mapping_is_taken_unless_another_is_chosen(dtb):
+    assert "  name: emps" in dtb("--cfg", "job", "recording=emps")[1]
+    assert "  name: silverbox" in dtb("--cfg", "job", "recording=silverbox:arrow")[1]
+    assert "  name: lead_screw" in dtb("--cfg", "job", "recording=emps", "rig=lead_screw")[1]
+    assert "  name: lead_screw" in dtb("--cfg", "job", "recording=bench.csv")[1]
+
+
+def test_units_and_trust_reach_the_reader(dtb, monkeypatch):
+    seen = {}
+
+    def read(source, **how):
+        seen.update(how, source=source)
+        raise UserError("recording", source, "enough")
+
+    monkeypatch.setattr("dtbacklash.recording.read_recording", read)
+    dtb("recording=bench.csv", "units={q3: m, theta_m: deg}", "recording.trust_units=true")
+    assert seen["units"] == {"q3": "m", "theta_m": "deg"}
+    assert seen["trust_units"] is True
+
+
+def test_strange_names_of_files_work(dtb, asked, tmp_path):
+    folder = tmp_path / "a b, ä"
+    folder.mkdir()
+    (tmp_path / "bench.csv").rename(folder / "it's (1).csv")
+    code, out, err = dtb("recording=a b, ä/it's (1).csv", "out=out ü, b", "validation=a b, ä/it's (1).csv")
+    assert (code, err) == (0, "")
+    assert out.splitlines()[-1] == "out ü, b/report.html"
+    assert asked["train"].samples == 4000
+
+
+def test_a_sweep_over_recordings_ends_with_one_table(dtb, asked, tmp_path):
+    (tmp_path / "bench.csv").rename(tmp_path / "my bench.csv")
+    pd.read_csv(tmp_path / "my bench.csv").iloc[:900].to_csv(tmp_path / "b.csv", index=False)
+    words = ("-m", "recording=my bench.csv,b.csv,gone.csv", "hydra/launcher=basic", "out=all")
+    code, out, err = dtb(*words)
+    assert code == 1
+    assert "no such file" in err
+    table = pd.read_csv(tmp_path / "all" / "diagnose.csv")
+    assert table["recording"].tolist() == ["my bench.csv", "b.csv", "gone.csv"]
+    assert table["verdict"].tolist()[:2] == ["missing_physics"] * 2
+    assert table["findings"][0] == "motor_bearing.coulomb_friction, gear.backlash"
+    assert (table["held_out_extended"] < table["held_out_nominal"])[:2].all()
+    assert "missing_physics" in out
+    page = (tmp_path / "all" / "report.html").read_text(encoding="utf-8")
+    assert page.count("report.html") >= 2
+    asked.clear()
+    assert "2 of them from before" in dtb(*words)[1]
+    assert not asked
+
+
+def test_recordings_of_different_mappings_get_their_own_rigs():
+    assert command.with_rig(["recording.source=emps"]) == ["recording.source=emps", "rig=emps"]
+    assert command.with_rig(["recording.source='silverbox:arrow'"])[-1] == "rig=silverbox"
+    assert command.with_rig(["recording=emps", "rig=lead_screw"])[-1] == "rig=lead_screw"
+    assert command.with_rig(["recording.source=bench.csv"]) == ["recording.source=bench.csv"]
 
 
 def test_verbose_says_what_it_is_doing_once_each_and_leaves_logging_alone(dtb):
@@ -111,7 +168,7 @@ def test_verbose_says_what_it_is_doing_once_each_and_leaves_logging_alone(dtb):
     lines = [line for line in err.splitlines() if line.startswith("dtb: ")]
     assert sum("comparing" in line for line in lines) == 1
     assert any("naming" in line for line in lines)
-    assert any("its last 30 % judge" in line for line in lines)
+    assert any("the last 15 % judge it" in line for line in lines)
     assert logging.getLogger("dtbacklash").handlers == before
 
 
@@ -122,15 +179,17 @@ def test_verbose_says_what_it_is_doing_once_each_and_leaves_logging_alone(dtb):
         (["recording=emps"], "recording=emps: DATA_EMPS.mat is not here"),
         ([], "recording=(missing): give a file or one of"),
         (["recording=bench.csv", "recording=bench.csv"], "recording=bench.csv: is given twice"),
+        (["recording=bench.csv,b.csv"], "recording=bench.csv,b.csv: takes one value here; give several with -m"),
+        (["recording=u:"], "recording=u:: "),
         (["recording="], "recording=: give a value"),
         (["recording=bench.csv", "rig=nosuch"], "rig=nosuch: choose one of"),
         (["recording=bench.csv", "rig=emps"], "recording=bench.csv: holds none of the sensors of emps"),
         (["recording=bench.csv", "rig.parameters.k.value=soft"], "rig.parameters.k.value=soft: must be a number"),
         (["recording=bench.csv", "rig.effects.gear.rust.size=1"], "rig.effects.gear.rust=rust: an element of kind"),
-        (["recording=bench.csv", "jobs=-1"], "jobs=-1: must be a whole number from 1"),
+        (["recording=bench.csv", "jobs=-1"], "jobs=-1: must be at least 1 and at most 256"),
         (["recording=bench.csv", "validation=gone.csv"], "validation=gone.csv: no such file"),
-        (["recording=bench.csv", "colour=red"], "colour=red: no such setting; choose one of recording"),
-        (["recording=bench.csv", "-x"], "option=-x: choose one of -v"),
+        (["recording=bench.csv", "colour=red"], "colour=red: no such setting; choose one of jobs, out, recording"),
+        (["recording=bench.csv", "-x"], "option=-x: choose one of"),
         (["bench.csv"], "argument=bench.csv: write key=value"),
         (["recording=bench.csv", "out=bench.csv"], "out="),
     ],
@@ -157,6 +216,6 @@ def test_what_goes_wrong_inside_leaves_no_folder(dtb, tmp_path, monkeypatch):
 def test_help_needs_no_recording(dtb):
     code, out, _ = dtb("--help")
     assert code == 0
-    assert all(key in out for key in ("recording=FILE", "validation=", "rig=NAME|FILE", "out=FOLDER", "-v"))
+    assert all(key in out for key in ("recording=FILE", "validation=", "rig ", "out=FOLDER", "-v", "units="))
     assert max(map(len, out.splitlines())) <= 120
     assert "diagnose" in cli.usage()

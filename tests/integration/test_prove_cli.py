@@ -5,6 +5,7 @@ import shutil
 from dataclasses import replace
 from types import SimpleNamespace
 
+import pandas as pd
 import proved
 import pytest
 from hydra.core.global_hydra import GlobalHydra
@@ -14,8 +15,10 @@ from dtbacklash.errors import UserError
 from dtbacklash.prove import conceal, seal
 from dtbacklash.prove.draw import draw, draw_kind
 from dtbacklash.prove.quick import quick_seeds
-from dtbacklash.report.proof_page import BEGIN, END
+from dtbacklash.prove.score import Score
+from dtbacklash.report.proof.page import BEGIN, END
 
+LEAD_SCREW = conceal.nominal_rig("lead_screw")
 FILES = [
     "confusion.csv", "figures/confusion.png", "figures/errors.png", "figures/shares.png", "figures/visibility.png",
     "plan.json", "report.html", "score.csv", "score.json", "table.md",
@@ -103,7 +106,7 @@ def test_the_score_comes_into_the_docs(dtb, pretended, tmp_path):
 
 
 def test_the_quick_proof_fails_when_the_score_drops(dtb, pretended, tmp_path, monkeypatch):
-    chosen = tuple(seed for seed in quick_seeds() if draw_kind(seed) == "nothing")
+    chosen = tuple(seed for seed in quick_seeds(LEAD_SCREW) if draw_kind(seed, LEAD_SCREW) == "nothing")
 
     def short(seed, rig_name, folder, *, key_file, keep):
         rig = conceal.nominal_rig(rig_name)
@@ -113,7 +116,7 @@ def test_the_quick_proof_fails_when_the_score_drops(dtb, pretended, tmp_path, mo
         conceal.write_case(case, secret, rig, key)
         return case
 
-    monkeypatch.setattr("dtbacklash.prove.quick.quick_seeds", lambda: chosen)
+    monkeypatch.setattr("dtbacklash.prove.quick.quick_seeds", lambda rig: chosen)
     monkeypatch.setattr("dtbacklash.prove.conceal.conceal", short)
     monkeypatch.setattr("dtbacklash.prove.quick.reached", lambda rig: {"nothing_found": [2, 3], "strict": [0, 0]})
     code, _, err = dtb("--quick", "out=proof", "jobs=1")
@@ -138,16 +141,17 @@ def test_a_cluster_that_does_not_answer_leaves_no_folder(dtb, tmp_path, monkeypa
     def refuse(*_):
         raise UserError("scheduler", "tcp://a:1", "no Dask scheduler answers there")
 
-    monkeypatch.setattr("dtbacklash.prove.run._spread", refuse)
+    monkeypatch.setattr("dtbacklash.campaign.backends.Workers.do", refuse)
     code, _, err = dtb("folder=bench", "out=proof")
-    assert (code, err.count("\n")) == (2, 1)
+    assert code == 2
+    assert err.splitlines()[-1] == "dtb: error: scheduler=tcp://a:1: no Dask scheduler answers there"
     assert not (tmp_path / "proof").exists()
 
 
 def test_a_rig_with_nothing_on_record_is_said_to_be_compared_with_nothing(dtb, tmp_path, monkeypatch, pretended):
     monkeypatch.setattr("dtbacklash.prove.quick.reached", lambda rig: {})
-    chosen = tuple(seed for seed in quick_seeds() if draw_kind(seed) == "nothing")[:1]
-    monkeypatch.setattr("dtbacklash.prove.quick.quick_seeds", lambda: chosen)
+    chosen = tuple(seed for seed in quick_seeds(LEAD_SCREW) if draw_kind(seed, LEAD_SCREW) == "nothing")[:1]
+    monkeypatch.setattr("dtbacklash.prove.quick.quick_seeds", lambda rig: chosen)
     code, _, err = dtb("--quick", "out=proof", "jobs=1")
     assert code == 0
     assert "nothing is on record for rig=lead_screw" in err
@@ -156,13 +160,17 @@ def test_a_rig_with_nothing_on_record_is_said_to_be_compared_with_nothing(dtb, t
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (["n=0"], "n=0: must be a whole number from 1 to 100000"),
+        (["n=0"], "n=0: must be at least 1 and at most 100000"),
         (["n=1" + 5000 * "0"], "n=1000"),
         (["n=many"], "n=many: must be a whole number"),
-        (["seed=-1"], "seed=-1: must be a whole number from 0 to"),
-        (["jobs=0"], "jobs=0: must be a whole number from 1 to 256"),
+        (["seed=-1"], "seed=-1: must be at least 0"),
+        (["jobs=0"], "jobs=0: must be at least 1 and at most 256"),
         (["rig=nosuch"], "rig=nosuch: choose one of"),
-        (["rig=emps"], "rig=emps: a rig with motor_circuit"),
+        (["rigs=[emps]", "rig=emps"], "rigs=emps: does not go with rig"),
+        (["rigs=[emps,nosuch]"], "rig=nosuch: choose one of"),
+        (["rigs=[emps:0]"], "rigs=emps:0: write NAME or NAME:COUNT"),
+        (["rigs=[emps:2,emps]"], "rigs=emps: names a rig twice"),
+        (["rigs=[emps]", "folder=bench"], "rigs="),
         (["backend=slurm"], "backend=slurm: choose one of loky, dask, ray"),
         (["scheduler=tcp://a:1"], "scheduler=tcp://a:1: belongs to backend=dask"),
         (["folder=nowhere"], "folder="),
@@ -174,9 +182,9 @@ def test_a_rig_with_nothing_on_record_is_said_to_be_compared_with_nothing(dtb, t
         (["--quick", "n=3"], "n=3: does not go with --quick"),
         (["docs=nowhere"], "docs="),
         (["n=2", "n=3"], "n=3: is given twice; the first is 2"),
-        (["n="], "n=: give a value"),
-        (["colour=red"], "colour=red: no such setting; choose one of n, seed"),
-        (["--slow"], "option=--slow: choose one of --quick"),
+        (["n="], "n=: must be a whole number"),
+        (["colour=red"], "colour=red: no such setting; choose one of backend, docs, folder, jobs, key, n, out"),
+        (["--slow"], "option=--slow: choose one of --cfg"),
         (["fast"], "argument=fast: write key=value"),
         (["out=bench", "n=1"], "out="),
     ],
@@ -213,6 +221,28 @@ def test_ctrl_c_is_one_line_and_the_same_command_goes_on(dtb, monkeypatch, prete
     assert err.splitlines()[-1] == ("dtb: interrupted: 0 of 2 cases are done and stay; the same command does the rest")
     assert dtb("folder=bench", "out=proof", "jobs=1")[0] == 0
     assert len(pretended) == 2
+
+
+def test_several_rigs_end_in_one_table(dtb, monkeypatch, tmp_path):
+    monkeypatch.setattr("dtbacklash.prove.draw.DURATION_S", (2, 2))
+    found = SimpleNamespace(to_json=proved.diagnosis)
+    monkeypatch.setattr(
+        "dtbacklash.diagnose.diagnose", lambda recording, rig: SimpleNamespace(**vars(found), extended=rig)
+    )
+    monkeypatch.setattr("dtbacklash.prove.work.oracle_folder", lambda *_: proved.oracle())
+    code, _, err = dtb("rigs=[oscillator:2,pendulum]", "n=1", "seed=3", "out=proof", "jobs=1")
+    assert code == 0, err
+    rows = pd.read_csv(tmp_path / "proof" / "score.csv")
+    assert list(zip(rows["rig"], rows["seed"], strict=True)) == [("oscillator", 3), ("oscillator", 4), ("pendulum", 3)]
+    document = json.loads((tmp_path / "proof" / "score.json").read_text())
+    assert document["notes"]["command"] == "dtb prove 'rigs=[oscillator:2,pendulum:1]' seed=3"
+    assert list(document["rigs"]) == ["oscillator", "pendulum"]
+    for j, figure in enumerate(document["figures"]):
+        assert figure["of"] == sum(figures[j]["of"] for figures in document["rigs"].values())
+    table = (tmp_path / "proof" / "table.md").read_text()
+    assert "| rig | figure |" in table
+    assert "| oscillator |" in table
+    assert Score.from_json(document).to_json() == Score.from_json(json.loads(json.dumps(document))).to_json()
 
 
 def test_help_is_short_and_narrow(dtb):

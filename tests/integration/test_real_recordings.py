@@ -1,11 +1,14 @@
 """The public recordings diagnosed: what is named, how large, and how well the extended rig predicts unseen data.
 
-Parts of the records, so that each takes half a minute at most; docs/real-recordings.md has the figures of them all.
+Their sensors are better than any catalogue of laws: more than noise is left of most of them, and the verdict then is
+``unexplained``, with findings that are sure or partial. Parts of the records, so that each takes a minute at most;
+docs/real-recordings.md has the figures of them all.
 """
 
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +48,10 @@ def named(found: Diagnosis) -> dict[tuple[str, str], dict[str, dict]]:
     return {(f["location"], f["effect"]): f["parameters"] for f in found.to_json()["findings"]}
 
 
+def confidence(found: Diagnosis) -> dict[tuple[str, str], str]:
+    return {(f.location, f.effect): f.confidence for f in found.findings}
+
+
 def near(parameter: dict, published: float, slack: float) -> bool:
     """Whether a published value lies in the interval, or no further from it than ``slack`` of itself."""
     low, high = parameter["ci95"]
@@ -63,7 +70,10 @@ def test_emps_has_viscous_coulomb_and_asymmetric_friction() -> None:
     recording = read_recording("emps", rig=rig)
     found = diagnose(recording.section(0, 12000), rig)
     parameters = named(found)
-    assert found.verdict == "missing_physics"
+    # ten times the encoder's noise is left: friction that is not quite Coulomb's, a ripple of the screw
+    assert found.verdict == "unexplained"
+    assert confidence(found)["carriage", "viscous_friction"] == "sure"
+    assert confidence(found)["carriage", "coulomb_friction"] == "sure"
     assert set(parameters) == {
         ("carriage", "viscous_friction"), ("carriage", "coulomb_friction"), ("carriage", "asymmetric_friction"),
     }  # fmt: skip
@@ -83,7 +93,8 @@ def test_silverbox_has_a_cubic_spring_and_the_arrow_is_predicted() -> None:
     train = read_recording("silverbox", rig=rig).section(0, 12000)
     found = diagnose(train, rig, arrow.section(32000, 40000))
     parameters = named(found)
-    assert found.verdict == "missing_physics"
+    # the oscillator is an electronic circuit, measured to one part in ten thousand: thirty times that is left
+    assert found.verdict == "unexplained"
     assert ("link_1", "cubic_stiffness") in parameters
     assert ("link_1", "bumper") not in parameters
     assert 3.7 < parameters["link_1", "cubic_stiffness"]["k3"]["value"] < 4.1
@@ -99,17 +110,22 @@ def test_the_damper_has_lost_motion_at_its_reversals(tmp_path, capsys) -> None:
     rig = nominal("brfd")
     found = diagnose(read_recording("brfd", rig=rig), rig)
     parameters, document = named(found), found.to_json()
-    assert found.verdict == "missing_physics"
-    assert set(parameters) == {("joint", "backlash")}
+    # the band energises itself as it takes hold, which no law of the catalogue does: what is named is a part of it
+    assert found.verdict == "unexplained"
+    assert ("joint", "backlash") in parameters
+    assert set(confidence(found).values()) == {"partial"}
     lost = parameters["joint", "backlash"]["lost_motion"]
     assert 4.5e-3 < lost["value"] < 5.5e-3  # the force stays under 10 % of its plateau for 5.0 to 5.8 mm
     assert lost["ci95"][1] - lost["ci95"][0] < 1e-3
     assert "mm at each reversal" in document["findings"][0]["sentence"]
-    assert "of a velocity reversal" in document["findings"][0]["when"]
+    # where the band takes hold again, some 0.2 s after each reversal
+    share = re.fullmatch(r"80 % of the mismatch lies in (\d+) % of the time", document["findings"][0]["when"])
+    assert share is not None
+    assert int(share[1]) < 20
     assert document["fit"]["held_out"]["extended"] < 0.4 * document["fit"]["held_out"]["recalibrated"]
     file = tmp_path / "rig.yaml"
     file.write_text(rig_yaml(found.extended))
-    assert yaml.safe_load(file.read_text())["effects"]["joint"]["backlash"]["lost_motion"] == pytest.approx(
+    assert yaml.safe_load(file.read_text())["effects"]["joint"]["backlash"]["lost_motion"]["value"] == pytest.approx(
         lost["value"]
     )
     words = ["reference.amplitude_mm=25", "duration_s=3", "figures=false", f"hydra.run.dir={tmp_path / 'run'}"]
@@ -125,6 +141,33 @@ def test_another_frequency_and_amplitude_of_the_damper_is_predicted() -> None:
     assert ("joint", "backlash") in named(found)
     held = found.to_json()["fit"]["held_out"]
     assert held["extended"] < 0.4 * held["recalibrated"]
+
+
+def test_the_disk_has_gravity_dry_friction_and_a_delay() -> None:
+    rig = nominal("disk")
+    recording = read_recording("disk", rig=rig)
+    found = diagnose(recording.section(0, 4000), rig)
+    parameters = named(found)
+    assert {("disk", "gravity"), ("disk", "coulomb_friction"), ("amplifier", "delay")} <= set(parameters)
+    inertia = rig.config.parameters["J"].value
+    # fitted by hand to all of it: gravity over inertia 136.3 1/s^2, a tilt of -0.034 rad, Coulomb friction over inertia
+    # 6.51 rad/s^2, one sample of delay
+    assert near(parameters["disk", "gravity"]["torque"], 136.3 * inertia, 0.02)
+    assert near(parameters["disk", "gravity"]["phase"], np.pi - 0.034, 0.01)
+    assert near(parameters["disk", "coulomb_friction"]["torque"], 6.51 * inertia, 0.1)
+    assert near(parameters["amplifier", "delay"]["time"], 0.025, 0.05)
+    shown = simulate(found.extended, recording.channels["u"][:-1], recording.sample_time_s).sensors["th"]
+    later = slice(24500, None)
+    rest = float(np.sqrt(np.mean((shown - recording.channels["th"])[later] ** 2)))
+    assert rest < 0.05  # rad; 0.03 from all of it, the nominal rig 1.0, the best published network 0.027 elsewhere
+
+
+@pytest.mark.parametrize("part", ["off", "on"])
+def test_a_motor_that_snaps_from_tooth_to_tooth_has_no_dead_zone(part: str) -> None:
+    rig = nominal("anticogging")
+    found = diagnose(read_recording(f"anticogging:{part}", rig=rig).section(0, 8000), rig)
+    assert ("amplifier", "dead_zone") not in named(found)
+    assert found.verdict != "missing_physics" or ("rotor", "cogging") in named(found)
 
 
 def test_a_run_says_that_a_public_recording_is_for_a_diagnosis(capsys) -> None:

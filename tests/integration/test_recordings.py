@@ -55,6 +55,20 @@ def test_the_list_says_where_they_were_found(public, capsys):
     assert any(line.endswith("SNLS80mV.csv.gz") for line in text.splitlines())  # whole, to be copied
 
 
+def test_the_size_of_a_file_of_ones_own_is_that_of_the_file(offline, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "conf" / "recording"
+    folder.mkdir(parents=True)
+    names = ("large.csv", "small.csv", "absent.csv")
+    (folder / "mine.yaml").write_text(f"files: [{', '.join(names)}]\nchannels: {{u: u, x1: x1}}\n")
+    (folder / "large.csv").write_bytes(b"1" * 34_567)
+    (folder / "small.csv").write_bytes(b"1" * 321)
+    assert cli.main(["recordings"]) == 0
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    for said in ("large.csv 35 kB (the default)", "small.csv 321 B", "absent.csv -"):
+        assert said in lines
+
+
 def test_fetch_without_a_network_is_one_line(offline, capsys, tmp_path):
     assert cli.main(["recordings", "fetch", "emps"]) == 2
     shown = capsys.readouterr()
@@ -73,7 +87,7 @@ def test_fetch_of_what_is_here_needs_no_network(public, monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["fetch", "nope"], "recordings=nope: choose one of brfd, emps, silverbox"),
+        (["fetch", "nope"], "recordings=nope: choose one of anticogging, brfd, disk, emps, silverbox"),
         (["fetch", "emps", "nope.mat"], "recordings=nope.mat: choose one of DATA_EMPS.mat"),
         (["fetch"], "write dtb recordings fetch NAME"),
         (["remove", "emps"], "takes nothing, or fetch NAME"),
@@ -93,23 +107,19 @@ def test_help(capsys):
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
 def test_what_a_run_saves_is_read_back(suffix, tmp_path):
-    from dtbacklash.physics.rig import build_rig
-    from dtbacklash.scenario import run_scenario
+    from dtbacklash.face.run_files import simulate_and_write
 
-    config = compose(
-        "controller=nimc_fixed", "profile=constant", "profile.start_deg=50", "duration_s=3", "sensors=encoder"
-    )
-    seen = run_scenario(config).recording
     file = tmp_path / f"seen.{suffix}"
-    if suffix == "csv":
-        seen.to_csv(file, index=False)
-    else:
-        seen.to_parquet(file, index=False)
-    recording = read_recording(file, rig=build_rig(config.rig))
+    config = compose(
+        "controller=nimc_fixed", "profile=constant", "profile.start_deg=50", "duration_s=3", "sensors=encoder",
+        "figures=false", f"recording.save={file}",
+    )  # fmt: skip
+    result = simulate_and_write(config, tmp_path / "run", "dtb run ...")
+    recording = read_recording(file, rig=result.rig)
     assert set(recording.channels) == {"r", "u", *config.rig.sensors}
     assert recording.sample_time_s == pytest.approx(1e-3, rel=1e-9)
-    for name, unit in recording.units.items():
-        assert np.allclose(recording.channels[name], seen[name] * (1e-3 if unit == "m" else 1.0), rtol=1e-12, atol=0)
+    for name, values in recording.channels.items():
+        assert np.allclose(values, result.seen[name], rtol=1e-12, atol=0)
 
 
 def rig_of(name: str):
@@ -166,3 +176,42 @@ def test_brfd_is_read_in_si(file, public):
     assert 5e3 < np.abs(force).max() < 3e4  # a 20 kN device
     # the friction force follows the direction of motion
     assert np.corrcoef(np.sign(np.gradient(u)), force)[0, 1] > 0.5
+
+
+def test_the_disk_swings_with_its_off_centre_mass_and_not_without(public):
+    """Gravity of 136.3 1/s^2, dry friction of 6.51 rad/s^2 and one sample of delay, as fitted by hand, over 875 s."""
+    from dtbacklash.physics.simulate import simulate
+
+    rig = rig_of("disk")
+    recording = read_recording("disk", rig=rig)
+    assert (recording.samples, recording.sample_time_s, recording.rig) == (35000, 0.025, "disk")
+    u, _ = refined(recording)
+    assert rms_rad(simulate(rig, u, 0.025).sensors["th"] - recording.channels["th"]) > 0.3
+    inertia = rig.config.parameters["J"].value
+    rig = rig.with_parameters({"gain": 28.7 * inertia})
+    for place, effect, values in (
+        ("disk", "viscous_friction", {"coefficient": 1.10 * inertia}),
+        ("disk", "gravity", {"torque": 136.3 * inertia, "phase": np.pi - 0.034}),
+        ("disk", "coulomb_friction", {"torque": 6.51 * inertia}),
+        ("amplifier", "delay", {"time": 0.025}),
+    ):
+        rig = rig.with_effect(place, effect, values)
+    assert rms_rad(simulate(rig, u, 0.025).sensors["th"] - recording.channels["th"]) < 0.025
+
+
+def rms_rad(error):
+    return float(np.sqrt(np.mean(error**2)))
+
+
+@pytest.mark.parametrize(("part", "first_s", "ripple"), [("off", 0.0, 3.31), ("on", 15.002, 0.81)])
+def test_compensation_steadies_the_motor(part, first_s, ripple, public):
+    recording = read_recording(f"anticogging:{part}", rig=rig_of("anticogging"))
+    assert recording.t_s[0] == pytest.approx(first_s)
+    assert recording.samples == pytest.approx(15000, abs=5)
+    assert recording.sample_time_s == pytest.approx(1e-3, rel=1e-3)
+    assert any("resampled linearly" in note for note in recording.notes)
+    assert recording.units == {"u": "V", "r": "rad/s", "theta": "rad", "omega": "rad/s"}
+    omega = recording.channels["omega"]
+    assert omega.std() == pytest.approx(ripple, rel=0.02)
+    slope = np.polyfit(recording.t_s, recording.channels["theta"], 1)[0]
+    assert slope == pytest.approx(omega.mean(), rel=0.02)  # angle and speed agree

@@ -38,6 +38,11 @@ MISSED = {
         ("motor_bearing", "cogging"),
         "large",
     ): "snapping from tooth to tooth, the simulation falls into another one",
+    (
+        ("link_1", "dry_friction"),
+        "small",
+    ): "among what fits as well, but `unexplained`: a bristle's creep leaves 0.24 of the floor",
+    (("link_2", "cubic_stiffness"), "large"): "named, but a small quadratic damping is named beside it",
 }
 ENTRIES = [key for key in drawing.entries(RIG) if key not in UNSEEN]
 

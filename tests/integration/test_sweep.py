@@ -75,6 +75,31 @@ def test_other_settings_are_other_jobs(dtb, counted):
     assert counted == [1, 2, 1, 2]
 
 
+def test_jobs_that_would_save_one_recording_are_refused_in_a_line(dtb, tmp_path, counted):
+    code, _, err = dtb("run", "-m", "seed=1,2", "recording.save=seen.csv", *QUICK)
+    assert code == 2
+    assert err == (
+        "dtb: error: recording.save=seen.csv: seed=1 and seed=2 would both write it; give each job a file of its own: "
+        "'recording.save=seen_${seed}.csv'\n"
+    )
+    assert (counted, list(tmp_path.iterdir())) == ([], [])
+    err = dtb("run", "-m", "controller=imc,nimc_fixed", f"recording.save={tmp_path}/seen.csv", *QUICK)[2]
+    assert err.endswith(
+        "controller=imc and controller=nimc_fixed would both write it; give each job a file of its own\n"
+    )
+
+
+def test_each_job_saves_its_recording_and_one_whose_file_is_gone_runs_again(dtb, tmp_path, counted):
+    words = ("run", "-m", "seed=1,2", "recording.save=seen_${seed}.csv", *QUICK)
+    for _ in range(2):
+        assert dtb(*words)[0] == 0
+        assert counted == [1, 2]
+    (tmp_path / "seen_2.csv").unlink()
+    assert dtb(*words)[0] == 0
+    assert counted == [1, 2, 2]
+    assert {path.name for path in tmp_path.glob("*.csv")} == {"seen_1.csv", "seen_2.csv"}
+
+
 def test_the_default_folder_is_found_again(dtb, tmp_path, counted):
     words = ("run", "-m", "seed=1,2", "duration_s=2", "figures=false", HERE)
     dtb(*words)
@@ -89,7 +114,7 @@ def test_failing_jobs_stop_nobody_and_say_why(dtb, tmp_path, counted):
     rows = table(tmp_path)
     assert rows["status"].tolist() == ["failed", "failed", "failed", "done"]
     assert "diverged at t = 1.500 s" in rows["error"][0]
-    assert rows["error"][1] == "seed=-1: must be at least 0 and at most 9.22337e+18"
+    assert rows["error"][1] == "seed=-1: must be at least 0 and at most 9223372036854775807"
     assert rows["error"][2] == "RuntimeError: a bug of ours"
     lines = [line for line in err.splitlines() if line.startswith("dtb: ")]
     assert len(lines) == 3
@@ -185,9 +210,9 @@ def test_a_full_disk_is_one_line(dtb, tmp_path, monkeypatch):
 
     monkeypatch.setattr(pd.DataFrame, "to_csv", full)
     code, _, err = dtb("run", "-m", "seed=1,2", *QUICK)
-    assert code == 2
+    assert code == 1
     assert err.splitlines()[-1].startswith("dtb: error: hydra.sweep.dir=")
-    assert "the disk is full" in err.splitlines()[-1]
+    assert "the disk is full; 0 of 2 jobs are done and stay" in err.splitlines()[-1]
     assert not list(tmp_path.rglob("*.partial"))
 
 
@@ -204,3 +229,39 @@ def test_ctrl_c_in_this_process_reaches_the_job(dtb, scenario, tmp_path):
     assert code == 130
     assert "1 of 3 jobs are done and stay" in err
     assert sorted(path.name for path in (tmp_path / "here").iterdir()) == ["seed=1", "status"]
+
+
+def test_two_sweeps_into_one_folder_at_once_share_the_jobs(tmp_path):
+    words = ["run", "-m", "seed=1,2,3,4,5,6", "duration_s=100", "figures=false", "hydra.sweep.dir=here"]
+    command = [sys.executable, "-m", "dtbacklash.cli", *words]
+    both = [
+        subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        for _ in range(2)
+    ]
+    for one in both:
+        out, err = one.communicate(timeout=300)
+        assert one.returncode == 0, err
+        assert "6 of 6 jobs done" in out
+        assert "Traceback" not in err
+        assert "failed" not in err
+    assert (table(tmp_path)["status"] == "done").all()
+    assert not list(tmp_path.rglob(".*"))
+    assert sorted(path.name for path in (tmp_path / "here" / "status").iterdir()) == [
+        f"seed={j}.json" for j in range(1, 7)
+    ]
+
+
+def test_a_disk_that_is_full_from_some_job_on_is_no_wrong_input(dtb, tmp_path, monkeypatch):
+    original = pd.DataFrame.to_parquet
+
+    def full(self, path, **options):
+        if "seed=2" in str(path):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return original(self, path, **options)
+
+    monkeypatch.setattr(pd.DataFrame, "to_parquet", full)
+    assert dtb("run", "-m", "seed=2,2", *QUICK)[0] == 1
+    code, _, err = dtb("run", "-m", "seed=1,2", *QUICK)
+    assert code == 1
+    assert "seed=2 failed: hydra.run.dir=" in err
+    assert "the disk is full" in err

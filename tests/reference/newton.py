@@ -8,6 +8,7 @@ body: it is where the screw is.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,6 +18,14 @@ from dtbacklash.physics.rig import Rig
 FREE, RIGID = 0, 2  # contact on the positive or negative side is +1 or -1
 GROUND = "ground"
 SCREW = "the screw's end"
+
+
+#: (position, velocity, time) -> effort on a single body
+Effort = Callable[[float, float, float], float]
+#: efforts on single bodies by the name of their effect, each from the effect's parameters
+EFFORTS: dict[str, Callable[[dict[str, float]], Effort]] = {
+    "gravity": lambda p: lambda q, v, t: p["torque"] * math.sin(q + p["phase"]),
+}
 
 
 @dataclass
@@ -65,6 +74,7 @@ class Body:
     difference: float = 0.0
     cogging: tuple[float, float, float] = (0.0, 0.0, 0.0)
     load: float = 0.0
+    others: list[Effort] = field(default_factory=list)
 
 
 @dataclass
@@ -172,6 +182,8 @@ class Machine:
             amplitude, wave, phase = body.cogging
             effort[name] += body.load - body.viscous * v - body.difference * abs(v)
             effort[name] += amplitude * math.sin(wave * q + phase)
+            for other in body.others:
+                effort[name] += other(q, v, t)
         self._drive(x, effort, out)
         for name, body in self.bodies.items():
             out[body.q] = x[body.v]
@@ -282,13 +294,14 @@ class Machine:
 def machine(rig: Rig) -> Machine:
     """Read a rig's description."""
     it = Machine()
-    rotor, screw = rig.only("rotor"), rig.only("screw")
+    rotor, screw = rig.motor_rotor(), rig.only("screw")
     circuit, actuator, amplifier = rig.only("motor_circuit"), rig.only("actuator"), rig.only("amplifier")
     it.amplifier = dict(rig.effects.get(amplifier.name, {})) if amplifier else {}
     masses = [e for kind in ("mass", "carriage", "brake") for e in rig.of_kind(kind)]
     carried = screw.neighbours.get("carries") if screw else None
     compliance = rig.effect(screw.name, "compliance") if screw else None
     inertia = {rotor.name: rotor.values["inertia"]} if rotor else {}
+    inertia |= {e.name: e.values["inertia"] for e in rig.of_kind("rotor")}
     inertia |= {e.name: e.values["mass"] for e in masses if e.name != carried or compliance}
     inertia |= {f"{e.name}'s absorber": a["mass"] for e in masses if (a := rig.effect(e.name, "absorber"))}
     first, n = (1 if circuit else 0), len(inertia)
@@ -327,7 +340,7 @@ def machine(rig: Rig) -> Machine:
             omega, mass = 2.0 * math.pi * absorber["frequency"], absorber["mass"]
             damping = 2.0 * absorber["damping_ratio"] * omega * mass
             it.links.append(Link(element.name, f"{element.name}'s absorber", omega**2 * mass, damping))
-    for element in (e for e in rig.elements.values() if e.kind in ("link", "coupling")):
+    for element in (e for e in rig.elements.values() if e.kind in ("link", "coupling", "shaft")):
         _link(it, rig, element.name)
     if circuit and (heating := rig.effect(circuit.name, "resistance_heating")):
         it.heating = heating["gain"], heating["time_constant"]
@@ -343,6 +356,7 @@ def _body(body: Body, effects: dict[str, dict[str, float]]) -> Body:
         body.cogging = size, cogging.get("periods", cogging.get("wave_number")), cogging["phase"]
     load = effects.get("constant_load") or effects.get("constant_force") or {}
     body.load = load.get("torque", load.get("force", 0.0))
+    body.others = [EFFORTS[name](values) for name, values in effects.items() if name in EFFORTS]
     return body
 
 
@@ -366,9 +380,10 @@ def _link(it: Machine, rig: Rig, name: str) -> None:
     if bumper := effects.get("bumper"):
         link.stop, link.clearance = bumper["stiffness"], bumper["clearance"]
     if hysteresis := effects.get("hysteresis"):
-        link.hysteresis, link.displacement = hysteresis["force"], hysteresis["displacement"]
+        link.hysteresis = hysteresis.get("force", hysteresis.get("torque"))
+        link.displacement = hysteresis["displacement"]
         link.z = it.size
         it.size += 1
     it.links.append(link)
     if dry := effects.get("dry_friction"):
-        it.contacts.append(Contact(a, b, dry["force"]))
+        it.contacts.append(Contact(a, b, dry.get("force", dry.get("torque"))))

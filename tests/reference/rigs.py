@@ -99,6 +99,33 @@ def oscillator(damping: float = 4.0) -> Rig:
     )
 
 
+def two_inertias(damping: float = 0.02) -> Rig:
+    """A torque motor that turns a second inertia through a shaft: 1 V is 0.05 N m."""
+    return build_rig(
+        RigConfig(
+            name="two_inertias",
+            parameters={
+                "J_1": ParameterConfig(2e-3, "kg m^2"),
+                "J_2": ParameterConfig(3e-3, "kg m^2"),
+                "k": ParameterConfig(5.0, "N m/rad"),
+                "c": ParameterConfig(damping, "N m s/rad"),
+                "gain": ParameterConfig(0.05, "N m/V"),
+            },
+            elements={
+                "amplifier": {"kind": "amplifier", "drives": "motor"},
+                "motor": {"kind": "actuator", "gain": "gain", "drives": "rotor_1"},
+                "rotor_1": {"kind": "rotor", "inertia": "J_1"},
+                "shaft": {"kind": "shaft", "between": ["rotor_1", "rotor_2"], "stiffness": "k", "damping": "c"},
+                "rotor_2": {"kind": "rotor", "inertia": "J_2"},
+            },
+            sensors={
+                "theta_1": {"of": "rotor_1", "quantity": "position"},
+                "theta_2": {"of": "rotor_2", "quantity": "position"},
+            },
+        )
+    )
+
+
 def random_steps(samples: int, hold: int, size: float, seed: int = 1) -> Array:
     """Filtered random steps, each held for ``hold`` samples; (samples,) V."""
     steps = np.random.default_rng(seed).standard_normal(samples // hold + 1)

@@ -8,14 +8,15 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from dtbacklash import cli, docs
-from dtbacklash.commands.run_help import GROUPS
-from dtbacklash.config.compose import compose
-from dtbacklash.config.load import settings
-from dtbacklash.docs_settings import MEANINGS
+from dtbacklash import cli
+from dtbacklash.config.compose import compose_for
+from dtbacklash.config.grammar import GRAMMARS, RUN
+from dtbacklash.config.groups import packaged_options
+from dtbacklash.docs import configuration
+from dtbacklash.docs import pages as docs
 from dtbacklash.paper import all_claims, run_experiments
 from dtbacklash.physics.catalogue import CATALOGUE
-from dtbacklash.physics.elements import KINDS
+from dtbacklash.physics.kinds import KINDS
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
@@ -35,7 +36,7 @@ def test_all_pages_are_looked_at() -> None:
     assert {"README.md", "CHANGELOG.md", "CLAIMS.md", "KNOWN_GAPS.md", "docs/theory.md"} <= set(ids)
 
 
-@pytest.mark.parametrize("name", ["effects.md", "configuration.md"])
+@pytest.mark.parametrize("name", ["effects.md", "configuration.md", "settings.md"])
 def test_generated_pages_are_current(name: str, tmp_path: Path) -> None:
     made = {path.name: path.read_text(encoding="utf-8") for path in docs.write(tmp_path)}
     committed = (ROOT / "docs" / name).read_text(encoding="utf-8")
@@ -64,23 +65,21 @@ def test_every_effect_stands_in_its_table_with_units_and_bounds() -> None:
     assert rows == expected
 
 
-def test_every_setting_has_a_meaning_and_none_is_left_over() -> None:
-    assert set(MEANINGS) == set(settings())
-
-
 def test_every_group_option_setting_and_kind_stands_in_the_configuration() -> None:
     page = docs.configuration_page()
-    for group in (g for g in GROUPS if "/" not in g):
-        for option in docs.packaged_options(group):
+    for group in RUN.groups:
+        for option in packaged_options(group):
             assert f"| `{group}` | `{option}` |" in page
-    for name in [*settings(), *KINDS]:
-        assert f"| `{name}` |" in page
+    for grammar in GRAMMARS.values():
+        assert f"## dtb {grammar.name}\n" in page
+        assert all(f"| `{one.word}` " in page for one in grammar.settings.values())
+    assert all(f"| `{name}` |" in page for name in KINDS)
 
 
-def test_what_is_allowed_comes_from_the_checks() -> None:
-    assert docs.allowed("twin.delay_s") == "at least 0"
-    assert docs.allowed("reference.interpolation") == "hold, linear"
-    assert docs.allowed("optimizer.tolerance") == "positive and below 1"
+def test_the_first_sentence_does_not_end_at_an_abbreviation() -> None:
+    assert configuration.first_sentence("# Control (Fig. 3 of it): e.g. no gap. More.\na: 1\n") == (
+        "Control (Fig. 3 of it): e.g. no gap."
+    )
 
 
 def test_the_readme_names_every_command() -> None:
@@ -89,12 +88,13 @@ def test_the_readme_names_every_command() -> None:
 
 
 def _commands(page: Path) -> list[str]:
-    """Every `dtb run ...` of a page, in a block or in a line."""
+    """Every command of a page that is an application, in a block or in a line."""
     text = page.read_text(encoding="utf-8")
     blocks = re.findall(r"```sh\n(.*?)```", text, flags=re.DOTALL)
     lines = [line.split(" #")[0].strip() for block in blocks for line in block.splitlines()]
-    inline = [code for code in re.findall(r"`(dtb [^`]+)`", text) if "VALUE" not in code and "FILE" not in code]
-    return [line for line in [*lines, *inline] if line.startswith("dtb run")]
+    inline = [code for code in re.findall(r"`(dtb [^`]+)`", text) if not re.search("VALUE|FILE|FOLDER|<", code)]
+    found = [line for line in [*lines, *inline] if line.startswith("dtb ") and line.split()[1:2]]
+    return [line for line in found if line.split()[1] in GRAMMARS and "..." not in line]
 
 
 COMMANDS = sorted({command for page in PAGES for command in _commands(page)})
@@ -108,18 +108,22 @@ def test_there_are_commands_to_check() -> None:
 def test_commands_in_the_docs_are_accepted(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     rig = ROOT / "dtbacklash" / "conf" / "rig" / "lead_screw.yaml"
-    (tmp_path / "my_rig.yaml").write_text(rig.read_text(encoding="utf-8"), encoding="utf-8")
+    (tmp_path / "found").mkdir()
+    for name in ("my_rig.yaml", "mine.yaml", "found/rig.yaml"):
+        (tmp_path / name).write_text(rig.read_text(encoding="utf-8"), encoding="utf-8")
     (tmp_path / "gap.csv").write_text("t_s,gap_deg\n0,0\n200,50\n", encoding="utf-8")
-    words = shlex.split(command)[2:]
+    grammar, words = GRAMMARS[shlex.split(command)[1]], shlex.split(command)[2:]
     swept = "-m" in words
-    plain = [w for w in words if not w.startswith(("-", "hydra.", "hydra/")) and w not in ("job",)]
+    known = {"-m", "-v", "--help", "--cfg", *grammar.flags}
+    assert {w for w in words if w.startswith("-")} <= known
+    plain = [w for w in words if not w.startswith(("-", "hydra.", "hydra/", "out=")) and w not in ("job",)]
+    plain += [w for w in words if w in grammar.flags]
     for word in plain:
-        key, _, values = word.partition("=")
+        key, equals, values = word.partition("=")
         for value in values.split(",") if swept else [values]:
             others = [w.split(",")[0] if swept else w for w in plain if w != word]
-            compose(*others, f"{key}={value}")
-    if not plain:
-        assert words in ([], ["-m"], ["--help"], ["--cfg", "job"])
+            compose_for(grammar, grammar.schema, *others, f"{key}{equals}{value}")
+    assert plain or all(w.startswith(("-", "out=", "hydra.", "hydra/")) or w == "job" for w in words)
 
 
 def test_every_library_is_accounted_for() -> None:

@@ -7,18 +7,20 @@ from hydra import compose, initialize_config_module
 from hydra.core.global_hydra import GlobalHydra
 
 import dtbacklash
-from dtbacklash.commands import hydra_app
-from dtbacklash.commands.run_help import GROUPS, options
+from dtbacklash.config import application
+from dtbacklash.config.grammar import GRAMMARS, RUN
+from dtbacklash.config.groups import options
 from dtbacklash.config.load import load
+from dtbacklash.config.run import RunConfig
 
 FILES = {"profile": "t_s,gap_deg\n0,0\n300,90\n", "reference": "t_s,r_mm\n0,0\n300,1\n"}
-CHOICES = [(group, option) for group in GROUPS if "/" not in group for option in options(group)]
+CHOICES = [(group, option) for group in RUN.groups for option in options(group)]
 
 
 @pytest.fixture
 def hydra_ready():
     GlobalHydra.instance().clear()
-    hydra_app.register()
+    application.register()
     with initialize_config_module("dtbacklash.conf", version_base="1.3"):
         yield
     GlobalHydra.instance().clear()
@@ -33,7 +35,7 @@ def test_every_option_gives_a_valid_configuration(hydra_ready, tmp_path, group, 
         file = tmp_path / "signal.csv"
         file.write_text(FILES[group])
         words.append(f"{group}.path={file}")
-    config = load(compose("run", overrides=words))
+    config = load(compose("run", overrides=words), RunConfig)
     if group in ("profile", "reference"):
         assert getattr(config, group).kind == option
     if group in ("controller", "optimizer"):
@@ -41,11 +43,15 @@ def test_every_option_gives_a_valid_configuration(hydra_ready, tmp_path, group, 
 
 
 def test_defaults_of_the_files_and_of_the_schema_agree(hydra_ready):
-    from dtbacklash.config.run import RunConfig
-
-    chosen, schema = load(compose("run")), RunConfig()
-    schema.rig = chosen.rig
-    assert chosen == schema
+    for name, grammar in GRAMMARS.items():
+        words = ["recording.source=bench.csv"] if name == "diagnose" else []
+        chosen = load(compose(name, overrides=words), grammar.schema)
+        schema = compose(f"{name}_schema")
+        if "rig" in grammar.groups:
+            schema.rig = chosen.rig
+        if words:
+            schema.recording.source = "bench.csv"
+        assert chosen == load(schema, grammar.schema)
 
 
 def test_the_top_level_conf_is_the_packaged_one():

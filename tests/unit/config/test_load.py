@@ -16,20 +16,20 @@ def config():
 def test_runs_the_checks_of_the_dataclasses(config):
     config.twin.delay_s = -1
     with pytest.raises(UserError, match=r"^twin\.delay_s=-1\.0: must be at least 0 s$"):
-        loading.load(config)
+        loading.load(config, RunConfig)
 
 
 def test_refuses_a_key_that_nothing_reads(config):
     OmegaConf.set_struct(config, False)
     OmegaConf.update(config, "twin.dealy_s", 3, force_add=True)
     with pytest.raises(UserError, match=r"did you mean twin\.delay_s\?"):
-        loading.load(config)
+        loading.load(config, RunConfig)
 
 
 def test_an_interpolation_that_leads_nowhere_names_its_key(config):
     config.seed = "${nope}"
     with pytest.raises(UserError) as caught:
-        loading.load(config)
+        loading.load(config, RunConfig)
     assert caught.value.key == "seed"
     assert "nope" in str(caught.value)
 

@@ -5,7 +5,6 @@ import math
 import pytest
 
 from dtbacklash.config import run
-from dtbacklash.config.rig import RigConfig
 from dtbacklash.errors import UserError
 
 REFUSED = [
@@ -59,7 +58,6 @@ REFUSED = [
         {"reference": run.ReferenceConfig(kind="multisine", f_max_hz=501.0)},
         "reference.f_max_hz",
     ),
-    (run.RunConfig, {"rig": RigConfig(elements={"cart": {"kind": "carriage"}})}, "controller"),
 ]
 
 

@@ -5,10 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dtbacklash.diagnose import diagnose_records
+from dtbacklash.diagnose import diagnose, diagnose_records
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.refit import TOLERANCES_MAX, fit, nominal_free
+from dtbacklash.diagnose.free import nominal_free
+from dtbacklash.diagnose.refit import fit
+from dtbacklash.diagnose.settings import settings
 from dtbacklash.errors import UserError
+from dtbacklash.recording.model import Recording
 
 from .conftest import recorded
 
@@ -61,7 +64,7 @@ def test_parameters_stay_within_their_tolerances(rig):
     fitted = fit(evidence, rig, nominal_free(rig))
     for name, p in rig.config.parameters.items():
         away = abs(fitted.rig.config.parameters[name].value / p.value - 1.0)
-        assert away <= TOLERANCES_MAX * p.tolerance + 1e-9
+        assert away <= settings().tolerances_max * p.tolerance + 1e-9
 
 
 def test_the_progress_is_told(rig):
@@ -76,3 +79,19 @@ def test_a_recording_without_a_command_is_refused(rig):
     silent = replace(record, u=np.zeros(record.samples))
     with pytest.raises(UserError, match="it is 0 in all that is fitted"):
         diagnose_records(rig, [silent])
+
+
+def test_a_recording_s_units_notes_and_name_stand_in_the_result(rig):
+    record = recorded(rig, seconds=4.0)
+    recording = Recording(
+        "bench", None, record.sample_time_s, np.arange(record.samples) * record.sample_time_s,
+        {"u": record.u, **record.y}, {}, ["a gap was filled"], assumed_units={"q3": "m (assumed)"},
+    )  # fmt: skip
+    found = diagnose(recording, rig)
+    assert found.source == "bench"
+    assert found.units == {"q3": "m (assumed)"}
+    assert found.notes == (
+        "a gap was filled", "Fitted to the beginning of bench, 0 to 4 s (4001 samples); of its last 40 % the "
+        "first part chooses the structure, and the last 15 % judge it.",
+    )  # fmt: skip
+    assert found.to_json()["units"] == {"q3": "m (assumed)"}

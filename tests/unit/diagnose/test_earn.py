@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dtbacklash.diagnose.candidates import candidates, motion_of
-from dtbacklash.diagnose.earn import BY_CHANCE, earns, paired
+from dtbacklash.diagnose.candidates import candidates
+from dtbacklash.diagnose.earn import earns, paired
 from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.free import nominal_free
 from dtbacklash.diagnose.locate import Bank
-from dtbacklash.diagnose.name import ASTRAY, Search, _apart, _borne, _eliminate, _from_the_middle, refit_with
-from dtbacklash.diagnose.refit import Fit, fit, nominal_free
+from dtbacklash.diagnose.name import Search, _apart, _borne, _eliminate, _from_the_middle, refit_with
+from dtbacklash.diagnose.refit import Fit, fit
+from dtbacklash.diagnose.settings import settings
 
 from .conftest import recorded
 
@@ -57,7 +59,7 @@ def test_what_the_counts_pass_on_is_not_earned(nominal, evidence):
     gained = 1.0 - 0.95**2
     passed = float(evidence.passed()["structure"][0])
     assert passed > 0.01
-    assert paired(evidence, before, after)[1] == pytest.approx(gained - BY_CHANCE * passed, abs=0.02)
+    assert paired(evidence, before, after)[1] == pytest.approx(gained - settings().earn_counts_share * passed, abs=0.02)
 
 
 def test_what_is_tiny_beside_a_large_mismatch_is_another_formulation(nominal, evidence):
@@ -74,10 +76,10 @@ def test_the_bank_takes_out_what_the_last_fit_left_alone(rig, evidence, nominal)
     fitted = refit_with(evidence, nominal, [(("amplifier", "dead_zone"), {"half_width": 0.01})])
     assert "p" not in {f.name for f in fitted.free}
     bank = Bank(evidence, fitted)
-    listed = candidates(fitted.rig, evidence.blocks, motion_of(fitted.rig, evidence.blocks, evidence.records))
+    listed = candidates(fitted.rig, evidence.blocks, evidence.moving)
     gain = next(c for c in listed if c.key == ("sensor_q3", "gain_error"))
     plain = bank.signature(gain, {"relative": 1e-3})
-    left = bank._project(plain)
+    left = bank.project(plain)
     assert np.linalg.norm(left) < 0.02 * np.linalg.norm(plain)
 
 
@@ -87,7 +89,7 @@ def test_a_fit_from_the_middle_is_of_all_blocks(rig):
     given = Evidence.gather(rig, [recorded(truth, seconds=6.0)])
     first = fit(given, rig, nominal_free(rig))
     with_it = refit_with(given, first, [(("amplifier", "dead_zone"), {"half_width": 0.1})])
-    astray = with_it.rig.with_parameters({"k_B": 0.1 * (1.0 + 0.05 * 1.01 * ASTRAY)})
+    astray = with_it.rig.with_parameters({"k_B": 0.1 * (1.0 + 0.05 * 1.01 * settings().astray_tolerances)})
     stuck = replace(with_it, rig=astray, residuals=given.residuals(astray))
     found = Search(given, first, stuck, [("amplifier", "dead_zone")])
     _from_the_middle(given, found)

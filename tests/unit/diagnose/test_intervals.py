@@ -5,11 +5,12 @@ import pytest
 
 from dtbacklash.diagnose.delays import delay_grid
 from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.free import nominal_free
 from dtbacklash.diagnose.intervals import standard_errors
 from dtbacklash.diagnose.locate import Bank
-from dtbacklash.diagnose.name import refit_with, scores_about
-from dtbacklash.diagnose.refit import Problem, fit, nominal_free
-from dtbacklash.physics.catalogue import FORMULATION_ERROR
+from dtbacklash.diagnose.name import Search, refit_with, scores_about
+from dtbacklash.diagnose.refit import Problem, fit
+from dtbacklash.physics.effects.declare import FORMULATION_ERROR
 
 from .conftest import recorded
 
@@ -75,7 +76,7 @@ def test_a_sensors_delay_starts_at_the_right_sample(rig):
     truth = rig.with_effect("sensor_q3", "delay", {"time": 0.006})
     evidence = Evidence.gather(rig, [recorded(truth)])
     fitted = fit(evidence, rig, nominal_free(rig))
-    best = scores_about(evidence, fitted)[0]
+    best = scores_about(evidence, Search(evidence, fitted, fitted, []))[0]
     assert best.candidate.key == ("sensor_q3", "delay")
     starts = delay_grid(best.candidate, Bank(evidence, fitted))
     ends = [refit_with(evidence, fitted, [(best.candidate.key, s)]).effects[best.candidate.key] for s in starts]

@@ -6,8 +6,9 @@ import numpy as np
 from joblib import parallel_config
 
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.name import scores_about
-from dtbacklash.diagnose.refit import fit, nominal_free
+from dtbacklash.diagnose.free import nominal_free
+from dtbacklash.diagnose.name import Search, scores_about
+from dtbacklash.diagnose.refit import fit
 from dtbacklash.diagnose.spread import on_cores, spread
 
 from .conftest import recorded
@@ -25,11 +26,11 @@ def test_the_bank_is_the_same_in_threads_and_in_processes(rig):
     truth = rig.with_effect("gear", "backlash", {"half_gap": 0.05})
     evidence = Evidence.gather(rig, [recorded(truth, seconds=4.0)])
     fitted = fit(evidence, rig, nominal_free(rig))
-    alone = scores_about(evidence, fitted)
+    alone = scores_about(evidence, Search(evidence, fitted, fitted, []))
     with on_cores(2):
-        threads = scores_about(evidence, fitted)
+        threads = scores_about(evidence, Search(evidence, fitted, fitted, []))
     with parallel_config(backend="loky", n_jobs=2):
-        processes = scores_about(evidence, fitted)
+        processes = scores_about(evidence, Search(evidence, fitted, fitted, []))
     for others in (threads, processes):
         assert [s.candidate.key for s in others] == [s.candidate.key for s in alone]
         assert np.allclose([s.gain for s in others], [s.gain for s in alone], rtol=1e-9, atol=1e-9)

@@ -22,6 +22,10 @@ EFFECTS = [
 ]
 
 
+#: at its typical size a play lets go of the masses behind it: they are then too far from what the angle says
+SMALLER = {("link", "backlash"): {"lost_motion": 2e-5}}
+
+
 def swing() -> np.ndarray:
     t = np.arange(4000) * SAMPLE_TIME_S
     return 3.0 * np.sin(2 * np.pi * 1.3 * t) + 2.0 * np.sin(2 * np.pi * 4.1 * t)
@@ -31,7 +35,8 @@ def swing() -> np.ndarray:
 def test_the_structure_behind_the_motors_angle_moves_as_in_the_whole_rig(place: str, name: str) -> None:
     plain, u = rigs.lead_screw(), swing()
     kind = plain.kind_at(place)
-    rig = plain.with_effect(place, name, {p.name: p.typical for p in CATALOGUE[kind, name].parameters})
+    values = {p.name: p.typical for p in CATALOGUE[kind, name].parameters}
+    rig = plain.with_effect(place, name, SMALLER.get((kind, name), values))
     whole = simulate(rig, u, SAMPLE_TIME_S).sensors
     driven = simulate(rig, u, SAMPLE_TIME_S, theta_m_rad=whole["theta_m"]).sensors["q3"]
     effect = np.std(simulate(plain, u, SAMPLE_TIME_S, theta_m_rad=whole["theta_m"]).sensors["q3"] - driven)
@@ -87,14 +92,14 @@ def test_a_rig_is_driven_by_one_thing() -> None:
 
 
 def test_a_run_and_a_simulation_of_a_positioner_agree() -> None:
-    from dtbacklash.scenario import run_scenario
+    from dtbacklash.experiment.run import run_scenario
 
     config = compose(
         "rig=brfd", "controller=open_loop", "reference=multisine", "reference.rms_mm=10", "duration_s=2",
         "rig.effects.joint.backlash.lost_motion=0.005",
     )  # fmt: skip
-    seen = run_scenario(config).recording
-    u = seen["u"].to_numpy()
+    seen = run_scenario(config).seen
+    u = seen["u"]
     alone = simulate(build_rig(config.rig), u[:-1], config.sample_time_s).sensors["force"]
     assert np.ptp(alone) > 5e3
-    assert np.abs(alone - seen["force"].to_numpy())[:-2].max() < 1e-6 * np.ptp(alone)
+    assert np.abs(alone - seen["force"])[:-2].max() < 1e-6 * np.ptp(alone)

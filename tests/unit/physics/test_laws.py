@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dtbacklash.physics import laws
+from dtbacklash.physics.effects import body, drive, periodic, spring
+from dtbacklash.physics.effects.play import play
 
 angles = st.floats(-100.0, 100.0)
 gaps = st.floats(0.0, 6.3)
@@ -19,7 +20,7 @@ paths = st.lists(angles, min_size=1, max_size=30)
 def play_along(path: list[float], gap: float, start: float = 0.0) -> list[float]:
     now, out = start, []
     for theta_m in path:
-        now = laws.play(now, theta_m, gap)
+        now = play(now, theta_m, gap)
         out.append(now)
     return out
 
@@ -61,42 +62,41 @@ def test_the_play_is_symmetric(path: list[float], gap: float, start: float) -> N
 
 @given(angles, positive)
 def test_dead_zone_and_saturation_are_odd_and_do_not_amplify(u: float, width: float) -> None:
-    for function in (laws.dead_zone, laws.saturation):
+    for function in (drive.dead_zone, drive.saturation):
         assert function(-u, width) == -function(u, width)
         assert abs(function(u, width)) <= abs(u)
-    assert laws.dead_zone(u, 0.0) == u == laws.saturation(u, math.inf)
-    assert abs(laws.saturation(u, width)) <= width
+    assert drive.dead_zone(u, 0.0) == u == drive.saturation(u, math.inf)
+    assert abs(drive.saturation(u, width)) <= width
     # what the one takes away is what the other lets through
-    assert laws.dead_zone(u, width) + laws.saturation(u, width) == pytest.approx(u, abs=1e-12)
+    assert drive.dead_zone(u, width) + drive.saturation(u, width) == pytest.approx(u, abs=1e-12)
 
 
 @given(positive, positive, positive)
 def test_friction_falls_from_the_static_to_the_sliding_level(coulomb: float, extra: float, speed: float) -> None:
-    levels = [laws.friction_level(f * speed, coulomb, extra, speed) for f in (0.0, 0.5, 1.0, 2.0, 50.0)]
+    levels = [body.coulomb(coulomb) + body.stribeck(f * speed, extra, speed) for f in (0.0, 0.5, 1.0, 2.0, 50.0)]
     assert levels[0] == pytest.approx(coulomb + extra)
     assert levels == sorted(levels, reverse=True)
     assert levels[-1] == pytest.approx(coulomb)
-    assert laws.friction_level(speed, coulomb, 0.0, speed) == coulomb
 
 
 @given(st.floats(-1.0, 1.0), positive)
 def test_dampers_oppose_the_motion(rate: float, c2: float) -> None:
-    assert laws.quadratic_damping(rate, c2) * rate >= 0.0
-    assert laws.asymmetric_friction(rate, c2) <= 0.0
+    assert spring.quadratic_damping(rate, c2) * rate >= 0.0
+    assert body.asymmetric_friction(rate, c2) <= 0.0
 
 
 @given(st.floats(-1.0, 1.0), st.floats(-10.0, 10.0), positive)
 def test_bouc_wen_never_leaves_its_bounds(z: float, rate: float, displacement: float) -> None:
     """At |z| = 1 the rate points inwards or vanishes; unloading is elastic."""
-    assert laws.bouc_wen_rate(1.0, rate, displacement) <= 0.0 or math.isclose(rate, 0.0)
-    assert laws.bouc_wen_rate(-1.0, rate, displacement) >= 0.0 or math.isclose(rate, 0.0)
+    assert spring.bouc_wen_rate(1.0, rate, displacement) <= 0.0 or math.isclose(rate, 0.0)
+    assert spring.bouc_wen_rate(-1.0, rate, displacement) >= 0.0 or math.isclose(rate, 0.0)
     if z * rate <= 0.0:
-        assert laws.bouc_wen_rate(z, rate, displacement) == pytest.approx(rate / displacement)
+        assert spring.bouc_wen_rate(z, rate, displacement) == pytest.approx(rate / displacement)
 
 
 @given(st.floats(-1e-3, 1e-3), st.floats(-1e-3, 1e-3), positive)
 def test_the_bumper_only_pushes(stretch: float, clearance: float, stiffness: float) -> None:
-    force = laws.bumper(stretch, clearance, stiffness)
+    force = spring.bumper(stretch, stiffness, clearance)
     assert force >= 0.0
     assert (force > 0.0) == (stretch > clearance)
 
@@ -104,21 +104,23 @@ def test_the_bumper_only_pushes(stretch: float, clearance: float, stiffness: flo
 @given(angles, positive, st.floats(0.1, 50.0), st.floats(-3.0, 3.0))
 def test_the_slope_of_the_periodic_law(position: float, amplitude: float, wave: float, phase: float) -> None:
     step = 1e-6 / wave
-    difference = laws.periodic(position + step, amplitude, wave, phase)
-    difference -= laws.periodic(position - step, amplitude, wave, phase)
-    slope = laws.periodic_slope(position, amplitude, wave, phase)
+    difference = periodic.periodic(position + step, amplitude, wave, phase)
+    difference -= periodic.periodic(position - step, amplitude, wave, phase)
+    slope = periodic.periodic_slope(position, amplitude, wave, phase)
     assert difference / (2.0 * step) == pytest.approx(slope, abs=1e-4 * amplitude * wave)
 
 
 @given(st.floats(-3.0, 3.0), positive, positive, positive)
 def test_a_winding_warms_up_to_its_loss(current: float, resistance: float, gain: float, tau: float) -> None:
     steady = gain * resistance * current * current
-    assert laws.heating_rate(steady, current, resistance, gain, tau) == 0.0
-    assert laws.heating_rate(0.0, current, resistance, gain, tau) >= 0.0
+    rate = drive.heating_rate(0.0, current, resistance, gain, tau)
+    assert rate >= 0.0
+    assert rate - steady / tau == pytest.approx(0.0, abs=1e-12 * rate)  # the decay of the linear plant
+    assert drive.voltage_of_heat(steady, current, resistance) == pytest.approx(resistance * steady * current)
 
 
 @given(st.floats(-1e-2, 1e-2), positive)
 def test_the_cubic_spring_is_odd(stretch: float, k3: float) -> None:
-    assert laws.cubic_stiffness(-stretch, k3) == -laws.cubic_stiffness(stretch, k3)
-    assert laws.cubic_stiffness(stretch, k3) == pytest.approx(k3 * stretch**3)
-    assert laws.stiffness_drift(stretch, 2.0, k3, 0.5) == pytest.approx(k3 * stretch)
+    assert spring.cubic_stiffness(-stretch, k3) == -spring.cubic_stiffness(stretch, k3)
+    assert spring.cubic_stiffness(stretch, k3) == pytest.approx(k3 * stretch**3)
+    assert spring.stiffness_drift(stretch, 2.0, k3, 0.5) == pytest.approx(k3 * stretch)

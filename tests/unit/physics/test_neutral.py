@@ -23,8 +23,9 @@ PLACES = {
     "carriage": "carriage",
     "coupling": "joint",
     "brake": "band",
+    "shaft": "shaft",
 }
-RIGS = {"carriage": rigs.carriage, "coupling": rigs.damper, "brake": rigs.damper}
+RIGS = {"carriage": rigs.carriage, "coupling": rigs.damper, "brake": rigs.damper, "shaft": rigs.two_inertias}
 
 
 def run(rig: Rig) -> Response:

@@ -17,7 +17,7 @@ from dtbacklash.config.rig import ParameterConfig, RigConfig
 from dtbacklash.errors import UserError
 from dtbacklash.physics.assembly import compile_plant, state_names
 from dtbacklash.physics.catalogue import CATALOGUE, effects_of, find
-from dtbacklash.physics.elements import KINDS
+from dtbacklash.physics.kinds import KINDS
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import simulate
 
@@ -60,6 +60,8 @@ REFUSED: list[tuple[Change, str, str]] = [
     (element("gear", kind=["gear"]), "rig.elements.gear.kind=", "choose one of"),
     (element("link_1", kind="spring"), "rig.elements.link_1.kind=spring", "link"),
     (element("link_1", stifness="k"), "rig.elements.link_1.stifness=k", "stiffness"),
+    (element("link_1", damp="k"), "rig.elements.link_1.damp=k", "; a link has stiffness"),
+    (element("amplifier", gain="k"), "rig.elements.amplifier.gain=k", "; an amplifier has drives"),
     (element("link_1", stiffness="kk"), "rig.elements.link_1.stiffness=kk", "the name of one of the rig's parameters"),
     (element("link_1", stiffness=1e4), "rig.elements.link_1.stiffness=10000.0", "the name of one of"),
     (drop("link_1", "stiffness"), "rig.elements.link_1.stiffness=(missing)", "N/m"),
@@ -74,7 +76,7 @@ REFUSED: list[tuple[Change, str, str]] = [
     (element("gear", driven_by="motor"), "rig.elements.gear.driven_by=motor", "motor_bearing"),
     (put("ground", {"kind": "mass", "mass": "m"}), "rig.elements.ground", "a name other than `ground`"),
     (put("sensor_x", {"kind": "mass", "mass": "m"}), "rig.elements.sensor_x", "not beginning with `sensor_`"),
-    (put("second", {"kind": "rotor", "inertia": "J"}), "rig.elements=motor_bearing, second", "at most one"),
+    (put("second", {"kind": "rotor", "inertia": "J"}), "rig.elements.second=second", "a shaft reaches"),
     (parameter("m", value=0.0, unit="kg"), "rig.parameters.m.value=0.0", "above 0 kg"),
     (parameter("m", value=-5.2, unit="kg"), "rig.parameters.m.value=-5.2", "above 0 kg"),
     (parameter("k", value=-1.0, unit="N/m"), "rig.parameters.k.value=-1.0", "above 0 N/m"),
@@ -82,6 +84,9 @@ REFUSED: list[tuple[Change, str, str]] = [
     (parameter("R", value=12.0, unit="kohm"), "rig.parameters.R.unit=kohm", "ohm"),
     (sensor(of="mass_7"), "rig.sensors.q3.of=mass_7", "mass_3"),
     (sensor(of="gear"), "rig.sensors.q3.of=gear", "mass_3"),
+    (sensor(recorded_in="deg"), "rig.sensors.q3.recorded_in=deg", "a unit of m: m, cm, mm"),
+    (sensor(recorded_in=3), "rig.sensors.q3.recorded_in=3", "a unit of m"),
+    (sensor(scale=3), "rig.sensors.q3.scale=3", "`of`, `quantity`, `recorded_in`"),
     (sensor(quantity="current"), "rig.sensors.q3.quantity=current", "position, velocity"),
     (sensor(of="motor_circuit"), "rig.sensors.q3.quantity=position", "current"),
 ]

@@ -46,6 +46,10 @@ SENSORS = ("sensor_q3", "sensor_theta_m")
 ROLLS = {"carriage": {"viscous_friction": {"coefficient": 200.0}}}
 CARRIAGE = Case(("carriage",), size_v=3.0, rig="carriage", companions=ROLLS)
 
+#: what turns freely would run away: it has a viscous friction
+TURNS = {"rotor_1": {"viscous_friction": {"coefficient": 0.01}}}
+SHAFT = Case(("shaft",), size_v=4.0, rig="two_inertias", companions=TURNS)
+
 CASES: dict[tuple[str, str], Case] = {
     ("amplifier", "saturation"): Case(("amplifier",)),
     ("amplifier", "dead_zone"): Case(("amplifier",)),
@@ -62,7 +66,17 @@ CASES: dict[tuple[str, str], Case] = {
     ("rotor", "asymmetric_friction"): Case(("motor_bearing",)),
     ("rotor", "cogging"): Case(("motor_bearing",)),
     ("rotor", "constant_load"): Case(("motor_bearing",)),
+    ("rotor", "gravity"): Case(("motor_bearing",)),
+    ("shaft", "cubic_stiffness"): replace(SHAFT, values={"k3": 300.0}),
+    ("shaft", "quadratic_damping"): replace(SHAFT, values={"c2": 0.01}),
+    ("shaft", "dry_friction"): SHAFT,
+    ("shaft", "hysteresis"): SHAFT,
+    ("shaft", "bumper"): replace(SHAFT, values={"stiffness": 5.0, "clearance": 0.01}),
+    ("shaft", "stiffness_drift"): replace(SHAFT, values={"rate": 0.05}),
+    ("shaft", "backlash"): SHAFT,
     ("gear", "backlash"): Case(("gear",)),
+    ("link", "backlash"): Case(("link_2",), {"lost_motion": 2e-5}),
+    ("mass", "viscous_friction"): Case(("mass_2", "mass_3"), {"coefficient": 20.0}),
     ("screw", "compliance"): Case(("screw",)),
     ("screw", "pitch_error"): Case(("screw",)),
     ("screw", "load_reaction"): Case(("screw",)),
@@ -118,8 +132,11 @@ def growing_gap() -> Array:
     return np.radians(np.linspace(20.0, 40.0, SAMPLES + 1))
 
 
+RIGS = {"carriage": rigs.carriage, "damper": rigs.damper, "two_inertias": rigs.two_inertias}
+
+
 def base_rig(case: Case) -> Rig:
-    rig = {"carriage": rigs.carriage, "damper": rigs.damper}.get(case.rig, rigs.lead_screw)()
+    rig = RIGS.get(case.rig, rigs.lead_screw)()
     if case.rig == "loaded lead_screw":
         rig = rig.with_effect("motor_bearing", "viscous_friction", {"coefficient": 0.02})
     for place, effects in case.companions.items():

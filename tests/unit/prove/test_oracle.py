@@ -95,3 +95,33 @@ def test_a_rig_survives_its_description(rig):
     again = rebuilt(rig, described(changed))
     assert again.effects == changed.effects
     assert again.elements == changed.elements
+
+
+def seen_of_unknown(rig, truth):
+    """What the oracle says of physics beyond the catalogue, on short recordings of the second simulator."""
+    from dtbacklash.prove.simulator.given import Errors, Loop
+    from dtbacklash.prove.simulator.rig import simulate_other
+
+    rng, n = np.random.default_rng(3), round(SECONDS / STEP_S) + 1
+    t = np.arange(n) * STEP_S
+    u = np.sin(2 * np.pi * np.outer(np.arange(1, 40) * 0.3, t) + rng.uniform(0, 6.3, 39)[:, None]).sum(axis=0)
+    u *= 1.0 / u.std()
+    noise = {"x": 1e-6, "v": 1e-4}
+    loop = Loop(False, u, np.zeros(n), np.zeros(n))
+    run = simulate_other(rig, loop, STEP_S, Errors(noise, {}, rng.standard_normal((n, 2))), truth)
+    train = np.arange(n) < 0.7 * n
+    given = Evidence.gather(rig, [Record(STEP_S, u, run.seen, train, ~train)])
+    return look(given, secret("unknown"), rig, run.truth)
+
+
+def test_the_true_law_beats_the_catalogue_or_does_not():
+    """A spring that stiffens with its rate is none of the catalogue's; too small to be seen, it beats nothing."""
+    from dtbacklash.prove.simulator.given import Unknown
+
+    rig = build_rig(compose("rig=oscillator").rig)
+    large, small = (seen_of_unknown(rig, Unknown("spring", "speed_stiffening", s, 0.1)) for s in (0.3, 1e-7))
+    assert large["unlisted_clear"]
+    ((best, figures),) = large["seen"].items()
+    assert best not in ("recalibrated", "diagnosed")
+    assert figures["without"] > 1.1 > figures["with"]
+    assert not small["unlisted_clear"]

@@ -40,6 +40,29 @@ def test_strict_and_within_the_stated_ambiguity(hidden, found, strict, within):
     assert (rules.strict(judged), rules.within_ambiguity(judged)) == (strict, within)
 
 
+@pytest.mark.parametrize(
+    ("found", "unnamed", "right"),
+    [
+        (diagnosis(verdict="unexplained"), True, True),
+        (diagnosis(finding(CUBIC), verdict="unexplained"), True, True),  # what it found is said to be partial
+        (diagnosis(finding(CUBIC)), False, False),  # the right place, but a law of the catalogue
+        (diagnosis(finding(COULOMB)), False, False),
+        (diagnosis(), True, False),  # given no name, but not admitted either
+        (None, False, False),
+    ],
+)
+def test_unknown_physics_is_not_given_a_name(found, unnamed, right):
+    judged = Case("a", secret("unknown"), found, oracle())
+    assert (rules.unknown_unnamed(judged), rules.right(judged)) == (unnamed, right)
+
+
+def test_unknown_physics_is_judged_where_its_true_law_beats_the_catalogue():
+    beaten, same = (Case("a", secret("unknown"), diagnosis(), oracle(clear=clear)) for clear in (True, False))
+    assert rules.beaten(beaten)
+    assert not rules.beaten(same)
+    assert rules.beaten(replace(same, diagnosis=None))
+
+
 def test_exact_matches_come_first():
     judged = case("several", [COULOMB, DEAD_ZONE], finding(DEAD_ZONE, COULOMB), finding(COULOMB, DEAD_ZONE))
     assert rules.matches(judged) == {0: 1, 1: 0}

@@ -1,21 +1,20 @@
 """The course of a proof, with made-up recordings and stand-ins for the diagnosis and the oracle."""
 
-import json
 import os
 import signal
 from importlib.util import find_spec
-from pathlib import Path
 
 import proved
 import pytest
 from proved import COULOMB
 
+from dtbacklash.campaign.backends import Workers
 from dtbacklash.errors import UserError
+from dtbacklash.files import read_json, write_json
 from dtbacklash.prove import run, seal, work
-from dtbacklash.prove.run import Plan, Workers
+from dtbacklash.prove.run import Plan
 from dtbacklash.prove.score import score
 from dtbacklash.prove.secret import Secret
-from dtbacklash.prove.store import read_json, write_json
 
 ALONE, TWO = Workers(jobs=1), Workers(jobs=2)
 N = 4
@@ -163,25 +162,6 @@ def test_an_oracle_that_fails_leaves_its_reason(plan):
         1,
         3,
     )  # of which one was not diagnosed either
-
-
-def test_a_result_is_whole_or_not_there(plan, monkeypatch):
-    case = run.given_cases(plan)[0]
-    write_json(plan.target(case), {"old": 1})
-
-    def full(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, "replace", full)
-    with pytest.raises(UserError, match="the disk is full"):
-        write_json(plan.target(case), {"new": 2})
-    assert read_json(plan.target(case)) == {"old": 1}
-    assert [path.name for path in plan.target(case).parent.iterdir()] == ["case0.json"]
-
-
-def test_numbers_that_json_lacks_become_none(tmp_path):
-    write_json(tmp_path / "a.json", {"a": float("nan"), "b": [float("inf"), 1.5], "c": (1, {2})})
-    assert json.loads((tmp_path / "a.json").read_text()) == {"a": None, "b": [None, 1.5], "c": [1, [2]]}
 
 
 def test_the_folder_of_the_results_belongs_to_one_proof(plan, tmp_path):

@@ -8,25 +8,15 @@ import proved
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from proved import BACKLASH, COULOMB, CUBIC, DEAD_ZONE, diagnosis, finding, oracle, perfect, secret
+from proved import BACKLASH, COULOMB, CUBIC, DEAD_ZONE, case, diagnosis, finding, oracle, perfect, secret
 
+from dtbacklash.files import json_able
+from dtbacklash.physics.kinds import KINDS
 from dtbacklash.prove import rules
-from dtbacklash.prove.rules import Case
-from dtbacklash.prove.score import (
-    EXTRA,
-    FAILED,
-    NOTHING,
-    UNEXPLAINED,
-    Figure,
-    Score,
-    bins,
-    confusion,
-    family,
-    score,
-    wilson,
-)  # fmt: skip
-from dtbacklash.prove.store import plain
-from dtbacklash.prove.table import case_rows, confusion_rows, markdown, which_seeds
+from dtbacklash.prove.confusion import ELSEWHERE, EXTRA, FAILED, NOTHING, UNEXPLAINED, confusion
+from dtbacklash.prove.rows import case_rows, confusion_rows
+from dtbacklash.prove.score import FAMILIES, Figure, Score, bins, family, score, wilson
+from dtbacklash.report.proof.text import markdown, which_seeds
 
 KEYS = list(proved.VALUES)
 EACH = st.one_of(
@@ -62,7 +52,7 @@ def test_failed_diagnoses_count_against_every_share(drawn):
 
 
 def test_what_is_not_clear_counts_beside_the_bar():
-    hidden = Case("b", secret("single", BACKLASH), diagnosis(), oracle(BACKLASH, clear=False), 1.0)
+    hidden = case("b", secret("single", BACKLASH), diagnosis(), oracle(BACKLASH, clear=False), 1.0)
     strict = score([perfect("single", COULOMB), hidden]).figure("strict")
     assert (strict.right, strict.of, strict.every_right, strict.every_of) == (1, 1, 1, 2)
 
@@ -71,7 +61,8 @@ def test_what_is_not_clear_counts_beside_the_bar():
     ("right", "of", "bar", "met"),
     [
         (9, 10, (0.90, 1), True), (89, 100, (0.90, 1), False), (19, 20, (0.95, 1), True),
-        (100, 100, (0.9, 0.99), False), (0, 0, (0.9, 1), None), (3, 4, None, None),
+        (17, 17, (0.9, 0.99), True), (500, 500, (0.9, 0.99), False), (16, 18, (0.9, 0.99), False),
+        (0, 0, (0.9, 1), None), (3, 4, None, None),
     ],
 )  # fmt: skip
 def test_a_bar_is_met_or_missed(right, of, bar, met):
@@ -96,8 +87,8 @@ def test_the_errors_quantiles_are_by_rank_and_held_against_the_bar():
 
 
 def test_the_bins_part_by_family_and_size():
-    small = Case("a", secret("single", CUBIC, size=0.5), diagnosis(), oracle(CUBIC), 1.0)
-    other = Case("b", secret("single", CUBIC, size=0.6), diagnosis(finding(DEAD_ZONE, CUBIC)), oracle(CUBIC), 1.0)
+    small = case("a", secret("single", CUBIC, size=0.5), diagnosis(), oracle(CUBIC), 1.0)
+    other = case("b", secret("single", CUBIC, size=0.6), diagnosis(finding(DEAD_ZONE, CUBIC)), oracle(CUBIC), 1.0)
     found = bins([small, other, perfect("single", CUBIC, size=40.0), perfect("unknown", size=5.0)])
     assert [(b.family, b.low, b.high, b.of, b.exact, b.within, b.intervals, b.hold) for b in found] == [
         ("structure", 0.316, 1.0, 2, 0, 1, 0, 0),
@@ -106,25 +97,55 @@ def test_the_bins_part_by_family_and_size():
     ]
 
 
-@pytest.mark.parametrize(
-    ("place", "name"),
-    [("motor_bearing", "drive"), ("amplifier", "drive"), ("gear", "transmission"), ("link_2", "structure"),
-     ("sensor_q3", "sensors"), ("mass_1", "structure")],
-)  # fmt: skip
-def test_families(place, name):
-    assert family(place) == name
+@pytest.mark.parametrize("kind", [*KINDS, "sensor"])
+def test_every_kind_has_a_family(kind):
+    assert family(kind) in FAMILIES
+
+
+def test_what_was_hidden_is_sorted_by_the_kind_of_its_place_whatever_its_name():
+    kinds = {"shaft": "mass", "gearwheel_mass": "rotor", "sensor_hub": "link"}
+    hidden = [("shaft", "ground_friction"), ("gearwheel_mass", "cogging")]
+    told = secret("several", size=30.0) | {
+        "effects": [{"location": p, "effect": e, "parameters": {}} for p, e in hidden],
+        "visibility": {".".join(key): 30.0 for key in hidden},
+    }
+    found = score([case("a", told, diagnosis(), oracle(*hidden), kinds=kinds)])
+    assert [(b.family, b.of) for b in found.bins] == [("drive", 1), ("structure", 1)]
+    assert sorted(c.hidden_kind for c in found.confusion) == ["mass ground_friction", "rotor cogging"]
+
+
+def test_places_of_a_kind_are_one_and_the_right_effect_elsewhere_is_told():
+    links = [("link_1", "cubic_stiffness"), ("link_2", "cubic_stiffness")]
+    cases = [perfect("single", key) for key in links]
+    cases.append(case("a", secret("single", links[0]), diagnosis(finding(links[1])), oracle(links[0])))
+    row = "link cubic_stiffness"
+    assert score(cases).by_kind() == {(row, row): (2, 2), (row, ELSEWHERE): (1, 0)}
+
+
+def test_the_bins_of_all_families_add_up():
+    found = score(proved.campaign(120))
+    effects = [b for b in found.bins if b.family != "unknown"]
+    assert sum(b.of for b in found.bins_of()) == sum(b.of for b in effects)
+    assert found.bins_of("drive") == [b for b in effects if b.family == "drive"]
+    assert all(low <= b.exact / b.of <= high for b in effects for low, high in [b.named_interval])
+
+
+def test_the_bars_are_counted():
+    good = score([perfect("single", COULOMB), perfect("nothing")])
+    met, judged = good.bars
+    assert met == judged > 4
 
 
 def test_the_confusion_pairs_each_thing_once():
     cases = [
         perfect("nothing"),
-        Case("a", secret("nothing"), diagnosis(finding(COULOMB)), oracle()),
-        Case("b", secret("single", COULOMB), diagnosis(finding(DEAD_ZONE, COULOMB)), oracle(COULOMB)),
-        Case("c", secret("several", COULOMB, BACKLASH), diagnosis(finding(BACKLASH)), oracle(COULOMB, BACKLASH)),
-        Case("d", secret("single", COULOMB), diagnosis(finding(COULOMB), finding(CUBIC)), oracle(COULOMB)),
-        Case("e", secret("single", COULOMB), None, oracle(COULOMB)),
-        Case("f", secret("unknown"), diagnosis(finding(CUBIC)), oracle()),
-        Case("g", secret("single", BACKLASH), diagnosis(verdict="unexplained"), oracle(BACKLASH)),
+        case("a", secret("nothing"), diagnosis(finding(COULOMB)), oracle()),
+        case("b", secret("single", COULOMB), diagnosis(finding(DEAD_ZONE, COULOMB)), oracle(COULOMB)),
+        case("c", secret("several", COULOMB, BACKLASH), diagnosis(finding(BACKLASH)), oracle(COULOMB, BACKLASH)),
+        case("d", secret("single", COULOMB), diagnosis(finding(COULOMB), finding(CUBIC)), oracle(COULOMB)),
+        case("e", secret("single", COULOMB), None, oracle(COULOMB)),
+        case("f", secret("unknown"), diagnosis(finding(CUBIC)), oracle()),
+        case("g", secret("single", BACKLASH), diagnosis(verdict="unexplained"), oracle(BACKLASH)),
     ]
     coulomb, backlash, cubic = (" ".join(k) for k in (COULOMB, BACKLASH, CUBIC))
     assert {(c.hidden, c.named): (c.count, c.within) for c in confusion(cases)} == {
@@ -144,7 +165,7 @@ def test_every_hidden_thing_stands_in_the_confusion():
 
 def test_the_score_survives_its_file():
     found = score(proved.campaign(150), {"command": "dtb prove n=150"})
-    again = Score.from_json(json.loads(json.dumps(plain(found.to_json()))))
+    again = Score.from_json(json.loads(json.dumps(json_able(found.to_json()))))
     assert markdown(again) == markdown(found)
     assert again.figures == found.figures
     assert again.bins == found.bins
@@ -168,7 +189,7 @@ def test_a_row_a_case_in_order_of_the_seeds():
 
 
 def test_an_oracle_that_failed_is_said():
-    found = score([Case("a", secret("single", COULOMB), diagnosis(finding(COULOMB)), {"error": "no fit"}, 1.0)])
+    found = score([case("a", secret("single", COULOMB), diagnosis(finding(COULOMB)), {"error": "no fit"}, 1.0)])
     assert (found.oracle_failed, found.figure("strict").of, found.figure("strict").every_of) == (1, 0, 1)
     assert "because the oracle itself failed: 1" in markdown(found)
     assert rules.error_ratio(perfect("single", COULOMB)) == 1.0

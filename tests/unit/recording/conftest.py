@@ -1,4 +1,4 @@
-"""A made-up recording with the columns that `dtb run recording.save=` writes, and ways to spoil it."""
+"""A made-up recording in plain columns, which are SI, and ways to spoil it."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from dtbacklash.recording import read_recording
 
 STEP_S = 1e-3
 SAMPLES = 4000
-LEAD_MM = 1 / np.pi  # per rad
+LEAD = 1e-3 / np.pi  # m/rad
 
 
 @pytest.fixture(autouse=True)
@@ -24,11 +24,11 @@ def nowhere(tmp_path, monkeypatch):
 
 @pytest.fixture
 def frame():
-    """Smooth, never resting signals: t [s], r [mm], u [V], theta_m [rad], q3 [mm]."""
+    """Smooth, never resting signals: t [s], r [m], u [V], theta_m [rad], q3 [m]."""
     t = STEP_S * np.arange(SAMPLES)
     theta = 3.0 * np.sin(2 * np.pi * 0.7 * t) + 0.5 * np.sin(2 * np.pi * 3.1 * t + 1.0)
     u = np.gradient(theta, STEP_S) / 3
-    return pd.DataFrame({"t": t, "r": LEAD_MM * theta, "u": u, "theta_m": theta, "q3": LEAD_MM * theta})
+    return pd.DataFrame({"t": t, "r": LEAD * theta, "u": u, "theta_m": theta, "q3": LEAD * theta})
 
 
 @pytest.fixture
@@ -54,3 +54,12 @@ def refusal():
         return str(caught.value)
 
     return line
+
+
+@pytest.fixture(scope="session")
+def lead_screw():
+    """The shipped rig, whose positions are recorded in mm."""
+    from dtbacklash.config.compose import compose
+    from dtbacklash.physics.rig import build_rig
+
+    return build_rig(compose("rig=lead_screw").rig)

@@ -3,6 +3,7 @@
 import gzip
 import io
 import json
+import warnings
 
 import numpy as np
 import pandas as pd
@@ -11,6 +12,7 @@ import scipy.io
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from dtbacklash import units
 from dtbacklash.errors import UserError
 from dtbacklash.recording import read_recording
 
@@ -48,7 +50,7 @@ def as_bytes(kind: str, frame: pd.DataFrame) -> bytes:  # noqa: PLR0912
         out.write(b"Logger 3\r\ndate;2024-01-02\r\n\r\n")
         out.write(frame.to_csv(index=False, lineterminator="\r\n").encode())
     elif kind == "units":
-        scaled = frame.assign(t=frame.t * 1e3, q3=frame.q3 * 1e3)
+        scaled = frame.assign(t=frame.t * 1e3, r=frame.r * 1e3, q3=frame.q3 * 1e6)
         lines = scaled.to_csv(index=False).split("\n", 1)
         out.write(f"{lines[0]}\n[ms],[mm],[V],[rad],[um]\n{lines[1]}".encode())
     elif kind == "trailing":
@@ -74,9 +76,15 @@ def test_every_format_gives_the_same_channels_in_si(kind, packed, frame, tmp_pat
     assert recording.sample_time_s == pytest.approx(1e-3, rel=1e-9)
     assert recording.units == {"r": "m", "u": "V", "theta_m": "rad", "q3": "m"}
     assert np.allclose(recording.t_s, frame.t, atol=1e-9)
-    for name, factor in (("r", 1e-3), ("u", 1.0), ("theta_m", 1.0), ("q3", 1e-3)):
-        assert np.allclose(recording.channels[name], factor * frame[name], rtol=1e-9, atol=1e-13)
-    assert recording.notes == []
+    for name in ("r", "u", "theta_m", "q3"):
+        assert np.allclose(recording.channels[name], frame[name], rtol=1e-9, atol=1e-13)
+    if kind == "units":
+        assert recording.notes == []
+        assert recording.assumed_units["q3"] == "um (header)"
+    else:
+        said = "t in s, r, q3 in m, u in V, theta_m in rad (taken as SI, since nothing is said)"
+        assert recording.notes == [f"Units: {said}."]
+        assert recording.assumed_units["q3"] == "m (assumed)"
 
 
 def test_matlab_73_is_read_or_its_extra_is_named(frame, tmp_path, refusal):
@@ -89,17 +97,18 @@ def test_matlab_73_is_read_or_its_extra_is_named(frame, tmp_path, refusal):
     with h5py.File(tmp_path / "seen.mat", "w") as file:
         for name in frame:
             file[name] = frame[name].to_numpy()[None, :]
-    assert np.allclose(read_recording(tmp_path / "seen.mat").channels["q3"], 1e-3 * frame.q3)
+    assert np.allclose(read_recording(tmp_path / "seen.mat").channels["q3"], frame.q3)
 
 
 def test_columns_of_a_trace_are_known_by_their_suffixes(frame, save):
     trace = frame.rename(columns={"t": "t_s", "r": "r_mm", "u": "u_v", "theta_m": "theta_m_deg", "q3": "q3 [m]"})
-    trace["i_m_a"], trace["gap_deg"] = trace["u_v"] / 12, 1.0
+    trace["i_m_a"], trace["counts"] = trace["u_v"] / 12, 1.0
     recording = read_recording(save(trace))
     assert recording.units["i_m"] == "A"
     assert np.allclose(recording.channels["q3"], frame.q3)
+    assert np.allclose(recording.channels["r"], 1e-3 * frame.r)
     assert np.allclose(recording.channels["theta_m"], np.radians(frame.theta_m))
-    assert recording.notes == ["Columns that are no channels of the rig are not used: gap_deg."]
+    assert recording.notes == ["Columns that are no channels of the rig are not used: counts."]
 
 
 def test_in_open_loop_the_reference_is_the_command(frame, save):
@@ -108,8 +117,9 @@ def test_in_open_loop_the_reference_is_the_command(frame, save):
     assert np.array_equal(recording.channels["r"], frame.u)
 
 
-def test_a_column_in_a_unit_of_another_kind_is_refused(frame, save, refusal):
-    assert "column q3_deg is in rad" in refusal(save(frame.rename(columns={"q3": "q3_deg"})))
+def test_a_column_in_a_unit_of_another_kind_is_refused(frame, save, refusal, lead_screw):
+    file = save(frame.rename(columns={"q3": "q3_deg"}))
+    assert "column q3_deg is in deg (header), and q3 is measured in m" in refusal(file, rig=lead_screw)
 
 
 def test_two_columns_for_one_channel_are_refused(frame, save, refusal):
@@ -208,4 +218,115 @@ def test_what_a_run_writes_comes_back(kind, samples, step_s, scale, seed, tmp_pa
     assert recording.sample_time_s == pytest.approx(step_s, rel=1e-9)
     assert np.allclose(recording.t_s, t, rtol=0, atol=1e-9 * step_s * samples)
     assert np.allclose(recording.channels["u"], noise[1], rtol=1e-12, atol=0)
-    assert np.allclose(recording.channels["q3"], 1e-3 * noise[2], rtol=1e-12, atol=0)
+    assert np.allclose(recording.channels["q3"], noise[2], rtol=1e-12, atol=0)
+
+
+# --- what files hold that nobody expects
+
+
+def arrays(frame: pd.DataFrame, **changes: object) -> dict[str, object]:
+    return {**{name: frame[name].to_numpy() for name in frame}, **changes}
+
+
+def test_an_object_array_of_matlab_is_passed_over_or_named(frame, tmp_path, refusal):
+    mixed = np.array([1, "a", np.arange(3)], dtype=object)
+    scipy.io.savemat(tmp_path / "a.mat", arrays(frame, cells=mixed, deep={"x": mixed}))
+    assert "not used: cells, deep.x." in read_recording(tmp_path / "a.mat").notes[0]
+    scipy.io.savemat(tmp_path / "b.mat", arrays(frame, q3=np.array([np.arange(3), *range(3999)], dtype=object)))
+    assert "recording=b.mat: column q3 holds no numbers" in refusal("b.mat")
+
+
+def test_a_complex_column_is_refused_unless_it_is_real(frame, tmp_path, refusal):
+    np.savez(tmp_path / "a.npz", **arrays(frame, q3=frame.q3 * (1 + 1j)))
+    assert "a.npz: column q3 is complex" in refusal("a.npz")
+    np.savez(tmp_path / "b.npz", **arrays(frame, q3=frame.q3 + 0j, other=frame.q3 * 1j))
+    recording = read_recording("b.npz")
+    assert np.array_equal(recording.channels["q3"], frame.q3)
+
+
+def test_a_column_of_the_wrong_length_is_named(frame, tmp_path, refusal):
+    np.savez(tmp_path / "a.npz", **arrays(frame, u=frame.u[:-1], gains=np.arange(3)))
+    assert "a.npz: column u has 3999 values, and the others 4000" in refusal("a.npz")
+    np.savez(tmp_path / "b.npz", **arrays(frame, gains=np.arange(3)))
+    assert "not used: gains." in read_recording("b.npz").notes[0]
+
+
+@pytest.mark.parametrize("column", ["t", "u", "q3"])
+@pytest.mark.parametrize("value", [1e300, -1.7e308, 1e200, 1e13])
+def test_a_value_beyond_all_measure_is_refused(column, value, frame, save, refusal):
+    frame.loc[77, column] = value
+    line = refusal(save(frame))
+    assert "seen.csv" in line
+    assert "in row 78 of the numbers" in line
+
+
+def test_values_too_small_to_be_squared_are_no_signal(frame, save, refusal):
+    assert "channel q3 never changes" in refusal(save(frame.assign(q3=1e-200 * frame.q3)))
+
+
+NASTY = st.sampled_from([0.0, -0.0, 1e300, -1e300, 1.7e308, 5e-324, 1e-300, 1e12, np.nan, np.inf, -np.inf, 1.0, -3.5])
+
+
+@RELAXED
+@given(
+    column=st.sampled_from(["t", "r", "u", "theta_m", "q3"]), values=st.lists(NASTY, min_size=1, max_size=60),
+    everywhere=st.booleans(), kind=st.sampled_from(["csv", "npz", "parquet"]), rig=st.booleans(),
+)  # fmt: skip
+def test_nasty_values_give_a_recording_or_one_line_and_no_warning(
+    column, values, everywhere, kind, rig, frame, tmp_path, lead_screw
+):
+    spoilt = frame[:300].copy()
+    count = len(spoilt) if everywhere else len(values)
+    spoilt.loc[: count - 1, column] = np.resize(values, count)
+    file = tmp_path / "nasty.bin"
+    file.write_bytes(as_bytes(kind, spoilt))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            recording = read_recording(file, rig=lead_screw if rig else None)
+        except UserError as error:
+            assert "\n" not in str(error)  # noqa: PT017
+            assert "nasty.bin" in str(error)  # noqa: PT017
+        else:
+            assert all(np.isfinite(values).all() for values in recording.channels.values())
+
+
+WRITTEN = st.sampled_from(
+    [
+        (name, unit)
+        for name, si in (("q3", "m"), ("theta_m", "rad"), ("i_m", "A"), ("u", "V"))
+        for unit in units.of_kind(si)
+    ]
+)
+
+
+@RELAXED
+@given(
+    written=WRITTEN, style=st.sampled_from(["{} [{}]", "{}[{}]", "{} ({})", "{}_{}", "{} [ {} ]"]),
+    capitals=st.booleans(), with_rig=st.booleans(),
+)  # fmt: skip
+def test_a_head_may_carry_its_unit(written, style, capitals, with_rig, frame, tmp_path, lead_screw):
+    name, unit = written
+    full = frame.assign(i_m=frame.u / 12)
+    factor = units.UNITS[unit].factor
+    head = style.format(name.upper() if capitals else name, unit)
+    file = tmp_path / "seen.csv"
+    full.assign(**{name: full[name] / factor}).rename(columns={name: head}).to_csv(file, index=False)
+    rig = lead_screw if with_rig else None
+    recording = read_recording(file, rig=rig, trust_units=True)
+    assert np.allclose(recording.channels[name], full[name], rtol=1e-12, atol=0)
+    assert recording.assumed_units[name] == f"{unit} (header)"
+
+
+@RELAXED
+@given(label=st.text(alphabet="qtuxθ_ [](){}mµ°/0139\"';-", max_size=14))
+def test_a_strange_head_gives_a_recording_or_one_line(label, frame, tmp_path):
+    table = frame[:200].assign(extra=1.0).rename(columns={"extra": label})
+    file = tmp_path / "seen.parquet"
+    if not table.columns.is_unique:
+        return
+    table.to_parquet(file, index=False)
+    try:
+        assert read_recording(file).samples == 200
+    except UserError as error:
+        assert "\n" not in str(error)  # noqa: PT017

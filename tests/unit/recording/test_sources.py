@@ -3,19 +3,19 @@
 import gzip
 import hashlib
 import io
-import urllib.error
+import threading
 import zipfile
+from dataclasses import replace
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from dtbacklash.errors import UserError
-from dtbacklash.recording import load_mapping, mapping_names, read_pair, read_recording
-from dtbacklash.recording.command import refined
+from dtbacklash.recording import load_mapping, mapping_names, read_pair, read_recording, refined
 from dtbacklash.recording.fetch import fetch
 from dtbacklash.recording.locate import cache_folder, find
-from dtbacklash.recording.units import PLAIN, UNITS
 
 MAPPING = """
 title: a test
@@ -45,17 +45,11 @@ def mine(tmp_path):
     return load_mapping("mine")
 
 
-def test_plain_units_are_those_that_a_run_writes():
-    from dtbacklash.scenario import TRACE_UNITS
-
-    for unit, (_, factor) in TRACE_UNITS.items():
-        assert UNITS[PLAIN[unit]] == (unit, pytest.approx(1 / factor))
-
-
 def test_the_packaged_mappings_are_whole():
-    assert {"emps", "silverbox", "brfd"} <= set(mapping_names())
+    public = {"emps", "silverbox", "brfd", "disk", "anticogging"}
+    assert public <= set(mapping_names())
     assert "none" not in mapping_names()
-    for name in ("emps", "silverbox", "brfd"):
+    for name in public:
         mapping = load_mapping(name)
         assert mapping.name == name
         assert mapping.file in mapping.files
@@ -105,7 +99,7 @@ def test_what_differs_from_the_published_file_is_noted(mine, tmp_path):
 @pytest.mark.parametrize(
     ("source", "options", "said"),
     [
-        ("no/such.csv", {}, "recording=no/such.csv: no such file; give the path of a file or one of brfd, emps"),
+        ("no/such.csv", {}, "recording=no/such.csv: no such file; give the path of a file or one of anticogging, brfd"),
         ("", {}, "recording=null: give the path"),
         (".", {}, "recording=.: is a folder"),
         ("mine", {"path": "nope.csv"}, "recording.path=nope.csv: no such file; give the path of a file or one of log"),
@@ -113,7 +107,7 @@ def test_what_differs_from_the_published_file_is_noted(mine, tmp_path):
         ("mine", {"path": "log.csv"}, "recording.path=log.csv: is not here"),
         ("mine:best", {}, "recording=mine:best: choose one of train, test"),
         ("emps:train", {}, "emps has no parts"),
-        ("other.yaml", {}, "recording=other.yaml: choose one of brfd"),
+        ("other.yaml", {}, "recording=other.yaml: choose one of anticogging, brfd"),
         ("plain.csv", {"path": "x.csv"}, "recording.path=x.csv: belongs to a mapping"),
         ("mine", {"path": "plain.csv"}, "has no column Volts, which the mapping mine needs; it has a, b"),
     ],
@@ -129,6 +123,11 @@ def test_what_leads_nowhere_is_one_line(source, options, said, mine, tmp_path, r
         ("unit: mV", "unit: furlong", "recording.channels.u.unit=furlong: choose one of s, ms"),
         ("scale: 0.5", "scale: 0", "recording.channels.q3.scale=0: must be a number other than 0"),
         ("[0, 300]", "[300, 0]", "recording.parts.train=[300, 0]: must be [first row"),
+        (
+            "{train: [0, 300], test",
+            "{on: [0, 300], test",
+            "recording.parts.true=[0, 300]: YAML reads on, off, yes, no so",
+        ),
         ("[300, 450]", "[300, 501]", "has 500 rows, and the part test ends at row 501"),
         ("rig:", "rigg:", "recording.rigg=lead_screw: no such key"),
         ("sample_time_s: 0.001", "sample_time_s: -1", "must be positive"),
@@ -160,27 +159,100 @@ def test_a_band_limited_command_is_interpolated(mine, tmp_path):
     assert np.abs(fine - np.sin(0.1 * middle))[100:-100].max() < 1e-3
 
 
+OWN = """
+rig: carriage.yaml
+files: [slow.csv, fast.csv]
+time: {column: Time, unit: ms}
+channels:
+  u: {column: AO 0, scale: 2.0}
+  x1: {column: LVDT, scale: 5.0, offset: -12.5, unit: mm}
+  x2: Laser [um]
+parts: {train: [0, 300], test: [300, 500]}
+"""
+
+
+@pytest.fixture
+def bench(tmp_path):
+    """A folder with a mapping of one's own and two recordings: no checksum, no source."""
+    (tmp_path / "bench").mkdir()
+    (tmp_path / "bench" / "mine.yaml").write_text(OWN)
+    k = np.arange(500)
+    for name, speed in (("slow.csv", 0.05), ("fast.csv", 0.2)):
+        rows = "\n".join(f"{i},{np.sin(speed * i)},{np.cos(speed * i)},{1e3 * np.cos(speed * i)}" for i in k)
+        (tmp_path / "bench" / name).write_text(f"Time,AO 0,LVDT,Laser [um]\n{rows}\n")
+    return tmp_path / "bench"
+
+
+def test_a_mapping_of_ones_own_needs_no_checksum(bench):
+    slow = read_recording("bench/mine.yaml:test")
+    assert (slow.source, slow.rig, slow.samples) == (Path("bench/slow.csv"), "carriage.yaml", 200)
+    k = np.arange(300, 500)
+    assert np.allclose(slow.channels["u"], 2.0 * np.sin(0.05 * k))
+    assert np.allclose(slow.channels["x1"], 1e-3 * (5.0 * np.cos(0.05 * k) - 12.5))
+    assert np.allclose(slow.channels["x2"], 1e-3 * np.cos(0.05 * k))
+    assert slow.assumed_units == {"t": "ms (mapping)", "u": "V (assumed)", "x1": "mm (mapping)", "x2": "um (header)"}
+    assert slow.notes == ["Units: u in V (taken as SI, since nothing is said)."]
+    fast = read_recording("bench/mine.yaml", path="fast.csv", part="")
+    assert np.allclose(fast.channels["u"], 2.0 * np.sin(0.2 * np.arange(500)))
+    given = read_recording("bench/mine.yaml", units={"x1": "um"})
+    assert given.assumed_units["x1"] == "um (given)"
+    one, other = read_pair("bench/mine.yaml", "fast.csv")
+    assert (one.samples, other.samples) == (300, 500)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("scale: 2.0", "scale: [2]", "recording.channels.u.scale=[2]: must be a number"),
+        ("offset: -12.5", "offset: .nan", "recording.channels.x1.offset=nan: must be a number"),
+        ("[slow.csv, fast.csv]", "{slow.csv: {sha: 3}}", "must be a mapping with some of url, member, sha256"),
+        ("[slow.csv, fast.csv]", "3", "must be a list of names"),
+        ("[slow.csv, fast.csv]", "[gone.csv]", "gone.csv is not here; put it beside the mapping, into $DTB_RECORDINGS"),
+        ("rig: carriage.yaml", "rig: [1]", "must be the name of a rig"),
+        ("rig: carriage.yaml", "title: ${oc.env:HOME}", "${...} is not resolved in a file"),
+        ("rig: carriage.yaml", "a: &a [x]\nb: &b [*a, *a]\nc: &c [*b, *b", "is not valid YAML"),
+    ],
+)
+def test_a_mistake_in_a_mapping_of_ones_own_is_one_line(old, new, said, bench):
+    file = bench / "mine.yaml"
+    file.write_text(file.read_text().replace(old, new))
+    with pytest.raises(UserError) as caught:
+        read_recording("bench/mine.yaml")
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
 # --- downloads
 
 
-class Answer(io.BytesIO):
-    """What urlopen gives."""
+@pytest.fixture
+def serve():
+    """Answer every request with one body; returns the address and the list of what was asked for."""
+    servers = []
 
-    @property
-    def headers(self):
-        return {"Content-Length": str(len(self.getvalue()))}
+    def start(body: bytes, code: int = 200) -> tuple[str, list[str]]:
+        asked = []
 
+        class Handler(BaseHTTPRequestHandler):
+            def do_GET(self):
+                asked.append(self.path)
+                self.send_response(code)
+                self.send_header("Content-Length", str(len(body)))
+                self.end_headers()
+                self.wfile.write(body)
 
-def serve(monkeypatch, body: bytes) -> list[str]:
-    """Answer every request with ``body``; returns the list of what was asked for."""
-    asked = []
+            def log_message(self, *arguments):
+                pass
 
-    def urlopen(request, timeout):
-        asked.append(request.full_url)
-        return Answer(body)
+        server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        servers.append(server)
+        return f"http://127.0.0.1:{server.server_port}/log.zip", asked
 
-    monkeypatch.setattr("urllib.request.urlopen", urlopen)
-    return asked
+    yield start
+    for server in servers:
+        server.shutdown()
+        server.server_close()
 
 
 def zipped() -> bytes:
@@ -192,49 +264,51 @@ def zipped() -> bytes:
 
 
 @pytest.mark.parametrize("body", [zipped(), content(), gzip.compress(content())])
-def test_a_download_is_unpacked_checked_and_used(body, mine, monkeypatch):
-    asked, seen = serve(monkeypatch, body), []
-    file = mine.files["log.csv"]
+def test_a_download_is_unpacked_checked_and_used(body, mine, serve, capfd):
+    url, asked = serve(body)
+    seen, file = [], replace(mine.files["log.csv"], url=url)
     target = fetch(mine, file, seen.append)
     assert target.read_bytes() == content()
     assert seen[-1] == 1.0
+    assert all(0.0 <= share <= 1.0 for share in seen)
     assert read_recording("mine").samples == 300
     assert fetch(mine, file) == target
-    assert asked == ["https://example.org/log.zip"]  # once
+    assert asked == ["/log.zip"]  # once
     assert [path.name for path in target.parent.iterdir()] == ["log.csv"]
+    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("body", [b"", b"<html>sign in</html>", zipped()[:-40], content() + b"\n", zipped()[:9]])
-def test_anything_else_is_refused_and_nothing_is_left(body, mine, monkeypatch):
-    serve(monkeypatch, body)
+def test_anything_else_is_refused_and_nothing_is_left(body, mine, serve):
+    file = replace(mine.files["log.csv"], url=serve(body)[0])
     with pytest.raises(UserError, match=r"SHA-256 differs.*; get log\.csv"):
-        fetch(mine, mine.files["log.csv"])
+        fetch(mine, file)
     assert find(mine, "log.csv") is None
 
 
-@pytest.mark.parametrize(
-    ("error", "said"),
-    [
-        (urllib.error.URLError("no route"), "the source cannot be reached"),
-        (urllib.error.HTTPError("https://example.org", 404, "gone", None, None), "the source answers 404"),  # type: ignore[arg-type]
-        (TimeoutError("timed out"), "the download failed (timed out)"),
-    ],
-)
-def test_without_a_network_it_says_where_to_put_the_file(error, said, mine, monkeypatch):
-    def urlopen(request, timeout):
-        raise error
+def test_a_source_that_answers_with_an_error_is_one_line(mine, serve):
+    with pytest.raises(UserError, match="the source answers 404"):
+        fetch(mine, replace(mine.files["log.csv"], url=serve(b"gone", 404)[0]))
 
-    monkeypatch.setattr("urllib.request.urlopen", urlopen)
+
+def test_without_a_network_it_says_where_to_put_the_file(mine):
+    file = replace(mine.files["log.csv"], url="http://127.0.0.1:9/log.zip")
     with pytest.raises(UserError) as caught:
-        fetch(mine, mine.files["log.csv"])
+        fetch(mine, file)
     line = str(caught.value)
-    assert said in line
+    assert "the source cannot be reached" in line
     assert f"put it into {cache_folder() / 'mine'} or into $DTB_RECORDINGS" in line
+    assert not cache_folder().exists()
 
 
-def test_a_cache_that_cannot_be_written_is_one_line(mine, monkeypatch, tmp_path):
-    serve(monkeypatch, content())
+def test_a_file_without_a_source_cannot_be_fetched(mine):
+    with pytest.raises(UserError, match=r"names no public source of log\.csv"):
+        fetch(mine, replace(mine.files["log.csv"], url=""))
+
+
+def test_a_cache_that_cannot_be_written_is_one_line(mine, serve, monkeypatch, tmp_path):
+    file = replace(mine.files["log.csv"], url=serve(content())[0])
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     with pytest.raises(UserError, match="cannot be written"):
-        fetch(mine, mine.files["log.csv"])
+        fetch(mine, file)

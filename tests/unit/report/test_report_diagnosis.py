@@ -3,7 +3,7 @@
 import json
 import math
 import re
-from dataclasses import replace
+from dataclasses import asdict, replace
 from io import StringIO
 
 import diagnosed
@@ -12,75 +12,119 @@ import pytest
 from page_reader import Reader
 
 from dtbacklash.config.compose import compose
-from dtbacklash.physics.catalogue import name_in_words
+from dtbacklash.diagnose.result import Curve, LawShown
+from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.drawing import drawing_of, law_curve
+from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import build_rig
 from dtbacklash.physics.rig_file import rig_yaml
-from dtbacklash.report import diagnosis_page, tables
-from dtbacklash.report.diagnosis_figures import Curve, curve_figure, force_figure, zoom
-from dtbacklash.report.diagnosis_page import heading
-from dtbacklash.report.diagnosis_text import lines
-from dtbacklash.report.intervals import interval, scaled, unit_in_signs
-from dtbacklash.report.rig_drawing import GLYPHS, chain, draw_rig, label_width
-from dtbacklash.report.style import WIDTH
+from dtbacklash.report.diagnosis import page as diagnosis_page
+from dtbacklash.report.diagnosis.figures import curve_figure, law_figure, zoom
+from dtbacklash.report.diagnosis.methods import methods
+from dtbacklash.report.diagnosis.rig_drawing import GLYPHS, chain, draw_rig, label_width, percents
+from dtbacklash.report.diagnosis.text import lines
+from dtbacklash.report.diagnosis.words import heading
+from dtbacklash.report.kit import tables
+from dtbacklash.report.kit.intervals import interval, scaled, unit_in_signs
+from dtbacklash.report.kit.style import WIDTH
 
 
 @pytest.fixture(scope="module", params=list(diagnosed.EACH))
 def written(request, tmp_path_factory):
-    """(view, folder, text of the page, addresses in it) for each verdict."""
-    view = diagnosed.EACH[request.param]()
+    """(diagnosis, folder, text of the page, its reader) for each verdict."""
+    made = diagnosed.EACH[request.param]()
     folder = tmp_path_factory.mktemp(request.param)
-    diagnosis_page.write(view, folder)
+    diagnosis_page.write(made, folder)
     reader = Reader()
     reader.feed((folder / "report.html").read_text(encoding="utf-8"))
     assert reader.open == []
-    return view, folder, re.sub(r"\s+", " ", " ".join(reader.text)), reader.addresses
+    return made, folder, re.sub(r"\s+", " ", " ".join(reader.text)), reader
 
 
 def test_all_files_are_there_and_the_page_needs_none_of_them(written):
-    view, folder, _, addresses = written
+    made, folder, _, reader = written
     names = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
-    figures = ["rig", *(f"curve_{c.name}" for c in view.curves)]
-    figures += [f"force_{i + 1}_{f.location}" for i, f in enumerate(view.forces)]
+    figures = ["rig", *(f"curve_{c.name}" for c in made.shown.curves)]
+    figures += [f"law_{i + 1}_{law.location}" for i, law in enumerate(made.shown.laws)]
     assert names == {"diagnosis.json", "report.html", "rig.yaml", *(f"figures/{name}.png" for name in figures)}
-    assert len(addresses) == len(figures)
-    assert all(address.startswith("data:image/png;base64,") for address in addresses)
+    images = reader.addresses
+    assert len(images) == len(figures)
+    assert all(address.startswith("data:image/png;base64,") for address in images)
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert "http" not in page
     assert len(page) < 1_500_000
 
 
+def test_the_contents_name_every_section_once(written):
+    _, folder, _, reader = written
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert reader.anchors == re.findall(r'<h2 id="(\w+)">', page)
+    assert len(reader.anchors) == page.count("<h2")
+
+
 def test_the_page_holds_what_was_found(written):
-    view, _, text, _ = written
-    found = view.diagnosis
-    assert heading(view) in text
-    assert found["summary"] in text
-    for finding in found["findings"]:
-        assert finding["sentence"] in text
-        for name, p in finding["parameters"].items():
-            assert f"{name_in_words(name)} {interval(p['value'], p['ci95'], p['unit'])}" in text
-    assert ("What was found" in text) == bool(found["findings"])
-    assert ("Recalibrated parameters" in text) == bool(found["recalibrated"])
-    assert ("What to record next" in text) == bool(found["next_experiment"])
-    assert text.count("score below the threshold") >= 1 or found["verdict"] == "parameters"
-    assert all(note in text for note in view.notes)
+    made, _, text, _ = written
+    assert heading(made) in text
+    assert made.summary in text
+    for finding in made.findings:
+        assert finding.sentence in text
+        for name, p in finding.parameters.items():
+            assert f"{name_in_words(name)} {interval(p.value, p.ci95, p.unit)}" in text
+    assert text.count("What was found") == 2 * bool(made.findings)
+    assert text.count("Recalibrated parameters") == 2 * bool(made.recalibrated)
+    assert text.count("What to record next") == 2 * bool(made.next_experiment)
+    assert text.count("low score") >= 1 or made.verdict == "parameters"
+    assert all(note in text for note in made.notes)
     assert "nan" not in text.replace("nano", "").lower().split()
 
 
+def test_every_figure_says_what_a_good_one_looks_like(written):
+    made, _, text, _ = written
+    assert text.count("A good one:") == 1 + len(made.shown.curves) + len(made.shown.laws)
+
+
+def test_checks_stand_with_statistic_threshold_and_source(written):
+    _, _, text, _ = written
+    assert "1 of 2 pass" in text
+    assert "Residual of q3 is noise 1.03 < 1.2 pass Mean square; more is unexplained. the recording" in text
+    assert "Residual of q3 is white 210 < 31.4 fail" in text
+    assert "Biometrika 65 (1978) 297" in text
+
+
+def test_free_running_errors_and_those_of_each_channel_are_said(written):
+    _, _, text, _ = written
+    assert "held out, on its own 65 times the signal runs away" in text
+    assert "theta_m 290 220" in text
+
+
+def test_the_methods_hold_the_numbers_of_this_diagnosis_and_cite_in_order(written):
+    made, _, page, _ = written
+    text, works = methods(made)
+    assert text in page
+    for phrase in ("30000 samples of 1 ms", "fitted to 21000 samples", "judged on the other 9000 (30 %)", "67 effects",
+                   "q3 simulated from the measured theta_m"):  # fmt: skip
+        assert phrase in text
+    cited = [int(number) for number in re.findall(r"\[(\d+)\]", text)]
+    assert list(dict.fromkeys(cited)) == list(range(1, len(works) + 1))
+    assert ("restoring force" in " ".join(works)) == bool(made.shown.laws)
+    assert methods(replace(made, work=None)) == ("", [])
+
+
 def test_the_json_is_the_diagnosis(written):
-    view, folder, _, _ = written
-    assert json.loads((folder / "diagnosis.json").read_text(encoding="utf-8")) == view.diagnosis
+    made, folder, _, _ = written
+    assert json.loads((folder / "diagnosis.json").read_text(encoding="utf-8")) == made.to_json()
 
 
 def test_the_rig_runs_from_its_file(written):
-    view, folder, text, _ = written
+    made, folder, text, _ = written
     again = build_rig(compose("controller=open_loop", f"rig={folder / 'rig.yaml'}").rig)
-    assert again.elements == view.extended.elements
-    assert again.effects == view.extended.effects
-    assert again.sensors == view.extended.sensors
-    assert again.config.parameters == view.extended.config.parameters
+    assert again.elements == made.extended.elements
+    assert again.effects == made.extended.effects
+    assert again.sensors == made.extended.sensors
+    assert again.config.parameters == made.extended.config.parameters
     command = re.search(r"dtb run rig=rig.yaml(?: controller=open_loop)?", text)
     words = [w.replace("rig.yaml", str(folder / "rig.yaml")) for w in command.group().split()[2:]]
-    assert compose(*words).rig.name == view.rig.config.name  # what the page says is accepted as it stands
+    assert compose(*words).rig.name == made.nominal.config.name  # what the page says is accepted as it stands
 
 
 def test_verdicts_in_words():
@@ -94,19 +138,18 @@ def test_verdicts_in_words():
     }
 
 
-def test_an_unexplained_rest_beside_named_physics_is_placed_by_the_evidence():
-    view = diagnosed.missing()
-    view.diagnosis.update(verdict="unexplained", findings=view.diagnosis["findings"][:1])
-    view = replace(view, evidence={"link_1": 0.7, "motor_bearing": 0.2})
-    assert heading(view) == (
+def test_an_unexplained_rest_beside_named_physics_is_placed():
+    made = diagnosed.missing()
+    rest = diagnosed.unexplained().located
+    left = replace(made, verdict="unexplained", findings=made.findings[:1], located=replace(rest, location="link_1"))
+    assert heading(left) == (
         "Unexplained: beside Coulomb friction at the motor bearing, something acts at the link 1 that the "
         "catalogue does not hold"
     )
 
 
 def test_what_cannot_be_told_apart_and_the_chosen_candidates_stand_out(tmp_path):
-    view = diagnosed.missing()
-    diagnosis_page.write(view, tmp_path)
+    diagnosis_page.write(diagnosed.missing(), tmp_path)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "This recording cannot tell it from:</b> dead zone at the amplifier." in page
     assert page.count('<tr class="chosen">') == 2
@@ -116,21 +159,23 @@ def test_what_cannot_be_told_apart_and_the_chosen_candidates_stand_out(tmp_path)
 
 
 def test_text_from_outside_is_escaped(tmp_path):
-    view = replace(diagnosed.consistent(), source="<script>x</script>", notes=["a < b & c"])
-    diagnosis_page.write(view, tmp_path)
+    odd = replace(diagnosed.consistent(), source="<script>x</script>", notes=("a < b & c",))
+    diagnosis_page.write(odd, tmp_path)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "<script>" not in page
     assert "a &lt; b &amp; c" in page
 
 
-def test_numbers_that_json_has_not_become_null(tmp_path):
-    view = diagnosed.missing()
-    view.diagnosis["findings"][0]["parameters"]["torque"]["ci95"] = [np.float64(0.01), math.inf]
-    view.diagnosis["fit"]["train"]["nominal"] = math.nan
-    diagnosis_page.write(view, tmp_path)
-    found = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))
-    assert found["findings"][0]["parameters"]["torque"]["ci95"] == [0.01, None]
-    assert found["fit"]["train"]["nominal"] is None
+def test_percentages_add_up_and_nothing_is_painted_where_there_is_no_evidence():
+    thirds = percents({"a": 1 / 3, "b": 1 / 3, "c": 1 / 3})
+    assert sorted(thirds.values()) == ["33 %", "33 %", "34 %"]
+    assert percents({"a": 0.998, "b": 0.002}) == {"a": "100 %", "b": "< 1 %"}
+    assert percents({}) == {}
+    rig = diagnosed.rig("lead_screw")
+    words = [text.get_text() for text in draw_rig(rig, {}, []).axes[0].texts]
+    assert not any("%" in word for word in words)
+    words = [text.get_text() for text in draw_rig(rig, {"gear": 0.6, "sensor_q3": 0.4}, []).axes[0].texts]
+    assert [word for word in words if "%" in word] == ["60 %", "q3  40 %"]
 
 
 @pytest.mark.parametrize(
@@ -224,21 +269,42 @@ def test_models_that_agree_get_one_residual():
 
 @pytest.mark.parametrize("effect", ["coulomb_friction", ""])
 def test_a_law_is_drawn_where_there_is_one(effect):
-    figure = force_figure(diagnosed.friction_force(effect))
+    figure = law_figure(diagnosed.friction_law(effect))
     legend = [text.get_text() for text in figure.legends[0].get_texts()]
     assert ("fitted law: Coulomb friction" in legend) == bool(effect)
     assert figure.axes[0].get_ylabel() == "missing torque [mN m]"
 
 
-def test_a_force_without_samples_is_an_empty_figure():
-    empty = replace(
-        diagnosed.friction_force(), state=np.empty(0), recovered=np.empty(0), error=np.empty(0), law=np.empty(0)
-    )
-    assert force_figure(empty).axes
+def test_law_and_points_share_their_units():
+    figure = law_figure(diagnosed.friction_law())
+    (law,) = (line for line in figure.axes[0].lines if line.get_label() == "fitted law: Coulomb friction")
+    assert np.abs(law.get_ydata()).max() == pytest.approx(20.0)
+    points = figure.axes[0].containers[0].lines[0].get_ydata()
+    assert np.abs(points).max() == pytest.approx(20.0, rel=0.1)
+
+
+def test_a_play_is_a_loop_of_output_over_input():
+    loop = law_curve(drawing_of(find("gear", "backlash", "")), {"half_gap": 0.1}, {}, (-0.3, 0.3))
+    shown = LawShown("gear", "backlash", "angle of gear", "angle behind the gap", "rad", "rad", *loop)
+    ax = law_figure(shown).axes[0]
+    assert [line.get_label() for line in ax.lines][:2] == ["without it", "fitted law: backlash"]
+    state, effort = ax.lines[1].get_data()
+    assert (state[0], effort[0]) == (pytest.approx(state[-1]), pytest.approx(effort[-1]))
+
+
+def test_an_unknown_point_does_not_set_the_scale():
+    law = diagnosed.friction_law()
+    wild = replace(law, recovered=np.append(law.recovered[:-1], 5.0), error=np.append(law.error[:-1], 9.0))
+    assert law_figure(wild).axes[0].get_ylim()[1] < 30.0
+
+
+def test_a_law_without_points_is_drawn_alone():
+    none = np.empty(0)
+    assert law_figure(replace(diagnosed.friction_law(), state=none, recovered=none, error=none)).axes
 
 
 def test_every_kind_of_element_has_a_glyph():
-    from dtbacklash.physics.elements import KINDS
+    from dtbacklash.physics.kinds import KINDS
 
     missing = set(KINDS) - set(GLYPHS)
     assert missing <= {"base"}, f"elements drawn without a picture: {missing}"
@@ -300,6 +366,7 @@ def test_the_terminal_says_the_same_in_letters_that_it_has():
         "  torque = 20.0 +/- 0.5 mN m",
         "  this recording cannot tell it from dead zone at the amplifier",
         "  k = 9.020 +/- 0.019 kN/m (nominal 10 kN/m)",
+        "Checks: 1 of 2 pass; it fails that residual of q3 is white.",
         "To record next: Record the motor current i_m",
     ):
         assert phrase in text
@@ -308,10 +375,10 @@ def test_the_terminal_says_the_same_in_letters_that_it_has():
 
 def test_the_table_of_errors():
     out = StringIO()
-    tables.show(tables.fit(diagnosed.missing().diagnosis["fit"]), file=out)
+    tables.show(tables.fit(asdict(diagnosed.missing().fit)), file=out)
     assert re.search(r"held out\s*\|\s*12 %\s*\|\s*9.1 %\s*\|\s*0.042 %\s*\|\s*0.041 %", out.getvalue())
     out = StringIO()
-    tables.show(tables.fit(diagnosed.consistent().diagnosis["fit"]), file=out)
+    tables.show(tables.fit(asdict(diagnosed.consistent().fit)), file=out)
     assert "extended" not in out.getvalue()
 
 

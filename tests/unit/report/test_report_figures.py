@@ -9,9 +9,11 @@ from hypothesis import strategies as st
 from matplotlib.collections import LineCollection
 from PIL import Image
 
-from dtbacklash.metrics import move_table
-from dtbacklash.report import figures, overview, style
-from dtbacklash.report.decimate import envelope
+from dtbacklash.experiment.metrics import move_table, step_metrics
+from dtbacklash.report.kit import style
+from dtbacklash.report.kit.decimate import envelope
+from dtbacklash.report.paper import figures
+from dtbacklash.report.run import overview
 
 seeded = settings(deadline=None, derandomize=True)
 
@@ -57,8 +59,12 @@ def test_the_envelope_keeps_a_single_spike_and_a_gap():
     assert np.isnan(values[(times > 50_200) & (times < 59_800)]).all()
 
 
+def step_figure(t, q3, u):
+    return figures.response_and_voltage(t, q3, u, step_metrics(t, q3, u, 1.0))
+
+
 def test_the_step_figure_marks_overshoot_settling_and_peak():
-    figure = figures.response_and_voltage(*synthetic.step_response(True))
+    figure = step_figure(*synthetic.step_response(True))
     top, bottom = figure.axes
     told = " ".join(text.get_text() for ax in (top, bottom) for text in ax.texts)
     assert "overshoot 85.6 %" in told
@@ -69,8 +75,8 @@ def test_the_step_figure_marks_overshoot_settling_and_peak():
 
 def test_the_step_figure_names_neither_an_overshoot_nor_a_settling_time_that_is_not_there():
     t, q3, u = synthetic.step_response(False)
-    assert not any("overshoot" in text.get_text() for text in figures.response_and_voltage(t, q3, u).axes[0].texts)
-    early = figures.response_and_voltage(t[:300], q3[:300], u[:300])
+    assert not any("overshoot" in text.get_text() for text in step_figure(t, q3, u).axes[0].texts)
+    early = step_figure(t[:300], q3[:300], u[:300])
     assert any("not settled" in text.get_text() for text in early.axes[0].texts)
 
 

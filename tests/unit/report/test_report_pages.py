@@ -7,10 +7,17 @@ import pytest
 import synthetic
 from page_reader import Reader
 
-from dtbacklash.config.run import ProfileConfig, ReferenceConfig, RunConfig
-from dtbacklash.metrics import move_table
-from dtbacklash.report import paper_page, run_report
-from dtbacklash.report.words import describe, effect_sentences, plain
+from dtbacklash.config import choices
+from dtbacklash.config.compose import compose
+from dtbacklash.config.run import ReferenceConfig, RunConfig
+from dtbacklash.errors import UserError
+from dtbacklash.experiment.metrics import move_table
+from dtbacklash.experiment.run import run_scenario
+from dtbacklash.report.paper import page as paper_page
+from dtbacklash.report.run import page as run_report
+from dtbacklash.report.run.methods import methods
+from dtbacklash.report.run.overview import open_overview
+from dtbacklash.report.run.words import describe, effect_sentences, plain
 
 
 def read(path):
@@ -49,6 +56,17 @@ def test_a_run_gets_its_figures_and_one_self_contained_page(written):
     assert (written / "report.html").stat().st_size < 700_000
 
 
+def test_the_contents_lead_to_the_sections(written):
+    reader = Reader()
+    reader.feed((written / "report.html").read_text(encoding="utf-8"))
+    assert reader.anchors == ["setup", "figures", "moves", "estimates", "methods", "repeat"]
+    assert set(reader.anchors) <= set(reader.ids)
+
+
+def test_every_figure_says_what_a_good_one_looks_like(written):
+    assert read(written / "report.html")[0].count("A good one:") == 2
+
+
 def test_the_page_says_what_was_run_and_what_came_out(written):
     text, _ = read(written / "report.html")
     for phrase in (
@@ -85,6 +103,7 @@ def test_without_figures_there_is_a_page_without_figures(result, tmp_path):
 def test_a_run_without_moves_and_estimates_tells_its_tracking_error(result, tmp_path):
     still = synthetic.run_result(figures=False)
     still.trace["r_mm"] = still.trace["q3_mm"] + 0.25
+    still.summary["tracking_rms_mm"] = 0.25
     still.estimates = still.estimates.iloc[:0]
     run_report.write(still, move_table(still.trace), tmp_path)
     text, _ = read(tmp_path / "report.html")
@@ -103,18 +122,86 @@ def test_moves_that_do_not_settle_are_named(result, tmp_path):
     assert text.count("not settled") == 2
 
 
-@pytest.mark.parametrize("kind", ["s_curve", "constant", "ramp", "step", "wear"])
-def test_every_profile_has_its_words(kind):
-    words = dict(describe(RunConfig(profile=ProfileConfig(kind=kind, end_deg=0.0 if kind == "constant" else 90))))
-    assert words["Gap"][0].endswith(".")
-    assert ("90°" in words["Gap"][0]) == (kind != "constant")
+def configured(tmp_path, section, name, choice):
+    """A configuration with one choice made, or None where it is refused with others."""
+    if choice == "csv":
+        (tmp_path / "signal.csv").write_text("t_s,x\n0,0\n", encoding="utf-8")
+    more = {"path": str(tmp_path / "signal.csv")} if choice == "csv" else {}
+    if (section, choice) == ("profile", "constant"):
+        more = {"end_deg": 0.0}
+    if section == "controller":
+        nimc = choice not in ("imc", "open_loop", "exact")
+        more = {"structure": "nimc" if nimc else "imc", "reconfigure": "novelty" if nimc else "never"}
+    section_type = type(getattr(RunConfig(), section))
+    return synthetic.config(**{section: section_type(**(more | {name: choice}))})
+
+
+@pytest.mark.parametrize(
+    ("section", "name", "choice"),
+    [
+        (section, name, choice)
+        for section, name, found in (
+            ("controller", "structure", choices.STRUCTURES),
+            ("controller", "reconfigure", choices.TRIGGERS),
+            ("controller", "prefilter", choices.PREFILTERS),
+            ("controller", "internal_model", choices.INTERNAL_MODELS),
+            ("profile", "kind", choices.PROFILES),
+            ("reference", "kind", choices.REFERENCES),
+            ("reference", "interpolation", choices.INTERPOLATIONS),
+            ("twin", "novelty_filter", choices.NOVELTY_FILTERS),
+            ("optimizer", "name", choices.OPTIMIZERS),
+        )
+        for choice in found
+    ],
+)
+def test_every_choice_of_the_schema_has_its_words_and_its_methods(section, name, choice, tmp_path):
+    config = configured(tmp_path, section, name, choice)
+    told = [text for _, texts in describe(config) for text in texts] + methods(config)
+    assert all(text.strip().endswith(".") for text in told)
+    assert not any(re.search(r"[{}]|\bNone\b|\bnan\b", text) for text in told)
+
+
+def test_what_can_be_chosen_is_what_has_words():
+    """A choice without a meaning is refused by the schema, and so cannot reach a page."""
+    for section, name, found in (("profile", "kind", choices.PROFILES), ("reference", "kind", choices.REFERENCES)):
+        with pytest.raises(UserError, match=", ".join(found)):
+            configured(None, section, name, "something else")
 
 
 @pytest.mark.parametrize("kind", ["square", "step", "staircase", "multisine"])
-def test_every_reference_has_its_words(kind):
-    words = dict(describe(RunConfig(reference=ReferenceConfig(kind=kind, offset_mm=0.25))))
+def test_a_reference_has_its_offset_in_its_unit(kind):
+    config = RunConfig(reference=ReferenceConfig(kind=kind, offset_mm=0.25))
+    words = dict(describe(config))
     assert kind in words["Reference"][0].lower()
     assert "offset 0.25 mm" in words["Reference"][0]
+    config.controller.structure = "open_loop"
+    assert "offset 0.25 V" in dict(describe(config))["Command"][0]
+
+
+@pytest.mark.parametrize("rig", ["lead_screw", "emps", "silverbox", "brfd"])
+def test_an_open_loop_run_is_told_as_one(rig, tmp_path):
+    words = ("controller=open_loop", "reference=multisine", "duration_s=1", "profile=constant", f"rig={rig}")
+    result = run_scenario(compose(*words))
+    run_report.write(result, result.moves, tmp_path)
+    text, _ = read(tmp_path / "report.html")
+    assert f"open loop on {rig} One open-loop run" in text
+    assert "Command Multisine of 0.5 V rms" in text
+    for wrong in ("closed-loop", "tracking error", "reference [mm]", "Moves"):
+        assert wrong not in text
+    assert ("Gap 50° throughout." in text) == (rig == "lead_screw")
+    assert all(f"{sensor['quantity']} of {sensor['of']}" in text for sensor in result.config.rig.sensors.values())
+
+
+def test_the_panels_of_an_open_loop_run_are_its_signals():
+    result = run_scenario(compose("controller=open_loop", "reference=step", "duration_s=1", "profile.start_deg=0"))
+    figure = open_overview(result.trace, result.summary["signals"])
+    assert [ax.get_title(loc="left") for ax in figure.axes] == [
+        "(a)  command u", "(b)  theta_m: position of motor_bearing", "(c)  q3: position of mass_3",
+        "(d)  i_m: current of motor_circuit", "(e)  q2: position of mass_2",
+    ]  # fmt: skip
+    assert [ax.get_ylabel() for ax in figure.axes] == ["[V]", "[rad]", "[mm]", "[mA]", "[mm]"]
+    command = figure.axes[0].lines[0]
+    assert command.get_ydata().max() == pytest.approx(result.trace["u_v"].max())
 
 
 def test_a_controller_that_is_never_reconfigured_has_no_twin():
@@ -149,7 +236,7 @@ def test_the_paper_page_lists_every_claim_and_figure(written, tmp_path):
     text, addresses = read(tmp_path / "report.html")
     assert len(addresses) == 3
     assert "5 of 6 claims reproduced" in text
-    assert "Not reproduced: estimates are unbiased." in text
+    assert "Not reproduced estimates are unbiased : the paper says “0°”, here it is 0.62, tolerated ±0.5°." in text
     assert text.count(" pass ") == 5
     assert text.count(" fail ") == 1
     assert "Figure 4 Response to a 1 mm step without dynamical prefilter" in text

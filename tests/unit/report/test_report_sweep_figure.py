@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 import synthetic
+from drawn import overlapping
 from PIL import Image
 
-from dtbacklash.report.sweep_figure import PANELS, draw, failed_jobs, sweep_figure
+from dtbacklash.report.sweep.figure import PANELS, draw, failed_jobs, sweep_figure
 
 CONTROLLERS = ["imc", "nimc_fixed", "nimc_twin", "nimc_novelty"]
 ACCEPTANCE = {"controller": CONTROLLERS, "profile": ["s_curve", "step"], "twin.delay_s": [0, 4]}
@@ -107,3 +108,34 @@ def test_the_table_given_is_not_changed():
     before = table.copy()
     sweep_figure(table, list(ACCEPTANCE))
     assert table.equals(before)
+
+
+OPTIMIZERS = ["bfgs", "lbfgsb", "nelder_mead", "differential_evolution", "dual_annealing"]
+SWEEPS = {
+    "categories": ACCEPTANCE,
+    "long names": {"optimizer": OPTIMIZERS, "profile": ["s_curve", "wear"], "twin.delay_s": [0, 4]},
+    "many names": {"rig": [f"machine_{j}_of_hall" for j in range(12)]},
+    "decades": {"optimizer.tolerance": [1e-6, 1e-4, 1e-2, 0.5], "controller": CONTROLLERS},
+    "uneven values": {"twin.buffer": [500, 1000, 2000, 16000], "twin.settle": [0, 100, 200], "seed": [0, 1, 2, 3]},
+    "a line a job": {**ACCEPTANCE, "optimizer": OPTIMIZERS[:3], "seed": [0, 1]},
+}
+
+
+@pytest.mark.parametrize("diverged", [False, True])
+@pytest.mark.parametrize("name", SWEEPS)
+def test_no_labels_touch(name, diverged):
+    table = synthetic.sweep_table(SWEEPS[name])
+    if diverged:
+        table.loc[table.index[-1], "overshoot_pct_max"] = 3.2e5
+        table["settling_time_s_max"] *= 1e-3
+    assert overlapping(sweep_figure(table, list(SWEEPS[name]))) == []
+
+
+def test_equal_values_of_two_series_are_both_seen():
+    table = synthetic.sweep_table({"twin.delay_s": [0, 2, 4], "controller": ["imc", "nimc_twin"]})
+    table["overshoot_pct_max"] = 3.0
+    lines = [
+        line for line in sweep_figure(table, ["twin.delay_s", "controller"]).axes[0].lines if len(line.get_xdata())
+    ]
+    sizes = [line.get_markersize() for line in lines if line.get_marker() in "os"]
+    assert sizes[0] > sizes[1]

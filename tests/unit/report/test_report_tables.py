@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 import synthetic
 
-from dtbacklash.metrics import move_table
-from dtbacklash.report import tables
-from dtbacklash.report.numbers import fixed, number, quantity
+from dtbacklash.experiment.metrics import move_table
+from dtbacklash.report.kit import tables
+from dtbacklash.report.kit.numbers import fixed, number, quantity
 
 AXES = {"controller": ["imc", "nimc_fixed", "nimc_twin", "nimc_novelty"], "profile": ["s_curve", "step"],
         "twin.delay_s": [0, 4]}  # fmt: skip

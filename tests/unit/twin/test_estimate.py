@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dtbacklash.config.run import OPTIMIZERS as CONFIGURED
+from dtbacklash.config.choices import OPTIMIZERS as CONFIGURED
 from dtbacklash.errors import UserError
 from dtbacklash.twin.estimate import OPTIMIZERS, Problem, default_start, estimate_gap
 from dtbacklash.twin.observer import TwinModel

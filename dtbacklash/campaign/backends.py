@@ -1,0 +1,166 @@
+"""Who does the jobs of a campaign: this process, this machine's cores, joblib's Dask or Ray, a launcher of Hydra."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+from dtbacklash.campaign.jobs import Job, perform
+from dtbacklash.config.prove import BACKENDS
+from dtbacklash.errors import UserError
+
+#: one thread a worker: the workers themselves fill the cores
+THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Workers of joblib.
+
+    Attributes
+    ----------
+    backend : loky (processes here), dask or ray. jobs : how many at once; one of loky is this process itself.
+    scheduler : address of a Dask scheduler or a Ray cluster that runs already; None starts one here.
+    """
+
+    backend: str = "loky"
+    jobs: int = 2
+    scheduler: str | None = None
+
+    def do(self, jobs: Sequence[Job]) -> None:
+        """Perform the jobs, in any order; raises what a worker died of, and :func:`workers`' errors."""
+        if self.backend == "loky" and self.jobs == 1:
+            for job in jobs:
+                perform(job)
+            return
+        from joblib import Parallel, delayed
+
+        with workers(self.backend, self.jobs, self.scheduler):
+            for _ in Parallel(return_as="generator_unordered", batch_size=1)(delayed(perform)(job) for job in jobs):
+                pass
+
+    def alone(self) -> Workers:
+        """A process of its own on this machine."""
+        return replace(self, backend="loky", jobs=2, scheduler=None)
+
+
+@dataclass(frozen=True)
+class Launcher:
+    """A launcher of Hydra, which calls the command's task with the composed configuration of each job.
+
+    Attributes
+    ----------
+    launch : its method of this name. words : what the command line of a job would be.
+    """
+
+    launch: Callable[..., Any]
+    words: Callable[[Job], list[str]]
+
+    def do(self, jobs: Sequence[Job]) -> None:
+        """Have the jobs performed, in any order; raises what a worker died of."""
+        for name in THREADS:
+            os.environ.setdefault(name, "1")
+        for answer in self.launch([self.words(job) for job in jobs], initial_job_idx=0) or ():
+            error = getattr(answer, "_return_value", None)  # `return_value` would print several lines first
+            if isinstance(error, Exception):
+                raise error
+
+    def alone(self) -> Launcher:
+        """The same one."""
+        return self
+
+
+def check_backend(backend: str, scheduler: str | None) -> None:
+    """Refuse a backend that is not known or not installed, before anything is written.
+
+    Raises
+    ------
+    UserError : no such backend; its extra is not installed; a scheduler for a backend that has none.
+    """
+    if backend not in BACKENDS:
+        raise UserError("backend", backend, "choose one of " + ", ".join(BACKENDS))
+    if scheduler is not None and backend == "loky":
+        raise UserError("scheduler", scheduler, "belongs to backend=dask or backend=ray")
+    try:
+        if backend == "dask":
+            import distributed  # noqa: F401
+        elif backend == "ray":
+            import ray.util.joblib  # noqa: F401
+    except ImportError:
+        raise UserError("backend", backend, f"is not installed; pip install 'dtbacklash[{backend}]'") from None
+
+
+@contextmanager
+def workers(backend: str, jobs: int, scheduler: str | None = None) -> Iterator[None]:
+    """Let joblib's ``Parallel`` use ``jobs`` workers of a backend, each with one thread.
+
+    Parameters
+    ----------
+    scheduler : address of a Dask scheduler or a Ray cluster that runs already (its workers see the same folders and
+        have this package); None starts a cluster of ``jobs`` workers here, for as long as the block lasts.
+
+    Raises
+    ------
+    UserError : the backend is not installed, or no scheduler answers at the address.
+    """
+    check_backend(backend, scheduler)
+    for name in THREADS:
+        os.environ[name] = "1"
+    if backend == "dask":
+        with _dask(jobs, scheduler):
+            yield
+    elif backend == "ray":
+        with _ray(jobs, scheduler):
+            yield
+    else:
+        from joblib import parallel_config
+
+        with parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1):
+            yield
+
+
+@contextmanager
+def _dask(jobs: int, scheduler: str | None) -> Iterator[None]:
+    from distributed import Client, LocalCluster
+    from joblib import parallel_config
+
+    if scheduler is not None:
+        try:
+            client = Client(scheduler, timeout=20)
+        except (OSError, ValueError, TimeoutError):
+            raise UserError("scheduler", scheduler, "no Dask scheduler answers there") from None
+        with client, parallel_config("dask"):
+            yield
+        return
+    with (
+        LocalCluster(
+            n_workers=jobs, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs="ERROR"
+        ) as cluster,
+        Client(cluster),
+        parallel_config("dask"),
+    ):
+        yield
+
+
+@contextmanager
+def _ray(jobs: int, scheduler: str | None) -> Iterator[None]:
+    import ray
+    from joblib import parallel_config
+    from ray.util.joblib import register_ray
+
+    try:
+        if scheduler is None:
+            ray.init(num_cpus=jobs, include_dashboard=False, log_to_driver=False, logging_level="ERROR")
+        else:
+            ray.init(address=scheduler, log_to_driver=False, logging_level="ERROR")
+    except (ConnectionError, ValueError):
+        raise UserError("scheduler", scheduler, "no Ray cluster answers there") from None
+    try:
+        register_ray()
+        with parallel_config("ray", n_jobs=jobs):
+            yield
+    finally:
+        ray.shutdown()

@@ -1,0 +1,103 @@
+"""What the commands that are Hydra applications have in common: the words in, one task, the exit code out."""
+
+from __future__ import annotations
+
+import importlib
+import shlex
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dtbacklash.config.grammar import GRAMMARS
+
+if TYPE_CHECKING:
+    from omegaconf import DictConfig
+
+
+_failures: list[Exception] = []
+_codes: list[int] = []
+
+
+def main(name: str, words: Sequence[str]) -> int:
+    """Run the command ``name`` with the words behind it; returns the exit code.
+
+    Raises
+    ------
+    UserError : whatever the user got wrong.
+    """
+    grammar = GRAMMARS[name]
+    if any(word in ("-h", "--help", "help") for word in words):
+        from dtbacklash.commands.help import text
+
+        print(text(grammar))
+        return 0
+    from dtbacklash.campaign.application import find
+    from dtbacklash.config import application
+    from dtbacklash.config.explain import as_written, explain
+
+    _failures.clear()
+    _codes.clear()
+    try:
+        completed = words if application.is_sweep(words) else find(name).complete(list(words))
+        application.call(task, f"dtb {name}", name, completed)
+        if _failures:
+            raise _failures[0]
+    except Exception as error:
+        mistake = explain(error, words, grammar)
+        if mistake is None:
+            raise
+        raise as_written(mistake, words, grammar) from error
+    if application.is_sweep(words):
+        from dtbacklash.commands import campaigns
+
+        return campaigns.report()
+    return _codes[0] if _codes else 0
+
+
+def task(config: DictConfig) -> None:
+    """What Hydra calls, once here or once a job in a worker; ``hydra.job.name`` says of which command.
+
+    It never raises: Hydra would print several lines of its own. What went wrong is kept for :func:`main`,
+    or goes to the job's status file.
+    """
+    from hydra.core.hydra_config import HydraConfig
+    from hydra.types import RunMode
+
+    hydra = HydraConfig.get()
+    folder = Path(hydra.runtime.output_dir)
+    name = str(hydra.job.name)
+    if hydra.mode == RunMode.MULTIRUN:
+        from dtbacklash.campaign import sweep
+
+        sweep.job(config, folder, command_line(name, hydra.overrides.task))
+        return
+    from dtbacklash import files
+    from dtbacklash.campaign.application import find
+
+    try:
+        settings = find(name).load(config)  # first: a mistake in an override is told here
+        _codes.append(_alone(name)(settings, folder, command_line(name, hydra.overrides.task)))
+    except Exception as error:
+        files.forget_empty(folder)
+        _failures.append(error)
+    except KeyboardInterrupt:
+        files.forget_empty(folder)
+        raise
+
+
+def _alone(name: str) -> Callable[[Any, Path, str], int]:
+    """The function ``single`` of a command: does what was asked for, shows it, returns the exit code."""
+    function: Callable[[Any, Path, str], int] = importlib.import_module(f"dtbacklash.commands.{name}").single
+    return function
+
+
+def command_line(name: str, overrides: Sequence[str]) -> str:
+    """The command that repeats a job with these overrides, as a person writes them, quoted for a shell."""
+    grammar = GRAMMARS[name]
+    short = {key: word for word, key in grammar.words.items()} | {v: k for k, v in grammar.flags.items()}
+    words = []
+    for override in overrides:
+        word = override.removeprefix("++")
+        key, equals, value = word.partition("=")
+        words.append(short.get(word) or f"{short.get(key, key)}{equals}{value}")
+    return shlex.join(["dtb", name, *words])

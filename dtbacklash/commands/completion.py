@@ -1,0 +1,150 @@
+"""Completion of the command line: ``dtb --install-completion``, and what the shell asks at each Tab.
+
+The shell's script asks ``dtb --complete LINE``. Commands, options and short words are answered here; groups, their
+options and settings by Hydra, from the configuration that the line would compose: after ``rig=emps`` that of ``emps``.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from dtbacklash.config.grammar import FOLDER_WORD, GRAMMARS, Grammar
+from dtbacklash.config.groups import recordings
+from dtbacklash.errors import UserError
+
+SHELLS = ("bash", "zsh")
+OPTIONS = ("--help", "--cfg", "-m", "-v")
+RECORDINGS = {"recordings": ("fetch",)}
+SCRIPT = """\
+# completion of dtb; made by `dtb --install-completion`
+_dtb_completion() {
+    local word="${COMP_LINE:0:COMP_POINT}" found shown cut
+    found=$(dtb --complete "$word" 2>/dev/null) || return
+    word="${word##* }"
+    # bash replaces only what follows the last = or : of the word
+    cut="${word%"${word##*[=:]}"}"
+    COMPREPLY=()
+    while IFS= read -r shown; do
+        [[ -n "$shown" ]] && COMPREPLY+=("${shown#"$cut"}")
+    done <<< "$found"
+    [[ ${#COMPREPLY[@]} -eq 1 && "${COMPREPLY[0]}" == *[=./] ]] && compopt -o nospace 2>/dev/null
+    return 0
+}
+complete -o bashdefault -o default -F _dtb_completion dtb
+"""
+ZSH = "autoload -U +X bashcompinit && bashcompinit\nautoload -U +X compinit && compinit\n"
+
+
+def main(words: list[str]) -> int:
+    """Run ``dtb --install-completion [SHELL]``, ``--show-completion [SHELL]`` or ``--complete LINE``."""
+    option, *rest = words
+    if option == "--complete":
+        line = rest[0] if rest else "dtb "
+        print("\n".join(answers(line)))
+        return 0
+    shell = rest[0] if rest else Path(os.environ.get("SHELL", "bash")).name
+    if shell not in SHELLS:
+        raise UserError("shell", shell, "choose one of " + ", ".join(SHELLS))
+    if option == "--show-completion":
+        print(script(shell), end="")
+        return 0
+    return _install(shell)
+
+
+def script(shell: str) -> str:
+    """What the shell reads to know how ``dtb`` is completed."""
+    return (ZSH if shell == "zsh" else "") + SCRIPT
+
+
+def _install(shell: str) -> int:
+    """Write the script where the shell looks for it, or say what to add to its start file."""
+    data = Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share")
+    file = data / "bash-completion" / "completions" / "dtb" if shell == "bash" else data / "dtbacklash" / "dtb.zsh"
+    from dtbacklash.files import reason
+
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(script(shell), encoding="utf-8")
+    except OSError as error:
+        raise UserError("shell", shell, f"{file} cannot be written: {reason(error)}") from error
+    print(f"completion of dtb is in {file}")
+    if shell == "bash":
+        print("new shells have it if the package bash-completion is there; else add to ~/.bashrc, or for this shell:")
+    else:
+        print("add to ~/.zshrc, or for this shell:")
+    print(f"  source {file}")
+    return 0
+
+
+def answers(line: str) -> list[str]:
+    """The words that may stand where the line ends.
+
+    Parameters
+    ----------
+    line : from its beginning, with ``dtb``, to the cursor.
+    """
+    *before, word = line.split(" ")
+    given = [one for one in before if one]
+    if len(given) <= 1:
+        return _beginning(word, [*GRAMMARS, *RECORDINGS, "--help", "--version", "--install-completion"])
+    command, rest = given[1], given[2:]
+    if command not in GRAMMARS:
+        return _beginning(word, RECORDINGS.get(command, ()) if not rest else recordings())
+    grammar = GRAMMARS[command]
+    own = _own(grammar, word)
+    return own if own is not None else sorted({*_short(grammar, word), *_by_hydra(grammar, rest, word)})
+
+
+def _own(grammar: Grammar, word: str) -> list[str] | None:
+    """The answers that need no configuration; None if it does."""
+    if word.startswith("-"):
+        return _beginning(word, [*OPTIONS, *grammar.flags])
+    key, equals, _ = word.partition("=")
+    if not equals:
+        return None
+    key = grammar.words.get(key, key)
+    if key == "recording.source":
+        return _beginning(word, [f"recording={name}" for name in recordings()])
+    if key in grammar.settings:
+        one = grammar.settings[key]
+        choices = ("true", "false") if one.kind is bool else one.about.choices
+        return _beginning(word, [f"{key}={choice}" for choice in choices])
+    return [] if key == FOLDER_WORD else None
+
+
+def _short(grammar: Grammar, word: str) -> list[str]:
+    return _beginning(word, [f"{one}=" for one in (FOLDER_WORD, *grammar.words)])
+
+
+def _by_hydra(grammar: Grammar, before: list[str], word: str) -> list[str]:
+    """What Hydra offers: groups, their options, settings of the configuration so far."""
+    from hydra._internal.config_loader_impl import ConfigLoaderImpl
+    from hydra._internal.core_plugins.bash_completion import BashCompletion
+    from hydra._internal.utils import create_config_search_path
+    from hydra.core.plugins import Plugins
+
+    from dtbacklash.config.application import CONF, overrides, register
+
+    register()
+    Plugins.instance()
+    try:
+        read = [one for one in overrides(grammar, before) if not one.startswith("-")]
+    except UserError:  # a mistake further ahead: what can be said without it
+        read = []
+    plugin = BashCompletion(ConfigLoaderImpl(create_config_search_path(CONF)))
+    found = plugin._query(config_name=grammar.name, line=" ".join([*(one for one in read if " " not in one), word]))
+    groups = {*grammar.groups, "hydra"}
+    return [one for one in found if _wanted(one, groups, grammar)]
+
+
+def _wanted(found: str, groups: Iterable[str], grammar: Grammar) -> bool:
+    """Whether an answer belongs to this command: ``conf`` has the groups of all."""
+    head = found.partition("=")[0].partition("/")[0].partition(".")[0]
+    sections = {key.partition(".")[0] for key in grammar.settings}
+    return head in groups or (head in sections and (head not in ("recording",) or "." in found or found.endswith(".")))
+
+
+def _beginning(word: str, answers: Iterable[str]) -> list[str]:
+    return [one for one in answers if one.startswith(word)]

@@ -1,0 +1,252 @@
+"""A command as an application of Hydra: from a person's words to its overrides, and the call."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+import re
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import hydra
+from hydra import version
+from hydra._internal.hydra import Hydra
+from hydra._internal.utils import create_automatic_config_search_path
+from hydra.core.config_store import ConfigStore
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.override_parser.types import Quote, QuotedString
+from omegaconf import DictConfig, OmegaConf
+
+from dtbacklash.config.grammar import FOLDER_WORD, GRAMMARS, RUN_FOLDER, SWEEP_FOLDER, VERBOSE, Grammar
+from dtbacklash.config.groups import NO_RECORDING, options
+from dtbacklash.config.prove import folder_name
+from dtbacklash.config.setting import INPUT
+from dtbacklash.errors import UserError
+
+VERSION_BASE = "1.3"
+CONF = "pkg://dtbacklash.conf"
+LOGGER, LAUNCHER = "dtbacklash", "hydra/launcher"
+MULTIRUN = ("-m", "--multirun")
+FLAGS = {*MULTIRUN, "-r", "--run", "--resolve", "--hydra-help", "-sc", "--shell-completion"}
+VALUED = {"-c", "--cfg", "-p", "--package", "-i", "--info", "-cd", "--config-dir"}
+#: what Hydra reads as it stands: names of options, paths without a sign that means something to it
+_PLAIN = re.compile(r"[A-Za-z0-9_./-]+")
+#: what Python refuses to read as a number
+_HUGE = re.compile(r"\d{1000}")
+#: a sweep by one of Hydra's functions
+_FUNCTION = re.compile(r"(choice|glob|range|interval|shuffle|sort|tag)\(.*\)$")
+
+Task = Callable[[DictConfig], object]
+
+
+def overrides(grammar: Grammar, words: Sequence[str]) -> list[str]:
+    """The command line as Hydra reads it, with what it demands and a person would not write.
+
+    Raises
+    ------
+    UserError : an unknown option, a word that is not ``key=value``, a setting taken away, or given twice.
+    """
+    sweeps = is_sweep(words)
+    result: list[str] = []
+    given: dict[str, str] = {}
+    expects_value = False
+    for word in words:
+        if expects_value:
+            expects_value = False
+            result.append(word)
+        elif word.startswith("-"):
+            expects_value = word in VALUED
+            result += _option(grammar, word)
+        else:
+            key, value = _split(grammar, word, sweeps)
+            if key in given:
+                raise UserError(word.partition("=")[0], value, f"is given twice; the first is {given[key]}")
+            given[key] = value
+            result += _override(grammar, key, value, word.partition("=")[0].lstrip("+"), sweeps)
+    return result
+
+
+def is_sweep(words: Sequence[str]) -> bool:
+    """Whether a command line asks for a sweep."""
+    return any(word in MULTIRUN for word in words)
+
+
+def _option(grammar: Grammar, word: str) -> list[str]:
+    name, equals, _ = word.partition("=")
+    if word in VERBOSE:
+        return [f"hydra.verbose=[{LOGGER}]"]
+    if word in grammar.flags:
+        return [grammar.flags[word]]
+    if name not in FLAGS | VALUED or (equals and name not in VALUED):
+        known = sorted(FLAGS | VALUED | {*VERBOSE, *grammar.flags, "--help"})
+        raise UserError("option", word, "choose one of " + ", ".join(known))
+    return [word]
+
+
+def _split(grammar: Grammar, word: str, sweeps: bool) -> tuple[str, str]:
+    """The dotted key and the value of a word."""
+    key, equals, value = word.partition("=")
+    if key.startswith("~"):
+        raise UserError(key[1:], value or "~", "a setting cannot be removed; give it a value")
+    name = key.lstrip("+")
+    if not equals or not name.strip():
+        raise UserError("argument", word, "write key=value")
+    if _HUGE.search(value):
+        raise UserError(name, value, "holds a number of more than 1000 digits")
+    if name == FOLDER_WORD:
+        return (SWEEP_FOLDER if sweeps else RUN_FOLDER), value
+    return grammar.words.get(name, name), value
+
+
+def _override(grammar: Grammar, key: str, value: str, written: str, sweeps: bool) -> list[str]:
+    """The overrides of Hydra for one setting."""
+    if key == "experiment" and value in ("", "null"):
+        return []
+    if key == "recording" and value != NO_RECORDING:  # in a run; elsewhere it is the short word of a setting
+        allowed = f"is a recording to diagnose (dtb diagnose recording={value}); a run takes recording.save=FILE"
+        raise UserError(key, value, allowed)
+    if key in (*grammar.groups, LAUNCHER):
+        if value in ("", "null"):
+            raise UserError(key, value, "choose one of " + ", ".join(options(key)))
+        return [f"{key}={paths(key, value, sweeps) if key == 'rig' else value}"]
+    if key in grammar.settings and grammar.settings[key].is_mapping:
+        return [f"++{key}.{name}={quoted(text)}" for name, text in _pairs(written, value).items()]
+    kind = grammar.path_kind(key)
+    if kind:
+        if not value:
+            raise UserError(written, value, "give a folder" if key in (RUN_FOLDER, SWEEP_FOLDER) else "give a value")
+        return [f"{key}={paths(written, value, sweeps and kind == INPUT, literal=kind != INPUT)}"]
+    if key.startswith(grammar.open_mappings):
+        return [f"++{key}={value}"]
+    return [f"{key}={value}"]
+
+
+def _pairs(key: str, value: str) -> dict[str, str]:
+    """The mapping ``{name: text, ...}`` of a word, as YAML writes it."""
+    import yaml
+
+    try:
+        found = yaml.safe_load(value)
+    except yaml.YAMLError:
+        found = None
+    if not isinstance(found, dict) or any(isinstance(one, (dict, list)) or one is None for one in found.values()):
+        raise UserError(key, value, f"must be a mapping, e.g. {key}='{{q3: mm}}'")
+    return {str(name): str(text) for name, text in found.items()}
+
+
+def paths(key: str, value: str, sweeps: bool, literal: bool = False) -> str:
+    """One path, or several of a sweep, each in quotes where Hydra needs them: blanks, umlauts and commas are signs.
+
+    Parameters
+    ----------
+    sweeps : whether commas outside of quotes separate paths. literal : a comma is a sign in any case.
+
+    Raises
+    ------
+    UserError : several where one is taken.
+    """
+    if value == "null" or _FUNCTION.match(value):
+        return value
+    parts = [value] if literal else _at_commas(value)
+    if len(parts) > 1 and not sweeps:
+        if not Path(value).expanduser().exists():
+            allowed = f"takes one value here; give several with -m (a sweep), or put quotes around one: {key}=\"'a,b'\""
+            raise UserError(key, value, allowed)
+        parts = [value]
+    return ",".join(quoted(str(Path(text).expanduser()) if text.startswith("~") else text)
+                    for text in map(_unquoted, parts))  # fmt: skip
+
+
+def quoted(text: str) -> str:
+    """A text as Hydra's grammar reads it back, sign by sign."""
+    if _PLAIN.fullmatch(text) and text != "null":
+        return text
+    return QuotedString(text=text, quote=Quote.single).with_quotes()
+
+
+def _at_commas(value: str) -> list[str]:
+    """Split at commas that stand outside of quotes."""
+    return re.findall(r"(?:'[^']*'|\"[^\"]*\"|[^,])+", value)
+
+
+def _unquoted(text: str) -> str:
+    inside = len(text) > 1 and text[0] == text[-1] and text[0] in "'\""
+    return text[1:-1] if inside else text
+
+
+def unquoted(value: str) -> str:
+    """A value of an override as a person writes it, for names and tables."""
+    return _unquoted(value).replace("\\'", "'").replace("\\\\", "\\") if value.startswith("'") else value
+
+
+def sweep_name(words: list[str], command: str = "run") -> str:
+    """Name a sweep by its command, its keys and a hash of its choices: the same command finds its jobs again."""
+    keys = [re.sub(r"[^A-Za-z0-9._-]", "-", word.partition("=")[0].lstrip("+")) for word in words]
+    named = "_".join(keys if command == "run" else [command, *keys])
+    digest = hashlib.sha256("\n".join(sorted(words)).encode()).hexdigest()[:8]
+    return f"{named[:60] or 'sweep'}_{digest}"
+
+
+def file_name(source: str | None) -> str:
+    """The name of a file without its folder and its suffixes, with signs that every disk takes."""
+    stem = Path(source or "").name.partition(".")[0] or "recording"
+    return "".join(sign if sign.isalnum() or sign in "-_" else "_" for sign in stem)[:60]
+
+
+def register() -> None:
+    """Make the schemas and the resolvers known to Hydra."""
+    for grammar in GRAMMARS.values():
+        ConfigStore.instance().store(name=f"{grammar.name}_schema", node=grammar.schema)
+    OmegaConf.register_new_resolver("dtb_sweep_name", sweep_name, replace=True)
+    OmegaConf.register_new_resolver("dtb_file_name", file_name, replace=True)
+    OmegaConf.register_new_resolver("dtb_proof_name", folder_name, replace=True)
+
+
+def call(task: Task, program: str, config_name: str, words: Sequence[str]) -> None:
+    """Run ``task`` with the configuration of ``words``, or its jobs; exceptions come out as they are.
+
+    Parameters
+    ----------
+    task : called with the composed configuration: once here, or once a job of a sweep in a worker, which finds it by
+        its module and name. It never reads ``sys.argv``.
+    program : what a person calls it, e.g. ``dtb run``. config_name : of the primary config and its :class:`Grammar`.
+    words : the command line behind the program.
+    """
+    register()
+    read = overrides(GRAMMARS[config_name], words)
+    try:
+        if any(word.startswith("-") and word not in MULTIRUN for word in read):
+            _by_hydra_main(task, program, config_name, read)
+        else:
+            _run(task, config_name, [word for word in read if word not in MULTIRUN], is_sweep(read))
+    finally:
+        logging.getLogger(LOGGER).setLevel(logging.NOTSET)  # what -v has set
+
+
+def _run(task: Task, config_name: str, words: list[str], sweeps: bool) -> None:
+    """As ``hydra.main`` does, without composing the configuration once more to see whether it asks for a sweep."""
+    version.setbase(VERSION_BASE)
+    search_path = create_automatic_config_search_path(None, None, CONF)
+    application = Hydra.create_main_hydra2(task_name=config_name, config_search_path=search_path)
+    try:
+        if sweeps:
+            application.multirun(config_name, task, [*words, "hydra.mode=MULTIRUN"])
+        else:
+            application.run(config_name, task, [*words, "hydra.mode=RUN"])
+    finally:
+        GlobalHydra.instance().clear()
+
+
+def _by_hydra_main(task: Task, program: str, config_name: str, words: list[str]) -> None:
+    """Hydra's own options: ``--cfg``, ``--info``, ``--shell-completion`` and the like."""
+    before = sys.argv, os.environ.get("HYDRA_FULL_ERROR")
+    sys.argv = [program, *words]
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra raises instead of printing pages; the edge makes one line of it
+    try:
+        hydra.main(version_base=VERSION_BASE, config_path=CONF, config_name=config_name)(task)()
+    finally:
+        sys.argv = before[0]
+        if before[1] is None:
+            del os.environ["HYDRA_FULL_ERROR"]

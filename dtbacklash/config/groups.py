@@ -1,0 +1,50 @@
+"""The groups of ``conf`` and their options. Reads the folders itself, so that a help text needs no Hydra."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+#: group -> what is chosen by it
+GROUPS = {
+    "experiment": "a whole scenario, e.g. a figure of the paper",
+    "rig": "the machine; also the path of a YAML file",
+    "controller": "the controller",
+    "profile": "the gap over time",
+    "reference": "the reference over time",
+    "twin": "the digital twin and its link",
+    "optimizer": "the twin's search for the gap",
+    "sensors": "noise and quantisation",
+    "solver": "accuracy of the simulation",
+    "hydra/launcher": "who runs the jobs of a sweep",
+}
+LAUNCHERS = "joblib, basic, submitit_local, submitit_slurm (submitit: an extra)"
+PACKAGED = Path(__file__).parents[1] / "conf"
+SUFFIXES = (".yaml", ".yml")
+NO_RECORDING = "none"  # the option of `dtb run` that says where nothing is saved
+
+
+def options(group: str) -> list[str]:
+    """The options of a folder of ``conf``, packaged and of a ``conf`` folder here, sorted as people count."""
+    mine = Path("conf") / group
+    return _names([PACKAGED / group, *([mine] if mine.is_dir() else [])])
+
+
+def packaged_options(group: str) -> list[str]:
+    """The options of a group that come with the package, sorted as people count."""
+    return _names([PACKAGED / group])
+
+
+def recordings() -> list[str]:
+    """The recordings that have a mapping, packaged or of a ``conf`` folder here."""
+    return [name for name in options("recording") if name != NO_RECORDING]
+
+
+def _names(folders: list[Path]) -> list[str]:
+    names = {entry.stem for folder in folders for entry in folder.iterdir() if entry.suffix in SUFFIXES}
+    return sorted((name for name in names if not name.startswith(("_", "."))), key=_numbers_last)
+
+
+def _numbers_last(name: str) -> tuple[str, int]:
+    """Sort fig4 before fig10."""
+    stem = name.rstrip("0123456789")
+    return stem, int(name[len(stem) :] or 0)

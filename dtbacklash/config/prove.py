@@ -1,0 +1,89 @@
+"""The schema of ``dtb prove``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from dtbacklash.config.conceal import COUNT_MAX, SEED_MAX
+from dtbacklash.config.diagnose import JOBS_MAX
+from dtbacklash.config.rig import RigConfig
+from dtbacklash.config.setting import INPUT, OUTPUT, check, setting
+from dtbacklash.errors import UserError
+
+BACKENDS = ("loky", "dask", "ray")
+COUNT, SEED = 500, 10_000
+
+
+@dataclass
+class ProveConfig:
+    """Recordings to conceal and to diagnose blind, or a folder of such; and who does the work."""
+
+    rig: RigConfig = field(default_factory=RigConfig)
+    rigs: list[str] = setting(
+        list, "several rigs instead of one: [NAME, NAME:COUNT, ...], COUNT recordings of it instead of n", shown="[]"
+    )
+    n: int = setting(COUNT, "recordings, of each rig", at_least=1, at_most=COUNT_MAX)
+    seed: int = setting(
+        SEED, "seed of the first; scoring seeds begin at 10000, the tool is tuned on those below", at_least=0,
+        at_most=SEED_MAX,
+    )  # fmt: skip
+    folder: str | None = setting(None, "recordings that dtb conceal made, instead of n and seed", path=INPUT)
+    key: str | None = setting(None, "what opens their seals (default: FOLDER.key)", path=INPUT)
+    jobs: int = setting(2, "recordings at once", at_least=1, at_most=JOBS_MAX)
+    backend: str = setting(
+        "loky", "loky: the cores of this machine; dask, ray: extras of these names", choices=BACKENDS
+    )
+    scheduler: str | None = setting(
+        None, "ADDRESS of a Dask scheduler or a Ray cluster that runs already (default: one is started here)",
+        path=INPUT,
+    )  # fmt: skip
+    docs: str | None = setting(None, "folder: also bring the score into FOLDER/proof.md, with its figures", path=OUTPUT)
+    quick: bool = setting(
+        False, "a fixed set of 20 scoring seeds; exit code 1 if the score is below what was reached", flag="--quick"
+    )
+
+    def __post_init__(self) -> None:
+        check(self)
+        chosen: dict[str, tuple[object, object]] = {
+            "n": (self.n, COUNT), "seed": (self.seed, SEED), "folder": (self.folder, None), "key": (self.key, None),
+            "docs": (self.docs, None), "rigs": (self.rigs, []),
+        }  # fmt: skip
+        for key, (value, default) in chosen.items():
+            if value == default:
+                continue
+            if self.quick:
+                raise UserError(key, value, "does not go with --quick")
+            if self.folder is not None and key in ("n", "seed", "rigs"):
+                raise UserError(key, value, "does not go with folder")
+        if self.key is not None and self.folder is None:
+            raise UserError("key", self.key, "belongs to folder=FOLDER")
+        self.counts()
+
+    def counts(self) -> dict[str, int]:
+        """How many recordings of each of several rigs.
+
+        Raises
+        ------
+        UserError : a count that is none, a rig that is named twice.
+        """
+        found: dict[str, int] = {}
+        for word in self.rigs:
+            name, _, count = word.partition(":")
+            if name in found:
+                raise UserError("rigs", word, "names a rig twice")
+            if count and not (count.isascii() and count.isdigit() and 1 <= int(count) <= COUNT_MAX):
+                raise UserError("rigs", word, f"write NAME or NAME:COUNT, COUNT from 1 to {COUNT_MAX}")
+            found[name] = int(count) if count else self.n
+        return found
+
+
+def folder_name(quick: bool, folder: str | None, rig: str, seed: int, n: int, rigs: Sequence[str] = ()) -> str:
+    """The folder of a proof, unless the user names one: the same proof finds its folder again."""
+    if folder is not None:
+        return f"prove_{Path(folder).name}"
+    if rigs:
+        names = "_".join(Path(word.partition(":")[0]).stem for word in rigs)
+        return f"prove_{names}_{seed}"
+    return f"prove_quick_{rig}" if quick else f"prove_{rig}_{seed}_{n}"

@@ -1,0 +1,160 @@
+"""The sampled controllers, compiled: linear IMC, nonlinear IMC and open loop, one control step a sample.
+
+Block diagrams: the paper's Figures 3 (IMC) and 9 (NIMC). The prediction error ``eps = q3 - q3^`` is taken from the
+reference, the prefilter W turns the rest into ``theta_ref``, and the inner loop sets the voltage:
+
+- IMC:  ``u = K_theta (theta_ref - theta_m)``.
+- NIMC: ``u = K_theta (theta_ref - theta_d^)``, with ``theta_d^`` behind a model of the backlash.
+
+What drives the model of the structure is ``controller.internal_model``:
+
+- ``bare``: the paper's. The motor's model G1 is driven by u; for NIMC, its motion passes the gap's model, which takes
+  its distance to the contact from the measured motor angle (``z = theta_m - theta_d^``).
+- ``measured``: the measured motor angle; no integrator that could drift.
+- ``exact`` (IMC only): G1 G2 sampled as one, driven by u; without gap and effects its error is zero to rounding, the
+  paper's "perfect sampled-data model" of Figures 4 and 6. The other forms sample G1 and G2 apart, each with a hold.
+- ``inner_loop``: a complete model of the inner loop, with its own feedback, driven by theta_ref.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.compiled import inlined
+from dtbacklash.config.run import ControllerConfig
+from dtbacklash.control.design import ControllerDesign
+from dtbacklash.physics.effects.play import play
+
+IMC, NIMC, OPEN_LOOP = 0, 1, 2
+BARE, MEASURED, INNER_LOOP, EXACT = 0, 1, 2, 3
+_STRUCTURES = {"imc": IMC, "nimc": NIMC, "open_loop": OPEN_LOOP}
+_MODELS = {"bare": BARE, "measured": MEASURED, "inner_loop": INNER_LOOP, "exact": EXACT}
+
+
+class Controller(NamedTuple):
+    """A designed controller: sampled models (A, B, C, D), the gain of the inner loop, V/rad, and its form."""
+
+    structure: int
+    model: int
+    gain: float
+    wa: Floats
+    wb: Floats
+    wc: Floats
+    wd: float
+    ma: Floats
+    mb: Floats
+    sa: Floats
+    sb: Floats
+    sc: Floats
+    sample_time: float
+
+
+class ControllerState(NamedTuple):
+    """States of the controller: prefilter, motor model (i, omega, theta), structure model, two theta_d^, a spare.
+
+    theta_d : (2,) the screw behind the model's motor (or, with `measured`, behind the measured one), and the screw
+        behind the measured motor, on which the loop acts with `inner_loop`.
+    """
+
+    w: Floats
+    m: Floats
+    s: Floats
+    theta_d: Floats
+    spare: Floats
+
+
+def build_controller(config: ControllerConfig, design: ControllerDesign | None) -> Controller:
+    """Arrays of the compiled controller; ``design`` may be None in open loop."""
+    structure, model = _STRUCTURES[config.structure], _MODELS[config.internal_model]
+    if design is None:
+        none, row = np.zeros((0, 0)), np.zeros(0)
+        return Controller(structure, model, 0.0, none, row, row, 0.0, np.zeros((3, 3)), np.zeros(3), none, row,
+                          row, 1.0)  # fmt: skip
+    W, M = design.prefilter, design.motor_position
+    S = design.plant if model == EXACT else design.structure
+    flat = [np.ascontiguousarray(a, dtype=float).ravel() for a in (W.B, W.C, M.B, S.B, S.C)]
+    wb, wc, mb, sb, sc = flat
+    return Controller(
+        structure, model, design.k_theta_v_per_rad, W.A, wb, wc, float(W.D[0, 0]), M.A, mb, S.A, sb, sc,
+        design.sample_time_s,
+    )  # fmt: skip
+
+
+def new_controller_state(controller: Controller) -> ControllerState:
+    """The controller at rest."""
+    sizes = len(controller.wb), len(controller.mb), len(controller.sb)
+    w, m, s = (np.zeros(n) for n in sizes)
+    return ControllerState(w, m, s, np.zeros(2), np.zeros(max(*sizes, 1)))
+
+
+@inlined
+def _advance_model(A, B, u, x, spare):
+    """x = A x + B u."""
+    n = x.shape[0]
+    for i in range(n):
+        total = B[i] * u
+        for j in range(n):
+            total += A[i, j] * x[j]
+        spare[i] = total
+    for i in range(n):
+        x[i] = spare[i]
+
+
+@inlined
+def _output(C, x):
+    total = 0.0
+    for i in range(x.shape[0]):
+        total += C[i] * x[i]
+    return total
+
+
+@inlined
+def predict(C, X):
+    """The predicted output q3^, m, at the present sample."""
+    return _output(C.sc, X.s)
+
+
+@inlined
+def control_step(C, X, r, theta_m, q3, gap_hat):
+    """One sample of the controller: measurements in, voltage and prediction error out; its states move on.
+
+    Parameters
+    ----------
+    r, q3 : m (in open loop r is the command itself, V). theta_m : rad. gap_hat : estimated half-gap, rad.
+    """
+    if C.structure == OPEN_LOOP:
+        return r, 0.0
+    eps = q3 - predict(C, X)
+    error = r - eps
+    theta_ref = _output(C.wc, X.w) + C.wd * error
+    _advance_model(C.wa, C.wb, error, X.w, X.spare)
+    gap = gap_hat if C.structure == NIMC else 0.0
+    if C.model == EXACT:
+        u = C.gain * (theta_ref - theta_m)
+        _advance_model(C.sa, C.sb, u, X.s, X.spare)
+        return u, eps
+    if C.model == BARE:
+        theta_d = X.theta_d[0] if C.structure == NIMC else X.m[2]
+    elif C.model == MEASURED:
+        X.theta_d[0] = play(X.theta_d[0], theta_m, gap)
+        theta_d = X.theta_d[0]
+    else:
+        X.theta_d[0] = play(X.theta_d[0], X.m[2], gap)
+        theta_d = X.theta_d[0]
+    feedback = theta_m
+    if C.structure == NIMC:
+        # the inner loop acts on the screw's angle; the complete model has its own, so the loop takes the measured one
+        X.theta_d[1] = play(X.theta_d[1], theta_m, gap)
+        feedback = X.theta_d[1] if C.model == INNER_LOOP else theta_d
+    u = C.gain * (theta_ref - feedback)
+    _advance_model(C.sa, C.sb, theta_d, X.s, X.spare)
+    if C.model == BARE:
+        if C.structure == NIMC:  # Eqs (16)-(17) with the sampled sG1's speed, integrated forward
+            z, omega = theta_m - X.theta_d[0], X.m[1]
+            if (omega > 0.0 and z >= gap) or (omega < 0.0 and z <= -gap):
+                X.theta_d[0] += omega * C.sample_time
+        _advance_model(C.ma, C.mb, u, X.m, X.spare)
+    elif C.model == INNER_LOOP:
+        _advance_model(C.ma, C.mb, C.gain * (theta_ref - theta_d), X.m, X.spare)
+    return u, eps

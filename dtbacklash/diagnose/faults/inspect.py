@@ -1,0 +1,240 @@
+"""Inspect recordings before any physics is tried: what is mended, what is left out, and what forbids a diagnosis."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dtbacklash.diagnose.compare import Record, cut
+from dtbacklash.diagnose.faults import samples
+from dtbacklash.diagnose.faults.sampling import Carried, carried
+from dtbacklash.diagnose.faults.wiring import Reversal, Rewiring, wiring
+from dtbacklash.diagnose.result import Check
+from dtbacklash.diagnose.settings import settings
+from dtbacklash.errors import UserError
+from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
+from dtbacklash.recording.channels import CLIPPED_SHARE
+
+TUKEY = "running median: Tukey, Exploratory Data Analysis (1977)"
+EFFORT = "balance of effort, docs/diagnosis.md"
+COHERENCE = "Welch's coherence; its level: Carter, Knapp and Nuttall, IEEE Trans. Audio Electroacoust. 21 (1973) 337"
+LEVELS = "docs/recordings.md"
+SAMPLED = "Shannon, Proc. IRE 37 (1949) 10; margin for interpolation: docs/diagnosis.md"
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What forbids to name any physics.
+
+    where : an element or ``sensor_<name>``. what : the fault, as a sentence without its full stop.
+    why : how it is known, a clause. mend : what to do before diagnosing again, a sentence.
+    """
+
+    where: str
+    what: str
+    why: str
+    mend: str
+
+
+@dataclass
+class Inspected:
+    """Recordings as far as they could be mended, a row a test, what was done, and the fault if there is one."""
+
+    records: list[Record]
+    checks: list[Check] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
+    fault: Fault | None = None
+
+
+def inspect(rig: Rig, records: list[Record]) -> Inspected:
+    """Look for faults of wiring, sensors and sampling, in this order: wiring tells most.
+
+    Returns
+    -------
+    The recordings with spikes and clipped samples bridged and taken out of the masks, without dead channels.
+    """
+    found = Inspected(list(records))
+    _dead(rig, found)
+    for name in _channels(rig, found.records):
+        _spikes(name, found)
+        _clipped(rig, name, found)
+    wired = [wiring(rig, r) for r in found.records]
+    _wiring_rows(found, [reversals for reversals, _ in wired])
+    slowest = min((carried(rig, r) for r in found.records), key=lambda c: c.per_period)
+    _sampling_row(found, slowest)
+    if found.fault is None:
+        rewiring = next((r for _, r in wired if r is not None), None)
+        found.fault = _miswired(rig, wired, rewiring) if rewiring else _too_slow(rig, found, slowest)
+    return found
+
+
+def _channels(rig: Rig, records: list[Record]) -> tuple[str, ...]:
+    return tuple(n for n in rig.sensors if all(n in r.y for r in records))
+
+
+def _dead(rig: Rig, found: Inspected) -> None:
+    """Leave out channels that show nothing but noise, or say that the rest is too little."""
+    worst = {}
+    for name in _channels(rig, found.records):
+        others = [{"u": r.u, **{n: v for n, v in r.y.items() if n != name}} for r in found.records]
+        worst[name] = max(samples.noise_alone(r.y[name], o) for r, o in zip(found.records, others, strict=True))
+        found.checks.append(_row(
+            f"{name} shows more than noise", worst[name], settings().dead_noise_share,
+            "share of its variance that is white noise and coherent with neither the command nor another channel; "
+            "more: its sensor is dead or disconnected, or nothing moves there", COHERENCE,
+        ))  # fmt: skip
+    dead = [n for n, share in worst.items() if share >= settings().dead_noise_share]
+    if not dead:
+        return
+    what = f"{_listed(dead)} {'shows' if len(dead) == 1 else 'show'} nothing but noise"
+    rest = tuple(n for n in worst if n not in dead)
+    try:
+        cut(rig, rest, found.records[0].sample_time_s)
+    except UserError:
+        found.fault = Fault(
+            SENSOR_PREFIX + dead[0], what, "it has nothing to do with the command or another channel",
+            f"Check the wiring of {_listed(dead)}, and that the machine moves, and record again.",
+        )  # fmt: skip
+        return
+    found.left_out = dead
+    found.notes.append(
+        f"{what} (dead, disconnected, or nothing moves there) and {'was' if len(dead) == 1 else 'were'} left out."
+    )
+    found.records = [replace(r, y={n: v for n, v in r.y.items() if n not in dead}) for r in found.records]
+
+
+def _spikes(name: str, found: Inspected) -> None:
+    rules, masks = settings(), [samples.spikes(r.y[name], r.u) for r in found.records]
+    total = sum(int(m.sum()) for m in masks)
+    found.checks.append(_row(
+        f"{name} is free of spikes", float(total), 1.0,
+        f"number of samples further off the median of their neighbours than {rules.spike_ratio:g} times all but "
+        f"{100 * (1.0 - rules.spike_usual_share):.2g} % of the others; they are bridged, and neither fitted nor "
+        "judged", TUKEY,
+    ))  # fmt: skip
+    if total:
+        _take_out(name, masks, found, 0.0)
+        first = next(r.sample_time_s * int(np.flatnonzero(m)[0]) for r, m in zip(found.records, masks, strict=True)
+                     if m.any())  # fmt: skip
+        found.notes.append(
+            f"{name} has {total} spike{'s' * (total > 1)} (the first {first:.6g} s after the beginning): bridged, and "
+            "neither fitted nor judged."
+        )
+
+
+def _clipped(rig: Rig, name: str, found: Inspected) -> None:
+    rules = settings()
+    masks = [samples.at_limits(r.y[name]) for r in found.records]
+    share = max(float(m.mean()) for m in masks)
+    found.checks.append(_row(
+        f"{name} is not clipped", share, CLIPPED_SHARE,
+        "share of its samples at its extreme value, reached at speed; they are bridged, and neither fitted nor judged",
+        LEVELS,
+    ))  # fmt: skip
+    if share == 0.0:
+        return
+    said = f"{name} is clipped in {100 * share:.2g} % of its samples"
+    before = found.records
+    blocks = cut(rig, _channels(rig, before), before[0].sample_time_s)
+    drives = any(b.imposed == name for b in blocks)
+    pulls = any(b.pulled == name for b in blocks)
+    _take_out(name, masks, found, rules.clipped_decays / rules.pull_rad_s if pulls else 0.0)
+    if share <= rules.clipped_share_max and _enough(before, found.records) and not drives:
+        found.notes.append(f"{said}: bridged, and neither fitted nor judged.")
+    elif found.fault is None:
+        why = "and what lies behind it is driven by it in the simulation" if drives else "too often to leave that out"
+        found.fault = Fault(
+            SENSOR_PREFIX + name, said, f"it runs into its extreme value at speed and stays there, {why}",
+            f"Widen the range of {name}, or move less, and record again.",
+        )  # fmt: skip
+
+
+def _take_out(name: str, masks: list[np.ndarray], found: Inspected, after_s: float) -> None:
+    """Bridge samples of a channel, and neither fit nor judge on them and shortly after."""
+    records = []
+    for record, mask in zip(found.records, masks, strict=True):
+        width = 2 + round(after_s / record.sample_time_s)
+        near = np.convolve(mask.astype(float), np.ones(width), "full")[: len(mask)] > 0.5
+        y = {**record.y, name: samples.bridged(record.y[name], mask)}
+        records.append(replace(record, y=y, train=record.train & ~near, held=record.held & ~near))
+    found.records = records
+
+
+def _enough(before: list[Record], after: list[Record]) -> bool:
+    def count(records: list[Record], part: str) -> int:
+        return sum(int(getattr(r, part).sum()) for r in records)
+
+    return all(count(after, part) >= settings().inspected_share_min * count(before, part) for part in ("train", "held"))
+
+
+def _wiring_rows(found: Inspected, each: list[list[Reversal]]) -> None:
+    worst: dict[tuple[str, ...], float] = {}
+    for reversal in (r for reversals in each for r in reversals):
+        worst[reversal.names] = max(reversal.value, worst.get(reversal.names, -1.0))
+    for names, value in worst.items():
+        one, most = len(names) == 1, settings().reversal_share
+        found.checks.append(_row(
+            f"polarity of {names[0]}" if one else f"{names[0]} and {names[1]} are in their places", value, most,
+            f"share of the effort that {'a channel' if one else 'the difference of two'} accounts for with its sign "
+            "turned round, less that as recorded; missing physics takes effort away but turns no sign", EFFORT,
+        ))  # fmt: skip
+
+
+def _sampling_row(found: Inspected, slowest: Carried) -> None:
+    which = (
+        "no mode matters"
+        if slowest.frequency_hz is None
+        else f"the fastest that matters: {slowest.frequency_hz:.3g} Hz"
+    )
+    statistic = slowest.per_period
+    found.checks.append(Check(
+        "the sampling carries the rig's modes", statistic, ">", settings().mode_samples_min, slowest.enough,
+        f"samples per period of the rig's modes ({which}); with fewer what happens between the samples is not recorded",
+        SAMPLED,
+    ))  # fmt: skip
+
+
+def _miswired(rig: Rig, wired: list[tuple[list[Reversal], Rewiring | None]], rewiring: Rewiring) -> Fault:
+    reversals = next(found for found, mending in wired if mending is rewiring)
+    wrong = [r for r in reversals if r.value > settings().reversal_share]
+    best = max(wrong, key=lambda r: r.turned)
+    if rewiring.swapped:
+        a, b = rewiring.swapped
+        signs = f", and the sign of {_listed(list(rewiring.turned))} is turned round" if rewiring.turned else ""
+        what, how = f"{a} and {b} have changed places{signs}", "swapped back"
+        mend = f"Swap {a} and {b} in the recording (or in its mapping)"
+        where = a
+    else:
+        names = _listed(list(rewiring.turned))
+        what = f"{names} {'has its sign' if len(rewiring.turned) == 1 else 'have their signs'} turned round"
+        what += f" (or {_listed(list(rewiring.instead))} instead)" if rewiring.instead else ""
+        how, mend, where = "turned back", f"Turn {names} back", rewiring.turned[0]
+    if rewiring.turned:
+        mend += f" ({rewiring.turned[0]}: {{column: {rewiring.turned[0]}, scale: -1}} in a mapping)"
+    shown = best.names[0] if len(best.names) == 1 else f"the difference of {best.names[0]} and {best.names[1]}"
+    why = (f"{how}, {shown} accounts for {100 * best.turned:.0f} % of what the command does to the nominal rig, as "
+           f"recorded for {100 * best.straight:.0f} %")  # fmt: skip
+    amplifier = rig.only("amplifier")
+    place = amplifier.name if where == "u" and amplifier else SENSOR_PREFIX + where
+    return Fault(place, what, why, f"{mend}, and diagnose again.")
+
+
+def _too_slow(rig: Rig, found: Inspected, slowest: Carried) -> Fault | None:
+    if slowest.enough or slowest.frequency_hz is None:
+        return None
+    step = found.records[0].sample_time_s
+    wanted = settings().mode_samples_min * slowest.frequency_hz
+    last = _channels(rig, found.records)[-1]
+    return Fault(
+        SENSOR_PREFIX + last, f"The sampling ({1.0 / step:.4g} Hz) is too slow for this rig",
+        f"its mode at {slowest.frequency_hz:.3g} Hz has {slowest.per_period:.2g} samples a period",
+        f"Record at {wanted:.3g} Hz or faster, with the command as it was between the samples.",
+    )  # fmt: skip
+
+
+def _row(check: str, statistic: float, threshold: float, comment: str, source: str) -> Check:
+    return Check(check, statistic, "<", threshold, statistic < threshold, comment, source)
+
+
+def _listed(names: list[str]) -> str:
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)

@@ -1,0 +1,119 @@
+"""Faults of single samples and of whole channels: spikes, clipping, a sensor that shows nothing but noise."""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+from scipy.ndimage import median_filter
+from scipy.signal import coherence
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.floor import quantum, white_noise
+from dtbacklash.diagnose.settings import settings
+from dtbacklash.recording.channels import clipped, runs
+
+#: the slope beside a gap is that of a parabola through as many samples
+SLOPE_SAMPLES = 12
+
+
+def spikes(values: Floats, u: Floats) -> np.ndarray:
+    """(N,) the samples that stand alone, far off the median of their neighbours.
+
+    A jump is no spike, and neither is what happens often (chatter, a torque ripple, the counts of an encoder), nor what
+    follows a jump of the command ``u`` (N,) or the beginning: a current does.
+    """
+    rules = settings()
+    away = np.abs(values - median_filter(values, rules.spike_window_samples, mode="nearest"))
+    ratio, usual = rules.spike_ratio, rules.spike_usual_share
+    least = max(ratio * float(np.quantile(away, usual)), rules.spike_counts * quantum(values), ratio * _noise(values))
+    rough = np.abs(np.convolve(np.pad(values, 2, "edge"), np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0, "valid"))
+    alone = (away > least) & (rough > rules.spike_roughness * float(np.quantile(rough, usual))) & ~_after_jumps(u)
+    found = np.zeros(len(values), dtype=bool)
+    for start, stop in runs(alone):
+        found[start:stop] = stop - start <= rules.spike_samples_max
+    return found if found.mean() <= rules.spikes_share_max else np.zeros(len(values), dtype=bool)
+
+
+def _after_jumps(u: Floats) -> np.ndarray:
+    """(N,) the samples shortly after where the command jumps, and of the beginning."""
+    steps = np.abs(np.diff(u, prepend=u[0]))
+    jumps = steps > settings().jump_ratio * float(np.sqrt(np.mean(steps**2)))
+    jumps[0] = True
+    near: np.ndarray = np.convolve(jumps, np.ones(settings().jump_answer_samples), "full")[: len(u)] > 0.5
+    return near
+
+
+def _noise(values: Floats) -> float:
+    """Noise from sample to sample, robustly: the median step, as of a normal distribution."""
+    return float(np.median(np.abs(np.diff(values, 2)))) / (0.6745 * math.sqrt(6.0))
+
+
+def at_limits(values: Floats) -> np.ndarray:
+    """(N,) the samples at which a sensor's range ends; none where only a few levels are ever taken."""
+    found = np.zeros(len(values), dtype=bool)
+    for _, mask in clipped(values):
+        found |= mask
+    return found
+
+
+def bridged(values: Floats, missing: np.ndarray) -> Floats:
+    """(N,) the values with each run of ``missing`` replaced by the cubic that leaves and meets the rest smoothly.
+
+    It has the channel's noise and counts: the noise floor is read from all of it, quiet stretches would lower that.
+    """
+    found = np.array(values, dtype=float)
+    good = np.flatnonzero(~missing)
+    if len(good) < 2:
+        return found
+    for start, stop in runs(missing):
+        before, after = good[good < start][-SLOPE_SAMPLES:], good[good >= stop][:SLOPE_SAMPLES]
+        if not len(before) or not len(after):
+            found[start:stop] = values[before[-1] if len(before) else after[0]]
+            continue
+        ends = [before[-1], after[0]]
+        slopes = [_slope(before, values, before[-1]), _slope(after, values, after[0])]
+        if stop - start <= settings().spike_samples_max:  # noise in the slopes would be more than what a line misses
+            slopes = [(values[ends[1]] - values[ends[0]]) / (ends[1] - ends[0])] * 2
+        found[start:stop] = CubicHermiteSpline(ends, values[ends], slopes)(np.arange(start, stop))
+    count = quantum(values[~missing])
+    found[missing] += _noise(values[~missing]) * np.random.default_rng(0).standard_normal(int(missing.sum()))
+    if count > 0.0:
+        found[missing] = count * np.round(found[missing] / count)
+    return found
+
+
+def _slope(at: np.ndarray, values: Floats, where: int) -> float:
+    """Slope per sample at ``where`` of the parabola through the samples ``at``."""
+    if len(at) < 2:
+        return 0.0
+    return float(np.polyfit(at - where, values[at], min(2, len(at) - 1))[-2])
+
+
+def noise_alone(values: Floats, others: Mapping[str, Floats]) -> float:
+    """Share of a channel's variance that is white noise; 0 if the channel is coherent with anything.
+
+    White noise is coherent by chance: of K independent stretches, the coherence at a frequency exceeds x with the
+    probability (1 - x)^(K - 1). A machine that rests shows noise alone as well; then nothing can be said of it either.
+
+    Parameters
+    ----------
+    others : the command and the other channels, (N,) each.
+
+    Returns
+    -------
+    0 to 1, and 1 for a constant.
+    """
+    rules = settings()
+    variance = float(np.var(values))
+    if variance == 0.0:
+        return 1.0
+    share = min(white_noise(values) ** 2 / variance, 1.0) if len(values) >= 64 else 0.0
+    if share < rules.dead_noise_share:
+        return share
+    length = max(32, min(1024, len(values) // rules.coherence_stretches_min))
+    chance = rules.coherence_chance / (length // 2 + 1) / max(len(others), 1)
+    level = 1.0 - chance ** (1.0 / max(len(values) // length - 1, 1))
+    moving = (other for other in others.values() if np.ptp(other) > 0.0)
+    alive = any(np.max(coherence(values, other, nperseg=length)[1]) > level for other in moving)
+    return 0.0 if alive else share

@@ -1,0 +1,152 @@
+"""Findings: from the effects and parameters of the last fit to what is said of them, with intervals and rivals."""
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.become import has_become
+from dtbacklash.diagnose.earn import held_loss
+from dtbacklash.diagnose.evidence import Evidence, Residuals
+from dtbacklash.diagnose.free import Errors, Free, as_given, nominal_free
+from dtbacklash.diagnose.name import Key, Search
+from dtbacklash.diagnose.recover import Recovered
+from dtbacklash.diagnose.result import (
+    UNEXPLAINED,
+    Alternative,
+    Candidate,
+    Finding,
+    Instead,
+    Interval,
+    Located,
+    ParameterEstimate,
+    Recalibrated,
+    Rest,
+    Verdict,
+)
+from dtbacklash.diagnose.sayings import less, quantity, unsure, when
+from dtbacklash.diagnose.verdict import Left, Moved, confidence
+from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.effects.declare import SENSOR_UNIT
+from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
+
+#: standard errors to each side of a 95 % interval
+NORMAL95 = 1.96
+
+
+def without(evidence: Evidence, found: Search) -> dict[Key, Residuals]:
+    """Per finding, what the last fit leaves if the finding alone is taken out of it."""
+    return {
+        key: evidence.residuals(as_given(evidence.nominal, found.fitted.rig, key), found.fitted.residuals, {key[0]})
+        for key in found.order
+    }
+
+
+def finding(
+    evidence: Evidence, found: Search, key: Key, errors: Errors, left_out: Residuals, rest: Recovered | None
+) -> Finding:
+    """What is said of one effect; ``left_out`` : what remains without it. rest : what nothing explains, if anything."""
+    place, name = key
+    entry = find(evidence.nominal.kind_at(place), name, place)
+    values = found.fitted.rig.effect(place, name) or {}
+    parameters: dict[str, ParameterEstimate] = {}
+    for p in entry.parameters:
+        error, value = errors.get((place, name, p.name), float("nan")), values[p.name]
+        ends = max(value - NORMAL95 * error, p.low), min(value + NORMAL95 * error, p.high)
+        parameters[p.name] = ParameterEstimate(value, _unit(evidence.nominal, place, p.unit), ends)
+    instead = _instead(evidence, found, key)
+    shown = {n: quantity(p.value, p.unit) for n, p in parameters.items()}
+    said = entry.sentence.format(location=place.replace("_", " "), **shown)
+    sure = confidence(evidence, found, key, left_out, rest)
+    sentence = said[:1].upper() + said[1:] + _instead_of_known(evidence.nominal, key) + unsure(sure, key, rest)
+    return Finding(
+        place, name, parameters, _also_fits(evidence, found, key), when(evidence, found, left_out), instead,
+        sentence + less(instead), sure,
+    )  # fmt: skip
+
+
+def _instead_of_known(nominal: Rig, key: Key) -> str:
+    """What the nominal rig says of an effect that it has already, and that was found to be another one."""
+    known = nominal.effect(*key)
+    if known is None:
+        return ""
+    entry = find(nominal.kind_at(key[0]), key[1], key[0])
+    said = ", ".join(f"{p.name} {quantity(known[p.name], _unit(nominal, key[0], p.unit))}" for p in entry.parameters)
+    return f" The nominal rig has it with {said}: more than its tolerance allows."
+
+
+def _unit(rig: Rig, place: str, unit: str) -> str:
+    """A parameter's unit; where it is that of a sensor, the sensor says which."""
+    sensor = rig.sensors.get(place.removeprefix(SENSOR_PREFIX))
+    return sensor.unit if sensor and unit == SENSOR_UNIT else unit
+
+
+def _also_fits(evidence: Evidence, found: Search, key: Key) -> tuple[Alternative, ...]:
+    """What this recording cannot tell from a finding: fits that are as good, and the law that it is the limit of."""
+    listed = [t.key for t in found.rivals.get(key, [])]
+    limit = has_become(evidence, found.fitted, key)
+    if limit:
+        listed.append((key[0], limit))
+    return tuple(Alternative(place, effect) for place, effect in dict.fromkeys(listed))
+
+
+def _instead(evidence: Evidence, found: Search, key: Key) -> Instead | None:
+    """What would be named if an effect were not in the catalogue."""
+    trial = found.instead.get(key)
+    if trial is None or trial.key in found.order:
+        return None
+    place, name = trial.key
+    size = find(evidence.nominal.kind_at(place), name, place).size
+    values = trial.fitted.rig.effect(place, name) or {}
+    worse = held_loss(evidence, trial.fitted) / held_loss(evidence, found.fitted)
+    return Instead(place, name, values.get(size.name, size.neutral or 0.0), size.unit, worse)
+
+
+def recalibrated(rig: Rig, moved: Moved) -> dict[str, Recalibrated]:
+    """The parameters of the rig that had to move, with their intervals."""
+    known = {f.title: f for f in nominal_free(rig)}
+    return {
+        name: Recalibrated(known[name].centre, value, _unit_of(rig, known[name]), _around(value, error))
+        for name, (value, error) in moved.items()
+    }
+
+
+def _unit_of(rig: Rig, free: Free) -> str:
+    if not free.effect:
+        return rig.config.parameters[free.name].unit
+    entry = find(rig.kind_at(free.place), free.effect, free.place)
+    return _unit(rig, free.place, next(p.unit for p in entry.parameters if p.name == free.name))
+
+
+def _around(value: float, error: float) -> Interval:
+    return value - NORMAL95 * error, value + NORMAL95 * error
+
+
+def located(left: dict[str, Left], verdict: Verdict, rest: Recovered | None) -> Located | None:
+    """Where what nothing explains sits: the block, and the place and state whose effort explains most of it.
+
+    left : per block.
+    """
+    if verdict != UNEXPLAINED:
+        return None
+    name = max(left, key=lambda n: (left[n].real, left[n].share))
+    if rest is None:
+        return Located(name, name, left[name].share)
+    points = tuple(zip(*(_listed(v) for v in (rest.knots, rest.effort, rest.error)), strict=True))
+    shown = Rest(rest.state, rest.state_unit, rest.effort_unit, rest.share, points)
+    return Located(name, rest.place, left[name].share, shown)
+
+
+def _listed(values: Floats) -> list[float]:
+    return [float(v) for v in values]
+
+
+def candidates(found: Search) -> tuple[Candidate, ...]:
+    """The bank about the recalibrated rig, and what became of each entry."""
+    tried = {t.key: t for t in found.trials}
+    rows = []
+    for score in found.scores:
+        key = score.candidate.key
+        trial = tried.get(key)
+        verdict = "added" if key in found.order else "low score"
+        if trial and key not in found.order:
+            others = f" beside {trial.beside} found" if trial.beside else ""
+            verdict = found.refused.get(key) or trial.verdict or f"fitted{others}, does not earn its place"
+        rows.append(Candidate(*key, score.gain, trial.held_out if trial else None, verdict))
+    return tuple(rows)

@@ -1,0 +1,56 @@
+"""Three parts of the recordings: one is fitted to, one chooses the structure, and one judges, once and in the end.
+
+What chose among fifty candidates flatters the one that it chose. So the last part is seen by nobody until everything
+has been chosen; before that, the structure is fitted anew to all but this part.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from dtbacklash.diagnose.compare import Record
+from dtbacklash.diagnose.evidence import Evidence, stretch_of
+from dtbacklash.diagnose.free import all_free
+from dtbacklash.diagnose.name import Search
+from dtbacklash.diagnose.refit import Fit, fit
+from dtbacklash.diagnose.settings import settings
+
+
+def marked(records: list[Record]) -> list[Record]:
+    """The recordings with the last of what is held out marked: it judges."""
+    held = np.concatenate([r.held for r in records])
+    at = np.flatnonzero(held)
+    last = np.zeros(len(held), dtype=bool)
+    last[at[len(at) - round(settings().judging_share * len(at)) :]] = True
+    parts = np.split(last, np.cumsum([r.samples for r in records])[:-1])
+    return [replace(r, judge=judge) for r, judge in zip(records, parts, strict=True)]
+
+
+def divided(records: list[Record]) -> list[Record]:
+    """The recordings with the last of what is held out kept for the judgement."""
+    return [replace(r, held=r.held & ~r.judge) for r in marked(records)]
+
+
+def judging(evidence: Evidence) -> Evidence:
+    """The same with only what judges held out; itself where nothing is marked to judge."""
+    if not any(r.judge.any() for r in evidence.records):
+        return evidence
+    return replace(evidence, records=[replace(r, held=r.judge) for r in evidence.records])
+
+
+def for_judgement(evidence: Evidence) -> Evidence:
+    """The same with all that fitted or chose to be fitted to, and what judges held out."""
+    records = [replace(r, train=r.train | r.held, held=r.judge, judge=np.zeros_like(r.judge)) for r in evidence.records]
+    return replace(evidence, records=records, stretch=stretch_of(records))
+
+
+def refitted(evidence: Evidence, found: Search) -> None:
+    """Fit what a search chose to another part of the recordings, from where its last fits ended."""
+
+    def again(before: Fit) -> Fit:
+        free, x = all_free(evidence, before.rig)
+        return fit(evidence, before.rig, free, x, rounds=1)
+
+    chosen = found.order
+    found.evidence, found.nominal = evidence, again(found.nominal)
+    found.fitted = again(found.fitted) if chosen else found.nominal

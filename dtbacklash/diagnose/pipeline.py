@@ -1,0 +1,152 @@
+"""From recordings to a diagnosis: read the command, search, judge, and put together what is said and shown."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from dtbacklash.diagnose.become import call_by_its_limit
+from dtbacklash.diagnose.checks import all_checks, at_bounds, at_tolerances, whiteness
+from dtbacklash.diagnose.command import held_equivalent
+from dtbacklash.diagnose.compare import Record
+from dtbacklash.diagnose.errors_of_fit import fit_table, free_running
+from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.faults.inspect import inspect
+from dtbacklash.diagnose.faults.verdict import faulty, mended, not_finite
+from dtbacklash.diagnose.findings import candidates, finding, located, recalibrated, without
+from dtbacklash.diagnose.free import Errors, nominal_free, with_errors, with_priors
+from dtbacklash.diagnose.intervals import standard_errors
+from dtbacklash.diagnose.name import Search, drop, search
+from dtbacklash.diagnose.next_experiment import next_experiment
+from dtbacklash.diagnose.parts import divided, for_judgement, refitted
+from dtbacklash.diagnose.recover import free_forms
+from dtbacklash.diagnose.refit import fit
+from dtbacklash.diagnose.result import UNEXPLAINED, Diagnosis, Work
+from dtbacklash.diagnose.sayings import limits_said, summary
+from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.show import shown
+from dtbacklash.diagnose.slow import refit_slowly
+from dtbacklash.diagnose.spread import on_cores
+from dtbacklash.diagnose.trial import insignificant, raises_the_error, spoils_the_free_run
+from dtbacklash.diagnose.verdict import decide, depends_on, moved_parameters, remaining
+from dtbacklash.errors import UserError
+from dtbacklash.physics.rig import Rig
+
+
+def diagnose_records(
+    rig: Rig, records: list[Record], progress: Callable[[str, float], None] | None = None, jobs: int | None = None
+) -> Diagnosis:
+    """Diagnose recordings on a rig.
+
+    Parameters
+    ----------
+    rig : the nominal rig; effects that it has already have tolerances, and are recalibrated as its parameters are.
+    records : with masks of the samples to fit and to judge on. progress : called with a text and a share, 0 to 1.
+    jobs : threads; None leaves what joblib has been told, else one.
+
+    Raises
+    ------
+    UserError : no channel of the rig was recorded, an integrating part not measured, or nothing was commanded.
+    """
+    if not any(np.any(r.u[r.train]) for r in records):
+        raise UserError("recording", "u", "it is 0 in all that is fitted: record the machine while it is commanded")
+    # many short products of long vectors: threads of the linear algebra would cost more than they bring
+    with on_cores(jobs), threadpool_limits(1, "blas"):
+        inspected = inspect(rig, records)
+        if inspected.fault is not None:
+            return faulty(rig, inspected, inspected.fault)
+        try:
+            evidence, smooth = _read_command(with_priors(rig), divided(inspected.records))
+            found = search(evidence, progress)
+            call_by_its_limit(found)
+            refitted(for_judgement(found.evidence), found)
+            return mended(_diagnosis(found, _sure(found), smooth), inspected)
+        except np.linalg.LinAlgError as error:
+            return faulty(rig, inspected, not_finite(rig, inspected, error))
+
+
+def _sure(found: Search) -> Errors:
+    """Standard errors of the last fit, after taking back what does not stand its trial."""
+    while key := spoils_the_free_run(found.evidence, found.nominal, found.fitted, found.order):
+        drop(found.evidence, found, key, "simulated freely, the rig is further from the recording with it than without")
+    while key := raises_the_error(found.evidence, found.nominal, found.fitted, found.order):
+        drop(found.evidence, found, key, "the held-out error rises with it")
+    while True:
+        slow, fitted = refit_slowly(found.evidence, found)
+        errors = standard_errors(slow, fitted)
+        key = insignificant(found.evidence, fitted.rig, found.order, errors)
+        if key is None:
+            return errors
+        drop(found.evidence, found, key, "its interval holds what does nothing")
+
+
+def _read_command(rig: Rig, records: list[Record]) -> tuple[Evidence, bool]:
+    """The evidence with the command held between its samples, or smooth where that fits clearly better; and which."""
+    held = Evidence.gather(rig, records)
+    if rig.only("actuator") is None:
+        return held, False
+    smooth = Evidence.gather(rig, [replace(r, u=held_equivalent(r.u)) for r in records])
+    losses = []
+    for evidence in (held, smooth):
+        fitted = fit(evidence, rig, nominal_free(rig), rounds=1)
+        squares = evidence.mean_square(fitted.residuals, "train")
+        losses.append(sum(float(np.sum(v * held.floor[n] ** 2)) for n, v in squares.items()))
+    if losses[1] < settings().smooth_command_share * losses[0]:
+        return smooth, True
+    return held, False
+
+
+def _diagnosis(found: Search, errors: Errors, smooth: bool) -> Diagnosis:
+    """What a finished search says; ``errors`` : standard errors of the last fit's parameters."""
+    evidence = found.evidence
+    moved = moved_parameters(evidence, found.fitted, errors)
+    left_out = without(evidence, found)
+    white = whiteness(evidence, found)
+    left = remaining(evidence, found, left_out, {channel for channel, row in white.items() if row.passed})
+    forms = free_forms(evidence, found.fitted, None if any(b.real for b in left.values()) else _places(found))
+    form = max(forms, key=lambda f: f.t, default=None)
+    verdict = decide(left, depends_on(form, left), found, moved)
+    rest = max(forms, key=lambda f: f.share, default=None) if verdict == UNEXPLAINED else None
+    findings = tuple(finding(evidence, found, key, errors, left_out[key], rest) for key in found.order)
+    values, where = recalibrated(evidence.nominal, moved), located(left, verdict, rest)
+    free = free_running(evidence, found.nominal, found.fitted)
+    limits = limits_said(at_bounds(evidence, found), at_tolerances(evidence.nominal, found.fitted.rig))
+    return Diagnosis(
+        verdict=verdict,
+        summary=" ".join(filter(None, (summary(verdict, findings, values, where), limits))),
+        findings=findings,
+        recalibrated=values,
+        fit=fit_table(evidence, found.nominal, found.fitted),
+        candidates=candidates(found),
+        located=where,
+        next_experiment=next_experiment(evidence, found, rest),
+        nominal=evidence.nominal,
+        extended=with_errors(found.fitted.rig, errors),
+        free_running=free,
+        checks=all_checks(evidence, found, errors, free, form, white),
+        notes=("The command is a measured signal: it passes smoothly through its samples instead of being held.",)
+        if smooth else (),
+        shown=shown(evidence, found, left_out, rest),
+        work=_work(found, smooth),
+    )  # fmt: skip
+
+
+def _places(found: Search) -> set[str]:
+    """Where something was named: there an effort of free form is tried against what was named."""
+    return {place for place, _ in found.order}
+
+
+def _work(found: Search, smooth: bool) -> Work:
+    evidence = found.evidence
+    records = evidence.records
+    return Work(
+        sample_time_s=records[0].sample_time_s,
+        fitted=sum(int(r.train.sum()) for r in records),
+        judged=sum(int(r.held.sum()) for r in records),
+        blocks=tuple((b.channels, b.imposed or "", b.pulled or "") for b in evidence.blocks),
+        floor={c: float(evidence.floor[b.name][j]) for b in evidence.blocks for j, c in enumerate(b.channels)},
+        bank=len(found.scores),
+        fits=len(found.trials),
+        smooth=smooth,
+    )

@@ -1,0 +1,68 @@
+"""The mismatch that a fit leaves, with what the nominal parameters could take up taken out of it.
+
+The signatures of the nominal parameters are taken out by regression under the parameters' priors, so that a wrong mass
+within its tolerance is not called new physics.
+"""
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.candidates import positions
+from dtbacklash.diagnose.evidence import Evidence, Residuals
+from dtbacklash.diagnose.free import all_free, at_limit
+from dtbacklash.diagnose.refit import Fit, Problem, weights_for
+
+
+class Projection:
+    """Rows of residuals about one fitted rig, with the nominal parameters' signatures projected out.
+
+    A nominal parameter at its bound is held there, as it cannot take up anything more; or, ``inward``, it is taken out
+    like the others: a candidate may be what drove it there, and then lets it come back.
+
+    residual : (rows,) weighted and projected. q_rows : (rows, parameters) an orthonormal basis of what is taken out.
+    """
+
+    def __init__(self, evidence: Evidence, fitted: Fit, inward: bool = False) -> None:
+        self.evidence, self.fitted = evidence, fitted
+        self.rig = fitted.rig
+        # all of them: the last fit may have moved those of its own blocks only
+        free, x = all_free(evidence, fitted.rig)
+        problem = Problem(evidence, fitted.rig, free)
+        problem.weights = weights_for(evidence, fitted.residuals)
+        self.weights = problem.weights
+        self.touched = problem.touched = [b.name for b in evidence.blocks]
+        bound = np.array([at_limit(f, at) for f, at in zip(free, x, strict=True)], dtype=bool)
+        self.bound = bool(bound.any())
+        if free:
+            self.q_rows = np.linalg.qr(problem.jacobian(x)[:, ~bound | inward])[0]
+        else:
+            self.q_rows = np.zeros((len(problem.stack(fitted.residuals, x)), 0))
+        self._priors = int(problem.prior.sum())
+        self._positions: list[dict[str, Floats]] = []
+        self.samples = sum(int(r.train.sum()) for r in evidence.records)
+        rows = problem.stack(fitted.residuals, x)
+        self.residual = self.project(rows)
+        self.total = float(self.residual @ self.residual)
+
+    def project(self, rows: Floats) -> Floats:
+        """(rows,) without what the nominal parameters could take up."""
+        return rows - self.q_rows @ (self.q_rows.T @ rows)
+
+    def stack(self, residuals: Residuals) -> Floats:
+        """(rows,) residuals of the training part, weighted, in the order of the blocks."""
+        rows = []
+        for name in self.touched:
+            part = self.evidence.rows(residuals, name, "train")
+            rows.append((part * np.sqrt(self.weights[name])[:, None]).ravel())
+        rows.append(np.zeros(self._priors))
+        return np.concatenate(rows)
+
+    def path(self, place: str, number: int) -> Floats:
+        """(N,) position of a body in recording ``number``: measured, or simulated where it is not; rad or m."""
+        record = self.evidence.records[number]
+        for name, sensor in self.rig.sensors.items():
+            if sensor.of == place and sensor.quantity == "position" and name in record.y:
+                return record.y[name]
+        if not self._positions:
+            self._positions = [positions(self.rig, self.evidence.blocks, r) for r in self.evidence.records]
+        return self._positions[number].get(place, np.zeros(record.samples))

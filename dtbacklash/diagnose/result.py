@@ -1,0 +1,340 @@
+"""The result of a diagnosis, typed: what ``diagnosis.json`` holds, and what its figures show.
+
+Everything here is plain data in SI: the report draws it, Python reads it, and nothing has to be simulated again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.settings import DiagnoseSettings, settings
+from dtbacklash.files import json_able
+from dtbacklash.physics.rig import Rig
+
+Verdict = Literal["consistent", "parameters", "missing_physics", "unexplained"]
+CONSISTENT: Verdict = "consistent"
+PARAMETERS: Verdict = "parameters"
+MISSING: Verdict = "missing_physics"
+UNEXPLAINED: Verdict = "unexplained"
+
+Confidence = Literal["sure", "partial"]
+
+#: the ends of a 95 % interval, in the unit of the value; NaN or infinite where it is open
+Interval = tuple[float, float]
+
+#: plain data as JSON knows it
+Document = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class ParameterEstimate:
+    """A fitted parameter of an effect: value and ``ci95`` in ``unit`` (SI)."""
+
+    value: float
+    unit: str
+    ci95: Interval
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """An effect at an element or a sensor that this recording cannot tell from a finding."""
+
+    location: str
+    effect: str
+
+
+@dataclass(frozen=True)
+class Instead:
+    """What would be named if a finding's effect were not in the catalogue, and how much worse it would fit.
+
+    value, unit : its size. times_the_error : its held-out error, relative to that of the finding.
+    """
+
+    location: str
+    effect: str
+    value: float
+    unit: str
+    times_the_error: float
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One effect that the rig lacks.
+
+    Attributes
+    ----------
+    location : an element or ``sensor_<name>``. effect : its name in the catalogue.
+    parameters : by name. also_fits : what cannot be told from it. when : where in time it matters, one clause.
+    instead : the second best, if one explains a part. sentence : what a person would say. confidence : ``partial``
+    where something is left that may belong to it: the place is right, the law may be another one.
+    """
+
+    location: str
+    effect: str
+    parameters: dict[str, ParameterEstimate]
+    also_fits: tuple[Alternative, ...]
+    when: str
+    instead: Instead | None
+    sentence: str
+    confidence: Confidence = "sure"
+
+
+@dataclass(frozen=True)
+class Recalibrated:
+    """A parameter of the rig that had to move: ``nominal``, ``value`` and ``ci95`` in ``unit`` (SI)."""
+
+    nominal: float
+    value: float
+    unit: str
+    ci95: Interval
+
+
+@dataclass(frozen=True)
+class ModelErrors:
+    """An error of the three models, normalised by the signals' standard deviations; None where there is none."""
+
+    nominal: float | None
+    recalibrated: float | None
+    extended: float | None
+
+
+@dataclass(frozen=True)
+class FitTable:
+    """Errors of the models on the samples they were fitted to and on those held out.
+
+    metric : ``nrmse``, rms error by standard deviation. channels : over which it is the rms.
+    noise_floor : what a true model would leave.
+    """
+
+    metric: str
+    channels: tuple[str, ...]
+    train: ModelErrors
+    held_out: ModelErrors
+    noise_floor: float
+
+
+@dataclass(frozen=True)
+class FreeRunning:
+    """The same errors with nothing measured coming to help: from the commands and the first sample alone.
+
+    None where a simulation does not stay finite.
+    """
+
+    train: ModelErrors
+    held_out: ModelErrors
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One entry of the bank.
+
+    score : fall of minus twice the log-likelihood that its signature promises. held_out : what its fit leaves of the
+    held-out part, in noise floors; None where it was not fitted. verdict : what became of it.
+    """
+
+    location: str
+    effect: str
+    score: float
+    held_out: float | None
+    verdict: str
+
+
+@dataclass(frozen=True)
+class Rest:
+    """The effort that explains most of what no law explains.
+
+    state, state_unit, effort_unit : SI. explained : share of the held-out mismatch that it explains.
+    recovered : (state, effort, standard error of the effort), a row a knot.
+    """
+
+    state: str
+    state_unit: str
+    effort_unit: str
+    explained: float
+    recovered: tuple[tuple[float, float, float], ...]
+
+
+@dataclass(frozen=True)
+class Located:
+    """Where what is left sits: a block of the rig, the element in it, and the share of the mismatch that is left."""
+
+    block: str
+    location: str
+    share: float
+    rest: Rest | None = None
+
+    def to_json(self) -> Document:
+        """As in ``diagnosis.json``: the rest's entries beside the others, if there are any."""
+        found: Document = {"block": self.block, "location": self.location, "share": self.share}
+        return found | (json_able(self.rest) if self.rest else {})
+
+
+@dataclass(frozen=True)
+class Check:
+    """One test of the result; it informs and changes no verdict.
+
+    Attributes
+    ----------
+    check : what is tested, of which channel or parameter.
+    statistic : None where it could not be computed. operator : ``<`` or ``>``, as the statistic should compare with
+        the threshold. passed : whether it does. comment : what the statistic is, and what a failure means.
+    source : of the test.
+    """
+
+    check: str
+    statistic: float | None
+    operator: Literal["<", ">"]
+    threshold: float
+    passed: bool
+    comment: str
+    source: str
+
+    def to_json(self) -> Document:
+        """A row of ``checks``; ``passed`` is called ``pass`` there."""
+        row: Document = json_able(self)
+        return {"pass" if name == "passed" else name: value for name, value in row.items()}
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One channel of a recording and what the models say.
+
+    Attributes
+    ----------
+    name : of the channel. unit : SI.
+    t_s, measured, nominal, extended : (N,) each. ``extended`` may be recalibrated only, or equal to ``nominal``.
+    held_out_from_s : from here on the models were not fitted; None: nowhere here.
+    noise_floor : what a true model leaves, rms, in ``unit``; None: not known.
+    """
+
+    name: str
+    unit: str
+    t_s: Floats
+    measured: Floats
+    nominal: Floats
+    extended: Floats
+    held_out_from_s: float | None = None
+    noise_floor: float | None = None
+
+    @property
+    def changed(self) -> bool:
+        """Whether the extended model says anything else than the nominal one."""
+        return not np.array_equal(self.nominal, self.extended)
+
+
+def _none() -> Floats:
+    return np.empty(0)
+
+
+@dataclass(frozen=True)
+class LawShown:
+    """A law, and what the recording says of it with no law assumed, both against one state and in the same units.
+
+    Attributes
+    ----------
+    location, effect : where, and the effect; ``effect`` is empty where nothing explains what was recovered.
+    state_label, effort_label : e.g. ``speed of motor bearing`` and ``missing torque``. state_unit, effort_unit : SI.
+    law_state, law_effort : (M,) the law, empty where there is none; its ends meet where it is a loop.
+    state, recovered, error : (K,) points with the standard error of the effort; empty where none were recovered.
+    """
+
+    location: str
+    effect: str
+    state_label: str
+    effort_label: str
+    state_unit: str
+    effort_unit: str
+    law_state: Floats = field(default_factory=_none)
+    law_effort: Floats = field(default_factory=_none)
+    state: Floats = field(default_factory=_none)
+    recovered: Floats = field(default_factory=_none)
+    error: Floats = field(default_factory=_none)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What the figures of a diagnosis show.
+
+    evidence : element or ``sensor_<name>`` -> its share of the evidence against the nominal rig; the shares add up to
+    1, or there are none. curves : a channel and a recording each. laws : of the findings, then what nothing explains.
+    floors : channel -> held-out rms error of the models, in noise floors.
+    """
+
+    evidence: dict[str, float] = field(default_factory=dict)
+    curves: tuple[Curve, ...] = ()
+    laws: tuple[LawShown, ...] = ()
+    floors: dict[str, ModelErrors] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Work:
+    """How much was done, for the paragraph of methods.
+
+    sample_time_s : of the recordings. fitted, judged : samples that were fitted to, and that judged.
+    blocks : into which the rig was cut: (channels that judge it, channel that drives it or "", channel that it is
+    pulled towards or ""). floor : channel -> what a true model leaves, rms, SI. bank : effects that were tried by
+    their signatures. fits : of them in full. smooth : whether the command passes smoothly through its samples.
+    """
+
+    sample_time_s: float
+    fitted: int
+    judged: int
+    blocks: tuple[tuple[tuple[str, ...], str, str], ...]
+    floor: dict[str, float]
+    bank: int
+    fits: int
+    smooth: bool = False
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The result of a diagnosis.
+
+    Attributes
+    ----------
+    verdict : one of the four. summary : two or three sentences. findings : the effects that the rig lacks.
+    recalibrated : parameter -> how far it had to move. fit, free_running : errors of the models.
+    candidates : the bank, best first. located : where what nothing explains sits. checks : tests of the result.
+    next_experiment : what to record or measure next.
+    notes : what its reader said of the recording, and how it was used.
+    units : channel -> unit that was read, and whether that was assumed. source : name of the recording.
+    fault : of wiring, a sensor or the sampling, because of which no physics was looked for; else empty.
+    settings : that were in force.
+    nominal : the rig as it was given. extended : recalibrated, with what was found. shown, work : for the report.
+    """
+
+    verdict: Verdict
+    summary: str
+    findings: tuple[Finding, ...]
+    recalibrated: dict[str, Recalibrated]
+    fit: FitTable
+    candidates: tuple[Candidate, ...]
+    located: Located | None
+    next_experiment: str
+    nominal: Rig
+    extended: Rig
+    free_running: FreeRunning | None = None
+    checks: tuple[Check, ...] = ()
+    units: dict[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    source: str = "recording"
+    shown: Shown = field(default_factory=Shown)
+    work: Work | None = None
+    fault: str = ""
+    settings: DiagnoseSettings = field(default_factory=settings)
+
+    def to_json(self) -> Document:
+        """The content of ``diagnosis.json``: plain data, null for what is not finite."""
+        names = (
+            "verdict", "summary", "findings", "recalibrated", "fit", "free_running", "candidates", "located", "checks",
+            "units", "next_experiment", "notes",
+        )  # fmt: skip
+        document: Document = {name: json_able(getattr(self, name)) for name in names}
+        document["located"] = json_able(self.located.to_json()) if self.located else None
+        document["checks"] = [check.to_json() for check in self.checks]
+        document["settings"] = self.settings.to_json()
+        return document

@@ -1,0 +1,18 @@
+"""The files that a diagnosis is: ``diagnosis.json``, and ``rig.yaml``, the extended rig, ready for ``dtb run rig=``."""
+
+from pathlib import Path
+
+from dtbacklash.diagnose.result import Diagnosis
+from dtbacklash.files import write_json, write_text
+from dtbacklash.physics.rig_file import rig_yaml
+
+
+def save(diagnosis: Diagnosis, folder: Path) -> None:
+    """Write both files, each at once or not at all.
+
+    Raises
+    ------
+    UserError, Failure : the folder cannot be written to, or the disk is full.
+    """
+    write_json(folder / "diagnosis.json", diagnosis.to_json())
+    write_text(folder / "rig.yaml", rig_yaml(diagnosis.extended))

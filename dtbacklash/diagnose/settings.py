@@ -1,0 +1,366 @@
+"""The settings that decide what a diagnosis says: each with its value, its unit, and the reason that it is there.
+
+What is a setting: a number that moves a verdict, a name, an estimate or an interval. What stays a constant beside its
+code: pure numerics (substeps, steps of differences, lengths of filters, guards against overflow, how many samples are
+looked at), what is only drawn or worded, and numbers of definitions (1.96 for an interval of 95 %).
+
+A module asks :func:`settings` when it needs one; :func:`using` puts others in force. The choice belongs to the process
+and not to a thread, so that the threads which share the work of a diagnosis see it too; :mod:`.spread` hands it to
+other machines.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from dtbacklash.config.setting import check, declared, setting
+
+
+# fmt: off
+@dataclass(frozen=True)
+class DiagnoseSettings:
+    """All of them, by stage. Shares and ratios are of what the reason names; floors are the noise floor's.
+
+    Raises
+    ------
+    UserError : a value out of its bounds.
+    """
+
+    # parts of a recording
+    held_out_share: float = setting(
+        0.4, "end of a recording that is not fitted to where no other recording judges", unit="share", above=0, below=1)
+    judging_share: float = setting(
+        0.375, "of what is held out, the last, which judges; what chooses comes before", unit="share", above=0,
+        below=1)
+    stretch_decays_min: float = setting(
+        1.0, "a shorter stretch beside others shows mostly the state in which it began", unit="slowest decays", above=0)
+    paired_stretch_s: float = setting(
+        0.5, "losses are compared over stretches this long, so that what is correlated counts once", unit="s", above=0)
+    paired_stretches_min: int = setting(
+        12, "a scatter between fewer stretches says nothing, so that a short recording has shorter ones",
+        unit="stretches", at_least=2)
+
+    # inspection: sensors, sampling, wiring
+    clipped_share_max: float = setting(
+        0.25, "a channel clipped more often can neither be mended nor left out", unit="share of samples", above=0,
+        below=1)
+    clipped_decays: float = setting(
+        15.0, "after so long a simulation has forgotten a bridge towards which it was pulled",
+        unit="time constants of the pull", above=0)
+    inspected_share_min: float = setting(
+        0.5, "of the samples to fit to and to judge on, this much has to remain", unit="share", above=0, at_most=1)
+    spike_samples_max: int = setting(2, "what lasts longer is a motion", unit="samples", at_least=1)
+    spike_window_samples: int = setting(
+        7, "the median's window: most of it lies beside the longest spike", unit="samples", at_least=3)
+    spike_ratio: float = setting(
+        8.0, "a spike is so much further off its median than usual and than noise, which outliers of noise are not",
+        unit="ratio", above=1)
+    spike_usual_share: float = setting(
+        0.998, "this quantile is how far samples usually are off their median", unit="share", above=0, below=1)
+    spike_counts: float = setting(5.0, "an encoder jitters by fewer counts than a spike has", unit="counts", above=0)
+    spike_roughness: float = setting(
+        3.0, "a spike is so much further off the cubic through its neighbours than usual; a turning point is not",
+        unit="ratio", above=0)
+    spikes_share_max: float = setting(
+        0.01, "what is more frequent is a signal's own way and no spike", unit="share of samples", above=0, below=1)
+    jump_ratio: float = setting(
+        3.0, "a command jumps where its step is so much larger than the rms of its steps", unit="ratio", above=0)
+    jump_answer_samples: int = setting(
+        20, "so long after a jump of the command a current may answer like a spike", unit="samples", at_least=1)
+    dead_noise_share: float = setting(
+        0.8, "a channel of whose variance more is white noise, coherent with nothing, is dead", unit="share", above=0,
+        below=1)
+    coherence_stretches_min: int = setting(
+        16, "with fewer, noise is coherent by chance", unit="stretches", at_least=2)
+    coherence_chance: float = setting(
+        1e-3, "how seldom noise alone may be taken for a signal", unit="probability", above=0, below=1)
+    mode_samples_min: float = setting(
+        6.0, "with fewer a measured angle, linear between samples, drives a mode wrongly by more than a tenth",
+        unit="samples per period", above=2)
+    mode_band_share: float = setting(
+        0.7, "from this share of its frequency on, power belongs to a mode: damping widens it", unit="share", above=0,
+        at_most=1)
+    reversal_share: float = setting(
+        0.5, "a sign is wrong above it; of 431 channels that were wired right the largest had 0.34",
+        unit="share of effort", above=0, below=1)
+    rewiring_share: float = setting(
+        0.1, "two rewirings mend alike where their sums of reversals differ by less", unit="share of effort", above=0)
+
+    # the command, and a beginning in motion
+    smooth_command_share: float = setting(
+        0.7, "a command is read as smooth where that leaves less than this of what holding it leaves: held is the rule",
+        unit="share of the mean square", above=0, at_most=1)
+    delay_reach_samples: int = setting(
+        30, "the longest sensor delay that is tried; as many first samples it may keep from being known",
+        unit="samples", at_least=1)
+    beginning_decays: float = setting(
+        3.0, "the first state is fitted until what it adds has died out to a twentieth", unit="slowest decays", above=0)
+    beginning_samples_min: int = setting(
+        200, "a first state is fitted to as many samples at least", unit="samples", at_least=10)
+    beginning_integrating_s: float = setting(
+        2.0, "and as long where an integrator runs freely: its first speed counts to the end", unit="s", above=0)
+    beginning_squares: float = setting(
+        100.0, "a speed at the first sample is one if without it so much more is left: ten standard deviations",
+        unit="variances of the noise", above=0)
+    beginning_noise_ratio: float = setting(
+        1.1, "a smooth curve pictures a beginning where it leaves so much noise at most", unit="ratio", at_least=1)
+    beginning_scatter: float = setting(
+        2.0, "and the scatter of what it leaves, of which few samples have much", unit="standard errors", above=0)
+    beginning_speed_share: float = setting(
+        0.5, "where no curve is fair, a first speed is one from this share of the fastest", unit="share", above=0,
+        at_most=1)
+    beginning_ratio: float = setting(
+        25.0, "a first state explains a beginning of which rest leaves so many times more; missing physics goes on",
+        unit="ratio of squares", above=1)
+    beginning_hidden_ratio: float = setting(
+        10.0, "a hidden body near its resonance moves so much further than its host: its first state's prior",
+        unit="ratio", above=0)
+    beginning_memory_ratio: float = setting(
+        10.0, "a memory's first value lies within so much of what it comes to: its prior", unit="ratio", above=0)
+
+    # comparison
+    pull_rad_s: float = setting(
+        15.0, "bandwidth of the pull towards the measurement: slow against the laws, fast against drift", unit="rad/s",
+        above=0)
+    pull_slow_rad_s: float = setting(
+        0.7, "bandwidth of the last fit where the command is integrated twice: prediction lives at low frequencies",
+        unit="rad/s", above=0)
+    pull_per_sample_max: float = setting(
+        0.25, "a faster pull than this share of the sampling would hand the measurement back", unit="rad per sample",
+        above=0, at_most=1)
+    pull_error_share_max: float = setting(
+        0.2, "a simulation further off is pulled faster: laws would be evaluated along a motion that never was",
+        unit="share of the motion", above=0)
+    integrator_rad_s: float = setting(
+        0.5, "a slower pole integrates: within a recording it does not decay", unit="rad/s", above=0)
+
+    # noise floor
+    numerical_error_share: float = setting(
+        3e-5, "two integrators of the same equations differ by less: no floor is lower", unit="share of the signal",
+        above=0)
+    method_error_share: float = setting(
+        2e-4, "what linear motion between samples leaves where a sensor is exact", unit="share of the signal", above=0)
+    counted_share: float = setting(
+        0.5, "a channel of counts repeats its values: it has this many at most", unit="share of samples", above=0,
+        at_most=1)
+    quieter_ratio: float = setting(
+        0.8, "a channel's noise is corrected where a residual shows less than this of it: its estimate scatters",
+        unit="ratio", above=0, at_most=1)
+
+    # fit
+    tolerances_max: float = setting(
+        3.0, "a parameter of the rig further from nominal is physics and no recalibration", unit="tolerances", above=0)
+    tolerance_room: float = setting(
+        0.3, "a known effect's parameter nearer to its bound has no room left, and is looked for freely",
+        unit="tolerances", above=0)
+    effect_tolerance: float = setting(
+        0.3, "of an effect of the nominal rig whose own is not given: what one knows of a friction, roughly",
+        unit="share (an angle: rad)", above=0)
+    found_tolerance_min: float = setting(
+        1e-3, "what was found is known no better, from one recording to the next", unit="share", above=0)
+    found_tolerance_max: float = setting(0.5, "nor worse, or it would not have been named", unit="share", above=0)
+    correlated_s: float = setting(
+        0.02, "a residual far above the floor is correlated so long: it counts once, or it would overrule every prior",
+        unit="s", above=0)
+    astray_tolerances: float = setting(
+        2.5, "a parameter so far away may have been led astray by missing physics: the fit starts anew from nominal",
+        unit="tolerances", above=0)
+
+    # standard errors
+    error_stretches: int = setting(
+        2, "the score's scatter is taken over as many of the stretches that judge: it is correlated for longer",
+        unit="stretches", at_least=1)
+    error_groups_min: int = setting(
+        16, "over at least as many groups, or the scatter is not known itself", unit="groups", at_least=2)
+
+    # bank of signatures
+    signature_growth_max: float = setting(
+        30.0, "a size is changed by so much at once: laws are not linear in it", unit="ratio", above=1)
+    signature_growths: int = setting(3, "a size is brought to that of the residual so often", unit="times", at_least=1)
+    signature_size_band: float = setting(
+        3.0, "a signature within this of the residual's size is not made again", unit="ratio", above=1)
+    signature_shrinks: int = setting(
+        6, "a size is made smaller so often where the simulation runs away", unit="times", at_least=1)
+    signature_shrink_ratio: float = setting(0.1, "and by so much", unit="ratio", above=0, below=1)
+    wave_step_share: float = setting(
+        0.5, "wave numbers are this far apart over the travel, so that none slips through", unit="cycles", above=0)
+    waves_max: int = setting(500, "wave numbers at most, for the time that it takes", unit="count", at_least=2)
+    wave_every_samples: int = setting(
+        5, "every so many samples are enough to choose a wave number", unit="samples", at_least=1)
+    delay_step_samples: float = setting(
+        0.5, "delays are tried as finely: a fit has a valley each sample", unit="samples", above=0)
+    scanned_starts: int = setting(
+        2, "so many of the best wave numbers or delays are simulated: the regression may confuse neighbours",
+        unit="count", at_least=1)
+    own_promise_ratio: float = setting(
+        2.0, "one element's own parameter is fitted where its regression leaves so much of noise: it is linear",
+        unit="ratio", above=1)
+
+    # search
+    effects_max: int = setting(4, "one recording does not carry more", unit="effects", at_least=1)
+    quick_fits: int = setting(
+        5, "the best of the bank that are fitted quickly: signatures are linear and rank roughly", unit="candidates",
+        at_least=1)
+    full_fits: int = setting(3, "the best of the quick fits that are fitted in full", unit="candidates", at_least=1)
+    gain_min: float = setting(
+        12.0, "a signature that promises less is chance: the best of fifty seldom reaches it", unit="-2 log-likelihood",
+        above=0)
+    gain_floor_share: float = setting(
+        0.5, "a signature has to promise this share of what an effect has to earn in units of the floor", unit="share",
+        above=0)
+    gain_weight_ratio: float = setting(
+        20.0, "where the residual is not noise, samples count so much more towards that than their weight says",
+        unit="ratio", above=0)
+    twin_cosine: float = setting(
+        0.95, "signatures more alike than this are those of twins, which are fitted beside the best", unit="cosine",
+        above=0, below=1)
+    twins_max: int = setting(3, "so many of them", unit="candidates", at_least=1)
+    runners_up: int = setting(
+        2, "of what came next to the effect that was added last, so many are fitted in full beside it: of two large "
+        "effects each hides the other", unit="candidates", at_least=1)
+    swap_rivals: int = setting(
+        2, "rivals that an effect is tried against when another one has joined", unit="candidates", at_least=1)
+    final_rivals: int = setting(4, "rivals that it is tried against in the end", unit="candidates", at_least=1)
+    hope_share: float = setting(
+        0.25, "a quick fit that has gained less of what has to be earned is not finished", unit="share", above=0,
+        at_most=1)
+    close_floors: float = setting(1.1, "a fit that leaves less leaves noise only", unit="floors, rms", at_least=1)
+    hopeless_ratio_noise: float = setting(
+        1.5, "a quick fit that leaves so much more than the best, which leaves noise, is not finished", unit="ratio",
+        at_least=1)
+    hopeless_ratio: float = setting(
+        4.0, "the same where the best leaves more than noise: others may still overtake it", unit="ratio", at_least=1)
+
+    # what an effect has to earn
+    earn_errors: float = setting(
+        2.0, "the held-out loss has to fall by so much in the paired test", unit="standard errors", above=0)
+    earn_excess_share: float = setting(
+        0.2, "an effect has to take away this much of the excess over the floor: less mends another one's form",
+        unit="share", above=0, below=1)
+    earn_floors: float = setting(
+        0.015, "and this much in units of the floor: less is chance", unit="floors, mean square", above=0)
+    earn_counts_share: float = setting(
+        0.25, "of what an encoder's counts pass on to a channel this much may be fitted by chance", unit="share",
+        above=0, below=1)
+    earn_seldom_share: float = setting(
+        0.9, "what happens seldom falls in few stretches: it is sure where this much of it is gone", unit="share",
+        above=0, below=1)
+    earn_seldom_floors: float = setting(
+        1.0, "and where it was as large as noise is", unit="floors, mean square", above=0)
+    earn_penalty: float = setting(
+        15.0, "so much less of the prior's penalty makes up for no gain: parameters come back from four tolerances",
+        unit="-2 log-likelihood", above=0)
+    earn_penalty_loss_share: float = setting(
+        0.05, "then the held-out excess may grow by so much at most", unit="share", above=0)
+    minor_share: float = setting(
+        2e-3, "less than this of the nominal mismatch mends the form of an effect that was named", unit="share",
+        above=0)
+    decisive_share: float = setting(
+        0.5, "what takes away more than this of what is left is decisive, whatever else is left beside it",
+        unit="share", above=0, at_most=1)
+    nearly_noise_floors: float = setting(
+        2.0, "unless less than this is left then", unit="floors, mean square", at_least=1)
+    negligible_share: float = setting(
+        1e-5, "less than this of it is never believed: another formulation of a large effect makes as much",
+        unit="share", above=0)
+    same_loss_share: float = setting(
+        0.02, "two fits are the same where their held-out losses differ by less", unit="share", above=0)
+    same_uncertain_share: float = setting(
+        0.1, "or by less than this, and not significantly", unit="share", above=0)
+    merit_train_weight: float = setting(
+        0.5, "of the fitted part's loss beside the choosing part's in ranking fits: it was fitted to",
+        unit="ratio", at_least=0)
+
+    # trial of a name
+    bound_share: float = setting(
+        0.01, "a parameter so near to a bound stands at it: the data did not choose it", unit="share of the bound",
+        above=0)
+    free_worse_ratio: float = setting(
+        1.2, "a law may make the free simulation worse by so much by chance: it drifts", unit="ratio of mean squares",
+        at_least=1)
+    away_errors: float = setting(
+        1.96, "an effect's size has to be so far from doing nothing: its 95 % interval excludes it",
+        unit="standard errors", above=0)
+
+    # verdict
+    noise_floors: float = setting(
+        1.2, "a channel of which less is left is noise: the floor is an estimate itself", unit="floors, mean square",
+        at_least=1)
+    noise_part_floors: float = setting(
+        2.0, "the same of the part of a recording where it is larger", unit="floors, mean square", at_least=1)
+    formulation_deviations: float = setting(
+        2.0, "two formulations of a law differ by so much at most",
+        unit="standard deviations of the catalogue", above=0)
+    depends_errors: float = setting(
+        3.5, "an effort over a state beats nothing by so much: the best of some thirty states is looked at",
+        unit="standard errors", above=0)
+    depends_floors: float = setting(
+        0.03, "and by so much in size: less matters to nobody", unit="floors, mean square", above=0)
+    stands_out_ratio: float = setting(
+        25.0, "a finding is sure beside what is left where without it so much more would be left",
+        unit="ratio of mean squares", above=1)
+    moved_share: float = setting(0.2, "a parameter that moved by less has not", unit="share of its tolerance", above=0)
+    moved_errors: float = setting(
+        0.7, "nor one by less than this: it follows another along a direction that cannot be seen",
+        unit="standard errors", above=0)
+    needed_ratio: float = setting(
+        1.03, "recalibration is needed where a channel's held-out mean square is so much larger without it",
+        unit="ratio of mean squares", at_least=1)
+
+    # effort of free form, findings, checks, advice
+    recovered_knots: int = setting(
+        25, "hats over a state: enough for friction's corner, few enough for their noise", unit="hats", at_least=5)
+    recovered_tail_share: float = setting(
+        0.002, "outermost values, beyond the outermost hats, that a spike would have moved", unit="share", above=0,
+        below=0.5)
+    recovered_smoothing: float = setting(
+        1e-3, "weight of the heights' second differences, so that hats without data follow their neighbours",
+        unit="ratio to the data", above=0)
+    sharp_stretch_share: float = setting(
+        0.03, "a law whose width is below this share of its spring's stretch has become the sharp one",
+        unit="share of the stretch", above=0)
+    limit_less_share: float = setting(
+        0.25, "the law that another one has become may explain so much less of what that one explains", unit="share",
+        above=0, at_most=1)
+    limit_less_floors: float = setting(
+        0.03, "and so much of the floor, which is the floor's own uncertainty", unit="floors, mean square", above=0)
+    told_apart_share: float = setting(
+        0.01, "an experiment that makes two models differ by less is not advised", unit="share of the signal", above=0)
+    white_lags: int = setting(20, "of the test for whiteness, Ljung and Box's usual number", unit="lags", at_least=1)
+    white_ratio: float = setting(
+        3.0, "a residual may be so much more coloured than a true model's, of which one simulation tells roughly",
+        unit="ratio", above=1)
+    overfitted_ratio: float = setting(
+        1.2, "the held-out mean square may be so much larger than the fitted part's by chance", unit="ratio", above=1)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    def to_json(self) -> dict[str, dict[str, Any]]:
+        """Name -> value, unit and reason."""
+        return {
+            one.key: {"value": getattr(self, one.key), "unit": one.about.unit, "reason": one.about.meaning}
+            for one in declared(DiagnoseSettings)
+        }
+# fmt: on
+
+
+_current = DiagnoseSettings()
+
+
+def settings() -> DiagnoseSettings:
+    """The settings in force."""
+    return _current
+
+
+@contextmanager
+def using(chosen: DiagnoseSettings) -> Iterator[DiagnoseSettings]:
+    """Within it, other settings are in force: in the whole process, in which one diagnosis may run at a time."""
+    global _current  # noqa: PLW0603  # a context variable would not reach threads that are there already
+    before = _current
+    _current = chosen
+    try:
+        yield chosen
+    finally:
+        _current = before

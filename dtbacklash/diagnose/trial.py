@@ -1,0 +1,94 @@
+"""Trial: what a law has to stand before its name is believed, beside fitting data that it was not fitted to.
+
+It acts where the motion was: none of its parameters stands where the recording cannot show it any more. It holds in a
+free simulation, with nothing measured that pulls it along. Its interval does not hold zero. A law that fails is not
+named.
+"""
+
+import math
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.errors_of_fit import free_squares
+from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.free import Errors, Key, as_given
+from dtbacklash.diagnose.refit import Fit
+from dtbacklash.diagnose.settings import settings
+from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.effects.declare import Parameter
+from dtbacklash.physics.rig import Rig
+
+
+def objection(evidence: Evidence, rig: Rig, key: Key) -> str:
+    """Why a law of a rig is not believed: it stands at a bound of what these recordings can show. Empty if not so."""
+    values, bounds = rig.effect(*key) or {}, evidence.bounds(key)
+    for name, ends in bounds.items():
+        # what is zero from the beginning is no bound
+        reached = [end for end in ends if end != 0.0 and abs(values[name] - end) <= settings().bound_share * abs(end)]
+        if reached:
+            return f"its {name.replace('_', ' ')} stands where this recording does not show it any more"
+    return ""
+
+
+def spoils_the_free_run(evidence: Evidence, nominal: Fit, fitted: Fit, order: list[Key]) -> Key | None:
+    """The finding without which the free simulation is best, where it is worse with all of them than with none.
+
+    Such a law only helps what the measurement pulls along anyway. One is judged among all of them: what is missing
+    beside it may spoil the free run of a law that is right.
+    """
+    if not order or not any(b.pulled and b.gains[0] > 0.0 for b in evidence.blocks):
+        return None  # where nothing is pulled, the comparison is a free simulation itself
+    with_all = free_error(evidence, fitted.rig)
+    if with_all <= settings().free_worse_ratio * free_error(evidence, nominal.rig):
+        return None
+    without = {key: free_error(evidence, as_given(evidence.nominal, fitted.rig, key)) for key in order}
+    best = min(without, key=lambda k: without[k])
+    return best if without[best] < with_all else None
+
+
+def free_error(evidence: Evidence, rig: Rig) -> float:
+    """Mean square of the free simulation over all channels and samples, relative to the signals; inf if it runs away.
+
+    Of all samples: a simulation that runs freely from the beginning is not bound to parts.
+    """
+    squares = free_squares(evidence, rig)
+    total: Floats = np.concatenate(list(squares.values()))
+    return float(np.mean(total)) if np.isfinite(total).all() else math.inf
+
+
+def raises_the_error(evidence: Evidence, nominal: Fit, fitted: Fit, order: list[Key]) -> Key | None:
+    """The finding without which the held-out error is least, where that is less than with it.
+
+    The last one that was found, where all of them together leave more than the recalibrated rig does.
+    """
+    with_all, without = evidence.rms(fitted.residuals), {}
+    if order and with_all > evidence.rms(nominal.residuals):
+        return order[-1]
+    for key in order:
+        rig = as_given(evidence.nominal, fitted.rig, key)
+        without[key] = evidence.rms(evidence.residuals(rig, fitted.residuals, {key[0]}))
+    best = min(without, key=lambda k: without[k], default=None)
+    return best if best is not None and without[best] < with_all else None
+
+
+def insignificant(evidence: Evidence, rig: Rig, order: list[Key], errors: Errors) -> Key | None:
+    """The finding whose size is least sure to be away from doing nothing, if that is not sure; else None."""
+    away = {key: float(np.nan_to_num(distance(evidence, rig, key, errors))) for key in order}
+    worst = min(away, key=lambda k: away[k], default=None)
+    return worst if worst is not None and away[worst] < settings().away_errors else None
+
+
+def distance(evidence: Evidence, rig: Rig, key: Key, errors: Errors) -> float:
+    """Distance of an effect's size from where it does nothing, in standard errors; NaN where that is not known."""
+    size = find(rig.kind_at(key[0]), key[1], key[0]).size
+    value, error = (rig.effect(*key) or {})[size.name], errors.get((*key, size.name), math.nan)
+    if not (math.isfinite(error) and error > 0.0):
+        return math.nan
+    return abs(value - nothing(evidence, size)) / error
+
+
+def nothing(evidence: Evidence, size: Parameter) -> float:
+    """Where an effect does nothing; a limit does so from the largest command on."""
+    neutral = size.neutral or 0.0
+    return neutral if math.isfinite(neutral) else max(float(np.abs(r.u).max()) for r in evidence.records)

@@ -1,0 +1,187 @@
+"""Why a run does not settle, and which setting helps: from what is configured, and from where it fails.
+
+Each cause is looked for on its own; a sentence names what is in the way and the setting, as it is written on the
+command line. What is not found is not guessed: then only the first sentence stands.
+"""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+
+from dtbacklash.config.run import RunConfig
+from dtbacklash.control.design import ControllerDesign, largest_gain
+from dtbacklash.experiment.sensors import column, roles, trace_factor
+from dtbacklash.physics.effects.declare import name_in_words
+from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
+
+#: a gain above this share of the one from which the inner loop is unstable is too large: a gain margin of 2
+GAIN_SHARE = 0.5
+#: the prefilter's time constants that a move needs to come within 1 %, and a little more for the structure
+MOVE_TIME_CONSTANTS = 5.0
+#: below this true gap, deg, NIMC with a model of the whole inner loop does not settle where it believes in a larger one
+SMALL_GAP_DEG = 0.5
+#: settling band, share of a move, and how far the structure rings where a move meets an unknown gap
+BAND, RINGING = 0.01, 0.1
+
+
+def settles(moves: pd.DataFrame) -> bool | None:
+    """Whether every move settles; None where there is no move. moves : see :func:`.metrics.move_table`."""
+    return bool(moves["settling_time_s"].notna().all()) if len(moves) else None
+
+
+def advice(
+    config: RunConfig, rig: Rig, design: ControllerDesign | None, trace: pd.DataFrame, moves: pd.DataFrame
+) -> list[str]:
+    """Sentences for a run that does not settle, the first of which says so; none where it does.
+
+    design : of the controller, None in open loop. trace, moves : of the run, as in :class:`.result.RunResult`.
+    """
+    if design is None or settles(moves) is not False:
+        return []
+    restless = moves[moves["settling_time_s"].isna()]
+    said = [f"{len(restless)} of {len(moves)} moves never settle within {100 * BAND:g} %."]
+    at = trace.iloc[np.searchsorted(trace["t_s"], restless["t_s"] - 1e-9)]
+    holds = _holds(trace, moves)[restless.index]
+    return [
+        *said, *causes(config, rig, design), *_too_short(config, design, at, holds), *_too_fine(config, rig, restless),
+        *_false_output(rig), *_small_gap(config, rig, at),
+    ]  # fmt: skip
+
+
+def causes(config: RunConfig, rig: Rig, design: ControllerDesign) -> list[str]:
+    """What is in the way by configuration alone; also of a loop that diverged."""
+    return [*_gain(config, rig, design), *_unmodelled(config, rig), *_prefilter(config)]
+
+
+def _gain(config: RunConfig, rig: Rig, design: ControllerDesign) -> Iterator[str]:
+    """The inner loop's gain beside the largest one that the sampled motor bears, with the delays on the way."""
+    late_s = sum(
+        there["delay"]["time"]
+        for place, there in rig.effects.items()
+        if "delay" in there and (rig.kind_at(place) == "amplifier" or place == _motor_sensor(rig))
+    )
+    limit = largest_gain(design.motor_position, round(late_s / config.sample_time_s))
+    gain = config.controller.k_theta_v_per_rad
+    if gain > GAIN_SHARE * limit:
+        delays = f" and delays of {1e3 * late_s:g} ms" if late_s else ""
+        yield (
+            f"The inner loop has little or no margin: with samples of {1e3 * config.sample_time_s:g} ms{delays} it is "
+            f"unstable from {limit:.3g} V/rad on, and its gain is {gain:g}; controller.k_theta_v_per_rad="
+            f"{0.8 * GAIN_SHARE * limit:.2g} leaves a margin."
+        )
+
+
+def _unmodelled(config: RunConfig, rig: Rig) -> Iterator[str]:
+    """Effects between the voltage and the measured angle, which the internal model does not know."""
+    found = _on_the_motor(rig)
+    model = config.controller.internal_model
+    if not found or model == "inner_loop":
+        return
+    how = {
+        "measured": "cannot see the voltage that it needs, so an error stays",
+        "bare": "integrates the voltage without it, and drifts",
+        "exact": "integrates the voltage without it, and drifts",
+    }[model]
+    yield (
+        f"The controller does not know of {' and '.join(found)}: its internal model ({model}) {how}; "
+        "controller.internal_model=inner_loop takes it out."
+    )
+
+
+def _on_the_motor(rig: Rig) -> list[str]:
+    """Effects on the way from the voltage to the measured angle, in words; delays are a matter of the gain."""
+    found = []
+    for place, there in rig.effects.items():
+        driving = rig.kind_at(place) in ("amplifier", "motor_circuit", "rotor") or place == _motor_sensor(rig)
+        for name in there:
+            if (driving and name != "delay") or name == "load_reaction":
+                found.append(f"{name_in_words(name)} at {place}")
+    return found
+
+
+def _prefilter(config: RunConfig) -> Iterator[str]:
+    if config.controller.prefilter == "none":
+        yield "Without a prefilter every move rings the structure: controller.prefilter=reduced cancels its mode."
+
+
+def _holds(trace: pd.DataFrame, moves: pd.DataFrame) -> pd.Series:
+    """How long each move is held, s; the last to the end of the run."""
+    return pd.Series(np.diff([*moves["t_s"], trace["t_s"].iloc[-1]]), index=moves.index)
+
+
+def _too_short(config: RunConfig, design: ControllerDesign, at: pd.DataFrame, holds: pd.Series) -> Iterator[str]:
+    """The reference goes on before a move can have arrived. at : the trace where these moves begin."""
+    if config.controller.prefilter != "reduced":
+        return
+    tau_s = config.controller.tau_r_s
+    needed = np.full(len(at), MOVE_TIME_CONSTANTS * tau_s)
+    # a gap that the controller does not have in its model rings the structure, which has to die away by itself
+    believed = at["gap_hat_deg"] if config.controller.structure == "nimc" else 0.0 * at["gap_deg"]
+    wrong = (at["gap_deg"] - believed).abs().to_numpy() > SMALL_GAP_DEG
+    needed[wrong] += math.log(RINGING / BAND) / _decay_per_s(design)
+    short = holds.to_numpy() < needed
+    if not short.any():
+        return
+    needed_s, held_s = float(needed[short].max()), float(np.median(holds.to_numpy()[short]))
+    longer = {
+        "square": f"reference.period_s={2.4 * needed_s:.3g}",
+        "staircase": f"reference.dwell_s={1.2 * needed_s:.3g}",
+    }.get(config.reference.kind, "hold it longer")
+    if short.sum() == 1 and short[-1] and at["t_s"].iloc[-1] + needed_s > config.duration_s:
+        longer = f"duration_s={math.ceil(at['t_s'].iloc[-1] + 1.2 * needed_s)}"
+    ringing = f" and a gap that the controller's model does not have ({at['gap_deg'][wrong].max():.3g} deg)"
+    why = f"controller.tau_r_s={tau_s:.3g} s" + (ringing if wrong.any() else "")
+    yield f"A move takes about {needed_s:.2g} s ({why}), and the reference holds for {held_s:.2g} s: {longer}."
+
+
+def _decay_per_s(design: ControllerDesign) -> float:
+    """How fast the structure's slowest mode dies away, 1/s."""
+    slowest = float(np.abs(np.linalg.eigvals(design.structure.A)).max())
+    return -math.log(min(slowest, 1.0 - 1e-12)) / design.sample_time_s
+
+
+def _too_fine(config: RunConfig, rig: Rig, restless: pd.DataFrame) -> Iterator[str]:
+    """A settling band that is narrower than what the sensors resolve."""
+    band_mm = BAND * float((restless["to_mm"] - restless["from_mm"]).abs().min())
+    screw = rig.only("screw")
+    lead_mm = 1e3 * screw.values["lead"] if screw else 0.0
+    for j, role in enumerate(roles(rig, True)):
+        sensor = list(rig.sensors.values())[role]
+        name, per_mm = column(sensor), lead_mm / trace_factor(sensor) if j == 0 else 1.0
+        for what, sizes in (("resolution", config.sensors.resolution), ("noise", config.sensors.noise)):
+            size_mm = sizes.get(name, 0.0) * per_mm
+            if size_mm > band_mm:
+                yield (
+                    f"The settling band of the smallest such move, {band_mm:.2g} mm, is narrower than the {what} of "
+                    f"{name} ({size_mm:.2g} mm at the output): larger moves, or sensors.{what}.{name}=0."
+                )
+
+
+def _false_output(rig: Rig) -> Iterator[str]:
+    """The sensor at the output shows something else than the output: no controller can know."""
+    place = SENSOR_PREFIX + list(rig.sensors)[roles(rig, True)[1]]
+    wrong = [name_in_words(name) for name in rig.effects.get(place, {}) if name != "delay"]
+    if wrong:
+        yield f"{place} has {' and '.join(wrong)}: the loop brings its reading to the target; no setting can know."
+
+
+def _small_gap(config: RunConfig, rig: Rig, at: pd.DataFrame) -> Iterator[str]:
+    """NIMC whose model has a gap where there is none yet. at : the trace where moves begin that do not settle."""
+    c = config.controller
+    true, believed = at["gap_deg"].to_numpy(dtype=float), at["gap_hat_deg"].to_numpy(dtype=float)
+    if c.structure != "nimc" or c.internal_model == "bare":
+        return
+    if np.any((true < SMALL_GAP_DEG) & (believed > true + 0.01)):
+        instead = f"controller.gap_hat_deg={float(np.round(true.min(), 3)):g}"
+        if not _on_the_motor(rig):
+            instead += ", or controller.internal_model=bare"
+        yield (
+            f"NIMC with internal_model={c.internal_model} does not settle while the true gap is below "
+            f"{SMALL_GAP_DEG:g} deg and it believes in a larger one ({believed.max():.3g} deg): {instead}."
+        )
+
+
+def _motor_sensor(rig: Rig) -> str:
+    return SENSOR_PREFIX + list(rig.sensors)[roles(rig, True)[0]]

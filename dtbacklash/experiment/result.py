@@ -1,0 +1,131 @@
+"""What a run gives: tables of the trace, the moves and the estimates, what the sensors saw, and a summary."""
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from dtbacklash import units
+from dtbacklash.arrays import Floats
+from dtbacklash.config.run import RunConfig
+from dtbacklash.control.design import ControllerDesign
+from dtbacklash.experiment import loop, metrics
+from dtbacklash.experiment.advice import advice, settles
+from dtbacklash.experiment.sensors import column, trace_factor
+from dtbacklash.physics.rig import Rig
+
+
+@dataclass
+class RunResult:
+    """What a run gives; the columns are those that ``dtb run`` writes.
+
+    Attributes
+    ----------
+    config, rig : what was simulated.
+    trace : a row a sample, N+1 of them, with the true values.
+    seen : channel -> (N+1,) what controller and sensors saw, in SI: the reference ``r`` (m; V in open loop), the
+        command ``u`` (V), and each sensor of the rig with its noise and counts.
+    moves : a row a move, see :func:`dtbacklash.experiment.metrics.move_table`.
+    estimates : a row an attempt of the twin. summary : JSON-able figures of the run.
+    """
+
+    config: RunConfig
+    rig: Rig
+    trace: pd.DataFrame
+    seen: dict[str, Floats]
+    moves: pd.DataFrame
+    estimates: pd.DataFrame
+    summary: dict[str, Any]
+
+    @property
+    def t_s(self) -> Floats:
+        """(N+1,) time of each sample, s."""
+        return self.trace["t_s"].to_numpy(dtype=np.float64)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """The SI unit of each channel of ``seen``."""
+        closed = self.config.controller.structure != "open_loop"
+        return {"r": "m" if closed else "V", "u": "V", **{s.name: s.unit for s in self.rig.sensors.values()}}
+
+
+@dataclass(frozen=True)
+class Walls:
+    """Where the time went, s.
+
+    simulate : the compiled loop. estimate : asking the twin. compile : compiling, which only a first run on a machine
+    has to. total : all of it, with designing the controller and loading libraries and compiled code.
+    """
+
+    simulate: float
+    estimate: float
+    compile: float
+    total: float
+
+
+def collect(
+    config: RunConfig,
+    rig: Rig,
+    design: ControllerDesign | None,
+    signals: loop.Signals,
+    traces: loop.Traces,
+    roles: tuple[int, int],
+    estimates: pd.DataFrame,
+    walls: Walls,
+) -> RunResult:
+    """Tables and summary of a finished run.
+
+    design : of the controller, None in open loop. roles : the sensors (index or -1) that show theta_m and q3.
+    """
+    closed = config.controller.structure != "open_loop"
+    trace = _trace(config, rig, signals, traces, roles)
+    seen = {"r": signals.reference, "u": traces.u}
+    seen |= {name: np.ascontiguousarray(traces.seen[:, j]) for j, name in enumerate(rig.sensors)}
+    moves = metrics.move_table(trace if closed else trace.iloc[:0])  # in open loop r is no target of q3
+    summary = {
+        "controller": config.controller.name,
+        "n_moves": len(moves),
+        "n_estimations": int(estimates["t_event_s"].nunique()),
+        "n_attempts": len(estimates),
+        "n_accepted": int(estimates["accepted"].sum()) if len(estimates) else 0,
+        "settles": settles(moves),
+        "overshoot_pct_max": float(moves["overshoot_pct"].max()) if len(moves) else None,
+        # a move that does not settle has no settling time, and then the worst one has none either
+        "settling_time_s_max": float(moves["settling_time_s"].max(skipna=False)) if len(moves) else None,
+        "peak_voltage_v": float(trace["u_v"].abs().max()),
+        "tracking_rms_mm": metrics.tracking_rms_mm(trace) if closed else None,
+        "signals": _signals(rig, trace, roles),
+        "seconds_simulated": float(trace["t_s"].iloc[-1]),
+        "advice": advice(config, rig, design, trace, moves),
+        "moves": moves.to_dict("records"),
+        "estimates": estimates.to_dict("records"),
+        "wall_s": asdict(walls),
+    }
+    return RunResult(config, rig, trace, seen, moves, estimates, summary)
+
+
+def _signals(rig: Rig, trace: pd.DataFrame, roles: tuple[int, int]) -> list[dict[str, Any]]:
+    """What the summary says of the command and of each sensor: what it is, its column of the trace, its range."""
+    found: list[dict[str, Any]] = [{"signal": "u", "column": "u_v", "unit": "V", "of": "", "quantity": "command"}]
+    motor, output = roles
+    for j, s in enumerate(rig.sensors.values()):
+        name = {motor: "theta_m_rad", output: "q3_mm"}.get(j, column(s))
+        unit = units.shown(s.unit)[0]
+        found.append({"signal": s.name, "column": name, "unit": unit, "of": s.of, "quantity": s.quantity})
+    return [signal | metrics.signal_range(trace[signal["column"]]) for signal in found]
+
+
+def _trace(config: RunConfig, rig: Rig, s: loop.Signals, t: loop.Traces, roles: tuple[int, int]) -> pd.DataFrame:
+    """A row a sample, with the true values; a column for each sensor that is neither theta_m nor q3 at the end."""
+    time_s = np.arange(s.gap.size) * config.sample_time_s
+    closed = config.controller.structure != "open_loop"
+    sensors = list(rig.sensors.values())
+    truth = {column(sensor): t.truth[:, j] * trace_factor(sensor) for j, sensor in enumerate(sensors)}
+    theta_m, q3 = (truth.pop(column(sensors[role])) if role >= 0 else np.full_like(time_s, math.nan) for role in roles)
+    return pd.DataFrame({
+        "t_s": time_s, "r_mm": s.reference * (1e3 if closed else 1.0), "q3_mm": q3, "u_v": t.u,
+        "theta_m_rad": theta_m, "theta_d_rad": t.theta_d, "gap_deg": np.degrees(s.gap),
+        "gap_hat_deg": np.degrees(t.gap_hat), "eps_mm": t.eps * 1e3, "novelty_mm": t.novelty * 1e3, **truth,
+    })  # fmt: skip

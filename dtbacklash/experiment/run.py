@@ -1,0 +1,159 @@
+"""One closed-loop experiment: the rig wears, the controller works, the twin answers when it is asked."""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from dtbacklash.arrays import Floats, Ints
+from dtbacklash.compiled import compiling
+from dtbacklash.config.run import RunConfig
+from dtbacklash.control.chain import design_for
+from dtbacklash.control.design import ControllerDesign
+from dtbacklash.control.laws import Controller, ControllerState, build_controller, new_controller_state
+from dtbacklash.errors import Diverged
+from dtbacklash.experiment import loop, signals
+from dtbacklash.experiment.advice import causes
+from dtbacklash.experiment.estimation import Estimation
+from dtbacklash.experiment.result import RunResult, Walls, collect
+from dtbacklash.experiment.sensors import roles, sensor_errors
+from dtbacklash.kept import kept
+from dtbacklash.physics.assembly import compile_plant
+from dtbacklash.physics.kernel.plant import Plant, State, new_state, place_at
+from dtbacklash.physics.rig import Rig, build_rig
+from dtbacklash.physics.simulate import rig_half_gap
+from dtbacklash.twin.novelty import NoveltyDesign, novelty_design
+
+__all__ = ["RunResult", "run_scenario"]
+
+#: samples between two calls of the progress callback (and two chances for Ctrl-C)
+CHUNK = 5000
+
+
+@dataclass
+class _Machine:
+    """What a segment advances: the plant, the controller and the detector of novelty, each with its memory."""
+
+    plant: Plant
+    state: State
+    controller: Controller
+    control_state: ControllerState
+    detector: NoveltyDesign
+    detector_state: Floats
+
+    def run(
+        self, inputs: loop.Signals, traces: loop.Traces, which: tuple[int, int], first: int, stop: int, gap_hat: float,
+        limits: tuple[float, float], before: float,
+    ) -> tuple[int, int]:  # fmt: skip
+        """Run the samples ``first <= k < stop``: see :func:`.loop.run_segment`."""
+        oscillator = (self.detector.sos, self.detector.cos_step, self.detector.sin_step)
+        k, why = loop.run_segment(
+            self.plant, self.state, self.controller, self.control_state, self.detector_state, oscillator, inputs,
+            traces, which, first, stop, gap_hat, limits, before,
+        )  # fmt: skip
+        return k, why
+
+
+def run_scenario(config: RunConfig, progress: Callable[[float], None] | None = None) -> RunResult:
+    """Simulate one experiment.
+
+    Parameters
+    ----------
+    config : the checked configuration. progress : called with the share simulated, 0 to 1.
+
+    Raises
+    ------
+    UserError : the rig or the combination makes no sense. Diverged : the loop is unstable.
+    """
+    started = time.perf_counter()
+    with compiling() as spent:
+        rig = build_rig(config.rig)
+        design = design_for(config, rig)
+        machine = _build(config, rig, design)
+        inputs, changes = _inputs(config, rig)
+        traces = _room(config, rig)
+        which = roles(rig, design is not None)
+        twin = Estimation.prepare(config, rig, changes, traces.seen, which, inputs.gap)
+        if machine.plant.imposed:
+            place_at(machine.plant, machine.state, inputs.reference[0])
+        if progress:
+            progress(0.0)  # all checks are done: from here on compiled code runs
+        twin.warm_up()
+        machine.run(inputs, traces, which, 0, 0, 0.0, (math.inf, math.inf), 0.0)  # no sample: loads, or compiles
+        ready = time.perf_counter()
+        _segments(config, rig, design, machine, inputs, traces, which, twin, progress)
+    end = time.perf_counter()
+    walls = Walls(end - ready - twin.wall_s, twin.wall_s, spent(), end - started)
+    return collect(config, rig, design, inputs, traces, which, twin.table(), walls)
+
+
+def _build(config: RunConfig, rig: Rig, design: ControllerDesign | None) -> _Machine:
+    """Everything at rest."""
+    plant = compile_plant(rig, config.sample_time_s, config.solver.substeps, config.solver.event_levels)
+    controller = build_controller(config.controller, design)
+    frequency = design.dominant_frequency_rad_s if design else 1.0
+    detector = kept(novelty_design, config.twin.novelty_filter, frequency, config.sample_time_s)
+    return _Machine(
+        plant, new_state(plant), controller, new_controller_state(controller), detector, detector.initial_state()
+    )
+
+
+def _inputs(config: RunConfig, rig: Rig) -> tuple[loop.Signals, Ints]:
+    """The signals that go in, (N+1,) each, and the samples at which the reference changes."""
+    t_s = np.arange(config.samples + 1, dtype=np.float64) * config.sample_time_s
+    r = signals.reference(config.reference, t_s, config.seed)
+    gap = np.radians(signals.gap_profile(config.profile, t_s)) + rig_half_gap(rig)
+    if rig.only("gear") is None:
+        gap = np.zeros(t_s.size)
+    noise, resolution = sensor_errors(config, list(rig.sensors.values()), t_s.size)
+    closed = config.controller.structure != "open_loop"
+    changes = (np.flatnonzero(np.diff(r)) + 1).astype(np.int64)
+    return loop.Signals(np.ascontiguousarray(r * (1e-3 if closed else 1.0)), gap, noise, resolution), changes
+
+
+def _room(config: RunConfig, rig: Rig) -> loop.Traces:
+    """Traces to be filled."""
+    n, sensors = config.samples + 1, len(rig.sensors)
+    return loop.Traces(*(np.zeros(n) for _ in range(5)), *(np.zeros((n, sensors)) for _ in range(2)))
+
+
+def _segments(
+    config: RunConfig,
+    rig: Rig,
+    design: ControllerDesign | None,
+    machine: _Machine,
+    inputs: loop.Signals,
+    traces: loop.Traces,
+    which: tuple[int, int],
+    twin: Estimation,
+    progress: Callable[[float], None] | None,
+) -> None:
+    """Run from one sample at which Python has something to do to the next, to the end.
+
+    Raises
+    ------
+    Diverged : |q3| passes ``solver.divergence_mm`` in a closed loop.
+    """
+    # in open loop there is nothing that could be unstable by choice: a carriage may well run away
+    limit_m = config.solver.divergence_mm * 1e-3 if design else math.inf
+    threshold_m = config.twin.novelty_threshold_mm * 1e-3
+    k, n = 0, inputs.gap.size
+    while k < n:
+        twin.before(k)
+        stop = min([k + CHUNK, n, *twin.stops(k)])
+        listening = twin.listening
+        limits = (limit_m, threshold_m if listening else math.inf)
+        before = traces.novelty[k - 1] if k > 0 and not twin.rejected else 0.0
+        k, why = machine.run(inputs, traces, which, k, stop, twin.gap_hat, limits, before)
+        if why == loop.DIVERGED:
+            what = f"|q3| above solver.divergence_mm={config.solver.divergence_mm:g} mm"
+            said = " ".join(causes(config, rig, design)) if design else ""
+            raise Diverged("controller", config.controller.name, k * config.sample_time_s, what, said)
+        if why == loop.NOVELTY:
+            twin.alarm(k)
+        if listening:
+            twin.rejected = False
+        if progress:
+            progress(k / n)

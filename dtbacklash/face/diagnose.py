@@ -1,0 +1,223 @@
+"""``dtb diagnose`` in Python: what physics a recording has and a rig lacks, and where."""
+
+from __future__ import annotations
+
+import io
+import os
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from dtbacklash.errors import UserError
+from dtbacklash.face.progress import ShowProgress, shown
+from dtbacklash.face.recordings import read_recording
+from dtbacklash.face.rigs import RigLike, load_rig
+from dtbacklash.recording import Recording
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from dtbacklash.diagnose.result import Diagnosis
+    from dtbacklash.physics.rig import Rig
+
+DEFAULT_RIG = "lead_screw"
+ENTRIES = frozenset({"diagnosis.json", "report.html", "figures", "rig.yaml"})
+
+
+@dataclass(frozen=True, repr=False)
+class Found:
+    """What :func:`diagnose` gives. ``print(found)`` shows verdict, findings, and the fit before and after.
+
+    Attributes
+    ----------
+    diagnosis : the result, typed; the properties below are views of it.
+    """
+
+    diagnosis: Diagnosis
+
+    @property
+    def verdict(self) -> str:
+        """``consistent``, ``parameters``, ``missing_physics`` or ``unexplained``."""
+        return self.diagnosis.verdict
+
+    @property
+    def summary(self) -> str:
+        """Two or three sentences that a person would say."""
+        return self.diagnosis.summary
+
+    @cached_property
+    def findings(self) -> pd.DataFrame:
+        """The effects that the rig lacks, a row a parameter.
+
+        Columns ``location, effect, confidence, parameter, value, unit, low, high, also_fits, sentence``: ``confidence``
+        is ``sure`` or, with the verdict ``unexplained``, also ``partial`` (the place and a part of the truth, but not
+        a law to rely on); ``low`` and ``high`` are the ends of the 95 % interval, in ``unit`` (SI); ``also_fits`` is a
+        tuple of (location, effect) that this recording cannot tell from it. The size of an effect is its first
+        parameter.
+        """
+        columns = ["location", "effect", "confidence", "parameter", "value", "unit", "low", "high", "also_fits",
+                   "sentence"]  # fmt: skip
+        rows = []
+        for finding in self.diagnosis.findings:
+            also = tuple((a.location, a.effect) for a in finding.also_fits)
+            for name, p in finding.parameters.items():
+                size = (name, p.value, p.unit, *p.ci95)
+                rows.append((finding.location, finding.effect, finding.confidence, *size, also, finding.sentence))
+        return pd.DataFrame(rows, columns=columns)
+
+    @cached_property
+    def recalibrated(self) -> pd.DataFrame:
+        """Parameters of the rig that had to move: ``nominal, value, unit, low, high`` (95 % interval, SI)."""
+        rows = {name: (p.nominal, p.value, p.unit, *p.ci95) for name, p in self.diagnosis.recalibrated.items()}
+        return pd.DataFrame.from_dict(rows, orient="index", columns=["nominal", "value", "unit", "low", "high"])
+
+    @cached_property
+    def fit(self) -> pd.DataFrame:
+        """Errors of the models: rows ``nominal, recalibrated, extended, noise_floor``, columns ``train, held_out``.
+
+        Normalised rms over the channels (rms error by standard deviation, 1); the noise floor is what a true model
+        would leave.
+        """
+        fit = self.diagnosis.fit
+        parts = {"train": fit.train, "held_out": fit.held_out}
+        return pd.DataFrame(
+            {part: {**asdict(errors), "noise_floor": fit.noise_floor} for part, errors in parts.items()}, dtype=float
+        )
+
+    @cached_property
+    def candidates(self) -> pd.DataFrame:
+        """What was tried, best first: ``location, effect, score, held_out, verdict``."""
+        columns = ["location", "effect", "score", "held_out", "verdict"]
+        return pd.DataFrame([asdict(c) for c in self.diagnosis.candidates], columns=columns)
+
+    @cached_property
+    def checks(self) -> pd.DataFrame:
+        """Tests of the result: ``check, statistic, operator, threshold, passed, comment, source``."""
+        columns = ["check", "statistic", "operator", "threshold", "passed", "comment", "source"]
+        return pd.DataFrame([asdict(c) for c in self.diagnosis.checks], columns=columns)
+
+    @property
+    def rig(self) -> Rig:
+        """The rig with what was found: recalibrated, with the missing effects; ``dtb.run(rig=found.rig)`` takes it."""
+        return self.diagnosis.extended
+
+    @property
+    def next_experiment(self) -> str:
+        """What to record or to measure next; empty if nothing."""
+        return self.diagnosis.next_experiment
+
+    def to_json(self) -> dict[str, Any]:
+        """The content of ``diagnosis.json``."""
+        return dict(self.diagnosis.to_json())
+
+    def plot(self, what: str = "rig") -> Figure:
+        """Draw one of the report's figures, without pyplot.
+
+        Parameters
+        ----------
+        what : ``rig``, the rig with the evidence at each element; a channel (``q3``), measured and simulated before and
+            after; a finding's location (``motor_bearing``), its law over its state.
+
+        Raises
+        ------
+        UserError : there is no such figure.
+        """
+        from dtbacklash.report.diagnosis.figures import curve_figure, law_figure
+        from dtbacklash.report.diagnosis.page import rig_figure
+        from dtbacklash.report.diagnosis.words import better_model
+
+        if what == "rig":
+            return rig_figure(self.diagnosis)
+        shown = self.diagnosis.shown
+        curves = {curve.name: curve for curve in shown.curves}
+        laws = {law.location: law for law in reversed(shown.laws)}
+        if what in curves:
+            return curve_figure(curves[what], better_model(self.diagnosis))
+        if what in laws:
+            return law_figure(laws[what])
+        raise UserError("plot", what, "choose one of " + ", ".join(["rig", *curves, *laws]))
+
+    def save(self, folder: str | Path) -> Path:
+        """Write what ``dtb diagnose`` writes, complete or not at all; an earlier diagnosis there is replaced.
+
+        Files: ``diagnosis.json, rig.yaml, figures/*.png, report.html``.
+
+        Returns
+        -------
+        The folder.
+
+        Raises
+        ------
+        UserError : the folder holds something else, or cannot be written.
+        """
+        from dtbacklash.files import run_folder
+        from dtbacklash.report.diagnosis import page
+
+        target = Path(folder).expanduser()
+        with run_folder(target, key="folder", mark="diagnosis.json", known=ENTRIES) as scratch:
+            page.write(self.diagnosis, scratch)
+        return target
+
+    def __str__(self) -> str:
+        from dtbacklash.report.diagnosis.text import lines
+        from dtbacklash.report.kit import tables
+
+        text = io.StringIO()
+        tables.show(*lines(self.diagnosis), "", tables.fit(asdict(self.diagnosis.fit)), file=text)
+        return text.getvalue().rstrip("\n")
+
+    def __repr__(self) -> str:
+        named = [f"{finding.effect} at {finding.location}" for finding in self.diagnosis.findings]
+        return f"<Found: {', '.join([self.verdict, *named])}>"
+
+
+def diagnose(
+    recording: Recording | str | Path,
+    rig: RigLike | None = None,
+    validation: Recording | str | Path | None = None,
+    *,
+    held_out: float = 0.4,
+    jobs: int | None = None,
+    progress: ShowProgress = False,
+) -> Found:
+    """Compare a recording with the simulation of a rig; name the physics that the rig lacks, and show that it fits.
+
+    Parameters
+    ----------
+    recording : a recording, or what :func:`read_recording` reads.
+    rig : the nominal rig; default: that of the recording's mapping, else ``lead_screw``.
+    validation : the recording to choose and to judge on; without it the last share ``held_out`` of the recording does.
+    held_out : above 0 and below 1. The first five eighths of it choose the structure, the rest judges it.
+    jobs : threads that share the work; None: one for each core.
+    progress : True shows a bar; a function is called with the share done, 0 to 1, and what is being done.
+
+    Raises
+    ------
+    UserError : no channel of the rig was recorded, an integrating part not measured, or nothing was commanded.
+    """
+    from dtbacklash.diagnose import diagnose as search
+
+    nominal = load_rig(rig if rig is not None else _usual_rig(recording))
+    fitted, judged = _loaded(recording, nominal), None if validation is None else _loaded(validation, nominal)
+    if not 0.0 < held_out < 1.0:
+        raise UserError("held_out", held_out, "must be above 0 and below 1")
+    with shown(progress, "diagnosing") as tell:
+        said = None if tell is None else lambda text, share: tell(share, text)
+        return Found(search(fitted, nominal, judged, held_out, said, jobs or os.cpu_count() or 1))
+
+
+def _loaded(recording: Recording | str | Path, rig: Rig) -> Recording:
+    return recording if isinstance(recording, Recording) else read_recording(recording, rig)
+
+
+def _usual_rig(recording: Recording | str | Path) -> str:
+    """The rig that the recording's mapping names, if it has one."""
+    from dtbacklash.recording import mapping_of
+
+    if isinstance(recording, Recording):
+        return recording.rig or DEFAULT_RIG
+    mapping = mapping_of(str(recording))
+    return (mapping.rig if mapping else None) or DEFAULT_RIG

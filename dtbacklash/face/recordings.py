@@ -1,0 +1,54 @@
+"""Recordings from files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dtbacklash.face.rigs import RigLike, load_rig
+
+if TYPE_CHECKING:
+    from dtbacklash.recording import Recording
+
+
+def read_recording(
+    source: str | Path,
+    rig: RigLike | None = None,
+    *,
+    path: str | Path | None = None,
+    part: str | None = None,
+    sample_time_s: float | None = None,
+    units: Mapping[str, str] | None = None,
+    trust_units: bool = False,
+) -> Recording:
+    """Read and check a recording: CSV, Parquet, ``.mat``, ``.npz``, also gzipped; or one that has a mapping.
+
+    Parameters
+    ----------
+    source : the path of a file with the columns ``t``, ``u`` and the rig's sensors; or the name of a mapping, as in
+        ``dtb recordings``, with ``name:part`` for one of its parts.
+    rig : tells which sensors there are and in which units; a rig, a name, a file or a mapping.
+    path : the file of a mapping, where it is not in the usual places.
+    part : the part of a mapping; None: its part ``train`` if it has one, else all.
+    sample_time_s : for a file without a time column, s.
+    units : channel -> unit of its column (``{"q3": "mm"}``), before all that mapping, header and rig say. Where nothing
+        is said, SI holds; what each channel was read in stands in ``assumed_units``.
+    trust_units : do not compare the channels' sizes with what the rig can do.
+
+    Returns
+    -------
+    The recording in SI on a uniform grid: ``t_s`` (N,), ``channels`` name -> (N,), ``units``, and ``notes`` of what was
+    found and how it was handled.
+
+    Raises
+    ------
+    UserError : nothing there, nothing readable, or a defect that cannot be handled.
+    """
+    from dtbacklash.recording import read_recording as read
+
+    known = None if rig is None else load_rig(rig)
+    return read(
+        source, path=None if path is None else str(path), part=part, rig=known, sample_time_s=sample_time_s,
+        units=units, trust_units=trust_units,
+    )  # fmt: skip

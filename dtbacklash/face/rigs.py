@@ -1,0 +1,131 @@
+"""Rigs in and out: by name, from a file, from a mapping."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import yaml
+
+from dtbacklash import yaml_files
+from dtbacklash.config.compose import compose
+from dtbacklash.config.rig import RigConfig
+from dtbacklash.config.run import RunConfig
+from dtbacklash.errors import UserError
+from dtbacklash.files import reason, written
+from dtbacklash.physics.rig import Rig, build_rig
+from dtbacklash.physics.rig_file import plain_numbers, rig_yaml
+
+#: a checked rig, the name of one in ``conf/rig``, a YAML file, or what such a file holds
+RigLike: TypeAlias = "Rig | str | Path | Mapping[str, Any]"
+
+SUFFIXES = (".yaml", ".yml")
+
+
+def load_rig(rig: RigLike, *changes: str) -> Rig:
+    """Load and check a rig.
+
+    Parameters
+    ----------
+    rig : a name (``"lead_screw"``), the path of a YAML file, or a mapping with what such a file holds; SI.
+    changes : as on the command line, e.g. ``"rig.parameters.k.value=9000"`` or
+        ``"rig.effects.motor_bearing.coulomb_friction.torque=0.02"``.
+
+    Raises
+    ------
+    UserError : no such rig, or something in it is wrong; it names the key, the value and what is allowed.
+    """
+    for word in changes:
+        if not word.lstrip("+").startswith("rig."):
+            raise UserError("argument", word, "write rig.KEY=VALUE")
+    if isinstance(rig, Rig) and not changes:
+        return rig
+    return build_rig(composed(["controller=open_loop", *changes], rig).rig)
+
+
+def save_rig(rig: Rig, path: str | Path) -> Path:
+    """Write a rig as a YAML file, which ``rig=FILE`` and :func:`load_rig` take; returns its path.
+
+    Raises
+    ------
+    UserError : the file cannot be written, or its name is not that of a YAML file.
+    """
+    target = Path(path).expanduser()
+    if target.suffix not in SUFFIXES:
+        raise UserError("path", path, f"must end in {' or '.join(SUFFIXES)}")
+    with written(target.absolute(), "path", path, parents=False) as scratch:
+        scratch.write_text(rig_yaml(rig), encoding="utf-8")
+    return target
+
+
+def composed(words: list[str], rig: RigLike | None) -> RunConfig:
+    """The configuration of ``dtb run`` with these words, on this rig (None: that of the words, else the default).
+
+    Raises
+    ------
+    UserError : a word or the rig is wrong; a rig is given twice; a folder, which is for :meth:`Run.save`.
+    """
+    for word in words:
+        key, _, value = word.partition("=")
+        if key in ("out", "hydra.run.dir"):
+            raise UserError(key, value, "a run from Python writes nothing by itself; call save(folder) on its result")
+    if rig is None:
+        return compose(*words)
+    twice = next((word for word in words if word.partition("=")[0] == "rig"), None)
+    if twice is not None:
+        raise UserError("rig", twice.partition("=")[2], "is given twice: as a word and as rig=")
+    if isinstance(rig, (str, Path)) and not _is_file(rig):
+        return compose(f"rig={rig}", *words)
+    return compose(*words, rig=description(rig))
+
+
+def description(rig: RigLike) -> Mapping[str, Any]:
+    """What the YAML file of a rig holds; plain numbers, texts, lists and mappings.
+
+    Raises
+    ------
+    UserError : the file cannot be read, or holds no mapping; the rig is of another kind.
+    """
+    if isinstance(rig, Rig):
+        found: Any = yaml.safe_load(rig_yaml(rig))
+    elif isinstance(rig, RigConfig):
+        found = yaml.safe_load(rig_yaml(build_rig(rig)))
+    elif isinstance(rig, Mapping):
+        found = _from_mapping(rig)
+    elif isinstance(rig, (str, Path)):
+        found = _from_file(Path(rig).expanduser())
+    else:
+        raise UserError("rig", rig, "must be a rig, a name, the path of a YAML file or a mapping")
+    if not isinstance(found, Mapping):
+        raise UserError("rig", rig, "must be a YAML file that describes a rig")
+    return found
+
+
+def _is_file(rig: str | Path) -> bool:
+    """Whether this is a file's path and not the name of an option; a missing file is told as such."""
+    path = Path(rig).expanduser()
+    if path.suffix not in SUFFIXES:
+        return False
+    if not path.is_file():
+        raise UserError("rig", rig, "no such file")
+    return True
+
+
+def _from_mapping(rig: Mapping[str, Any]) -> Any:
+    """By the rules of a file: numbers, texts, lists and mappings, and nothing to be resolved."""
+    try:
+        return yaml_files.read(yaml.safe_dump(plain_numbers(dict(rig)), sort_keys=False, allow_unicode=True))
+    except yaml_files.Mistake as mistake:
+        raise UserError("rig", "a mapping", str(mistake)) from mistake
+    except yaml.YAMLError as error:
+        raise UserError("rig", "a mapping", f"must hold numbers, texts, lists and mappings ({error})") from error
+
+
+def _from_file(path: Path) -> Any:
+    try:
+        return yaml_files.read(path.read_bytes())
+    except yaml_files.Mistake as mistake:
+        raise UserError("rig", path, str(mistake)) from mistake
+    except OSError as error:
+        raise UserError("rig", path, f"cannot be read: {reason(error)}") from error

@@ -1,0 +1,144 @@
+"""``dtb run`` in Python: simulate, look, save."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from dtbacklash.face.progress import ShowProgress, shown
+from dtbacklash.face.rigs import RigLike, composed
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from dtbacklash.config.run import RunConfig
+    from dtbacklash.experiment.run import RunResult
+    from dtbacklash.physics.rig import Rig
+    from dtbacklash.recording import Recording
+
+
+@dataclass(frozen=True, repr=False)
+class Run:
+    """What :func:`run` gives. ``print(result)`` shows the moves, the estimates and what sums them up.
+
+    Attributes
+    ----------
+    data : the tables, the arrays and the summary; the properties below are views of it.
+    """
+
+    data: RunResult
+
+    @property
+    def trace(self) -> pd.DataFrame:
+        """A row a sample, N+1 of them, with the true values.
+
+        Columns ``t_s, r_mm, q3_mm, u_v, theta_m_rad, theta_d_rad, gap_deg, gap_hat_deg, eps_mm, novelty_mm``, and one
+        for each further sensor with its unit in its name.
+        """
+        return self.data.trace
+
+    @property
+    def moves(self) -> pd.DataFrame:
+        """A row a move: ``move, t_s, from_mm, to_mm, overshoot_pct, settling_time_s, peak_voltage_v``.
+
+        A settling time that is NaN: the move never settles. Empty in open loop.
+        """
+        return self.data.moves
+
+    @property
+    def estimates(self) -> pd.DataFrame:
+        """A row an attempt of the twin.
+
+        Columns ``t_event_s, t_applied_s, gap_deg, true_gap_deg, accepted, reason, cost, evaluations, wall_s``; the
+        cost in mm².
+        """
+        return self.data.estimates
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """Figures of the run as in ``summary.json``: ``overshoot_pct_max``, ``settles``, ``advice``, ``wall_s``, ..."""
+        return self.data.summary
+
+    @property
+    def config(self) -> RunConfig:
+        """Every setting of the run, checked."""
+        return self.data.config
+
+    @property
+    def rig(self) -> Rig:
+        """The rig that was simulated."""
+        return self.data.rig
+
+    @property
+    def recording(self) -> Recording:
+        """What the sensors saw, with their noise and counts, in SI: N+1 samples of ``r``, ``u`` and each sensor."""
+        from dtbacklash.face.run_files import recording_of
+
+        return recording_of(self.data)
+
+    def plot(self) -> Figure:
+        """Everything over time: reference and output, gap and estimate, voltage. A figure without pyplot."""
+        from dtbacklash.report.run.page import overview
+
+        return overview(self.data, self.moves)
+
+    def save(self, folder: str | Path) -> Path:
+        """Write what ``dtb run`` writes, complete or not at all; an earlier run there is replaced.
+
+        Files: ``summary.json, metrics.csv, estimates.csv, trace.parquet, figures/*.png, report.html``.
+
+        Returns
+        -------
+        The folder.
+
+        Raises
+        ------
+        UserError : the folder holds something else, or cannot be written.
+        """
+        from dtbacklash.face.run_files import save
+
+        return save(self.data, Path(folder).expanduser())
+
+    def __str__(self) -> str:
+        from rich.text import Text
+
+        from dtbacklash.report.kit import tables
+        from dtbacklash.report.run.text import lines
+
+        text = io.StringIO()
+        for line in lines(self.summary, self.moves, self.estimates):
+            if isinstance(line, Text):
+                print(line.plain, file=text)
+            else:
+                tables.show(line, file=text)
+        return text.getvalue().rstrip("\n")
+
+    def __repr__(self) -> str:
+        samples, name = len(self.trace), self.config.controller.name
+        return f"<Run: {name} on {self.rig.config.name}, {samples} samples, {len(self.moves)} moves>"
+
+
+def run(*overrides: str, rig: RigLike | None = None, progress: ShowProgress = False) -> Run:
+    """Simulate a controller on a rig while its backlash grows: ``dtb run`` without files.
+
+    Parameters
+    ----------
+    overrides : settings as on the command line: ``"controller=imc"``, ``"twin.delay_s=0"``,
+        ``"rig.parameters.k.value=9000"``. All of them: docs/configuration.md.
+    rig : a rig, a name, the path of a YAML file, or a mapping; default: ``lead_screw``.
+    progress : True shows a bar; a function is called with the share done, 0 to 1, and a text.
+
+    Raises
+    ------
+    UserError : a setting is wrong; it names key, value and what is allowed. Diverged : the loop is unstable.
+    """
+    config = composed(list(overrides), rig)
+    from dtbacklash.face.run_files import command_of, simulate
+
+    with shown(progress, "simulating") as tell:
+        tick = None if tell is None else lambda share: tell(share, "simulating")
+        return Run(simulate(config, command_of(overrides, rig), tick))

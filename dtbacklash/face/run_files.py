@@ -1,0 +1,167 @@
+"""One experiment from its configuration to its files; ``dtb run`` and ``dtbacklash.run`` do the same."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+import shlex
+import subprocess
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+from threadpoolctl import threadpool_limits
+
+from dtbacklash.config.load import fingerprint, plain
+from dtbacklash.config.run import RunConfig
+from dtbacklash.files import run_folder, write_json, written
+from dtbacklash.version import __version__
+
+if TYPE_CHECKING:
+    from dtbacklash.experiment.run import RunResult
+    from dtbacklash.recording import Recording
+
+LIBRARIES = ("numpy", "scipy", "numba", "control", "pandas", "hydra-core", "matplotlib")
+
+
+def simulate(config: RunConfig, command: str | None, progress: Callable[[float], None] | None = None) -> RunResult:
+    """Run ``config``.
+
+    Parameters
+    ----------
+    command : the command line that repeats the run; None if there is none. progress : called with the share simulated.
+
+    Raises
+    ------
+    UserError : the combination makes no sense; the loop diverged (:class:`Diverged`).
+    """
+    from dtbacklash.experiment import run as scenario
+
+    # all matrices are tiny: threads of the linear algebra cost more than they bring
+    with threadpool_limits(1, "blas"):
+        result = scenario.run_scenario(config, progress)
+    result.summary["command"] = command
+    return result
+
+
+def save(result: RunResult, folder: Path) -> Path:
+    """Write the folder of a run, complete or not at all; returns it.
+
+    Raises
+    ------
+    UserError : the folder holds something else, or cannot be written.
+    """
+    with run_folder(folder, key="folder") as scratch:
+        write(result, scratch)
+    return folder
+
+
+def simulate_and_write(
+    config: RunConfig, folder: Path, command: str, progress: Callable[[float], None] | None = None
+) -> RunResult:
+    """Run ``config`` and put its results into ``folder``, complete or not at all.
+
+    Parameters
+    ----------
+    command : the command line that repeats the run. progress : called with the share simulated, 0 to 1.
+
+    Raises
+    ------
+    UserError : the folder or the recording cannot be written; the loop diverged (:class:`Diverged`).
+    """
+    # libraries first: Ctrl-C while one is loading may end the process before anything is cleared away
+    from dtbacklash.experiment import run as _scenario  # noqa: F401
+    from dtbacklash.report.run import page as _page  # noqa: F401
+
+    with run_folder(folder) as scratch:  # before the work: a folder that holds something else is told at once
+        result = simulate(config, command, progress)
+        write(result, scratch)
+        _save_recording(result)
+    return result
+
+
+def write(result: RunResult, folder: Path) -> None:
+    """Write the files of a run into an existing folder."""
+    from dtbacklash.report.run import page as run_report
+
+    result.summary |= provenance(result.config)
+    write_json(folder / "summary.json", result.summary)
+    result.moves.to_csv(folder / "metrics.csv", index=False)
+    result.estimates.to_csv(folder / "estimates.csv", index=False)
+    result.trace.to_parquet(folder / "trace.parquet", index=False)
+    run_report.write(result, result.moves, folder)
+
+
+def recording_of(result: RunResult) -> Recording:
+    """What the sensors saw, as a recording in SI; nothing is copied."""
+    from dtbacklash.recording import Recording
+
+    name = f"{result.config.controller.name} on {result.rig.config.name}"
+    return Recording(
+        name=name,
+        source=None,
+        sample_time_s=result.config.sample_time_s,
+        t_s=result.t_s,
+        channels=dict(result.seen),
+        units=result.units,
+    )
+
+
+def recording_columns(result: RunResult) -> pd.DataFrame:
+    """What the sensors saw in the plain columns of a file: ``t`` s, ``r``, ``u`` V, the sensors.
+
+    Each is in the unit that the rig declares for its recordings, ``r`` in that of the output's sensor (in open loop V).
+    """
+    factors = {name: sensor.per_si for name, sensor in result.rig.sensors.items()}
+    if result.units["r"] == "m":
+        factors["r"] = result.rig.reference_per_si()
+    columns = {name: values * factors.get(name, 1.0) for name, values in result.seen.items()}
+    return pd.DataFrame({"t": result.t_s, **columns})
+
+
+def _save_recording(result: RunResult) -> None:
+    """Write what the sensors saw to ``recording.save``, by way of a hidden neighbour."""
+    wanted = result.config.recording.save
+    if wanted is None:
+        return
+    target = Path(wanted).absolute()
+    with written(target, "recording.save", wanted, parents=False) as scratch:
+        if target.suffix.lower() == ".csv":
+            recording_columns(result).to_csv(scratch, index=False)
+        else:
+            recording_columns(result).to_parquet(scratch, index=False)
+
+
+def command_of(overrides: Sequence[str], rig: object = None) -> str | None:
+    """The command line that repeats a run, quoted for a shell; None if its rig is neither a name nor a file."""
+    if rig is not None and not isinstance(rig, (str, Path)):
+        return None
+    chosen = [] if rig is None else [f"rig={rig}"]
+    return shlex.join(["dtb", "run", *chosen, *(word.lstrip("+") for word in overrides)])
+
+
+def provenance(config: RunConfig) -> dict[str, Any]:
+    """Return what it takes to repeat a run: the resolved configuration, versions, seed."""
+    versions = {"python": platform.python_version(), "dtbacklash": __version__}
+    versions |= {name: importlib.metadata.version(name) for name in LIBRARIES}
+    return {
+        "seed": config.seed,
+        "config": plain(config),
+        "config_hash": fingerprint(config),
+        "versions": versions,
+        "code": describe_code(),
+    }
+
+
+def describe_code() -> str | None:
+    """Return ``git describe`` of the code if it runs from its repository, else None."""
+    root = Path(__file__).resolve().parents[2]
+    if not (root / ".git").exists():
+        return None  # installed; a repository further up would be somebody else's
+    command = ["git", "-C", str(root), "describe", "--always", "--dirty", "--tags"]
+    try:
+        answer = subprocess.run(command, capture_output=True, text=True, check=True, timeout=10)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return answer.stdout.strip() or None

@@ -1,0 +1,204 @@
+"""A rig taken apart into bodies, what connects them, and the contacts at which dry friction acts."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.errors import UserError
+from dtbacklash.physics.effects import slots
+from dtbacklash.physics.effects.declare import Effect, Values
+from dtbacklash.physics.kernel import plant as pl
+from dtbacklash.physics.kinds import GROUND, LINEAR
+from dtbacklash.physics.rig import Element, Rig
+
+#: damping ratio of the axial spring of a screw that gives way, with the mass that it carries
+SCREW_DAMPING_RATIO = 0.02
+
+
+@dataclass
+class Bodies:
+    """The bodies that have a state of their own: names, inertias, and stiffness and damping between them."""
+
+    names: list[str]
+    inertia: Floats
+    K: Floats
+    C: Floats
+    base_k: Floats  # force on each body per metre of the base
+    base_c: Floats
+    at_base: float = 0.0  # stiffness that the base feels,
+    at_base_c: float = 0.0  # and damping
+
+    def end(self, name: str, base: str | None) -> int:
+        """Index of a body, or BASE or GROUND."""
+        if name == GROUND:
+            return pl.GROUND
+        return pl.BASE if name == base else self.names.index(name)
+
+    def connect(self, a: int, b: int, k: float, c: float) -> None:
+        """Put a spring and a damper between two ends."""
+        for one, other in ((a, b), (b, a)):
+            if one >= 0:
+                self.K[one, one] += k
+                self.C[one, one] += c
+                if other >= 0:
+                    self.K[one, other] -= k
+                    self.C[one, other] -= c
+                elif other == pl.BASE:
+                    self.base_k[one] += k
+                    self.base_c[one] += c
+            elif one == pl.BASE:
+                self.at_base += k
+                self.at_base_c += c
+
+
+@dataclass
+class FrictionContact:
+    """Dry friction between two ends: the effects that make its level, and a level of the element itself, N or N m."""
+
+    ends: tuple[int, int]
+    effects: list[tuple[Effect, Values]]
+    level: float = 0.0
+
+
+@dataclass
+class Parts:
+    """The rig taken apart into what the arrays need.
+
+    base : the mass that moves with a rigid screw, or the positioner. rotor : index of the motor's among the bodies, or
+    -1. springs : the links, couplings and shafts that are simulated, in the order of ``link``.
+    """
+
+    rig: Rig
+    bodies: Bodies
+    base: str | None
+    imposed: bool
+    rotor: int = -1
+    springs: list[Element] = field(default_factory=list)
+    link: list[list[float]] = field(default_factory=list)
+    link_ends: list[tuple[int, int]] = field(default_factory=list)
+    contacts: list[FrictionContact] = field(default_factory=list)
+
+
+def take_apart(rig: Rig, imposed: bool) -> Parts:
+    """Bodies, springs and contacts of a rig.
+
+    ``imposed`` : the motor's angle (or the positioner's command) is given; what turns is then not simulated.
+
+    Raises
+    ------
+    UserError : an effect that cannot act in this rig: a force on a mass that moves as the screw does.
+    """
+    screw, base = rig.only("screw"), _base(rig)
+    carried = screw.neighbours.get("carries") if screw else None
+    compliance = rig.amount(screw.name, slots.Yielding, "compliance") if screw else 0.0
+    simulated = [e for e in rig.bodies() if e.name != base and not (imposed and e.trait.axis != LINEAR)]
+    motor = rig.motor_rotor()
+    simulated.sort(key=lambda e: (motor is None or e.name != motor.name, e.trait.axis == LINEAR))
+    inertia = {e.name: e.values[e.trait.inertia] for e in simulated}
+    hidden = hidden_bodies(rig)
+    inertia |= {name: mass for name, (_, mass, _, _) in hidden.items()}
+    parts = Parts(rig, _no_springs(inertia), base, imposed)
+    bodies = parts.bodies
+    parts.rotor = bodies.names.index(motor.name) if motor and motor.name in bodies.names else -1
+    if screw and compliance:
+        if not carried:
+            allowed = "a screw that carries a mass"
+            raise UserError(f"rig.effects.{screw.name}.compliance", compliance, allowed)
+        stiffness = 1.0 / compliance
+        damping = 2.0 * SCREW_DAMPING_RATIO * math.sqrt(stiffness * rig.elements[carried].values["mass"])
+        bodies.connect(pl.BASE, bodies.names.index(carried), stiffness, damping)
+    for element in rig.bodies():
+        ground = element.values.get("ground_stiffness", 0.0), element.values.get("ground_damping", 0.0)
+        if any(ground):
+            bodies.connect(pl.GROUND, bodies.end(element.name, base), *ground)
+    for name, (host, _, k, c) in hidden.items():
+        bodies.connect(bodies.end(host, base), bodies.names.index(name), k, c)
+    for element in rig.links():
+        if not (imposed and element.trait.axis != LINEAR):
+            _add_spring(parts, element)
+    for element in rig.elements.values():
+        _add_bearing(parts, element)
+    _check_base(rig, base)
+    return parts
+
+
+def _base(rig: Rig) -> str | None:
+    """What moves as it is driven, whatever pulls on it: a positioner, or the mass on a screw that does not give way."""
+    if positioner := rig.only("positioner"):
+        return positioner.name
+    screw = rig.only("screw")
+    if screw is None or rig.amount(screw.name, slots.Yielding, "compliance"):
+        return None
+    return screw.neighbours.get("carries")
+
+
+def _no_springs(inertia: dict[str, float]) -> Bodies:
+    n = len(inertia)
+    return Bodies(
+        list(inertia), np.array(list(inertia.values())), np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.zeros(n)
+    )
+
+
+def hidden_bodies(rig: Rig) -> dict[str, tuple[str, float, float, float]]:
+    """name -> (the body that it swings on, its mass, stiffness, damping)."""
+    found = {}
+    for element in rig.bodies():
+        for effect, values in rig.active(element.name, slots.HiddenBody):
+            slot = effect.slot
+            assert isinstance(slot, slots.HiddenBody)
+            m, zeta = values[slot.mass], values[slot.damping_ratio]
+            omega = 2.0 * math.pi * values[slot.frequency]
+            found[f"{effect.name} of {element.name}"] = element.name, m, m * omega**2, 2 * zeta * omega * m
+    return found
+
+
+def _add_spring(parts: Parts, element: Element) -> None:
+    bodies = parts.bodies
+    a, b = (bodies.end(name, parts.base) for name in element.neighbours["between"])
+    row = [0.0] * pl.N_LINK
+    row[pl.L_K], row[pl.L_C] = element.values["stiffness"], element.values.get("damping", 0.0)
+    bodies.connect(a, b, row[pl.L_K], row[pl.L_C])
+    parts.springs.append(element)
+    parts.link.append(row)
+    parts.link_ends.append((a, b))
+    if dry := parts.rig.active(element.name, slots.Contact):
+        parts.contacts.append(FrictionContact((a, b), dry))
+
+
+def _add_bearing(parts: Parts, element: Element) -> None:
+    """Friction of a body against the ground; the viscous part is linear and goes into the damping matrix."""
+    rig, names = parts.rig, parts.bodies.names
+    if element.name not in names:
+        return
+    body = names.index(element.name)
+    parts.bodies.C[body, body] += rig.amount(element.name, slots.BodyDamping, "coefficient")
+    dry, level = rig.active(element.name, slots.Contact), element.values.get("friction", 0.0)
+    if dry or level:
+        parts.contacts.append(FrictionContact((pl.GROUND, body), dry, level))
+
+
+def _check_base(rig: Rig, base: str | None) -> None:
+    """A mass on a rigid screw moves as the screw does: of all effects only what swings on it can change anything."""
+    there = rig.effects.get(base or "", {})
+    swinging = [effect.name for effect, _ in rig.active(base or "", slots.HiddenBody)] if there else []
+    for name in there:
+        if name not in swinging:
+            allowed = (
+                "no force on a mass that a rigid screw carries; give the screw `compliance` or choose another mass"
+            )
+            raise UserError(f"rig.effects.{base}.{name}", there[name], allowed)
+
+
+def natural_frequencies_hz(rig: Rig) -> Floats:
+    """Undamped frequencies at which the bodies swing while the gear stands, ascending, Hz; without rigid motions."""
+    bodies = take_apart(rig, rig.only("positioner") is not None).bodies
+    if not bodies.names:
+        return np.zeros(0)
+    root = np.sqrt(bodies.inertia)
+    squares = np.linalg.eigvalsh(bodies.K / root[:, None] / root[None, :])
+    swinging: Floats = np.sqrt(squares[squares > 1e-9 * max(squares.max(), 1e-300)]) / (2.0 * math.pi)
+    return swinging

@@ -1,0 +1,216 @@
+"""How the law of an effect is drawn: its effort against the one state that it depends on, as its slot and laws say."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.physics.effects import slots
+from dtbacklash.physics.effects.declare import Effect, Role, Values
+from dtbacklash.physics.effects.play import play
+from dtbacklash.physics.effects.slots import Law, arguments, plain_function
+from dtbacklash.physics.kinds import KINDS
+
+#: points of a drawn curve, and of each half of a loop
+POINTS = 401
+#: a loop goes this many times around before the lap that is drawn, so that its beginning is forgotten
+LAPS = 3
+#: what the states of laws are called where they are drawn
+NAMES = {
+    "position": "position", "velocity": "speed", "stretch": "stretch", "stretch_rate": "stretch rate", "time": "time",
+    "command": "command", "angle": "angle",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """How the law of one effect is drawn.
+
+    Attributes
+    ----------
+    state : the place's state over which it is drawn: ``speed``, ``position``, ``stretch``, ``stretch rate``,
+        ``command``, ``angle`` or ``time``.
+    effort : (the effect's values, its element's values, (M,) states, SI) -> (M,) efforts. Of a loop the states are a
+        sweep to and fro, and the law remembers.
+    shape : a ``curve``, one ``wave`` of what is periodic, or a ``loop``.
+    wave : of a wave, the parameter that counts radians per unit of the state; empty: one radian each.
+    width : of a loop, the travel after a reversal in which the law remembers, in the state's unit.
+    times : a second state that multiplies the effort, or empty.
+    effort_unit : where it is not the unit of the effort at the place.
+    effort_label : what the effort is called, where it is not what is missing at the place.
+    stroke : of a loop, half the sweep, in widths; 0 takes the recording's own.
+    """
+
+    state: str
+    effort: Callable[[Values, Values, Floats], Floats]
+    shape: Literal["curve", "wave", "loop"] = "curve"
+    wave: str = ""
+    width: Callable[[Values], float] | None = None
+    times: str = ""
+    effort_unit: str = ""
+    effort_label: str = ""
+    stroke: float = 0.0
+
+
+def drawing_of(effect: Effect) -> Drawing | None:
+    """How the law of an effect is drawn, or None where it is no law of one state."""
+    slot = effect.slot
+    for kind, drawn in _DRAWN.items():
+        if isinstance(slot, kind):
+            return drawn(effect, slot)
+    return None
+
+
+def law_curve(
+    drawing: Drawing, values: Values, element: Values, state_range: tuple[float, float]
+) -> tuple[Floats, Floats]:
+    """A law over a range of its state.
+
+    Parameters
+    ----------
+    values : the effect's. element : the parameters of its element, SI. state_range : lowest and highest state, SI.
+
+    Returns
+    -------
+    (M,) states and (M,) efforts; of a loop the first half leads up and the second half back.
+    """
+    low, high = state_range
+    if drawing.shape == "loop":
+        lap = np.concatenate([np.linspace(low, high, POINTS), np.linspace(high, low, POINTS)])
+        return lap, drawing.effort(values, element, np.tile(lap, LAPS))[-len(lap) :]
+    grid = np.linspace(low, high, POINTS)
+    if low < 0.0 < high:  # what jumps at rest jumps there, and nowhere else
+        near = 1e-9 * (high - low)
+        grid = np.sort(np.concatenate([grid[grid != 0.0], [-near, 0.0, near]]))
+    return grid, drawing.effort(values, element, grid)
+
+
+def _called(effect: Effect, law: Law, values: Values, **states: float) -> float:
+    """A law at one point, in plain Python."""
+    given = list(values.values())
+    names = arguments(law, effect.slot.states, effect)
+    return float(plain_function(law)(*(states[n] if isinstance(n, str) else given[n] for n in names)))
+
+
+def _asks_for(effect: Effect, law: Law) -> set[str]:
+    """The states that a law asks for."""
+    return {name for name in arguments(law, effect.slot.states, effect) if isinstance(name, str)}
+
+
+def _along(effect: Effect, law: Law, state: str, **others: float) -> Callable[[Values, Values, Floats], Floats]:
+    """A law without memory along one of its states, the others where they stand."""
+
+    def effort(values: Values, element: Values, grid: Floats) -> Floats:
+        more = {"spring_stiffness": element.get("stiffness", 0.0), "spring_damping": element.get("damping", 0.0)}
+        states = {**more, **others}
+        return np.array([_called(effect, law, values, **{**states, state: float(s)}) for s in grid])
+
+    return effort
+
+
+def _wave(effect: Effect, state: str, effort: Callable[[Values, Values, Floats], Floats]) -> Drawing:
+    """Periodic in a position where a parameter is its phase."""
+    if effect.of_role(Role.ANGLE) is None:
+        return Drawing(NAMES[state], effort)
+    wave = effect.of_role(Role.WAVE)
+    return Drawing(NAMES[state], effort, "wave", wave.name if wave else "")
+
+
+def _body_effort(effect: Effect, slot: Any) -> Drawing:
+    asked = _asks_for(effect, slot.law)
+    state = next((s for s in ("position", "velocity") if s in asked), "time")
+    return _wave(effect, state, _along(effect, slot.law, state, position=0.0, velocity=0.0, time=0.0))
+
+
+def _damping(effect: Effect, slot: Any) -> Drawing:
+    return Drawing("speed", lambda values, element, v: -values[slot.coefficient] * v)
+
+
+def _contact(effect: Effect, slot: Any) -> Drawing:
+    spring = effect.kind in KINDS and KINDS[effect.kind].trait == slots.SPRING
+    sign = 1.0 if spring else -1.0
+
+    def level(values: Values, v: float) -> float:
+        return _called(effect, slot.level, values, slip_speed=abs(v), direction=float(np.sign(v)))
+
+    def effort(values: Values, element: Values, rate: Floats) -> Floats:
+        return np.array([sign * np.sign(v) * level(values, float(v)) for v in rate])
+
+    return Drawing("stretch rate" if spring else "speed", effort)
+
+
+def _spring_force(effect: Effect, slot: Any) -> Drawing:
+    asked = _asks_for(effect, slot.law)
+    if {"time", "stretch"} <= asked:  # a stiffness that changes
+        stiffness = KINDS[effect.kind].required["stiffness"]
+        return Drawing(
+            "time", _along(effect, slot.law, "time", stretch=1.0, stretch_rate=0.0), times="stretch",
+            effort_unit=str(stiffness), effort_label="missing stiffness",
+        )  # fmt: skip
+    state = "stretch" if "stretch" in asked else "stretch_rate"
+    return Drawing(NAMES[state], _along(effect, slot.law, state, stretch=0.0, stretch_rate=0.0, time=0.0))
+
+
+def _spring_play(effect: Effect, slot: Any) -> Drawing:
+    held = _along(effect, slot.law, "stretch")
+    return Drawing("stretch", lambda values, element, s: element["stiffness"] * (held(values, element, s) - s))
+
+
+def _spring_memory(effect: Effect, slot: Any) -> Drawing:
+    """Force along a sweep of the stretch, for laws that do not depend on how fast it is swept."""
+
+    def effort(values: Values, element: Values, sweep: Floats) -> Floats:
+        z, out = 0.0, np.zeros(len(sweep))
+        for k in range(1, len(sweep)):
+            s, step = float(sweep[k - 1]), float(sweep[k] - sweep[k - 1])
+            middle = z + 0.5 * _called(effect, slot.rate, values, memory=z, stretch=s, stretch_rate=step)
+            z += _called(effect, slot.rate, values, memory=middle, stretch=s, stretch_rate=step)
+            out[k] = _called(effect, slot.force, values, memory=z, stretch=float(sweep[k]), stretch_rate=step)
+        return out
+
+    return Drawing("stretch", effort, "loop", width=lambda values: 2.0 * values[slot.reach])
+
+
+def _command(effect: Effect, slot: Any) -> Drawing:
+    passed = _along(effect, slot.law, "command")
+    return Drawing("command", lambda values, element, u: passed(values, element, u) - u)
+
+
+def _lead(effect: Effect, slot: Any) -> Drawing:
+    """Without the constant that makes it zero at zero: a position is where the recording begins."""
+    law = _along(effect, slot.law, "angle")
+    wave = effect.of_role(Role.WAVE)
+
+    def effort(values: Values, element: Values, angle: Floats) -> Floats:
+        turn = 2.0 * np.pi / (values[wave.name] if wave else 1.0)
+        mean = float(np.mean(law(values, element, np.linspace(0.0, turn, POINTS)[:-1])))
+        return law(values, element, angle) - mean
+
+    return _wave(effect, "angle", effort)
+
+
+def _gear_play(effect: Effect, slot: Any) -> Drawing:
+    """Angle behind the gap along a sweep of the angle before it."""
+
+    def effort(values: Values, element: Values, sweep: Floats) -> Floats:
+        function, out = plain_function(play), np.empty(len(sweep))
+        last = float(sweep[0])
+        for k, angle in enumerate(sweep):
+            last = out[k] = function(last, float(angle), values[slot.half_gap])
+        return out
+
+    return Drawing(
+        "angle", effort, "loop", width=lambda values: 2.0 * values[slot.half_gap], stroke=1.5, effort_unit="rad",
+        effort_label="angle behind the gap",
+    )  # fmt: skip
+
+
+_DRAWN: dict[type[slots.Slot], Callable[[Effect, Any], Drawing]] = {
+    slots.BodyEffort: _body_effort, slots.BodyDamping: _damping, slots.Contact: _contact,
+    slots.SpringForce: _spring_force, slots.SpringPlay: _spring_play, slots.SpringMemory: _spring_memory,
+    slots.Command: _command, slots.Lead: _lead, slots.GearPlay: _gear_play,
+}  # fmt: skip

@@ -1,0 +1,237 @@
+"""Effects of a single body: friction in its bearing, cogging, loads, gravity, a hidden mass on it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.random import Generator
+
+from dtbacklash.compiled import law
+from dtbacklash.physics.effects.declare import Draws, Effect, Parameter, Place, Role, Values
+from dtbacklash.physics.effects.periodic import periodic
+from dtbacklash.physics.effects.slots import BodyDamping, BodyEffort, Contact, HiddenBody
+
+#: frequencies at which a search for a hidden mass begins, and how far they reach beyond the structure's own
+ABSORBERS, BELOW, ABOVE = 25, 3.0, 5.0
+FRICTION_SOURCE = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083"
+
+
+@law
+def coulomb(level):
+    """Dry friction's magnitude."""
+    return level
+
+
+@law
+def stribeck(slip_speed, level, speed):
+    """What dry friction has more at rest: ``level exp(-(slip_speed/speed)^2)``; Gaussian form of the Stribeck curve."""
+    ratio = slip_speed / speed
+    return level * math.exp(-ratio * ratio)
+
+
+@law
+def asymmetric_friction(velocity, viscous_difference):
+    """Effort of a viscous friction that differs between directions by ``2 viscous_difference``: ``-d |v|``.
+
+    A Coulomb level that differs between directions is, while sliding, a constant load: it is declared as one.
+    """
+    return -viscous_difference * abs(velocity)
+
+
+@law
+def constant(effort):
+    """A load that never changes."""
+    return effort
+
+
+@law
+def gravity(position, torque, phase):
+    """Torque of an off-centre mass, ``m g l sin(angle + phase)``. rad -> N m."""
+    return torque * math.sin(position + phase)
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """What differs between a body that turns and one that slides."""
+
+    kind: str
+    effort: str
+    effort_unit: str
+    speed_unit: str
+    viscous_unit: str
+    wave: Parameter
+    load: str
+    high: float
+    typical: float
+    slow: float
+
+
+_ROTARY = _Axis(
+    "rotor", "torque", "N m", "rad/s", "N m s/rad",
+    Parameter("periods", "1/rev", 1.0, 500.0, 24.0, role=Role.WAVE), "constant_load", 10.0, 0.02, 1.0,
+)  # fmt: skip
+_LINEAR = _Axis(
+    "carriage", "force", "N", "m/s", "N s/m",
+    Parameter("wave_number", "rad/m", 1.0, 1e5, 2513.0, role=Role.WAVE), "constant_force", 1e5, 20.0, 0.02,
+)  # fmt: skip
+
+
+def _effort_range(place: Place, sign: float) -> tuple[float, float]:
+    return place.force_most, 0.1 * place.force
+
+
+def _viscous_range(place: Place, sign: float) -> tuple[float, float]:
+    return place.force_most / place.speed, 0.05 * place.force / place.speed
+
+
+def _difference_range(place: Place, sign: float) -> tuple[float, float]:
+    return 0.5 * place.force_most / place.speed, 0.05 * place.force / place.speed
+
+
+def _cogging_draws(axis: _Axis) -> Draws:
+    """A whole number of periods a turn, or over the travel of what slides."""
+
+    def draws(rng: Generator, place: Place) -> Values:
+        waves, phase = float(rng.integers(3, 25)), float(rng.uniform(-3.1, 3.1))
+        turn = 1.0 if axis is _ROTARY else math.pi / place.reach
+        return {axis.wave.name: min(waves * turn, axis.wave.high), "phase": phase}
+
+    return draws
+
+
+def _share_of_force(place: Place) -> list[Values]:
+    """A twentieth of what drives the body."""
+    return [{"size": 0.05 * place.force}] if place.force > 0.0 else [{}]
+
+
+def _share_of_damping(place: Place) -> list[Values]:
+    """A friction that takes a twentieth of what drives the body at its speed."""
+    return [{"size": 0.05 * place.force / place.speed}] if place.force > 0.0 and place.speed > 0.0 else [{}]
+
+
+def _stribeck_starts(place: Place) -> list[Values]:
+    base = _share_of_force(place)[0]
+    return [{**base, "speed": share * place.speed} for share in (0.02, 0.1, 0.4)] if place.speed > 0.0 else [base]
+
+
+def _bearing(axis: _Axis) -> list[Effect]:
+    kind, effort, unit, top, size = axis.kind, axis.effort, axis.effort_unit, axis.high, axis.typical
+    level = Parameter(effort, unit, 0.0, top, size, 0.0, role=Role.SIZE)
+    return [
+        Effect(
+            "coulomb_friction", kind, (level,), f"-{effort} sign(v), |.| <= {effort} at v = 0", Contact(coulomb),
+            FRICTION_SOURCE, f"Dry (Coulomb) friction of {{{effort}}} acts at the {{location}}.",
+            conceal=_effort_range, starts=_share_of_force,
+        ),
+        Effect(
+            "stribeck_friction", kind,
+            (replace(level, typical=size / 2), Parameter("speed", axis.speed_unit, 1e-6, 1e3, axis.slow)),
+            f"-{effort} exp(-(v/speed)^2) sign(v)", Contact(stribeck), FRICTION_SOURCE,
+            f"Friction at the {{location}} is higher by {{{effort}}} at rest and falls off within {{speed}}.",
+            conceal=_effort_range, draws=lambda rng, place: {"speed": place.speed * float(rng.uniform(0.05, 0.4))},
+            starts=_stribeck_starts, visible=lambda place: {"speed": (0.0, place.speed)},
+            formulation_error=0.05,  # how far it rises before it falls off depends on how a body is held at rest
+        ),
+        Effect(
+            "viscous_friction", kind,
+            (Parameter("coefficient", axis.viscous_unit, 0.0, 1e5, size / 20, 0.0, role=Role.SIZE),),
+            "-coefficient v", BodyDamping("coefficient"), "linear",
+            "Viscous friction of {coefficient} acts at the {location}.",
+            conceal=_viscous_range, starts=_share_of_damping,
+        ),
+        Effect(
+            "asymmetric_friction", kind,
+            (Parameter("viscous_difference", axis.viscous_unit, -1e5, 1e5, size / 40, 0.0, role=Role.SIZE),),
+            "-viscous_difference |v|", BodyEffort(asymmetric_friction), "direction-dependent viscous friction",
+            "Viscous friction at the {location} is higher by {viscous_difference} in the positive direction and lower "
+            "by as much in the other.",
+            conceal=_difference_range, starts=_share_of_damping,
+        ),
+        Effect(
+            "cogging", kind, (level, axis.wave, Parameter("phase", "rad", -3.2, 3.2, 0.0, role=Role.ANGLE)),
+            f"{effort} sin({axis.wave.name} q + phase)", BodyEffort(periodic),
+            "position-periodic force of magnets or of a screw",
+            f"A ripple of {{{effort}}} that depends on the position ({{{axis.wave.name}}}) acts at the {{location}}.",
+            conceal=_effort_range, draws=_cogging_draws(axis), starts=_share_of_force,
+        ),
+        Effect(
+            axis.load, kind, (Parameter(effort, unit, -top, top, size / 2, 0.0, role=Role.SIZE),),
+            effort, BodyEffort(constant), "constant",
+            f"A constant {effort} of {{{effort}}} acts at the {{location}}.",
+            conceal=_effort_range, starts=_share_of_force,
+        ),
+    ]  # fmt: skip
+
+
+def _absorber_starts(place: Place) -> list[Values]:
+    low, high = place.modes[0] / BELOW, min(ABOVE * place.modes[1], 0.25 / place.sample_time_s)
+    if not 0.0 < low < high:
+        low, high = 10.0 / place.duration_s, 0.1 / place.sample_time_s
+    return [{"size": 0.05 * place.values["mass"], "frequency": float(f)} for f in np.geomspace(low, high, ABSORBERS)]
+
+
+def _absorber_draws(rng: Generator, place: Place) -> Values:
+    low, high = place.modes
+    return {
+        "frequency": float(rng.uniform(0.7 * low, 2.2 * high)), "damping_ratio": float(rng.uniform(0.01, 0.12)),
+    }  # fmt: skip
+
+
+def _gravity_draws(rng: Generator, place: Place) -> Values:
+    return {"phase": float(rng.uniform(-3.1, 3.1))}
+
+
+GRAVITY = Effect(
+    "gravity", "rotor",
+    (
+        Parameter("torque", "N m", 0.0, 1e3, 0.02, 0.0, role=Role.SIZE),
+        Parameter("phase", "rad", -3.2, 3.2, 0.0, role=Role.ANGLE),
+    ),
+    "torque sin(theta + phase)", BodyEffort(gravity), "off-centre mass, torque = m g l",
+    "Gravity pulls an off-centre mass at the {location} with {torque} (phase {phase}).",
+    conceal=_effort_range, draws=_gravity_draws, starts=_share_of_force,
+)  # fmt: skip
+
+ABSORBER = Effect(
+    "absorber", "mass",
+    (
+        Parameter("mass", "kg", 0.0, 1e3, 0.3, 0.0, role=Role.SIZE),
+        Parameter("frequency", "Hz", 0.01, 1e3, 12.0, role=Role.FREQUENCY),
+        Parameter("damping_ratio", "1", 0.0, 2.0, 0.05),
+    ),
+    "a hidden mass on a spring of (2 pi frequency)^2 mass", HiddenBody("mass", "frequency", "damping_ratio"),
+    "den Hartog's absorber", "A hidden mass of {mass} swings on {location} at {frequency}.",
+    conceal=lambda place, sign: (place.values["mass"], 0.03 * place.values["mass"]), draws=_absorber_draws,
+    starts=_absorber_starts,
+)  # fmt: skip
+
+_MASS = [
+    Effect(
+        "ground_friction", "mass", (Parameter("force", "N", 0.0, 1e5, 0.2, 0.0, role=Role.SIZE),),
+        "-force sign(v), |.| <= force at v = 0", Contact(coulomb), "Coulomb friction against the ground",
+        "Dry friction of {force} holds {location} against the ground.",
+        conceal=_effort_range, starts=_share_of_force,
+    ),
+    Effect(
+        "constant_force", "mass", (Parameter("force", "N", -1e5, 1e5, 0.5, 0.0, role=Role.SIZE),),
+        "force", BodyEffort(constant), "constant", "A constant force of {force} acts on {location}.",
+        conceal=_effort_range, starts=_share_of_force,
+    ),
+    Effect(
+        "viscous_friction", "mass", (Parameter("coefficient", "N s/m", 0.0, 1e5, 1.0, 0.0, role=Role.SIZE),),
+        "-coefficient v", BodyDamping("coefficient"), "linear",
+        "Viscous friction of {coefficient} acts between {location} and the ground.",
+        conceal=_viscous_range, starts=_share_of_damping,
+    ),
+    ABSORBER,
+]  # fmt: skip
+
+_CARRIAGE = _bearing(_LINEAR)
+
+EFFECTS = [
+    *_bearing(_ROTARY), GRAVITY, *_CARRIAGE, replace(ABSORBER, kind="carriage"), *_MASS,
+    # a brake's dry friction is one of its parameters
+    *(replace(e, kind="brake") for e in _CARRIAGE if e.name not in ("coulomb_friction", "cogging")),
+]  # fmt: skip

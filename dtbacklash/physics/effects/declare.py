@@ -1,0 +1,261 @@
+"""What an effect declares: its parameters and their roles, its slot, where a search starts, how it is concealed.
+
+Everything else in the package (simulation, bank, refit, concealed draws, docs, drawings, reports) reads these
+declarations and knows no effect by its name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.random import Generator
+
+from dtbacklash.arrays import Floats
+from dtbacklash.config.rig import value_of
+from dtbacklash.errors import UserError
+
+if TYPE_CHECKING:
+    from dtbacklash.physics.effects.slots import Slot
+
+INF = float("inf")
+#: stands for the name of an effect's size in starts and in the arguments of a law
+SIZE = "size"
+#: unit of a parameter that is in the unit of the sensor where it acts
+SENSOR_UNIT = "sensor's unit"
+Values = dict[str, float]
+
+#: relative standard deviation of an effect's parameters between two formulations of its law that engineers would call
+#: the same (a bristle for ideal friction, a stiff spring for a stop), and of two integrators
+FORMULATION_ERROR = 5e-4
+
+
+#: what is periodic is seen where a period has as many samples, and as many periods are recorded
+SAMPLES_A_PERIOD, PERIODS = 4.0, 2.0
+#: of what waves over a position, as much of a wave has to lie within the way
+WAVES = 0.5
+
+
+class Role(StrEnum):
+    """What a parameter is to its law; a search treats it accordingly, whatever its name.
+
+    SIZE : switches the effect off at its neutral value. WAVE : counts waves over a position, so that the fit has a
+    valley for each; it is scanned. ANGLE : a phase, periodic in 2 pi. TIME : a pure delay. FREQUENCY : at which
+    something swings, Hz. SHAPE : any other; what can only be positive is fitted in logarithms.
+    """
+
+    SIZE = "size"
+    WAVE = "wave"
+    ANGLE = "angle"
+    TIME = "time"
+    FREQUENCY = "frequency"
+    SHAPE = "shape"
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of an effect.
+
+    Attributes
+    ----------
+    name, unit : as in configs, JSON and reports; SI.
+    low, high : physical bounds, inclusive.
+    typical : a size that can be seen on a rig of the paper's scale; the default where ``neutral`` is None.
+    neutral : the value at which the whole effect does nothing; only the parameter that is the effect's size has one.
+    role : see :class:`Role`.
+    counted : whether it is read off a counted position at reversals, so that it errs by a part of a count.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    typical: float
+    neutral: float | None = None
+    role: Role = Role.SHAPE
+    counted: bool = False
+
+
+@dataclass(frozen=True)
+class Place:
+    """How the place of an effect moves in a recording or a simulation: what starts and concealed sizes are made from.
+
+    values : the element's nominal parameters, SI. duration_s, sample_time_s : of the recording. command : (N,) V.
+    modes : lowest and highest frequency at which the rig's structure swings, or between which it can be seen, Hz.
+    speed : the body's typical one, rad/s or m/s. stretch : (N,) of the spring, m or rad, or None; span and reach : its
+    usual size and its largest. stretch_rate : its usual rate. force : what usually drives the place, N or N m; 0 where
+    that is not known, and ``force_most`` : what a friction or a load there may take at most. current : of the motor, A.
+    travel : position that one turn of the motor makes, m (0: there is no screw). way : range of the body's position, or
+    of the motor's angle at a gear or screw, m or rad (0: not known).
+    """
+
+    values: Values = field(default_factory=dict)
+    duration_s: float = 0.0
+    sample_time_s: float = 1e-3
+    modes: tuple[float, float] = (0.0, 0.0)
+    command: Floats = field(default_factory=lambda: np.zeros(0))
+    speed: float = 0.0
+    stretch: Floats | None = None
+    span: float = 0.0
+    reach: float = 0.0
+    stretch_rate: float = 0.0
+    force: float = 0.0
+    force_most: float = 0.0
+    current: float = 0.0
+    travel: float = 0.0
+    way: float = 0.0
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A concealed effect but for its size: where strengths may lie, and the values that a strength gives.
+
+    most : largest strength. guess : where to begin. values : strength -> parameters of the effect.
+    """
+
+    most: float
+    guess: float
+    values: Callable[[float], Values]
+
+
+#: Where a search starts: sets of values of those parameters that the recording says something about; the others stand
+#: at their typical value. ``size`` stands for the size, whatever its name; it is scaled to the residual later.
+Starts = Callable[[Place], list[Values]]
+#: (place, sign of the size) -> (largest strength, first guess) of a concealed effect that leaves a rig that still works
+Range = Callable[[Place, float], tuple[float, float]]
+#: the parameters beside the size of a concealed effect, drawn
+Draws = Callable[[Generator, Place], Values]
+#: parameter -> (low, high): beyond them the recording cannot show it, as the motion or the command does not go there
+Bounds = dict[str, tuple[float, float]]
+
+
+def no_starts(place: Place) -> list[Values]:
+    """The recording says nothing about where to start."""
+    return [{}]
+
+
+def no_bounds(place: Place) -> Bounds:
+    """The recording can show any value."""
+    return {}
+
+
+def no_draws(rng: Generator, place: Place) -> Values:
+    """There is nothing beside the size to be drawn."""
+    return {}
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One effect at one kind of element.
+
+    Attributes
+    ----------
+    name : its name in the vocabulary, e.g. ``coulomb_friction``.
+    kind : the kind of element where it acts, see :mod:`dtbacklash.physics.kinds`.
+    parameters : the first is its size and has the neutral value.
+    law : the formula as text.
+    slot : where it acts, with its compiled laws.
+    source : of the formula.
+    sentence : what a report says; ``{location}`` and the parameters' names are filled in.
+    conceal : how large it may be where it is concealed. draws : the other parameters of a concealed one.
+    starts : where a search starts.
+    strength : (place, strength) -> size, for laws in which less is more; ``None`` where the size is the strength.
+    formulation_error : see :data:`FORMULATION_ERROR`; intervals count it.
+    becomes : (parameter, effect): where the parameter is small, the law is that of the other effect.
+    excludes : effects that are not concealed together with it.
+    visible : what a recording can show of its parameters, see :meth:`bounds_at`.
+    """
+
+    name: str
+    kind: str
+    parameters: tuple[Parameter, ...]
+    law: str
+    slot: Slot
+    source: str
+    sentence: str
+    conceal: Range
+    draws: Draws = no_draws
+    starts: Starts = no_starts
+    strength: Callable[[Place, float], float] | None = None
+    formulation_error: float = FORMULATION_ERROR
+    becomes: tuple[str, str] | None = None
+    excludes: tuple[str, ...] = ()
+    visible: Callable[[Place], Bounds] = no_bounds
+
+    @property
+    def size(self) -> Parameter:
+        """The parameter whose neutral value switches the effect off."""
+        return self.parameters[0]
+
+    def of_role(self, role: Role) -> Parameter | None:
+        """The parameter that has a role, or None."""
+        return next((p for p in self.parameters if p.role is role), None)
+
+    def is_neutral(self, values: Values) -> bool:
+        """Whether these values make the effect do nothing."""
+        return values.get(self.size.name, self.size.neutral) == self.size.neutral
+
+    def complete(self, leaves: Mapping[str, Any], key: str) -> Values:
+        """Fill in defaults and check names and bounds; ``key`` is the dotted name for the error.
+
+        leaves : parameter -> number, or a mapping with its ``value`` and ``tolerance``.
+        """
+        known = {p.name: p for p in self.parameters}
+        values = {name: value_of(leaf) for name, leaf in leaves.items()}
+        for name, value in values.items():
+            if name not in known:
+                raise UserError(f"{key}.{name}", value, f"unknown parameter; known: {', '.join(known)}")
+        if self.size.name not in values:
+            raise UserError(key, dict(values), f"`{self.size.name}` [{self.size.unit}] must be given")
+        filled = {p.name: float(values.get(p.name, p.typical)) for p in self.parameters}
+        for name, value in filled.items():
+            p = known[name]
+            if not p.low <= value <= p.high:
+                raise UserError(f"{key}.{name}", value, f"from {p.low:g} to {p.high:g} {p.unit}")
+        return filled
+
+    def start_values(self, place: Place) -> list[Values]:
+        """Complete sets of values from which a search starts, within the bounds."""
+        bounds = {p.name: (p.low, p.high) for p in self.parameters}
+        typical = {p.name: p.typical for p in self.parameters}
+        found = []
+        for values in self.starts(place):
+            named = {self.size.name if name == SIZE else name: value for name, value in values.items()}
+            found.append({**typical, **{n: float(np.clip(v, *bounds[n])) for n, v in named.items()}})
+        return found
+
+    def bounds_at(self, place: Place) -> Bounds:
+        """Within which bounds a recording can show its parameters: an effect at one of them is not seen.
+
+        Beside what the effect says itself: half a wave at least over the way, what swings or waves is sampled
+        ``SAMPLES_A_PERIOD`` times a period, and at least ``PERIODS`` of it fit into the recording.
+        """
+        found = dict(self.visible(place))
+        fastest = 1.0 / (SAMPLES_A_PERIOD * place.sample_time_s)
+        for p in self.parameters:
+            if p.role is Role.FREQUENCY and place.duration_s > 0.0:
+                found[p.name] = PERIODS / place.duration_s, fastest
+            if p.role is Role.WAVE and place.way > 0.0:
+                found[p.name] = 2.0 * np.pi * WAVES / place.way, 2.0 * np.pi * fastest / max(place.speed, 1e-300)
+        return {name: (low, high) for name, (low, high) in found.items() if high > low}
+
+    def draw_shape(self, rng: Generator, place: Place) -> Shape:
+        """Draw everything of a concealed effect but its size: its sign and its other parameters."""
+        size, strength = self.size, self.strength
+        sign = float(rng.choice([-1.0, 1.0])) if size.low < 0.0 and strength is None else 1.0
+        most, guess = self.conceal(place, sign)
+        others = {p.name: p.typical for p in self.parameters[1:]} | self.draws(rng, place)
+        if strength is not None:
+            of_size = strength
+            return Shape(most, guess, lambda s: {size.name: of_size(place, s), **others})
+        most = min(most, size.high, -size.low if sign < 0.0 else INF)
+        return Shape(most, min(guess, 0.5 * most), lambda s: {size.name: sign * s, **others})
+
+
+def name_in_words(name: str) -> str:
+    """A name of the vocabulary as words: ``coulomb_friction`` is ``Coulomb friction``."""
+    proper = {"coulomb": "Coulomb", "stribeck": "Stribeck"}
+    return " ".join(proper.get(word, word) for word in name.split("_"))

@@ -1,0 +1,141 @@
+"""Effects of the drive: the amplifier and the motor's winding."""
+
+import numpy as np
+from numpy.random import Generator
+
+from dtbacklash.compiled import law
+from dtbacklash.physics.effects.declare import INF, Effect, Parameter, Place, Role, Values
+from dtbacklash.physics.effects.periodic import periodic
+from dtbacklash.physics.effects.slots import Command, Late, MotorTorque, WindingMemory
+
+#: a delay is concealed up to this, s, and a gain error up to this share
+DELAY_MAX_S, GAIN_MAX = 6e-3, 0.4
+#: where the search for a delay starts, samples: its fit has a valley for every turn of the signal
+DELAYS_SAMPLES = (0.7, 2.0, 5.0, 12.0)
+
+
+@law
+def amplified(command, relative):
+    """Voltage of an amplifier whose gain errs by ``relative``. V -> V."""
+    return (1.0 + relative) * command
+
+
+@law
+def dead_zone(command, half_width):
+    """Voltage behind a dead zone: 0 while ``|u| <= half_width``, shifted towards zero outside. V -> V."""
+    if command > half_width:
+        return command - half_width
+    if command < -half_width:
+        return command + half_width
+    return 0.0
+
+
+@law
+def saturation(command, limit):
+    """Voltage clipped to ``[-limit, limit]``. V -> V."""
+    return min(max(command, -limit), limit)
+
+
+@law
+def heating_rate(memory, current, resistance, gain, time_constant):
+    """Rate of the relative rise of a winding's resistance beside its decay ``-memory/time_constant``. A -> 1/s."""
+    return gain * resistance * current * current / time_constant
+
+
+@law
+def voltage_of_heat(memory, current, resistance):
+    """Voltage that the risen part of a winding's resistance eats. A -> V."""
+    return resistance * memory * current
+
+
+@law
+def ripple_torque(current, position, torque_constant, relative, periods, phase):
+    """Torque beside ``torque_constant current`` of a motor whose constant ripples with its angle. A, rad -> N m."""
+    return torque_constant * current * periodic(position, relative, periods, phase)
+
+
+def _delays(place: Place) -> list[Values]:
+    return [{"time": n * place.sample_time_s} for n in DELAYS_SAMPLES]
+
+
+def _limits(place: Place) -> list[Values]:
+    size = np.abs(place.command[place.command != 0.0])
+    limits = [0.97 * size.max(), *np.quantile(size, (0.5, 0.8, 0.95, 0.99))] if len(size) else []
+    return [{"limit": float(v)} for v in limits]
+
+
+def _largest(place: Place) -> float:
+    """The largest command but for a thousandth, V."""
+    return float(np.quantile(np.abs(place.command), 0.999))
+
+
+#: a dead zone that is wider than this share of the commands would switch the drive off
+PASSING = 0.98
+
+
+def _heat(place: Place, sign: float) -> tuple[float, float]:
+    watt = place.values["resistance"] * place.current**2
+    return 1.0 / watt, 0.1 / watt
+
+
+def _ripple_draws(rng: Generator, place: Place) -> Values:
+    return {"periods": float(rng.integers(3, 13)), "phase": float(rng.uniform(-3.1, 3.1))}
+
+
+def late(kind: str, sentence: str, law_text: str) -> Effect:
+    """A pure delay of an amplifier or a sensor."""
+    return Effect(
+        "delay", kind, (Parameter("time", "s", 0.0, 0.05, 1.3e-3, 0.0, role=Role.TIME),), law_text, Late("time"),
+        "pure delay", sentence, conceal=lambda place, sign: (DELAY_MAX_S, 5e-4), starts=_delays,
+    )  # fmt: skip
+
+
+EFFECTS = [
+    Effect(
+        "saturation", "amplifier", (Parameter("limit", "V", 1e-3, INF, 3.0, INF, role=Role.SIZE),),
+        "v = min(max(u, -limit), limit)", Command(saturation, stage=2), "ideal limiter",
+        "The {location} clips the voltage at {limit}.",
+        conceal=lambda place, sign: (0.9, 0.3), starts=_limits,
+        strength=lambda place, strength: _largest(place) * (1.0 - strength),
+        visible=lambda place: {"limit": (0.0, float(np.abs(place.command).max(initial=0.0)))},
+    ),
+    Effect(
+        "dead_zone", "amplifier", (Parameter("half_width", "V", 0.0, 1e3, 0.2, 0.0, role=Role.SIZE),),
+        "v = u - half_width sign(u) where |u| > half_width, else 0", Command(dead_zone, stage=1), "ideal dead zone",
+        "The {location} passes nothing while the voltage is within {half_width} of zero.",
+        conceal=lambda place, sign: (0.8 * _largest(place), 0.05),
+        visible=lambda place: {"half_width": (0.0, float(np.quantile(np.abs(place.command), PASSING)))},
+    ),
+    late("amplifier", "The {location} acts {time} late.", "v(t) = u(t - time)"),
+    Effect(
+        "gain_error", "amplifier", (Parameter("relative", "1", -0.9, 9.0, 0.05, 0.0, role=Role.SIZE),),
+        "v = (1 + relative) u", Command(amplified), "linear",
+        "The {location}'s gain is off by {relative}.",
+        conceal=lambda place, sign: (GAIN_MAX, 0.02),
+    ),
+    Effect(
+        "resistance_heating", "motor_circuit",
+        (
+            Parameter("gain", "1/W", 0.0, 100.0, 0.5, 0.0, role=Role.SIZE),
+            Parameter("time_constant", "s", 0.1, 1e4, 5.0),
+        ),
+        "R(1 + y), time_constant y' = gain R i^2 - y", WindingMemory(heating_rate, voltage_of_heat, "time_constant"),
+        "first-order thermal model of the winding",
+        "The winding of the {location} heats up: {gain} of relative resistance per watt, within {time_constant}.",
+        conceal=_heat,
+        draws=lambda rng, place: {"time_constant": place.duration_s * float(rng.uniform(0.05, 0.4))},
+        starts=lambda place: [{"time_constant": share * place.duration_s} for share in (0.04, 0.2, 0.8)],
+    ),
+    Effect(
+        "torque_ripple", "motor_circuit",
+        (
+            Parameter("relative", "1", 0.0, 1.0, 0.1, 0.0, role=Role.SIZE),
+            Parameter("periods", "1/rev", 1.0, 200.0, 6.0, role=Role.WAVE),
+            Parameter("phase", "rad", -3.2, 3.2, 0.0, role=Role.ANGLE),
+        ),
+        "T = k_T i (1 + relative sin(periods theta + phase))", MotorTorque(ripple_torque),
+        "torque ripple of a commutated motor",
+        "The torque constant of the {location} ripples by {relative}, {periods}.",
+        conceal=lambda place, sign: (0.8, 0.1), draws=_ripple_draws, formulation_error=2e-3,
+    ),
+]  # fmt: skip

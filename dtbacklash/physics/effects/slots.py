@@ -1,0 +1,245 @@
+"""Slots: the places of the equations of motion where an effect may act, and what its law sees and gives there.
+
+A slot that holds laws names the states that they may ask for. A law is one small compiled function; those of its
+arguments that bear a state's name are given that state, the others are the effect's parameters (by name, ``size``
+for the first, where all of them are such names, else all parameters in their order). A slot without a law names the
+parameter that the linear plant, a delay or the gear takes.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from dtbacklash.errors import UserError
+
+if TYPE_CHECKING:
+    from dtbacklash.physics.effects.declare import Effect
+
+#: a compiled law: numba's dispatcher around a function of floats
+Law = Callable[..., Any]
+
+#: what an effect acts on: a body, a spring between two bodies, the amplifier, the motor's winding, the gear, the screw,
+#: a sensor. An element's kind says which of these it is.
+BODY, SLIDING_BODY, SPRING, AMPLIFIER, WINDING, GEAR, SCREW, SENSOR = (
+    "body", "sliding body", "spring", "amplifier", "winding", "gear", "screw", "sensor",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Slot:
+    """A place in the equations of motion.
+
+    states : what a law may ask for, SI. on : the traits of elements that have such a place.
+    """
+
+    states: ClassVar[tuple[str, ...]] = ()
+    on: ClassVar[tuple[str, ...]] = ()
+
+    def laws(self) -> dict[str, Law]:
+        """The laws that stand in it, by field."""
+        return {f.name: getattr(self, f.name) for f in fields(self) if callable(getattr(self, f.name))}
+
+    def check(self, effect: Effect) -> None:
+        """Refuse a law whose arguments are neither states nor the effect's parameters, and names of no parameter.
+
+        Raises
+        ------
+        UserError : in the name of the effect.
+        """
+        for law in self.laws().values():
+            arguments(law, self.states, effect)
+        for f in fields(self):
+            name = getattr(self, f.name)
+            if isinstance(name, str) and name not in [p.name for p in effect.parameters]:
+                raise UserError(f"effect {effect.name}", name, "its slot names a parameter that it does not have")
+
+
+@dataclass(frozen=True)
+class BodyEffort(Slot):
+    """An effort on a single body: N on one that slides, N m on one that turns; positive along its motion."""
+
+    law: Law
+    states: ClassVar = ("position", "velocity", "time")
+    on: ClassVar = (BODY,)
+
+
+@dataclass(frozen=True)
+class BodyDamping(Slot):
+    """A viscous damping of a body against the ground; it is linear and becomes part of the exact plant."""
+
+    coefficient: str
+    on: ClassVar = (BODY,)
+
+
+@dataclass(frozen=True)
+class Contact(Slot):
+    """Dry friction, of a body against the ground or across a spring: the level that it holds against, >= 0.
+
+    The levels of several effects at one place add up. ``slip_speed`` >= 0; ``direction`` is 1 or -1.
+    """
+
+    level: Law
+    states: ClassVar = ("slip_speed", "direction")
+    on: ClassVar = (BODY, SPRING)
+
+
+@dataclass(frozen=True)
+class SpringForce(Slot):
+    """A force (or torque) of a spring beyond its linear part; positive pulls the ends together."""
+
+    law: Law
+    states: ClassVar = ("stretch", "stretch_rate", "time", "spring_stiffness", "spring_damping")
+    on: ClassVar = (SPRING,)
+
+
+@dataclass(frozen=True)
+class SpringPlay(Slot):
+    """What is left of a spring's stretch: the linear spring and all other laws see that instead."""
+
+    law: Law
+    states: ClassVar = ("stretch",)
+    on: ClassVar = (SPRING,)
+
+
+@dataclass(frozen=True)
+class SpringMemory(Slot):
+    """A spring with a state of its own, ``memory``: its rate, and the force that it makes.
+
+    reach : the parameter that is the displacement after a reversal over which it remembers.
+    """
+
+    rate: Law
+    force: Law
+    reach: str
+    states: ClassVar = ("memory", "stretch", "stretch_rate")
+    on: ClassVar = (SPRING,)
+
+
+@dataclass(frozen=True)
+class Command(Slot):
+    """What the amplifier makes of the command, in the order of ``stage``. V -> V."""
+
+    law: Law
+    stage: int = 0
+    states: ClassVar = ("command",)
+    on: ClassVar = (AMPLIFIER,)
+
+
+@dataclass(frozen=True)
+class Late(Slot):
+    """A pure delay, of the amplifier or of a sensor; names the parameter that is the time, s."""
+
+    time: str
+    on: ClassVar = (AMPLIFIER, SENSOR)
+
+
+@dataclass(frozen=True)
+class WindingMemory(Slot):
+    """A state of the winding, ``memory``: its rate beside the linear decay, and the voltage that it eats.
+
+    decay : the parameter whose inverse is the rate at which the state falls by itself.
+    """
+
+    rate: Law
+    voltage: Law
+    decay: str
+    states: ClassVar = ("memory", "current", "resistance")
+    on: ClassVar = (WINDING,)
+
+
+@dataclass(frozen=True)
+class MotorTorque(Slot):
+    """An effort that the motor makes beyond its constant times the current."""
+
+    law: Law
+    states: ClassVar = ("current", "position", "torque_constant")
+    on: ClassVar = (WINDING,)
+
+
+@dataclass(frozen=True)
+class Lead(Slot):
+    """A displacement of what the screw carries beyond its lead, m, and its derivative by the angle, m/rad."""
+
+    law: Law
+    slope: Law
+    states: ClassVar = ("angle",)
+    on: ClassVar = (SCREW,)
+
+
+@dataclass(frozen=True)
+class Yielding(Slot):
+    """A spring in series with the screw; names the parameter that is its compliance, m/N."""
+
+    compliance: str
+    on: ClassVar = (SCREW,)
+
+
+@dataclass(frozen=True)
+class Reaction(Slot):
+    """The structure pushes back on the motor; names the parameter that is the share of the full reaction."""
+
+    share: str
+    on: ClassVar = (SCREW,)
+
+
+@dataclass(frozen=True)
+class GearPlay(Slot):
+    """A gap of the gear to each side; names the parameter, rad."""
+
+    half_gap: str
+    on: ClassVar = (GEAR,)
+
+
+@dataclass(frozen=True)
+class HiddenBody(Slot):
+    """A body that nobody drew, on a spring and a damper; names the parameters for kg, Hz and the damping ratio."""
+
+    mass: str
+    frequency: str
+    damping_ratio: str
+    on: ClassVar = (SLIDING_BODY,)
+
+
+@dataclass(frozen=True)
+class Reading(Slot):
+    """What a sensor shows of what it looks at, in the order of ``stage``; ``inverse`` : what it looked at (NumPy)."""
+
+    law: Law
+    inverse: Law
+    stage: int = 0
+    states: ClassVar = ("reading",)
+    on: ClassVar = (SENSOR,)
+
+    def laws(self) -> dict[str, Law]:
+        """The compiled one."""
+        return {"law": self.law}
+
+
+def plain_function(law: Law) -> Callable[..., Any]:
+    """The Python function behind a compiled law; it takes floats, and arrays where it only calculates."""
+    return getattr(law, "py_func", law)
+
+
+def arguments(law: Law, states: tuple[str, ...], effect: Effect) -> list[str | int]:
+    """What each argument of a law is: the name of a state, or the index of a parameter.
+
+    Raises
+    ------
+    UserError : the law asks for what is neither.
+    """
+    names = list(inspect.signature(plain_function(law)).parameters)
+    known = [p.name for p in effect.parameters]
+    rest = [name for name in names if name not in states]
+    if all(name in known or name == "size" for name in rest):
+        places = {name: known.index(name) if name in known else 0 for name in rest}
+    elif len(rest) == len(known):
+        places = {name: j for j, name in enumerate(rest)}
+    else:
+        raise UserError(
+            f"effect {effect.name}", ", ".join(rest),
+            f"a law's arguments are states ({', '.join(states)}) and the parameters {', '.join(known)}",
+        )  # fmt: skip
+    return [name if name in states else places[name] for name in names]

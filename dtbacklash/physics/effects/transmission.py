@@ -1,0 +1,62 @@
+"""Effects of gear and screw."""
+
+from numpy.random import Generator
+
+from dtbacklash.compiled import law
+from dtbacklash.physics.effects.declare import Effect, Parameter, Place, Role, Values
+from dtbacklash.physics.effects.periodic import periodic, periodic_slope
+from dtbacklash.physics.effects.slots import GearPlay, Lead, Reaction, Yielding
+
+#: largest concealed half-gap, rad
+GAP_MAX = 3.141592653589793
+
+
+@law
+def pitch_error(angle, amplitude, periods, phase):
+    """Displacement beyond the lead, zero at zero. rad -> m."""
+    return periodic(angle, amplitude, periods, phase) - periodic(0.0, amplitude, periods, phase)
+
+
+@law
+def pitch_slope(angle, amplitude, periods, phase):
+    """Derivative of :func:`pitch_error` by the angle. rad -> m/rad."""
+    return periodic_slope(angle, amplitude, periods, phase)
+
+
+def _pitch_draws(rng: Generator, place: Place) -> Values:
+    return {"periods": float(rng.choice([0.5, 1.0, 2.0, 3.0, 4.0])), "phase": float(rng.uniform(-3.1, 3.1))}
+
+
+EFFECTS = [
+    Effect(
+        "backlash", "gear", (Parameter("half_gap", "rad", 0.0, 6.3, 0.35, 0.0, role=Role.SIZE, counted=True),),
+        "theta_d = play(theta_m, half_gap)", GearPlay("half_gap"), "play operator; the paper's Eqs (16)-(17)",
+        "The {location} has backlash of {half_gap} to each side.",
+        conceal=lambda place, sign: (GAP_MAX, 0.02), excludes=("load_reaction",),
+    ),
+    Effect(
+        "compliance", "screw", (Parameter("compliance", "m/N", 0.0, 1e-4, 1e-6, 0.0, role=Role.SIZE),),
+        "lead theta_d - q1 = compliance * force through the screw", Yielding("compliance"), "axial spring in series",
+        "The {location} gives way by {compliance}.",
+        conceal=lambda place, sign: (1e-4, 1e-6),
+    ),
+    Effect(
+        "pitch_error", "screw",
+        (
+            Parameter("amplitude", "m", 0.0, 1e-3, 2e-5, 0.0, role=Role.SIZE),
+            Parameter("periods", "1/rev", 0.05, 50.0, 1.0, role=Role.WAVE),
+            Parameter("phase", "rad", -3.2, 3.2, 0.0, role=Role.ANGLE),
+        ),
+        "d = lead theta_d + amplitude (sin(periods theta_d + phase) - sin(phase))", Lead(pitch_error, pitch_slope),
+        "periodic lead error of a screw (ISO 3408)",
+        "The lead of the {location} errs periodically by {amplitude} ({periods}).",
+        conceal=lambda place, sign: (0.25 * place.travel, 0.003 * place.travel), draws=_pitch_draws,
+    ),
+    Effect(
+        "load_reaction", "screw", (Parameter("share", "1", 0.0, 1.0, 1.0, 0.0, role=Role.SIZE),),
+        "torque on the motor = -share * lead * force through the screw, while the gear is in contact",
+        Reaction("share"), "power balance of the screw; the paper's first assumption lifted",
+        "The structure pushes back on the motor through the {location} ({share} of the full reaction).",
+        conceal=lambda place, sign: (1.0, 0.3), excludes=("backlash",),
+    ),
+]  # fmt: skip

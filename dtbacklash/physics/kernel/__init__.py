@@ -1,0 +1,1 @@
+"""The compiled plant: arrays, forces, steps, samples."""

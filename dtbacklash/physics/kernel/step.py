@@ -1,0 +1,213 @@
+"""One step of the plant, and one sample: exact linear propagation, forces by a predictor and a corrector, events.
+
+Second order in the step for forces beside the linear plant; exact for the linear plant, whether the gear is in
+contact or not. A step in which the gear closes or opens, or a friction contact comes to rest or breaks loose, is
+halved until the event is located to a tick (``sample_time/substeps/2**(levels-1)``).
+"""
+
+from dtbacklash.compiled import clear, copy, inlined
+from dtbacklash.physics.kernel import plant as pl
+from dtbacklash.physics.kernel.forces import add_forces, base_motion, end_velocity
+
+#: a sample with more events than this (chatter) is finished without locating further ones
+MOST_EVENTS = 100
+
+
+@inlined
+def screw_angle(P, S, gap):
+    """theta_d, rad, at the present state with half-gap ``gap``."""
+    mode = S.mode[0]
+    if mode == pl.FREE:
+        return S.gear[0]
+    theta_m = S.x[P.position + P.rotor]
+    return theta_m if mode == pl.RIGID else theta_m - mode * gap
+
+
+@inlined
+def rate_of_screw(P, x, mode, gap_rate):
+    """Rate of theta_d, rad/s."""
+    if mode == pl.FREE or P.rotor < 0:
+        return 0.0
+    omega = x[P.position + P.n_bodies + P.rotor]
+    return omega if mode == pl.RIGID else omega - mode * gap_rate
+
+
+@inlined
+def drive_rate(P, S, x, gap_rate):
+    """Rate of theta_d, rad/s, at state ``x``, whether it is imposed or simulated."""
+    return S.gear[1] if P.imposed else rate_of_screw(P, x, S.mode[0], gap_rate)
+
+
+@inlined
+def _propagate(P, S, level, contact, channels):
+    """xn = E x + P1 w0 over the first ``channels``: the inputs of the step's start, held."""
+    E, P1 = P.E[contact, level], P.P1[contact, level]
+    x, xn, n = S.x, S.xn, S.x.shape[0]
+    for i in range(n):
+        xn[i] = 0.0
+    for j in range(n):
+        xj = x[j]
+        for i in range(n):
+            xn[i] += E[j, i] * xj
+    for c in range(channels):
+        value = S.w0[c]
+        if value != 0.0:
+            for i in range(n):
+                xn[i] += P1[c, i] * value
+
+
+@inlined
+def _ramp(P, S, level, contact, channels):
+    """xn += P2 (w1 - w0): the inputs rise linearly to those of the step's end."""
+    P2 = P.P2[contact, level]
+    xn, n = S.xn, S.x.shape[0]
+    for c in range(channels):
+        value = S.w1[c] - S.w0[c]
+        if value != 0.0:
+            for i in range(n):
+                xn[i] += P2[c, i] * value
+
+
+@inlined
+def _respond(P, S, level, contact, a, b, impulse):
+    """xn += the response to a friction force that pushes end b by ``impulse`` and end a back."""
+    R = P.P1[contact, level]
+    n = S.x.shape[0]
+    for end, sign in ((b, 1.0), (a, -1.0)):
+        channel, factor = end, sign
+        if end == pl.BASE and contact == 1 and P.rotor >= 0:
+            channel, factor = P.rotor, sign * P.screw[pl.S_SHARE] * P.screw[pl.S_LEAD]
+        if channel >= 0 and factor != 0.0:
+            for i in range(n):
+                S.xn[i] += R[pl.CH_F + channel, i] * factor * impulse
+
+
+@inlined
+def _mobility(P, response, contact, end):
+    """Velocity that end gains per newton on it over a step (or, with G, the acceleration)."""
+    if end >= 0:
+        return response[pl.CH_F + end, P.position + P.n_bodies + end]
+    return 0.0
+
+
+@inlined
+def _hold(P, S, level, contact, theta_d, gap_rate):
+    """Find the forces that bring every sticking contact to rest at the end of the step (Gauss-Seidel)."""
+    frictions = P.friction_ends.shape[0]
+    sticking = 0
+    for c in range(frictions):
+        S.reaction[c] = 0.0
+        sticking += S.mode[1 + c] == 0
+    if sticking == 0:
+        return
+    for _ in range(1 if sticking == 1 else 60):
+        worst = 0.0
+        for c in range(frictions):
+            if S.mode[1 + c] == 0:
+                a, b = P.friction_ends[c, 0], P.friction_ends[c, 1]
+                rate = slip_rate(P, S, S.xn, c, theta_d, gap_rate)
+                R = P.P1[contact, level]
+                mobility = _mobility(P, R, contact, a) + _mobility(P, R, contact, b)
+                if a >= 0 and b >= 0:
+                    mobility -= 2.0 * R[pl.CH_F + a, P.position + P.n_bodies + b]
+                change = -rate / mobility
+                S.reaction[c] += change
+                _respond(P, S, level, contact, a, b, change)
+                worst = max(worst, abs(change) - 1e-12 * abs(S.reaction[c]))
+        if worst <= 0.0:
+            break
+    _pin(P, S)
+
+
+@inlined
+def _pin(P, S):
+    """A body that sticks to the ground stays to the last bit, so that it cannot creep into or out of a contact."""
+    for c in range(P.friction_ends.shape[0]):
+        a, b = P.friction_ends[c, 0], P.friction_ends[c, 1]
+        if S.mode[1 + c] == 0 and a == pl.GROUND and b >= 0:
+            S.xn[P.position + b] = S.x[P.position + b]
+            S.xn[P.position + P.n_bodies + b] = 0.0
+
+
+@inlined
+def slip_rate(P, S, x, c, theta_d, gap_rate):
+    """Velocity at which friction contact ``c`` slips, m/s or rad/s."""
+    a, b = P.friction_ends[c, 0], P.friction_ends[c, 1]
+    base_rate = 0.0
+    if P.has_base and min(a, b) == pl.BASE:
+        base_rate = base_motion(P, x, 0, theta_d, drive_rate(P, S, x, gap_rate))[1]
+    return end_velocity(P, x, b, base_rate) - end_velocity(P, x, a, base_rate)
+
+
+@inlined
+def try_step(P, S, level, h, t, voltage, gap, gap_rate, given):
+    """Advance ``S.x`` into ``S.xn`` by a step of ``h`` seconds with the contacts as they are.
+
+    ``given`` is theta_d at the start where the motor's angle is imposed; its rate stands in ``S.gear[1]``.
+    """
+    mode = S.mode[0]
+    contact = 0 if mode == pl.FREE else 1
+    w0, w1 = S.w0, S.w1
+    if P.forced:
+        clear(w0)
+        clear(w1)
+    w0[pl.CH_V] = voltage
+    w1[pl.CH_V] = voltage
+    if P.has_base:
+        lead = P.screw[pl.S_LEAD]
+        if mode == pl.FREE:
+            w0[pl.CH_D] = lead * (given if P.imposed else S.gear[0])
+            w1[pl.CH_D] = w0[pl.CH_D] + lead * S.gear[1] * h
+            w0[pl.CH_DD] = lead * S.gear[1]
+        elif mode == pl.RIGID:
+            w0[pl.CH_D] = 0.0
+            w1[pl.CH_D] = 0.0
+            w0[pl.CH_DD] = 0.0
+        else:
+            w0[pl.CH_D] = -lead * mode * gap
+            w1[pl.CH_D] = -lead * mode * (gap + gap_rate * h)
+            w0[pl.CH_DD] = -lead * mode * gap_rate
+        w1[pl.CH_DD] = w0[pl.CH_DD]
+    if P.forced:
+        _forced_step(P, S, level, h, t, contact, gap, gap_rate, given)
+    else:
+        channels = pl.CH_F if P.has_base else pl.CH_D
+        _propagate(P, S, level, contact, channels)
+        _ramp(P, S, level, contact, channels)
+    if S.lean[0] != 0:
+        _rest(P, S, level, h, gap_rate)
+
+
+@inlined
+def _rest(P, S, level, h, gap_rate):
+    """Keep the motor on the tooth on which it leans, which stands still or moves away as the gap grows."""
+    R = P.P1[0, level]
+    channel, speed = pl.CH_F + P.rotor, P.position + P.n_bodies + P.rotor
+    tooth_rate = S.lean[0] * gap_rate
+    force = (tooth_rate - S.xn[speed]) / R[channel, speed]
+    for i in range(S.x.shape[0]):
+        S.xn[i] += R[channel, i] * force
+    S.xn[P.position + P.rotor] = S.x[P.position + P.rotor] + tooth_rate * h
+    S.xn[speed] = tooth_rate
+
+
+@inlined
+def _forced_step(P, S, level, h, t, contact, gap, gap_rate, given):
+    """Predictor with the forces of the start, corrector with their mean slope, friction at rest solved in both."""
+    mode = S.mode[0]
+    channels = S.w0.shape[0]
+    angle = given if P.imposed else screw_angle(P, S, gap)
+    rate = drive_rate(P, S, S.x, gap_rate)
+    add_forces(P, S.x, S.mode, S.w0, contact, t, angle, rate)
+    _propagate(P, S, level, contact, channels)
+    copy(S.xn, S.xp)
+    if P.imposed:
+        angle = given + S.gear[1] * h
+    _hold(P, S, level, contact, angle, gap_rate)
+    if not P.imposed and mode != pl.FREE:
+        angle = S.xn[P.position + P.rotor] - (0 if mode == pl.RIGID else mode * (gap + gap_rate * h))
+        rate = rate_of_screw(P, S.xn, mode, gap_rate)
+    add_forces(P, S.xn, S.mode, S.w1, contact, t + h, angle, rate)
+    copy(S.xp, S.xn)
+    _ramp(P, S, level, contact, channels)
+    _hold(P, S, level, contact, angle, gap_rate)

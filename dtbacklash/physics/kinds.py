@@ -1,0 +1,135 @@
+"""The kinds of element that a rig can be made of: what each needs, what it stands beside, what a sensor can show of it.
+
+A kind's traits say what it is to the equations of motion; what simulates, diagnoses and draws asks for traits, not for
+names of kinds. Names of fields are those of the parameters that the rig's file gives (value, unit, tolerance).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from dtbacklash.physics.effects import slots
+
+GROUND = "ground"
+ROTARY, LINEAR = "rotary", "linear"
+
+#: units of position, velocity and effort along an axis
+AXES: dict[str, tuple[str, str, str]] = {ROTARY: ("rad", "rad/s", "N m"), LINEAR: ("m", "m/s", "N")}
+#: the parts of a machine, in the order of the power flow
+DRIVE, TRANSMISSION, STRUCTURE = PARTS = ("drive", "transmission", "structure")
+#: one constant serves as torque and as emf constant, since 1 N m/A = 1 V s/rad
+MOTOR_CONSTANT = ("N m/A", "V s/rad")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of element.
+
+    Attributes
+    ----------
+    required, optional : fields with their SI units; a field may have several. neighbours : role -> kinds that may stand
+        there; of role ``between`` two, or one and the ground.
+    description : for docs.
+    trait : what it is to the equations of motion, one of :mod:`.effects.slots` (``body``, ``spring`` ...), or empty.
+    axis : of a body or spring, along which it moves. inertia : the field that is a body's inertia.
+    motor_side : whether it lies before the gear, so that the motor's block holds it.
+    part : the part of a machine that it belongs to, one of PARTS. one_of : the groups of which a rig has one element at
+        most.
+    quantities : what a sensor can show of it -> unit.
+    """
+
+    name: str
+    required: dict[str, str | tuple[str, ...]]
+    optional: dict[str, str]
+    neighbours: dict[str, tuple[str, ...]]
+    description: str
+    trait: str = ""
+    axis: str = ""
+    inertia: str = ""
+    motor_side: bool = False
+    part: str = STRUCTURE
+    one_of: tuple[str, ...] = ()
+    quantities: dict[str, str] = field(default_factory=dict)
+
+    def takes(self, slot: slots.Slot) -> bool:
+        """Whether an effect in this slot can act at such an element."""
+        mine = {self.trait}
+        if self.trait == slots.BODY and self.axis == LINEAR:
+            mine.add(slots.SLIDING_BODY)
+        return bool(mine & set(slot.on))
+
+
+#: what a sensor can show of a body
+_MOTION = {axis: {"position": units[0], "velocity": units[1]} for axis, units in AXES.items()}
+_SLIDING = ("mass", "carriage", "brake")
+
+KINDS: dict[str, Kind] = {
+    kind.name: kind
+    for kind in (
+        Kind(
+            "amplifier", {}, {}, {"drives": ("motor_circuit", "actuator")},
+            "turns the command into a voltage or, with an actuator, a force or a torque",
+            trait=slots.AMPLIFIER, motor_side=True, part=DRIVE, one_of=("amplifier",),
+        ),
+        Kind(
+            "motor_circuit",
+            {"resistance": "ohm", "inductance": "H", "torque_constant": MOTOR_CONSTANT, "emf_constant": MOTOR_CONSTANT},
+            {}, {"drives": ("rotor", "carriage", "mass")}, "L i' + R i = v - k_B omega, torque k_T i",
+            trait=slots.WINDING, motor_side=True, part=DRIVE, one_of=("drive",), quantities={"current": "A"},
+        ),
+        Kind(
+            "actuator", {"gain": ("N/V", "N m/V")}, {}, {"drives": ("rotor", *_SLIDING)},
+            "an ideal force or, on a rotor, torque: gain times the command",
+            motor_side=True, part=DRIVE, one_of=("drive",),
+        ),
+        Kind(
+            "rotor", {"inertia": "kg m^2"}, {}, {}, "an inertia in its bearing; the driven one is the motor's",
+            trait=slots.BODY, axis=ROTARY, inertia="inertia", motor_side=True, part=DRIVE, quantities=_MOTION[ROTARY],
+        ),
+        Kind(
+            "shaft", {"stiffness": "N m/rad"}, {"damping": "N m s/rad"}, {"between": ("rotor",)},
+            "spring and damper in parallel between two rotors, or a rotor and the ground",
+            trait=slots.SPRING, axis=ROTARY, motor_side=True, part=TRANSMISSION,
+        ),
+        Kind(
+            "gear", {}, {}, {"driven_by": ("rotor",)},
+            "1:1, where the backlash is; its output holds its place (self-locking)",
+            trait=slots.GEAR, part=TRANSMISSION, one_of=("gear",),
+        ),
+        Kind(
+            "screw", {"lead": "m/rad"}, {}, {"driven_by": ("gear",), "carries": ("mass", "carriage")},
+            "turns the angle into the base's position", trait=slots.SCREW, part=TRANSMISSION, one_of=("base",),
+        ),
+        Kind(
+            "mass", {"mass": "kg"}, {"ground_stiffness": "N/m", "ground_damping": "N s/m"}, {}, "a lumped mass",
+            trait=slots.BODY, axis=LINEAR, inertia="mass", quantities=_MOTION[LINEAR],
+        ),
+        Kind(
+            "carriage", {"mass": "kg"}, {}, {}, "a mass that slides on a bearing",
+            trait=slots.BODY, axis=LINEAR, inertia="mass", quantities=_MOTION[LINEAR],
+        ),
+        Kind(
+            "link", {"stiffness": "N/m"}, {"damping": "N s/m"}, {"between": _SLIDING}, "spring and damper in parallel",
+            trait=slots.SPRING, axis=LINEAR,
+        ),
+        Kind(
+            "positioner", {"travel": "m/V"}, {}, {},
+            "imposes a position, travel times the command, straight between samples (a test machine)",
+            part=DRIVE, one_of=("drive", "base"),
+        ),
+        Kind(
+            "coupling", {"stiffness": "N/m"}, {"damping": "N s/m"}, {"between": (*_SLIDING, "positioner")},
+            "spring and damper in parallel, in whose force there may be play",
+            trait=slots.SPRING, axis=LINEAR, quantities={"force": "N"},
+        ),
+        Kind(
+            "brake", {"mass": "kg", "friction": "N"}, {}, {}, "a mass held by dry friction of a known level",
+            trait=slots.BODY, axis=LINEAR, inertia="mass", quantities=_MOTION[LINEAR],
+        ),
+    )
+}  # fmt: skip
+
+SENSOR = Kind("sensor", {}, {}, {}, "shows what it measures at every sample", slots.SENSOR)
+
+#: optional neighbours
+OPTIONAL_NEIGHBOURS = ("carries",)

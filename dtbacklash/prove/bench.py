@@ -1,0 +1,137 @@
+"""A rig on its bench: what is done with it, what its sensors err by, and how much two of its runs differ."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+
+from dtbacklash.arrays import Floats
+from dtbacklash.physics.rig import Rig
+from dtbacklash.prove import excitation, motion, tuning
+from dtbacklash.prove.simulator.given import Loop, Unknown
+from dtbacklash.prove.simulator.rig import Run, simulate_other
+
+#: bandwidth of the weak loop that keeps two runs together whose command is given, when they are compared, rad/s
+WEAK_RAD_S = 15.0
+#: noise of a sensor of position, and of any other, as a share of its signal's rms
+NOISE_POSITION, NOISE_OTHER = (1e-5, 3e-4), (5e-4, 5e-3)
+#: what a PID makes of its sensor's noise may be this share of its command; its gain for noise is that of its lead
+NOISE_OF_COMMAND = 0.1
+#: a recording is no longer one of the rig at work where signals or command are so many times as large as without
+WILD_SIGNAL, WILD_COMMAND = 8.0, 4.0
+
+
+@dataclass(frozen=True)
+class Bench:
+    """The rig as it truly is but for what is hidden, and what is done with it."""
+
+    rig: Rig
+    excitation: dict[str, Any]
+    channels: list[str]
+    duration_s: float
+    sample_time_s: float
+    noise: dict[str, float] = field(default_factory=dict)
+    resolution: dict[str, float] = field(default_factory=dict)
+    plain: Run | None = None
+
+    def loop(self, unknown: Unknown | None = None) -> Loop:
+        """The signals of the excitation, with a disturbance where that is what is hidden."""
+        t_s = motion.times(self.duration_s, self.sample_time_s)
+        force = np.zeros(len(t_s))
+        if unknown is not None and unknown.name == "disturbance":
+            force = excitation.disturbance(self.excitation["seed"], self.duration_s, self.sample_time_s)
+        return (motion if "pid" in self.excitation else excitation).loop_of(self.excitation, t_s, force)
+
+    def quiet(self, rig: Rig, unknown: Unknown | None = None) -> Run:
+        """A run without noise and counts; beside a plain run in open loop, held to its motion by a weak loop."""
+        loop = self.loop(unknown)
+        if self.plain is not None and not loop.closed:
+            loop = self._held(loop, rig)
+        return simulate_other(rig, loop, self.sample_time_s, None, unknown)
+
+    def _held(self, loop: Loop, rig: Rig) -> Loop:
+        assert self.plain is not None
+        if tuning.in_cascade(rig):
+            screw, circuit = rig.only("screw"), rig.only("motor_circuit")
+            assert screw is not None
+            assert circuit is not None
+            course = self.plain.states[:, 2] * screw.values["lead"]
+            weak: dict[str, Any] = {"gain": WEAK_RAD_S * circuit.values["emf_constant"]}
+        else:
+            plant = tuning.plant_of(rig)
+            if plant.grounded or not plant.sensor:
+                return loop  # it holds its place, or nothing can hold it
+            course = self.plain.states[:, 2 + self.plain.bodies.index(plant.driven)]
+            slower = tuning.MODE_SHARE * 2.0 * math.pi * float(plant.modes_hz.min(initial=math.inf))
+            weak = {**tuning.pid(plant, min(WEAK_RAD_S, slower)), "integral": 0.0, "pid": plant.sensor}
+        return replace(
+            loop, closed=True, reference=course, dither=loop.reference, filter_rad_s=math.inf, limit=math.inf, **weak
+        )
+
+    def seen(self, changed: Run, plain: Run) -> float:
+        """How much two runs differ in the channel that shows it most, in units of its noise."""
+        if changed.diverged or plain.diverged:
+            return math.inf
+        return max(
+            float(np.sqrt(np.mean((changed.truth[c] - plain.truth[c]) ** 2)))
+            / math.hypot(self.noise[c], self.resolution[c] / math.sqrt(12.0))
+            for c in self.channels
+        )
+
+    def wild(self, rig: Rig, run: Run, unknown: Unknown | None = None) -> bool:
+        """Whether with what is hidden the rig no longer works: it runs away in open loop, or its loop swings."""
+        assert self.plain is not None
+        if tuning.in_cascade(rig):
+            return False  # it turns slowly and holds its place
+        if not self.loop().closed:
+            run = simulate_other(rig, self.loop(unknown), self.sample_time_s, None, unknown)
+        if run.diverged or rms(run.u) > WILD_COMMAND * rms(self.plain.u):
+            return True
+        return any(float(np.ptp(run.truth[c])) > WILD_SIGNAL * float(np.ptp(self.plain.truth[c])) for c in run.truth)
+
+
+def rms(values: Floats) -> float:
+    """Root mean square; never 0, so that it can divide."""
+    return float(np.sqrt(np.mean(values**2))) + 1e-300
+
+
+def errors_in_cascade(rng: Generator, rig: Rig) -> tuple[dict[str, float], dict[str, float]]:
+    """Noise and counts of every sensor: around a 4096-count encoder and 1 um, in proportion to the rig's lead."""
+    turn, circuit = excitation.turn_m(rig) / excitation.PAPER_TURN_M, rig.only("motor_circuit")
+    assert circuit is not None
+    ampere = 1.0 / circuit.values["resistance"]
+    noise, resolution = {}, {}
+    for name, sensor in rig.sensors.items():
+        spread = float(np.exp(rng.uniform(math.log(0.3), math.log(3.0))))
+        counts = float(rng.choice([2048.0, 4096.0, 8192.0]))
+        part = float(rng.choice([0.1, 0.2, 0.5]))
+        if sensor.unit == "rad":
+            resolution[name] = 2.0 * math.pi / counts
+            noise[name] = 0.1 * spread * resolution[name]
+            continue
+        unit = {"m": 1e-6 * turn, "A": 8e-3 * ampere, "m/s": 2e-5 * turn, "rad/s": 0.05}[sensor.unit]
+        noise[name], resolution[name] = unit * spread, unit * part
+    return noise, resolution
+
+
+def errors_of(rng: Generator, rig: Rig, move: dict[str, Any], plain: Run) -> tuple[dict[str, float], dict[str, float]]:
+    """Noise and counts of every sensor, relative to its signal; those of a PID's sensor leave its command quiet.
+
+    A sensor of position is an encoder, whose counts are its noise, or has noise of its own and fine counts.
+    """
+    noise, resolution = {}, {}
+    for name, sensor in rig.sensors.items():
+        position = sensor.quantity == "position"
+        share = math.exp(float(rng.uniform(*np.log(NOISE_POSITION if position else NOISE_OTHER))))
+        counted, part = bool(rng.random() < 0.5), float(rng.choice([0.1, 0.2, 0.5]))
+        size = share * rms(plain.truth[name] - plain.truth[name].mean())
+        if name == move["pid"]:
+            size = min(size, NOISE_OF_COMMAND * move["rms_v"] / (move["gain"] + move["rate"]))
+        counted = counted and position
+        noise[name] = 0.3 * size if counted else size
+        resolution[name] = math.sqrt(12.0) * 0.95 * size if counted else part * size
+    return noise, resolution

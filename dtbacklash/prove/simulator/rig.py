@@ -1,0 +1,137 @@
+"""The concealing simulator: which rigs it takes, and a run of one."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.errors import UserError
+from dtbacklash.physics.rig import Rig
+from dtbacklash.prove.simulator import columns as other
+from dtbacklash.prove.simulator.arrays import Machine, Memory, Signals
+from dtbacklash.prove.simulator.given import Errors, Loop, Unknown
+from dtbacklash.prove.simulator.machine import body_names, machine
+from dtbacklash.prove.simulator.step import run_machine
+
+#: the kinds of element that this simulator knows, and the effects: each is written here once more
+KINDS = (
+    "amplifier", "motor_circuit", "actuator", "positioner", "rotor", "gear", "screw", "shaft", "mass", "carriage",
+    "brake", "link", "coupling",
+)  # fmt: skip
+EFFECTS = frozenset((
+    "saturation", "dead_zone", "delay", "gain_error", "offset", "resistance_heating", "torque_ripple",
+    "coulomb_friction", "ground_friction", "stribeck_friction", "viscous_friction", "asymmetric_friction", "cogging",
+    "constant_load", "constant_force", "gravity", "absorber", "backlash", "compliance", "pitch_error",
+    "load_reaction", "cubic_stiffness", "quadratic_damping", "dry_friction", "hysteresis", "bumper", "stiffness_drift",
+))  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a run gives: u (N+1,) V; by sensor, SI: ``truth`` without, ``seen`` with noise and counts; the states.
+
+    states (N+1, 2 + 2 nb) : current, screw's angle, positions and velocities of ``bodies``. samples : how many stayed
+    finite (N+1, or the loop diverged).
+    """
+
+    u: Floats
+    truth: dict[str, Floats]
+    seen: dict[str, Floats]
+    states: Floats
+    bodies: list[str]
+    samples: int
+    sample_time_s: float
+
+    @property
+    def diverged(self) -> bool:
+        """Whether the loop left every plausible range."""
+        return self.samples < len(self.u)
+
+
+def check_concealable(rig: Rig) -> None:
+    """Refuse a rig with something in it that this simulator does not know, or that nothing moves or shows.
+
+    Raises
+    ------
+    UserError : with what is allowed.
+    """
+    for element in rig.elements.values():
+        if element.kind not in KINDS:
+            allowed = f"to conceal, one of {', '.join(KINDS)}"
+            raise UserError(f"rig.elements.{element.name}.kind", element.kind, allowed)
+    for place, there in rig.effects.items():
+        for name in there:
+            if name not in EFFECTS:
+                allowed = f"to conceal, only effects that the second simulator has: {', '.join(sorted(EFFECTS))}"
+                raise UserError(f"rig.effects.{place}.{name}", there[name], allowed)
+    if not any(rig.only(kind) for kind in ("motor_circuit", "actuator", "positioner")):
+        raise UserError("rig", rig.config.name, "to conceal, a rig that a motor, an actuator or a positioner moves")
+    if not rig.sensors:
+        raise UserError("rig.sensors", "(none)", "to conceal, at least one sensor")
+
+
+def simulate_other(
+    rig: Rig, loop: Loop, sample_time_s: float, errors: Errors | None = None, unknown: Unknown | None = None
+) -> Run:
+    """Simulate a rig from rest by the concealing simulator; deterministic to the last bit.
+
+    Raises
+    ------
+    UserError : the rig is not one that this simulator takes (:func:`check_concealable`).
+    """
+    check_concealable(rig)
+    errors = errors or Errors()
+    m = machine(rig, sample_time_s, errors, unknown)
+    n, sensors, size = len(loop.reference), len(rig.sensors), 2 + 2 * len(m.inertia)
+    memory = _at_rest(m)
+    control = np.zeros(other.N_CONTROL)
+    control[other.C_MODE], control[other.C_GAIN], control[other.C_LIMIT] = loop.mode, loop.gain, loop.limit
+    control[other.C_FILTER] = -math.expm1(-loop.filter_rad_s * sample_time_s)
+    control[other.C_INTEGRAL] = loop.integral * sample_time_s
+    control[other.C_RATE], control[other.C_CORNER] = loop.rate, -math.expm1(-loop.corner_rad_s * sample_time_s)
+    looked_at = (0, 0) if not loop.closed else (list(rig.sensors).index(loop.pid),) * 2 if loop.pid else roles(rig)
+    noise = np.zeros((n, sensors)) if errors.draws is None else errors.draws
+    signals = Signals(loop.reference, loop.dither, loop.disturbance, noise, np.array(looked_at, dtype=np.int64))
+    late = float(m.sensor[:, other.Y_DELAY].max(initial=0.0))
+    history = np.zeros((2 + math.ceil(late / sample_time_s * m.substeps + 1e-9), sensors))
+    u, truth, seen, states = np.zeros(n), np.zeros((n, sensors)), np.zeros((n, sensors)), np.zeros((n, size))
+    good = run_machine(m, memory, control, signals, history, u, truth, seen, states)
+    columns = list(enumerate(rig.sensors))
+    return Run(
+        u, {name: truth[:, j] for j, name in columns}, {name: seen[:, j] for j, name in columns}, states,
+        body_names(rig), int(good), sample_time_s,
+    )  # fmt: skip
+
+
+def _at_rest(m: Machine) -> Memory:
+    nb, bristles = len(m.inertia), 2 * len(m.friction)
+    n = 2 + 2 * nb
+    return Memory(
+        x=np.zeros(n), start=np.zeros(n), trial=np.zeros(n), total=np.zeros(n), rates=np.zeros(n), force=np.zeros(nb),
+        bristle=np.zeros(bristles), bristle_start=np.zeros(bristles), yielding_start=np.zeros(2 * len(m.link)),
+        scalar=np.zeros(other.N_SCALAR), control=np.zeros(other.N_HELD),
+    )  # fmt: skip
+
+
+def roles(rig: Rig) -> tuple[int, int]:
+    """The sensors of the cascade: the motor's angle, and the position of the body farthest from the screw.
+
+    Raises
+    ------
+    UserError : one of them is missing.
+    """
+    angle = output = -1
+    order = list(rig.elements)
+    for j, sensor in enumerate(rig.sensors.values()):
+        kind = rig.elements[sensor.of].kind
+        if sensor.quantity == "position" and kind == "rotor":
+            angle = j
+        elif sensor.quantity == "position" and kind == "mass":
+            best = list(rig.sensors.values())[output] if output >= 0 else None
+            if best is None or order.index(sensor.of) > order.index(best.of):
+                output = j
+    if angle < 0 or output < 0:
+        allowed = "a closed loop needs a position sensor on the motor and one on a mass"
+        raise UserError("rig.sensors", ", ".join(rig.sensors), allowed)
+    return angle, output

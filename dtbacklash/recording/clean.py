@@ -1,0 +1,138 @@
+"""From chosen columns to channels on a uniform time grid: the clock, missing values, defects of sensors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.physics.rig import Rig
+from dtbacklash.recording import channels as checks
+from dtbacklash.recording import timebase
+from dtbacklash.recording.pick import COMMAND, REFERENCE, Picked, check_present, unit_notes
+from dtbacklash.recording.plausible import check_units
+from dtbacklash.recording.refusal import CHANGE_MIN, VALUE_MAX, Refused
+
+SAID = 3  # as many stretches are told one by one
+
+
+@dataclass(frozen=True)
+class Clean:
+    """What a recording holds, checked.
+
+    stretches : half-open ranges of rows without a gap. assumed_units : channel -> unit it was read in, and who says so.
+    """
+
+    t_s: Floats
+    stretches: tuple[tuple[int, int], ...]
+    sample_time_s: float
+    channels: dict[str, Floats]
+    units: dict[str, str]
+    assumed_units: dict[str, str]
+    notes: list[str]
+
+
+def clean(
+    picked: Picked, rig: Rig | None, notes: list[str], command: str, sample_time_s: float | None, trust_units: bool
+) -> Clean:
+    """Bring the channels to a uniform grid and check them.
+
+    Parameters
+    ----------
+    notes : what had to be said before. command : see :mod:`.command`. sample_time_s : for columns without times.
+    trust_units : do not compare the channels' sizes with what the rig can do.
+
+    Raises
+    ------
+    Refused : a defect that cannot be handled, or a channel in a wrong unit.
+    """
+    check_present(picked, rig)
+    with np.errstate(all="ignore"):  # squares of values like 1e-300 are zero; nothing here depends on them
+        for name, column in {"t": picked.t_s, **picked.channels}.items():
+            if column is not None:
+                _check_sizes(name, column)
+        grid = _grid(picked, sample_time_s)
+        required = frozenset({COMMAND, *(rig.sensors if rig else ())})
+        pieces = [(a, b) for a, b, _ in grid.pieces]
+        rows = {n: v[grid.rows] for n, v in picked.channels.items()}
+        filled = checks.fill(rows, grid.stamps_s, required, pieces)
+        t_s, values, stretches = _on_grid(grid, filled)
+        notes = notes + picked.notes + grid.notes + filled.notes + _defects(values, t_s, stretches)
+        if len(stretches) > 1:
+            notes.append(_said(t_s, stretches))
+        units = {name: picked.units[name] for name in values}
+        assumed = {name: said for name, said in picked.assumed.items() if name in values or name == "t"}
+        if rig is not None and not trust_units:
+            a, b = max(stretches, key=lambda s: s[1] - s[0])
+            check_units(rig, {n: v[a:b] for n, v in values.items()}, grid.sample_time_s, command, assumed)
+    return Clean(t_s, stretches, grid.sample_time_s, values, units, assumed, notes + unit_notes(assumed))
+
+
+def _check_sizes(name: str, values: Floats) -> None:
+    what = "the time" if name == "t" else f"channel {name}"
+    if 0.0 < float(np.nanmax(values, initial=-np.inf) - np.nanmin(values, initial=np.inf)) < CHANGE_MIN:
+        raise Refused(f"{what} never changes by more than {CHANGE_MIN:g}")
+    large = np.flatnonzero(np.isfinite(values) & (np.abs(values) > VALUE_MAX))
+    if len(large):
+        times = f", and {len(large) - 1} more like it" if len(large) > 1 else ""
+        raise Refused(f"{what} is {values[large[0]]:.3g} (SI) in row {large[0] + 1} of the numbers{times}")
+
+
+def _grid(picked: Picked, sample_time_s: float | None) -> timebase.Grid:
+    step = sample_time_s or picked.sample_time_s
+    if picked.t_s is not None:
+        return timebase.uniform_grid(picked.t_s)
+    if step is not None:
+        if not 0.0 < step < np.inf:
+            raise Refused(f"has the sample time {step:g} s: it must be positive")
+        return timebase.constant_step(len(next(iter(picked.channels.values()))), step)
+    raise Refused("has no time column: add a column t [s], or give the sample time")
+
+
+def _on_grid(
+    grid: timebase.Grid, filled: checks.Filled
+) -> tuple[Floats, dict[str, Floats], tuple[tuple[int, int], ...]]:
+    """Times, channels, and the stretches that they consist of."""
+    times, columns, stretches = [], {name: list[Floats]() for name in filled.channels}, list[tuple[int, int]]()
+    slack, count = 1e-6 * grid.sample_time_s, 0
+    for first, last, t_s in grid.pieces:
+        for a, b in filled.stretches:
+            if not first <= a < last:
+                continue
+            stamps = grid.stamps_s[a:b]
+            if grid.resample:
+                t = t_s[(t_s >= stamps[0] - slack) & (t_s <= stamps[-1] + slack)]
+                for name, column in filled.channels.items():
+                    columns[name].append(np.interp(t, stamps, column[a:b]))
+            else:
+                t = t_s[a - first : b - first]
+                for name, column in filled.channels.items():
+                    columns[name].append(column[a:b])
+            times.append(t)
+            stretches.append((count, count + len(t)))
+            count += len(t)
+    timebase.check_length(count)
+    channels = {name: np.ascontiguousarray(np.concatenate(parts)) for name, parts in columns.items()}
+    return np.concatenate(times), channels, tuple(stretches)
+
+
+def _said(t_s: Floats, stretches: tuple[tuple[int, int], ...]) -> str:
+    listed = [f"{t_s[a]:.6g} to {t_s[b - 1]:.6g} s" for a, b in stretches[:SAID]]
+    more = f", and {len(stretches) - SAID} more" if len(stretches) > SAID else ""
+    return f"{len(stretches)} stretches are used: {', '.join(listed)}{more}; together {len(t_s)} samples."
+
+
+def _defects(values: dict[str, Floats], t_s: Floats, stretches: tuple[tuple[int, int], ...]) -> list[str]:
+    found = []
+    for name, column in values.items():
+        if name == REFERENCE:
+            continue
+        clipped = checks.clipping(name, column)
+        found.append(clipped)
+        if name != COMMAND and clipped is None:
+            u = values.get(COMMAND)
+            for a, b in stretches if np.ptp(column) > 0.0 else [(0, len(t_s))]:
+                part = None if u is None else u[a:b]
+                found.append(checks.hanging(name, column[a:b], part, t_s[a:b], len(t_s)))
+    return [note for note in found if note]

@@ -1,0 +1,282 @@
+"""Which columns are channels, and in which units they are.
+
+A column is known by its name (``q3``) or by its name with a unit (``q3 [mm]``, ``q3 (mm)``, ``q3_mm``). Its unit is, in
+this order: what ``units=`` says, what the mapping says, what the header says, what the rig's sensor declares
+(``recorded_in``), SI. Nothing else is assumed, for any rig.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping as Dict
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dtbacklash import units
+from dtbacklash.arrays import Floats
+from dtbacklash.errors import UserError
+from dtbacklash.physics.rig import Rig
+from dtbacklash.recording.mapping import Channel, Mapping
+from dtbacklash.recording.refusal import Refused
+from dtbacklash.recording.tables import Table
+
+TIME, COMMAND, REFERENCE = "t", "u", "r"
+TIMES = ("time", "timestamp")  # other names of the column t
+ASSUMED, DECLARED, HEADER, GIVEN, MAPPED = "assumed", "declared by the rig", "header", "given", "mapping"
+
+#: SI units of names that every recording may have, and of sensors by the habit of their names where there is no rig
+ALWAYS = {TIME: "s", REFERENCE: "m", COMMAND: "V"}
+_HABITS = ((re.compile(r"q(\d*|[a-z])"), "m"), (re.compile(r"theta(_[a-z])?"), "rad"), (re.compile(r"i(_[a-z])?"), "A"))
+_BRACKET = re.compile(r"\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
+
+
+@dataclass
+class Picked:
+    """Columns chosen as channels, in SI, before any check.
+
+    t_s : their times, or None. sample_time_s : of a recording without times. units : channel -> SI unit. assumed :
+    channel (and ``t``) -> the unit it was read in and who says so, ``mm (declared by the rig)``.
+    """
+
+    t_s: Floats | None = None
+    sample_time_s: float | None = None
+    channels: dict[str, Floats] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    assumed: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class _Column:
+    """A column that is a channel: the channel's name, and the unit as the header has it (empty: none)."""
+
+    channel: str
+    written: str
+
+
+class _Names:
+    """The names that channels may have: those of the rig's sensors, or without a rig those that carry a unit."""
+
+    def __init__(self, rig: Rig | None, given: Dict[str, str]) -> None:
+        self.rig, self.given = rig, dict(given)
+        self.sensors = {s.name: s for s in rig.sensors.values()} if rig else {}
+        known = [*ALWAYS, *TIMES, *self.sensors, *self.given]
+        self.by_lower = {name.lower(): name for name in reversed(known)}
+        for name, text in self.given.items():
+            if rig and name not in ALWAYS and name not in self.sensors:
+                raise UserError(f"recording.units.{name}", text, f"no such channel; {_has(rig)}")
+            unit = units.find(str(text))
+            wanted = self.si(name) if name in ALWAYS or name in self.sensors else ()
+            if unit is None or (wanted and unit.si not in wanted):
+                fitting = [other for si in wanted or dict.fromkeys(u.si for u in units.UNITS.values())
+                           for other in units.of_kind(si)]  # fmt: skip
+                raise UserError(f"recording.units.{name}", text, "choose one of " + ", ".join(dict.fromkeys(fitting)))
+
+    def find(self, text: str) -> str | None:
+        """The channel called ``text``, or None."""
+        for name in (text, self.by_lower.get(text.lower(), text), text.lower()):
+            if name in ALWAYS or name in TIMES or name in self.sensors or name in self.given:
+                return TIME if name in TIMES and name not in self.sensors else name
+            if not self.rig and any(pattern.fullmatch(name) for pattern, _ in _HABITS):
+                return name
+        return None
+
+    def parse(self, label: str, written: str) -> _Column | None:
+        """Read the head of a column; ``written`` is its unit where a line of its own states it."""
+        label = label.strip()
+        bracket = _BRACKET.search(label)
+        if bracket:
+            label, written = label[: bracket.start()].strip(), bracket.group(1)
+        # a whole name first: theta_m and i_m are channels, not lengths
+        channel = self.find(label)
+        if channel:
+            return _Column(channel, written)
+        for words in (2, 1) if not written else ():
+            name, *ends = label.rsplit("_", words)
+            unit = next((text for text in ("/".join(ends), " ".join(ends)) if units.find(text)), None)
+            if unit and len(ends) == words:
+                channel = self.find(name) or (None if self.rig else name or None)
+                if channel:
+                    return _Column(channel, unit)
+        return _Column(label, written) if written and not self.rig and label and units.find(written) else None
+
+    def si(self, channel: str, written: str = "") -> tuple[str, ...]:
+        """The SI units that a channel may have; the first is what it has if nothing is said."""
+        if channel == REFERENCE:
+            output = self.rig.output_sensor() if self.rig else None
+            return (output.unit if output else "m", "m", "rad", "m/s", "rad/s", "V")
+        if channel in ALWAYS:
+            return (ALWAYS[channel],)
+        if channel in self.sensors:
+            return (self.sensors[channel].unit,)
+        habit = next((si for pattern, si in _HABITS if pattern.fullmatch(channel)), None)
+        said = units.find(self.given.get(channel, written))
+        return tuple(unit for unit in (habit, said.si if said else None) if unit) or ("",)
+
+    def declared(self, channel: str) -> str:
+        """The unit that the rig declares for the column of a channel, or empty."""
+        if channel == REFERENCE and self.rig:
+            output = self.rig.output_sensor()
+            return output.recorded_in if output else ""
+        return self.sensors[channel].recorded_in if channel in self.sensors else ""
+
+    def settle(self, column: str, channel: str, written: str, who: str = HEADER) -> tuple[units.Unit, str]:
+        """The unit of a column, and a text that says which it is and who says so (raises Refused)."""
+        said = [(self.given.get(channel, ""), GIVEN), (written, who), (self.declared(channel), DECLARED)]
+        text, who = next(((text, who) for text, who in said if text), (self.si(channel)[0], ASSUMED))
+        unit = units.find(text)
+        if unit is None:
+            raise Refused(f"column {column} is in {text}, which is no known unit; give units={channel}: UNIT")
+        wanted = self.si(channel, text)
+        if unit.si not in wanted:
+            raise Refused(f"column {column} is in {text} ({who}), and {channel} is measured in {wanted[0]}")
+        return unit, f"{text} ({who})"
+
+    def overruled(self, channel: str, written: str, who: str) -> list[str]:
+        """A sentence where ``units=`` says another unit than the head or the mapping; else none."""
+        given = self.given.get(channel, "")
+        if not given or not written or units.find(given) == units.find(written):
+            return []
+        return [f"Channel {channel} is read in {given}, as given, though the {who} says {written}."]
+
+
+def plain(table: Table, rig: Rig | None, given: Dict[str, str]) -> Picked:
+    """Channels by their names.
+
+    Raises
+    ------
+    Refused : a unit of another kind, two columns for one channel, a channel that is no column of numbers.
+    UserError : ``units`` names a channel or a unit that is not known.
+    """
+    names = _Names(rig, given)
+    picked = Picked(sample_time_s=table.constants.get("dt"))
+    raw: dict[str, Floats] = {}
+    taken: dict[str, str] = {}
+    unused = []
+    heads = {column: names.parse(column.rpartition(".")[2], table.units.get(column, "")) for column in table.heads}
+    timed = [column for column, head in heads.items() if head and head.channel == TIME]
+    plain_time = [column for column in timed if not column.rpartition(".")[2].lower().startswith(TIMES)]
+    for column, head in heads.items():
+        if head is None or (column in timed and plain_time and column not in plain_time):
+            unused.append(column)
+            continue
+        if column in table.unusable:
+            raise Refused(f"column {column} {table.unusable[column]}")
+        name, values = head.channel, table.columns[column]
+        if name in taken:
+            raise _two(name, taken[name], column)
+        taken[name] = column
+        unit, picked.assumed[name] = names.settle(column, name, head.written)
+        picked.notes += names.overruled(name, head.written, HEADER)
+        raw[name] = values
+        if name == TIME:
+            picked.t_s = values * unit.factor
+        else:
+            picked.channels[name], picked.units[name] = values * unit.factor, unit.si
+    for column in unused:  # a bare x1 beside x1 [mm]: which of them is meant is not for us to say
+        bare = column.rpartition(".")[2].strip()
+        if bare in taken and bare != TIME:
+            raise _two(bare, taken[bare], column)
+    if unused:
+        shown = ", ".join(unused[:8]) + (" ..." if len(unused) > 8 else "")
+        picked.notes.append(f"Columns that are no channels of the rig are not used: {shown}.")
+    if _is_command(raw, picked):  # open loop: the reference is the command
+        picked.channels[REFERENCE], picked.units[REFERENCE] = picked.channels[COMMAND], "V"
+        picked.assumed[REFERENCE] = "V (it is the command)"
+    absent = [name for name in given if name not in raw]
+    if absent:
+        raise UserError(f"recording.units.{absent[0]}", given[absent[0]], f"no such column; it has {', '.join(raw)}")
+    return picked
+
+
+def _two(channel: str, one: str, other: str) -> Refused:
+    return Refused(f"has two columns for {channel}, {one} and {other}; leave one out")
+
+
+def _is_command(raw: dict[str, Floats], picked: Picked) -> bool:
+    """Whether the column r repeats the column u."""
+    r, u = raw.get(REFERENCE), raw.get(COMMAND)
+    said = picked.assumed.get(REFERENCE, "").endswith((f"({ASSUMED})", f"({DECLARED})"))
+    return r is not None and u is not None and said and np.allclose(r, u, rtol=1e-12, atol=0.0)
+
+
+def mapped(table: Table, mapping: Mapping, part: str, rig: Rig | None, given: Dict[str, str]) -> Picked:
+    """Channels by a mapping, cut to one of its parts (raises Refused and UserError, see :func:`plain`)."""
+    names = _Names(rig, {name: unit for name, unit in given.items() if rig is None or name in mapping.channels})
+    absent = [name for name in given if name not in mapping.channels and not (name == TIME and mapping.time)]
+    if absent:
+        allowed = f"no such channel; the mapping {mapping.name} has {', '.join(mapping.channels)}"
+        raise UserError(f"recording.units.{absent[0]}", given[absent[0]], allowed)
+    rows = slice(*mapping.parts[part]) if part else slice(None)
+    if part and mapping.parts[part][1] > table.rows:
+        raise Refused(f"has {table.rows} rows, and the part {part} ends at row {mapping.parts[part][1]}")
+    picked = Picked(sample_time_s=mapping.sample_time_s, notes=list(mapping.notes))
+    for name, channel in {**({TIME: mapping.time} if mapping.time else {}), **mapping.channels}.items():
+        column = _find(table, channel.column, mapping)
+        values = table.columns[column][rows]
+        if channel.si:  # a factor straight to SI, in a unit of the mapping's own
+            unit, picked.assumed[name] = units.Unit(channel.si, 1.0), f"{channel.si} ({MAPPED})"
+        else:
+            written = names.parse(column.rpartition(".")[2], table.units.get(column, ""))
+            head = written.written if written else ""
+            said, who = (channel.unit, MAPPED) if channel.unit else (head, HEADER)
+            unit, picked.assumed[name] = names.settle(column, name, said, who)
+            picked.notes += names.overruled(name, said, who)
+        values = _scaled(values, channel, unit.factor)
+        if name == TIME:
+            picked.t_s = values
+        else:
+            picked.channels[name], picked.units[name] = values, unit.si
+    return picked
+
+
+def _scaled(values: Floats, channel: Channel, factor: float) -> Floats:
+    values = values * (channel.scale * factor)
+    return values + channel.offset * factor if channel.offset else values
+
+
+def _find(table: Table, name: str, mapping: Mapping) -> str:
+    """The column called so, whatever its capitals."""
+    found = name if name in table.heads else {head.lower(): head for head in table.heads}.get(name.lower())
+    if found is None:
+        known = ", ".join(table.heads[:12])
+        raise Refused(f"has no column {name}, which the mapping {mapping.name} needs; it has {known}")
+    if found in table.unusable:
+        raise Refused(f"column {found} {table.unusable[found]}")
+    return found
+
+
+def check_present(picked: Picked, rig: Rig | None) -> None:
+    """Refuse a recording without the command or without a sensor (raises Refused)."""
+    names = list(picked.channels)
+    has = "it has " + ", ".join(names) if names else "it has none of the names t, u, theta_m, q3, ..."
+    if rig is None:
+        has += "; without a rig a column needs a unit: x1 [mm]"
+    if COMMAND not in picked.channels:
+        raise Refused(f"lacks the column {COMMAND} (the command); {has}")
+    sensors = [name for name in names if name not in (COMMAND, REFERENCE)]
+    if rig is not None:
+        sensors = [name for name in sensors if name in rig.sensors]
+        if not sensors:
+            raise Refused(f"holds none of the sensors of {rig.config.name} ({', '.join(rig.sensors)}); {has}")
+    if not sensors:
+        raise Refused(f"lacks a measured channel beside the command; {has}")
+
+
+def unit_notes(assumed: Dict[str, str]) -> list[str]:
+    """One sentence about the units that no file, mapping or argument has stated; none if all were stated."""
+    parts = []
+    for who, words in ((ASSUMED, "taken as SI, since nothing is said"), (DECLARED, "as the rig declares")):
+        groups: dict[str, list[str]] = {}
+        for name, text in assumed.items():
+            unit, _, by = text.partition(" (")
+            if by == f"{who})":
+                groups.setdefault(unit, []).append(name)
+        if groups:
+            parts.append(", ".join(f"{', '.join(g)} in {u or '1'}" for u, g in groups.items()) + f" ({words})")
+    return [f"Units: {'; '.join(parts)}."] if parts else []
+
+
+def _has(rig: Rig) -> str:
+    return f"{rig.config.name} has {', '.join([*ALWAYS, *rig.sensors])}"

@@ -1,0 +1,248 @@
+"""The page of a diagnosis, its figures, and beside them the files that the diagnosis itself is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from dtbacklash.diagnose.result import (
+    CONSISTENT,
+    MISSING,
+    PARAMETERS,
+    UNEXPLAINED,
+    Diagnosis,
+    Finding,
+    ModelErrors,
+    Recalibrated,
+)
+from dtbacklash.diagnose.save import save
+from dtbacklash.files import json_text
+from dtbacklash.physics.effects.declare import name_in_words
+from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
+from dtbacklash.physics.rig_file import rig_yaml
+from dtbacklash.report.diagnosis.figures import curve_figure, law_figure
+from dtbacklash.report.diagnosis.methods import methods
+from dtbacklash.report.diagnosis.rig_drawing import draw_rig
+from dtbacklash.report.diagnosis.words import better_model, capital, heading, named_in_words, partial, place_in_words
+from dtbacklash.report.kit.intervals import degrees, interval
+from dtbacklash.report.kit.numbers import number
+from dtbacklash.report.kit.page import embedded, render
+from dtbacklash.report.kit.style import save as save_figure
+
+SHOWN_CANDIDATES = 10
+BADGES = {
+    CONSISTENT: ("consistent", "good"),
+    PARAMETERS: ("recalibrated", "fair"),
+    MISSING: ("missing physics", "warm"),
+    UNEXPLAINED: ("unexplained", "bad"),
+}
+MODELS = ("nominal", "recalibrated", "extended")
+#: from this many times the signal on, an error is only said to be beyond it
+BEYOND = 10.0
+
+
+@dataclass(frozen=True)
+class Figures:
+    """The figures as data URIs: the rig; (name, image) of each channel; (title, whether a law explains it, what it is
+    drawn against, image) of each law."""
+
+    rig: str
+    curves: list[tuple[str, str]]
+    laws: list[tuple[str, bool, str, str]]
+
+
+def write(diagnosis: Diagnosis, folder: Path) -> None:
+    """Write ``diagnosis.json``, ``rig.yaml``, ``figures/*.png`` and ``report.html`` into an existing folder."""
+    save(diagnosis, folder)
+    figures = _draw(diagnosis, folder / "figures")
+    text, works = methods(diagnosis)
+    best = better_model(diagnosis)
+    page = render(
+        "diagnosis.html.j2",
+        title=heading(diagnosis),
+        badge=BADGES[diagnosis.verdict],
+        source=diagnosis.source,
+        rig=diagnosis.nominal.config,
+        summary=diagnosis.summary,
+        tiles=_tiles(diagnosis),
+        findings=[_finding(f) for f in diagnosis.findings],
+        recalibrated=[_recalibrated(n, r, diagnosis.nominal) for n, r in diagnosis.recalibrated.items()],
+        fit=_fit(diagnosis, best),
+        verdict=diagnosis.verdict,
+        rig_is="nominal" if diagnosis.verdict == CONSISTENT else best,
+        best=best,
+        evidence=len(diagnosis.shown.evidence),
+        channels=diagnosis.fit.channels,
+        checks=_checks(diagnosis),
+        candidates=_candidates(diagnosis),
+        shown=SHOWN_CANDIDATES,
+        next_experiment=diagnosis.next_experiment,
+        figures=figures,
+        explained=_explained(diagnosis),
+        notes=diagnosis.notes,
+        methods=text,
+        works=works,
+        command="dtb run rig=rig.yaml" + ("" if diagnosis.extended.only("gear") else " controller=open_loop"),
+        settings=diagnosis.settings.to_json(),
+        json=json_text(diagnosis.to_json()),
+        rig_yaml=rig_yaml(diagnosis.extended),
+    )
+    (folder / "report.html").write_text(page, encoding="utf-8")
+
+
+def error_text(value: float | None, metric: str) -> str:
+    """An error of fit; a normalised one in percent."""
+    if value is None:
+        return "-"
+    return f"{number(100 * value)} %" if metric == "nrmse" else number(value)
+
+
+def _draw(diagnosis: Diagnosis, folder: Path) -> Figures:
+    """Draw and save all figures."""
+    model = better_model(diagnosis)
+    shown = diagnosis.shown
+    rig = embedded(save_figure(rig_figure(diagnosis), folder / "rig.png"))
+    curves = [
+        (c.name, embedded(save_figure(curve_figure(c, model), folder / f"curve_{c.name}.png"))) for c in shown.curves
+    ]
+    laws = []
+    for index, law in enumerate(shown.laws):
+        path = save_figure(law_figure(law), folder / f"law_{index + 1}_{law.location}.png")
+        laws.append((named_in_words(law.effect, law.location), bool(law.effect), law.state_label, embedded(path)))
+    return Figures(rig, curves, laws)
+
+
+def rig_figure(diagnosis: Diagnosis) -> Figure:
+    """The rig, with the evidence at each element and what was found there."""
+    return draw_rig(diagnosis.nominal, diagnosis.shown.evidence, _labels(diagnosis.findings))
+
+
+def _labels(findings: tuple[Finding, ...]) -> list[tuple[str, str]]:
+    """What stands below an element: effect and the size that it has."""
+    labels = []
+    for finding in findings:
+        effect = name_in_words(finding.effect)
+        sensor = finding.location.startswith(SENSOR_PREFIX)  # its label stands below what it watches
+        lines = [f"{place_in_words(finding.location)}: {effect}" if sensor else effect]
+        first = next(iter(finding.parameters.values()), None)
+        if first is not None:
+            lines.append(interval(first.value, first.ci95, first.unit))
+        labels.append((finding.location, "\n".join(lines)))
+    return labels
+
+
+def _tiles(diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    """The few numbers to be read first: (value, what it is)."""
+    fit, best = diagnosis.fit, better_model(diagnosis)
+    held = fit.held_out
+    tiles = [(error_text(held.nominal, fit.metric), "error of the nominal model on held-out data")]
+    better = held.extended if best == "extended" else held.recalibrated
+    if diagnosis.verdict != CONSISTENT and better is not None:
+        tiles.append((error_text(better, fit.metric), f"error of the {best} model on held-out data"))
+    tiles.append((error_text(fit.noise_floor, fit.metric), "noise floor: no model can do better"))
+    if diagnosis.verdict == UNEXPLAINED and diagnosis.shown.floors:  # a noisy channel may hide the one that matters
+        left = {c: errors.extended or 0.0 for c, errors in diagnosis.shown.floors.items()}
+        worst = max(left, key=lambda c: left[c])
+        tiles.append((f"{number(left[worst], 2)} floors", f"are left of {worst}, the worst channel"))
+    if diagnosis.checks:
+        passed = sum(c.passed for c in diagnosis.checks)
+        tiles.append((f"{passed} of {len(diagnosis.checks)}", "checks pass"))
+    return tiles
+
+
+def _explained(diagnosis: Diagnosis) -> str:
+    """How much of what no law explains the best free form of one state does."""
+    rest = diagnosis.located.rest if diagnosis.located else None
+    return f"{100 * max(rest.explained, 0.0):.0f} %" if rest else ""
+
+
+def _finding(finding: Finding) -> dict[str, Any]:
+    parameters = [
+        {"name": name_in_words(name), "text": interval(p.value, p.ci95, p.unit) + degrees(p.unit, p.value)}
+        for name, p in finding.parameters.items()
+    ]
+    return {
+        "title": capital(named_in_words(finding.effect, finding.location)) + partial(finding),
+        "sentence": finding.sentence,
+        "when": capital(finding.when),
+        "parameters": parameters,
+        "also": [named_in_words(a.effect, a.location) for a in finding.also_fits],
+    }
+
+
+def _recalibrated(name: str, row: Recalibrated, rig: Rig) -> dict[str, str]:
+    known = rig.config.parameters.get(name)
+    nominal = row.nominal
+    return {
+        "name": name,
+        "about": known.description if known else "",
+        "nominal": interval(nominal, None, row.unit, size=nominal),
+        "value": interval(row.value, row.ci95, row.unit, size=nominal),
+        "change": f"{100 * (row.value / nominal - 1):+.3g} %" if nominal else "-",
+        "tolerance": f"± {number(100 * known.tolerance)} %" if known else "-",
+    }
+
+
+def _fit(diagnosis: Diagnosis, best: str) -> dict[str, Any]:
+    """Rows of errors, compared and running freely; columns: the models that there are."""
+    fit, free = diagnosis.fit, diagnosis.free_running
+    columns = MODELS if best == "extended" else MODELS[:2]
+    floor = error_text(fit.noise_floor, fit.metric)
+    rows = [
+        (words, [error_text(value, fit.metric) for value in _errors(errors, columns)], floor)
+        for words, errors in (("fitted to", fit.train), ("held out", fit.held_out))
+    ]  # fmt: skip
+    alone = (("fitted to, on its own", free.train), ("held out, on its own", free.held_out)) if free else ()
+    rows += [(words, [_free_text(value) for value in _errors(errors, columns)], "") for words, errors in alone]
+    floors = [
+        (channel, [number(value) if value is not None else "-" for value in _errors(errors, columns)])
+        for channel, errors in diagnosis.shown.floors.items()
+    ]
+    return {"metric": fit.metric, "columns": columns, "rows": rows, "floors": floors}
+
+
+def _errors(errors: ModelErrors, columns: tuple[str, ...]) -> list[float | None]:
+    each = dict(zip(MODELS, (errors.nominal, errors.recalibrated, errors.extended), strict=True))
+    return [each[c] for c in columns]
+
+
+def _free_text(value: float | None) -> str:
+    """The error of a model that runs freely, which may be anything."""
+    if value is None:
+        return "runs away"
+    return error_text(value, "nrmse") if value < BEYOND else f"{number(value, 2)} times the signal"
+
+
+def _checks(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    return [
+        {
+            "check": capital(c.check),
+            "statistic": "-" if c.statistic is None else number(c.statistic),
+            "threshold": f"{c.operator} {number(c.threshold)}",
+            "passed": c.passed,
+            "comment": capital(c.comment),
+            "source": c.source,
+        }
+        for c in diagnosis.checks
+    ]
+
+
+def _candidates(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    chosen = {(f.location, f.effect) for f in diagnosis.findings}
+    alike = {(a.location, a.effect) for f in diagnosis.findings for a in f.also_fits}
+    rows = []
+    for candidate in diagnosis.candidates:
+        key = (candidate.location, candidate.effect)
+        rows.append({
+            "location": place_in_words(candidate.location),
+            "effect": name_in_words(candidate.effect),
+            "score": candidate.score,
+            "held_out": "-" if candidate.held_out is None else number(candidate.held_out),
+            "verdict": candidate.verdict,
+            "mark": "chosen" if key in chosen else "alike" if key in alike else "",
+        })  # fmt: skip
+    # what matters stays above the fold, whatever its score
+    return sorted(rows, key=lambda row: ("chosen", "alike", "").index(row["mark"]))

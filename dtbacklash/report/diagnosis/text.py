@@ -1,0 +1,38 @@
+"""A diagnosis in lines for the terminal."""
+
+from __future__ import annotations
+
+from rich.text import Text
+
+from dtbacklash.diagnose.result import Diagnosis
+from dtbacklash.report.diagnosis.words import heading, listed, named_in_words, partial
+from dtbacklash.report.kit.intervals import interval
+
+
+def lines(diagnosis: Diagnosis) -> list[Text]:
+    """The verdict, what was found with intervals, what cannot be told apart, which checks fail, what to record next."""
+    told = [Text(f"{diagnosis.verdict}: {heading(diagnosis)}", style="bold"), Text(diagnosis.summary)]
+    for finding in diagnosis.findings:
+        told += [Text(), Text(finding.sentence + partial(finding))]
+        for name, p in finding.parameters.items():
+            told.append(Text(f"  {name} = {interval(p.value, p.ci95, p.unit, plain=True)}"))
+        if finding.also_fits:
+            others = "; ".join(named_in_words(a.effect, a.location) for a in finding.also_fits)
+            told.append(Text("  this recording cannot tell it from " + others))
+    if diagnosis.recalibrated:
+        told += [Text(), Text("Recalibrated (95 % intervals):")]
+    for name, row in diagnosis.recalibrated.items():
+        nominal = interval(row.nominal, None, row.unit, plain=True, size=row.nominal)
+        value = interval(row.value, row.ci95, row.unit, plain=True, size=row.nominal)
+        told.append(Text(f"  {name} = {value} (nominal {nominal})"))
+    if diagnosis.checks:
+        failed = [c.check for c in diagnosis.checks if not c.passed]
+        passed = len(diagnosis.checks) - len(failed)
+        fails = f"; it fails that {listed(failed)}" if failed else ""
+        told += [Text(), Text(f"Checks: {passed} of {len(diagnosis.checks)} pass{fails}.")]
+    if diagnosis.units:
+        read = ", ".join(f"{channel} in {unit}" for channel, unit in diagnosis.units.items())
+        told += [Text(), Text(f"Units: {read}.")]
+    if diagnosis.next_experiment:
+        told += [Text(), Text(f"To record next: {diagnosis.next_experiment}")]
+    return told

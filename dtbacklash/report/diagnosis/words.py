@@ -1,0 +1,64 @@
+"""A diagnosis in words: its verdict in one line, places and effects as a person would write them."""
+
+from __future__ import annotations
+
+from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, Diagnosis, Finding
+from dtbacklash.physics.effects.declare import name_in_words
+from dtbacklash.physics.rig import SENSOR_PREFIX
+
+
+def heading(diagnosis: Diagnosis) -> str:
+    """The verdict in one line."""
+    named = _by_place(diagnosis.findings)
+    if diagnosis.verdict == CONSISTENT:
+        return "The model explains this recording"
+    if diagnosis.verdict == PARAMETERS:
+        return f"No physics is missing; recalibrate {listed(list(diagnosis.recalibrated))}"
+    if diagnosis.verdict == MISSING:
+        return f"Missing: {listed(named)}"
+    if diagnosis.fault:
+        return f"No physics was looked for: {diagnosis.fault}"
+    where = f" at the {place_in_words(diagnosis.located.location)}" if diagnosis.located else ""
+    rest = f"beside {listed(named)}, " if named else ""
+    return f"Unexplained: {rest}something acts{where} that the catalogue does not hold"
+
+
+def place_in_words(location: str) -> str:
+    """``sensor_q3`` is ``sensor q3`` (its name stays as it is), ``motor_bearing`` is ``motor bearing``."""
+    if location.startswith(SENSOR_PREFIX):
+        return "sensor " + location.removeprefix(SENSOR_PREFIX)
+    return name_in_words(location)
+
+
+def named_in_words(effect: str, location: str) -> str:
+    """``Coulomb friction at the motor bearing``; without an effect, something unexplained."""
+    return f"{name_in_words(effect) if effect else 'something unexplained'} at the {place_in_words(location)}"
+
+
+def partial(finding: Finding) -> str:
+    """What is put behind the name of a finding that is a part of the truth at best."""
+    return " (partial)" if finding.confidence == "partial" else ""
+
+
+def listed(names: list[str]) -> str:
+    """``a``, ``a and b``, ``a, b and c``."""
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
+def better_model(diagnosis: Diagnosis) -> str:
+    """What to call the model that is set against the nominal one: without a named effect it is recalibrated only."""
+    return "extended" if diagnosis.findings else "recalibrated"
+
+
+def capital(text: str) -> str:
+    """A text that begins a sentence."""
+    return text[:1].upper() + text[1:]
+
+
+def _by_place(findings: tuple[Finding, ...]) -> list[str]:
+    """``Coulomb friction and constant force at the carriage``, ...: a text a place."""
+    places = list(dict.fromkeys(f.location for f in findings))
+    return [
+        f"{listed([name_in_words(f.effect) for f in findings if f.location == place])} at the {place_in_words(place)}"
+        for place in places
+    ]

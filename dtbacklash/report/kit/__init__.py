@@ -1,0 +1,1 @@
+"""What all pages share: style, numbers, intervals, tables, the template engine."""

@@ -1,0 +1,95 @@
+"""The score as text: the rows of its tables, and all of it as Markdown."""
+
+from __future__ import annotations
+
+import math
+
+from dtbacklash.prove.run import SCORING_FROM
+from dtbacklash.prove.score import Figure, Quantity, Score
+from dtbacklash.report.kit.markdown import table
+from dtbacklash.report.kit.numbers import number
+
+
+def bar_text(bar: tuple[float, float] | None) -> str:
+    """A bar in words."""
+    if bar is None:
+        return ""
+    low, high = bar
+    return f"at least {100 * low:.0f} %" if high >= 1.0 else f"{100 * low:.0f} to {100 * high:.0f} %"
+
+
+def met_text(met: bool | None, bar: object) -> str:
+    """Pass or miss; a dash where there was nothing to judge, nothing where there is no bar."""
+    if bar is None:
+        return ""
+    return "-" if met is None else "pass" if met else "**miss**"
+
+
+def percent(share: float) -> str:
+    """A share in percent."""
+    return "-" if math.isnan(share) else f"{100 * share:.1f} %"
+
+
+def figure_row(figure: Figure) -> list[str]:
+    """A share's row: what, value, count, interval, bar, verdict, and the same over all cases."""
+    low, high = figure.interval
+    every = "" if figure.every_of is None else f"{figure.every_right}/{figure.every_of}"
+    interval = f"{100 * low:.1f} to {100 * high:.1f} %" if figure.of else "-"
+    return [figure.what, percent(figure.share), f"{figure.right}/{figure.of}", interval, bar_text(figure.bar),
+            met_text(figure.met, figure.bar), every]  # fmt: skip
+
+
+def rig_rows(score: Score) -> list[list[str]]:
+    """The shares of each rig, a group of rows a rig, of what was counted there; its name stands in the first."""
+    found = []
+    for rig, figures in score.rigs.items():
+        counted = [figure_row(f) for f in figures if f.of or f.every_of]
+        found += [[rig if j == 0 else "", *row] for j, row in enumerate(counted)]
+    return found
+
+
+def quantity_row(q: Quantity) -> list[str]:
+    """A distribution's row: what, median, 90 % quantile, unit, cases, bar, verdicts of both."""
+    bar = "" if q.at_most is None else f"at most {number(q.at_most)}"
+    met = " / ".join(met_text(q.met(v), q.at_most) for v in (q.median, q.ninety)) if q.at_most is not None else ""
+    return [q.what, number(q.median), number(q.ninety), "" if q.unit == "1" else q.unit, str(q.of), bar, met]
+
+
+def which_seeds(score: Score) -> str:
+    """One sentence: which seeds were scored, and whether the tool may have been tuned on them."""
+    if score.seeds is None:
+        return "No recording."
+    low, high = score.seeds
+    if low >= SCORING_FROM:
+        return (
+            f"Scoring seeds {low} to {high}; the tool is tuned on development seeds only, those below {SCORING_FROM}."
+        )
+    there = "development seeds" if high < SCORING_FROM else f"development seeds below {SCORING_FROM}"
+    return f"Seeds {low} to {high}, with {there}: the tool may have been tuned on them."
+
+
+def markdown(score: Score) -> str:
+    """The score as Markdown: what was counted, the shares with their bars, the errors and times."""
+    kinds = ", ".join(
+        f"{score.kinds[k]} {words}" + (f" ({score.clear[k]} clear)" if k in ("single", "several", "unknown") else "")
+        for k, words in KIND_WORDS.items()
+    )
+    failed = f" Diagnoses that failed, and count as wrong: {score.failed or 'none'}."
+    if score.oracle_failed:
+        failed += f" Cases that are not clear because the oracle itself failed: {score.oracle_failed}."
+    command = score.notes.get("command")
+    return "\n".join([
+        *([f"```sh\n{command}\n```\n"] if command else []),
+        f"{score.cases} recordings: {kinds}. {which_seeds(score)}{failed}\n",
+        table(("figure", "share", "count", "95 % interval", "bar", "", "over all sizes"),
+              map(figure_row, score.figures)),
+        *([table(("rig", "figure", "share", "count", "95 % interval", "bar", "", "over all sizes"), rig_rows(score))]
+          if score.rigs else []),
+        table(("figure", "median", "90 % quantile", "unit", "cases", "bar", ""), map(quantity_row, score.quantities)),
+    ])  # fmt: skip
+
+
+KIND_WORDS = {
+    "nothing": "hide nothing", "parameters": "only wrong parameters", "single": "one effect",
+    "several": "two or three effects", "unknown": "physics that the catalogue lacks",
+}  # fmt: skip

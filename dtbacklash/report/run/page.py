@@ -1,0 +1,146 @@
+"""The figures and the page of one run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from matplotlib.figure import Figure
+from omegaconf import OmegaConf
+
+from dtbacklash.config.run import RunConfig
+from dtbacklash.report.kit.intervals import scaled, unit_in_signs
+from dtbacklash.report.kit.numbers import number
+from dtbacklash.report.kit.page import Shown, embedded, render
+from dtbacklash.report.kit.style import save
+from dtbacklash.report.run.methods import methods
+from dtbacklash.report.run.overview import moves_overlay, open_overview, run_overview
+from dtbacklash.report.run.words import describe, has_gear, is_open, plain
+
+ORIGIN = ("versions", "seed", "wall_s")
+#: of a figure: what it shows, and what a good one looks like
+OPEN = (
+    "The whole run: the command, and what each sensor shows.",
+    "every signal moves well above its sensor's noise and reverses often; a position that runs away or a signal that "
+    "stays at zero says that the command does not suit the rig.",
+)
+MOVES = (
+    "All moves on top of each other, each scaled to go from 0 to 1: what the gap does to them.",
+    "all curves lie on top of each other whatever the gap, and stay within the grey band once they have entered it.",
+)
+ONE_MOVE = (
+    "The move, scaled to go from 0 to 1.",
+    "the curve rises without ringing, and stays within the grey band once it has entered it.",
+)
+
+
+def write(result: Any, moves: pd.DataFrame, folder: Path) -> None:
+    """Write `figures/*.png` (unless `config.figures` is false) and `report.html` into `folder`.
+
+    Args:
+        result: a `RunResult`: `config`, `trace`, `estimates`, `summary`. Of the summary the page uses
+            `tracking_rms_mm`, `peak_voltage_v`, `signals`, `n_accepted`, `n_attempts` and, where they are there,
+            `command` (repeats the run), `versions`, `seed` and `wall_s`.
+        moves: `metrics.move_table` of the trace.
+        folder: an existing folder.
+    """
+    opened = is_open(result.config)
+    figures = _draw(result, moves, folder / "figures") if result.config.figures else {}
+    loop, name, rig = ("open", "open loop", result.config.rig.name) if opened else (
+        "closed", result.config.controller.name, result.config.rig.name,
+    )  # fmt: skip
+    page = render(
+        "run.html.j2",
+        title=f"{name} on {rig}",
+        lead=f"One {loop}-loop run of dtbacklash.",
+        tiles=_tiles(result, moves),
+        words=describe(result.config),
+        advice=result.summary.get("advice", []),
+        closed=not opened,
+        signals=[_in_its_unit(s) for s in result.summary["signals"]] if opened else [],
+        moves=moves.to_dict("records"),
+        estimates=result.estimates.to_dict("records"),
+        figures=[Shown(embedded(path), *_caption(name, result.config, len(moves))) for name, path in figures.items()],
+        methods=methods(result.config),
+        command=result.summary.get("command"),
+        config=_yaml(plain(result.config)),
+        origin=_yaml({name: result.summary[name] for name in ORIGIN if name in result.summary}),
+    )
+    (folder / "report.html").write_text(page, encoding="utf-8")
+
+
+def _caption(name: str, config: RunConfig, moves: int) -> tuple[str, str]:
+    """What a figure shows, and what a good one looks like."""
+    if name == "moves":
+        return MOVES if moves > 1 else ONE_MOVE
+    if is_open(config):
+        return OPEN
+    shown, good = ["reference and output"], ["the output lies on the reference but for short transients"]
+    if config.controller.reconfigure != "never":
+        shown.append("gap and estimate")
+        good.append("the estimate follows the gap in steps")
+    elif has_gear(config.rig):
+        shown.append("gap")
+    if config.controller.reconfigure == "novelty":
+        shown.append("novelty index")
+        good.append("the index crosses its threshold only where the gap has grown since the last estimate")
+    return (
+        f"The whole run: {', '.join(shown)}, control voltage.",
+        f"{', '.join(good)}, and the voltage spikes at moves only.",
+    )
+
+
+def overview(result: Any, moves: pd.DataFrame) -> Figure:
+    """Everything over time, as the page shows it first. result: a `RunResult`; moves: `metrics.move_table`."""
+    config = result.config
+    if is_open(config):
+        return open_overview(result.trace, result.summary["signals"])
+    novelty = config.twin.novelty_threshold_mm if config.controller.reconfigure == "novelty" else None
+    return run_overview(result.trace, result.estimates, moves, novelty)
+
+
+def _draw(result: Any, moves: pd.DataFrame, folder: Path) -> dict[str, Path]:
+    """The figures of the run by name."""
+    figures = {"overview": overview(result, moves)}
+    if len(moves):
+        figures["moves"] = moves_overlay(result.trace, moves)
+    return {name: save(figure, folder / f"{name}.png") for name, figure in figures.items()}
+
+
+def _tiles(result: Any, moves: pd.DataFrame) -> list[tuple[str, str]]:
+    """The few figures to be read first: (value, what it is)."""
+    summary = result.summary
+    if is_open(result.config):
+        _command, *sensors = summary["signals"]
+        shown = [_in_its_unit(s) for s in sensors if s["rms"] is not None]
+        return [
+            (f"{number(summary['peak_voltage_v'])} V", "largest command"),
+            *((f"{number(s['rms'])} {s['unit']}", f"{s['quantity']} of {s['of']}, rms") for s in shown[:3]),
+        ]
+    tiles = []
+    if len(moves):
+        settled = moves["settling_time_s"]
+        tiles += [
+            (f"{number(moves['overshoot_pct'].max())} %", "largest overshoot"),
+            (f"{number(settled.max())} s", "longest settling time (±1\u00a0%)")
+            if settled.notna().all()
+            else (f"{int(settled.isna().sum())} of {len(moves)}", "moves that do not settle (±1\u00a0%)"),
+        ]
+    else:
+        tiles.append((f"{number(summary['tracking_rms_mm'])} mm", "tracking error, rms"))
+    tiles.append((f"{number(summary['peak_voltage_v'])} V", "peak voltage"))
+    if result.config.controller.reconfigure != "never":
+        tiles.append((f"{summary['n_accepted']} of {summary['n_attempts']}", "estimates accepted"))
+    return tiles
+
+
+def _in_its_unit(signal: dict[str, Any]) -> dict[str, Any]:
+    """A row of the summary's signals, its figures in a unit of their size: 0.12 mA, not 0.00012 A."""
+    factor, unit = scaled(signal["unit"], signal["rms"] or 0.0)
+    ranges = {name: None if (x := signal[name]) is None else x / factor for name in ("lowest", "highest", "rms")}
+    return {**signal, **ranges, "unit": unit_in_signs(unit)}
+
+
+def _yaml(value: Any) -> str:
+    return OmegaConf.to_yaml(OmegaConf.create(plain(value)))

@@ -1,0 +1,141 @@
+"""A run's configuration in words, for the page."""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+from dtbacklash.config import choices
+from dtbacklash.config.rig import RigConfig
+from dtbacklash.config.run import ControllerConfig, ProfileConfig, ReferenceConfig, RunConfig, SensorsConfig
+from dtbacklash.physics.catalogue import find
+from dtbacklash.report.kit.numbers import number, quantity
+
+DIGITS = 4  # of a setting in a sentence
+
+
+def plain(value: Any) -> Any:
+    """Dataclasses and containers as nested dicts, lists and scalars."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {f.name: plain(getattr(value, f.name)) for f in fields(value)}
+    if isinstance(value, dict):
+        return {str(name): plain(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return value.item() if hasattr(value, "item") else value
+
+
+def in_words(meaning: str, settings: Any, unit: str = "") -> str:
+    """A meaning of :mod:`dtbacklash.config.choices` with the settings beside it filled in.
+
+    Args:
+        meaning: the template.
+        settings: the dataclass of which its names are fields.
+        unit: the reference's unit.
+    """
+    values = {field.name: number(getattr(settings, field.name), DIGITS) for field in fields(settings)}
+    return meaning.format(**values, unit=unit)
+
+
+def is_open(config: RunConfig) -> bool:
+    """Whether the run has no controller: its reference is then a command in V, and nothing is tracked."""
+    return config.controller.structure == "open_loop"
+
+
+def has_gear(rig: RigConfig) -> bool:
+    """Whether the rig has a gear, in which the gap of `profile` can open."""
+    return any(element["kind"] == "gear" for element in rig.elements.values())
+
+
+def describe(config: RunConfig) -> list[tuple[str, list[str]]]:
+    """What was run: (subject, sentences), in the order to be read."""
+    told = [
+        ("Rig", [config.rig.description or config.rig.name, *effect_sentences(config.rig)]),
+        ("Controller", [_controller(config.controller)]),
+    ]
+    if config.controller.reconfigure != "never":
+        told.append(("Digital twin", [_trigger(config), _estimation(config)]))
+    if has_gear(config.rig):
+        told.append(("Gap", [_profile(config.profile)]))
+    told += [
+        ("Command", [_reference(config.reference, "V")])
+        if is_open(config)
+        else ("Reference", [_reference(config.reference, "mm")]),
+        ("Sensors", [_sensors(config.sensors)]),
+        ("Simulation", [_simulation(config)]),
+    ]
+    return [(subject, [_sentence(text) for text in texts]) for subject, texts in told]
+
+
+def _sentence(text: str) -> str:
+    text = text[:1].upper() + text[1:]
+    return text if text.endswith(".") else text + "."
+
+
+def effect_sentences(rig: RigConfig) -> list[str]:
+    """One sentence for each effect that the rig has beyond its nominal model; neutral ones are left out."""
+    sentences = []
+    for location, effects in rig.effects.items():
+        kind = "sensor" if location.startswith("sensor_") else rig.elements[location]["kind"]
+        for name, values in effects.items():
+            key = f"rig.effects.{location}.{name}"
+            effect = find(kind, name, key)
+            filled = effect.complete(values, key)
+            if not effect.is_neutral(filled):
+                units = {p.name: p.unit for p in effect.parameters}
+                shown = {p: quantity(value, units[p], 4) for p, value in filled.items()}
+                sentences.append(effect.sentence.format(location=location, **shown))
+    return sentences or ["No effect beyond the nominal model"]
+
+
+def _controller(c: ControllerConfig) -> str:
+    parts = [choices.STRUCTURES[c.structure]]
+    if c.structure != "open_loop":
+        parts += [
+            f"inner gain {number(c.k_theta_v_per_rad)} V/rad",
+            in_words(choices.PREFILTERS[c.prefilter], c),
+            choices.INTERNAL_MODELS[c.internal_model],
+        ]
+    if c.structure == "nimc":
+        verb = "stays at" if c.reconfigure == "never" else "starts at"
+        parts.append(f"its gap estimate {verb} {number(c.gap_hat_deg)}°")
+    return "; ".join(parts)
+
+
+def _trigger(config: RunConfig) -> str:
+    when = in_words(choices.TRIGGERS[config.controller.reconfigure], config.twin)
+    delay = number(config.twin.delay_s)
+    return f"estimates the gap {when}, and the controller has it {delay} s after the buffer is full"
+
+
+def _estimation(config: RunConfig) -> str:
+    twin = config.twin
+    guard = (
+        f"an implausible estimate is rejected (bound: {number(twin.gap_max_deg)}°)"
+        if twin.guard
+        else "every estimate is trusted (no guard)"
+    )
+    samples = f"{twin.buffer} samples, the first {twin.settle} to settle"
+    return f"{samples}; optimiser {choices.OPTIMIZERS[config.optimizer.name]}; {guard}"
+
+
+def _profile(p: ProfileConfig) -> str:
+    return in_words(choices.PROFILES[p.kind], p)
+
+
+def _reference(r: ReferenceConfig, unit: str) -> str:
+    text = in_words(choices.REFERENCES[r.kind], r, unit)
+    if r.kind == "csv":
+        return f"{text}; {choices.INTERPOLATIONS[r.interpolation]}"
+    return f"{text}, offset {number(r.offset_mm)} {unit}" if r.offset_mm else text
+
+
+def _sensors(s: SensorsConfig) -> str:
+    parts = [f"noise on {name}: {number(size)} (standard deviation)" for name, size in s.noise.items() if size]
+    parts += [f"resolution of {name}: {number(size)}" for name, size in s.resolution.items() if size]
+    return "; ".join(parts) or "ideal: no noise, no quantisation"
+
+
+def _simulation(config: RunConfig) -> str:
+    milliseconds = number(1000 * config.sample_time_s)
+    return f"{number(config.duration_s, 6)} s, one sample every {milliseconds} ms, seed {config.seed}"

@@ -1,0 +1,118 @@
+"""The page of a sweep: its figure, a row a job with a link to that job's own page, and why some failed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import pandas as pd
+
+from dtbacklash.files import write_text
+from dtbacklash.report.kit.numbers import number
+from dtbacklash.report.kit.page import Shown, embedded, render
+from dtbacklash.report.kit.tables import failed_jobs
+from dtbacklash.report.sweep.figure import PANELS, draw
+
+#: columns of the table that are no result
+KEPT_BACK = ("job", "folder", "status", "error")
+HEADINGS = {
+    "overshoot_pct_max": "largest overshoot [%]",
+    "settling_time_s_max": "longest settling time [s]",
+    "peak_voltage_v": "peak voltage [V]",
+    "n_estimations": "estimations",
+    "n_accepted": "accepted",
+}
+#: what a missing value of a job that is done means
+MISSING = {"settling_time_s_max": "not settled"}
+CAPTION = (
+    "Every job: largest overshoot, longest settling time and number of estimations, over what was swept.",
+    "no cross (a failed job) and no arrow (a move that does not settle), and markers that lie close together where the "
+    "swept setting should not matter.",
+)
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of the page's table."""
+
+    name: str
+    heading: str
+    number: bool
+
+
+def write(folder: Path, table: pd.DataFrame, axes: list[str]) -> None:
+    """Write `report.html` into the folder of a sweep, at once.
+
+    Args:
+        folder: where the jobs' folders are; its `sweep.png` is shown, or drawn if it is not there yet and the table has
+            something to draw.
+        table: one row a job. Columns: the swept keys, results (numbers, or words), `status` (see `figure.draw`),
+            `error` (why it failed), and `folder`: the name of the job's folder within `folder`, to which the page
+            links if there is a report.
+        axes: names of the swept keys, in the order to be read; may be empty.
+    """
+    failed = failed_jobs(table)
+    axes = [name for name in axes if name in table]
+    columns = _columns(table, axes)
+    jobs = [_job(folder, row, columns, bad) for row, bad in zip(table.to_dict("records"), failed, strict=True)]
+    page = render(
+        "sweep.html.j2",
+        title=f"Sweep over {_listed(axes)}" if axes else "Sweep",
+        lead=f"{len(table)} jobs, one for each combination of what was swept.",
+        tiles=_tiles(table, axes, failed),
+        failures=[
+            {"job": _choices(row, axes), "error": row.get("error") or "it left no reason"}
+            for row, bad in zip(table.to_dict("records"), failed, strict=True)
+            if bad
+        ],
+        figure=_figure(folder, table, axes),
+        columns=columns,
+        jobs=jobs,
+    )
+    write_text(folder / "report.html", page, "hydra.sweep.dir", folder)
+
+
+def _columns(table: pd.DataFrame, axes: list[str]) -> list[Column]:
+    results = [str(name) for name in table.columns if name not in (*axes, *KEPT_BACK)]
+    return [
+        *(Column(name, name, number=False) for name in axes),
+        *(Column(name, HEADINGS.get(name, name), _is_number(table[name])) for name in results),
+    ]
+
+
+def _is_number(column: pd.Series) -> bool:
+    known = column.dropna()
+    return bool(len(known)) and bool(pd.to_numeric(known, errors="coerce").notna().all()) and column.dtype != bool
+
+
+def _job(folder: Path, row: dict[Any, Any], columns: list[Column], failed: bool) -> dict[str, Any]:
+    name = row.get("folder")
+    there = isinstance(name, str) and (folder / name / "report.html").is_file()
+    cells = [
+        (c, number(row[c.name], 4 if c.number else 6, "" if failed else MISSING.get(c.name, "-"))) for c in columns
+    ]
+    return {"failed": failed, "link": f"{quote(str(name))}/report.html" if there else None, "cells": cells}
+
+
+def _tiles(table: pd.DataFrame, axes: list[str], failed: pd.Series) -> list[tuple[str, str]]:
+    tiles = [(f"{len(table) - int(failed.sum())} of {len(table)}", "jobs done")]
+    tiles += [(str(table[name].astype(str).nunique()), f"values of {name}") for name in axes[:3]]
+    return tiles
+
+
+def _choices(row: dict[Any, Any], axes: list[str]) -> str:
+    return ", ".join(f"{name}={row[name]}" for name in axes) or str(row.get("folder", "the job"))
+
+
+def _listed(names: list[str]) -> str:
+    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
+
+
+def _figure(folder: Path, table: pd.DataFrame, axes: list[str]) -> Shown | None:
+    """The sweep's figure; None where the table has none of its figures of merit."""
+    if not any(name in table for name in PANELS):
+        return None
+    path = folder / "sweep.png"
+    return Shown(embedded(path if path.is_file() else draw(table, axes, path)), *CAPTION)

@@ -1,0 +1,112 @@
+"""The one table of units: how they are written in files, their SI unit and factor, and how people are shown them.
+
+Inside, everything is SI. A unit is written as in ``V s/rad``: factors with blanks, powers with ``^``, one bar.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+
+class Unit(NamedTuple):
+    """A unit's SI unit, and the factor from a value in the unit to the value in SI."""
+
+    si: str
+    factor: float
+
+
+#: unit as written in a file -> SI unit, factor
+UNITS: dict[str, Unit] = {
+    name: Unit(si, factor)
+    for si, written in {
+        "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "min": 60.0},
+        "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9, "in": 0.0254},
+        "m/s": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "um/s": 1e-6, "µm/s": 1e-6, "μm/s": 1e-6, "in/s": 0.0254},
+        "rad": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "°": math.pi / 180, "rev": 2 * math.pi},
+        "rad/s": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": math.pi / 180, "°/s": math.pi / 180,
+                  "rev/s": 2 * math.pi, "rpm": math.pi / 30},
+        "V": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "µV": 1e-6, "μV": 1e-6, "kV": 1e3},
+        "A": {"A": 1.0, "mA": 1e-3, "uA": 1e-6, "µA": 1e-6, "μA": 1e-6},
+        "N": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "lb": 4.4482216152605, "kip": 4448.2216152605},
+        "N m": {"N m": 1.0, "Nm": 1.0, "mNm": 1e-3, "mN m": 1e-3},
+    }.items()
+    for name, factor in written.items()
+}  # fmt: skip
+
+#: SI unit -> the unit in which traces, settings and sentences give it; the others are given in SI
+SHOWN: dict[str, str] = {"m": "mm", "m/s": "mm/s"}
+
+#: what the name of a setting or of a column ends in -> its unit; the longer endings come first
+SUFFIXES: dict[str, str] = {
+    "_v_per_rad": "V/rad", "_rad_s": "rad/s", "_mm_s": "mm/s", "_mm": "mm", "_deg": "deg", "_s": "s", "_hz": "Hz",
+}  # fmt: skip
+
+#: units that may carry a prefix, and whether also kilo and mega (nobody writes kilometres of travel here)
+PREFIXED = {"m": False, "s": False, "rad": False, "N": True, "V": True, "A": True, "Hz": True, "W": True, "ohm": True}
+#: from this size on: factor and prefix
+DOWN = ((0.1, 1.0, ""), (1e-4, 1e-3, "m"), (1e-7, 1e-6, "µ"), (0.0, 1e-9, "n"))
+UP = ((1e7, 1e6, "M"), (1e4, 1e3, "k"))
+SUPERSCRIPT = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+
+_LOWER = {name.lower(): unit for name, unit in reversed(UNITS.items())}
+
+
+def find(written: str) -> Unit | None:
+    """Return the SI unit and the factor of a unit as written, or None if it is unknown; capitals matter in doubt."""
+    return UNITS.get(written) or _LOWER.get(written.lower())
+
+
+def of_kind(si: str) -> list[str]:
+    """The units in which a quantity of this SI unit may be written."""
+    return [name for name, unit in UNITS.items() if unit.si == si]
+
+
+def suffix(unit: str) -> str:
+    """What a column's name ends in: ``mm`` for mm, ``mm_s`` for mm/s, ``a`` for A."""
+    return unit.lower().replace("/", "_").replace(" ", "_")
+
+
+def by_suffix(name: str) -> str:
+    """The unit of a setting by the end of its name; empty if it has none."""
+    return next((unit for end, unit in SUFFIXES.items() if name.endswith(end)), "")
+
+
+def per_si(unit: str) -> float:
+    """The factor from a value in SI to the value in ``unit``, a unit of the table."""
+    return 1.0 / UNITS[unit].factor
+
+
+def shown(si: str) -> tuple[str, float]:
+    """The unit in which people are given a quantity of this SI unit, and the factor to it: mm and 1000 for m."""
+    unit = SHOWN.get(si)
+    return (unit, per_si(unit)) if unit else (si, 1.0)
+
+
+def scaled(unit: str, size: float) -> tuple[float, str]:
+    """The factor by which to divide a value of about ``size``, and the unit (as text) that it then has.
+
+    A share (unit ``1``) becomes percent; units of length, force, voltage ... take a prefix.
+    """
+    size = abs(size)
+    if unit == "1":
+        return 0.01, "%"
+    lead = next((unit[:i] for i, sign in enumerate(unit) if sign in " /^"), unit)
+    if lead not in PREFIXED or unit[len(lead) : len(lead) + 1] == "^" or size == 0 or not math.isfinite(size):
+        return 1.0, unit
+    for least, factor, prefix in (UP if PREFIXED[lead] else ()) + DOWN:
+        if size >= least:
+            return factor, prefix + unit
+    return 1.0, unit
+
+
+def in_signs(unit: str) -> str:
+    """A unit for a page: ``N s^2/m^2`` is ``N s²/m²``."""
+    parts = unit.split("^")
+    raised = [part[: _digits(part)].translate(SUPERSCRIPT) + part[_digits(part) :] for part in parts[1:]]
+    return (parts[0] + "".join(raised)).replace("ohm", "Ω")
+
+
+def _digits(text: str) -> int:
+    """How many characters of the beginning are an exponent."""
+    return len(text) - len(text.lstrip("-0123456789"))

@@ -1,0 +1,66 @@
+"""Progress: a bar that comes by itself in a terminal, lines with -v, nothing elsewhere."""
+
+import io
+import logging
+import time
+
+import pytest
+from rich.console import Console
+
+from dtbacklash.commands import console
+
+
+@pytest.fixture
+def terminal(monkeypatch):
+    """A terminal on stderr; what was written to it."""
+    seen = io.StringIO()
+    monkeypatch.setattr(console, "Console", lambda **_: Console(file=seen, force_terminal=True, width=100))
+    monkeypatch.setattr(console, "PATIENCE_S", 0.1)
+    return seen
+
+
+def test_the_bar_comes_by_itself_where_nothing_ticks(terminal):
+    with console.progress("reading", compiles=False) as tell:
+        tell(0.25, "two million rows")
+        time.sleep(0.6)
+    shown = terminal.getvalue()
+    assert "reading: two million rows" in shown
+    assert "25 %" in shown
+    assert "left:" in shown
+
+
+def test_what_is_quick_shows_nothing(terminal):
+    with console.progress("reading", compiles=False) as tell:
+        tell(1.0)
+    assert terminal.getvalue() == ""
+
+
+def test_elsewhere_there_is_no_bar(capsys, monkeypatch):
+    monkeypatch.setattr(console, "PATIENCE_S", 0.05)
+    with console.progress("reading", compiles=False) as tell:
+        time.sleep(0.2)
+        tell(0.5)
+    assert capsys.readouterr().err == ""
+
+
+def test_with_v_each_stage_is_a_line_once(terminal, caplog):
+    with caplog.at_level(logging.INFO, "dtbacklash"), console.progress("diagnosing", compiles=False) as tell:
+        for share, text in ((0.0, "comparing"), (0.2, "comparing"), (0.5, "naming")):
+            tell(share, text)
+        time.sleep(0.3)
+    assert [record.getMessage() for record in caplog.records] == ["  0 %  comparing", " 50 %  naming"]
+    assert terminal.getvalue() == ""
+
+
+def test_with_v_a_stage_without_words_is_a_line_a_tenth(terminal, caplog):
+    with caplog.at_level(logging.INFO, "dtbacklash"), console.progress("simulating", compiles=False) as tell:
+        for k in range(101):
+            tell(k / 100)
+    assert len(caplog.records) == 11
+
+
+def test_an_error_inside_ends_the_bar(terminal):
+    with pytest.raises(ZeroDivisionError), console.progress("reading", compiles=False):
+        time.sleep(0.3)
+        raise ZeroDivisionError
+    assert "reading" in terminal.getvalue()

@@ -1,0 +1,117 @@
+"""From a person's words to Hydra's overrides and back."""
+
+import pytest
+from hydra.core.override_parser.overrides_parser import OverridesParser
+
+from dtbacklash.config import application
+from dtbacklash.config.grammar import DIAGNOSE, GRAMMARS, PROVE, RUN
+from dtbacklash.errors import UserError
+
+STRANGE = [
+    "a b.csv",
+    "ä.csv",
+    "it's.csv",
+    "a,b.csv",
+    "a=b.csv",
+    "(1).csv",
+    "a:b",
+    "x\\y.csv",
+    "100%.csv",
+    "$1.csv",
+    "null",
+]
+
+
+@pytest.mark.parametrize(
+    ("grammar", "words", "expected"),
+    [
+        (RUN, ["out=x"], ["hydra.run.dir=x"]),
+        (RUN, ["-m", "out=x"], ["-m", "hydra.sweep.dir=x"]),
+        (RUN, ["-v"], ["hydra.verbose=[dtbacklash]"]),
+        (RUN, ["--cfg", "job"], ["--cfg", "job"]),
+        (RUN, ["+rig.effects.gear.backlash.half_gap=1"], ["++rig.effects.gear.backlash.half_gap=1"]),
+        (RUN, ["sensors.noise.q3_mm=1"], ["++sensors.noise.q3_mm=1"]),
+        (RUN, ["experiment=null"], []),
+        (DIAGNOSE, ["recording=bench.csv"], ["recording.source=bench.csv"]),
+        (DIAGNOSE, ["units={q3: mm, v: m/s}"], ["++recording.units.q3=mm", "++recording.units.v=m/s"]),
+        (DIAGNOSE, ["recording.units.q3=mm"], ["++recording.units.q3=mm"]),
+        (DIAGNOSE, ["-m", "recording=a.csv,b.csv"], ["-m", "recording.source=a.csv,b.csv"]),
+        (DIAGNOSE, ["-m", "recording='a, b.csv',c.csv"], ["-m", "recording.source='a, b.csv',c.csv"]),
+        (DIAGNOSE, ["-m", "recording=glob(*)"], ["-m", "recording.source=glob(*)"]),
+        (PROVE, ["--quick", "docs=null"], ["quick=true", "docs=null"]),
+    ],
+)
+def test_words_become_overrides(grammar, words, expected):
+    assert application.overrides(grammar, words) == expected
+
+
+@pytest.mark.parametrize("path", STRANGE)
+def test_a_path_reaches_the_setting_sign_by_sign(path):
+    for key in ("hydra.run.dir", "profile.path", "rig"):
+        written = "out" if key == "hydra.run.dir" else key
+        if path == "null" and key != "hydra.run.dir":
+            continue
+        word = path if written == "out" or "," not in path else f'"{path}"'
+        (override,) = application.overrides(RUN, [f"{written}={word}"]) if path != "null" else [f"{key}=null"]
+        (parsed,) = OverridesParser.create().parse_overrides([override])
+        assert parsed.get_key_element() == key
+        assert str(parsed.value()) == path or path == "null"
+
+
+@pytest.mark.parametrize("path", STRANGE[:-1])
+def test_what_was_quoted_is_shown_as_it_was_written(path):
+    assert application.unquoted(application.quoted(path)) == path
+
+
+def test_a_comma_without_quotes_is_a_path_if_there_is_such_a_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UserError, match="give several with -m"):
+        application.overrides(DIAGNOSE, ["recording=a,b.csv"])
+    (tmp_path / "a,b.csv").touch()
+    assert application.overrides(DIAGNOSE, ["recording=a,b.csv"]) == ["recording.source='a,b.csv'"]
+
+
+def test_a_home_folder_is_found(monkeypatch):
+    monkeypatch.setenv("HOME", "/someone")
+    assert application.overrides(RUN, ["rig=~/my.yaml"]) == ["rig=/someone/my.yaml"]
+
+
+@pytest.mark.parametrize(
+    ("grammar", "words", "line"),
+    [
+        (RUN, ["out=a", "hydra.run.dir=b"], "hydra.run.dir=b: is given twice; the first is a"),
+        (RUN, ["out="], "out=: give a folder"),
+        (RUN, ["~seed"], "seed=~: a setting cannot be removed"),
+        (RUN, ["recording=emps"], "recording=emps: is a recording to diagnose (dtb diagnose recording=emps)"),
+        (RUN, ["--quick"], "option=--quick: choose one of --cfg"),
+        (DIAGNOSE, ["recording="], "recording=: give a value"),
+        (DIAGNOSE, ["units=mm"], "units=mm: must be a mapping, e.g. units='{q3: mm}'"),
+        (PROVE, ["n"], "argument=n: write key=value"),
+    ],
+)
+def test_a_mistake_names_what_was_written(grammar, words, line):
+    with pytest.raises(UserError) as caught:
+        application.overrides(grammar, words)
+    assert str(caught.value).startswith(line)
+
+
+@pytest.mark.parametrize("name", GRAMMARS)
+def test_each_command_has_its_primary_config_and_names_its_jobs(name):
+    from importlib import resources
+
+    text = (resources.files("dtbacklash.conf") / f"{name}.yaml").read_text(encoding="utf-8")
+    assert f"- {name}_schema" in text
+    assert f"job: {{name: {name}}}" in text
+
+
+def test_a_sweep_is_found_again_and_another_command_has_another_folder():
+    words = ["rig=lead_screw,emps", "seed=1"]
+    assert application.sweep_name(words) == application.sweep_name(words)
+    assert application.sweep_name(words) != application.sweep_name(words[:1])
+    assert application.sweep_name(words, "diagnose").startswith("diagnose_rig_seed_")
+
+
+def test_the_name_of_a_recording_is_a_file_name():
+    assert application.file_name("data/bench 1.csv.gz") == "bench_1"
+    assert application.file_name("silverbox:arrow") == "silverbox_arrow"
+    assert application.file_name(None) == "recording"

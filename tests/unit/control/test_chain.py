@@ -1,0 +1,23 @@
+"""What the controllers cannot be designed for is refused by its name."""
+
+import pytest
+
+from dtbacklash.config.compose import compose
+from dtbacklash.control.chain import design_for
+from dtbacklash.errors import UserError
+from dtbacklash.physics.rig import build_rig
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("rig=emps", "controller=nimc_fixed"), "controller=nimc_fixed: needs a rig with a gear; emps has none"),
+        (("rig=emps", "controller=imc"), "rig=emps: this controller needs a rig with a motor"),
+        (("rig.parameters.k.value=0",), "rig.parameters.k.value=0.0: above 0 N/m: link_1 drives mass_2"),
+    ],
+)
+def test_what_cannot_be_designed_for_is_named(words, said):
+    config = compose(*words)
+    with pytest.raises(UserError) as refused:
+        design_for(config, build_rig(config.rig))
+    assert str(refused.value).startswith(said)

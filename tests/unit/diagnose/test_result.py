@@ -1,0 +1,75 @@
+"""The typed result: exactly the keys and forms of diagnosis.json, and nothing that JSON does not know."""
+
+import json
+import math
+from dataclasses import replace
+
+import diagnosed
+import numpy as np
+import pytest
+
+from dtbacklash.diagnose.result import Candidate, FreeRunning, Instead, Located, ModelErrors
+from dtbacklash.diagnose.save import save
+
+KEYS = [
+    "verdict", "summary", "findings", "recalibrated", "fit", "free_running", "candidates", "located", "checks", "units",
+    "next_experiment", "notes", "settings",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", diagnosed.EACH)
+def test_the_document_has_its_keys_and_survives_json(name):
+    document = diagnosed.EACH[name]().to_json()
+    assert list(document) == KEYS
+    assert json.loads(json.dumps(document, allow_nan=False)) == document
+
+
+def test_findings_and_parameters_are_what_they_always_were():
+    instead = Instead("gear", "backlash", 0.1, "rad", 2.5)
+    made = diagnosed.missing()
+    made = replace(made, findings=(replace(made.findings[0], instead=instead),))
+    (row,) = made.to_json()["findings"]
+    assert row == {
+        "location": "motor_bearing",
+        "effect": "coulomb_friction",
+        "parameters": {"torque": {"value": 0.02, "unit": "N m", "ci95": [0.0195, 0.0205]}},
+        "also_fits": [{"location": "amplifier", "effect": "dead_zone"}],
+        "when": "84 % of the mismatch lies within 50 ms of a velocity reversal",
+        "instead": {"location": "gear", "effect": "backlash", "value": 0.1, "unit": "rad", "times_the_error": 2.5},
+        "sentence": "Dry (Coulomb) friction of 0.02 N m acts at the motor bearing.",
+        "confidence": "sure",
+    }
+    assert made.to_json()["recalibrated"]["k"] == {
+        "nominal": 10000.0, "value": 9020.0, "unit": "N/m", "ci95": [9001.0, 9039.0],
+    }  # fmt: skip
+
+
+def test_a_check_says_pass_as_other_tools_do():
+    row = diagnosed.missing().to_json()["checks"][0]
+    assert list(row) == ["check", "statistic", "operator", "threshold", "pass", "comment", "source"]
+    assert row["pass"] is True
+
+
+def test_what_is_left_names_its_state_only_where_one_explains_it():
+    assert Located("motor", "motor", 0.5).to_json() == {"block": "motor", "location": "motor", "share": 0.5}
+    found = diagnosed.unexplained().to_json()["located"]
+    assert list(found) == ["block", "location", "share", "state", "state_unit", "effort_unit", "explained", "recovered"]
+    assert len(found["recovered"][0]) == 3
+
+
+def test_numbers_that_json_has_not_become_null(tmp_path):
+    made = diagnosed.missing()
+    odd = replace(made.findings[0].parameters["torque"], ci95=(np.float64(0.01), math.inf))
+    finding = replace(made.findings[0], parameters={"torque": odd})
+    free = FreeRunning(ModelErrors(None, math.nan, 0.1), ModelErrors(1.0, None, np.float64(0.2)))
+    made = replace(
+        made, findings=(finding,), free_running=free, candidates=(Candidate("gear", "backlash", math.nan, None, ""),)
+    )
+    save(made, tmp_path)
+    document = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))
+    assert document["findings"][0]["parameters"]["torque"]["ci95"] == [0.01, None]
+    assert document["free_running"] == {
+        "train": {"nominal": None, "recalibrated": None, "extended": 0.1},
+        "held_out": {"nominal": 1.0, "recalibrated": None, "extended": 0.2},
+    }
+    assert document["candidates"][0]["score"] is None

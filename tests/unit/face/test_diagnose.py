@@ -1,0 +1,78 @@
+"""A diagnosis in Python; the search itself is tested elsewhere."""
+
+import json
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+from matplotlib.figure import Figure
+
+import dtbacklash as dtb
+from dtbacklash.face.diagnose import Found
+
+MOTION = ("controller=open_loop", "reference=multisine", "reference.rms_mm=2", "reference.f_max_hz=10",
+          "profile=constant", "profile.start_deg=0", "sensors=encoder", "duration_s=15")  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def found():
+    told = []
+    effect = "rig.effects.motor_bearing.coulomb_friction.torque=0.02"
+    recording = dtb.run(*MOTION, effect).recording
+    result = dtb.diagnose(recording, "lead_screw", jobs=2, progress=lambda share, what: told.append((share, what)))
+    assert all(0.0 <= share <= 1.0 and isinstance(what, str) for share, what in told)
+    assert len({what for _, what in told}) > 1
+    return result
+
+
+def test_tables(found):
+    assert found.verdict == "missing_physics"
+    row = found.findings.iloc[0]
+    assert (row.location, row.effect, row.parameter, row.unit) == ("motor_bearing", "coulomb_friction", "torque", "N m")
+    assert row.low < 0.02 < row.high
+    assert list(found.fit.index) == ["nominal", "recalibrated", "extended", "noise_floor"]
+    assert found.fit.loc["extended", "held_out"] < 0.1 * found.fit.loc["nominal", "held_out"]
+    assert isinstance(found.recalibrated, pd.DataFrame)
+    assert found.candidates.iloc[0].tolist()[:2] == ["motor_bearing", "coulomb_friction"]
+    assert "0.02 N m" in found.summary
+
+
+def test_how_sure_a_finding_is_stands_in_its_rows(found):
+    assert found.findings.confidence.tolist() == ["sure"]
+    partial = tuple(replace(f, confidence="partial") for f in found.diagnosis.findings)
+    assert Found(replace(found.diagnosis, findings=partial)).findings.confidence.tolist() == ["partial"]
+
+
+def test_as_much_is_held_out_as_from_the_command_line(found):
+    # what `dtb diagnose --help` says of `validation`
+    said = "of its last 40 % the first part chooses the structure, and the last 15 % judge it."
+    assert any(note.endswith(said) for note in found.diagnosis.notes)
+
+
+def test_the_rig_can_be_run_and_saved(found, tmp_path):
+    assert found.rig.effect("motor_bearing", "coulomb_friction")["torque"] == pytest.approx(0.02, rel=0.02)
+    result = dtb.run("controller.internal_model=inner_loop", "duration_s=2", rig=found.rig)
+    assert result.rig.effects == found.rig.effects
+    assert dtb.load_rig(dtb.save_rig(found.rig, tmp_path / "rig.yaml")).effects == found.rig.effects
+
+
+def test_figures_files_and_text(found, tmp_path):
+    for what in ("rig", "q3", "motor_bearing"):
+        assert isinstance(found.plot(what), Figure)
+    with pytest.raises(dtb.UserError, match="plot=nope: choose one of rig, "):
+        found.plot("nope")
+    folder = found.save(tmp_path / "found")
+    assert {path.name for path in folder.iterdir()} == {"diagnosis.json", "rig.yaml", "report.html", "figures"}
+    assert json.loads((folder / "diagnosis.json").read_text())["verdict"] == "missing_physics"
+    assert "Coulomb friction" in str(found)
+    assert repr(found) == "<Found: missing_physics, coulomb_friction at motor_bearing>"
+
+
+def test_mistakes(found):
+    recording = dtb.run("controller=open_loop", "duration_s=1").recording
+    with pytest.raises(dtb.UserError, match=r"held_out=1\.5"):
+        dtb.diagnose(recording, "lead_screw", held_out=1.5)
+    with pytest.raises(dtb.UserError, match="no such file"):
+        dtb.diagnose("nope.csv")
+    with pytest.raises(dtb.UserError, match="choose one of"):
+        dtb.diagnose(recording, "nope")

@@ -1,0 +1,89 @@
+"""Rigs in and out of Python."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import dtbacklash as dtb
+
+LEAD_SCREW = Path(dtb.__file__).parent / "conf" / "rig" / "lead_screw.yaml"
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "a rig of mine.yaml"  # with blanks
+    path.write_text(LEAD_SCREW.read_text().replace("name: lead_screw", "name: mine"))
+    return path
+
+
+def test_a_name_a_file_a_mapping_and_a_rig(file):
+    content = yaml.safe_load(file.read_text())
+    rigs = [dtb.load_rig(source) for source in (file, str(file), content)]
+    assert [rig.config.name for rig in rigs] == ["mine"] * 3
+    assert rigs[0] == rigs[1] == rigs[2]
+    assert dtb.load_rig(rigs[0]) is rigs[0]
+    assert dtb.load_rig("lead_screw").elements == rigs[0].elements
+
+
+@pytest.mark.parametrize("kind", ["name", "file", "mapping", "rig"])
+def test_changes_go_on_top(kind, file):
+    source = {
+        "name": "lead_screw", "file": file, "mapping": yaml.safe_load(file.read_text()), "rig": dtb.load_rig(file),
+    }[kind]  # fmt: skip
+    words = ("rig.parameters.k.value=9000", "rig.effects.motor_bearing.coulomb_friction.torque=0.02")
+    rig = dtb.load_rig(source, *words)
+    assert rig.config.parameters["k"].value == 9000.0
+    assert rig.effects == {"motor_bearing": {"coulomb_friction": {"torque": 0.02}}}
+    result = dtb.run("controller=imc", "duration_s=1", *words, rig=source)
+    assert result.rig.effects == rig.effects
+
+
+def test_a_rig_survives_its_file(tmp_path):
+    rig = dtb.load_rig("lead_screw").with_effect("link_1", "cubic_stiffness", {"k3": np.float64(1e10) / 3.0})
+    rig = rig.with_parameters({"k": 9000.1})
+    path = dtb.save_rig(rig, tmp_path / "rig.yaml")
+    again = dtb.load_rig(path)
+    assert again.effects == rig.effects
+    assert again.config.parameters == rig.config.parameters
+    assert [entry.name for entry in tmp_path.iterdir()] == ["rig.yaml"]
+
+
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [
+        ("nope", "rig=nope: choose one of"),
+        ("nope.yaml", "rig=nope.yaml: no such file"),
+        (3, "rig=3: must be a rig, a name"),
+        ({"name": "x", "elements": {"a": {"kind": "geer"}}}, "rig.elements.a.kind=geer"),
+        ({"nam": "x"}, "rig.nam"),
+    ],
+)
+def test_mistakes_are_one_line(source, said, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(dtb.UserError) as caught:
+        dtb.load_rig(source)
+    assert str(caught.value).startswith(said)
+
+
+def test_a_rig_is_given_once():
+    with pytest.raises(dtb.UserError, match="given twice"):
+        dtb.run("rig=emps", rig="lead_screw")
+    with pytest.raises(dtb.UserError, match=r"write rig\.KEY=VALUE"):
+        dtb.load_rig("lead_screw", "duration_s=3")
+
+
+def test_a_file_that_cannot_be_written(tmp_path):
+    rig = dtb.load_rig("lead_screw")
+    with pytest.raises(dtb.UserError, match=r"must end in \.yaml"):
+        dtb.save_rig(rig, tmp_path / "rig.txt")
+    with pytest.raises(dtb.UserError, match="cannot be written"):
+        dtb.save_rig(rig, tmp_path / "nowhere" / "rig.yaml")
+
+
+@pytest.mark.parametrize("word", ["out=here", "hydra.run.dir=here"])
+def test_a_folder_is_for_save(word):
+    with pytest.raises(dtb.UserError) as refused:
+        dtb.run(word, "duration_s=2")
+    assert "call save(folder)" in str(refused.value)

@@ -1,0 +1,83 @@
+"""What the catalogue refuses, and that everything in it is whole."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dtbacklash.errors import UserError
+from dtbacklash.physics import catalogue
+from dtbacklash.physics.catalogue import CATALOGUE, register
+from dtbacklash.physics.drawing import drawing_of, law_curve
+from dtbacklash.physics.effects import slots
+from dtbacklash.physics.effects.body import GRAVITY
+from dtbacklash.physics.effects.declare import Place, Role
+from dtbacklash.physics.kernel import dispatch  # closes the catalogue
+from dtbacklash.physics.kinds import KINDS
+
+PLACE = Place(
+    values={"stiffness": 1e4, "damping": 30.0, "mass": 5.0, "resistance": 12.0}, duration_s=20.0,
+    modes=(4.0, 11.0), command=np.linspace(-3.0, 3.0, 100), speed=2.0, stretch=np.linspace(-1e-4, 1e-4, 100), span=9e-5,
+    reach=1e-4, stretch_rate=1e-3, force=1.0, force_most=8.0, current=0.1, travel=2e-3,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("key", CATALOGUE, ids=".".join)
+def test_every_effect_has_a_slot_starts_and_a_concealed_size(key):
+    effect = CATALOGUE[key]
+    assert catalogue.kind_named(effect.kind).takes(effect.slot)
+    assert effect.size.role in (Role.SIZE, Role.TIME)
+    assert [p.role for p in effect.parameters[1:]].count(Role.SIZE) == 0
+    starts = effect.start_values(PLACE)
+    assert starts
+    for values in starts:
+        assert effect.complete(values, "key") == values
+    shape = effect.draw_shape(np.random.default_rng(0), PLACE)
+    assert 0.0 < shape.guess <= shape.most
+    drawn = effect.complete(shape.values(shape.guess), "key")
+    assert not effect.is_neutral(drawn)
+    effect.sentence.format(location="here", **{p.name: p.name for p in effect.parameters})
+
+
+@pytest.mark.parametrize("key", CATALOGUE, ids=".".join)
+def test_a_law_of_one_state_is_drawn_as_what_it_is(key):
+    effect = CATALOGUE[key]
+    drawing = drawing_of(effect)
+    if drawing is None:
+        assert not isinstance(effect.slot, (slots.BodyEffort, slots.Contact, slots.SpringForce, slots.Command))
+        return
+    values = {p.name: p.typical for p in effect.parameters}
+    wide = 2.0 * drawing.width(values) if drawing.width else 5.0
+    state, effort = law_curve(drawing, values, {"stiffness": 1e4, "damping": 1.0}, (-wide, wide))
+    assert len(state) == len(effort) > 400
+    assert np.isfinite(effort).all()
+    assert np.any(effort != 0.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"kind": "wheel"}, "wheel: acts nowhere; choose one of amplifier"),
+        ({"kind": "amplifier"}, "BodyEffort: acts nowhere: an element of kind `amplifier` has no such slot"),
+        ({"slot": slots.BodyEffort(lambda position, torque, phase, more: 0.0)}, "a law's arguments are states"),
+        ({"slot": slots.BodyDamping("coefficient")}, "its slot names a parameter that it does not have"),
+        ({"parameters": GRAVITY.parameters[::-1]}, "the first parameter is the size"),
+        ({"parameters": (replace(GRAVITY.parameters[0], name="time"),)}, "is the name of a state"),
+        ({}, "rotor: is in the catalogue already"),
+        ({"name": "other"}, "before the simulation is imported"),
+    ],
+)
+def test_an_entry_that_is_not_whole_is_refused(changes, words):
+    assert dispatch.CODES
+    with pytest.raises(UserError) as refused:
+        register(replace(GRAVITY, **changes))
+    assert words in str(refused.value)
+
+
+def test_every_slot_is_on_some_kind_and_every_kind_that_acts_takes_an_effect():
+    known = [kind for kind in vars(slots).values() if isinstance(kind, type) and issubclass(kind, slots.Slot)]
+    traits = {kind.trait for kind in KINDS.values()} | {slots.SLIDING_BODY, slots.SENSOR}
+    for slot in known:
+        assert slot is slots.Slot or set(slot.on) <= traits
+    for kind in KINDS.values():
+        assert bool(kind.trait) == bool(catalogue.effects_of(kind.name)), kind.name

@@ -1,0 +1,173 @@
+"""The concealing simulator against the diagnosis' own: the same physics from other formulations, another integrator."""
+
+import math
+
+import numpy as np
+import pytest
+
+from dtbacklash.config.compose import compose
+from dtbacklash.physics.catalogue import effects_of
+from dtbacklash.physics.rig import build_rig
+from dtbacklash.physics.simulate import simulate
+from dtbacklash.prove.draw import entries
+from dtbacklash.prove.simulator.given import UNKNOWNS, Errors, Loop, Unknown
+from dtbacklash.prove.simulator.laws import bristle_after, softplus, yielded_after
+from dtbacklash.prove.simulator.rig import simulate_other
+
+STEP_S = 1e-3
+#: what counts as noise of a sensor, SI
+NOISE = {"theta_m": 5e-4, "q3": 1e-6, "i_m": 1e-3, "q2": 1e-6}
+#: how far the two simulations may differ, as a share of what the effect itself changes: smooth knees and equal
+#: equations, and laws with a rest or a contact, where the formulations differ
+SHARE, SHARE_CONTACT = 2e-3, 1e-2
+CONTACT = {"coulomb_friction", "stribeck_friction", "dry_friction", "ground_friction", "backlash", "resistance_heating"}
+SIZES = {
+    "saturation": {"limit": 2.0}, "torque_ripple": {"relative": 0.2, "periods": 3.0, "phase": 0.3},
+    "resistance_heating": {"gain": 90.0, "time_constant": 0.5}, "stribeck_friction": {"torque": 0.03, "speed": 5.0},
+    "coulomb_friction": {"torque": 0.05}, "cogging": {"torque": 0.02, "periods": 7.0, "phase": 0.3},
+    "backlash": {"half_gap": 0.3}, "hysteresis": {"force": 1.0, "displacement": 3e-5},
+    "bumper": {"stiffness": 1e4, "clearance": 5e-5},
+    "absorber": {"mass": 0.5, "frequency": 9.0, "damping_ratio": 0.05},
+}  # fmt: skip
+LINK_PLAY = {"lost_motion": 2e-5}
+RIG = build_rig(compose("controller=open_loop", "rig=lead_screw").rig)
+
+
+def open_loop(u):
+    """The loop of a given command; the last sample has no command of its own."""
+    none = np.zeros(len(u) + 1)
+    return Loop(False, np.append(u, 0.0), none, none)
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def test_without_effects_both_agree_to_a_millionth_of_the_noise(lead_screw, command):
+    run, house = simulate_other(lead_screw, open_loop(command), STEP_S), simulate(lead_screw, command, STEP_S)
+    for name, noise in NOISE.items():
+        assert rms(run.truth[name] - house.sensors[name]) < 1e-6 * noise
+
+
+@pytest.mark.parametrize(("place", "name"), entries(RIG), ids=".".join)
+def test_every_effect_agrees_to_a_small_share_of_itself(place, name, command):
+    effect = effects_of(RIG.kind_at(place))[name]
+    values = LINK_PLAY if place.startswith("link") and name == "backlash" else SIZES.get(name)
+    rig = RIG.with_effect(place, name, values or {effect.size.name: effect.size.typical})
+    u = command[:2000]
+    run, plain = simulate_other(rig, open_loop(u), STEP_S), simulate(RIG, u, STEP_S)
+    house = simulate(rig, u, STEP_S, substeps=32)
+    changed = {n: rms(house.sensors[n] - plain.sensors[n]) for n in NOISE}
+    shown = max(changed, key=lambda n: changed[n] / NOISE[n])
+    assert changed[shown] > 0.0
+    share = SHARE_CONTACT if name in CONTACT else SHARE
+    assert rms(run.truth[shown] - house.sensors[shown]) < share * changed[shown]
+
+
+def test_several_effects_at_once_on_another_rig_with_other_values(command):
+    """Four masses, stiff and soft links, other parameters, a screw that gives way."""
+    config = RIG.config
+    parameters = {name: vars(p) | {} for name, p in config.parameters.items()}
+    for name, factor in {"k": 0.6, "m": 1.7, "J": 3.0, "R": 0.5, "p": 2.0}.items():
+        parameters[name]["value"] *= factor
+    link = {"kind": "link", "between": ["mass_3", "mass_4"], "stiffness": "k", "damping": "c"}
+    elements = {**config.elements, "mass_4": {"kind": "mass", "mass": "m"}, "link_3": link}
+    changed = type(config)(
+        "longer", "", {n: type(config.parameters[n])(**v) for n, v in parameters.items()}, elements,
+        {"screw": {"compliance": {"compliance": 2e-6}}, "link_2": {"cubic_stiffness": {"k3": 1e9}},
+         "sensor_q4": {"delay": {"time": 0.0023}}, "amplifier": {"delay": {"time": 0.0017}}},
+        {**config.sensors, "q4": {"of": "mass_4", "quantity": "position"},
+         "v2": {"of": "mass_2", "quantity": "velocity"}, "q1": {"of": "mass_1", "quantity": "position"}},
+    )  # fmt: skip
+    rig = build_rig(changed)
+    u = command[:1000]
+    run, house = simulate_other(rig, open_loop(u), STEP_S), simulate(rig, u, STEP_S, substeps=32)
+    for name in rig.sensors:
+        assert rms(run.truth[name] - house.sensors[name]) < 1e-5 * rms(house.sensors[name])
+
+
+def test_the_closed_loop_follows_and_its_recording_replays(lead_screw):
+    """The house's plant, driven by the recorded command, gives the recorded signals: no half sample is lost."""
+    t_s = STEP_S * np.arange(2001)
+    none = np.zeros(t_s.size)
+    r = 1e-3 * np.where(t_s < 0.2, 0.0, 1.0)
+    loop = Loop(True, r, none, none, gain=15.0, filter_rad_s=20.0, integral=0.3)
+    errors = Errors({"q3": 1e-6}, {"theta_m": 1.5e-3}, np.random.default_rng(1).standard_normal((2001, 4)))
+    run = simulate_other(lead_screw, loop, STEP_S, errors)
+    assert not run.diverged
+    assert abs(run.truth["q3"][-200:].mean() - 1e-3) < 2e-5
+    house = simulate(lead_screw, run.u[:-1], STEP_S)
+    assert rms(run.truth["q3"] - house.sensors["q3"]) < 1e-11
+    counts = run.seen["theta_m"] / 1.5e-3
+    assert np.abs(counts - np.round(counts)).max() < 1e-6
+    assert rms(run.seen["q3"] - run.truth["q3"]) == pytest.approx(1e-6, rel=0.1)
+
+
+def test_an_unstable_loop_is_noticed(lead_screw):
+    none = np.zeros(2001)
+    loop = Loop(True, none + 1e-3, none, none, gain=1e6, filter_rad_s=50.0, limit=math.inf)
+    run = simulate_other(lead_screw.with_effect("amplifier", "delay", {"time": 0.006}), loop, STEP_S)
+    assert run.diverged
+
+
+@pytest.mark.parametrize(
+    ("place", "name"),
+    [
+        ("mass_2", "position_damping"), ("mass_3", "disturbance"), ("motor_bearing", "disturbance"),
+        ("motor_circuit", "directional_torque"), ("link_1", "root_spring"), ("link_2", "speed_stiffening"),
+        ("gear", "angular_play"), ("mass_3", "position_mass"),
+    ],
+)  # fmt: skip
+def test_unknown_physics_acts_in_proportion_to_its_size(lead_screw, command, place, name):
+    assert name in UNKNOWNS
+    loop = Loop(False, command[:1500], np.zeros(1500), np.sin(np.arange(1500) / 50.0))
+    plain = simulate_other(lead_screw, loop, STEP_S)
+    scale = {"position_damping": 1e-3, "position_mass": 1e-2, "root_spring": 1e-4, "speed_stiffening": 1e-3}.get(
+        name, 1.0
+    )
+    changes = []
+    for size in (0.0, 1e-4, 2e-4):
+        run = simulate_other(lead_screw, loop, STEP_S, None, Unknown(place, name, size, scale))
+        changes.append(max(rms(run.truth[n] - plain.truth[n]) / NOISE[n] for n in NOISE))
+    assert changes[0] == 0.0
+    assert changes[2] / changes[1] == pytest.approx(2.0, rel=0.1)
+
+
+def test_a_mass_that_changes_with_the_position_keeps_its_energy():
+    """A free body with m(q) = m (1 + a q): a constant force's work is its kinetic energy m(q) v^2/2."""
+    config = RIG.config
+    links = {"link_1": {"kind": "link", "between": ["mass_1", "mass_2"], "stiffness": "k"}}
+    elements = {n: e for n, e in config.elements.items() if not n.startswith(("link", "mass_2"))}
+    elements |= {"mass_2": {"kind": "mass", "mass": "m"}, **links}
+    parameters = {**config.parameters, "k": type(config.parameters["k"])(1e-9, "N/m", 0.1)}
+    effects = {"mass_3": {"constant_force": {"force": 1.0}}}
+    rig = build_rig(type(config)("free", "", parameters, elements, effects, config.sensors))
+    none = np.zeros(1001)
+    run = simulate_other(rig, Loop(False, none, none, none), STEP_S, None, Unknown("mass_3", "position_mass", 0.5, 0.1))
+    at = 2 + run.bodies.index("mass_3")
+    q, v = run.states[:, at], run.states[:, at + len(run.bodies)]
+    energy = 0.5 * config.parameters["m"].value * (1.0 + 0.5 * q / 0.1) * v**2
+    assert energy[1:] == pytest.approx(1.0 * q[1:], rel=1e-6)  # the work of the constant force
+
+
+@pytest.mark.parametrize("shift", [3e-5, -3e-5])
+def test_a_yielding_link_moves_as_bouc_and_wen_say(shift):
+    """The map of displacements against small steps of z' = (s' - |s'| z/2 - s' |z|/2)/d, through a reversal."""
+    d, z, steps = 2e-5, 0.7, 20000
+    for _ in range(steps):
+        ds = shift / steps
+        z += (ds - 0.5 * abs(ds) * z - 0.5 * ds * abs(z)) / d
+    assert yielded_after(0.7, shift, d) == pytest.approx(z, abs=1e-4)
+
+
+def test_a_bristle_stretches_like_a_spring_and_then_slides():
+    assert bristle_after(0.0, 1e-9, 2.0, 1e6) == pytest.approx(1e-9, rel=1e-3)
+    assert bristle_after(0.0, 1e-3, 2.0, 1e6) == pytest.approx(2e-6)
+    assert bristle_after(2e-6, -1e-3, 2.0, 1e6) == pytest.approx(-2e-6)
+    assert bristle_after(1e-6, 1e-12, 0.0, 1e6) < 1e-300  # nothing holds it
+
+
+def test_softplus_does_not_overflow():
+    assert softplus(800.0) == 800.0
+    assert softplus(-800.0) == 0.0
+    assert softplus(0.0) == pytest.approx(math.log(2.0))

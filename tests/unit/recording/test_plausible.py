@@ -1,0 +1,155 @@
+"""The check of units on forty recordings of machines that differ from their rigs: in right units, and in wrong ones."""
+
+from dataclasses import replace
+
+import machine_cases as cases
+import numpy as np
+import pytest
+
+from dtbacklash.errors import UserError
+from dtbacklash.recording import Recording, read_recording
+from dtbacklash.recording.plausible import DEGREE, Scale, mistaken, scales
+
+#: what people mistake, in both directions
+WRONG = {"m": (1e3, 1e-3), "m/s": (1e3, 1e-3), "rad": (DEGREE, 1 / DEGREE), "A": (1e3, 1e-3)}
+#: recordings in which friction or a stiff spring leaves nothing of the rig's own: nothing is said about them
+SILENT = {"oscillator, cubic", "oscillator, nearly stalls"}
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    """Every case with its channels, and what they look like in right units."""
+    found = []
+    for case in cases.all_cases():
+        channels = {name: case.frame[name].to_numpy() for name in case.frame if name != "t"}
+        found.append((case, channels, scales(case.rig, channels, 1e-3, "held")))
+    return found
+
+
+def test_nothing_in_right_units_is_refused(recorded):
+    assert len(recorded) >= 25
+    for case, _, found in recorded:
+        for name, scale in found.items():
+            assert mistaken(case.rig.sensors[name].unit, scale) is None, (case.name, name, scale)
+
+
+def test_what_missing_physics_does_to_the_factor(recorded):
+    """Where the motion says anything, the factor is far from that of any unit."""
+    told = [scale.factor for case, _, found in recorded for scale in found.values() if case.name not in SILENT]
+    assert len(told) > 60
+    assert min(told) > 0.25
+    assert max(told) < 2.0
+
+
+def test_wrong_units_are_noticed_in_both_directions(recorded):
+    """Of 144 channels in wrong units at most four pass, all of them of the recordings that say nothing."""
+    tried, passed = 0, []
+    for case, channels, _ in recorded:
+        for name in case.rig.sensors:
+            for factor in WRONG[case.rig.sensors[name].unit] if name in channels else ():
+                near = {n: channels[n] for n in ("u", "theta_m", "theta") if n in channels}
+                spoilt = scales(case.rig, {**near, name: factor * channels[name]}, 1e-3, "held")[name]
+                found = mistaken(case.rig.sensors[name].unit, spoilt)
+                tried += 1
+                assert found in (None, factor)
+                passed += [(case.name, name, factor)] if found is None else []
+    assert tried >= 140
+    assert len(passed) <= 4
+    assert {case for case, _, _ in passed} <= SILENT
+
+
+def test_all_sensors_in_a_wrong_unit_are_noticed(recorded):
+    """A command in mV, or all positions in mm: no sensor contradicts another."""
+    for case, channels, _ in recorded:
+        if case.name in SILENT or any(s.unit == "A" for n, s in case.rig.sensors.items() if n in channels):
+            continue
+        spoilt = scales(case.rig, {**channels, "u": 1e3 * channels["u"]}, 1e-3, "held")
+        first = next(iter(spoilt))
+        if case.rig.sensors[first].unit != "rad":
+            assert mistaken(case.rig.sensors[first].unit, spoilt[first]) == 1e-3, case.name
+
+
+def by_name(recorded, name):
+    return next(case for case, _, _ in recorded if case.name == name)
+
+
+def test_the_refusal_says_what_was_assumed_and_how_to_overrule_it(recorded, tmp_path):
+    case = by_name(recorded, "carriage, friction")
+    file = tmp_path / "bench.csv"
+    case.frame.assign(x=1e3 * case.frame.x).to_csv(file, index=False)
+    with pytest.raises(UserError) as caught:
+        read_recording(file, rig=case.rig)
+    line = str(caught.value)
+    for words in ("bench.csv: channel x looks to be in a wrong unit", "it was read in m (assumed)", "1000 too large",
+                  "mm read as m", "recording.units.x=UNIT", "recording.trust_units=true"):  # fmt: skip
+        assert words in line
+    read_recording(file, rig=case.rig, trust_units=True)
+    right = read_recording(file, rig=case.rig, units={"x": "mm"})
+    assert np.allclose(right.channels["x"], case.frame.x)
+
+
+def test_a_frictionless_nominal_motor_that_overshoots_is_no_wrong_unit(recorded):
+    """The nominal motor would turn many times as far as the recorded one, which friction nearly holds."""
+    case = by_name(recorded, "motor, nearly stalls")
+    assert Recording.from_frame(case.frame, rig=case.rig).assumed_units["theta"] == "rad (assumed)"
+
+
+def test_a_long_recording_is_judged_by_a_part_of_it(recorded):
+    case = by_name(recorded, "carriage, plain")
+    long = {n: np.tile(case.frame[n].to_numpy(), 20) for n in ("u", "x")}
+    assert mistaken("m", scales(case.rig, {**long, "x": 1e3 * long["x"]}, 1e-3, "held")["x"]) == 1e3
+
+
+@pytest.mark.parametrize(("unit", "nearest"), [("rad", 25.5), ("rad/s", 25.5), ("m", 251), ("m/s", 251), ("A", 251)])
+def test_small_factors_are_never_wrong_units(unit, nearest):
+    """Missing physics makes a machine move 20 times as far, or an inch: that is no wrong unit."""
+    factors = np.geomspace(1.0, 2e3, 2000)
+    told = [f for f in factors for s in (f, 1 / f) if mistaken(unit, Scale(s, 1.0, 0.0)) is not None]
+    assert min(told) == pytest.approx(nearest, rel=0.01)
+
+
+def test_what_says_nothing():
+    assert mistaken("m", Scale(0.0, 0.0, 0.0)) is None
+    assert mistaken("m", Scale(1e3, 0.1, 0.0)) is None
+    assert mistaken("V", Scale(1e3, 1.0, 0.0)) is None
+    rig = cases.carriage()
+    still = np.zeros(500)
+    assert scales(rig, {"u": still, "x": np.arange(500.0)}, 1e-3, "held") == {}
+    assert scales(rig, {"u": np.sin(np.arange(500.0)), "x": still}, 1e-3, "held") == {}
+
+
+def test_the_shipped_rig_in_the_units_that_it_declares(recorded, save):
+    case = by_name(recorded, "screw, friction and play, q3 alone")
+    file = save(case.frame.assign(q3=1e3 * case.frame.q3))
+    recording = read_recording(file, rig=case.rig)
+    assert recording.assumed_units["q3"] == "mm (declared by the rig)"
+    assert np.allclose(recording.channels["q3"], case.frame.q3)
+    with pytest.raises(UserError, match=r"read in mm \(declared by the rig\).*too small"):
+        read_recording(save(case.frame), rig=case.rig)
+
+
+def test_a_rig_that_cannot_be_driven_says_nothing(recorded):
+    case = by_name(recorded, "carriage, plain")
+    config = replace(case.rig.config, elements={"carriage": {"kind": "carriage", "mass": "M"}})
+    from dtbacklash.physics.rig import build_rig
+
+    channels = {"u": case.frame.u.to_numpy(), "x": case.frame.x.to_numpy()}
+    assert scales(build_rig(config), channels, 1e-3, "held") == {}
+
+
+@pytest.mark.slow
+def test_no_drawn_machine_is_refused_in_right_units():
+    """Machines, commands and encoders at random: none is refused in right units, most wrong units are noticed."""
+    tried = noticed = 0
+    for seed in range(1000, 1400):
+        case = cases.drawn_case(seed)
+        channels = {name: case.frame[name].to_numpy() for name in case.frame if name != "t"}
+        for name, scale in scales(case.rig, channels, 1e-3, "held").items():
+            unit = case.rig.sensors[name].unit
+            assert mistaken(unit, scale) is None, (case.name, name, scale)
+            for factor in WRONG[unit]:  # the check knows of sizes only what is in a scale
+                wrong = replace(scale, factor=factor * scale.factor, sustained=factor * scale.sustained)
+                tried += 1
+                noticed += mistaken(unit, wrong) is not None
+    assert tried > 1000
+    assert noticed > 0.55 * tried

@@ -1,0 +1,234 @@
+"""What is written is complete or not there at all; JSON."""
+
+import errno
+import json
+import math
+import os
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from dtbacklash import files
+from dtbacklash.errors import Failure, UserError
+from dtbacklash.files import run_folder
+
+
+def full_disk(*arguments, **options):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def listing(folder):
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
+
+
+def write_run(folder, text="new"):
+    with run_folder(folder) as scratch:
+        (scratch / "summary.json").write_text(text)
+        (scratch / "figures").mkdir()
+        (scratch / "figures" / "a.png").write_text("png")
+
+
+def test_nothing_is_seen_before_the_end_and_nothing_hidden_after_it(tmp_path):
+    target = tmp_path / "day" / "run"
+    with run_folder(target) as scratch:
+        (scratch / "summary.json").write_text("{}")
+        assert not target.exists()
+        assert scratch.name.startswith(".")
+    assert listing(tmp_path) == ["day", "day/run", "day/run/summary.json"]
+
+
+def test_an_empty_folder_made_by_somebody_else_is_filled(tmp_path):
+    target = tmp_path / "run"
+    target.mkdir()
+    write_run(target)
+    assert (target / "summary.json").read_text() == "new"
+
+
+@pytest.mark.parametrize("what", [RuntimeError("bug"), KeyboardInterrupt(), UserError("a", 1, "b"), SystemExit(3)])
+def test_whatever_goes_wrong_nothing_is_left(tmp_path, what):
+    with pytest.raises(type(what)), run_folder(tmp_path / "day" / "run") as scratch:
+        (scratch / "summary.json").write_text("{}")
+        raise what
+    assert listing(tmp_path) == []
+
+
+def test_folders_that_hydra_made_for_a_failed_run_go_too_but_not_older_ones(tmp_path):
+    (tmp_path / "outputs").mkdir()
+    target = tmp_path / "outputs" / "day" / "run"
+    files.note_missing(target)
+    target.mkdir(parents=True)
+    with pytest.raises(RuntimeError), run_folder(target):
+        raise RuntimeError
+    assert listing(tmp_path) == ["outputs"]
+
+
+def test_the_neighbours_of_a_failed_run_stay(tmp_path):
+    write_run(tmp_path / "day" / "first")
+    with pytest.raises(RuntimeError), run_folder(tmp_path / "day" / "second"):
+        raise RuntimeError
+    assert "day/first/summary.json" in listing(tmp_path)
+
+
+def test_an_earlier_run_is_replaced_as_a_whole(tmp_path):
+    write_run(tmp_path / "run", "old")
+    (tmp_path / "run" / "metrics.csv").write_text("old")
+    write_run(tmp_path / "run", "new")
+    assert listing(tmp_path) == ["run", "run/figures", "run/figures/a.png", "run/summary.json"]
+    assert (tmp_path / "run" / "summary.json").read_text() == "new"
+
+
+def test_an_earlier_run_survives_a_failing_one(tmp_path):
+    write_run(tmp_path / "run", "old")
+    with pytest.raises(RuntimeError), run_folder(tmp_path / "run") as scratch:
+        (scratch / "summary.json").write_text("new")
+        raise RuntimeError
+    assert (tmp_path / "run" / "summary.json").read_text() == "old"
+
+
+def test_an_earlier_run_survives_a_failing_exchange(tmp_path, monkeypatch):
+    write_run(tmp_path / "run", "old")
+    rename = files.Path.rename
+
+    def fails_the_second_time(self, target):
+        if self.name.endswith(files.PARTIAL) and not target.exists():
+            raise OSError(errno.EIO, "Input/output error")
+        return rename(self, target)
+
+    monkeypatch.setattr(files.Path, "rename", fails_the_second_time)
+    with pytest.raises(UserError, match="input/output error"):
+        write_run(tmp_path / "run", "new")
+    assert (tmp_path / "run" / "summary.json").read_text() == "old"
+    assert listing(tmp_path) == ["run", "run/figures", "run/figures/a.png", "run/summary.json"]
+
+
+@pytest.mark.parametrize("content", [["thesis.tex"], ["summary.json", "thesis.tex"]])
+def test_a_folder_with_other_content_is_refused(tmp_path, content):
+    for name in content:
+        (tmp_path / name).write_text("precious")
+    with pytest.raises(UserError, match=r"^hydra\.run\.dir=.*not an earlier run"):
+        write_run(tmp_path)
+    assert listing(tmp_path) == sorted(content)
+
+
+def test_a_file_is_refused(tmp_path):
+    (tmp_path / "run").write_text("precious")
+    with pytest.raises(UserError, match="is a file"):
+        write_run(tmp_path / "run")
+
+
+def test_the_current_folder_is_refused(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UserError, match="below the current one"):
+        write_run(tmp_path)
+
+
+def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path):
+    with pytest.raises(Failure, match="the disk is full") as caught, run_folder(tmp_path / "run") as scratch:
+        (scratch / "trace.parquet").write_text("half of it")
+        full_disk()
+    assert caught.value.exit_code == 1
+    assert listing(tmp_path) == []
+
+
+def test_an_error_that_is_not_about_writing_is_not_hidden(tmp_path):
+    with pytest.raises(ConnectionError), run_folder(tmp_path / "run"):
+        raise ConnectionRefusedError(errno.ECONNREFUSED, "refused")
+
+
+def test_a_place_below_a_file_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UserError, match="not a directory"):
+        write_run(tmp_path / "file" / "run")
+
+
+def test_two_processes_that_exchange_the_same_folder_leave_a_whole_one(tmp_path, monkeypatch):
+    write_run(tmp_path / "run", "old")
+    rename, others = files.Path.rename, iter(["another's"])
+
+    def disturbed(self, target):
+        result = rename(self, target)
+        if str(target).endswith(".old"):
+            for text in others:  # while the place is empty
+                write_run(tmp_path / "run", text)
+        return result
+
+    monkeypatch.setattr(files.Path, "rename", disturbed)
+    write_run(tmp_path / "run", "new")
+    assert (tmp_path / "run" / "summary.json").read_text() == "new"
+    assert listing(tmp_path) == ["run", "run/figures", "run/figures/a.png", "run/summary.json"]
+
+
+def test_a_file_is_whole_or_as_it_was(tmp_path, monkeypatch):
+    target = tmp_path / "new" / "a.json"
+    files.write_json(target, {"old": 1})
+    monkeypatch.setattr(files.Path, "replace", full_disk)
+    with pytest.raises(Failure, match=r"^cache=here: cannot be written: the disk is full$"):
+        files.write_json(target, {"new": 2}, "cache", "here")
+    assert files.read_json(target) == {"old": 1}
+    assert listing(tmp_path) == ["new", "new/a.json"]
+
+
+def test_a_place_that_cannot_be_written_to_is_the_users_choice(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UserError, match="cannot be written: file exists") as caught:
+        files.write_text(tmp_path / "file" / "a.txt", "a")
+    assert caught.value.exit_code == 2
+    with pytest.raises(UserError, match="no such file"), files.written(tmp_path / "no" / "a", parents=False) as scratch:
+        scratch.write_text("a")
+
+
+def test_a_folder_is_written_at_once_too(tmp_path):
+    with files.written(tmp_path / "case") as scratch:
+        scratch.mkdir()
+        (scratch / "a").write_text("a")
+        assert not (tmp_path / "case").exists()
+    assert listing(tmp_path) == ["case", "case/a"]
+
+
+def test_of_two_that_write_once_the_first_holds(tmp_path):
+    for content in (b"first", b"second"):
+        files.write_once(tmp_path / "key", content)
+    assert (tmp_path / "key").read_bytes() == b"first"
+    assert (tmp_path / "key").stat().st_mode & 0o777 == 0o600
+    assert listing(tmp_path) == ["key"]
+
+
+def test_leftovers_are_those_of_this_name_alone(tmp_path):
+    for name in ("seed=1", "seed=1.5", "seed=10", "seed=[1]", "ä" * 100):
+        files.hidden_sibling(tmp_path / name).write_text("half")
+    for name in ("seed=1", "seed=[1]", "ä" * 100):
+        assert len(files.leftovers(tmp_path / name)) == 1
+    assert files.leftovers(tmp_path / "seed=2") == files.leftovers(tmp_path / "nowhere" / "a") == []
+
+
+def test_json_of_what_json_does_not_know():
+    @dataclass
+    class Point:
+        x: float
+        y: object
+
+    value = {
+        "a": np.float64(1.5), "b": [np.int64(2), math.nan, math.inf], "c": (np.bool_(True), None), "d": np.arange(2),
+        "e": {2}, "f": Point(1.0, np.array([math.nan])), "ä": "Ω",
+    }  # fmt: skip
+    expected = {
+        "a": 1.5, "b": [2, None, None], "c": [True, None], "d": [0, 1], "e": [2], "f": {"x": 1.0, "y": [None]},
+        "ä": "Ω",
+    }  # fmt: skip
+    text = files.json_text(value)
+    assert json.loads(text) == expected
+    assert '"ä": "Ω"' in text
+
+
+def test_a_path_that_is_no_text_can_be_written_and_read(tmp_path):
+    name = os.fsdecode(b"b\xff.csv")
+    files.write_json(tmp_path / "a.json", {"file": name})
+    assert files.read_json(tmp_path / "a.json") == {"file": name}
+
+
+@pytest.mark.parametrize("content", [b"", b"[1]", b"{", b"\xff", None])
+def test_what_is_no_document_is_an_empty_one(tmp_path, content):
+    if content is not None:
+        (tmp_path / "a.json").write_bytes(content)
+    assert files.read_json(tmp_path / "a.json") == {}

@@ -1,0 +1,59 @@
+"""The one table of units."""
+
+import math
+
+import pytest
+
+from dtbacklash import units
+from dtbacklash.physics.kinds import KINDS
+
+
+def test_every_unit_leads_to_an_si_unit_of_the_table():
+    for name, unit in units.UNITS.items():
+        assert units.UNITS[unit.si] == (unit.si, 1.0)
+        assert unit.factor > 0.0
+        assert units.find(name) == unit
+
+
+@pytest.mark.parametrize(
+    ("written", "si", "factor"),
+    [("mm", "m", 1e-3), ("MM", "m", 1e-3), ("µm", "m", 1e-6), ("um", "m", 1e-6), ("°", "rad", math.pi / 180),
+     ("rpm", "rad/s", math.pi / 30), ("mA", "A", 1e-3), ("Volt", None, 0.0), ("", None, 0.0),
+     ("kip", "N", 4448.2216152605)],
+)  # fmt: skip
+def test_units_as_written(written, si, factor):
+    found = units.find(written)
+    assert found == (None if si is None else (si, factor))
+
+
+def test_all_that_a_sensor_measures_is_in_the_table():
+    for quantities in (kind.quantities for kind in KINDS.values()):
+        assert set(quantities.values()) <= set(units.UNITS)
+    assert KINDS
+
+
+def test_people_see_millimetres_with_the_bits_of_a_factor_of_a_thousand():
+    assert units.shown("m") == ("mm", 1000.0)
+    assert units.shown("m/s") == ("mm/s", 1000.0)
+    assert units.shown("rad") == ("rad", 1.0)
+    assert [units.suffix(units.shown(si)[0]) for si in ("m", "rad", "A", "m/s", "rad/s", "N")] == [
+        "mm", "rad", "a", "mm_s", "rad_s", "n",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("step_mm", "mm"),
+        ("delay_s", "s"),
+        ("observer_pole_rad_s", "rad/s"),
+        ("k_theta_v_per_rad", "V/rad"),
+        ("seed", ""),
+    ],
+)
+def test_the_unit_of_a_setting_by_its_name(name, unit):
+    assert units.by_suffix(name) == unit
+
+
+def test_units_in_signs():
+    assert units.in_signs("N s^2/m^2") == "N s²/m²"
