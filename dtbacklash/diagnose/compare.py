@@ -8,6 +8,7 @@ a fixed high-pass of that bandwidth. No model can hand the measurement back, as 
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
@@ -31,6 +32,8 @@ from dtbacklash.physics.simulate import rig_half_gap
 EVENT_LEVELS = 10
 #: where a rough answer will do: substeps and levels
 ROUGH = (2, 4)
+#: where only differences of simulations count: a part of the substeps, and contacts still found finely
+COARSER, COARSE_LEVELS = 4, 8
 
 
 #: a substep turns what is periodic in a position by this angle at most, rad
@@ -42,6 +45,8 @@ SUBSTEPS_CURRENT = 16
 
 
 Mask = np.ndarray
+#: how finely a plant that is not linear is simulated
+Steps = Literal["fine", "coarse", "rough"]
 
 
 @dataclass(frozen=True)
@@ -161,7 +166,7 @@ def _astray(rig: Rig, block: Block, records: list[Record]) -> float:
     for record in records:
         sizes = np.array([np.std(record.y[c]) for c in block.channels])
         with np.errstate(all="ignore"):
-            errors = np.sqrt(np.mean(residual(rig, block, record, rough=True) ** 2, axis=0)) / np.maximum(sizes, 1e-300)
+            errors = np.sqrt(np.mean(residual(rig, block, record, "rough") ** 2, axis=0)) / np.maximum(sizes, 1e-300)
         worst = max(worst, float(np.max(np.nan_to_num(errors[moving], nan=np.inf))))
     return worst
 
@@ -263,13 +268,14 @@ def _drive(rig: Rig, block: Block, record: Record, plant: Plant) -> Floats:
     return angle
 
 
-def predict(rig: Rig, block: Block, record: Record, rough: bool = False) -> Floats:
+def predict(rig: Rig, block: Block, record: Record, steps: Steps = "fine") -> Floats:
     """(N, channels) what the block's channels would show, SI, each sample before the measurement pulls it."""
     part = part_of(rig, block)
     substeps = _substeps(part, block, record)
     plant = compile_plant(part, record.sample_time_s, substeps, EVENT_LEVELS, block.imposed is not None)
-    if rough and plant.forced and plant.delay_whole + plant.delay_ticks == 0:
-        plant = compile_plant(part, record.sample_time_s, *ROUGH, block.imposed is not None)
+    if steps != "fine" and plant.forced and plant.delay_whole + plant.delay_ticks == 0:
+        fewer = ROUGH if steps == "rough" else (max(ROUGH[0], plant.substeps // COARSER), COARSE_LEVELS)
+        plant = compile_plant(part, record.sample_time_s, *fewer, block.imposed is not None)
     theta = _drive(rig, block, record, plant)
     run = _runner(part, plant, block, record, theta)
     if record.begins is None:
@@ -355,7 +361,7 @@ def _launch(part: Rig, plant: Plant, block: Block, record: Record, theta: Floats
     )  # fmt: skip
 
 
-def residual(rig: Rig, block: Block, record: Record, rough: bool = False) -> Floats:
+def residual(rig: Rig, block: Block, record: Record, steps: Steps = "fine") -> Floats:
     """(N, channels) measured minus predicted, SI."""
     measured = np.column_stack([record.y[c] for c in block.channels])
-    return measured - predict(rig, block, record, rough)
+    return measured - predict(rig, block, record, steps)

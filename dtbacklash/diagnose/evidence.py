@@ -7,7 +7,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.begun import begun
 from dtbacklash.diagnose.candidates import PlacesInMotion
-from dtbacklash.diagnose.compare import Block, Record, cut, guided, places_of, residual
+from dtbacklash.diagnose.compare import Block, Mask, Record, Steps, cut, guided, places_of, residual
 from dtbacklash.diagnose.floor import Noise, channel_noise, noise_floor
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.catalogue import find
@@ -30,6 +30,12 @@ def stretch_of(records: list[Record]) -> int:
 def _finite(residuals: Floats) -> Floats:
     """Residuals of which none is beyond RUNAWAY, also where the simulation overflowed."""
     return np.clip(np.nan_to_num(residuals, nan=RUNAWAY, posinf=RUNAWAY, neginf=-RUNAWAY), -RUNAWAY, RUNAWAY)
+
+
+def _span(mask: Mask) -> Mask | slice:
+    """The mask, or the slice that it is where its samples are all in a row: that copies nothing."""
+    first, count = int(mask.argmax()), int(np.count_nonzero(mask))
+    return slice(first, first + count) if count and mask[first : first + count].all() else mask
 
 
 @dataclass
@@ -105,7 +111,7 @@ class Evidence:
         }
 
     def residuals(
-        self, rig: Rig, known: Residuals | None = None, places: set[str] | None = None, rough: bool = False
+        self, rig: Rig, known: Residuals | None = None, places: set[str] | None = None, steps: Steps = "fine"
     ) -> Residuals:
         """Per block and record, (N, channels) residuals in units of the floor.
 
@@ -118,13 +124,13 @@ class Evidence:
                 found[block.name] = known[block.name]
             else:
                 scale = self.floor[block.name]
-                found[block.name] = [_finite(residual(rig, block, r, rough) / scale) for r in self.records]
+                found[block.name] = [_finite(residual(rig, block, r, steps) / scale) for r in self.records]
         return found
 
     def rows(self, residuals: Residuals, name: str, part: str) -> Floats:
         """(channels, samples) of one block's residuals in a part: ``train`` or ``held``."""
-        chosen = [e[getattr(r, part)] for e, r in zip(residuals[name], self.records, strict=True)]
-        return np.concatenate(chosen).T
+        chosen = [e[_span(getattr(r, part))] for e, r in zip(residuals[name], self.records, strict=True)]
+        return (chosen[0] if len(chosen) == 1 else np.concatenate(chosen)).T
 
     def mean_square(self, residuals: Residuals, part: str) -> dict[str, Floats]:
         """Per block, (channels,) mean square in units of the floor's."""

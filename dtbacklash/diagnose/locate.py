@@ -5,6 +5,7 @@ What the nominal parameters could take up is taken out of both (:mod:`.projectio
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -22,6 +23,10 @@ from dtbacklash.errors import UserError
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Values
 from dtbacklash.physics.rig import Rig
+
+
+#: the signatures of one candidate that have been simulated, by its parameters' values
+Made = dict[tuple[tuple[str, float], ...], Floats | None]
 
 
 @dataclass(frozen=True)
@@ -42,36 +47,45 @@ class Score:
 class Bank(Projection):
     """The signatures of all candidates about one fitted rig."""
 
-    def __init__(self, evidence: Evidence, fitted: Fit, inward: bool = False) -> None:
-        super().__init__(evidence, fitted, inward)
-        self.rough = evidence.residuals(self.rig, rough=True)
+    def __init__(self, evidence: Evidence, fitted: Fit) -> None:
+        super().__init__(evidence, fitted)
+        self.rough = evidence.residuals(self.rig, steps="rough")
 
-    def signature(self, candidate: Candidate, values: Values) -> Floats | None:
-        """(rows,) what the effect adds to the prediction, weighted; None if it cannot be simulated."""
+    def signature(self, candidate: Candidate, values: Values, made: Made) -> Floats | None:
+        """(rows,) what the effect adds to the prediction, weighted; None if it cannot be simulated.
+
+        ``made`` : signatures of this candidate that are there already; this one joins them.
+        """
+        at = tuple(values.items())
+        if at not in made:
+            made[at] = self._simulated(candidate, values)
+        return made[at]
+
+    def _simulated(self, candidate: Candidate, values: Values) -> Floats | None:
         place, name = candidate.key
         try:
             rig = self.rig.with_effect(place, name, values)
             # with a delay nothing is simulated roughly: what it changes is the difference to what was not either
             base = self.fitted.residuals if isinstance(candidate.effect.slot, slots.Late) else self.rough
-            changed = self.evidence.residuals(rig, base, {place}, rough=True)
+            changed = self.evidence.residuals(rig, base, {place}, "rough")
         except UserError:
             return None
         rows = self.stack(base) - self.stack(changed)
         return rows if np.isfinite(rows).all() else None
 
-    def score(self, candidate: Candidate) -> Score | None:
+    def score(self, candidate: Candidate, made: Made) -> Score | None:
         """The best of a candidate's grid."""
         best: Score | None = None
         for values in wave_grid(candidate, self) or delay_grid(candidate, self) or candidate.grid:
-            found = self._score(candidate, values)
+            found = self._score(candidate, values, made)
             if found and (best is None or found.gain > best.gain):
                 best = found
         return best
 
-    def _score(self, candidate: Candidate, values: Values) -> Score | None:
+    def _score(self, candidate: Candidate, values: Values, made: Made) -> Score | None:
         rules = settings()
         size = candidate.effect.size
-        signature, values = self._tame(candidate, values)
+        signature, values = self._tame(candidate, values, made)
         if signature is None:
             return None
         projected = self.project(signature)
@@ -82,7 +96,7 @@ class Bank(Projection):
             value = float(np.clip(values[size.name] * factor, size.low, size.high))
             if 1.0 / rules.signature_size_band < factor < rules.signature_size_band or value == values[size.name]:
                 break
-            again, values = self._tame(candidate, {**values, size.name: value})
+            again, values = self._tame(candidate, {**values, size.name: value}, made)
             if again is None:
                 return None
             projected = self.project(again)
@@ -90,15 +104,15 @@ class Bank(Projection):
                 break
         return self._rate(candidate, values, projected)
 
-    def _tame(self, candidate: Candidate, values: Values) -> tuple[Floats | None, Values]:
+    def _tame(self, candidate: Candidate, values: Values, made: Made) -> tuple[Floats | None, Values]:
         """The signature and the values, smaller where the simulation runs away: a spring that softens turns over."""
         size = candidate.effect.size
-        signature = self.signature(candidate, values)
+        signature = self.signature(candidate, values, made)
         for _ in range(settings().signature_shrinks if size.neutral == 0.0 else 0):
             if signature is not None and signature @ signature < 1e6 * max(self.total, 1.0):
                 break
             values = {**values, size.name: settings().signature_shrink_ratio * values[size.name]}
-            signature = self.signature(candidate, values)
+            signature = self.signature(candidate, values, made)
         return signature, values
 
     def _wanted(self, projected: Floats, low: float) -> float:
@@ -149,11 +163,16 @@ class Bank(Projection):
 def bank(evidence: Evidence, fitted: Fit, listed: list[Candidate]) -> tuple[Bank, list[Score]]:
     """Score all candidates about a fitted rig, best first."""
     signatures = Bank(evidence, fitted)
-    scores = spread(signatures.score, listed)
-    if signatures.bound:
-        scores += spread(Bank(evidence, fitted, inward=True).score, listed)
-    ranked = sorted((s for s in scores if s is not None), key=lambda s: -s.gain)
+    views = [signatures, signatures.inward()] if signatures.bound else [signatures]
+    scores = spread(partial(_seen, views), listed)
+    ranked = sorted((s for found in scores for s in found if s is not None), key=lambda s: -s.gain)
     return signatures, _first(ranked)
+
+
+def _seen(views: list[Bank], candidate: Candidate) -> list[Score | None]:
+    """A candidate's scores in several views, which share what has been simulated."""
+    made: Made = {}
+    return [view.score(candidate, made) for view in views]
 
 
 def blocks_touched(rig: Rig, blocks: list[Block], place: str) -> list[str]:

@@ -4,10 +4,14 @@ The signatures of the nominal parameters are taken out by regression under the p
 within its tolerance is not called new physics.
 """
 
+from copy import copy
+from typing import Self
+
 import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.candidates import positions
+from dtbacklash.diagnose.compare import Mask
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.free import all_free, at_limit
 from dtbacklash.diagnose.refit import Fit, Problem, weights_for
@@ -16,13 +20,13 @@ from dtbacklash.diagnose.refit import Fit, Problem, weights_for
 class Projection:
     """Rows of residuals about one fitted rig, with the nominal parameters' signatures projected out.
 
-    A nominal parameter at its bound is held there, as it cannot take up anything more; or, ``inward``, it is taken out
-    like the others: a candidate may be what drove it there, and then lets it come back.
+    A nominal parameter at its bound is held there, as it cannot take up anything more; seen :meth:`inward`, it is taken
+    out like the others: a candidate may be what drove it there, and then lets it come back.
 
     residual : (rows,) weighted and projected. q_rows : (rows, parameters) an orthonormal basis of what is taken out.
     """
 
-    def __init__(self, evidence: Evidence, fitted: Fit, inward: bool = False) -> None:
+    def __init__(self, evidence: Evidence, fitted: Fit) -> None:
         self.evidence, self.fitted = evidence, fitted
         self.rig = fitted.rig
         # all of them: the last fit may have moved those of its own blocks only
@@ -33,16 +37,23 @@ class Projection:
         self.touched = problem.touched = [b.name for b in evidence.blocks]
         bound = np.array([at_limit(f, at) for f, at in zip(free, x, strict=True)], dtype=bool)
         self.bound = bool(bound.any())
-        if free:
-            self.q_rows = np.linalg.qr(problem.jacobian(x)[:, ~bound | inward])[0]
-        else:
-            self.q_rows = np.zeros((len(problem.stack(fitted.residuals, x)), 0))
+        self._rows = problem.stack(fitted.residuals, x)
+        self._columns = problem.jacobian(x) if free else np.zeros((len(self._rows), 0))
         self._priors = int(problem.prior.sum())
         self._positions: list[dict[str, Floats]] = []
         self.samples = sum(int(r.train.sum()) for r in evidence.records)
-        rows = problem.stack(fitted.residuals, x)
-        self.residual = self.project(rows)
+        self._take_out(~bound)
+
+    def _take_out(self, chosen: Mask) -> None:
+        self.q_rows = np.linalg.qr(self._columns[:, chosen])[0]
+        self.residual = self.project(self._rows)
         self.total = float(self.residual @ self.residual)
+
+    def inward(self) -> Self:
+        """The same with the parameters at their bounds taken out as well."""
+        other = copy(self)
+        other._take_out(np.ones(self._columns.shape[1], dtype=bool))
+        return other
 
     def project(self, rows: Floats) -> Floats:
         """(rows,) without what the nominal parameters could take up."""

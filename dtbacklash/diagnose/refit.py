@@ -12,11 +12,13 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.compare import places_of
+from dtbacklash.diagnose.compare import Steps, places_of
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.free import Effects, Free, apply, effects_of_rig, penalty_of
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.errors import UserError
+from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Role
 from dtbacklash.physics.rig import Rig
 
@@ -105,6 +107,8 @@ class Problem:
         """Forward differences; blocks that a parameter does not touch are not simulated."""
         here = self.residuals(x)
         start = self.stack(here, x)
+        coarse = self.evidence.residuals(apply(self.base, self.free, x), self.known, self.places, "coarse")
+        coarse_start = self.stack(coarse, x)
         if self._kept and np.abs(x - self._kept_at)[self.prior].max() > STALE:
             self._kept = {}
         if not self._kept:
@@ -115,7 +119,10 @@ class Problem:
                 columns[:, j] = self._kept[j]
                 continue
             step = _step(f, x[j], self.fine)
-            columns[:, j] = (self._moved(x, j, step, here) - start) / step
+            if self._late(f):
+                columns[:, j] = (self._moved(x, j, step, here) - start) / step
+            else:
+                columns[:, j] = (self._moved(x, j, step, coarse, "coarse") - coarse_start) / step
             if f.prior:  # these are most of the simulations
                 self._kept[j] = columns[:, j].copy()
         return columns
@@ -143,11 +150,17 @@ class Problem:
             columns.append((8.0 * near - far) / (12.0 * step))
         return np.column_stack(columns)
 
-    def _moved(self, x: Floats, j: int, step: float, here: Residuals) -> Floats:
+    def _late(self, free: Free) -> bool:
+        """Whether it is of a delay, which few substeps round to whole ones."""
+        return bool(free.effect) and isinstance(
+            find(self.base.kind_at(free.place), free.effect, free.place).slot, slots.Late
+        )
+
+    def _moved(self, x: Floats, j: int, step: float, here: Residuals, steps: Steps = "fine") -> Floats:
         """The rows with one parameter moved."""
         at = x.copy()
         at[j] += step
-        there = self.evidence.residuals(apply(self.base, self.free, at), here, set(self.free[j].places))
+        there = self.evidence.residuals(apply(self.base, self.free, at), here, set(self.free[j].places), steps)
         return self.stack(there, at)
 
 
