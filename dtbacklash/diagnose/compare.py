@@ -273,7 +273,7 @@ def predict(rig: Rig, block: Block, record: Record, steps: Steps = "fine") -> Fl
     part = part_of(rig, block)
     substeps = _substeps(part, block, record)
     plant = compile_plant(part, record.sample_time_s, substeps, EVENT_LEVELS, block.imposed is not None)
-    if steps != "fine" and plant.forced and plant.delay_whole + plant.delay_ticks == 0:
+    if steps != "fine" and plant.forced:
         fewer = ROUGH if steps == "rough" else (max(ROUGH[0], plant.substeps // COARSER), COARSE_LEVELS)
         plant = compile_plant(part, record.sample_time_s, *fewer, block.imposed is not None)
     theta = _drive(rig, block, record, plant)

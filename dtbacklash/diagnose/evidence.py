@@ -80,8 +80,9 @@ class Evidence:
     def least(self) -> dict[str, Floats]:
         """Per block, (channels,) the mean square below which nothing can be told, in units of the floor's.
 
-        1 where a sensor has noise. Where it has none, the method's own error counts: the motor's angle is known at the
-        samples only, and what it does between them leaves a small share of the signal.
+        1 where a sensor has noise, or the block is driven by the command. Where it has none, the method's own error
+        counts: the angle that drives a block is known at the samples only, and what it does between them leaves a small
+        share of the signal.
         """
         rules = settings()
         found = {}
@@ -89,7 +90,8 @@ class Evidence:
             sizes = np.array([np.mean([np.std(r.y[c]) for r in self.records]) for c in block.channels])
             exact = np.array([self.noise[c][0] for c in block.channels]) <= 1.05 * rules.numerical_error_share * sizes
             method = (rules.method_error_share * sizes / self.floor[block.name]) ** 2
-            found[block.name] = np.where(exact, np.maximum(method, 1.0), 1.0)
+            counts = exact & (block.imposed is not None)
+            found[block.name] = np.where(counts, np.maximum(method, 1.0), 1.0)
         return found
 
     def passed(self) -> dict[str, Floats]:

@@ -65,9 +65,10 @@ class Bank(Projection):
         place, name = candidate.key
         try:
             rig = self.rig.with_effect(place, name, values)
-            # with a delay nothing is simulated roughly: what it changes is the difference to what was not either
-            base = self.fitted.residuals if isinstance(candidate.effect.slot, slots.Late) else self.rough
-            changed = self.evidence.residuals(rig, base, {place}, "rough")
+            # few substeps round a delay to whole ones
+            fine = isinstance(candidate.effect.slot, slots.Late)
+            base = self.fitted.residuals if fine else self.rough
+            changed = self.evidence.residuals(rig, base, {place}, "fine" if fine else "rough")
         except UserError:
             return None
         rows = self.stack(base) - self.stack(changed)

@@ -24,6 +24,8 @@ from dtbacklash.physics.rig import Rig
 
 #: the Jacobian's columns of the nominal parameters serve until one of these has moved by as many tolerances
 STALE = 0.05
+#: a delay is moved by at least so much of a sample, unless its logarithm would by more than this
+DELAY_STEP_SAMPLES, DELAY_STEP_MAX = 0.05, 0.5
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,7 @@ class Problem:
             if j in self._kept:
                 columns[:, j] = self._kept[j]
                 continue
-            step = _step(f, x[j], self.fine)
+            step = self._step(j, x[j], self.fine)
             if self._late(f):
                 columns[:, j] = (self._moved(x, j, step, here) - start) / step
             else:
@@ -137,12 +139,12 @@ class Problem:
         columns = []
         for j, f in enumerate(self.free):
             low, high = f.limits()
-            step = _step(f, x[j], True)
+            step = self._step(j, x[j], True)
             room = min(high - x[j], x[j] - low)
             if room < 2.0 * abs(step):
                 step = 0.5 * room
             if step == 0.0:  # at its bound: it cannot move both ways
-                step = _step(f, x[j], True)
+                step = self._step(j, x[j], True)
                 columns.append((self._moved(x, j, step, here) - self.stack(here, x)) / step)
                 continue
             near = self._moved(x, j, step, here) - self._moved(x, j, -step, here)
@@ -150,8 +152,19 @@ class Problem:
             columns.append((8.0 * near - far) / (12.0 * step))
         return np.column_stack(columns)
 
+    def _step(self, j: int, x: float, fine: bool) -> float:
+        """Step of a difference; a delay moves by many of the ticks that it is rounded to."""
+        f = self.free[j]
+        step = _step(f, x, fine)
+        if not self._late(f):
+            return step
+        slope = abs(f.value(x)) if f.log else f.scale
+        least = DELAY_STEP_SAMPLES * self.evidence.records[0].sample_time_s / max(slope, 1e-300)
+        wide = float(np.clip(least, abs(step), DELAY_STEP_MAX))
+        return -wide if step < 0.0 or x + wide > f.limits()[1] else wide
+
     def _late(self, free: Free) -> bool:
-        """Whether it is of a delay, which few substeps round to whole ones."""
+        """Whether it is of a delay, which is rounded to ticks of a substep."""
         return bool(free.effect) and isinstance(
             find(self.base.kind_at(free.place), free.effect, free.place).slot, slots.Late
         )
