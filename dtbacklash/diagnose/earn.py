@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.refit import Fit, objective
 from dtbacklash.diagnose.settings import settings
 
@@ -15,27 +16,46 @@ def held_loss(evidence: Evidence, fitted: Fit) -> float:
 def paired(evidence: Evidence, before: Fit, after: Fit) -> tuple[float, float, float]:
     """(share, floor share, t) of the fall of the held-out loss, in the block and channels that it concerns.
 
-    share : of the excess over the floor. floor share : in units of the floor. t : in standard errors over stretches.
+    share : of the excess over the floor. floor share : in units of the floor. t : see :func:`significance`.
     """
     falls, excess, worth = [], [], []
     least, passed = evidence.least(), evidence.passed()
-    for block in evidence.blocks:
-        if after.residuals[block.name] is before.residuals[block.name]:
-            continue
-        first = evidence.stretches(before.residuals, block.name)
-        second = evidence.stretches(after.residuals, block.name)
+    for name, first, second in _compared(evidence, before.residuals, after.residuals):
         mean = np.maximum(first.mean(axis=1), 1.0)
-        falls.append((first - second) / mean[:, None])
-        fall = (first - second).mean(axis=1) - settings().earn_counts_share * passed[block.name]
+        fall = (first - second).mean(axis=1)
+        falls.append(float(np.sum(fall / mean)))
+        worthy = fall - settings().earn_counts_share * passed[name]
         # an exact sensor's channel has to fall by what the method itself leaves
-        worth.append(float(np.max(np.where((least[block.name] > 1.0) & (fall < least[block.name]), 0.0, fall))))
-        excess.append(np.maximum(first.mean(axis=1) - 1.0, settings().earn_floors) / mean)
+        worth.append(float(np.max(np.where((least[name] > 1.0) & (worthy < least[name]), 0.0, worthy))))
+        excess.append(float(np.sum(np.maximum(first.mean(axis=1) - 1.0, settings().earn_floors) / mean)))
     if not falls:
         return 0.0, 0.0, 0.0
-    d = np.concatenate(falls).sum(axis=0)
-    error = float(np.std(d, ddof=1) / np.sqrt(len(d))) + 1e-12
-    total = float(np.concatenate(excess).sum())
-    return float(d.mean()) / total, max(worth), float(d.mean()) / error
+    return sum(falls) / sum(excess), max(worth), significance(evidence, before.residuals, after.residuals)
+
+
+def significance(evidence: Evidence, before: Residuals, after: Residuals) -> float:
+    """Fall of the held-out loss's logarithm, summed over the channels that differ, in standard errors over stretches.
+
+    Of the loss itself the few stretches in which it is largest would say nearly all, and of a law that takes away all
+    of it nobody could be sure.
+    """
+    least = settings().numerical_error_share ** 2
+    ratios = [
+        np.log(np.maximum(first, least) / np.maximum(second, least)).sum(axis=0)
+        for _, first, second in _compared(evidence, before, after)
+    ]
+    if not ratios:
+        return 0.0
+    d = np.sum(ratios, axis=0)
+    return float(d.mean() / (np.std(d, ddof=1) / np.sqrt(len(d)) + 1e-12))
+
+
+def _compared(evidence: Evidence, before: Residuals, after: Residuals) -> list[tuple[str, Floats, Floats]]:
+    """Per block that differs its name, and (channels, stretches) mean squares before and after."""
+    return [
+        (b.name, evidence.stretches(before, b.name), evidence.stretches(after, b.name))
+        for b in evidence.blocks if after[b.name] is not before[b.name]
+    ]  # fmt: skip
 
 
 def earns(evidence: Evidence, before: Fit, after: Fit, nominal: Fit) -> bool:

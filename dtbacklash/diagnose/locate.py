@@ -24,7 +24,6 @@ from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Values
 from dtbacklash.physics.rig import Rig
 
-
 #: the signatures of one candidate that have been simulated, by its parameters' values
 Made = dict[tuple[tuple[str, float], ...], Floats | None]
 

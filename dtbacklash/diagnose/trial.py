@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.earn import significance
 from dtbacklash.diagnose.errors_of_fit import free_squares
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import Errors, Key, as_given
@@ -58,18 +59,19 @@ def free_error(evidence: Evidence, rig: Rig) -> float:
 
 
 def raises_the_error(evidence: Evidence, nominal: Fit, fitted: Fit, order: list[Key]) -> Key | None:
-    """The finding without which the held-out error is least, where that is less than with it.
+    """The finding without which the held-out error is least, where that is significantly less than with it.
 
-    The last one that was found, where all of them together leave more than the recalibrated rig does.
+    The last one that was found, where all of them together leave more than the recalibrated rig does. What does not
+    happen in the part that judges, a command that never saturates there, neither raises nor lowers it.
     """
-    with_all, without = evidence.rms(fitted.residuals), {}
-    if order and with_all > evidence.rms(nominal.residuals):
+    if order and significance(evidence, nominal.residuals, fitted.residuals) < -settings().earn_errors:
         return order[-1]
+    without = {}
     for key in order:
-        rig = as_given(evidence.nominal, fitted.rig, key)
-        without[key] = evidence.rms(evidence.residuals(rig, fitted.residuals, {key[0]}))
-    best = min(without, key=lambda k: without[k], default=None)
-    return best if best is not None and without[best] < with_all else None
+        residuals = evidence.residuals(as_given(evidence.nominal, fitted.rig, key), fitted.residuals, {key[0]})
+        if significance(evidence, residuals, fitted.residuals) < -settings().earn_errors:
+            without[key] = evidence.rms(residuals)
+    return min(without, key=lambda k: without[k], default=None)
 
 
 def insignificant(evidence: Evidence, rig: Rig, order: list[Key], errors: Errors) -> Key | None:

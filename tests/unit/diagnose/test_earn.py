@@ -78,7 +78,7 @@ def test_the_bank_takes_out_what_the_last_fit_left_alone(rig, evidence, nominal)
     bank = Bank(evidence, fitted)
     listed = candidates(fitted.rig, evidence.blocks, evidence.moving)
     gain = next(c for c in listed if c.key == ("sensor_q3", "gain_error"))
-    plain = bank.signature(gain, {"relative": 1e-3})
+    plain = bank.signature(gain, {"relative": 1e-3}, {})
     left = bank.project(plain)
     assert np.linalg.norm(left) < 0.02 * np.linalg.norm(plain)
 
