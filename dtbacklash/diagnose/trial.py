@@ -12,7 +12,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.earn import significance
 from dtbacklash.diagnose.errors_of_fit import free_squares
-from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.free import Errors, Key, as_given
 from dtbacklash.diagnose.refit import Fit
 from dtbacklash.diagnose.settings import settings
@@ -64,14 +64,20 @@ def raises_the_error(evidence: Evidence, nominal: Fit, fitted: Fit, order: list[
     The last one that was found, where all of them together leave more than the recalibrated rig does. What does not
     happen in the part that judges, a command that never saturates there, neither raises nor lowers it.
     """
-    if order and significance(evidence, nominal.residuals, fitted.residuals) < -settings().earn_errors:
+    if order and _rises(evidence, nominal.residuals, fitted.residuals):
         return order[-1]
     without = {}
     for key in order:
         residuals = evidence.residuals(as_given(evidence.nominal, fitted.rig, key), fitted.residuals, {key[0]})
-        if significance(evidence, residuals, fitted.residuals) < -settings().earn_errors:
+        if _rises(evidence, residuals, fitted.residuals):
             without[key] = evidence.rms(residuals)
     return min(without, key=lambda k: without[k], default=None)
+
+
+def _rises(evidence: Evidence, before: Residuals, after: Residuals) -> bool:
+    """Whether the held-out error rises, by more than chance and by as much as would have to be earned."""
+    rise = evidence.rms(after) ** 2 - evidence.rms(before) ** 2
+    return rise > settings().earn_floors and significance(evidence, before, after) < -settings().earn_errors
 
 
 def insignificant(evidence: Evidence, rig: Rig, order: list[Key], errors: Errors) -> Key | None:
