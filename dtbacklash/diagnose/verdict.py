@@ -58,7 +58,8 @@ def remaining(evidence: Evidence, found: Search, left_out: dict[Key, Residuals],
         after = np.where(once, last[1][name], last[0][name]) - 1.0
         before = np.where(once, first[1][name], first[0][name]) - 1.0
         above = ~quiet | once
-        formulation = _formulation(evidence, found, name, left_out)
+        parts = {part: _formulation(evidence, found, name, left_out, part) for part in ("train", "held")}
+        formulation = np.where(once, np.maximum(parts["train"], parts["held"]), parts["held"])
         noisy = np.array([c in white for c in channels[name]]) & (last[1][name] < settings().noise_part_floors)
         real = above & (after > formulation) & ~noisy
         share = float(np.max(np.where(above, after / np.maximum(before, 1e-9), 0.0)))
@@ -66,15 +67,15 @@ def remaining(evidence: Evidence, found: Search, left_out: dict[Key, Residuals],
     return left
 
 
-def _formulation(evidence: Evidence, found: Search, name: str, left_out: dict[Key, Residuals]) -> Floats:
+def _formulation(evidence: Evidence, found: Search, name: str, left_out: dict[Key, Residuals], part: str) -> Floats:
     """(channels,) mean square that other formulations of the laws that were found would leave, in units of the floor's.
 
     The catalogue says by which share of its own effect a law differs from another one that engineers call the same.
     """
-    here = evidence.mean_square(found.fitted.residuals, "held")[name]
+    here = evidence.mean_square(found.fitted.residuals, part)[name]
     total = settings().formulation_deviations * found.formulations.get(name, np.zeros(len(here)))
     for (place, effect), residuals in left_out.items():
-        made = np.maximum(evidence.mean_square(residuals, "held")[name] - here, 0.0)
+        made = np.maximum(evidence.mean_square(residuals, part)[name] - here, 0.0)
         error = find(evidence.nominal.kind_at(place), effect, place).formulation_error
         total += (settings().formulation_deviations * error) ** 2 * made
     return total

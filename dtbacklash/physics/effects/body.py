@@ -9,7 +9,7 @@ import numpy as np
 from numpy.random import Generator
 
 from dtbacklash.compiled import law
-from dtbacklash.physics.effects.declare import Draws, Effect, Parameter, Place, Role, Values
+from dtbacklash.physics.effects.declare import REST_ERROR, Draws, Effect, Parameter, Place, Role, Values
 from dtbacklash.physics.effects.periodic import periodic
 from dtbacklash.physics.effects.slots import BodyDamping, BodyEffort, Contact, HiddenBody
 
@@ -123,7 +123,7 @@ def _bearing(axis: _Axis) -> list[Effect]:
         Effect(
             "coulomb_friction", kind, (level,), f"-{effort} sign(v), |.| <= {effort} at v = 0", Contact(coulomb),
             FRICTION_SOURCE, f"Dry (Coulomb) friction of {{{effort}}} acts at the {{location}}.",
-            conceal=_effort_range, starts=_share_of_force,
+            conceal=_effort_range, starts=_share_of_force, formulation_error=REST_ERROR,
         ),
         Effect(
             "stribeck_friction", kind,
@@ -212,7 +212,7 @@ _MASS = [
         "ground_friction", "mass", (Parameter("force", "N", 0.0, 1e5, 0.2, 0.0, role=Role.SIZE),),
         "-force sign(v), |.| <= force at v = 0", Contact(coulomb), "Coulomb friction against the ground",
         "Dry friction of {force} holds {location} against the ground.",
-        conceal=_effort_range, starts=_share_of_force,
+        conceal=_effort_range, starts=_share_of_force, formulation_error=REST_ERROR,
     ),
     Effect(
         "constant_force", "mass", (Parameter("force", "N", -1e5, 1e5, 0.5, 0.0, role=Role.SIZE),),

@@ -31,6 +31,10 @@ Values = dict[str, float]
 #: relative standard deviation of an effect's parameters between two formulations of its law that engineers would call
 #: the same (a bristle for ideal friction, a stiff spring for a stop), and of two integrators
 FORMULATION_ERROR = 5e-4
+#: the same of a law with a rest (how a body is held there) or a stop (how steep it is)
+REST_ERROR = 5e-3
+#: the same of a law with a corner (how sharp it is)
+CORNER_ERROR = 2e-3
 
 
 #: what is periodic is seen where a period has as many samples, and as many periods are recorded

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.random import Generator
 
 from dtbacklash.compiled import law
-from dtbacklash.physics.effects.declare import INF, Effect, Parameter, Place, Role, Values
+from dtbacklash.physics.effects.declare import CORNER_ERROR, INF, Effect, Parameter, Place, Role, Values
 from dtbacklash.physics.effects.periodic import periodic
 from dtbacklash.physics.effects.slots import Command, Late, MotorTorque, WindingMemory
 
@@ -98,6 +98,7 @@ EFFECTS = [
         conceal=lambda place, sign: (0.9, 0.3), starts=_limits,
         strength=lambda place, strength: _largest(place) * (1.0 - strength),
         visible=lambda place: {"limit": (0.0, float(np.abs(place.command).max(initial=0.0)))},
+        formulation_error=CORNER_ERROR,
     ),
     Effect(
         "dead_zone", "amplifier", (Parameter("half_width", "V", 0.0, 1e3, 0.2, 0.0, role=Role.SIZE),),
@@ -105,6 +106,7 @@ EFFECTS = [
         "The {location} passes nothing while the voltage is within {half_width} of zero.",
         conceal=lambda place, sign: (0.8 * _largest(place), 0.05),
         visible=lambda place: {"half_width": (0.0, float(np.quantile(np.abs(place.command), PASSING)))},
+        formulation_error=CORNER_ERROR,
     ),
     late("amplifier", "The {location} acts {time} late.", "v(t) = u(t - time)"),
     Effect(
@@ -136,6 +138,6 @@ EFFECTS = [
         "T = k_T i (1 + relative sin(periods theta + phase))", MotorTorque(ripple_torque),
         "torque ripple of a commutated motor",
         "The torque constant of the {location} ripples by {relative}, {periods}.",
-        conceal=lambda place, sign: (0.8, 0.1), draws=_ripple_draws, formulation_error=2e-3,
+        conceal=lambda place, sign: (0.8, 0.1), draws=_ripple_draws, formulation_error=CORNER_ERROR,
     ),
 ]  # fmt: skip

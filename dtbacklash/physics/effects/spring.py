@@ -9,7 +9,7 @@ from numpy.random import Generator
 
 from dtbacklash.compiled import law
 from dtbacklash.physics.effects.body import coulomb
-from dtbacklash.physics.effects.declare import Effect, Parameter, Place, Role, Starts, Values
+from dtbacklash.physics.effects.declare import REST_ERROR, Effect, Parameter, Place, Role, Starts, Values
 from dtbacklash.physics.effects.play import play
 from dtbacklash.physics.effects.slots import Contact, SpringForce, SpringMemory, SpringPlay
 
@@ -140,7 +140,7 @@ def _spring(kind: str, force: str, length: str, names: tuple[str, ...], scale: d
             f"{moment} sign(s'), |.| <= {moment} at s' = 0", Contact(coulomb), "Coulomb friction across a spring",
             f"Dry friction of {{{moment}}} acts across {{location}}.",
             conceal=_force_range,
-            starts=_starts(lambda p: 0.02 * p.values["stiffness"] * p.span),
+            starts=_starts(lambda p: 0.02 * p.values["stiffness"] * p.span), formulation_error=REST_ERROR,
         ),
         Effect(
             "hysteresis", kind,
@@ -153,7 +153,7 @@ def _spring(kind: str, force: str, length: str, names: tuple[str, ...], scale: d
             "Bouc-Wen; Wen, J. Eng. Mech. 102 (1976) 249",
             f"{{location}} yields hysteretically at {{{moment}}} within {{displacement}} (Bouc-Wen).",
             conceal=_force_range, draws=_hysteresis_draws,
-            starts=_hysteresis_starts, formulation_error=5e-3, becomes=("displacement", "dry_friction"),
+            starts=_hysteresis_starts, formulation_error=REST_ERROR, becomes=("displacement", "dry_friction"),
         ),
         Effect(
             "bumper", kind,
@@ -164,7 +164,7 @@ def _spring(kind: str, force: str, length: str, names: tuple[str, ...], scale: d
             "stiffness (s - clearance) where s > clearance", SpringForce(bumper), "one-sided elastic stop",
             "{location} hits a stop of {stiffness} at a stretch of {clearance}.",
             conceal=lambda place, sign: (20.0 * place.values["stiffness"], 0.3 * place.values["stiffness"]),
-            draws=_bumper_draws, starts=_bumper_starts, formulation_error=5e-3,
+            draws=_bumper_draws, starts=_bumper_starts, formulation_error=REST_ERROR,
             visible=lambda place: {} if place.stretch is None else {
                 "clearance": (float(place.stretch.min()), float(np.quantile(place.stretch, HIT)))},
         ),
