@@ -57,7 +57,8 @@ def unsure(confidence: Confidence, key: tuple[str, str], rest: Recovered | None)
     if rest.place == key[0]:
         return (f" It acts like {what}, but the law is another one: what is left depends on the {rest.state} of the "
                 f"{place}.")  # fmt: skip
-    return f" That is a part of the truth at best: what is left is not small against what {what} explains."
+    left = rest.place.replace("_", " ")
+    return f" That is a part of the truth at best: what is left at the {left} is too near, or too large beside it."
 
 
 def when(evidence: Evidence, found: Search, left_out: Residuals) -> str:

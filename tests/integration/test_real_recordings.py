@@ -119,9 +119,11 @@ def test_the_damper_has_lost_motion_at_its_reversals(tmp_path, capsys) -> None:
     assert lost["ci95"][1] - lost["ci95"][0] < 1e-3
     assert "mm at each reversal" in document["findings"][0]["sentence"]
     # where the band takes hold again, some 0.2 s after each reversal
-    share = re.fullmatch(r"80 % of the mismatch lies in (\d+) % of the time", document["findings"][0]["when"])
+    share = re.fullmatch(
+        r"(\d+) % of the mismatch lies within 300 ms of a velocity reversal", document["findings"][0]["when"]
+    )
     assert share is not None
-    assert int(share[1]) < 20
+    assert int(share[1]) > 50
     assert document["fit"]["held_out"]["extended"] < 0.4 * document["fit"]["held_out"]["recalibrated"]
     file = tmp_path / "rig.yaml"
     file.write_text(rig_yaml(found.extended))
@@ -148,13 +150,16 @@ def test_the_disk_has_gravity_dry_friction_and_a_delay() -> None:
     recording = read_recording("disk", rig=rig)
     found = diagnose(recording.section(0, 4000), rig)
     parameters = named(found)
-    assert {("disk", "gravity"), ("disk", "coulomb_friction"), ("amplifier", "delay")} <= set(parameters)
+    # a tenth of the recording says whether the disk is held by dry friction, and hardly whether that falls off with speed
+    friction = {("disk", "coulomb_friction"), ("disk", "stribeck_friction")} & set(parameters)
+    assert len(friction) == 1
+    assert {("disk", "gravity"), ("amplifier", "delay")} == set(parameters) - friction
     inertia = rig.config.parameters["J"].value
     # fitted by hand to all of it: gravity over inertia 136.3 1/s^2, a tilt of -0.034 rad, Coulomb friction over inertia
     # 6.51 rad/s^2, one sample of delay
     assert near(parameters["disk", "gravity"]["torque"], 136.3 * inertia, 0.02)
     assert near(parameters["disk", "gravity"]["phase"], np.pi - 0.034, 0.01)
-    assert near(parameters["disk", "coulomb_friction"]["torque"], 6.51 * inertia, 0.1)
+    assert near(parameters[friction.pop()]["torque"], 6.51 * inertia, 0.1)
     assert near(parameters["amplifier", "delay"]["time"], 0.025, 0.05)
     shown = simulate(found.extended, recording.channels["u"][:-1], recording.sample_time_s).sensors["th"]
     later = slice(24500, None)
