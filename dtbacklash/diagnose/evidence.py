@@ -126,7 +126,8 @@ class Evidence:
                 found[block.name] = known[block.name]
             else:
                 scale = self.floor[block.name]
-                found[block.name] = [_finite(residual(rig, block, r, steps) / scale) for r in self.records]
+                with np.errstate(over="ignore", invalid="ignore"):  # a simulation that ran away
+                    found[block.name] = [_finite(residual(rig, block, r, steps) / scale) for r in self.records]
         return found
 
     def rows(self, residuals: Residuals, name: str, part: str) -> Floats:

@@ -52,7 +52,8 @@ def _counted(evidence: Evidence) -> float:
 
 def _inverse(jacobian: Floats) -> Floats:
     """Inverse of J'J, by J's singular values: columns differ by many decades, and some directions only priors see."""
-    norms = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    norms = np.linalg.norm(jacobian, axis=0)
+    norms = np.where(norms > 0.0, norms, 1.0)  # what changes nothing is known to no digit
     _, sizes, directions = np.linalg.svd(jacobian / norms, full_matrices=False)
     scaled = directions.T / np.maximum(sizes, 1e-12 * sizes[0]) / norms[:, None]
     inverse: Floats = scaled @ scaled.T

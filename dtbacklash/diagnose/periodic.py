@@ -66,8 +66,9 @@ def _scan(candidate: Candidate, projection: Projection, block: Block) -> list[tu
     rated = []
     waves = _waves(candidate, paths)
     for some in np.array_split(waves, max(1, math.ceil(len(waves) / BATCH))):
-        S, C = (_signatures(some, shape, paths, response)[:, :, chosen] * scale for shape in (0, 1))
-        rated += _regress(some, S, C, q, e)
+        with np.errstate(over="ignore", invalid="ignore"):  # along a simulated path that ran away
+            S, C = (_signatures(some, shape, paths, response)[:, :, chosen] * scale for shape in (0, 1))
+            rated += [found for found in _regress(some, S, C, q, e) if np.isfinite(found).all()]
     rated.sort(reverse=True)
     kept_waves: list[tuple[float, float, float]] = []
     for _, n, amplitude, phase in rated:
