@@ -20,7 +20,8 @@ def paired(evidence: Evidence, before: Fit, after: Fit) -> tuple[float, float, f
     """
     falls, excess, worth = [], [], []
     least, passed = evidence.least(), evidence.passed()
-    for name, first, second in _compared(evidence, before.residuals, after.residuals):
+    compared = _compared(evidence, before.residuals, after.residuals)
+    for name, first, second in compared:
         mean = np.maximum(first.mean(axis=1), 1.0)
         fall = (first - second).mean(axis=1)
         falls.append(float(np.sum(fall / mean)))
@@ -30,7 +31,7 @@ def paired(evidence: Evidence, before: Fit, after: Fit) -> tuple[float, float, f
         excess.append(float(np.sum(np.maximum(first.mean(axis=1) - 1.0, settings().earn_floors) / mean)))
     if not falls:
         return 0.0, 0.0, 0.0
-    return sum(falls) / sum(excess), max(worth), significance(evidence, before.residuals, after.residuals)
+    return sum(falls) / sum(excess), max(worth), _significance(compared)
 
 
 def significance(evidence: Evidence, before: Residuals, after: Residuals) -> float:
@@ -40,9 +41,13 @@ def significance(evidence: Evidence, before: Residuals, after: Residuals) -> flo
     say nearly all: of a law that takes away all of it nobody could be sure. Of the logarithm the quiet stretches say as
     much as the others, in which a model that is wrong may come nearer by chance.
     """
+    return _significance(_compared(evidence, before, after))
+
+
+def _significance(compared: list[tuple[str, Floats, Floats]]) -> float:
     least = settings().numerical_error_share ** 2
     falls, ratios = [], []
-    for _, first, second in _compared(evidence, before, after):
+    for _, first, second in compared:
         falls.append(((first - second) / np.maximum(first.mean(axis=1), 1.0)[:, None]).sum(axis=0))
         ratios.append(np.log(np.maximum(first, least) / np.maximum(second, least)).sum(axis=0))
     return max((_in_errors(np.sum(d, axis=0)) for d in (falls, ratios) if d), default=0.0)

@@ -31,7 +31,7 @@ class Projection:
         self.rig = fitted.rig
         # all of them: the last fit may have moved those of its own blocks only
         free, x = all_free(evidence, fitted.rig)
-        problem = Problem(evidence, fitted.rig, free)
+        problem = self._problem = Problem(evidence, fitted.rig, free)
         problem.weights = weights_for(evidence, fitted.residuals)
         self.weights = problem.weights
         self.touched = problem.touched = [b.name for b in evidence.blocks]
@@ -39,7 +39,6 @@ class Projection:
         self.bound = bool(bound.any())
         self._rows = problem.stack(fitted.residuals, x)
         self._columns = problem.jacobian(x) if free else np.zeros((len(self._rows), 0))
-        self._priors = int(problem.prior.sum())
         self._positions: list[dict[str, Floats]] = []
         self.samples = sum(int(r.train.sum()) for r in evidence.records)
         self._take_out(~bound)
@@ -60,13 +59,8 @@ class Projection:
         return rows - self.q_rows @ (self.q_rows.T @ rows)
 
     def stack(self, residuals: Residuals) -> Floats:
-        """(rows,) residuals of the training part, weighted, in the order of the blocks."""
-        rows = []
-        for name in self.touched:
-            part = self.evidence.rows(residuals, name, "train")
-            rows.append((part * np.sqrt(self.weights[name])[:, None]).ravel())
-        rows.append(np.zeros(self._priors))
-        return np.concatenate(rows)
+        """(rows,) residuals of the training part, weighted, in the order of the blocks; no prior is strained."""
+        return self._problem.stack(residuals, np.zeros(len(self._problem.free)))
 
     def path(self, place: str, number: int) -> Floats:
         """(N,) position of a body in recording ``number``: measured, or simulated where it is not; rad or m."""
