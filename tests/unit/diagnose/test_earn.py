@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dtbacklash.diagnose.candidates import candidates
-from dtbacklash.diagnose.earn import earns, paired
+from dtbacklash.diagnose.earn import earns, paired, significance
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import nominal_free
 from dtbacklash.diagnose.locate import Bank
@@ -50,6 +50,22 @@ def test_a_burst_that_shrinks_is_not(nominal, evidence):
     before, after = made(nominal, evidence, 1, burst=300.0), made(nominal, evidence, 1, burst=300.0, share=0.5)
     after.residuals["structure"] = before.residuals["structure"]
     assert not earns(evidence, before, after, before)
+
+
+def test_a_mismatch_that_few_stretches_hold_most_of_is_seen_to_fall(nominal, evidence):
+    """A law that leaves a thirtieth of it everywhere is sure, though of the loss itself one stretch says nearly all."""
+    before, after = made(nominal, evidence, 1), made(nominal, evidence, 2)
+    held = np.flatnonzero(evidence.records[0].held)
+    for number, some in enumerate(np.array_split(held, 12)):
+        mismatch = (300.0 if number == 5 else 5.0 + number) * np.ones(len(some))
+        before.residuals["motor"][0][some, 0] += mismatch
+        after.residuals["motor"][0][some, 0] += mismatch / 30.0
+    after.residuals["structure"] = before.residuals["structure"]
+    squares = [evidence.stretches(fitted.residuals, "motor")[0] for fitted in (before, after)]
+    fall = squares[0] - squares[1]
+    assert fall.mean() < 2.0 * fall.std(ddof=1) / np.sqrt(len(fall))
+    assert significance(evidence, before.residuals, after.residuals) > 2.0
+    assert significance(evidence, after.residuals, before.residuals) < -1.0
 
 
 def test_what_the_counts_pass_on_is_not_earned(nominal, evidence):

@@ -5,7 +5,7 @@ import pytest
 
 from dtbacklash.diagnose.delays import delay_grid
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.free import nominal_free
+from dtbacklash.diagnose.free import all_free, nominal_free
 from dtbacklash.diagnose.intervals import standard_errors
 from dtbacklash.diagnose.locate import Bank
 from dtbacklash.diagnose.name import Search, refit_with, scores_about
@@ -70,6 +70,20 @@ def test_a_gap_is_known_to_a_fraction_of_itself(rig):
     error = standard_errors(evidence, fitted)["gear", "backlash", "half_gap"]
     assert fitted.effects["gear", "backlash"]["half_gap"] == pytest.approx(0.35, abs=max(4 * error, 2e-4))
     assert 0.0 < error < 0.01
+
+
+@pytest.mark.parametrize("place", ["amplifier", "sensor_q3"])
+def test_a_delay_of_a_fiftieth_of_a_sample_has_an_error(rig, place):
+    """It is moved by many of the ticks that it is rounded to: else nothing would change."""
+    truth = rig.with_effect(place, "delay", {"time": 2e-5})
+    evidence = Evidence.gather(rig, [recorded(truth, seconds=6.0)])
+    free, x = all_free(evidence, truth)
+    problem = Problem(evidence, truth, free)
+    problem.weigh(problem.residuals(x))
+    column = [f.effect for f in free].index("delay")
+    slow, fast = np.linalg.norm(problem.precise_jacobian(x), axis=0), np.linalg.norm(problem.jacobian(x), axis=0)
+    assert slow[column] > 0.0
+    assert fast[column] == pytest.approx(slow[column], rel=0.1)
 
 
 def test_a_sensors_delay_starts_at_the_right_sample(rig):

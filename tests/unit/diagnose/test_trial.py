@@ -10,7 +10,7 @@ from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import nominal_free
 from dtbacklash.diagnose.parts import divided, for_judgement, marked
 from dtbacklash.diagnose.refit import fit
-from dtbacklash.diagnose.trial import objection, spoils_the_free_run
+from dtbacklash.diagnose.trial import _rises, objection, spoils_the_free_run
 from dtbacklash.physics.effects.declare import Place
 from dtbacklash.physics.rig import Rig
 
@@ -53,6 +53,23 @@ def test_a_dead_zone_wider_than_the_commands_is_out_of_sight(carriage, dry):
     assert evidence.bounds(key)["half_width"] == (0.0, pytest.approx(widest))
     assert "half width" in objection(evidence, carriage.with_effect(*key, {"half_width": float(widest)}), key)
     assert not objection(evidence, carriage.with_effect(*key, {"half_width": 0.5 * float(widest)}), key)
+
+
+def test_an_error_rises_by_more_than_chance_or_not_at_all(carriage, dry):
+    evidence = Evidence.gather(carriage, divided([dry]))
+    before = fit(evidence, carriage, nominal_free(carriage), rounds=1).residuals
+    barely, clearly = ({n: [factor * e for e in left] for n, left in before.items()} for factor in (1 + 1e-12, 1.2))
+    assert not _rises(evidence, before, barely)
+    assert _rises(evidence, before, clearly)
+    assert not _rises(evidence, clearly, before)
+
+
+def test_what_a_command_drives_has_no_error_of_the_method(carriage):
+    """A sensor of next to no noise then says all that it resolves; only an angle that is imposed is known roughly."""
+    u = m.multisine(m.times(10.0), 1.0, 5.0, 3)
+    x, _, _ = m.record(m.Machine((95.0,), gain=35.0), u, 0.0, 3)
+    evidence = Evidence.gather(carriage, divided([record(x, u, "x")]))
+    assert evidence.least()["rig"].tolist() == [1.0]
 
 
 def test_a_drive_that_is_switched_off_spoils_the_free_run(carriage):
