@@ -39,7 +39,7 @@ def _case_row(case: Case) -> dict[str, Any]:
         "visibility_min": min(seen), "intervals": len(effects), "intervals_hold": sum(effects),
         "recalibrated": len(nominal), "recalibrated_hold": sum(nominal),
         **{f"held_out_{model}": held.get(model) for model in ("nominal", "recalibrated", "extended", "oracle")},
-        "wall_s": case.wall_s, "error": case.error,
+        "wall_s": case.wall_s, "cpu_s": case.cpu_s, "error": case.error,
     }  # fmt: skip
 
 

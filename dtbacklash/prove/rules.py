@@ -34,8 +34,8 @@ class Case:
     Attributes
     ----------
     id : name of its folder. secret : what was hidden, as its JSON. diagnosis : content of ``diagnosis.json``, or
-    None where the diagnosis failed. oracle : see :func:`.oracle.look`. wall_s : time of the diagnosis. error : why
-    it failed. kinds : kind of each element of the rig, by its name. rig : its name.
+    None where the diagnosis failed. oracle : see :func:`.oracle.look`. wall_s, cpu_s : time and processor time
+    of the diagnosis. error : why it failed. kinds : kind of each element of the rig, by its name. rig : its name.
     """
 
     id: str
@@ -46,6 +46,7 @@ class Case:
     error: str = ""
     kinds: dict[str, str] = field(default_factory=dict)
     rig: str = ""
+    cpu_s: float | None = None
 
     def kind_of(self, location: str) -> str:
         """The kind of the element at a location, or ``sensor``."""

@@ -213,6 +213,6 @@ def gather(plan: Plan, cases: Sequence[Path], secrets: dict[str, dict[str, Any]]
         kinds = {name: element.kind for name, element in nominal[rig].elements.items()}
         found.append(Case(
             case.name, secrets[case.name], entry.get("diagnosis"), entry.get("oracle") or {}, entry.get("wall_s"),
-            entry.get("error", ""), kinds, nominal[rig].config.name,
+            entry.get("error", ""), kinds, nominal[rig].config.name, entry.get("cpu_s"),
         ))  # fmt: skip
     return found

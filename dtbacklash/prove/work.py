@@ -105,7 +105,7 @@ class Diagnosing(Job):
         return diagnosed(self.record)
 
     def work(self) -> None:
-        code, begin = sources.digest(DIAGNOSED_BY), time.perf_counter()
+        code, begin = sources.digest(DIAGNOSED_BY), (time.perf_counter(), time.process_time())
         try:
             diagnosis, extended = self.diagnose(self.folder, self.rig)
             found: dict[str, Any] = {"error": "", "diagnosis": diagnosis, "extended": extended}
@@ -113,13 +113,14 @@ class Diagnosing(Job):
             why = str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
             details = "" if isinstance(error, UserError) else "".join(traceback.format_exception(error))
             found = {"error": " ".join(why.split()), "diagnosis": None, "extended": None, "traceback": details}
-        self._tell(found, code, time.perf_counter() - begin)
+        self._tell(found, code, time.perf_counter() - begin[0], time.process_time() - begin[1])
 
     def died(self, error: Exception | None) -> None:
-        self._tell({"error": DEATH, "diagnosis": None, "extended": None}, sources.digest(DIAGNOSED_BY), None)
+        self._tell({"error": DEATH, "diagnosis": None, "extended": None}, sources.digest(DIAGNOSED_BY), None, None)
 
-    def _tell(self, found: dict[str, Any], code: str, wall_s: float | None) -> None:
-        write_json(self.record, {"id": self.folder.name, "code": code, **found, "wall_s": wall_s})
+    def _tell(self, found: dict[str, Any], code: str, wall_s: float | None, cpu_s: float | None) -> None:
+        times = {"wall_s": wall_s, "cpu_s": cpu_s}
+        write_json(self.record, {"id": self.folder.name, "code": code, **found, **times})
 
 
 @dataclass(frozen=True)

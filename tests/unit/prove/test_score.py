@@ -83,7 +83,7 @@ def test_the_errors_quantiles_are_by_rank_and_held_against_the_bar():
         one.oracle["held_out"]["extended"] = 1.0 + 0.05 * j
     ratio = next(q for q in score(cases).quantities if q.name == "ratio")
     assert (ratio.median, ratio.ninety) == (1.25, 1.45)
-    assert [ratio.met(v) for v in (1.2, 1.21)] == [True, False]
+    assert [ratio.met(v) for v in (1.1, 1.11)] == [True, False]
 
 
 def test_the_bins_part_by_family_and_size():
@@ -175,7 +175,7 @@ def test_the_table_says_which_seeds_and_what_repeats_it():
     text = markdown(score(proved.campaign(30), {"command": "dtb prove n=30"}))
     assert "dtb prove n=30" in text
     assert "Scoring seeds 10000 to 10029" in text
-    assert "at least 97 %" in text
+    assert "at least 98 %" in text
     assert "Diagnoses that failed, and count as wrong: 1." in text
     assert "development seeds: the tool may have been tuned" in which_seeds(score([perfect("nothing", seed=7)]))
     mixed = [perfect("nothing", seed=9_999), perfect("nothing", seed=10_000)]
