@@ -9,9 +9,10 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import as_given
-from dtbacklash.diagnose.name import Key, Search, Trial, refit_with
+from dtbacklash.diagnose.name import refit_with
 from dtbacklash.diagnose.refit import Fit
 from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.trials import Key, Search, Trial
 from dtbacklash.physics.catalogue import find
 
 

@@ -14,11 +14,11 @@ from dtbacklash.diagnose.earn import paired
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.floor import synthetic
 from dtbacklash.diagnose.free import Errors, nominal_free, standing
-from dtbacklash.diagnose.name import Key, Search
 from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.result import Check, FreeRunning
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trial import distance
+from dtbacklash.diagnose.trials import Key, Search
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Effect, Parameter, Role, name_in_words
 from dtbacklash.physics.rig import Rig

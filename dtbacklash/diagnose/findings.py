@@ -5,7 +5,7 @@ from dtbacklash.diagnose.become import has_become
 from dtbacklash.diagnose.earn import held_loss
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.free import Errors, Free, as_given, nominal_free
-from dtbacklash.diagnose.name import Key, Search
+from dtbacklash.diagnose.intervals import NORMAL95
 from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.result import (
     UNEXPLAINED,
@@ -21,13 +21,11 @@ from dtbacklash.diagnose.result import (
     Verdict,
 )
 from dtbacklash.diagnose.sayings import less, quantity, unsure, when
+from dtbacklash.diagnose.trials import Key, Search
 from dtbacklash.diagnose.verdict import Left, Moved, confidence
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import SENSOR_UNIT
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
-
-#: standard errors to each side of a 95 % interval
-NORMAL95 = 1.96
 
 
 def without(evidence: Evidence, found: Search) -> dict[Key, Residuals]:
@@ -49,7 +47,7 @@ def finding(
     for p in entry.parameters:
         error, value = errors.get((place, name, p.name), float("nan")), values[p.name]
         ends = max(value - NORMAL95 * error, p.low), min(value + NORMAL95 * error, p.high)
-        parameters[p.name] = ParameterEstimate(value, _unit(evidence.nominal, place, p.unit), ends)
+        parameters[p.name] = ParameterEstimate(value, unit_at(evidence.nominal, place, p.unit), ends)
     instead = _instead(evidence, found, key)
     shown = {n: quantity(p.value, p.unit) for n, p in parameters.items()}
     said = entry.sentence.format(location=place.replace("_", " "), **shown)
@@ -67,11 +65,11 @@ def _instead_of_known(nominal: Rig, key: Key) -> str:
     if known is None:
         return ""
     entry = find(nominal.kind_at(key[0]), key[1], key[0])
-    said = ", ".join(f"{p.name} {quantity(known[p.name], _unit(nominal, key[0], p.unit))}" for p in entry.parameters)
+    said = ", ".join(f"{p.name} {quantity(known[p.name], unit_at(nominal, key[0], p.unit))}" for p in entry.parameters)
     return f" The nominal rig has it with {said}: more than its tolerance allows."
 
 
-def _unit(rig: Rig, place: str, unit: str) -> str:
+def unit_at(rig: Rig, place: str, unit: str) -> str:
     """A parameter's unit; where it is that of a sensor, the sensor says which."""
     sensor = rig.sensors.get(place.removeprefix(SENSOR_PREFIX))
     return sensor.unit if sensor and unit == SENSOR_UNIT else unit
@@ -111,7 +109,7 @@ def _unit_of(rig: Rig, free: Free) -> str:
     if not free.effect:
         return rig.config.parameters[free.name].unit
     entry = find(rig.kind_at(free.place), free.effect, free.place)
-    return _unit(rig, free.place, next(p.unit for p in entry.parameters if p.name == free.name))
+    return unit_at(rig, free.place, next(p.unit for p in entry.parameters if p.name == free.name))
 
 
 def _around(value: float, error: float) -> Interval:

@@ -16,6 +16,9 @@ from dtbacklash.diagnose.refit import Fit, Problem
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.catalogue import find
 
+#: standard errors to each side of a 95 % interval
+NORMAL95 = 1.96
+
 
 def standard_errors(evidence: Evidence, fitted: Fit) -> dict[tuple[str, str, str], float]:
     """(place, effect, name) -> standard error, in the parameter's unit; ('', '', name) for a nominal one."""
@@ -60,16 +63,22 @@ def _inverse(jacobian: Floats) -> Floats:
     return inverse
 
 
+def group_sums(evidence: Evidence, scores: Floats) -> Floats:
+    """(groups, columns) sums over stretches of the training part of (rows, columns), channel after channel."""
+    samples = sum(int(r.train.sum()) for r in evidence.records)
+    length = max(2, min(settings().error_stretches * evidence.stretch, samples // settings().error_groups_min))
+    contributions = scores.reshape(-1, samples, scores.shape[1]).sum(axis=0)
+    whole = samples // length * length
+    sums: Floats = contributions[:whole].reshape(-1, length, scores.shape[1]).sum(axis=1)
+    return sums
+
+
 def _covariance(evidence: Evidence, problem: Problem, jacobian: Floats, rows: Floats) -> Floats:
     priors = int(problem.prior.sum())
     data, e = jacobian[: len(jacobian) - priors], rows[: len(rows) - priors]
     bread = _inverse(jacobian)
     # weights count a residual that is not noise less, once; the scores below measure its spread themselves
-    samples = sum(int(r.train.sum()) for r in evidence.records)
-    length = max(2, min(settings().error_stretches * evidence.stretch, samples // settings().error_groups_min))
-    contributions = (data * e[:, None]).reshape(-1, samples, data.shape[1]).sum(axis=0)
-    whole = samples // length * length
-    sums = contributions[:whole].reshape(-1, length, data.shape[1]).sum(axis=1)
+    sums = group_sums(evidence, data * e[:, None])
     prior_part = jacobian[len(jacobian) - priors :]
     groups = len(sums)
     small = groups / max(groups - data.shape[1], 1.0)  # each fitted parameter takes up a part of the spread

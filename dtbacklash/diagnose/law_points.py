@@ -14,12 +14,12 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.candidates import positions
 from dtbacklash.diagnose.compare import Block, part_of, places_of
 from dtbacklash.diagnose.evidence import Evidence, Residuals
-from dtbacklash.diagnose.name import Key
 from dtbacklash.diagnose.recover import knots_over, path_of, states_of
 from dtbacklash.diagnose.refit import Fit
 from dtbacklash.diagnose.responses import transfer
 from dtbacklash.diagnose.result import LawShown
 from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.trials import Key
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.drawing import Drawing, drawing_of, law_curve

@@ -33,7 +33,8 @@ class Score:
     """How well one candidate's signature fits the residual.
 
     values : the parameters to start a fit from. gain : fall of minus twice the log-likelihood of the training part.
-    signature : (rows,) projected, weighted. lightest : weight of a sample in the blocks that it changes.
+    signature : (rows,) projected, weighted, of the parameters ``made_at``. lightest : weight of a sample in the blocks
+    that it changes.
     """
 
     candidate: Candidate
@@ -41,6 +42,7 @@ class Score:
     gain: float
     signature: Floats
     lightest: float
+    made_at: Values
 
 
 class Bank(Projection):
@@ -144,7 +146,7 @@ class Bank(Projection):
         gain = self._gain(self.residual - share * projected)
         names = blocks_touched(self.rig, self.evidence.blocks, candidate.place)
         lightest = min(float(self.weights[n].min()) for n in names)
-        return Score(candidate, start, gain, projected, min(lightest * settings().gain_weight_ratio, 1.0))
+        return Score(candidate, start, gain, projected, min(lightest * settings().gain_weight_ratio, 1.0), values)
 
     def _gain(self, rest: Floats) -> float:
         """Fall of minus twice the log-likelihood when ``rest`` is what remains, channel by channel."""

@@ -5,15 +5,14 @@ and each is tried without in the end.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.candidates import candidates
 from dtbacklash.diagnose.compare import places_of
-from dtbacklash.diagnose.earn import earns, held_loss, merit, nearly, paired, same
+from dtbacklash.diagnose.earn import earns, held_loss, merit, nearly, same
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import (
     all_free,
@@ -28,48 +27,24 @@ from dtbacklash.diagnose.free import (
 )
 from dtbacklash.diagnose.locate import Score, bank
 from dtbacklash.diagnose.own import own_parameter
+from dtbacklash.diagnose.propose import (
+    apart,
+    hopeful,
+    meet,
+    promising,
+    runners_up,
+    siblings,
+    simplest_first,
+    twins,
+)
 from dtbacklash.diagnose.refit import Fit, fit, weights_for
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.diagnose.trial import objection
+from dtbacklash.diagnose.trials import Asked, Key, Search, Trial
 from dtbacklash.errors import UserError
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.catalogue import find
-
-Key = tuple[str, str]
-
-
-@dataclass
-class Trial:
-    """One candidate that was fitted: the fit, what it leaves of the held-out part, beside how many found effects."""
-
-    key: Key
-    score: Score
-    fitted: Fit
-    held_out: float
-    verdict: str = ""
-    beside: int = 0
-
-
-@dataclass
-class Search:
-    """What the search did: the nominal rig's fit, the last fit, every trial, and per effect what would fit as well."""
-
-    evidence: Evidence
-    nominal: Fit
-    fitted: Fit
-    order: list[Key]
-    trials: list[Trial] = field(default_factory=list)
-    rivals: dict[Key, list[Trial]] = field(default_factory=dict)
-    #: per effect what was fitted beside it when it was added
-    tried: dict[Key, list[Trial]] = field(default_factory=dict)
-    scores: list[Score] = field(default_factory=list)
-    #: per effect the simplest at its place that would be named if it were not there, but explains less
-    instead: dict[Key, Trial] = field(default_factory=dict)
-    #: what fitted and was not believed: why
-    refused: dict[Key, str] = field(default_factory=dict)
-    #: per block what other formulations of laws that were found explain more, mean square in units of the floor's
-    formulations: dict[str, Floats] = field(default_factory=dict)
 
 
 def refit_with(evidence: Evidence, current: Fit, added: list[tuple[Key, dict[str, float]]], left_out: Key | None = None,
@@ -183,15 +158,9 @@ def _listen(found: Search) -> None:
 def scores_about(evidence: Evidence, found: Search) -> list[Score]:
     """The bank about the last fit, without what has been refused."""
     listed = candidates(found.fitted.rig, evidence.blocks, evidence.moving)
-    return bank(evidence, found.fitted, [c for c in listed if c.key not in found.refused])[1]
-
-
-def _promising(evidence: Evidence, scores: list[Score]) -> list[Score]:
-    """The scores that promise as much as an effect has to earn."""
-    samples = sum(int(r.train.sum()) for r in evidence.records)
-    rules = settings()
-    floors = rules.gain_floor_share * rules.earn_floors * samples
-    return [s for s in scores if s.gain > max(rules.gain_min, floors * s.lightest)]
+    signatures, scores = bank(evidence, found.fitted, [c for c in listed if c.key not in found.refused])
+    found.last = Asked(evidence, scores, signatures.residual)
+    return scores
 
 
 def _try(evidence: Evidence, current: Fit, score: Score) -> Trial:
@@ -215,23 +184,23 @@ def _add(evidence: Evidence, found: Search) -> bool:
     if not found.scores:
         found.scores = scores
     current = found.fitted
-    trials = spread(partial(_try, evidence, current), _promising(evidence, scores)[: rules.quick_fits])
-    trials += spread(partial(_try, evidence, current), _twins(evidence, scores, trials))
+    trials = spread(partial(_try, evidence, current), promising(evidence, scores)[: rules.quick_fits])
+    trials += spread(partial(_try, evidence, current), twins(evidence, scores, trials))
     trials.sort(key=lambda t: merit(evidence, t.fitted))
     is_close = bool(trials) and trials[0].held_out < rules.close_floors
     far = rules.hopeless_ratio_noise if is_close else rules.hopeless_ratio
     rest = [
         t for t in trials[:rules.full_fits]
-        if t.held_out < far * trials[0].held_out and _hopeful(evidence, current, t.fitted)
+        if t.held_out < far * trials[0].held_out and hopeful(evidence, current, t.fitted)
     ]  # fmt: skip
-    finished = spread(partial(_finish, evidence, current), [*rest, *_runners_up(found, rest)])
+    finished = spread(partial(_finish, evidence, current), [*rest, *runners_up(found, rest)])
     trials = [*finished, *(t for t in trials if t.key not in {f.key for f in finished})]
-    trials += spread(partial(_try, evidence, current), _siblings(evidence, scores, trials))
+    trials += spread(partial(_try, evidence, current), siblings(evidence, scores, trials))
     for trial in trials:
         trial.beside = len(found.order)
     found.trials += trials
-    for group in _apart(evidence, trials):
-        for trial in _simplest_first(evidence, group):
+    for group in apart(evidence, trials):
+        for trial in simplest_first(evidence, group):
             if earns(evidence, found.fitted, trial.fitted, found.nominal) and _believed(evidence, found, trial):
                 _note_instead(evidence, found, trial.key, (current, trial.fitted), group)
                 found.fitted, trial.verdict = trial.fitted, "added"
@@ -250,70 +219,6 @@ def _believed(evidence: Evidence, found: Search, trial: Trial) -> bool:
     return not why
 
 
-def _apart(evidence: Evidence, trials: list[Trial]) -> list[list[Trial]]:
-    """All trials, the best first; then, should none of them earn its place, those that share no block with the best.
-
-    What is the best in one block may be worth nothing there and still hide what is missing in another.
-    """
-    if not trials:
-        return []
-    best = min(trials, key=lambda t: merit(evidence, t.fitted))
-    return [trials, [t for t in trials if not _meet(evidence, best.key, t.key)]]
-
-
-def _twins(evidence: Evidence, scores: list[Score], trials: list[Trial]) -> list[Score]:
-    """Those not tried yet whose signatures are almost that of the best trial."""
-    rules = settings()
-    best = min(trials, key=lambda t: merit(evidence, t.fitted), default=None)
-    if best is None:
-        return []
-    known, mine = {t.key for t in trials}, best.score.signature
-    near = [s for s in scores if s.candidate.key not in known and abs(_cosine(s.signature, mine)) > rules.twin_cosine]
-    return near[: rules.twins_max]
-
-
-def _runners_up(found: Search, trials: list[Trial]) -> list[Trial]:
-    """What came next to the effect that was added last, from the values that it was fitted to.
-
-    Two large effects each stand in for the other: the first to be added takes more than its share, and about that fit
-    the signature of the second shows nothing.
-    """
-    known = {t.key for t in trials} | set(found.order) | set(found.refused)
-    former = [t for t in found.tried.get(found.order[-1], []) if t.key not in known] if found.order else []
-    return sorted(former, key=lambda t: t.held_out)[: settings().runners_up]
-
-
-def _cosine(a: Floats, b: Floats) -> float:
-    return float(a @ b) / max(float(np.sqrt((a @ a) * (b @ b))), 1e-300)
-
-
-def _siblings(evidence: Evidence, scores: list[Score], trials: list[Trial]) -> list[Score]:
-    """The best trial's effect at the other places that take it, from the values that were fitted here.
-
-    Only where noise is not all that is left: a resonance that is narrow or a stop that is seldom hit is found at the
-    wrong place first, because its grid happens to be nearer there.
-    """
-    best = min(trials, key=lambda t: merit(evidence, t.fitted), default=None)
-    values = best.fitted.rig.effect(*best.key) if best else None
-    if best is None or values is None or best.held_out < settings().close_floors:
-        return []
-    known = {t.key for t in trials}
-    return [
-        replace(s, values=values) for s in scores
-        if s.candidate.key[1] == best.key[1] and s.candidate.key not in known
-        and s.candidate.effect.kind == best.score.candidate.effect.kind
-    ]  # fmt: skip
-
-
-def _hopeful(evidence: Evidence, before: Fit, quick: Fit) -> bool:
-    """Whether a quick fit comes near to what it would have to earn."""
-    rules = settings()
-    share, floor, _ = paired(evidence, before, quick)
-    relief = before.penalty - quick.penalty
-    promised = share > rules.hope_share * rules.earn_excess_share and floor > rules.hope_share * rules.earn_floors
-    return promised or relief > rules.hope_share * rules.earn_penalty
-
-
 def _note_instead(evidence: Evidence, found: Search, key: Key, fits: tuple[Fit, Fit], trials: list[Trial]) -> None:
     """Remember the simplest of the trials at the same place that explain less; ``fits`` : without ``key``, with it."""
     without, chosen = fits
@@ -329,21 +234,11 @@ def _note_instead(evidence: Evidence, found: Search, key: Key, fits: tuple[Fit, 
         )
 
 
-def _simplest_first(evidence: Evidence, trials: list[Trial]) -> list[Trial]:
-    """Those that fit as well as the best, the one with the fewest parameters first."""
-    ranked = sorted(trials, key=lambda t: merit(evidence, t.fitted))
-    if not ranked:
-        return []
-    best = ranked[0]
-    equal = [t for t in ranked if t is best or nearly(evidence, best.fitted, t.fitted)]
-    return sorted(equal, key=lambda t: (len(t.score.candidate.effect.parameters), merit(evidence, t.fitted)))
-
-
 def _reconsider(evidence: Evidence, found: Search, keys: list[Key], rivals: int) -> None:
     """Try effects against the best ``rivals`` of their time, now that others have joined."""
     for earlier in keys:
         key = earlier
-        if not any(_meet(evidence, key, other) for other in found.order if other != key):
+        if not any(meet(evidence, key, other) for other in found.order if other != key):
             continue  # alone in its blocks: what was found when it was added stands
         if _borne(found.fitted, key, evidence.records[0].sample_time_s):
             continue
@@ -377,11 +272,6 @@ def _borne(fitted: Fit, key: Key, step_s: float) -> bool:
     except UserError:
         return True
     return False
-
-
-def _meet(evidence: Evidence, first: Key, second: Key) -> bool:
-    """Whether two effects act in the same block."""
-    return any({first[0], second[0]} <= places_of(evidence.nominal, b) for b in evidence.blocks)
 
 
 def _count(evidence: Evidence, key: Key) -> int:

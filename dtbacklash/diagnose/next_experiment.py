@@ -4,9 +4,9 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.name import Search
 from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.trials import Search
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate

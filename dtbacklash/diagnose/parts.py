@@ -11,9 +11,9 @@ import numpy as np
 from dtbacklash.diagnose.compare import Record
 from dtbacklash.diagnose.evidence import Evidence, stretch_of
 from dtbacklash.diagnose.free import all_free
-from dtbacklash.diagnose.name import Search
 from dtbacklash.diagnose.refit import Fit, fit
 from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.trials import Search
 
 
 def marked(records: list[Record]) -> list[Record]:

@@ -17,7 +17,8 @@ from dtbacklash.diagnose.faults.verdict import faulty, mended, not_finite
 from dtbacklash.diagnose.findings import candidates, finding, located, recalibrated, without
 from dtbacklash.diagnose.free import Errors, nominal_free, with_errors, with_priors
 from dtbacklash.diagnose.intervals import standard_errors
-from dtbacklash.diagnose.name import Search, drop, search
+from dtbacklash.diagnose.limits import limits
+from dtbacklash.diagnose.name import drop, search
 from dtbacklash.diagnose.next_experiment import next_experiment
 from dtbacklash.diagnose.parts import divided, for_judgement, refitted
 from dtbacklash.diagnose.recover import free_forms
@@ -29,6 +30,7 @@ from dtbacklash.diagnose.show import shown
 from dtbacklash.diagnose.slow import refit_slowly
 from dtbacklash.diagnose.spread import on_cores
 from dtbacklash.diagnose.trial import insignificant, raises_the_error, spoils_the_free_run
+from dtbacklash.diagnose.trials import Search
 from dtbacklash.diagnose.verdict import decide, depends_on, moved_parameters, remaining
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
@@ -111,10 +113,10 @@ def _diagnosis(found: Search, errors: Errors, smooth: bool) -> Diagnosis:
     findings = tuple(finding(evidence, found, key, errors, left_out[key], rest) for key in found.order)
     values, where = recalibrated(evidence.nominal, moved), located(left, verdict, rest)
     free = free_running(evidence, found.nominal, found.fitted)
-    limits = limits_said(at_bounds(evidence, found), at_tolerances(evidence.nominal, found.fitted.rig))
+    at_limits = limits_said(at_bounds(evidence, found), at_tolerances(evidence.nominal, found.fitted.rig))
     return Diagnosis(
         verdict=verdict,
-        summary=" ".join(filter(None, (summary(verdict, findings, values, where), limits))),
+        summary=" ".join(filter(None, (summary(verdict, findings, values, where), at_limits))),
         findings=findings,
         recalibrated=values,
         fit=fit_table(evidence, found.nominal, found.fitted),
@@ -125,6 +127,7 @@ def _diagnosis(found: Search, errors: Errors, smooth: bool) -> Diagnosis:
         extended=with_errors(found.fitted.rig, errors),
         free_running=free,
         checks=all_checks(evidence, found, errors, free, form, white),
+        limits=limits(found),
         notes=("The command is a measured signal: it passes smoothly through its samples instead of being held.",)
         if smooth else (),
         shown=shown(evidence, found, left_out, rest),

@@ -120,7 +120,7 @@ class Problem:
             if j in self._kept:
                 columns[:, j] = self._kept[j]
                 continue
-            step = self._step(j, x[j], self.fine)
+            step = self._difference(j, x[j], self.fine)
             if self._late(f):
                 columns[:, j] = (self._moved(x, j, step, here) - start) / step
             else:
@@ -139,12 +139,12 @@ class Problem:
         columns = []
         for j, f in enumerate(self.free):
             low, high = f.limits()
-            step = self._step(j, x[j], True)
+            step = self._difference(j, x[j], True)
             room = min(high - x[j], x[j] - low)
             if room < 2.0 * abs(step):
                 step = 0.5 * room
             if step == 0.0:  # at its bound: it cannot move both ways
-                step = self._step(j, x[j], True)
+                step = self._difference(j, x[j], True)
                 columns.append((self._moved(x, j, step, here) - self.stack(here, x)) / step)
                 continue
             near = self._moved(x, j, step, here) - self._moved(x, j, -step, here)
@@ -152,7 +152,7 @@ class Problem:
             columns.append((8.0 * near - far) / (12.0 * step))
         return np.column_stack(columns)
 
-    def _step(self, j: int, x: float, fine: bool) -> float:
+    def _difference(self, j: int, x: float, fine: bool) -> float:
         """Step of a difference; a delay moves by many of the ticks that it is rounded to."""
         f = self.free[j]
         step = _step(f, x, fine)

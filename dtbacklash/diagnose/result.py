@@ -200,6 +200,35 @@ class Check:
 
 
 @dataclass(frozen=True)
+class Limit:
+    """How large an effect that was not found could still be.
+
+    parameter : its size, in ``unit`` (SI). at : its other parameters, for which the bound holds. upper95 : more would
+    have been seen. lower95 : less would have been seen, of a size that does more the smaller it is (a saturation's
+    limit). Neither: this recording cannot show the effect.
+    """
+
+    location: str
+    effect: str
+    parameter: str
+    unit: str
+    at: dict[str, float] = field(default_factory=dict)
+    upper95: float | None = None
+    lower95: float | None = None
+
+    @property
+    def visible(self) -> bool:
+        """Whether the recording bounds the effect at all."""
+        return self.upper95 is not None or self.lower95 is not None
+
+    def to_json(self) -> Document:
+        """A row of ``limits``: the bound, or ``visible: false``."""
+        row: Document = {name: getattr(self, name) for name in ("location", "effect", "parameter", "unit")}
+        bounds = {name: getattr(self, name) for name in ("upper95", "lower95") if getattr(self, name) is not None}
+        return row | (bounds or {"visible": False}) | ({"at": self.at} if self.at else {})
+
+
+@dataclass(frozen=True)
 class Curve:
     """One channel of a recording and what the models say.
 
@@ -299,7 +328,7 @@ class Diagnosis:
     verdict : one of the four. summary : two or three sentences. findings : the effects that the rig lacks.
     recalibrated : parameter -> how far it had to move. fit, free_running : errors of the models.
     candidates : the bank, best first. located : where what nothing explains sits. checks : tests of the result.
-    next_experiment : what to record or measure next.
+    limits : how large what was not found could still be. next_experiment : what to record or measure next.
     notes : what its reader said of the recording, and how it was used.
     units : channel -> unit that was read, and whether that was assumed. source : name of the recording.
     fault : of wiring, a sensor or the sampling, because of which no physics was looked for; else empty.
@@ -319,6 +348,7 @@ class Diagnosis:
     extended: Rig
     free_running: FreeRunning | None = None
     checks: tuple[Check, ...] = ()
+    limits: tuple[Limit, ...] = ()
     units: dict[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     source: str = "recording"
@@ -331,10 +361,11 @@ class Diagnosis:
         """The content of ``diagnosis.json``: plain data, null for what is not finite."""
         names = (
             "verdict", "summary", "findings", "recalibrated", "fit", "free_running", "candidates", "located", "checks",
-            "units", "next_experiment", "notes",
+            "limits", "units", "next_experiment", "notes",
         )  # fmt: skip
         document: Document = {name: json_able(getattr(self, name)) for name in names}
         document["located"] = json_able(self.located.to_json()) if self.located else None
         document["checks"] = [check.to_json() for check in self.checks]
+        document["limits"] = [limit.to_json() for limit in self.limits]
         document["settings"] = self.settings.to_json()
         return document

@@ -6,7 +6,6 @@ import numpy as np
 
 from dtbacklash import units
 from dtbacklash.diagnose.evidence import Evidence, Residuals
-from dtbacklash.diagnose.name import Search
 from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.result import (
     CONSISTENT,
@@ -20,6 +19,7 @@ from dtbacklash.diagnose.result import (
     Verdict,
 )
 from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.trials import Search
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.recording.model import Recording
 

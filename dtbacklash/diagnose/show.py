@@ -6,9 +6,9 @@ from dtbacklash.diagnose.compare import Record, predict
 from dtbacklash.diagnose.errors_of_fit import in_floors
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.law_points import EFFORTS, law_shown
-from dtbacklash.diagnose.name import Key, Search
 from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.result import Curve, LawShown, Shown
+from dtbacklash.diagnose.trials import Key, Search
 
 
 def shown(evidence: Evidence, found: Search, left_out: dict[Key, Residuals], rest: Recovered | None) -> Shown:

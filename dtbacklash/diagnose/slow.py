@@ -10,9 +10,10 @@ from dtbacklash.diagnose.compare import Block
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.floor import noise_floor
 from dtbacklash.diagnose.free import penalty_of
-from dtbacklash.diagnose.name import Search, refit_with
+from dtbacklash.diagnose.name import refit_with
 from dtbacklash.diagnose.refit import Fit, weights_for
 from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.trials import Search
 
 
 def slow_evidence(evidence: Evidence) -> Evidence:

@@ -7,11 +7,11 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.free import Errors, apply, nominal_free, standing
-from dtbacklash.diagnose.name import Key, Search
 from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.refit import Fit
 from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Confidence, Verdict
 from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.trials import Key, Search
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig
 

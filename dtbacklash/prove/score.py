@@ -175,8 +175,8 @@ class Score:
             Quantity(
                 **{
                     **{k: v for k, v in q.items() if k != "met"},
-                    "median": _number(q["median"]),
-                    "ninety": _number(q["ninety"]),
+                    "median": _number(q["median"]) if q["of"] else math.nan,
+                    "ninety": _number(q["ninety"]) if q["of"] else math.nan,
                 }
             )
             for q in document["quantities"]

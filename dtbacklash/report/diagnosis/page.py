@@ -8,6 +8,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from dtbacklash import units
 from dtbacklash.diagnose.result import (
     CONSISTENT,
     MISSING,
@@ -77,6 +78,8 @@ def write(diagnosis: Diagnosis, folder: Path) -> None:
         evidence=len(diagnosis.shown.evidence),
         channels=diagnosis.fit.channels,
         checks=_checks(diagnosis),
+        limits=_limits(diagnosis),
+        unseen=[named_in_words(x.effect, x.location) for x in diagnosis.limits if not x.visible],
         candidates=_candidates(diagnosis),
         shown=SHOWN_CANDIDATES,
         next_experiment=diagnosis.next_experiment,
@@ -228,6 +231,21 @@ def _checks(diagnosis: Diagnosis) -> list[dict[str, Any]]:
         }
         for c in diagnosis.checks
     ]
+
+
+def _limits(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
+    """Effect, place, and the bound on the size of each effect that is not there."""
+    rows = []
+    for limit in diagnosis.limits:
+        if limit.visible:
+            value = limit.upper95 if limit.upper95 is not None else limit.lower95
+            sign = "<" if limit.upper95 is not None else ">"
+            shown, factor = units.shown(limit.unit)
+            text = (
+                f"{limit.parameter.replace('_', ' ')} {sign} {number(factor * (value or 0.0))} {units.in_signs(shown)}"
+            )
+            rows.append((name_in_words(limit.effect), place_in_words(limit.location), text.strip()))
+    return rows
 
 
 def _candidates(diagnosis: Diagnosis) -> list[dict[str, Any]]:

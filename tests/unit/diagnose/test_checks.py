@@ -8,9 +8,10 @@ from dtbacklash.diagnose.checks import all_checks, ljung_box
 from dtbacklash.diagnose.errors_of_fit import free_running
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import nominal_free
-from dtbacklash.diagnose.name import Search, refit_with
+from dtbacklash.diagnose.name import refit_with
 from dtbacklash.diagnose.refit import fit
 from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.trials import Search
 
 from .conftest import recorded
 

@@ -10,9 +10,11 @@ from dtbacklash.diagnose.earn import earns, paired, significance
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import nominal_free
 from dtbacklash.diagnose.locate import Bank
-from dtbacklash.diagnose.name import Search, _apart, _borne, _eliminate, _from_the_middle, refit_with
+from dtbacklash.diagnose.name import _borne, _eliminate, _from_the_middle, refit_with
+from dtbacklash.diagnose.propose import apart
 from dtbacklash.diagnose.refit import Fit, fit
 from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.trials import Search
 
 from .conftest import recorded
 
@@ -128,7 +130,7 @@ def test_what_another_effect_needs_is_not_tried_without(rig, evidence, nominal):
 
 
 def test_what_is_best_in_one_block_does_not_hide_another(evidence, nominal):
-    from dtbacklash.diagnose.name import Trial
+    from dtbacklash.diagnose.trials import Trial
 
     def trial(place: str, name: str, left: float) -> Trial:
         changed = {k: [left * e for e in v] for k, v in nominal.residuals.items()}
@@ -139,6 +141,6 @@ def test_what_is_best_in_one_block_does_not_hide_another(evidence, nominal):
         trial("amplifier", "delay", 0.5),
         trial("screw", "compliance", 0.9),
     )
-    first, second = _apart(evidence, [again, motor, beyond])
+    first, second = apart(evidence, [again, motor, beyond])
     assert first == [again, motor, beyond]
     assert second == [beyond]

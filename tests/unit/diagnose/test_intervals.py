@@ -8,8 +8,9 @@ from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import all_free, nominal_free
 from dtbacklash.diagnose.intervals import standard_errors
 from dtbacklash.diagnose.locate import Bank
-from dtbacklash.diagnose.name import Search, refit_with, scores_about
+from dtbacklash.diagnose.name import refit_with, scores_about
 from dtbacklash.diagnose.refit import Problem, fit
+from dtbacklash.diagnose.trials import Search
 from dtbacklash.physics.effects.declare import FORMULATION_ERROR
 
 from .conftest import recorded

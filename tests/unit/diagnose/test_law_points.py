@@ -7,9 +7,10 @@ from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.findings import without
 from dtbacklash.diagnose.free import nominal_free
 from dtbacklash.diagnose.law_points import law_shown, travel
-from dtbacklash.diagnose.name import Search, refit_with
+from dtbacklash.diagnose.name import refit_with
 from dtbacklash.diagnose.refit import fit
 from dtbacklash.diagnose.show import shown
+from dtbacklash.diagnose.trials import Search
 
 from .conftest import recorded
 

@@ -12,8 +12,8 @@ from dtbacklash.diagnose.result import Candidate, FreeRunning, Instead, Located,
 from dtbacklash.diagnose.save import save
 
 KEYS = [
-    "verdict", "summary", "findings", "recalibrated", "fit", "free_running", "candidates", "located", "checks", "units",
-    "next_experiment", "notes", "settings",
+    "verdict", "summary", "findings", "recalibrated", "fit", "free_running", "candidates", "located", "checks",
+    "limits", "units", "next_experiment", "notes", "settings",
 ]  # fmt: skip
 
 

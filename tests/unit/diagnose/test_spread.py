@@ -7,9 +7,10 @@ from joblib import parallel_config
 
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import nominal_free
-from dtbacklash.diagnose.name import Search, scores_about
+from dtbacklash.diagnose.name import scores_about
 from dtbacklash.diagnose.refit import fit
 from dtbacklash.diagnose.spread import on_cores, spread
+from dtbacklash.diagnose.trials import Search
 
 from .conftest import recorded
 

@@ -1,0 +1,54 @@
+"""What a search has tried and found: plain records, which the steps after the search read."""
+
+from dataclasses import dataclass, field
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.locate import Score
+from dtbacklash.diagnose.refit import Fit
+
+Key = tuple[str, str]
+
+
+@dataclass
+class Trial:
+    """One candidate that was fitted: the fit, what it leaves of the held-out part, beside how many found effects."""
+
+    key: Key
+    score: Score
+    fitted: Fit
+    held_out: float
+    verdict: str = ""
+    beside: int = 0
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A bank's scores, the residual that they were scored on, (rows,), and what that was of."""
+
+    evidence: Evidence
+    scores: list[Score]
+    residual: Floats
+
+
+@dataclass
+class Search:
+    """What the search did: the nominal rig's fit, the last fit, every trial, and per effect what would fit as well."""
+
+    evidence: Evidence
+    nominal: Fit
+    fitted: Fit
+    order: list[Key]
+    trials: list[Trial] = field(default_factory=list)
+    rivals: dict[Key, list[Trial]] = field(default_factory=dict)
+    #: per effect what was fitted beside it when it was added
+    tried: dict[Key, list[Trial]] = field(default_factory=dict)
+    scores: list[Score] = field(default_factory=list)
+    #: the bank that was asked last
+    last: Asked | None = None
+    #: per effect the simplest at its place that would be named if it were not there, but explains less
+    instead: dict[Key, Trial] = field(default_factory=dict)
+    #: what fitted and was not believed: why
+    refused: dict[Key, str] = field(default_factory=dict)
+    #: per block what other formulations of laws that were found explain more, mean square in units of the floor's
+    formulations: dict[str, Floats] = field(default_factory=dict)
