@@ -30,7 +30,7 @@ from benchmarks.scenario import new_traces
 from dtbacklash.arrays import Floats
 from dtbacklash.config.compose import compose
 from dtbacklash.config.run import RunConfig
-from dtbacklash.control.chain import design_for, structure_parameters
+from dtbacklash.control.belief import Belief, design_for
 from dtbacklash.control.laws import Controller, build_controller, new_controller_state
 from dtbacklash.experiment import loop
 from dtbacklash.physics.assembly import compile_plant
@@ -111,7 +111,8 @@ def new_bench() -> Bench:
     """The paper's rig, controller and twin."""
     config = compose("controller=nimc_twin", "profile=constant")
     rig = build_rig(config.rig)
-    design = design_for(config, rig)
+    belief = Belief(rig)
+    design = design_for(config, belief)
     assert design is not None
     time_s = config.sample_time_s
     return Bench(
@@ -119,7 +120,7 @@ def new_bench() -> Bench:
         compile_plant(rig, time_s),
         build_controller(config.controller, design),
         novelty_design(config.twin.novelty_filter, design.dominant_frequency_rad_s, time_s),
-        twin_model(structure_parameters(rig), config.twin.observer_pole_rad_s, time_s, config.twin.settle),
+        twin_model(belief.linear().structure, config.twin.observer_pole_rad_s, time_s, config.twin.settle),
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.config.compose import compose
 from dtbacklash.config.run import RunConfig
-from dtbacklash.control.chain import design_for, motor_parameters, structure_parameters
+from dtbacklash.control.belief import beliefs_of, design_for
 from dtbacklash.control.design import ControllerDesign, MotorParameters, StructureParameters
 from dtbacklash.control.laws import Controller, build_controller, new_controller_state
 from dtbacklash.experiment import loop
@@ -58,13 +58,14 @@ def prepare(*overrides: str) -> Scenario:
     """Compose, design and run a scenario once."""
     config = compose(*overrides)
     rig = build_rig(config.rig)
-    design = design_for(config, rig)
+    belief = beliefs_of(config).design
+    design, linear = design_for(config, belief), belief.linear()
     assert design is not None
     result = run_scenario(config)
     columns = (("r_mm", 1e-3), ("gap_deg", np.pi / 180), ("gap_hat_deg", np.pi / 180), ("q3_mm", 1e-3))
     arrays = [result.trace[name].to_numpy() * factor for name, factor in columns]
     return Scenario(
-        config, result, design, motor_parameters(rig), structure_parameters(rig),
+        config, result, design, linear.motor, linear.structure,
         compile_plant(rig, config.sample_time_s, config.solver.substeps, config.solver.event_levels),
         build_controller(config.controller, design),
         novelty_design(config.twin.novelty_filter, design.dominant_frequency_rad_s, config.sample_time_s),

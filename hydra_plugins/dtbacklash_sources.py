@@ -1,4 +1,5 @@
-"""Hydra plugins: a user's own ``conf`` folder, and rigs from any YAML file (``rig=path/to/rig.yaml``)."""
+"""Hydra plugins: a user's own ``conf`` folder, rigs from any YAML file (``rig=path/to/rig.yaml``), and what is believed
+of a rig (``model=NAME`` or ``model=path/to/rig.yaml``), which is a rig as well."""
 
 from __future__ import annotations
 
@@ -13,40 +14,45 @@ from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import OmegaConf
 
 from dtbacklash import yaml_files
+from dtbacklash.config.groups import PACKAGED, options
 from dtbacklash.errors import UserError
 
 OURS = "pkg://dtbacklash.conf"
-GROUP = "rig/"
+GROUP, BELIEF = "rig/", "model/"
 DATA = ("rig/", "recording/")  # groups whose files are data: not even references to other settings
 SUFFIXES = (".yaml", ".yml")
 
 
 class RigFileSource(ConfigSource):
-    """Options of the group ``rig`` that are file names, relative to where ``dtb`` was started."""
+    """Options of the group ``rig`` that are file names, relative to where ``dtb`` was started; the group ``model`` has
+    the same, and every name of the group ``rig``."""
 
     @staticmethod
     def scheme() -> str:
         return "rigfile"
 
     def _file(self, config_path: str) -> Path | None:
-        name = config_path.removeprefix(GROUP)
-        if name == config_path or not name.endswith(SUFFIXES):
+        group, _, name = config_path.partition("/")
+        if f"{group}/" not in (GROUP, BELIEF) or not name:
             return None
-        return Path(self.path) / name
+        if name.endswith(SUFFIXES):
+            return Path(self.path) / name
+        # the names of the group `rig` are found by Hydra itself
+        return next((f for f in _named(Path(self.path), name) if f.is_file()), None) if group == "model" else None
 
     def load_config(self, config_path: str) -> ConfigResult:
         file = self._file(config_path)
         if file is None or not file.is_file():
             raise ConfigLoadError(f"Config not found: {config_path}")
-        name = config_path.removeprefix(GROUP)
+        group, _, name = config_path.partition("/")
         try:
             data = yaml_files.read(file.read_bytes())
         except yaml_files.Mistake as mistake:
-            raise UserError("rig", name, str(mistake)) from mistake
+            raise UserError(group, name, str(mistake)) from mistake
         except OSError as error:
-            raise UserError("rig", name, f"cannot be read: {(error.strerror or str(error)).lower()}") from error
+            raise UserError(group, name, f"cannot be read: {(error.strerror or str(error)).lower()}") from error
         if not isinstance(data, dict):
-            raise UserError("rig", name, "must be a YAML file that describes a rig")
+            raise UserError(group, name, "must be a YAML file that describes a rig")
         return ConfigResult(
             config=OmegaConf.create(data), path=self.full_path(), provider=self.provider, header={"package": None}
         )
@@ -55,14 +61,19 @@ class RigFileSource(ConfigSource):
         return True
 
     def is_group(self, config_path: str) -> bool:
-        return False
+        return config_path == BELIEF.rstrip("/")
 
     def is_config(self, config_path: str) -> bool:
         file = self._file(config_path)
         return file is not None and file.is_file()
 
     def list(self, config_path: str, results_filter: ObjectType | None) -> list[str]:
-        return []
+        return options("rig") if config_path == BELIEF.rstrip("/") else []
+
+
+def _named(here: Path, name: str) -> list[Path]:
+    """Where a rig of this name may stand: in the user's ``conf``, then in ours."""
+    return [here / "conf" / GROUP / f"{name}.yaml", PACKAGED / GROUP / f"{name}.yaml"]
 
 
 class UserConfSource(file_config_source.FileConfigSource):

@@ -20,7 +20,7 @@ from hydra.core.override_parser.types import Quote, QuotedString
 from omegaconf import DictConfig, OmegaConf
 
 from dtbacklash.config.grammar import FOLDER_WORD, GRAMMARS, RUN_FOLDER, SWEEP_FOLDER, VERBOSE, Grammar
-from dtbacklash.config.groups import NO_RECORDING, options
+from dtbacklash.config.groups import NO_RECORDING, RIGS, options
 from dtbacklash.config.prove import folder_name
 from dtbacklash.config.setting import INPUT
 from dtbacklash.errors import UserError
@@ -102,7 +102,7 @@ def _split(grammar: Grammar, word: str, sweeps: bool) -> tuple[str, str]:
 
 def _override(grammar: Grammar, key: str, value: str, written: str, sweeps: bool) -> list[str]:
     """The overrides of Hydra for one setting."""
-    if key == "experiment" and value in ("", "null"):
+    if key in ("experiment", "model") and value in ("", "null"):
         return []
     if key == "recording" and value != NO_RECORDING:  # in a run; elsewhere it is the short word of a setting
         allowed = f"is a recording to diagnose (dtb diagnose recording={value}); a run takes recording.save=FILE"
@@ -110,7 +110,7 @@ def _override(grammar: Grammar, key: str, value: str, written: str, sweeps: bool
     if key in (*grammar.groups, LAUNCHER):
         if value in ("", "null"):
             raise UserError(key, value, "choose one of " + ", ".join(options(key)))
-        return [f"{key}={paths(key, value, sweeps) if key == 'rig' else value}"]
+        return [f"{key}={paths(key, value, sweeps) if key in RIGS else value}"]
     if key in grammar.settings and grammar.settings[key].is_mapping:
         return [f"++{key}.{name}={quoted(text)}" for name, text in _pairs(written, value).items()]
     kind = grammar.path_kind(key)

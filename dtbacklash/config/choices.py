@@ -22,10 +22,25 @@ PREFILTERS = {
     "none": "no dynamical prefilter",
 }
 INTERNAL_MODELS = {
+    "auto": "inner_loop where the model holds friction or a load on the motor, else bare",
     "bare": "the internal model is driven by the voltage (the paper's form)",
     "measured": "the internal model is driven by the measured motor angle",
     "inner_loop": "the internal model is that of the closed inner loop",
     "exact": "the internal model is motor and structure, sampled as one",
+}
+BELIEFS = {
+    "model": "what `model=` says",
+    "nominal": "the rig's own parameters, without effects",
+}
+TWIN_METHODS = {
+    "auto": "simulate where the model holds effects behind the gear, else linear",
+    "linear": "the twin filters what was measured through the structure's linear observer (the paper's form)",
+    "simulate": "the twin simulates the structure with all effects that it believes in",
+}
+COMPENSATED = {
+    "cogging": "the ripple of the motor's torque over its angle",
+    "viscous_friction": "viscous friction at the motor",
+    "constant_load": "a constant torque on the motor",
 }
 PROFILES = {
     "s_curve": "grows from {start_deg}° to {end_deg}° along an S-curve between {t_start_s} and {t_end_s} s",

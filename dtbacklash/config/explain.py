@@ -21,6 +21,7 @@ from omegaconf.errors import (
 )
 
 from dtbacklash.config.grammar import FOLDER_WORD, RUN, RUN_FOLDER, SWEEP_FOLDER, Grammar
+from dtbacklash.config.groups import RIGS
 from dtbacklash.config.load import kind_of, unknown_key
 from dtbacklash.errors import UserError
 from dtbacklash.files import cannot_write
@@ -56,6 +57,10 @@ def explain(error: BaseException, words: Sequence[str], grammar: Grammar = RUN) 
         return UserError("file", "a YAML file", "must hold settings, one `key: value` a line")
     if isinstance(error, OSError):  # the task explains its own; this is Hydra making the folder
         return cannot_write("hydra.run.dir", error.filename, error)
+    if isinstance(error, AssertionError):  # OmegaConf, of a key below a section that is null
+        word = next((w for w in words if w.lstrip("+").startswith("model.")), "")
+        key, _, value = word.lstrip("+").partition("=")
+        return UserError(key, value, "there is no model to change; choose model=NAME or model=FILE") if word else None
     return None
 
 
@@ -85,7 +90,7 @@ def _missing_option(error: MissingConfigException) -> UserError:
         group, _, option = missing.rpartition("/")
     else:
         group, _, option = missing.partition("/")
-    if group == "rig":
+    if group in RIGS:
         options += ", or the path of a YAML file"
         if option.endswith((".yaml", ".yml")):
             return UserError(group, option, f"no such file; choose one of {options}")

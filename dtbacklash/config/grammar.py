@@ -10,10 +10,11 @@ import importlib
 from dataclasses import dataclass
 from functools import cached_property
 
+from dtbacklash.config.groups import RIGS
 from dtbacklash.config.setting import OUTPUT, Declared, Setting, declared
 
 #: mappings with free keys: Hydra wants `++` to add to them, which nobody should have to know
-OPEN_MAPPINGS = ("rig.effects.", "rig.parameters.", "rig.elements.", "rig.sensors.")
+OPEN_MAPPINGS = tuple(f"{group}.{part}." for group in RIGS for part in ("effects", "parameters", "elements", "sensors"))
 #: settings of Hydra that are paths, and the word for both
 RUN_FOLDER, SWEEP_FOLDER, FOLDER_WORD = "hydra.run.dir", "hydra.sweep.dir", "out"
 JOBS_KEY = "hydra.launcher.n_jobs"
@@ -83,7 +84,7 @@ COMMON = {
 
 RUN = Grammar(
     "run", "dtbacklash.config.run:RunConfig",
-    ("experiment", "rig", "controller", "profile", "reference", "twin", "optimizer", "sensors", "solver"),
+    ("experiment", "rig", "model", "controller", "profile", "reference", "twin", "optimizer", "sensors", "solver"),
     "simulate a controller on a rig while its backlash grows",
     "Simulates a controller on a rig while its backlash grows; writes tables, figures and report.html.",
     "outputs/<date>/<time>_run_<controller>",

@@ -8,6 +8,7 @@ from pathlib import Path
 GROUPS = {
     "experiment": "a whole scenario, e.g. a figure of the paper",
     "rig": "the machine; also the path of a YAML file",
+    "model": "what controller and twin believe of the rig, a rig as well; null: its own parameters, without effects",
     "controller": "the controller",
     "profile": "the gap over time",
     "reference": "the reference over time",
@@ -17,6 +18,10 @@ GROUPS = {
     "solver": "accuracy of the simulation",
     "hydra/launcher": "who runs the jobs of a sweep",
 }
+#: groups whose options are those of another one
+FOLDERS = {"model": "rig"}
+#: groups whose options are names of rigs, or paths of YAML files
+RIGS = ("rig", "model")
 LAUNCHERS = "joblib, basic, submitit_local, submitit_slurm (submitit: an extra)"
 PACKAGED = Path(__file__).parents[1] / "conf"
 SUFFIXES = (".yaml", ".yml")
@@ -25,8 +30,9 @@ NO_RECORDING = "none"  # the option of `dtb run` that says where nothing is save
 
 def options(group: str) -> list[str]:
     """The options of a folder of ``conf``, packaged and of a ``conf`` folder here, sorted as people count."""
-    mine = Path("conf") / group
-    return _names([PACKAGED / group, *([mine] if mine.is_dir() else [])])
+    folder = FOLDERS.get(group, group)
+    mine = Path("conf") / folder
+    return _names([PACKAGED / folder, *([mine] if mine.is_dir() else [])])
 
 
 def packaged_options(group: str) -> list[str]:

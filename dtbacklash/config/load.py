@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import types
 import typing
 from collections.abc import Iterable
 from pathlib import Path
@@ -15,6 +16,8 @@ from omegaconf.errors import OmegaConfBaseException
 
 from dtbacklash import sources
 from dtbacklash.config.grammar import RUN, Grammar, grammar_of
+from dtbacklash.config.groups import RIGS
+from dtbacklash.config.rig import of_the_model
 from dtbacklash.config.run import RunConfig
 from dtbacklash.errors import UserError
 
@@ -30,6 +33,7 @@ def load(config: DictConfig, schema: type[Config]) -> Config:
     """
     _refuse_unknown(config, schema, grammar_of(schema), "")
     try:
+        _check_model(config)
         result = OmegaConf.to_object(config)  # runs every __post_init__
     except OmegaConfBaseException as error:
         first_line = str(error).splitlines()[0]
@@ -42,6 +46,16 @@ def load(config: DictConfig, schema: type[Config]) -> Config:
     return result
 
 
+def _check_model(config: DictConfig) -> None:
+    """Refuse a model that is no rig in its own name: a rig's description knows only that it is one."""
+    if config.get("model") is None:
+        return
+    try:
+        OmegaConf.to_object(config.model)
+    except UserError as mistake:
+        raise of_the_model(mistake) from mistake
+
+
 def _refuse_unknown(config: DictConfig, schema: type, grammar: Grammar, prefix: str) -> None:
     """Refuse what ``+key=value`` added: a key that nothing reads is a mistake."""
     known = typing.get_type_hints(schema)
@@ -50,6 +64,8 @@ def _refuse_unknown(config: DictConfig, schema: type, grammar: Grammar, prefix: 
         if key not in known:
             raise UserError(dotted, config[key], unknown_key(dotted, grammar))
         child = known[key]
+        if isinstance(child, types.UnionType) and config[key] is not None:
+            child = next(k for k in typing.get_args(child) if k is not type(None))
         if dataclasses.is_dataclass(child) and isinstance(child, type):
             _refuse_unknown(config[key], child, grammar, f"{dotted}.")
 
@@ -76,7 +92,7 @@ def kind_of(key: str, grammar: Grammar = RUN) -> str:
     words = {float: "a number", int: "a whole number", bool: "true or false", str: "a text"}
     if key in grammar.settings:
         return words.get(grammar.settings[key].plain_kind, "a value of another kind")
-    numbers = key.startswith(("sensors.", "rig.parameters."))
+    numbers = key.startswith(("sensors.", *(f"{group}.parameters." for group in RIGS)))
     return "a number" if numbers else "a value of another kind"
 
 

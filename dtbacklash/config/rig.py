@@ -82,6 +82,11 @@ class RigConfig:
                     _check_value(f"{key}.{parameter}", value)
 
 
+def of_the_model(mistake: UserError) -> UserError:
+    """The same mistake of a rig's description, where that is what is believed of one."""
+    return UserError("model" + mistake.key.removeprefix("rig"), mistake.value, mistake.allowed)
+
+
 def value_of(leaf: float | dict[str, float]) -> float:
     """The value of an effect's parameter: the number, or the ``value`` beside its ``tolerance``."""
     return leaf["value"] if isinstance(leaf, dict) else leaf

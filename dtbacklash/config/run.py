@@ -11,6 +11,8 @@ from pathlib import Path
 
 from dtbacklash.config.checks import number
 from dtbacklash.config.choices import (
+    BELIEFS,
+    COMPENSATED,
     INTERNAL_MODELS,
     INTERPOLATIONS,
     NOVELTY_FILTERS,
@@ -20,6 +22,7 @@ from dtbacklash.config.choices import (
     REFERENCES,
     STRUCTURES,
     TRIGGERS,
+    TWIN_METHODS,
 )
 from dtbacklash.config.rig import RigConfig
 from dtbacklash.config.setting import INPUT, OUTPUT, check, setting
@@ -48,8 +51,14 @@ class ControllerConfig:
     )
     tau_r_s: float = setting(1.0 / 6.0, "time constant of the reference model", unit="s", above=0)
     internal_model: str = setting(
-        "bare", "what drives the model of the structure: u, theta_m, a model of the inner loop; `exact` (imc): G1 G2 "
-        "sampled as one; see theory.md", choices=INTERNAL_MODELS,
+        "auto", "what drives the model of the structure: u, theta_m, a model of the inner loop; `exact` (imc): G1 G2 "
+        "sampled as one; `auto`: inner_loop where the model holds friction or a load, else bare; see theory.md",
+        choices=INTERNAL_MODELS,
+    )  # fmt: skip
+    design_from: str = setting("model", "what it is designed for", choices=BELIEFS)
+    compensate: list[str] = setting(
+        lambda: list(COMPENSATED), "effects of the model's motor that the voltage takes out beforehand; Coulomb "
+        "friction is never one", choices=COMPENSATED, shown="[cogging,viscous_friction,constant_load]",
     )  # fmt: skip
     gap_hat_deg: float = setting(0.0, "first estimate of the gap", unit="deg", at_least=0, at_most=360)
 
@@ -139,6 +148,11 @@ class TwinConfig:
     observer_pole_rad_s: float = setting(40.0, "all poles of the observer lie at minus this", unit="rad/s", above=0)
     gap_max_deg: float = setting(180.0, "physical bound of an estimate", unit="deg", above=0, at_most=360)
     guard: bool = setting(True, "false: whatever the optimizer returns goes to the controller, as in the paper")
+    method: str = setting(
+        "auto", "how an estimate explains a buffer: through the structure's linear observer, or by simulating it with "
+        "its effects; `auto`: simulate where the model holds effects behind the gear", choices=TWIN_METHODS,
+    )  # fmt: skip
+    estimate_from: str = setting("model", "what it knows of the structure", choices=BELIEFS)
     novelty_threshold_mm: float = setting(0.1, "novelty index that calls the twin", unit="mm", above=0)
     novelty_filter: str = setting("cheby2", "low-pass of the index: Chebyshev II or elliptic", choices=NOVELTY_FILTERS)
 
@@ -212,6 +226,9 @@ class RunConfig:
     """One closed-loop experiment."""
 
     rig: RigConfig = field(default_factory=RigConfig)
+    model: RigConfig | None = setting(
+        None, "what controller and twin believe of the rig; null: its own parameters, without effects"
+    )
     controller: ControllerConfig = field(default_factory=ControllerConfig)
     profile: ProfileConfig = field(default_factory=ProfileConfig)
     reference: ReferenceConfig = field(default_factory=ReferenceConfig)

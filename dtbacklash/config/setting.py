@@ -57,7 +57,8 @@ class Setting:
                 unit=self.unit,
             )  # fmt: skip
         elif self.choices:
-            checks.choice(key, str(value), self.choices)
+            for one in value if isinstance(value, list) else [value]:
+                checks.choice(key, str(one), self.choices)
 
     def allowed(self) -> str:
         """Say what the setting accepts, without its unit; empty if anything goes."""

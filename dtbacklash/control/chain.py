@@ -1,17 +1,9 @@
-"""From a rig and its settings to what the design of a controller needs: the motor, and the chain behind the screw."""
+"""From a rig to what the design of a controller needs: the motor, and the chain behind the screw."""
 
-import math
-
-from dtbacklash.config.run import RunConfig
-from dtbacklash.control.design import (
-    ControllerDesign,
-    MotorParameters,
-    StructureParameters,
-    design_controller,
-    dominant_frequency,
-)
+from dtbacklash.control.design import MotorParameters, StructureParameters
 from dtbacklash.errors import UserError
-from dtbacklash.kept import kept
+from dtbacklash.physics.bodies import screw_spring
+from dtbacklash.physics.effects import slots
 from dtbacklash.physics.rig import Element, Rig
 
 
@@ -52,11 +44,24 @@ def structure_parameters(rig: Rig) -> StructureParameters:
     masses, links = driven_chain(rig)
     screw = rig.only("screw")
     assert screw is not None
+    springs = [(e.values["stiffness"], e.values.get("damping", 0.0)) for e in links]
+    yielding = screw_spring(rig)
+    if yielding is not None:  # then the mass on the screw has a motion of its own
+        masses, springs = [rig.elements[screw.neighbours["carries"]], *masses], [yielding, *springs]
+    ground = [
+        (
+            e.values.get("ground_stiffness", 0.0),
+            e.values.get("ground_damping", 0.0) + rig.amount(e.name, slots.BodyDamping, "coefficient"),
+        )
+        for e in masses
+    ]
     return StructureParameters(
         tuple(e.values["mass"] for e in masses),
-        tuple(e.values["stiffness"] for e in links),
-        tuple(e.values.get("damping", 0.0) for e in links),
+        tuple(k for k, _ in springs),
+        tuple(c for _, c in springs),
         screw.values["lead"],
+        tuple(k for k, _ in ground) if any(k for k, _ in ground) else (),
+        tuple(c for _, c in ground) if any(c for _, c in ground) else (),
     )
 
 
@@ -65,25 +70,9 @@ def motor_parameters(rig: Rig) -> MotorParameters:
     circuit, rotor = rig.only("motor_circuit"), rig.motor_rotor()
     assert circuit is not None
     assert rotor is not None
-    v = circuit.values
+    v, amplifier = circuit.values, rig.only("amplifier")
+    gain = rig.effects.get(amplifier.name, {}).get("gain_error", {}).get("relative", 0.0) if amplifier else 0.0
     return MotorParameters(
-        rotor.values["inertia"], v["inductance"], v["resistance"], v["torque_constant"], v["emf_constant"]
-    )
-
-
-def design_for(config: RunConfig, rig: Rig) -> ControllerDesign | None:
-    """The controller's design for a rig, from its nominal parameters alone (effects are what it does not know)."""
-    c = config.controller
-    if c.structure == "open_loop":
-        return None
-    if c.structure == "nimc" and rig.only("gear") is None:
-        raise UserError("controller", c.name, f"needs a rig with a gear; {rig.config.name} has none")
-    structure = structure_parameters(rig)
-    frequency = kept(dominant_frequency, structure)
-    if frequency * config.sample_time_s >= math.pi:
-        allowed = f"sampling above twice the dominant mode's {frequency / (2 * math.pi):.3g} Hz"
-        raise UserError("sample_time_s", config.sample_time_s, allowed)
-    return kept(
-        design_controller,
-        motor_parameters(rig), structure, c.k_theta_v_per_rad, c.prefilter, c.tau_r_s, config.sample_time_s,
+        rotor.values["inertia"], v["inductance"], v["resistance"], v["torque_constant"], v["emf_constant"],
+        rig.amount(rotor.name, slots.BodyDamping, "coefficient"), 1.0 + gain,
     )  # fmt: skip

@@ -30,10 +30,11 @@ HANKEL_FLOOR = 1e-12
 
 @dataclass(frozen=True)
 class MotorParameters:
-    """A dc motor, eqs (1)-(4), by the paper's symbols.
+    """A dc motor, eqs (1)-(4), by the paper's symbols, and what the paper's has not.
 
     J: rotor inertia [kg m^2]; L: inductance [H]; R: resistance [ohm]; k_T: torque constant [N m/A];
-    k_B: back-emf constant [V s/rad].
+    k_B: back-emf constant [V s/rad]. viscous_n_m_s: viscous friction [N m s/rad]; gain: volts at the winding per volt
+    of command.
     """
 
     J: float
@@ -41,6 +42,8 @@ class MotorParameters:
     R: float
     k_T: float
     k_B: float
+    viscous_n_m_s: float = 0.0
+    gain: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -48,18 +51,32 @@ class StructureParameters:
     """A chain of N >= 1 masses on a base that the lead screw moves to ``pitch_m_per_rad * theta_d``.
 
     Link i (stiffness [N/m], damping [N s/m]) joins mass i [kg] to mass i-1, link 1 joins mass 1 to the base.
-    All three tuples have length N. The paper's structure is N = 2: its q_2 and q_3.
+    All three tuples have length N. The paper's structure is N = 2: its q_2 and q_3. ``ground_stiffnesses_n_per_m`` and
+    ``ground_dampings_n_s_per_m`` : between each mass and the ground; empty where there are none.
     """
 
     masses_kg: tuple[float, ...]
     stiffnesses_n_per_m: tuple[float, ...]
     dampings_n_s_per_m: tuple[float, ...]
     pitch_m_per_rad: float
+    ground_stiffnesses_n_per_m: tuple[float, ...] = ()
+    ground_dampings_n_s_per_m: tuple[float, ...] = ()
+
+    @property
+    def static_gain_m_per_rad(self) -> float:
+        """G2(0): the pitch, or less where springs to the ground hold the masses back."""
+        if not any(self.ground_stiffnesses_n_per_m):
+            return self.pitch_m_per_rad
+        num, den = structure_polynomials(self)
+        return float(num[-1] / den[-1])
 
     def __post_init__(self) -> None:
         sizes = (len(self.masses_kg), len(self.stiffnesses_n_per_m), len(self.dampings_n_s_per_m))
         if sizes[0] < 1 or len(set(sizes)) != 1:
             raise UserError("rig.structure", sizes, "as many springs and dampers as masses, at least one")
+        for ground in (self.ground_stiffnesses_n_per_m, self.ground_dampings_n_s_per_m):
+            if len(ground) not in (0, sizes[0]) or min(ground, default=0.0) < 0:
+                raise UserError("rig.structure", ground, "none, or one of at least 0 for each mass")
         if min(self.masses_kg) <= 0 or min(self.stiffnesses_n_per_m) <= 0 or min(self.dampings_n_s_per_m) < 0:
             raise UserError("rig.structure", self, "masses and stiffnesses above 0, dampings at least 0")
         if self.pitch_m_per_rad <= 0:
@@ -108,15 +125,18 @@ def motor_tf(motor: MotorParameters) -> control.TransferFunction:
     """G1(s), u [V] -> theta_m [rad], eq. (6)."""
     import control
 
-    return control.tf([motor.k_T], [motor.J * motor.L, motor.J * motor.R, motor.k_B * motor.k_T, 0.0])
+    b = motor.viscous_n_m_s
+    slow, fast = motor.J * motor.R + b * motor.L, motor.J * motor.L
+    return control.tf([motor.gain * motor.k_T], [fast, slow, motor.k_B * motor.k_T + b * motor.R, 0.0])
 
 
 def motor_ss(motor: MotorParameters) -> control.StateSpace:
     """u [V] -> (omega_m [rad/s], theta_m [rad]), eqs (1)-(4); states current, speed, angle."""
     import control
 
-    a = [[-motor.R / motor.L, -motor.k_B / motor.L, 0.0], [motor.k_T / motor.J, 0.0, 0.0], [0.0, 1.0, 0.0]]
-    b, c = [[1.0 / motor.L], [0.0], [0.0]], [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    slowing = -motor.viscous_n_m_s / motor.J if motor.viscous_n_m_s else 0.0
+    a = [[-motor.R / motor.L, -motor.k_B / motor.L, 0.0], [motor.k_T / motor.J, slowing, 0.0], [0.0, 1.0, 0.0]]
+    b, c = [[motor.gain / motor.L], [0.0], [0.0]], [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
     return control.ss(a, b, c, np.zeros((2, 1)))
 
 
@@ -125,8 +145,9 @@ def structure_matrices(structure: StructureParameters) -> tuple[Array, Array, Ar
     n = len(structure.masses_kg)
     mass = np.diag(np.asarray(structure.masses_kg, dtype=float))
     matrices = []
-    for links in (structure.dampings_n_s_per_m, structure.stiffnesses_n_per_m):
-        matrix = np.zeros((n, n))
+    grounds = (structure.ground_dampings_n_s_per_m, structure.ground_stiffnesses_n_per_m)
+    for links, ground in zip((structure.dampings_n_s_per_m, structure.stiffnesses_n_per_m), grounds, strict=True):
+        matrix = np.diag(ground) if ground else np.zeros((n, n))
         for i, value in enumerate(links):
             matrix[i, i] += value
             if i > 0:
@@ -246,7 +267,7 @@ def reduced_structure(structure: StructureParameters) -> control.StateSpace:
     full = structure_ss(structure)
     if np.max(full.poles().real) >= -1e-9 * np.max(np.abs(full.poles())):
         raise UserError("controller.prefilter", "reduced", "needs damping in the structure; without it choose none")
-    normalised = control.ss(full.A, full.B / structure.pitch_m_per_rad, full.C, full.D)
+    normalised = control.ss(full.A, full.B / structure.static_gain_m_per_rad, full.C, full.D)
     return balanced_reduction(normalised, min(REDUCED_ORDER, full.nstates))
 
 
@@ -264,14 +285,14 @@ def minimum_phase(system: control.StateSpace) -> tuple[NDArray[np.complex128], N
 
 
 def prefilter(structure: StructureParameters, kind: str, tau_r_s: float) -> control.StateSpace:
-    """W(s) = W~(s)/p, position [m] -> theta_ref [rad], eqs (14) and (15).
+    """W(s) = W~(s)/G2(0), position [m] -> theta_ref [rad], eqs (14) and (15); the paper's G2(0) is the pitch p.
 
     kind 'reduced': W~ = G_d^-1 / (tau_r s + 1), G_d the minimum-phase factor of :func:`reduced_structure`;
     kind 'none': W~ = 1. Raises UserError for another kind or where G_d cannot be inverted.
     """
     import control
 
-    gain = 1.0 / structure.pitch_m_per_rad
+    gain = 1.0 / structure.static_gain_m_per_rad
     if kind == "none":
         return control.ss([], [], [], [[gain]])
     if kind != "reduced":

@@ -14,8 +14,11 @@ What drives the model of the structure is ``controller.internal_model``:
 - ``exact`` (IMC only): G1 G2 sampled as one, driven by u; without gap and effects its error is zero to rounding, the
   paper's "perfect sampled-data model" of Figures 4 and 6. The other forms sample G1 and G2 apart, each with a hold.
 - ``inner_loop``: a complete model of the inner loop, with its own feedback, driven by theta_ref.
+- ``auto`` stands for one of them until it is known what is believed of the rig (:func:`.belief.settled`).
 """
 
+import math
+from dataclasses import astuple
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +26,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.compiled import inlined
 from dtbacklash.config.run import ControllerConfig
+from dtbacklash.control.belief import FeedForward
 from dtbacklash.control.design import ControllerDesign
 from dtbacklash.physics.effects.play import play
 
@@ -33,7 +37,11 @@ _MODELS = {"bare": BARE, "measured": MEASURED, "inner_loop": INNER_LOOP, "exact"
 
 
 class Controller(NamedTuple):
-    """A designed controller: sampled models (A, B, C, D), the gain of the inner loop, V/rad, and its form."""
+    """A designed controller: sampled models (A, B, C, D), the gain of the inner loop, V/rad, and its form.
+
+    forward : (5,) amplitude V, waves a radian, phase, V s/rad, V: see :class:`.belief.FeedForward`; ``forwards`` :
+    whether there is any.
+    """
 
     structure: int
     model: int
@@ -48,13 +56,15 @@ class Controller(NamedTuple):
     sb: Floats
     sc: Floats
     sample_time: float
+    forwards: bool
+    forward: Floats
 
 
 class ControllerState(NamedTuple):
     """States of the controller: prefilter, motor model (i, omega, theta), structure model, two theta_d^, a spare.
 
     theta_d : (2,) the screw behind the model's motor (or, with `measured`, behind the measured one), and the screw
-        behind the measured motor, on which the loop acts with `inner_loop`.
+        behind the measured motor, on which the loop acts with `inner_loop`. angle : (1,) the measured angle before.
     """
 
     w: Floats
@@ -62,22 +72,26 @@ class ControllerState(NamedTuple):
     s: Floats
     theta_d: Floats
     spare: Floats
+    angle: Floats
 
 
-def build_controller(config: ControllerConfig, design: ControllerDesign | None) -> Controller:
-    """Arrays of the compiled controller; ``design`` may be None in open loop."""
+def build_controller(
+    config: ControllerConfig, design: ControllerDesign | None, forward: FeedForward | None = None
+) -> Controller:
+    """Arrays of the compiled controller; ``design`` may be None in open loop. forward : None for none."""
+    known = np.array(astuple(forward or FeedForward()))
     structure, model = _STRUCTURES[config.structure], _MODELS[config.internal_model]
     if design is None:
         none, row = np.zeros((0, 0)), np.zeros(0)
         return Controller(structure, model, 0.0, none, row, row, 0.0, np.zeros((3, 3)), np.zeros(3), none, row,
-                          row, 1.0)  # fmt: skip
+                          row, 1.0, False, known)  # fmt: skip
     W, M = design.prefilter, design.motor_position
     S = design.plant if model == EXACT else design.structure
     flat = [np.ascontiguousarray(a, dtype=float).ravel() for a in (W.B, W.C, M.B, S.B, S.C)]
     wb, wc, mb, sb, sc = flat
     return Controller(
         structure, model, design.k_theta_v_per_rad, W.A, wb, wc, float(W.D[0, 0]), M.A, mb, S.A, sb, sc,
-        design.sample_time_s,
+        design.sample_time_s, bool(np.any(known)), known,
     )  # fmt: skip
 
 
@@ -85,7 +99,7 @@ def new_controller_state(controller: Controller) -> ControllerState:
     """The controller at rest."""
     sizes = len(controller.wb), len(controller.mb), len(controller.sb)
     w, m, s = (np.zeros(n) for n in sizes)
-    return ControllerState(w, m, s, np.zeros(2), np.zeros(max(*sizes, 1)))
+    return ControllerState(w, m, s, np.zeros(2), np.zeros(max(*sizes, 1)), np.zeros(1))
 
 
 @inlined
@@ -116,8 +130,21 @@ def predict(C, X):
 
 
 @inlined
+def feed_forward(C, X, theta_m):
+    """V against the torques on the motor that are known: those that hang on its angle from the measured one."""
+    f = C.forward
+    # the model's speed is smooth; an encoder's counts would be differentiated
+    speed = X.m[1] if C.model in (BARE, INNER_LOOP) else (theta_m - X.angle[0]) / C.sample_time
+    X.angle[0] = theta_m
+    return f[3] * speed - f[0] * math.sin(f[1] * theta_m + f[2]) - f[4]
+
+
+@inlined
 def control_step(C, X, r, theta_m, q3, gap_hat):
     """One sample of the controller: measurements in, voltage and prediction error out; its states move on.
+
+    What is fed forward is added to the voltage behind the internal model, which does not know of the torques that it
+    cancels.
 
     Parameters
     ----------
@@ -125,6 +152,7 @@ def control_step(C, X, r, theta_m, q3, gap_hat):
     """
     if C.structure == OPEN_LOOP:
         return r, 0.0
+    forward = feed_forward(C, X, theta_m) if C.forwards else 0.0
     eps = q3 - predict(C, X)
     error = r - eps
     theta_ref = _output(C.wc, X.w) + C.wd * error
@@ -133,7 +161,7 @@ def control_step(C, X, r, theta_m, q3, gap_hat):
     if C.model == EXACT:
         u = C.gain * (theta_ref - theta_m)
         _advance_model(C.sa, C.sb, u, X.s, X.spare)
-        return u, eps
+        return u + forward, eps
     if C.model == BARE:
         theta_d = X.theta_d[0] if C.structure == NIMC else X.m[2]
     elif C.model == MEASURED:
@@ -157,4 +185,4 @@ def control_step(C, X, r, theta_m, q3, gap_hat):
         _advance_model(C.ma, C.mb, u, X.m, X.spare)
     elif C.model == INNER_LOOP:
         _advance_model(C.ma, C.mb, C.gain * (theta_ref - theta_d), X.m, X.spare)
-    return u, eps
+    return u + forward, eps

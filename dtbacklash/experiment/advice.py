@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from dtbacklash.config.run import RunConfig
+from dtbacklash.control.belief import on_the_motor
 from dtbacklash.control.design import ControllerDesign, largest_gain
 from dtbacklash.experiment.sensors import column, roles, trace_factor
 from dtbacklash.physics.effects.declare import name_in_words
@@ -75,7 +76,7 @@ def _gain(config: RunConfig, rig: Rig, design: ControllerDesign) -> Iterator[str
 
 def _unmodelled(config: RunConfig, rig: Rig) -> Iterator[str]:
     """Effects between the voltage and the measured angle, which the internal model does not know."""
-    found = _on_the_motor(rig)
+    found = [f"{name_in_words(name)} at {place}" for name, place in on_the_motor(rig)]
     model = config.controller.internal_model
     if not found or model == "inner_loop":
         return
@@ -88,17 +89,6 @@ def _unmodelled(config: RunConfig, rig: Rig) -> Iterator[str]:
         f"The controller does not know of {' and '.join(found)}: its internal model ({model}) {how}; "
         "controller.internal_model=inner_loop takes it out."
     )
-
-
-def _on_the_motor(rig: Rig) -> list[str]:
-    """Effects on the way from the voltage to the measured angle, in words; delays are a matter of the gain."""
-    found = []
-    for place, there in rig.effects.items():
-        driving = rig.kind_at(place) in ("amplifier", "motor_circuit", "rotor") or place == _motor_sensor(rig)
-        for name in there:
-            if (driving and name != "delay") or name == "load_reaction":
-                found.append(f"{name_in_words(name)} at {place}")
-    return found
 
 
 def _prefilter(config: RunConfig) -> Iterator[str]:
@@ -175,7 +165,7 @@ def _small_gap(config: RunConfig, rig: Rig, at: pd.DataFrame) -> Iterator[str]:
         return
     if np.any((true < SMALL_GAP_DEG) & (believed > true + 0.01)):
         instead = f"controller.gap_hat_deg={float(np.round(true.min(), 3)):g}"
-        if not _on_the_motor(rig):
+        if not on_the_motor(rig):
             instead += ", or controller.internal_model=bare"
         yield (
             f"NIMC with internal_model={c.internal_model} does not settle while the true gap is below "

@@ -10,13 +10,14 @@ import pandas as pd
 
 from dtbacklash.arrays import Floats, Ints
 from dtbacklash.config.run import RunConfig
-from dtbacklash.control.chain import structure_parameters
+from dtbacklash.control.belief import Belief
+from dtbacklash.experiment.sensors import roles as roles_of
 from dtbacklash.kept import kept
-from dtbacklash.physics.rig import Rig
 from dtbacklash.twin.estimate import Problem, default_start, estimate_gap
 from dtbacklash.twin.guard import Attempt, GuardSettings, Verdict, guarded_estimates, outcome, warm_up
 from dtbacklash.twin.link import FullBuffer, TwinLink
 from dtbacklash.twin.observer import TwinModel, twin_model
+from dtbacklash.twin.simulated import SimulatedProblem, Structure, corrected
 
 
 class EstimateRow(TypedDict):
@@ -42,7 +43,8 @@ class Estimation:
 
     changes : samples at which the reference changes. seen : (N+1, sensors) what the sensors show, filled by the loop;
     roles : which of them are theta_m and q3. gap : (N+1,) the true half-gap, rad, for the table only. gap_hat : the
-    half-gap that the controller believes in, rad. model : None where the twin is never asked. rejected : the last
+    half-gap that the controller believes in, rad. model : None where the twin is never asked. structure : what it
+    simulates, None where it is linear. rejected : the last
     estimate was, so that the twin is asked again for as long as the novelty index is high. wall_s : spent estimating.
     """
 
@@ -54,23 +56,29 @@ class Estimation:
     link: TwinLink[float]
     model: TwinModel | None
     gap_hat: float
+    structure: Structure | None = None
     rejected: bool = False
     rows: list[EstimateRow] = field(default_factory=list)
     wall_s: float = 0.0
 
     @classmethod
     def prepare(
-        cls, config: RunConfig, rig: Rig, changes: Ints, seen: Floats, roles: tuple[int, int], gap: Floats
+        cls, config: RunConfig, belief: Belief, changes: Ints, seen: Floats, roles: tuple[int, int], gap: Floats
     ) -> "Estimation":
         """The twin before the first sample; raises UserError where the rig is none that it has a model of."""
+        first = math.radians(config.controller.gap_hat_deg) or belief.half_gap_rad
         link: TwinLink[float] = TwinLink(config.twin.buffer, config.twin.delay_s, config.sample_time_s)
         model = None
         if config.controller.reconfigure != "never":
             model = kept(
                 twin_model,
-                structure_parameters(rig), config.twin.observer_pole_rad_s, config.sample_time_s, config.twin.settle,
+                belief.linear().structure, config.twin.observer_pole_rad_s, config.sample_time_s, config.twin.settle,
             )  # fmt: skip
-        return cls(config, changes, seen, roles, gap, link, model, math.radians(config.controller.gap_hat_deg))
+        structure = None
+        if model is not None and config.twin.method == "simulate":
+            output = list(belief.rig.sensors.values())[roles_of(belief.rig, True)[1]]
+            structure = Structure.of(belief.rig, output, config.sample_time_s)
+        return cls(config, changes, seen, roles, gap, link, model, first, structure)
 
     def warm_up(self) -> None:
         """Load (the first time: compile) what an estimate needs."""
@@ -143,12 +151,19 @@ class Estimation:
             })  # fmt: skip
         self.wall_s += time.perf_counter() - began
 
+    def _problem(self, theta_m: Floats, q3: Floats, gap_max_rad: float) -> Problem:
+        assert self.model is not None
+        if self.structure is None:
+            return Problem(theta_m, q3, self.model, gap_max_rad)
+        simulated = SimulatedProblem(theta_m, q3, self.model, self.structure, gap_max_rad)
+        return corrected(simulated, self.config.optimizer, self.gap_hat)
+
     def _attempts(self, full: FullBuffer) -> list[Attempt]:
         """All tries on one buffer, each with what the guard said."""
         assert self.model is not None
         gap_max_deg = self.config.twin.gap_max_deg
         theta_m, q3 = (self.seen[full.first : full.stop, role] for role in self.roles)
-        problem = Problem(theta_m, q3, self.model, math.radians(gap_max_deg))
+        problem = self._problem(theta_m, q3, math.radians(gap_max_deg))
         rng = np.random.default_rng([self.config.seed, full.event])
         if self.config.twin.guard:
             settings = GuardSettings(gap_max_deg=gap_max_deg)

@@ -10,7 +10,7 @@ import numpy as np
 from dtbacklash.arrays import Floats, Ints
 from dtbacklash.compiled import compiling
 from dtbacklash.config.run import RunConfig
-from dtbacklash.control.chain import design_for
+from dtbacklash.control.belief import Belief, Beliefs, beliefs_of, design_for, settled
 from dtbacklash.control.design import ControllerDesign
 from dtbacklash.control.laws import Controller, ControllerState, build_controller, new_controller_state
 from dtbacklash.errors import Diverged
@@ -56,12 +56,15 @@ class _Machine:
         return k, why
 
 
-def run_scenario(config: RunConfig, progress: Callable[[float], None] | None = None) -> RunResult:
+def run_scenario(
+    config: RunConfig, progress: Callable[[float], None] | None = None, beliefs: Beliefs | None = None
+) -> RunResult:
     """Simulate one experiment.
 
     Parameters
     ----------
     config : the checked configuration. progress : called with the share simulated, 0 to 1.
+    beliefs : what controller and twin believe of the rig; None: what the configuration says.
 
     Raises
     ------
@@ -70,12 +73,14 @@ def run_scenario(config: RunConfig, progress: Callable[[float], None] | None = N
     started = time.perf_counter()
     with compiling() as spent:
         rig = build_rig(config.rig)
-        design = design_for(config, rig)
-        machine = _build(config, rig, design)
+        beliefs = beliefs_of(config) if beliefs is None else beliefs
+        config = settled(config, beliefs)
+        design = design_for(config, beliefs.design)
+        machine = _build(config, rig, design, beliefs.design)
         inputs, changes = _inputs(config, rig)
         traces = _room(config, rig)
         which = roles(rig, design is not None)
-        twin = Estimation.prepare(config, rig, changes, traces.seen, which, inputs.gap)
+        twin = Estimation.prepare(config, beliefs.twin, changes, traces.seen, which, inputs.gap)
         if machine.plant.imposed:
             place_at(machine.plant, machine.state, inputs.reference[0])
         if progress:
@@ -89,10 +94,11 @@ def run_scenario(config: RunConfig, progress: Callable[[float], None] | None = N
     return collect(config, rig, design, inputs, traces, which, twin.table(), walls)
 
 
-def _build(config: RunConfig, rig: Rig, design: ControllerDesign | None) -> _Machine:
+def _build(config: RunConfig, rig: Rig, design: ControllerDesign | None, belief: Belief) -> _Machine:
     """Everything at rest."""
     plant = compile_plant(rig, config.sample_time_s, config.solver.substeps, config.solver.event_levels)
-    controller = build_controller(config.controller, design)
+    forward = belief.feed_forward(tuple(config.controller.compensate)) if design else None
+    controller = build_controller(config.controller, design, forward)
     frequency = design.dominant_frequency_rad_s if design else 1.0
     detector = kept(novelty_design, config.twin.novelty_filter, frequency, config.sample_time_s)
     return _Machine(

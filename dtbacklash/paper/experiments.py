@@ -8,11 +8,10 @@ import pandas as pd
 
 from dtbacklash.arrays import Floats
 from dtbacklash.config.compose import compose
-from dtbacklash.control.chain import design_for, motor_parameters, structure_parameters
+from dtbacklash.control.belief import beliefs_of, design_for
 from dtbacklash.control.design import ControllerDesign, MotorParameters, StructureParameters
 from dtbacklash.experiment.run import RunResult, run_scenario
 from dtbacklash.physics.effects.play import play
-from dtbacklash.physics.rig import build_rig
 
 #: figure or experiment -> the words of `dtb run` that make it
 SCENARIOS: dict[str, tuple[str, ...]] = {
@@ -60,11 +59,11 @@ def run_experiments(progress: Callable[[float], None] | None = None) -> Experime
         if progress:
             progress((j + 1) / len(SCENARIOS))
     config = runs["fig13"].config
-    rig = build_rig(config.rig)
-    design = design_for(config, rig)
+    belief = beliefs_of(config).design
+    design, linear = design_for(config, belief), belief.linear()
     assert design is not None
     moves = {name: run.moves for name, run in runs.items()}
-    return Experiments(runs, moves, play_under_growing_sine(), design, motor_parameters(rig), structure_parameters(rig))
+    return Experiments(runs, moves, play_under_growing_sine(), design, linear.motor, linear.structure)
 
 
 def play_under_growing_sine(duration_s: float = 10.0, step_s: float = 1e-3) -> Play:

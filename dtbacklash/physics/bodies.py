@@ -94,7 +94,6 @@ def take_apart(rig: Rig, imposed: bool) -> Parts:
     """
     screw, base = rig.only("screw"), _base(rig)
     carried = screw.neighbours.get("carries") if screw else None
-    compliance = rig.amount(screw.name, slots.Yielding, "compliance") if screw else 0.0
     simulated = [e for e in rig.bodies() if e.name != base and not (imposed and e.trait.axis != LINEAR)]
     motor = rig.motor_rotor()
     simulated.sort(key=lambda e: (motor is None or e.name != motor.name, e.trait.axis == LINEAR))
@@ -104,13 +103,9 @@ def take_apart(rig: Rig, imposed: bool) -> Parts:
     parts = Parts(rig, _no_springs(inertia), base, imposed)
     bodies = parts.bodies
     parts.rotor = bodies.names.index(motor.name) if motor and motor.name in bodies.names else -1
-    if screw and compliance:
-        if not carried:
-            allowed = "a screw that carries a mass"
-            raise UserError(f"rig.effects.{screw.name}.compliance", compliance, allowed)
-        stiffness = 1.0 / compliance
-        damping = 2.0 * SCREW_DAMPING_RATIO * math.sqrt(stiffness * rig.elements[carried].values["mass"])
-        bodies.connect(pl.BASE, bodies.names.index(carried), stiffness, damping)
+    axial = screw_spring(rig)
+    if axial is not None and carried:
+        bodies.connect(pl.BASE, bodies.names.index(carried), *axial)
     for element in rig.bodies():
         ground = element.values.get("ground_stiffness", 0.0), element.values.get("ground_damping", 0.0)
         if any(ground):
@@ -124,6 +119,24 @@ def take_apart(rig: Rig, imposed: bool) -> Parts:
         _add_bearing(parts, element)
     _check_base(rig, base)
     return parts
+
+
+def screw_spring(rig: Rig) -> tuple[float, float] | None:
+    """Stiffness, N/m, and damping, N s/m, of a screw that gives way; None where it is rigid.
+
+    Raises
+    ------
+    UserError : it carries no mass.
+    """
+    screw = rig.only("screw")
+    compliance = rig.amount(screw.name, slots.Yielding, "compliance") if screw else 0.0
+    if screw is None or not compliance:
+        return None
+    carried = screw.neighbours.get("carries")
+    if not carried:
+        raise UserError(f"rig.effects.{screw.name}.compliance", compliance, "a screw that carries a mass")
+    stiffness = 1.0 / compliance
+    return stiffness, 2.0 * SCREW_DAMPING_RATIO * math.sqrt(stiffness * rig.elements[carried].values["mass"])
 
 
 def _base(rig: Rig) -> str | None:

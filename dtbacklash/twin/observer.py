@@ -70,7 +70,7 @@ def twin_model(structure: StructureParameters, pole_rad_s: float, sample_time_s:
         from_theta_d=_sampled_path(-_in_lags(num, order, pole_rad_s), pole_rad_s, sample_time_s),
         settle=int(settle),
         sample_time_s=float(sample_time_s),
-        pitch_m_per_rad=structure.pitch_m_per_rad,
+        pitch_m_per_rad=structure.static_gain_m_per_rad,
         pole_rad_s=float(pole_rad_s),
         noise_colour=_noise_colour(from_q3),
     )

@@ -33,7 +33,8 @@ def in_words(meaning: str, settings: Any, unit: str = "") -> str:
         settings: the dataclass of which its names are fields.
         unit: the reference's unit.
     """
-    values = {field.name: number(getattr(settings, field.name), DIGITS) for field in fields(settings)}
+    plain_ones = {f.name: getattr(settings, f.name) for f in fields(settings)}
+    values = {name: number(v, DIGITS) for name, v in plain_ones.items() if not isinstance(v, (list, dict))}
     return meaning.format(**values, unit=unit)
 
 
@@ -53,6 +54,8 @@ def describe(config: RunConfig) -> list[tuple[str, list[str]]]:
         ("Rig", [config.rig.description or config.rig.name, *effect_sentences(config.rig)]),
         ("Controller", [_controller(config.controller)]),
     ]
+    if config.model is not None and not is_open(config):
+        told.append(("Belief", _belief(config, config.model)))
     if config.controller.reconfigure != "never":
         told.append(("Digital twin", [_trigger(config), _estimation(config)]))
     if has_gear(config.rig):
@@ -102,6 +105,21 @@ def _controller(c: ControllerConfig) -> str:
     return "; ".join(parts)
 
 
+def _belief(config: RunConfig, model: RigConfig) -> list[str]:
+    """What controller and twin know of the rig, and what the voltage takes out beforehand."""
+    who = {("model", "model"): "controller and twin", ("model", "nominal"): "the controller",
+           ("nominal", "model"): "the twin"}.get((config.controller.design_from, config.twin.estimate_from))  # fmt: skip
+    if who is None:
+        return ["nobody uses the model that was given"]
+    said = [f"what {who} know{'s' if who != 'controller and twin' else ''} of the rig: {model.name}",
+            *effect_sentences(model)]  # fmt: skip
+    there = {name for effects in model.effects.values() for name in effects}
+    taken = [choices.COMPENSATED[name] for name in config.controller.compensate if name in there]
+    if taken and config.controller.design_from == "model":
+        said.append("the voltage takes out beforehand: " + ", ".join(taken))
+    return said
+
+
 def _trigger(config: RunConfig) -> str:
     when = in_words(choices.TRIGGERS[config.controller.reconfigure], config.twin)
     delay = number(config.twin.delay_s)
@@ -116,6 +134,8 @@ def _estimation(config: RunConfig) -> str:
         else "every estimate is trusted (no guard)"
     )
     samples = f"{twin.buffer} samples, the first {twin.settle} to settle"
+    if config.controller.reconfigure != "never" and config.model is not None:
+        guard = f"{choices.TWIN_METHODS[twin.method]}; {guard}"
     return f"{samples}; optimiser {choices.OPTIMIZERS[config.optimizer.name]}; {guard}"
 
 

@@ -3,9 +3,8 @@
 import pytest
 
 from dtbacklash.config.compose import compose
-from dtbacklash.control.chain import design_for
+from dtbacklash.control.belief import beliefs_of, design_for
 from dtbacklash.errors import UserError
-from dtbacklash.physics.rig import build_rig
 
 
 @pytest.mark.parametrize(
@@ -19,5 +18,5 @@ from dtbacklash.physics.rig import build_rig
 def test_what_cannot_be_designed_for_is_named(words, said):
     config = compose(*words)
     with pytest.raises(UserError) as refused:
-        design_for(config, build_rig(config.rig))
+        design_for(config, beliefs_of(config).design)
     assert str(refused.value).startswith(said)

@@ -5,11 +5,10 @@ import re
 import pytest
 
 from dtbacklash.config.compose import compose
-from dtbacklash.control.chain import design_for
+from dtbacklash.control.belief import beliefs_of, design_for
 from dtbacklash.control.design import largest_gain
 from dtbacklash.errors import Diverged
 from dtbacklash.experiment.run import run_scenario
-from dtbacklash.physics.rig import build_rig
 
 NO_GAP = ("profile=constant", "profile.start_deg=0")
 SETTING = re.compile(r"(?<![(\w])((?:controller|reference|sensors|duration_s)[\w.]*=[\w.-]*\w)")
@@ -106,7 +105,7 @@ def test_a_loop_that_diverges_says_which_gain_it_bears(words):
 
 def test_the_largest_gain_is_where_the_loop_becomes_unstable():
     config = compose(*NO_GAP, "controller=imc", "duration_s=5")
-    design = design_for(config, build_rig(config.rig))
+    design = design_for(config, beliefs_of(config).design)
     assert design is not None
     limit = largest_gain(design.motor_position)
     for share, stable in ((0.95, True), (1.1, False)):

@@ -1,0 +1,195 @@
+"""What controller and twin believe of the rig: one object for the design, the internal model and the twin.
+
+A belief is a rig with effects. Its linear part is what the design needs: the motor, and the chain behind the screw with
+all that is linear in it (a screw that gives way, masses on springs to the ground, viscous friction). What the motor
+needs beside, against effects that depend on its angle or speed alone, can be fed forward (:class:`FeedForward`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from dtbacklash.config.rig import RigConfig, of_the_model
+from dtbacklash.config.run import RunConfig
+from dtbacklash.control.chain import motor_parameters, structure_parameters
+from dtbacklash.control.design import (
+    ControllerDesign,
+    MotorParameters,
+    StructureParameters,
+    design_controller,
+    dominant_frequency,
+)
+from dtbacklash.errors import UserError
+from dtbacklash.kept import kept
+from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.effects import slots
+from dtbacklash.physics.kinds import SENSOR
+from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, build_rig
+
+
+@dataclass(frozen=True)
+class Linear:
+    """The linear part of a belief: the motor, and the structure that its screw moves."""
+
+    motor: MotorParameters
+    structure: StructureParameters
+
+    @property
+    def static_gain_m_per_rad(self) -> float:
+        """Position of the last mass per angle of the screw, at rest."""
+        return self.structure.static_gain_m_per_rad
+
+
+@dataclass(frozen=True)
+class FeedForward:
+    """Voltages against known torques on the motor: ``u = -(amplitude sin(periods theta + phase) + load - viscous w)``.
+
+    amplitude_v, load_v : V. viscous_v_s_per_rad : V s/rad. periods : as ``cogging`` has it, phase : rad.
+    Statically, through R / k_T: the winding's lag (L / R, 0.08 ms on the paper's motor) is left out.
+    """
+
+    amplitude_v: float = 0.0
+    periods: float = 0.0
+    phase: float = 0.0
+    viscous_v_s_per_rad: float = 0.0
+    load_v: float = 0.0
+
+
+@dataclass(frozen=True)
+class Belief:
+    """What is believed of the machine; ``rig`` has the effects that are believed in."""
+
+    rig: Rig
+
+    @property
+    def half_gap_rad(self) -> float:
+        """The half-gap that is believed in before anything was measured."""
+        gear = self.rig.only("gear")
+        return self.rig.amount(gear.name, slots.GearPlay, "half_gap") if gear else 0.0
+
+    def linear(self, compensated: tuple[str, ...] = ()) -> Linear:
+        """The linear part; viscous friction that is fed forward is not in it.
+
+        Raises
+        ------
+        UserError : the rig is no screw-driven chain of masses (:func:`.chain.driven_chain`).
+        """
+        structure = structure_parameters(self.rig)
+        motor = motor_parameters(self.rig)
+        if "viscous_friction" in compensated:
+            motor = replace(motor, viscous_n_m_s=0.0)
+        return Linear(motor, structure)
+
+    def feed_forward(self, compensated: tuple[str, ...]) -> FeedForward:
+        """What the voltage has to add against those of the effects named that the believed motor has."""
+        rotor, circuit = self.rig.motor_rotor(), self.rig.only("motor_circuit")
+        if rotor is None or circuit is None:
+            return FeedForward()
+        there = {n: v for n, v in self.rig.effects.get(rotor.name, {}).items() if n in compensated}
+        per_torque = circuit.values["resistance"] / circuit.values["torque_constant"] / motor_parameters(self.rig).gain
+        cogging, viscous = there.get("cogging", {}), there.get("viscous_friction", {})
+        return FeedForward(
+            amplitude_v=per_torque * cogging.get("torque", 0.0),
+            periods=cogging.get("periods", 0.0),
+            phase=cogging.get("phase", 0.0),
+            viscous_v_s_per_rad=per_torque * viscous.get("coefficient", 0.0),
+            load_v=per_torque * there.get("constant_load", {}).get("torque", 0.0),
+        )
+
+    def drifts(self) -> bool:
+        """Whether it holds something between voltage and measured angle that lets an integrating motor model drift."""
+        return bool(on_the_motor(self.rig))
+
+    def bends(self) -> bool:
+        """Whether it holds effects behind the gear that the linear part leaves out."""
+        linear = (slots.Yielding, slots.BodyDamping)
+        for place, there in self.rig.effects.items():
+            kind = self.rig.kind_at(place)
+            if kind in ("amplifier", "motor_circuit", "rotor", "gear", SENSOR.name):
+                continue
+            if any(not isinstance(find(kind, name, place).slot, linear) for name in there):
+                return True
+        return False
+
+
+def on_the_motor(rig: Rig) -> list[tuple[str, str]]:
+    """(effect, place) of what acts between the voltage and the measured angle; delays are a matter of the gain."""
+    rotor = rig.motor_rotor()
+    sensors = [SENSOR_PREFIX + s.name for s in rig.sensors.values() if rotor is not None and s.of == rotor.name]
+    found = []
+    for place, there in rig.effects.items():
+        driving = rig.kind_at(place) in ("amplifier", "motor_circuit", "rotor") or place in sensors[:1]
+        found += [(name, place) for name in there if (driving and name != "delay") or name == "load_reaction"]
+    return found
+
+
+def nominal(config: RigConfig) -> RigConfig:
+    """A rig as its maker states it: without effects."""
+    return replace(config, effects={})
+
+
+@dataclass(frozen=True)
+class Beliefs:
+    """What the controller was designed for, and what the twin knows."""
+
+    design: Belief
+    twin: Belief
+
+
+def beliefs_of(config: RunConfig) -> Beliefs:
+    """What a configuration says: ``model``, ``controller.design_from`` and ``twin.estimate_from``.
+
+    Raises
+    ------
+    UserError : in the name of ``model``, where that is no rig.
+    """
+    stated = Belief(build_rig(nominal(config.rig)))
+    if config.model is None:
+        return Beliefs(stated, stated)
+    try:
+        found = Belief(build_rig(config.model))
+    except UserError as mistake:
+        raise of_the_model(mistake) from mistake
+    return Beliefs(
+        found if config.controller.design_from == "model" else stated,
+        found if config.twin.estimate_from == "model" else stated,
+    )
+
+
+def settled(config: RunConfig, beliefs: Beliefs) -> RunConfig:
+    """The configuration with what is ``auto`` in it made a choice.
+
+    An integrating model of the motor would drift where something acts on the motor that it does not have; a linear twin
+    is blind to effects behind the gear.
+    """
+    controller, twin = config.controller, config.twin
+    if controller.internal_model == "auto":
+        form = "inner_loop" if beliefs.design.drifts() else "bare"
+        controller = replace(controller, internal_model=form)
+    if twin.method == "auto":
+        twin = replace(twin, method="simulate" if beliefs.twin.bends() else "linear")
+    return replace(config, controller=controller, twin=twin)
+
+
+def design_for(config: RunConfig, belief: Belief) -> ControllerDesign | None:
+    """The controller's design for what is believed of the rig; None in open loop.
+
+    Raises
+    ------
+    UserError : the rig is none that this controller is made for, or the sampling is too slow for it.
+    """
+    c, rig = config.controller, belief.rig
+    if c.structure == "open_loop":
+        return None
+    if c.structure == "nimc" and rig.only("gear") is None:
+        raise UserError("controller", c.name, f"needs a rig with a gear; {rig.config.name} has none")
+    linear = belief.linear(tuple(c.compensate))
+    frequency = kept(dominant_frequency, linear.structure)
+    if frequency * config.sample_time_s >= math.pi:
+        allowed = f"sampling above twice the dominant mode's {frequency / (2 * math.pi):.3g} Hz"
+        raise UserError("sample_time_s", config.sample_time_s, allowed)
+    return kept(
+        design_controller,
+        linear.motor, linear.structure, c.k_theta_v_per_rad, c.prefilter, c.tau_r_s, config.sample_time_s,
+    )  # fmt: skip
