@@ -101,6 +101,17 @@ def print_run(summary: dict[str, Any], moves: pd.DataFrame, estimates: pd.DataFr
     console.print(escape(shown_path(folder / "report.html")), soft_wrap=True)
 
 
+def print_beliefs(found: str, table: pd.DataFrame, folder: Path) -> None:
+    """Print what was found, the loop with each belief, and where the report is."""
+    from dtbacklash.report.kit import tables
+
+    console = stdout_console()
+    console.print(Text(found), soft_wrap=True)
+    console.print()
+    tables.show(tables.beliefs(table))
+    console.print(escape(shown_path(folder / "report.html")), soft_wrap=True)
+
+
 def shown_path(path: Path) -> str:
     """Return ``path`` relative to here if it lies below, for people to click or copy."""
     relative = os.path.relpath(path)

@@ -24,6 +24,8 @@ def single(config: RunConfig, folder: Path, command: str) -> int:
     """Simulate ``config``, write its folder and tell the user; returns the exit code."""
     from dtbacklash.commands import console
 
+    if config.task == "close_the_loop":
+        return _close(config, folder, command)
     with console.progress("simulating") as tell:
         result = simulate_and_write(config, folder, command, tell)
     console.print_run(result.summary, result.moves, result.estimates, folder)
@@ -31,8 +33,24 @@ def single(config: RunConfig, folder: Path, command: str) -> int:
     return 0
 
 
+def _close(config: RunConfig, folder: Path, command: str) -> int:
+    """Record, diagnose, run with what was found, and tell the user; returns the exit code."""
+    from dtbacklash.commands import console
+    from dtbacklash.face.close_files import close_and_write
+    from dtbacklash.report.closing.page import found_in_words
+
+    with console.progress("closing the loop") as tell:
+        closed = close_and_write(config, folder, command, lambda text, share: tell(share, text))
+    console.print_beliefs(found_in_words(closed.diagnosis), closed.table, folder)
+    return 0
+
+
 def work(config: RunConfig, folder: Path, command: str) -> dict[str, Any]:
     """Simulate and write the folder of one job; returns its summary."""
+    if config.task == "close_the_loop":
+        from dtbacklash.face.close_files import close_and_write, summary
+
+        return summary(config, close_and_write(config, folder, command), command)
     return dict(simulate_and_write(config, folder, command).summary)
 
 

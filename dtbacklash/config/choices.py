@@ -37,6 +37,10 @@ TWIN_METHODS = {
     "linear": "the twin filters what was measured through the structure's linear observer (the paper's form)",
     "simulate": "the twin simulates the structure with all effects that it believes in",
 }
+TASKS = {
+    "run": "one run",
+    "close_the_loop": "record, diagnose, and run with what was found",
+}
 COMPENSATED = {
     "cogging": "the ripple of the motor's torque over its angle",
     "viscous_friction": "viscous friction at the motor",

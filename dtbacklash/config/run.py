@@ -21,6 +21,7 @@ from dtbacklash.config.choices import (
     PROFILES,
     REFERENCES,
     STRUCTURES,
+    TASKS,
     TRIGGERS,
     TWIN_METHODS,
 )
@@ -240,6 +241,10 @@ class RunConfig:
     duration_s: float = setting(200.0, "length of the run, a whole number of samples", unit="s", above=0)
     sample_time_s: float = setting(0.001, "sample time of the controller and of the trace", unit="s", above=0)
     seed: int = setting(0, "of noise, random references, optimizers that draw lots", at_least=0, at_most=SEED_MAX)
+    task: str = setting(
+        "run", "one run; or record in the loop, diagnose, and run with what was found (experiment=close_the_loop)",
+        choices=TASKS,
+    )  # fmt: skip
     figures: bool = setting(True, "false: no figures, also not in report.html")
 
     def __post_init__(self) -> None:
@@ -248,6 +253,7 @@ class RunConfig:
         check(self)
         self._check_length()
         self._check_twin()
+        self._check_task()
         self._check_rig()
         nyquist_hz = 0.5 / self.sample_time_s
         if self.reference.kind == "multisine":
@@ -281,6 +287,14 @@ class RunConfig:
                 if not any(column.startswith(f"{sensor}_") for sensor in self.rig.sensors):
                     allowed = f"a sensor and its unit, e.g. q3_mm; {self.rig.name} has " + ", ".join(self.rig.sensors)
                     raise UserError(f"sensors.{kind}.{column}", getattr(self.sensors, kind)[column], allowed)
+
+    def _check_task(self) -> None:
+        if self.task == "run":
+            return
+        if self.controller.reconfigure == "never":
+            raise UserError("controller", self.controller.name, "closing the loop takes one that a twin reconfigures")
+        if self.recording.save is not None:
+            raise UserError("recording.save", self.recording.save, "closing the loop makes several runs")
 
     def _check_twin(self) -> None:
         if self.controller.reconfigure != "never" and self.twin.buffer > self.samples:

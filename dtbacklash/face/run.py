@@ -76,7 +76,7 @@ class Run:
     @property
     def recording(self) -> Recording:
         """What the sensors saw, with their noise and counts, in SI: N+1 samples of ``r``, ``u`` and each sensor."""
-        from dtbacklash.face.run_files import recording_of
+        from dtbacklash.closing import recording_of
 
         return recording_of(self.data)
 

@@ -20,7 +20,6 @@ from dtbacklash.version import __version__
 
 if TYPE_CHECKING:
     from dtbacklash.experiment.run import RunResult
-    from dtbacklash.recording import Recording
 
 LIBRARIES = ("numpy", "scipy", "numba", "control", "pandas", "hydra-core", "matplotlib")
 
@@ -91,21 +90,6 @@ def write(result: RunResult, folder: Path) -> None:
     result.estimates.to_csv(folder / "estimates.csv", index=False)
     result.trace.to_parquet(folder / "trace.parquet", index=False)
     run_report.write(result, result.moves, folder)
-
-
-def recording_of(result: RunResult) -> Recording:
-    """What the sensors saw, as a recording in SI; nothing is copied."""
-    from dtbacklash.recording import Recording
-
-    name = f"{result.config.controller.name} on {result.rig.config.name}"
-    return Recording(
-        name=name,
-        source=None,
-        sample_time_s=result.config.sample_time_s,
-        t_s=result.t_s,
-        channels=dict(result.seen),
-        units=result.units,
-    )
 
 
 def recording_columns(result: RunResult) -> pd.DataFrame:

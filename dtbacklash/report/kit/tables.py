@@ -96,6 +96,16 @@ def estimates(frame: pd.DataFrame) -> Table:
     ])  # fmt: skip
 
 
+def beliefs(frame: pd.DataFrame) -> Table:
+    """The table of a loop that was closed, `dtbacklash.closing.COLUMNS`."""
+    return fill(blank("The loop with each belief"), frame, [
+        ("belief", "belief", plain_cell, False), ("overshoot_pct", "overshoot [%]", decimals(2), True),
+        ("settling_time_s", "settling time [s]", decimals(3, "not settled"), True),
+        ("estimations", "estimations", plain_cell, True), ("accepted", "accepted", plain_cell, True),
+        ("largest_gap_error_deg", "largest gap error [deg]", decimals(2), True),
+    ])  # fmt: skip
+
+
 def sweep(frame: pd.DataFrame, axes: list[str]) -> Table:
     """The jobs of a sweep: the swept keys `axes`, then what came out; below it the errors of failed jobs."""
     failed = failed_jobs(frame)

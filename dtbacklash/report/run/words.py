@@ -107,12 +107,11 @@ def _controller(c: ControllerConfig) -> str:
 
 def _belief(config: RunConfig, model: RigConfig) -> list[str]:
     """What controller and twin know of the rig, and what the voltage takes out beforehand."""
-    who = {("model", "model"): "controller and twin", ("model", "nominal"): "the controller",
-           ("nominal", "model"): "the twin"}.get((config.controller.design_from, config.twin.estimate_from))  # fmt: skip
-    if who is None:
+    asked = {"the controller": config.controller.design_from, "the twin": config.twin.estimate_from}
+    who = [name for name, source in asked.items() if source == "model"]
+    if not who:
         return ["nobody uses the model that was given"]
-    said = [f"what {who} know{'s' if who != 'controller and twin' else ''} of the rig: {model.name}",
-            *effect_sentences(model)]  # fmt: skip
+    said = [f"believed of the rig by {' and '.join(who)}: {model.name}", *effect_sentences(model)]
     there = {name for effects in model.effects.values() for name in effects}
     taken = [choices.COMPENSATED[name] for name in config.controller.compensate if name in there]
     if taken and config.controller.design_from == "model":

@@ -1,0 +1,1 @@
+"""The page of a loop that was closed over a diagnosis."""

@@ -1,0 +1,66 @@
+"""The page of a loop that was closed over a diagnosis: what was found, and what the loop makes of it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+from dtbacklash.closing import COLUMNS, Closed
+from dtbacklash.diagnose.result import Diagnosis
+from dtbacklash.report.closing.figure import beliefs_figure
+from dtbacklash.report.kit.numbers import number, quantity
+from dtbacklash.report.kit.page import Shown, embedded, render
+from dtbacklash.report.kit.style import save
+
+HEADINGS = {
+    "belief": "belief",
+    "overshoot_pct": "largest overshoot [%]",
+    "settling_time_s": "longest settling time [s]",
+    "estimations": "estimations",
+    "accepted": "accepted estimates",
+    "largest_gap_error_deg": "largest error of an accepted gap [deg]",
+}
+MEANINGS = {
+    "nominal": "controller and twin believe in the nominal rig",
+    "twin only": "the twin knows what was found, the controller does not",
+    "design only": "the controller knows what was found, the twin does not",
+    "both": "controller and twin know what was found",
+    "truth": "controller and twin know the machine as it is",
+}
+CAPTION = (
+    "The largest overshoot with each belief, and the output at the move that the nominal belief does worst.",
+    "the bar of `both` as short as that of `truth`, and its line on top of the dotted one.",
+)
+
+
+def write(closed: Closed, folder: Path, command: str) -> None:
+    """Write ``report.html`` and ``figures/close_the_loop.png`` into an existing folder."""
+    (folder / "figures").mkdir(exist_ok=True)
+    path = save(beliefs_figure(closed.table, closed.runs), folder / "figures" / "close_the_loop.png")
+    page = render(
+        "closing.html.j2",
+        title="From a recording to a controller",
+        summary=found_in_words(closed.diagnosis),
+        verdict=closed.diagnosis.verdict.replace("_", " "),
+        figure=Shown(embedded(path), *CAPTION),
+        headings=[HEADINGS[name] for name in COLUMNS],
+        rows=[(MEANINGS[str(row["belief"])], _cells(row)) for row in closed.table.to_dict("records")],
+        command=command,
+    )
+    (folder / "report.html").write_text(page, encoding="utf-8")
+
+
+def _cells(row: dict[Any, Any]) -> list[str]:
+    error = row["largest_gap_error_deg"]
+    others = [number(row[name], 3, "-") for name in COLUMNS[1:-1]]
+    return [str(row["belief"]), *others, "-" if math.isnan(error) else f"{error:.2f}"]
+
+
+def found_in_words(diagnosis: Diagnosis) -> str:
+    """What was found and what had to move, one sentence after the other."""
+    moved = [
+        f"{name} is {quantity(r.value, r.unit)} instead of {quantity(r.nominal, r.unit)}"
+        for name, r in diagnosis.recalibrated.items()
+    ]
+    return diagnosis.summary + (f" Recalibrated: {', '.join(moved)}." if moved else "")
