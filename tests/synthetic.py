@@ -17,7 +17,7 @@ DURATION, PERIOD, T_S = 200.0, 20.0, 0.001
 
 
 def s_curve(t: np.ndarray, end_deg: float = 100.0) -> np.ndarray:
-    x = np.clip((t - 50.0) / 100.0, 0.0, 1.0)
+    x = np.clip((t - 25.0) / 150.0, 0.0, 1.0)
     return end_deg * (10 * x**3 - 15 * x**4 + 6 * x**5)
 
 

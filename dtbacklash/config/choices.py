@@ -66,8 +66,8 @@ INTERPOLATIONS = {
     "linear": "straight between its rows",
 }
 NOVELTY_FILTERS = {
+    "ellip": "third-order elliptic low-pass, 3 dB at half the dominant mode's frequency and 40 dB at it (the paper's)",
     "cheby2": "third-order Chebyshev II low-pass, 40 dB from the dominant mode's frequency on",
-    "ellip": "third-order elliptic low-pass, its edge at half the dominant mode's frequency",
 }
 OPTIMIZERS = {
     "bfgs": "BFGS with exact derivatives",

@@ -80,8 +80,8 @@ class ProfileConfig:
     end_deg: float = setting(
         100.0, "gap at the end; with `constant` it follows start_deg", unit="deg", at_least=0, at_most=360
     )
-    t_start_s: float = setting(50.0, "growth begins (`step`: the jump)", unit="s", at_least=0)
-    t_end_s: float = setting(150.0, "growth ends", unit="s", at_least=0)
+    t_start_s: float = setting(25.0, "growth begins (`step`: the jump)", unit="s", at_least=0)
+    t_end_s: float = setting(175.0, "growth ends", unit="s", at_least=0)
     running_in_share: float = setting(0.15, "wear: share of the growth in the running-in phase", at_least=0, at_most=1)
     running_in_span: float = setting(0.1, "wear: time constant of the running-in, as a share of the time", above=0)
     severe_share: float = setting(0.55, "wear: share of the growth in the severe phase", at_least=0, at_most=1)
@@ -155,7 +155,7 @@ class TwinConfig:
     )  # fmt: skip
     estimate_from: str = setting("model", "what it knows of the structure", choices=BELIEFS)
     novelty_threshold_mm: float = setting(0.1, "novelty index that calls the twin", unit="mm", above=0)
-    novelty_filter: str = setting("cheby2", "low-pass of the index: Chebyshev II or elliptic", choices=NOVELTY_FILTERS)
+    novelty_filter: str = setting("ellip", "low-pass of the index: elliptic or Chebyshev II", choices=NOVELTY_FILTERS)
 
     def __post_init__(self) -> None:
         check(self, "twin.")

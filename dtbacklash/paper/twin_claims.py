@@ -1,52 +1,97 @@
-"""Claims about the digital twin: section 4, Figures 13 and 14."""
+"""Claims about the digital twin: sections 4 and 4.1, Figure 13."""
 
 import math
 
 import numpy as np
-from scipy.signal import sosfreqz
 
+from dtbacklash.arrays import Floats
+from dtbacklash.experiment.metrics import move_table
+from dtbacklash.paper.backlash_claims import late_start
 from dtbacklash.paper.claim import Claim, between
-from dtbacklash.paper.experiments import Experiments
-from dtbacklash.twin.novelty import novelty_design
+from dtbacklash.paper.experiments import OPTIMIZERS, Experiments
+from dtbacklash.twin.observer import filtered, twin_model
+
+#: how many times faster than real time an estimate has to be
+FASTER = 50.0
 
 
 def estimator(x: Experiments) -> list[Claim]:
-    from scipy.stats import gamma
-
+    """The observer on a vibrating structure whose state it does not know, and how long an estimate takes."""
     run = x.runs["fig13"]
-    pole = run.config.twin.observer_pole_rad_s
-    settling = gamma.ppf(0.99, 4) / pole  # step response of (pole/(s + pole))^4 is the gamma distribution's
-    window = run.config.twin.buffer * run.config.sample_time_s
-    simulation = run.estimates["wall_s"].sum() / run.estimates["evaluations"].sum()
+    sample_time_s, settle = run.config.sample_time_s, run.config.twin.settle
+    settled, left = [], []
+    for error in _observer_errors(x):
+        size = np.abs(error)
+        settled.append(sample_time_s * float(np.flatnonzero(size > 0.01 * size.max())[-1] + 1))
+        left.append(float(size[settle:].max() / size.max()))
+    # another process can only slow an estimate down: the fastest of three runs, each by its median estimate
+    took_s = min(float(x.runs[name].estimates["wall_s"].median()) for name in ("fig13", "no_delay", "unguarded"))
     return [
         between(
             "settling time of the twin's linear estimator",
             "4.1.1",
             "0.25 s",
-            settling,
+            float(np.median(settled)),
             "s",
-            0.245,
-            0.255,
-            "two digits; 1 % band of (40/(s+40))^4",
+            0.225,
+            0.275,
+            "a tenth: the median over 40 states in the vibration of Fig. 4, 1 % band; the time depends on the state",
         ),
         between(
-            "the twin's simulation over the time that it simulates",
-            "4",
-            "faster than real time",
-            simulation / window,
+            "estimator's error from sample k_s on, over its largest",
+            "4.1",
+            "converges; k_s by its settling time",
+            max(left),
             "",
             -math.inf,
-            0.1,
-            "ten times faster, all of the optimiser's own time included",
+            0.01,
+            "the settling band, from each of those states",
+        ),
+        between(
+            "time that the twin simulates over the time that an estimate takes",
+            "4",
+            "faster than real time",
+            run.config.twin.buffer * sample_time_s / took_s,
+            "",
+            FASTER,
+            math.inf,
+            "the whole estimate with its optimizer, median of nine; a quarter of what an idle machine reaches, so that "
+            "a busy one may pass",
         ),
     ]
 
 
+def _observer_errors(x: Experiments) -> list[Floats]:
+    """Output errors of the twin's observer from 40 instants of Fig. 4 on, theta_d exact: each (buffer,), mm."""
+    run = x.runs["fig4"]
+    twin = x.runs["fig13"].config.twin
+    model = twin_model(x.structure, twin.observer_pole_rad_s, run.config.sample_time_s, twin.settle)
+    q3, theta_d = run.trace["q3_mm"].to_numpy(), run.trace["theta_d_rad"].to_numpy()
+    parts = [slice(first, first + twin.buffer) for first in range(200, 1200, 25)]
+    return [filtered(q3[at], model.from_q3) + 1e3 * filtered(theta_d[at], model.from_theta_d) for at in parts]
+
+
+def optimizers(x: Experiments) -> list[Claim]:
+    """Fig. 13 with every other method that can be chosen."""
+    errors = [x.runs[name].estimates["gap_deg"] - x.runs[name].estimates["true_gap_deg"] for name in OPTIMIZERS]
+    return [
+        between(
+            f"largest error of an estimate of Fig. 13 with {len(OPTIMIZERS)} other optimizers",
+            "4.1",
+            "many optimization methods",
+            max(float(error.abs().max()) for error in errors),
+            "deg",
+            -math.inf,
+            0.15,
+            "as for Fig. 13; " + ", ".join(name.replace("_", " ") for name in OPTIMIZERS),
+        )
+    ]
+
+
 def figure_13(x: Experiments) -> list[Claim]:
-    run, moves = x.runs["fig13"], x.moves["fig13"]
+    run = x.runs["fig13"]
     error = run.estimates["gap_deg"] - run.estimates["true_gap_deg"]
-    late = run.estimates["t_applied_s"] - run.estimates["t_event_s"]
-    exact = x.moves["exact"]["overshoot_pct"].max()
+    plain = x.runs["unguarded"].estimates
     return [
         between("Fig. 13: number of estimations", "4.1.1, 4.2", "nine", len(run.estimates), "", 9, 9, "exact"),
         between(
@@ -67,112 +112,56 @@ def figure_13(x: Experiments) -> list[Claim]:
             "deg",
             -math.inf,
             0.15,
-            "the gap grows by up to 1.9 deg within a buffer; the estimate is to be that of its middle",
+            "the gap grows by up to 1.25 deg within a buffer; the estimate is to be that of its middle",
         ),
         between(
-            "Fig. 13: delay from the full buffer to the new gap",
+            "Fig. 13: mean error of the estimates by (18) alone",
             "4.1.1",
-            "4 s",
-            (late - 1.0).max(),
-            "s",
-            3.999,
-            4.001,
-            "one sample",
+            "unbiased",
+            abs((plain["gap_deg"] - plain["true_gap_deg"]).mean()),
+            "deg",
+            -math.inf,
+            0.1,
+            "as above, without this project's correction for growth within the buffer and without its guard",
         ),
+        *_transient(x),
+    ]
+
+
+def _transient(x: Experiments) -> list[Claim]:
+    moves = x.moves["fig13"]
+    said = "designed transient maintained"
+    wide = move_table(x.runs["fig13"].trace, 0.02)["settling_time_s"].max(skipna=False)
+    return [
         between(
             "Fig. 13: overshoot",
             "4.1.1",
-            "designed transient maintained",
+            said,
             moves["overshoot_pct"].max(),
             "%",
             -math.inf,
-            exact + 0.5,
-            "NIMC with the exact gap of 100 deg, and half a settling band",
+            2.0,
+            "twice the settling band; the design has none",
         ),
         between(
             "Fig. 13: settling time of a move",
             "4.1.1",
-            "designed transient maintained",
+            said,
             moves["settling_time_s"].max(skipna=False),
             "s",
             -math.inf,
-            x.moves["exact"]["settling_time_s"].max() + 0.1,
-            "NIMC with the exact gap of 100 deg, and 0.1 s",
-        ),
-    ]
-
-
-def figure_14(x: Experiments) -> list[Claim]:
-    run, moves = x.runs["fig14"], x.moves["fig14"]
-    error = run.estimates["gap_deg"] - run.estimates["true_gap_deg"]
-    q3 = {name: x.runs[name].trace["q3_mm"].to_numpy() for name in ("fig8", "fig13", "fig14")}
-    away = float(np.sqrt(np.mean((q3["fig14"] - q3["fig13"]) ** 2)))
-    linear = float(np.sqrt(np.mean((q3["fig8"] - q3["fig13"]) ** 2)))
-    attenuation, cut_off = _filter(x)
-    return [
-        between("Fig. 14: number of estimations", "4.2", "three", len(run.estimates), "", 3, 3, "exact"),
-        between(
-            "Fig. 14: largest error of an estimate",
-            "4.2",
-            "as in Fig. 13",
-            error.abs().max(),
-            "deg",
-            -math.inf,
-            0.15,
-            "as for Fig. 13",
+            0.85,
+            "what rounds to the design's 0.8 s",
+            f"{late_start(x)}. Within 2 % of the move the slowest has settled after {wide:.2f} s",
         ),
         between(
-            "Fig. 14: rms distance of q3 from Fig. 13, over that of Fig. 8",
-            "4.2",
-            "does not differ much",
-            away / linear,
-            "",
-            -math.inf,
-            0.6,
-            "nearer to Fig. 13 than to linear IMC",
-        ),
-        between(
-            "Fig. 14: largest overshoot beside Fig. 13's",
-            "4.2",
-            "does not differ much",
-            moves["overshoot_pct"].max() - x.moves["fig13"]["overshoot_pct"].max(),
+            "Fig. 13: largest overshoot beside that of a twin without delay",
+            "4.1.1",
+            "maintained even though delayed by 4 s",
+            moves["overshoot_pct"].max() - x.moves["no_delay"]["overshoot_pct"].max(),
             "points",
             -math.inf,
-            2.0,
-            "twice the settling band",
-            "a move that raises the alarm is itself made with the old gap, and the "
-            "one at 120 s comes 60 deg of wear after the estimate before it",
-        ),
-        between(
-            "Novelty filter: attenuation at omega_d",
-            "4.2",
-            "40 dB",
-            attenuation,
-            "dB",
-            39.9,
-            math.inf,
-            "as it is said, to rounding",
-        ),
-        between(
-            "Novelty filter: cut-off over omega_d",
-            "4.2",
-            "omega_d/2",
-            cut_off,
-            "",
-            0.45,
-            0.55,
-            "one digit",
-            "no third-order filter has both its -3 dB point at omega_d/2 and 40 dB at omega_d; this "
-            "one (Chebyshev II) keeps the 40 dB, twin.novelty_filter=ellip keeps the cut-off and has 28 dB",
+            0.5,
+            "half the settling band",
         ),
     ]
-
-
-def _filter(x: Experiments) -> tuple[float, float]:
-    """Attenuation of the novelty filter at omega_d, dB, and its -3 dB point over omega_d."""
-    config = x.runs["fig14"].config
-    omega_d = x.design.dominant_frequency_rad_s
-    detector = novelty_design(config.twin.novelty_filter, omega_d, config.sample_time_s)
-    omega = np.linspace(0.05, 1.0, 9501) * omega_d
-    gain = 20.0 * np.log10(np.abs(sosfreqz(detector.sos, omega * config.sample_time_s)[1]))
-    return float(-gain[-1]), float(omega[np.flatnonzero(gain < -3.0103)[0]] / omega_d)

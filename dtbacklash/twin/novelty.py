@@ -1,9 +1,11 @@
 """The novelty index: instantaneous amplitude of the dominant mode in the prediction error, eqs (19)-(21).
 
 The error is multiplied by cosine and sine of omega_d t, both products pass the same third-order low-pass
-filter, and the magnitude of the two is the amplitude. The multiplication moves a constant error to omega_d,
-where the filter is 40 dB down ('cheby2'), as the paper asks. It cannot have its cut-off at omega_d/2 as well:
-the elliptic filter of third order with that cut-off ('ellip') is 28 dB down at omega_d.
+filter, and the magnitude of the two is the amplitude. The multiplication moves a constant error to omega_d.
+The paper asks for a third-order IIR filter with its cut-off at omega_d/2 and a stopband of 40 dB at omega_d. The
+elliptic filter of 3 dB ripple and a 40 dB stopband ('ellip') has both: -3 dB at 0.500 omega_d, -40.9 dB at omega_d;
+with 1 dB of ripple it would be 28 dB down there. Chebyshev II ('cheby2') keeps the 40 dB with a flat passband, and has
+its cut-off at 0.33 omega_d.
 """
 
 from __future__ import annotations
@@ -18,10 +20,11 @@ from dtbacklash.errors import UserError
 
 Array = NDArray[np.float64]
 
-FILTERS = ("cheby2", "ellip")
+FILTERS = ("ellip", "cheby2")
 ORDER = 3
 STOPBAND_DB = 40.0
-RIPPLE_DB = 1.0
+#: of the elliptic filter's passband: its edge is then the usual -3 dB cut-off, and 40 dB are reached before twice that
+RIPPLE_DB = 3.0
 
 
 @dataclass(frozen=True)
@@ -45,8 +48,8 @@ class NoveltyDesign:
 def novelty_design(kind: str, frequency_rad_s: float, sample_time_s: float) -> NoveltyDesign:
     """The lock-in filter at omega_d = frequency_rad_s.
 
-    kind 'cheby2': Chebyshev II, 40 dB from omega_d on; 'ellip': elliptic, 1 dB ripple up to its edge
-    omega_d/2, 40 dB stopband further up. UserError for another kind, or if sampling is too slow.
+    kind 'ellip': elliptic, 3 dB ripple up to its edge omega_d/2, 40 dB stopband from below omega_d on; 'cheby2':
+    Chebyshev II, 40 dB from omega_d on. UserError for another kind, or if sampling is too slow.
     """
     from scipy.signal import cheby2, ellip
 
@@ -54,10 +57,10 @@ def novelty_design(kind: str, frequency_rad_s: float, sample_time_s: float) -> N
     if not 0.0 < frequency_rad_s < nyquist:
         allowed = f"sampling above twice the dominant mode's {frequency_rad_s / (2 * np.pi):.3g} Hz"
         raise UserError("sample_time_s", sample_time_s, allowed)
-    if kind == "cheby2":
-        sos = cheby2(ORDER, STOPBAND_DB, frequency_rad_s / nyquist, output="sos")
-    elif kind == "ellip":
+    if kind == "ellip":
         sos = ellip(ORDER, RIPPLE_DB, STOPBAND_DB, 0.5 * frequency_rad_s / nyquist, output="sos")
+    elif kind == "cheby2":
+        sos = cheby2(ORDER, STOPBAND_DB, frequency_rad_s / nyquist, output="sos")
     else:
         raise UserError("twin.novelty_filter", kind, "one of " + ", ".join(FILTERS))
     phase = frequency_rad_s * sample_time_s

@@ -11,9 +11,14 @@ import pytest
 #: claims that we cannot reproduce; each has its reason in claims.csv and in the docs
 FAILING = {
     "Fig. 6: derivative of q3 at t = 0",
+    "Fig. 6: what the structure's load on the motor changes, the paper's internal model",
+    "Fig. 10: overshoot where the estimate is almost exact (move at 80 s)",
+    "Fig. 10: overshoot where the estimate is almost exact (move at 120 s)",
+    "Fig. 10: settling time where the estimate is almost exact (move at 100 s)",
     "Fig. 10: overshoot where the gap is small (before 60 s)",
+    "NIMC with the exact gap of 100 deg: settling time",
+    "Fig. 13: settling time of a move",
     "Fig. 14: largest overshoot beside Fig. 13's",
-    "Novelty filter: cut-off over omega_d",
 }
 
 
@@ -27,8 +32,9 @@ def paper(tmp_path_factory: pytest.TempPathFactory) -> tuple[subprocess.Complete
 def test_exactly_the_known_claims_fail(paper: tuple[subprocess.CompletedProcess[str], Path]) -> None:
     done, folder = paper
     claims = pd.read_csv(folder / "claims.csv")
+    # neither may another claim fail, nor one of these begin to hold unnoticed
     assert set(claims.loc[~claims["pass"], "claim"]) == FAILING
-    assert len(claims) >= 40
+    assert claims["pass"].sum() >= 57
     assert done.returncode == 1, done.stderr  # as long as a claim fails
 
 

@@ -50,8 +50,9 @@ METHODS = (
     "figure with two digits is met by what rounds to it.",
     "Where the paper leaves a choice, it is read so: lengths in mm, the lead is 1/π mm/rad; the settling band is 1 "
     "%; the reduced model keeps the steady state (balanced residualisation), and its minimum-phase factor is "
-    "inverted; the square wave goes from +1 to -1 mm; the gap's S-curve is 10x³ \N{MINUS SIGN} 15x⁴ + 6x⁵; a buffer "
-    "holds the samples after a change of the reference. docs/theory.md has the reasons.",
+    "inverted; the square wave goes from +1 to -1 mm; the gap's S-curve is 10x³ \N{MINUS SIGN} 15x⁴ + 6x⁵ from 25 to "
+    "175 s; a buffer holds the samples after a change of the reference; the novelty filter is elliptic, of 3 dB ripple."
+    " docs/theory.md has the reasons.",
 )
 
 

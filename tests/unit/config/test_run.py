@@ -19,7 +19,7 @@ REFUSED = [
     (run.ProfileConfig, {"end_deg": -1.0}, "profile.end_deg"),
     (run.ProfileConfig, {"end_deg": 400.0}, "profile.end_deg"),
     (run.ProfileConfig, {"start_deg": math.inf}, "profile.start_deg"),
-    (run.ProfileConfig, {"t_start_s": 150.0}, "profile.t_end_s"),
+    (run.ProfileConfig, {"t_start_s": 175.0}, "profile.t_end_s"),
     (run.ProfileConfig, {"running_in_share": 0.6}, "profile.severe_share"),
     (run.ProfileConfig, {"severe_from": 1.0}, "profile.severe_from"),
     (run.ProfileConfig, {"kind": "constant", "start_deg": 1.0, "end_deg": 2.0}, "profile.end_deg"),

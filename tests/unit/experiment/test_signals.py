@@ -71,12 +71,12 @@ def test_a_multisine_without_a_line_in_its_band_is_refused():
 def test_the_s_curve_is_minimum_jerk():
     gap = signals.gap_profile(ProfileConfig(), T_S)
     x = 0.3
-    assert gap[50_000] == 0.0
-    assert gap[80_000] == pytest.approx(100 * (10 * x**3 - 15 * x**4 + 6 * x**5), rel=1e-12)
+    assert gap[25_000] == 0.0
+    assert gap[70_000] == pytest.approx(100 * (10 * x**3 - 15 * x**4 + 6 * x**5), rel=1e-12)
     assert gap[100_000] == pytest.approx(50.0)
-    assert gap[150_000] == pytest.approx(100.0)
+    assert gap[175_000] == pytest.approx(100.0)
     # velocity and acceleration vanish at both ends
-    assert np.abs(np.diff(gap)[[50_000, 149_999]]).max() < 1e-9
+    assert np.abs(np.diff(gap)[[25_000, 174_999]]).max() < 1e-9
 
 
 @pytest.mark.parametrize("kind", ["s_curve", "ramp", "step", "wear"])

@@ -74,7 +74,7 @@ def test_the_page_says_what_was_run_and_what_came_out(written):
         "7 of 9",
         "Dry (Coulomb) friction of 0.02 N m",
         "Square wave of ±1 mm, period 40 s.",
-        "Grows from 0° to 100° along an S-curve between 50 and 150 s.",
+        "Grows from 0° to 100° along an S-curve between 25 and 175 s.",
         "432.1 deg lies outside the physical bounds [0, 180] deg",
         "dtb run controller=nimc_twin 'reference.path=<a b>'",
         "numpy: 2.4.6",
