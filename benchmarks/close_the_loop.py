@@ -106,7 +106,7 @@ def _drawn(rig: Rig, sort: str, seed: int) -> Secret:
 
 
 def verdicts(kept: dict[str, Any]) -> dict[str, tuple[bool, bool]]:
-    """Sort -> whether the loop that believes in what was found meets the bar, and whether it is no worse than before."""
+    """Sort -> whether the loop that believes in what was found meets the bar, and is no worse than before."""
     found = {}
     for sort, entry in kept["sorts"].items():
         overshoot = {row["belief"]: _pct(row["overshoot_pct"]) for row in entry["rows"]}

@@ -39,8 +39,8 @@ Tell = Callable[[str, float], None]
 class Closed:
     """What came of it.
 
-    recorded : the run that the machine was recorded in. diagnosis : of the recording. runs : variant -> its run, None where the loop diverged.
-    table : a row a variant, columns ``COLUMNS``.
+    recorded : the run that the machine was recorded in. diagnosis : of the recording. runs :
+    variant -> its run, None where the loop diverged. table : a row a variant, columns ``COLUMNS``.
     """
 
     recorded: RunResult
@@ -65,7 +65,9 @@ def close_the_loop(config: RunConfig, tell: Tell | None = None) -> Closed:
     stated = build_rig(config.model or nominal(config.rig))
     say("recording the machine", 0.0)
     recorded = record(config, stated)
-    found = diagnose(recording_of(recorded), stated, progress=lambda text, share: say(text, 0.05 + 0.75 * share), jobs=2)
+    found = diagnose(
+        recording_of(recorded), stated, progress=lambda text, share: say(text, 0.05 + 0.75 * share), jobs=2
+    )
     runs = compare(config, stated, found.extended, lambda name, share: say(f"running: {name}", 0.8 + 0.2 * share))
     return Closed(recorded, found, runs, table(runs))
 

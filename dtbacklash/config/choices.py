@@ -22,10 +22,11 @@ PREFILTERS = {
     "none": "no dynamical prefilter",
 }
 INTERNAL_MODELS = {
-    "auto": "inner_loop where the model holds friction or a load on the motor, else bare",
+    "auto": "a complete model of the inner loop where the model holds friction or a load on the motor, else bare",
     "bare": "the internal model is driven by the voltage (the paper's form)",
     "measured": "the internal model is driven by the measured motor angle",
     "inner_loop": "the internal model is that of the closed inner loop",
+    "inverse": "the internal model is that of the closed inner loop with an inverse of the backlash",
     "exact": "the internal model is motor and structure, sampled as one",
 }
 BELIEFS = {

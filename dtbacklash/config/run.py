@@ -52,9 +52,9 @@ class ControllerConfig:
     )
     tau_r_s: float = setting(1.0 / 6.0, "time constant of the reference model", unit="s", above=0)
     internal_model: str = setting(
-        "auto", "what drives the model of the structure: u, theta_m, a model of the inner loop; `exact` (imc): G1 G2 "
-        "sampled as one; `auto`: inner_loop where the model holds friction or a load, else bare; see theory.md",
-        choices=INTERNAL_MODELS,
+        "auto", "what drives the model of the structure: u, theta_m, a model of the inner loop (`inverse`: with an "
+        "inverse of the backlash); `exact` (imc): G1 G2 sampled as one; `auto`: where the model holds friction or a "
+        "load inner_loop (with a fixed estimate inverse), else bare; see theory.md", choices=INTERNAL_MODELS,
     )  # fmt: skip
     design_from: str = setting("model", "what it is designed for", choices=BELIEFS)
     compensate: list[str] = setting(

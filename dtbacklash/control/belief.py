@@ -160,12 +160,14 @@ def beliefs_of(config: RunConfig) -> Beliefs:
 def settled(config: RunConfig, beliefs: Beliefs) -> RunConfig:
     """The configuration with what is ``auto`` in it made a choice.
 
-    An integrating model of the motor would drift where something acts on the motor that it does not have; a linear twin
-    is blind to effects behind the gear.
+    An integrating model of the motor would drift where something acts on the motor that it does not have. Among the
+    complete models, only ``inverse`` settles with a fixed estimate that is too large; a twin meets a growing gap from
+    below, where ``inner_loop`` overshoots less. A linear twin is blind to effects behind the gear.
     """
     controller, twin = config.controller, config.twin
     if controller.internal_model == "auto":
-        form = "inner_loop" if beliefs.design.drifts() else "bare"
+        complete = "inner_loop" if controller.reconfigure != "never" else "inverse"
+        form = complete if beliefs.design.drifts() else "bare"
         controller = replace(controller, internal_model=form)
     if twin.method == "auto":
         twin = replace(twin, method="simulate" if beliefs.twin.bends() else "linear")

@@ -93,6 +93,10 @@ def test_design_and_twin_may_believe_different_things():
         ((), "bare", "linear"),
         (("rig.effects.motor_bearing.coulomb_friction.torque=0.02",), "bare", "linear"),
         ((MODEL, "model.effects.motor_bearing.coulomb_friction.torque=0.02"), "inner_loop", "linear"),
+        (
+            (MODEL, "controller=nimc_fixed", "model.effects.motor_bearing.constant_load.torque=0.02"), "inverse",
+            "linear",
+        ),
         ((MODEL, "model.effects.mass_3.ground_friction.force=0.2"), "bare", "simulate"),
         ((MODEL, "model.effects.screw.compliance.compliance=1e-6"), "bare", "linear"),
         ((MODEL, "model.effects.screw.pitch_error.amplitude=1e-5"), "bare", "simulate"),
