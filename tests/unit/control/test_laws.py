@@ -7,7 +7,8 @@ import pytest
 
 from dtbacklash.config.compose import compose
 from dtbacklash.control import design
-from dtbacklash.control.chain import design_for, motor_parameters, structure_parameters
+from dtbacklash.control.belief import beliefs_of, design_for
+from dtbacklash.control.chain import motor_parameters, structure_parameters
 from dtbacklash.control.laws import CROSSING_RATIO, build_controller, control_step, new_controller_state
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.physics.rig import build_rig
@@ -88,7 +89,7 @@ def test_a_new_estimate_at_rest_does_not_jump_and_serves_the_next_move() -> None
 
 
 def test_the_reference_crosses_the_gap_by_the_stated_ratio() -> None:
-    designed = design_for(CONFIG, RIG)
+    designed = design_for(CONFIG, beliefs_of(CONFIG).design)
     assert designed is not None
     controller = build_controller(CONFIG.controller, designed)
     state, gap, small = new_controller_state(controller), 1.0, 1e-6
