@@ -14,7 +14,7 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import ablation, nimc_forms, speed
+from benchmarks import ablation, close_the_loop, nimc_forms, speed
 from benchmarks.alternatives import alternative_rows, alternative_words, check_docs, write_docs
 from benchmarks.campaign import run_campaign
 from benchmarks.diagnosis import diagnosis_rows
@@ -32,10 +32,11 @@ TITLES = {
     "alternatives": "Beside the diagnosis, on concealed recordings: PySINDy on the residual, NARX by sysidentpy",
     "ablation": "Each setting of the diagnosis halved and doubled, on concealed recordings",
     "nimc_forms": "The forms of the internal model: wrong estimates of the gap, friction, sensors; the worst run",
+    "close_the_loop": "The loop with each belief, on concealed rigs: recorded, diagnosed, controlled",
     "guard": "The twin with and without its guard in the closed loop, random starts, noises, gaps and buffers",
 }
-#: run only when asked for: it needs the extra ``compare``; hours
-ASKED = ("alternatives", "ablation")
+#: run only when asked for: it needs the extra ``compare``; hours; minutes
+ASKED = ("alternatives", "ablation", "close_the_loop")
 SPEED: dict[str, Callable[[], list[Row]]] = {
     "loop": speed.loop_rows,
     "libraries": speed.library_rows,
@@ -71,6 +72,12 @@ def main() -> int:
                 write_docs(rows, n, seed, options.docs)
         elif name == "nimc_forms":
             rows, words = _forms(options, console)
+        elif name == "close_the_loop":
+            kept = options.out / "closing.json"
+            rows = close_the_loop.closing_rows(_campaign(options, 0, 50_000)[1], kept)
+            words = close_the_loop.closing_words(kept)
+            if options.docs:
+                close_the_loop.write_docs(kept, options.docs)
         elif name == "ablation":
             # with --docs the committed results are gone on from
             kept = options.docs / ablation.ROWS if options.docs else options.out / "ablation.json"
@@ -112,9 +119,9 @@ def _options() -> argparse.Namespace:
     parser.add_argument(
         "--n", type=int, help="cases of a campaign (guard: 1000, alternatives: 5, ablation: 3 recordings)"
     )
-    parser.add_argument("--seed", type=int, help="its first seed (guard: 1, alternatives: 10000)")
+    parser.add_argument("--seed", type=int, help="its first seed (guard: 1, alternatives: 10000, close_the_loop: 50000)")
     parser.add_argument("--out", type=Path, default=Path("outputs/benchmarks"), help="folder of the results")
-    parser.add_argument("--docs", type=Path, help="alternatives, ablation, nimc_forms: tables into the docs, too")
+    parser.add_argument("--docs", type=Path, help="alternatives, ablation, nimc_forms, close_the_loop: tables into the docs, too")
     parser.add_argument("--settings", nargs="*", default=[], help="ablation: these settings first and alone")
     parser.add_argument(
         "--minutes", type=float, default=600.0, help="ablation: stop after so long; a repeated run goes on"

@@ -1,0 +1,40 @@
+"""``dtb run experiment=close_the_loop``: from a recording to a controller that works again, as a person would do it."""
+
+import json
+
+import pandas as pd
+import yaml
+
+MACHINE = ("rig.parameters.k.value=8000", "rig.effects.motor_bearing.coulomb_friction.torque=0.03")
+LOOP = ("duration_s=62", "profile=constant", "profile.start_deg=40", "controller.gap_hat_deg=40")
+
+
+def test_what_is_found_makes_the_loop_as_good_as_the_truth(dtb, tmp_path):
+    done = dtb("run", "experiment=close_the_loop", *MACHINE, *LOOP, "out=closed")
+    assert done.returncode == 0, done.stderr
+    folder = tmp_path / "closed"
+    files = {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
+    assert {
+        "close_the_loop.csv", "summary.json", "report.html", "recording.parquet", "figures/close_the_loop.png",
+        "found/rig.yaml", "found/diagnosis.json", "found/report.html",
+    } <= files  # fmt: skip
+    rows = pd.read_csv(folder / "close_the_loop.csv").set_index("belief")
+    assert rows.loc["both", "overshoot_pct"] < max(1.3 * rows.loc["truth", "overshoot_pct"], 1.0)
+    assert rows.loc["both", "overshoot_pct"] < 0.5 * rows.loc["nominal", "overshoot_pct"]
+    effects = yaml.safe_load((folder / "found" / "rig.yaml").read_text(encoding="utf-8"))["effects"]
+    assert "coulomb_friction" in effects["motor_bearing"]
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    assert summary["overshoot_pct_max"] == rows.loc["both", "overshoot_pct"]
+    assert "both" in done.stdout
+
+    again = dtb("run", *MACHINE, *LOOP, "model=closed/found/rig.yaml", "sensors=encoder", "figures=false", "out=run")
+    assert again.returncode == 0, again.stderr
+    alone = json.loads((tmp_path / "run" / "summary.json").read_text(encoding="utf-8"))
+    assert alone["overshoot_pct_max"] == rows.loc["both", "overshoot_pct"]
+
+
+def test_a_loop_without_a_twin_is_refused(dtb, tmp_path):
+    done = dtb("run", "experiment=close_the_loop", "controller=nimc_fixed", "out=closed")
+    assert done.returncode == 2
+    assert done.stderr.startswith("dtb: error: controller=nimc_fixed: closing the loop takes one that a twin")
+    assert not (tmp_path / "closed").exists()
