@@ -14,7 +14,7 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import ablation, speed
+from benchmarks import ablation, nimc_forms, speed
 from benchmarks.alternatives import alternative_rows, alternative_words, check_docs, write_docs
 from benchmarks.campaign import run_campaign
 from benchmarks.diagnosis import diagnosis_rows
@@ -31,6 +31,7 @@ TITLES = {
     "diagnosis": "Diagnosing a recording of one effect, two threads; ratio: time per recorded second over that of 15 s",
     "alternatives": "Beside the diagnosis, on concealed recordings: PySINDy on the residual, NARX by sysidentpy",
     "ablation": "Each setting of the diagnosis halved and doubled, on concealed recordings",
+    "nimc_forms": "The forms of the internal model: wrong estimates of the gap, friction, sensors; the worst run",
     "guard": "The twin with and without its guard in the closed loop, random starts, noises, gaps and buffers",
 }
 #: run only when asked for: it needs the extra ``compare``; hours
@@ -68,6 +69,8 @@ def main() -> int:
             words = alternative_words(rows)
             if options.docs:
                 write_docs(rows, n, seed, options.docs)
+        elif name == "nimc_forms":
+            rows, words = _forms(options, console)
         elif name == "ablation":
             # with --docs the committed results are gone on from
             kept = options.docs / ablation.ROWS if options.docs else options.out / "ablation.json"
@@ -88,6 +91,16 @@ def main() -> int:
     return 1 if failed else 0
 
 
+def _forms(options: argparse.Namespace, console: Console) -> tuple[list[Row], list[str]]:
+    """The grid of the forms, with the ratios of the inverse below it; both into the docs where asked for."""
+    grid = nimc_forms.run_grid(lambda said: console.print(said, style="dim"))
+    grid.to_csv(options.out / "nimc_forms_runs.csv", index=False)
+    ratios = nimc_forms.ratio_rows()
+    if options.docs:
+        nimc_forms.write_docs(grid, ratios, options.docs)
+    return nimc_forms.form_rows(grid), [nimc_forms.in_words(row) for row in ratios]
+
+
 def _campaign(options: argparse.Namespace, n: int, seed: int) -> tuple[int, int]:
     """Cases and first seed of a campaign: as asked for, else these."""
     return (n if options.n is None else options.n), (seed if options.seed is None else options.seed)
@@ -101,7 +114,7 @@ def _options() -> argparse.Namespace:
     )
     parser.add_argument("--seed", type=int, help="its first seed (guard: 1, alternatives: 10000)")
     parser.add_argument("--out", type=Path, default=Path("outputs/benchmarks"), help="folder of the results")
-    parser.add_argument("--docs", type=Path, help="alternatives, ablation: also bring the table into the docs")
+    parser.add_argument("--docs", type=Path, help="alternatives, ablation, nimc_forms: tables into the docs, too")
     parser.add_argument("--settings", nargs="*", default=[], help="ablation: these settings first and alone")
     parser.add_argument(
         "--minutes", type=float, default=600.0, help="ablation: stop after so long; a repeated run goes on"

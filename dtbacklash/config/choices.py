@@ -25,6 +25,7 @@ INTERNAL_MODELS = {
     "bare": "the internal model is driven by the voltage (the paper's form)",
     "measured": "the internal model is driven by the measured motor angle",
     "inner_loop": "the internal model is that of the closed inner loop",
+    "inverse": "the internal model is that of the closed inner loop with an inverse of the backlash",
     "exact": "the internal model is motor and structure, sampled as one",
 }
 PROFILES = {

@@ -48,8 +48,8 @@ class ControllerConfig:
     )
     tau_r_s: float = setting(1.0 / 6.0, "time constant of the reference model", unit="s", above=0)
     internal_model: str = setting(
-        "bare", "what drives the model of the structure: u, theta_m, a model of the inner loop; `exact` (imc): G1 G2 "
-        "sampled as one; see theory.md", choices=INTERNAL_MODELS,
+        "bare", "what drives the model of the structure: u, theta_m, a model of the inner loop (`inverse`: with an "
+        "inverse of the backlash); `exact` (imc): G1 G2 sampled as one; see theory.md", choices=INTERNAL_MODELS,
     )  # fmt: skip
     gap_hat_deg: float = setting(0.0, "first estimate of the gap", unit="deg", at_least=0, at_most=360)
 

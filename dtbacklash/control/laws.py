@@ -14,6 +14,10 @@ What drives the model of the structure is ``controller.internal_model``:
 - ``exact`` (IMC only): G1 G2 sampled as one, driven by u; without gap and effects its error is zero to rounding, the
   paper's "perfect sampled-data model" of Figures 4 and 6. The other forms sample G1 and G2 apart, each with a hold.
 - ``inner_loop``: a complete model of the inner loop, with its own feedback, driven by theta_ref.
+- ``inverse``: the same, and for NIMC the inner loop acts on the motor's angle throughout,
+  ``u = K_theta (theta_ref + b - theta_m)``. The inverse of the backlash, b with |b| <= gap, moves by CROSSING_RATIO
+  times what the prefilter makes of the reference alone, and by (theta_ref - theta_d^)/tau_r a second. What comes back
+  by the prediction error crosses the gap that slowly only; see docs/theory.md.
 """
 
 from typing import NamedTuple
@@ -27,13 +31,22 @@ from dtbacklash.control.design import ControllerDesign
 from dtbacklash.physics.effects.play import play
 
 IMC, NIMC, OPEN_LOOP = 0, 1, 2
-BARE, MEASURED, INNER_LOOP, EXACT = 0, 1, 2, 3
+BARE, MEASURED, INNER_LOOP, EXACT, INVERSE = 0, 1, 2, 3, 4
 _STRUCTURES = {"imc": IMC, "nimc": NIMC, "open_loop": OPEN_LOOP}
-_MODELS = {"bare": BARE, "measured": MEASURED, "inner_loop": INNER_LOOP, "exact": EXACT}
+_MODELS = {"bare": BARE, "measured": MEASURED, "inner_loop": INNER_LOOP, "exact": EXACT, "inverse": INVERSE}
+#: how far the inverse of the backlash moves for each radian that the reference asks of the screw: at 1 the gap is
+#: crossed too late, at 10 an estimate that is too large overshoots most (``python -m benchmarks nimc_forms``)
+CROSSING_RATIO = 3.0
+#: a gap below this, rad, is crossed as if it were this large: with no gap, too, the side that pushed is known
+SMALL_GAP_RAD = 0.01
 
 
 class Controller(NamedTuple):
-    """A designed controller: sampled models (A, B, C, D), the gain of the inner loop, V/rad, and its form."""
+    """A designed controller: sampled models (A, B, C, D), the gain of the inner loop, V/rad, and its form.
+
+    crossing_ratio, crossing_rate : of the inverse of the backlash, rad/rad and 1/s, to the reference and to the error.
+    w_rest, s_rest : states of the prefilter and of the structure at rest, for one rad of the screw.
+    """
 
     structure: int
     model: int
@@ -48,13 +61,19 @@ class Controller(NamedTuple):
     sb: Floats
     sc: Floats
     sample_time: float
+    crossing_ratio: float
+    crossing_rate: float
+    w_rest: Floats
+    s_rest: Floats
 
 
 class ControllerState(NamedTuple):
-    """States of the controller: prefilter, motor model (i, omega, theta), structure model, two theta_d^, a spare.
+    """States of the controller: prefilter, motor model (i, omega, theta), structure model, two theta_d^, a spare, ...
 
     theta_d : (2,) the screw behind the model's motor (or, with `measured`, behind the measured one), and the screw
         behind the measured motor, on which the loop acts with `inner_loop`.
+    w_r : the prefilter, driven by the reference alone. inverse : (3,) the inverse of the backlash as a share
+        of the gap, W r, and the gap that the model is in, rad.
     """
 
     w: Floats
@@ -62,6 +81,8 @@ class ControllerState(NamedTuple):
     s: Floats
     theta_d: Floats
     spare: Floats
+    w_r: Floats
+    inverse: Floats
 
 
 def build_controller(config: ControllerConfig, design: ControllerDesign | None) -> Controller:
@@ -70,14 +91,16 @@ def build_controller(config: ControllerConfig, design: ControllerDesign | None) 
     if design is None:
         none, row = np.zeros((0, 0)), np.zeros(0)
         return Controller(structure, model, 0.0, none, row, row, 0.0, np.zeros((3, 3)), np.zeros(3), none, row,
-                          row, 1.0)  # fmt: skip
+                          row, 1.0, 0.0, 0.0, row, row)  # fmt: skip
     W, M = design.prefilter, design.motor_position
     S = design.plant if model == EXACT else design.structure
     flat = [np.ascontiguousarray(a, dtype=float).ravel() for a in (W.B, W.C, M.B, S.B, S.C)]
     wb, wc, mb, sb, sc = flat
+    s_rest = np.linalg.solve(np.eye(len(sb)) - S.A, sb) if model == INVERSE else np.zeros(len(sb))
+    w_rest = np.linalg.solve(np.eye(len(wb)) - W.A, wb) * float(sc @ s_rest)
     return Controller(
         structure, model, design.k_theta_v_per_rad, W.A, wb, wc, float(W.D[0, 0]), M.A, mb, S.A, sb, sc,
-        design.sample_time_s,
+        design.sample_time_s, CROSSING_RATIO, 1.0 / config.tau_r_s, w_rest, s_rest,
     )  # fmt: skip
 
 
@@ -85,7 +108,7 @@ def new_controller_state(controller: Controller) -> ControllerState:
     """The controller at rest."""
     sizes = len(controller.wb), len(controller.mb), len(controller.sb)
     w, m, s = (np.zeros(n) for n in sizes)
-    return ControllerState(w, m, s, np.zeros(2), np.zeros(max(*sizes, 1)))
+    return ControllerState(w, m, s, np.zeros(2), np.zeros(max(*sizes, 1)), w.copy(), np.zeros(3))
 
 
 @inlined
@@ -116,6 +139,39 @@ def predict(C, X):
 
 
 @inlined
+def _reseat(C, X, gap):
+    """Move the model of `inverse` to a new estimate of the gap, rad, without a jump of the voltage.
+
+    Where the motor lay in the old gap, as a share of it, it lies in the new one: a tooth that pushed still touches. The
+    screw behind it, the structure and theta_ref move by what b gains, as constants, which rings nothing.
+    """
+    if C.model != INVERSE or gap == X.inverse[2]:
+        return
+    gained = X.inverse[0] * (gap - X.inverse[2])
+    X.inverse[2] = gap
+    X.theta_d[0] -= gained
+    for i in range(X.s.shape[0]):
+        X.s[i] -= gained * C.s_rest[i]
+    for i in range(X.w.shape[0]):
+        X.w[i] -= gained * C.w_rest[i]
+
+
+@inlined
+def _inverse(C, X, r, error, gap):
+    """The next inverse of the backlash b, rad. error : theta_ref - theta_d^, rad. gap : estimated half-gap, rad.
+
+    Across the gap the motor's angle is the loop's, not an integral of its error: b alone integrates, and no faster than
+    the output can tell whether the gap is there. Only the reference, which no feedback passes, moves it faster.
+    """
+    ahead = _output(C.wc, X.w_r) + C.wd * r
+    _advance_model(C.wa, C.wb, r, X.w_r, X.spare)
+    moved = C.crossing_ratio * (ahead - X.inverse[1]) + C.crossing_rate * C.sample_time * error
+    X.inverse[0] = min(max(X.inverse[0] + moved / max(gap, SMALL_GAP_RAD), -1.0), 1.0)
+    X.inverse[1] = ahead
+    return X.inverse[0] * gap
+
+
+@inlined
 def control_step(C, X, r, theta_m, q3, gap_hat):
     """One sample of the controller: measurements in, voltage and prediction error out; its states move on.
 
@@ -125,11 +181,12 @@ def control_step(C, X, r, theta_m, q3, gap_hat):
     """
     if C.structure == OPEN_LOOP:
         return r, 0.0
+    gap = gap_hat if C.structure == NIMC else 0.0
+    _reseat(C, X, gap)
     eps = q3 - predict(C, X)
     error = r - eps
     theta_ref = _output(C.wc, X.w) + C.wd * error
     _advance_model(C.wa, C.wb, error, X.w, X.spare)
-    gap = gap_hat if C.structure == NIMC else 0.0
     if C.model == EXACT:
         u = C.gain * (theta_ref - theta_m)
         _advance_model(C.sa, C.sb, u, X.s, X.spare)
@@ -143,7 +200,9 @@ def control_step(C, X, r, theta_m, q3, gap_hat):
         X.theta_d[0] = play(X.theta_d[0], X.m[2], gap)
         theta_d = X.theta_d[0]
     feedback = theta_m
-    if C.structure == NIMC:
+    if C.model == INVERSE:
+        feedback = theta_m - _inverse(C, X, r, theta_ref - theta_d, gap)
+    elif C.structure == NIMC:
         # the inner loop acts on the screw's angle; the complete model has its own, so the loop takes the measured one
         X.theta_d[1] = play(X.theta_d[1], theta_m, gap)
         feedback = X.theta_d[1] if C.model == INNER_LOOP else theta_d
@@ -157,4 +216,6 @@ def control_step(C, X, r, theta_m, q3, gap_hat):
         _advance_model(C.ma, C.mb, u, X.m, X.spare)
     elif C.model == INNER_LOOP:
         _advance_model(C.ma, C.mb, C.gain * (theta_ref - theta_d), X.m, X.spare)
+    elif C.model == INVERSE:
+        _advance_model(C.ma, C.mb, C.gain * (theta_ref + X.inverse[0] * gap - X.m[2]), X.m, X.spare)
     return u, eps

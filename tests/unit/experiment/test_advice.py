@@ -25,7 +25,12 @@ CASES = [
         "controller=imc controller.internal_model=measured rig.effects.motor_bearing.coulomb_friction.torque=0.05",
         r"\(measured\) cannot see",
     ),
-    ("controller=nimc_fixed controller.internal_model=inner_loop", "the true gap is below 0.5 deg"),
+    ("controller=nimc_fixed controller.internal_model=inner_loop", "larger \\(50 deg\\) than it is \\(0 deg\\)"),
+    (
+        "controller=nimc_fixed controller.gap_hat_deg=0 rig.effects.motor_bearing.constant_load.torque=0.05 "
+        "profile.start_deg=30",
+        "internal_model=inverse takes it out",
+    ),
     ("controller=imc controller.prefilter=none reference.period_s=4", "rings the structure"),
     ("controller=imc reference.period_s=1", "A move takes about 0.83 s"),
     ("controller=imc reference=staircase reference.dwell_s=0.3 duration_s=12", "holds for 0.3 s"),
