@@ -119,9 +119,9 @@ def _options() -> argparse.Namespace:
     parser.add_argument(
         "--n", type=int, help="cases of a campaign (guard: 1000, alternatives: 5, ablation: 3 recordings)"
     )
-    parser.add_argument("--seed", type=int, help="its first seed (guard: 1, alternatives: 10000, close_the_loop: 50000)")
+    parser.add_argument("--seed", type=int, help="its first (guard: 1, alternatives: 10000, close_the_loop: 50000)")
     parser.add_argument("--out", type=Path, default=Path("outputs/benchmarks"), help="folder of the results")
-    parser.add_argument("--docs", type=Path, help="alternatives, ablation, nimc_forms, close_the_loop: tables into the docs, too")
+    parser.add_argument("--docs", type=Path, help="of those that have tables in the docs: remake them")
     parser.add_argument("--settings", nargs="*", default=[], help="ablation: these settings first and alone")
     parser.add_argument(
         "--minutes", type=float, default=600.0, help="ablation: stop after so long; a repeated run goes on"

@@ -92,7 +92,7 @@ RUN = Grammar(
         "dtb run controller=nimc_twin",
         "dtb run experiment=fig13",
         "dtb run controller=imc profile=constant profile.start_deg=60 duration_s=40",
-        "dtb run rig.effects.motor_bearing.coulomb_friction.torque=0.02 controller.internal_model=measured",
+        "dtb run rig.effects.motor_bearing.coulomb_friction.torque=0.02 controller.internal_model=inner_loop",
         "dtb run -m controller=imc,nimc_fixed profile=s_curve,step twin.delay_s=0,4",
     ),
 )  # fmt: skip

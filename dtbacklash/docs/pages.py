@@ -100,7 +100,7 @@ What a rig may do beside its linear model. An effect is switched on by its size 
 line or in the rig's YAML:
 
 ```sh
-dtb run rig.effects.motor_bearing.coulomb_friction.torque=0.02 controller.internal_model=measured
+dtb run rig.effects.motor_bearing.coulomb_friction.torque=0.02 controller.internal_model=inner_loop
 ```
 
 `rig.effects.ELEMENT.EFFECT.PARAMETER=VALUE`, in SI. Parameters that are not given take the default. At the neutral
