@@ -36,7 +36,9 @@ def options(group: str) -> list[str]:
 
 
 def packaged_options(group: str) -> list[str]:
-    """The options of a group that come with the package, sorted as people count."""
+    """The options of a group of its own that come with the package, sorted as people count."""
+    if group in FOLDERS:
+        return []
     return _names([PACKAGED / group])
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from itertools import groupby
 
 from dtbacklash.config.grammar import COMMON, GRAMMARS, RUN, Grammar
-from dtbacklash.config.groups import GROUPS, PACKAGED, packaged_options
+from dtbacklash.config.groups import FOLDERS, GROUPS, PACKAGED, packaged_options
 from dtbacklash.config.setting import Declared
 from dtbacklash.physics.kinds import GROUND, KINDS
 from dtbacklash.report.kit.markdown import table
@@ -38,6 +38,8 @@ def page() -> str:
 def _option_rows() -> list[list[str]]:
     rows = []
     for group in RUN.groups:
+        if group in FOLDERS:
+            rows.append([f"`{group}`", f"those of `{FOLDERS[group]}`", f"{GROUPS[group]}."])
         for option in packaged_options(group):
             text = (PACKAGED / group / f"{option}.yaml").read_text(encoding="utf-8")
             rows.append([f"`{group}`", f"`{option}`", first_sentence(text)])

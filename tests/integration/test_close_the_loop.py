@@ -9,8 +9,8 @@ MACHINE = ("rig.parameters.k.value=8000", "rig.effects.motor_bearing.coulomb_fri
 LOOP = ("duration_s=62", "profile=constant", "profile.start_deg=40", "controller.gap_hat_deg=40")
 
 
-def test_what_is_found_makes_the_loop_as_good_as_the_truth(dtb, tmp_path):
-    done = dtb("run", "experiment=close_the_loop", *MACHINE, *LOOP, "out=closed")
+def test_what_is_found_makes_the_loop_as_good_as_the_truth(process, tmp_path):
+    done = process("run", "experiment=close_the_loop", *MACHINE, *LOOP, "out=closed", timeout=600)
     assert done.returncode == 0, done.stderr
     folder = tmp_path / "closed"
     files = {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
@@ -27,14 +27,15 @@ def test_what_is_found_makes_the_loop_as_good_as_the_truth(dtb, tmp_path):
     assert summary["overshoot_pct_max"] == rows.loc["both", "overshoot_pct"]
     assert "both" in done.stdout
 
-    again = dtb("run", *MACHINE, *LOOP, "model=closed/found/rig.yaml", "sensors=encoder", "figures=false", "out=run")
+    words = ("model=closed/found/rig.yaml", "sensors=encoder", "figures=false", "out=run")
+    again = process("run", *MACHINE, *LOOP, *words)
     assert again.returncode == 0, again.stderr
     alone = json.loads((tmp_path / "run" / "summary.json").read_text(encoding="utf-8"))
     assert alone["overshoot_pct_max"] == rows.loc["both", "overshoot_pct"]
 
 
-def test_a_loop_without_a_twin_is_refused(dtb, tmp_path):
-    done = dtb("run", "experiment=close_the_loop", "controller=nimc_fixed", "out=closed")
+def test_a_loop_without_a_twin_is_refused(process, tmp_path):
+    done = process("run", "experiment=close_the_loop", "controller=nimc_fixed", "out=closed")
     assert done.returncode == 2
     assert done.stderr.startswith("dtb: error: controller=nimc_fixed: closing the loop takes one that a twin")
     assert not (tmp_path / "closed").exists()
