@@ -16,32 +16,33 @@ Config = TypeVar("Config")
 _one_at_a_time = RLock()
 
 
-def compose(*overrides: str, rig: Mapping[str, Any] | None = None) -> RunConfig:
+def compose(*overrides: str, rig: Mapping[str, Any] | None = None, model: Mapping[str, Any] | None = None) -> RunConfig:
     """The configuration of ``dtb run <overrides>``; Hydra's state in this process stays as it was.
 
     Parameters
     ----------
     overrides : words as on the command line, e.g. ``"controller=imc"``.
     rig : the content of a rig's YAML file, in place of ``rig=NAME``; overrides such as ``rig.parameters.k.value=9000``
-        change it.
+        change it. model : the same in place of ``model=NAME``.
 
     Raises
     ------
     UserError : a value out of range, an unknown key or choice, a word that is none.
     """
-    return compose_for(RUN, RunConfig, *overrides, rig=rig)
+    return compose_for(RUN, RunConfig, *overrides, rig=rig, model=model)
 
 
-def compose_for(
-    grammar: Grammar, schema: type[Config], *overrides: str, rig: Mapping[str, Any] | None = None
-) -> Config:
-    """The configuration of any command; ``schema`` is that of its grammar. The rest as for :func:`compose`."""
+def compose_for(grammar: Grammar, schema: type[Config], *overrides: str, **given: Mapping[str, Any] | None) -> Config:
+    """The configuration of any command; ``schema`` is that of its grammar. The rest as for :func:`compose`.
+
+    given : group -> the content of its option's file.
+    """
     from dtbacklash.config.explain import explain
 
     words = list(overrides)
     try:
-        with _hydra_apart(), _rig_option(rig) as choice:
-            return load(_composed(grammar, [*choice, *words]), schema)
+        with _hydra_apart(), _options(given) as choices:
+            return load(_composed(grammar, [*choices, *words]), schema)
     except Exception as error:
         mistake = explain(error, words, grammar)
         if mistake is None:
@@ -60,20 +61,19 @@ def _composed(grammar: Grammar, words: list[str]) -> DictConfig:
 
 
 @contextmanager
-def _rig_option(rig: Mapping[str, Any] | None) -> Iterator[list[str]]:
-    """Offer a rig that is no file as an option of the group ``rig``, and give the word that chooses it."""
-    if rig is None:
-        yield []
-        return
+def _options(given: Mapping[str, Mapping[str, Any] | None]) -> Iterator[list[str]]:
+    """Offer rigs that are no files as options of their groups, and give the words that choose them."""
     from hydra.core.config_store import ConfigStore
 
-    options = ConfigStore.instance().repo.setdefault("rig", {})
-    name = "_given"
-    ConfigStore.instance().store(name=name, group="rig", node=dict(rig))
+    name, store = "_given", ConfigStore.instance()
+    offered = {group: content for group, content in given.items() if content is not None}
+    for group, content in offered.items():
+        store.store(name=name, group=group, node=dict(content))
     try:
-        yield [f"rig={name}"]
+        yield [f"{group}={name}" for group in offered]
     finally:
-        options.pop(f"{name}.yaml", None)
+        for group in offered:
+            store.repo.get(group, {}).pop(f"{name}.yaml", None)
 
 
 @contextmanager

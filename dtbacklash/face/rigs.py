@@ -10,7 +10,7 @@ import yaml
 
 from dtbacklash import yaml_files
 from dtbacklash.config.compose import compose
-from dtbacklash.config.rig import RigConfig
+from dtbacklash.config.rig import RigConfig, of_the_model
 from dtbacklash.config.run import RunConfig
 from dtbacklash.errors import UserError
 from dtbacklash.files import reason, written
@@ -59,8 +59,10 @@ def save_rig(rig: Rig, path: str | Path) -> Path:
     return target
 
 
-def composed(words: list[str], rig: RigLike | None) -> RunConfig:
+def composed(words: list[str], rig: RigLike | None, model: RigLike | None = None) -> RunConfig:
     """The configuration of ``dtb run`` with these words, on this rig (None: that of the words, else the default).
+
+    model : what is believed of it, as ``rig``.
 
     Raises
     ------
@@ -70,14 +72,21 @@ def composed(words: list[str], rig: RigLike | None) -> RunConfig:
         key, _, value = word.partition("=")
         if key in ("out", "hydra.run.dir"):
             raise UserError(key, value, "a run from Python writes nothing by itself; call save(folder) on its result")
-    if rig is None:
-        return compose(*words)
-    twice = next((word for word in words if word.partition("=")[0] == "rig"), None)
-    if twice is not None:
-        raise UserError("rig", twice.partition("=")[2], "is given twice: as a word and as rig=")
-    if isinstance(rig, (str, Path)) and not _is_file(rig):
-        return compose(f"rig={rig}", *words)
-    return compose(*words, rig=description(rig))
+    contents: dict[str, Mapping[str, Any]] = {}
+    for group, given in (("rig", rig), ("model", model)):
+        if given is None:
+            continue
+        twice = next((word for word in words if word.partition("=")[0] == group), None)
+        if twice is not None:
+            raise UserError(group, twice.partition("=")[2], f"is given twice: as a word and as {group}=")
+        try:
+            if isinstance(given, (str, Path)) and not _is_file(given):
+                words = [f"{group}={given}", *words]
+            else:
+                contents[group] = description(given)
+        except UserError as mistake:
+            raise of_the_model(mistake) if group == "model" else mistake from mistake
+    return compose(*words, rig=contents.get("rig"), model=contents.get("model"))
 
 
 def description(rig: RigLike) -> Mapping[str, Any]:

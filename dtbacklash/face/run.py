@@ -122,7 +122,9 @@ class Run:
         return f"<Run: {name} on {self.rig.config.name}, {samples} samples, {len(self.moves)} moves>"
 
 
-def run(*overrides: str, rig: RigLike | None = None, progress: ShowProgress = False) -> Run:
+def run(
+    *overrides: str, rig: RigLike | None = None, model: RigLike | None = None, progress: ShowProgress = False
+) -> Run:
     """Simulate a controller on a rig while its backlash grows: ``dtb run`` without files.
 
     Parameters
@@ -130,15 +132,16 @@ def run(*overrides: str, rig: RigLike | None = None, progress: ShowProgress = Fa
     overrides : settings as on the command line: ``"controller=imc"``, ``"twin.delay_s=0"``,
         ``"rig.parameters.k.value=9000"``. All of them: docs/configuration.md.
     rig : a rig, a name, the path of a YAML file, or a mapping; default: ``lead_screw``.
+    model : what controller and twin believe of it, as ``rig``; default: its own parameters without its effects.
     progress : True shows a bar; a function is called with the share done, 0 to 1, and a text.
 
     Raises
     ------
     UserError : a setting is wrong; it names key, value and what is allowed. Diverged : the loop is unstable.
     """
-    config = composed(list(overrides), rig)
+    config = composed(list(overrides), rig, model)
     from dtbacklash.face.run_files import command_of, simulate
 
     with shown(progress, "simulating") as tell:
         tick = None if tell is None else lambda share: tell(share, "simulating")
-        return Run(simulate(config, command_of(overrides, rig), tick))
+        return Run(simulate(config, command_of(overrides, rig, model), tick))

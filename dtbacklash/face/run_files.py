@@ -117,11 +117,12 @@ def _save_recording(result: RunResult) -> None:
             recording_columns(result).to_parquet(scratch, index=False)
 
 
-def command_of(overrides: Sequence[str], rig: object = None) -> str | None:
-    """The command line that repeats a run, quoted for a shell; None if its rig is neither a name nor a file."""
-    if rig is not None and not isinstance(rig, (str, Path)):
+def command_of(overrides: Sequence[str], rig: object = None, model: object = None) -> str | None:
+    """The command line that repeats a run, quoted for a shell; None if a rig in it is neither a name nor a file."""
+    given = {group: one for group, one in (("rig", rig), ("model", model)) if one is not None}
+    if any(not isinstance(one, (str, Path)) for one in given.values()):
         return None
-    chosen = [] if rig is None else [f"rig={rig}"]
+    chosen = [f"{group}={one}" for group, one in given.items()]
     return shlex.join(["dtb", "run", *chosen, *(word.lstrip("+") for word in overrides)])
 
 

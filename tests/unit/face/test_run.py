@@ -87,3 +87,22 @@ def test_the_command_that_repeats_a_run(tmp_path):
     rig = dtb.load_rig("lead_screw")
     assert dtb.run("duration_s=2", rig="lead_screw").summary["command"] == "dtb run rig=lead_screw duration_s=2"
     assert dtb.run("duration_s=2", rig=rig).summary["command"] is None
+
+
+def test_what_is_believed_is_given_as_a_rig_a_name_or_a_file(tmp_path):
+    words = ("duration_s=2", "twin.buffer=200", "twin.settle=100")
+    softer = dtb.load_rig("lead_screw").with_parameters({"k": 9000.0})
+    dtb.save_rig(softer, tmp_path / "softer.yaml")
+    runs = [dtb.run(*words, model=model) for model in (softer, tmp_path / "softer.yaml", "lead_screw", None)]
+    outputs = [run.trace["q3_mm"].to_numpy() for run in runs]
+    assert np.array_equal(outputs[0], outputs[1])
+    assert np.array_equal(outputs[2], outputs[3])
+    assert not np.array_equal(outputs[0], outputs[2])
+    assert runs[0].rig.config.parameters["k"].value == 1e4
+
+
+@pytest.mark.parametrize("model", ["nobody.yaml", 3])
+def test_a_model_that_is_none_is_refused_in_its_name(model):
+    with pytest.raises(dtb.UserError) as refused:
+        dtb.run(model=model)
+    assert refused.value.key == "model"
