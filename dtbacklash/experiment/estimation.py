@@ -20,7 +20,7 @@ from dtbacklash.twin.observer import TwinModel, twin_model
 
 
 class EstimateRow(TypedDict):
-    """One attempt of the twin: times s, gaps deg, cost mm^2."""
+    """One attempt of the twin: times s, gaps deg, cost mm^2; std_deg: standard error of gap_deg."""
 
     t_event_s: float
     t_applied_s: float
@@ -31,6 +31,7 @@ class EstimateRow(TypedDict):
     cost: float
     evaluations: int
     wall_s: float
+    std_deg: float
 
 
 ESTIMATE_COLUMNS = list(EstimateRow.__annotations__)
@@ -125,7 +126,7 @@ class Estimation:
         self.rejected = not chosen.verdict.accepted
         applied = math.nan
         if chosen.verdict.accepted:
-            gap = chosen.estimate.gap_rad if guarded else chosen.estimate.fit_gap_rad
+            gap = chosen.applied_rad if guarded else chosen.estimate.fit_gap_rad
             applied = self.link.send(k, gap) * self.config.sample_time_s
         middle = min((full.first + full.stop) // 2, self.gap.size - 1)
         for attempt in attempts:
@@ -140,6 +141,7 @@ class Estimation:
                 "cost": e.cost_m2 * 1e6,
                 "evaluations": e.evaluations,
                 "wall_s": e.wall_s,
+                "std_deg": math.degrees(e.std_rad),
             })  # fmt: skip
         self.wall_s += time.perf_counter() - began
 
