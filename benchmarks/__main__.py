@@ -20,6 +20,7 @@ from benchmarks.campaign import run_campaign
 from benchmarks.diagnosis import diagnosis_rows
 from benchmarks.guard import guard_rows, guard_words
 from benchmarks.measure import Row
+from benchmarks.wrong_models import run_wrong_models, wrong_model_rows, wrong_model_words
 from dtbacklash.files import write_json
 
 TITLES = {
@@ -33,10 +34,13 @@ TITLES = {
     "ablation": "Each setting of the diagnosis halved and doubled, on concealed recordings",
     "nimc_forms": "The forms of the internal model: wrong estimates of the gap, friction, sensors; the worst run",
     "close_the_loop": "The loop with each belief, on concealed rigs: recorded, diagnosed, controlled",
+    "wrong_models": "The twin in loops of 100 s whose model is wrong; from estimations on: of the estimates",
     "guard": "The twin with and without its guard in the closed loop, random starts, noises, gaps and buffers",
 }
-#: run only when asked for: it needs the extra ``compare``; hours; minutes
-ASKED = ("alternatives", "ablation", "close_the_loop")
+#: what a benchmark finds: rows, and sentences below them
+Found = tuple[list[Row], list[str]]
+#: run only when asked for (``guard`` asks for ``wrong_models``): ``alternatives`` needs the extra ``compare``, others hours
+ASKED = ("alternatives", "ablation", "wrong_models", "close_the_loop")
 SPEED: dict[str, Callable[[], list[Row]]] = {
     "loop": speed.loop_rows,
     "libraries": speed.library_rows,
@@ -51,41 +55,14 @@ def main() -> int:
     """Run what was asked for; exit code 1 if a limit is not met."""
     options = _options()
     names = options.names or [name for name in TITLES if name not in ASKED]
+    if "guard" in options.names and "wrong_models" not in names:
+        names = [*names, "wrong_models"]  # the guard's other half
     console = Console(highlight=False)
     console = console if console.is_terminal else Console(highlight=False, width=160)
     options.out.mkdir(parents=True, exist_ok=True)
     results: dict[str, Any] = {"machine": _machine()}
     for name in names:
-        words: list[str] = []
-        if name == "guard":
-            n, seed = _campaign(options, 1000, 1)
-            table = run_campaign(n, seed)
-            table.to_csv(options.out / "guard_cases.csv", index=False)
-            rows, words = guard_rows(table), guard_words(table, seed)
-        elif name == "alternatives":
-            n, seed = _campaign(options, 5, 10_000)
-            if options.docs:
-                check_docs(options.docs)
-            rows = alternative_rows(n, seed)
-            words = alternative_words(rows)
-            if options.docs:
-                write_docs(rows, n, seed, options.docs)
-        elif name == "nimc_forms":
-            rows, words = _forms(options, console)
-        elif name == "close_the_loop":
-            kept = options.out / "closing.json"
-            rows = close_the_loop.closing_rows(_campaign(options, 0, 50_000)[1], kept)
-            words = close_the_loop.closing_words(kept)
-            if options.docs:
-                close_the_loop.write_docs(kept, options.docs)
-        elif name == "ablation":
-            # with --docs the committed results are gone on from
-            kept = options.docs / ablation.ROWS if options.docs else options.out / "ablation.json"
-            rows = ablation.ablation_rows(_campaign(options, 3, 0)[0], options.settings, options.minutes, kept)
-            if options.docs:
-                ablation.write_docs(kept, options.docs)
-        else:
-            rows = SPEED[name]()
+        rows, words = CAMPAIGNS[name](options, console) if name in CAMPAIGNS else (SPEED[name](), [])
         console.print(_table(TITLES[name], rows))
         for line in words:
             console.print(line, soft_wrap=True)
@@ -98,7 +75,48 @@ def main() -> int:
     return 1 if failed else 0
 
 
-def _forms(options: argparse.Namespace, console: Console) -> tuple[list[Row], list[str]]:
+def _guard(options: argparse.Namespace, console: Console) -> Found:
+    n, seed = _campaign(options, 1000, 1)
+    table = run_campaign(n, seed)
+    table.to_csv(options.out / "guard_cases.csv", index=False)
+    return guard_rows(table), guard_words(table, seed)
+
+
+def _wrong_models(options: argparse.Namespace, console: Console) -> Found:
+    n, seed = _campaign(options, 1000, 1)
+    table = run_wrong_models(n, seed)
+    table.to_csv(options.out / "wrong_models_cases.csv", index=False)
+    return wrong_model_rows(table), wrong_model_words(table, seed)
+
+
+def _alternatives(options: argparse.Namespace, console: Console) -> Found:
+    n, seed = _campaign(options, 5, 10_000)
+    if options.docs:
+        check_docs(options.docs)
+    rows = alternative_rows(n, seed)
+    if options.docs:
+        write_docs(rows, n, seed, options.docs)
+    return rows, alternative_words(rows)
+
+
+def _closing(options: argparse.Namespace, console: Console) -> Found:
+    kept = options.out / "closing.json"
+    rows = close_the_loop.closing_rows(_campaign(options, 0, 50_000)[1], kept)
+    if options.docs:
+        close_the_loop.write_docs(kept, options.docs)
+    return rows, close_the_loop.closing_words(kept)
+
+
+def _ablation(options: argparse.Namespace, console: Console) -> Found:
+    # with --docs the committed results are gone on from
+    kept = options.docs / ablation.ROWS if options.docs else options.out / "ablation.json"
+    rows = ablation.ablation_rows(_campaign(options, 3, 0)[0], options.settings, options.minutes, kept)
+    if options.docs:
+        ablation.write_docs(kept, options.docs)
+    return rows, []
+
+
+def _forms(options: argparse.Namespace, console: Console) -> Found:
     """The grid of the forms, with the ratios of the inverse below it; both into the docs where asked for."""
     grid = nimc_forms.run_grid(lambda said: console.print(said, style="dim"))
     grid.to_csv(options.out / "nimc_forms_runs.csv", index=False)
@@ -106,6 +124,17 @@ def _forms(options: argparse.Namespace, console: Console) -> tuple[list[Row], li
     if options.docs:
         nimc_forms.write_docs(grid, ratios, options.docs)
     return nimc_forms.form_rows(grid), [nimc_forms.in_words(row) for row in ratios]
+
+
+#: those that draw cases or bring tables into the docs
+CAMPAIGNS: dict[str, Callable[[argparse.Namespace, Console], Found]] = {
+    "guard": _guard,
+    "wrong_models": _wrong_models,
+    "alternatives": _alternatives,
+    "nimc_forms": _forms,
+    "close_the_loop": _closing,
+    "ablation": _ablation,
+}
 
 
 def _campaign(options: argparse.Namespace, n: int, seed: int) -> tuple[int, int]:
@@ -117,9 +146,11 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="name", help="of " + ", ".join(TITLES))
     parser.add_argument(
-        "--n", type=int, help="cases of a campaign (guard: 1000, alternatives: 5, ablation: 3 recordings)"
+        "--n", type=int, help="cases of a campaign (guard, wrong_models: 1000, alternatives: 5, ablation: 3 recordings)"
     )
-    parser.add_argument("--seed", type=int, help="its first (guard: 1, alternatives: 10000, close_the_loop: 50000)")
+    parser.add_argument(
+        "--seed", type=int, help="its first (guard, wrong_models: 1, alternatives: 10000, close_the_loop: 50000)"
+    )
     parser.add_argument("--out", type=Path, default=Path("outputs/benchmarks"), help="folder of the results")
     parser.add_argument("--docs", type=Path, help="of those that have tables in the docs: remake them")
     parser.add_argument("--settings", nargs="*", default=[], help="ablation: these settings first and alone")

@@ -243,7 +243,7 @@ def _estimates(bench: Bench, case: Case, seen: Floats) -> dict[str, Any]:
         "gap_deg": case.gap_deg,
         "old_deg": case.old_deg,
         "plain_deg": math.degrees(plain.fit_gap_rad),
-        "guarded_deg": math.degrees(chosen.estimate.gap_rad) if accepted else case.old_deg,
+        "guarded_deg": math.degrees(chosen.applied_rad) if accepted else case.old_deg,
         "accepted": accepted,
         "attempts": len(attempts),
         "reason": chosen.verdict.reason,

@@ -103,14 +103,18 @@ class Belief:
 
     def bends(self) -> bool:
         """Whether it holds effects behind the gear that the linear part leaves out."""
-        linear = (slots.Yielding, slots.BodyDamping)
-        for place, there in self.rig.effects.items():
-            kind = self.rig.kind_at(place)
-            if kind in ("amplifier", "motor_circuit", "rotor", "gear", SENSOR.name):
-                continue
-            if any(not isinstance(find(kind, name, place).slot, linear) for name in there):
-                return True
-        return False
+        return bool(bending(self.rig))
+
+
+def bending(rig: Rig) -> list[tuple[str, str]]:
+    """(place, effect) of what acts behind the gear and is not in :meth:`Belief.linear`."""
+    linear = (slots.Yielding, slots.BodyDamping)
+    found = []
+    for place, there in rig.effects.items():
+        kind = rig.kind_at(place)
+        if kind not in ("amplifier", "motor_circuit", "rotor", "gear", SENSOR.name):
+            found += [(place, name) for name in there if not isinstance(find(kind, name, place).slot, linear)]
+    return found
 
 
 def on_the_motor(rig: Rig) -> list[tuple[str, str]]:

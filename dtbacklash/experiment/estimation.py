@@ -21,7 +21,7 @@ from dtbacklash.twin.simulated import SimulatedProblem, Structure, corrected
 
 
 class EstimateRow(TypedDict):
-    """One attempt of the twin: times s, gaps deg, cost mm^2."""
+    """One attempt of the twin: times s, gaps deg, cost mm^2; std_deg: standard error of gap_deg."""
 
     t_event_s: float
     t_applied_s: float
@@ -32,6 +32,7 @@ class EstimateRow(TypedDict):
     cost: float
     evaluations: int
     wall_s: float
+    std_deg: float
 
 
 ESTIMATE_COLUMNS = list(EstimateRow.__annotations__)
@@ -43,8 +44,8 @@ class Estimation:
 
     changes : samples at which the reference changes. seen : (N+1, sensors) what the sensors show, filled by the loop;
     roles : which of them are theta_m and q3. gap : (N+1,) the true half-gap, rad, for the table only. gap_hat : the
-    half-gap that the controller believes in, rad. model : None where the twin is never asked. structure : what it
-    simulates, None where it is linear. rejected : the last
+    half-gap that the controller believes in, rad. model : None where the twin is never asked. structures : what
+    it simulates, with and without the effects that bend it; None where it is linear. rejected : the last
     estimate was, so that the twin is asked again for as long as the novelty index is high. wall_s : spent estimating.
     """
 
@@ -56,7 +57,7 @@ class Estimation:
     link: TwinLink[float]
     model: TwinModel | None
     gap_hat: float
-    structure: Structure | None = None
+    structures: tuple[Structure, Structure] | None = None
     rejected: bool = False
     rows: list[EstimateRow] = field(default_factory=list)
     wall_s: float = 0.0
@@ -74,11 +75,12 @@ class Estimation:
                 twin_model,
                 belief.linear().structure, config.twin.observer_pole_rad_s, config.sample_time_s, config.twin.settle,
             )  # fmt: skip
-        structure = None
+        structures = None
         if model is not None and config.twin.method == "simulate":
             output = list(belief.rig.sensors.values())[roles_of(belief.rig, True)[1]]
-            structure = Structure.of(belief.rig, output, config.sample_time_s)
-        return cls(config, changes, seen, roles, gap, link, model, first, structure)
+            bent, linear = (Structure.of(belief.rig, output, config.sample_time_s, one) for one in (False, True))
+            structures = bent, linear
+        return cls(config, changes, seen, roles, gap, link, model, first, structures)
 
     def warm_up(self) -> None:
         """Load (the first time: compile) what an estimate needs."""
@@ -133,7 +135,7 @@ class Estimation:
         self.rejected = not chosen.verdict.accepted
         applied = math.nan
         if chosen.verdict.accepted:
-            gap = chosen.estimate.gap_rad if guarded else chosen.estimate.fit_gap_rad
+            gap = chosen.applied_rad if guarded else chosen.estimate.fit_gap_rad
             applied = self.link.send(k, gap) * self.config.sample_time_s
         middle = min((full.first + full.stop) // 2, self.gap.size - 1)
         for attempt in attempts:
@@ -148,14 +150,15 @@ class Estimation:
                 "cost": e.cost_m2 * 1e6,
                 "evaluations": e.evaluations,
                 "wall_s": e.wall_s,
+                "std_deg": math.degrees(e.std_rad),
             })  # fmt: skip
         self.wall_s += time.perf_counter() - began
 
     def _problem(self, theta_m: Floats, q3: Floats, gap_max_rad: float) -> Problem:
         assert self.model is not None
-        if self.structure is None:
+        if self.structures is None:
             return Problem(theta_m, q3, self.model, gap_max_rad)
-        simulated = SimulatedProblem(theta_m, q3, self.model, self.structure, gap_max_rad)
+        simulated = SimulatedProblem(theta_m, q3, self.model, *self.structures, gap_max_rad)
         return corrected(simulated, self.config.optimizer, self.gap_hat)
 
     def _attempts(self, full: FullBuffer) -> list[Attempt]:

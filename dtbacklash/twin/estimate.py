@@ -84,8 +84,10 @@ class Problem:
             raise UserError("twin.buffer", "nan", "finite measurements only")
         self.model = model
         self.gap_max_rad = gap_max_rad
+        self.q3 = q3
         self.eps_q = observer.filtered(q3, model.from_q3)
         self.unit_m2 = float((model.pitch_m_per_rad * np.pi / 180.0) ** 2)
+        self.floor_m2 = self.unit_m2 * FLOOR_DEG**2
         self.rest_rad = float(q3[0] / model.pitch_m_per_rad)
         self.counted = q3.size - model.settle
 
@@ -131,7 +133,7 @@ class Problem:
         count = error.size // block
         means = error[error.size - count * block :].reshape(count, block).mean(axis=1)
         white = min(self.model.noise_colour, block) * np.mean(error**2)
-        return float(max(block * np.mean(means**2), white, self.unit_m2 * FLOOR_DEG**2))
+        return float(max(block * np.mean(means**2), white, self.floor_m2))
 
 
 def default_start(problem: Problem, gap_rad: float) -> Start:

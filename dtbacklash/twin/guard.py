@@ -1,24 +1,25 @@
 """The guard between the twin and the controller: an estimate counts only when the data bear it out.
 
-An optimiser returns *a* point; whether the gap is there is another question. The guard answers it from the
-profile of the cost: for any gap, the best cost over where theta_d may have started. An estimate passes
-when it
+An optimiser returns *a* point; whether the gap is there is another question, and a model that is wrong shifts it. So an
+estimate is fitted again with what may be wrong in the model, which gives it a standard error that holds model error
+(:mod:`.model_error`). Then it passes when it
 
 1. lies inside the physical bounds,
 2. converged,
 3. follows from a contact that moved the screw where the cost looks,
-4. stands in a valley: a gap ``resolution_deg`` to either side fits clearly worse,
-5. stands in the only valley: nowhere else within the bounds does a gap fit as well,
-6. fits clearly better than the present gap, or agrees with it.
+4. stands in the only valley: nowhere else within the bounds does a gap fit as well,
+5. differs from the present gap by more than ``significance`` standard errors, or agrees with it and is precise.
 
-"Clearly" is a likelihood ratio: the sum of squares grows by more than ``significance`` times the noise,
-which is taken from the residual itself (:meth:`Problem.noise_m2`), so that a model that does not fit makes
-the guard careful.
+"As well" is a likelihood ratio: the sum of squares grows by less than ``significance``^2 times the noise, which is
+taken from the residual itself (:meth:`Problem.noise_m2`). What goes to the controller (:attr:`Attempt.applied_rad`)
+is the present gap where the estimate agrees with it, else the estimate less its standard error, at least 0: too large
+a gap does more harm than too small a one.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ from numpy.typing import NDArray
 from dtbacklash.compiled import compiled_allocating
 from dtbacklash.twin import observer
 from dtbacklash.twin.estimate import Estimate, OptimizerLike, Problem, Start, default_start, estimate_gap
+from dtbacklash.twin.model_error import Explanation, Tolerances, explained
 from dtbacklash.twin.observer import Path, TwinModel
 
 Array = NDArray[np.float64]
@@ -39,40 +41,45 @@ HALVINGS = 4
 class GuardSettings:
     """What the guard asks for.
 
-    gap_max_deg: physical bound. resolution_deg: how finely the data must determine the gap. significance: the
-    growth of the sum of squares, in units of the noise, that counts as clear (16: four standard deviations).
-    agreement_deg: an estimate this near to the present gap agrees with it. travel_deg: least motion of the
-    screw in contact within the part of the buffer that the cost sees. scan_step_deg: grid of the profile.
-    attempts: how many starts are tried in all.
+    gap_max_deg: physical bound. significance: standard errors that count as clear (4: with a model that is wrong in
+    ways that nobody listed, errors have longer tails than a normal distribution). shading: standard errors by which an
+    estimate is put in force too small (1: five in six are then not too large). precise_deg: standard error up to
+    which an estimate that agrees with the present gap confirms it. travel_deg: least motion of the screw in
+    contact within the part of the buffer that the cost sees. resolution_deg: how near another gap is the same valley,
+    at least. scan_step_deg: grid of the profile. attempts: how many starts are tried in all. tolerances: of the model.
     """
 
     gap_max_deg: float = 180.0
-    resolution_deg: float = 1.0
-    significance: float = 16.0
-    agreement_deg: float = 0.25
+    significance: float = 4.0
+    shading: float = 1.0
+    precise_deg: float = 3.0
     travel_deg: float = 1.0
+    resolution_deg: float = 1.0
     scan_step_deg: float = 6.0
     attempts: int = 5
+    tolerances: Tolerances = field(default_factory=Tolerances)
 
 
 @dataclass(frozen=True)
 class Verdict:
     """Whether an estimate goes to the controller, and why (not) in a few words.
 
-    settled: no other start can change that, because the estimate is the buffer's best.
+    settled: no other start can change that, because the estimate is the buffer's best. agrees: with the present gap.
     """
 
     accepted: bool
     reason: str
     settled: bool = False
+    agrees: bool = False
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """One try of the twin: an estimate and what the guard said."""
+    """One try of the twin: an estimate, what the guard said, and the gap that goes to the controller if accepted."""
 
     estimate: Estimate
     verdict: Verdict
+    applied_rad: float = math.nan
 
 
 @compiled_allocating
@@ -140,57 +147,94 @@ class Guard:
             self._scan = profile(self.problem, self.scan_rad)
         return self._scan
 
-    def judge(self, estimate: Estimate) -> Verdict:
-        """The six questions in turn; the first that fails is the reason."""
-        limit = self.settings.gap_max_deg
-        gap_deg = np.degrees(estimate.gap_rad)
-        if not np.isfinite(gap_deg) or not -1e-3 <= gap_deg <= limit:
-            return Verdict(False, f"{gap_deg:.1f} deg is outside 0..{limit:g} deg")
+    def judged(self, estimate: Estimate) -> Attempt:
+        """The estimate with its standard error, and the verdict on it."""
+        if reason := self._impossible(estimate):
+            return Attempt(estimate, Verdict(False, reason))
+        found = explained(self.problem, estimate, self.settings.tolerances)
+        verdict = self._judge(found)
+        better = found.estimate
+        if not verdict.accepted:
+            return Attempt(better, verdict)
+        limit = np.radians(self.settings.gap_max_deg)
+        better = replace(better, gap_rad=min(max(better.gap_rad, 0.0), float(limit)))
+        lowered = max(better.gap_rad - self.settings.shading * better.std_rad, 0.0)
+        return Attempt(better, verdict, self.present_rad if verdict.agrees else lowered)
+
+    def _judge(self, found: Explanation) -> Verdict:
+        """The questions in turn; the first that fails is the reason."""
+        estimate = found.estimate
+        if reason := self._impossible(estimate):
+            return Verdict(False, reason)
         if not estimate.converged:
             return Verdict(False, f"not converged: {estimate.message}")
-        if self._contact_travel(estimate) < np.radians(self.settings.travel_deg):
+        if self._contact_travel(found.problem, estimate) < np.radians(self.settings.travel_deg):
             return Verdict(False, "no contact seen in the buffer")
-        error = self.problem.rows(estimate.fit_gap_rad, estimate.theta_d0_rad)[0]
-        # the sum of squares may grow by this much, spread over the counted samples, for no reason but noise
-        margin_m2 = self.settings.significance * self.problem.noise_m2(error) / self.problem.counted
-        reason = self._valley(estimate, margin_m2) or self._elsewhere(estimate, margin_m2)
-        if reason:
+        if not np.isfinite(estimate.std_rad):
+            return Verdict(False, "the buffer does not determine the gap")
+        if reason := self._elsewhere(found) or (self._rival(found) if found.doubted else ""):
             return Verdict(False, reason)
-        return self._against_present(estimate, margin_m2)
+        return self._against_present(estimate)
 
-    def _contact_travel(self, estimate: Estimate) -> float:
+    def _impossible(self, estimate: Estimate) -> str:
+        gap_deg, limit = np.degrees(estimate.gap_rad), self.settings.gap_max_deg
+        inside = np.isfinite(gap_deg) and -1e-3 <= gap_deg <= limit
+        return "" if inside else f"{gap_deg:.1f} deg is outside 0..{limit:g} deg"
+
+    def _contact_travel(self, problem: Problem, estimate: Estimate) -> float:
         """How far the gear moved the screw while the cost was looking [rad], by the estimate."""
-        model = self.problem.model
+        model = problem.model
         memory = round(4.0 / (model.pole_rad_s * model.sample_time_s))
-        theta_d = observer.play(self.problem.theta_m, estimate.fit_gap_rad, estimate.theta_d0_rad, 0.0)
+        theta_d = observer.play(problem.theta_m, estimate.gap_rad, estimate.theta_d0_rad, 0.0)
         return float(np.sum(np.abs(np.diff(theta_d[max(0, model.settle - memory) :]))))
 
-    def _valley(self, estimate: Estimate, margin_m2: float) -> str:
-        """Reason for rejection if the gap could as well be a little smaller or larger; else ''."""
-        width = self.settings.resolution_deg
-        sides = estimate.fit_gap_rad + np.radians([-width, width])
-        costs, _ = profile(self.problem, sides[sides >= 0.0])
-        if np.min(costs) <= estimate.cost_m2 + margin_m2:
-            return f"the buffer does not determine the gap within {width:g} deg"
-        return ""
+    def _far(self, gap_rad: Array, estimate: Estimate) -> NDArray[np.bool_]:
+        """Which gaps are not those of the estimate's own valley."""
+        width = max(np.radians(self.settings.resolution_deg), self.settings.significance * estimate.std_rad)
+        return np.asarray(np.abs(gap_rad - estimate.gap_rad) > width)
 
-    def _elsewhere(self, estimate: Estimate, margin_m2: float) -> str:
-        """Reason for rejection if a gap in another place explains the buffer as well; else ''."""
-        costs, _ = self.scan()
-        far = np.abs(self.scan_rad - estimate.fit_gap_rad) > np.radians(self.settings.resolution_deg)
+    def _margin_m2(self, problem: Problem, estimate: Estimate) -> float:
+        """By how much the mean square error may grow for no reason but noise."""
+        error = problem.rows(estimate.gap_rad, estimate.theta_d0_rad, estimate.growth_rad_s)[0]
+        return self.settings.significance**2 * problem.noise_m2(error) / problem.counted
+
+    def _elsewhere(self, found: Explanation) -> str:
+        """Reason for rejection if with the same model a gap in another place explains the buffer as well; else ''."""
+        problem, estimate = found.problem, found.estimate
+        costs = profile(problem, self.scan_rad)[0] if found.doubted else self.scan()[0]
+        error = problem.rows(estimate.gap_rad, estimate.theta_d0_rad, estimate.growth_rad_s)[0]
+        far = self._far(self.scan_rad, estimate)
         i = int(np.argmin(np.where(far, costs, np.inf)))
-        if far[i] and costs[i] <= estimate.cost_m2 + margin_m2:
+        if far[i] and costs[i] <= float(np.mean(error**2)) + self._margin_m2(problem, estimate):
             return f"{np.degrees(self.scan_rad[i]):.0f} deg explains the buffer as well"
         return ""
 
-    def _against_present(self, estimate: Estimate, margin_m2: float) -> Verdict:
-        present_deg = np.degrees(self.present_rad)
-        if abs(np.degrees(estimate.gap_rad) - present_deg) <= self.settings.agreement_deg:
-            return Verdict(True, f"agrees with the present {present_deg:.1f} deg")
-        costs, _ = profile(self.problem, np.array([self.present_rad]))
-        if costs[0] <= estimate.cost_m2 + margin_m2:
-            return Verdict(False, f"no better than the present {present_deg:.1f} deg", settled=True)
-        return Verdict(True, f"better than the present {present_deg:.1f} deg")
+    def _rival(self, found: Explanation) -> str:
+        """The same for another gap with another model, sought from the believed model's best gap elsewhere."""
+        resolution = np.radians(self.settings.resolution_deg)
+        starts = [s for s in self.further_starts() if abs(s[0] - found.estimate.fit_gap_rad) > resolution]
+        if not starts:
+            return ""
+        begun = replace(found.estimate, gap_rad=starts[0][0], theta_d0_rad=starts[0][1], growth_rad_s=0.0)
+        other = explained(self.problem, begun, self.settings.tolerances)
+        margin_m2 = self._margin_m2(found.problem, found.estimate)
+        gap = other.estimate.gap_rad
+        if self._impossible(other.estimate) or abs(gap - found.estimate.gap_rad) <= resolution:
+            return ""
+        # beside a clearly better explanation an estimate is no minimum, and its standard error says nothing
+        if other.cost_m2 < found.cost_m2 - margin_m2:
+            return f"{np.degrees(gap):.0f} deg explains the buffer better"
+        if other.cost_m2 <= found.cost_m2 + margin_m2 and self._far(np.array(gap), found.estimate):
+            return f"{np.degrees(gap):.0f} deg explains the buffer as well"
+        return ""
+
+    def _against_present(self, estimate: Estimate) -> Verdict:
+        present_deg, std_deg = np.degrees(self.present_rad), np.degrees(estimate.std_rad)
+        if abs(estimate.gap_rad - self.present_rad) > self.settings.significance * estimate.std_rad:
+            return Verdict(True, f"better than the present {present_deg:.1f} deg")
+        if std_deg <= self.settings.precise_deg:
+            return Verdict(True, f"agrees with the present {present_deg:.1f} deg", agrees=True)
+        return Verdict(False, f"no better than the present {present_deg:.1f} deg: +- {std_deg:.1f} deg", settled=True)
 
     def further_starts(self) -> list[Start]:
         """Starts for further attempts: the profile's valleys on the grid, the deepest first."""
@@ -238,14 +282,10 @@ def warm_up(model: TwinModel, optimizer: OptimizerLike) -> None:
     """Load (the first time: compile) what an estimation needs, so that ``wall_s`` is the estimation's own."""
     theta_m = np.linspace(0.0, 1.0, model.settle + 50)
     guard = Guard(Problem(theta_m, theta_m * model.pitch_m_per_rad, model), 0.0)
-    guard.judge(estimate_gap(guard.problem, optimizer, (0.1, 0.0)))
+    guard.judged(estimate_gap(guard.problem, optimizer, (0.1, 0.0)))
     guard.scan()
+    observer.filtered(theta_m, model.lags[0])
 
 
 def _attempt(guard: Guard, optimizer: OptimizerLike, start: Start, rng: np.random.Generator | None) -> Attempt:
-    estimate = estimate_gap(guard.problem, optimizer, start, rng)
-    verdict = guard.judge(estimate)
-    if verdict.accepted:
-        limit = float(np.radians(guard.settings.gap_max_deg))
-        estimate = replace(estimate, gap_rad=min(max(estimate.gap_rad, 0.0), limit))
-    return Attempt(estimate, verdict)
+    return guard.judged(estimate_gap(guard.problem, optimizer, start, rng))

@@ -46,7 +46,8 @@ class TwinModel:
 
     from_q3 [m -> m] and from_theta_d [rad -> m]: the two paths to the output error. settle: first sample of a
     buffer that counts in the cost (0-based). noise_colour: power at zero frequency over mean power, >= 1, of
-    the output error that white noise on q3 causes.
+    the output error that white noise on q3 causes. lags: (2N+1) paths, the powers 0 ... 2N of pole/(s + pole), of
+    which both paths are sums: another structure has the same lags and other coefficients. structure: the believed one.
     """
 
     from_q3: Path
@@ -56,6 +57,8 @@ class TwinModel:
     pitch_m_per_rad: float
     pole_rad_s: float
     noise_colour: float
+    lags: tuple[Path, ...]
+    structure: StructureParameters
 
 
 def twin_model(structure: StructureParameters, pole_rad_s: float, sample_time_s: float, settle: int) -> TwinModel:
@@ -64,15 +67,17 @@ def twin_model(structure: StructureParameters, pole_rad_s: float, sample_time_s:
         raise UserError("twin.observer_pole_rad_s", pole_rad_s, "a number above 0")
     num, den = structure_polynomials(structure)
     order = len(den) - 1
-    from_q3 = _sampled_path(_in_lags(den, order, pole_rad_s), pole_rad_s, sample_time_s)
+    from_q3 = sampled_path(in_lags(den, order, pole_rad_s), pole_rad_s, sample_time_s)
     return TwinModel(
         from_q3=from_q3,
-        from_theta_d=_sampled_path(-_in_lags(num, order, pole_rad_s), pole_rad_s, sample_time_s),
+        from_theta_d=sampled_path(-in_lags(num, order, pole_rad_s), pole_rad_s, sample_time_s),
         settle=int(settle),
         sample_time_s=float(sample_time_s),
         pitch_m_per_rad=structure.static_gain_m_per_rad,
         pole_rad_s=float(pole_rad_s),
         noise_colour=_noise_colour(from_q3),
+        lags=tuple(sampled_path(unit, pole_rad_s, sample_time_s) for unit in np.eye(order + 1)),
+        structure=structure,
     )
 
 
@@ -83,7 +88,7 @@ def _noise_colour(path: Path) -> float:
     return max(1.0, float((path.start[0] + path.d) ** 2 / mean_power))
 
 
-def _in_lags(polynomial: Array, order: int, pole: float) -> Array:
+def in_lags(polynomial: Array, order: int, pole: float) -> Array:
     """(order+1,) coefficients c with polynomial(s)/(s + pole)^order = sum_k c[k] F^k, F = pole/(s + pole).
 
     With s = pole (1 - F)/F, a term p_j s^j becomes p_j pole^(j - order) (1 - F)^j F^(order - j).
@@ -95,7 +100,7 @@ def _in_lags(polynomial: Array, order: int, pole: float) -> Array:
     return coefficients
 
 
-def _sampled_path(lags: Array, pole: float, sample_time_s: float) -> Path:
+def sampled_path(lags: Array, pole: float, sample_time_s: float) -> Path:
     """The chain of lags y = c0 u + F(c1 u + F(c2 u + ...)), sampled by first-order hold."""
     from scipy.signal import cont2discrete
 

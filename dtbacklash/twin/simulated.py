@@ -4,8 +4,8 @@ The linear twin compares filtered signals, ``eps = den/chi q3 - num/chi theta_d`
 that is ``den/chi (q3 - G2 theta_d)``, and here a simulation with all that is believed stands for ``G2 theta_d``. The
 filter stays: it takes out how the structure was moving when the buffer began, as far as that is linear.
 
-What the effects change in the output error hangs little on the gap. So the best gap is sought by simulation, and the
-guard then sees the buffer with that change taken out (:func:`corrected`): what is left is the linear twin's problem.
+What the effects change in the output hangs little on the gap. So the best gap is sought by simulation, and the guard
+then sees the buffer with that change taken out (:func:`corrected`): what is left is the linear twin's problem.
 """
 
 from __future__ import annotations
@@ -17,11 +17,12 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.compiled import compiled
+from dtbacklash.control.belief import bending
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.bodies import take_apart
 from dtbacklash.physics.kernel.plant import Plant, new_state
 from dtbacklash.physics.kernel.sample import advance, sense
-from dtbacklash.physics.rig import Rig, Sensor
+from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, Sensor
 from dtbacklash.twin import observer
 from dtbacklash.twin.estimate import OptimizerLike, Problem, default_start, estimate_gap
 from dtbacklash.twin.observer import TwinModel
@@ -57,11 +58,14 @@ class Structure:
     lead: float
 
     @classmethod
-    def of(cls, rig: Rig, sensor: Sensor, sample_time_s: float) -> Structure:
-        """From a believed rig; its backlash is what the twin looks for, and its sensors are taken to be right."""
-        gear = rig.only("gear")
-        for place, name in ((p, n) for p, there in rig.effects.items() for n in there):
-            if (gear and place == gear.name) or place.startswith("sensor_"):
+    def of(cls, rig: Rig, sensor: Sensor, sample_time_s: float, linear: bool = False) -> Structure:
+        """From a believed rig; its backlash is what the twin looks for, and its sensors are taken to be right.
+
+        linear : without the effects that bend it.
+        """
+        gear, bent = rig.only("gear"), bending(rig) if linear else []
+        for place, name in [(p, n) for p, there in rig.effects.items() for n in there]:
+            if (gear and place == gear.name) or place.startswith(SENSOR_PREFIX) or (place, name) in bent:
                 rig = rig.with_effect(place, name, None)
         plant = compile_plant(rig, sample_time_s, SUBSTEPS, EVENT_LEVELS, imposed=True)
         bodies = take_apart(rig, imposed=True).bodies
@@ -91,15 +95,18 @@ class Structure:
 
 
 class SimulatedProblem(Problem):
-    """A buffer, explained by a simulation of all that is believed; arguments as of :class:`.estimate.Problem`."""
+    """A buffer, explained by a simulation of all that is believed; arguments as of :class:`.estimate.Problem`.
+
+    structure : what is believed. linear : the same without the effects that bend it.
+    """
 
     def __init__(
-        self, theta_m_rad: Floats, q3_m: Floats, model: TwinModel, structure: Structure, gap_max_rad: float = np.pi
-    ) -> None:
+        self, theta_m_rad: Floats, q3_m: Floats, model: TwinModel, structure: Structure, linear: Structure,
+        gap_max_rad: float = np.pi,
+    ) -> None:  # fmt: skip
         super().__init__(theta_m_rad, q3_m, model, gap_max_rad)
-        self.structure = structure
+        self.structure, self.linear = structure, linear
         self._middle = 0.5 * (self.theta_m.size - 1)
-        self.q3_m = np.ascontiguousarray(q3_m, dtype=np.float64)
 
     def cost(self, gap_rad: float, theta_d0_rad: float) -> float:
         """Mean square output error, m^2."""
@@ -117,12 +124,15 @@ class SimulatedProblem(Problem):
         """Output error and its derivatives by gap, theta_d0 and growth: (4, counted samples), SI."""
         return np.array(self._differences(gap_rad, theta_d0_rad, growth_rad_s, growth=True))
 
-    def _error(self, gap_rad: float, theta_d0_rad: float, growth_rad_s: float) -> Floats:
-        model = self.model
-        after_s = (np.arange(self.theta_m.size) - self._middle) * model.sample_time_s
+    def position(self, structure: Structure, gap_rad: float, theta_d0_rad: float, growth_rad_s: float) -> Floats:
+        """(N,) output of a structure behind a gap that grows, m; gap in the middle of the buffer."""
+        after_s = (np.arange(self.theta_m.size) - self._middle) * self.model.sample_time_s
         gap = np.maximum(gap_rad + growth_rad_s * after_s, 0.0)
-        simulated = self.structure.position(self.theta_m, gap, theta_d0_rad, float(self.q3_m[0]))
-        error: Floats = (self.eps_q - observer.filtered(simulated, model.from_q3))[model.settle :]
+        return structure.position(self.theta_m, gap, theta_d0_rad, float(self.q3[0]))
+
+    def _error(self, gap_rad: float, theta_d0_rad: float, growth_rad_s: float) -> Floats:
+        simulated = self.position(self.structure, gap_rad, theta_d0_rad, growth_rad_s)
+        error: Floats = (self.eps_q - observer.filtered(simulated, self.model.from_q3))[self.model.settle :]
         return error
 
     def _differences(
@@ -153,11 +163,10 @@ def corrected(problem: SimulatedProblem, optimizer: OptimizerLike, present_rad: 
 
     Sought from the gap in force and from the linear twin's estimate, ``present_rad`` : the former, rad.
     """
-    plain = Problem(problem.theta_m, problem.q3_m, problem.model, problem.gap_max_rad)
+    plain = Problem(problem.theta_m, problem.q3, problem.model, problem.gap_max_rad)
     linear = estimate_gap(plain, optimizer, default_start(plain, present_rad))
     starts = [default_start(problem, present_rad), (linear.fit_gap_rad, linear.theta_d0_rad)]
     best = min((estimate_gap(problem, optimizer, start) for start in starts), key=lambda e: e.cost_m2)
     point = best.gap_rad, best.theta_d0_rad, best.growth_rad_s
-    settle = problem.model.settle
-    plain.eps_q[settle:] += problem.rows(*point)[0] - plain.rows(*point)[0]
-    return plain
+    changed = problem.position(problem.structure, *point) - problem.position(problem.linear, *point)
+    return Problem(problem.theta_m, problem.q3 - changed, problem.model, problem.gap_max_rad)

@@ -87,8 +87,9 @@ def _twin(config: RunConfig) -> str:
     ]
     if t.guard:
         parts.append(
-            "An estimate reaches the controller if it lies within bounds, converged, stands in the only valley of the "
-            "cost, and fits clearly better than the present gap or agrees with it; this guard is not the paper's."
+            "An estimate gets a standard error that holds what may be wrong in the model. It reaches the controller, "
+            "less that error, if it lies within bounds, converged, stands in the only valley of the cost, and differs "
+            "clearly from the present gap, or confirms it; this guard is not the paper's."
         )
     if config.controller.reconfigure == "novelty":
         parts.append(

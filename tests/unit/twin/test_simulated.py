@@ -21,9 +21,9 @@ def problem(*effects: str, believed: bool = True) -> SimulatedProblem:
     run = run_scenario(compose(*LOOP, *effects))
     rig = build_rig(compose(*(effects if believed else ())).rig)
     model = twin_model(Belief(rig).linear().structure, 40.0, 1e-3, 400)
-    structure = Structure.of(rig, rig.sensors["q3"], 1e-3)
+    structures = [Structure.of(rig, rig.sensors["q3"], 1e-3, linear) for linear in (False, True)]
     theta_m, q3 = (run.seen[name][20_000:21_000] for name in ("theta_m", "q3"))
-    return SimulatedProblem(theta_m, q3, model, structure)
+    return SimulatedProblem(theta_m, q3, model, *structures)
 
 
 def gap_deg(one: Problem) -> float:
@@ -49,7 +49,7 @@ def test_what_is_not_known_does(effect):
 
 def test_without_effects_both_twins_say_the_same():
     simulated = problem()
-    plain = Problem(simulated.theta_m, simulated.q3_m, simulated.model)
+    plain = Problem(simulated.theta_m, simulated.q3, simulated.model)
     assert gap_deg(simulated) == pytest.approx(gap_deg(plain), abs=1e-3)
     point = np.radians(25.0), simulated.theta_m[0] - np.radians(10.0), 0.01
     apart, scale = np.abs(simulated.rows(*point) - plain.rows(*point)), np.abs(plain.rows(*point))

@@ -1,0 +1,62 @@
+"""A guard by the likelihood ratio alone, to compare with: it knows noise, and nothing of a wrong model.
+
+An estimate passes if it lies inside the bounds, converged, follows from a contact that the cost saw, if gaps a degree
+to either side and gaps elsewhere fit clearly worse, and if it fits clearly better than the present gap or agrees with
+it. "Clearly" is a growth of the sum of squares by ``SIGNIFICANCE`` times the noise, taken from the residual.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from dtbacklash.twin.estimate import Estimate, OptimizerLike, Problem, default_start, estimate_gap
+from dtbacklash.twin.guard import Attempt, Guard, Verdict, profile
+
+RESOLUTION_DEG, SIGNIFICANCE, AGREEMENT_DEG = 1.0, 16.0, 0.25
+
+
+class LikelihoodGuard(Guard):
+    """Judges estimates from one buffer against the gap in force by likelihood ratios of the plain model."""
+
+    def judged(self, estimate: Estimate) -> Attempt:
+        """The estimate as it is, and the verdict on it."""
+        verdict = self._verdict(estimate)
+        limit = float(np.radians(self.settings.gap_max_deg))
+        estimate = replace(estimate, gap_rad=min(max(estimate.gap_rad, 0.0), limit)) if verdict.accepted else estimate
+        return Attempt(estimate, verdict, estimate.gap_rad)
+
+    def _verdict(self, estimate: Estimate) -> Verdict:
+        if reason := self._impossible(estimate):
+            return Verdict(False, reason)
+        if not estimate.converged:
+            return Verdict(False, f"not converged: {estimate.message}")
+        fit = replace(estimate, gap_rad=estimate.fit_gap_rad)
+        if self._contact_travel(self.problem, fit) < np.radians(self.settings.travel_deg):
+            return Verdict(False, "no contact seen in the buffer")
+        error = self.problem.rows(estimate.fit_gap_rad, estimate.theta_d0_rad)[0]
+        enough = estimate.cost_m2 + SIGNIFICANCE * self.problem.noise_m2(error) / self.problem.counted
+        sides = estimate.fit_gap_rad + np.radians([-RESOLUTION_DEG, RESOLUTION_DEG])
+        if np.min(profile(self.problem, sides[sides >= 0.0])[0]) <= enough:
+            return Verdict(False, "the buffer does not determine the gap")
+        far = np.abs(self.scan_rad - estimate.fit_gap_rad) > np.radians(RESOLUTION_DEG)
+        if np.min(self.scan()[0][far]) <= enough:
+            return Verdict(False, "another gap explains the buffer as well")
+        if abs(estimate.gap_rad - self.present_rad) <= np.radians(AGREEMENT_DEG):
+            return Verdict(True, "agrees with the present")
+        if profile(self.problem, np.array([self.present_rad]))[0][0] <= enough:
+            return Verdict(False, "no better than the present", settled=True)
+        return Verdict(True, "better than the present")
+
+
+def likelihood_estimates(problem: Problem, optimizer: OptimizerLike, present_rad: float) -> list[Attempt]:
+    """As :func:`dtbacklash.twin.guard.guarded_estimates`, by the likelihood ratio alone."""
+    guard = LikelihoodGuard(problem, present_rad)
+    attempts = [guard.judged(estimate_gap(problem, optimizer, default_start(problem, present_rad)))]
+    if not (attempts[0].verdict.accepted or attempts[0].verdict.settled):
+        for start in guard.further_starts()[: guard.settings.attempts - 1]:
+            attempts.append(guard.judged(estimate_gap(problem, optimizer, start)))
+            if attempts[-1].verdict.accepted or attempts[-1].verdict.settled:
+                break
+    return attempts
