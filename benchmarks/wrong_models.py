@@ -267,8 +267,8 @@ def wrong_model_words(table: pd.DataFrame, seed: int) -> list[str]:
         f"{SCATTER:g} times what other noise does; despite: the exact gap makes it worse as well.",
         f"right: within {RIGHT_DEG:g} deg or {100 * RIGHT_SHARE:g} %: {right} of {made} estimations; if all were, "
         f"it would be {most:.2f} times the likelihood ratio's.",
-        f"without ground friction ({len(smooth)} loops) {shares[0]:.0%} of all estimates are accepted and right, by the "
-        f"likelihood ratio {shares[1]:.0%}.",
+        f"without ground friction ({len(smooth)} loops) {shares[0]:.0%} of all estimates are accepted and right, by "
+        f"the likelihood ratio {shares[1]:.0%}.",
         f"the guarded twin changes the overshoot by {bare.min():.3g} to {bare.max():.3g} % of the move, in the median "
         f"by {bare.median():.3g} %.",
     ]
