@@ -259,11 +259,17 @@ def wrong_model_words(table: pd.DataFrame, seed: int) -> list[str]:
     bare = table["overshoot_guarded_pct"] - table["overshoot_old_pct"]
     made, right = int(table["estimations_guarded"].sum()), int(table["right_guarded"].sum())
     most = made / max(int(table["right_former"].sum()), 1)
+    smooth = table[(table["mass_2.ground_friction"] == 0.0) & (table["mass_3.ground_friction"] == 0.0)]
+    shares = [
+        smooth[f"right_{way}"].sum() / max(smooth["estimations_guarded"].sum(), 1) for way in ("guarded", "former")
+    ]
     return [
         f"seed {seed}; worse: an overshoot greater than with the old gap by more than {WORSE_PCT:g} % of the move and "
         f"{SCATTER:g} times what other noise does; despite: the exact gap makes it worse as well.",
         f"right: within {RIGHT_DEG:g} deg or {100 * RIGHT_SHARE:g} %: {right} of {made} estimations; if all were, "
         f"it would be {most:.2f} times the likelihood ratio's.",
+        f"without ground friction ({len(smooth)} loops) {shares[0]:.0%} of all estimates are accepted and right, by "
+        f"the likelihood ratio {shares[1]:.0%}.",
         f"the guarded twin changes the overshoot by {bare.min():.3g} to {bare.max():.3g} % of the move, in the median "
         f"by {bare.median():.3g} %.",
     ]
