@@ -39,7 +39,7 @@ TITLES = {
 }
 #: what a benchmark finds: rows, and sentences below them
 Found = tuple[list[Row], list[str]]
-#: run only when asked for (``guard`` asks for ``wrong_models``): ``alternatives`` needs the extra ``compare``, others hours
+#: run only when asked for (``guard`` asks for ``wrong_models``): they take long, ``alternatives`` the extra ``compare``
 ASKED = ("alternatives", "ablation", "wrong_models", "close_the_loop")
 SPEED: dict[str, Callable[[], list[Row]]] = {
     "loop": speed.loop_rows,

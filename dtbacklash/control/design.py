@@ -188,7 +188,7 @@ def structure_polynomials(structure: StructureParameters) -> tuple[Array, Array]
     num = np.array([structure.pitch_m_per_rad])
     for c, k in links:
         num = np.polymul(num, [c, k])
-    den = _tridiagonal_determinant(mass, damping, stiffness)
+    den = tridiagonal_determinant(mass, damping, stiffness)
     return num / den[0], den / den[0]
 
 
@@ -199,7 +199,7 @@ def structure_tf(structure: StructureParameters) -> control.TransferFunction:
     return control.tf(*structure_polynomials(structure))
 
 
-def _tridiagonal_determinant(mass: Array, damping: Array, stiffness: Array) -> Array:
+def tridiagonal_determinant(mass: Array, damping: Array, stiffness: Array) -> Array:
     """Coefficients of det(M s^2 + C s + K) of a chain, highest power first, by the three-term recurrence."""
     before, now = np.zeros(1), np.ones(1)
     for i in range(mass.shape[0]):

@@ -269,7 +269,7 @@ def estimate_gap(
     fit_gap = float(np.radians(abs(counted.best_x[0])))
     theta_d0 = float(problem.theta_m[0] + np.radians(counted.best_x[1]))
     rows = problem.rows(fit_gap, theta_d0)
-    step, variances = _linear_step(problem, rows[:3])
+    step, variances = linear_step(problem, rows[:3])
     # a gap cannot shrink below zero: there a step downwards is no step, and the cost may have a corner
     move = max(float(step[0]), -fit_gap)
     stationary = bool(np.isfinite(variances[0])) and abs(move) < np.radians(STATIONARY_DEG)
@@ -288,7 +288,7 @@ def estimate_gap(
     )
 
 
-def _linear_step(problem: Problem, rows: Array) -> tuple[Array, Array]:
+def linear_step(problem: Problem, rows: Array) -> tuple[Array, Array]:
     """Gauss-Newton step (n,) from rows (1 + n, samples) of error and derivatives; its variances per noise.
 
     A parameter that the data do not see at all (theta_d0 after an early contact) stays: step 0, variance inf.
@@ -314,7 +314,7 @@ def _growth(problem: Problem, rows: Array, gap: float, theta_d0: float) -> tuple
     x = np.array([gap, theta_d0, 0.0])
     refined = rows
     for _ in range(2):
-        x = x + _linear_step(problem, refined)[0]
+        x = x + linear_step(problem, refined)[0]
         if x[0] < 0.0:
             return 0.0, 0.0
         refined = problem.rows(*x)

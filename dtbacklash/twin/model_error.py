@@ -22,12 +22,12 @@ from numpy.typing import NDArray
 
 from dtbacklash.control.design import (
     StructureParameters,
-    _tridiagonal_determinant,
     structure_matrices,
     structure_polynomials,
+    tridiagonal_determinant,
 )
 from dtbacklash.twin import observer
-from dtbacklash.twin.estimate import Estimate, Problem
+from dtbacklash.twin.estimate import Estimate, Problem, linear_step
 from dtbacklash.twin.observer import in_lags, sampled_path
 
 Array = NDArray[np.float64]
@@ -84,6 +84,8 @@ class Explanation:
 def explained(problem: Problem, estimate: Estimate, tolerances: Tolerances) -> Explanation:
     """The best explanation about an estimate; ``fit_gap_rad`` stays the minimiser of eq. (18)."""
     plain = problem.rows(estimate.gap_rad, estimate.theta_d0_rad, estimate.growth_rad_s)[0]
+    if np.mean(plain**2) > problem.floor_m2:
+        estimate, plain = _grown(problem, estimate)
     if not np.mean(plain**2) > problem.floor_m2:
         return Explanation(problem, estimate, estimate.cost_m2, False)
     fit = _Fit(problem, tolerances)
@@ -98,6 +100,47 @@ def explained(problem: Problem, estimate: Estimate, tolerances: Tolerances) -> E
         message=estimate.message if converged else f"no end of the fit with model error in {STEPS} steps",
     )  # fmt: skip
     return Explanation(fit.with_model(x), better, mean_square + deviation, True)
+
+
+def _grown(problem: Problem, estimate: Estimate) -> tuple[Estimate, Array]:
+    """The estimate with gap, start and growth fitted to the end, and the output error that it leaves.
+
+    The plain estimate has taken two linear steps towards the growth, and may have the screw rest on the wrong side of
+    the gap: the fit also begins where the structure at rest says that the screw is.
+    """
+    first = np.array([estimate.gap_rad, estimate.theta_d0_rad, estimate.growth_rad_s])
+    best, rows, variance = first, problem.rows(*first), np.inf
+    for rest in (estimate.theta_d0_rad, problem.rest_rad):
+        found, left, spread = _descended(problem, np.array([first[0], rest, first[2]]))
+        if np.mean(left[0] ** 2) < np.mean(rows[0] ** 2):
+            best, rows, variance = found, left, spread
+        if np.mean(rows[0] ** 2) <= problem.floor_m2:
+            break
+    if not np.mean(rows[0] ** 2) <= problem.floor_m2:
+        return estimate, problem.rows(*first)[0]
+    better = replace(
+        estimate, gap_rad=float(best[0]), theta_d0_rad=float(best[1]), growth_rad_s=float(best[2]), converged=True,
+        std_rad=float(np.sqrt(variance * problem.noise_m2(rows[0]))),
+    )  # fmt: skip
+    return better, rows[0]
+
+
+def _descended(problem: Problem, x: Array) -> tuple[Array, Array, float]:
+    """Gap, start and growth (3,) where Gauss-Newton ends; the rows there, and the gap's variance per noise."""
+    rows = problem.rows(*x)
+    step, variances = linear_step(problem, rows)
+    for _ in range(STEPS):
+        for _ in range(HALVINGS):
+            moved = np.array([max(x[0] + step[0], 0.0), *(x[1:] + step[1:])])
+            trial = problem.rows(*moved)
+            if np.mean(trial[0] ** 2) < np.mean(rows[0] ** 2):
+                break
+            step = 0.5 * step
+        else:
+            break
+        x, rows = moved, trial
+        step, variances = linear_step(problem, rows)
+    return x, rows, float(variances[0])
 
 
 class _Fit:
@@ -225,7 +268,7 @@ def _forces(structure: StructureParameters) -> list[Array]:
     mass, damping, stiffness, _, _ = structure_matrices(structure)
     found = []
     for j in range(len(structure.masses_kg)):
-        through = np.asarray(_tridiagonal_determinant(mass[:j, :j], damping[:j, :j], stiffness[:j, :j]))
+        through = np.asarray(tridiagonal_determinant(mass[:j, :j], damping[:j, :j], stiffness[:j, :j]))
         for c, k in zip(structure.dampings_n_s_per_m[j + 1 :], structure.stiffnesses_n_per_m[j + 1 :], strict=True):
             through = np.asarray(np.polymul(through, [c, k]), dtype=np.float64)
         found.append(np.asarray(through / np.prod(structure.masses_kg)))
@@ -240,7 +283,7 @@ def _yielding(structure: StructureParameters, num: Array) -> tuple[Array, Array]
     """
     mass, damping, stiffness, _, _ = structure_matrices(structure)
     m, c, k = structure.masses_kg[0], structure.dampings_n_s_per_m[0], structure.stiffnesses_n_per_m[0]
-    others = _tridiagonal_determinant(mass[1:, 1:], damping[1:, 1:], stiffness[1:, 1:])
+    others = tridiagonal_determinant(mass[1:, 1:], damping[1:, 1:], stiffness[1:, 1:])
     q3 = -np.polymul(np.polymul([c, k], [c, k]), others) / np.prod(structure.masses_kg)
     # behind a single mass the base's inertia would differentiate: it is left out there
     theta_d = np.polymul(num, [m, 2.0 * c, 2.0 * k])[-(2 * len(structure.masses_kg) + 1) :]

@@ -52,7 +52,7 @@ def test_a_worse_loop_is_counted(table: pd.DataFrame) -> None:
 def test_rigs_whose_wrong_estimates_the_likelihood_ratio_refuses(
     overrides: list[str], error_deg: float, accepted: int
 ) -> None:
-    config = compose("controller=nimc_twin", *overrides)
+    config = compose("controller=nimc_twin", "profile.t_start_s=50", "profile.t_end_s=150", *overrides)
     believed = build_rig(compose("controller=nimc_twin").rig)
     found = live(config, believed, WAYS["guarded"])
     taken = found.estimates[found.estimates["accepted"]]
