@@ -14,7 +14,7 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import ablation, close_the_loop, nimc_forms, speed
+from benchmarks import ablation, close_the_loop, indexes, nimc_forms, speed
 from benchmarks.alternatives import alternative_rows, alternative_words, check_docs, write_docs
 from benchmarks.campaign import run_campaign
 from benchmarks.diagnosis import diagnosis_rows
@@ -33,6 +33,7 @@ TITLES = {
     "alternatives": "Beside the diagnosis, on concealed recordings: PySINDy on the residual, NARX by sysidentpy",
     "ablation": "Each setting of the diagnosis halved and doubled, on concealed recordings",
     "nimc_forms": "The forms of the internal model: wrong estimates of the gap, friction, sensors; the worst run",
+    "indexes": "The novelty indexes on faults of each subsystem: 60 s of a square wave, encoder",
     "close_the_loop": "The loop with each belief, on concealed rigs: recorded, diagnosed, controlled",
     "wrong_models": "The twin in loops of 100 s whose model is wrong; from estimations on: of the estimates",
     "guard": "The twin with and without its guard in the closed loop, random starts, noises, gaps and buffers",
@@ -48,7 +49,10 @@ SPEED: dict[str, Callable[[], list[Row]]] = {
     "linearity": speed.linearity_rows,
     "process": speed.process_rows,
     "diagnosis": diagnosis_rows,
+    "indexes": indexes.index_rows,
 }
+#: what brings the rows of a benchmark into its page
+WRITE_DOCS: dict[str, Callable[[list[Row], Path], None]] = {"indexes": indexes.write_docs}
 
 
 def main() -> int:
@@ -62,7 +66,7 @@ def main() -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     results: dict[str, Any] = {"machine": _machine()}
     for name in names:
-        rows, words = CAMPAIGNS[name](options, console) if name in CAMPAIGNS else (SPEED[name](), [])
+        rows, words = CAMPAIGNS[name](options, console) if name in CAMPAIGNS else (_plain(name, options.docs), [])
         console.print(_table(TITLES[name], rows))
         for line in words:
             console.print(line, soft_wrap=True)
@@ -73,6 +77,14 @@ def main() -> int:
     failed = [f"{name}: {row['what']}" for name in names for row in results[name] if row.get("pass") == "no"]
     console.print(f"written to {options.out}; beyond their limits: {', '.join(failed) or 'none'}")
     return 1 if failed else 0
+
+
+def _plain(name: str, docs: Path | None) -> list[Row]:
+    """A benchmark without settings; into its page where asked for."""
+    rows = SPEED[name]()
+    if docs and name in WRITE_DOCS:
+        WRITE_DOCS[name](rows, docs)
+    return rows
 
 
 def _guard(options: argparse.Namespace, console: Console) -> Found:

@@ -38,6 +38,11 @@ TWIN_METHODS = {
     "linear": "the twin filters what was measured through the structure's linear observer (the paper's form)",
     "simulate": "the twin simulates the structure with all effects that it believes in",
 }
+INDEXES = {
+    "frequency": "the frequency of the dominant mode in the prediction error over the believed one: the structure",
+    "motor": "the torque that the voltage leaves over on the believed motor, rms: the motor",
+    "structure": "what the structure's observer leaves over behind the gap in force, rms: the gap or the structure",
+}
 TASKS = {
     "run": "one run",
     "close_the_loop": "record, diagnose, and run with what was found",

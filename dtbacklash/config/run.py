@@ -13,6 +13,7 @@ from dtbacklash.config.checks import number
 from dtbacklash.config.choices import (
     BELIEFS,
     COMPENSATED,
+    INDEXES,
     INTERNAL_MODELS,
     INTERPOLATIONS,
     NOVELTY_FILTERS,
@@ -156,6 +157,23 @@ class TwinConfig:
     estimate_from: str = setting("model", "what it knows of the structure", choices=BELIEFS)
     novelty_threshold_mm: float = setting(0.1, "novelty index that calls the twin", unit="mm", above=0)
     novelty_filter: str = setting("ellip", "low-pass of the index: elliptic or Chebyshev II", choices=NOVELTY_FILTERS)
+    indexes: list[str] = setting(
+        list, "further novelty indexes, each a column of the trace and an alarm of its own", choices=INDEXES,
+        shown="[]",
+    )  # fmt: skip
+    frequency_threshold: float = setting(
+        0.08, "alarm: the mode's frequency is off by this share of the believed one", above=0, below=1
+    )
+    frequency_amplitude_mm: float = setting(
+        0.02, "amplitude of the mode below which its frequency says nothing", unit="mm", above=0
+    )
+    motor_threshold_n_m: float = setting(0.005, "alarm: torque left over on the motor, rms", unit="N m", above=0)
+    structure_threshold_mm: float = setting(
+        0.02, "alarm: output error behind the gap in force, rms", unit="mm", above=0
+    )
+    index_hysteresis: float = setting(
+        0.7, "share of its threshold below which an index may raise its next alarm", above=0, at_most=1
+    )
 
     def __post_init__(self) -> None:
         check(self, "twin.")

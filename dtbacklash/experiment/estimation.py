@@ -12,6 +12,7 @@ from dtbacklash.arrays import Floats, Ints
 from dtbacklash.config.run import RunConfig
 from dtbacklash.control.belief import Belief
 from dtbacklash.experiment.sensors import roles as roles_of
+from dtbacklash.experiment.watch import Watcher
 from dtbacklash.kept import kept
 from dtbacklash.twin.estimate import Problem, default_start, estimate_gap
 from dtbacklash.twin.guard import Attempt, GuardSettings, Verdict, guarded_estimates, outcome, warm_up
@@ -21,7 +22,9 @@ from dtbacklash.twin.simulated import SimulatedProblem, Structure, corrected
 
 
 class EstimateRow(TypedDict):
-    """One attempt of the twin: times s, gaps deg, cost mm^2; std_deg: standard error of gap_deg."""
+    """One attempt of the twin: times s, gaps deg, cost mm^2; std_deg: standard error of gap_deg; subsystem: what the
+    indexes said of the buffer.
+    """
 
     t_event_s: float
     t_applied_s: float
@@ -33,9 +36,10 @@ class EstimateRow(TypedDict):
     evaluations: int
     wall_s: float
     std_deg: float
+    subsystem: str  # of runs that watch the indexes
 
 
-ESTIMATE_COLUMNS = list(EstimateRow.__annotations__)
+ESTIMATE_COLUMNS = [name for name in EstimateRow.__annotations__ if name != "subsystem"]
 
 
 @dataclass
@@ -61,6 +65,7 @@ class Estimation:
     rejected: bool = False
     rows: list[EstimateRow] = field(default_factory=list)
     wall_s: float = 0.0
+    watcher: Watcher | None = None
 
     @classmethod
     def prepare(
@@ -122,9 +127,15 @@ class Estimation:
         last_change = int(before[-1]) if before.size else 0
         self.link.open(k, None if self.rejected else last_change)
 
+    def alarmed(self, k: int) -> None:
+        """An index beside the novelty index has raised an alarm: it calls the twin where that one does."""
+        if self.listening:
+            self.alarm(k)
+
     def table(self) -> pd.DataFrame:
-        """A row an attempt, in the order of the attempts."""
-        return pd.DataFrame(self.rows, columns=ESTIMATE_COLUMNS)
+        """A row an attempt, in the order of the attempts; with the subsystem where indexes are watched."""
+        columns = ESTIMATE_COLUMNS if self.watcher is None else [*ESTIMATE_COLUMNS, "subsystem"]
+        return pd.DataFrame(self.rows, columns=columns)
 
     def _estimate(self, full: FullBuffer, k: int) -> None:
         """The twin at work on a full buffer; what passes the guard is sent back."""
@@ -151,6 +162,7 @@ class Estimation:
                 "evaluations": e.evaluations,
                 "wall_s": e.wall_s,
                 "std_deg": math.degrees(e.std_rad),
+                "subsystem": self.watcher.subsystem(full.first, full.stop) if self.watcher else "",
             })  # fmt: skip
         self.wall_s += time.perf_counter() - began
 

@@ -14,6 +14,7 @@ from dtbacklash.control.design import ControllerDesign
 from dtbacklash.experiment import loop, metrics
 from dtbacklash.experiment.advice import advice, settles
 from dtbacklash.experiment.sensors import column, trace_factor
+from dtbacklash.experiment.watch import Watcher
 from dtbacklash.physics.rig import Rig
 
 
@@ -74,6 +75,7 @@ def collect(
     roles: tuple[int, int],
     estimates: pd.DataFrame,
     walls: Walls,
+    watcher: Watcher | None = None,
 ) -> RunResult:
     """Tables and summary of a finished run.
 
@@ -83,6 +85,8 @@ def collect(
     trace = _trace(config, rig, signals, traces, roles)
     seen = {"r": signals.reference, "u": traces.u}
     seen |= {name: np.ascontiguousarray(traces.seen[:, j]) for j, name in enumerate(rig.sensors)}
+    if watcher is not None:
+        trace = trace.assign(**watcher.columns())
     moves = metrics.move_table(trace if closed else trace.iloc[:0])  # in open loop r is no target of q3
     summary = {
         "controller": config.controller.name,
@@ -103,6 +107,8 @@ def collect(
         "estimates": estimates.to_dict("records"),
         "wall_s": asdict(walls),
     }
+    if watcher is not None:
+        summary["alarms"] = watcher.alarms
     return RunResult(config, rig, trace, seen, moves, estimates, summary)
 
 

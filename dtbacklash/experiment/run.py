@@ -19,6 +19,7 @@ from dtbacklash.experiment.advice import causes
 from dtbacklash.experiment.estimation import Estimation
 from dtbacklash.experiment.result import RunResult, Walls, collect
 from dtbacklash.experiment.sensors import roles, sensor_errors
+from dtbacklash.experiment.watch import ALARM, Watcher, run_watched
 from dtbacklash.kept import kept
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.kernel.plant import Plant, State, new_state, place_at
@@ -42,6 +43,7 @@ class _Machine:
     control_state: ControllerState
     detector: NoveltyDesign
     detector_state: Floats
+    watcher: Watcher | None = None
 
     def run(
         self, inputs: loop.Signals, traces: loop.Traces, which: tuple[int, int], first: int, stop: int, gap_hat: float,
@@ -49,10 +51,15 @@ class _Machine:
     ) -> tuple[int, int]:  # fmt: skip
         """Run the samples ``first <= k < stop``: see :func:`.loop.run_segment`."""
         oscillator = (self.detector.sos, self.detector.cos_step, self.detector.sin_step)
-        k, why = loop.run_segment(
+        common = (
             self.plant, self.state, self.controller, self.control_state, self.detector_state, oscillator, inputs,
             traces, which, first, stop, gap_hat, limits, before,
         )  # fmt: skip
+        if self.watcher is None:
+            k, why = loop.run_segment(*common)
+        else:
+            w = self.watcher
+            k, why = run_watched(*common, w.watch, w.state, w.values, w.limits, w.config.twin.index_hysteresis)
         return k, why
 
 
@@ -81,6 +88,8 @@ def run_scenario(
         traces = _room(config, rig)
         which = roles(rig, design is not None)
         twin = Estimation.prepare(config, beliefs.twin, changes, traces.seen, which, inputs.gap)
+        if design is not None:
+            machine.watcher = twin.watcher = Watcher.prepare(config, beliefs.twin, inputs.gap.size)
         if machine.plant.imposed:
             place_at(machine.plant, machine.state, inputs.reference[0])
         if progress:
@@ -91,7 +100,7 @@ def run_scenario(
         _segments(config, rig, design, machine, inputs, traces, which, twin, progress)
     end = time.perf_counter()
     walls = Walls(end - ready - twin.wall_s, twin.wall_s, spent(), end - started)
-    return collect(config, rig, design, inputs, traces, which, twin.table(), walls)
+    return collect(config, rig, design, inputs, traces, which, twin.table(), walls, machine.watcher)
 
 
 def _build(config: RunConfig, rig: Rig, design: ControllerDesign | None, belief: Belief) -> _Machine:
@@ -159,6 +168,8 @@ def _segments(
             raise Diverged("controller", config.controller.name, k * config.sample_time_s, what, said)
         if why == loop.NOVELTY:
             twin.alarm(k)
+        elif why >= ALARM and machine.watcher is not None and machine.watcher.raised(k - 1, why) != "motor":
+            twin.alarmed(k)  # a motor that has changed says nothing of the gap
         if listening:
             twin.rejected = False
         if progress:

@@ -39,8 +39,8 @@ class NoveltyDesign:
     sin_step: float
 
     def initial_state(self) -> Array:
-        """State of :func:`novelty_step` at t = 0: oscillator at phase 0, filters at rest."""
-        state = np.zeros(2 + 4 * self.sos.shape[0])
+        """State of :func:`novelty_step` at t = 0: oscillator at phase 0, filters at rest; at its end, both channels."""
+        state = np.zeros(2 + 4 * self.sos.shape[0] + 2)
         state[0] = 1.0
         return state
 
@@ -84,6 +84,7 @@ def novelty_step(state: Array, sos: Array, cos_step: float, sin_step: float, err
             state[at + 1] = sos[section, 2] * value - sos[section, 5] * out
             value = out
         squares += value * value
+        state[state.shape[0] - 2 + channel] = value
     real = state[0] * cos_step - state[1] * sin_step
     imag = state[0] * sin_step + state[1] * cos_step
     pull = 1.5 - 0.5 * (real * real + imag * imag)

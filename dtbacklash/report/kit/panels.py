@@ -104,6 +104,14 @@ def _mark_estimates(ax: Axes, trace: pd.DataFrame, estimates: pd.DataFrame | Non
             )
 
 
+def index_panel(ax: Axes, trace: pd.DataFrame, column: str, lines: list[float], unit: str) -> None:
+    """A further novelty index over time with its threshold (or both of them) in grey; gaps where it says nothing."""
+    for level in lines:
+        ax.axhline(level, color=MUTED, lw=1.8)
+    ax.plot(trace["t_s"], trace[column], color=COLOUR["novelty"], lw=1.3)
+    ax.set_ylabel(f"[{unit}]" if unit else "ratio")
+
+
 def novelty_panel(ax: Axes, trace: pd.DataFrame, estimates: pd.DataFrame | None, threshold_mm: float) -> None:
     """Novelty index over time [mm], its threshold in grey, a triangle at each event."""
     novelty = trace["novelty_mm"].fillna(0.0)

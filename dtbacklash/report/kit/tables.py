@@ -93,6 +93,7 @@ def estimates(frame: pd.DataFrame) -> Table:
         ("t_event_s", "event [s]", decimals(2), True), ("t_applied_s", "applied [s]", decimals(2), True),
         ("gap_deg", "gap [deg]", decimals(2), True), ("true_gap_deg", "true [deg]", decimals(2), True),
         ("accepted", "accepted", plain_cell, False), ("reason", "reason", plain_cell, False),
+        ("subsystem", "subsystem", plain_cell, False),
     ])  # fmt: skip
 
 

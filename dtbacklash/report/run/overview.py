@@ -16,7 +16,14 @@ from matplotlib.figure import Figure
 
 from dtbacklash.report.kit.decimate import envelope
 from dtbacklash.report.kit.intervals import scaled, unit_in_signs
-from dtbacklash.report.kit.panels import finish_time_axis, gap_panel, novelty_panel, response_panel, voltage_panel
+from dtbacklash.report.kit.panels import (
+    finish_time_axis,
+    gap_panel,
+    index_panel,
+    novelty_panel,
+    response_panel,
+    voltage_panel,
+)
 from dtbacklash.report.kit.style import COLOUR, MUTED, legend_above, letter, new_figure, panels, styled
 
 # dark to light without the palest end: a thin line must be seen on white, and the order in grey print too
@@ -27,7 +34,11 @@ Panel = tuple[str, float, Callable[[Axes], None]]
 
 @styled
 def run_overview(
-    trace: pd.DataFrame, estimates: pd.DataFrame, moves: pd.DataFrame, threshold_mm: float | None = None
+    trace: pd.DataFrame,
+    estimates: pd.DataFrame,
+    moves: pd.DataFrame,
+    threshold_mm: float | None = None,
+    indexes: list[tuple[str, str, list[float], str]] | None = None,
 ) -> Figure:
     """Everything over time; the panels follow what the run has.
 
@@ -36,6 +47,7 @@ def run_overview(
         estimates: table of estimations, may be empty.
         moves: `metrics.move_table` of the trace; if it is empty the tracking error gets a panel.
         threshold_mm: novelty threshold [mm] if the novelty index triggers the twin, else None (no panel).
+        indexes: further indexes: title, column of the trace, thresholds, unit.
     """
     chosen: list[Panel] = [("reference and output", 2.5, lambda ax: response_panel(ax, trace))]
     if moves.empty:
@@ -46,6 +58,9 @@ def run_overview(
     if threshold_mm is not None:
         title = r"novelty index $|\hat\eta|$"
         chosen.append((title, 1.6, lambda ax: novelty_panel(ax, trace, estimates, threshold_mm)))
+    for title, column, lines, unit in indexes or []:
+        draw = partial(index_panel, trace=trace, column=column, lines=lines, unit=unit)
+        chosen.append((title, 1.3, draw))
     chosen.append(("motor input voltage", 1.6, lambda ax: voltage_panel(ax, trace)))
     return _stacked(chosen, trace)
 

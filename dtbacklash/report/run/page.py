@@ -14,6 +14,7 @@ from dtbacklash.report.kit.intervals import scaled, unit_in_signs
 from dtbacklash.report.kit.numbers import number
 from dtbacklash.report.kit.page import Shown, embedded, render
 from dtbacklash.report.kit.style import save
+from dtbacklash.report.run.indexes import alarms, indexes_drawn
 from dtbacklash.report.run.methods import methods
 from dtbacklash.report.run.overview import moves_overlay, open_overview, run_overview
 from dtbacklash.report.run.words import describe, has_gear, is_open, plain
@@ -61,6 +62,7 @@ def write(result: Any, moves: pd.DataFrame, folder: Path) -> None:
         signals=[_in_its_unit(s) for s in result.summary["signals"]] if opened else [],
         moves=moves.to_dict("records"),
         estimates=result.estimates.to_dict("records"),
+        alarms=alarms(result.summary),
         figures=[Shown(embedded(path), *_caption(name, result.config, len(moves))) for name, path in figures.items()],
         methods=methods(result.config),
         command=result.summary.get("command"),
@@ -85,6 +87,7 @@ def _caption(name: str, config: RunConfig, moves: int) -> tuple[str, str]:
     if config.controller.reconfigure == "novelty":
         shown.append("novelty index")
         good.append("the index crosses its threshold only where the gap has grown since the last estimate")
+    shown += [f"{name} index" for name in config.twin.indexes]
     return (
         f"The whole run: {', '.join(shown)}, control voltage.",
         f"{', '.join(good)}, and the voltage spikes at moves only.",
@@ -97,7 +100,7 @@ def overview(result: Any, moves: pd.DataFrame) -> Figure:
     if is_open(config):
         return open_overview(result.trace, result.summary["signals"])
     novelty = config.twin.novelty_threshold_mm if config.controller.reconfigure == "novelty" else None
-    return run_overview(result.trace, result.estimates, moves, novelty)
+    return run_overview(result.trace, result.estimates, moves, novelty, indexes_drawn(config))
 
 
 def _draw(result: Any, moves: pd.DataFrame, folder: Path) -> dict[str, Path]:

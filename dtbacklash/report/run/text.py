@@ -11,6 +11,7 @@ from rich.text import Text
 
 from dtbacklash.report.kit import tables
 from dtbacklash.report.kit.numbers import number
+from dtbacklash.report.run.indexes import alarms
 
 #: compiling for longer than this is told, s
 WORTH_TELLING_S = 1.0
@@ -22,7 +23,8 @@ def lines(summary: dict[str, Any], moves: pd.DataFrame, estimates: pd.DataFrame)
     for table, frame in ((tables.moves, moves), (tables.estimates, estimates)):
         if len(frame):
             told += [table(frame), ""]
-    return [*told, Text(summary_line(summary)), *map(Text, summary.get("advice", []))]
+    alarmed = [f"alarm at {text}" for text in alarms(summary)]
+    return [*told, Text(summary_line(summary)), *map(Text, alarmed), *map(Text, summary.get("advice", []))]
 
 
 def summary_line(summary: dict[str, Any]) -> str:

@@ -10,6 +10,7 @@ from dtbacklash.config.rig import RigConfig
 from dtbacklash.config.run import ControllerConfig, ProfileConfig, ReferenceConfig, RunConfig, SensorsConfig
 from dtbacklash.physics.catalogue import find
 from dtbacklash.report.kit.numbers import number, quantity
+from dtbacklash.report.run import indexes
 
 DIGITS = 4  # of a setting in a sentence
 
@@ -58,6 +59,8 @@ def describe(config: RunConfig) -> list[tuple[str, list[str]]]:
         told.append(("Belief", _belief(config, config.model)))
     if config.controller.reconfigure != "never":
         told.append(("Digital twin", [_trigger(config), _estimation(config)]))
+    if config.twin.indexes and not is_open(config):
+        told.append(("Novelty", indexes.in_words(config)))
     if has_gear(config.rig):
         told.append(("Gap", [_profile(config.profile)]))
     told += [
