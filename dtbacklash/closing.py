@@ -17,7 +17,9 @@ from dtbacklash.control.belief import Belief, Beliefs, nominal
 from dtbacklash.diagnose import Diagnosis, diagnose
 from dtbacklash.errors import Diverged
 from dtbacklash.experiment.run import RunResult, run_scenario
+from dtbacklash.experiment.sensors import roles
 from dtbacklash.physics.rig import Rig, build_rig
+from dtbacklash.physics.simulate import rig_half_gap
 from dtbacklash.recording import Recording
 
 #: what the loops believe: name -> (design, twin), each ``nominal``, ``found`` or ``true``
@@ -66,7 +68,7 @@ def close_the_loop(config: RunConfig, tell: Tell | None = None) -> Closed:
     say("recording the machine", 0.0)
     recorded = record(config, stated)
     found = diagnose(
-        recording_of(recorded), stated, progress=lambda text, share: say(text, 0.05 + 0.75 * share), jobs=2
+        seen_by_the_loop(recorded), stated, progress=lambda text, share: say(text, 0.05 + 0.75 * share), jobs=2
     )
     runs = compare(config, stated, found.extended, lambda name, share: say(f"running: {name}", 0.8 + 0.2 * share))
     return Closed(recorded, found, runs, table(runs))
@@ -75,9 +77,7 @@ def close_the_loop(config: RunConfig, tell: Tell | None = None) -> Closed:
 def record(config: RunConfig, believed: Rig) -> RunResult:
     """The loop that believes in ``believed``, following a multisine."""
     belief = Belief(believed)
-    controller = replace(
-        config.controller, name="record", structure="nimc", reconfigure="never", internal_model="inner_loop"
-    )
+    controller = replace(config.controller, structure="nimc", reconfigure="never", internal_model="inner_loop")
     start_deg = config.profile.start_deg
     asked = replace(
         config, controller=controller, duration_s=RECORDED_S, task="run",
@@ -87,6 +87,14 @@ def record(config: RunConfig, believed: Rig) -> RunResult:
         ),
     )  # fmt: skip
     return run_scenario(asked, beliefs=Beliefs(belief, belief))
+
+
+def seen_by_the_loop(result: RunResult) -> Recording:
+    """What the loop itself has: the reference, the command, and the sensors of motor and output."""
+    recording, names = recording_of(result), list(result.rig.sensors)
+    kept = {"r", "u", *(names[role] for role in roles(result.rig, True))}
+    return replace(recording, channels={n: v for n, v in recording.channels.items() if n in kept},
+                   units={n: v for n, v in recording.units.items() if n in kept})  # fmt: skip
 
 
 def recording_of(result: RunResult) -> Recording:
@@ -102,7 +110,11 @@ def compare(
 
     stated : the rig as it is believed before. found : as the diagnosis leaves it.
     """
-    known = {"nominal": Belief(stated), "found": Belief(found), "true": Belief(build_rig(config.rig))}
+    true = build_rig(config.rig)
+    gear, gap = true.only("gear"), rig_half_gap(true) + math.radians(config.profile.start_deg)
+    if gear is not None and gap > 0.0:  # the truth knows of the gap that there is at first, too
+        true = true.with_effect(gear.name, "backlash", {"half_gap": gap})
+    known = {"nominal": Belief(stated), "found": Belief(found), "true": Belief(true)}
     runs: dict[str, RunResult | None] = {}
     for j, (name, (design, twin)) in enumerate(VARIANTS.items()):
         if tell:
@@ -123,7 +135,7 @@ def _row(name: str, run: RunResult | None) -> list[object]:
     if run is None:
         return [name, math.inf, math.nan, 0, 0, math.nan]
     accepted = run.estimates[run.estimates["accepted"].astype(bool)]
-    error = (accepted["gap_deg"] - accepted["true_gap_deg"]).abs()
+    error = (accepted["applied_deg"] - accepted["true_gap_deg"]).abs()
     return [
         name, float(run.moves["overshoot_pct"].max()), float(run.moves["settling_time_s"].max(skipna=False)),
         int(run.summary["n_estimations"]), len(accepted), float(error.max()) if len(error) else math.nan,

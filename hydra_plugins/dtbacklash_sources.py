@@ -73,7 +73,7 @@ class RigFileSource(ConfigSource):
 
 def _named(here: Path, name: str) -> list[Path]:
     """Where a rig of this name may stand: in the user's ``conf``, then in ours."""
-    return [here / "conf" / GROUP / f"{name}.yaml", PACKAGED / GROUP / f"{name}.yaml"]
+    return [folder / GROUP / f"{name}{suffix}" for folder in (here / "conf", PACKAGED) for suffix in SUFFIXES]
 
 
 class UserConfSource(file_config_source.FileConfigSource):

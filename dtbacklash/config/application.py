@@ -102,8 +102,10 @@ def _split(grammar: Grammar, word: str, sweeps: bool) -> tuple[str, str]:
 
 def _override(grammar: Grammar, key: str, value: str, written: str, sweeps: bool) -> list[str]:
     """The overrides of Hydra for one setting."""
-    if key in ("experiment", "model") and value in ("", "null"):
+    if key == "experiment" and value in ("", "null"):
         return []
+    if key == "model" and value in ("", "null"):
+        return ["model=null"]  # what an experiment believes may be taken back
     if key == "recording" and value != NO_RECORDING:  # in a run; elsewhere it is the short word of a setting
         allowed = f"is a recording to diagnose (dtb diagnose recording={value}); a run takes recording.save=FILE"
         raise UserError(key, value, allowed)

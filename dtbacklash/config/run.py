@@ -60,9 +60,11 @@ class ControllerConfig:
     design_from: str = setting("model", "what it is designed for", choices=BELIEFS)
     compensate: list[str] = setting(
         lambda: list(COMPENSATED), "effects of the model's motor that the voltage takes out beforehand; Coulomb "
-        "friction is never one", choices=COMPENSATED, shown="[cogging,viscous_friction,constant_load]",
+        "friction is never one", choices=COMPENSATED, shown=f"[{','.join(COMPENSATED)}]",
     )  # fmt: skip
-    gap_hat_deg: float = setting(0.0, "first estimate of the gap", unit="deg", at_least=0, at_most=360)
+    gap_hat_deg: float | None = setting(
+        None, "first estimate of the gap; null: that of the model, else 0", unit="deg", at_least=0, at_most=360
+    )
 
     def __post_init__(self) -> None:
         check(self, "controller.")
@@ -313,12 +315,16 @@ class RunConfig:
             raise UserError("controller", self.controller.name, "closing the loop takes one that a twin reconfigures")
         if self.recording.save is not None:
             raise UserError("recording.save", self.recording.save, "closing the loop makes several runs")
+        for key, source in (("controller.design_from", self.controller.design_from),
+                            ("twin.estimate_from", self.twin.estimate_from)):  # fmt: skip
+            if source != "model":
+                raise UserError(key, source, "closing the loop tries what is believed one after the other")
 
     def _check_twin(self) -> None:
         if self.controller.reconfigure != "never" and self.twin.buffer > self.samples:
             allowed = f"must not be longer than the run ({self.samples} samples)"
             raise UserError("twin.buffer", self.twin.buffer, allowed)
-        if self.controller.gap_hat_deg > self.twin.gap_max_deg:
+        if (self.controller.gap_hat_deg or 0.0) > self.twin.gap_max_deg:
             allowed = f"must be at most twin.gap_max_deg={self.twin.gap_max_deg:g} deg"
             raise UserError("controller.gap_hat_deg", self.controller.gap_hat_deg, allowed)
 

@@ -99,7 +99,7 @@ class Belief:
 
     def drifts(self) -> bool:
         """Whether it holds something between voltage and measured angle that lets an integrating motor model drift."""
-        return bool(on_the_motor(self.rig))
+        return any(name != "gain_error" for name, _ in on_the_motor(self.rig))
 
     def bends(self) -> bool:
         """Whether it holds effects behind the gear that the linear part leaves out."""
@@ -108,7 +108,8 @@ class Belief:
 
 def bending(rig: Rig) -> list[tuple[str, str]]:
     """(place, effect) of what acts behind the gear and is not in :meth:`Belief.linear`."""
-    linear = (slots.Yielding, slots.BodyDamping)
+    # the reaction acts on the motor, whose angle is measured
+    linear = (slots.Yielding, slots.BodyDamping, slots.Reaction)
     found = []
     for place, there in rig.effects.items():
         kind = rig.kind_at(place)
@@ -162,7 +163,7 @@ def beliefs_of(config: RunConfig) -> Beliefs:
 
 
 def settled(config: RunConfig, beliefs: Beliefs) -> RunConfig:
-    """The configuration with what is ``auto`` in it made a choice.
+    """The configuration with what is ``auto`` in it made a choice, and the first gap that of the design's belief.
 
     An integrating model of the motor would drift where something acts on the motor that it does not have. Among the
     complete models, only ``inverse`` settles with a fixed estimate that is too large; a twin meets a growing gap from
@@ -173,6 +174,8 @@ def settled(config: RunConfig, beliefs: Beliefs) -> RunConfig:
         complete = "inner_loop" if controller.reconfigure != "never" else "inverse"
         form = complete if beliefs.design.drifts() else "bare"
         controller = replace(controller, internal_model=form)
+    if controller.gap_hat_deg is None:
+        controller = replace(controller, gap_hat_deg=math.degrees(beliefs.design.half_gap_rad))
     if twin.method == "auto":
         twin = replace(twin, method="simulate" if beliefs.twin.bends() else "linear")
     return replace(config, controller=controller, twin=twin)

@@ -27,6 +27,8 @@ SMALL_GAP_DEG = 0.5
 SURPLUS_SHARE = 0.2
 #: settling band, share of a move, and how far the structure rings where a move meets an unknown gap
 BAND, RINGING = 0.01, 0.1
+#: effects on the motor that the design has in its linear part
+IN_THE_DESIGN = ("viscous_friction", "gain_error")
 
 
 def settles(moves: pd.DataFrame) -> bool | None:
@@ -78,7 +80,12 @@ def _gain(config: RunConfig, rig: Rig, design: ControllerDesign) -> Iterator[str
 
 def _unmodelled(config: RunConfig, rig: Rig) -> Iterator[str]:
     """Effects between the voltage and the measured angle, which the internal model does not know."""
-    found = [f"{name_in_words(name)} at {place}" for name, place in on_the_motor(rig)]
+    believed = config.model.effects if config.model and config.controller.design_from == "model" else {}
+    known = {*config.controller.compensate, *IN_THE_DESIGN}
+    found = [
+        f"{name_in_words(name)} at {place}" for name, place in on_the_motor(rig)
+        if not (name in known and name in believed.get(place, {}))
+    ]  # fmt: skip
     model = config.controller.internal_model
     if not found or model in ("inner_loop", "inverse"):
         return

@@ -22,7 +22,8 @@ from dtbacklash.twin.simulated import SimulatedProblem, Structure, corrected
 
 
 class EstimateRow(TypedDict):
-    """One attempt of the twin: times s, gaps deg, cost mm^2; std_deg: standard error of gap_deg; subsystem: what the
+    """One attempt of the twin: times s, gaps deg, cost mm^2; std_deg: standard error of gap_deg; applied_deg: what the
+    controller gets; subsystem: what the
     indexes said of the buffer.
     """
 
@@ -36,6 +37,7 @@ class EstimateRow(TypedDict):
     evaluations: int
     wall_s: float
     std_deg: float
+    applied_deg: float
     subsystem: str  # of runs that watch the indexes
 
 
@@ -72,7 +74,7 @@ class Estimation:
         cls, config: RunConfig, belief: Belief, changes: Ints, seen: Floats, roles: tuple[int, int], gap: Floats
     ) -> "Estimation":
         """The twin before the first sample; raises UserError where the rig is none that it has a model of."""
-        first = math.radians(config.controller.gap_hat_deg) or belief.half_gap_rad
+        first = math.radians(config.controller.gap_hat_deg or 0.0)
         link: TwinLink[float] = TwinLink(config.twin.buffer, config.twin.delay_s, config.sample_time_s)
         model = None
         if config.controller.reconfigure != "never":
@@ -162,6 +164,7 @@ class Estimation:
                 "evaluations": e.evaluations,
                 "wall_s": e.wall_s,
                 "std_deg": math.degrees(e.std_rad),
+                "applied_deg": math.degrees(gap) if attempt.verdict.accepted and attempt is chosen else math.nan,
                 "subsystem": self.watcher.subsystem(full.first, full.stop) if self.watcher else "",
             })  # fmt: skip
         self.wall_s += time.perf_counter() - began

@@ -9,11 +9,12 @@ import numpy as np
 
 from dtbacklash.arrays import Floats, Ints
 from dtbacklash.compiled import compiling
+from dtbacklash.config.rig import of_the_model
 from dtbacklash.config.run import RunConfig
 from dtbacklash.control.belief import Belief, Beliefs, beliefs_of, design_for, settled
 from dtbacklash.control.design import ControllerDesign
 from dtbacklash.control.laws import Controller, ControllerState, build_controller, new_controller_state
-from dtbacklash.errors import Diverged
+from dtbacklash.errors import Diverged, UserError
 from dtbacklash.experiment import loop, signals
 from dtbacklash.experiment.advice import causes
 from dtbacklash.experiment.estimation import Estimation
@@ -82,7 +83,7 @@ def run_scenario(
         rig = build_rig(config.rig)
         beliefs = beliefs_of(config) if beliefs is None else beliefs
         config = settled(config, beliefs)
-        design = design_for(config, beliefs.design)
+        design = _designed(config, beliefs.design)
         machine = _build(config, rig, design, beliefs.design)
         inputs, changes = _inputs(config, rig)
         traces = _room(config, rig)
@@ -101,6 +102,15 @@ def run_scenario(
     end = time.perf_counter()
     walls = Walls(end - ready - twin.wall_s, twin.wall_s, spent(), end - started)
     return collect(config, rig, design, inputs, traces, which, twin.table(), walls, machine.watcher)
+
+
+def _designed(config: RunConfig, belief: Belief) -> ControllerDesign | None:
+    """The design; a model that it cannot be made for is refused in its own name."""
+    try:
+        return design_for(config, belief)
+    except UserError as mistake:
+        believed = config.model is not None and config.controller.design_from == "model"
+        raise of_the_model(mistake) if believed and mistake.key.startswith("rig") else mistake from mistake
 
 
 def _build(config: RunConfig, rig: Rig, design: ControllerDesign | None, belief: Belief) -> _Machine:

@@ -26,7 +26,7 @@ def close_and_write(config: RunConfig, folder: Path, command: str, tell: Tell | 
     ------
     UserError : see :func:`dtbacklash.closing.close_the_loop`; the folder cannot be written.
     """
-    from dtbacklash.closing import close_the_loop
+    from dtbacklash.closing import close_the_loop, seen_by_the_loop
     from dtbacklash.report.closing import page
     from dtbacklash.report.diagnosis import page as diagnosis_page
 
@@ -35,9 +35,10 @@ def close_and_write(config: RunConfig, folder: Path, command: str, tell: Tell | 
         found = scratch / "found"
         found.mkdir()
         diagnosis_page.write(closed.diagnosis, found)
-        recording_columns(closed.recorded).to_parquet(scratch / "recording.parquet", index=False)
+        seen = ["t", *seen_by_the_loop(closed.recorded).channels]
+        recording_columns(closed.recorded)[seen].to_parquet(scratch / "recording.parquet", index=False)
         closed.table.to_csv(scratch / "close_the_loop.csv", index=False)
-        page.write(closed, scratch, command)
+        page.write(closed, scratch, command, config.figures)
         write_json(scratch / "summary.json", summary(config, closed, command))
     return closed
 

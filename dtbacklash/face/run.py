@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from dtbacklash.errors import UserError
 from dtbacklash.face.progress import ShowProgress, shown
 from dtbacklash.face.rigs import RigLike, composed
 
@@ -53,8 +54,8 @@ class Run:
     def estimates(self) -> pd.DataFrame:
         """A row an attempt of the twin.
 
-        Columns ``t_event_s, t_applied_s, gap_deg, true_gap_deg, accepted, reason, cost, evaluations, wall_s``; the
-        cost in mm².
+        Columns ``t_event_s, t_applied_s, gap_deg, true_gap_deg, accepted, reason, cost, evaluations, wall_s,
+        std_deg, applied_deg``; the cost in mm².
         """
         return self.data.estimates
 
@@ -140,6 +141,8 @@ def run(
     UserError : a setting is wrong; it names key, value and what is allowed. Diverged : the loop is unstable.
     """
     config = composed(list(overrides), rig, model)
+    if config.task != "run":
+        raise UserError("task", config.task, "is for the command line: dtb run experiment=close_the_loop")
     from dtbacklash.face.run_files import command_of, simulate
 
     with shown(progress, "simulating") as tell:

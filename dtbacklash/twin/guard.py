@@ -12,8 +12,8 @@ estimate is fitted again with what may be wrong in the model, which gives it a s
 
 "As well" is a likelihood ratio: the sum of squares grows by less than ``significance``^2 times the noise, which is
 taken from the residual itself (:meth:`Problem.noise_m2`). What goes to the controller (:attr:`Attempt.applied_rad`)
-is the present gap where the estimate agrees with it, else the estimate less its standard error, at least 0: too large
-a gap does more harm than too small a one.
+is the present gap where the estimate lies within one standard error of it, else the estimate less that error, at least
+0: too large a gap does more harm than too small a one.
 """
 
 from __future__ import annotations
@@ -43,7 +43,8 @@ class GuardSettings:
 
     gap_max_deg: physical bound. significance: standard errors that count as clear (4: with a model that is wrong in
     ways that nobody listed, errors have longer tails than a normal distribution). shading: standard errors by which an
-    estimate is put in force too small (1: five in six are then not too large). precise_deg: standard error up to
+    estimate is put in force too small (1: five in six are then not too large). agreement_deg:
+    an estimate this near to the present gap changes nothing, however precise it is. precise_deg: standard error up to
     which an estimate that agrees with the present gap confirms it. travel_deg: least motion of the screw in
     contact within the part of the buffer that the cost sees. resolution_deg: how near another gap is the same valley,
     at least. scan_step_deg: grid of the profile. attempts: how many starts are tried in all. tolerances: of the model.
@@ -52,6 +53,7 @@ class GuardSettings:
     gap_max_deg: float = 180.0
     significance: float = 4.0
     shading: float = 1.0
+    agreement_deg: float = 0.25
     precise_deg: float = 3.0
     travel_deg: float = 1.0
     resolution_deg: float = 1.0
@@ -159,7 +161,9 @@ class Guard:
         limit = np.radians(self.settings.gap_max_deg)
         better = replace(better, gap_rad=min(max(better.gap_rad, 0.0), float(limit)))
         lowered = max(better.gap_rad - self.settings.shading * better.std_rad, 0.0)
-        return Attempt(better, verdict, self.present_rad if verdict.agrees else lowered)
+        error = max(self.settings.shading * better.std_rad, np.radians(self.settings.agreement_deg))
+        near = abs(better.gap_rad - self.present_rad) <= error
+        return Attempt(better, verdict, self.present_rad if verdict.agrees and near else lowered)
 
     def _judge(self, found: Explanation) -> Verdict:
         """The questions in turn; the first that fails is the reason."""

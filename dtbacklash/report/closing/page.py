@@ -34,16 +34,19 @@ CAPTION = (
 )
 
 
-def write(closed: Closed, folder: Path, command: str) -> None:
-    """Write ``report.html`` and ``figures/close_the_loop.png`` into an existing folder."""
-    (folder / "figures").mkdir(exist_ok=True)
-    path = save(beliefs_figure(closed.table, closed.runs), folder / "figures" / "close_the_loop.png")
+def write(closed: Closed, folder: Path, command: str, figures: bool = True) -> None:
+    """Write ``report.html`` and, if wanted, ``figures/close_the_loop.png`` into an existing folder."""
+    figure = None
+    if figures:
+        (folder / "figures").mkdir(exist_ok=True)
+        path = save(beliefs_figure(closed.table, closed.runs), folder / "figures" / "close_the_loop.png")
+        figure = Shown(embedded(path), *CAPTION)
     page = render(
         "closing.html.j2",
         title="From a recording to a controller",
         summary=found_in_words(closed.diagnosis),
         verdict=closed.diagnosis.verdict.replace("_", " "),
-        figure=Shown(embedded(path), *CAPTION),
+        figure=figure,
         headings=[HEADINGS[name] for name in COLUMNS],
         rows=[(MEANINGS[str(row["belief"])], _cells(row)) for row in closed.table.to_dict("records")],
         command=command,
@@ -63,4 +66,5 @@ def found_in_words(diagnosis: Diagnosis) -> str:
         f"{name} is {quantity(r.value, r.unit)} instead of {quantity(r.nominal, r.unit)}"
         for name, r in diagnosis.recalibrated.items()
     ]
-    return diagnosis.summary + (f" Recalibrated: {', '.join(moved)}." if moved else "")
+    told = diagnosis.summary if diagnosis.findings or not moved else ""
+    return f"{told} Recalibrated: {', '.join(moved)}.".strip() if moved else diagnosis.summary
