@@ -105,7 +105,7 @@ def _override(grammar: Grammar, key: str, value: str, written: str, sweeps: bool
     if key == "experiment" and value in ("", "null"):
         return []
     if key == "model" and value in ("", "null"):
-        return ["model=null"]  # what an experiment believes may be taken back
+        return ["~model"]  # what an experiment believes may be taken back
     if key == "recording" and value != NO_RECORDING:  # in a run; elsewhere it is the short word of a setting
         allowed = f"is a recording to diagnose (dtb diagnose recording={value}); a run takes recording.save=FILE"
         raise UserError(key, value, allowed)
