@@ -30,7 +30,7 @@ from benchmarks.scenario import new_traces
 from dtbacklash.arrays import Floats
 from dtbacklash.config.compose import compose
 from dtbacklash.config.run import RunConfig
-from dtbacklash.control.belief import Belief, design_for
+from dtbacklash.control.belief import Belief, Beliefs, design_for, settled
 from dtbacklash.control.laws import Controller, build_controller, new_controller_state
 from dtbacklash.experiment import loop
 from dtbacklash.physics.assembly import compile_plant
@@ -112,6 +112,7 @@ def new_bench() -> Bench:
     config = compose("controller=nimc_twin", "profile=constant")
     rig = build_rig(config.rig)
     belief = Belief(rig)
+    config = settled(config, Beliefs(belief, belief))
     design = design_for(config, belief)
     assert design is not None
     time_s = config.sample_time_s

@@ -10,7 +10,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.config.compose import compose
 from dtbacklash.config.run import RunConfig
-from dtbacklash.control.belief import beliefs_of, design_for
+from dtbacklash.control.belief import beliefs_of, design_for, settled
 from dtbacklash.control.design import ControllerDesign, MotorParameters, StructureParameters
 from dtbacklash.control.laws import Controller, build_controller, new_controller_state
 from dtbacklash.experiment import loop
@@ -58,6 +58,7 @@ def prepare(*overrides: str) -> Scenario:
     """Compose, design and run a scenario once."""
     config = compose(*overrides)
     rig = build_rig(config.rig)
+    config = settled(config, beliefs_of(config))
     belief = beliefs_of(config).design
     design, linear = design_for(config, belief), belief.linear()
     assert design is not None
