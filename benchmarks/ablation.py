@@ -105,10 +105,15 @@ def _recorded(one: Concealed) -> tuple[Secret, Rig, Record]:
     rig = build_rig(compose("controller=open_loop", f"rig={one.rig}").rig)
     with patch.object(drawing, "DURATION_S", (DURATION_S, DURATION_S)):
         secret = drawing.draw(one.seed, rig, one.kind, one.effect)
+    return secret, rig, record_of(secret, rig)
+
+
+def record_of(secret: Secret, rig: Rig) -> Record:
+    """What the concealing simulator records of a secret, its first ``FITTED_SHARE`` to be fitted to."""
     _, run = drawing.record(secret, rig)
     measured = {c: np.ascontiguousarray(run.seen[c]) for c in secret.channels}
     train = np.arange(len(run.u)) < round(FITTED_SHARE * len(run.u))
-    return secret, rig, Record(secret.sample_time_s, np.ascontiguousarray(run.u), measured, train, ~train)
+    return Record(secret.sample_time_s, np.ascontiguousarray(run.u), measured, train, ~train)
 
 
 def _usual(secret: Secret, rig: Rig, record: Record) -> dict[str, Any]:

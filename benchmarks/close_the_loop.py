@@ -15,17 +15,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from benchmarks.ablation import record_of
 from benchmarks.measure import Row
 from dtbacklash.closing import COLUMNS, VARIANTS, compare, table
 from dtbacklash.config.compose import compose
 from dtbacklash.control.belief import Belief, Beliefs, settled
-from dtbacklash.diagnose import Record, diagnose_records
+from dtbacklash.diagnose import diagnose_records
 from dtbacklash.files import json_able, write_json, write_text
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.prove import draw as drawing
 from dtbacklash.prove.secret import Secret
+from dtbacklash.report.kit.markdown import between
 from dtbacklash.report.kit.markdown import table as markdown_table
 
 PAGE, ROWS = "closing.md", "proof/closing.json"
@@ -44,7 +44,7 @@ KNOWN = {
         "effects.motor_bearing.cogging.torque=0.03", "effects.motor_bearing.coulomb_friction.torque=0.02",
     ),
 }  # fmt: skip
-LEAST_VISIBLE, FITTED_SHARE = 30.0, 0.7
+LEAST_VISIBLE = 30.0
 #: the loop that knows what was found may overshoot by this many times the one that knows the truth; an overshoot within
 #: the settling band is as good as any other
 BAR, BAND_PCT = 1.3, 1.0
@@ -91,12 +91,7 @@ def closing_rows(seed: int, kept: Path) -> list[Row]:
 
 def _closed(rig: Rig, sort: str, first: int) -> dict[str, Any]:
     secret = _drawn(rig, sort, first)
-    _, run = drawing.record(secret, rig)
-    train = np.arange(len(run.u)) < round(FITTED_SHARE * len(run.u))
-    measured = {c: np.ascontiguousarray(run.seen[c]) for c in secret.channels}
-    diagnosis = diagnose_records(
-        rig, [Record(secret.sample_time_s, np.ascontiguousarray(run.u), measured, train, ~train)], jobs=2
-    )
+    diagnosis = diagnose_records(rig, [record_of(secret, rig)], jobs=2)
     config = compose("controller=nimc_twin", "sensors=encoder", "figures=false")
     true = secret.true_rig(rig)
     rows = table(compare(replace(config, rig=true.config), rig, diagnosis.extended)).to_dict("records")
@@ -182,13 +177,8 @@ def write_docs(kept_file: Path, folder: Path) -> None:
         ])  # fmt: skip
     words = " ".join(closing_words(kept_file))
     text = (folder / PAGE).read_text(encoding="utf-8")
-    text = _between(text, KNOWN_BEGIN, KNOWN_END, known_table())
-    write_text(folder / PAGE, _between(text, BEGIN, END, f"{words}\n\n{markdown_table(heads, rows)}"))
-
-
-def _between(text: str, begin: str, end: str, new: str) -> str:
-    head, rest = text.split(begin)
-    return f"{head}{begin}\n\n{new}\n{end}{rest.split(end)[1]}"
+    text = between(text, KNOWN_BEGIN, KNOWN_END, known_table())
+    write_text(folder / PAGE, between(text, BEGIN, END, f"{words}\n\n{markdown_table(heads, rows)}"))
 
 
 def _text(value: float | None) -> str:

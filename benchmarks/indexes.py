@@ -12,7 +12,7 @@ from dtbacklash.control.belief import Belief, Beliefs
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.files import write_text
 from dtbacklash.physics.rig import build_rig
-from dtbacklash.report.kit.markdown import table
+from dtbacklash.report.kit.markdown import between, table
 
 PAGE = "theory.md"
 BEGIN, END = "<!-- indexes: begin, made by python -m benchmarks indexes -->", "<!-- indexes: end -->"
@@ -58,11 +58,10 @@ def index_rows() -> list[Row]:
 def write_docs(rows: list[Row], folder: Path) -> None:
     """Bring the table into the page, between its marks."""
     text = (folder / PAGE).read_text(encoding="utf-8")
-    head, rest = text.split(BEGIN)
     shown = [
         [str(r["what"]), "-" if r["frequency_ratio"] is None else f"{r['frequency_ratio']:.3f}",
          f"{r['motor_n_m']:.4f}", f"{r['structure_mm']:.4f}", str(r["named"])]
         for r in rows
     ]  # fmt: skip
     heads = ["changed", "frequency over ω_d", "motor [N·m]", "structure [mm]", "alarms name"]
-    write_text(folder / PAGE, f"{head}{BEGIN}\n\n{table(heads, shown)}\n{END}{rest.split(END)[1]}")
+    write_text(folder / PAGE, between(text, BEGIN, END, table(heads, shown)))

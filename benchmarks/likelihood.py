@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from dtbacklash.twin.estimate import Estimate, OptimizerLike, Problem, default_start, estimate_gap
-from dtbacklash.twin.guard import Attempt, Guard, Verdict, profile
+from dtbacklash.twin.estimate import Estimate, OptimizerLike, Problem
+from dtbacklash.twin.guard import Attempt, Guard, Verdict, attempts_of, profile
 
 RESOLUTION_DEG, SIGNIFICANCE, AGREEMENT_DEG = 1.0, 16.0, 0.25
 
@@ -52,11 +52,4 @@ class LikelihoodGuard(Guard):
 
 def likelihood_estimates(problem: Problem, optimizer: OptimizerLike, present_rad: float) -> list[Attempt]:
     """As :func:`dtbacklash.twin.guard.guarded_estimates`, by the likelihood ratio alone."""
-    guard = LikelihoodGuard(problem, present_rad)
-    attempts = [guard.judged(estimate_gap(problem, optimizer, default_start(problem, present_rad)))]
-    if not (attempts[0].verdict.accepted or attempts[0].verdict.settled):
-        for start in guard.further_starts()[: guard.settings.attempts - 1]:
-            attempts.append(guard.judged(estimate_gap(problem, optimizer, start)))
-            if attempts[-1].verdict.accepted or attempts[-1].verdict.settled:
-                break
-    return attempts
+    return attempts_of(LikelihoodGuard(problem, present_rad), optimizer)

@@ -9,18 +9,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import pandas as pd
 
 from dtbacklash.config.run import ProfileConfig, ReferenceConfig, RunConfig
 from dtbacklash.control.belief import Belief, Beliefs, nominal
-from dtbacklash.diagnose import Diagnosis, diagnose
 from dtbacklash.errors import Diverged
 from dtbacklash.experiment.run import RunResult, run_scenario
 from dtbacklash.experiment.sensors import roles
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import rig_half_gap
 from dtbacklash.recording import Recording
+
+if TYPE_CHECKING:
+    from dtbacklash.diagnose import Diagnosis
 
 #: what the loops believe: name -> (design, twin), each ``nominal``, ``found`` or ``true``
 VARIANTS = {
@@ -63,6 +66,8 @@ def close_the_loop(config: RunConfig, tell: Tell | None = None) -> Closed:
     ------
     UserError : the rig is none that a controller is made for; the recording says nothing.
     """
+    from dtbacklash.diagnose import diagnose
+
     say = tell or (lambda text, share: None)
     stated = build_rig(config.model or nominal(config.rig))
     say("recording the machine", 0.0)
@@ -136,7 +141,8 @@ def _row(name: str, run: RunResult | None) -> list[object]:
         return [name, math.inf, math.nan, 0, 0, math.nan]
     accepted = run.estimates[run.estimates["accepted"].astype(bool)]
     error = (accepted["applied_deg"] - accepted["true_gap_deg"]).abs()
+    told = run.summary
     return [
-        name, float(run.moves["overshoot_pct"].max()), float(run.moves["settling_time_s"].max(skipna=False)),
-        int(run.summary["n_estimations"]), len(accepted), float(error.max()) if len(error) else math.nan,
+        name, told["overshoot_pct_max"], told["settling_time_s_max"], told["n_estimations"], told["n_accepted"],
+        float(error.max()) if len(error) else math.nan,
     ]  # fmt: skip

@@ -26,6 +26,7 @@ from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.kinds import SENSOR
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, build_rig
+from dtbacklash.physics.simulate import rig_half_gap
 
 
 @dataclass(frozen=True)
@@ -65,8 +66,7 @@ class Belief:
     @property
     def half_gap_rad(self) -> float:
         """The half-gap that is believed in before anything was measured."""
-        gear = self.rig.only("gear")
-        return self.rig.amount(gear.name, slots.GearPlay, "half_gap") if gear else 0.0
+        return rig_half_gap(self.rig)
 
     def linear(self, compensated: tuple[str, ...] = ()) -> Linear:
         """The linear part; viscous friction that is fed forward is not in it.

@@ -264,8 +264,14 @@ def guarded_estimates(
     start: of the first attempt, by default :func:`default_start` from the gap in force, ``present_rad``
     [rad]. Where the guard rejects that, the twin tries again from the valleys of the profile.
     """
-    guard = Guard(problem, present_rad, settings)
-    attempts = [_attempt(guard, optimizer, start or default_start(problem, present_rad), rng)]
+    return attempts_of(Guard(problem, present_rad, settings), optimizer, start, rng)
+
+
+def attempts_of(
+    guard: Guard, optimizer: OptimizerLike, start: Start | None = None, rng: np.random.Generator | None = None
+) -> list[Attempt]:
+    """:func:`guarded_estimates` by a guard that is there already."""
+    attempts = [_attempt(guard, optimizer, start or default_start(guard.problem, guard.present_rad), rng)]
     if not (attempts[0].verdict.accepted or attempts[0].verdict.settled):
         for further in guard.further_starts()[: guard.settings.attempts - 1]:
             attempts.append(_attempt(guard, optimizer, further, rng))

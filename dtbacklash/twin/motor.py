@@ -107,15 +107,3 @@ def torque_record(E: MotorEquation, theta: Floats, u: Floats) -> tuple[Floats, F
     for k in range(theta.size):
         torque[k], speed[k] = residual_torque(E, past, lags, theta[k], u[k])
     return torque, speed
-
-
-@compiled_allocating
-def lagged(E: MotorEquation, x: Floats) -> Floats:
-    """(N,) a signal through both lags of the equation, from rest at its first value."""
-    out = np.empty_like(x)
-    one = two = x[0]
-    for k in range(x.size):
-        one = E.keep * one + (1.0 - E.keep) * x[k]
-        two = E.keep * two + (1.0 - E.keep) * one
-        out[k] = two
-    return out

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtbacklash.compiled import compiled, compiled_allocating
+from dtbacklash.config.choices import NOVELTY_FILTERS
 from dtbacklash.errors import UserError
 
 Array = NDArray[np.float64]
 
-FILTERS = ("ellip", "cheby2")
 ORDER = 3
 STOPBAND_DB = 40.0
 #: of the elliptic filter's passband: its edge is then the usual -3 dB cut-off, and 40 dB are reached before twice that
@@ -62,7 +62,7 @@ def novelty_design(kind: str, frequency_rad_s: float, sample_time_s: float) -> N
     elif kind == "cheby2":
         sos = cheby2(ORDER, STOPBAND_DB, frequency_rad_s / nyquist, output="sos")
     else:
-        raise UserError("twin.novelty_filter", kind, "one of " + ", ".join(FILTERS))
+        raise UserError("twin.novelty_filter", kind, "one of " + ", ".join(NOVELTY_FILTERS))
     phase = frequency_rad_s * sample_time_s
     return NoveltyDesign(np.ascontiguousarray(sos), float(np.cos(phase)), float(np.sin(phase)))
 

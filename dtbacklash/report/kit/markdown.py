@@ -5,6 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 
+def between(text: str, begin: str, end: str, new: str) -> str:
+    """A page with what stands between two marks in it replaced."""
+    head, rest = text.split(begin)
+    return f"{head}{begin}\n\n{new}\n{end}{rest.split(end)[1]}"
+
+
 def table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     """A Markdown table; a bar inside a cell is escaped."""
     lines = [list(heads)]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dtbacklash.config.run import OptimizerConfig
 from dtbacklash.twin.estimate import Estimate, Problem, default_start, estimate_gap
 from dtbacklash.twin.guard import (
     Attempt,
@@ -27,13 +28,6 @@ TRUE_DEG = 50.0
 CASES = 250
 
 
-@dataclass
-class Bfgs:
-    name: str = "bfgs"
-    max_evaluations: int = 200
-    tolerance: float = 1e-6
-
-
 @pytest.fixture(scope="module")
 def change(run_experiment: Experiment, move: Any, paper_twin: TwinModel) -> Problem:
     """The 1000 samples after a change from +180 to -180 deg, true gap 50 deg: all that a twin could wish."""
@@ -42,7 +36,7 @@ def change(run_experiment: Experiment, move: Any, paper_twin: TwinModel) -> Prob
 
 
 def estimated(problem: Problem, gap_deg: float = TRUE_DEG) -> Estimate:
-    return estimate_gap(problem, Bfgs(), default_start(problem, np.radians(gap_deg)))
+    return estimate_gap(problem, OptimizerConfig(), default_start(problem, np.radians(gap_deg)))
 
 
 def test_a_good_estimate_passes(change: Problem) -> None:
@@ -52,8 +46,8 @@ def test_a_good_estimate_passes(change: Problem) -> None:
 
 
 def test_warm_up_runs_for_any_model(paper_twin: TwinModel) -> None:
-    warm_up(paper_twin, Bfgs())
-    warm_up(replace(paper_twin, settle=0), Bfgs("nelder_mead"))
+    warm_up(paper_twin, OptimizerConfig())
+    warm_up(replace(paper_twin, settle=0), OptimizerConfig("nelder_mead"))
 
 
 def test_agreement_passes_and_changes_nothing(change: Problem) -> None:
@@ -88,7 +82,7 @@ def test_not_converged(change: Problem) -> None:
 
 def test_no_motion_no_contact(run_experiment: Experiment, paper_twin: TwinModel) -> None:
     problem = run_experiment([], 30.0, 1.5).problem(0, 1000, paper_twin)
-    attempts = guarded_estimates(problem, Bfgs(), np.radians(40.0))
+    attempts = guarded_estimates(problem, OptimizerConfig(), np.radians(40.0))
     assert not attempts[-1].verdict.accepted
     assert {a.verdict.reason for a in attempts} == {"no contact seen in the buffer"}
 
@@ -98,14 +92,14 @@ def test_motion_within_the_gap(run_experiment: Experiment, move: Any, paper_twin
     moves = [move(0.1, 180.0, 1 / 6), move(3.0, 90.0, 1 / 6)]
     problem = run_experiment(moves, TRUE_DEG, 4.5).problem(3000, 1000, paper_twin)
     for present_deg in (0.0, 20.0, TRUE_DEG, 120.0):
-        assert not guarded_estimates(problem, Bfgs(), np.radians(present_deg))[-1].verdict.accepted
+        assert not guarded_estimates(problem, OptimizerConfig(), np.radians(present_deg))[-1].verdict.accepted
 
 
 def test_contact_before_the_cost_looks(run_experiment: Experiment, move: Any, paper_twin: TwinModel) -> None:
     """A move that is over long before sample 400 leaves a rest position: any larger gap explains it."""
     moves = [move(0.1, 60.0, 0.02), move(0.7, 61.0, 0.02)]
     problem = run_experiment(moves, 5.0, 2.0).problem(600, 1000, paper_twin)
-    assert not guarded_estimates(problem, Bfgs(), np.radians(40.0))[-1].verdict.accepted
+    assert not guarded_estimates(problem, OptimizerConfig(), np.radians(40.0))[-1].verdict.accepted
 
 
 def test_a_point_beside_the_valley(change: Problem) -> None:
@@ -144,7 +138,7 @@ def test_no_better_than_the_present(run_experiment: Experiment, move: Any, paper
     assert not judged.verdict.accepted
     assert judged.verdict.reason.startswith("no better than the present 50.0 deg: +- ")
     # no other start can change that: the twin does not try again
-    assert len(guarded_estimates(problem, Bfgs(), np.radians(TRUE_DEG), GuardSettings(precise_deg=0.1))) == 1
+    assert len(guarded_estimates(problem, OptimizerConfig(), np.radians(TRUE_DEG), GuardSettings(precise_deg=0.1))) == 1
     # an estimate that is precise enough confirms the present gap instead
     assert Guard(problem, np.radians(TRUE_DEG)).judged(estimated(problem)).verdict.agrees
 
@@ -170,12 +164,12 @@ def test_profile_is_the_least_cost_over_the_start(change: Problem) -> None:
 def test_the_twin_tries_again(change: Problem) -> None:
     """From a start at which plain BFGS ends above 180 deg, a further attempt finds the gap."""
     bad = (np.radians(400.0), change.theta_m[0])
-    attempts = guarded_estimates(change, Bfgs(), np.radians(20.0), start=bad)
+    attempts = guarded_estimates(change, OptimizerConfig(), np.radians(20.0), start=bad)
     assert not attempts[0].verdict.accepted
     assert np.degrees(attempts[0].estimate.fit_gap_rad) > 150.0
     assert attempts[-1].verdict.accepted
     assert np.degrees(attempts[-1].estimate.gap_rad) == pytest.approx(TRUE_DEG, abs=0.01)
-    once = guarded_estimates(change, Bfgs(), np.radians(20.0), GuardSettings(attempts=1), start=bad)
+    once = guarded_estimates(change, OptimizerConfig(), np.radians(20.0), GuardSettings(attempts=1), start=bad)
     assert [a.verdict.accepted for a in once] == [False]
 
 
@@ -188,7 +182,7 @@ def test_the_changes_of_a_square_wave_are_all_accepted(
         moves = [move(0.1, -to_deg, 1 / 6), move(3.0, to_deg, 1 / 6)]
         problem = run_experiment(moves, gap_deg, 4.5).problem(3000, 1000, paper_twin)
         for present_deg in (max(gap_deg - 30.0, 0.0), gap_deg, gap_deg + 10.0):
-            attempts = guarded_estimates(problem, Bfgs(), np.radians(present_deg))
+            attempts = guarded_estimates(problem, OptimizerConfig(), np.radians(present_deg))
             assert attempts[-1].verdict.accepted
             assert np.degrees(attempts[-1].estimate.gap_rad) == pytest.approx(gap_deg, abs=0.02)
 
@@ -198,7 +192,7 @@ def test_no_gap_in_noise_is_accepted(run_experiment: Experiment, move: Any, pape
     moves = [move(0.1, 180.0, 1 / 6), move(3.0, -180.0, 1 / 6)]
     for seed in range(20):
         measured = run_experiment(moves, 0.0, 4.5, q3_noise_m=20e-6, seed=seed)
-        last = guarded_estimates(measured.problem(3000, 1000, paper_twin), Bfgs(), np.radians(20.0))[-1]
+        last = guarded_estimates(measured.problem(3000, 1000, paper_twin), OptimizerConfig(), np.radians(20.0))[-1]
         assert last.verdict.accepted
         assert np.degrees(last.applied_rad) < 0.6
         assert last.estimate.gap_rad < 4.0 * last.estimate.std_rad
@@ -244,8 +238,8 @@ def random_case(seed: int, run_experiment: Experiment, move: Any, model: TwinMod
     return Case(
         true=true,
         present=present,
-        plain=float(np.degrees(estimate_gap(problem, Bfgs(), start).fit_gap_rad)),
-        attempts=guarded_estimates(problem, Bfgs(), np.radians(present), start=start),
+        plain=float(np.degrees(estimate_gap(problem, OptimizerConfig(), start).fit_gap_rad)),
+        attempts=guarded_estimates(problem, OptimizerConfig(), np.radians(present), start=start),
         informative=bool(travel > np.radians(20.0)),
     )
 

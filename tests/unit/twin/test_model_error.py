@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from dtbacklash.config.run import OptimizerConfig
 from dtbacklash.control.design import StructureParameters
 from dtbacklash.twin import observer
 from dtbacklash.twin.estimate import Problem, default_start, estimate_gap
@@ -17,13 +18,6 @@ from dtbacklash.twin.model_error import STEPS, Explanation, Tolerances, _Fit, ex
 from dtbacklash.twin.observer import TwinModel, twin_model
 
 TRUE_DEG = 50.0
-
-
-@dataclass
-class Bfgs:
-    name: str = "bfgs"
-    max_evaluations: int = 200
-    tolerance: float = 1e-6
 
 
 @pytest.fixture
@@ -48,7 +42,9 @@ def softer(structure: StructureParameters, share: float) -> StructureParameters:
 
 def explanation(theta_m: Any, q3: Any, model: TwinModel) -> Explanation:
     problem = Problem(theta_m, q3, model)
-    return explained(problem, estimate_gap(problem, Bfgs(), default_start(problem, np.radians(TRUE_DEG))), Tolerances())
+    return explained(
+        problem, estimate_gap(problem, OptimizerConfig(), default_start(problem, np.radians(TRUE_DEG))), Tolerances()
+    )
 
 
 def test_the_right_model_is_left_as_it_is(buffer: Any, paper_twin: TwinModel) -> None:
@@ -67,7 +63,7 @@ def test_a_wrong_stiffness_costs_the_gap_nothing(
     assert abs(error_deg) < 0.1
     assert abs(error_deg) < np.degrees(found.estimate.std_rad) < 2.0
     # and the guard takes it, where the residual of the believed model is 10 um and more
-    last = guarded_estimates(Problem(*buffer(), believing(softer(paper_structure, share))), Bfgs(), 0.0)[-1]
+    last = guarded_estimates(Problem(*buffer(), believing(softer(paper_structure, share))), OptimizerConfig(), 0.0)[-1]
     assert last.verdict.accepted
 
 
