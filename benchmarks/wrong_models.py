@@ -21,7 +21,7 @@ import math
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -30,17 +30,17 @@ import pandas as pd
 
 from benchmarks.likelihood import likelihood_estimates
 from benchmarks.measure import Row
+from dtbacklash.arrays import Floats
 from dtbacklash.config.compose import compose
 from dtbacklash.config.run import RunConfig
-from dtbacklash.control.belief import Belief, Beliefs, design_for, settled
+from dtbacklash.control.belief import Belief, Beliefs, settled
 from dtbacklash.errors import Diverged
-from dtbacklash.experiment import run
-from dtbacklash.experiment.estimation import Estimation
-from dtbacklash.experiment.sensors import roles
+from dtbacklash.experiment.estimation import twin_of
+from dtbacklash.experiment.run import run_scenario, true_half_gap
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.twin.estimate import Estimate, Problem
 from dtbacklash.twin.guard import Attempt, GuardSettings, Verdict, guarded_estimates
-from dtbacklash.twin.link import FullBuffer
+from dtbacklash.twin.service import Answer, Reply, Request, Twin
 
 #: moves of a life begin every this many seconds; the first answer is in force before the third move
 MOVE_S = 20.0
@@ -52,6 +52,8 @@ SCATTER = 2.0
 REPEATS = 2
 PROCESSES = 2
 RIGHT_DEG, RIGHT_SHARE = 2.0, 0.05
+#: columns of a life's table of estimates
+ESTIMATES = ["t_event_s", "gap_deg", "true_gap_deg", "accepted", "std_deg"]
 
 
 @dataclass(frozen=True)
@@ -109,38 +111,60 @@ def random_case(base: RunConfig, campaign: int, number: int) -> Case:
     return Case(config, number, drawn)
 
 
-Answer = Callable[[Estimation, FullBuffer, Problem], list[Attempt]]
+#: who answers: from a request, its problem for the linear twin, the true half-gap in its middle, and the settings
+Way = Callable[[Request, Problem, float, RunConfig], list[Attempt]]
 
 
 @dataclass
-class _Answering(Estimation):
-    """The twin of a run, whose attempts a function makes."""
+class _Answering:
+    """The twin of a run, whose attempts a function makes; ``gap`` : (N+1,) the true half-gap, rad.
 
-    answer: Answer | None = None
+    rows : of the table of estimates, kept here because a loop that diverges has no result.
+    """
 
-    def _attempts(self, full: FullBuffer) -> list[Attempt]:
-        assert self.model is not None
-        assert self.answer is not None
-        theta_m, q3 = (self.seen[full.first : full.stop, role] for role in self.roles)
+    way: Way
+    config: RunConfig
+    twin: Twin
+    gap: Floats
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    _done: list[Reply] = field(default_factory=list)
+
+    def warm_up(self) -> None:
+        self.twin.warm_up()
+
+    def ask(self, request: Request) -> None:
         limit = math.radians(self.config.twin.gap_max_deg)
-        return self.answer(self, full, Problem(theta_m, q3, self.model, limit))
+        problem = Problem(request.theta_m, request.q3, self.twin.model, limit)
+        true = float(self.gap[min((request.first + request.stop) // 2, self.gap.size - 1)])
+        attempts = self.way(request, problem, true, self.config)
+        self._done.append(Reply(request, Answer(tuple(attempts), True, 0.0)))
+        for attempt in attempts:
+            self.rows.append({
+                "t_event_s": request.event * self.config.sample_time_s,
+                "gap_deg": math.degrees(attempt.estimate.gap_rad), "true_gap_deg": math.degrees(true),
+                "accepted": attempt.verdict.accepted, "std_deg": math.degrees(attempt.estimate.std_rad),
+            })  # fmt: skip
+
+    def replies(self) -> list[Reply]:
+        done, self._done = self._done, []
+        return done
 
 
-def _exact(twin: Estimation, full: FullBuffer, problem: Problem) -> list[Attempt]:
-    gap = float(twin.gap[(full.first + full.stop) // 2])
-    return [Attempt(Estimate(gap, gap, 0.0, 0.0, 0.0, 0.0, 0, True, "", 0.0), Verdict(True, "exact"), gap)]
+def _exact(_request: Request, _problem: Problem, true_rad: float, _config: RunConfig) -> list[Attempt]:
+    estimate = Estimate(true_rad, true_rad, 0.0, 0.0, 0.0, 0.0, 0, True, "", 0.0)
+    return [Attempt(estimate, Verdict(True, "exact"), true_rad)]
 
 
-def _former(twin: Estimation, full: FullBuffer, problem: Problem) -> list[Attempt]:
-    return likelihood_estimates(problem, twin.config.optimizer, twin.gap_hat)
+def _former(request: Request, problem: Problem, _true_rad: float, config: RunConfig) -> list[Attempt]:
+    return likelihood_estimates(problem, config.optimizer, request.present_rad)
 
 
-def _guarded(twin: Estimation, full: FullBuffer, problem: Problem) -> list[Attempt]:
-    settings = GuardSettings(gap_max_deg=twin.config.twin.gap_max_deg)
-    return guarded_estimates(problem, twin.config.optimizer, twin.gap_hat, settings)
+def _guarded(request: Request, problem: Problem, _true_rad: float, config: RunConfig) -> list[Attempt]:
+    settings = GuardSettings(gap_max_deg=config.twin.gap_max_deg)
+    return guarded_estimates(problem, config.optimizer, request.present_rad, settings)
 
 
-WAYS: dict[str, Answer | None] = {
+WAYS: dict[str, Way | None] = {
     "old": None, "exact": _exact, "former": _former, "guarded": _guarded,
 }  # fmt: skip
 
@@ -153,28 +177,28 @@ class Life:
     estimates: pd.DataFrame
 
 
-def live(config: RunConfig, believed: Rig, answer: Answer | None) -> Life:
+def live(config: RunConfig, believed: Rig, way: Way | None) -> Life:
     """Run one life; the rig of ``config`` is the true one, controller and twin believe the other."""
-    rig, belief = build_rig(config.rig), Belief(believed)
-    config = settled(config, Beliefs(belief, belief))
-    design = design_for(config, belief)
-    machine = run._build(config, rig, design, belief)
-    inputs, changes = run._inputs(config, rig)
-    traces = run._room(config, rig)
-    which = roles(rig, True)
-    if answer is None:
+    belief = Belief(believed)
+    beliefs = Beliefs(belief, belief)
+    config = settled(config, beliefs)
+    service = None
+    if way is None:
         config = replace(config, controller=replace(config.controller, reconfigure="never"))
-    twin = _Answering.prepare(config, belief, changes, traces.seen, which, inputs.gap)
-    assert isinstance(twin, _Answering)
-    twin.answer = answer
+    else:
+        t_s = np.arange(config.samples + 1) * config.sample_time_s
+        service = _Answering(way, config, twin_of(config, belief), true_half_gap(config, build_rig(config.rig), t_s))
     try:
-        run._segments(config, rig, design, machine, inputs, traces, which, twin, None)
+        result = run_scenario(config, beliefs=beliefs, service=service)
     except Diverged:
-        return Life(math.inf, twin.table())
+        result = None
+    table = pd.DataFrame(service.rows if service else [], columns=ESTIMATES)
+    if result is None:
+        return Life(math.inf, table)
     after = round(2.0 * MOVE_S / config.sample_time_s)
-    r, q3_m = inputs.reference[after:], traces.truth[after:, which[1]]
-    towards = np.sign(r)
-    return Life(float(max(100.0 * np.max((q3_m - r) * towards) / (2.0 * np.abs(r[0])), 0.0)), twin.table())
+    r_m, q3_m = (1e-3 * result.trace[name].to_numpy()[after:] for name in ("r_mm", "q3_mm"))
+    towards = np.sign(r_m)
+    return Life(float(max(100.0 * np.max((q3_m - r_m) * towards) / (2.0 * np.abs(r_m[0])), 0.0)), table)
 
 
 def run_case(believed: Rig, case: Case) -> dict[str, Any]:

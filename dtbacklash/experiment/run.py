@@ -27,8 +27,9 @@ from dtbacklash.physics.kernel.plant import Plant, State, new_state, place_at
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import rig_half_gap
 from dtbacklash.twin.novelty import NoveltyDesign, novelty_design
+from dtbacklash.twin.service import TwinService
 
-__all__ = ["RunResult", "run_scenario"]
+__all__ = ["RunResult", "run_scenario", "true_half_gap"]
 
 #: samples between two calls of the progress callback (and two chances for Ctrl-C)
 CHUNK = 5000
@@ -65,7 +66,10 @@ class _Machine:
 
 
 def run_scenario(
-    config: RunConfig, progress: Callable[[float], None] | None = None, beliefs: Beliefs | None = None
+    config: RunConfig,
+    progress: Callable[[float], None] | None = None,
+    beliefs: Beliefs | None = None,
+    service: TwinService | None = None,
 ) -> RunResult:
     """Simulate one experiment.
 
@@ -73,6 +77,7 @@ def run_scenario(
     ----------
     config : the checked configuration. progress : called with the share simulated, 0 to 1.
     beliefs : what controller and twin believe of the rig; None: what the configuration says.
+    service : who estimates for the twin; None: a twin in this process.
 
     Raises
     ------
@@ -88,7 +93,7 @@ def run_scenario(
         inputs, changes = _inputs(config, rig)
         traces = _room(config, rig)
         which = roles(rig, design is not None)
-        twin = Estimation.prepare(config, beliefs.twin, changes, traces.seen, which, inputs.gap)
+        twin = Estimation.prepare(config, beliefs.twin, changes, traces.seen, which, inputs.gap, service)
         if design is not None:
             machine.watcher = twin.watcher = Watcher.prepare(config, beliefs.twin, inputs.gap.size)
         if machine.plant.imposed:
@@ -129,13 +134,18 @@ def _inputs(config: RunConfig, rig: Rig) -> tuple[loop.Signals, Ints]:
     """The signals that go in, (N+1,) each, and the samples at which the reference changes."""
     t_s = np.arange(config.samples + 1, dtype=np.float64) * config.sample_time_s
     r = signals.reference(config.reference, t_s, config.seed)
-    gap = np.radians(signals.gap_profile(config.profile, t_s)) + rig_half_gap(rig)
-    if rig.only("gear") is None:
-        gap = np.zeros(t_s.size)
+    gap = true_half_gap(config, rig, t_s)
     noise, resolution = sensor_errors(config, list(rig.sensors.values()), t_s.size)
     closed = config.controller.structure != "open_loop"
     changes = (np.flatnonzero(np.diff(r)) + 1).astype(np.int64)
     return loop.Signals(np.ascontiguousarray(r * (1e-3 if closed else 1.0)), gap, noise, resolution), changes
+
+
+def true_half_gap(config: RunConfig, rig: Rig, t_s: Floats) -> Floats:
+    """(N+1,) the half-gap of the true rig at the times ``t_s``, rad: that of its gear and what the profile adds."""
+    if rig.only("gear") is None:
+        return np.zeros(t_s.size)
+    return np.radians(signals.gap_profile(config.profile, t_s)) + rig_half_gap(rig)
 
 
 def _room(config: RunConfig, rig: Rig) -> loop.Traces:
