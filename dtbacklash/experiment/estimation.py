@@ -17,7 +17,6 @@ from dtbacklash.twin.guard import Attempt
 from dtbacklash.twin.link import FullBuffer, TwinLink
 from dtbacklash.twin.service import Answer, LocalTwin, Reply, Request, Twin, TwinService
 
-
 #: samples between two looks for an answer that has not come
 LOOK = 10
 
