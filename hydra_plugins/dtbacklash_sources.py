@@ -19,6 +19,7 @@ from dtbacklash.errors import UserError
 
 OURS = "pkg://dtbacklash.conf"
 GROUP, BELIEF = "rig/", "model/"
+NO_BELIEF = "model/null"  # what takes a belief back, as one choice among others of a sweep
 DATA = ("rig/", "recording/")  # groups whose files are data: not even references to other settings
 SUFFIXES = (".yaml", ".yml")
 
@@ -41,6 +42,11 @@ class RigFileSource(ConfigSource):
         return next((f for f in _named(Path(self.path), name) if f.is_file()), None) if group == "model" else None
 
     def load_config(self, config_path: str) -> ConfigResult:
+        if config_path == NO_BELIEF:
+            return ConfigResult(
+                config=OmegaConf.create({"model": None}), path=self.full_path(), provider=self.provider,
+                header={"package": "_global_"},
+            )  # fmt: skip
         file = self._file(config_path)
         if file is None or not file.is_file():
             raise ConfigLoadError(f"Config not found: {config_path}")
@@ -65,7 +71,7 @@ class RigFileSource(ConfigSource):
 
     def is_config(self, config_path: str) -> bool:
         file = self._file(config_path)
-        return file is not None and file.is_file()
+        return config_path == NO_BELIEF or (file is not None and file.is_file())
 
     def list(self, config_path: str, results_filter: ObjectType | None) -> list[str]:
         return options("rig") if config_path == BELIEF.rstrip("/") else []

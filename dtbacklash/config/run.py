@@ -274,6 +274,7 @@ class RunConfig:
         self._check_length()
         self._check_twin()
         self._check_task()
+        self._check_model()
         self._check_rig()
         nyquist_hz = 0.5 / self.sample_time_s
         if self.reference.kind == "multisine":
@@ -307,6 +308,10 @@ class RunConfig:
                 if not any(column.startswith(f"{sensor}_") for sensor in self.rig.sensors):
                     allowed = f"a sensor and its unit, e.g. q3_mm; {self.rig.name} has " + ", ".join(self.rig.sensors)
                     raise UserError(f"sensors.{kind}.{column}", getattr(self.sensors, kind)[column], allowed)
+
+    def _check_model(self) -> None:
+        if self.model is not None and self.controller.structure == "open_loop":
+            raise UserError("model", self.model.name, "nobody believes anything in open loop; leave it out")
 
     def _check_task(self) -> None:
         if self.task == "run":

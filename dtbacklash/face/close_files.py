@@ -38,7 +38,7 @@ def close_and_write(config: RunConfig, folder: Path, command: str, tell: Tell | 
         seen = ["t", *seen_by_the_loop(closed.recorded).channels]
         recording_columns(closed.recorded)[seen].to_parquet(scratch / "recording.parquet", index=False)
         closed.table.to_csv(scratch / "close_the_loop.csv", index=False)
-        page.write(closed, scratch, command, config.figures)
+        page.write(closed, config, scratch, command)
         write_json(scratch / "summary.json", summary(config, closed, command))
     return closed
 

@@ -69,6 +69,20 @@ def test_the_same_command_again_does_nothing_twice(dtb, tmp_path, counted):
     assert "3 of 3 jobs done, 1 of them from before" in out
 
 
+def test_what_is_believed_may_be_swept_with_nothing_among_the_choices(dtb, tmp_path, scenario):
+    """`null` takes back what an experiment believes, in a sweep as in a single run."""
+    believed, original = [], scenario.run_scenario
+
+    def note(config, progress):
+        believed.append(config.model and config.model.name)
+        return original(config, progress)
+
+    scenario.run_scenario = note
+    assert dtb("run", "-m", "model=null,lead_screw", *QUICK)[0] == 0
+    assert (table(tmp_path)["status"] == "done").all()
+    assert believed == [None, "lead_screw"]
+
+
 def test_other_settings_are_other_jobs(dtb, counted):
     dtb("run", "-m", "seed=1,2", *QUICK)
     dtb("run", "-m", "seed=1,2", "solver.substeps=5", *QUICK)

@@ -50,17 +50,17 @@ def _bars(ax: Axes, table: pd.DataFrame) -> None:
 
 
 def _moves(ax: Axes, runs: dict[str, RunResult | None]) -> None:
-    """The output around the move at which the nominal belief overshoots most."""
+    """The output at the move with the largest overshoot of the nominal belief; where that diverged, of the next one."""
     shown = {name: run for name, run in runs.items() if name in DRAWN and run is not None}
-    first = next((run for run in shown.values()), None)
-    if first is None:
+    if not shown:
         return
-    moves = first.moves
+    worst_of = next(iter(shown))
+    moves = shown[worst_of].moves
     worst = moves.iloc[int(moves["overshoot_pct"].to_numpy().argmax())]
     for name, run in shown.items():
         t_s = run.t_s - worst["t_s"]
         part = (t_s > -BEFORE_S) & (t_s < AFTER_S)
-        if name == "nominal" or "nominal" not in shown:
+        if name == worst_of:
             ax.plot(t_s[part], run.trace["r_mm"].to_numpy()[part], color=COLOUR["reference"], lw=1.0, ls="--")
         ax.plot(
             t_s[part], run.trace["q3_mm"].to_numpy()[part], color=DRAWN[name], label=name,
@@ -71,5 +71,6 @@ def _moves(ax: Axes, runs: dict[str, RunResult | None]) -> None:
     ax.set_ylim(middle - 0.72 * half, middle + 0.72 * half)
     ax.set_xlabel(f"time after the move at {number(worst['t_s'])} s [s]")
     ax.set_ylabel("q3 [mm]")
-    ax.set_title("The move that the nominal belief does worst")
+    who = {"nominal": "the nominal belief", "both": "the found belief", "truth": "the truth"}[worst_of]
+    ax.set_title(f"The move that {who} does worst")
     ax.legend(loc="center right")

@@ -7,11 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from dtbacklash.closing import COLUMNS, Closed
+from dtbacklash.config.run import RunConfig
+from dtbacklash.control.belief import beliefs_of, settled
 from dtbacklash.diagnose.result import Diagnosis
 from dtbacklash.report.closing.figure import beliefs_figure
 from dtbacklash.report.kit.numbers import number, quantity
 from dtbacklash.report.kit.page import Shown, embedded, render
 from dtbacklash.report.kit.style import save
+from dtbacklash.report.run.words import as_yaml, describe
 
 HEADINGS = {
     "belief": "belief",
@@ -30,14 +33,17 @@ MEANINGS = {
 }
 CAPTION = (
     "The largest overshoot with each belief, and the output at the move that the nominal belief does worst.",
-    "the bar of `both` as short as that of `truth`, and its line on top of the dotted one.",
+    "the bar of “both” as short as that of “truth”, and its line on top of the dotted one.",
 )
 
 
-def write(closed: Closed, folder: Path, command: str, figures: bool = True) -> None:
-    """Write ``report.html`` and, if wanted, ``figures/close_the_loop.png`` into an existing folder."""
+def write(closed: Closed, config: RunConfig, folder: Path, command: str) -> None:
+    """Write ``report.html`` and, if wanted, ``figures/close_the_loop.png`` into an existing folder.
+
+    config : of the loop, before anything was found.
+    """
     figure = None
-    if figures:
+    if config.figures:
         (folder / "figures").mkdir(exist_ok=True)
         path = save(beliefs_figure(closed.table, closed.runs), folder / "figures" / "close_the_loop.png")
         figure = Shown(embedded(path), *CAPTION)
@@ -49,6 +55,8 @@ def write(closed: Closed, folder: Path, command: str, figures: bool = True) -> N
         figure=figure,
         headings=[HEADINGS[name] for name in COLUMNS],
         rows=[(MEANINGS[str(row["belief"])], _cells(row)) for row in closed.table.to_dict("records")],
+        words=describe(settled(config, beliefs_of(config))),
+        config=as_yaml(config),
         command=command,
     )
     (folder / "report.html").write_text(page, encoding="utf-8")

@@ -5,24 +5,28 @@ from __future__ import annotations
 from typing import Any
 
 from dtbacklash.config.run import RunConfig
+from dtbacklash.experiment.watch import INDEXES
 from dtbacklash.report.kit.numbers import number
 
 #: index -> unit of its column and of its threshold
 UNITS = {"frequency": "", "motor": "N m", "structure": "mm"}
+#: index -> what the figure calls it
+TITLES = {
+    "frequency": "frequency of the mode over the believed one",
+    "motor": "torque left over on the motor, rms",
+    "structure": "output error behind the gap, rms",
+}
 
 
 def indexes_drawn(config: RunConfig) -> list[tuple[str, str, list[float], str]]:
     """Title, column of the trace, thresholds and unit of each index that was asked for."""
     t = config.twin
-    known: dict[str, tuple[str, str, list[float]]] = {
-        "frequency": (
-            "frequency of the mode over the believed one", "frequency_ratio",
-            [1 - t.frequency_threshold, 1 + t.frequency_threshold],
-        ),
-        "motor": ("torque left over on the motor, rms", "motor_torque_n_m", [t.motor_threshold_n_m]),
-        "structure": ("output error behind the gap, rms", "structure_mm", [t.structure_threshold_mm]),
-    }  # fmt: skip
-    return [(*known[name], UNITS[name]) for name in known if name in t.indexes]
+    limits = {
+        "frequency": [1 - t.frequency_threshold, 1 + t.frequency_threshold],
+        "motor": [t.motor_threshold_n_m],
+        "structure": [t.structure_threshold_mm],
+    }
+    return [(TITLES[name], INDEXES[name][1], limits[name], UNITS[name]) for name in limits if name in t.indexes]
 
 
 def alarms(summary: dict[str, Any]) -> list[str]:

@@ -7,7 +7,6 @@ from typing import Any
 
 import pandas as pd
 from matplotlib.figure import Figure
-from omegaconf import OmegaConf
 
 from dtbacklash.config.run import RunConfig
 from dtbacklash.report.kit.intervals import scaled, unit_in_signs
@@ -17,7 +16,7 @@ from dtbacklash.report.kit.style import save
 from dtbacklash.report.run.indexes import alarms, indexes_drawn
 from dtbacklash.report.run.methods import methods
 from dtbacklash.report.run.overview import moves_overlay, open_overview, run_overview
-from dtbacklash.report.run.words import describe, has_gear, is_open, plain
+from dtbacklash.report.run.words import as_yaml, describe, has_gear, is_open
 
 ORIGIN = ("versions", "seed", "wall_s")
 #: of a figure: what it shows, and what a good one looks like
@@ -66,8 +65,8 @@ def write(result: Any, moves: pd.DataFrame, folder: Path) -> None:
         figures=[Shown(embedded(path), *_caption(name, result.config, len(moves))) for name, path in figures.items()],
         methods=methods(result.config),
         command=result.summary.get("command"),
-        config=_yaml(plain(result.config)),
-        origin=_yaml({name: result.summary[name] for name in ORIGIN if name in result.summary}),
+        config=as_yaml(result.config),
+        origin=as_yaml({name: result.summary[name] for name in ORIGIN if name in result.summary}),
     )
     (folder / "report.html").write_text(page, encoding="utf-8")
 
@@ -143,7 +142,3 @@ def _in_its_unit(signal: dict[str, Any]) -> dict[str, Any]:
     factor, unit = scaled(signal["unit"], signal["rms"] or 0.0)
     ranges = {name: None if (x := signal[name]) is None else x / factor for name in ("lowest", "highest", "rms")}
     return {**signal, **ranges, "unit": unit_in_signs(unit)}
-
-
-def _yaml(value: Any) -> str:
-    return OmegaConf.to_yaml(OmegaConf.create(plain(value)))

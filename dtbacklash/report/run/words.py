@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import fields, is_dataclass
 from typing import Any
 
+from omegaconf import OmegaConf
+
 from dtbacklash.config import choices
 from dtbacklash.config.rig import RigConfig
 from dtbacklash.config.run import ControllerConfig, ProfileConfig, ReferenceConfig, RunConfig, SensorsConfig
@@ -24,6 +26,11 @@ def plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
     return value.item() if hasattr(value, "item") else value
+
+
+def as_yaml(value: Any) -> str:
+    """Dataclasses and containers as YAML."""
+    return OmegaConf.to_yaml(OmegaConf.create(plain(value)))
 
 
 def in_words(meaning: str, settings: Any, unit: str = "") -> str:
