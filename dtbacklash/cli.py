@@ -9,14 +9,15 @@ import gc
 import os
 import sys
 
-from dtbacklash.config.grammar import GRAMMARS
+from dtbacklash.config.grammar import EXPORT, GRAMMARS
 from dtbacklash.errors import UserError
 from dtbacklash.version import __version__
 
 RECORDINGS = "recordings"
-#: command -> what it does; all but one are applications of Hydra
+#: command -> what it does; all but two are applications of Hydra
 COMMANDS = {
     **{name: grammar.summary for name, grammar in GRAMMARS.items()},
+    EXPORT.name: EXPORT.summary,
     RECORDINGS: "list the public recordings that it knows, and fetch them",
 }
 
@@ -70,6 +71,10 @@ def _dispatch(words: list[str]) -> int:
         from dtbacklash.commands import recordings
 
         return recordings.main(words[1:])
+    if words[0] == EXPORT.name:
+        from dtbacklash.commands import export
+
+        return export.main(words[1:])
     from dtbacklash.commands import application
 
     return application.main(words[0], words[1:])

@@ -15,6 +15,7 @@ PACKAGE = Path(__file__).parent
 COMPILED = (
     "compiled.py", "diagnose/track.py", "experiment/loop.py", "experiment/watch.py", "physics", "control/laws.py",
     "twin/observer.py", "twin/guard.py", "twin/novelty.py", "twin/motor.py", "twin/simulated.py", "twin/indexes.py",
+    "fmu/machine.py",
 )  # fmt: skip
 
 _foreign: set[str] = set()

@@ -10,13 +10,14 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from dtbacklash.config.grammar import FOLDER_WORD, GRAMMARS, Grammar
+from dtbacklash.config.grammar import EXPORT, FILES, FOLDER_WORD, GRAMMARS, Grammar
 from dtbacklash.config.groups import recordings
 from dtbacklash.errors import UserError
 
 SHELLS = ("bash", "zsh")
 OPTIONS = ("--help", "--cfg", "-m", "-v")
-RECORDINGS = {"recordings": ("fetch",)}
+#: the word that follows a command which is no application
+SECOND = {"recordings": ("fetch",), EXPORT.name: ("fmu",)}
 SCRIPT = """\
 # completion of dtb; made by `dtb --install-completion`
 _dtb_completion() {
@@ -88,11 +89,15 @@ def answers(line: str) -> list[str]:
     *before, word = line.split(" ")
     given = [one for one in before if one]
     if len(given) <= 1:
-        return _beginning(word, [*GRAMMARS, *RECORDINGS, "--help", "--version", "--install-completion"])
+        return _beginning(word, [*GRAMMARS, *SECOND, "--help", "--version", "--install-completion"])
     command, rest = given[1], given[2:]
-    if command not in GRAMMARS:
-        return _beginning(word, RECORDINGS.get(command, ()) if not rest else recordings())
-    grammar = GRAMMARS[command]
+    if command in SECOND and not rest:
+        return _beginning(word, SECOND[command])
+    if command in FILES:
+        rest = rest[1:]
+    elif command not in GRAMMARS:
+        return _beginning(word, recordings() if command in SECOND else ())
+    grammar = (GRAMMARS | FILES)[command]
     own = _own(grammar, word)
     return own if own is not None else sorted({*_short(grammar, word), *_by_hydra(grammar, rest, word)})
 
@@ -115,7 +120,7 @@ def _own(grammar: Grammar, word: str) -> list[str] | None:
 
 
 def _short(grammar: Grammar, word: str) -> list[str]:
-    return _beginning(word, [f"{one}=" for one in (FOLDER_WORD, *grammar.words)])
+    return _beginning(word, [f"{one}=" for one in dict.fromkeys((FOLDER_WORD, *grammar.words))])
 
 
 def _by_hydra(grammar: Grammar, before: list[str], word: str) -> list[str]:

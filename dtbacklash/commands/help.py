@@ -31,9 +31,17 @@ def text(grammar: Grammar) -> str:
     return "\n".join(parts)
 
 
-def _choices(grammar: Grammar) -> list[str]:
+def plain_text(grammar: Grammar, program: str) -> str:
+    """The help of a command that writes one file; ``program``: how a person calls it."""
+    parts = [f"usage: {program} [group=option ...] [key=value ...]", "", grammar.about, ""]
+    parts += ["choices (group=option):", *_choices(grammar, launchers=False), ""]
+    parts += ["settings (key=default) [unit]:", *_settings(grammar), "", "examples:"]
+    return "\n".join([*parts, *(f"  {example}" for example in grammar.examples)])
+
+
+def _choices(grammar: Grammar, launchers: bool = True) -> list[str]:
     lines = []
-    for group in (*grammar.groups, "hydra/launcher"):
+    for group in (*grammar.groups, *(("hydra/launcher",) if launchers else ())):
         chosen = LAUNCHERS if group == "hydra/launcher" else ", ".join(options(group))
         lines.append(f"  {group:<15} {GROUPS[group]}")
         lines += [f"  {'':<17} {line}" for line in textwrap.wrap(chosen, WIDTH - 20)]

@@ -19,7 +19,7 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.types import Quote, QuotedString
 from omegaconf import DictConfig, OmegaConf
 
-from dtbacklash.config.grammar import FOLDER_WORD, GRAMMARS, RUN_FOLDER, SWEEP_FOLDER, VERBOSE, Grammar
+from dtbacklash.config.grammar import FILES, FOLDER_WORD, GRAMMARS, RUN_FOLDER, SWEEP_FOLDER, VERBOSE, Grammar
 from dtbacklash.config.groups import NO_RECORDING, RIGS, options
 from dtbacklash.config.prove import folder_name
 from dtbacklash.config.setting import INPUT
@@ -95,7 +95,7 @@ def _split(grammar: Grammar, word: str, sweeps: bool) -> tuple[str, str]:
         raise UserError("argument", word, "write key=value")
     if _HUGE.search(value):
         raise UserError(name, value, "holds a number of more than 1000 digits")
-    if name == FOLDER_WORD:
+    if name == FOLDER_WORD and not grammar.one_file:
         return (SWEEP_FOLDER if sweeps else RUN_FOLDER), value
     return grammar.words.get(name, name), value
 
@@ -199,7 +199,7 @@ def file_name(source: str | None) -> str:
 
 def register() -> None:
     """Make the schemas and the resolvers known to Hydra."""
-    for grammar in GRAMMARS.values():
+    for grammar in (GRAMMARS | FILES).values():
         ConfigStore.instance().store(name=f"{grammar.name}_schema", node=grammar.schema)
     OmegaConf.register_new_resolver("dtb_sweep_name", sweep_name, replace=True)
     OmegaConf.register_new_resolver("dtb_file_name", file_name, replace=True)

@@ -71,7 +71,13 @@ class Grammar:
 
     def known_keys(self) -> list[str]:
         """Everything that may be set, as a person writes it."""
-        return [one.word for one in self.settings.values()] + [FOLDER_WORD, RUN_FOLDER, SWEEP_FOLDER, JOBS_KEY]
+        own = [one.word for one in self.settings.values()]
+        return own if self.one_file else [*own, FOLDER_WORD, RUN_FOLDER, SWEEP_FOLDER, JOBS_KEY]
+
+    @property
+    def one_file(self) -> bool:
+        """Whether ``out=`` is its own setting and names a file: there is no folder, and nothing to sweep."""
+        return FOLDER_WORD in self.settings
 
 
 #: what every command takes beside its own settings
@@ -167,9 +173,29 @@ PAPER = Grammar(
     ("dtb paper", "dtb paper out=paper"),
 )  # fmt: skip
 
+EXPORT = Grammar(
+    "export", "dtbacklash.config.export:ExportConfig", ("rig",),
+    "write a rig as an FMU, for other simulation tools",
+    "Writes a rig with its effects as an FMI 2.0 co-simulation slave. Inputs: the command and, where there is a gear,\n"
+    "a half-gap beside the rig's own; outputs: the true values of its sensors; parameters: those of the rig and of\n"
+    "its effects. Its step is the simulation of dtb run. Where it is imported, it needs Python with the same version\n"
+    "of dtbacklash.",
+    "RIG.fmu",
+    (
+        "dtb export fmu rig=lead_screw out=lead_screw.fmu",
+        "dtb export fmu rig=found/rig.yaml",
+        "dtb export fmu rig.effects.motor_bearing.coulomb_friction.torque=0.02 sample_time_s=0.0005",
+    ),
+)  # fmt: skip
+
+#: the applications of Hydra: a folder of results, sweeps
 GRAMMARS = {one.name: one for one in (RUN, PAPER, DIAGNOSE, PROVE, CONCEAL)}
+
+
+#: what is composed as these are, and writes one file
+FILES = {one.name: one for one in (EXPORT,)}
 
 
 def grammar_of(schema: type) -> Grammar:
     """The command whose configuration is a ``schema``."""
-    return next(one for one in GRAMMARS.values() if one.schema is schema)
+    return next(one for one in (GRAMMARS | FILES).values() if one.schema is schema)

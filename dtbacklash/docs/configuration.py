@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from itertools import groupby
 
-from dtbacklash.config.grammar import COMMON, GRAMMARS, RUN, Grammar
+from dtbacklash.config.grammar import COMMON, FILES, GRAMMARS, RUN, Grammar
 from dtbacklash.config.groups import FOLDERS, GROUPS, PACKAGED, packaged_options
 from dtbacklash.config.setting import Declared
 from dtbacklash.physics.kinds import GROUND, KINDS
@@ -23,7 +23,7 @@ def page() -> str:
     parts.append(table(("group", "option", "what it is"), _option_rows()))
     parts += ["## What every command takes\n", EVERY_INTRO, table(("word", "meaning"), _common_rows())]
     parts += ["## dtb run\n", SETTINGS_INTRO, *_sections(RUN)]
-    for grammar in GRAMMARS.values():
+    for grammar in (GRAMMARS | FILES).values():
         if grammar is not RUN:
             parts += [f"## dtb {grammar.name}\n", *_of_command(grammar)]
     parts += ["## A rig of your own\n", RIG_INTRO]
@@ -79,7 +79,8 @@ def _of_command(grammar: Grammar) -> Iterator[str]:
         yield table(HEADS, rows)
     if "rig" in grammar.groups:
         yield "And the group `rig`, with `rig.parameters...` and `rig.effects...`, as in `dtb run`.\n"
-    yield f"Results go to `out=FOLDER`, by default `{grammar.folder}`.\n"
+    if not grammar.one_file:
+        yield f"Results go to `out=FOLDER`, by default `{grammar.folder}`.\n"
 
 
 def _row(one: Declared) -> list[str]:
@@ -103,8 +104,9 @@ def _kind_rows() -> list[list[str]]:
 
 
 INTRO = """\
-Everything that a command can be told. All but `dtb recordings` have one grammar, that of [Hydra](https://hydra.cc): a
-group is chosen by `group=option`, a setting by `key=value`; `--cfg job` prints the result and runs nothing:
+Everything that a command can be told. All but `dtb recordings` and `dtb export` have one grammar, that of
+[Hydra](https://hydra.cc): a group is chosen by `group=option`, a setting by `key=value`; `--cfg job` prints the result
+and runs nothing:
 
 ```sh
 dtb run --cfg job controller=imc profile=ramp
