@@ -47,6 +47,10 @@ TASKS = {
     "run": "one run",
     "close_the_loop": "record, diagnose, and run with what was found",
 }
+PACES = {
+    "free": "as fast as it goes",
+    "real": "in real time against the wall clock, with the twin in a process of its own",
+}
 COMPENSATED = {
     "cogging": "the ripple of the motor's torque over its angle",
     "viscous_friction": "viscous friction at the motor",

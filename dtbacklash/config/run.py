@@ -18,6 +18,7 @@ from dtbacklash.config.choices import (
     INTERPOLATIONS,
     NOVELTY_FILTERS,
     OPTIMIZERS,
+    PACES,
     PREFILTERS,
     PROFILES,
     REFERENCES,
@@ -265,6 +266,10 @@ class RunConfig:
         "run", "one run; or record in the loop, diagnose, and run with what was found (experiment=close_the_loop)",
         choices=TASKS,
     )  # fmt: skip
+    pace: str = setting(
+        "free", "as fast as it goes, or every sample at its instant of the wall clock, with the twin in a process of "
+        "its own; the deadlines that were missed are then in summary.json (`pace`)", choices=PACES,
+    )  # fmt: skip
     figures: bool = setting(True, "false: no figures, also not in report.html")
 
     def __post_init__(self) -> None:
@@ -318,6 +323,8 @@ class RunConfig:
             return
         if self.controller.reconfigure == "never":
             raise UserError("controller", self.controller.name, "closing the loop takes one that a twin reconfigures")
+        if self.pace != "free":
+            raise UserError("pace", self.pace, "closing the loop makes several runs; give dtb run one of them")
         if self.recording.save is not None:
             raise UserError("recording.save", self.recording.save, "closing the loop makes several runs")
         for key, source in (("controller.design_from", self.controller.design_from),

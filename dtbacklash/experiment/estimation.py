@@ -42,6 +42,13 @@ class EstimateRow(TypedDict):
     subsystem: str  # of runs that watch the indexes
 
 
+class LateAnswer(TypedDict):
+    """An answer that was not there when it should have come into force: to which event, and how late it came, s."""
+
+    t_event_s: float
+    late_s: float
+
+
 ESTIMATE_COLUMNS = [name for name in EstimateRow.__annotations__ if name != "subsystem"]
 
 
@@ -60,7 +67,7 @@ class Estimation:
     half-gap that the controller believes in, rad. service : who estimates; None where the twin is never asked.
     asked : event -> the buffer of a request that nothing has come of yet, and the sample at which it was sent.
     rejected : the last estimate was, so that the twin is asked again for as long as the novelty index is high.
-    wall_s : that the loop has stood still for the twin.
+    wall_s : that the loop has stood still for the twin. late : answers that came after they were due.
     """
 
     config: RunConfig
@@ -76,6 +83,7 @@ class Estimation:
     rows: list[EstimateRow] = field(default_factory=list)
     wall_s: float = 0.0
     watcher: Watcher | None = None
+    late: list[LateAnswer] = field(default_factory=list)
 
     @classmethod
     def prepare(
@@ -162,11 +170,11 @@ class Estimation:
             self.service.ask(Request(full.event, full.first, theta_m, q3, self.gap_hat, self.config.seed))
         if self.asked:
             for reply in self.service.replies():
-                self._take(reply)
+                self._take(reply, k)
             self.wall_s += time.perf_counter() - began
 
-    def _take(self, reply: Reply) -> None:
-        """What has come of a request: rows of the table, and the gap on its way to the controller."""
+    def _take(self, reply: Reply, k: int) -> None:
+        """What has come of a request before sample k: rows of the table, and the gap on its way to the controller."""
         full, sent = self.asked.pop(reply.request.event)
         answer = reply.answer
         self.rejected = answer is None or not answer.accepted
@@ -175,7 +183,11 @@ class Estimation:
             return
         applied = math.nan
         if answer.accepted:
-            applied = self.link.send(sent, answer) * self.config.sample_time_s
+            due = self.link.send(sent, answer)
+            applied = max(due, k) * self.config.sample_time_s
+            if due < k:
+                late_s = (k - due) * self.config.sample_time_s
+                self.late.append({"t_event_s": full.event * self.config.sample_time_s, "late_s": late_s})
         self.rows += [self._row(full, answer, attempt, applied) for attempt in answer.attempts]
 
     def _row(self, full: FullBuffer, answer: Answer, attempt: Attempt, applied_s: float) -> EstimateRow:

@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +18,8 @@ from dtbacklash.control.laws import Controller, ControllerState, build_controlle
 from dtbacklash.errors import Diverged, UserError
 from dtbacklash.experiment import loop, signals
 from dtbacklash.experiment.advice import causes
-from dtbacklash.experiment.estimation import Estimation
+from dtbacklash.experiment.estimation import Estimation, twin_of
+from dtbacklash.experiment.pace import RealTime, undisturbed
 from dtbacklash.experiment.result import RunResult, Walls, collect
 from dtbacklash.experiment.sensors import roles, sensor_errors
 from dtbacklash.experiment.watch import ALARM, Watcher, run_watched
@@ -26,6 +28,7 @@ from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.kernel.plant import Plant, State, new_state, place_at
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import rig_half_gap
+from dtbacklash.twin.background import BackgroundTwin
 from dtbacklash.twin.novelty import NoveltyDesign, novelty_design
 from dtbacklash.twin.service import TwinService
 
@@ -46,12 +49,25 @@ class _Machine:
     detector: NoveltyDesign
     detector_state: Floats
     watcher: Watcher | None = None
+    clock: RealTime | None = None
 
     def run(
         self, inputs: loop.Signals, traces: loop.Traces, which: tuple[int, int], first: int, stop: int, gap_hat: float,
         limits: tuple[float, float], before: float,
     ) -> tuple[int, int]:  # fmt: skip
-        """Run the samples ``first <= k < stop``: see :func:`.loop.run_segment`."""
+        """Run the samples ``first <= k < stop``: see :func:`.loop.run_segment`; in real time each at its instant."""
+
+        def advance(begin: int, end: int, level: float) -> tuple[int, int]:
+            return self._advance(inputs, traces, which, begin, end, gap_hat, limits, level)
+
+        if self.clock is None:
+            return advance(first, stop, before)
+        return self.clock.run(advance, traces.novelty, first, stop, before)
+
+    def _advance(
+        self, inputs: loop.Signals, traces: loop.Traces, which: tuple[int, int], first: int, stop: int, gap_hat: float,
+        limits: tuple[float, float], before: float,
+    ) -> tuple[int, int]:  # fmt: skip
         oscillator = (self.detector.sos, self.detector.cos_step, self.detector.sin_step)
         common = (
             self.plant, self.state, self.controller, self.control_state, self.detector_state, oscillator, inputs,
@@ -84,10 +100,12 @@ def run_scenario(
     UserError : the rig or the combination makes no sense. Diverged : the loop is unstable.
     """
     started = time.perf_counter()
-    with compiling() as spent:
+    with compiling() as spent, ExitStack() as until_done:
         rig = build_rig(config.rig)
         beliefs = beliefs_of(config) if beliefs is None else beliefs
         config = settled(config, beliefs)
+        if config.pace == "real" and config.controller.reconfigure != "never" and service is None:
+            service = until_done.enter_context(BackgroundTwin(twin_of(config, beliefs.twin)))
         design = _designed(config, beliefs.design)
         machine = _build(config, rig, design, beliefs.design)
         inputs, changes = _inputs(config, rig)
@@ -102,11 +120,17 @@ def run_scenario(
             progress(0.0)  # all checks are done: from here on compiled code runs
         twin.warm_up()
         machine.run(inputs, traces, which, 0, 0, 0.0, (math.inf, math.inf), 0.0)  # no sample: loads, or compiles
+        if config.pace == "real":
+            machine.clock = RealTime.of(config.samples, config.sample_time_s)
+            until_done.enter_context(undisturbed())
         ready = time.perf_counter()
         _segments(config, rig, design, machine, inputs, traces, which, twin, progress)
     end = time.perf_counter()
     walls = Walls(end - ready - twin.wall_s, twin.wall_s, spent(), end - started)
-    return collect(config, rig, design, inputs, traces, which, twin.table(), walls, machine.watcher)
+    result = collect(config, rig, design, inputs, traces, which, twin.table(), walls, machine.watcher)
+    if machine.clock is not None:
+        result.summary["pace"] = machine.clock.summary() | {"late_answers": twin.late}
+    return result
 
 
 def _designed(config: RunConfig, belief: Belief) -> ControllerDesign | None:
@@ -174,10 +198,11 @@ def _segments(
     # in open loop there is nothing that could be unstable by choice: a carriage may well run away
     limit_m = config.solver.divergence_mm * 1e-3 if design else math.inf
     threshold_m = config.twin.novelty_threshold_mm * 1e-3
+    chunk = CHUNK if machine.clock is None else machine.clock.chunk
     k, n = 0, inputs.gap.size
     while k < n:
         twin.before(k)
-        stop = min([k + CHUNK, n, *twin.stops(k)])
+        stop = min([k + chunk, n, *twin.stops(k)])
         listening = twin.listening
         limits = (limit_m, threshold_m if listening else math.inf)
         before = traces.novelty[k - 1] if k > 0 and not twin.rejected else 0.0

@@ -16,6 +16,7 @@ from dtbacklash.report.kit.style import save
 from dtbacklash.report.run.indexes import alarms, indexes_drawn
 from dtbacklash.report.run.methods import methods
 from dtbacklash.report.run.overview import moves_overlay, open_overview, run_overview
+from dtbacklash.report.run.text import pace_in_words
 from dtbacklash.report.run.words import as_yaml, describe, has_gear, is_open
 
 ORIGIN = ("versions", "seed", "wall_s")
@@ -62,6 +63,7 @@ def write(result: Any, moves: pd.DataFrame, folder: Path) -> None:
         moves=moves.to_dict("records"),
         estimates=result.estimates.to_dict("records"),
         alarms=alarms(result.summary),
+        pace=pace_in_words(result.summary),
         figures=[Shown(embedded(path), *_caption(name, result.config, len(moves))) for name, path in figures.items()],
         methods=methods(result.config),
         command=result.summary.get("command"),

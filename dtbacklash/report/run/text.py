@@ -24,7 +24,27 @@ def lines(summary: dict[str, Any], moves: pd.DataFrame, estimates: pd.DataFrame)
         if len(frame):
             told += [table(frame), ""]
     alarmed = [f"alarm at {text}" for text in alarms(summary)]
-    return [*told, Text(summary_line(summary)), *map(Text, alarmed), *map(Text, summary.get("advice", []))]
+    said = [summary_line(summary), *pace_in_words(summary), *alarmed, *summary.get("advice", [])]
+    return [*told, *map(Text, said)]
+
+
+def pace_in_words(summary: dict[str, Any]) -> list[str]:
+    """How a run in real time kept its deadlines, and which answers of the twin came late; nothing of any other run."""
+    pace = summary.get("pace")
+    if pace is None:
+        return []
+    share = 100.0 * pace["met_share"]
+    kept = (
+        f"real time: {pace['deadlines'] - pace['missed']} of {pace['deadlines']} deadlines of "
+        f"{number(pace['deadline_ms'])} ms met ({share:.4g} %, {pace['missed']} missed); a sample was done "
+        f"{number(pace['median_ms'])} ms after its instant (median), {number(pace['most_ms'])} ms (99.9 %), "
+        f"{number(pace['worst_ms'])} ms (worst)"
+    )
+    late = [
+        f"real time: the twin's answer to the event at {number(one['t_event_s'])} s came {number(one['late_s'])} s late"
+        for one in pace["late_answers"]
+    ]
+    return [kept, *late]
 
 
 def summary_line(summary: dict[str, Any]) -> str:

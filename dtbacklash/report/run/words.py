@@ -167,4 +167,5 @@ def _sensors(s: SensorsConfig) -> str:
 
 def _simulation(config: RunConfig) -> str:
     milliseconds = number(1000 * config.sample_time_s)
-    return f"{number(config.duration_s, 6)} s, one sample every {milliseconds} ms, seed {config.seed}"
+    pace = "" if config.pace == "free" else f", {choices.PACES[config.pace]}"
+    return f"{number(config.duration_s, 6)} s, one sample every {milliseconds} ms, seed {config.seed}{pace}"

@@ -71,3 +71,10 @@ def test_bash_completes_a_command(tmp_path, line, replies):
     answer = subprocess.run(["bash", "-c", drive], capture_output=True, text=True, check=True, timeout=60)
     assert answer.stdout.split() == replies
     assert "-F _dtb_completion dtb" in answer.stderr
+
+
+def test_a_command_that_writes_one_file_is_completed_behind_its_second_word():
+    assert completion.answers("dtb export ") == ["fmu"]
+    assert completion.answers("dtb export fmu rig=lead") == ["rig=lead_screw"]
+    assert "out=" in completion.answers("dtb export fmu o")
+    assert "sample_time_s=" in completion.answers("dtb export fmu sam")

@@ -1,0 +1,63 @@
+"""`dtb run pace=real` from outside: what it tells of its deadlines, and that Ctrl-C leaves nothing behind."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+SHORT = (
+    "run", "pace=real", "reference.period_s=1", "twin.buffer=300", "twin.settle=100", "twin.delay_s=1",
+    "profile=constant", "profile.start_deg=30", "figures=false", "out=run",
+)  # fmt: skip
+
+
+def test_the_deadlines_are_told_and_the_twin_answers(process, tmp_path):
+    done = process(*SHORT, "duration_s=2")
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    pace = summary["pace"]
+    assert pace["deadlines"] == 2001
+    assert 0 <= pace["missed"] < 2001
+    assert pace["deadline_ms"] == 1.0
+    assert summary["n_accepted"] >= 1
+    assert f"real time: {2001 - pace['missed']} of 2001 deadlines of 1 ms met" in done.stdout
+    page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    assert '<h2 id="pace">Deadlines</h2>' in page
+    assert "in real time against the wall clock" in page
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_ctrl_c_ends_it_in_one_line_with_nothing_left_and_no_process(tmp_path):
+    command = [sys.executable, "-m", "dtbacklash.cli", *SHORT, "duration_s=60"]
+    loop = subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    until, workers = time.monotonic() + 120, []
+    while not workers and time.monotonic() < until:
+        time.sleep(0.1)
+        workers = [pid for pid in children(loop.pid) if "dtbacklash.twin.worker" in command_of(pid)]
+    assert workers
+    time.sleep(4.0)  # it runs
+    os.killpg(loop.pid, signal.SIGINT)
+    out, err = loop.communicate(timeout=30)
+    assert loop.returncode == 130
+    assert out == ""
+    assert err.count("\n") == 1
+    assert err.startswith("dtb: interrupted")
+    assert not any("dtbacklash.twin.worker" in command_of(pid) for pid in workers)
+    assert list(tmp_path.iterdir()) == []
+
+
+def children(pid):
+    listed = subprocess.run(["ps", "-o", "pid=", "--ppid", str(pid)], capture_output=True, text=True, check=False)
+    return [int(word) for word in listed.stdout.split()]
+
+
+def command_of(pid):
+    shown = subprocess.run(["ps", "-o", "args=", "-p", str(pid)], capture_output=True, text=True, check=False)
+    return shown.stdout
