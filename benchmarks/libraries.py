@@ -78,7 +78,7 @@ def python_control(scenario: Scenario) -> Floats:
 
     def plant(t: float, x: Any, u: Any, params: Any) -> Any:
         x = [float(value) for value in x]
-        for _ in range(SUBSTEPS):  # semi-implicit Euler, as in the hand-written loop
+        for _ in range(SUBSTEPS):  # semi-implicit Euler
             i, omega, theta, q2, v2, q3, v3, theta_d = x
             i += h * rates(t, x, u[0], theta_d, 0.0)[0]
             omega += h * scenario.motor.k_T * i / scenario.motor.J

@@ -18,6 +18,7 @@ from dtbacklash.control.laws import Controller, ControllerState, build_controlle
 from dtbacklash.errors import Diverged, UserError
 from dtbacklash.experiment import loop, signals
 from dtbacklash.experiment.advice import causes
+from dtbacklash.experiment.cruise import Form, cruise, form_of
 from dtbacklash.experiment.estimation import Estimation, twin_of
 from dtbacklash.experiment.pace import RealTime, undisturbed
 from dtbacklash.experiment.result import RunResult, Walls, collect
@@ -36,6 +37,8 @@ __all__ = ["RunResult", "run_scenario", "true_half_gap"]
 
 #: samples between two calls of the progress callback (and two chances for Ctrl-C)
 CHUNK = 5000
+#: samples from which the loop is written out for the sizes at hand, which takes seconds the first time
+LONG = 50_000
 
 
 @dataclass
@@ -50,6 +53,7 @@ class _Machine:
     detector_state: Floats
     watcher: Watcher | None = None
     clock: RealTime | None = None
+    form: Form | None = None
 
     def run(
         self, inputs: loop.Signals, traces: loop.Traces, which: tuple[int, int], first: int, stop: int, gap_hat: float,
@@ -74,7 +78,7 @@ class _Machine:
             traces, which, first, stop, gap_hat, limits, before,
         )  # fmt: skip
         if self.watcher is None:
-            k, why = loop.run_segment(*common)
+            k, why = loop.run_segment(*common) if self.form is None else cruise(self.form, *common)
         else:
             w = self.watcher
             k, why = run_watched(*common, w.watch, w.state, w.values, w.limits, w.config.twin.index_hysteresis)
@@ -114,6 +118,8 @@ def run_scenario(
         twin = Estimation.prepare(config, beliefs.twin, changes, traces.seen, which, inputs.gap, service)
         if design is not None:
             machine.watcher = twin.watcher = Watcher.prepare(config, beliefs.twin, inputs.gap.size)
+        if config.samples >= LONG:
+            machine.form = form_of(machine.plant, machine.controller, machine.detector.sos, which)
         if machine.plant.imposed:
             place_at(machine.plant, machine.state, inputs.reference[0])
         if progress:

@@ -8,7 +8,7 @@ import statistics
 import numpy as np
 import pytest
 
-from benchmarks.hand_written import hand_written
+from benchmarks.hand_written import HandWritten
 from benchmarks.libraries import python_control, scipy_ivp
 from benchmarks.measure import interleaved_s
 from benchmarks.scenario import PAPER, SHORT, Scenario, ours, prepare
@@ -23,17 +23,24 @@ def paper() -> Scenario:
 
 def test_the_contestants_solve_the_same_problem(paper: Scenario) -> None:
     assert np.max(np.abs(ours(paper) - paper.q3_m)) < 1e-10
-    # first order in a substep of 0.1 ms
-    assert np.max(np.abs(hand_written(paper) - paper.q3_m)) < 5e-5
+    for everything in (False, True):
+        assert np.max(np.abs(HandWritten(paper, everything)() - paper.q3_m)) < 1e-10
     own = ("duration_s", "reference.period_s")
     short = prepare(*(word for word in SHORT if not word.startswith(own)), *(f"{key}=0.5" for key in own))
-    for contestant in (hand_written, python_control, scipy_ivp):
+    assert np.max(np.abs(HandWritten(short)() - short.q3_m)) < 1e-10
+    for contestant in (python_control, scipy_ivp):
         assert np.max(np.abs(contestant(short) - short.q3_m)) < 2e-5
 
 
-def test_at_most_twice_the_time_of_a_hand_written_loop(paper: Scenario) -> None:
-    ours_s, hand_s = interleaved_s([lambda: ours(paper), lambda: hand_written(paper)], 9)
-    assert ours_s < 2.0 * hand_s
+def test_at_most_four_times_the_time_of_the_fastest_hand_written_loop(paper: Scenario) -> None:
+    """Half of that where nothing else runs (``python -m benchmarks loop``): what a neighbour takes varies."""
+    ours_s, hand_s = interleaved_s([lambda: ours(paper), HandWritten(paper)], 25)
+    assert ours_s < 4.0 * hand_s
+
+
+def test_what_is_written_out_gives_the_bits_of_the_general_loop(paper: Scenario) -> None:
+    assert paper.form is not None
+    assert np.array_equal(ours(paper), ours(paper, general=True))
 
 
 def test_a_long_rest_costs_no_more_than_motion(paper: Scenario) -> None:
@@ -55,5 +62,5 @@ def test_an_estimate_costs_less_than_the_hand_written_run(paper: Scenario) -> No
         problem = Problem(*buffer, model)
         estimate_gap(problem, config.optimizer, default_start(problem, math.radians(20.0)))
 
-    rounds = [interleaved_s([estimate, lambda: hand_written(paper)], 1) for _ in range(7)]
+    rounds = [interleaved_s([estimate, HandWritten(paper)], 1) for _ in range(7)]
     assert statistics.median(one / run for one, run in rounds) < 20.0 / 30.0

@@ -196,7 +196,7 @@ def _stop(P, S, c, contact, impulse):
 
 
 @inlined
-def _settle_gear(P, S, gap0, gap1, gap_rate):
+def settle_gear(P, S, gap0, gap1, gap_rate):
     """At a sample's start: no gap means rigid, and a gap that opens faster than the motor follows frees the gear."""
     mode = S.mode[0]
     if gap0 == 0.0 and gap1 == 0.0:
@@ -242,7 +242,7 @@ def advance(P, S, t, u, gap0, gap1, theta, k):
     S.commands[0] = u
     gap_rate = (gap1 - gap0) / P.sample_time
     if P.has_base and not P.imposed:
-        _settle_gear(P, S, gap0, gap1, gap_rate)
+        settle_gear(P, S, gap0, gap1, gap_rate)
     _steps(P, S, t, gap0, gap_rate, theta, k)
 
 

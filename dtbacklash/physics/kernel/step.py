@@ -140,6 +140,34 @@ def slip_rate(P, S, x, c, theta_d, gap_rate):
 
 
 @inlined
+def drive_channels(P, S, h, gap, gap_rate, held):
+    """What the base feels of the screw beyond the motor's angle, at a step's start and end; ``held`` : a free screw."""
+    mode, lead = S.mode[0], P.screw[pl.S_LEAD]
+    w0, w1 = S.w0, S.w1
+    if mode == pl.FREE:
+        w0[pl.CH_D] = lead * held
+        w1[pl.CH_D] = w0[pl.CH_D] + lead * S.gear[1] * h
+        w0[pl.CH_DD] = lead * S.gear[1]
+    elif mode == pl.RIGID:
+        w0[pl.CH_D] = 0.0
+        w1[pl.CH_D] = 0.0
+        w0[pl.CH_DD] = 0.0
+    else:
+        w0[pl.CH_D] = -lead * mode * gap
+        w1[pl.CH_D] = -lead * mode * (gap + gap_rate * h)
+        w0[pl.CH_DD] = -lead * mode * gap_rate
+    w1[pl.CH_DD] = w0[pl.CH_DD]
+
+
+@inlined
+def linear_step(P, S, level, contact):
+    """A step under voltage and screw alone."""
+    channels = pl.CH_F if P.has_base else pl.CH_D
+    _propagate(P, S, level, contact, channels)
+    _ramp(P, S, level, contact, channels)
+
+
+@inlined
 def try_step(P, S, level, h, t, voltage, gap, gap_rate, given):
     """Advance ``S.x`` into ``S.xn`` by a step of ``h`` seconds with the contacts as they are.
 
@@ -154,26 +182,11 @@ def try_step(P, S, level, h, t, voltage, gap, gap_rate, given):
     w0[pl.CH_V] = voltage
     w1[pl.CH_V] = voltage
     if P.has_base:
-        lead = P.screw[pl.S_LEAD]
-        if mode == pl.FREE:
-            w0[pl.CH_D] = lead * (given if P.imposed else S.gear[0])
-            w1[pl.CH_D] = w0[pl.CH_D] + lead * S.gear[1] * h
-            w0[pl.CH_DD] = lead * S.gear[1]
-        elif mode == pl.RIGID:
-            w0[pl.CH_D] = 0.0
-            w1[pl.CH_D] = 0.0
-            w0[pl.CH_DD] = 0.0
-        else:
-            w0[pl.CH_D] = -lead * mode * gap
-            w1[pl.CH_D] = -lead * mode * (gap + gap_rate * h)
-            w0[pl.CH_DD] = -lead * mode * gap_rate
-        w1[pl.CH_DD] = w0[pl.CH_DD]
+        drive_channels(P, S, h, gap, gap_rate, given if P.imposed else S.gear[0])
     if P.forced:
         _forced_step(P, S, level, h, t, contact, gap, gap_rate, given)
     else:
-        channels = pl.CH_F if P.has_base else pl.CH_D
-        _propagate(P, S, level, contact, channels)
-        _ramp(P, S, level, contact, channels)
+        linear_step(P, S, level, contact)
     if S.lean[0] != 0:
         _rest(P, S, level, h, gap_rate)
 
