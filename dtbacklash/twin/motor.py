@@ -40,7 +40,7 @@ class MotorEquation(NamedTuple):
 
 def motor_equation(belief: Belief, pole_rad_s: float, sample_time_s: float) -> MotorEquation:
     """The equation of a believed motor; both lags have the pole ``pole_rad_s``."""
-    a, b, scale = _difference_equation(motor_parameters(belief.rig), sample_time_s)
+    a, b, by_torque = difference_equation(motor_parameters(belief.rig), sample_time_s)
     rotor = belief.rig.motor_rotor()
     there = belief.rig.effects.get(rotor.name, {}) if rotor else {}
     cogging = there.get("cogging", {})
@@ -48,11 +48,14 @@ def motor_equation(belief: Belief, pole_rad_s: float, sample_time_s: float) -> M
         there.get("coulomb_friction", {}).get("torque", 0.0), there.get("constant_load", {}).get("torque", 0.0),
         cogging.get("torque", 0.0), cogging.get("periods", 0.0), cogging.get("phase", 0.0),
     ])  # fmt: skip
-    return MotorEquation(a, b, scale, float(np.exp(-pole_rad_s * sample_time_s)), sample_time_s, known)
+    return MotorEquation(a, b, float(by_torque.sum()), float(np.exp(-pole_rad_s * sample_time_s)), sample_time_s, known)
 
 
-def _difference_equation(motor: MotorParameters, sample_time_s: float) -> tuple[Floats, Floats, float]:
-    """a, b and scale of :class:`MotorEquation`: states current, speed, angle; inputs voltage, torque."""
+def difference_equation(motor: MotorParameters, sample_time_s: float) -> tuple[Floats, Floats, Floats]:
+    """(4,) each, the newest sample first: ``sum a theta = sum b u + sum c torque``, voltage and torque held.
+
+    States current, speed, angle; inputs voltage, torque.
+    """
     system = np.zeros((5, 5))
     system[0, :2] = -motor.R / motor.L, -motor.k_B / motor.L
     system[1, :2] = motor.k_T / motor.J, -motor.viscous_n_m_s / motor.J
@@ -63,7 +66,7 @@ def _difference_equation(motor: MotorParameters, sample_time_s: float) -> tuple[
     a = np.poly(A).astype(np.float64)
     # a single input and output: numerator = det(zI - A + b c) - det(zI - A)
     by_voltage, by_torque = (np.poly(A - np.outer(sampled[:3, j], angle)).astype(np.float64) - a for j in (3, 4))
-    return a, by_voltage, float(by_torque.sum())
+    return a, by_voltage, by_torque
 
 
 @inlined

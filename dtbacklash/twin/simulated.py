@@ -34,7 +34,7 @@ STEP_RAD, STEP_RAD_S = 3.5e-4, 3.5e-4
 
 
 @compiled
-def _follow(P, S, theta_m, gap, index, y, q3):
+def follow(P, S, theta_m, gap, index, y, q3):
     """q3 at every sample of the buffer; the gap's own change does not push the screw before the motor does."""
     for k in range(theta_m.shape[0]):
         sense(P, S, gap[k], 0.0, y)
@@ -90,7 +90,7 @@ class Structure:
         rest = self.rest_by_travel * self.lead * state.gear[0] + self.rest_by_output * q3_0
         state.x[plant.position : plant.position + plant.n_bodies] = rest
         q3 = np.empty_like(theta_m)
-        _follow(plant, state, theta_m, half_gap, self.index, np.zeros(len(plant.sensor)), q3)
+        follow(plant, state, theta_m, half_gap, self.index, np.zeros(len(plant.sensor)), q3)
         return q3
 
 

@@ -1,0 +1,145 @@
+"""The motor's half of the bank: which law of the motor has changed, from the voltage and the measured angle alone.
+
+The structure does not push back on the motor, so that its equation (:mod:`.motor`) holds whatever happens behind the
+gear. Each hypothesis is a rig, whose equation leaves a torque over; it is compared by means over blocks, whose
+covariance the angle's noise and counts give through the equation. Dry friction at rest takes whatever it has to, up to
+its level: where the motor does not clearly move, blocks only tell whether the level is exceeded.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import linalg
+
+from dtbacklash.arrays import Floats
+from dtbacklash.control.belief import Belief, on_the_motor
+from dtbacklash.control.chain import motor_parameters
+from dtbacklash.physics.rig import Rig
+from dtbacklash.twin.hypotheses import Hypothesis, cogging
+from dtbacklash.twin.motor import difference_equation
+from dtbacklash.twin.whitened import BLOCK, Fit, blocks, count_of, fitted
+
+#: effects between voltage and angle that the equation has
+LAWS = ("coulomb_friction", "viscous_friction", "constant_load", "cogging", "gain_error")
+#: faster than this throughout a block and its neighbours, rad/s, the motor moves: noise does not turn it round
+MOVING_RAD_S = 1.0
+#: torque by which the equation itself errs, N m: laws are taken at the samples
+MODEL_N_M = 2e-6
+#: periods a radian of cogging that are looked for
+PERIODS = range(1, 49)
+#: variance that takes a block out of the comparison, (N m)^2
+NOTHING_KNOWN = 1e2
+
+
+class MotorBuffer:
+    """One buffer of voltage and angle, and how it is explained; arguments as of :class:`.bank.Buffer`."""
+
+    def __init__(self, u: Floats, theta_m: Floats, belief: Belief, sample_time_s: float) -> None:
+        count = theta_m.size // BLOCK * BLOCK
+        self.u, self.theta = u[:count], theta_m[:count]
+        self.belief, self.sample_time_s = belief, sample_time_s
+        rotor = belief.rig.motor_rotor()
+        assert rotor is not None
+        self.rotor = rotor.name
+        self.missing = [name for name, _ in on_the_motor(belief.rig) if name not in LAWS]
+        a, _, by_torque = difference_equation(motor_parameters(belief.rig), sample_time_s)
+        self.sign = self._signs()
+        covariance = self._covariance(a, float(by_torque.sum()))
+        self.free = self._free_of_noise(covariance)
+        known = self.sign != 0.0
+        self.factors = (
+            np.asarray(linalg.cholesky(covariance, lower=True)),
+            np.asarray(linalg.cholesky(covariance + np.diag(np.where(known, 0.0, NOTHING_KNOWN)), lower=True)),
+        )
+
+    def _free_of_noise(self, covariance: Floats) -> Floats:
+        return np.sqrt(np.diag(covariance))
+
+    def _signs(self) -> Floats:
+        """(blocks - 1,) direction in which the motor moves in a block and its neighbours; 0 where it may not."""
+        edges = np.append(self.theta[::BLOCK], self.theta[-1])
+        speed = np.diff(edges) / (BLOCK * self.sample_time_s)
+        direction = np.where(np.abs(speed) > MOVING_RAD_S, np.sign(speed), 0.0)
+        padded = np.concatenate([[direction[0]], direction, [direction[-1]]])
+        same = (padded[:-2] == direction) & (padded[2:] == direction)
+        return np.where(same, direction, 0.0)[1:]
+
+    def _covariance(self, a: Floats, scale: float) -> Floats:
+        """(blocks - 1,) squared: of the blocks' means of the torque that is left over, by the angle's noise alone."""
+        n = self.theta.size
+        rows = np.zeros((n // BLOCK, n))
+        for k in range(n):
+            for i in range(min(4, k + 1)):
+                rows[k // BLOCK, k - i] += a[i] / (scale * BLOCK)
+        rows = rows[1:]
+        # the angle is no smooth record: its noise is what the equation leaves over at the highest frequencies
+        left = np.diff(np.convolve(self.theta, a, "valid") - self._driven(self.belief.rig), 2)
+        gain = float(np.sum(np.convolve(a, [1.0, -2.0, 1.0]) ** 2))
+        quiet = np.abs(left) <= np.quantile(np.abs(left), 0.9)
+        noise = float(np.sqrt(np.mean(left[quiet] ** 2)) / 0.7886 / np.sqrt(gain))
+        noise = max(noise, count_of(self.theta) / np.sqrt(12.0))
+        return noise**2 * rows @ rows.T + MODEL_N_M**2 * np.eye(len(rows))
+
+    def _driven(self, rig: Rig) -> Floats:
+        """(N - 3,) what the voltage gives in the equation of a rig's motor."""
+        _, b, _ = difference_equation(motor_parameters(rig), self.sample_time_s)
+        return np.convolve(self.u, b, "valid")
+
+    def torque(self, rig: Rig) -> Floats:
+        """(blocks - 1,) torque that is left over beside all but a rig's dry friction, N m."""
+        a, b, by_torque = difference_equation(motor_parameters(rig), self.sample_time_s)
+        there = rig.effects.get(self.rotor, {})
+        wave = there.get("cogging", {"torque": 0.0, "periods": 0.0, "phase": 0.0})
+        known = there.get("constant_load", {}).get("torque", 0.0) + wave["torque"] * np.sin(
+            wave["periods"] * self.theta + wave["phase"]
+        )
+        left = np.convolve(self.theta, a, "valid") - np.convolve(self.u, b, "valid")
+        left -= np.convolve(known, by_torque, "valid")
+        return self._blocks(left / by_torque.sum())
+
+    def _blocks(self, left: Floats) -> Floats:
+        return blocks(np.concatenate([np.zeros(self.theta.size - left.size), left]))[1:]
+
+    def whitened(self, rig: Rig) -> Floats:
+        """The residual of a rig's motor: whitened blocks, then what dry friction's level is exceeded by at rest."""
+        level = rig.effects.get(self.rotor, {}).get("coulomb_friction", {}).get("torque", 0.0)
+        left = self.torque(rig)
+        if level <= 0.0:
+            return np.append(self._solve(left, dry=False), np.zeros(left.size))
+        rest = self.sign == 0.0
+        beyond = np.where(rest, np.maximum(np.abs(left) - level, 0.0) / self.free, 0.0)
+        # a block that dry friction explains whatever it shows counts as one that is explained to the noise
+        unseen = np.where(rest, np.maximum(beyond, 1.0), 0.0)
+        moving = np.where(rest, 0.0, left + level * self.sign)
+        return np.append(self._solve(moving, dry=True), unseen)
+
+    def _solve(self, left: Floats, dry: bool) -> Floats:
+        return np.asarray(linalg.solve_triangular(self.factors[dry], left, lower=True, check_finite=False))
+
+    def fit(self, hypothesis: Hypothesis | None) -> Fit:
+        """The best fit of a hypothesis (None: what is believed)."""
+        if hypothesis is None:
+            return Fit(np.zeros(0), np.zeros((0, 0)), self.whitened(self.belief.rig))
+
+        def residual(x: Floats) -> Floats:
+            return self.whitened(hypothesis.changed(self.belief.rig, tuple(x)))
+
+        starts = [np.array(hypothesis.to_fit(start)) for start in hypothesis.starts]
+        longest = np.array(hypothesis.longest())
+        return min((fitted(residual, x, longest=longest) for x in starts), key=lambda fit: fit.chi2)
+
+    def coggings(self, most: int = 3) -> list[Hypothesis]:
+        """Cogging with the periods that explain most, the best first."""
+        left = self.whitened(self.belief.rig)[: self.sign.size]
+        dry = "coulomb_friction" in self.belief.rig.effects.get(self.rotor, {})
+        _, _, by_torque = difference_equation(motor_parameters(self.belief.rig), self.sample_time_s)
+        shape = by_torque / by_torque.sum()
+        explained = []
+        for periods in PERIODS:
+            waves = np.array([
+                self._solve(self._blocks(np.convolve(wave(periods * self.theta), shape, "valid")), dry)
+                for wave in (np.sin, np.cos)
+            ]).T  # fmt: skip
+            best = np.linalg.lstsq(waves, left, rcond=None)[0]
+            explained.append((float(np.sum((waves @ best) ** 2)), periods))
+        return [cogging(self.belief, float(periods)) for _, periods in sorted(explained, reverse=True)[:most]]
