@@ -14,7 +14,7 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import ablation, close_the_loop, indexes, nimc_forms, speed
+from benchmarks import ablation, bank, close_the_loop, indexes, nimc_forms, speed
 from benchmarks.alternatives import alternative_rows, alternative_words, check_docs, write_docs
 from benchmarks.campaign import run_campaign
 from benchmarks.diagnosis import diagnosis_rows
@@ -34,6 +34,7 @@ TITLES = {
     "ablation": "Each setting of the diagnosis halved and doubled, on concealed recordings",
     "nimc_forms": "The forms of the internal model: wrong estimates of the gap, friction, sensors; the worst run",
     "indexes": "The novelty indexes on faults of each subsystem: 60 s of a square wave, encoder",
+    "bank": "The twin's bank on random machines: what it says of one change, from 1.5 s",
     "close_the_loop": "The loop with each belief, on concealed rigs: recorded, diagnosed, controlled",
     "wrong_models": "The twin in loops of 100 s whose model is wrong; from estimations on: of the estimates",
     "guard": "The twin with and without its guard in the closed loop, random starts, noises, gaps and buffers",
@@ -41,7 +42,7 @@ TITLES = {
 #: what a benchmark finds: rows, and sentences below them
 Found = tuple[list[Row], list[str]]
 #: run only when asked for (``guard`` asks for ``wrong_models``): they take long, ``alternatives`` the extra ``compare``
-ASKED = ("alternatives", "ablation", "wrong_models", "close_the_loop")
+ASKED = ("alternatives", "ablation", "wrong_models", "close_the_loop", "bank")
 SPEED: dict[str, Callable[[], list[Row]]] = {
     "loop": speed.loop_rows,
     "libraries": speed.library_rows,
@@ -119,6 +120,16 @@ def _closing(options: argparse.Namespace, console: Console) -> Found:
     return rows, close_the_loop.closing_words(kept)
 
 
+def _bank(options: argparse.Namespace, console: Console) -> Found:
+    n, seed = _campaign(options, 6, 3000)
+    cases = bank.run_bank(n, seed)
+    cases.to_csv(options.out / "bank_cases.csv", index=False)
+    rows, words = bank.bank_rows(cases), bank.bank_words(cases, seed)
+    if options.docs:
+        bank.write_docs(rows, words, options.docs)
+    return rows, words
+
+
 def _ablation(options: argparse.Namespace, console: Console) -> Found:
     # with --docs the committed results are gone on from
     kept = options.docs / ablation.ROWS if options.docs else options.out / "ablation.json"
@@ -146,6 +157,7 @@ CAMPAIGNS: dict[str, Callable[[argparse.Namespace, Console], Found]] = {
     "nimc_forms": _forms,
     "close_the_loop": _closing,
     "ablation": _ablation,
+    "bank": _bank,
 }
 
 
@@ -158,10 +170,10 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="name", help="of " + ", ".join(TITLES))
     parser.add_argument(
-        "--n", type=int, help="cases of a campaign (guard, wrong_models: 1000, alternatives: 5, ablation: 3 recordings)"
+        "--n", type=int, help="cases of a campaign (guard, wrong_models: 1000, alternatives: 5, ablation: 3 recordings, bank: 6 of a kind)"
     )
     parser.add_argument(
-        "--seed", type=int, help="its first (guard, wrong_models: 1, alternatives: 10000, close_the_loop: 50000)"
+        "--seed", type=int, help="its first (guard, wrong_models: 1, alternatives: 10000, close_the_loop: 50000, bank: 3000)"
     )
     parser.add_argument("--out", type=Path, default=Path("outputs/benchmarks"), help="folder of the results")
     parser.add_argument("--docs", type=Path, help="of those that have tables in the docs: remake them")

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -46,11 +46,12 @@ class Case:
     fields: dict[tuple[str, str], float] = field(default_factory=dict)
     size: str = ""
 
-    def rig(self, nominal: Rig) -> Rig:
-        """The true machine; a field of a single element gets a parameter of its own."""
-        from dataclasses import replace
-
-        config = nominal.config
+    def rig(self, known: Rig) -> Rig:
+        """The true machine, from what is known of it; a field of a single element gets a parameter of its own."""
+        config = known.config
+        effects = {place: dict(there) for place, there in config.effects.items()}
+        for place, there in self.effects.items():
+            effects[place] = {**effects.get(place, {}), **there}
         parameters, elements = dict(config.parameters), {n: dict(spec) for n, spec in config.elements.items()}
         for name, ratio in self.parameters.items():
             parameters[name] = replace(parameters[name], value=parameters[name].value * ratio)
@@ -58,7 +59,7 @@ class Case:
             name = elements[element][what]
             parameters[f"{name}_{element}"] = replace(parameters[name], value=parameters[name].value * ratio)
             elements[element][what] = f"{name}_{element}"
-        return build_rig(replace(config, parameters=parameters, elements=elements, effects=self.effects))
+        return build_rig(replace(config, parameters=parameters, elements=elements, effects=effects))
 
 
 def _ratio(rng: Generator, least: float, most: float) -> float:
@@ -160,16 +161,35 @@ OUTSIDE: dict[str, Callable[[Generator], Case]] = {
 }  # fmt: skip
 
 
+#: what is known of a machine beside its nominal parameters, in KNOWN_SHARE of the cases; never the kind that changes
+KNOWN_SHARE = 0.4
+KNOWN: dict[str, Callable[[Rig], Rig]] = {
+    "stiffness": lambda rig: rig.with_parameters({"k": 8500.0}),
+    "compliance": lambda rig: rig.with_effect("screw", "compliance", {"compliance": 8e-6}),
+    "ground friction": lambda rig: rig.with_effect("mass_3", "ground_friction", {"force": 0.1}),
+    "Coulomb friction": lambda rig: rig.with_effect(MOTOR, "coulomb_friction", {"torque": 0.02}),
+}
+
+
+def _known(rng: Generator, name: str) -> tuple[str, Rig]:
+    """What is believed of the machine before something changes."""
+    nominal = build_rig(compose().rig)
+    known = str(rng.choice([one for one in KNOWN if one != name and not name.startswith("two")] or ["nominal"]))
+    if rng.random() >= KNOWN_SHARE or known == "nominal":
+        return "nominal", nominal
+    return known, KNOWN[known](nominal)
+
+
 def run_case(seed: int, number: int, name: str) -> dict[str, Any]:
     """One row: what was concealed, what was said, the gap's error over its standard error, the time it took."""
     rng = np.random.default_rng([seed, number, name_hash(name)])
-    nominal = build_rig(compose().rig)
-    belief = Belief(nominal)
+    known, rig = _known(rng, name)
+    belief = Belief(rig)
     for _ in range(20):
         case = {**INSIDE, **OUTSIDE}[name](rng)
         gap_deg = float(rng.uniform(0.0, 100.0))
         old_deg = gap_deg * float(rng.uniform(0.3, 1.0))
-        buffer = recorded(case.rig(nominal), belief, gap_deg, old_deg, rng)
+        buffer = recorded(case.rig(rig), belief, gap_deg, old_deg, rng)
         if buffer is not None:
             break
     assert buffer is not None
@@ -179,7 +199,7 @@ def run_case(seed: int, number: int, name: str) -> dict[str, Any]:
     error = math.degrees(said.gap_rad) - gap_deg
     change = said.changes[0] if said.changes else None
     return {
-        "number": number, "name": name, "place": case.place, "size": case.size, "gap_deg": gap_deg, "old_deg": old_deg,
+        "number": number, "name": name, "known": known, "place": case.place, "size": case.size, "gap_deg": gap_deg, "old_deg": old_deg,
         "verdict": said.verdict, "found": said.found, "score": score(case, said),
         "gap_error_deg": error, "gap_std_deg": math.degrees(said.gap_std_rad), "wall_s": said.wall_s,
         "cpu_s": cpu_s,        "value": change.values[0].value if change else math.nan, "excess_structure": said.halves[0].excess,
@@ -222,3 +242,51 @@ def score(case: Case, said: Diagnosis) -> str:
         periods = case.effects[case.place]["cogging"]["periods"]
         right = [c for c in right if c.values[1].value == periods]
     return "right" if right else "wrong"
+
+
+def run_bank(n: int, seed: int) -> pd.DataFrame:
+    """n machines of each kind, inside the bank and outside; a row a machine."""
+    return pd.DataFrame([run_case(seed, i, name) for name in (*INSIDE, *OUTSIDE) for i in range(n)])
+
+
+def bank_rows(cases: pd.DataFrame) -> list[Row]:
+    """A row a kind, and one for all inside the bank and outside; errors of the gap over their standard errors."""
+    rows: list[Row] = []
+    inside = cases["name"].isin(list(INSIDE))
+    groups = [*cases.groupby("name", sort=False), ("all inside", cases[inside]), ("all outside", cases[~inside])]
+    for name, some in groups:
+        apart = (some["gap_error_deg"] / some["gap_std_deg"]).abs()
+        rows.append({
+            "what": str(name), "machines": len(some),
+            **{said: int((some["score"] == said).sum()) for said in ("right", "wrong", "unknown", "ambiguous")},
+            "gap_error_median_deg": _or_none(some["gap_error_deg"].abs().median()),
+            "gap_error_max_deg": _or_none(some["gap_error_deg"].abs().max()),
+            "error_over_std_max": _or_none(apart.max()),
+            "seconds_median": float(some["cpu_s"].median()), "seconds_max": float(some["cpu_s"].max()),
+        })  # fmt: skip
+    return rows
+
+
+def _or_none(value: float) -> float | None:
+    return None if math.isnan(value) else float(value)
+
+
+def bank_words(cases: pd.DataFrame, seed: int) -> list[str]:
+    """Sentences below the table."""
+    wrong = [f"{r['name']} {r['place']} {r['size']} as {r['found']}" for r in cases.to_dict("records")
+             if r["score"] == "wrong"]  # fmt: skip
+    gaps = (cases["gap_error_deg"] / cases["gap_std_deg"]).abs().dropna()
+    return [
+        f"seed {seed}; seconds: of processor time, for one buffer; wrong: {'; '.join(wrong) or 'none'}.",
+        f"the gap is given {len(gaps)} times, {(gaps <= 2.0).mean():.0%} of them within two of its standard errors.",
+    ]
+
+
+def write_docs(rows: list[Row], words: list[str], folder: Path) -> None:
+    """Bring the table into the page, between its marks."""
+    text = (folder / PAGE).read_text(encoding="utf-8")
+    heads = ["concealed", "machines", "right", "wrong", "unknown", "ambiguous", "gap error, median [deg]",
+             "largest [deg]", "largest over its standard error", "time, median [s]", "largest [s]"]  # fmt: skip
+    shown = [["-" if v is None else f"{v:.3g}" if isinstance(v, float) else str(v) for v in row.values()] for row in rows]
+    said = "\n".join(f"{line[0].upper()}{line[1:]}" for line in words)
+    write_text(folder / PAGE, between(text, BEGIN, END, table(heads, shown) + "\n\n" + said))

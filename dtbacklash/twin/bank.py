@@ -172,9 +172,12 @@ def _structure(belief: Belief, buffer: Buffer, gap_rad: float) -> Half:
     fits = [explained.fit(None, gap) for gap in (gap_rad, explained.gap_at_the_end())]
     base = Tried(None, min(fits, key=lambda fit: fit.chi2))
     at = abs(float(base.fit.x[0])) * GAP
-    others = [Tried(hypothesis, explained.fit(hypothesis, at)) for hypothesis in structural(belief)]
+    held = base.fit.x[COMMON:]
+    others = [Tried(hypothesis, explained.fit(hypothesis, at, held)) for hypothesis in structural(belief)]
     verdict, about = _judged(base, others)
-    gaps = [(abs(float(t.fit.x[0])) * GAP, float(t.fit.std[0]) * GAP) for t in about]
+    # the play follows the angle's counts, not the angle
+    count = explained.count / math.sqrt(12.0)
+    gaps = [(abs(float(t.fit.x[0])) * GAP, math.hypot(float(t.fit.std[0]) * GAP, count)) for t in about]
     gap, std = _common(gaps)
     if verdict == "base":
         moved = not abs(gap - gap_rad) < max(3.0 * std, math.radians(0.1))

@@ -104,7 +104,7 @@ def structural(belief: Belief) -> list[Hypothesis]:
     screw = rig.only("screw")
     assert screw is not None
     stiffness = links[0].values["stiffness"]
-    found.append(_effect(rig, "compliance", screw.name, "compliance", ("compliance",), ("m/N",), [(0.02 / stiffness,)]))
+    found.append(_effect(rig, "compliance", screw.name, "compliance", ("compliance",), ("m/N",), [(0.02 / stiffness,), (0.15 / stiffness,)]))
     yields = rig.effect(screw.name, "compliance") is not None
     sliding = [screw.neighbours["carries"]] * yields + [e.name for e in masses]
     for name in sliding:

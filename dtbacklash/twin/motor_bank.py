@@ -17,7 +17,7 @@ from dtbacklash.control.chain import motor_parameters
 from dtbacklash.physics.rig import Rig
 from dtbacklash.twin.hypotheses import Hypothesis, cogging
 from dtbacklash.twin.motor import difference_equation
-from dtbacklash.twin.whitened import BLOCK, Fit, blocks, count_of, fitted
+from dtbacklash.twin.whitened import BLOCK, Fit, blocks, count_of, fitted, without_counts
 
 #: effects between voltage and angle that the equation has
 LAWS = ("coulomb_friction", "viscous_friction", "constant_load", "cogging", "gain_error")
@@ -27,6 +27,10 @@ MOVING_RAD_S = 1.0
 MODEL_N_M = 2e-6
 #: periods a radian of cogging that are looked for
 PERIODS = range(1, 49)
+#: standard deviations of a block by which a torque at rest may seem to exceed dry friction's level
+BEYOND = 2.0
+#: for how long an angle's error by counts stays, s; and how a wave errs that a sample passes whole, of its size
+STAYS_S, PASSED = 0.05, 0.02
 #: variance that takes a block out of the comparison, (N m)^2
 NOTHING_KNOWN = 1e2
 
@@ -37,6 +41,7 @@ class MotorBuffer:
     def __init__(self, u: Floats, theta_m: Floats, belief: Belief, sample_time_s: float) -> None:
         count = theta_m.size // BLOCK * BLOCK
         self.u, self.theta = u[:count], theta_m[:count]
+        self.angle = without_counts(self.theta)
         self.belief, self.sample_time_s = belief, sample_time_s
         rotor = belief.rig.motor_rotor()
         assert rotor is not None
@@ -45,15 +50,26 @@ class MotorBuffer:
         a, _, by_torque = difference_equation(motor_parameters(belief.rig), sample_time_s)
         self.sign = self._signs()
         covariance = self._covariance(a, float(by_torque.sum()))
-        self.free = self._free_of_noise(covariance)
-        known = self.sign != 0.0
-        self.factors = (
-            np.asarray(linalg.cholesky(covariance, lower=True)),
-            np.asarray(linalg.cholesky(covariance + np.diag(np.where(known, 0.0, NOTHING_KNOWN)), lower=True)),
-        )
+        self.free = np.sqrt(np.diag(covariance))
+        self.alternating = np.where(np.arange(self.sign.size) % 2 == 0, 1.0, -1.0)
+        self.covariance = covariance
+        believed = belief.rig.effect(self.rotor, "cogging") or {}
+        self.factors = self._factors(believed.get("torque", 0.0), believed.get("periods", 0.0))
 
-    def _free_of_noise(self, covariance: Floats) -> Floats:
-        return np.sqrt(np.diag(covariance))
+    def _factors(self, torque: float, periods: float) -> tuple[Floats, Floats]:
+        """Cholesky factors of the blocks' covariance, without and with dry friction, for cogging of this size.
+
+        A wave of the angle is known no better than the angle, within its counts, and errs where a sample passes much
+        of it.
+        """
+        rate = np.abs(np.diff(self.angle, append=self.angle[-1]))
+        passed = blocks(np.minimum(periods * rate, 1.0) ** 2)[1:]
+        count = torque * periods * count_of(self.theta) / np.sqrt(12.0)
+        apart_s = np.abs(np.subtract.outer(np.arange(passed.size), np.arange(passed.size))) * BLOCK * self.sample_time_s
+        covariance = self.covariance + count**2 * np.exp(-apart_s / STAYS_S) + np.diag((PASSED * torque * passed) ** 2)
+        unknown = np.diag(np.where(self.sign != 0.0, 0.0, NOTHING_KNOWN))
+        return (np.asarray(linalg.cholesky(covariance, lower=True)),
+                np.asarray(linalg.cholesky(covariance + unknown, lower=True)))  # fmt: skip
 
     def _signs(self) -> Floats:
         """(blocks - 1,) direction in which the motor moves in a block and its neighbours; 0 where it may not."""
@@ -90,43 +106,58 @@ class MotorBuffer:
         a, b, by_torque = difference_equation(motor_parameters(rig), self.sample_time_s)
         there = rig.effects.get(self.rotor, {})
         wave = there.get("cogging", {"torque": 0.0, "periods": 0.0, "phase": 0.0})
-        known = there.get("constant_load", {}).get("torque", 0.0) + wave["torque"] * np.sin(
-            wave["periods"] * self.theta + wave["phase"]
+        known = there.get("constant_load", {}).get("torque", 0.0) + wave["torque"] * self._wave(
+            wave["periods"], wave["phase"]
         )
         left = np.convolve(self.theta, a, "valid") - np.convolve(self.u, b, "valid")
         left -= np.convolve(known, by_torque, "valid")
         return self._blocks(left / by_torque.sum())
 
+    def _wave(self, periods: float, phase: float) -> Floats:
+        """(N,) mean of ``sin(periods theta + phase)`` from each sample to the next, between which the angle is straight.
+
+        Across the gap the motor may pass more than a radian of a wave in one sample.
+        """
+        half = 0.5 * periods * np.diff(self.angle, append=self.angle[-1])
+        return np.asarray(np.sin(periods * self.angle + half + phase) * np.sinc(half / np.pi))
+
     def _blocks(self, left: Floats) -> Floats:
         return blocks(np.concatenate([np.zeros(self.theta.size - left.size), left]))[1:]
 
-    def whitened(self, rig: Rig) -> Floats:
+    def whitened(self, rig: Rig, factors: tuple[Floats, Floats] | None = None) -> Floats:
         """The residual of a rig's motor: whitened blocks, then what dry friction's level is exceeded by at rest."""
         level = rig.effects.get(self.rotor, {}).get("coulomb_friction", {}).get("torque", 0.0)
         left = self.torque(rig)
         if level <= 0.0:
-            return np.append(self._solve(left, dry=False), np.zeros(left.size))
+            return np.append(self._solve(left, False, factors), np.zeros(left.size))
         rest = self.sign == 0.0
-        beyond = np.where(rest, np.maximum(np.abs(left) - level, 0.0) / self.free, 0.0)
+        beyond = np.maximum((np.abs(left) - level) / self.free - BEYOND, 0.0)
         # a block that dry friction explains whatever it shows counts as one that is explained to the noise
-        unseen = np.where(rest, np.maximum(beyond, 1.0), 0.0)
+        unseen = np.where(rest, np.sqrt(1.0 + beyond**2) * self.alternating, 0.0)
         moving = np.where(rest, 0.0, left + level * self.sign)
-        return np.append(self._solve(moving, dry=True), unseen)
+        return np.append(self._solve(moving, True, factors), unseen)
 
-    def _solve(self, left: Floats, dry: bool) -> Floats:
-        return np.asarray(linalg.solve_triangular(self.factors[dry], left, lower=True, check_finite=False))
+    def _solve(self, left: Floats, dry: bool, factors: tuple[Floats, Floats] | None = None) -> Floats:
+        return np.asarray(linalg.solve_triangular((factors or self.factors)[dry], left, lower=True, check_finite=False))
 
     def fit(self, hypothesis: Hypothesis | None) -> Fit:
         """The best fit of a hypothesis (None: what is believed)."""
         if hypothesis is None:
-            return Fit(np.zeros(0), np.zeros((0, 0)), self.whitened(self.belief.rig))
+            left = self.whitened(self.belief.rig)
+            return Fit(np.zeros(0), np.zeros((0, 0)), left, np.zeros((left.size, 0)))
+
+        factors = self.factors
 
         def residual(x: Floats) -> Floats:
-            return self.whitened(hypothesis.changed(self.belief.rig, tuple(x)))
+            return self.whitened(hypothesis.changed(self.belief.rig, tuple(x)), factors)
 
         starts = [np.array(hypothesis.to_fit(start)) for start in hypothesis.starts]
         longest = np.array(hypothesis.longest())
-        return min((fitted(residual, x, longest=longest) for x in starts), key=lambda fit: fit.chi2)
+        fit = min((fitted(residual, x, longest=longest) for x in starts), key=lambda fit: fit.chi2)
+        if hypothesis.periods:
+            factors = self._factors(float(np.hypot(*hypothesis.from_fit(tuple(fit.x)))), hypothesis.periods)
+            fit = fitted(residual, fit.x, longest=longest)
+        return fit
 
     def coggings(self, most: int = 3) -> list[Hypothesis]:
         """Cogging with the periods that explain most, the best first."""
@@ -137,8 +168,8 @@ class MotorBuffer:
         explained = []
         for periods in PERIODS:
             waves = np.array([
-                self._solve(self._blocks(np.convolve(wave(periods * self.theta), shape, "valid")), dry)
-                for wave in (np.sin, np.cos)
+                self._solve(self._blocks(np.convolve(self._wave(periods, phase), shape, "valid")), dry)
+                for phase in (0.0, 0.5 * np.pi)
             ]).T  # fmt: skip
             best = np.linalg.lstsq(waves, left, rcond=None)[0]
             explained.append((float(np.sum((waves @ best) ** 2)), periods))

@@ -27,7 +27,7 @@ from dtbacklash.physics.kernel.plant import Plant, new_state
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, Sensor
 from dtbacklash.twin.hypotheses import Hypothesis
 from dtbacklash.twin.simulated import follow
-from dtbacklash.twin.whitened import BLOCK, Fit, Residual, best_fitted, blocks, count_of, fitted, noise_of, without_counts
+from dtbacklash.twin.whitened import BLOCK, Fit, Residual, best_fitted, blocks, count_of, fitted, inverse, noise_of, without_counts
 
 #: by what the fit's variables are measured: gap and start rad, growth rad/s
 GAP, START, GROWTH = 0.02, 0.01, 0.02
@@ -46,6 +46,8 @@ STILL_RAD = 0.02
 #: variables of a held force's share where a search may begin (0.89 of its level either way)
 SHARES = (-2.0, 0.0, 2.0)
 FINE_SHARES = (-8.0, -4.0, -2.5, -1.5, -1.0, -0.6, -0.3, 0.0, 0.3, 0.6, 1.0, 1.5, 2.5, 4.0, 8.0)
+#: standard deviations of what is known before a buffer: gap, start, growth (measured as above), others, held shares
+WIDE_COMMON, WIDE, SHARE_STD = (200.0, 200.0, 200.0), 3.0, 0.58
 #: effects that act beside the linear plant: their parameters change no matrix of it
 BESIDE = ("ground_friction", "hysteresis")
 LEAST_STILL, MOST_STILL = 20, 200
@@ -118,6 +120,12 @@ class Driven:
             angle += (base - self._base(angle)) / self.plant.screw[pl.S_LEAD]
         angle += offset
         return angle, by_base * self._base(angle) + held, forces
+
+    def looks_like_a_gap(self) -> list[float]:
+        """What dry friction that holds the output short of its end adds to a gap that is taken for it, rad; and 0."""
+        give = np.linalg.inv(self.bodies.K)
+        short = sum((abs(float((give @ h.direction)[self.output])) * h.level for h in self.held if h.memory < 0), 0.0)
+        return [0.0, short / float(self.plant.screw[pl.S_LEAD])] if short else [0.0]
 
     @property
     def bent(self) -> bool:
@@ -220,12 +228,12 @@ class StructureBuffer:
             state = step @ state
         return np.array(rows)
 
-    def fit(self, hypothesis: Hypothesis | None, gap_rad: float) -> Fit:
+    def fit(self, hypothesis: Hypothesis | None, gap_rad: float, known: Floats | None = None) -> Fit:
         """The best fit of a hypothesis (None: the gap alone), in the fit's variables.
 
         These are gap, start and growth, the hypothesis's own, and of each held force its share of its level (through
         :func:`_within`); where any is, the start is theirs. The search begins where a coarse grid about ``gap_rad`` is
-        best.
+        best. known : (held,) these variables of the believed structure's held forces, from the fit of the gap alone.
         """
         longest = np.array([*[np.inf] * COMMON, *(hypothesis.longest() if hypothesis else ())])
         spare = longest.size
@@ -244,12 +252,12 @@ class StructureBuffer:
             left = linalg.solve_triangular(self.factor, self.measured - simulated, lower=True, check_finite=False)
             return np.append(left, x[2] * GROWTH / GROWTH_STD)
 
-        grid = self._grid(hypothesis, gap_rad)
+        grid = self._grid(hypothesis, gap_rad, known)
         longest = np.append(longest, np.full(grid[0].size - spare, 1.0))
         fit = best_fitted(residual, grid, priors=1, longest=longest)
         for i in range(spare, fit.x.size):
             fit = self._scanned(residual, fit, i, longest)
-        return fit
+        return _with_priors(fit, spare)
 
     def _scanned(self, residual: Residual, fit: Fit, i: int, longest: Floats) -> Fit:
         """The fit with variable i, a held share, sought on a line as well: what it decides is when friction lets go."""
@@ -280,17 +288,44 @@ class StructureBuffer:
         offset = 0.0 if held.size else x[1] * START
         return structure.position(self.theta_m, gap, self.q3_0, _within(held), offset)
 
-    def _grid(self, hypothesis: Hypothesis | None, gap_rad: float) -> list[Floats]:
+    def _grid(self, hypothesis: Hypothesis | None, gap_rad: float, known: Floats | None) -> list[Floats]:
         """Where a fit may begin: the hypothesis's starts, and what may be held at rest."""
         starts = [hypothesis.to_fit(start) for start in hypothesis.starts] if hypothesis else [()]
-        structure = self._changed(hypothesis, starts[0])
-        held = len(structure.held) if structure else 0
-        shares = list(itertools.product(*[SHARES] * held)) if held <= 2 else [(0.0,) * held]
-        return [np.array([gap_rad / GAP, 0.0, 0.0, *own, *share]) for own in starts for share in shares]
+        found = []
+        for own in starts:
+            structure = self._changed(hypothesis, own)
+            if structure is None:
+                continue
+            choices = [self._shares_of(held, known) for held in structure.held]
+            new = any(len(choice) > 1 for choice in choices)
+            for less in structure.looks_like_a_gap() if new else [0.0]:
+                for shares in itertools.product(*choices):
+                    found.append(np.array([max(gap_rad - less, 0.0) / GAP, 0.0, 0.0, *own, *shares]))
+        return found
+
+    def _shares_of(self, held: Held, known: Floats | None) -> tuple[float, ...]:
+        """Where the search for a held force's share begins: at what it is known to be of what was believed before."""
+        for i, before in enumerate(self.driven.held):
+            same = (before.memory < 0) == (held.memory < 0) and np.array_equal(before.direction, held.direction)
+            if same and known is not None:
+                return (float(known[i]),)
+        return SHARES
 
     def gap_at_the_end(self) -> float:
         """The half-gap if the structure is at rest at the buffer's end, rad."""
         return abs(float(self.theta_m[-1]) - float(np.mean(self.q3[-BLOCK:])) / self.lead)
+
+
+def _with_priors(fit: Fit, spare: int) -> Fit:
+    """The fit with what is known of its variables beforehand in their covariance: held shares lie between -1 and 1.
+
+    Friction that turns round once in a buffer hardly tells its level from what it held at rest, and both from the gap:
+    then it is their bounds alone that keep the gap's standard error finite.
+    """
+    free = np.array([*WIDE_COMMON, *[WIDE] * (spare - COMMON), *[0.0] * (fit.x.size - spare)])
+    free[spare:] = SHARE_STD * (1.0 + fit.x[spare:] ** 2) ** 1.5
+    normal = fit.jacobian.T @ fit.jacobian + np.diag(1.0 / free**2)
+    return replace(fit, covariance=inverse(normal))
 
 
 def _within(x: Floats) -> Floats:

@@ -19,8 +19,8 @@ from dtbacklash.arrays import Floats
 
 BLOCK = 10
 SLOW = 6
-#: Levenberg-Marquardt: steps, and a chi-square by which a step has to improve to be followed by another
-STEPS, WORTH = 14, 0.05
+#: Levenberg-Marquardt: steps, and a chi-square, or a share of it, by which one has to improve to be followed by another
+STEPS, WORTH, SLOWER = 14, 0.05, 1e-3
 #: of several starts: steps, and how many are then left
 ROUNDS = ((1, 4), (3, 2))
 DIFFERENCE = 3e-3  # of a variable of the fit, for its derivative
@@ -30,7 +30,7 @@ Residual = Callable[[Floats], Floats]
 
 @dataclass(frozen=True)
 class Fit:
-    """Variables x (n,) at the minimum, their covariance, the whitened residual there (m,), and its sum of squares.
+    """Variables x (n,) at the minimum, their covariance, the whitened residual there (m,), its derivatives (m, n).
 
     priors : how many of the residual's last rows are the variables' own priors.
     """
@@ -38,6 +38,7 @@ class Fit:
     x: Floats
     covariance: Floats
     residual: Floats
+    jacobian: Floats
     priors: int = 0
 
     @property
@@ -93,10 +94,10 @@ def fitted(residual: Residual, x: Floats, priors: int = 0, longest: Floats | flo
         if not gain > 0.0:
             break
         x, r, damping = moved, trial, damping / 8.0
-        if gain < WORTH:
+        if gain < max(WORTH, SLOWER * float(r @ r)):
             break
         jacobian = _jacobian(residual, x, r)
-    return Fit(x, _covariance(jacobian), r, priors)
+    return Fit(x, _covariance(jacobian), r, jacobian, priors)
 
 
 def best_fitted(residual: Residual, starts: list[Floats], priors: int, longest: Floats) -> Fit:
@@ -129,10 +130,15 @@ def _covariance(jacobian: Floats) -> Floats:
     seen = np.diag(normal) > 1e-9
     found = np.diag(np.where(seen, 0.0, np.inf))
     if np.any(seen):
-        scale = 1.0 / np.sqrt(np.diag(normal)[seen])
-        inner = np.linalg.pinv(normal[np.ix_(seen, seen)] * np.outer(scale, scale), rcond=1e-10)
-        found[np.ix_(seen, seen)] = inner * np.outer(scale, scale)
+        found[np.ix_(seen, seen)] = inverse(normal[np.ix_(seen, seen)])
     return found
+
+
+def inverse(normal: Floats) -> Floats:
+    """Of a normal matrix; what it hardly decides is nearly free, not fixed."""
+    scale = 1.0 / np.sqrt(np.diag(normal))
+    values, vectors = np.linalg.eigh(normal * np.outer(scale, scale))
+    return np.asarray((vectors / np.maximum(values, 1e-12)) @ vectors.T * np.outer(scale, scale))
 
 
 def count_of(y: Floats) -> float:
