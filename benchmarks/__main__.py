@@ -170,10 +170,15 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("names", nargs="*", metavar="name", help="of " + ", ".join(TITLES))
     parser.add_argument(
-        "--n", type=int, help="cases of a campaign (guard, wrong_models: 1000, alternatives: 5, ablation: 3 recordings, bank: 6 of a kind)"
+        "--n",
+        type=int,
+        help="cases of a campaign (guard, wrong_models: 1000, alternatives: 5, ablation: 3 recordings, "
+        "bank: 6 machines of a kind)",
     )
     parser.add_argument(
-        "--seed", type=int, help="its first (guard, wrong_models: 1, alternatives: 10000, close_the_loop: 50000, bank: 3000)"
+        "--seed",
+        type=int,
+        help="its first (guard, wrong_models: 1, bank: 3000, alternatives: 10000, close_the_loop: 50000)",
     )
     parser.add_argument("--out", type=Path, default=Path("outputs/benchmarks"), help="folder of the results")
     parser.add_argument("--docs", type=Path, help="of those that have tables in the docs: remake them")

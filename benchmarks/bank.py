@@ -93,24 +93,38 @@ def _any(rng: Generator, *names: str) -> str:
 INSIDE: dict[str, Callable[[Generator], Case]] = {
     "gap alone": lambda g: Case("gap alone"),
     "stiffness": lambda g: _of_links(g, "stiffness", "k", _ratio(g, 0.08, 0.3)),
-    "damping": lambda g: _of_links(g, "damping", "c", 1.0 / _log(g, 1.3, 2.0) if g.random() < 0.5 else _log(g, 1.3, 2.0)),
+    "damping": lambda g: _of_links(
+        g, "damping", "c", 1.0 / _log(g, 1.3, 2.0) if g.random() < 0.5 else _log(g, 1.3, 2.0)
+    ),
     "compliance": lambda g: _effect("compliance", "screw", "compliance", compliance=_log(g, 2e-6, 2e-5)),
     "ground friction": lambda g: _effect(
         "ground friction", _any(g, "mass_2", "mass_3"), "ground_friction", force=_log(g, 0.03, 0.4)
     ),
     "hysteresis": lambda g: _effect(
-        "hysteresis", _any(g, "link_1", "link_2"), "hysteresis", force=_log(g, 0.05, 0.5), displacement=_log(g, 5e-6, 5e-5)
+        "hysteresis",
+        _any(g, "link_1", "link_2"),
+        "hysteresis",
+        force=_log(g, 0.05, 0.5),
+        displacement=_log(g, 5e-6, 5e-5),
     ),
     "Coulomb friction": lambda g: _effect("Coulomb friction", MOTOR, "coulomb_friction", torque=_log(g, 0.005, 0.05)),
-    "viscous friction": lambda g: _effect("viscous friction", MOTOR, "viscous_friction", coefficient=_log(g, 2e-4, 2e-3)),
+    "viscous friction": lambda g: _effect(
+        "viscous friction", MOTOR, "viscous_friction", coefficient=_log(g, 2e-4, 2e-3)
+    ),
     "constant load": lambda g: _effect("constant load", MOTOR, "constant_load", torque=_side(g) * _log(g, 0.005, 0.05)),
     "cogging": lambda g: _effect(
-        "cogging", MOTOR, "cogging", torque=_log(g, 0.005, 0.05), periods=float(g.integers(3, 25)),
+        "cogging",
+        MOTOR,
+        "cogging",
+        torque=_log(g, 0.005, 0.05),
+        periods=float(g.integers(3, 25)),
         phase=float(g.uniform(-3.1, 3.1)),
     ),
     "gain": lambda g: _effect("gain", "amplifier", "gain_error", relative=_ratio(g, 0.05, 0.25) - 1.0),
-    "torque constant": lambda g: Case("torque constant", DRIVE, parameters={"k_T": (r := _ratio(g, 0.1, 0.3))}, size=f"{r - 1:+.0%}"),
-}  # fmt: skip
+    "torque constant": lambda g: Case(
+        "torque constant", DRIVE, parameters={"k_T": (r := _ratio(g, 0.1, 0.3))}, size=f"{r - 1:+.0%}"
+    ),
+}
 
 OUTSIDE: dict[str, Callable[[Generator], Case]] = {
     "cubic stiffness": lambda g: _effect(
@@ -120,14 +134,26 @@ OUTSIDE: dict[str, Callable[[Generator], Case]] = {
         "quadratic damping", _any(g, "link_1", "link_2"), "quadratic_damping", c2=_log(g, 2e4, 2e5)
     ),
     "bumper": lambda g: _effect(
-        "bumper", _any(g, "link_1", "link_2"), "bumper", stiffness=_log(g, 3e3, 3e4), clearance=float(g.uniform(2e-6, 1e-5))
+        "bumper",
+        _any(g, "link_1", "link_2"),
+        "bumper",
+        stiffness=_log(g, 3e3, 3e4),
+        clearance=float(g.uniform(2e-6, 1e-5)),
     ),
     "absorber": lambda g: _effect(
-        "absorber", _any(g, "mass_2", "mass_3"), "absorber", mass=_log(g, 0.2, 1.0), frequency=float(g.uniform(3.0, 12.0)),
+        "absorber",
+        _any(g, "mass_2", "mass_3"),
+        "absorber",
+        mass=_log(g, 0.2, 1.0),
+        frequency=float(g.uniform(3.0, 12.0)),
         damping_ratio=float(g.uniform(0.01, 0.1)),
     ),
     "pitch error": lambda g: _effect(
-        "pitch error", "screw", "pitch_error", amplitude=_log(g, 5e-6, 3e-5), periods=float(g.choice([1.0, 2.0, 3.0])),
+        "pitch error",
+        "screw",
+        "pitch_error",
+        amplitude=_log(g, 5e-6, 3e-5),
+        periods=float(g.choice([1.0, 2.0, 3.0])),
         phase=float(g.uniform(-3.1, 3.1)),
     ),
     "backlash of a link": lambda g: _effect(
@@ -135,7 +161,9 @@ OUTSIDE: dict[str, Callable[[Generator], Case]] = {
     ),
     "mass": lambda g: Case("mass", "", parameters={"m": (r := _ratio(g, 0.05, 0.25))}, size=f"{r - 1:+.0%}"),
     "pitch": lambda g: Case("pitch", "", parameters={"p": (r := _ratio(g, 0.01, 0.04))}, size=f"{r - 1:+.1%}"),
-    "late output sensor": lambda g: _effect("late output sensor", "sensor_q3", "delay", time=float(g.uniform(1e-3, 6e-3))),
+    "late output sensor": lambda g: _effect(
+        "late output sensor", "sensor_q3", "delay", time=float(g.uniform(1e-3, 6e-3))
+    ),
     "output sensor's gain": lambda g: _effect(
         "output sensor's gain", "sensor_q3", "gain_error", relative=_side(g) * float(g.uniform(0.01, 0.04))
     ),
@@ -146,19 +174,31 @@ OUTSIDE: dict[str, Callable[[Generator], Case]] = {
         "Stribeck friction", MOTOR, "stribeck_friction", torque=_log(g, 0.01, 0.04), speed=_log(g, 1.0, 5.0)
     ),
     "late amplifier": lambda g: _effect("late amplifier", "amplifier", "delay", time=float(g.uniform(1e-3, 4e-3))),
-    "warming winding": lambda g: _effect("warming winding", DRIVE, "resistance_heating", gain=_log(g, 5.0, 50.0), time_constant=1.0),
-    "reaction on the motor": lambda g: _effect("reaction on the motor", "screw", "load_reaction", share=float(g.uniform(0.3, 1.0))),
+    "warming winding": lambda g: _effect(
+        "warming winding", DRIVE, "resistance_heating", gain=_log(g, 5.0, 50.0), time_constant=1.0
+    ),
+    "reaction on the motor": lambda g: _effect(
+        "reaction on the motor", "screw", "load_reaction", share=float(g.uniform(0.3, 1.0))
+    ),
     "two of the structure": lambda g: Case(
-        "two of the structure", "", {"mass_3": {"ground_friction": {"force": _log(g, 0.05, 0.3)}}},
-        parameters={"k": (r := _ratio(g, 0.1, 0.3))}, size=f"k {r - 1:+.0%}, ground friction",
+        "two of the structure",
+        "",
+        {"mass_3": {"ground_friction": {"force": _log(g, 0.05, 0.3)}}},
+        parameters={"k": (r := _ratio(g, 0.1, 0.3))},
+        size=f"k {r - 1:+.0%}, ground friction",
     ),
     "two of the motor": lambda g: Case(
-        "two of the motor", "", {MOTOR: {
-            "coulomb_friction": {"torque": _log(g, 0.01, 0.04)},
-            "cogging": {"torque": _log(g, 0.01, 0.04), "periods": float(g.integers(3, 25)), "phase": 0.5},
-        }}, size="Coulomb friction, cogging",
+        "two of the motor",
+        "",
+        {
+            MOTOR: {
+                "coulomb_friction": {"torque": _log(g, 0.01, 0.04)},
+                "cogging": {"torque": _log(g, 0.01, 0.04), "periods": float(g.integers(3, 25)), "phase": 0.5},
+            }
+        },
+        size="Coulomb friction, cogging",
     ),
-}  # fmt: skip
+}
 
 
 #: what is known of a machine beside its nominal parameters, in KNOWN_SHARE of the cases; never the kind that changes
@@ -199,16 +239,16 @@ def run_case(seed: int, number: int, name: str) -> dict[str, Any]:
     error = math.degrees(said.gap_rad) - gap_deg
     change = said.changes[0] if said.changes else None
     return {
-        "number": number, "name": name, "known": known, "place": case.place, "size": case.size, "gap_deg": gap_deg, "old_deg": old_deg,
-        "verdict": said.verdict, "found": said.found, "score": score(case, said),
-        "gap_error_deg": error, "gap_std_deg": math.degrees(said.gap_std_rad), "wall_s": said.wall_s,
-        "cpu_s": cpu_s,        "value": change.values[0].value if change else math.nan, "excess_structure": said.halves[0].excess,
+        "number": number, "name": name, "known": known, "place": case.place, "size": case.size, "gap_deg": gap_deg,
+        "old_deg": old_deg, "verdict": said.verdict, "found": said.found, "score": score(case, said),
+        "gap_error_deg": error, "gap_std_deg": math.degrees(said.gap_std_rad), "wall_s": said.wall_s, "cpu_s": cpu_s,
+        "value": change.values[0].value if change else math.nan, "excess_structure": said.halves[0].excess,
         "excess_motor": said.halves[1].excess, "structure": said.halves[0].verdict, "motor": said.halves[1].verdict,
     }  # fmt: skip
 
 
 def recorded(rig: Rig, belief: Belief, gap_deg: float, old_deg: float, rng: Generator) -> Buffer | None:
-    """1.5 s from a loop that believes in the nominal rig and an old gap: rest and the second move; None: it diverged."""
+    """1.5 s from a loop that believes in an old gap: rest and the second move; None: it diverged."""
     amplitude = float(rng.choice([0.5, 0.75, 1.0]))
     lines = int(rng.choice([4096, 8192, 20000]))
     noise, counts = float(rng.uniform(0.2, 1.0)), float(rng.choice([0.0, 0.1, 0.5]))
@@ -230,9 +270,14 @@ def recorded(rig: Rig, belief: Belief, gap_deg: float, old_deg: float, rng: Gene
 
 
 def score(case: Case, said: Diagnosis) -> str:
-    """`right`, `wrong`, `unknown` or `ambiguous`; a gap or nothing where there was more is wrong as well."""
+    """`right`, `wrong`, `unknown` or `ambiguous`; a gap or nothing where there was more is wrong as well.
+
+    A twin that the finding itself names beside what it says is `ambiguous`.
+    """
     if said.verdict in ("unknown", "ambiguous"):
         return said.verdict
+    if any(case.kind in twin for change in said.changes for twin in change.twins):
+        return "ambiguous"
     if case.kind in OUTSIDE or len(said.changes) > 1:
         return "wrong"
     if case.kind == "gap alone":
@@ -282,11 +327,19 @@ def bank_words(cases: pd.DataFrame, seed: int) -> list[str]:
     ]
 
 
+def _cell(value: object) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
 def write_docs(rows: list[Row], words: list[str], folder: Path) -> None:
     """Bring the table into the page, between its marks."""
     text = (folder / PAGE).read_text(encoding="utf-8")
     heads = ["concealed", "machines", "right", "wrong", "unknown", "ambiguous", "gap error, median [deg]",
              "largest [deg]", "largest over its standard error", "time, median [s]", "largest [s]"]  # fmt: skip
-    shown = [["-" if v is None else f"{v:.3g}" if isinstance(v, float) else str(v) for v in row.values()] for row in rows]
+    shown = [
+        ["-" if v is None else f"{v:.3g}" if isinstance(v, float) else str(v) for v in row.values()] for row in rows
+    ]
     said = "\n".join(f"{line[0].upper()}{line[1:]}" for line in words)
     write_text(folder / PAGE, between(text, BEGIN, END, table(heads, shown) + "\n\n" + said))

@@ -61,7 +61,10 @@ class Change:
 
 @dataclass(frozen=True)
 class Half:
-    """What one half of the machine says. verdict : as of :class:`Diagnosis`; names : what explains it; rig : changed."""
+    """What one half of the machine says.
+
+    verdict : as of :class:`Diagnosis`. names : what explains it equally well. rig : the changed one.
+    """
 
     verdict: str
     changes: tuple[Change, ...]

@@ -8,9 +8,9 @@ believed value, levels of friction and lengths by the logarithm of the level: no
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Protocol
 
 from dtbacklash.control.belief import Belief
 from dtbacklash.control.chain import driven_chain
@@ -37,10 +37,8 @@ class Value:
         return f"{self.value:.3g} {self.unit.removeprefix('1')}".rstrip()
 
 
-class Setter(Protocol):
-    """Sets parameters (n,), SI, in a rig."""
-
-    def __call__(self, rig: Rig, values: tuple[float, ...]) -> Rig: ...
+#: sets parameters, SI, in a rig
+Setter = Callable[[Rig, tuple[float, ...]], Rig]
 
 
 @dataclass(frozen=True)
@@ -50,7 +48,8 @@ class Hypothesis:
     names, units : of its parameters. believed : their values before, SI; 0 for what the belief has not.
     starts : from which the fit begins, SI. typical : (n,) sizes by which a parameter that is fitted as it is, and not
     by its logarithm, is measured; 0 for a logarithm. sets : the change. effect : the catalogue's name of an effect that
-    is set. periods : of cogging, a radian; its torque is fitted by sine and cosine. twins : what the signals cannot tell from it.
+    is set. periods : of cogging, a radian; its torque is fitted by sine and cosine. twins : what the signals cannot
+    tell from it.
     """
 
     kind: str
@@ -68,8 +67,7 @@ class Hypothesis:
     def from_fit(self, x: tuple[float, ...]) -> tuple[float, ...]:
         """Values, SI, of the fit's variables."""
         return tuple(
-            v * size if size else math.exp(min(max(v, -40.0), 40.0))
-            for v, size in zip(x, self.typical, strict=True)
+            v * size if size else math.exp(min(max(v, -40.0), 40.0)) for v, size in zip(x, self.typical, strict=True)
         )
 
     def to_fit(self, values: tuple[float, ...]) -> tuple[float, ...]:
@@ -104,11 +102,23 @@ def structural(belief: Belief) -> list[Hypothesis]:
     screw = rig.only("screw")
     assert screw is not None
     stiffness = links[0].values["stiffness"]
-    found.append(_effect(rig, "compliance", screw.name, "compliance", ("compliance",), ("m/N",), [(0.02 / stiffness,), (0.15 / stiffness,)]))
+    found.append(
+        _effect(
+            rig,
+            "compliance",
+            screw.name,
+            "compliance",
+            ("compliance",),
+            ("m/N",),
+            [(0.02 / stiffness,), (0.15 / stiffness,)],
+        )
+    )
     yields = rig.effect(screw.name, "compliance") is not None
     sliding = [screw.neighbours["carries"]] * yields + [e.name for e in masses]
     for name in sliding:
-        found.append(_effect(rig, "ground friction", name, "ground_friction", ("force",), ("N",), [(0.03,), (0.1,), (0.3,)]))
+        found.append(
+            _effect(rig, "ground friction", name, "ground_friction", ("force",), ("N",), [(0.03,), (0.1,), (0.3,)])
+        )
     for link in links:
         found.append(_effect(
             rig, "hysteresis", link.name, "hysteresis", ("force", "displacement"), ("N", "m"),
@@ -127,7 +137,8 @@ def of_the_motor(belief: Belief) -> list[Hypothesis]:
         _effect(rig, "Coulomb friction", rotor.name, "coulomb_friction", ("torque",), ("N m",), [(0.02,)],
                 twins=(f"dead zone of the {amplifier.name}",) if amplifier else ()),
         _effect(rig, "viscous friction", rotor.name, "viscous_friction", ("coefficient",), ("N m s/rad",), [(5e-4,)],
-                twins=(f"a larger back-emf constant of the {circuit.name}",)),
+                twins=(f"a larger back-emf constant of the {circuit.name}",
+                       "asymmetric friction, if it turned one way")),
         _effect(rig, "constant load", rotor.name, "constant_load", ("torque",), ("N m",), [(0.0,)], (0.01,)),
         _parameter(rig, "torque constant", circuit.name, "torque_constant", "N m/A",
                    twins=(f"an inertia of the {rotor.name} smaller by as much",)),
@@ -153,8 +164,16 @@ def cogging(belief: Belief, periods: float) -> Hypothesis:
         torque = 0.0
     start = torque * math.cos(phase), torque * math.sin(phase)
     return Hypothesis(
-        "cogging", rotor.name, ("torque (sine)", "torque (cosine)"), ("N m", "N m"), start, (start,), (0.01, 0.01), sets,
-        "cogging", periods,
+        "cogging",
+        rotor.name,
+        ("torque (sine)", "torque (cosine)"),
+        ("N m", "N m"),
+        start,
+        (start,),
+        (0.01, 0.01),
+        sets,
+        "cogging",
+        periods,
     )
 
 
@@ -172,7 +191,17 @@ def _effect(
     if there:
         starts = [believed, *starts]
     return Hypothesis(
-        kind, place, parameters, units, believed, tuple(starts), typical or (0.0,) * len(parameters), sets, name, 0.0, twins
+        kind,
+        place,
+        parameters,
+        units,
+        believed,
+        tuple(starts),
+        typical or (0.0,) * len(parameters),
+        sets,
+        name,
+        0.0,
+        twins,
     )
 
 
@@ -196,9 +225,7 @@ def _of_links(rig: Rig, field: str, links: list[str]) -> list[Hypothesis]:
         def sets(changed: Rig, values: tuple[float, ...]) -> Rig:
             return changed.with_parameters({parameter: values[0]})
 
-        found.insert(
-            0, Hypothesis(field, ALL_LINKS, (field,), (unit,), (believed,), ((believed,),), (0.0,), sets)
-        )
+        found.insert(0, Hypothesis(field, ALL_LINKS, (field,), (unit,), (believed,), ((believed,),), (0.0,), sets))
     return found
 
 

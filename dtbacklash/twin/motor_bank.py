@@ -8,6 +8,8 @@ its level: where the motor does not clearly move, blocks only tell whether the l
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from scipy import linalg
 
@@ -114,7 +116,7 @@ class MotorBuffer:
         return self._blocks(left / by_torque.sum())
 
     def _wave(self, periods: float, phase: float) -> Floats:
-        """(N,) mean of ``sin(periods theta + phase)`` from each sample to the next, between which the angle is straight.
+        """(N,) mean of ``sin(periods theta + phase)`` from each sample to the next; between, the angle is straight.
 
         Across the gap the motor may pass more than a radian of a wave in one sample.
         """
@@ -155,7 +157,7 @@ class MotorBuffer:
         longest = np.array(hypothesis.longest())
         fit = min((fitted(residual, x, longest=longest) for x in starts), key=lambda fit: fit.chi2)
         if hypothesis.periods:
-            factors = self._factors(float(np.hypot(*hypothesis.from_fit(tuple(fit.x)))), hypothesis.periods)
+            factors = self._factors(math.hypot(*hypothesis.from_fit(tuple(fit.x))), hypothesis.periods)
             fit = fitted(residual, fit.x, longest=longest)
         return fit
 

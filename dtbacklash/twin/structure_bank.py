@@ -27,7 +27,18 @@ from dtbacklash.physics.kernel.plant import Plant, new_state
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, Sensor
 from dtbacklash.twin.hypotheses import Hypothesis
 from dtbacklash.twin.simulated import follow
-from dtbacklash.twin.whitened import BLOCK, Fit, Residual, best_fitted, blocks, count_of, fitted, inverse, noise_of, without_counts
+from dtbacklash.twin.whitened import (
+    BLOCK,
+    Fit,
+    Residual,
+    best_fitted,
+    blocks,
+    count_of,
+    fitted,
+    inverse,
+    noise_of,
+    without_counts,
+)
 
 #: by what the fit's variables are measured: gap and start rad, growth rad/s
 GAP, START, GROWTH = 0.02, 0.01, 0.02
