@@ -14,7 +14,7 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import ablation, bank, close_the_loop, indexes, nimc_forms, speed
+from benchmarks import ablation, aging, bank, close_the_loop, indexes, nimc_forms, speed
 from benchmarks.alternatives import alternative_rows, alternative_words, check_docs, write_docs
 from benchmarks.campaign import run_campaign
 from benchmarks.diagnosis import diagnosis_rows
@@ -34,6 +34,7 @@ TITLES = {
     "ablation": "Each setting of the diagnosis halved and doubled, on concealed recordings",
     "nimc_forms": "The forms of the internal model: wrong estimates of the gap, friction, sensors; the worst run",
     "indexes": "The novelty indexes on faults of each subsystem: 60 s of a square wave, encoder",
+    "aging": "A machine that ages: the paper's twin beside the one that asks the bank",
     "bank": "The twin's bank on random machines: what it says of one change, from 1.5 s",
     "close_the_loop": "The loop with each belief, on concealed rigs: recorded, diagnosed, controlled",
     "wrong_models": "The twin in loops of 100 s whose model is wrong; from estimations on: of the estimates",
@@ -42,7 +43,7 @@ TITLES = {
 #: what a benchmark finds: rows, and sentences below them
 Found = tuple[list[Row], list[str]]
 #: run only when asked for (``guard`` asks for ``wrong_models``): they take long, ``alternatives`` the extra ``compare``
-ASKED = ("alternatives", "ablation", "wrong_models", "close_the_loop", "bank")
+ASKED = ("alternatives", "ablation", "wrong_models", "close_the_loop", "bank", "aging")
 SPEED: dict[str, Callable[[], list[Row]]] = {
     "loop": speed.loop_rows,
     "libraries": speed.library_rows,
@@ -120,6 +121,14 @@ def _closing(options: argparse.Namespace, console: Console) -> Found:
     return rows, close_the_loop.closing_words(kept)
 
 
+def _aging(options: argparse.Namespace, console: Console) -> Found:
+    results = aging.run_both()
+    rows = aging.aging_rows(results)
+    if options.docs:
+        aging.write_docs(results, rows, options.docs)
+    return rows, []
+
+
 def _bank(options: argparse.Namespace, console: Console) -> Found:
     n, seed = _campaign(options, 6, 3000)
     cases = bank.run_bank(n, seed)
@@ -158,6 +167,7 @@ CAMPAIGNS: dict[str, Callable[[argparse.Namespace, Console], Found]] = {
     "close_the_loop": _closing,
     "ablation": _ablation,
     "bank": _bank,
+    "aging": _aging,
 }
 
 

@@ -38,6 +38,10 @@ TWIN_METHODS = {
     "linear": "the twin filters what was measured through the structure's linear observer (the paper's form)",
     "simulate": "the twin simulates the structure with all effects that it believes in",
 }
+ON_ALARM = {
+    "estimate": "the gap is estimated (the paper's twin)",
+    "bank": "a bank of hypotheses says what has changed, and gap, model and design change together, at rest",
+}
 INDEXES = {
     "frequency": "the frequency of the dominant mode in the prediction error over the believed one: the structure",
     "motor": "the torque that the voltage leaves over on the believed motor, rms: the motor",

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from dtbacklash.config.checks import number
 from dtbacklash.config.choices import (
@@ -17,6 +18,7 @@ from dtbacklash.config.choices import (
     INTERNAL_MODELS,
     INTERPOLATIONS,
     NOVELTY_FILTERS,
+    ON_ALARM,
     OPTIMIZERS,
     PACES,
     PREFILTERS,
@@ -157,6 +159,13 @@ class TwinConfig:
         "auto", "how an estimate explains a buffer: through the structure's linear observer, or by simulating it with "
         "its effects; `auto`: simulate where the model holds effects behind the gear", choices=TWIN_METHODS,
     )  # fmt: skip
+    on_alarm: str = setting("estimate", "what the twin does when it is called; see bank.md", choices=ON_ALARM)
+    bank_buffer: int = setting(
+        1500, "samples of one diagnosis by the bank", unit="samples", at_least=500, at_most=SAMPLES_MAX
+    )
+    bank_rest: int = setting(
+        100, "of them, how many lie before the change of the reference", unit="samples", at_least=0
+    )
     estimate_from: str = setting("model", "what it knows of the structure", choices=BELIEFS)
     novelty_threshold_mm: float = setting(0.1, "novelty index that calls the twin", unit="mm", above=0)
     novelty_filter: str = setting("ellip", "low-pass of the index: elliptic or Chebyshev II", choices=NOVELTY_FILTERS)
@@ -182,6 +191,9 @@ class TwinConfig:
         check(self, "twin.")
         if self.settle >= self.buffer:
             raise UserError("twin.settle", self.settle, f"must be below twin.buffer={self.buffer} samples")
+        if self.bank_rest >= self.bank_buffer:
+            allowed = f"must be below twin.bank_buffer={self.bank_buffer} samples"
+            raise UserError("twin.bank_rest", self.bank_rest, allowed)
 
 
 @dataclass
@@ -262,6 +274,10 @@ class RunConfig:
     duration_s: float = setting(200.0, "length of the run, a whole number of samples", unit="s", above=0)
     sample_time_s: float = setting(0.001, "sample time of the controller and of the trace", unit="s", above=0)
     seed: int = setting(0, "of noise, random references, optimizers that draw lots", at_least=0, at_most=SEED_MAX)
+    changes: list[Any] = setting(
+        list, "later changes of the machine, each {at_s: s, parameters: {name: value}, effects: {element: {effect: "
+        "{parameter: value}}}}, SI", shown="[]",
+    )  # fmt: skip
     task: str = setting(
         "run", "one run; or record in the loop, diagnose, and run with what was found (experiment=close_the_loop)",
         choices=TASKS,
@@ -279,6 +295,7 @@ class RunConfig:
         self._check_length()
         self._check_twin()
         self._check_task()
+        self._check_changes()
         self._check_model()
         self._check_rig()
         nyquist_hz = 0.5 / self.sample_time_s
@@ -317,6 +334,13 @@ class RunConfig:
     def _check_model(self) -> None:
         if self.model is not None and self.controller.structure == "open_loop":
             raise UserError("model", self.model.name, "nobody believes anything in open loop; leave it out")
+
+    def _check_changes(self) -> None:
+        for i, change in enumerate(self.changes):
+            known = {"at_s", "parameters", "effects"}
+            if not isinstance(change, dict) or "at_s" not in change or not set(change) <= known:
+                raise UserError(f"changes[{i}]", change, "a mapping with at_s, and parameters or effects")
+            number(f"changes[{i}].at_s", change["at_s"], at_least=0, unit="s")
 
     def _check_task(self) -> None:
         if self.task == "run":

@@ -2,7 +2,8 @@
 
 import math
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, TypedDict
 
 import numpy as np
@@ -13,19 +14,22 @@ from dtbacklash.config.run import RunConfig
 from dtbacklash.control.belief import Belief
 from dtbacklash.experiment.sensors import roles as roles_of
 from dtbacklash.experiment.watch import Watcher
+from dtbacklash.twin.bank_twin import BankTwin
 from dtbacklash.twin.guard import Attempt
 from dtbacklash.twin.link import FullBuffer, TwinLink
-from dtbacklash.twin.service import Answer, LocalTwin, Reply, Request, Twin, TwinService
+from dtbacklash.twin.service import Answer, Answering, LocalTwin, Reply, Request, Twin, TwinService
 
 #: samples between two looks for an answer that has not come
 LOOK = 10
+#: at rest: samples of a stretch, how far the means of two may differ (rad, m), and how many times that a stretch spans
+AT_REST, STILL, SWINGS = 250, (0.005, 2e-6), 10.0
 
 
 class EstimateRow(TypedDict):
     """One attempt of the twin, or a request that nobody answered: times s, gaps deg, cost mm^2.
 
     std_deg : standard error of gap_deg. applied_deg : what the controller gets. subsystem : what the indexes said of
-    the buffer.
+    the buffer. found : what the bank said of it.
     """
 
     t_event_s: float
@@ -40,6 +44,7 @@ class EstimateRow(TypedDict):
     std_deg: float
     applied_deg: float
     subsystem: str  # of runs that watch the indexes
+    found: str  # of runs whose twin asks the bank
 
 
 class LateAnswer(TypedDict):
@@ -49,7 +54,21 @@ class LateAnswer(TypedDict):
     late_s: float
 
 
-ESTIMATE_COLUMNS = [name for name in EstimateRow.__annotations__ if name != "subsystem"]
+ESTIMATE_COLUMNS = [name for name in EstimateRow.__annotations__ if name not in ("subsystem", "found")]
+
+
+def answering(config: RunConfig, belief: Belief) -> Answering:
+    """The twin that ``twin.on_alarm`` asks for; raises UserError as :meth:`.service.Twin.of`."""
+    if config.twin.on_alarm != "bank":
+        return twin_of(config, belief)
+
+    return BankTwin(belief, partial(_estimating, config), config.sample_time_s)
+
+
+def _estimating(config: RunConfig, believed: Belief) -> Twin:
+    """The twin that estimates the gap alone, of another belief than the configuration was settled for."""
+    method = "simulate" if believed.bends() else "linear"
+    return twin_of(replace(config, twin=replace(config.twin, method=method)), believed)
 
 
 def twin_of(config: RunConfig, belief: Belief) -> Twin:
@@ -67,7 +86,10 @@ class Estimation:
     half-gap that the controller believes in, rad. service : who estimates; None where the twin is never asked.
     asked : event -> the buffer of a request that nothing has come of yet, and the sample at which it was sent.
     rejected : the last estimate was, so that the twin is asked again for as long as the novelty index is high.
-    wall_s : that the loop has stood still for the twin. late : answers that came after they were due.
+    wall_s : that the loop has stood still for the twin. late : answers that came after they were due. u : (N+1,) the
+    command, filled by the loop; asked for by the bank. belief : what is believed now. waiting : an answer with another
+    model, until the loop is at rest. last_move : sample of the last change of the reference of which the bank was asked
+    by an alarm.
     """
 
     config: RunConfig
@@ -84,6 +106,10 @@ class Estimation:
     wall_s: float = 0.0
     watcher: Watcher | None = None
     late: list[LateAnswer] = field(default_factory=list)
+    u: Floats | None = None
+    belief: Belief | None = None
+    waiting: Answer | None = None
+    last_move: int = -1
 
     @classmethod
     def prepare(
@@ -101,12 +127,14 @@ class Estimation:
         service : who estimates; None: a twin in this process, that believes in ``belief``.
         """
         first = math.radians(config.controller.gap_hat_deg or 0.0)
-        link: TwinLink[Answer] = TwinLink(config.twin.buffer, config.twin.delay_s, config.sample_time_s)
+        bank = config.twin.on_alarm == "bank"
+        length = config.twin.bank_buffer if bank else config.twin.buffer
+        link: TwinLink[Answer] = TwinLink(length, config.twin.delay_s, config.sample_time_s)
         if config.controller.reconfigure == "never":
             service = None
         elif service is None:
-            service = LocalTwin(twin_of(config, belief))
-        return cls(config, changes, seen, roles, gap, link, service, first)
+            service = LocalTwin(answering(config, belief))
+        return cls(config, changes, seen, roles, gap, link, service, first, belief=belief)
 
     def warm_up(self) -> None:
         """Make ready what an estimate needs."""
@@ -116,16 +144,17 @@ class Estimation:
     @property
     def listening(self) -> bool:
         """Whether the novelty index may raise an alarm: not while a buffer fills or an answer is on its way."""
-        idle = self.link.next_sample() is None and not self.asked
+        idle = self.link.next_sample() is None and not self.asked and self.waiting is None
         return self.config.controller.reconfigure == "novelty" and idle
 
     def stops(self, k: int) -> list[int]:
         """The next samples after k at which the twin has something to do."""
         found = []
         if self.config.controller.reconfigure == "reference_change":
-            later = self.changes[np.searchsorted(self.changes, k, side="right") :]
-            found += [int(later[0])] if later.size else []
+            found += self._next_change(k)
         found += [k + LOOK] if self.asked else []
+        if self.waiting is not None:
+            found += [k + LOOK, *self._next_change(k)]
         due = self.link.next_sample()
         return found if due is None else [*found, max(due, k + 1)]
 
@@ -133,11 +162,14 @@ class Estimation:
         """What is due before sample k: buffers to open or to send, answers to put in force."""
         self._exchange(k)
         for answer in self.link.arrived(k):
-            self.gap_hat = answer.gap_rad
+            if answer.belief is not None:
+                self.waiting = answer
+            elif self.waiting is None:
+                self.gap_hat = answer.gap_rad
         if self.config.controller.reconfigure == "reference_change":
             at = np.searchsorted(self.changes, k)
             if at < self.changes.size and self.changes[at] == k:
-                self.link.open(k)
+                self.link.open(k, self._begin(k))
 
     def alarm(self, k: int) -> None:
         """The novelty index has risen above its threshold before sample k.
@@ -145,18 +177,47 @@ class Estimation:
         The buffer begins at the last change of the reference: memory still holds the motion that raised the alarm. A
         new attempt after a rejected one begins at its own event instead, since the same samples would say the same.
         """
-        before = self.changes[self.changes < k]
-        last_change = int(before[-1]) if before.size else 0
+        last_change = self._last_change(k)
+        if self.config.twin.on_alarm == "bank":
+            if last_change != self.last_move:  # of the same move it has said all that it can
+                self.last_move = last_change
+                self.link.open(k, self._begin(last_change))
+            return
         self.link.open(k, None if self.rejected else last_change)
 
-    def alarmed(self, k: int) -> None:
-        """An index beside the novelty index has raised an alarm: it calls the twin where that one does."""
-        if self.listening:
+    def _last_change(self, k: int) -> int:
+        before = self.changes[self.changes < k]
+        return int(before[-1]) if before.size else 0
+
+    def _next_change(self, k: int) -> list[int]:
+        later = self.changes[np.searchsorted(self.changes, k, side="right") :]
+        return [int(later[0])] if later.size else []
+
+    def _begin(self, moved: int) -> int:
+        """Where a buffer begins whose reference changes at ``moved``: the bank wants some rest before."""
+        return max(moved - self.config.twin.bank_rest, 0) if self.config.twin.on_alarm == "bank" else moved
+
+    def taken_up(self, k: int) -> Answer | None:
+        """An answer with another model, once: when the loop is at rest, or just before the reference changes again."""
+        answer = self.waiting
+        if answer is None or not (at_rest(self.seen, self.roles, self.changes, k) or k in self.changes):
+            return None
+        self.waiting = None
+        self.gap_hat, self.belief = answer.gap_rad, answer.belief
+        return answer
+
+    def alarmed(self, k: int, index: str) -> None:
+        """An index beside the novelty index has raised an alarm: it calls the twin where that one does.
+
+        A motor that has changed says nothing of the gap: that alarm is one for the bank alone.
+        """
+        if self.listening and (index != "motor" or self.config.twin.on_alarm == "bank"):
             self.alarm(k)
 
     def table(self) -> pd.DataFrame:
         """A row an attempt, in the order of the attempts; with the subsystem where indexes are watched."""
-        columns = ESTIMATE_COLUMNS if self.watcher is None else [*ESTIMATE_COLUMNS, "subsystem"]
+        columns = [*ESTIMATE_COLUMNS, *["subsystem"] * (self.watcher is not None)]
+        columns += ["found"] * (self.config.twin.on_alarm == "bank")
         return pd.DataFrame(self.rows, columns=columns)
 
     def _exchange(self, k: int) -> None:
@@ -167,7 +228,11 @@ class Estimation:
         if (full := self.link.full_buffer(k)) is not None:
             theta_m, q3 = (self.seen[full.first : full.stop, role] for role in self.roles)
             self.asked[full.event] = full, k
-            self.service.ask(Request(full.event, full.first, theta_m, q3, self.gap_hat, self.config.seed))
+            request = Request(full.event, full.first, theta_m, q3, self.gap_hat, self.config.seed)
+            if self.u is not None and self.config.twin.on_alarm == "bank":
+                moved = self._last_change(full.event + 1)
+                request = replace(request, u=self.u[full.first : full.stop], moved=moved, believed=self.belief)
+            self.service.ask(request)
         if self.asked:
             for reply in self.service.replies():
                 self._take(reply, k)
@@ -202,11 +267,12 @@ class Estimation:
             "wall_s": e.wall_s,
             "std_deg": math.degrees(e.std_rad),
             "applied_deg": math.degrees(answer.gap_rad) if counts else math.nan,
+            "found": answer.found if counts else "",
         })  # fmt: skip
 
     def _unanswered(self, full: FullBuffer, reason: str) -> EstimateRow:
         nothing = dict.fromkeys(("t_applied_s", "gap_deg", "cost", "wall_s", "std_deg", "applied_deg"), math.nan)
-        return self._framed(full, {**nothing, "accepted": False, "reason": reason, "evaluations": 0})
+        return self._framed(full, {**nothing, "accepted": False, "reason": reason, "evaluations": 0, "found": ""})
 
     def _framed(self, full: FullBuffer, said: dict[str, Any]) -> EstimateRow:
         """A row: what was said of a buffer, with what is known of it here."""
@@ -218,3 +284,17 @@ class Estimation:
         }
         row: EstimateRow = {**known, **said}  # type: ignore[typeddict-item]
         return row
+
+
+def at_rest(seen: Floats, roles: tuple[int, int], changes: Ints, k: int) -> bool:
+    """Whether the loop is at rest before sample k: its reference has not changed for a while, and nothing moves.
+
+    Nothing moves: the means of the last two stretches of AT_REST samples differ by no more than STILL (rad, m).
+    """
+    if k < 2 * AT_REST or bool(np.any((changes > k - 2 * AT_REST) & (changes <= k))):
+        return False
+    for role, still in zip(roles, STILL, strict=True):
+        before, now = seen[k - 2 * AT_REST : k - AT_REST, role], seen[k - AT_REST : k, role]
+        if abs(float(np.mean(now) - np.mean(before))) > still or float(np.ptp(now)) > SWINGS * still:
+            return False
+    return True

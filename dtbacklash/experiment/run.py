@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -14,12 +14,14 @@ from dtbacklash.config.rig import of_the_model
 from dtbacklash.config.run import RunConfig
 from dtbacklash.control.belief import Belief, Beliefs, beliefs_of, design_for, settled
 from dtbacklash.control.design import ControllerDesign
+from dtbacklash.control.handover import Rest, handed_over
 from dtbacklash.control.laws import Controller, ControllerState, build_controller, new_controller_state
 from dtbacklash.errors import Diverged, UserError
 from dtbacklash.experiment import loop, signals
 from dtbacklash.experiment.advice import causes
+from dtbacklash.experiment.aging import aged_rigs, aged_state
 from dtbacklash.experiment.cruise import Form, cruise, form_of
-from dtbacklash.experiment.estimation import Estimation, twin_of
+from dtbacklash.experiment.estimation import AT_REST, Estimation, answering
 from dtbacklash.experiment.pace import RealTime, undisturbed
 from dtbacklash.experiment.result import RunResult, Walls, collect
 from dtbacklash.experiment.sensors import roles, sensor_errors
@@ -30,8 +32,8 @@ from dtbacklash.physics.kernel.plant import Plant, State, new_state, place_at
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import rig_half_gap
 from dtbacklash.twin.background import BackgroundTwin
-from dtbacklash.twin.novelty import NoveltyDesign, novelty_design
-from dtbacklash.twin.service import TwinService
+from dtbacklash.twin.novelty import NoveltyDesign, novelty_design, novelty_step
+from dtbacklash.twin.service import Answer, TwinService
 
 __all__ = ["RunResult", "run_scenario", "true_half_gap"]
 
@@ -39,11 +41,16 @@ __all__ = ["RunResult", "run_scenario", "true_half_gap"]
 CHUNK = 5000
 #: samples from which the loop is written out for the sizes at hand, which takes seconds the first time
 LONG = 50_000
+#: for how long a new detector of novelty sees the present error before it counts, s
+SETTLED_S = 3.0
 
 
 @dataclass
 class _Machine:
-    """What a segment advances: the plant, the controller and the detector of novelty, each with its memory."""
+    """What a segment advances: the plant, the controller and the detector of novelty, each with its memory.
+
+    aged : what becomes of the plant, and from which sample on.
+    """
 
     plant: Plant
     state: State
@@ -54,6 +61,41 @@ class _Machine:
     watcher: Watcher | None = None
     clock: RealTime | None = None
     form: Form | None = None
+    aged: list[tuple[int, Rig, Plant]] = field(default_factory=list)
+
+    def take_up(self, asked: RunConfig, answer: Answer, old_gap: float, traces: loop.Traces, inputs: loop.Signals,
+                which: tuple[int, int], k: int) -> ControllerDesign | None:  # fmt: skip
+        """Controller, detector and indexes of another model, at rest as they are; gap and design change in one step.
+
+        asked : the configuration before anything in it was settled. old_gap : rad. k : the sample that comes next.
+        """
+        belief = answer.belief
+        assert belief is not None
+        config = settled(asked, Beliefs(belief, belief))
+        design = design_for(config, belief)
+        assert design is not None
+        forward = belief.feed_forward(tuple(config.controller.compensate))
+        controller = build_controller(config.controller, design, forward)
+        first = max(k - AT_REST, 0)
+        theta_m, q3 = (float(np.mean(traces.seen[first:k, role])) for role in which)
+        # the reference may be about to change: the rest is that of the one in force until now
+        here = Rest(inputs.reference[k - 1], theta_m, q3, float(np.mean(traces.u[first:k])), old_gap, answer.gap_rad)
+        self.control_state = handed_over(self.controller, self.control_state, controller, here)
+        self.controller, self.form = controller, None  # the general loop takes any
+        self.detector = kept(
+            novelty_design, config.twin.novelty_filter, design.dominant_frequency_rad_s, config.sample_time_s
+        )
+        self.detector_state = self.detector.initial_state()
+        error = here.q3 - float(controller.sc @ self.control_state.s)
+        for _ in range(round(SETTLED_S / config.sample_time_s)):
+            d = self.detector
+            novelty_step(self.detector_state, d.sos, d.cos_step, d.sin_step, error)
+        if self.watcher is not None:
+            before = self.watcher
+            self.watcher = Watcher.prepare(config, belief, before.values.shape[0])
+            assert self.watcher is not None
+            self.watcher.values, self.watcher.alarms = before.values, before.alarms
+        return design
 
     def run(
         self, inputs: loop.Signals, traces: loop.Traces, which: tuple[int, int], first: int, stop: int, gap_hat: float,
@@ -107,11 +149,12 @@ def run_scenario(
     with compiling() as spent, ExitStack() as until_done:
         rig = build_rig(config.rig)
         beliefs = beliefs_of(config) if beliefs is None else beliefs
-        config = settled(config, beliefs)
+        asked, config = config, settled(config, beliefs)
         if config.pace == "real" and config.controller.reconfigure != "never" and service is None:
-            service = until_done.enter_context(BackgroundTwin(twin_of(config, beliefs.twin)))
+            service = until_done.enter_context(BackgroundTwin(answering(config, beliefs.twin)))
         design = _designed(config, beliefs.design)
         machine = _build(config, rig, design, beliefs.design)
+        machine.aged = aged_rigs(config, machine.plant)
         inputs, changes = _inputs(config, rig)
         traces = _room(config, rig)
         which = roles(rig, design is not None)
@@ -124,13 +167,14 @@ def run_scenario(
             place_at(machine.plant, machine.state, inputs.reference[0])
         if progress:
             progress(0.0)  # all checks are done: from here on compiled code runs
+        twin.u = traces.u
         twin.warm_up()
         machine.run(inputs, traces, which, 0, 0, 0.0, (math.inf, math.inf), 0.0)  # no sample: loads, or compiles
         if config.pace == "real":
             machine.clock = RealTime.of(config.samples, config.sample_time_s)
             until_done.enter_context(undisturbed())
         ready = time.perf_counter()
-        _segments(config, rig, design, machine, inputs, traces, which, twin, progress)
+        _segments((asked, config), rig, design, machine, inputs, traces, which, twin, progress)
     end = time.perf_counter()
     walls = Walls(end - ready - twin.wall_s, twin.wall_s, spent(), end - started)
     result = collect(config, rig, design, inputs, traces, which, twin.table(), walls, machine.watcher)
@@ -185,7 +229,7 @@ def _room(config: RunConfig, rig: Rig) -> loop.Traces:
 
 
 def _segments(
-    config: RunConfig,
+    configs: tuple[RunConfig, RunConfig],
     rig: Rig,
     design: ControllerDesign | None,
     machine: _Machine,
@@ -197,18 +241,30 @@ def _segments(
 ) -> None:
     """Run from one sample at which Python has something to do to the next, to the end.
 
+    configs : as asked for, and with what is ``auto`` in it settled.
+
     Raises
     ------
     Diverged : |q3| passes ``solver.divergence_mm`` in a closed loop.
     """
+    asked, config = configs
+    aged = list(machine.aged)
     # in open loop there is nothing that could be unstable by choice: a carriage may well run away
     limit_m = config.solver.divergence_mm * 1e-3 if design else math.inf
     threshold_m = config.twin.novelty_threshold_mm * 1e-3
     chunk = CHUNK if machine.clock is None else machine.clock.chunk
     k, n = 0, inputs.gap.size
     while k < n:
+        while aged and aged[0][0] <= k:
+            _, rig, after = aged.pop(0)
+            machine.plant, machine.state = after, aged_state(machine.plant, machine.state, after)
+            machine.form = None
         twin.before(k)
-        stop = min([k + chunk, n, *twin.stops(k)])
+        old_gap = twin.gap_hat
+        if (answer := twin.taken_up(k)) is not None:
+            design = machine.take_up(asked, answer, old_gap, traces, inputs, which, k)
+            twin.watcher = machine.watcher
+        stop = min([k + chunk, n, *twin.stops(k), *(one[0] for one in aged[:1])])
         listening = twin.listening
         limits = (limit_m, threshold_m if listening else math.inf)
         before = traces.novelty[k - 1] if k > 0 and not twin.rejected else 0.0
@@ -219,8 +275,8 @@ def _segments(
             raise Diverged("controller", config.controller.name, k * config.sample_time_s, what, said)
         if why == loop.NOVELTY:
             twin.alarm(k)
-        elif why >= ALARM and machine.watcher is not None and machine.watcher.raised(k - 1, why) != "motor":
-            twin.alarmed(k)  # a motor that has changed says nothing of the gap
+        elif why >= ALARM and machine.watcher is not None:
+            twin.alarmed(k, machine.watcher.raised(k - 1, why))
         if listening:
             twin.rejected = False
         if progress:

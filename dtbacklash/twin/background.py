@@ -19,7 +19,7 @@ from typing import IO
 
 from dtbacklash import sources
 from dtbacklash.errors import Failure, UserError
-from dtbacklash.twin.service import Answer, Reply, Request, Twin
+from dtbacklash.twin.service import Answer, Answering, Reply, Request
 
 COMMAND = (sys.executable, "-m", "dtbacklash.twin.worker")
 GONE = "the twin's process has ended"
@@ -34,7 +34,7 @@ class BackgroundTwin:
     A thread hands over the requests, one after the other, and takes the answers: the loop never waits for a pipe.
     """
 
-    twin: Twin
+    twin: Answering
     _process: subprocess.Popen[bytes] | None = None
     _requests: SimpleQueue[Request | None] = field(default_factory=SimpleQueue)
     _replies: deque[Reply] = field(default_factory=deque)

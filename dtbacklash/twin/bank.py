@@ -31,8 +31,8 @@ EXCESS = 4.5
 WORTH = 30.0
 #: two hypotheses whose chi-squares differ by less explain a buffer equally well
 MARGIN = 14.0
-#: of a change that is too small to matter for controller and twin: it is not named (of the believed value)
-RELATIVE_LEAST = 0.01
+#: share of its size by which a change's standard error may be uncertain for the change to be believed in
+UNSURE = 0.3
 VERDICTS = ("nothing", "gap", "changed", "ambiguous", "unknown")
 
 
@@ -54,6 +54,12 @@ class Change:
     place: str
     values: tuple[Value, ...]
     twins: tuple[str, ...] = ()
+
+    @property
+    def sure(self) -> bool:
+        """Whether its size is known well enough to be believed in: friction that turns round once may not tell it."""
+        size = self.values[0]
+        return size.std < UNSURE * abs(size.value)
 
     def __str__(self) -> str:
         return f"{self.kind} {self.place} {', '.join(str(v) for v in self.values)}"

@@ -31,6 +31,8 @@ class Request:
 
     event : sample at which the twin was called. first : sample at which the buffer begins. theta_m : (N,) measured
     angle of the motor, rad. q3 : (N,) measured position, m. present_rad : half-gap in force. seed : of the run.
+    u : (N,) command, V; None where the twin does not ask for it. moved : sample at which the reference changed last.
+    believed : what is believed of the machine; None: what the twin has believed from the beginning.
     """
 
     event: int
@@ -39,6 +41,9 @@ class Request:
     q3: Floats
     present_rad: float
     seed: int
+    u: Floats | None = None
+    moved: int = 0
+    believed: Belief | None = None
 
     @property
     def stop(self) -> int:
@@ -51,11 +56,15 @@ class Answer:
     """What the twin says of a buffer.
 
     attempts : at least one. guarded : whether the guard has judged them. wall_s : time that the answer took.
+    found : what has changed, in a few words, where the twin looks for that. belief : what to believe from now on; None:
+    what was believed.
     """
 
     attempts: tuple[Attempt, ...]
     guarded: bool
     wall_s: float
+    found: str = ""
+    belief: Belief | None = None
 
     @property
     def chosen(self) -> Attempt:
@@ -155,11 +164,21 @@ class Twin:
         return corrected(simulated, self.optimizer, request.present_rad)
 
 
+class Answering(Protocol):
+    """A twin of any kind."""
+
+    def warm_up(self) -> None:
+        """Make ready what the first answer needs."""
+
+    def answer(self, request: Request) -> Answer:
+        """What it says of a buffer."""
+
+
 @dataclass
 class LocalTwin:
     """A twin in the loop's own process: the loop stands still while it works, and simulated time with it."""
 
-    twin: Twin
+    twin: Answering
     _done: list[Reply] = field(default_factory=list)
 
     def warm_up(self) -> None:

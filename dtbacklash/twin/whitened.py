@@ -23,6 +23,7 @@ SLOW = 6
 STEPS, WORTH, SLOWER = 14, 0.05, 1e-3
 #: of several starts: steps, and how many are then left
 ROUNDS = ((1, 4), (3, 2))
+FAR = 1e8  # a residual that stands for any greater one, or for none
 DIFFERENCE = 3e-3  # of a variable of the fit, for its derivative
 
 Residual = Callable[[Floats], Floats]
@@ -79,15 +80,19 @@ def fitted(residual: Residual, x: Floats, priors: int = 0, longest: Floats | flo
     longest : (n,) by how much a variable may change in a step.
     """
     x = np.array(x, dtype=np.float64)
-    r = residual(x)
+
+    def bounded(x: Floats) -> Floats:  # a simulation far from any minimum may leave all bounds
+        return np.clip(np.nan_to_num(residual(x), nan=FAR), -FAR, FAR)
+
+    r = bounded(x)
     damping = 1e-3
-    jacobian = _jacobian(residual, x, r)
+    jacobian = _jacobian(bounded, x, r)
     for _ in range(steps):
         gain, moved = 0.0, x
         for _ in range(6):
             moved = x - np.clip(_solve(jacobian, r, damping), -longest, longest)
-            trial = residual(moved)
-            gain = float(r @ r - trial @ trial) if np.all(np.abs(trial) < 1e9) else -np.inf
+            trial = bounded(moved)
+            gain = float(r @ r - trial @ trial)
             if gain > 0.0:
                 break
             damping = max(damping * 8.0, 1e-3)
@@ -96,7 +101,7 @@ def fitted(residual: Residual, x: Floats, priors: int = 0, longest: Floats | flo
         x, r, damping = moved, trial, damping / 8.0
         if gain < max(WORTH, SLOWER * float(r @ r)):
             break
-        jacobian = _jacobian(residual, x, r)
+        jacobian = _jacobian(bounded, x, r)
     return Fit(x, _covariance(jacobian), r, jacobian, priors)
 
 
@@ -136,7 +141,7 @@ def _covariance(jacobian: Floats) -> Floats:
 
 def inverse(normal: Floats) -> Floats:
     """Of a normal matrix; what it hardly decides is nearly free, not fixed."""
-    scale = 1.0 / np.sqrt(np.diag(normal))
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-30))
     values, vectors = np.linalg.eigh(normal * np.outer(scale, scale))
     return np.asarray((vectors / np.maximum(values, 1e-12)) @ vectors.T * np.outer(scale, scale))
 

@@ -8,7 +8,7 @@ import sys
 from typing import BinaryIO
 
 from dtbacklash import sources
-from dtbacklash.twin.service import Twin
+from dtbacklash.twin.service import Answering
 
 #: how much this process stands back behind the loop (0 to 19)
 NICE = 10
@@ -25,8 +25,7 @@ def main() -> None:
 def serve(requests: BinaryIO, answers: BinaryIO) -> None:
     """See :func:`main`; ends with its input."""
     try:
-        twin = pickle.load(requests)
-        assert isinstance(twin, Twin)
+        twin: Answering = pickle.load(requests)
         twin.warm_up()
         _send(answers, sources.digest())
         while True:

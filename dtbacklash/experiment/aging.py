@@ -1,0 +1,69 @@
+"""What changes of the machine itself during a run: ``changes``, a list of times with parameters and effects.
+
+From its time on the plant is that of the changed rig, in the state in which it was: positions, speeds, current and gear
+go on, a new friction contact begins as its speed says. Bodies and memories stay the same throughout: what adds one (a
+screw that begins to yield, an absorber, hysteresis) is refused.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dtbacklash.config.run import RunConfig
+from dtbacklash.errors import UserError
+from dtbacklash.physics.assembly import compile_plant
+from dtbacklash.physics.kernel.plant import Plant, State, new_state
+from dtbacklash.physics.kernel.step import slip_rate
+from dtbacklash.physics.rig import Rig, build_rig
+
+
+def aged_rigs(config: RunConfig, plant: Plant) -> list[tuple[int, Rig, Plant]]:
+    """The sample from which on the machine is another one, that machine, and its plant, in order.
+
+    Raises
+    ------
+    UserError : a parameter that the rig has not, an effect that does not fit, other bodies than those of ``plant``.
+    """
+    rig, found = build_rig(config.rig), []
+    for change in sorted(config.changes, key=lambda one: float(one["at_s"])):
+        rig = _changed(rig, change)
+        after = compile_plant(rig, config.sample_time_s, config.solver.substeps, config.solver.event_levels)
+        if after.A.shape != plant.A.shape or after.n_bodies != plant.n_bodies:
+            allowed = (
+                "what keeps the bodies and their memories; a tiny compliance or hysteresis from the beginning may grow"
+            )
+            raise UserError("changes", change, allowed)
+        found.append((round(float(change["at_s"]) / config.sample_time_s), rig, after))
+    return found
+
+
+def _changed(rig: Rig, change: dict[str, Any]) -> Rig:
+    parameters = {name: float(value) for name, value in (change.get("parameters") or {}).items()}
+    try:
+        rig = rig.with_parameters(parameters)
+        for place, there in (change.get("effects") or {}).items():
+            for name, values in there.items():
+                rig = rig.with_effect(place, name, values)
+    except UserError as mistake:
+        raise UserError(mistake.key.replace("rig", "changes", 1), mistake.value, mistake.allowed) from mistake
+    return rig
+
+
+def aged_state(plant: Plant, state: State, after: Plant) -> State:
+    """The state of the plant ``after``, which goes on where ``plant`` is in ``state``."""
+    new = new_state(after)
+    for name in ("x", "gear", "lean"):
+        getattr(new, name)[:] = getattr(state, name)
+    new.commands[: min(new.commands.size, state.commands.size)] = state.commands[: new.commands.size]
+    new.commands[state.commands.size :] = state.commands[-1]
+    new.seen[:] = state.seen[0]
+    new.mode[0] = state.mode[0]
+    ends = [tuple(pair) for pair in plant.friction_ends]
+    for c, pair in enumerate(after.friction_ends):
+        if tuple(pair) in ends:
+            new.mode[1 + c] = state.mode[1 + ends.index(tuple(pair))]
+        else:
+            new.mode[1 + c] = int(np.sign(slip_rate(after, new, new.x, c, 0.0, 0.0)))
+    return new

@@ -1,0 +1,75 @@
+"""`twin.on_alarm=bank` in a whole run: what was named, the model taken up at rest, the columns that say so."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dtbacklash.config.compose import compose
+from dtbacklash.errors import UserError
+from dtbacklash.experiment.run import run_scenario
+
+AGING = (
+    "experiment=aging", "profile=constant", "profile.start_deg=20", "profile.end_deg=20",
+    "controller.gap_hat_deg=20",
+    "reference.period_s=32", "changes=[{at_s:10,parameters:{k:7000}}]", "figures=false",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def aged():
+    return run_scenario(compose(*AGING, "duration_s=64", "twin.indexes=[frequency,structure]"))
+
+
+def test_the_spring_is_named_and_the_loop_settles_again(aged):
+    found = aged.estimates["found"].to_list()
+    assert found[0].startswith("stiffness all links -30 %")
+    assert set(found[1:]) <= {"nothing", "gap"}
+    overshoot = aged.moves["overshoot_pct"].to_list()
+    assert overshoot[1] > 3.0
+    assert max(overshoot[2:]) < 0.5 * overshoot[1]
+
+
+def test_the_voltage_does_not_jump_when_the_model_changes(aged):
+    trace, row = aged.trace, aged.estimates.iloc[0]
+    k = int(np.searchsorted(trace["t_s"], row["t_applied_s"] - 1e-9))
+    u = trace["u_v"].to_numpy()
+    near = np.abs(np.diff(u[k - 200 : k + 1500]))
+    assert near.max() < 1.5 * np.abs(np.diff(u[k - 1000 : k - 200])).max() + 0.05
+    held = slice(k + 1500, k + 4000)
+    assert np.abs(trace["q3_mm"][held] - trace["r_mm"][held]).max() < 0.01
+
+
+def test_the_indexes_go_on_with_the_new_model(aged):
+    """The frequency of the mode is that of the new belief, and what the structure leaves over is small again."""
+    trace = aged.trace
+    before, after = trace["t_s"].between(16, 20), trace["t_s"].between(48, 52)
+    assert trace["structure_mm"][after].max() < 0.3 * trace["structure_mm"][before].max()
+
+
+def test_of_the_paper_s_twin_the_table_is_as_it_was():
+    run = run_scenario(compose(*AGING, "duration_s=20", "twin.on_alarm=estimate"))
+    assert "found" not in run.estimates
+
+
+def test_the_command_writes_what_was_found(tmp_path):
+    command = [sys.executable, "-m", "dtbacklash.cli", "run", *AGING, "duration_s=24", f"out={tmp_path / 'aged'}"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    table = pd.read_csv(tmp_path / "aged" / "estimates.csv")
+    assert table["found"].iloc[0].startswith("stiffness all links")
+    summary = json.loads((tmp_path / "aged" / "summary.json").read_text())
+    assert summary["estimates"][0]["found"] == table["found"].iloc[0]
+
+
+@pytest.mark.parametrize(("changes", "key"), [
+    ("[{parameters:{k:7000}}]", "changes"), ("[{at_s:3,parameters:{q:1}}]", "changes.parameters.q"),
+    ("[{at_s:3,effects:{screw:{compliance:{compliance:1e-5}}}}]", "changes"),
+])  # fmt: skip
+def test_a_change_that_makes_no_sense_is_refused(changes, key):
+    with pytest.raises(UserError) as refused:
+        run_scenario(compose("duration_s=5", "controller=nimc_fixed", f"changes={changes}"))
+    assert refused.value.key.startswith(key)
