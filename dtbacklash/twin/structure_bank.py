@@ -29,6 +29,7 @@ from dtbacklash.twin.hypotheses import Hypothesis
 from dtbacklash.twin.simulated import follow
 from dtbacklash.twin.whitened import (
     BLOCK,
+    FAR,
     Fit,
     Residual,
     best_fitted,
@@ -273,7 +274,7 @@ class StructureBuffer:
     def _scanned(self, residual: Residual, fit: Fit, i: int, longest: Floats) -> Fit:
         """The fit with variable i, a held share, sought on a line as well: what it decides is when friction lets go."""
         line = [np.where(np.arange(fit.x.size) == i, share, fit.x) for share in FINE_SHARES]
-        left = [float(np.sum(residual(x) ** 2)) for x in line]
+        left = [float(np.sum(np.clip(residual(x), -FAR, FAR) ** 2)) for x in line]
         if min(left) > fit.chi2:
             return fit
         return fitted(residual, line[int(np.argmin(left))], priors=1, longest=longest)

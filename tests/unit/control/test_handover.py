@@ -20,7 +20,7 @@ def controller(form: str, *changed: str):
     return build_controller(config.controller, design_for(config, belief), forward)
 
 
-def at_rest(C, steps=8_000, gap=0.5, target=1e-3):
+def at_rest(C, steps=12_000, gap=0.5, target=1e-3):
     """A loop on an ideal motor and structure, whose angle and output follow; states of the controller."""
     X, theta_m, q3, u = new_controller_state(C), 0.0, 0.0, 0.0
     screw = 0.0
