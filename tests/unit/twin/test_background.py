@@ -30,7 +30,7 @@ def request(event=7):
     return Request(event, 7, both[:, 0], both[:, 1], 0.1, 0)  # columns, as the loop has them
 
 
-def wait(service, seconds=30.0):
+def wait(service, seconds=240.0):  # a cold worker compiles first, beside what else a machine does
     until = time.monotonic() + seconds
     while time.monotonic() < until:
         if found := service.replies():
