@@ -22,7 +22,7 @@ from dtbacklash.twin.service import Answer, Answering, LocalTwin, Reply, Request
 #: samples between two looks for an answer that has not come
 LOOK = 10
 #: at rest: samples of a stretch, how far the means of two may differ (rad, m), and how many times that a stretch spans
-AT_REST, STILL, SWINGS = 250, (0.005, 2e-6), 10.0
+AT_REST, STILL, SWINGS = 250, (0.03, 2e-6), 10.0
 
 
 class EstimateRow(TypedDict):
@@ -110,6 +110,7 @@ class Estimation:
     belief: Belief | None = None
     waiting: Answer | None = None
     last_move: int = -1
+    _came_s: float = math.nan
 
     @classmethod
     def prepare(
@@ -163,7 +164,7 @@ class Estimation:
         self._exchange(k)
         for answer in self.link.arrived(k):
             if answer.belief is not None:
-                self.waiting = answer
+                self.waiting, self._came_s = answer, k * self.config.sample_time_s
             elif self.waiting is None:
                 self.gap_hat = answer.gap_rad
         if self.config.controller.reconfigure == "reference_change":
@@ -204,6 +205,9 @@ class Estimation:
             return None
         self.waiting = None
         self.gap_hat, self.belief = answer.gap_rad, answer.belief
+        for row in self.rows:
+            if row.get("found") == answer.found and row["t_applied_s"] == self._came_s:
+                row["t_applied_s"] = k * self.config.sample_time_s
         return answer
 
     def alarmed(self, k: int, index: str) -> None:
@@ -289,7 +293,8 @@ class Estimation:
 def at_rest(seen: Floats, roles: tuple[int, int], changes: Ints, k: int) -> bool:
     """Whether the loop is at rest before sample k: its reference has not changed for a while, and nothing moves.
 
-    Nothing moves: the means of the last two stretches of AT_REST samples differ by no more than STILL (rad, m).
+    Nothing moves: the means of the last two stretches of AT_REST samples differ by no more than STILL (rad, m). The
+    motor may creep in its gap.
     """
     if k < 2 * AT_REST or bool(np.any((changes > k - 2 * AT_REST) & (changes <= k))):
         return False
