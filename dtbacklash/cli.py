@@ -13,12 +13,13 @@ from dtbacklash.config.grammar import EXPORT, GRAMMARS
 from dtbacklash.errors import UserError
 from dtbacklash.version import __version__
 
-RECORDINGS = "recordings"
-#: command -> what it does; all but two are applications of Hydra
+RECORDINGS, TWIN = "recordings", "twin"
+#: command -> what it does; all but three are applications of Hydra
 COMMANDS = {
     **{name: grammar.summary for name, grammar in GRAMMARS.items()},
     EXPORT.name: EXPORT.summary,
     RECORDINGS: "list the public recordings that it knows, and fetch them",
+    TWIN: "the digital twin over a network: serve it, its status, a broker, who may speak",
 }
 
 
@@ -75,6 +76,10 @@ def _dispatch(words: list[str]) -> int:
         from dtbacklash.commands import export
 
         return export.main(words[1:])
+    if words[0] == TWIN:
+        from dtbacklash.commands import twin
+
+        return twin.main(words[1:])
     from dtbacklash.commands import application
 
     return application.main(words[0], words[1:])

@@ -42,6 +42,10 @@ ON_ALARM = {
     "estimate": "the gap is estimated (the paper's twin)",
     "bank": "a bank of hypotheses says what has changed, and gap, model and design change together, at rest",
 }
+TWIN_PLACES = {
+    "local": "the twin works in the run's own process",
+    "remote": "the twin works elsewhere, over the broker at {broker}",
+}
 INDEXES = {
     "frequency": "the frequency of the dominant mode in the prediction error over the believed one: the structure",
     "motor": "the torque that the voltage leaves over on the believed motor, rms: the motor",

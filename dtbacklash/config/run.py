@@ -28,6 +28,7 @@ from dtbacklash.config.choices import (
     TASKS,
     TRIGGERS,
     TWIN_METHODS,
+    TWIN_PLACES,
 )
 from dtbacklash.config.rig import RigConfig
 from dtbacklash.config.setting import INPUT, OUTPUT, check, setting
@@ -185,6 +186,16 @@ class TwinConfig:
     )
     index_hysteresis: float = setting(
         0.7, "share of its threshold below which an index may raise its next alarm", above=0, at_most=1
+    )
+    where: str = setting("local", "in this process, or at an MQTT broker (dtb twin serve)", choices=TWIN_PLACES)
+    broker: str = setting("127.0.0.1:1883", "remote: where the MQTT broker is, host:port")
+    machine: str = setting("machine", "remote: name of this machine, in the topics and for its key")
+    timeout_s: float = setting(
+        10.0, "remote: how long a request waits for its answer, wall clock; then the gap in force stays", unit="s",
+        above=0, at_most=86400,
+    )  # fmt: skip
+    credentials: str | None = setting(
+        None, "remote: file of mode 600 with user, password and key; null: from the environment", path=INPUT
     )
 
     def __post_init__(self) -> None:
@@ -345,6 +356,10 @@ class RunConfig:
     def _check_task(self) -> None:
         if self.task == "run":
             return
+        if self.twin.where == "remote":
+            raise UserError(
+                "twin.where", self.twin.where, "closing the loop makes several runs, with a twin of its own"
+            )
         if self.controller.reconfigure == "never":
             raise UserError("controller", self.controller.name, "closing the loop takes one that a twin reconfigures")
         if self.pace != "free":

@@ -12,12 +12,23 @@ import pandas as pd
 from dtbacklash.arrays import Floats, Ints
 from dtbacklash.config.run import RunConfig
 from dtbacklash.control.belief import Belief
+from dtbacklash.errors import UserError
 from dtbacklash.experiment.sensors import roles as roles_of
 from dtbacklash.experiment.watch import Watcher
 from dtbacklash.twin.bank_twin import BankTwin
 from dtbacklash.twin.guard import Attempt
 from dtbacklash.twin.link import FullBuffer, TwinLink
-from dtbacklash.twin.service import Answer, Answering, LocalTwin, Reply, Request, Twin, TwinService
+from dtbacklash.twin.service import (
+    Answer,
+    Answering,
+    Dropped,
+    Elsewhere,
+    LocalTwin,
+    Reply,
+    Request,
+    Twin,
+    TwinService,
+)
 
 #: samples between two looks for an answer that has not come
 LOOK = 10
@@ -77,6 +88,11 @@ def twin_of(config: RunConfig, belief: Belief) -> Twin:
     return Twin.of(belief, output, config.twin, config.optimizer, config.sample_time_s)
 
 
+def _event(row: EstimateRow) -> float:
+    """When it belongs, for sorting; what came before any event is the first."""
+    return -1.0 if math.isnan(row["t_event_s"]) else row["t_event_s"]
+
+
 @dataclass
 class Estimation:
     """The twin and its link to the controller, from the first sample to the last.
@@ -134,6 +150,8 @@ class Estimation:
         if config.controller.reconfigure == "never":
             service = None
         elif service is None:
+            if config.twin.where != "local":
+                raise UserError("twin.where", config.twin.where, "a twin elsewhere is for dtb run and dtbacklash.run")
             service = LocalTwin(answering(config, belief))
         return cls(config, changes, seen, roles, gap, link, service, first, belief=belief)
 
@@ -222,7 +240,10 @@ class Estimation:
         """A row an attempt, in the order of the attempts; with the subsystem where indexes are watched."""
         columns = [*ESTIMATE_COLUMNS, *["subsystem"] * (self.watcher is not None)]
         columns += ["found"] * (self.config.twin.on_alarm == "bank")
-        return pd.DataFrame(self.rows, columns=columns)
+        rows = self.rows
+        if isinstance(self.service, Elsewhere):
+            rows = sorted([*rows, *map(self._lost, self.service.dropped())], key=_event)  # stable
+        return pd.DataFrame(rows, columns=columns)
 
     def _exchange(self, k: int) -> None:
         """Send the buffer that is full before sample k, and take what has come."""
@@ -277,6 +298,16 @@ class Estimation:
     def _unanswered(self, full: FullBuffer, reason: str) -> EstimateRow:
         nothing = dict.fromkeys(("t_applied_s", "gap_deg", "cost", "wall_s", "std_deg", "applied_deg"), math.nan)
         return self._framed(full, {**nothing, "accepted": False, "reason": reason, "evaluations": 0, "found": ""})
+
+    def _lost(self, dropped: Dropped) -> EstimateRow:
+        """Answers that failed a check, at the event of the request that they came after."""
+        request = dropped.request
+        full = FullBuffer(0, 0, 0) if request is None else FullBuffer(request.event, request.first, request.stop)
+        times = "" if dropped.count == 1 else f" {dropped.count} times"
+        row = self._unanswered(full, f"dropped{times}: {dropped.reason}")
+        if request is None:
+            row["t_event_s"] = math.nan
+        return row
 
     def _framed(self, full: FullBuffer, said: dict[str, Any]) -> EstimateRow:
         """A row: what was said of a buffer, with what is known of it here."""

@@ -39,8 +39,23 @@ def simulate(config: RunConfig, command: str | None, progress: Callable[[float],
 
     # all matrices are tiny: threads of the linear algebra cost more than they bring
     with threadpool_limits(1, "blas"):
-        result = scenario.run_scenario(config, progress)
+        if config.twin.where == "remote" and config.controller.reconfigure != "never":
+            result = _with_remote_twin(config, progress)
+        else:
+            result = scenario.run_scenario(config, progress)
     result.summary["command"] = command
+    return result
+
+
+def _with_remote_twin(config: RunConfig, progress: Callable[[float], None] | None) -> RunResult:
+    """Run ``config`` with a twin at the other end of a network; the summary says how it went there."""
+    from dtbacklash.experiment import run as scenario
+    from dtbacklash.remote.belief import described
+    from dtbacklash.remote.client import RemoteTwin
+
+    with RemoteTwin(config.twin, described(config)) as service:
+        result = scenario.run_scenario(config, progress, service=service)
+        result.summary["remote"] = service.summary()
     return result
 
 

@@ -16,7 +16,7 @@ def rig_yaml(rig: Rig) -> str:
     sections = (
         {"parameters": {name: asdict(parameter) for name, parameter in config.parameters.items()}},
         {"elements": config.elements},
-        {"effects": {place: {n: _leaves(rig, place, n) for n in there} for place, there in rig.effects.items()}},
+        {"effects": {place: {n: rig_leaves(rig, place, n) for n in there} for place, there in rig.effects.items()}},
         {"sensors": config.sensors},
     )
     # a leaf on one line, as in the files that come with the package; numbers with all their digits
@@ -27,7 +27,7 @@ def rig_yaml(rig: Rig) -> str:
     return "# Values are SI; `tolerance` is relative, one standard deviation.\n" + "\n".join([head, *texts])
 
 
-def _leaves(rig: Rig, place: str, name: str) -> dict[str, Any]:
+def rig_leaves(rig: Rig, place: str, name: str) -> dict[str, Any]:
     """An effect's parameters: a number, or value and tolerance where it has one."""
     known = rig.tolerances.get(place, {}).get(name, {})
     values = rig.effects[place][name]

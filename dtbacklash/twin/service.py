@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -93,6 +93,15 @@ class Reply:
     reason: str = ""
 
 
+@dataclass(frozen=True)
+class Dropped:
+    """Answers that failed a check, and are no answers: how many, why, and the request that they came after, if any."""
+
+    request: Request | None
+    reason: str
+    count: int
+
+
 class TwinService(Protocol):
     """Someone who answers requests. None of its methods waits for longer than the loop may wait."""
 
@@ -104,6 +113,14 @@ class TwinService(Protocol):
 
     def replies(self) -> list[Reply]:
         """What has come since the last call, in the order in which it came."""
+
+
+@runtime_checkable
+class Elsewhere(Protocol):
+    """What a service whose twin is elsewhere has to say beside its replies."""
+
+    def dropped(self) -> list[Dropped]:
+        """What was dropped on the way."""
 
 
 @dataclass(frozen=True)

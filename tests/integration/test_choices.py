@@ -29,6 +29,9 @@ def test_a_choice_runs_to_its_report(group, option, tmp_path, monkeypatch, capsy
         words += [f"{group}.path=signal.csv"]
     if group == "optimizer":  # it must be asked: a step inside the run, answered at once
         words += ["reference=square", "reference.period_s=1", "twin.delay_s=0", "optimizer.max_evaluations=20"]
+    if option == "remote":  # nobody is there: the run goes on without
+        monkeypatch.setenv("DTB_TWIN_KEY", "5a" * 32)
+        words += ["twin.broker=127.0.0.1:1", "twin.timeout_s=0.2"]
     GlobalHydra.instance().clear()
     assert cli.main(["run", *words]) == 0, capsys.readouterr().err
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())

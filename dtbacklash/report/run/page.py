@@ -15,6 +15,7 @@ from dtbacklash.report.kit.page import Shown, embedded, render
 from dtbacklash.report.kit.style import save
 from dtbacklash.report.run.indexes import alarms, indexes_drawn
 from dtbacklash.report.run.methods import methods
+from dtbacklash.report.run.network import network
 from dtbacklash.report.run.overview import moves_overlay, open_overview, run_overview
 from dtbacklash.report.run.text import pace_in_words
 from dtbacklash.report.run.words import as_yaml, describe, has_gear, is_open
@@ -64,6 +65,7 @@ def write(result: Any, moves: pd.DataFrame, folder: Path) -> None:
         estimates=result.estimates.to_dict("records"),
         alarms=alarms(result.summary),
         pace=pace_in_words(result.summary),
+        network=network(result.summary),
         figures=[Shown(embedded(path), *_caption(name, result.config, len(moves))) for name, path in figures.items()],
         methods=methods(result.config),
         command=result.summary.get("command"),

@@ -12,6 +12,7 @@ from rich.text import Text
 from dtbacklash.report.kit import tables
 from dtbacklash.report.kit.numbers import number
 from dtbacklash.report.run.indexes import alarms
+from dtbacklash.report.run.network import network
 
 #: compiling for longer than this is told, s
 WORTH_TELLING_S = 1.0
@@ -24,7 +25,7 @@ def lines(summary: dict[str, Any], moves: pd.DataFrame, estimates: pd.DataFrame)
         if len(frame):
             told += [table(frame), ""]
     alarmed = [f"alarm at {text}" for text in alarms(summary)]
-    said = [summary_line(summary), *pace_in_words(summary), *alarmed, *summary.get("advice", [])]
+    said = [summary_line(summary), *pace_in_words(summary), *network(summary), *alarmed, *summary.get("advice", [])]
     return [*told, *map(Text, said)]
 
 

@@ -65,7 +65,10 @@ def describe(config: RunConfig) -> list[tuple[str, list[str]]]:
     if config.model is not None and not is_open(config):
         told.append(("Belief", _belief(config, config.model)))
     if config.controller.reconfigure != "never":
-        told.append(("Digital twin", [_trigger(config), _estimation(config)]))
+        twin = [_trigger(config), _estimation(config)]
+        if config.twin.where != "local":
+            twin.append(in_words(choices.TWIN_PLACES[config.twin.where], config.twin))
+        told.append(("Digital twin", twin))
     if config.twin.indexes and not is_open(config):
         told.append(("Novelty", indexes.in_words(config)))
     if has_gear(config.rig):

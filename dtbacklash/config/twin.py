@@ -1,0 +1,65 @@
+"""The settings of ``dtb twin serve``, ``status``, ``broker`` and ``access``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from dtbacklash.config.setting import INPUT, OUTPUT, check, setting
+
+BROKER = "127.0.0.1:1883"
+ACCESS = "twin_access"
+
+
+@dataclass
+class ServeConfig:
+    """The twin as a process of its own."""
+
+    broker: str = setting(BROKER, "where the MQTT broker is, host:port")
+    credentials: str | None = setting(
+        None, "file of mode 600 with user, password and the twin's key; null: from the environment", path=INPUT
+    )
+    name: str = setting("twin", "name of this twin, for its status")
+    workers: int = setting(1, "processes that estimate", at_least=1, at_most=1000)
+    queue: int = setting(2, "requests of a machine that may wait; the oldest is dropped", at_least=1, at_most=1000)
+    metrics_port: int = setting(
+        0, "port on 127.0.0.1 for Prometheus to read the metrics from; 0: none", at_least=0, at_most=65535
+    )
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass
+class StatusConfig:
+    """How the twins are."""
+
+    broker: str = setting(BROKER, "where the MQTT broker is, host:port")
+    credentials: str | None = setting(
+        None, "file of mode 600 with user, password and the key; null: from the environment", path=INPUT
+    )
+    wait_s: float = setting(1.0, "how long to listen", unit="s", above=0, at_most=600)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass
+class BrokerConfig:
+    """A broker on this machine."""
+
+    port: int = setting(1883, "of the broker, on 127.0.0.1", at_least=1, at_most=65535)
+    access: str = setting(ACCESS, "folder of dtb twin access; made for one machine where it is not there", path=OUTPUT)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass
+class AccessConfig:
+    """Who may do what at the broker."""
+
+    out: str = setting(ACCESS, "a new folder", path=OUTPUT)
+    machines: list[str] = setting(lambda: ["machine"], "names of the machines", shown="[machine]")
+
+    def __post_init__(self) -> None:
+        check(self)

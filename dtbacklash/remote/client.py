@@ -1,0 +1,313 @@
+"""The twin as the machine sees it: requests go out, answers come back, are checked, and counted where they fail.
+
+The loop is never held up by the network: all of it happens in threads of its own. Where time is simulated it stands
+still while the twin works, as with a twin in the same process: there :meth:`RemoteTwin.replies` waits, at most
+``timeout_s``. Where time is real (``waits=False``) it never waits.
+"""
+
+from __future__ import annotations
+
+import logging
+import secrets
+import threading
+import time
+from collections import Counter, OrderedDict, deque
+from dataclasses import dataclass, field
+from typing import Any
+
+from dtbacklash.config.run import TwinConfig
+from dtbacklash.errors import UserError
+from dtbacklash.remote.connection import NOBODY, Connection
+from dtbacklash.remote.credentials import load_credentials
+from dtbacklash.remote.documents import ANSWER_BYTES, FAULT, SIGNATURE, TOO_LARGE, Document, Refused
+from dtbacklash.remote.messages import AnswerMessage, RequestMessage, Ticket, check_bounds, digest, samples_that_fit
+from dtbacklash.remote.topics import answer_topic, check_name, request_topic
+from dtbacklash.twin.service import Dropped, Reply, Request
+
+log = logging.getLogger(__name__)
+
+#: why an answer that is signed and well formed is dropped
+OTHER_RUN, UNKNOWN, DOUBLED, REPLAYED = "of another run", "to an unknown request", "doubled", "replayed"
+LATE, OLD_BUFFER, CHANGED = "late", "for an old buffer", "to a request that was changed"
+#: what a request may be
+WAITING, ANSWERED, GIVEN_UP, OVERTAKEN = range(4)
+#: requests and twins that are remembered
+REQUESTS_KEPT, TWINS_KEPT = 1000, 100
+#: seconds: between two tries where no twin listens; that a broker is waited for once it was found to be gone
+AGAIN_S, SHORT_S = 0.3, 1.0
+
+
+@dataclass
+class _Asked:
+    """A request and what has come of it."""
+
+    request: Request
+    ticket: Ticket
+    asked_at: float
+    until: float
+    state: int = WAITING
+    sha256: str = ""
+    sent: bool = False
+    payload: bytes = b""
+    again_at: float = 0.0
+    accepted: Ticket | None = None
+    problem: str = ""
+    dropped: Counter[str] = field(default_factory=Counter)
+
+
+class RemoteTwin:
+    """A :class:`~dtbacklash.twin.service.TwinService` whose twin is at the other end of a network.
+
+    Parameters
+    ----------
+    settings : ``broker``, ``machine``, ``credentials``, ``timeout_s``, ``buffer``, ``gap_max_deg`` of a run's twin.
+    belief : see :mod:`.belief`. waits : whether :meth:`replies` waits for what is outstanding.
+
+    Raises
+    ------
+    UserError : no key, a file that others may read, no address, a buffer that no message holds; the extra is missing.
+    """
+
+    def __init__(self, settings: TwinConfig, belief: Document, waits: bool = True) -> None:
+        self.settings, self.belief, self.waits = settings, belief, waits
+        machine = check_name("twin.machine", settings.machine)
+        credentials = load_credentials(settings.credentials, "twin.credentials")
+        self._key = credentials.needed_key("twin.credentials").of_machine(machine)
+        if settings.buffer > (most := samples_that_fit(belief)):
+            raise UserError("twin.buffer", settings.buffer, f"must be at most {most} samples with a remote twin")
+        self._topic, self._machine = request_topic(machine), machine
+        self._session, self._counter = secrets.token_hex(16), 0
+        self._asked: OrderedDict[int, _Asked] = OrderedDict()
+        self._unsent: deque[_Asked] = deque()
+        self._by_mid: dict[int, _Asked] = {}
+        self._told: dict[int, str] = {}
+        self._done: list[Reply] = []
+        self._twins: OrderedDict[str, int] = OrderedDict()
+        self._early: Counter[str] = Counter()
+        self._delays: list[float] = []
+        self._reasons: Counter[str] = Counter()
+        self._gone = False
+        self._closing = False
+        self._state = threading.Condition()
+        self._connection = Connection(
+            settings.broker, credentials, [answer_topic(machine)], self._take, f"machine-{machine}", "twin.broker",
+            published=self._published, changed=self._changed,
+        )  # fmt: skip
+        self._sender = threading.Thread(target=self._send_all, name="twin-sender", daemon=True)
+        self._connection.open()
+        self._sender.start()
+
+    # --- the loop's side
+
+    def warm_up(self) -> None:
+        """Wait until the broker has answered, at most ``timeout_s``; without one the run goes on.
+
+        Raises
+        ------
+        UserError : the broker refuses user, password or certificate.
+        """
+        link = self._connection
+        link.answered.wait(self.settings.timeout_s)
+        if link.refused:
+            where = self.settings.credentials or "null"
+            raise UserError("twin.credentials", where, f"the broker at {link.broker} refuses them: {link.problem}")
+        if not link.connected.is_set():
+            log.warning("no broker at %s (%s): the gap in force stays", link.broker, link.problem or "no answer")
+
+    def ask(self, request: Request) -> None:
+        """See :class:`TwinService`; returns at once."""
+        now = time.monotonic()
+        with self._state:
+            self._counter += 1
+            patience = min(SHORT_S, self.settings.timeout_s) if self._gone else self.settings.timeout_s
+            one = _Asked(request, Ticket(self._session, self._counter), now, now + patience)
+            self._asked[self._counter] = one
+            while len(self._asked) > REQUESTS_KEPT:
+                self._early += self._asked.popitem(last=False)[1].dropped
+            self._unsent.append(one)
+            self._state.notify_all()
+
+    def replies(self) -> list[Reply]:
+        """See :class:`TwinService`; waits for all that is outstanding if ``waits``."""
+        with self._state:
+            while True:
+                now = time.monotonic()
+                self._give_up(now)
+                waiting = [one.until for one in self._asked.values() if one.state == WAITING]
+                if not waiting or not self.waits:
+                    break
+                self._state.wait(max(0.0, min(waiting) - now))
+            done, self._done = self._done, []
+        return done
+
+    def dropped(self) -> list[Dropped]:
+        """What was dropped, by the request that it came after and by reason."""
+        with self._state:
+            found = [Dropped(None, reason, n) for reason, n in self._early.items()]
+            for one in self._asked.values():
+                found += [Dropped(one.request, reason, n) for reason, n in one.dropped.items()]
+        return found
+
+    def summary(self) -> dict[str, Any]:
+        """What a run says of its twin: requests, answers, why there were none, what was dropped, delays in s."""
+        with self._state:
+            dropped = self._early + sum((one.dropped for one in self._asked.values()), Counter())
+            delays = sorted(self._delays)
+            return {
+                "broker": self.settings.broker, "machine": self._machine, "requests": self._counter,
+                "answered": len(delays), "unanswered": dict(self._reasons), "dropped": dict(dropped),
+                "delay_s": {"median": _quantile(delays, 0.5), "p99": _quantile(delays, 0.99)},
+            }  # fmt: skip
+
+    def close(self) -> None:
+        """End the connection."""
+        with self._state:
+            self._closing = True
+            self._state.notify_all()
+        self._connection.close()
+        self._sender.join(1.0)
+
+    def __enter__(self) -> RemoteTwin:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # --- threads: what goes out
+
+    def _send_all(self) -> None:
+        """Send what is to be sent, in order; again where no twin was listening."""
+        link = self._connection
+        while True:
+            with self._state:
+                while not (self._closing or (self._unsent and link.connected.is_set() and self._due())):
+                    self._state.wait(AGAIN_S if self._unsent else None)
+                if self._closing:
+                    return
+                one = self._unsent.popleft()
+            if not one.payload:
+                left = max(one.until - time.monotonic(), 0.001)
+                message = RequestMessage(self._machine, one.ticket, round(left, 3), one.request, self.belief)
+                one.payload = message.dumped()
+                one.sha256 = digest(one.payload)
+            one.sent = True
+            # not while the state is locked: paho tells what was published with a lock of its own, that publishing takes
+            mid = link.publish(self._topic, one.payload, self._key, expires_s=self.settings.timeout_s)
+            with self._state:
+                self._by_mid[mid] = one
+                if mid in self._told:
+                    self._hear(self._by_mid.pop(mid), self._told.pop(mid))
+
+    def _due(self) -> bool:
+        """Whether the next request is to be sent now; those that were given up are forgotten."""
+        while self._unsent and self._unsent[0].state != WAITING:
+            self._unsent.popleft()
+        return bool(self._unsent) and self._unsent[0].again_at <= time.monotonic()
+
+    def _published(self, mid: int, refusal: str) -> None:
+        """What the broker says of a request, which may be before its number is known."""
+        with self._state:
+            if mid in self._by_mid:
+                self._hear(self._by_mid.pop(mid), refusal)
+            else:
+                self._told[mid] = refusal
+
+    def _hear(self, one: _Asked, refusal: str) -> None:
+        """A request has reached the broker, which may refuse it, or know of nobody who listens."""
+        one.problem = ""
+        if one.state == WAITING and refusal == NOBODY:
+            one.problem = "no twin listens at"
+            one.again_at = time.monotonic() + AGAIN_S
+            self._unsent.append(one)
+        elif one.state == WAITING and refusal:
+            self._unanswered(one, f"the broker at {self.settings.broker} refuses the request: {refusal}")
+        self._state.notify_all()
+
+    def _changed(self) -> None:
+        with self._state:
+            if self._connection.connected.is_set():
+                self._gone = False
+            self._state.notify_all()
+
+    # --- threads: what comes in
+
+    def _take(self, topic: str, payload: bytes, signature: str | None) -> None:
+        """A message on the topic of the answers."""
+        try:
+            message = self._checked(topic, payload, signature)
+            with self._state:
+                self._accept(message)
+        except Exception as error:  # whatever it is: a message must not end the network's thread
+            refused = error if isinstance(error, Refused) else Refused(FAULT, repr(error))
+            log.info("dropped an answer: %s", refused)
+            with self._state:
+                last = next(reversed(self._asked.values()), None)
+                (self._early if last is None else last.dropped)[refused.reason] += 1
+
+    def _checked(self, topic: str, payload: bytes, signature: str | None) -> AnswerMessage:
+        """The answer, if it is what it says it is; raises Refused."""
+        if len(payload) > ANSWER_BYTES:
+            raise Refused(TOO_LARGE, f"{len(payload)} bytes")
+        if not self._key.signed(topic, payload, signature):
+            raise Refused(SIGNATURE)
+        message = AnswerMessage.parsed(payload)
+        if message.to.session != self._session or message.machine != self._machine:
+            raise Refused(OTHER_RUN)
+        if message.answer is not None:
+            check_bounds(message.answer, self.settings.gap_max_deg)
+        return message
+
+    def _accept(self, message: AnswerMessage) -> None:
+        """The answer to a request that waits for one; raises Refused for all others."""
+        one = self._asked.get(message.to.counter)
+        if one is None:
+            raise Refused(UNKNOWN)
+        if one.state == ANSWERED:
+            raise Refused(REPLAYED if message.ticket == one.accepted else DOUBLED)
+        if one.state != WAITING:
+            raise Refused(LATE if one.state == GIVEN_UP else OLD_BUFFER)
+        if message.sha256 != one.sha256:
+            raise Refused(CHANGED)
+        if message.ticket.counter <= self._twins.get(message.ticket.session, 0):
+            raise Refused(REPLAYED)
+        self._twins[message.ticket.session] = message.ticket.counter
+        self._twins.move_to_end(message.ticket.session)
+        if len(self._twins) > TWINS_KEPT:
+            self._twins.popitem(last=False)
+        one.accepted, one.state = message.ticket, ANSWERED
+        if message.answer is None:
+            self._unanswered(one, f"the twin: {message.reason}", ANSWERED)
+        else:
+            self._delays.append(time.monotonic() - one.asked_at)
+            self._done.append(Reply(one.request, message.answer))
+            if message.answer.accepted:
+                self._overtake(one)
+        self._state.notify_all()
+
+    def _overtake(self, newer: _Asked) -> None:
+        """Requests before one that was answered: what they would say is old."""
+        for one in self._asked.values():
+            if one.state == WAITING and one.ticket.counter < newer.ticket.counter:
+                self._unanswered(one, "overtaken by the answer to a later buffer", OVERTAKEN)
+
+    def _give_up(self, now: float) -> None:
+        """Requests that have waited for too long."""
+        for one in [one for one in self._asked.values() if one.state == WAITING and one.until <= now]:
+            link = self._connection
+            if not one.sent and not one.problem:
+                self._gone = True
+                reason = f"no broker at {link.broker}" + (f": {link.problem}" if link.problem else "")
+            elif one.problem:
+                reason = f"{one.problem} {link.broker}"
+            else:
+                reason = f"no answer within {one.until - one.asked_at:g} s"
+            self._unanswered(one, reason)
+
+    def _unanswered(self, one: _Asked, reason: str, state: int = GIVEN_UP) -> None:
+        one.state = state
+        self._reasons[reason] += 1
+        self._done.append(Reply(one.request, None, reason))
+
+
+def _quantile(ordered: list[float], share: float) -> float | None:
+    return ordered[min(len(ordered) - 1, int(share * len(ordered)))] if ordered else None
