@@ -95,8 +95,9 @@ class Broker:
 
     def config(self, *words: str, machine: str = "press", timeout_s: float = 10.0) -> RunConfig:
         """The scenario, other ``words`` in it, with a twin here."""
-        return compose("twin=remote", f"twin.broker={self.address}", f"twin.machine={machine}",
-                       f"twin.timeout_s={timeout_s}", f"twin.credentials={self.of(machine)}", *scenario(*words))  # fmt: skip
+        there = ("twin=remote", f"twin.broker={self.address}", f"twin.machine={machine}",
+                 f"twin.timeout_s={timeout_s}", f"twin.credentials={self.of(machine)}")  # fmt: skip
+        return compose(*there, *scenario(*words))
 
     def _answers(self) -> bool:
         with suppress(OSError), socket.create_connection(("127.0.0.1", self.port), 0.2):
@@ -184,7 +185,7 @@ class Served:
 
 
 class Proxy:
-    """TCP between a client and the broker: late, slow, and cut ``cuts`` times after ``cut_after`` bytes to the broker."""
+    """TCP from a client to the broker: late, slow, and cut ``cuts`` times after ``cut_after`` bytes to the broker."""
 
     def __init__(
         self, broker: Broker, delay_s: float = 0.0, bytes_s: float = 1e9, cut_after: int = 10**12, cuts: int = 0

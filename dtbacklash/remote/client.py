@@ -87,7 +87,7 @@ class RemoteTwin:
         self._delays: list[float] = []
         self._reasons: Counter[str] = Counter()
         self._gone = False
-        self._closing = False
+        self._closing, self._over = False, False
         self._state = threading.Condition()
         self._connection = Connection(
             settings.broker, credentials, [answer_topic(machine)], self._take, f"machine-{machine}", "twin.broker",
@@ -141,8 +141,9 @@ class RemoteTwin:
         return done
 
     def dropped(self) -> list[Dropped]:
-        """What was dropped, by the request that it came after and by reason."""
+        """What was dropped, by the request that it came after and by reason; the last thing that is asked for."""
         with self._state:
+            self._over = True
             found = [Dropped(None, reason, n) for reason, n in self._early.items()]
             for one in self._asked.values():
                 found += [Dropped(one.request, reason, n) for reason, n in one.dropped.items()]
@@ -241,6 +242,8 @@ class RemoteTwin:
             refused = error if isinstance(error, Refused) else Refused(FAULT, repr(error))
             log.info("dropped an answer: %s", refused)
             with self._state:
+                if self._over:
+                    return
                 last = next(reversed(self._asked.values()), None)
                 (self._early if last is None else last.dropped)[refused.reason] += 1
 
