@@ -35,7 +35,7 @@ def rules(machines: list[str]) -> str:
         "# Mosquitto's acl_file: the twin hears all machines and answers them; a machine has its own topics alone;",
         "# the monitor reads how the twins are.",
         f"user {TWIN}", f"topic read {REQUESTS}", f"topic write {ROOT}/machine/+/answer",
-        f"topic write {STATUSES}", "",
+        f"topic readwrite {STATUSES}", "",
         f"user {MONITOR}", f"topic read {STATUSES}", "",
     ]  # fmt: skip
     for machine in machines:

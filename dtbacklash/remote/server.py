@@ -74,7 +74,8 @@ class TwinServer:
             raise UserError("credentials", config.credentials, allowed)
         self._status_key = self._key.of_machine(STATUS)
         self._keys: OrderedDict[str, Key] = OrderedDict()
-        self._session, self._counter, self._counting = secrets.token_hex(16), 0, threading.Lock()
+        self._session, self._counter = secrets.token_hex(16), 0
+        self._lock = threading.Lock()  # of the counters and the keys, which several threads use
         self.statistics = Statistics()
         self.queue: FairQueue[_Waiting] = FairQueue(config.queue, MACHINES_WAITING)
         self._sessions: OrderedDict[tuple[str, str], int] = OrderedDict()
@@ -152,11 +153,12 @@ class TwinServer:
         return message
 
     def _key_of(self, machine: str) -> Key:
-        if machine not in self._keys:
-            self._keys[machine] = self._key.of_machine(machine)
-            if len(self._keys) > SESSIONS_KEPT:
-                self._keys.popitem(last=False)
-        return self._keys[machine]
+        with self._lock:
+            if machine not in self._keys:
+                self._keys[machine] = self._key.of_machine(machine)
+                if len(self._keys) > SESSIONS_KEPT:
+                    self._keys.popitem(last=False)
+            return self._keys[machine]
 
     # --- work
 
@@ -174,12 +176,14 @@ class TwinServer:
                 self._free.release()
                 self._refuse(waiting.message, OVERDUE, dropped=True)
                 continue
-            self._busy += 1
+            with self._lock:
+                self._busy += 1
             workers.submit(waiting.message.belief, waiting.message.request, self._finisher(waiting))
 
     def _finisher(self, waiting: _Waiting) -> Callable[[Result], None]:
         def done(result: Result) -> None:
-            self._busy -= 1
+            with self._lock:
+                self._busy -= 1
             self._free.release()
             if self._ended.is_set():
                 return
@@ -210,7 +214,7 @@ class TwinServer:
         self._connection.publish(topic, answer.dumped(), self._key_of(answer.machine), expires_s=600)
 
     def _ticket(self) -> Ticket:
-        with self._counting:
+        with self._lock:
             self._counter += 1
             return Ticket(self._session, self._counter)
 

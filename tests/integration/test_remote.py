@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import stat
 import subprocess
@@ -20,6 +21,7 @@ import pandas as pd
 import pytest
 from network import Broker, Served, wait_for
 
+from dtbacklash import cli
 from dtbacklash.commands.twin import EXAMPLE
 from dtbacklash.config.compose import compose
 from dtbacklash.config.twin import StatusConfig
@@ -257,8 +259,13 @@ def test_no_key_and_no_password_is_ever_written(broker: Broker, served: Served, 
     """Neither in the files of a run, nor in what is printed, nor in the twin's log."""
     secrets = [word for file in broker.folder.glob("*.yaml") for word in file.read_text().split() if len(word) > 30]
     assert len(secrets) == 2 * len(list(broker.folder.glob("*.yaml")))
-    command = [sys.executable, "-m", "dtbacklash.cli", "run", "-v", "twin=remote", f"twin.broker={broker.address}",
-               "twin.machine=press", f"twin.credentials={broker.of('press')}", *network.SCENARIO, "out=run"]  # fmt: skip
+    there = [
+        "twin=remote",
+        f"twin.broker={broker.address}",
+        "twin.machine=press",
+        f"twin.credentials={broker.of('press')}",
+    ]
+    command = [sys.executable, "-m", "dtbacklash.cli", "run", "-v", *there, *network.SCENARIO, "out=run"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=120)
     assert "3 of 3 estimates accepted" in done.stdout
     assert "3 of 3 requests answered" in done.stdout
@@ -330,7 +337,59 @@ def test_a_config_for_a_remote_twin_is_refused_where_none_can_be(broker: Broker)
     with pytest.raises(UserError, match="is that of press; needed is that of lathe"):
         config.twin.credentials = broker.of("press")
         network.run(config)
-    config = broker.config("twin.buffer=30000", "twin.settle=400")
-    config.twin.buffer = 300_000
+    config = broker.config("duration_s=400", "twin.buffer=300000")
     with pytest.raises(UserError, match=r"twin\.buffer=300000: must be at most \d+ samples with a remote twin"):
         network.run(config)
+
+
+def test_a_process_of_the_twin_that_ends_is_replaced(broker: Broker, served: Served) -> None:
+    for pid in network.children(served.process.pid, "spawn_main"):
+        os.kill(pid, signal.SIGKILL)
+    result = network.run(broker.config())
+    assert result.summary["remote"]["answered"] == 3
+    assert network.children(served.process.pid, "spawn_main")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["serve", "workers=0"], "workers=0: must be at least 1"),
+        (["serve", "worker=2"], "worker=2: no such setting; did you mean workers?"),
+        (["serve", "workers=2", "workers=3"], "workers=3: is given twice"),
+        (["serve", "workers=two"], "workers=two: must be a whole number"),
+        (["serve", "2"], "argument=2: write key=value"),
+        (["serve", "credentials="], "credentials=null: no key in it nor in $DTB_TWIN_KEY"),
+        (["serve", "credentials=nowhere.yaml"], "credentials=nowhere.yaml: cannot be read: no such file or directory"),
+        (["serve", "broker=host:port"], "broker=host:port: host:port, e.g. 127.0.0.1:1883"),
+        (["status", "wait_s=-1"], "wait_s=-1.0: must be positive"),
+        (["access", "machines=[a b]"], "machines=a b: letters, digits, - and _"),
+        (["access", "machines=[twin]"], "machines=twin: another name"),
+        (["access", "machines=[a,a]"], "machines=a,a: names, each once"),
+        (["access", "out=."], "out=.: is there"),
+        (["broker", "access=."], "access=.: a folder of dtb twin access"),
+        (["broke"], "twin=broke: choose one of serve, status, broker, access, describe"),
+    ],
+)
+def test_a_mistake_is_one_line(
+    words: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    network.need_mosquitto()
+    monkeypatch.chdir(tmp_path)
+    if "broker=host:port" in words:
+        monkeypatch.setenv("DTB_TWIN_KEY", 64 * "a")
+    if words[0] == "broker":
+        words = [*words, f"port={network.free_port()}"]
+    assert cli.main(["twin", *words]) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_help_says_what_there_is_and_loads_nothing_heavy() -> None:
+    code = "from dtbacklash import cli; cli.main(['twin', 'serve', '--help']); cli.main(['twin']); import sys; "
+    code += "print(sorted({'numpy', 'hydra', 'paho', 'rich'} & set(sys.modules)))"
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60).stdout
+    assert "workers=1" in said
+    assert all(line in said for line in EXAMPLE)
+    assert said.splitlines()[-1] == "[]"

@@ -139,7 +139,7 @@ def test_a_twin_that_comes_later_gets_the_request(
 def test_the_twin_is_killed_while_it_estimates_and_started_again(broker: Broker, tmp_path: Path) -> None:
     """Its processes end with it; the request is lost; the next ones are answered by the new twin."""
     first = Served(broker, folder=tmp_path).ready()
-    workers = _children(first.process.pid)
+    workers = network.children(first.process.pid)
     for pid in workers:
         os.kill(pid, signal.SIGSTOP)  # an estimate that does not end
     again: list[Served] = []
@@ -173,19 +173,6 @@ def _busy(broker: Broker) -> bool:
     """Whether a twin says that it is at work."""
     found, _ = heard(StatusConfig(broker.address, broker.of("monitor"), wait_s=0.1))
     return any(one["online"] and one["busy"] for one in found.values())
-
-
-def _children(pid: int) -> list[int]:
-    """The processes that a process has started (none where there is no /proc)."""
-    found = []
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            fields = stat.read_text().rsplit(")", 1)[1].split()
-        except OSError:
-            continue
-        if int(fields[1]) == pid:
-            found.append(int(stat.parent.name))
-    return found
 
 
 # --- answers

@@ -1,0 +1,125 @@
+"""Keys sign, and are told to nobody."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from dtbacklash.errors import UserError
+from dtbacklash.remote.access import rules
+from dtbacklash.remote.credentials import KEY, PASSWORD, STATUS, Credentials, Key, load_credentials
+from dtbacklash.remote.topics import address, check_name
+
+DIGITS = "0f" * 32
+
+
+def _file(tmp_path: Path, text: str, mode: int = 0o600) -> str:
+    path = tmp_path / "credentials.yaml"
+    path.write_text(text)
+    path.chmod(mode)
+    return str(path)
+
+
+@pytest.fixture(autouse=True)
+def _no_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in (KEY, PASSWORD, "DTB_TWIN_USER"):
+        monkeypatch.delenv(name, raising=False)
+
+
+def test_a_signature_is_of_topic_bytes_and_machine() -> None:
+    key = Key.parsed(DIGITS, "key").of_machine("press")
+    signature = key.sign("a/b", b"payload")
+    assert key.signed("a/b", b"payload", signature)
+    for topic, payload, given in (
+        ("a/c", b"payload", signature), ("a/b", b"payloae", signature), ("a/b", b"payload", signature[:-1] + "x"),
+        ("a/b", b"payload", None), ("a/b", b"payload", ""), ("a/b", b"payload", "\ud800é"),
+    ):  # fmt: skip
+        assert not key.signed(topic, payload, given)
+    assert not Key.parsed(DIGITS, "key").of_machine("lathe").signed("a/b", b"payload", signature)
+    assert not Key.parsed(DIGITS, "key").of_machine(STATUS).signed("a/b", b"payload", signature)
+
+
+def test_the_key_of_a_machine_signs_as_the_twins_key_does_for_it() -> None:
+    twin = Key.parsed(DIGITS, "key")
+    own = Key.parsed(twin.of_machine("press").text(), "key")
+    assert own.of_machine("press").sign("t", b"x") == twin.of_machine("press").sign("t", b"x")
+    with pytest.raises(UserError, match="is that of press; needed is that of lathe"):
+        own.of_machine("lathe")
+
+
+def test_neither_keys_nor_passwords_are_printed(tmp_path: Path) -> None:
+    found = load_credentials(_file(tmp_path, f"user: me\npassword: hidden\nkey: {DIGITS}\n"), "credentials")
+    assert found.password == "hidden"
+    shown = repr(found) + str(found) + repr(found.key)
+    assert "hidden" not in shown
+    assert DIGITS not in shown
+    assert repr(bytes.fromhex(DIGITS))[2:20] not in shown
+
+
+@pytest.mark.parametrize("mode", [0o640, 0o604, 0o644, 0o620, 0o666])
+def test_a_file_that_others_may_read_or_write_is_refused(tmp_path: Path, mode: int) -> None:
+    with pytest.raises(UserError, match=rf"others may read it \(mode {mode:o}\): chmod 600"):
+        load_credentials(_file(tmp_path, f"key: {DIGITS}\n", mode), "credentials")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("key: tooshort", "a key is 64 hexadecimal digits"),
+        ("key: 12345", "texts for"),
+        ("secret: x", "a YAML file with some of"),
+        ("- key", "a YAML file with some of"),
+        ("key: [", "a YAML file with some of"),
+    ],
+)
+def test_a_file_with_something_else_is_refused_without_quoting_it(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(UserError, match=said) as error:
+        load_credentials(_file(tmp_path, text), "credentials")
+    assert "tooshort" not in str(error.value)
+
+
+def test_the_environment_comes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = _file(tmp_path, f"user: me\npassword: one\nkey: {DIGITS}\nca_file: ca.pem\n")
+    monkeypatch.setenv(PASSWORD, "two")
+    monkeypatch.setenv(KEY, "ab" * 32)
+    found = load_credentials(file, "credentials")
+    assert (found.user, found.password, found.ca_file) == ("me", "two", str(tmp_path / "ca.pem"))
+    assert found.key == Key.parsed("ab" * 32, "key")
+    assert load_credentials(None, "credentials").user is None
+    monkeypatch.setenv(KEY, "no key")
+    with pytest.raises(UserError, match=r"^\$DTB_TWIN_KEY=\.\.\.: a key is"):
+        load_credentials(None, "credentials")
+
+
+def test_without_a_key_nothing_goes() -> None:
+    with pytest.raises(UserError, match="messages have to be signed"):
+        Credentials().needed_key("credentials")
+
+
+def test_the_access_rules_name_each_topic_of_a_machine() -> None:
+    text = rules(["press", "lathe"])
+    assert (
+        "user press\ntopic write dtbacklash/machine/press/request\ntopic read dtbacklash/machine/press/answer\n" in text
+    )
+    assert text.count("#\n") == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [("a:1", ("a", 1)), ("10.0.0.7", ("10.0.0.7", 1883)), ("[::1]:8883", ("::1", 8883)), ("::1", ("::1", 1883))],
+)
+def test_an_address(text: str, found: tuple[str, int]) -> None:
+    assert address(text, "broker") == found
+
+
+@pytest.mark.parametrize("text", ["", ":1", "a:", "a:b", "a:0", "a:65536", "a:²"])
+def test_no_address(text: str) -> None:
+    with pytest.raises(UserError, match="host:port"):
+        address(text, "broker")
+
+
+@pytest.mark.parametrize("name", ["", "a/b", "+", "#", "a b", "x" * 65, "ä"])
+def test_no_name_for_a_topic(name: str) -> None:
+    with pytest.raises(UserError, match="letters, digits"):
+        check_name("machine", name)
