@@ -14,7 +14,7 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import ablation, aging, bank, close_the_loop, indexes, nimc_forms, speed
+from benchmarks import ablation, aging, bank, close_the_loop, indexes, nimc_forms, remote, speed
 from benchmarks.alternatives import alternative_rows, alternative_words, check_docs, write_docs
 from benchmarks.campaign import run_campaign
 from benchmarks.diagnosis import diagnosis_rows
@@ -38,12 +38,14 @@ TITLES = {
     "bank": "The twin's bank on random machines: what it says of one change, from 1.5 s",
     "close_the_loop": "The loop with each belief, on concealed rigs: recorded, diagnosed, controlled",
     "wrong_models": "The twin in loops of 100 s whose model is wrong; from estimations on: of the estimates",
+    "remote": "Machines on one twin over a broker, all on this computer; the buffers of Figure 13",
     "guard": "The twin with and without its guard in the closed loop, random starts, noises, gaps and buffers",
 }
 #: what a benchmark finds: rows, and sentences below them
 Found = tuple[list[Row], list[str]]
-#: run only when asked for (``guard`` asks for ``wrong_models``): they take long, ``alternatives`` the extra ``compare``
-ASKED = ("alternatives", "ablation", "wrong_models", "close_the_loop", "bank", "aging")
+#: run only when asked for (``guard`` asks for ``wrong_models``): they take long; ``alternatives`` needs the extra
+#: ``compare``, ``remote`` the extra ``remote`` and Mosquitto
+ASKED = ("alternatives", "ablation", "wrong_models", "close_the_loop", "bank", "aging", "remote")
 SPEED: dict[str, Callable[[], list[Row]]] = {
     "loop": speed.loop_rows,
     "libraries": speed.library_rows,
@@ -52,9 +54,13 @@ SPEED: dict[str, Callable[[], list[Row]]] = {
     "process": speed.process_rows,
     "diagnosis": diagnosis_rows,
     "indexes": indexes.index_rows,
+    "remote": remote.remote_rows,
 }
 #: what brings the rows of a benchmark into its page
-WRITE_DOCS: dict[str, Callable[[list[Row], Path], None]] = {"indexes": indexes.write_docs}
+WRITE_DOCS: dict[str, Callable[[list[Row], Path], None]] = {
+    "indexes": indexes.write_docs,
+    "remote": remote.write_docs,
+}
 
 
 def main() -> int:

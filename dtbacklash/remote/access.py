@@ -61,7 +61,7 @@ def write(folder: Path, machines: list[str]) -> list[tuple[Path, str]]:
     hasher = program("mosquitto_passwd")
     key = Key.drawn()
     keys = {TWIN: key, MONITOR: key.of_machine(STATUS), **{name: key.of_machine(name) for name in machines}}
-    users = {name: secrets.token_urlsafe(24) for name in keys}
+    users = {name: secrets.token_hex(24) for name in keys}
     with written(folder, "out") as scratch:
         scratch.mkdir(mode=0o700)
         for name, password in users.items():

@@ -78,6 +78,7 @@ class RemoteTwin:
         self._topic, self._machine = request_topic(machine), machine
         self._session, self._counter = secrets.token_hex(16), 0
         self._asked: OrderedDict[int, _Asked] = OrderedDict()
+        self._waiting: dict[int, _Asked] = {}  # of the asked
         self._unsent: deque[_Asked] = deque()
         self._by_mid: dict[int, _Asked] = {}
         self._told: dict[int, str] = {}
@@ -121,7 +122,7 @@ class RemoteTwin:
             self._counter += 1
             patience = min(SHORT_S, self.settings.timeout_s) if self._gone else self.settings.timeout_s
             one = _Asked(request, Ticket(self._session, self._counter), now, now + patience)
-            self._asked[self._counter] = one
+            self._asked[self._counter] = self._waiting[self._counter] = one
             while len(self._asked) > REQUESTS_KEPT:
                 self._early += self._asked.popitem(last=False)[1].dropped
             self._unsent.append(one)
@@ -133,10 +134,9 @@ class RemoteTwin:
             while True:
                 now = time.monotonic()
                 self._give_up(now)
-                waiting = [one.until for one in self._asked.values() if one.state == WAITING]
-                if not waiting or not self.waits:
+                if not self._waiting or not self.waits:
                     break
-                self._state.wait(max(0.0, min(waiting) - now))
+                self._state.wait(max(0.0, min(one.until for one in self._waiting.values()) - now))
             done, self._done = self._done, []
         return done
 
@@ -198,6 +198,10 @@ class RemoteTwin:
                 self._by_mid[mid] = one
                 if mid in self._told:
                     self._hear(self._by_mid.pop(mid), self._told.pop(mid))
+
+    def _dumped(self, one: _Asked) -> bytes:
+        left_s = max(one.until - time.monotonic(), 0.001)
+        return RequestMessage(self._machine, one.ticket, round(left_s, 3), one.request, self.belief).dumped()
 
     def _due(self) -> bool:
         """Whether the next request is to be sent now; those that were given up are forgotten."""
@@ -277,10 +281,11 @@ class RemoteTwin:
         self._twins.move_to_end(message.ticket.session)
         if len(self._twins) > TWINS_KEPT:
             self._twins.popitem(last=False)
-        one.accepted, one.state = message.ticket, ANSWERED
+        one.accepted = message.ticket
         if message.answer is None:
             self._unanswered(one, f"the twin: {message.reason}", ANSWERED)
         else:
+            self._settle(one, ANSWERED)
             self._delays.append(time.monotonic() - one.asked_at)
             self._done.append(Reply(one.request, message.answer))
             if message.answer.accepted:
@@ -289,13 +294,13 @@ class RemoteTwin:
 
     def _overtake(self, newer: _Asked) -> None:
         """Requests before one that was answered: what they would say is old."""
-        for one in self._asked.values():
-            if one.state == WAITING and one.ticket.counter < newer.ticket.counter:
+        for one in list(self._waiting.values()):
+            if one.ticket.counter < newer.ticket.counter:
                 self._unanswered(one, "overtaken by the answer to a later buffer", OVERTAKEN)
 
     def _give_up(self, now: float) -> None:
         """Requests that have waited for too long."""
-        for one in [one for one in self._asked.values() if one.state == WAITING and one.until <= now]:
+        for one in [one for one in self._waiting.values() if one.until <= now]:
             link = self._connection
             if not one.sent and not one.problem:
                 self._gone = True
@@ -307,9 +312,14 @@ class RemoteTwin:
             self._unanswered(one, reason)
 
     def _unanswered(self, one: _Asked, reason: str, state: int = GIVEN_UP) -> None:
-        one.state = state
+        self._settle(one, state)
         self._reasons[reason] += 1
         self._done.append(Reply(one.request, None, reason))
+
+    def _settle(self, one: _Asked, state: int) -> None:
+        """Something has come of a request: it waits no more, and need not be sent again."""
+        one.state, one.payload = state, b""
+        self._waiting.pop(one.ticket.counter, None)
 
 
 def _quantile(ordered: list[float], share: float) -> float | None:

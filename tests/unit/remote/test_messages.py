@@ -126,7 +126,8 @@ def test_a_schema_refers_to_nothing_outside_itself(kind: str) -> None:
 
 def test_the_same_belief_makes_the_same_twin() -> None:
     """What goes with a request and what a run makes of its configuration answer alike, effects and all."""
-    words = ("model=lead_screw", "model.effects.link_1.dry_friction.force=0.3", "model.parameters.k.value=9123.456789")
+    words = ("model=lead_screw", "model.effects.link_1.dry_friction.force=0.3", "model.parameters.k.value=9123.456789",
+             "optimizer.max_evaluations=20")  # fmt: skip
     config = compose(*words)
     beliefs = beliefs_of(config)
     here = estimation.twin_of(settled(config, beliefs), beliefs.twin)
