@@ -115,7 +115,9 @@ def remote_rows() -> list[Row]:
         finally:
             for client in clients:
                 client.close()
-    return [{"what": f"{row['machines']} machines, {row['they ask']}", **row} for row in rows]
+    return [
+        {"what": f"{row['machines']} machine{'s' * (row['machines'] > 1)}, {row['they ask']}", **row} for row in rows
+    ]
 
 
 def _client(settings: TwinConfig, name: str, folder: Path, belief: Document) -> RemoteTwin:
@@ -154,7 +156,7 @@ def _asked(clients: list[RemoteTwin], requests: list[Request], seconds: float, p
         if now > stop + 40.0:
             raise RuntimeError(f"no answer to {sum(map(len, asked))} requests")
         time.sleep(0.001)
-    took_s = max(time.monotonic(), stop) - began if not period_s else seconds
+    took_s = seconds if period_s else time.monotonic() - began
     total = len(answered) + len(reasons)
     busy = sum("busy" in reason for reason in reasons)
     if busy < len(reasons):

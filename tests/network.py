@@ -115,7 +115,7 @@ class Puppet:
         self.play = play or Puppet.reply
         self.requests: list[RequestMessage] = []
         self.payloads: list[tuple[str, bytes, str | None]] = []
-        self.counter, self.session = 0, os.urandom(16).hex()
+        self.counter, self.run = 0, os.urandom(16).hex()
         credentials = load_credentials(broker.of("twin"), "credentials")
         self.key: Key = credentials.needed_key("credentials")
         self._threads: list[threading.Thread] = []
@@ -138,7 +138,7 @@ class Puppet:
     def message(self, message: RequestMessage, answer: Answer | None = None, **other: object) -> AnswerMessage:
         """The right answer to a request, or with some of it ``other``."""
         self.counter += 1
-        said = {"machine": message.machine, "ticket": Ticket(self.session, self.counter), "to": message.ticket,
+        said = {"machine": message.machine, "ticket": Ticket(self.run, self.counter), "to": message.ticket,
                 "sha256": message.sha256, "answer": answer or self.answer(message)}  # fmt: skip
         return AnswerMessage(**said | other)  # type: ignore[arg-type]
 

@@ -76,7 +76,7 @@ class RemoteTwin:
         if settings.buffer > (most := samples_that_fit(belief)):
             raise UserError("twin.buffer", settings.buffer, f"must be at most {most} samples with a remote twin")
         self._topic, self._machine = request_topic(machine), machine
-        self._session, self._counter = secrets.token_hex(16), 0
+        self._run, self._counter = secrets.token_hex(16), 0
         self._asked: OrderedDict[int, _Asked] = OrderedDict()
         self._waiting: dict[int, _Asked] = {}  # of the asked
         self._unsent: deque[_Asked] = deque()
@@ -121,7 +121,7 @@ class RemoteTwin:
         with self._state:
             self._counter += 1
             patience = min(SHORT_S, self.settings.timeout_s) if self._gone else self.settings.timeout_s
-            one = _Asked(request, Ticket(self._session, self._counter), now, now + patience)
+            one = _Asked(request, Ticket(self._run, self._counter), now, now + patience)
             self._asked[self._counter] = self._waiting[self._counter] = one
             while len(self._asked) > REQUESTS_KEPT:
                 self._early += self._asked.popitem(last=False)[1].dropped
@@ -258,7 +258,7 @@ class RemoteTwin:
         if not self._key.signed(topic, payload, signature):
             raise Refused(SIGNATURE)
         message = AnswerMessage.parsed(payload)
-        if message.to.session != self._session or message.machine != self._machine:
+        if message.to.run != self._run or message.machine != self._machine:
             raise Refused(OTHER_RUN)
         if message.answer is not None:
             check_bounds(message.answer, self.settings.gap_max_deg)
@@ -275,10 +275,10 @@ class RemoteTwin:
             raise Refused(LATE if one.state == GIVEN_UP else OLD_BUFFER)
         if message.sha256 != one.sha256:
             raise Refused(CHANGED)
-        if message.ticket.counter <= self._twins.get(message.ticket.session, 0):
+        if message.ticket.counter <= self._twins.get(message.ticket.run, 0):
             raise Refused(REPLAYED)
-        self._twins[message.ticket.session] = message.ticket.counter
-        self._twins.move_to_end(message.ticket.session)
+        self._twins[message.ticket.run] = message.ticket.counter
+        self._twins.move_to_end(message.ticket.run)
         if len(self._twins) > TWINS_KEPT:
             self._twins.popitem(last=False)
         one.accepted = message.ticket

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 RETRY_S, RETRY_MAX_S = 0.1, 3.0
 CONNECT_S, KEEP_ALIVE_S = 5.0, 20
 #: for so long the broker keeps what it has for a machine that was cut off
-SESSION_S = 120
+KEPT_S = 120
 #: the broker drops what is larger
 PACKET_BYTES = 5_000_000
 CLOSE_S = 1.0
@@ -69,7 +69,7 @@ class Connection:
     def open(self) -> None:
         """Begin to connect; returns at once."""
         self._client.connect_async(
-            self.host, self.port, KEEP_ALIVE_S, properties=_properties("CONNECT", SessionExpiryInterval=SESSION_S)
+            self.host, self.port, KEEP_ALIVE_S, properties=_properties("CONNECT", SessionExpiryInterval=KEPT_S)
         )  # fmt: skip
         self._client.loop_start()
 

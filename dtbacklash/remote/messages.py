@@ -39,9 +39,9 @@ _WORDS_FOR = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 
 @dataclass(frozen=True)
 class Ticket:
-    """Which message of which sender: ``session`` is drawn anew at each start, ``counter`` 1, 2, 3, ... within it."""
+    """Which message of which sender: ``run`` is drawn anew at each start, ``counter`` 1, 2, 3, ... within it."""
 
-    session: str
+    run: str
     counter: int
 
 
@@ -64,7 +64,7 @@ class RequestMessage:
         r = self.request
         return dumped({
             "version": VERSION, "kind": "request", "machine": self.machine,
-            "session": self.ticket.session, "counter": self.ticket.counter, "timeout_s": self.timeout_s,
+            "run": self.ticket.run, "counter": self.ticket.counter, "timeout_s": self.timeout_s,
             "event": int(r.event), "first": int(r.first), "seed": int(r.seed), "present_rad": float(r.present_rad),
             "theta_m_rad": _packed(r.theta_m), "q3_m": _packed(r.q3), "belief": self.belief,
         })  # fmt: skip
@@ -79,7 +79,7 @@ class RequestMessage:
         request = Request(
             int(d["event"]), int(d["first"]), theta_m, q3, float(d["present_rad"]), int(d["seed"])
         )  # fmt: skip
-        ticket = Ticket(d["session"], int(d["counter"]))
+        ticket = Ticket(d["run"], int(d["counter"]))
         return cls(d["machine"], ticket, float(d["timeout_s"]), request, d["belief"], digest(payload))
 
 
@@ -100,9 +100,9 @@ class AnswerMessage:
     def dumped(self) -> bytes:
         """The message's bytes."""
         document: Document = {
-            "version": VERSION, "kind": "answer", "machine": self.machine, "twin": self.ticket.session,
+            "version": VERSION, "kind": "answer", "machine": self.machine, "twin": self.ticket.run,
             "counter": self.ticket.counter,
-            "request": {"session": self.to.session, "counter": self.to.counter, "sha256": self.sha256},
+            "request": {"run": self.to.run, "counter": self.to.counter, "sha256": self.sha256},
         }  # fmt: skip
         if self.answer is None:
             return dumped(document | {"status": "refused", "reason": self.reason[:WORDS]})
@@ -120,7 +120,7 @@ class AnswerMessage:
             answer = Answer(attempts, d["guarded"], float(d["wall_s"]))
         ticket = Ticket(d["twin"], int(d["counter"]))
         return cls(
-            d["machine"], ticket, Ticket(to["session"], int(to["counter"])), to["sha256"], answer, d.get("reason", "")
+            d["machine"], ticket, Ticket(to["run"], int(to["counter"])), to["sha256"], answer, d.get("reason", "")
         )  # fmt: skip
 
 

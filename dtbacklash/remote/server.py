@@ -36,8 +36,8 @@ from dtbacklash.remote.workers import Result, Workers
 
 REPLAYED = "replayed"
 BUSY, OVERDUE = "dropped: the twin is busy", "dropped: the machine has stopped waiting"
-#: machines that may wait at a time, sessions of one that are remembered
-MACHINES_WAITING, SESSIONS_KEPT = 1000, 4000
+#: machines that may wait at a time, runs of one that are remembered
+MACHINES_WAITING, RUNS_KEPT = 1000, 4000
 #: seconds between two looks whether to end, and between two statuses
 LOOK_S, STATUS_S = 0.2, 2.0
 
@@ -74,11 +74,11 @@ class TwinServer:
             raise UserError("credentials", config.credentials, allowed)
         self._status_key = self._key.of_machine(STATUS)
         self._keys: OrderedDict[str, Key] = OrderedDict()
-        self._session, self._counter = secrets.token_hex(16), 0
+        self._run, self._counter = secrets.token_hex(16), 0
         self._lock = threading.Lock()  # of the counters and the keys, which several threads use
         self.statistics = Statistics()
         self.queue: FairQueue[_Waiting] = FairQueue(config.queue, MACHINES_WAITING)
-        self._sessions: OrderedDict[tuple[str, str], int] = OrderedDict()
+        self._runs: OrderedDict[tuple[str, str], int] = OrderedDict()
         self._workers: Workers | None = None
         self._free = threading.Semaphore(config.workers)
         self._busy = 0
@@ -143,20 +143,20 @@ class TwinServer:
         message = RequestMessage.parsed(payload)
         if message.machine != machine:
             raise Refused(MALFORMED, f"of machine {message.machine}")
-        place = machine, message.ticket.session
-        if message.ticket.counter <= self._sessions.get(place, 0):
+        place = machine, message.ticket.run
+        if message.ticket.counter <= self._runs.get(place, 0):
             raise Refused(REPLAYED, f"request {message.ticket.counter}")
-        self._sessions[place] = message.ticket.counter
-        self._sessions.move_to_end(place)
-        if len(self._sessions) > SESSIONS_KEPT:
-            self._sessions.popitem(last=False)
+        self._runs[place] = message.ticket.counter
+        self._runs.move_to_end(place)
+        if len(self._runs) > RUNS_KEPT:
+            self._runs.popitem(last=False)
         return message
 
     def _key_of(self, machine: str) -> Key:
         with self._lock:
             if machine not in self._keys:
                 self._keys[machine] = self._key.of_machine(machine)
-                if len(self._keys) > SESSIONS_KEPT:
+                if len(self._keys) > RUNS_KEPT:
                     self._keys.popitem(last=False)
             return self._keys[machine]
 
@@ -216,7 +216,7 @@ class TwinServer:
     def _ticket(self) -> Ticket:
         with self._lock:
             self._counter += 1
-            return Ticket(self._session, self._counter)
+            return Ticket(self._run, self._counter)
 
     def _report(self) -> None:
         """Tell the status every few seconds."""
@@ -230,7 +230,7 @@ class TwinServer:
     def _status(self, online: bool) -> Document:
         queue = self.queue.lengths()
         return {
-            "version": VERSION, "kind": "status", "name": self.name, "twin": self._session,
+            "version": VERSION, "kind": "status", "name": self.name, "twin": self._run,
             "counter": self._ticket().counter, "online": online, "time_s": round(time.time(), 3),
             "workers": self.config.workers, "busy": self._busy, "queue": sum(queue.values()),
             **self.statistics.document(queue),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import stat
 import subprocess
@@ -117,11 +118,11 @@ def test_the_status_and_the_metrics_say_what_has_happened(broker: Broker, served
 
 
 def _request(broker: Broker, machine: str = "press") -> RequestMessage:
-    """A request of a session of its own."""
+    """A request of a run of its own."""
     theta_m = np.sin(0.005 * np.arange(1000.0))
     request = Request(0, 0, theta_m, 2e-4 * theta_m, 0.0, 0)
-    session = f"{time.monotonic_ns():032x}"
-    return RequestMessage(machine, Ticket(session, 1), 60.0, request, described(broker.config(machine=machine)))
+    run = f"{time.monotonic_ns():032x}"
+    return RequestMessage(machine, Ticket(run, 1), 60.0, request, described(broker.config(machine=machine)))
 
 
 class _Talker:
@@ -218,13 +219,13 @@ def test_beyond_capacity_the_oldest_buffer_of_a_machine_is_dropped_and_it_is_tol
     message = _request(broker)
     press = _Talker(broker, "press", "press", [answer_topic("press")])
     lathe = _Talker(broker, "lathe", "lathe", [answer_topic("lathe")])
-    session = f"{time.monotonic_ns():032x}"
+    run = f"{time.monotonic_ns():032x}"
     slow = json.loads(json.dumps(message.belief))
     slow["optimizer"] = {"name": "dual_annealing", "max_evaluations": 20000, "tolerance": 1e-6}
     for counter in range(1, 13):
-        one = replace(message, belief=slow, ticket=Ticket(session, counter))
+        one = replace(message, belief=slow, ticket=Ticket(run, counter))
         press.connection.publish(request_topic("press"), one.dumped(), press.key)
-    mine = replace(message, machine="lathe", ticket=Ticket(session, 1))
+    mine = replace(message, machine="lathe", ticket=Ticket(run, 1))
     lathe.connection.publish(request_topic("lathe"), mine.dumped(), lathe.key)
     wait_for(lambda: len(press.heard) == 12 and lathe.heard)
     answers = {json.loads(p)["request"]["counter"]: json.loads(p) for _, p in press.heard}
@@ -393,3 +394,33 @@ def test_the_help_says_what_there_is_and_loads_nothing_heavy() -> None:
     assert "workers=1" in said
     assert all(line in said for line in EXAMPLE)
     assert said.splitlines()[-1] == "[]"
+
+
+def test_the_client_of_the_docs_in_another_language(broker: Broker, served: Served, tmp_path: Path) -> None:
+    """The JavaScript of ``docs/remote.md`` gets the gap that a run would put in force, and tells a refusal."""
+    node = shutil.which("node")
+    folders = os.environ.get("NODE_PATH", "") + ":/usr/share/nodejs:/usr/lib/nodejs"
+    if node is None or not any(Path(folder, "mqtt").is_dir() for folder in folders.split(":") if folder):
+        pytest.skip("Node.js with its package mqtt is not installed (apt install node-mqtt)")
+    page = (Path(__file__).parents[2] / "docs" / "remote.md").read_text(encoding="utf-8")
+    program = page.split("```js\n")[1].split("```")[0]
+    assert len(program.splitlines()) <= 32
+    (tmp_path / "gateway.js").write_text(program)
+    result = network.local()
+    buffer = result.trace.iloc[10_000:11_000]
+    columns = {"theta_m_rad": buffer["theta_m_rad"].tolist(), "q3_m": result.seen["q3"][10_000:11_000].tolist()}
+    belief = described(compose(*network.scenario()))
+    (tmp_path / "buffer.json").write_text(json.dumps(columns))
+
+    def ask(belief: dict[str, Any]) -> str:
+        (tmp_path / "belief.json").write_text(json.dumps(belief))
+        command = [node, "gateway.js", broker.address, broker.of("press"), "press", "belief.json", "buffer.json"]
+        done = subprocess.run(
+            command, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=30,
+            env=os.environ | {"NODE_PATH": folders},
+        )  # fmt: skip
+        return done.stdout.strip()
+
+    assert float(ask(belief)) == pytest.approx(result.estimates["applied_deg"].iloc[0], rel=1e-12)
+    belief["twin"]["settle"] = 5000
+    assert ask(belief) == "twin.settle=5000: must be below twin.buffer=1000 samples"

@@ -334,7 +334,7 @@ HOSTILE: dict[str, tuple[Callable[[bytes], bytes], str]] = {
     "no JSON": (lambda p: b"\xff\xfe gap=1", "malformed"),
     "a list": (lambda p: b"[1]", "malformed"),
     "nested too deeply": (lambda p: 100_000 * b"[", "malformed"),
-    "of another run": (lambda p: _with(p, lambda d: d["request"].update(session=32 * "0")), "of another run"),
+    "of another run": (lambda p: _with(p, lambda d: d["request"].update(run=32 * "0")), "of another run"),
     "to an unknown request": (lambda p: _with(p, lambda d: d["request"].update(counter=99)), "to an unknown request"),
     "to a request that was changed": (
         lambda p: _with(p, lambda d: d["request"].update(sha256=64 * "0")), "to a request that was changed",

@@ -26,20 +26,20 @@ from dtbacklash.twin.service import Answer, Request
 BELIEF = belief.described(compose())
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 ANY = st.floats()
-SESSION = "0123456789abcdef" * 2
-DIGEST = 2 * SESSION
+RUN = "0123456789abcdef" * 2
+DIGEST = 2 * RUN
 
 
 def _request(theta_m: list[float], q3: list[float], present_rad: float = 0.25) -> RequestMessage:
     request = Request(2000, 1000, np.array(theta_m), np.array(q3), present_rad, 3)
-    return RequestMessage("press", Ticket(SESSION, 7), 2.5, request, BELIEF)
+    return RequestMessage("press", Ticket(RUN, 7), 2.5, request, BELIEF)
 
 
 def _answer(numbers: list[float], accepted: bool = True, guarded: bool = True) -> AnswerMessage:
     estimate = Estimate(*numbers[:6], 17, True, "fine", 0.125)
     attempt = Attempt(estimate, Verdict(accepted, "better"), numbers[6])
     return AnswerMessage(
-        "press", Ticket(SESSION, 3), Ticket(SESSION, 7), DIGEST, Answer((attempt,), guarded, 0.5)
+        "press", Ticket(RUN, 3), Ticket(RUN, 7), DIGEST, Answer((attempt,), guarded, 0.5)
     )  # fmt: skip
 
 
@@ -71,7 +71,7 @@ def test_an_answer_keeps_its_bits(numbers: list[float], accepted: bool) -> None:
 
 
 def test_a_refusal_says_why() -> None:
-    refusal = AnswerMessage("press", Ticket(SESSION, 3), Ticket(SESSION, 7), DIGEST, None, 1000 * "x")
+    refusal = AnswerMessage("press", Ticket(RUN, 3), Ticket(RUN, 7), DIGEST, None, 1000 * "x")
     assert AnswerMessage.parsed(refusal.dumped()) == replace(refusal, reason=500 * "x")
 
 
@@ -107,7 +107,7 @@ def test_a_buffer_of_the_longest_kind_fits_into_a_message() -> None:
     assert most > 100_000
     ones = np.full(most, 1.0 / 3.0)
     message = RequestMessage(
-        "p" * 64, Ticket(SESSION, 2**53 - 1), 86400.0, Request(2**53 - 1, 0, ones, ones, 1 / 3, 0), BELIEF
+        "p" * 64, Ticket(RUN, 2**53 - 1), 86400.0, Request(2**53 - 1, 0, ones, ones, 1 / 3, 0), BELIEF
     )
     assert 0.99 * REQUEST_BYTES < len(message.dumped()) <= REQUEST_BYTES
 
