@@ -10,14 +10,16 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
+from dtbacklash.commands.twin import PARTS
 from dtbacklash.config.grammar import EXPORT, FILES, FOLDER_WORD, GRAMMARS, Grammar
 from dtbacklash.config.groups import recordings
+from dtbacklash.config.setting import declared
 from dtbacklash.errors import UserError
 
 SHELLS = ("bash", "zsh")
 OPTIONS = ("--help", "--cfg", "-m", "-v")
 #: the word that follows a command which is no application
-SECOND = {"recordings": ("fetch",), EXPORT.name: ("fmu",)}
+SECOND = {"recordings": ("fetch",), EXPORT.name: ("fmu",), "twin": tuple(PARTS)}
 SCRIPT = """\
 # completion of dtb; made by `dtb --install-completion`
 _dtb_completion() {
@@ -93,6 +95,8 @@ def answers(line: str) -> list[str]:
     command, rest = given[1], given[2:]
     if command in SECOND and not rest:
         return _beginning(word, SECOND[command])
+    if command == "twin":
+        return _of_the_twin(rest, word)
     if command in FILES:
         rest = rest[1:]
     elif command not in GRAMMARS:
@@ -100,6 +104,14 @@ def answers(line: str) -> list[str]:
     grammar = (GRAMMARS | FILES)[command]
     own = _own(grammar, word)
     return own if own is not None else sorted({*_short(grammar, word), *_by_hydra(grammar, rest, word)})
+
+
+def _of_the_twin(rest: list[str], word: str) -> list[str]:
+    """The settings of a part of ``dtb twin``; ``describe`` takes those of a run."""
+    if rest[0] == "describe":
+        return answers(" ".join(["dtb", "run", *rest[1:], word]))
+    schema = PARTS[rest[0]].schema if rest[0] in PARTS else None
+    return [] if schema is None else _beginning(word, [f"{one.key}=" for one in declared(schema)])
 
 
 def _own(grammar: Grammar, word: str) -> list[str] | None:

@@ -6,9 +6,10 @@ import re
 from collections.abc import Iterator
 from itertools import groupby
 
+from dtbacklash.commands.twin import PARTS
 from dtbacklash.config.grammar import COMMON, FILES, GRAMMARS, RUN, Grammar
 from dtbacklash.config.groups import FOLDERS, GROUPS, PACKAGED, packaged_options
-from dtbacklash.config.setting import Declared
+from dtbacklash.config.setting import Declared, declared
 from dtbacklash.physics.kinds import GROUND, KINDS
 from dtbacklash.report.kit.markdown import table
 
@@ -26,6 +27,7 @@ def page() -> str:
     for grammar in (GRAMMARS | FILES).values():
         if grammar is not RUN:
             parts += [f"## dtb {grammar.name}\n", *_of_command(grammar)]
+    parts += ["## dtb twin\n", TWIN_INTRO, *_of_the_twin()]
     parts += ["## A rig of your own\n", RIG_INTRO]
     parts.append(table(("kind", "fields", "neighbours", "what it is"), _kind_rows()))
     parts += ["Sensors:\n", table(("`of` an element of kind", "`quantity` and its unit in the simulation"), [
@@ -83,6 +85,15 @@ def _of_command(grammar: Grammar) -> Iterator[str]:
         yield f"Results go to `out=FOLDER`, by default `{grammar.folder}`.\n"
 
 
+def _of_the_twin() -> Iterator[str]:
+    """A table a part; what is written to be read first is its first line."""
+    for name, part in PARTS.items():
+        first, _, rest = part.about.partition("\n")
+        yield f"### dtb twin {name}\n\n{first[0].upper()}{first[1:]}. {rest}".rstrip() + "\n"
+        if part.schema is not None:
+            yield table(HEADS, map(_row, declared(part.schema)))
+
+
 def _row(one: Declared) -> list[str]:
     about = one.about
     name = f"`{one.word}`" + (f" (`{one.key}`)" if about.word and about.word != one.key else "")
@@ -104,7 +115,7 @@ def _kind_rows() -> list[list[str]]:
 
 
 INTRO = """\
-Everything that a command can be told. All but `dtb recordings` and `dtb export` have one grammar, that of
+Everything that a command can be told. All but `dtb recordings`, `dtb export` and `dtb twin` have one grammar, that of
 [Hydra](https://hydra.cc): a group is chosen by `group=option`, a setting by `key=value`; `--cfg job` prints the result
 and runs nothing:
 
@@ -127,6 +138,10 @@ are kept when one fails or you press Ctrl-C; the same command again does only wh
 dtb run -m controller=imc,nimc_fixed profile=s_curve,step
 dtb diagnose -m recording=a.csv,b.csv
 ```
+"""
+
+TWIN_INTRO = """\
+The twin as a process of its own; [remote.md](remote.md) says how. Its parts take `key=value`, no groups and no sweeps.
 """
 
 SETTINGS_INTRO = """\

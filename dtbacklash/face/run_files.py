@@ -53,7 +53,7 @@ def _with_remote_twin(config: RunConfig, progress: Callable[[float], None] | Non
     from dtbacklash.remote.belief import described
     from dtbacklash.remote.client import RemoteTwin
 
-    with RemoteTwin(config.twin, described(config)) as service:
+    with RemoteTwin(config.twin, described(config), waits=config.pace != "real") as service:
         result = scenario.run_scenario(config, progress, service=service)
         result.summary["remote"] = service.summary()
     return result

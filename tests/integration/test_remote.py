@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import datetime
+import ipaddress
 import json
 import os
 import shutil
@@ -20,6 +22,10 @@ import network
 import numpy as np
 import pandas as pd
 import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import NameOID
 from network import Broker, Served, wait_for
 
 from dtbacklash import cli
@@ -424,3 +430,57 @@ def test_the_client_of_the_docs_in_another_language(broker: Broker, served: Serv
     assert float(ask(belief)) == pytest.approx(result.estimates["applied_deg"].iloc[0], rel=1e-12)
     belief["twin"]["settle"] = 5000
     assert ask(belief) == "twin.settle=5000: must be below twin.buffer=1000 samples"
+
+
+def _certificates(folder: Path) -> None:
+    """A CA, and by it a certificate of the broker at 127.0.0.1 and one of a machine; another CA, that nobody trusts."""
+    now, here = datetime.datetime.now(datetime.UTC), x509.IPAddress(ipaddress.ip_address("127.0.0.1"))
+
+    def made(name: str, issuer: tuple[x509.Name, ec.EllipticCurvePrivateKey] | None) -> Any:
+        key = ec.generate_private_key(ec.SECP256R1())
+        subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
+        by, signer = issuer or (subject, key)
+        certificate = (
+            x509.CertificateBuilder().subject_name(subject).issuer_name(by).public_key(key.public_key())
+            .serial_number(x509.random_serial_number()).not_valid_before(now - datetime.timedelta(days=1))
+            .not_valid_after(now + datetime.timedelta(days=1))
+            .add_extension(x509.BasicConstraints(ca=issuer is None, path_length=None), critical=True)
+            .add_extension(x509.SubjectAlternativeName([here]), critical=False)
+            .sign(signer, hashes.SHA256())
+        )  # fmt: skip
+        (folder / f"{name}.pem").write_bytes(certificate.public_bytes(serialization.Encoding.PEM))
+        private = (serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
+        (folder / f"{name}.key").write_bytes(key.private_bytes(*private))
+        return subject, key
+
+    ca = made("ca", None)
+    made("other", None)
+    made("broker", ca)
+    made("press", ca)
+
+
+def test_certificates_in_place_of_passwords(tmp_path: Path) -> None:
+    """The machine shows a certificate of the plant's, and believes the broker's only if it is of the plant's too."""
+    _certificates(tmp_path)
+    port = network.free_port()
+    tls = f"cafile {tmp_path / 'ca.pem'}\ncertfile {tmp_path / 'broker.pem'}\nkeyfile {tmp_path / 'broker.key'}\n"
+    more = f"listener {port} 127.0.0.1\n{tls}require_certificate true\nuse_identity_as_username true\n"
+    broker = Broker(tmp_path, more=more).start()
+    key = load_credentials(broker.of("press"), "credentials").needed_key("credentials").text()
+    own = {"key": key, "ca_file": "ca.pem", "cert_file": "press.pem", "cert_key_file": "press.key"}
+    for name, changed in (("with", {}), ("untrusting", {"ca_file": "other.pem"})):
+        file = tmp_path / f"{name}.yaml"
+        file.write_text("".join(f"{k}: {v}\n" for k, v in (own | changed).items()))
+        file.chmod(0o600)
+    puppet = network.Puppet(broker)
+    try:
+        config = broker.config(timeout_s=3.0)
+        config.twin.broker, config.twin.credentials = f"127.0.0.1:{port}", str(tmp_path / "with.yaml")
+        network.same(network.local(), network.run(config))
+        config.twin.credentials = str(tmp_path / "untrusting.yaml")
+        config.twin.timeout_s = 0.5
+        result = network.run(config)
+        assert result.estimates["reason"].str.startswith("no broker at").all()
+    finally:
+        puppet.close()
+        broker.stop()

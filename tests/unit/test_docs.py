@@ -9,6 +9,8 @@ import pandas as pd
 import pytest
 
 from dtbacklash import cli
+from dtbacklash.commands import twin
+from dtbacklash.config import words as key_values
 from dtbacklash.config.compose import compose_for
 from dtbacklash.config.grammar import GRAMMARS, RUN
 from dtbacklash.config.groups import packaged_options
@@ -124,6 +126,24 @@ def test_commands_in_the_docs_are_accepted(command: str, tmp_path: Path, monkeyp
             others = [w.split(",")[0] if swept else w for w in plain if w != word]
             compose_for(grammar, grammar.schema, *others, f"{key}{equals}{value}")
     assert plain or all(w.startswith(("-", "out=", "hydra.", "hydra/")) or w == "job" for w in words)
+
+
+def test_commands_of_the_twin_in_the_docs_are_accepted() -> None:
+    found = 0
+    for page in PAGES:
+        blocks = re.findall(r"```sh\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+        inline = re.findall(r"`(dtb twin [^`]+)`", page.read_text(encoding="utf-8"))
+        for line in [*(line for block in blocks for line in block.splitlines()), *inline]:
+            words = line.split(" #")[0].split()
+            if words[:2] != ["dtb", "twin"] or "=N" in line:
+                continue
+            part = twin.PARTS[words[2]]
+            if part.schema is None:
+                compose_for(RUN, RUN.schema, *(w for w in words[3:] if "my_rig" not in w))
+            else:
+                key_values.read(part.schema, words[3:])
+            found += 1
+    assert found > 5
 
 
 def test_every_library_is_accounted_for() -> None:

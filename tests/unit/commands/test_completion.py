@@ -78,3 +78,9 @@ def test_a_command_that_writes_one_file_is_completed_behind_its_second_word():
     assert completion.answers("dtb export fmu rig=lead") == ["rig=lead_screw"]
     assert "out=" in completion.answers("dtb export fmu o")
     assert "sample_time_s=" in completion.answers("dtb export fmu sam")
+
+
+def test_the_parts_of_dtb_twin_are_completed_with_their_settings():
+    assert completion.answers("dtb twin s") == ["serve", "status"]
+    assert completion.answers("dtb twin serve wo") == ["workers="]
+    assert completion.answers("dtb twin describe rig=lead") == ["rig=lead_screw"]
