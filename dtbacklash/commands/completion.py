@@ -10,10 +10,10 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from dtbacklash.commands.twin import PARTS
 from dtbacklash.config.grammar import EXPORT, FILES, FOLDER_WORD, GRAMMARS, Grammar
 from dtbacklash.config.groups import recordings
 from dtbacklash.config.setting import declared
+from dtbacklash.config.twin import PARTS
 from dtbacklash.errors import UserError
 
 SHELLS = ("bash", "zsh")

@@ -5,22 +5,12 @@ from __future__ import annotations
 import signal
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from dtbacklash.config import words as key_values
-from dtbacklash.config.twin import AccessConfig, BrokerConfig, ServeConfig, StatusConfig
+from dtbacklash.config.twin import EXAMPLE, PARTS, AccessConfig, BrokerConfig, ServeConfig, StatusConfig
 from dtbacklash.errors import UserError
-
-
-@dataclass(frozen=True)
-class _Part:
-    """One word behind ``dtb twin``: its settings, what it is, what does it."""
-
-    schema: type | None
-    about: str
-    call: Callable[[Any], int]
 
 
 def main(words: Sequence[str]) -> int:
@@ -36,7 +26,7 @@ def main(words: Sequence[str]) -> int:
     if asks:
         print(help_of(name))
         return 0
-    return part.call(rest if part.schema is None else key_values.read(part.schema, rest))
+    return DOES[name](rest if part.schema is None else key_values.read(part.schema, rest))
 
 
 def usage() -> str:
@@ -112,29 +102,7 @@ def _describe(words: list[str]) -> int:
     return 0
 
 
-EXAMPLE = (
-    "dtb twin broker",
-    "dtb twin serve credentials=twin_access/twin.yaml",
-    "dtb run experiment=fig13 twin=remote twin.credentials=twin_access/machine.yaml",
-)
-PARTS = {
-    "serve": _Part(
-        ServeConfig, "answer the requests of machines, until Ctrl-C\n"
-        "Takes buffers off an MQTT broker, estimates on a pool of processes, in turn over the machines, and answers.\n"
-        "A line a request on stderr.", _serve,
-    ),
-    "status": _Part(StatusConfig, "how the twins are: machines, last estimates, rejected messages, queue", _status),
-    "broker": _Part(
-        BrokerConfig, "start Mosquitto on this machine, on 127.0.0.1 only, until Ctrl-C\n"
-        "With users, passwords and access rules from the folder of dtb twin access. Needs Mosquitto 2\n"
-        "(Debian, Ubuntu: apt install mosquitto).", _broker,
-    ),
-    "access": _Part(
-        AccessConfig, "make users, passwords, keys and access rules for Mosquitto\n"
-        "Writes a file of credentials for the twin and for each machine, the files of passwords (hashed) and of\n"
-        "access rules for the broker, and a configuration for it.", _access,
-    ),
-    "describe": _Part(
-        None, "print what a twin has to know of a machine, for other clients; takes the words of dtb run", _describe
-    ),
+#: what does each part; `describe` gets the words themselves
+DOES: dict[str, Callable[[Any], int]] = {
+    "serve": _serve, "status": _status, "broker": _broker, "access": _access, "describe": _describe,
 }  # fmt: skip

@@ -63,3 +63,40 @@ class AccessConfig:
 
     def __post_init__(self) -> None:
         check(self)
+
+
+@dataclass(frozen=True)
+class Part:
+    """One word behind ``dtb twin``: its settings (None: the words of ``dtb run``), and what it is."""
+
+    schema: type | None
+    about: str
+
+
+#: the paper's Figure 13 in three terminals
+EXAMPLE = (
+    "dtb twin broker",
+    "dtb twin serve credentials=twin_access/twin.yaml",
+    "dtb run experiment=fig13 twin=remote twin.credentials=twin_access/machine.yaml",
+)
+PARTS = {
+    "serve": Part(
+        ServeConfig, "answer the requests of machines, until Ctrl-C\n"
+        "Takes buffers off an MQTT broker, estimates on a pool of processes, in turn over the machines, and answers.\n"
+        "A line a request on stderr."
+    ),
+    "status": Part(StatusConfig, "how the twins are: machines, last estimates, rejected messages, queue"),
+    "broker": Part(
+        BrokerConfig, "start Mosquitto on this machine, on 127.0.0.1 only, until Ctrl-C\n"
+        "With users, passwords and access rules from the folder of dtb twin access. Needs Mosquitto 2\n"
+        "(Debian, Ubuntu: apt install mosquitto)."
+    ),
+    "access": Part(
+        AccessConfig, "make users, passwords, keys and access rules for Mosquitto\n"
+        "Writes a file of credentials for the twin and for each machine, the files of passwords (hashed) and of\n"
+        "access rules for the broker, and a configuration for it."
+    ),
+    "describe": Part(
+        None, "print what a twin has to know of a machine, for other clients; takes the words of dtb run"
+    ),
+}  # fmt: skip

@@ -6,10 +6,10 @@ import re
 from collections.abc import Iterator
 from itertools import groupby
 
-from dtbacklash.commands.twin import PARTS
 from dtbacklash.config.grammar import COMMON, FILES, GRAMMARS, RUN, Grammar
 from dtbacklash.config.groups import FOLDERS, GROUPS, PACKAGED, packaged_options
 from dtbacklash.config.setting import Declared, declared
+from dtbacklash.config.twin import PARTS
 from dtbacklash.physics.kinds import GROUND, KINDS
 from dtbacklash.report.kit.markdown import table
 

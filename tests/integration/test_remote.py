@@ -29,9 +29,8 @@ from cryptography.x509.oid import NameOID
 from network import Broker, Served, wait_for
 
 from dtbacklash import cli
-from dtbacklash.commands.twin import EXAMPLE
 from dtbacklash.config.compose import compose
-from dtbacklash.config.twin import StatusConfig
+from dtbacklash.config.twin import EXAMPLE, StatusConfig
 from dtbacklash.errors import UserError
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.remote.belief import described
@@ -484,3 +483,23 @@ def test_certificates_in_place_of_passwords(tmp_path: Path) -> None:
     finally:
         puppet.close()
         broker.stop()
+
+
+def test_in_real_time_the_loop_does_not_wait_for_the_network(broker: Broker, served: Served) -> None:
+    """``pace=real``: the answer comes into force when it is there, some samples later; the others are at their instants."""
+    words = (
+        "pace=real",
+        "duration_s=3",
+        "reference.period_s=2",
+        "twin.buffer=500",
+        "twin.settle=200",
+        "twin.delay_s=0",
+    )
+    result = network.run(broker.config(*words))
+    first = result.estimates.iloc[0]
+    assert first["accepted"]
+    assert 3.0 < first["t_applied_s"] < 4.0
+    assert result.trace.query("gap_hat_deg > 0")["t_s"].min() == pytest.approx(first["t_applied_s"])
+    pace = result.summary["pace"]
+    assert pace["deadlines"] == 4001
+    assert pace["median_ms"] < 1.0

@@ -9,11 +9,11 @@ import pandas as pd
 import pytest
 
 from dtbacklash import cli
-from dtbacklash.commands import twin
 from dtbacklash.config import words as key_values
 from dtbacklash.config.compose import compose_for
 from dtbacklash.config.grammar import GRAMMARS, RUN
 from dtbacklash.config.groups import packaged_options
+from dtbacklash.config.twin import PARTS
 from dtbacklash.docs import configuration
 from dtbacklash.docs import pages as docs
 from dtbacklash.paper import all_claims, run_experiments
@@ -137,7 +137,7 @@ def test_commands_of_the_twin_in_the_docs_are_accepted() -> None:
             words = line.split(" #")[0].split()
             if words[:2] != ["dtb", "twin"] or "=N" in line:
                 continue
-            part = twin.PARTS[words[2]]
+            part = PARTS[words[2]]
             if part.schema is None:
                 compose_for(RUN, RUN.schema, *(w for w in words[3:] if "my_rig" not in w))
             else:
