@@ -29,6 +29,7 @@ log = logging.getLogger(__name__)
 #: why an answer that is signed and well formed is dropped
 OTHER_RUN, UNKNOWN, DOUBLED, REPLAYED = "of another run", "to an unknown request", "doubled", "replayed"
 LATE, OLD_BUFFER, CHANGED = "late", "for an old buffer", "to a request that was changed"
+UNGUARDED = "not guarded as asked"
 #: what a request may be
 WAITING, ANSWERED, GIVEN_UP, OVERTAKEN = range(4)
 #: requests and twins that are remembered
@@ -261,6 +262,8 @@ class RemoteTwin:
         if message.to.run != self._run or message.machine != self._machine:
             raise Refused(OTHER_RUN)
         if message.answer is not None:
+            if message.answer.guarded != self.settings.guard:
+                raise Refused(UNGUARDED)
             check_bounds(message.answer, self.settings.gap_max_deg)
         return message
 

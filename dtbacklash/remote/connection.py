@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import secrets
 import socket
 import threading
@@ -15,13 +16,16 @@ from dtbacklash.remote.topics import address
 if TYPE_CHECKING:
     import paho.mqtt.client as mqtt
 
+log = logging.getLogger(__name__)
+
 #: seconds between two tries to reach a broker that is gone: the first, the longest
 RETRY_S, RETRY_MAX_S = 0.1, 3.0
 CONNECT_S, KEEP_ALIVE_S = 5.0, 20
-#: for so long the broker keeps what it has for a machine that was cut off
+#: for so long the broker keeps what it has for a client that was cut off
 KEPT_S = 120
-#: the broker drops what is larger
-PACKET_BYTES = 5_000_000
+#: the broker does not hand over what is larger, nor more at a time than these
+PACKET_BYTES, AT_A_TIME = 5_000_000, 50
+HERE = ("localhost", "127.", "::1")
 CLOSE_S = 1.0
 EXTRA = "needs the extra `remote`: pip install 'dtbacklash[remote]'"
 
@@ -37,7 +41,8 @@ class Connection:
         with topic, payload and signature of each message. name : of the client, at the broker. published : called there
         with the number of a message and what the broker has against it, or "". changed : called there when the
         connection has come or gone. will : topic, payload and signature of what the broker publishes, retained, should
-        this client be cut off.
+        this client be cut off. retained : whether to take what the broker has kept from before. kept_s : for how
+        long the broker keeps what comes for this client while it is cut off.
 
     Raises
     ------
@@ -55,10 +60,12 @@ class Connection:
         published: Callable[[int, str], None] | None = None,
         changed: Callable[[], None] | None = None,
         will: tuple[str, bytes, str] | None = None,
+        retained: bool = False,
+        kept_s: int = KEPT_S,
     ) -> None:
         self.broker, self.setting = broker, setting
         self.host, self.port = address(broker, setting)
-        self._subscribe, self._take = subscribe, take
+        self._subscribe, self._take, self._retained, self._kept_s = subscribe, take, retained, kept_s
         self._published, self._changed = published, changed
         self.connected = threading.Event()
         #: of the last failure, in words; refused: the broker is there, and does not want this client
@@ -68,9 +75,10 @@ class Connection:
 
     def open(self) -> None:
         """Begin to connect; returns at once."""
-        self._client.connect_async(
-            self.host, self.port, KEEP_ALIVE_S, properties=_properties("CONNECT", SessionExpiryInterval=KEPT_S)
+        bounds = _properties(
+            "CONNECT", SessionExpiryInterval=self._kept_s, MaximumPacketSize=PACKET_BYTES, ReceiveMaximum=AT_A_TIME
         )  # fmt: skip
+        self._client.connect_async(self.host, self.port, KEEP_ALIVE_S, properties=bounds)
         self._client.loop_start()
 
     def publish(
@@ -84,7 +92,7 @@ class Connection:
 
     def close(self) -> None:
         """End it, within a second even where the network is dead."""
-        self._client.disconnect()
+        self._client.disconnect(properties=_properties("DISCONNECT", SessionExpiryInterval=0))  # nothing is kept
         # paho waits for what is not acknowledged
         ending = threading.Thread(target=self._client.loop_stop, daemon=True)
         ending.start()
@@ -92,6 +100,7 @@ class Connection:
 
     def _made(self, credentials: Credentials, name: str, will: tuple[str, bytes, str] | None) -> mqtt.Client:
         try:
+            import fastjsonschema as _schemas  # noqa: F401 - what is taken here is checked with it
             import paho.mqtt.client as mqtt
             from paho.mqtt.enums import CallbackAPIVersion
         except ImportError as error:
@@ -106,6 +115,8 @@ class Connection:
         client.max_queued_messages_set(1000)
         if credentials.user is not None:
             client.username_pw_set(credentials.user, credentials.password)
+            if credentials.ca_file is None and not self.host.startswith(HERE):
+                log.warning("the password goes to %s unencrypted: give ca_file in the credentials", self.host)
         if credentials.ca_file is not None or credentials.cert_file is not None:
             try:
                 client.tls_set(credentials.ca_file, credentials.cert_file, credentials.cert_key_file)
@@ -145,6 +156,9 @@ class Connection:
         self._tell()
 
     def _on_message(self, _client: mqtt.Client, _data: Any, message: mqtt.MQTTMessage) -> None:
+        if message.retain and not self._retained:
+            log.info("dropped: kept by the broker from before, on %s", message.topic)
+            return
         pairs = getattr(message.properties, "UserProperty", [])
         signature = next((value for name, value in pairs if name == PROPERTY), None)
         self._take(message.topic, bytes(message.payload), signature)

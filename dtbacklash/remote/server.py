@@ -40,6 +40,8 @@ BUSY, OVERDUE = "dropped: the twin is busy", "dropped: the machine has stopped w
 MACHINES_WAITING, RUNS_KEPT = 1000, 4000
 #: seconds between two looks whether to end, and between two statuses
 LOOK_S, STATUS_S = 0.2, 2.0
+#: after this the broker says of a twin that is gone that nobody listens, and machines ask again
+KEPT_S = 10
 
 Say = Callable[[str], None]
 
@@ -86,9 +88,9 @@ class TwinServer:
         topic, will = status_topic(self.name), dumped(self._status(online=False))
         self._connection = Connection(
             config.broker, credentials, [REQUESTS], self._take, f"twin-{self.name}",
-            will=(topic, will, self._status_key.sign(topic, will)), changed=self._changed,
+            will=(topic, will, self._status_key.sign(topic, will)), changed=self._changed, kept_s=KEPT_S,
         )  # fmt: skip
-        self._was_connected = False
+        self._was_connected, self._said = False, ""
 
     def run(self, belief: Document) -> None:
         """Serve until :meth:`end`; ``belief`` : of a machine, to get ready with."""
@@ -237,14 +239,20 @@ class TwinServer:
         }  # fmt: skip
 
     def _changed(self) -> None:
-        """The connection has come or gone."""
-        connected = self._connection.connected.is_set()
-        if connected and not self._was_connected:
-            self._say(f"connected to the broker at {self.config.broker}")
+        """The connection has come or gone, or cannot be had; told once. Refused from the start: the twin ends."""
+        link = self._connection
+        connected = link.connected.is_set()
+        said = (
+            f"connected to the broker at {link.broker}" if connected else f"no broker at {link.broker}: {link.problem}"
+        )
+        if said != self._said:
+            self._said = said
+            self._say(said)
+        if connected:
+            self._was_connected = True
             threading.Thread(target=self._publish_status, args=(True,), daemon=True).start()
-        elif not connected:
-            self._say(f"no broker at {self.config.broker}: {self._connection.problem}")
-        self._was_connected = connected
+        elif link.refused and not self._was_connected:
+            self.end()
 
 
 def _printable(topic: str) -> str:

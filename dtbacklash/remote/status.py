@@ -50,7 +50,7 @@ def heard(config: StatusConfig) -> tuple[dict[str, Document], dict[str, int]]:
             if document["name"] == name_in(topic) and (document["name"] in twins or len(twins) < TWINS_KEPT):
                 twins[document["name"]] = document
 
-    connection = Connection(config.broker, credentials, [STATUSES], take, "monitor")
+    connection = Connection(config.broker, credentials, [STATUSES], take, "monitor", retained=True)
     connection.open()
     try:
         connection.answered.wait(max(config.wait_s, 5.0))

@@ -116,6 +116,33 @@ def test_a_wrong_password_is_refused_before_the_loop_begins(broker: Broker, monk
         network.run(broker.config())
 
 
+def test_a_twin_with_a_wrong_password_ends_in_one_line(
+    broker: Broker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DTB_TWIN_PASSWORD", "wrong")
+    one = Served(broker, folder=tmp_path)
+    assert one.process.wait(120) == 2
+    assert (
+        one.text().splitlines()[-1].endswith("twin.yaml: the broker at " + broker.address + " refuses: not authorized")
+    )
+
+
+def test_what_the_broker_has_kept_from_before_is_no_answer(
+    broker: Broker, puppet: Callable[..., Puppet], plain: RunResult
+) -> None:
+    """Kept messages are taken for the status of a twin alone."""
+    twin = puppet()
+    first = network.run(broker.config())
+    topic, payload, signature = twin.payloads[0]
+    twin.connection.publish(topic, payload, twin.key.of_machine("press"), retain=True)
+    time.sleep(0.2)
+    second = network.run(broker.config())
+    twin.connection._client.publish(topic, b"", qos=1, retain=True)
+    network.same(plain, first)
+    network.same(plain, second)
+    assert second.summary["remote"]["dropped"] == {}
+
+
 # --- the twin
 
 
@@ -329,6 +356,7 @@ HOSTILE: dict[str, tuple[Callable[[bytes], bytes], str]] = {
     "no version": (lambda p: _with(p, lambda d: d.pop("version")), "wrong version"),
     "of another kind": (lambda p: _with(p, lambda d: d.update(kind="request")), "malformed"),
     "a field is missing": (lambda p: _with(p, lambda d: d.pop("attempts")), "malformed"),
+    "not guarded": (lambda p: _with(p, lambda d: d.update(guarded=False)), "not guarded as asked"),
     "no attempts": (lambda p: _with(p, lambda d: d.update(attempts=[])), "malformed"),
     "a text for a gap": (lambda p: _with(p, _chosen("1")), "malformed"),
     "no JSON": (lambda p: b"\xff\xfe gap=1", "malformed"),
