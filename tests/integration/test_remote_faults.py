@@ -133,7 +133,7 @@ def test_what_the_broker_has_kept_from_before_is_no_answer(
     """Kept messages are taken for the status of a twin alone."""
     twin = puppet()
     first = network.run(broker.config())
-    topic, payload, signature = twin.payloads[0]
+    topic, payload, _ = twin.payloads[0]
     twin.connection.publish(topic, payload, twin.key.of_machine("press"), retain=True)
     time.sleep(0.2)
     second = network.run(broker.config())
