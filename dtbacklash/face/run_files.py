@@ -49,11 +49,15 @@ def simulate(config: RunConfig, command: str | None, progress: Callable[[float],
 
 def _with_remote_twin(config: RunConfig, progress: Callable[[float], None] | None) -> RunResult:
     """Run ``config`` with a twin at the other end of a network; the summary says how it went there."""
+    from dtbacklash.control.belief import Belief, Beliefs, design_for, settled
     from dtbacklash.experiment import run as scenario
     from dtbacklash.remote.belief import described
     from dtbacklash.remote.client import RemoteTwin
 
-    with RemoteTwin(config.twin, described(config), waits=config.pace != "real") as service:
+    def design(belief: Belief) -> None:
+        design_for(settled(config, Beliefs(belief, belief)), belief)
+
+    with RemoteTwin(config.twin, described(config), config.pace != "real", design) as service:
         result = scenario.run_scenario(config, progress, service=service)
         result.summary["remote"] = service.summary()
     return result

@@ -14,10 +14,11 @@ from dtbacklash.config.setting import METADATA
 from dtbacklash.control.belief import Belief, beliefs_of, settled
 from dtbacklash.errors import UserError
 from dtbacklash.experiment.sensors import roles
-from dtbacklash.physics.rig import build_rig
+from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.rig_file import plain_numbers, rig_leaves
 from dtbacklash.remote.documents import Document
-from dtbacklash.twin.service import Twin
+from dtbacklash.twin.bank_twin import BankTwin
+from dtbacklash.twin.service import Answering, Twin
 
 #: settings of the twin that are the machine's affair: they do not go with a request
 OF_THE_MACHINE = (
@@ -41,18 +42,10 @@ def described(config: RunConfig, belief: Belief | None = None) -> Document:
     if belief is None:
         beliefs = beliefs_of(config)
         config, belief = settled(config, beliefs), beliefs.twin
-    rig = belief.rig
-    output = list(rig.sensors)[roles(rig, True)[1]]
-    content = {
-        "name": rig.config.name, "description": rig.config.description,
-        "parameters": {name: asdict(one) for name, one in rig.config.parameters.items()},
-        "elements": rig.config.elements,
-        "effects": {place: {n: rig_leaves(rig, place, n) for n in there} for place, there in rig.effects.items()},
-        "sensors": rig.config.sensors,
-    }  # fmt: skip
+    output = list(belief.rig.sensors)[roles(belief.rig, True)[1]]
     settings = {one.name: getattr(config.twin, one.name) for one in fields(TwinConfig)}
     return {
-        "rig": plain_numbers(content),
+        "rig": rig_document(belief.rig),
         "output": output,
         "sample_time_s": config.sample_time_s,
         "twin": {name: value for name, value in settings.items() if name not in OF_THE_MACHINE},
@@ -60,24 +53,49 @@ def described(config: RunConfig, belief: Belief | None = None) -> Document:
     }
 
 
-def twin_of(document: Document) -> Twin:
+def rig_document(rig: Rig) -> Document:
+    """A rig as the content of its file, effects with all of their parameters."""
+    content = {
+        "name": rig.config.name, "description": rig.config.description,
+        "parameters": {name: asdict(one) for name, one in rig.config.parameters.items()},
+        "elements": rig.config.elements,
+        "effects": {place: {n: rig_leaves(rig, place, n) for n in there} for place, there in rig.effects.items()},
+        "sensors": rig.config.sensors,
+    }  # fmt: skip
+    found: Document = plain_numbers(content)
+    return found
+
+
+def rig_of(document: Document) -> Rig:
+    """The rig that a document describes, whose form the schema has checked; raises UserError where it is none."""
+    content = dict(document)
+    parameters = {name: ParameterConfig(**one) for name, one in content.pop("parameters").items()}
+    return build_rig(_made(RigConfig, {**content, "parameters": parameters}, "rig"))
+
+
+def twin_of(document: Document) -> Answering:
     """The twin that a document describes, whose form the schema has checked.
 
     Raises
     ------
     UserError : a setting that is unknown or out of range; a rig that makes no sense.
     """
-    rig_document = dict(document["rig"])
-    parameters = {name: ParameterConfig(**one) for name, one in rig_document.pop("parameters").items()}
-    rig = build_rig(_made(RigConfig, {**rig_document, "parameters": parameters}, "rig"))
+    rig = rig_of(document["rig"])
     settings = _made(TwinConfig, document["twin"], "twin")
-    if settings.method == "auto":
-        settings = replace(settings, method="simulate" if Belief(rig).bends() else "linear")
-    output = rig.sensors.get(document["output"])
-    if output is None:
-        raise UserError("output", document["output"], "a sensor of the rig: " + ", ".join(rig.sensors))
     optimizer = _made(OptimizerConfig, document["optimizer"], "optimizer")
-    return Twin.of(Belief(rig), output, settings, optimizer, float(document["sample_time_s"]))
+    sample_time_s = float(document["sample_time_s"])
+    if document["output"] not in rig.sensors:
+        raise UserError("output", document["output"], "a sensor of the rig: " + ", ".join(rig.sensors))
+
+    def estimating(belief: Belief, method: str = "auto") -> Twin:
+        if method == "auto":
+            method = "simulate" if belief.bends() else "linear"
+        output = belief.rig.sensors[document["output"]]
+        return Twin.of(belief, output, replace(settings, method=method), optimizer, sample_time_s)
+
+    if settings.on_alarm == "bank":
+        return BankTwin(Belief(rig), estimating, sample_time_s)
+    return estimating(Belief(rig), settings.method)
 
 
 def _made(schema: type, values: dict[str, Any], where: str) -> Any:

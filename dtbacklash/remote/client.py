@@ -12,10 +12,12 @@ import secrets
 import threading
 import time
 from collections import Counter, OrderedDict, deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 from dtbacklash.config.run import TwinConfig
+from dtbacklash.control.belief import Belief
 from dtbacklash.errors import UserError
 from dtbacklash.remote.connection import NOBODY, Connection
 from dtbacklash.remote.credentials import load_credentials
@@ -29,7 +31,7 @@ log = logging.getLogger(__name__)
 #: why an answer that is signed and well formed is dropped
 OTHER_RUN, UNKNOWN, DOUBLED, REPLAYED = "of another run", "to an unknown request", "doubled", "replayed"
 LATE, OLD_BUFFER, CHANGED = "late", "for an old buffer", "to a request that was changed"
-UNGUARDED = "not guarded as asked"
+UNGUARDED, NO_MODEL = "not guarded as asked", "no model for this machine"
 #: what a request may be
 WAITING, ANSWERED, GIVEN_UP, OVERTAKEN = range(4)
 #: requests and twins that are remembered
@@ -62,20 +64,30 @@ class RemoteTwin:
     Parameters
     ----------
     settings : ``broker``, ``machine``, ``credentials``, ``timeout_s``, ``buffer``, ``gap_max_deg`` of a run's twin.
-    belief : see :mod:`.belief`. waits : whether :meth:`replies` waits for what is outstanding.
+    belief : see :mod:`.belief`. waits : whether :meth:`replies` waits for what is outstanding. design : designs the
+        controller for another model that an answer holds; where it raises UserError the answer is dropped.
 
     Raises
     ------
     UserError : no key, a file that others may read, no address, a buffer that no message holds; the extra is missing.
     """
 
-    def __init__(self, settings: TwinConfig, belief: Document, waits: bool = True) -> None:
+    def __init__(
+        self,
+        settings: TwinConfig,
+        belief: Document,
+        waits: bool = True,
+        design: Callable[[Belief], object] = lambda belief: None,
+    ) -> None:
+        self._design = design
         self.settings, self.belief, self.waits = settings, belief, waits
         machine = check_name("twin.machine", settings.machine)
         credentials = load_credentials(settings.credentials, "twin.credentials")
         self._key = credentials.needed_key("twin.credentials").of_machine(machine)
-        if settings.buffer > (most := samples_that_fit(belief)):
-            raise UserError("twin.buffer", settings.buffer, f"must be at most {most} samples with a remote twin")
+        bank = settings.on_alarm == "bank"
+        name, length = ("bank_buffer", settings.bank_buffer) if bank else ("buffer", settings.buffer)
+        if length > (most := samples_that_fit(belief, 3 if bank else 2)):
+            raise UserError(f"twin.{name}", length, f"must be at most {most} samples with a remote twin")
         self._topic, self._machine = request_topic(machine), machine
         self._run, self._counter = secrets.token_hex(16), 0
         self._asked: OrderedDict[int, _Asked] = OrderedDict()
@@ -262,10 +274,27 @@ class RemoteTwin:
         if message.to.run != self._run or message.machine != self._machine:
             raise Refused(OTHER_RUN)
         if message.answer is not None:
-            if message.answer.guarded != self.settings.guard:
+            if self.settings.guard and not message.answer.guarded:
                 raise Refused(UNGUARDED)
+            self._check_model(message.answer.belief)
             check_bounds(message.answer, self.settings.gap_max_deg)
         return message
+
+    def _check_model(self, belief: Belief | None) -> None:
+        """Refuse a model that was not asked for, of another machine, or that no controller can be designed for."""
+        if belief is None:
+            return
+        if self.settings.on_alarm != "bank":
+            raise Refused(NO_MODEL, "it was not asked for")
+        mine, said = self.belief["rig"], belief.rig.config
+        if mine["elements"] != said.elements or mine["sensors"] != said.sensors or set(mine["parameters"]) != set(
+            said.parameters
+        ):  # fmt: skip
+            raise Refused(NO_MODEL, "its elements, sensors or parameters are others")
+        try:
+            self._design(belief)
+        except UserError as mistake:
+            raise Refused(NO_MODEL, str(mistake)) from mistake
 
     def _accept(self, message: AnswerMessage) -> None:
         """The answer to a request that waits for one; raises Refused for all others."""

@@ -16,6 +16,9 @@ from typing import Any
 import numpy as np
 
 from dtbacklash.arrays import Floats
+from dtbacklash.control.belief import Belief
+from dtbacklash.errors import UserError
+from dtbacklash.remote.belief import rig_document, rig_of
 from dtbacklash.remote.documents import (
     ANSWER_BYTES,
     MALFORMED,
@@ -62,11 +65,15 @@ class RequestMessage:
     def dumped(self) -> bytes:
         """The message's bytes."""
         r = self.request
-        return dumped({
+        belief = self.belief
+        if r.believed is not None:  # since an answer it may be another
+            belief = belief | {"rig": rig_document(r.believed.rig)}
+        more: Document = {} if r.u is None else {"u_v": _packed(r.u), "moved": int(r.moved)}
+        return dumped(more | {
             "version": VERSION, "kind": "request", "machine": self.machine,
             "run": self.ticket.run, "counter": self.ticket.counter, "timeout_s": self.timeout_s,
             "event": int(r.event), "first": int(r.first), "seed": int(r.seed), "present_rad": float(r.present_rad),
-            "theta_m_rad": _packed(r.theta_m), "q3_m": _packed(r.q3), "belief": self.belief,
+            "theta_m_rad": _packed(r.theta_m), "q3_m": _packed(r.q3), "belief": belief,
         })  # fmt: skip
 
     @classmethod
@@ -76,8 +83,11 @@ class RequestMessage:
         theta_m, q3 = _unpacked(d["theta_m_rad"]), _unpacked(d["q3_m"])
         if theta_m.size != q3.size:
             raise Refused(MALFORMED, f"{theta_m.size} samples of theta_m_rad, {q3.size} of q3_m")
+        u = _unpacked(d["u_v"]) if "u_v" in d else None
+        if u is not None and u.size != q3.size:
+            raise Refused(MALFORMED, f"{u.size} samples of u_v, {q3.size} of q3_m")
         request = Request(
-            int(d["event"]), int(d["first"]), theta_m, q3, float(d["present_rad"]), int(d["seed"])
+            int(d["event"]), int(d["first"]), theta_m, q3, float(d["present_rad"]), int(d["seed"]), u, d.get("moved", 0)
         )  # fmt: skip
         ticket = Ticket(d["run"], int(d["counter"]))
         return cls(d["machine"], ticket, float(d["timeout_s"]), request, d["belief"], digest(payload))
@@ -106,7 +116,15 @@ class AnswerMessage:
         }  # fmt: skip
         if self.answer is None:
             return dumped(document | {"status": "refused", "reason": self.reason[:WORDS]})
-        said = {"status": "answered", "guarded": bool(self.answer.guarded), "wall_s": float(self.answer.wall_s)}
+        said: Document = {
+            "status": "answered",
+            "guarded": bool(self.answer.guarded),
+            "wall_s": float(self.answer.wall_s),
+        }
+        if self.answer.found:
+            said["found"] = self.answer.found[:WORDS]
+        if self.answer.belief is not None:
+            said["belief"] = rig_document(self.answer.belief.rig)
         return dumped(document | said | {"attempts": [_attempt_out(one) for one in self.answer.attempts]})
 
     @classmethod
@@ -117,7 +135,8 @@ class AnswerMessage:
         answer = None
         if d["status"] == "answered":
             attempts = tuple(_attempt_in(one) for one in d["attempts"])
-            answer = Answer(attempts, d["guarded"], float(d["wall_s"]))
+            belief = _belief_in(d["belief"]) if "belief" in d else None
+            answer = Answer(attempts, d["guarded"], float(d["wall_s"]), d.get("found", ""), belief)
         ticket = Ticket(d["twin"], int(d["counter"]))
         return cls(
             d["machine"], ticket, Ticket(to["run"], int(to["counter"])), to["sha256"], answer, d.get("reason", "")
@@ -136,7 +155,7 @@ def check_bounds(answer: Answer, gap_max_deg: float) -> None:
     if not 0.0 <= gap_deg <= gap_max_deg * (1.0 + 1e-12):
         raise Refused(OUT_OF_BOUNDS, f"{gap_deg:g} deg, not within 0..{gap_max_deg:g}")
     std_rad = answer.chosen.estimate.std_rad
-    if answer.guarded and not 0.0 <= std_rad < math.inf:
+    if answer.guarded and not std_rad >= 0.0:
         raise Refused(OUT_OF_BOUNDS, f"a standard error of {std_rad:g} rad")
 
 
@@ -145,10 +164,10 @@ def digest(payload: bytes) -> str:
     return hashlib.sha256(payload).hexdigest()
 
 
-def samples_that_fit(belief: Document) -> int:
-    """How many samples a buffer may have at most, so that its request is not too large."""
-    rest = len(dumped(belief)) + 2000
-    return max(0, (REQUEST_BYTES - rest) * 3 // (4 * 16) - 4)
+def samples_that_fit(belief: Document, signals: int = 2) -> int:
+    """How many samples a buffer of so many signals may have at most, so that its request is not too large."""
+    rest = len(dumped(belief)) + 4000
+    return max(0, (REQUEST_BYTES - rest) * 3 // (4 * 8 * signals) - 4)
 
 
 def _packed(samples: Floats) -> str:
@@ -173,6 +192,13 @@ def _unpacked(samples: str | list[float]) -> Floats:
     if not np.all(np.isfinite(found)):
         raise Refused(MALFORMED, "samples that are not finite")
     return found
+
+
+def _belief_in(document: Document) -> Belief:
+    try:
+        return Belief(rig_of(document))
+    except (UserError, TypeError, ValueError, KeyError) as error:
+        raise Refused(MALFORMED, f"no rig: {error}") from error
 
 
 def _number_out(value: float) -> float | str:

@@ -12,7 +12,7 @@ from functools import lru_cache
 
 from dtbacklash.errors import UserError
 from dtbacklash.remote.documents import Document
-from dtbacklash.twin.service import Answer, Request, Twin
+from dtbacklash.twin.service import Answer, Answering, Request
 
 #: twins that a worker keeps
 TWINS_KEPT = 64
@@ -110,7 +110,7 @@ def _text(belief: Document) -> str:
 
 
 @lru_cache(maxsize=TWINS_KEPT)
-def _twin(belief: str) -> Twin:
+def _twin(belief: str) -> Answering:
     import json
 
     from dtbacklash.remote.belief import twin_of

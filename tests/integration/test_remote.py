@@ -356,6 +356,23 @@ def test_a_process_of_the_twin_that_ends_is_replaced(broker: Broker, served: Ser
     assert network.children(served.process.pid, "spawn_main")
 
 
+def test_another_model_comes_over_the_network_too(broker: Broker, served: Served) -> None:
+    """The bank: what has changed, and the model that is believed from then on; the same run as in its own process."""
+    words = (
+        "experiment=aging", "profile=constant", "profile.start_deg=20", "profile.end_deg=20", "figures=false",
+        "controller.gap_hat_deg=20", "reference.period_s=32", "changes=[{at_s:10,parameters:{k:7000}}]",
+        "duration_s=64", "twin.indexes=[frequency,structure]",
+    )  # fmt: skip
+    plain, config = network.run(compose(*words)), compose(*words)
+    there = broker.config().twin
+    config.twin = replace(
+        config.twin, where="remote", broker=there.broker, machine=there.machine, credentials=there.credentials,
+        timeout_s=60.0,
+    )  # fmt: skip
+    assert plain.estimates["found"].iloc[0].startswith("stiffness all links")
+    network.same(plain, network.run(config))
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
