@@ -361,7 +361,7 @@ def test_another_model_comes_over_the_network_too(broker: Broker, served: Served
     words = (
         "experiment=aging", "profile=constant", "profile.start_deg=20", "profile.end_deg=20", "figures=false",
         "controller.gap_hat_deg=20", "reference.period_s=32", "changes=[{at_s:10,parameters:{k:7000}}]",
-        "duration_s=64", "twin.indexes=[frequency,structure]",
+        "duration_s=40", "twin.indexes=[frequency,structure]",
     )  # fmt: skip
     plain, config = network.run(compose(*words)), compose(*words)
     there = broker.config().twin

@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 from network import Broker, Proxy, Puppet, Served, wait_for
 
+from dtbacklash.config.compose import compose
 from dtbacklash.config.twin import StatusConfig
 from dtbacklash.experiment.result import RunResult
 from dtbacklash.experiment.run import run_scenario
@@ -357,6 +358,10 @@ HOSTILE: dict[str, tuple[Callable[[bytes], bytes], str]] = {
     "of another kind": (lambda p: _with(p, lambda d: d.update(kind="request")), "malformed"),
     "a field is missing": (lambda p: _with(p, lambda d: d.pop("attempts")), "malformed"),
     "not guarded": (lambda p: _with(p, lambda d: d.update(guarded=False)), "not guarded as asked"),
+    "a model that nobody asked for": (
+        lambda p: _with(p, lambda d: d.update(belief=described(compose())["rig"])), "no model for this machine",
+    ),
+    "a model that is none": (lambda p: _with(p, lambda d: d.update(belief={"name": "x"})), "malformed"),
     "no attempts": (lambda p: _with(p, lambda d: d.update(attempts=[])), "malformed"),
     "a text for a gap": (lambda p: _with(p, _chosen("1")), "malformed"),
     "no JSON": (lambda p: b"\xff\xfe gap=1", "malformed"),
