@@ -92,6 +92,7 @@ class Connection:
 
     def close(self) -> None:
         """End it, within a second even where the network is dead."""
+        self._changed = None  # that it is gone is no news
         self._client.disconnect(properties=_properties("DISCONNECT", SessionExpiryInterval=0))  # nothing is kept
         # paho waits for what is not acknowledged
         ending = threading.Thread(target=self._client.loop_stop, daemon=True)
