@@ -92,7 +92,7 @@ def collect(
         "controller": config.controller.name,
         "n_moves": len(moves),
         "n_estimations": int(estimates["t_event_s"].nunique()),
-        "n_attempts": int((estimates["evaluations"] > 0).sum()) if len(estimates) else 0,
+        "n_attempts": int(estimates["wall_s"].notna().sum()),  # a request that nobody answered took none
         "n_accepted": int(estimates["accepted"].sum()) if len(estimates) else 0,
         "settles": settles(moves),
         "overshoot_pct_max": float(moves["overshoot_pct"].max()) if len(moves) else None,

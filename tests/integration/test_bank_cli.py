@@ -63,6 +63,7 @@ def test_the_command_writes_what_was_found(tmp_path):
     assert table["found"].iloc[0].startswith("stiffness all links")
     summary = json.loads((tmp_path / "aged" / "summary.json").read_text())
     assert summary["estimates"][0]["found"] == table["found"].iloc[0]
+    assert summary["n_attempts"] == len(table)
 
 
 @pytest.mark.parametrize(("changes", "key"), [
