@@ -82,7 +82,8 @@ def _side(before: Controller, state: ControllerState, rest: Rest) -> float:
     """Where the motor lies in its gap, from -1 to 1."""
     if before.model == INVERSE:
         return float(state.inverse[0])
-    screw = state.theta_d[0] if before.model == MEASURED else state.theta_d[1]
+    # these forms have a screw of their own; the others that which the measured angle moves
+    screw = state.theta_d[0] if before.model in (BARE, MEASURED) else state.theta_d[1]
     if rest.old_gap_rad <= 0.0:
         return 0.0
     return float(min(max((rest.theta_m - screw) / rest.old_gap_rad, -1.0), 1.0))

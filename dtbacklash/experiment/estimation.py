@@ -19,6 +19,7 @@ from dtbacklash.twin.bank_twin import BankTwin
 from dtbacklash.twin.guard import Attempt
 from dtbacklash.twin.link import FullBuffer, TwinLink
 from dtbacklash.twin.service import (
+    RUN_ENDED,
     Answer,
     Answering,
     Dropped,
@@ -219,7 +220,10 @@ class Estimation:
     def taken_up(self, k: int) -> Answer | None:
         """An answer with another model, once: when the loop is at rest, or just before the reference changes again."""
         answer = self.waiting
-        if answer is None or not (at_rest(self.seen, self.roles, self.changes, k) or k in self.changes):
+        if answer is None:
+            return None
+        held = k in self.changes and self._last_change(k) <= k - 2 * AT_REST
+        if not (held or at_rest(self.seen, self.roles, self.changes, k)):
             return None
         self.waiting = None
         self.gap_hat, self.belief = answer.gap_rad, answer.belief
@@ -240,7 +244,7 @@ class Estimation:
         """A row an attempt, in the order of the attempts; with the subsystem where indexes are watched."""
         columns = [*ESTIMATE_COLUMNS, *["subsystem"] * (self.watcher is not None)]
         columns += ["found"] * (self.config.twin.on_alarm == "bank")
-        rows = self.rows
+        rows = [*self.rows, *(self._unanswered(full, RUN_ENDED) for full, _ in self.asked.values())]
         if isinstance(self.service, Elsewhere):
             rows = sorted([*rows, *map(self._lost, self.service.dropped())], key=_event)  # stable
         return pd.DataFrame(rows, columns=columns)

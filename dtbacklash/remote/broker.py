@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import getpass
+import os
 import signal
 import socket
 import subprocess
@@ -16,6 +16,8 @@ from dtbacklash.remote.access import ACL, PASSWORDS, configuration, program, wri
 
 Say = Callable[[str], None]
 STOP_S = 5.0
+#: what ends it; a terminal that is closed hangs up, which Mosquitto itself takes for "read the configuration again"
+ENDS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
 def run(config: BrokerConfig, say: Say) -> int:
@@ -35,15 +37,17 @@ def run(config: BrokerConfig, say: Say) -> int:
         raise UserError("access", config.access, "a folder of dtb twin access, or a new one")
     with tempfile.TemporaryDirectory() as scratch:
         conf = Path(scratch) / "mosquitto.conf"
-        conf.write_text(configuration(folder, config.port, getpass.getuser()), encoding="utf-8")
-        process = subprocess.Popen([mosquitto, "-c", str(conf)])
+        # as root it would become a user of its own, who may not read the folder
+        user = "root" if hasattr(os, "geteuid") and os.geteuid() == 0 else None
+        conf.write_text(configuration(folder, config.port, user), encoding="utf-8")
+        process = subprocess.Popen([mosquitto, "-c", str(conf)], start_new_session=True)
         told: list[int] = []
 
         def end(number: int, _frame: object) -> None:
             told.append(number)
             process.terminate()
 
-        before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+        before = {number: signal.signal(number, end) for number in ENDS}
         say(f"Mosquitto on 127.0.0.1:{config.port}, users and rules of {folder}; Ctrl-C ends it")
         try:
             code = process.wait()

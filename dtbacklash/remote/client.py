@@ -24,7 +24,7 @@ from dtbacklash.remote.credentials import load_credentials
 from dtbacklash.remote.documents import ANSWER_BYTES, FAULT, SIGNATURE, TOO_LARGE, Document, Refused
 from dtbacklash.remote.messages import AnswerMessage, RequestMessage, Ticket, check_bounds, digest, samples_that_fit
 from dtbacklash.remote.topics import answer_topic, check_name, request_topic
-from dtbacklash.twin.service import Dropped, Reply, Request
+from dtbacklash.twin.service import RUN_ENDED, Dropped, Reply, Request
 
 log = logging.getLogger(__name__)
 
@@ -157,6 +157,8 @@ class RemoteTwin:
         """What was dropped, by the request that it came after and by reason; the last thing that is asked for."""
         with self._state:
             self._over = True
+            self._reasons[RUN_ENDED] += len(self._waiting)
+            self._reasons += Counter()  # without what is zero
             found = [Dropped(None, reason, n) for reason, n in self._early.items()]
             for one in self._asked.values():
                 found += [Dropped(one.request, reason, n) for reason, n in one.dropped.items()]
@@ -199,18 +201,27 @@ class RemoteTwin:
                 if self._closing:
                     return
                 one = self._unsent.popleft()
-            if not one.payload:
-                left = max(one.until - time.monotonic(), 0.001)
-                message = RequestMessage(self._machine, one.ticket, round(left, 3), one.request, self.belief)
-                one.payload = message.dumped()
-                one.sha256 = digest(one.payload)
-            one.sent = True
-            # not while the state is locked: paho tells what was published with a lock of its own, that publishing takes
-            mid = link.publish(self._topic, one.payload, self._key, expires_s=self.settings.timeout_s)
-            with self._state:
-                self._by_mid[mid] = one
-                if mid in self._told:
-                    self._hear(self._by_mid.pop(mid), self._told.pop(mid))
+            try:
+                self._send(one)
+            except Exception as error:  # whatever it is: the next request is to be sent
+                with self._state:
+                    if one.state == WAITING:
+                        self._unanswered(one, f"cannot be sent: {error}")
+                    self._state.notify_all()
+
+    def _send(self, one: _Asked) -> None:
+        """Send a request, unless something has come of it meanwhile."""
+        payload = one.payload or self._dumped(one)
+        with self._state:
+            if one.state != WAITING:
+                return
+            one.payload, one.sha256, one.sent = payload, digest(payload), True
+        # not while the state is locked: paho tells what was published with a lock of its own, that publishing takes
+        mid = self._connection.publish(self._topic, payload, self._key, expires_s=self.settings.timeout_s)
+        with self._state:
+            self._by_mid[mid] = one
+            if mid in self._told:
+                self._hear(self._by_mid.pop(mid), self._told.pop(mid))
 
     def _dumped(self, one: _Asked) -> bytes:
         left_s = max(one.until - time.monotonic(), 0.001)
@@ -236,7 +247,7 @@ class RemoteTwin:
         if one.state == WAITING and refusal == NOBODY:
             one.problem = "no twin listens at"
             one.again_at = time.monotonic() + AGAIN_S
-            self._unsent.append(one)
+            self._unsent.appendleft(one)  # before later ones: a twin takes none that comes behind those
         elif one.state == WAITING and refusal:
             self._unanswered(one, f"the broker at {self.settings.broker} refuses the request: {refusal}")
         self._state.notify_all()

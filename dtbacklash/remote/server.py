@@ -31,6 +31,7 @@ from dtbacklash.remote.documents import (
 from dtbacklash.remote.messages import AnswerMessage, RequestMessage, Ticket
 from dtbacklash.remote.queue import FairQueue
 from dtbacklash.remote.statistics import Statistics
+from dtbacklash.remote.teller import Teller
 from dtbacklash.remote.topics import NAME, REQUESTS, answer_topic, check_name, name_in, status_topic
 from dtbacklash.remote.workers import Result, Workers
 
@@ -67,7 +68,7 @@ class TwinServer:
     """
 
     def __init__(self, config: ServeConfig, say: Say = lambda line: None) -> None:
-        self.config, self._say = config, say
+        self.config, self._say = config, Teller(say)
         self.name = check_name("name", config.name)
         credentials = load_credentials(config.credentials, "credentials")
         self._key = credentials.needed_key("credentials")
@@ -108,6 +109,7 @@ class TwinServer:
         finally:
             self._connection.close()
             self._workers.close()
+            self._say.close()
 
     def end(self) -> None:
         """Have :meth:`run` return; may be called from a handler of signals."""

@@ -98,14 +98,13 @@ class BackgroundTwin:
         """The thread: request after request, each with its reply."""
         to, back = self._pipes()
         while (request := self._requests.get()) is not None:
-            answer: Answer | None = None
+            said: Answer | str
             try:
                 _send(to, request)
-                answer = pickle.load(back)
-            except (OSError, ValueError, EOFError, pickle.UnpicklingError):
-                self._replies.append(Reply(request, None, GONE))
-                continue
-            self._replies.append(Reply(request, answer))
+                said = pickle.load(back)
+            except Exception:  # a pipe that ends anywhere in a pickle may raise anything
+                said = GONE
+            self._replies.append(Reply(request, None, said) if isinstance(said, str) else Reply(request, said))
 
 
 def _send(to: IO[bytes], what: object) -> None:

@@ -141,7 +141,7 @@ def of_the_motor(belief: Belief) -> list[Hypothesis]:
                        "asymmetric friction, if it turned one way")),
         _effect(rig, "constant load", rotor.name, "constant_load", ("torque",), ("N m",), [(0.0,)], (0.01,)),
         _parameter(rig, "torque constant", circuit.name, "torque_constant", "N m/A",
-                   twins=(f"an inertia of the {rotor.name} smaller by as much",)),
+                   twins=(f"the resistance of the {circuit.name} or the inertia of the {rotor.name}, inversely",)),
     ]  # fmt: skip
     if amplifier:
         found.append(_effect(rig, "gain", amplifier.name, "gain_error", ("relative",), ("1",), [(0.0,)], (0.1,)))

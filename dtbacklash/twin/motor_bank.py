@@ -27,8 +27,12 @@ LAWS = ("coulomb_friction", "viscous_friction", "constant_load", "cogging", "gai
 MOVING_RAD_S = 1.0
 #: torque by which the equation itself errs, N m: laws are taken at the samples
 MODEL_N_M = 2e-6
+#: what any model errs by, of the torque at rest that the largest voltage gives, for STAYS_S at a time
+MODEL_SHARE = 1e-5
 #: periods a radian of cogging that are looked for
 PERIODS = range(1, 49)
+#: waves that the motor has to pass: less of one looks like anything slow
+WAVES = 2.0
 #: standard deviations of a block by which a torque at rest may seem to exceed dry friction's level
 BEYOND = 2.0
 #: for how long an angle's error by counts stays, s; and how a wave errs that a sample passes whole, of its size
@@ -67,7 +71,7 @@ class MotorBuffer:
         rate = np.abs(np.diff(self.angle, append=self.angle[-1]))
         passed = blocks(np.minimum(periods * rate, 1.0) ** 2)[1:]
         count = torque * periods * count_of(self.theta) / np.sqrt(12.0)
-        apart_s = np.abs(np.subtract.outer(np.arange(passed.size), np.arange(passed.size))) * BLOCK * self.sample_time_s
+        apart_s = _apart_s(passed.size, self.sample_time_s)
         covariance = self.covariance + count**2 * np.exp(-apart_s / STAYS_S) + np.diag((PASSED * torque * passed) ** 2)
         unknown = np.diag(np.where(self.sign != 0.0, 0.0, NOTHING_KNOWN))
         return (np.asarray(linalg.cholesky(covariance, lower=True)),
@@ -96,7 +100,10 @@ class MotorBuffer:
         quiet = np.abs(left) <= np.quantile(np.abs(left), 0.9)
         noise = float(np.sqrt(np.mean(left[quiet] ** 2)) / 0.7886 / np.sqrt(gain))
         noise = max(noise, count_of(self.theta) / np.sqrt(12.0))
-        return noise**2 * rows @ rows.T + MODEL_N_M**2 * np.eye(len(rows))
+        motor = motor_parameters(self.belief.rig)
+        errs = MODEL_SHARE * motor.gain * motor.k_T / motor.R * float(np.max(np.abs(self.u)))
+        stays = errs**2 * np.exp(-_apart_s(len(rows), self.sample_time_s) / STAYS_S)
+        return noise**2 * rows @ rows.T + MODEL_N_M**2 * np.eye(len(rows)) + stays
 
     def _driven(self, rig: Rig) -> Floats:
         """(N - 3,) what the voltage gives in the equation of a rig's motor."""
@@ -127,17 +134,19 @@ class MotorBuffer:
         return blocks(np.concatenate([np.zeros(self.theta.size - left.size), left]))[1:]
 
     def whitened(self, rig: Rig, factors: tuple[Floats, Floats] | None = None) -> Floats:
-        """The residual of a rig's motor: whitened blocks, then what dry friction's level is exceeded by at rest."""
+        """(blocks - 1,) residual of a rig's motor, whitened; at rest by what dry friction's level is exceeded."""
         level = rig.effects.get(self.rotor, {}).get("coulomb_friction", {}).get("torque", 0.0)
         left = self.torque(rig)
         if level <= 0.0:
-            return np.append(self._solve(left, False, factors), np.zeros(left.size))
+            return self._solve(left, False, factors)
         rest = self.sign == 0.0
-        beyond = np.maximum((np.abs(left) - level) / self.free - BEYOND, 0.0)
+        # friction of no size explains nothing: the band about its level goes with it
+        band = BEYOND * level / (level + self.free)
+        beyond = np.maximum((np.abs(left) - level) / self.free - band, 0.0)
         # a block that dry friction explains whatever it shows counts as one that is explained to the noise
         unseen = np.where(rest, np.sqrt(1.0 + beyond**2) * self.alternating, 0.0)
         moving = np.where(rest, 0.0, left + level * self.sign)
-        return np.append(self._solve(moving, True, factors), unseen)
+        return self._solve(moving, True, factors) + unseen
 
     def _solve(self, left: Floats, dry: bool, factors: tuple[Floats, Floats] | None = None) -> Floats:
         return np.asarray(linalg.solve_triangular((factors or self.factors)[dry], left, lower=True, check_finite=False))
@@ -163,12 +172,14 @@ class MotorBuffer:
 
     def coggings(self, most: int = 3) -> list[Hypothesis]:
         """Cogging with the periods that explain most, the best first."""
-        left = self.whitened(self.belief.rig)[: self.sign.size]
+        left = self.whitened(self.belief.rig)
         dry = "coulomb_friction" in self.belief.rig.effects.get(self.rotor, {})
         _, _, by_torque = difference_equation(motor_parameters(self.belief.rig), self.sample_time_s)
         shape = by_torque / by_torque.sum()
         explained = []
         for periods in PERIODS:
+            if periods * float(np.ptp(self.angle)) < 2.0 * np.pi * WAVES:
+                continue
             waves = np.array([
                 self._solve(self._blocks(np.convolve(self._wave(periods, phase), shape, "valid")), dry)
                 for phase in (0.0, 0.5 * np.pi)
@@ -176,3 +187,8 @@ class MotorBuffer:
             best = np.linalg.lstsq(waves, left, rcond=None)[0]
             explained.append((float(np.sum((waves @ best) ** 2)), periods))
         return [cogging(self.belief, float(periods)) for _, periods in sorted(explained, reverse=True)[:most]]
+
+
+def _apart_s(count: int, sample_time_s: float) -> Floats:
+    """(count, count) times between blocks, s."""
+    return np.asarray(np.abs(np.subtract.outer(np.arange(count), np.arange(count))) * BLOCK * sample_time_s)

@@ -93,6 +93,10 @@ class Reply:
     reason: str = ""
 
 
+#: what is said of a request that nothing had come of when the run ended
+RUN_ENDED = "the run ended before an answer"
+
+
 @dataclass(frozen=True)
 class Dropped:
     """Answers that failed a check, and are no answers: how many, why, and the request that they came after, if any."""

@@ -53,6 +53,8 @@ COMMON = 3
 SUBSTEPS, EVENT_LEVELS = 4, 5
 #: what the simulation itself errs by, m: interpolation of the angle between samples
 MODEL_M = 2e-8
+#: what any model errs by, of the output's range, for STAYS_S at a time: a change that does no more is nobody's concern
+MODEL_SHARE = 1e-4
 #: the motor is at rest while its angle stays this close to where it began, rad
 STILL_RAD = 0.02
 #: variables of a held force's share where a search may begin (0.89 of its level either way)
@@ -221,7 +223,8 @@ class StructureBuffer:
         start = blocks(self.q3[: self.still]) if self.still >= 2 * BLOCK else self.measured[:2]
         swings = math.sqrt(max(float(np.var(start)) - noise**2 / BLOCK, 0.0)) + 0.5 * math.sqrt(variance / BLOCK)
         free = self._free() * swings
-        stays = (held**2 + angle**2) * np.exp(-apart_s / STAYS_S)
+        errs = MODEL_SHARE * float(np.ptp(self.q3))
+        stays = (held**2 + angle**2 + errs**2) * np.exp(-apart_s / STAYS_S)
         covariance = variance * np.eye(self.measured.size) + stays + free @ free.T
         return np.asarray(linalg.cholesky(covariance, lower=True))
 

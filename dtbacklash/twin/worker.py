@@ -8,7 +8,7 @@ import sys
 from typing import BinaryIO
 
 from dtbacklash import sources
-from dtbacklash.twin.service import Answering
+from dtbacklash.twin.service import Answer, Answering, Request
 
 #: how much this process stands back behind the loop (0 to 19)
 NICE = 10
@@ -29,9 +29,17 @@ def serve(requests: BinaryIO, answers: BinaryIO) -> None:
         twin.warm_up()
         _send(answers, sources.digest())
         while True:
-            _send(answers, twin.answer(pickle.load(requests)))
+            _send(answers, _answer(twin, pickle.load(requests)))
     except (EOFError, BrokenPipeError):
         return
+
+
+def _answer(twin: Answering, request: Request) -> Answer | str:
+    """The answer, or why there is none: one buffer that cannot be estimated does not end the twin."""
+    try:
+        return twin.answer(request)
+    except Exception as error:
+        return f"cannot be estimated: {error}"
 
 
 def _stand_back() -> None:

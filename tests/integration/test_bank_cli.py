@@ -74,3 +74,26 @@ def test_a_change_that_makes_no_sense_is_refused(changes, key):
     with pytest.raises(UserError) as refused:
         run_scenario(compose("duration_s=5", "controller=nimc_fixed", f"changes={changes}"))
     assert refused.value.key.startswith(key)
+
+
+def test_the_model_is_taken_up_on_the_side_of_the_gap_where_the_motor_lies(tmp_path):
+    """Far from zero, after a move down: the sign of the angle says nothing of the side."""
+    (tmp_path / "r.csv").write_text("t_s,r_mm\n0,3\n15,2\n30,3\n45,2\n60,2\n")
+    run = run_scenario(compose(
+        "controller=nimc_twin", "twin.on_alarm=bank", "model=lead_screw", "rig.parameters.k.value=8000",
+        "profile=constant", "profile.start_deg=40", "controller.gap_hat_deg=40", "sensors=encoder", "reference=csv",
+        f"reference.path={tmp_path / 'r.csv'}", "duration_s=60",
+    ))  # fmt: skip
+    assert run.estimates["found"].iloc[0].startswith("stiffness all links -20")
+    overshoot = run.moves["overshoot_pct"].to_list()
+    assert overshoot[1] > 3.0
+    assert max(overshoot[2:]) < 2.0
+
+
+def test_of_a_machine_that_is_as_believed_nothing_is_named_without_any_noise():
+    run = run_scenario(compose(
+        "controller=nimc_twin", "twin.on_alarm=bank", "profile=constant", "profile.start_deg=30",
+        "controller.gap_hat_deg=30", "reference.period_s=16", "duration_s=40",
+    ))  # fmt: skip
+    assert len(run.estimates) > 2
+    assert set(run.estimates["found"]) <= {"nothing", "gap"}

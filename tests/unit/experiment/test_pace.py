@@ -108,7 +108,8 @@ def test_a_late_answer_counts_when_it_is_there_and_is_told():
     config = compose(*SHORT, "controller=nimc_twin", "twin.delay_s=0", "pace=real", "duration_s=1.3")
     beliefs = beliefs_of(config)
     result = run_scenario(config, service=Slow(twin_of(settled(config, beliefs), beliefs.twin)))
-    (row,) = result.estimates.to_dict("records")
+    row, unheard = result.estimates.to_dict("records")
+    assert (unheard["reason"], unheard["accepted"]) == ("the run ended before an answer", False)
     (late,) = result.summary["pace"]["late_answers"]
     assert late["t_event_s"] == row["t_event_s"] == 0.5
     assert late["late_s"] >= 0.19
