@@ -80,12 +80,12 @@ def close_the_loop(config: RunConfig, tell: Tell | None = None) -> Closed:
 
 
 def record(config: RunConfig, believed: Rig) -> RunResult:
-    """The loop that believes in ``believed``, following a multisine."""
+    """The loop that believes in ``believed``, following a multisine, before anything of ``changes`` happens."""
     belief = Belief(believed)
     controller = replace(config.controller, structure="nimc", reconfigure="never", internal_model="inner_loop")
     start_deg = config.profile.start_deg
     asked = replace(
-        config, controller=controller, duration_s=RECORDED_S, task="run",
+        config, controller=controller, duration_s=RECORDED_S, task="run", changes=[],
         profile=ProfileConfig("constant", start_deg=start_deg, end_deg=start_deg),
         reference=ReferenceConfig(
             "multisine", rms_mm=RMS_MM, f_min_hz=LOWEST_HZ, f_max_hz=HIGHEST_HZ, period_s=1.0 / LOWEST_HZ

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from dtbacklash.config.changes import check_changes
 from dtbacklash.config.checks import number
 from dtbacklash.config.choices import (
     BELIEFS,
@@ -35,6 +36,7 @@ from dtbacklash.config.setting import INPUT, OUTPUT, check, setting
 from dtbacklash.errors import UserError
 
 SAMPLES_MAX = 20_000_000  # a trace of this length needs about 2 GB
+BANK_MAX = 10_000  # the bank builds a dense matrix of n/10 x n: 80 MB
 RECORDING_SUFFIXES = (".csv", ".parquet")
 SEED_MAX = 2**63 - 1
 
@@ -162,7 +164,7 @@ class TwinConfig:
     )  # fmt: skip
     on_alarm: str = setting("estimate", "what the twin does when it is called; see bank.md", choices=ON_ALARM)
     bank_buffer: int = setting(
-        1500, "samples of one diagnosis by the bank", unit="samples", at_least=500, at_most=SAMPLES_MAX
+        1500, "samples of one diagnosis by the bank", unit="samples", at_least=500, at_most=BANK_MAX
     )
     bank_rest: int = setting(
         100, "of them, how many lie before the change of the reference", unit="samples", at_least=0
@@ -287,7 +289,7 @@ class RunConfig:
     seed: int = setting(0, "of noise, random references, optimizers that draw lots", at_least=0, at_most=SEED_MAX)
     changes: list[Any] = setting(
         list, "later changes of the machine, each {at_s: s, parameters: {name: value}, effects: {element: {effect: "
-        "{parameter: value}}}}, SI", shown="[]",
+        "{parameter: value}}}}, SI; the gap grows by profile.*", shown="[]",
     )  # fmt: skip
     task: str = setting(
         "run", "one run; or record in the loop, diagnose, and run with what was found (experiment=close_the_loop)",
@@ -306,7 +308,7 @@ class RunConfig:
         self._check_length()
         self._check_twin()
         self._check_task()
-        self._check_changes()
+        check_changes(self.changes, self.duration_s, self.sample_time_s)
         self._check_model()
         self._check_rig()
         nyquist_hz = 0.5 / self.sample_time_s
@@ -346,13 +348,6 @@ class RunConfig:
         if self.model is not None and self.controller.structure == "open_loop":
             raise UserError("model", self.model.name, "nobody believes anything in open loop; leave it out")
 
-    def _check_changes(self) -> None:
-        for i, change in enumerate(self.changes):
-            known = {"at_s", "parameters", "effects"}
-            if not isinstance(change, dict) or "at_s" not in change or not set(change) <= known:
-                raise UserError(f"changes[{i}]", change, "a mapping with at_s, and parameters or effects")
-            number(f"changes[{i}].at_s", change["at_s"], at_least=0, unit="s")
-
     def _check_task(self) -> None:
         if self.task == "run":
             return
@@ -372,9 +367,15 @@ class RunConfig:
                 raise UserError(key, source, "closing the loop tries what is believed one after the other")
 
     def _check_twin(self) -> None:
-        if self.controller.reconfigure != "never" and self.twin.buffer > self.samples:
-            allowed = f"must not be longer than the run ({self.samples} samples)"
-            raise UserError("twin.buffer", self.twin.buffer, allowed)
+        if self.controller.reconfigure != "never":
+            name = "bank_buffer" if self.twin.on_alarm == "bank" else "buffer"
+            length = getattr(self.twin, name)
+            if length > self.samples:
+                raise UserError(f"twin.{name}", length, f"must not be longer than the run ({self.samples} samples)")
+            least = self.twin.bank_rest + self.twin.settle
+            if self.twin.on_alarm == "bank" and length <= least:
+                allowed = f"must be above twin.bank_rest + twin.settle = {least} samples"
+                raise UserError("twin.bank_buffer", length, allowed)
         if (self.controller.gap_hat_deg or 0.0) > self.twin.gap_max_deg:
             allowed = f"must be at most twin.gap_max_deg={self.twin.gap_max_deg:g} deg"
             raise UserError("controller.gap_hat_deg", self.controller.gap_hat_deg, allowed)

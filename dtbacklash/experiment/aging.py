@@ -11,9 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from dtbacklash.config.changes import of_the_change
 from dtbacklash.config.run import RunConfig
 from dtbacklash.errors import UserError
 from dtbacklash.physics.assembly import compile_plant
+from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.effects.slots import GearPlay
 from dtbacklash.physics.kernel.plant import Plant, State, new_state
 from dtbacklash.physics.kernel.step import slip_rate
 from dtbacklash.physics.rig import Rig, build_rig
@@ -24,31 +27,42 @@ def aged_rigs(config: RunConfig, plant: Plant) -> list[tuple[int, Rig, Plant]]:
 
     Raises
     ------
-    UserError : a parameter that the rig has not, an effect that does not fit, other bodies than those of ``plant``.
+    UserError : a parameter that the rig has not, an effect that does not fit, the gear's gap, other bodies than those
+        of ``plant``.
     """
     rig, found = build_rig(config.rig), []
-    for change in sorted(config.changes, key=lambda one: float(one["at_s"])):
-        rig = _changed(rig, change)
-        after = compile_plant(rig, config.sample_time_s, config.solver.substeps, config.solver.event_levels)
+    for i, change in sorted(enumerate(config.changes), key=lambda one: float(one[1]["at_s"])):
+        try:
+            rig = _changed(rig, change)
+            after = compile_plant(rig, config.sample_time_s, config.solver.substeps, config.solver.event_levels)
+        except UserError as mistake:
+            raise of_the_change(mistake, i) from mistake
         if after.A.shape != plant.A.shape or after.n_bodies != plant.n_bodies:
             allowed = (
                 "what keeps the bodies and their memories; a tiny compliance or hysteresis from the beginning may grow"
             )
-            raise UserError("changes", change, allowed)
+            raise UserError(f"changes[{i}]", change, allowed)
         found.append((round(float(change["at_s"]) / config.sample_time_s), rig, after))
     return found
 
 
 def _changed(rig: Rig, change: dict[str, Any]) -> Rig:
-    parameters = {name: float(value) for name, value in (change.get("parameters") or {}).items()}
-    try:
-        rig = rig.with_parameters(parameters)
-        for place, there in (change.get("effects") or {}).items():
-            for name, values in there.items():
-                rig = rig.with_effect(place, name, values)
-    except UserError as mistake:
-        raise UserError(mistake.key.replace("rig", "changes", 1), mistake.value, mistake.allowed) from mistake
+    """The rig after a change; raises UserError in the name of the rig."""
+    rig = rig.with_parameters({str(name): float(value) for name, value in change.get("parameters", {}).items()})
+    for place, there in change.get("effects", {}).items():
+        for name, values in there.items():
+            rig = _with_effect(rig, str(place), str(name), values)
     return rig
+
+
+def _with_effect(rig: Rig, place: str, name: str, values: dict[str, Any] | None) -> Rig:
+    key = f"rig.effects.{place}.{name}"
+    effect = find(rig.kind_at(place), name, key)
+    if isinstance(effect.slot, GearPlay):  # the gap is a trace of its own, see `true_half_gap`
+        raise UserError(key, values, "does not change here: the gap grows by profile.*")
+    if values is None and rig.effect(place, name) is None:
+        raise UserError(key, "null", "takes out an effect that the rig has; there is none")
+    return rig.with_effect(place, name, values)
 
 
 def aged_state(plant: Plant, state: State, after: Plant) -> State:

@@ -66,14 +66,41 @@ def test_the_command_writes_what_was_found(tmp_path):
     assert summary["n_attempts"] == len(table)
 
 
-@pytest.mark.parametrize(("changes", "key"), [
-    ("[{parameters:{k:7000}}]", "changes"), ("[{at_s:3,parameters:{q:1}}]", "changes.parameters.q"),
-    ("[{at_s:3,effects:{screw:{compliance:{compliance:1e-5}}}}]", "changes"),
+FITS = "{at_s:4,parameters:{k:7000}}"
+
+
+@pytest.mark.parametrize(("change", "key", "allowed"), [
+    ("{at_s:3,parameters:{q:1}}", "changes[1].parameters.q", "unknown parameter"),
+    ("{at_s:3,parameters:{k:-1}}", "changes[1].parameters.k", "above 0"),
+    ("{at_s:3,effects:{1:{compliance:{compliance:1e-5}}}}", "changes[1].effects.1", "unknown location"),
+    ("{at_s:3,effects:{screw:{rust:{depth:1}}}}", "changes[1].effects.screw.rust", "takes"),
+    ("{at_s:3,effects:{screw:{compliance:null}}}", "changes[1].effects.screw.compliance", "there is none"),
+    ("{at_s:3,effects:{motor_bearing:{coulomb_friction:{torque:1e9}}}}",
+     "changes[1].effects.motor_bearing.coulomb_friction.torque", "from 0"),
+    ("{at_s:3,effects:{screw:{compliance:{compliance:1e-5}}}}", "changes[1]", "keeps the bodies"),
+    ("{at_s:3,effects:{gear:{backlash:{half_gap:0.3}}}}", "changes[1].effects.gear.backlash", "profile.*"),
 ])  # fmt: skip
-def test_a_change_that_makes_no_sense_is_refused(changes, key):
+def test_a_change_that_does_not_fit_the_rig_is_refused(change, key, allowed):
+    """Named with its place in the list, whatever the order of the times."""
     with pytest.raises(UserError) as refused:
-        run_scenario(compose("duration_s=5", "controller=nimc_fixed", f"changes={changes}"))
-    assert refused.value.key.startswith(key)
+        run_scenario(compose("duration_s=5", "controller=nimc_fixed", f"changes=[{FITS},{change}]"))
+    assert refused.value.key == key
+    assert allowed in refused.value.allowed
+
+
+@pytest.mark.parametrize(("words", "said"), [
+    (("changes=[{at_s:1,effects:{gear:{backlash:{half_gap:0.3}}}}]",), "changes[0].effects.gear.backlash="),
+    (("changes=[{at_s:inf,parameters:{k:7000}}]",), "changes[0].at_s=inf: must be a finite number"),
+    (("changes=[{at_s:1,parameters:{k:abc}}]",), "changes[0].parameters.k=abc: a finite number, SI"),
+    (("experiment=aging",), "changes[0].at_s=130.0: must be at most 1.999 s, as the run ends at duration_s=2 s"),
+])  # fmt: skip
+def test_the_command_refuses_a_change_in_one_line_and_leaves_nothing(tmp_path, words, said):
+    command = [sys.executable, "-m", "dtbacklash.cli", "run", *words, "duration_s=2", "out=aged"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert said in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_model_is_taken_up_on_the_side_of_the_gap_where_the_motor_lies(tmp_path):

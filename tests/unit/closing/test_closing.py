@@ -44,3 +44,12 @@ def test_the_machine_is_recorded_in_a_loop_that_believes_in_its_nominal_rig():
     assert {"u", "r", "theta_m", "q3"} <= set(recording.channels)
     assert recording.channels["q3"].std() > 2e-4
     assert replace(run.config, task="run") == run.config
+
+
+def test_the_machine_is_recorded_before_it_changes():
+    """A change of the loop may come after the end of the recording, which is shorter."""
+    config = compose(*WORDS, "changes=[{at_s:10,parameters:{k:7000}},{at_s:50,parameters:{k:6000}}]")
+    nominal = build_rig(compose().rig)
+    changed, plain = record(config, nominal), record(compose(*WORDS), nominal)
+    assert config.duration_s > changed.t_s[-1]
+    assert np.array_equal(changed.trace["q3_mm"], plain.trace["q3_mm"])

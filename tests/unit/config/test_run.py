@@ -61,6 +61,18 @@ REFUSED = [
 ]
 
 
+def bank(**values):
+    return {"twin": run.TwinConfig(on_alarm="bank", **values)}
+
+
+REFUSED += [
+    (run.TwinConfig, {"bank_buffer": 10_001}, "twin.bank_buffer"),
+    (run.RunConfig, {"duration_s": 1.4, **bank()}, "twin.bank_buffer"),
+    (run.RunConfig, bank(bank_buffer=500), "twin.bank_buffer"),
+    (run.RunConfig, bank(settle=900, bank_rest=600), "twin.bank_buffer"),
+]
+
+
 @pytest.mark.parametrize(("kind", "values", "key"), REFUSED, ids=[f"{k}-{i}" for i, (_, _, k) in enumerate(REFUSED)])
 def test_refuses_in_one_line_that_names_the_key(kind, values, key):
     with pytest.raises(UserError) as caught:
@@ -84,3 +96,44 @@ def test_a_short_run_without_a_twin_needs_no_buffer():
 
 def test_any_gain_is_allowed_because_divergence_is_reported_by_the_run():
     assert run.ControllerConfig(k_theta_v_per_rad=1e6).k_theta_v_per_rad == 1e6
+
+
+def test_the_buffer_of_the_bank_counts_only_where_the_bank_is_asked():
+    never = run.ControllerConfig(structure="imc", reconfigure="never")
+    assert run.RunConfig(duration_s=1.4, controller=never, **bank(bank_buffer=500)).samples == 1400
+    assert run.RunConfig(duration_s=1.4, twin=run.TwinConfig(bank_buffer=500)).samples == 1400
+    assert run.RunConfig(duration_s=1.5, **bank(bank_buffer=501)).samples == 1500  # twin.buffer is not used then
+
+
+WRONG_CHANGES = [
+    ("abc", "", "a mapping with at_s"),
+    ({"parameters": {"k": 7000.0}}, "", "a mapping with at_s"),
+    ({"at_s": 1}, "", "and parameters or effects"),
+    ({"at_s": 1, "parameter": {"k": 7000.0}}, "", "and parameters or effects"),
+    *(({"at_s": at_s, "parameters": {"k": 1.0}}, ".at_s", "a finite number, at least 0 s")
+      for at_s in ("abc", None, True, math.inf, math.nan, -1.0, 10**400)),
+    *(({"at_s": at_s, "parameters": {"k": 1.0}}, ".at_s", "at most 1.999 s, as the run ends at duration_s=2 s")
+      for at_s in (1000, 2.0, 1.9996)),
+    *(({"at_s": 1, "parameters": wrong}, ".parameters", "a mapping name -> finite number")
+      for wrong in ("abc", None, {})),
+    *(({"at_s": 1, "parameters": {"k": wrong}}, ".parameters.k", "a finite number")
+      for wrong in ("abc", "7000", True, None, math.nan, math.inf, {"value": 1.0})),
+    *(({"at_s": 1, "effects": wrong}, ".effects", "a mapping element") for wrong in (["a"], None, {}, "abc")),
+    ({"at_s": 1, "effects": {1: 2}}, ".effects.1", "a mapping effect"),
+    ({"at_s": 1, "effects": {"motor_bearing": {}}}, ".effects.motor_bearing", "a mapping effect"),
+    ({"at_s": 1, "effects": {"motor_bearing": "coulomb_friction"}}, ".effects.motor_bearing", "a mapping effect"),
+    ({"at_s": 1, "effects": {"motor_bearing": {"coulomb_friction": 0.05}}}, ".effects.motor_bearing.coulomb_friction",
+     "a mapping parameter"),
+    ({"at_s": 1, "effects": {"motor_bearing": {"coulomb_friction": {"torque": "abc"}}}},
+     ".effects.motor_bearing.coulomb_friction.torque", "a number"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "way", "allowed"), WRONG_CHANGES)
+def test_a_change_of_the_wrong_form_is_refused(change, way, allowed):
+    right = {"at_s": 1.999, "parameters": {"k": 7000}, "effects": {"motor_bearing": {"coulomb_friction": None}}}
+    with pytest.raises(UserError) as caught:
+        run.RunConfig(duration_s=2.0, changes=[right, change])
+    assert caught.value.key == "changes[1]" + way
+    assert allowed in caught.value.allowed
+    assert "\n" not in str(caught.value)
