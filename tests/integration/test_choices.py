@@ -29,6 +29,8 @@ def test_a_choice_runs_to_its_report(group, option, tmp_path, monkeypatch, capsy
         words += [f"{group}.path=signal.csv"]
     if group == "optimizer":  # it must be asked: a step inside the run, answered at once
         words += ["reference=square", "reference.period_s=1", "twin.delay_s=0", "optimizer.max_evaluations=20"]
+    if option == "aging":
+        words += ["changes=[{at_s:0.6,parameters:{k:9000}}]", "twin.bank_buffer=700"]
     if option == "remote":  # nobody is there: the run goes on without
         monkeypatch.setenv("DTB_TWIN_KEY", "5a" * 32)
         words += ["twin.broker=127.0.0.1:1", "twin.timeout_s=0.2"]
