@@ -14,7 +14,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +29,7 @@ from dtbacklash.remote.belief import described, twin_of
 from dtbacklash.remote.client import RemoteTwin
 from dtbacklash.remote.documents import Document
 from dtbacklash.report.kit.markdown import between, table
-from dtbacklash.twin.service import LocalTwin, Reply, Request
+from dtbacklash.twin.service import LocalTwin, Request
 
 MACHINES, WORKERS = (1, 10, 50), 2
 #: of a row; the paper's reference changes every 20 s
@@ -39,28 +39,21 @@ HEADS = ("machines", "they ask", "requests/s", "estimates/s", "median delay", "9
 
 
 @dataclass
-class _Listening:
+class _Listening(LocalTwin):
     """A twin of the run's own that keeps what it is asked."""
 
-    inner: LocalTwin
-    requests: list[Request]
-
-    def warm_up(self) -> None:
-        self.inner.warm_up()
+    requests: list[Request] = field(default_factory=list)
 
     def ask(self, request: Request) -> None:
         self.requests.append(request)
-        self.inner.ask(request)
-
-    def replies(self) -> list[Reply]:
-        return self.inner.replies()
+        super().ask(request)
 
 
 def buffers() -> tuple[Document, list[Request]]:
     """What the twin has to know in Figure 13, and the nine requests of its run."""
     config = compose("experiment=fig13", "figures=false")
     belief = described(config)
-    listening = _Listening(LocalTwin(twin_of(belief)), [])
+    listening = _Listening(twin_of(belief))
     run_scenario(config, service=listening)
     return belief, listening.requests
 

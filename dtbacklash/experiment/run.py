@@ -74,22 +74,17 @@ class _Machine:
         config = settled(asked, Beliefs(belief, belief))
         design = design_for(config, belief)
         assert design is not None
-        forward = belief.feed_forward(tuple(config.controller.compensate))
-        controller = build_controller(config.controller, design, forward)
+        controller, detector = _controlling(config, design, belief)
         first = max(k - AT_REST, 0)
         theta_m, q3 = (float(np.mean(traces.seen[first:k, role])) for role in which)
         # the reference may be about to change: the rest is that of the one in force until now
         here = Rest(inputs.reference[k - 1], theta_m, q3, float(np.mean(traces.u[first:k])), old_gap, answer.gap_rad)
         self.control_state = handed_over(self.controller, self.control_state, controller, here)
         self.controller, self.form = controller, None  # the general loop takes any
-        self.detector = kept(
-            novelty_design, config.twin.novelty_filter, design.dominant_frequency_rad_s, config.sample_time_s
-        )
-        self.detector_state = self.detector.initial_state()
+        self.detector, self.detector_state = detector, detector.initial_state()
         error = here.q3 - float(controller.sc @ self.control_state.s)
         for _ in range(round(SETTLED_S / config.sample_time_s)):
-            d = self.detector
-            novelty_step(self.detector_state, d.sos, d.cos_step, d.sin_step, error)
+            novelty_step(self.detector_state, detector.sos, detector.cos_step, detector.sin_step, error)
         if self.watcher is not None:
             before = self.watcher
             self.watcher = Watcher.prepare(config, belief, before.values.shape[0])
@@ -195,12 +190,21 @@ def _designed(config: RunConfig, belief: Belief) -> ControllerDesign | None:
 def _build(config: RunConfig, rig: Rig, design: ControllerDesign | None, belief: Belief) -> _Machine:
     """Everything at rest."""
     plant = compile_plant(rig, config.sample_time_s, config.solver.substeps, config.solver.event_levels)
-    forward = belief.feed_forward(tuple(config.controller.compensate)) if design else None
-    controller = build_controller(config.controller, design, forward)
-    frequency = design.dominant_frequency_rad_s if design else 1.0
-    detector = kept(novelty_design, config.twin.novelty_filter, frequency, config.sample_time_s)
+    controller, detector = _controlling(config, design, belief)
     return _Machine(
         plant, new_state(plant), controller, new_controller_state(controller), detector, detector.initial_state()
+    )
+
+
+def _controlling(
+    config: RunConfig, design: ControllerDesign | None, belief: Belief
+) -> tuple[Controller, NoveltyDesign]:  # fmt: skip
+    """The controller and the detector of novelty for a design."""
+    forward = belief.feed_forward(tuple(config.controller.compensate)) if design else None
+    frequency = design.dominant_frequency_rad_s if design else 1.0
+    return (
+        build_controller(config.controller, design, forward),
+        kept(novelty_design, config.twin.novelty_filter, frequency, config.sample_time_s),
     )
 
 
