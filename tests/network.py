@@ -13,12 +13,14 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
 
 from dtbacklash.config.compose import compose
 from dtbacklash.config.run import RunConfig
+from dtbacklash.config.twin import StatusConfig
 from dtbacklash.experiment.result import RunResult
 from dtbacklash.face.run_files import simulate, write
 from dtbacklash.remote import access
@@ -26,6 +28,7 @@ from dtbacklash.remote.belief import twin_of
 from dtbacklash.remote.connection import Connection
 from dtbacklash.remote.credentials import Key, load_credentials
 from dtbacklash.remote.messages import AnswerMessage, RequestMessage, Ticket
+from dtbacklash.remote.status import heard
 from dtbacklash.remote.topics import REQUESTS, answer_topic
 from dtbacklash.twin.service import Answer
 
@@ -51,6 +54,10 @@ def free_port() -> int:
     with socket.socket() as one:
         one.bind(("127.0.0.1", 0))
         return int(one.getsockname()[1])
+
+
+#: where the twin that the tests of a file share counts what it does
+METRICS = free_port()
 
 
 def wait_for(what: Callable[[], object], patience_s: float = PATIENCE_S) -> None:
@@ -103,6 +110,26 @@ class Broker:
         with suppress(OSError), socket.create_connection(("127.0.0.1", self.port), 0.2):
             return True
         return False
+
+
+def status(broker: Broker, wait_s: float = 0.2) -> dict[str, dict[str, Any]]:
+    """What the twins at a broker say of themselves."""
+    found, rejected = heard(StatusConfig(broker.address, broker.of("monitor"), wait_s=wait_s))
+    assert rejected == {}
+    return found
+
+
+def settled_status(broker: Broker, holds: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+    """The twin's status once something holds in it."""
+    found: list[dict[str, Any]] = []
+
+    def there() -> bool:
+        one = status(broker).get("twin")
+        found[:] = [one] if one else []
+        return bool(one and holds(one))
+
+    wait_for(there, 20)
+    return found[0]
 
 
 Play = Callable[["Puppet", RequestMessage], None]

@@ -50,7 +50,7 @@ def prepare_and_prove(
     from dtbacklash.prove import run
 
     by = _workers(config)
-    plan = _plan(config, folder)
+    plan = _with_known(_plan(config, folder), config)
     docs = Path(config.docs).absolute() if config.docs is not None else None
     if docs is not None:
         from dtbacklash.report.proof.page import check_docs
@@ -144,6 +144,13 @@ def _plan(config: ProveConfig, out: Path) -> Plan:
     return Plan(out, name, seeds)
 
 
+def _with_known(plan: Plan, config: ProveConfig) -> Plan:
+    """The plan, and what the user says is finished already."""
+    from dtbacklash.prove import known
+
+    return plan if config.known is None else replace(plan, known=known.load(Path(config.known).absolute()))
+
+
 def _plan_of_several(config: ProveConfig, out: Path) -> Plan:
     from dtbacklash.prove.conceal import nominal_rig
     from dtbacklash.prove.run import Plan
@@ -213,7 +220,7 @@ def _show(score: Score, folder: Path) -> None:
 
 def fingerprint(config: ProveConfig) -> str:
     """A hash of all that decides the score: settings but who does the work, and the code."""
-    return settings_hash(replace(config, jobs=1, backend="loky", scheduler=None, docs=None), [config.key])
+    return settings_hash(replace(config, jobs=1, backend="loky", scheduler=None, docs=None, known=None), [config.key])
 
 
 APPLICATION = Application("prove", partial(load, schema=ProveConfig), fingerprint, work, MARK, FIGURES)

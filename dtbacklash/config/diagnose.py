@@ -39,8 +39,8 @@ class DiagnoseConfig:
     recording: RecordingInConfig = field(default_factory=RecordingInConfig)
     validation: str | None = setting(
         None,
-        "FILE or NAME[:PART]: the recording to choose and to judge on (default: the last 40 % of the recording; 25 % "
-        "choose the structure, 15 % judge it)",
+        "FILE or NAME[:PART]: the recording to choose and to judge on (default: 40 % of the recording; 25 % choose "
+        "the structure, the last 15 % judge it)",
         path=INPUT,
     )
     jobs: int | None = setting(

@@ -40,6 +40,10 @@ class ProveConfig:
         path=INPUT,
     )  # fmt: skip
     docs: str | None = setting(None, "folder: also bring the score into FOLDER/proof.md, with its figures", path=OUTPUT)
+    known: str | None = setting(
+        None, "FILE of cases that the same code has finished (docs=FOLDER writes FOLDER/proof/cases.json.gz): those "
+        "that are wanted are not done again", path=INPUT,
+    )  # fmt: skip
     quick: bool = setting(
         False, "a fixed set of 20 scoring seeds; exit code 1 if the score is below what was reached", flag="--quick"
     )
@@ -48,14 +52,14 @@ class ProveConfig:
         check(self)
         chosen: dict[str, tuple[object, object]] = {
             "n": (self.n, COUNT), "seed": (self.seed, SEED), "folder": (self.folder, None), "key": (self.key, None),
-            "docs": (self.docs, None), "rigs": (self.rigs, []),
+            "docs": (self.docs, None), "rigs": (self.rigs, []), "known": (self.known, None),
         }  # fmt: skip
         for key, (value, default) in chosen.items():
             if value == default:
                 continue
             if self.quick:
                 raise UserError(key, value, "does not go with --quick")
-            if self.folder is not None and key in ("n", "seed", "rigs"):
+            if self.folder is not None and key in ("n", "seed", "rigs", "known"):
                 raise UserError(key, value, "does not go with folder")
         if self.key is not None and self.folder is None:
             raise UserError("key", self.key, "belongs to folder=FOLDER")

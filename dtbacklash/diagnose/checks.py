@@ -17,7 +17,7 @@ from dtbacklash.diagnose.free import Errors, nominal_free, standing
 from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.result import Check, FreeRunning
 from dtbacklash.diagnose.settings import settings
-from dtbacklash.diagnose.trial import distance
+from dtbacklash.diagnose.trial import distance, distances
 from dtbacklash.diagnose.trials import Key, Search
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Effect, Parameter, Role, name_in_words
@@ -180,11 +180,12 @@ def _entry(evidence: Evidence, key: Key) -> Effect:
 
 
 def _away_from_nothing(evidence: Evidence, found: Search, key: Key, errors: Errors) -> Check:
-    size = _entry(evidence, key).size
+    size, away = _entry(evidence, key).size, distances(evidence, found.fitted.rig, key, errors)
+    named = max(away, key=lambda name: np.nan_to_num(away[name], nan=-1.0), default=size.name)
     meaning = "does nothing" if math.isfinite(size.neutral or 0.0) else "is never reached"
     return _above(
         f"{_named(key)} is not zero", distance(evidence, found.fitted.rig, key, errors), settings().away_errors,
-        f"distance of `{size.name}` from where it {meaning}, in standard errors; less could be nothing at all", WALD,
+        f"distance of `{named}` from where it {meaning}, in standard errors; less could be nothing at all", WALD,
     )  # fmt: skip
 
 

@@ -291,7 +291,7 @@ def _runner(part: Rig, plant: Plant, block: Block, record: Record, theta: Floats
     column = names.index(block.pulled) if block.pulled else -1
     target = record.y[block.pulled] if block.pulled else np.zeros(1)
     where = int(plant.sensor[column, pl.Y_INDEX]) if block.pulled else 0
-    gap, gains = rig_half_gap(part), np.array(block.gains)
+    gap, gains = rig_half_gap(part), _gains_behind(part, block, record)
     chosen = [names.index(c) for c in block.channels]
 
     def run(state: State, samples: int) -> Floats:
@@ -302,6 +302,19 @@ def _runner(part: Rig, plant: Plant, block: Block, record: Record, theta: Floats
         return y[:, chosen]
 
     return run
+
+
+def _gains_behind(part: Rig, block: Block, record: Record) -> Floats:
+    """The block's gains behind the modelled error of the sensor that pulls.
+
+    The pull acts on a state, but compares readings: a sensor that is modelled to read ten times too much would pull ten
+    times as fast, and hand the measurement back.
+    """
+    gains = np.array(block.gains)
+    if block.pulled and part.active(SENSOR_PREFIX + block.pulled, slots.Reading):
+        seen = float(np.ptp(record.y[block.pulled]))
+        gains *= float(np.ptp(_behind(part, block.pulled, record))) / seen if seen > 0.0 else 1.0
+    return gains
 
 
 def _substeps(part: Rig, block: Block, record: Record) -> int:

@@ -16,7 +16,9 @@ def held_loss(evidence: Evidence, fitted: Fit) -> float:
 def paired(evidence: Evidence, before: Fit, after: Fit) -> tuple[float, float, float]:
     """(share, floor share, t) of the fall of the held-out loss, in the block and channels that it concerns.
 
-    share : of the excess over the floor. floor share : in units of the floor. t : see :func:`significance`.
+    share : of the excess over the floor, there or in what was fitted to, whichever is more: where something else
+    happens that leaves most, a small part of it may be all that can be mended. floor share : in units of the floor.
+    t : see :func:`significance`.
     """
     falls, excess, worth = [], [], []
     least, passed = evidence.least(), evidence.passed()
@@ -31,7 +33,19 @@ def paired(evidence: Evidence, before: Fit, after: Fit) -> tuple[float, float, f
         excess.append(float(np.sum(np.maximum(first.mean(axis=1) - 1.0, settings().earn_floors) / mean)))
     if not falls:
         return 0.0, 0.0, 0.0
-    return sum(falls) / sum(excess), max(worth), _significance(compared)
+    share = max(sum(falls) / sum(excess), _fitted_share(evidence, before, after, [name for name, _, _ in compared]))
+    return share, max(worth), _significance(compared)
+
+
+def _fitted_share(evidence: Evidence, before: Fit, after: Fit, names: list[str]) -> float:
+    """Share of the excess over the floor that falls in what was fitted to, in these blocks."""
+    falls, excess = 0.0, 0.0
+    first, second = (evidence.mean_square(fitted.residuals, "train") for fitted in (before, after))
+    for name in names:
+        mean = np.maximum(first[name], 1.0)
+        falls += float(np.sum((first[name] - second[name]) / mean))
+        excess += float(np.sum(np.maximum(first[name] - 1.0, settings().earn_floors) / mean))
+    return falls / excess
 
 
 def significance(evidence: Evidence, before: Residuals, after: Residuals) -> float:

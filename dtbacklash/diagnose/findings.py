@@ -4,7 +4,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.become import has_become
 from dtbacklash.diagnose.earn import held_loss
 from dtbacklash.diagnose.evidence import Evidence, Residuals
-from dtbacklash.diagnose.free import Errors, Free, as_given, nominal_free
+from dtbacklash.diagnose.free import Errors, Free, as_given, effects_of_rig, is_known, nominal_free, taken_out
 from dtbacklash.diagnose.intervals import NORMAL95
 from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.result import (
@@ -21,6 +21,7 @@ from dtbacklash.diagnose.result import (
     Verdict,
 )
 from dtbacklash.diagnose.sayings import less, quantity, unsure, when
+from dtbacklash.diagnose.trial import unseen
 from dtbacklash.diagnose.trials import Key, Search
 from dtbacklash.diagnose.verdict import Left, Moved, confidence
 from dtbacklash.physics.catalogue import find
@@ -36,6 +37,15 @@ def without(evidence: Evidence, found: Search) -> dict[Key, Residuals]:
     }
 
 
+def without_known(evidence: Evidence, found: Search) -> dict[Key, Residuals]:
+    """The same for each effect that the rig has had from the beginning."""
+    rig = found.fitted.rig
+    return {
+        key: evidence.residuals(taken_out(rig, key), found.fitted.residuals, {key[0]})
+        for key in effects_of_rig(rig) if is_known(rig, key)
+    }  # fmt: skip
+
+
 def finding(
     evidence: Evidence, found: Search, key: Key, errors: Errors, left_out: Residuals, rest: Recovered | None
 ) -> Finding:
@@ -44,13 +54,17 @@ def finding(
     entry = find(evidence.nominal.kind_at(place), name, place)
     values = found.fitted.rig.effect(place, name) or {}
     parameters: dict[str, ParameterEstimate] = {}
+    idle = entry.idle(values)
     for p in entry.parameters:
+        if p.name in idle:
+            continue  # nothing asked for it
         error, value = errors.get((place, name, p.name), float("nan")), values[p.name]
         ends = max(value - NORMAL95 * error, p.low), min(value + NORMAL95 * error, p.high)
         parameters[p.name] = ParameterEstimate(value, unit_at(evidence.nominal, place, p.unit), ends)
     instead = _instead(evidence, found, key)
     shown = {n: quantity(p.value, p.unit) for n, p in parameters.items()}
-    said = entry.sentence.format(location=place.replace("_", " "), **shown)
+    silent = idle | unseen(evidence, found.fitted.rig, key, errors)
+    said = entry.said(silent).format(location=place.replace("_", " "), **shown)
     sure = confidence(evidence, found, key, left_out, rest)
     sentence = said[:1].upper() + said[1:] + _instead_of_known(evidence.nominal, key) + unsure(sure, key, rest)
     return Finding(
@@ -77,11 +91,11 @@ def unit_at(rig: Rig, place: str, unit: str) -> str:
 
 def _also_fits(evidence: Evidence, found: Search, key: Key) -> tuple[Alternative, ...]:
     """What this recording cannot tell from a finding: fits that are as good, and the law that it is the limit of."""
-    listed = [t.key for t in found.rivals.get(key, [])]
+    listed = {t.key: t.reason for t in found.rivals.get(key, [])}
     limit = has_become(evidence, found.fitted, key)
     if limit:
-        listed.append((key[0], limit))
-    return tuple(Alternative(place, effect) for place, effect in dict.fromkeys(listed))
+        listed.setdefault((key[0], limit), "")
+    return tuple(Alternative(place, effect, reason) for (place, effect), reason in listed.items())
 
 
 def _instead(evidence: Evidence, found: Search, key: Key) -> Instead | None:

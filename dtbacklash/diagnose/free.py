@@ -156,15 +156,21 @@ def at_limit(free: Free, x: float) -> bool:
 
 
 def as_given(nominal: Rig, rig: Rig, key: Key) -> Rig:
-    """The rig without what a search did at (place, effect): as in the nominal rig, which mostly does not have it.
+    """The rig without what a search did at (place, effect): as in the nominal rig, which mostly does not have it."""
+    return _without_idle(rig.with_effect(*key, nominal.config.effects.get(key[0], {}).get(key[1])))
 
-    What can act no more without it goes with it: a force on a mass that only a yielding screw lets move.
-    """
-    changed = rig.with_effect(*key, nominal.config.effects.get(key[0], {}).get(key[1]))
-    for other in effects_of_rig(changed):
-        if _idle(changed, other):
-            changed = changed.with_effect(*other, None)
-    return changed
+
+def taken_out(rig: Rig, key: Key) -> Rig:
+    """The rig without an effect, the nominal rig's or another one."""
+    return _without_idle(rig.with_effect(*key, None))
+
+
+def _without_idle(rig: Rig) -> Rig:
+    """The rig without effects that can act no more: a force on a mass that only a yielding screw lets move."""
+    for key in effects_of_rig(rig):
+        if _idle(rig, key):
+            rig = rig.with_effect(*key, None)
+    return rig
 
 
 def _idle(rig: Rig, key: Key) -> bool:
@@ -178,10 +184,16 @@ def _idle(rig: Rig, key: Key) -> bool:
 def effect_free(
     rig: Rig, place: str, effect: str, values: dict[str, float], bounds: Bounds | None = None
 ) -> list[Free]:
-    """The parameters of one effect, from the values where the fit starts; ``bounds`` : what the recording can show."""
+    """The parameters of one effect, from the values where the fit starts, without idle ones (:meth:`.Effect.idle`).
+
+    bounds : what the recording can show.
+    """
     entry = find(rig.kind_at(place), effect, f"rig.effects.{place}.{effect}")
     found = []
+    idle = entry.idle(values)
     for p in entry.parameters:
+        if p.name in idle:
+            continue
         low, high = (bounds or {}).get(p.name, (p.low, p.high))
         low, high = max(low, p.low), min(high, p.high)
         start = min(max(values[p.name], low), high)

@@ -12,7 +12,7 @@ import numpy as np
 
 from dtbacklash.diagnose.candidates import candidates
 from dtbacklash.diagnose.compare import places_of
-from dtbacklash.diagnose.earn import earns, held_loss, merit, nearly, same
+from dtbacklash.diagnose.earn import earns, held_loss, merit, nearly, paired, same
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import (
     all_free,
@@ -98,12 +98,24 @@ def search(evidence: Evidence, progress: Callable[[str, float], None] | None = N
 
 
 def _own_instead(found: Search) -> None:
-    """Let one element have a parameter of its own instead of everything that was found, where that does as well."""
-    own = own_parameter(found.evidence, found.nominal)
-    most = merit(found.evidence, found.fitted) + settings().earn_penalty
-    if own is not None and merit(own.evidence, own.fitted) < most:
-        found.refused |= dict.fromkeys(found.order, "one element's own parameter does as well")
-        found.evidence, found.nominal, found.fitted, found.order = own.evidence, own.fitted, own.fitted, []
+    """Let one element have a parameter of its own instead of all findings, or of one, where that does as well."""
+    for left_out in [None, *(found.order if len(found.order) > 1 else [])]:
+        before = refit_with(found.evidence, found.fitted, [], left_out) if left_out else found.nominal
+        own = own_parameter(found.evidence, before)
+        if (
+            own is not None
+            and merit(own.evidence, own.fitted) < merit(found.evidence, found.fitted) + settings().earn_penalty
+        ):
+            gone = [left_out] if left_out else found.order
+            found.refused |= dict.fromkeys(gone, "one element's own parameter does as well")
+            found.evidence, found.fitted = own.evidence, own.fitted
+            found.order = [key for key in found.order if key not in gone]
+            found.nominal = (
+                fit(own.evidence, own.evidence.nominal, nominal_free(own.evidence.nominal))
+                if found.order
+                else own.fitted
+            )
+            return
 
 
 def _release(evidence: Evidence, found: Search) -> bool:
@@ -202,11 +214,46 @@ def _add(evidence: Evidence, found: Search) -> bool:
     for group in apart(evidence, trials):
         for trial in simplest_first(evidence, group):
             if earns(evidence, found.fitted, trial.fitted, found.nominal) and _believed(evidence, found, trial):
-                _note_instead(evidence, found, trial.key, (current, trial.fitted), group)
-                found.fitted, trial.verdict = trial.fitted, "added"
-                found.order.append(trial.key)
-                found.tried[trial.key] = [t for t in group if t is not trial]
-                found.rivals[trial.key] = [t for t in found.tried[trial.key] if same(evidence, trial.fitted, t.fitted)]
+                _take(evidence, found, trial, group)
+                return True
+    return len(found.order) + 2 <= rules.effects_max and _add_pair(evidence, found, trials)
+
+
+def _take(evidence: Evidence, found: Search, trial: Trial, group: list[Trial]) -> None:
+    """Add what was tried; ``group`` : what was tried beside it."""
+    _note_instead(evidence, found, trial.key, (found.fitted, trial.fitted), group)
+    found.fitted, trial.verdict = trial.fitted, "added"
+    found.order.append(trial.key)
+    found.tried[trial.key] = [t for t in group if t is not trial]
+    found.rivals[trial.key] = [t for t in found.tried[trial.key] if same(evidence, trial.fitted, t.fitted)]
+
+
+def _add_pair(evidence: Evidence, found: Search, trials: list[Trial]) -> bool:
+    """Add two effects of which the first takes away enough, but not surely: what the second makes hides that.
+
+    Friction that differs by direction and is not known to does: with the one half of it the moves to the one side fit
+    better, and those to the other side worse. Each is tried without the other in the end.
+    """
+    rules, current = settings(), found.fitted
+    able = [
+        t for t in sorted(trials, key=lambda t: merit(evidence, t.fitted))
+        if paired(evidence, current, t.fitted)[0] > rules.earn_excess_share
+        and not objection(evidence, t.fitted.rig, t.key)
+    ]  # fmt: skip
+    for first in able[: rules.pair_firsts]:
+        listed = candidates(first.fitted.rig, evidence.blocks, evidence.moving)
+        scores = bank(evidence, first.fitted, [c for c in listed if c.key not in found.refused])[1]
+        quick = spread(partial(_try, evidence, first.fitted), promising(evidence, scores)[: rules.quick_fits])
+        quick.sort(key=lambda t: merit(evidence, t.fitted))
+        beside = spread(partial(_finish, evidence, first.fitted), quick[: rules.full_fits])
+        for trial in beside:
+            trial.beside = len(found.order) + 1
+        found.trials += beside
+        for second in simplest_first(evidence, sorted(beside, key=lambda t: merit(evidence, t.fitted))):
+            sure = earns(evidence, first.fitted, second.fitted, found.nominal)
+            if sure and earns(evidence, current, second.fitted, found.nominal) and _believed(evidence, found, second):
+                _take(evidence, found, first, trials)
+                _take(evidence, found, second, beside)
                 return True
     return False
 

@@ -26,9 +26,12 @@ def next_experiment(evidence: Evidence, found: Search, rest: Recovered | None = 
     pairs = [(key, t) for key in found.order for t in found.rivals.get(key, [])]
     if not pairs:
         return "Nothing is ambiguous in this recording; a second recording would confirm it."
-    key, trial = pairs[0]
+    # what any recording can tell comes first
+    key, trial = min(pairs, key=lambda pair: bool(pair[1].reason))
     first, second = found.fitted.rig, trial.fitted.rig
     what = f"{name_in_words(key[1])} ({key[0]}) from {name_in_words(trial.key[1])} ({trial.key[0]})"
+    if trial.reason:
+        return f"No recording tells {what}: {trial.reason}."
     recorded = {c for b in evidence.blocks for c in b.channels}
     here = _differences(evidence, first, second, 1.0)
     hidden = {n: d for n, d in here.items() if n not in recorded}

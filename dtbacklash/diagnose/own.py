@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.free import apply, nominal_free, standing
+from dtbacklash.diagnose.free import all_free
 from dtbacklash.diagnose.projection import Projection
 from dtbacklash.diagnose.refit import Fit, fit
 from dtbacklash.diagnose.settings import settings
@@ -23,36 +23,34 @@ class Own:
     fitted: Fit
 
 
-def own_parameter(evidence: Evidence, nominal: Fit) -> Own | None:
-    """The parameter of one element that alone explains what the recalibrated rig leaves, if there is one.
+def own_parameter(evidence: Evidence, before: Fit) -> Own | None:
+    """The parameter of one element that alone explains what a fit leaves, if there is one.
 
-    Each is scored by one simulation, as effects are; the best is fitted where that promises to leave noise.
+    Each is scored by one simulation, as effects are; the best is fitted where that promises something, and has to leave
+    noise.
     """
     shared = _shared(evidence.nominal)
-    if not shared or is_noise(evidence, nominal):
+    if not shared or is_noise(evidence, before):
         return None
-    projection = Projection(evidence, nominal)
+    projection = Projection(evidence, before)
     best, least = None, np.inf
     for name, element, field in shared:
-        rig = split(nominal.rig, name, element, field)
+        rig = split(before.rig, name, element, field)
         width = rig.config.parameters[name].tolerance * evidence.nominal.config.parameters[name].value
         own = title(name, element)
         moved = rig.with_parameters({own: rig.config.parameters[own].value + STEP * width})
-        changed = evidence.residuals(moved, nominal.residuals, {element})
-        column = projection.project(projection.stack(nominal.residuals) - projection.stack(changed))
+        changed = evidence.residuals(moved, before.residuals, {element})
+        column = projection.project(projection.stack(before.residuals) - projection.stack(changed))
         left = projection.total - float(column @ projection.residual) ** 2 / max(float(column @ column), 1e-300)
         if left < least:
             best, least = (name, element, field), left
     # in the weights of the residual as it is now, noise has its own share of what is left
     noise = sum(float(np.sum(projection.weights[b.name])) for b in evidence.blocks) * projection.samples
-    if best is None or least > settings().own_promise_ratio * settings().noise_floors * noise:
+    if best is None or least - noise > (1.0 - settings().own_promise_share) * (projection.total - noise):
         return None
-    rig = split(evidence.nominal, *best)
-    evidence = replace(evidence, nominal=rig)
-    free = nominal_free(rig)
-    start = apply(rig, [], np.zeros(0))
-    x = np.array([standing(f, nominal.rig) if f.name in nominal.rig.config.parameters else 0.0 for f in free])
-    fitted = fit(evidence, start, free, x)
+    evidence = replace(evidence, nominal=split(evidence.nominal, *best))
+    start = split(before.rig, *best)
+    fitted = fit(evidence, start, *all_free(evidence, start))
     return Own(evidence, fitted) if is_noise(evidence, fitted) else None
 
 

@@ -27,8 +27,25 @@ def marked(records: list[Record]) -> list[Record]:
 
 
 def divided(records: list[Record]) -> list[Record]:
-    """The recordings with the last of what is held out kept for the judgement."""
-    return [replace(r, held=r.held & ~r.judge) for r in marked(records)]
+    """The recordings with the last of what is held out kept for the judgement, and the rest of it mixed with the fit's.
+
+    What chooses takes turns with what is fitted to: a limit that is reached in one part only is neither fitted nor
+    chosen.
+    """
+    kept = [replace(r, held=r.held & ~r.judge) for r in marked(records)]
+    turns = sum(int(r.held.sum()) for r in kept) // (settings().turn_stretches * stretch_of(kept))
+    return [_by_turns(r, int(np.clip(turns, 1, settings().turns_max))) for r in kept]
+
+
+def _by_turns(record: Record, turns: int) -> Record:
+    """A record with as many samples that train and as many that are held out, by turns."""
+    at = np.flatnonzero(record.train | record.held)
+    count = int(record.held.sum())
+    if turns == 1 or count in (0, len(at)):
+        return record
+    held = np.zeros(record.samples, dtype=bool)
+    held[at[np.arange(len(at)) * turns % len(at) >= len(at) - count]] = True
+    return replace(record, train=(record.train | record.held) & ~held, held=held)
 
 
 def judging(evidence: Evidence) -> Evidence:
@@ -51,6 +68,9 @@ def refitted(evidence: Evidence, found: Search) -> None:
         free, x = all_free(evidence, before.rig)
         return fit(evidence, before.rig, free, x, rounds=1)
 
-    chosen = found.order
+    chosen, searched = found.order, found.evidence
     found.evidence, found.nominal = evidence, again(found.nominal)
     found.fitted = again(found.fitted) if chosen else found.nominal
+    if [r.samples for r in evidence.records] != [r.samples for r in searched.records]:
+        for trial in found.instead.values():
+            trial.fitted = replace(trial.fitted, residuals=evidence.residuals(trial.fitted.rig))

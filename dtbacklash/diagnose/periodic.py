@@ -49,17 +49,17 @@ def wave_grid(candidate: Candidate, projection: Projection) -> list[Values]:
 
 def _scan(candidate: Candidate, projection: Projection, block: Block) -> list[tuple[float, float, float]]:
     """(wave number, amplitude, phase) of the best wave numbers."""
-    every = settings().wave_every_samples
     records, part = projection.evidence.records, part_of(projection.rig, block)
+    every = _every(block)
     fine = compile_plant(part, records[0].sample_time_s, 1, 2, block.imposed is not None)
     coarse = compile_plant(part, every * records[0].sample_time_s, 1, 2, block.imposed is not None)
     paths = [_path(candidate, projection, block, fine, number) for number in range(len(records))]
     response = transfer(part, block, coarse, {_channel(candidate, block, part, coarse): 1.0}, every)
     start, width = _place_of_rows(projection, block)
     channels, count = len(block.channels), projection.q_rows.shape[1]
-    chosen = np.concatenate([_thinned(r)[1] for r in records])
+    chosen = np.concatenate([_thinned(r, every)[1] for r in records])
     ends = np.cumsum([0, *(int(r.train.sum()) for r in records)])
-    at = np.concatenate([_thinned(r)[0] + end for r, end in zip(records, ends, strict=False)])
+    at = np.concatenate([_thinned(r, every)[0] + end for r, end in zip(records, ends, strict=False)])
     q = projection.q_rows[start : start + width].reshape(channels, width // channels, count)[:, at]
     e = projection.residual[start : start + width].reshape(channels, -1)[:, at]
     scale = (np.sqrt(projection.weights[block.name]) / projection.evidence.floor[block.name])[:, None, None]
@@ -67,7 +67,7 @@ def _scan(candidate: Candidate, projection: Projection, block: Block) -> list[tu
     waves = _waves(candidate, paths)
     for some in np.array_split(waves, max(1, math.ceil(len(waves) / BATCH))):
         with np.errstate(over="ignore", invalid="ignore"):  # along a simulated path that ran away
-            S, C = (_signatures(some, shape, paths, response)[:, :, chosen] * scale for shape in (0, 1))
+            S, C = (_signatures(some, shape, paths, response, every)[:, :, chosen] * scale for shape in (0, 1))
             rated += [found for found in _regress(some, S, C, q, e) if np.isfinite(found).all()]
     rated.sort(reverse=True)
     kept_waves: list[tuple[float, float, float]] = []
@@ -79,21 +79,27 @@ def _scan(candidate: Candidate, projection: Projection, block: Block) -> list[tu
     return kept_waves
 
 
-def _thinned(record: Record) -> tuple[np.ndarray, np.ndarray]:
+def _every(block: Block) -> int:
+    """How many samples make one: fewer where the block is pulled so fast that it would not be stable with as many."""
+    pull = block.gains[0] / (2.0 if block.gains[1] else 1.0)
+    most = settings().pull_per_sample_max / pull if pull > 0.0 else math.inf
+    return int(np.clip(most, 1, settings().wave_every_samples))
+
+
+def _thinned(record: Record, every: int) -> tuple[np.ndarray, np.ndarray]:
     """Of the samples kept by thinning that train: their numbers among all that train, and a mask over those kept."""
-    every = settings().wave_every_samples
     first = np.arange(0, record.samples // every * every, every)
     mask = record.train[first]
     return (np.cumsum(record.train) - 1)[first[mask]], mask
 
 
-def _signatures(waves: Floats, shape: int, paths: list[_Path], response: tuple[Floats, Floats]) -> Floats:
+def _signatures(waves: Floats, shape: int, paths: list[_Path], response: tuple[Floats, Floats], every: int) -> Floats:
     """(channels, waves, thinned samples) the responses to a sine (0) or a cosine (1) along the paths.
 
     The effort is averaged over a few samples before it is filtered at that slower rate; single precision will do.
     """
     numerators, denominator = response
-    every, shift, outputs = settings().wave_every_samples, np.float32(0.5 * math.pi * shape), []
+    shift, outputs = np.float32(0.5 * math.pi * shape), []
     for q, w, counted in paths:
         effort = np.sin(waves[:, None].astype(np.float32) * q.astype(np.float32) + shift)
         if counted:

@@ -10,17 +10,19 @@ from dtbacklash.diagnose.become import call_by_its_limit
 from dtbacklash.diagnose.checks import all_checks, at_bounds, at_tolerances, whiteness
 from dtbacklash.diagnose.command import held_equivalent
 from dtbacklash.diagnose.compare import Record
+from dtbacklash.diagnose.direction import call_by_direction
 from dtbacklash.diagnose.errors_of_fit import fit_table, free_running
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.faults.inspect import inspect
 from dtbacklash.diagnose.faults.verdict import faulty, mended, not_finite
-from dtbacklash.diagnose.findings import candidates, finding, located, recalibrated, without
+from dtbacklash.diagnose.findings import candidates, finding, located, recalibrated, without, without_known
 from dtbacklash.diagnose.free import Errors, nominal_free, with_errors, with_priors
 from dtbacklash.diagnose.intervals import standard_errors
 from dtbacklash.diagnose.limits import limits
 from dtbacklash.diagnose.name import drop, search
 from dtbacklash.diagnose.next_experiment import next_experiment
 from dtbacklash.diagnose.parts import divided, for_judgement, refitted
+from dtbacklash.diagnose.portion import portion, whole
 from dtbacklash.diagnose.recover import free_forms
 from dtbacklash.diagnose.refit import fit
 from dtbacklash.diagnose.result import UNEXPLAINED, Diagnosis, Work
@@ -59,13 +61,20 @@ def diagnose_records(
         if inspected.fault is not None:
             return faulty(rig, inspected, inspected.fault)
         try:
-            evidence, smooth = _read_command(with_priors(rig), divided(inspected.records))
+            known, records = with_priors(rig), divided(inspected.records)
+            evidence, smooth = _read_command(known, portion(known, records))
             found = search(evidence, progress)
             call_by_its_limit(found)
-            refitted(for_judgement(found.evidence), found)
+            call_by_direction(found)
+            (progress or _silent)("fitting to all and judging", 0.95)
+            refitted(for_judgement(whole(found.evidence, records, smooth)), found)
             return mended(_diagnosis(found, _sure(found), smooth), inspected)
         except np.linalg.LinAlgError as error:
             return faulty(rig, inspected, not_finite(rig, inspected, error))
+
+
+def _silent(text: str, share: float) -> None:
+    """Nobody asked for progress."""
 
 
 def _sure(found: Search) -> Errors:
@@ -105,8 +114,11 @@ def _diagnosis(found: Search, errors: Errors, smooth: bool) -> Diagnosis:
     moved = moved_parameters(evidence, found.fitted, errors)
     left_out = without(evidence, found)
     white = whiteness(evidence, found)
-    left = remaining(evidence, found, left_out, {channel for channel, row in white.items() if row.passed})
-    forms = free_forms(evidence, found.fitted, None if any(b.real for b in left.values()) else _places(found))
+    # a law that the rig has already has other formulations, too
+    acting = left_out | without_known(evidence, found)
+    left = remaining(evidence, found, acting, {channel for channel, row in white.items() if row.passed})
+    real = {name for name, block in left.items() if block.real}
+    forms = free_forms(evidence, found.fitted, None if real else _places(found), real or None)
     form = max(forms, key=lambda f: f.t, default=None)
     verdict = decide(left, depends_on(form, left), found, moved)
     rest = max(forms, key=lambda f: f.share, default=None) if verdict == UNEXPLAINED else None

@@ -5,7 +5,7 @@ one regression on what a model leaves gives their heights; its parameters stay a
 explains a mismatch, the place and the state that explain most of it on held-out data say where it sits.
 """
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,11 +51,17 @@ class Recovered:
     t: float = 0.0
 
 
-def free_forms(evidence: Evidence, fitted: Fit, places: Iterable[str] | None = None) -> list[Recovered]:
-    """What a fit leaves, as an effort against every state at every place (of ``places``), each on its own."""
+def free_forms(
+    evidence: Evidence, fitted: Fit, places: Iterable[str] | None = None, blocks: Container[str] | None = None
+) -> list[Recovered]:
+    """What a fit leaves, as an effort against every state at every place, each on its own.
+
+    places, blocks : where to look, by name; None: everywhere.
+    """
     lens = _Lens(evidence, fitted)
     listed = fitted.rig.elements if places is None else [p for p in fitted.rig.elements if p in places]
-    return [r for place in listed for block in evidence.blocks for r in lens.at(block, place)]
+    seen = [block for block in evidence.blocks if blocks is None or block.name in blocks]
+    return [r for place in listed for block in seen for r in lens.at(block, place)]
 
 
 class _Lens:
@@ -93,15 +99,18 @@ class _Lens:
         hats = np.eye(len(knots))
         waves: Residuals = {block.name: []}
         for v in values:
-            shapes = np.array([np.interp(v, knots, h) for h in hats])
-            # (samples, channels, knots) in units of the floor
-            reached = np.array([lfilter(row, denominator, shapes, axis=1) for row in numerators])
-            waves[block.name].append(np.moveaxis(reached, 2, 0) / scale[None, :, None])
+            # (samples, channels, knots) in units of the floor; one knot after the other, for the memory that it takes
+            reached = np.empty((len(v), len(scale), len(knots)))
+            for k, hat in enumerate(hats):
+                shape = np.interp(v, knots, hat)
+                for c, row in enumerate(numerators):
+                    reached[:, c, k] = lfilter(row, denominator, shape) / scale[c]
+            waves[block.name].append(reached)
         root = np.sqrt(self.base.weights[block.name])
 
         def rows(of: list[Floats], part: str) -> Floats:
             kept = [e[getattr(r, part)] * _wide(root, e) for e, r in zip(of, self.evidence.records, strict=True)]
-            joined = np.concatenate(kept)
+            joined = kept[0] if len(kept) == 1 else np.concatenate(kept)
             return joined.reshape(joined.shape[0] * joined.shape[1], *joined.shape[2:])
 
         left, x = self.base.residuals[block.name], rows(waves[block.name], "train")

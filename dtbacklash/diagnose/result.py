@@ -41,10 +41,19 @@ class ParameterEstimate:
 
 @dataclass(frozen=True)
 class Alternative:
-    """An effect at an element or a sensor that this recording cannot tell from a finding."""
+    """An effect at an element or a sensor that this recording cannot tell from a finding.
+
+    reason : why no other recording can, in words; empty where one may.
+    """
 
     location: str
     effect: str
+    reason: str = ""
+
+    def to_json(self) -> Document:
+        """A row of ``also_fits``; the reason where there is one."""
+        row: Document = {"location": self.location, "effect": self.effect}
+        return row | ({"reason": self.reason} if self.reason else {})
 
 
 @dataclass(frozen=True)
@@ -81,6 +90,11 @@ class Finding:
     instead: Instead | None
     sentence: str
     confidence: Confidence = "sure"
+
+    def to_json(self) -> Document:
+        """A row of ``findings``."""
+        row: Document = json_able(self)
+        return row | {"also_fits": [other.to_json() for other in self.also_fits]}
 
 
 @dataclass(frozen=True)
@@ -364,6 +378,7 @@ class Diagnosis:
             "limits", "units", "next_experiment", "notes",
         )  # fmt: skip
         document: Document = {name: json_able(getattr(self, name)) for name in names}
+        document["findings"] = [finding.to_json() for finding in self.findings]
         document["located"] = json_able(self.located.to_json()) if self.located else None
         document["checks"] = [check.to_json() for check in self.checks]
         document["limits"] = [limit.to_json() for limit in self.limits]

@@ -11,6 +11,7 @@ from dtbacklash.diagnose.result import (
     CONSISTENT,
     PARAMETERS,
     UNEXPLAINED,
+    Alternative,
     Confidence,
     Finding,
     Instead,
@@ -114,14 +115,18 @@ def summary(
     parts = [f.sentence for f in findings]
     for finding in findings:
         if finding.also_fits:
-            others = " or ".join(f"{name_in_words(o.effect)} at the {o.location.replace('_', ' ')}"
-                                 for o in finding.also_fits)  # fmt: skip
+            others = " or ".join(_other(o) for o in finding.also_fits)
             parts.append(f"This recording cannot tell {name_in_words(finding.effect)} from {others}.")
     if verdict == UNEXPLAINED and located:
         said = "What remains" if findings else "The mismatch"
         parts.append(f"{said} is real and lies at or near {located.location.replace('_', ' ')}, "
                      "but nothing in the catalogue explains it.")  # fmt: skip
     return " ".join(parts)
+
+
+def _other(other: Alternative) -> str:
+    named = f"{name_in_words(other.effect)} at the {other.location.replace('_', ' ')}"
+    return f"{named} ({other.reason})" if other.reason else named
 
 
 def limits_said(effects: list[str], parameters: list[str]) -> str:
@@ -144,11 +149,13 @@ def source_of(recording: Recording) -> str:
 
 def notes_of(recording: Recording, validation: Recording | None, share: float) -> tuple[str, ...]:
     """What the reader said, and which data are fitted to and which are held out: the last ``share``, or others."""
+    judges = settings().judging_share * share
+    chooses = share - judges
     if validation is None:
         return (
             *recording.notes,
-            f"{_span('Fitted to the beginning of', recording)}; of its last {100 * share:.0f} % the first part chooses "
-            f"the structure, and the last {100 * settings().judging_share * share:.0f} % judge it.",
+            f"{_span('The recording is', recording)}: {100 * (1 - share):.0f} % of it are fitted to, "
+            f"{100 * chooses:.0f} % choose the structure, by turns, and the last {100 * judges:.0f} % judge it.",
         )
     other = [f"Held-out data: {note}" for note in validation.notes if note not in recording.notes]
     return *recording.notes, *other, f"{_span('Fitted to', recording)}; {_span('chosen and judged on', validation)}."

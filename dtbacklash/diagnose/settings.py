@@ -33,6 +33,12 @@ class DiagnoseSettings:
     judging_share: float = setting(
         0.375, "of what is held out, the last, which judges; what chooses comes before", unit="share", above=0,
         below=1)
+    turns_max: int = setting(
+        4, "so often what chooses takes turns with what is fitted to: what happens seldom shows in both", unit="turns",
+        at_least=1)
+    turn_stretches: int = setting(
+        3, "what chooses at a turn lasts so long at least: what is near what was fitted to flatters", unit="stretches",
+        at_least=1)
     stretch_decays_min: float = setting(
         1.0, "a shorter stretch beside others shows mostly the state in which it began", unit="slowest decays", above=0)
     paired_stretch_s: float = setting(
@@ -193,11 +199,19 @@ class DiagnoseSettings:
     scanned_starts: int = setting(
         2, "so many of the best wave numbers or delays are simulated: the regression may confuse neighbours",
         unit="count", at_least=1)
-    own_promise_ratio: float = setting(
-        2.0, "one element's own parameter is fitted where its regression leaves so much of noise: it is linear",
-        unit="ratio", above=1)
+    own_promise_share: float = setting(
+        0.5, "one element's own parameter is fitted where its regression, being linear, takes so much of the mismatch",
+        unit="share", above=0, below=1)
 
     # search
+    search_samples_max: int = setting(
+        40_000, "of a longer recording the search looks at windows with so many samples in all: it makes hundreds of "
+        "simulations, and names do not change by more", unit="samples", at_least=1000)
+    search_windows: int = setting(
+        4, "so many windows of what is fitted to, and of what chooses: what changes with time shows in several",
+        unit="windows", at_least=1)
+    search_window_decays: float = setting(
+        20.0, "a shorter window shows mostly the state in which it began", unit="slowest decays", above=0)
     effects_max: int = setting(4, "one recording does not carry more", unit="effects", at_least=1)
     quick_fits: int = setting(
         5, "the best of the bank that are fitted quickly: signatures are linear and rank roughly", unit="candidates",
@@ -219,6 +233,9 @@ class DiagnoseSettings:
     runners_up: int = setting(
         2, "of what came next to the effect that was added last, so many are fitted in full beside it: of two large "
         "effects each hides the other", unit="candidates", at_least=1)
+    pair_firsts: int = setting(
+        2, "where no effect earns its place alone, so many that take away enough are tried in pairs",
+        unit="candidates", at_least=0)
     swap_rivals: int = setting(
         2, "rivals that an effect is tried against when another one has joined", unit="candidates", at_least=1)
     final_rivals: int = setting(4, "rivals that it is tried against in the end", unit="candidates", at_least=1)

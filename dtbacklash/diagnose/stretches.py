@@ -42,10 +42,7 @@ def long_enough(rig: Rig, records: list[Record]) -> tuple[list[Record], tuple[st
     stretches = [r for k, r in enumerate(records) if r.from_s > 0.0 or (k + 1 < len(records) and records[k + 1].from_s)]
     if not stretches:
         return records, ()
-    step = records[0].sample_time_s
-    blocks = cut(rig, tuple(n for n in rig.sensors if all(n in r.y for r in records)), step)
-    plants = [compile_plant(part_of(rig, b), step, imposed=b.imposed is not None) for b in blocks]
-    slowest = min(slowest_decay(plant, block) for plant, block in zip(plants, blocks, strict=True))
+    step, slowest = records[0].sample_time_s, slowest_decay_of(rig, records)
     least = max(settings().beginning_samples_min, round(settings().stretch_decays_min / slowest / step))
     short = [r for r in stretches if r.samples < least]
     kept = [r for r in records if not any(r is s for s in short)]
@@ -56,3 +53,11 @@ def long_enough(rig: Rig, records: list[Record]) -> tuple[list[Record], tuple[st
         f"{count} of {len(stretches)} stretches ({lost} samples) {'is' if count == 1 else 'are'} left out, being "
         f"shorter than {least * step:.3g} s: too short beside the slowest decay of the rig.",
     )
+
+
+def slowest_decay_of(rig: Rig, records: list[Record]) -> float:
+    """Slowest decay rate of the blocks into which recordings cut a rig, 1/s; errors as :func:`.compare.cut`."""
+    step = records[0].sample_time_s
+    blocks = cut(rig, tuple(n for n in rig.sensors if all(n in r.y for r in records)), step)
+    plants = [compile_plant(part_of(rig, b), step, imposed=b.imposed is not None) for b in blocks]
+    return min(slowest_decay(plant, block) for plant, block in zip(plants, blocks, strict=True))

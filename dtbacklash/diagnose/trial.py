@@ -81,22 +81,41 @@ def _rises(evidence: Evidence, before: Residuals, after: Residuals) -> bool:
 
 
 def insignificant(evidence: Evidence, rig: Rig, order: list[Key], errors: Errors) -> Key | None:
-    """The finding whose size is least sure to be away from doing nothing, if that is not sure; else None."""
+    """The finding whose amplitude is least sure to be away from doing nothing, if that is not sure; else None."""
     away = {key: float(np.nan_to_num(distance(evidence, rig, key, errors))) for key in order}
     worst = min(away, key=lambda k: away[k], default=None)
     return worst if worst is not None and away[worst] < settings().away_errors else None
 
 
 def distance(evidence: Evidence, rig: Rig, key: Key, errors: Errors) -> float:
-    """Distance of an effect's size from where it does nothing, in standard errors; NaN where that is not known."""
-    size = find(rig.kind_at(key[0]), key[1], key[0]).size
-    value, error = (rig.effect(*key) or {})[size.name], errors.get((*key, size.name), math.nan)
-    if not (math.isfinite(error) and error > 0.0):
-        return math.nan
-    return abs(value - nothing(evidence, size)) / error
+    """Distance of an effect from where it does nothing, in standard errors; NaN where that is not known.
+
+    Of the amplitude that is furthest from there: an effect with two of them does something if either one does.
+    """
+    return max((d for d in distances(evidence, rig, key, errors).values() if math.isfinite(d)), default=math.nan)
+
+
+def distances(evidence: Evidence, rig: Rig, key: Key, errors: Errors) -> dict[str, float]:
+    """The same of each amplitude that was fitted; NaN where it is not known."""
+    entry, values = find(rig.kind_at(key[0]), key[1], key[0]), rig.effect(*key) or {}
+    found = {}
+    for p in entry.amplitudes:
+        if p.name in entry.idle(values):
+            continue
+        error = errors.get((*key, p.name), math.nan)
+        known = math.isfinite(error) and error > 0.0
+        found[p.name] = abs(values[p.name] - nothing(evidence, p)) / error if known else math.nan
+    return found
+
+
+def unseen(evidence: Evidence, rig: Rig, key: Key, errors: Errors) -> set[str]:
+    """The amplitudes of an effect whose intervals hold what does nothing, beside one whose does not."""
+    away = distances(evidence, rig, key, errors)
+    seen = {name for name, d in away.items() if d >= settings().away_errors}
+    return set(away) - seen if seen else set()
 
 
 def nothing(evidence: Evidence, size: Parameter) -> float:
-    """Where an effect does nothing; a limit does so from the largest command on."""
+    """Where an amplitude does nothing; a limit does so from the largest command on."""
     neutral = size.neutral or 0.0
     return neutral if math.isfinite(neutral) else max(float(np.abs(r.u).max()) for r in evidence.records)

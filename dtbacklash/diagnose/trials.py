@@ -12,7 +12,10 @@ Key = tuple[str, str]
 
 @dataclass
 class Trial:
-    """One candidate that was fitted: the fit, what it leaves of the held-out part, beside how many found effects."""
+    """One candidate that was fitted: the fit, what it leaves of the held-out part, beside how many found effects.
+
+    reason : why no recording can tell a rival, in words; empty where another one may.
+    """
 
     key: Key
     score: Score
@@ -20,6 +23,7 @@ class Trial:
     held_out: float
     verdict: str = ""
     beside: int = 0
+    reason: str = ""
 
 
 @dataclass(frozen=True)

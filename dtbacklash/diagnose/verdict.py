@@ -45,8 +45,8 @@ def decide(left: dict[str, Left], depends: bool, found: Search, moved: Moved) ->
 def remaining(evidence: Evidence, found: Search, left_out: dict[Key, Residuals], white: set[str]) -> dict[str, Left]:
     """Per block, what the last fit leaves.
 
-    left_out : per finding, what is left without it. white : the channels of which white noise is left; a little more of
-    that than was expected is a floor that was expected too low.
+    left_out : per effect of the rig, what is left without it. white : the channels of which white noise is left; a
+    little more of that than was expected is a floor that was expected too low.
     """
     first, last = _squares(evidence, found.nominal), _squares(evidence, found.fitted)
     least, left = evidence.least(), {}
@@ -68,7 +68,7 @@ def remaining(evidence: Evidence, found: Search, left_out: dict[Key, Residuals],
 
 
 def _formulation(evidence: Evidence, found: Search, name: str, left_out: dict[Key, Residuals], part: str) -> Floats:
-    """(channels,) mean square that other formulations of the laws that were found would leave, in units of the floor's.
+    """(channels,) mean square that other formulations of the rig's laws would leave, in units of the floor's.
 
     The catalogue says by which share of its own effect a law differs from another one that engineers call the same.
     """
@@ -84,7 +84,7 @@ def _formulation(evidence: Evidence, found: Search, name: str, left_out: dict[Ke
 def depends_on(form: Recovered | None, left: dict[str, Left]) -> bool:
     """Whether what is left depends on a state: an effort over it, with no law assumed, beats nothing on unseen data.
 
-    By more than another formulation of the laws that were found would.
+    By more than another formulation of the rig's laws would.
     """
     least = max(settings().depends_floors, *(block.formulation for block in left.values()))
     return form is not None and form.t > settings().depends_errors and form.fall > least

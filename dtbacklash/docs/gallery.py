@@ -145,7 +145,7 @@ def hidden_sentences(secret: Secret, rig: Rig) -> list[str]:
         effect = find(kind, e["effect"], place)
         units = {p.name: p.unit for p in effect.parameters}
         values = {name: interval(float(f"{v:.3g}"), None, units[name]) for name, v in e["parameters"].items()}
-        said.append(effect.sentence.format(location=place, **values))
+        said.append(effect.said(effect.idle(e["parameters"])).format(location=place, **values))
     for name, value in secret.parameters.items():
         there = rig.config.parameters[name]
         change = 100.0 * (value / there.value - 1.0)

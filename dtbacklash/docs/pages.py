@@ -63,11 +63,17 @@ def lead_screw_elements(kind: str) -> list[str]:
 
 def _parameter_row(effect: Effect, parameter: Parameter) -> list[str]:
     first = parameter is effect.size
-    default = "must be given" if first else number(parameter.typical)
+    default = _default(effect, parameter)
     neutral = number(parameter.neutral) if parameter.neutral is not None else ""
     head = [f"`{effect.name}`", f"`{effect.law}`"] if first else ["", ""]
     return [*head, f"`{parameter.name}`", parameter.unit, number(parameter.low), number(parameter.high), default,
             neutral, effect.source if first else ""]  # fmt: skip
+
+
+def _default(effect: Effect, parameter: Parameter) -> str:
+    if parameter.neutral is None:
+        return number(parameter.typical)
+    return "must be given" if len(effect.amplitudes) == 1 else f"{number(parameter.neutral)}; one must be given"
 
 
 def configuration_page() -> str:
@@ -96,16 +102,17 @@ def claims_table(claims: pd.DataFrame) -> str:
 
 
 EFFECTS_INTRO = """\
-What a rig may do beside its linear model. An effect is switched on by its size (the first parameter), on the command
-line or in the rig's YAML:
+What a rig may do beside its linear model. An effect is switched on by its size (the first parameter, or another one
+that has a neutral value), on the command line or in the rig's YAML:
 
 ```sh
 dtb run rig.effects.motor_bearing.coulomb_friction.torque=0.02 controller.internal_model=inner_loop
 ```
 
 `rig.effects.ELEMENT.EFFECT.PARAMETER=VALUE`, in SI. Parameters that are not given take the default. At the neutral
-value the effect does nothing, to the last bit: it is left out of the compiled arrays. `v`, `q`, `s` are a body's speed
-and position and a link's stretch; a bound is inclusive. What each effect assumes: [simulation.md](simulation.md).
+value (at both, where there are two) the effect does nothing, to the last bit: it is left out of the compiled arrays.
+`v`, `q`, `s` are a body's speed and position and a link's stretch; a bound is inclusive. What each effect assumes:
+[simulation.md](simulation.md).
 """
 
 

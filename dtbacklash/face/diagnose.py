@@ -189,8 +189,9 @@ def diagnose(
     ----------
     recording : a recording, or what :func:`read_recording` reads.
     rig : the nominal rig; default: that of the recording's mapping, else ``lead_screw``.
-    validation : the recording to choose and to judge on; without it the last share ``held_out`` of the recording does.
-    held_out : above 0 and below 1. The first five eighths of it choose the structure, the rest judges it.
+    validation : the recording to choose and to judge on; without it the share ``held_out`` of the recording does.
+    held_out : above 0 and below 1. Five eighths of it choose the structure, by turns with what is fitted to; the rest,
+        which is the recording's last, judges it.
     jobs : threads that share the work; None: one for each core.
     progress : True shows a bar; a function is called with the share done, 0 to 1, and what is being done.
 

@@ -20,14 +20,6 @@ from dtbacklash.prove.seal import RECORDING
 
 #: recordings with a seed from here on are scored; the tool is tuned on those below
 SCORING_FROM = 10_000
-#: the parts of the package that a seed's recording depends on
-CONCEALED_BY = (
-    *(
-        f"prove/{n}.py" for n in
-        ("bench", "conceal", "draw", "excitation", "motion", "secret", "sizes", "tuning", "unlisted")
-    ),
-    "prove/simulator", "physics/catalogue.py", "physics/rig.py",
-)  # fmt: skip
 CASES, CONCEALED, PLAN = "cases", "concealed", "plan.json"
 
 
@@ -40,6 +32,7 @@ class Plan:
     out : folder of the results. rig : name or file; None for the rig that each case names.
     seeds : of the recordings to conceal, or empty. rigs : several, each with how many of the seeds it takes.
     folder : of recordings that have been concealed already, instead of seeds. key : the file that opens their seals.
+    known : cases that the same code has finished: those of these seeds are scored as they are.
     """
 
     out: Path
@@ -48,6 +41,11 @@ class Plan:
     folder: Path | None = None
     key: Path | None = None
     rigs: tuple[tuple[str, int], ...] = ()
+    known: tuple[Case, ...] = ()
+
+    def counts(self) -> tuple[tuple[str, int], ...]:
+        """(rig, number of the seeds that it takes)."""
+        return self.rigs or ((str(self.rig), len(self.seeds)),)
 
     @property
     def concealed(self) -> Path:
@@ -93,7 +91,7 @@ def claim(plan: Plan) -> None:
 
 def _concealed_by(plan: Plan) -> str:
     """Which code makes the recordings: with other code the same seeds are other recordings."""
-    return sources.digest(CONCEALED_BY) if plan.folder is None else ""
+    return sources.digest(work.CONCEALED_BY) if plan.folder is None else ""
 
 
 def conceal_missing(plan: Plan, by: Backend, tell: Tell) -> list[Path]:
@@ -108,10 +106,12 @@ def conceal_missing(plan: Plan, by: Backend, tell: Tell) -> list[Path]:
     from dtbacklash.prove import conceal, seal
 
     key = seal.read_or_make_key(plan.key_file)
-    jobs = []
-    for name, count in plan.rigs or ((str(plan.rig), len(plan.seeds)),):
+    jobs, finished = [], {(c.rig, c.secret["seed"]) for c in plan.known}
+    for name, count in plan.counts():
         rig = conceal.nominal_rig(name)
         for seed in plan.seeds[:count]:
+            if (rig.config.name, seed) in finished:
+                continue
             case = plan.concealed / conceal.case_id(seed, rig, key)
             jobs.append(work.Concealing(case, seed, name, plan.key_file))
     engine.complete(jobs, by, tell, "concealing", "recordings")
@@ -201,7 +201,7 @@ def _same_code(plan: Plan, jobs: Sequence[Job]) -> None:
 
 
 def gather(plan: Plan, cases: Sequence[Path], secrets: dict[str, dict[str, Any]]) -> list[Case]:
-    """The cases with their answers, to be scored."""
+    """The cases with their answers, to be scored; with those that were known, rig by rig."""
     from dtbacklash.prove.conceal import nominal_rig
 
     found = []
@@ -215,4 +215,8 @@ def gather(plan: Plan, cases: Sequence[Path], secrets: dict[str, dict[str, Any]]
             case.name, secrets[case.name], entry.get("diagnosis"), entry.get("oracle") or {}, entry.get("wall_s"),
             entry.get("error", ""), kinds, nominal[rig].config.name, entry.get("cpu_s"),
         ))  # fmt: skip
-    return found
+    if not plan.known:
+        return found
+    wanted = {nominal_rig(name).config.name: plan.seeds[:count] for name, count in plan.counts()}
+    found += [c for c in plan.known if c.secret["seed"] in wanted.get(c.rig, ())]
+    return sorted(found, key=lambda case: list(wanted).index(case.rig))

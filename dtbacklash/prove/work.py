@@ -15,8 +15,19 @@ from dtbacklash.errors import Failure, UserError
 from dtbacklash.files import read_json, write_json
 from dtbacklash.prove.seal import PUBLIC, RECORDING
 
+#: the parts of the package that a seed's recording depends on
+CONCEALED_BY = (
+    *(
+        f"prove/{n}.py" for n in
+        ("bench", "conceal", "draw", "excitation", "motion", "secret", "sizes", "tuning", "unlisted")
+    ),
+    "prove/simulator", "physics/catalogue.py", "physics/rig.py",
+)  # fmt: skip
 #: the parts of the package that a diagnosis is made by: a case that other code diagnosed is diagnosed again
-DIAGNOSED_BY = ("compiled.py", "config", "physics", "control", "recording", "units.py", "yaml_files.py", "diagnose")
+DIAGNOSED_BY = (
+    "compiled.py", "config/checks.py", "config/rig.py", "config/setting.py", "physics", "recording", "units.py",
+    "yaml_files.py", "diagnose",
+)  # fmt: skip
 ORACLE_BY = (*DIAGNOSED_BY, "prove/oracle.py", "prove/draw.py", "prove/simulator")
 DEATH = "its worker died"
 

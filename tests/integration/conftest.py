@@ -1,15 +1,18 @@
-"""A stand-in for the simulation, so that the tests of the command line are quick; and the real command."""
+"""A stand-in for the simulation, so that the tests of the command line are quick; the real command; a network."""
 
 import os
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
+import network
 import numpy as np
 import pandas as pd
 import pytest
 from hydra.core.global_hydra import GlobalHydra
+from network import Broker, Puppet, Served
 
 from dtbacklash import cli
 from dtbacklash.compiled import is_cold
@@ -122,3 +125,41 @@ def process(tmp_path):
 def files():
     """List the files below a folder, hidden ones too."""
     return lambda folder: sorted(str(path.relative_to(folder)) for path in Path(folder).rglob("*") if path.is_file())
+
+
+@pytest.fixture(scope="module")
+def broker(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Broker]:
+    """A real broker, of a file's own: no twin of another file is heard."""
+    one = Broker(tmp_path_factory.mktemp("broker")).start()
+    yield one
+    one.stop()
+
+
+@pytest.fixture(scope="module")
+def served(broker: Broker, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    """A real ``dtb twin serve`` at the broker."""
+    one = Served(broker, f"metrics_port={network.METRICS}", folder=tmp_path_factory.mktemp("serve")).ready()
+    yield one
+    one.end()
+
+
+@pytest.fixture
+def puppet(broker: Broker) -> Iterator[Callable[..., Puppet]]:
+    """Start twins that do as they are told."""
+    there: list[Puppet] = []
+
+    def start(play: network.Play | None = None, at: Broker | None = None, address: str = "") -> Puppet:
+        there.append(Puppet(at or broker, play, address))
+        return there[-1]
+
+    yield start
+    for one in there:
+        one.close()
+
+
+@pytest.fixture(scope="session")
+def plain() -> RunResult:
+    """The network's scenario with a twin in the same process: three estimates, all accepted."""
+    result = network.local()
+    assert list(result.estimates["accepted"]) == [True] * 3
+    return result

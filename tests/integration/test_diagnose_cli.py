@@ -67,7 +67,7 @@ def test_it_writes_everything_and_says_what_it_found(dtb, asked, tmp_path, files
     page = (tmp_path / "found" / "report.html").read_text(encoding="utf-8")
     assert "Columns that are no channels of the rig are not used: lab." in page
     assert (
-        "Fitted to the beginning of bench.csv, 0 to 3.999 s (4000 samples); of its last 40 % the first part chooses"
+        "The recording is bench.csv, 0 to 3.999 s (4000 samples): 60 % of it are fitted to, 25 % choose the structure"
         in page
     )
     assert asked["jobs"] >= 1

@@ -57,7 +57,7 @@ def dtb(tmp_path, monkeypatch, capsys, concealed):
 
 @pytest.fixture
 def pretended(monkeypatch):
-    """A diagnosis that names backlash in every recording, and counts how often it is asked."""
+    """A diagnosis that names backlash in every recording, and counts how often it is asked; an oracle that sees all."""
     asked = []
 
     def pretend(recording, rig):
@@ -66,7 +66,11 @@ def pretended(monkeypatch):
         extended = rig.with_effect(*proved.BACKLASH, proved.VALUES[proved.BACKLASH])
         return SimpleNamespace(to_json=lambda: found, extended=extended)
 
+    def look(folder, rig_name, secret, extended):
+        return proved.oracle(*((hidden["location"], hidden["effect"]) for hidden in secret["effects"]))
+
     monkeypatch.setattr("dtbacklash.diagnose.diagnose", pretend)
+    monkeypatch.setattr("dtbacklash.prove.work.oracle_folder", look)
     return asked
 
 
@@ -105,19 +109,27 @@ def test_the_score_comes_into_the_docs(dtb, pretended, tmp_path):
     assert "| exactly the hidden effects, at their places | 100.0 % | 1/1 |" in (tmp_path / "docs/proof.md").read_text()
 
 
+def test_a_proof_in_parts_is_the_proof_in_one(dtb, pretended, monkeypatch, tmp_path):
+    """What a former proof brought into the docs is not done again, and counts."""
+    monkeypatch.setattr("dtbacklash.prove.draw.DURATION_S", (3, 3))
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs" / "proof.md").write_text(f"{BEGIN}\n{END}\n")
+    assert dtb("n=1", "seed=7", "out=first", "jobs=1", "docs=docs")[0] == 0
+    assert len(pretended) == 1
+    assert dtb("n=2", "seed=7", "out=second", "jobs=1", "known=docs/proof/cases.json.gz")[0] == 0
+    assert len(pretended) == 2
+    assert dtb("n=2", "seed=7", "out=whole", "jobs=1")[0] == 0
+    assert len(pretended) == 4
+    parts, whole = (pd.read_csv(tmp_path / name / "score.csv") for name in ("second", "whole"))
+    drop = ["id", "wall_s", "cpu_s"]
+    pd.testing.assert_frame_equal(parts.drop(columns=drop), whole.drop(columns=drop))
+
+
 def test_the_quick_proof_fails_when_the_score_drops(dtb, pretended, tmp_path, monkeypatch):
     chosen = tuple(seed for seed in quick_seeds(LEAD_SCREW) if draw_kind(seed, LEAD_SCREW) == "nothing")
 
-    def short(seed, rig_name, folder, *, key_file, keep):
-        rig = conceal.nominal_rig(rig_name)
-        key = seal.read_or_make_key(key_file)
-        secret = replace(draw(seed, rig), duration_s=3.0)
-        case = folder / conceal.case_id(seed, rig, key)
-        conceal.write_case(case, secret, rig, key)
-        return case
-
+    monkeypatch.setattr("dtbacklash.prove.draw.DURATION_S", (3, 3))
     monkeypatch.setattr("dtbacklash.prove.quick.quick_seeds", lambda rig: chosen)
-    monkeypatch.setattr("dtbacklash.prove.conceal.conceal", short)
     monkeypatch.setattr("dtbacklash.prove.quick.reached", lambda rig: {"nothing_found": [2, 3], "strict": [0, 0]})
     code, _, err = dtb("--quick", "out=proof", "jobs=1")
     assert code == 1
@@ -152,6 +164,7 @@ def test_a_rig_with_nothing_on_record_is_said_to_be_compared_with_nothing(dtb, t
     monkeypatch.setattr("dtbacklash.prove.quick.reached", lambda rig: {})
     chosen = tuple(seed for seed in quick_seeds(LEAD_SCREW) if draw_kind(seed, LEAD_SCREW) == "nothing")[:1]
     monkeypatch.setattr("dtbacklash.prove.quick.quick_seeds", lambda rig: chosen)
+    monkeypatch.setattr("dtbacklash.prove.draw.DURATION_S", (3, 3))
     code, _, err = dtb("--quick", "out=proof", "jobs=1")
     assert code == 0
     assert "nothing is on record for rig=lead_screw" in err
@@ -183,7 +196,9 @@ def test_a_rig_with_nothing_on_record_is_said_to_be_compared_with_nothing(dtb, t
         (["docs=nowhere"], "docs="),
         (["n=2", "n=3"], "n=3: is given twice; the first is 2"),
         (["n="], "n=: must be a whole number"),
-        (["colour=red"], "colour=red: no such setting; choose one of backend, docs, folder, jobs, key, n, out"),
+        (["colour=red"], "colour=red: no such setting; choose one of backend, docs, folder, jobs, key, known"),
+        (["known=nowhere", "n=1"], "known="),
+        (["known=bench", "folder=bench"], "known=bench: does not go with folder"),
         (["--slow"], "option=--slow: choose one of --cfg"),
         (["fast"], "argument=fast: write key=value"),
         (["out=bench", "n=1"], "out="),

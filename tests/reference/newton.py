@@ -72,6 +72,7 @@ class Body:
     v: int
     viscous: float = 0.0
     difference: float = 0.0
+    levels: float = 0.0
     cogging: tuple[float, float, float] = (0.0, 0.0, 0.0)
     load: float = 0.0
     others: list[Effort] = field(default_factory=list)
@@ -180,7 +181,7 @@ class Machine:
         for name, body in self.bodies.items():
             q, v = x[body.q], x[body.v]
             amplitude, wave, phase = body.cogging
-            effort[name] += body.load - body.viscous * v - body.difference * abs(v)
+            effort[name] += body.load - body.viscous * v - body.difference * abs(v) - body.levels
             effort[name] += amplitude * math.sin(wave * q + phase)
             for other in body.others:
                 effort[name] += other(q, v, t)
@@ -350,7 +351,9 @@ def machine(rig: Rig) -> Machine:
 
 def _body(body: Body, effects: dict[str, dict[str, float]]) -> Body:
     body.viscous = effects.get("viscous_friction", {}).get("coefficient", 0.0)
-    body.difference = effects.get("asymmetric_friction", {}).get("viscous_difference", 0.0)
+    directed = effects.get("asymmetric_friction", {})
+    body.difference = directed.get("viscous_difference", 0.0)
+    body.levels = directed.get("coulomb_difference", 0.0)
     if cogging := effects.get("cogging"):
         size = cogging.get("torque", cogging.get("force"))
         body.cogging = size, cogging.get("periods", cogging.get("wave_number")), cogging["phase"]

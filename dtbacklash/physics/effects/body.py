@@ -9,12 +9,15 @@ import numpy as np
 from numpy.random import Generator
 
 from dtbacklash.compiled import law
-from dtbacklash.physics.effects.declare import REST_ERROR, Draws, Effect, Parameter, Place, Role, Values
+from dtbacklash.physics.effects.declare import REST_ERROR, Alias, Draws, Effect, Parameter, Place, Role, Values
 from dtbacklash.physics.effects.periodic import periodic
 from dtbacklash.physics.effects.slots import BodyDamping, BodyEffort, Contact, HiddenBody
 
 #: frequencies at which a search for a hidden mass begins, and how far they reach beyond the structure's own
 ABSORBERS, BELOW, ABOVE = 25, 3.0, 5.0
+SAME_AS_LOAD = "a load and a difference of the friction's levels are the same to any recording"
+_FRICTION = "friction at the {location} is higher by"
+_HIGHER = "in the positive direction and lower by as much in the other."
 FRICTION_SOURCE = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083"
 
 
@@ -32,12 +35,14 @@ def stribeck(slip_speed, level, speed):
 
 
 @law
-def asymmetric_friction(velocity, viscous_difference):
-    """Effort of a viscous friction that differs between directions by ``2 viscous_difference``: ``-d |v|``.
+def asymmetric_friction(velocity, viscous_difference, coulomb_difference):
+    """What friction that differs between directions has beside its mean: ``-(coulomb_difference + d |v|)``.
 
-    A Coulomb level that differs between directions is, while sliding, a constant load: it is declared as one.
+    Levels of F+ and F- are one level of (F+ + F-)/2 and a constant effort of -(F+ - F-)/2, sliding and at rest alike.
+    So the difference of the levels is meant beside Coulomb friction that is larger: where there is none, it pushes at
+    rest, as a load does.
     """
-    return -viscous_difference * abs(velocity)
+    return -(coulomb_difference + viscous_difference * abs(velocity))
 
 
 @law
@@ -143,10 +148,17 @@ def _bearing(axis: _Axis) -> list[Effect]:
         ),
         Effect(
             "asymmetric_friction", kind,
-            (Parameter("viscous_difference", axis.viscous_unit, -1e5, 1e5, size / 40, 0.0, role=Role.SIZE),),
-            "-viscous_difference |v|", BodyEffort(asymmetric_friction), "direction-dependent viscous friction",
-            "Viscous friction at the {location} is higher by {viscous_difference} in the positive direction and lower "
-            "by as much in the other.",
+            (
+                Parameter("viscous_difference", axis.viscous_unit, -1e5, 1e5, size / 40, 0.0, role=Role.SIZE),
+                Parameter("coulomb_difference", unit, -top, top, 0.0, 0.0),
+            ),
+            "-(coulomb_difference + viscous_difference |v|)", BodyEffort(asymmetric_friction),
+            "direction-dependent Coulomb and viscous friction",
+            f"F{_FRICTION[1:]} {{coulomb_difference}} and {{viscous_difference}} {_HIGHER}",
+            sentence_without=(
+                ("coulomb_difference", f"Viscous {_FRICTION} {{viscous_difference}} {_HIGHER}"),
+                ("viscous_difference", f"Dry (Coulomb) {_FRICTION} {{coulomb_difference}} {_HIGHER}"),
+            ),
             conceal=_difference_range, starts=_share_of_damping,
         ),
         Effect(
@@ -161,6 +173,7 @@ def _bearing(axis: _Axis) -> list[Effect]:
             effort, BodyEffort(constant), "constant",
             f"A constant {effort} of {{{effort}}} acts at the {{location}}.",
             conceal=_effort_range, starts=_share_of_force,
+            alias=Alias("coulomb_friction", "asymmetric_friction", "coulomb_difference", SAME_AS_LOAD),
         ),
     ]  # fmt: skip
 

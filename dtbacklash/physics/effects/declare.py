@@ -6,7 +6,7 @@ declarations and knows no effect by its name.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any
@@ -68,7 +68,8 @@ class Parameter:
     name, unit : as in configs, JSON and reports; SI.
     low, high : physical bounds, inclusive.
     typical : a size that can be seen on a rig of the paper's scale; the default where ``neutral`` is None.
-    neutral : the value at which the whole effect does nothing; only the parameter that is the effect's size has one.
+    neutral : the value at which it does nothing. The effect's size has one, and what adds to the law as the size does;
+    the effect does nothing where all of these stand there.
     role : see :class:`Role`.
     counted : whether it is read off a counted position at reversals, so that it errs by a part of a count.
     """
@@ -152,6 +153,20 @@ def no_draws(rng: Generator, place: Place) -> Values:
 
 
 @dataclass(frozen=True)
+class Alias:
+    """Another law that an effort is as well, beside dry friction of a level that is larger.
+
+    friction : the effect that has the level. effect, parameter : of the other law; the parameter is minus the effort.
+    reason : why no recording tells the two, in words.
+    """
+
+    friction: str
+    effect: str
+    parameter: str
+    reason: str
+
+
+@dataclass(frozen=True)
 class Effect:
     """One effect at one kind of element.
 
@@ -159,7 +174,7 @@ class Effect:
     ----------
     name : its name in the vocabulary, e.g. ``coulomb_friction``.
     kind : the kind of element where it acts, see :mod:`dtbacklash.physics.kinds`.
-    parameters : the first is its size and has the neutral value.
+    parameters : the first is its size and has a neutral value.
     law : the formula as text.
     slot : where it acts, with its compiled laws.
     source : of the formula.
@@ -169,6 +184,8 @@ class Effect:
     strength : (place, strength) -> size, for laws in which less is more; ``None`` where the size is the strength.
     formulation_error : see :data:`FORMULATION_ERROR`; intervals count it.
     becomes : (parameter, effect): where the parameter is small, the law is that of the other effect.
+    alias : what the law is called beside dry friction that is larger.
+    sentence_without : (parameter, sentence): what a report says instead where this parameter does nothing.
     excludes : effects that are not concealed together with it.
     visible : what a recording can show of its parameters, see :meth:`bounds_at`.
     """
@@ -186,13 +203,20 @@ class Effect:
     strength: Callable[[Place, float], float] | None = None
     formulation_error: float = FORMULATION_ERROR
     becomes: tuple[str, str] | None = None
+    alias: Alias | None = None
+    sentence_without: tuple[tuple[str, str], ...] = ()
     excludes: tuple[str, ...] = ()
     visible: Callable[[Place], Bounds] = no_bounds
 
     @property
     def size(self) -> Parameter:
-        """The parameter whose neutral value switches the effect off."""
+        """The parameter that a search scales first; its neutral value switches off what it stands for."""
         return self.parameters[0]
+
+    @property
+    def amplitudes(self) -> tuple[Parameter, ...]:
+        """The parameters that have a neutral value: the size, and what adds to the law as the size does."""
+        return tuple(p for p in self.parameters if p.neutral is not None)
 
     def of_role(self, role: Role) -> Parameter | None:
         """The parameter that has a role, or None."""
@@ -200,7 +224,19 @@ class Effect:
 
     def is_neutral(self, values: Values) -> bool:
         """Whether these values make the effect do nothing."""
-        return values.get(self.size.name, self.size.neutral) == self.size.neutral
+        return all(values.get(p.name, p.neutral) == p.neutral for p in self.amplitudes)
+
+    def idle(self, values: Values) -> set[str]:
+        """The amplitudes that stand at their neutral value beside another one; where all of them do, beside the size.
+
+        A search leaves them there: what is not asked for costs no parameter.
+        """
+        still = {p.name for p in self.amplitudes if values.get(p.name, p.neutral) == p.neutral}
+        return still - {self.size.name} if self.is_neutral(values) else still
+
+    def said(self, idle: Collection[str] = ()) -> str:
+        """What a report says, where these parameters do nothing; names in braces are to be filled in."""
+        return next((text for name, text in self.sentence_without if name in idle), self.sentence)
 
     def complete(self, leaves: Mapping[str, Any], key: str) -> Values:
         """Fill in defaults and check names and bounds; ``key`` is the dotted name for the error.
@@ -212,9 +248,11 @@ class Effect:
         for name, value in values.items():
             if name not in known:
                 raise UserError(f"{key}.{name}", value, f"unknown parameter; known: {', '.join(known)}")
-        if self.size.name not in values:
-            raise UserError(key, dict(values), f"`{self.size.name}` [{self.size.unit}] must be given")
-        filled = {p.name: float(values.get(p.name, p.typical)) for p in self.parameters}
+        if not any(p.name in values for p in self.amplitudes):
+            needed = " or ".join(f"`{p.name}` [{p.unit}]" for p in self.amplitudes)
+            raise UserError(key, dict(values), f"{needed} must be given")
+        usual = {p.name: p.typical if p.neutral is None else p.neutral for p in self.parameters}
+        filled = {name: float(values.get(name, value)) for name, value in usual.items()}
         for name, value in filled.items():
             p = known[name]
             if not p.low <= value <= p.high:

@@ -3,7 +3,7 @@
 GROUND, BASE = -1, -2
 
 # columns of `body`
-B_VISCOUS, B_DIFFERENCE, B_COGGING, B_WAVE, B_PHASE, B_LOAD, B_WEIGHT, B_ANGLE, N_BODY = range(9)
+B_VISCOUS, B_DIFFERENCE, B_LEVELS, B_COGGING, B_WAVE, B_PHASE, B_LOAD, B_WEIGHT, B_ANGLE, N_BODY = range(10)
 # columns of `link`
 (L_K, L_C, L_CUBIC, L_QUADRATIC, L_FORCE, L_YIELD, L_STOP, L_CLEARANCE, L_DRIFT, L_LOST, N_LINK) = range(11)
 # columns of `friction`

@@ -195,7 +195,9 @@ def _bristle(net: _Net, a: int, b: int, levels: tuple[float, float], speed: floa
 def _body_row(rig: Rig, name: str) -> Floats:
     row, there = np.zeros(other.N_BODY), rig.effects.get(name, {})
     row[other.B_VISCOUS] = there.get("viscous_friction", {}).get("coefficient", 0.0)
-    row[other.B_DIFFERENCE] = there.get("asymmetric_friction", {}).get("viscous_difference", 0.0)
+    directed = there.get("asymmetric_friction", {})
+    row[other.B_DIFFERENCE] = directed.get("viscous_difference", 0.0)
+    row[other.B_LEVELS] = directed.get("coulomb_difference", 0.0)
     if cogging := there.get("cogging"):
         turns = rig.elements[name].trait.axis == ROTARY
         wave = cogging["periods" if turns else "wave_number"]

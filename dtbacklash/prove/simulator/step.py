@@ -172,7 +172,7 @@ def _bodies(M, S, x, shove):
     nb = M.inertia.shape[0]
     for j in range(nb):
         row, q, v = M.body[j], x[2 + j], x[2 + nb + j]
-        effort = row[col.B_LOAD] - row[col.B_VISCOUS] * v
+        effort = row[col.B_LOAD] - row[col.B_LEVELS] - row[col.B_VISCOUS] * v
         if row[col.B_DIFFERENCE] != 0.0:
             effort -= row[col.B_DIFFERENCE] * math.sqrt(v * v + SOFT_SPEED**2)
         if row[col.B_COGGING] != 0.0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,8 @@ MEASURED, NOMINAL, EXTENDED = INK, "#0072b2", "#d55e00"
 NOISE = r"noise ($\pm 2 \sigma$)"
 HELD_OUT = "#e8ecf0"
 ZOOM_SHARE, ZOOM_SAMPLES = 0.07, 120  # length of the closer look: share of the record, and samples at least
+RAN_AWAY = 1e3  # a model that is so many times further off than the measurement ever was has run away
+NOTE_HEIGHT = 0.1  # of the note about a model out of view, in heights of the panel
 OUT_OF_VIEW = 1.5  # a model that leaves the measured range by this much of it does not set the scale
 USUAL, RARE = 0.998, 4.0  # what leaves this quantile of what is left by this factor does not either
 
@@ -32,6 +35,9 @@ def curve_figure(curve: Curve, model: str = "extended") -> Figure:
         curve: one channel.
         model: what to call the better model: ``extended`` or ``recalibrated``.
     """
+    curve = replace(
+        curve, nominal=_drawable(curve.nominal, curve.measured), extended=_drawable(curve.extended, curve.measured)
+    )
     rows = ["nominal", *([model] if curve.changed else [])]
     figure = new_figure(2.7 + 1.5 * len(rows) + 0.5)
     axes = figure.subplots(
@@ -82,7 +88,7 @@ def _signal(ax: Axes, curve: Curve, part: NDArray[np.bool_], model: str, label: 
         lines.append((curve.extended, f"{model} model", {"color": EXTENDED, "lw": 1.2}))
     for values, name, style in lines:
         ax.plot(*envelope(*_broken(t, values[part] / factor)), label=name if label else None, **style)
-    _frame(ax, [values[part] / factor for values, _, _ in lines], unit)
+    _frame(ax, [(values[part] / factor, name, str(style["color"])) for values, name, style in lines], unit)
     if label:
         ax.set_ylabel(f"{curve.name} [{unit_in_signs(unit)}]")
 
@@ -93,26 +99,39 @@ def _broken(t: Floats, values: Floats) -> tuple[Floats, Floats]:
     return np.insert(t, gaps, 0.5 * (t[gaps] + t[gaps - 1])), np.insert(values, gaps, np.nan)
 
 
-def _frame(ax: Axes, lines: list[Floats], unit: str) -> None:
-    """Scale to measurement and better model; a nominal model far outside would flatten both and gets a note."""
-    shown = np.concatenate([lines[0], lines[-1]]) if len(lines) > 2 else lines[0]
-    low, high = float(shown.min()), float(shown.max())
+def _drawable(values: Floats, measured: Floats) -> Floats:
+    """The same, cut far outside of what is in view: a model that ran away has numbers that nothing can draw."""
+    reach = RAN_AWAY * (float(np.abs(measured).max()) or 1.0)
+    return np.clip(np.nan_to_num(values, nan=reach, posinf=reach, neginf=-reach), -reach, reach)
+
+
+def _frame(ax: Axes, lines: list[tuple[Floats, str, str]], unit: str) -> None:
+    """Scale to the measurement, which is the first of (values, name, colour), and to the models that stay near it.
+
+    One far outside would flatten all and gets a note.
+    """
+    low, high = float(lines[0][0].min()), float(lines[0][0].max())
     span = high - low or abs(high) or 1.0
-    allowed = (low - OUT_OF_VIEW * span, high + OUT_OF_VIEW * span)
-    top, bottom = float(lines[1].max()), float(lines[1].min())
-    if bottom < allowed[0] or top > allowed[1]:
-        up = top - high > low - bottom
-        reach = f"up to {top:.3g}" if up else f"down to {bottom:.3g}"
+    allowed, ends, notes = (low - OUT_OF_VIEW * span, high + OUT_OF_VIEW * span), (low, high), {True: 0, False: 0}
+    for values, name, color in lines[1:]:
+        bottom, top = float(np.min(values)), float(np.max(values))
+        if allowed[0] <= bottom and top <= allowed[1]:
+            ends = min(ends[0], bottom), max(ends[1], top)
+            continue
+        up = not top - high <= low - bottom
+        end = top if up else bottom
+        ran_away = abs(end) >= 0.99 * RAN_AWAY * max(abs(low), abs(high))
+        reach = "runs away" if ran_away else f"{'up' if up else 'down'} to {end:.3g} {unit}"
+        height = 0.02 + NOTE_HEIGHT * notes[up]
+        notes[up] += 1
         ax.text(
-            0.97, 0.98 if up else 0.02, f"nominal model: {reach} {unit}", transform=ax.transAxes, ha="right",
-            va="top" if up else "bottom", color=NOMINAL, fontsize=10, zorder=6,
+            0.97, 1.0 - height if up else height, f"{name}: {reach}", transform=ax.transAxes, ha="right",
+            va="top" if up else "bottom", color=color, fontsize=10, zorder=6,
             bbox={"fc": "white", "ec": "none", "alpha": 0.85, "pad": 1.5},
         )  # fmt: skip
-        low, high = (low, high + 0.16 * span) if up else (low - 0.16 * span, high)  # room for the note
-    else:
-        low, high = min(low, bottom), max(high, top)
-        span = high - low or abs(high) or 1.0
-    ax.set_ylim(low - 0.1 * span, high + 0.1 * span)
+    span = ends[1] - ends[0] or abs(ends[1]) or 1.0
+    # room for the notes, and a margin
+    ax.set_ylim(ends[0] - (0.1 + 0.16 * notes[False]) * span, ends[1] + (0.1 + 0.16 * notes[True]) * span)
 
 
 def _left_over(ax: Axes, curve: Curve, part: NDArray[np.bool_], values: Floats, name: str, label: bool) -> None:

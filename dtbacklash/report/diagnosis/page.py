@@ -27,7 +27,15 @@ from dtbacklash.physics.rig_file import rig_yaml
 from dtbacklash.report.diagnosis.figures import curve_figure, law_figure
 from dtbacklash.report.diagnosis.methods import methods
 from dtbacklash.report.diagnosis.rig_drawing import draw_rig
-from dtbacklash.report.diagnosis.words import better_model, capital, heading, named_in_words, partial, place_in_words
+from dtbacklash.report.diagnosis.words import (
+    better_model,
+    capital,
+    heading,
+    named_in_words,
+    other_in_words,
+    partial,
+    place_in_words,
+)
 from dtbacklash.report.kit.intervals import degrees, interval
 from dtbacklash.report.kit.numbers import number
 from dtbacklash.report.kit.page import embedded, render
@@ -172,7 +180,7 @@ def _finding(finding: Finding) -> dict[str, Any]:
         "sentence": finding.sentence,
         "when": capital(finding.when),
         "parameters": parameters,
-        "also": [named_in_words(a.effect, a.location) for a in finding.also_fits],
+        "also": [other_in_words(a) for a in finding.also_fits],
     }
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.text import Text
 
 from dtbacklash.diagnose.result import Diagnosis
-from dtbacklash.report.diagnosis.words import heading, listed, named_in_words, partial
+from dtbacklash.report.diagnosis.words import heading, listed, other_in_words, partial
 from dtbacklash.report.kit.intervals import interval
 
 
@@ -17,7 +17,7 @@ def lines(diagnosis: Diagnosis) -> list[Text]:
         for name, p in finding.parameters.items():
             told.append(Text(f"  {name} = {interval(p.value, p.ci95, p.unit, plain=True)}"))
         if finding.also_fits:
-            others = "; ".join(named_in_words(a.effect, a.location) for a in finding.also_fits)
+            others = "; ".join(other_in_words(a) for a in finding.also_fits)
             told.append(Text("  this recording cannot tell it from " + others))
     if diagnosis.recalibrated:
         told += [Text(), Text("Recalibrated (95 % intervals):")]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, Diagnosis, Finding
+from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, Alternative, Diagnosis, Finding
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import SENSOR_PREFIX
 
@@ -33,6 +33,12 @@ def place_in_words(location: str) -> str:
 def named_in_words(effect: str, location: str) -> str:
     """``Coulomb friction at the motor bearing``; without an effect, something unexplained."""
     return f"{name_in_words(effect) if effect else 'something unexplained'} at the {place_in_words(location)}"
+
+
+def other_in_words(other: Alternative) -> str:
+    """What cannot be told from a finding, and why no recording can where that is known."""
+    named = named_in_words(other.effect, other.location)
+    return f"{named} ({other.reason})" if other.reason else named
 
 
 def partial(finding: Finding) -> str:

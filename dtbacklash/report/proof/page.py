@@ -11,6 +11,7 @@ from PIL import Image
 
 from dtbacklash.errors import UserError
 from dtbacklash.files import read_json, write_json, write_text
+from dtbacklash.prove import known
 from dtbacklash.prove.rows import case_rows, confusion_rows
 from dtbacklash.prove.rules import Case
 from dtbacklash.prove.score import Score
@@ -112,6 +113,7 @@ def write_docs(score: Score, cases: Sequence[Case], folder: Path) -> None:
     rows = case_rows(cases)
     write_text(folder / DOCS_DATA / "score.csv", rows.to_csv(index=False))
     write_json(folder / DOCS_DATA / "score.json", score.to_json())
+    known.save(cases, folder / DOCS_DATA / known.FILE)
     _fill_docs(score, rows, folder)
 
 

@@ -100,7 +100,7 @@ def effect_sentences(rig: RigConfig) -> list[str]:
             if not effect.is_neutral(filled):
                 units = {p.name: p.unit for p in effect.parameters}
                 shown = {p: quantity(value, units[p], 4) for p, value in filled.items()}
-                sentences.append(effect.sentence.format(location=location, **shown))
+                sentences.append(effect.said(effect.idle(filled)).format(location=location, **shown))
     return sentences or ["No effect beyond the nominal model"]
 
 

@@ -1,12 +1,16 @@
 import numpy as np
 import pytest
 
+from dtbacklash.config.compose import compose
+from dtbacklash.diagnose import Record
 from dtbacklash.diagnose.command import held_equivalent
 from dtbacklash.diagnose.compare import cut, residual, true_angle
 from dtbacklash.diagnose.floor import quantum, white_noise
 from dtbacklash.errors import UserError
+from dtbacklash.physics.rig import build_rig
+from dtbacklash.physics.simulate import simulate
 
-from .conftest import COUNTS, STEP_S, recorded
+from .conftest import COUNTS, STEP_S, command, recorded
 
 
 def test_cut_at_the_measured_angle(rig):
@@ -56,3 +60,19 @@ def test_held_equivalent_leads_by_half_a_sample(omega):
     x = omega / 2
     expected = np.sin(omega * (t + 0.5)) * x / np.sin(x)
     assert np.abs(held_equivalent(np.sin(omega * t)) - expected)[40:-40].max() < 2e-3
+
+
+def test_a_sensor_that_is_modelled_to_read_too_much_is_pulled_no_faster():
+    """Ten times the reading of a tenth of the motion is the same machine: what it leaves must not be less."""
+    disk = build_rig(compose("rig=pendulum").rig)
+    rubbing = disk.with_effect("disk", "coulomb_friction", {"torque": 0.1})
+    u = command(6.0, 1)
+    y = {"theta": simulate(rubbing, u[:-1], STEP_S).sensors["theta"]}
+    record = Record(STEP_S, u, y, np.ones(len(u), bool), np.zeros(len(u), bool))
+    (block,) = cut(disk, ("theta",), STEP_S)
+    assert block.pulled == "theta"
+    other = disk.with_effect("sensor_theta", "gain_error", {"relative": 9.0})
+    other = other.with_effect("amplifier", "gain_error", {"relative": -0.9})
+    plain = residual(disk, block, record)
+    assert np.abs(plain).max() > 0.01
+    assert np.allclose(residual(other, block, record), plain, rtol=1e-6, atol=1e-9)

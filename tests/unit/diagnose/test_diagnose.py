@@ -5,12 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dtbacklash.diagnose import diagnose, diagnose_records
+from dtbacklash.config.compose import compose
+from dtbacklash.diagnose import Record, diagnose, diagnose_records
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import nominal_free
 from dtbacklash.diagnose.refit import fit
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.errors import UserError
+from dtbacklash.physics.rig import build_rig
+from dtbacklash.physics.simulate import simulate
 from dtbacklash.recording.model import Recording
 
 from .conftest import recorded
@@ -91,7 +94,21 @@ def test_a_recording_s_units_notes_and_name_stand_in_the_result(rig):
     assert found.source == "bench"
     assert found.units == {"q3": "m (assumed)"}
     assert found.notes == (
-        "a gap was filled", "Fitted to the beginning of bench, 0 to 4 s (4001 samples); of its last 40 % the "
-        "first part chooses the structure, and the last 15 % judge it.",
+        "a gap was filled", "The recording is bench, 0 to 4 s (4001 samples): 60 % of it are fitted to, "
+        "25 % choose the structure, by turns, and the last 15 % judge it.",
     )  # fmt: skip
     assert found.to_json()["units"] == {"q3": "m (assumed)"}
+
+
+@pytest.mark.parametrize("step_s", [1e-3, 2e-2])
+def test_gravity_is_found_however_slowly_the_disk_is_sampled(step_s):
+    """The regression over wave numbers works on means of samples: with too many in one its pull is not stable."""
+    disk = build_rig(compose("rig=pendulum").rig)
+    rng, n = np.random.default_rng(5), round(12.0 / step_s)
+    u = np.repeat(rng.normal(0.0, 0.6, n // round(0.2 / step_s) + 1), round(0.2 / step_s))[: n + 1]
+    heavy = disk.with_effect("disk", "gravity", {"torque": 0.15, "phase": 0.4})
+    theta = simulate(heavy, u[:-1], step_s).sensors["theta"] + rng.normal(0.0, 1e-4, len(u))
+    train = np.arange(len(u)) < 0.6 * len(u)
+    found = diagnose_records(disk, [Record(step_s, u, {"theta": theta}, train, ~train)])
+    assert (found.verdict, [f.effect for f in found.findings]) == ("missing_physics", ["gravity"])
+    assert found.findings[0].parameters["torque"].value == pytest.approx(0.15, rel=0.02)

@@ -86,3 +86,21 @@ def test_tolerances_survive_the_file():
 def test_a_leaf_that_is_none_is_refused(leaf):
     with pytest.raises(UserError, match=r"viscous_friction\.coefficient"):
         carriage(leaf)
+
+
+def test_another_formulation_of_a_friction_that_the_rig_has_is_not_missing_physics():
+    """A steep tangent for the sign of the speed is the dry friction of a simulation that has no events."""
+    rig = carriage(100.0, coulomb_friction={"force": 40.0})
+    dt, r = m.STEP_S, m.smooth(m.times(10.0), m.steps(m.times(10.0), 0.2, 1.5, 5), 0.5)
+    x, v, total, y, u = 0.0, 0.0, 0.0, np.zeros(len(r)), np.zeros(len(r))
+    for k in range(len(r)):
+        total += (r[k] - x) * dt
+        y[k], u[k] = x, np.clip(4000.0 * (r[k] - x) + 2000.0 * total - 900.0 * v, -10.0, 10.0)
+        for _ in range(10):
+            v += 0.1 * dt * (35.0 * u[k] - 100.0 * v - 40.0 * np.tanh(v / 2e-4)) / 95.0
+            x += 0.1 * dt * v
+    y += np.random.default_rng(1).normal(0.0, 1e-7, len(y))
+    train = np.arange(len(u)) < 6000
+    found = diagnose_records(rig, [Record(dt, u, {"x": y}, train, ~train)])
+    assert found.verdict in ("consistent", "parameters")
+    assert not found.findings

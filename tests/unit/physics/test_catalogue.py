@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from reference import rigs
 
 from dtbacklash.errors import UserError
 from dtbacklash.physics import catalogue
@@ -14,6 +15,7 @@ from dtbacklash.physics.effects.body import GRAVITY
 from dtbacklash.physics.effects.declare import Place, Role
 from dtbacklash.physics.kernel import dispatch  # closes the catalogue
 from dtbacklash.physics.kinds import KINDS
+from dtbacklash.physics.simulate import simulate
 
 PLACE = Place(
     values={"stiffness": 1e4, "damping": 30.0, "mass": 5.0, "resistance": 12.0}, duration_s=20.0,
@@ -36,7 +38,8 @@ def test_every_effect_has_a_slot_starts_and_a_concealed_size(key):
     assert 0.0 < shape.guess <= shape.most
     drawn = effect.complete(shape.values(shape.guess), "key")
     assert not effect.is_neutral(drawn)
-    effect.sentence.format(location="here", **{p.name: p.name for p in effect.parameters})
+    for idle in ((), *((p.name,) for p in effect.amplitudes)):
+        assert "{" not in effect.said(idle).format(location="here", **{p.name: p.name for p in effect.parameters})
 
 
 @pytest.mark.parametrize("key", CATALOGUE, ids=".".join)
@@ -81,3 +84,28 @@ def test_every_slot_is_on_some_kind_and_every_kind_that_acts_takes_an_effect():
         assert slot is slots.Slot or set(slot.on) <= traits
     for kind in KINDS.values():
         assert bool(kind.trait) == bool(catalogue.effects_of(kind.name)), kind.name
+
+
+@pytest.mark.parametrize("kind", ["rotor", "carriage", "brake"])
+def test_friction_that_differs_by_direction_takes_either_difference(kind):
+    effect = CATALOGUE[kind, "asymmetric_friction"]
+    both = {"viscous_difference": 0.0, "coulomb_difference": 0.0}
+    assert effect.complete({"coulomb_difference": -2.0}, "key") == both | {"coulomb_difference": -2.0}
+    assert effect.complete({"viscous_difference": 3.0}, "key") == both | {"viscous_difference": 3.0}
+    with pytest.raises(UserError, match=r"`viscous_difference` \[.*\] or `coulomb_difference` \[.*\] must be given"):
+        effect.complete({}, "key")
+    assert effect.is_neutral(both)
+    assert not effect.is_neutral(both | {"coulomb_difference": -2.0})
+    assert effect.idle(both) == {"coulomb_difference"}
+    assert effect.idle(both | {"coulomb_difference": -2.0}) == {"viscous_difference"}
+    assert effect.idle({"viscous_difference": 3.0, "coulomb_difference": -2.0}) == set()
+
+
+def test_levels_that_differ_are_the_mean_level_and_a_constant_force():
+    dry = rigs.carriage().with_effect("carriage", "coulomb_friction", {"force": 15.0})
+    u = rigs.random_steps(800, 25, 5.0)
+    differ = simulate(dry.with_effect("carriage", "asymmetric_friction", {"coulomb_difference": 4.0}), u, 1e-3)
+    loaded = simulate(dry.with_effect("carriage", "constant_force", {"force": -4.0}), u, 1e-3)
+    for name, shown in loaded.sensors.items():
+        assert np.array_equal(differ.sensors[name], shown)
+        assert not np.array_equal(shown, simulate(dry, u, 1e-3).sensors[name])

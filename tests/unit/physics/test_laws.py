@@ -82,7 +82,15 @@ def test_friction_falls_from_the_static_to_the_sliding_level(coulomb: float, ext
 @given(st.floats(-1.0, 1.0), positive)
 def test_dampers_oppose_the_motion(rate: float, c2: float) -> None:
     assert spring.quadratic_damping(rate, c2) * rate >= 0.0
-    assert body.asymmetric_friction(rate, c2) <= 0.0
+
+
+@given(st.floats(-1.0, 1.0), st.floats(-50.0, 50.0), st.floats(-5.0, 5.0))
+def test_friction_by_direction_is_its_mean_and_half_the_difference(rate: float, viscous: float, levels: float) -> None:
+    """Levels of 10 +- levels and coefficients of 100 +- viscous, forwards and backwards."""
+    sign = 1.0 if rate > 0.0 else -1.0
+    mean = -10.0 * sign - 100.0 * rate
+    by_direction = -(10.0 + sign * levels) * sign - (100.0 + sign * viscous) * rate
+    assert mean + body.asymmetric_friction(rate, viscous, levels) == pytest.approx(by_direction, abs=1e-9)
 
 
 @given(st.floats(-1.0, 1.0), st.floats(-10.0, 10.0), positive)

@@ -106,7 +106,9 @@ CASES: dict[tuple[str, str], Case] = {
     ("coupling", "hysteresis"): Case(("joint",), {"force": 2.0, "displacement": 5e-4}, size_v=60.0, rig="damper"),
     ("brake", "stribeck_friction"): Case(("band",), {"force": 1.0, "speed": 0.1}, size_v=60.0, rig="damper"),
     ("brake", "viscous_friction"): Case(("band",), {"coefficient": 10.0}, size_v=60.0, rig="damper"),
-    ("brake", "asymmetric_friction"): Case(("band",), {"viscous_difference": 10.0}, size_v=60.0, rig="damper"),
+    ("brake", "asymmetric_friction"): Case(
+        ("band",), {"viscous_difference": 10.0, "coulomb_difference": 0.5}, size_v=60.0, rig="damper"
+    ),
     ("brake", "constant_force"): Case(("band",), {"force": 1.0}, size_v=60.0, rig="damper"),
 }
 

@@ -64,6 +64,18 @@ def test_every_effect_agrees_to_a_small_share_of_itself(place, name, command):
     assert rms(run.truth[shown] - house.sensors[shown]) < share * changed[shown]
 
 
+def test_friction_with_levels_that_differ_by_direction_agrees(command):
+    """Beside dry friction that is larger, as it is meant, and beside a viscous difference."""
+    directed = {"coulomb_difference": 0.02, "viscous_difference": 5e-4}
+    plain = RIG.with_effect("motor_bearing", "coulomb_friction", {"torque": 0.05})
+    rig = plain.with_effect("motor_bearing", "asymmetric_friction", directed)
+    u = command[:2000]
+    run, house = simulate_other(rig, open_loop(u), STEP_S), simulate(rig, u, STEP_S, substeps=32)
+    changed = rms(house.sensors["theta_m"] - simulate(plain, u, STEP_S).sensors["theta_m"])
+    assert changed > 100.0 * NOISE["theta_m"]
+    assert rms(run.truth["theta_m"] - house.sensors["theta_m"]) < SHARE_CONTACT * changed
+
+
 def test_several_effects_at_once_on_another_rig_with_other_values(command):
     """Four masses, stiff and soft links, other parameters, a screw that gives way."""
     config = RIG.config

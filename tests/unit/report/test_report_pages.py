@@ -219,6 +219,8 @@ def test_effects_at_their_neutral_value_are_not_told():
     assert effect_sentences(rig) == ["No effect beyond the nominal model"]
     rig.effects = {"sensor_q3": {"offset": {"offset": 2e-5}}}
     assert "sensor_q3" in effect_sentences(rig)[0]
+    rig.effects = {"motor_bearing": {"asymmetric_friction": {"coulomb_difference": 2e-3}}}
+    assert effect_sentences(rig)[0].startswith("Dry (Coulomb) friction at the motor_bearing is higher by 0.002 N m in ")
 
 
 def test_a_config_becomes_plain_data():

@@ -51,12 +51,14 @@ def structure_response(structure: StructureParameters, theta_d: Array, step_s: f
     poles, vectors = np.linalg.eig(a)
     gains = np.linalg.solve(vectors, b.astype(complex)) * vectors[1]
     u = theta_d - theta_d[0]
-    y = np.zeros(theta_d.size, dtype=complex)
+    y = np.zeros(theta_d.size)
     for pole, gain in zip(poles, gains, strict=True):
+        if pole.imag < 0.0:
+            continue  # the conjugate of another: together they make twice its real part
         z = pole * step_s
         old, new = (np.exp(z) * (1 - 1 / z) + 1 / z) / pole, (np.exp(z) / z - 1 / z - 1) / pole
-        y += gain * lfilter([new, old], [1.0, -np.exp(z)], u)
-    return y.real + structure.pitch_m_per_rad * theta_d[0]
+        y += (2.0 if pole.imag else 1.0) * (gain * lfilter([new, old], [1.0, -np.exp(z)], u)).real
+    return y + structure.pitch_m_per_rad * theta_d[0]
 
 
 @dataclass(frozen=True)

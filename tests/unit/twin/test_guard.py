@@ -229,7 +229,7 @@ def random_case(seed: int, run_experiment: Experiment, move: Any, model: TwinMod
     q3_noise, theta_noise = rng.integers(0, 2, 2) * rng.uniform(0, 1, 2) * [5e-6, 1e-3]
     length = int(rng.integers(600, 2001))
     first = int(1000 * times[-1]) if rng.random() < 0.6 else int(rng.integers(0, 5500))
-    measured = run_experiment(moves, true, 8.0, q3_noise, theta_noise, seed)
+    measured = run_experiment(moves, true, (first + length) / 1000, q3_noise, theta_noise, seed)
     problem = measured.problem(first, length, model)
     present = float(rng.choice([rng.uniform(0, 120), np.clip(true + 3 * rng.standard_normal(), 0, 180), true]))
     gap = np.radians(rng.uniform(0, 400))

@@ -25,25 +25,21 @@ def config() -> RunConfig:
 
 
 @dataclass
-class _Slow:
+class _Slow(LocalTwin):
     """A local twin whose replies come ``late`` calls late; None: never, a reason instead."""
 
-    inner: LocalTwin
-    late: int | None
+    late: int | None = 0
     requests: list[Request] = field(default_factory=list)
     _calls: int = 0
     _held: list[tuple[int, Reply]] = field(default_factory=list)
 
-    def warm_up(self) -> None:
-        self.inner.warm_up()
-
     def ask(self, request: Request) -> None:
         self.requests.append(request)
-        self.inner.ask(request)
+        super().ask(request)
 
     def replies(self) -> list[Reply]:
         self._calls += 1
-        for reply in self.inner.replies():
+        for reply in super().replies():
             unanswered = Reply(reply.request, None, "no answer")
             self._held.append((self._calls + (self.late or 0), unanswered if self.late is None else reply))
         due = [reply for when, reply in self._held if when <= self._calls]
@@ -53,7 +49,7 @@ class _Slow:
 
 def _run(config: RunConfig, late: int | None) -> tuple[pd.DataFrame, pd.DataFrame, list[Request]]:
     beliefs = beliefs_of(config)
-    service = _Slow(LocalTwin(twin_of(settled(config, beliefs), beliefs.twin)), late)
+    service = _Slow(twin_of(settled(config, beliefs), beliefs.twin), late=late)
     result = run_scenario(config, service=service)
     return result.trace, result.estimates.drop(columns="wall_s"), service.requests
 

@@ -1,0 +1,88 @@
+"""What of a long recording the search looks at: a few windows, spread over what is fitted to and what chooses.
+
+A search makes hundreds of simulations, and soon does not become surer of a name by more samples. The last fit and the
+judgement take all.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from dtbacklash.diagnose.begun import begun
+from dtbacklash.diagnose.candidates import PlacesInMotion
+from dtbacklash.diagnose.command import held_equivalent
+from dtbacklash.diagnose.compare import Mask, Record
+from dtbacklash.diagnose.evidence import Evidence, stretch_of
+from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.stretches import slowest_decay_of
+from dtbacklash.physics.rig import Rig
+
+#: of a record with a mask of what is looked for: first sample, and the one behind the last
+Run = tuple[Record, int, int]
+
+
+def portion(rig: Rig, records: list[Record]) -> list[Record]:
+    """The records, or windows of them where they have more samples than a search needs.
+
+    records : divided, so that no sample both trains and is held out.
+    """
+    rules = settings()
+    counts = {part: sum(int(getattr(r, part).sum()) for r in records) for part in ("train", "held")}
+    total = sum(counts.values())
+    if total <= rules.search_samples_max:
+        return records
+    shortest = rules.search_window_decays / slowest_decay_of(rig, records) / records[0].sample_time_s
+    found: list[Record] = []
+    for part, count in counts.items():
+        budget = count * rules.search_samples_max // total
+        windows = int(np.clip(budget / shortest, 1, rules.search_windows))
+        found += _windows(_runs(records, part), windows, budget // windows, part == "train")
+    return found
+
+
+def whole(evidence: Evidence, records: list[Record], smooth: bool) -> Evidence:
+    """The evidence of a search about all records, with its blocks and its floor.
+
+    records : what :func:`portion` was given; the evidence itself where that was all. smooth : how the command is read.
+    """
+    if sum(r.samples for r in evidence.records) == sum(r.samples for r in records):
+        return evidence
+    rig, blocks = evidence.nominal, evidence.blocks
+    if smooth:
+        records = [replace(r, u=held_equivalent(r.u)) for r in records]
+    records = [begun(rig, blocks, r) for r in records]
+    return replace(evidence, records=records, stretch=stretch_of(records), moving=PlacesInMotion(rig, blocks, records))
+
+
+def _runs(records: list[Record], part: str) -> list[Run]:
+    """Where the samples of a part are in a row."""
+    found = []
+    for record in records:
+        mask: Mask = getattr(record, part)
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+        found += [(record, int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+    return found
+
+
+def _windows(runs: list[Run], count: int, samples: int, trains: bool) -> list[Record]:
+    """As many windows of so many samples, spread evenly over the runs; one that meets the end of its run is shorter."""
+    lengths = np.array([b - a for _, a, b in runs])
+    ends = np.cumsum(lengths)
+    spare = int(ends[-1]) - samples
+    found = []
+    for begin in np.linspace(0, max(spare, 0), count).astype(int):
+        k = int(np.searchsorted(ends, begin, side="right"))
+        record, a, b = runs[k]
+        at = a + int(begin - (ends[k] - lengths[k]))
+        at = max(a, min(at, b - samples))
+        found.append(_window(record, at, min(at + samples, b), trains))
+    return found
+
+
+def _window(record: Record, a: int, b: int, trains: bool) -> Record:
+    none = np.zeros(b - a, dtype=bool)
+    return Record(
+        record.sample_time_s, record.u[a:b], {c: v[a:b] for c, v in record.y.items()},
+        none if not trains else ~none, ~none if not trains else none,
+        record.from_s + a * record.sample_time_s, judge=none,
+    )  # fmt: skip

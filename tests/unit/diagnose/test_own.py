@@ -1,0 +1,62 @@
+"""A parameter that several elements share, and that one of them has differently."""
+
+import numpy as np
+import pytest
+
+from dtbacklash.config.rig import ParameterConfig, RigConfig
+from dtbacklash.diagnose import Record, diagnose_records
+from dtbacklash.diagnose.own import split
+from dtbacklash.physics.rig import Rig, build_rig
+from dtbacklash.physics.simulate import simulate
+
+from .conftest import STEP_S, command
+
+MASSES = ("m1", "m2", "m3")
+
+
+@pytest.fixture(scope="module")
+def chain() -> Rig:
+    ends = zip(("ground", *MASSES), MASSES, strict=False)
+    elements = {
+        "amplifier": {"kind": "amplifier", "drives": "shaker"},
+        "shaker": {"kind": "actuator", "gain": "g", "drives": "m1"},
+        **{name: {"kind": "mass", "mass": "m"} for name in MASSES},
+        **{
+            f"l{j}": {"kind": "link", "between": [a, b], "stiffness": "k", "damping": "c"}
+            for j, (a, b) in enumerate(ends, 1)
+        },
+    }
+    parameters = {
+        "g": ParameterConfig(5.0, tolerance=0.02), "m": ParameterConfig(1.5, tolerance=0.05),
+        "k": ParameterConfig(2e4, tolerance=0.1), "c": ParameterConfig(8.0, tolerance=0.3),
+    }  # fmt: skip
+    sensors = {f"x{j}": {"of": name, "quantity": "position"} for j, name in enumerate(MASSES, 1)}
+    return build_rig(RigConfig("chain", parameters=parameters, elements=elements, sensors=sensors))
+
+
+def recorded(rig: Rig, noise: float) -> Record:
+    u = command(12.0, 3)
+    shown, rng = simulate(rig, u[:-1], STEP_S).sensors, np.random.default_rng(1)
+    train = np.arange(len(u)) < 0.6 * len(u)
+    y = {f"x{j}": shown[f"x{j}"] + rng.normal(0.0, noise, len(u)) for j in (1, 2, 3)}
+    return Record(STEP_S, u, y, train, ~train)
+
+
+@pytest.mark.parametrize("noise", [1e-5, 1e-7])
+def test_one_heavier_mass_of_three_is_a_parameter_however_quiet_the_sensors_are(chain, noise):
+    """The regression that chooses it is linear: with quiet sensors it leaves far more than noise."""
+    heavier = split(chain, "m", "m2", "mass").with_parameters({"m_m2": 1.077 * 1.5})
+    found = diagnose_records(chain, [recorded(heavier, noise)])
+    assert (found.verdict, found.findings) == ("parameters", ())
+    assert found.recalibrated["m_m2"].value == pytest.approx(1.077 * 1.5, rel=0.005)
+
+
+def test_beside_an_effect_it_is_a_parameter_too(chain):
+    heavier = split(chain, "m", "m2", "mass").with_parameters({"m_m2": 1.077 * 1.5})
+    rubbing = heavier.with_effect("m3", "ground_friction", {"force": 0.5})
+    found = diagnose_records(chain, [recorded(rubbing, 1e-6)])
+    assert found.verdict == "missing_physics"
+    assert [(f.location, f.effect) for f in found.findings] == [("m3", "ground_friction")]
+    # all forces, masses and springs may be larger by the same factor: the ratio shows
+    parameters = found.extended.config.parameters
+    assert parameters["m_m2"].value / parameters["m"].value == pytest.approx(1.077, rel=0.003)
