@@ -1,6 +1,8 @@
 """`dtb export fmu`: the file passes FMPy's checks and moves as `dtb run`; every mistake is one line."""
 
 import json
+import os
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -39,9 +41,10 @@ RUN = (
 )  # fmt: skip
 
 
-def importer(script, *arguments):
+def importer(script, *arguments, **environment):
     command = [sys.executable, "-c", script, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    whole = os.environ | environment
+    return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False, env=whole)
 
 
 def test_it_moves_as_the_run_over_20_s_with_effects_and_a_growing_gap(process, tmp_path):
@@ -83,20 +86,16 @@ for said in ("first", "second"):
 """
 
 
-@pytest.mark.parametrize(
-    ("before", "edit", "more", "said"),
-    [
-        ("", {"version": "0.0.9"}, "", "the FMU was exported by 0.0.9: pip install dtbacklash==0.0.9"),
-        ("sys.modules['dtbacklash'] = None", {}, "", "this FMU needs the Python package dtbacklash"),
-        ("", {"sample_time_s": 0.0015}, "", "must be a multiple of the sample time 0.0015 s"),
-        ("", {}, "start_values={'parameters.J': -1.0}", "rig.parameters.J.value=-1.0: above 0"),
-        ("", {}, "start_values={'u_v': float('nan')}", "u_v=nan: must be finite"),
-    ],
-)
-def test_what_is_wrong_where_it_is_imported_is_said_and_leaves_the_process_alive(
-    tmp_path, monkeypatch, before, edit, more, said
-):
-    monkeypatch.chdir(tmp_path)
+MISTAKES = [
+    ("", {"version": "0.0.9"}, "", "the FMU was exported by 0.0.9: pip install dtbacklash==0.0.9"),
+    ("sys.modules['dtbacklash'] = None", {}, "", "this FMU needs the Python package dtbacklash"),
+    ("", {"sample_time_s": 0.0015}, "", "must be a multiple of the sample time 0.0015 s"),
+    ("", {}, "start_values={'parameters.J': -1.0}", "rig.parameters.J.value=-1.0: above 0"),
+    ("", {}, "start_values={'u_v': float('nan')}", "u_v=nan: must be finite"),
+]
+
+
+def edited(edit):
     assert cli.main(["export", "fmu", "rig=disk"]) == 0
     with zipfile.ZipFile("disk.fmu") as whole, zipfile.ZipFile("other.fmu", "w") as other:
         for name in whole.namelist():
@@ -104,10 +103,40 @@ def test_what_is_wrong_where_it_is_imported_is_said_and_leaves_the_process_alive
             if name.endswith("rig.json"):
                 content = json.dumps(json.loads(content) | edit).encode()
             other.writestr(name, content)
-    found = importer(SIMULATE.format(before=before, more=more), tmp_path / "other.fmu")
+    return os.path.abspath("other.fmu")
+
+
+@pytest.mark.parametrize(("before", "edit", "more", "said"), MISTAKES)
+def test_what_is_wrong_where_it_is_imported_is_said_and_leaves_the_process_alive(
+    tmp_path, monkeypatch, before, edit, more, said
+):
+    monkeypatch.chdir(tmp_path)
+    found = importer(SIMULATE.format(before=before, more=more), edited(edit))
     assert found.returncode == 0, found.stderr
     assert found.stderr.count(said) == 2
     assert "ran" not in found.stdout
+    assert [line.split()[0] for line in found.stdout.splitlines()] == ["first", "second"]
+
+
+#: C++'s delete that gives nothing back and leaves ones: who gives up a pointer once more, in memory that it has already
+#: freed, finds a count of one there and calls into nowhere, each time and not only where the memory has a new owner
+DELETE = """
+#include <stddef.h>
+void _ZdlPvm(void *block, size_t size)
+{
+    for (size_t i = 0; block && i < size / sizeof(int); i++) ((volatile int *)block)[i] = 1;
+}
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux" or not shutil.which("cc"), reason="needs Linux and a C compiler")
+@pytest.mark.parametrize(("before", "edit", "more"), [*(mistake[:3] for mistake in MISTAKES), ("", {}, "")])
+def test_nothing_is_given_up_twice_when_the_process_ends(tmp_path, monkeypatch, before, edit, more):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "delete.c").write_text(DELETE)
+    subprocess.run(["cc", "-shared", "-fPIC", "-o", "delete.so", "delete.c"], check=True)
+    found = importer(SIMULATE.format(before=before, more=more), edited(edit), LD_PRELOAD=str(tmp_path / "delete.so"))
+    assert found.returncode == 0, found.stderr
     assert [line.split()[0] for line in found.stdout.splitlines()] == ["first", "second"]
 
 
