@@ -19,6 +19,7 @@ from dtbacklash.diagnose.result import Check, FreeRunning
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trial import distance, distances
 from dtbacklash.diagnose.trials import Key, Search
+from dtbacklash.diagnose.words import place_in_words
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Effect, Parameter, Role, name_in_words
 from dtbacklash.physics.rig import Rig
@@ -136,7 +137,7 @@ def _stateless(form: Recovered | None) -> list[Check]:
     t = form.t if form.fall > settings().depends_floors else min(form.t, 0.0)
     return [_below(
         "what is left depends on no state", t, settings().depends_errors,
-        f"fall of the held-out loss by an effort of free form over the {form.state} of {form.place.replace('_', ' ')}, "
+        f"fall of the held-out loss by an effort of free form over the {form.state} of {place_in_words(form.place)}, "
         "the best of the states, in standard errors over stretches; more: the law is another one, or one is missing",
         PAIRED,
     )]  # fmt: skip
@@ -172,7 +173,7 @@ def _earned(evidence: Evidence, found: Search) -> Check:
 
 
 def _named(key: Key) -> str:
-    return f"{name_in_words(key[1])} at {key[0].replace('_', ' ')}"
+    return f"{name_in_words(key[1])} at {place_in_words(key[0])}"
 
 
 def _entry(evidence: Evidence, key: Key) -> Effect:

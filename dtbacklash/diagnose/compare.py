@@ -18,7 +18,7 @@ from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.starts import Beginning
 from dtbacklash.diagnose.track import track
 from dtbacklash.errors import UserError
-from dtbacklash.physics.assembly import compile_plant, state_names
+from dtbacklash.physics.assembly import SUBSTEPS_FORCED, compile_plant, state_names
 from dtbacklash.physics.bodies import hidden_bodies, natural_frequencies_hz
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Role
@@ -91,6 +91,11 @@ class Block:
     pulled: str | None = None
     gains: tuple[float, float] = (0.0, 0.0)
 
+    @property
+    def pull(self) -> float:
+        """Bandwidth of the pull, rad per sample; 0 without one."""
+        return self.gains[0] / (2.0 if self.gains[1] else 1.0)
+
 
 def cut(rig: Rig, channels: tuple[str, ...], sample_time_s: float) -> list[Block]:
     """The blocks of a rig for the channels that were recorded.
@@ -130,11 +135,7 @@ def _pulled(block: Block, rig: Rig, sample_time_s: float) -> Block:
     if not names:
         return _without_position(block, rig, integrators, sample_time_s)
     b = settings().pull_rad_s
-    if integrators == 1:
-        gains = (b * sample_time_s, 0.0)
-    else:
-        b = settings().pull_rad_s
-        gains = (2 * b * sample_time_s, b**2 * sample_time_s)
+    gains = (b * sample_time_s, 0.0) if integrators == 1 else (2 * b * sample_time_s, b**2 * sample_time_s)
     return replace(block, pulled=names[0], gains=gains)
 
 
@@ -198,8 +199,8 @@ def slowest_decay(plant: Plant, block: Block) -> float:
     """Decay rate of the block's slowest pole that does not integrate, or of its pull, 1/s."""
     rates = -np.linalg.eigvals(plant.A[0 if plant.rotor < 0 else 1]).real
     decays = [float(r) for r in rates if r > settings().integrator_rad_s]
-    if block.gains[0] > 0.0:
-        decays.append(block.gains[0] / plant.sample_time / (2.0 if block.gains[1] else 1.0))
+    if block.pull > 0.0:
+        decays.append(block.pull / plant.sample_time)
     return min(decays, default=1.0)
 
 
@@ -272,10 +273,9 @@ def predict(rig: Rig, block: Block, record: Record, steps: Steps = "fine") -> Fl
     """(N, channels) what the block's channels would show, SI, each sample before the measurement pulls it."""
     part = part_of(rig, block)
     substeps = _substeps(part, block, record)
-    plant = compile_plant(part, record.sample_time_s, substeps, EVENT_LEVELS, block.imposed is not None)
-    if steps != "fine" and plant.forced:
-        fewer = ROUGH if steps == "rough" else (max(ROUGH[0], plant.substeps // COARSER), COARSE_LEVELS)
-        plant = compile_plant(part, record.sample_time_s, *fewer, block.imposed is not None)
+    coarse = max(ROUGH[0], (substeps or SUBSTEPS_FORCED) // COARSER), COARSE_LEVELS
+    fewer = {"fine": None, "coarse": coarse, "rough": ROUGH}[steps]
+    plant = compile_plant(part, record.sample_time_s, substeps, EVENT_LEVELS, block.imposed is not None, fewer)
     theta = _drive(rig, block, record, plant)
     run = _runner(part, plant, block, record, theta)
     if record.begins is None:

@@ -24,6 +24,7 @@ from dtbacklash.diagnose.sayings import less, quantity, unsure, when
 from dtbacklash.diagnose.trial import unseen
 from dtbacklash.diagnose.trials import Key, Search
 from dtbacklash.diagnose.verdict import Left, Moved, confidence
+from dtbacklash.diagnose.words import place_in_words
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import SENSOR_UNIT
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
@@ -64,7 +65,7 @@ def finding(
     instead = _instead(evidence, found, key)
     shown = {n: quantity(p.value, p.unit) for n, p in parameters.items()}
     silent = idle | unseen(evidence, found.fitted.rig, key, errors)
-    said = entry.said(silent).format(location=place.replace("_", " "), **shown)
+    said = entry.said(silent).format(location=place_in_words(place), **shown)
     sure = confidence(evidence, found, key, left_out, rest)
     sentence = said[:1].upper() + said[1:] + _instead_of_known(evidence.nominal, key) + unsure(sure, key, rest)
     return Finding(

@@ -20,6 +20,7 @@ from dtbacklash.diagnose.responses import transfer
 from dtbacklash.diagnose.result import LawShown
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trials import Key
+from dtbacklash.diagnose.words import place_in_words
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.drawing import Drawing, drawing_of, law_curve
@@ -87,7 +88,7 @@ def law_shown(evidence: Evidence, fitted: Fit, key: Key, left_out: Residuals) ->
     usual = 2.0 * float(np.quantile(np.abs(points[1]), 0.8))
     size = max(float(np.ptp(law[1])) or float(np.abs(law[1]).max()), usual)
     useful = points[2] < USELESS * size
-    label = "time" if drawing.state == "time" else f"{drawing.state} of {place.replace('_', ' ')}"
+    label = "time" if drawing.state == "time" else f"{drawing.state} of {place_in_words(place)}"
     return LawShown(
         place, name, label, drawing.effort_label or EFFORTS.get(unit, "missing effort"), state_unit,
         drawing.effort_unit or unit, *law, *(p[useful] for p in points),

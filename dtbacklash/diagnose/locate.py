@@ -11,7 +11,7 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.candidates import Candidate
-from dtbacklash.diagnose.compare import Block, places_of
+from dtbacklash.diagnose.compare import Block, Steps, places_of
 from dtbacklash.diagnose.delays import delay_grid
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.periodic import wave_grid
@@ -50,7 +50,11 @@ class Bank(Projection):
 
     def __init__(self, evidence: Evidence, fitted: Fit) -> None:
         super().__init__(evidence, fitted)
-        self.rough = evidence.residuals(self.rig, steps="rough")
+        rough = evidence.residuals(self.rig, steps="rough")
+        #: before an effect is added: residuals, and the rows made of them
+        self._before = {
+            steps: (before, self.stack(before)) for steps, before in (("fine", fitted.residuals), ("rough", rough))
+        }
 
     def signature(self, candidate: Candidate, values: Values, made: Made) -> Floats | None:
         """(rows,) what the effect adds to the prediction, weighted; None if it cannot be simulated.
@@ -67,12 +71,12 @@ class Bank(Projection):
         try:
             rig = self.rig.with_effect(place, name, values)
             # few substeps round a delay to whole ones
-            fine = isinstance(candidate.effect.slot, slots.Late)
-            base = self.fitted.residuals if fine else self.rough
-            changed = self.evidence.residuals(rig, base, {place}, "fine" if fine else "rough")
+            steps: Steps = "fine" if isinstance(candidate.effect.slot, slots.Late) else "rough"
+            base, before = self._before[steps]
+            changed = self.evidence.residuals(rig, base, {place}, steps)
         except UserError:
             return None
-        rows = self.stack(base) - self.stack(changed)
+        rows = before - self.stack(changed)
         return rows if np.isfinite(rows).all() else None
 
     def score(self, candidate: Candidate, made: Made) -> Score | None:

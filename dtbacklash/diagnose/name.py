@@ -26,7 +26,7 @@ from dtbacklash.diagnose.free import (
     standing,
 )
 from dtbacklash.diagnose.locate import Score, bank
-from dtbacklash.diagnose.own import own_parameter
+from dtbacklash.diagnose.own import own_parameter, shared
 from dtbacklash.diagnose.propose import (
     apart,
     hopeful,
@@ -45,11 +45,15 @@ from dtbacklash.diagnose.trials import Asked, Key, Search, Trial
 from dtbacklash.errors import UserError
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.rig import Rig
 
 
 def refit_with(evidence: Evidence, current: Fit, added: list[tuple[Key, dict[str, float]]], left_out: Key | None = None,
-               rounds: int = 2, evaluations: int = 8) -> Fit:  # fmt: skip
-    """Fit effects anew with some added or one left out, with the nominal parameters of the blocks they touch."""
+               rounds: int = 2, evaluations: int = 8, near: Rig | None = None) -> Fit:  # fmt: skip
+    """Fit effects anew with some added or one left out, with the nominal parameters of the blocks they touch.
+
+    near : a rig in whose nominal parameters the fit begins, if not in those of ``current``.
+    """
     base = current.rig
     for (place, name), values in added:
         base = base.with_effect(place, name, values)
@@ -60,7 +64,7 @@ def refit_with(evidence: Evidence, current: Fit, added: list[tuple[Key, dict[str
         places_of(rig, b) for b in evidence.blocks for rig in (base, current.rig) if changed & places_of(rig, b)
     ))  # fmt: skip
     free = nominal_free(evidence.nominal, touched, base)
-    start = [standing(f, base) for f in free]
+    start = [standing(f, near or base) for f in free]
     for key, values in effects_of_rig(base).items():
         if key[0] in touched and not is_known(base, key):
             more = effect_free(base, *key, values, evidence.bounds(key))
@@ -73,10 +77,13 @@ def refit_with(evidence: Evidence, current: Fit, added: list[tuple[Key, dict[str
     return fit(evidence, base, free, np.array(start), known, rounds, evaluations)
 
 
-def search(evidence: Evidence, progress: Callable[[str, float], None] | None = None) -> Search:
+def silent(text: str, share: float) -> None:
+    """What to call with a text and a share, 0 to 1, where nobody asked for progress."""
+
+
+def search(evidence: Evidence, say: Callable[[str, float], None] = silent) -> Search:
     """Find the effects that the recording needs, one after the other."""
     rules = settings()
-    say = progress or (lambda text, share: None)
     rig = evidence.nominal
     say("recalibrating the nominal rig", 0.02)
     nominal = fit(evidence, rig, nominal_free(rig))
@@ -99,23 +106,21 @@ def search(evidence: Evidence, progress: Callable[[str, float], None] | None = N
 
 def _own_instead(found: Search) -> None:
     """Let one element have a parameter of its own instead of all findings, or of one, where that does as well."""
+    if not shared(found.evidence.nominal):
+        return
     for left_out in [None, *(found.order if len(found.order) > 1 else [])]:
-        before = refit_with(found.evidence, found.fitted, [], left_out) if left_out else found.nominal
+        before = _without(found, left_out) if left_out else found.nominal
         own = own_parameter(found.evidence, before)
-        if (
-            own is not None
-            and merit(own.evidence, own.fitted) < merit(found.evidence, found.fitted) + settings().earn_penalty
-        ):
-            gone = [left_out] if left_out else found.order
-            found.refused |= dict.fromkeys(gone, "one element's own parameter does as well")
-            found.evidence, found.fitted = own.evidence, own.fitted
-            found.order = [key for key in found.order if key not in gone]
-            found.nominal = (
-                fit(own.evidence, own.evidence.nominal, nominal_free(own.evidence.nominal))
-                if found.order
-                else own.fitted
-            )
-            return
+        least = merit(found.evidence, found.fitted) + settings().earn_penalty
+        if own is None or merit(own.evidence, own.fitted) >= least:
+            continue
+        gone = [left_out] if left_out else found.order
+        found.refused |= dict.fromkeys(gone, "one element's own parameter does as well")
+        found.evidence, found.fitted = own.evidence, own.fitted
+        found.order = [key for key in found.order if key not in gone]
+        known = own.evidence.nominal
+        found.nominal = fit(own.evidence, known, nominal_free(known)) if found.order else own.fitted
+        return
 
 
 def _release(evidence: Evidence, found: Search) -> bool:
@@ -181,11 +186,12 @@ def _try(evidence: Evidence, current: Fit, score: Score) -> Trial:
     return Trial(score.candidate.key, score, fitted, held_loss(evidence, fitted))
 
 
-def _finish(evidence: Evidence, current: Fit, trial: Trial) -> Trial:
+def _finish(evidence: Evidence, current: Fit, trial: Trial, near: bool = False) -> Trial:
+    """A full fit; ``near`` : the trial was a quick one beside the same effects, and is gone on with."""
     values = trial.fitted.rig.effect(*trial.key)
     if values is None:
         return trial
-    fitted = refit_with(evidence, current, [(trial.key, values)])
+    fitted = refit_with(evidence, current, [(trial.key, values)], near=trial.fitted.rig if near else None)
     return Trial(trial.key, trial.score, fitted, held_loss(evidence, fitted))
 
 
@@ -205,7 +211,8 @@ def _add(evidence: Evidence, found: Search) -> bool:
         t for t in trials[:rules.full_fits]
         if t.held_out < far * trials[0].held_out and hopeful(evidence, current, t.fitted)
     ]  # fmt: skip
-    finished = spread(partial(_finish, evidence, current), [*rest, *runners_up(found, rest)])
+    finished = spread(partial(_finish, evidence, current, near=True), rest)
+    finished += spread(partial(_finish, evidence, current), runners_up(found, rest))
     trials = [*finished, *(t for t in trials if t.key not in {f.key for f in finished})]
     trials += spread(partial(_try, evidence, current), siblings(evidence, scores, trials))
     for trial in trials:
@@ -245,7 +252,7 @@ def _add_pair(evidence: Evidence, found: Search, trials: list[Trial]) -> bool:
         scores = bank(evidence, first.fitted, [c for c in listed if c.key not in found.refused])[1]
         quick = spread(partial(_try, evidence, first.fitted), promising(evidence, scores)[: rules.quick_fits])
         quick.sort(key=lambda t: merit(evidence, t.fitted))
-        beside = spread(partial(_finish, evidence, first.fitted), quick[: rules.full_fits])
+        beside = spread(partial(_finish, evidence, first.fitted, near=True), quick[: rules.full_fits])
         for trial in beside:
             trial.beside = len(found.order) + 1
         found.trials += beside
@@ -289,7 +296,7 @@ def _reconsider(evidence: Evidence, found: Search, keys: list[Key], rivals: int)
             continue  # alone in its blocks: what was found when it was added stands
         if _borne(found.fitted, key, evidence.records[0].sample_time_s):
             continue
-        without = refit_with(evidence, found.fitted, [], key)
+        without = _without(found, key)
         former = [t for t in found.tried.get(key, []) if t.key not in (*found.order, *found.refused)]
         former = sorted(former, key=lambda t: t.held_out)[:rivals]
         trials = spread(partial(_finish, evidence, without), former)
@@ -312,6 +319,15 @@ def _reconsider(evidence: Evidence, found: Search, keys: list[Key], rivals: int)
                 key = trial.key
 
 
+def _without(found: Search, key: Key) -> Fit:
+    """The fit without one of the effects; those about the last fit are remembered."""
+    if found.left_out_of is not found.fitted:
+        found.left_out, found.left_out_of = {}, found.fitted
+    if key not in found.left_out:
+        found.left_out[key] = refit_with(found.evidence, found.fitted, [], key)
+    return found.left_out[key]
+
+
 def _borne(fitted: Fit, key: Key, step_s: float) -> bool:
     """Whether another effect of the rig needs this one: a force on a mass that only a yielding screw lets move."""
     try:
@@ -326,9 +342,9 @@ def _count(evidence: Evidence, key: Key) -> int:
     return len(find(evidence.nominal.kind_at(key[0]), key[1], key[0]).parameters)
 
 
-def drop(evidence: Evidence, found: Search, key: Key, why: str) -> None:
+def drop(found: Search, key: Key, why: str) -> None:
     """Take a finding back, for good."""
-    found.fitted = refit_with(evidence, found.fitted, [], key)
+    found.fitted = _without(found, key)
     found.order = [k for k in found.order if k != key and found.fitted.rig.effect(*k) is not None]
     found.refused[key] = f"taken back: {why}"
     if not found.order:
@@ -342,7 +358,7 @@ def _eliminate(evidence: Evidence, found: Search) -> None:
             return
         if _borne(found.fitted, key, evidence.records[0].sample_time_s):
             continue
-        without = refit_with(evidence, found.fitted, [], key)
+        without = _without(found, key)
         if not earns(evidence, without, found.fitted, found.nominal):
             found.fitted = without
             found.order.remove(key)

@@ -7,6 +7,7 @@ from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trials import Search
+from dtbacklash.diagnose.words import place_in_words
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
@@ -18,7 +19,7 @@ def next_experiment(evidence: Evidence, found: Search, rest: Recovered | None = 
     ``rest`` : what nothing explains, if anything is left.
     """
     if rest is not None:
-        place = rest.place.replace("_", " ")
+        place = place_in_words(rest.place)
         if rest.state == "time":
             return f"What is missing at {place} has a time course of its own: record the same motion again, and rest."
         return (f"What is missing depends most on the {rest.state} of {place}: record it slowly from end to end of its "

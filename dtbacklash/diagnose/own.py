@@ -29,12 +29,12 @@ def own_parameter(evidence: Evidence, before: Fit) -> Own | None:
     Each is scored by one simulation, as effects are; the best is fitted where that promises something, and has to leave
     noise.
     """
-    shared = _shared(evidence.nominal)
-    if not shared or is_noise(evidence, before):
+    listed = shared(evidence.nominal)
+    if not listed or is_noise(evidence, before):
         return None
     projection = Projection(evidence, before)
     best, least = None, np.inf
-    for name, element, field in shared:
+    for name, element, field in listed:
         rig = split(before.rig, name, element, field)
         width = rig.config.parameters[name].tolerance * evidence.nominal.config.parameters[name].value
         own = title(name, element)
@@ -60,7 +60,7 @@ def is_noise(evidence: Evidence, fitted: Fit) -> bool:
     return all(bool(np.all(squares[n] < settings().noise_floors * least[n])) for n in squares)
 
 
-def _shared(rig: Rig) -> list[tuple[str, str, str]]:
+def shared(rig: Rig) -> list[tuple[str, str, str]]:
     """(parameter, element, field) wherever several elements, or fields of one, use the same parameter."""
     uses = [
         (spec[field], element, field)

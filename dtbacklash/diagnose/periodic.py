@@ -81,8 +81,7 @@ def _scan(candidate: Candidate, projection: Projection, block: Block) -> list[tu
 
 def _every(block: Block) -> int:
     """How many samples make one: fewer where the block is pulled so fast that it would not be stable with as many."""
-    pull = block.gains[0] / (2.0 if block.gains[1] else 1.0)
-    most = settings().pull_per_sample_max / pull if pull > 0.0 else math.inf
+    most = settings().pull_per_sample_max / block.pull if block.pull > 0.0 else math.inf
     return int(np.clip(most, 1, settings().wave_every_samples))
 
 

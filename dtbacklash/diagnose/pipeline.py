@@ -19,7 +19,7 @@ from dtbacklash.diagnose.findings import candidates, finding, located, recalibra
 from dtbacklash.diagnose.free import Errors, nominal_free, with_errors, with_priors
 from dtbacklash.diagnose.intervals import standard_errors
 from dtbacklash.diagnose.limits import limits
-from dtbacklash.diagnose.name import drop, search
+from dtbacklash.diagnose.name import drop, search, silent
 from dtbacklash.diagnose.next_experiment import next_experiment
 from dtbacklash.diagnose.parts import divided, for_judgement, refitted
 from dtbacklash.diagnose.portion import portion, whole
@@ -55,6 +55,7 @@ def diagnose_records(
     """
     if not any(np.any(r.u[r.train]) for r in records):
         raise UserError("recording", "u", "it is 0 in all that is fitted: record the machine while it is commanded")
+    say = progress or silent
     # many short products of long vectors: threads of the linear algebra would cost more than they bring
     with on_cores(jobs), threadpool_limits(1, "blas"):
         inspected = inspect(rig, records)
@@ -63,33 +64,29 @@ def diagnose_records(
         try:
             known, records = with_priors(rig), divided(inspected.records)
             evidence, smooth = _read_command(known, portion(known, records))
-            found = search(evidence, progress)
+            found = search(evidence, say)
             call_by_its_limit(found)
             call_by_direction(found)
-            (progress or _silent)("fitting to all and judging", 0.95)
+            say("fitting to all and judging", 0.95)
             refitted(for_judgement(whole(found.evidence, records, smooth)), found)
             return mended(_diagnosis(found, _sure(found), smooth), inspected)
         except np.linalg.LinAlgError as error:
             return faulty(rig, inspected, not_finite(rig, inspected, error))
 
 
-def _silent(text: str, share: float) -> None:
-    """Nobody asked for progress."""
-
-
 def _sure(found: Search) -> Errors:
     """Standard errors of the last fit, after taking back what does not stand its trial."""
     while key := spoils_the_free_run(found.evidence, found.nominal, found.fitted, found.order):
-        drop(found.evidence, found, key, "simulated freely, the rig is further from the recording with it than without")
+        drop(found, key, "simulated freely, the rig is further from the recording with it than without")
     while key := raises_the_error(found.evidence, found.nominal, found.fitted, found.order):
-        drop(found.evidence, found, key, "the held-out error rises with it")
+        drop(found, key, "the held-out error rises with it")
     while True:
         slow, fitted = refit_slowly(found.evidence, found)
         errors = standard_errors(slow, fitted)
         key = insignificant(found.evidence, fitted.rig, found.order, errors)
         if key is None:
             return errors
-        drop(found.evidence, found, key, "its interval holds what does nothing")
+        drop(found, key, "its interval holds what does nothing")
 
 
 def _read_command(rig: Rig, records: list[Record]) -> tuple[Evidence, bool]:

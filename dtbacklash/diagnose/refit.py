@@ -5,7 +5,6 @@ many independent samples as the residual has, not as many as were taken; otherwi
 residual that is not noise would overrule every prior.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +23,8 @@ from dtbacklash.physics.rig import Rig
 
 #: the Jacobian's columns of the nominal parameters serve until one of these has moved by as many tolerances
 STALE = 0.05
+#: two evaluations whose sums of squares differ by less, relatively, are the same: the fit has settled
+FTOL = 1e-4
 #: a delay is moved by at least so much of a sample, unless its logarithm would by more than this
 DELAY_STEP_SAMPLES, DELAY_STEP_MAX = 0.05, 0.5
 
@@ -79,22 +80,36 @@ class Problem:
         ]
         self.weights: dict[str, Floats] = {}
         self.fine = False
+        self.steps: Steps = "fine"
         self.prior = np.array([f.prior for f in free])
-        self._last: tuple[bytes, Residuals] | None = None
+        self._last: dict[tuple[Steps, bytes], Residuals] = {}
         self._kept: dict[int, Floats] = {}
         self._kept_at = np.zeros(0)
 
     def weigh(self, residuals: Residuals) -> None:
-        """Take the weights of these residuals, and let the next Jacobian be made anew."""
-        self.weights = weights_for(self.evidence, residuals)
-        self._kept = {}
+        """Take the weights of these residuals; the columns that are kept take them, too."""
+        before, self.weights = self.weights, weights_for(self.evidence, residuals)
+        if self._kept:
+            ratio = np.concatenate([np.sqrt(self.weights[name] / before[name]) for name in self.touched])
+            samples = sum(int(r.train.sum()) for r in self.evidence.records)
+            scale = np.concatenate([np.repeat(ratio, samples), np.ones(int(self.prior.sum()))])
+            self._kept = {j: column * scale for j, column in self._kept.items()}
 
     def residuals(self, x: Floats) -> Residuals:
         """Residuals at x; the last ones are remembered."""
-        key = x.tobytes()
-        if self._last is None or self._last[0] != key:
-            self._last = key, self.evidence.residuals(apply(self.base, self.free, x), self.known, self.places)
-        return self._last[1]
+        return self._simulated(x, self.steps)
+
+    def _simulated(self, x: Floats, steps: Steps) -> Residuals:
+        key = steps, x.tobytes()
+        if key not in self._last:
+            there = self.evidence.residuals(apply(self.base, self.free, x), self.known, self.places, steps)
+            self._last = {at: kept for at, kept in self._last.items() if at[0] != steps} | {key: there}
+        return self._last[key]
+
+    def _rows(self, x: Floats, steps: Steps) -> tuple[Residuals, Floats]:
+        """Residuals at x, and the rows made of them."""
+        residuals = self._simulated(x, steps)
+        return residuals, self.stack(residuals, x)
 
     def stack(self, residuals: Residuals, x: Floats) -> Floats:
         """The rows whose squares are summed: weighted residuals of the training part, then the priors."""
@@ -107,15 +122,13 @@ class Problem:
 
     def jacobian(self, x: Floats) -> Floats:
         """Forward differences; blocks that a parameter does not touch are not simulated."""
-        here = self.residuals(x)
-        start = self.stack(here, x)
-        coarse = self.evidence.residuals(apply(self.base, self.free, x), self.known, self.places, "coarse")
-        coarse_start = self.stack(coarse, x)
+        here, start = self._rows(x, "fine") if any(map(self._late, self.free)) else ({}, np.zeros(0))
+        coarse, coarse_start = self._rows(x, "coarse")
         if self._kept and np.abs(x - self._kept_at)[self.prior].max() > STALE:
             self._kept = {}
         if not self._kept:
             self._kept_at = x.copy()
-        columns = np.empty((len(start), len(self.free)))
+        columns = np.empty((len(coarse_start), len(self.free)))
         for j, f in enumerate(self.free):
             if j in self._kept:
                 columns[:, j] = self._kept[j]
@@ -135,7 +148,7 @@ class Problem:
         Directions that only the priors determine (all masses, springs and forces grow alike) show as such only if
         neither the contacts' last tick nor the curvature of the response is in the differences.
         """
-        here = self.residuals(x)
+        here = self._simulated(x, "fine")
         columns = []
         for j, f in enumerate(self.free):
             low, high = f.limits()
@@ -200,6 +213,8 @@ def fit(
 ) -> Fit:
     """Fit the free parameters; ``rounds`` times with the weights of where the last round ended, the last one finely.
 
+    Coarse steps are enough to come near.
+
     ``known`` : residuals of a rig that differs from ``base`` only where ``free`` acts; saves simulating the rest.
     """
     problem = Problem(evidence, base, free, known)
@@ -207,30 +222,51 @@ def fit(
     bounds = np.array([f.limits() for f in free]).reshape(-1, 2).T
     x = np.clip(x, bounds[0] + 1e-9, bounds[1] - 1e-9) if free else x
     for k in range(rounds if free else 0):
-        problem.weigh(problem.residuals(x))
         problem.fine = 0 < k == rounds - 1
+        problem.steps = "fine" if problem.fine else "coarse"
+        problem.weigh(problem.residuals(x))
         x = _solve(problem, x, bounds, evaluations)
+    problem.steps = "fine"
     residuals = problem.residuals(x)
     rig = apply(base, free, x)
     return Fit(rig, base, free, x, residuals, penalty_of(rig, evidence.nominal), weights_for(evidence, residuals))
 
 
 def _solve(problem: Problem, x: Floats, bounds: Floats, evaluations: int) -> Floats:
-    def guarded(function: Callable[[Floats], Floats]) -> Callable[[Floats], Floats]:
-        def call(at: Floats) -> Floats:
-            rows = function(at)
-            return np.nan_to_num(rows, nan=1e6, posinf=1e6, neginf=-1e6)
+    """The least squares from ``x`` on.
 
-        return call
+    The solver takes its first trust region from where it starts: at 0 it is a step that hardly changes anything, and
+    most evaluations go into doubling it. So it is handed variables that start at 1, which for all of them is a natural
+    step: a tolerance, a factor of e, twice the size.
+    """
+    shift = 1.0 - x
+    least, best = np.inf, x
+
+    def rows(at: Floats) -> Floats:
+        nonlocal least, best
+        there = _guarded(problem.stack(problem.residuals(at - shift), at - shift))
+        cost = float(there @ there)
+        settled = abs(cost - least) < FTOL * least
+        if cost < least:
+            least, best = cost, at - shift
+        if settled:
+            raise StopIteration
+        return there
 
     try:
-        result = least_squares(
-            guarded(lambda at: problem.stack(problem.residuals(at), at)), x, guarded(problem.jacobian),
-            tuple(bounds), max_nfev=evaluations, x_scale="jac", ftol=1e-4, xtol=1e-6,
+        least_squares(
+            rows, x + shift, lambda at: _guarded(problem.jacobian(at - shift)), tuple(bounds + shift),
+            max_nfev=evaluations, x_scale="jac", ftol=FTOL, xtol=1e-6,
         )  # fmt: skip
     except (UserError, np.linalg.LinAlgError):
         return x
-    return result.x
+    except StopIteration:
+        pass
+    return best
+
+
+def _guarded(rows: Floats) -> Floats:
+    return np.nan_to_num(rows, nan=1e6, posinf=1e6, neginf=-1e6)
 
 
 def objective(evidence: Evidence, fitted: Fit, part: str = "train") -> float:

@@ -11,7 +11,6 @@ from dtbacklash.diagnose.result import (
     CONSISTENT,
     PARAMETERS,
     UNEXPLAINED,
-    Alternative,
     Confidence,
     Finding,
     Instead,
@@ -21,6 +20,7 @@ from dtbacklash.diagnose.result import (
 )
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trials import Search
+from dtbacklash.diagnose.words import other_in_words, place_in_words
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.recording.model import Recording
 
@@ -45,7 +45,7 @@ def less(instead: Instead | None) -> str:
     what = f"{name_in_words(instead.effect)} ({quantity(instead.value, instead.unit)})"
     worse = instead.times_the_error
     times = f"{worse:.2g}" if worse < 10.0 else f"{worse:.0f}"
-    place = instead.location.replace("_", " ")
+    place = place_in_words(instead.location)
     return (f" If the catalogue did not hold that, {what} at the {place} would be named, "
             f"with {times} times the error; it is not needed beside it.")  # fmt: skip
 
@@ -54,11 +54,11 @@ def unsure(confidence: Confidence, key: tuple[str, str], rest: Recovered | None)
     """What has to be said of a name that does not stand for sure."""
     if confidence == "sure" or rest is None:
         return ""
-    what, place = name_in_words(key[1]), key[0].replace("_", " ")
+    what, place = name_in_words(key[1]), place_in_words(key[0])
     if rest.place == key[0]:
         return (f" It acts like {what}, but the law is another one: what is left depends on the {rest.state} of the "
                 f"{place}.")  # fmt: skip
-    left = rest.place.replace("_", " ")
+    left = place_in_words(rest.place)
     return f" That is a part of the truth at best: what is left at the {left} is too near, or too large beside it."
 
 
@@ -115,18 +115,13 @@ def summary(
     parts = [f.sentence for f in findings]
     for finding in findings:
         if finding.also_fits:
-            others = " or ".join(_other(o) for o in finding.also_fits)
+            others = " or ".join(other_in_words(o) for o in finding.also_fits)
             parts.append(f"This recording cannot tell {name_in_words(finding.effect)} from {others}.")
     if verdict == UNEXPLAINED and located:
         said = "What remains" if findings else "The mismatch"
-        parts.append(f"{said} is real and lies at or near {located.location.replace('_', ' ')}, "
+        parts.append(f"{said} is real and lies at or near {place_in_words(located.location)}, "
                      "but nothing in the catalogue explains it.")  # fmt: skip
     return " ".join(parts)
-
-
-def _other(other: Alternative) -> str:
-    named = f"{name_in_words(other.effect)} at the {other.location.replace('_', ' ')}"
-    return f"{named} ({other.reason})" if other.reason else named
 
 
 def limits_said(effects: list[str], parameters: list[str]) -> str:

@@ -9,6 +9,7 @@ from dtbacklash.diagnose.law_points import EFFORTS, law_shown
 from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.result import Curve, LawShown, Shown
 from dtbacklash.diagnose.trials import Key, Search
+from dtbacklash.diagnose.words import place_in_words
 
 
 def shown(evidence: Evidence, found: Search, left_out: dict[Key, Residuals], rest: Recovered | None) -> Shown:
@@ -30,7 +31,7 @@ def shown(evidence: Evidence, found: Search, left_out: dict[Key, Residuals], res
 
 
 def _unexplained(rest: Recovered) -> LawShown:
-    label = "time" if rest.state == "time" else f"{rest.state} of {rest.place.replace('_', ' ')}"
+    label = "time" if rest.state == "time" else f"{rest.state} of {place_in_words(rest.place)}"
     return LawShown(
         rest.place, "", label, EFFORTS.get(rest.effort_unit, "missing effort"), rest.state_unit, rest.effort_unit,
         state=rest.knots, recovered=rest.effort, error=rest.error,

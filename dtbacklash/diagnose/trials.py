@@ -54,5 +54,8 @@ class Search:
     instead: dict[Key, Trial] = field(default_factory=dict)
     #: what fitted and was not believed: why
     refused: dict[Key, str] = field(default_factory=dict)
+    #: per effect the fit without it, and the fit that all of these are of
+    left_out: dict[Key, Fit] = field(default_factory=dict)
+    left_out_of: Fit | None = None
     #: per block what other formulations of laws that were found explain more, mean square in units of the floor's
     formulations: dict[str, Floats] = field(default_factory=dict)

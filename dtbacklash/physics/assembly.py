@@ -18,8 +18,9 @@ SUBSTEPS_FORCED = 8
 
 
 def compile_plant(
-    rig: Rig, sample_time_s: float, substeps: int = 0, event_levels: int = 16, imposed: bool = False
-) -> Plant:
+    rig: Rig, sample_time_s: float, substeps: int = 0, event_levels: int = 16, imposed: bool = False,
+    where_forced: tuple[int, int] | None = None,
+) -> Plant:  # fmt: skip
     """Compile a rig for the simulation.
 
     Parameters
@@ -29,6 +30,7 @@ def compile_plant(
     substeps : steps a sample; 0 chooses 1 where the linear solution is exact, else SUBSTEPS_FORCED.
     event_levels : a contact is located to ``sample_time_s / substeps / 2**event_levels``.
     imposed : drive the gear with a given motor angle instead of the simulated motor. A positioner always imposes.
+    where_forced : substeps and event levels instead of those where forces act beside the linear plant.
 
     Source: exponential time differencing of second order with a ramp (Cox & Matthews, J. Comput. Phys. 176
     (2002) 430), exact for the linear part and for inputs that are constant or linear in a step.
@@ -38,6 +40,8 @@ def compile_plant(
     circuit = None if imposed else rig.only("motor_circuit")
     first_aux = (1 if circuit else 0) + 2 * len(parts.bodies.names)
     entries = _entries(parts, circuit, first_aux)
+    if where_forced and entries.forced:
+        substeps, event_levels = where_forced
     substeps = substeps or (SUBSTEPS_FORCED if entries.forced else 1)
     screw = _screw_row(parts)
     A, G = _continuous(parts, circuit, entries.decays, screw)

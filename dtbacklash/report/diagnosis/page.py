@@ -20,6 +20,7 @@ from dtbacklash.diagnose.result import (
     Recalibrated,
 )
 from dtbacklash.diagnose.save import save
+from dtbacklash.diagnose.words import named_in_words, other_in_words, place_in_words
 from dtbacklash.files import json_text
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
@@ -31,10 +32,7 @@ from dtbacklash.report.diagnosis.words import (
     better_model,
     capital,
     heading,
-    named_in_words,
-    other_in_words,
     partial,
-    place_in_words,
 )
 from dtbacklash.report.kit.intervals import degrees, interval
 from dtbacklash.report.kit.numbers import number

@@ -5,7 +5,8 @@ from __future__ import annotations
 from rich.text import Text
 
 from dtbacklash.diagnose.result import Diagnosis
-from dtbacklash.report.diagnosis.words import heading, listed, other_in_words, partial
+from dtbacklash.diagnose.words import other_in_words
+from dtbacklash.report.diagnosis.words import heading, listed, partial
 from dtbacklash.report.kit.intervals import interval
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, Alternative, Diagnosis, Finding
+from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, Diagnosis, Finding
+from dtbacklash.diagnose.words import place_in_words
 from dtbacklash.physics.effects.declare import name_in_words
-from dtbacklash.physics.rig import SENSOR_PREFIX
 
 
 def heading(diagnosis: Diagnosis) -> str:
@@ -21,24 +21,6 @@ def heading(diagnosis: Diagnosis) -> str:
     where = f" at the {place_in_words(diagnosis.located.location)}" if diagnosis.located else ""
     rest = f"beside {listed(named)}, " if named else ""
     return f"Unexplained: {rest}something acts{where} that the catalogue does not hold"
-
-
-def place_in_words(location: str) -> str:
-    """``sensor_q3`` is ``sensor q3`` (its name stays as it is), ``motor_bearing`` is ``motor bearing``."""
-    if location.startswith(SENSOR_PREFIX):
-        return "sensor " + location.removeprefix(SENSOR_PREFIX)
-    return name_in_words(location)
-
-
-def named_in_words(effect: str, location: str) -> str:
-    """``Coulomb friction at the motor bearing``; without an effect, something unexplained."""
-    return f"{name_in_words(effect) if effect else 'something unexplained'} at the {place_in_words(location)}"
-
-
-def other_in_words(other: Alternative) -> str:
-    """What cannot be told from a finding, and why no recording can where that is known."""
-    named = named_in_words(other.effect, other.location)
-    return f"{named} ({other.reason})" if other.reason else named
 
 
 def partial(finding: Finding) -> str:

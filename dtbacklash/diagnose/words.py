@@ -1,0 +1,23 @@
+"""Places and effects as a person would write them."""
+
+from dtbacklash.diagnose.result import Alternative
+from dtbacklash.physics.effects.declare import name_in_words
+from dtbacklash.physics.rig import SENSOR_PREFIX
+
+
+def place_in_words(location: str) -> str:
+    """``sensor_q3`` is ``sensor q3`` (its name stays as it is), ``motor_bearing`` is ``motor bearing``."""
+    if location.startswith(SENSOR_PREFIX):
+        return "sensor " + location.removeprefix(SENSOR_PREFIX)
+    return name_in_words(location)
+
+
+def named_in_words(effect: str, location: str) -> str:
+    """``Coulomb friction at the motor bearing``; without an effect, something unexplained."""
+    return f"{name_in_words(effect) if effect else 'something unexplained'} at the {place_in_words(location)}"
+
+
+def other_in_words(other: Alternative) -> str:
+    """What cannot be told from a finding, and why no recording can where that is known."""
+    named = named_in_words(other.effect, other.location)
+    return f"{named} ({other.reason})" if other.reason else named
