@@ -235,33 +235,29 @@ def fit(
 def _solve(problem: Problem, x: Floats, bounds: Floats, evaluations: int) -> Floats:
     """The least squares from ``x`` on.
 
-    The solver takes its first trust region from where it starts: at 0 it is a step that hardly changes anything, and
-    most evaluations go into doubling it. So it is handed variables that start at 1, which for all of them is a natural
-    step: a tolerance, a factor of e, twice the size.
+    Along directions that only the priors determine, differences are too rough to tell the last steps: the solver would
+    spend most evaluations on shrinking them. Two evaluations that are as good as the same end it.
     """
-    shift = 1.0 - x
     least, best = np.inf, x
 
     def rows(at: Floats) -> Floats:
         nonlocal least, best
-        there = _guarded(problem.stack(problem.residuals(at - shift), at - shift))
+        there = _guarded(problem.stack(problem.residuals(at), at))
         cost = float(there @ there)
         settled = abs(cost - least) < FTOL * least
         if cost < least:
-            least, best = cost, at - shift
+            least, best = cost, at.copy()
         if settled:
             raise StopIteration
         return there
 
+    def columns(at: Floats) -> Floats:
+        return _guarded(problem.jacobian(at))
+
     try:
-        least_squares(
-            rows, x + shift, lambda at: _guarded(problem.jacobian(at - shift)), tuple(bounds + shift),
-            max_nfev=evaluations, x_scale="jac", ftol=FTOL, xtol=1e-6,
-        )  # fmt: skip
-    except (UserError, np.linalg.LinAlgError):
-        return x
-    except StopIteration:
-        pass
+        least_squares(rows, x, columns, tuple(bounds), max_nfev=evaluations, x_scale="jac", ftol=FTOL, xtol=1e-6)
+    except (UserError, np.linalg.LinAlgError, StopIteration):
+        pass  # it ran away, or has settled: what was best stands
     return best
 
 
