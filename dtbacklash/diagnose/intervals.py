@@ -6,13 +6,14 @@ itself is one formulation of several: the catalogue says what that is worth.
 """
 
 import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.free import all_free
-from dtbacklash.diagnose.refit import Fit, Problem
+from dtbacklash.diagnose.free import Errors, all_free, apply, penalty_of
+from dtbacklash.diagnose.refit import Fit, Problem, weights_for
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.catalogue import find
 
@@ -26,20 +27,60 @@ LEAST_SEEN, PASSES = 3, 3
 NORMAL95 = 1.96
 
 
-def standard_errors(evidence: Evidence, fitted: Fit) -> dict[tuple[str, str, str], float]:
-    """(place, effect, name) -> standard error, in the parameter's unit; ('', '', name) for a nominal one."""
+@dataclass(frozen=True)
+class Linear:
+    """A fit's problem, linear about where it ended: rows, and what each free parameter changes in them."""
+
+    problem: Problem
+    x: Floats
+    jacobian: Floats
+    rows: Floats
+
+
+def linear(evidence: Evidence, fitted: Fit) -> Linear:
+    """What a fit is about where it ended."""
     free, x = all_free(evidence, fitted.rig)
-    if not free:
-        return {}
     problem = Problem(evidence, fitted.rig, free)
     problem.weights = fitted.weights
+    rows = problem.stack(problem.residuals(x), x)
+    if not free:
+        return Linear(problem, x, np.zeros((len(rows), 0)), rows)
     # where the simulation ran away on one side of a difference, the row says nothing
     jacobian, rows = (
-        np.nan_to_num(part, nan=0.0, posinf=0.0, neginf=0.0)
-        for part in (problem.precise_jacobian(x), problem.stack(problem.residuals(x), x))
+        np.nan_to_num(part, nan=0.0, posinf=0.0, neginf=0.0) for part in (problem.precise_jacobian(x), rows)
     )
-    jacobian = _along_the_least_seen(problem, x, jacobian)
-    covariance = _covariance(evidence, problem, jacobian, rows)
+    return Linear(problem, x, _along_the_least_seen(problem, x, jacobian), rows)
+
+
+def polished(evidence: Evidence, fitted: Fit) -> tuple[Fit, Linear]:
+    """The fit after one step more, by precise differences, where that is nearer; and what it is about there.
+
+    Along what only the priors know a fit stops anywhere within them, as its rough differences do not show where their
+    middle is.
+    """
+    about = linear(evidence, fitted)
+    problem = about.problem
+    if not problem.free:
+        return fitted, about
+    low, high = np.array([f.limits() for f in problem.free]).T
+    x = np.clip(about.x - _inverse(about.jacobian) @ (about.jacobian.T @ about.rows), low, high)
+    residuals = problem.residuals(x)
+    rows = problem.stack(residuals, x)
+    if not np.isfinite(rows).all() or rows @ rows >= about.rows @ about.rows:
+        return fitted, about
+    rig = apply(problem.base, problem.free, x)
+    penalty = penalty_of(rig, evidence.nominal)
+    better = Fit(rig, problem.base, problem.free, x, residuals, penalty, weights_for(evidence, residuals))
+    return better, replace(about, x=x, rows=rows)
+
+
+def standard_errors(evidence: Evidence, fitted: Fit, about: Linear | None = None) -> Errors:
+    """(place, effect, name) -> standard error, in the parameter's unit; ('', '', name) for a nominal one."""
+    about = about or linear(evidence, fitted)
+    free, x = about.problem.free, about.x
+    if not free:
+        return {}
+    covariance = _covariance(evidence, about.problem, about.jacobian, about.rows)
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     result = {}
     for f, at, error in zip(free, x, errors, strict=True):

@@ -81,8 +81,8 @@ def _sure(found: Search) -> Errors:
     while key := raises_the_error(found.evidence, found.nominal, found.fitted, found.order):
         drop(found, key, "the held-out error rises with it")
     while True:
-        slow, fitted = refit_slowly(found.evidence, found)
-        errors = standard_errors(slow, fitted)
+        slow, fitted, about = refit_slowly(found.evidence, found)
+        errors = standard_errors(slow, fitted, about)
         key = insignificant(found.evidence, fitted.rig, found.order, errors)
         if key is None:
             return errors

@@ -28,8 +28,6 @@ STALE = 0.05
 SMALLER_STEPS, SAME_COLUMN = 3, 1e-4
 #: where the difference of two steps' columns grows by more with the next one, they show the contacts' last tick
 TICKS_GROW = 3.0
-#: two evaluations whose sums of squares differ by less, relatively, are the same: the fit has settled
-FTOL = 1e-4
 #: a delay is moved by at least so much of a sample, unless its logarithm would by more than this
 DELAY_STEP_SAMPLES, DELAY_STEP_MAX = 0.05, 0.5
 
@@ -247,30 +245,29 @@ def fit(
 
 
 def _solve(problem: Problem, x: Floats, bounds: Floats, evaluations: int) -> Floats:
-    """The least squares from ``x`` on.
+    """The least squares from ``x`` on; where the simulation cannot go on, the best that was seen.
 
-    Along directions that only the priors determine, differences are too rough to tell the last steps: the solver would
-    spend most evaluations on shrinking them. Two evaluations that are as good as the same end it.
+    The solver takes its first trust region from how far from 0 it starts, and a fit starts at 0. So it is handed
+    variables that start at 1, which is a natural step of all of them: a tolerance, a factor of e, twice the size.
     """
-    least, best = np.inf, x
+    least, best, shift = np.inf, x, 1.0 - x
 
     def rows(at: Floats) -> Floats:
         nonlocal least, best
+        at = at - shift
         there = _guarded(problem.stack(problem.residuals(at), at))
         cost = float(there @ there)
-        settled = abs(cost - least) < FTOL * least
         if cost < least:
-            least, best = cost, at.copy()
-        if settled:
-            raise StopIteration
+            least, best = cost, at
         return there
 
     def columns(at: Floats) -> Floats:
-        return _guarded(problem.jacobian(at))
+        return _guarded(problem.jacobian(at - shift))
 
-    # it runs away, or has settled: what was best stands
-    with suppress(UserError, np.linalg.LinAlgError, StopIteration):
-        least_squares(rows, x, columns, tuple(bounds), max_nfev=evaluations, x_scale="jac", ftol=FTOL, xtol=1e-6)
+    with suppress(UserError, np.linalg.LinAlgError):
+        least_squares(
+            rows, x + shift, columns, tuple(bounds + shift), max_nfev=evaluations, x_scale="jac", ftol=1e-4, xtol=1e-6
+        )
     return best
 
 

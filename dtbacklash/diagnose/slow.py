@@ -10,6 +10,7 @@ from dtbacklash.diagnose.compare import Block
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.floor import noise_floor
 from dtbacklash.diagnose.free import penalty_of
+from dtbacklash.diagnose.intervals import Linear, polished
 from dtbacklash.diagnose.name import refit_with
 from dtbacklash.diagnose.refit import Fit, weights_for
 from dtbacklash.diagnose.settings import settings
@@ -35,18 +36,19 @@ def _seen_by(evidence: Evidence, fitted: Fit) -> Fit:
     return replace(fitted, residuals=residuals, penalty=penalty, weights=weights_for(evidence, residuals))
 
 
-def refit_slowly(evidence: Evidence, found: Search) -> tuple[Evidence, Fit]:
-    """Refit what was found with the slow pull; the search's last fit takes over its parameters.
+def refit_slowly(evidence: Evidence, found: Search) -> tuple[Evidence, Fit, Linear]:
+    """Refit what was found with the slow pull, and polish it; the search's last fit takes over its parameters.
 
     Returns
     -------
-    The evidence and the fit from which the intervals are taken.
+    The evidence, the fit from which the intervals are taken, and what it is about where it ended.
     """
     slow = slow_evidence(evidence)
     if slow is evidence or not found.order:
-        return evidence, found.fitted
+        found.fitted, about = polished(evidence, found.fitted)
+        return evidence, found.fitted, about
     start = _seen_by(slow, found.fitted)
     effects = [(key, start.effects[key]) for key in found.order]
-    fitted = refit_with(slow, start, effects, rounds=3)
+    fitted, about = polished(slow, refit_with(slow, start, effects, rounds=3))
     found.fitted = _seen_by(evidence, fitted)
-    return slow, fitted
+    return slow, fitted, about
