@@ -20,8 +20,10 @@ from dtbacklash.physics.catalogue import find
 #: of a direction that the recording hardly sees, differences are taken this far to both sides: in tolerances, or as
 #: logarithms, where the differences of single parameters are a hundredth of that
 WIDE = (0.05, 0.3)
-#: so many of the least seen directions are measured at once, so often
-LEAST_SEEN, PASSES = 3, 3
+#: so many of the least seen directions are measured at once, so often, until none changes by more than this share
+LEAST_SEEN, PASSES, MOVED = 3, 5, 0.3
+#: two wide differences agree that differ by less than this share
+AGREE = 0.5
 
 #: standard errors to each side of a 95 % interval
 NORMAL95 = 1.96
@@ -96,7 +98,7 @@ def _along_the_least_seen(problem: Problem, x: Floats, jacobian: Floats) -> Floa
 
     Where all forces, masses and springs grow alike nothing changes, but the columns' errors do not cancel as the
     columns do: laws with corners make the recording look as if it had seen what only the priors know. A wide step along
-    such a direction has little of that error; of several the least is taken, as errors only add.
+    such a direction has little of that error.
     """
     limits = np.array([f.limits() for f in problem.free]).T
     jacobian = jacobian.copy()
@@ -104,18 +106,27 @@ def _along_the_least_seen(problem: Problem, x: Floats, jacobian: Floats) -> Floa
         norms = np.linalg.norm(jacobian, axis=0)
         norms = np.where(norms > 0.0, norms, 1.0)
         directions = np.linalg.svd(jacobian / norms, full_matrices=False)[2]
-        changed = False
+        moved = 0.0
         for unit in directions[::-1][:LEAST_SEEN]:
             step = unit / norms
             size = float(np.abs(step).max())
             before = jacobian @ step
-            measured = [size * _difference(problem, x, step / size, h, limits) for h in WIDE]
-            least = min([before, *measured], key=lambda rows: float(rows @ rows))
-            changed = changed or float(least @ least) < 0.25 * float(before @ before)
-            jacobian += np.outer(least - before, unit * norms)
-        if not changed:
+            there = _agreed(before, *(size * _difference(problem, x, step / size, h, limits) for h in WIDE))
+            moved = max(moved, float(np.linalg.norm(there - before) / np.linalg.norm(before)))
+            jacobian += np.outer(there - before, unit * norms)
+        if moved < MOVED:
             break
     return jacobian
+
+
+def _agreed(before: Floats, near: Floats, far: Floats) -> Floats:
+    """What changes along a direction: by the wide steps where they agree, else by whatever says least.
+
+    Errors of differences only add to what changes, unless the columns are those of a law that sticks at small steps.
+    """
+    if np.isfinite(far).all() and np.linalg.norm(far - near) < AGREE * np.linalg.norm(far):
+        return far
+    return min((before, near), key=lambda rows: float(rows @ rows))
 
 
 def _difference(problem: Problem, x: Floats, direction: Floats, wide: float, limits: Floats) -> Floats:
