@@ -3,17 +3,21 @@
 import numpy as np
 import pytest
 
+from dtbacklash.config.compose import compose
+from dtbacklash.diagnose import Record
 from dtbacklash.diagnose.delays import delay_grid
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.free import all_free, nominal_free
-from dtbacklash.diagnose.intervals import standard_errors
+from dtbacklash.diagnose.free import all_free, nominal_free, standing
+from dtbacklash.diagnose.intervals import polished, standard_errors
 from dtbacklash.diagnose.locate import Bank
 from dtbacklash.diagnose.name import refit_with, scores_about
 from dtbacklash.diagnose.refit import Problem, fit
 from dtbacklash.diagnose.trials import Search
 from dtbacklash.physics.effects.declare import FORMULATION_ERROR
+from dtbacklash.physics.rig import build_rig
+from dtbacklash.physics.simulate import simulate
 
-from .conftest import recorded
+from .conftest import STEP_S, command, recorded
 
 
 def test_masses_and_springs_that_grow_alike_cannot_be_seen(rig):
@@ -37,6 +41,37 @@ def test_a_torque_is_known_as_well_as_the_torque_constant(rig):
     errors = standard_errors(evidence, fitted)
     assert errors["motor_bearing", "cogging", "torque"] > 0.01 * 0.03
     assert errors["motor_bearing", "cogging", "periods"] < 1e-3 * 14.0
+
+
+@pytest.mark.parametrize(("force", "speed"), [(1.0, 0.01), (2.0, 0.01), (1.0, 0.002)])
+def test_friction_with_a_corner_does_not_make_a_mass_known_that_only_its_prior_knows(force, speed):
+    """By differences of single parameters the force and the masses were known three times better than they can be."""
+    stage, there = build_rig(compose("rig=two_mass_stage").rig), {"force": force, "speed": speed}
+    truth = stage.with_effect("carriage", "stribeck_friction", there)
+    u, rng = 2.0 / force * command(6.0, 1), np.random.default_rng(1)
+    shown = simulate(truth, u[:-1], STEP_S).sensors
+    train = np.arange(len(u)) < 0.7 * len(u)
+    y = {name: shown[name] + rng.normal(0.0, 1e-6, len(u)) for name in ("x_c", "x_t")}
+    evidence = Evidence.gather(stage, [Record(STEP_S, u, y, train, ~train)])
+    fitted = refit_with(
+        evidence, fit(evidence, stage, nominal_free(stage)), [(("carriage", "stribeck_friction"), there)]
+    )
+    errors, tolerances = standard_errors(evidence, fitted), stage.config.parameters
+    expected = 1.0 / np.sqrt(sum(1.0 / tolerances[n].tolerance ** 2 for n in ("K_f", "m_c", "m_t", "k", "c")))
+    for name in ("K_f", "m_c", "m_t", "k"):
+        assert errors["", "", name] / tolerances[name].value == pytest.approx(expected, rel=0.1)
+
+
+def test_what_only_the_priors_know_ends_in_their_middle(rig):
+    """A fit stops anywhere along the direction in which masses, springs and dampers grow alike."""
+    evidence = Evidence.gather(rig, [recorded(rig)])
+    free = nominal_free(rig)
+    grown = rig.with_parameters({n: 1.04 * rig.config.parameters[n].value for n in ("m", "k", "c")})
+    away = fit(evidence, grown, free, np.array([standing(f, grown) for f in free]), rounds=0)
+    better, about = polished(evidence, away)
+    assert better.penalty < 0.2 < away.penalty
+    assert all(abs(standing(f, better.rig)) < 0.3 for f in free if f.name in ("m", "k", "c"))
+    assert np.array_equal(about.x, better.x)
 
 
 def test_the_law_is_one_formulation_of_several(rig):
@@ -103,9 +138,6 @@ def test_the_floor_of_a_rough_signal_is_lowered_by_what_a_model_leaves(rig):
     record = recorded(rig)
     rng = np.random.default_rng(4)
     command = np.repeat(rng.uniform(-3, 3, record.samples // 3 + 1), 3)[: record.samples]
-    from dtbacklash.diagnose import Record
-    from dtbacklash.physics.simulate import simulate
-
     shown = simulate(rig, command[:-1], record.sample_time_s).sensors
     measured = {"theta_m": shown["theta_m"], "i_m": shown["i_m"] + rng.normal(0, 1e-4, record.samples)}
     evidence = Evidence.gather(rig, [Record(record.sample_time_s, command, measured, record.train, record.held)])
