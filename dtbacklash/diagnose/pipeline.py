@@ -31,7 +31,7 @@ from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.show import shown
 from dtbacklash.diagnose.slow import refit_slowly
 from dtbacklash.diagnose.spread import on_cores
-from dtbacklash.diagnose.trial import insignificant, raises_the_error, spoils_the_free_run
+from dtbacklash.diagnose.trial import insignificant, objections, raises_the_error, spoils_the_free_run
 from dtbacklash.diagnose.trials import Search
 from dtbacklash.diagnose.verdict import decide, depends_on, moved_parameters, remaining
 from dtbacklash.errors import UserError
@@ -82,6 +82,10 @@ def _sure(found: Search) -> Errors:
         drop(found, key, "the held-out error rises with it")
     while True:
         slow, fitted, about = refit_slowly(found.evidence, found)
+        if out_of_sight := objections(found.evidence, found.fitted.rig, found.order):
+            key, why = out_of_sight.popitem()
+            drop(found, key, f"fitted to all, {why}")
+            continue
         errors = standard_errors(slow, fitted, about)
         key = insignificant(found.evidence, fitted.rig, found.order, errors)
         if key is None:

@@ -32,6 +32,12 @@ def objection(evidence: Evidence, rig: Rig, key: Key) -> str:
     return ""
 
 
+def objections(evidence: Evidence, rig: Rig, order: list[Key]) -> dict[Key, str]:
+    """The findings that are not believed where the last fit has brought them, each with its reason."""
+    reasons = {key: objection(evidence, rig, key) for key in order}
+    return {key: why for key, why in reasons.items() if why}
+
+
 def spoils_the_free_run(evidence: Evidence, nominal: Fit, fitted: Fit, order: list[Key]) -> Key | None:
     """The finding without which the free simulation is best, where it is worse with all of them than with none.
 

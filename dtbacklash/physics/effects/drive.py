@@ -90,6 +90,15 @@ def late(kind: str, sentence: str, law_text: str) -> Effect:
     )  # fmt: skip
 
 
+def _limits_seen(place: Place) -> dict[str, tuple[float, float]]:
+    """A limit that clips nearly all of the command is none: it switches the drive off, or is its gain."""
+    size = np.abs(place.command)
+    largest = float(size.max(initial=0.0))
+    if largest == 0.0:
+        return {"limit": (0.0, 0.0)}
+    return {"limit": (min(float(np.quantile(size[size > 0.0], 1.0 - PASSING)), 0.5 * largest), largest)}
+
+
 EFFECTS = [
     Effect(
         "saturation", "amplifier", (Parameter("limit", "V", 1e-3, INF, 3.0, INF, role=Role.SIZE),),
@@ -97,7 +106,7 @@ EFFECTS = [
         "The {location} clips the voltage at {limit}.",
         conceal=lambda place, sign: (0.9, 0.3), starts=_limits,
         strength=lambda place, strength: _largest(place) * (1.0 - strength),
-        visible=lambda place: {"limit": (0.0, float(np.abs(place.command).max(initial=0.0)))},
+        visible=_limits_seen,
         formulation_error=CORNER_ERROR,
     ),
     Effect(

@@ -1,5 +1,7 @@
 """What a name has to stand, on machines of an independent simulator: bounds, free simulation, intervals, free form."""
 
+from dataclasses import replace
+
 import machines as m
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import nominal_free
 from dtbacklash.diagnose.parts import divided, for_judgement, marked
 from dtbacklash.diagnose.refit import fit
-from dtbacklash.diagnose.trial import _rises, objection, spoils_the_free_run
+from dtbacklash.diagnose.trial import _rises, objection, objections, spoils_the_free_run
 from dtbacklash.physics.effects.declare import Place
 from dtbacklash.physics.rig import Rig
 
@@ -53,6 +55,29 @@ def test_a_dead_zone_wider_than_the_commands_is_out_of_sight(carriage, dry):
     assert evidence.bounds(key)["half_width"] == (0.0, pytest.approx(widest))
     assert "half width" in objection(evidence, carriage.with_effect(*key, {"half_width": float(widest)}), key)
     assert not objection(evidence, carriage.with_effect(*key, {"half_width": 0.5 * float(widest)}), key)
+
+
+def test_a_limit_below_nearly_all_commands_is_out_of_sight(carriage, dry):
+    evidence = Evidence.gather(carriage, [dry])
+    key, lowest = ("amplifier", "saturation"), np.quantile(np.abs(dry.u[dry.u != 0.0]), 0.02)
+    assert evidence.bounds(key)["limit"] == pytest.approx((lowest, np.abs(dry.u).max()))
+    assert "limit" in objection(evidence, carriage.with_effect(*key, {"limit": float(lowest)}), key)
+    assert not objection(evidence, carriage.with_effect(*key, {"limit": 10.0 * float(lowest)}), key)
+
+
+def test_what_the_last_fit_has_brought_out_of_sight_is_not_believed(carriage, dry):
+    evidence = Evidence.gather(carriage, [dry])
+    zone, limit = ("amplifier", "dead_zone"), ("amplifier", "saturation")
+    lowest = evidence.bounds(limit)["limit"][0]
+    rig = carriage.with_effect(*zone, {"half_width": 0.3}).with_effect(*limit, {"limit": lowest})
+    reasons = objections(evidence, rig, [zone, limit])
+    assert list(reasons) == [limit]
+    assert "its limit stands where" in reasons[limit]
+
+
+def test_of_a_square_wave_a_limit_is_seen_down_to_half_of_it(carriage, dry):
+    square = replace(dry, u=2.0 * np.sign(dry.u))
+    assert Evidence.gather(carriage, [square]).bounds(("amplifier", "saturation"))["limit"] == (1.0, 2.0)
 
 
 def test_an_error_rises_by_more_than_chance_or_not_at_all(carriage, dry):
