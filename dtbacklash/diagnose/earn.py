@@ -24,13 +24,13 @@ def paired(evidence: Evidence, before: Fit, after: Fit) -> tuple[float, float, f
     least, passed = evidence.least(), evidence.passed()
     compared = _compared(evidence, before.residuals, after.residuals)
     for name, first, second in compared:
-        mean = np.maximum(first.mean(axis=1), 1.0)
         fall = (first - second).mean(axis=1)
-        falls.append(float(np.sum(fall / mean)))
+        relative, over = _relative(first.mean(axis=1), fall)
+        falls.append(relative)
+        excess.append(over)
         worthy = fall - settings().earn_counts_share * passed[name]
         # an exact sensor's channel has to fall by what the method itself leaves
         worth.append(float(np.max(np.where((least[name] > 1.0) & (worthy < least[name]), 0.0, worthy))))
-        excess.append(float(np.sum(np.maximum(first.mean(axis=1) - 1.0, settings().earn_floors) / mean)))
     if not falls:
         return 0.0, 0.0, 0.0
     share = max(sum(falls) / sum(excess), _fitted_share(evidence, before, after, [name for name, _, _ in compared]))
@@ -42,10 +42,15 @@ def _fitted_share(evidence: Evidence, before: Fit, after: Fit, names: list[str])
     falls, excess = 0.0, 0.0
     first, second = (evidence.mean_square(fitted.residuals, "train") for fitted in (before, after))
     for name in names:
-        mean = np.maximum(first[name], 1.0)
-        falls += float(np.sum((first[name] - second[name]) / mean))
-        excess += float(np.sum(np.maximum(first[name] - 1.0, settings().earn_floors) / mean))
+        relative, over = _relative(first[name], first[name] - second[name])
+        falls, excess = falls + relative, excess + over
     return falls / excess
+
+
+def _relative(before: Floats, fall: Floats) -> tuple[float, float]:
+    """A fall of mean squares, and their excess over the floor, each relative to them and summed over the channels."""
+    mean = np.maximum(before, 1.0)
+    return float(np.sum(fall / mean)), float(np.sum(np.maximum(before - 1.0, settings().earn_floors) / mean))
 
 
 def significance(evidence: Evidence, before: Residuals, after: Residuals) -> float:

@@ -7,12 +7,13 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.begun import begun
 from dtbacklash.diagnose.candidates import PlacesInMotion
-from dtbacklash.diagnose.compare import Block, Mask, Record, Steps, cut, guided, places_of, residual
+from dtbacklash.diagnose.compare import Block, Record, Steps, cut, guided, places_of, residual
 from dtbacklash.diagnose.floor import Noise, channel_noise, noise_floor
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Bounds
 from dtbacklash.physics.rig import Rig
+from dtbacklash.recording.channels import runs
 
 #: residuals beyond this many floors are all the same: the simulation ran away
 RUNAWAY = 1e9
@@ -30,12 +31,6 @@ def stretch_of(records: list[Record]) -> int:
 def _finite(residuals: Floats) -> Floats:
     """Residuals of which none is beyond RUNAWAY, also where the simulation overflowed."""
     return np.clip(np.nan_to_num(residuals, nan=RUNAWAY, posinf=RUNAWAY, neginf=-RUNAWAY), -RUNAWAY, RUNAWAY)
-
-
-def _spans(mask: Mask) -> list[slice]:
-    """Where a mask holds, as slices: of those that take turns a few, which copy faster than a mask does."""
-    edges = np.flatnonzero(np.diff(mask.view(np.int8), prepend=0, append=0))
-    return [slice(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 @dataclass
@@ -132,9 +127,10 @@ class Evidence:
 
     def rows(self, residuals: Residuals, name: str, part: str) -> Floats:
         """(channels, samples) of one block's residuals in a part: ``train`` or ``held``."""
+        # parts take turns in a few runs, which copy faster than by a mask
         chosen = [
-            e[span]
-            for e, r in zip(residuals[name], self.records, strict=True) for span in _spans(getattr(r, part))
+            e[a:b]
+            for e, r in zip(residuals[name], self.records, strict=True) for a, b in runs(getattr(r, part))
         ]  # fmt: skip
         if not chosen:
             return np.zeros((residuals[name][0].shape[1], 0))

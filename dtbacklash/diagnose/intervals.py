@@ -12,8 +12,8 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.free import Errors, all_free, apply, penalty_of
-from dtbacklash.diagnose.refit import Fit, Problem, weights_for
+from dtbacklash.diagnose.free import Errors, all_free
+from dtbacklash.diagnose.refit import Fit, Problem
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.catalogue import find
 
@@ -66,14 +66,10 @@ def polished(evidence: Evidence, fitted: Fit) -> tuple[Fit, Linear]:
         return fitted, about
     low, high = np.array([f.limits() for f in problem.free]).T
     x = np.clip(about.x - _inverse(about.jacobian) @ (about.jacobian.T @ about.rows), low, high)
-    residuals = problem.residuals(x)
-    rows = problem.stack(residuals, x)
+    rows = problem.stack(problem.residuals(x), x)
     if not np.isfinite(rows).all() or rows @ rows >= about.rows @ about.rows:
         return fitted, about
-    rig = apply(problem.base, problem.free, x)
-    penalty = penalty_of(rig, evidence.nominal)
-    better = Fit(rig, problem.base, problem.free, x, residuals, penalty, weights_for(evidence, residuals))
-    return better, replace(about, x=x, rows=rows)
+    return problem.ended(x), replace(about, x=x, rows=rows)
 
 
 def standard_errors(evidence: Evidence, fitted: Fit, about: Linear | None = None) -> Errors:
@@ -103,15 +99,14 @@ def _along_the_least_seen(problem: Problem, x: Floats, jacobian: Floats) -> Floa
     limits = np.array([f.limits() for f in problem.free]).T
     jacobian = jacobian.copy()
     for _ in range(PASSES):
-        norms = np.linalg.norm(jacobian, axis=0)
-        norms = np.where(norms > 0.0, norms, 1.0)
-        directions = np.linalg.svd(jacobian / norms, full_matrices=False)[2]
+        norms, _, directions = _decomposed(jacobian)
         moved = 0.0
         for unit in directions[::-1][:LEAST_SEEN]:
             step = unit / norms
             size = float(np.abs(step).max())
             before = jacobian @ step
-            there = _agreed(before, *(size * _difference(problem, x, step / size, h, limits) for h in WIDE))
+            ends = (size * _difference(problem, x, step / size, h, limits, len(before)) for h in WIDE)
+            there = _agreed(before, *ends)
             moved = max(moved, float(np.linalg.norm(there - before) / np.linalg.norm(before)))
             jacobian += np.outer(there - before, unit * norms)
         if moved < MOVED:
@@ -129,11 +124,11 @@ def _agreed(before: Floats, near: Floats, far: Floats) -> Floats:
     return min((before, near), key=lambda rows: float(rows @ rows))
 
 
-def _difference(problem: Problem, x: Floats, direction: Floats, wide: float, limits: Floats) -> Floats:
-    """What changes along a direction, per unit of it, by a central difference; infinite if it has no room or breaks."""
+def _difference(problem: Problem, x: Floats, direction: Floats, wide: float, limits: Floats, rows: int) -> Floats:
+    """(rows,) what changes along a direction, per unit of it, by a central difference; infinite without room."""
     ends = [x + sign * wide * direction for sign in (-1.0, 1.0)]
     if any(np.any(end < limits[0]) or np.any(end > limits[1]) for end in ends):
-        return np.full(len(problem.stack(problem.residuals(x), x)), np.inf)
+        return np.full(rows, np.inf)
     low, high = (problem.stack(problem.residuals(end), end) for end in ends)
     change: Floats = (high - low) / (2.0 * wide)
     return change
@@ -149,11 +144,17 @@ def _counted(evidence: Evidence) -> float:
     return max(counts, default=0.0) / (2.0 * math.sqrt(12.0))
 
 
-def _inverse(jacobian: Floats) -> Floats:
-    """Inverse of J'J, by J's singular values: columns differ by many decades, and some directions only priors see."""
+def _decomposed(jacobian: Floats) -> tuple[Floats, Floats, Floats]:
+    """Norms of the columns, and of what they are without these the singular values and the rows of directions."""
     norms = np.linalg.norm(jacobian, axis=0)
     norms = np.where(norms > 0.0, norms, 1.0)  # what changes nothing is known to no digit
     _, sizes, directions = np.linalg.svd(jacobian / norms, full_matrices=False)
+    return norms, sizes, directions
+
+
+def _inverse(jacobian: Floats) -> Floats:
+    """Inverse of J'J, by J's singular values: columns differ by many decades, and some directions only priors see."""
+    norms, sizes, directions = _decomposed(jacobian)
     scaled = directions.T / np.maximum(sizes, 1e-12 * sizes[0]) / norms[:, None]
     inverse: Floats = scaled @ scaled.T
     return inverse

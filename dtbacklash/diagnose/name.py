@@ -7,6 +7,7 @@ and each is tried without in the end.
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from operator import call
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from dtbacklash.diagnose.free import (
     nominal_free,
     standing,
 )
-from dtbacklash.diagnose.locate import Score, bank
+from dtbacklash.diagnose.locate import Bank, Score, bank
 from dtbacklash.diagnose.own import own_parameter, shared
 from dtbacklash.diagnose.propose import (
     apart,
@@ -174,10 +175,14 @@ def _listen(found: Search) -> None:
 
 def scores_about(evidence: Evidence, found: Search) -> list[Score]:
     """The bank about the last fit, without what has been refused."""
-    listed = candidates(found.fitted.rig, evidence.blocks, evidence.moving)
-    signatures, scores = bank(evidence, found.fitted, [c for c in listed if c.key not in found.refused])
+    signatures, scores = _bank_about(evidence, found, found.fitted)
     found.last = Asked(evidence, scores, signatures.residual)
     return scores
+
+
+def _bank_about(evidence: Evidence, found: Search, fitted: Fit) -> tuple[Bank, list[Score]]:
+    listed = candidates(fitted.rig, evidence.blocks, evidence.moving)
+    return bank(evidence, fitted, [c for c in listed if c.key not in found.refused])
 
 
 def _try(evidence: Evidence, current: Fit, score: Score) -> Trial:
@@ -211,8 +216,9 @@ def _add(evidence: Evidence, found: Search) -> bool:
         t for t in trials[:rules.full_fits]
         if t.held_out < far * trials[0].held_out and hopeful(evidence, current, t.fitted)
     ]  # fmt: skip
-    finished = spread(partial(_finish, evidence, current, near=True), rest)
-    finished += spread(partial(_finish, evidence, current), runners_up(found, rest))
+    full = [partial(_finish, evidence, current, t, near=True) for t in rest]
+    full += [partial(_finish, evidence, current, t) for t in runners_up(found, rest)]
+    finished = spread(call, full)
     trials = [*finished, *(t for t in trials if t.key not in {f.key for f in finished})]
     trials += spread(partial(_try, evidence, current), siblings(evidence, scores, trials))
     for trial in trials:
@@ -248,8 +254,7 @@ def _add_pair(evidence: Evidence, found: Search, trials: list[Trial]) -> bool:
         and not objection(evidence, t.fitted.rig, t.key)
     ]  # fmt: skip
     for first in able[: rules.pair_firsts]:
-        listed = candidates(first.fitted.rig, evidence.blocks, evidence.moving)
-        scores = bank(evidence, first.fitted, [c for c in listed if c.key not in found.refused])[1]
+        scores = _bank_about(evidence, found, first.fitted)[1]
         quick = spread(partial(_try, evidence, first.fitted), promising(evidence, scores)[: rules.quick_fits])
         quick.sort(key=lambda t: merit(evidence, t.fitted))
         beside = spread(partial(_finish, evidence, first.fitted, near=True), quick[: rules.full_fits])

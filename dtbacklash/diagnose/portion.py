@@ -11,11 +11,12 @@ import numpy as np
 from dtbacklash.diagnose.begun import begun
 from dtbacklash.diagnose.candidates import PlacesInMotion
 from dtbacklash.diagnose.command import held_equivalent
-from dtbacklash.diagnose.compare import Mask, Record
+from dtbacklash.diagnose.compare import Record
 from dtbacklash.diagnose.evidence import Evidence, stretch_of
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.stretches import slowest_decay_of
 from dtbacklash.physics.rig import Rig
+from dtbacklash.recording.channels import runs
 
 #: of a record with a mask of what is looked for: first sample, and the one behind the last
 Run = tuple[Record, int, int]
@@ -36,7 +37,9 @@ def portion(rig: Rig, records: list[Record]) -> list[Record]:
     for part, count in counts.items():
         budget = count * rules.search_samples_max // total
         windows = int(np.clip(budget / shortest, 1, rules.search_windows))
-        found += _windows(_runs(records, part), windows, budget // windows, part == "train")
+        found += _windows(
+            [(r, a, b) for r in records for a, b in runs(getattr(r, part))], windows, budget // windows, part == "train"
+        )
     return found
 
 
@@ -54,25 +57,15 @@ def whole(evidence: Evidence, records: list[Record], smooth: bool) -> Evidence:
     return replace(evidence, records=records, stretch=stretch_of(records), moving=PlacesInMotion(rig, blocks, records))
 
 
-def _runs(records: list[Record], part: str) -> list[Run]:
-    """Where the samples of a part are in a row."""
-    found = []
-    for record in records:
-        mask: Mask = getattr(record, part)
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
-        found += [(record, int(a), int(b)) for a, b in edges.reshape(-1, 2)]
-    return found
-
-
-def _windows(runs: list[Run], count: int, samples: int, trains: bool) -> list[Record]:
-    """As many windows of so many samples, spread evenly over the runs; one that meets the end of its run is shorter."""
-    lengths = np.array([b - a for _, a, b in runs])
+def _windows(pieces: list[Run], count: int, samples: int, trains: bool) -> list[Record]:
+    """As many windows of so many samples, spread evenly over the pieces; at the end of a piece shorter."""
+    lengths = np.array([b - a for _, a, b in pieces])
     ends = np.cumsum(lengths)
     spare = int(ends[-1]) - samples
     found = []
     for begin in np.linspace(0, max(spare, 0), count).astype(int):
         k = int(np.searchsorted(ends, begin, side="right"))
-        record, a, b = runs[k]
+        record, a, b = pieces[k]
         at = a + int(begin - (ends[k] - lengths[k]))
         at = max(a, min(at, b - samples))
         found.append(_window(record, at, min(at + samples, b), trains))

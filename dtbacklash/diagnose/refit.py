@@ -102,6 +102,12 @@ class Problem:
         """Residuals at x; the last ones are remembered."""
         return self._simulated(x, self.steps)
 
+    def ended(self, x: Floats) -> Fit:
+        """The fit that ends at x."""
+        residuals, rig = self._simulated(x, "fine"), apply(self.base, self.free, x)
+        penalty, weights = penalty_of(rig, self.evidence.nominal), weights_for(self.evidence, residuals)
+        return Fit(rig, self.base, self.free, x, residuals, penalty, weights)
+
     def _simulated(self, x: Floats, steps: Steps) -> Residuals:
         key = steps, x.tobytes()
         if key not in self._last:
@@ -238,10 +244,7 @@ def fit(
         problem.steps = "fine" if problem.fine else "coarse"
         problem.weigh(problem.residuals(x))
         x = _solve(problem, x, bounds, evaluations)
-    problem.steps = "fine"
-    residuals = problem.residuals(x)
-    rig = apply(base, free, x)
-    return Fit(rig, base, free, x, residuals, penalty_of(rig, evidence.nominal), weights_for(evidence, residuals))
+    return problem.ended(x)
 
 
 def _solve(problem: Problem, x: Floats, bounds: Floats, evaluations: int) -> Floats:
