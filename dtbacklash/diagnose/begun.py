@@ -8,7 +8,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.compare import Block, Record, residual
 from dtbacklash.diagnose.floor import sensor_noise
 from dtbacklash.diagnose.settings import settings
-from dtbacklash.diagnose.starts import Beginning, moves, window_of
+from dtbacklash.diagnose.starts import Beginning, moves, stands, window_of
 from dtbacklash.physics.assembly import state_names
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
@@ -21,6 +21,8 @@ def begun(rig: Rig, blocks: list[Block], record: Record) -> Record:
     """
     shown = [n for n in record.y if rig.sensors[n].quantity in ("position", "velocity")]
     noise = {n: max(sensor_noise(v)[0], 1e-300) for n, v in record.y.items()}
+    at_rest = {n: stands(record.y[n], noise[n]) for n in shown if rig.sensors[n].quantity == "position"}
+    record = replace(record, stands=at_rest)
     window = {n: window_of(record.y[n], noise[n]) for n in shown}
     known = np.arange(record.samples) >= settings().delay_reach_samples
     moving = replace(

@@ -56,7 +56,7 @@ class Record:
     u : (N,) command, V. y : (N,) measured channels, SI. train, held, judge : (N,) which samples are fitted to, which
     are held out to choose by, and which judge, having chosen nothing; none do unless :mod:`.parts` takes them from what
     is held out. from_s : time of its first sample since the recording began, s. begins : where it begins in motion,
-    else None.
+    else None. stands : channel -> where it stands at its first sample if it begins at rest, SI; else that sample.
     """
 
     sample_time_s: float
@@ -67,6 +67,7 @@ class Record:
     from_s: float = 0.0
     begins: Beginning | None = None
     judge: Mask = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    stands: dict[str, float] = field(default_factory=dict)
 
     @property
     def samples(self) -> int:
@@ -81,12 +82,14 @@ class Block:
     Attributes
     ----------
     name : ``motor``, ``structure`` or ``rig``. channels : the sensors that it is judged by.
+    tempo : how fast it moves, rad per sample.
     imposed : the sensor that drives it instead of the command, or None.
     pulled : the sensor towards which it is pulled, or None. gains : per sample, on its position and velocity.
     """
 
     name: str
     channels: tuple[str, ...]
+    tempo: float
     imposed: str | None = None
     pulled: str | None = None
     gains: tuple[float, float] = (0.0, 0.0)
@@ -97,8 +100,10 @@ class Block:
         return self.gains[0] / (2.0 if self.gains[1] else 1.0)
 
 
-def cut(rig: Rig, channels: tuple[str, ...], sample_time_s: float) -> list[Block]:
+def cut(rig: Rig, channels: tuple[str, ...], sample_time_s: float, tempo_rad_s: float) -> list[Block]:
     """The blocks of a rig for the channels that were recorded.
+
+    tempo_rad_s : how fast it moves there (:mod:`.tempo`).
 
     Raises
     ------
@@ -108,13 +113,13 @@ def cut(rig: Rig, channels: tuple[str, ...], sample_time_s: float) -> list[Block
     if not known:
         allowed = f"has no channel of this rig; it needs one of {', '.join(rig.sensors)}"
         raise UserError("recording", ", ".join(channels) or rig.config.name, allowed)
-    angle = _angle_sensor(rig, known)
+    angle, tempo = _angle_sensor(rig, known), tempo_rad_s * sample_time_s
     motor_side = [n for n in known if rig.elements[rig.sensors[n].of].trait.motor_side]
     beyond = tuple(n for n in known if n not in motor_side)
     if angle and rig.only("screw"):
-        blocks = [_pulled(Block("motor", tuple(motor_side)), rig, sample_time_s)]
-        return blocks + ([Block("structure", beyond, imposed=angle)] if beyond else [])
-    return [_pulled(Block("rig", known), rig, sample_time_s)]
+        blocks = [_pulled(Block("motor", tuple(motor_side), tempo), rig, sample_time_s)]
+        return blocks + ([Block("structure", beyond, tempo, imposed=angle)] if beyond else [])
+    return [_pulled(Block("rig", known, tempo), rig, sample_time_s)]
 
 
 def _angle_sensor(rig: Rig, known: tuple[str, ...]) -> str | None:
@@ -134,9 +139,14 @@ def _pulled(block: Block, rig: Rig, sample_time_s: float) -> Block:
     names = [n for n in block.channels if rig.sensors[n].quantity == "position"]
     if not names:
         return _without_position(block, rig, integrators, sample_time_s)
-    b = settings().pull_rad_s
+    b = _bandwidth(block) / sample_time_s
     gains = (b * sample_time_s, 0.0) if integrators == 1 else (2 * b * sample_time_s, b**2 * sample_time_s)
     return replace(block, pulled=names[0], gains=gains)
+
+
+def _bandwidth(block: Block) -> float:
+    """Of the pull towards a measurement, rad per sample."""
+    return min(settings().pull_ratio * block.tempo, settings().pull_per_sample_max)
 
 
 def guided(rig: Rig, block: Block, records: list[Record]) -> Block:
@@ -153,7 +163,7 @@ def guided(rig: Rig, block: Block, records: list[Record]) -> Block:
         return block
     step, fastest = records[0].sample_time_s, rules.pull_per_sample_max / records[0].sample_time_s
     swing = natural_frequencies_hz(rig)
-    b = 0.5 * max(2.0 * np.pi * float(swing.min()) if len(swing) else 0.0, rules.pull_rad_s)
+    b = 0.5 * max(2.0 * np.pi * float(swing.min()) if len(swing) else 0.0, _bandwidth(block) / step)
     while 2.0 * b < fastest and _astray(rig, block, records) > rules.pull_error_share_max:
         b *= 2.0
         block = replace(block, pulled=block.pulled or names[0], gains=(2.0 * b * step, b**2 * step))
@@ -175,7 +185,7 @@ def _astray(rig: Rig, block: Block, records: list[Record]) -> float:
 def _integrators(rig: Rig, block: Block, sample_time_s: float) -> int:
     plant = compile_plant(part_of(rig, block), sample_time_s, imposed=block.imposed is not None)
     poles = np.linalg.eigvals(plant.A[0 if plant.rotor < 0 else 1])
-    return int(np.sum(np.abs(poles) < settings().integrator_rad_s))
+    return int(np.sum(np.abs(poles) < settings().integrator_ratio * block.tempo / sample_time_s))
 
 
 def _without_position(block: Block, rig: Rig, integrators: int, sample_time_s: float) -> Block:
@@ -186,7 +196,7 @@ def _without_position(block: Block, rig: Rig, integrators: int, sample_time_s: f
     if not names:
         allowed = "needs a measured position or velocity where the rig integrates"
         raise UserError("recording", ", ".join(block.channels), allowed)
-    return replace(block, pulled=names[0], gains=(settings().pull_rad_s * sample_time_s, 0.0))
+    return replace(block, pulled=names[0], gains=(_bandwidth(block), 0.0))
 
 
 def adrift(rig: Rig, block: Block, sample_time_s: float) -> bool:
@@ -198,7 +208,8 @@ def adrift(rig: Rig, block: Block, sample_time_s: float) -> bool:
 def slowest_decay(plant: Plant, block: Block) -> float:
     """Decay rate of the block's slowest pole that does not integrate, or of its pull, 1/s."""
     rates = -np.linalg.eigvals(plant.A[0 if plant.rotor < 0 else 1]).real
-    decays = [float(r) for r in rates if r > settings().integrator_rad_s]
+    least = settings().integrator_ratio * block.tempo / plant.sample_time
+    decays = [float(r) for r in rates if r > least]
     if block.pull > 0.0:
         decays.append(block.pull / plant.sample_time)
     return min(decays, default=1.0)
@@ -250,7 +261,15 @@ def true_angle(rig: Rig, block: Block, record: Record) -> Floats:
 
 def _behind(rig: Rig, channel: str, record: Record) -> Floats:
     """(N,) what a sensor looks at, behind its modelled errors."""
-    seen = record.y[channel].copy()
+    return _unread(rig, channel, record.y[channel].copy())
+
+
+def _stands(rig: Rig, channel: str, record: Record) -> float:
+    """Where it stands at the first sample, behind its sensor's modelled errors."""
+    return float(_unread(rig, channel, np.array([record.stands.get(channel, record.y[channel][0])]))[0])
+
+
+def _unread(rig: Rig, channel: str, seen: Floats) -> Floats:
     for effect, values in sorted(
         rig.active(SENSOR_PREFIX + channel, slots.Reading), key=lambda pair: -getattr(pair[0].slot, "stage", 0)
     ):
@@ -337,13 +356,13 @@ def _start(part: Rig, plant: Plant, block: Block, record: Record, angle: float) 
     bodies = state_names(part, block.imposed is not None)
     shown = part.sensors[block.pulled].quantity == "position" if block.pulled else False
     if not block.imposed and block.pulled and shown and plant.rotor >= 0:
-        angle = _behind(part, block.pulled, record)[0]
+        angle = _stands(part, block.pulled, record)
     if plant.has_base:
         place_at(plant, state, angle)
     for name in block.channels:
         sensor = part.sensors[name]
         if sensor.quantity == "position" and sensor.of in bodies and not plant.has_base:
-            state.x[plant.position + bodies.index(sensor.of)] = _behind(part, name, record)[0]
+            state.x[plant.position + bodies.index(sensor.of)] = _stands(part, name, record)
     return state
 
 
@@ -352,7 +371,7 @@ def _launch(part: Rig, plant: Plant, block: Block, record: Record, theta: Floats
     rules = settings()
     moving = rules.beginning_decays / slowest_decay(plant, block)
     if block.pulled and block.gains[0] == 0.0:
-        moving = max(moving, rules.beginning_integrating_s)
+        moving = max(moving, rules.beginning_integrating_ratio / block.tempo * record.sample_time_s)
     n = min(record.samples, max(rules.beginning_samples_min, round(moving / record.sample_time_s)))
     names = state_names(part, block.imposed is not None)
     owners = {b: b for b in part.elements} | {b: host[0] for b, host in hidden_bodies(part).items()}

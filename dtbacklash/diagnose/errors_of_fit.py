@@ -64,7 +64,7 @@ def _error(squares: Floats) -> float | None:
 def _whole(evidence: Evidence) -> Block:
     """The rig in one piece, judged by all channels; it begins where the measurement does and is not pulled."""
     begins = next((b.imposed or b.pulled for b in evidence.blocks if b.imposed or b.pulled), None)
-    return Block("rig", tuple(_channels(evidence)), pulled=begins, gains=(0.0, 0.0))
+    return Block("rig", tuple(_channels(evidence)), evidence.blocks[0].tempo, pulled=begins, gains=(0.0, 0.0))
 
 
 def _channels(evidence: Evidence) -> list[str]:

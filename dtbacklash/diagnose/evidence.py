@@ -10,6 +10,7 @@ from dtbacklash.diagnose.candidates import PlacesInMotion
 from dtbacklash.diagnose.compare import Block, Record, Steps, cut, guided, places_of, residual
 from dtbacklash.diagnose.floor import Noise, channel_noise, noise_floor
 from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.tempo import tempo_rad_s
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Bounds
 from dtbacklash.physics.rig import Rig
@@ -23,9 +24,7 @@ Residuals = dict[str, list[Floats]]
 
 def stretch_of(records: list[Record]) -> int:
     """Samples of a stretch over which losses are compared."""
-    rules = settings()
-    held = sum(int(r.held.sum()) for r in records)
-    return max(20, min(round(rules.paired_stretch_s / records[0].sample_time_s), held // rules.paired_stretches_min))
+    return max(20, sum(int(r.held.sum()) for r in records) // settings().paired_stretches)
 
 
 def _finite(residuals: Floats) -> Floats:
@@ -50,12 +49,17 @@ class Evidence:
         """Cut the rig and measure the floor."""
         channels = tuple(n for n in rig.sensors if all(n in r.y for r in records))
         step = records[0].sample_time_s
-        blocks = [guided(rig, b, records) for b in cut(rig, channels, step)]
+        blocks = [guided(rig, b, records) for b in cut(rig, channels, step, tempo_rad_s(rig, records))]
         records = [begun(rig, blocks, r) for r in records]
         stretch = stretch_of(records)
         noise = channel_noise(records)
         moving = PlacesInMotion(rig, blocks, records)
         return cls(rig, records, blocks, noise, noise_floor(rig, blocks, records, noise), stretch, moving)
+
+    @property
+    def correlated(self) -> float:
+        """So many samples in a row of a residual far above the floor say the same."""
+        return max(1.0, settings().correlated_ratio / self.blocks[0].tempo)
 
     def bounds(self, key: tuple[str, str]) -> Bounds:
         """Parameter -> (low, high) within which these recordings can show an effect at a place."""

@@ -15,7 +15,6 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.compare import Steps, places_of
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.free import Effects, Free, apply, effects_of_rig, penalty_of
-from dtbacklash.diagnose.settings import settings
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects import slots
@@ -60,7 +59,7 @@ class Fit:
 def weights_for(evidence: Evidence, residuals: Residuals) -> dict[str, Floats]:
     """Per block, (channels,) the weight of a squared residual: 1 at the floor, and far below where it is not noise."""
     mean = evidence.mean_square(residuals, "train")
-    least = max(1.0, settings().correlated_s / evidence.records[0].sample_time_s)
+    least = evidence.correlated
     result = {}
     for name, squares in mean.items():
         above = np.maximum(squares, 1.0)
@@ -286,8 +285,7 @@ def objective(evidence: Evidence, fitted: Fit, part: str = "train") -> float:
         squares = np.mean(rows**2, axis=1)
         above = np.maximum(squares, 1.0)
         share = (above - 1.0) / above
-        least = max(1.0, settings().correlated_s / evidence.records[0].sample_time_s)
-        count = rows.shape[1] / (1.0 + share * (least - 1.0))
+        count = rows.shape[1] / (1.0 + share * (evidence.correlated - 1.0))
         # counted from a residual that is all noise, as the count itself falls with what is not
         total += float(np.sum(count * (np.log(above) + squares / above - 1.0)))
     return total

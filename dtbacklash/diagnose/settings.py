@@ -41,10 +41,8 @@ class DiagnoseSettings:
         at_least=1)
     stretch_decays_min: float = setting(
         1.0, "a shorter stretch beside others shows mostly the state in which it began", unit="slowest decays", above=0)
-    paired_stretch_s: float = setting(
-        0.5, "losses are compared over stretches this long, so that what is correlated counts once", unit="s", above=0)
-    paired_stretches_min: int = setting(
-        12, "a scatter between fewer stretches says nothing, so that a short recording has shorter ones",
+    paired_stretches: int = setting(
+        12, "losses are compared over so many stretches: each counts once, and what is correlated within it, too",
         unit="stretches", at_least=2)
 
     # inspection: sensors, sampling, wiring
@@ -104,8 +102,8 @@ class DiagnoseSettings:
         3.0, "the first state is fitted until what it adds has died out to a twentieth", unit="slowest decays", above=0)
     beginning_samples_min: int = setting(
         200, "a first state is fitted to as many samples at least", unit="samples", at_least=10)
-    beginning_integrating_s: float = setting(
-        2.0, "and as long where an integrator runs freely: its first speed counts to the end", unit="s", above=0)
+    beginning_integrating_ratio: float = setting(
+        25.0, "and as long where an integrator runs freely: its first speed counts to the end", unit="1/tempo", above=0)
     beginning_squares: float = setting(
         100.0, "a speed at the first sample is one if without it so much more is left: ten standard deviations",
         unit="variances of the noise", above=0)
@@ -126,20 +124,20 @@ class DiagnoseSettings:
         10.0, "a memory's first value lies within so much of what it comes to: its prior", unit="ratio", above=0)
 
     # comparison
-    pull_rad_s: float = setting(
-        15.0, "bandwidth of the pull towards the measurement: slow against the laws, fast against drift", unit="rad/s",
+    pull_ratio: float = setting(
+        1.5, "bandwidth of the pull towards the measurement: slow against the laws, fast against drift", unit="tempos",
         above=0)
-    pull_slow_rad_s: float = setting(
-        0.7, "bandwidth of the last fit where the command is integrated twice: prediction lives at low frequencies",
-        unit="rad/s", above=0)
+    pull_slow_ratio: float = setting(
+        0.05, "bandwidth of the last fit where the command is integrated twice: prediction lives at low frequencies",
+        unit="tempos", above=0)
     pull_per_sample_max: float = setting(
         0.25, "a faster pull than this share of the sampling would hand the measurement back", unit="rad per sample",
         above=0, at_most=1)
     pull_error_share_max: float = setting(
         0.2, "a simulation further off is pulled faster: laws would be evaluated along a motion that never was",
         unit="share of the motion", above=0)
-    integrator_rad_s: float = setting(
-        0.5, "a slower pole integrates: within a recording it does not decay", unit="rad/s", above=0)
+    integrator_ratio: float = setting(
+        0.01, "a slower pole integrates: it does not decay while the machine moves to and fro", unit="tempos", above=0)
 
     # noise floor
     numerical_error_share: float = setting(
@@ -166,9 +164,9 @@ class DiagnoseSettings:
     found_tolerance_min: float = setting(
         1e-3, "what was found is known no better, from one recording to the next", unit="share", above=0)
     found_tolerance_max: float = setting(0.5, "nor worse, or it would not have been named", unit="share", above=0)
-    correlated_s: float = setting(
-        0.02, "a residual far above the floor is correlated so long: it counts once, or it would overrule every prior",
-        unit="s", above=0)
+    correlated_ratio: float = setting(
+        0.5, "a residual far above the floor is correlated so long: it counts once, or it would overrule every prior",
+        unit="1/tempo", above=0)
     astray_tolerances: float = setting(
         2.5, "a parameter so far away may have been led astray by missing physics: the fit starts anew from nominal",
         unit="tolerances", above=0)

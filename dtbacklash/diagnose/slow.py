@@ -22,12 +22,15 @@ def slow_evidence(evidence: Evidence) -> Evidence:
     if not any(b.gains[1] > 0.0 for b in evidence.blocks):
         return evidence
     step = evidence.records[0].sample_time_s
-    b = settings().pull_slow_rad_s
-    slow = (2.0 * b * step, b**2 * step)
-    blocks: list[Block] = [replace(b, gains=slow) if b.gains[1] > 0.0 else b for b in evidence.blocks]
+    blocks = [_slowly(b, step) if b.gains[1] > 0.0 else b for b in evidence.blocks]
     return replace(
         evidence, blocks=blocks, floor=noise_floor(evidence.nominal, blocks, evidence.records, evidence.noise)
     )
+
+
+def _slowly(block: Block, step_s: float) -> Block:
+    b = settings().pull_slow_ratio * block.tempo / step_s
+    return replace(block, gains=(2.0 * b * step_s, b**2 * step_s))
 
 
 def _seen_by(evidence: Evidence, fitted: Fit) -> Fit:

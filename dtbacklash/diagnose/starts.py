@@ -17,6 +17,8 @@ from dtbacklash.diagnose.settings import settings
 
 #: samples of a channel's beginning that are looked at
 WINDOWS = (6, 8, 12, 24, 48, 96)
+#: of one at rest, whose picture has a known slope
+STANDING = (*WINDOWS, 192, 384, 768)
 #: powers of time that picture a beginning: in motion, and at rest
 MOVING, RESTING = (0, 1, 2, 3), (0, 2, 3, 4)
 
@@ -83,6 +85,19 @@ def moves(values: Floats, noise: float, speed: bool) -> bool:
     return abs(local(first, 1.0)[1]) > max(
         rules.beginning_speed_share * float(np.abs(np.diff(first)).max()), math.sqrt(rules.beginning_squares) * noise
     )
+
+
+def stands(values: Floats, noise: float) -> float:
+    """Where a position stands at its first sample: a motion from rest pictures its beginning down to the noise.
+
+    The first sample alone has all of its noise, and nothing brings back by itself what is free.
+    """
+    for n in reversed(STANDING):
+        if n <= len(values):
+            found, squares = _pictured(values[:n], RESTING)
+            if _fair(squares, n, noise):
+                return float(found[0])
+    return float(values[0])
 
 
 def first_state(

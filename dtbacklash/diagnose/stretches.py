@@ -4,6 +4,7 @@ import numpy as np
 
 from dtbacklash.diagnose.compare import Record, cut, part_of, slowest_decay
 from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.tempo import tempo_rad_s
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.model import Recording
@@ -58,6 +59,6 @@ def long_enough(rig: Rig, records: list[Record]) -> tuple[list[Record], tuple[st
 def slowest_decay_of(rig: Rig, records: list[Record]) -> float:
     """Slowest decay rate of the blocks into which recordings cut a rig, 1/s; errors as :func:`.compare.cut`."""
     step = records[0].sample_time_s
-    blocks = cut(rig, tuple(n for n in rig.sensors if all(n in r.y for r in records)), step)
+    blocks = cut(rig, tuple(n for n in rig.sensors if all(n in r.y for r in records)), step, tempo_rad_s(rig, records))
     plants = [compile_plant(part_of(rig, b), step, imposed=b.imposed is not None) for b in blocks]
     return min(slowest_decay(plant, block) for plant, block in zip(plants, blocks, strict=True))

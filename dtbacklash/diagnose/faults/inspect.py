@@ -4,12 +4,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dtbacklash.diagnose.compare import Record, cut
+from dtbacklash.diagnose.compare import Block, Record, cut
 from dtbacklash.diagnose.faults import samples
 from dtbacklash.diagnose.faults.sampling import Carried, carried
 from dtbacklash.diagnose.faults.wiring import Reversal, Rewiring, wiring
 from dtbacklash.diagnose.result import Check
 from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.tempo import tempo_rad_s
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 from dtbacklash.recording.channels import CLIPPED_SHARE
@@ -89,7 +90,7 @@ def _dead(rig: Rig, found: Inspected) -> None:
     what = f"{_listed(dead)} {'shows' if len(dead) == 1 else 'show'} nothing but noise"
     rest = tuple(n for n in worst if n not in dead)
     try:
-        cut(rig, rest, found.records[0].sample_time_s)
+        _blocks(rig, rest, found.records)
     except UserError:
         found.fault = Fault(
             SENSOR_PREFIX + dead[0], what, "it has nothing to do with the command or another channel",
@@ -113,7 +114,7 @@ def _spikes(name: str, found: Inspected) -> None:
         "judged", TUKEY,
     ))  # fmt: skip
     if total:
-        _take_out(name, masks, found, 0.0)
+        _take_out(name, masks, found, 0)
         first = next(r.sample_time_s * int(np.flatnonzero(m)[0]) for r, m in zip(found.records, masks, strict=True)
                      if m.any())  # fmt: skip
         found.notes.append(
@@ -135,10 +136,10 @@ def _clipped(rig: Rig, name: str, found: Inspected) -> None:
         return
     said = f"{name} is clipped in {100 * share:.2g} % of its samples"
     before = found.records
-    blocks = cut(rig, _channels(rig, before), before[0].sample_time_s)
+    blocks = _blocks(rig, _channels(rig, before), before)
     drives = any(b.imposed == name for b in blocks)
-    pulls = any(b.pulled == name for b in blocks)
-    _take_out(name, masks, found, rules.clipped_decays / rules.pull_rad_s if pulls else 0.0)
+    pull = max((b.pull for b in blocks if b.pulled == name), default=0.0)
+    _take_out(name, masks, found, round(rules.clipped_decays / pull) if pull > 0.0 else 0)
     if share <= rules.clipped_share_max and _enough(before, found.records) and not drives:
         found.notes.append(f"{said}: bridged, and neither fitted nor judged.")
     elif found.fault is None:
@@ -149,15 +150,18 @@ def _clipped(rig: Rig, name: str, found: Inspected) -> None:
         )  # fmt: skip
 
 
-def _take_out(name: str, masks: list[np.ndarray], found: Inspected, after_s: float) -> None:
-    """Bridge samples of a channel, and neither fit nor judge on them and shortly after."""
+def _take_out(name: str, masks: list[np.ndarray], found: Inspected, after: int) -> None:
+    """Bridge samples of a channel, and neither fit nor judge on them and on so many samples after."""
     records = []
     for record, mask in zip(found.records, masks, strict=True):
-        width = 2 + round(after_s / record.sample_time_s)
-        near = np.convolve(mask.astype(float), np.ones(width), "full")[: len(mask)] > 0.5
+        near = np.convolve(mask.astype(float), np.ones(2 + after), "full")[: len(mask)] > 0.5
         y = {**record.y, name: samples.bridged(record.y[name], mask)}
         records.append(replace(record, y=y, train=record.train & ~near, held=record.held & ~near))
     found.records = records
+
+
+def _blocks(rig: Rig, channels: tuple[str, ...], records: list[Record]) -> list[Block]:
+    return cut(rig, channels, records[0].sample_time_s, tempo_rad_s(rig, records))
 
 
 def _enough(before: list[Record], after: list[Record]) -> bool:

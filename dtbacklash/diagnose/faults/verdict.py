@@ -8,6 +8,7 @@ from dtbacklash.diagnose.compare import Record, cut, predict
 from dtbacklash.diagnose.faults.inspect import Fault, Inspected
 from dtbacklash.diagnose.floor import sensor_noise
 from dtbacklash.diagnose.result import UNEXPLAINED, Curve, Diagnosis, FitTable, Located, ModelErrors, Shown
+from dtbacklash.diagnose.tempo import tempo_rad_s
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 
@@ -61,11 +62,11 @@ def mended(diagnosis: Diagnosis, found: Inspected) -> Diagnosis:
 
 def _curves(rig: Rig, channels: tuple[str, ...], records: list[Record]) -> list[tuple[Record, Curve]]:
     """Measured and nominal of every channel and recording."""
-    found = []
+    found, tempo = [], tempo_rad_s(rig, records)
     for number, record in enumerate(records):
         t_s = np.arange(record.samples, dtype=np.float64) * record.sample_time_s
         held = np.flatnonzero(record.held)
-        for block in cut(rig, channels, record.sample_time_s):
+        for block in cut(rig, channels, record.sample_time_s, tempo):
             with np.errstate(over="ignore", invalid="ignore"):
                 nominal = predict(rig, block, record)
             for j, channel in enumerate(block.channels):

@@ -11,6 +11,8 @@ from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import simulate
 
 STEP_S = 1e-3
+#: how fast the recorded machines move, roughly
+TEMPO_RAD_S = 10.0
 COUNTS = {"theta_m": 2 * np.pi / 4096, "q3": 5e-7}
 NOISE = {"q3": 1e-6}
 

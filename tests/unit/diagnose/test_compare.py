@@ -10,37 +10,37 @@ from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import build_rig
 from dtbacklash.physics.simulate import simulate
 
-from .conftest import COUNTS, STEP_S, command, recorded
+from .conftest import COUNTS, STEP_S, TEMPO_RAD_S, command, recorded
 
 
 def test_cut_at_the_measured_angle(rig):
-    motor, structure = cut(rig, ("theta_m", "q3"), STEP_S)
+    motor, structure = cut(rig, ("theta_m", "q3"), STEP_S, TEMPO_RAD_S)
     assert (motor.name, motor.pulled, motor.imposed) == ("motor", "theta_m", None)
     assert (structure.channels, structure.imposed, structure.pulled) == (("q3",), "theta_m", None)
 
 
 def test_no_channel_of_the_rig_is_refused(rig):
     with pytest.raises(UserError):
-        cut(rig, ("temperature",), STEP_S)
+        cut(rig, ("temperature",), STEP_S, TEMPO_RAD_S)
 
 
 def test_the_truth_leaves_the_sensors_noise(rig):
     record = recorded(rig)
-    motor, structure = cut(rig, ("theta_m", "q3"), STEP_S)
+    motor, structure = cut(rig, ("theta_m", "q3"), STEP_S, TEMPO_RAD_S)
     assert np.std(residual(rig, motor, record)) < 1.2 * COUNTS["theta_m"] / np.sqrt(12)
     assert np.std(residual(rig, structure, record)) == pytest.approx(1.05e-6, rel=0.08)
 
 
 def test_friction_shows_in_the_motor_and_not_in_the_structure(rig):
     record = recorded(rig.with_effect("motor_bearing", "coulomb_friction", {"torque": 0.02}))
-    motor, structure = cut(rig, ("theta_m", "q3"), STEP_S)
+    motor, structure = cut(rig, ("theta_m", "q3"), STEP_S, TEMPO_RAD_S)
     assert np.std(residual(rig, motor, record)) > 10 * COUNTS["theta_m"]
     assert np.std(residual(rig, structure, record)) < 1.3e-6
 
 
 def test_a_late_angle_sensor_is_undone_where_it_drives(rig):
     record = recorded(rig)
-    _, structure = cut(rig, ("theta_m", "q3"), STEP_S)
+    _, structure = cut(rig, ("theta_m", "q3"), STEP_S, TEMPO_RAD_S)
     late = rig.with_effect("sensor_theta_m", "delay", {"time": 2e-3})
     assert np.allclose(true_angle(late, structure, record)[5:-9], true_angle(rig, structure, record)[7:-7])
 
@@ -69,7 +69,7 @@ def test_a_sensor_that_is_modelled_to_read_too_much_is_pulled_no_faster():
     u = command(6.0, 1)
     y = {"theta": simulate(rubbing, u[:-1], STEP_S).sensors["theta"]}
     record = Record(STEP_S, u, y, np.ones(len(u), bool), np.zeros(len(u), bool))
-    (block,) = cut(disk, ("theta",), STEP_S)
+    (block,) = cut(disk, ("theta",), STEP_S, TEMPO_RAD_S)
     assert block.pulled == "theta"
     other = disk.with_effect("sensor_theta", "gain_error", {"relative": 9.0})
     other = other.with_effect("amplifier", "gain_error", {"relative": -0.9})

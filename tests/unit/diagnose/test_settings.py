@@ -44,8 +44,8 @@ def test_every_setting_is_read_somewhere(name):
 def test_others_hold_for_the_evidence_until_the_end_and_after_an_error(rig):
     record = recorded(rig, seconds=4.0)
     usual = Evidence.gather(rig, [record]).stretch
-    with using(replace(settings(), paired_stretch_s=0.05)):
-        assert Evidence.gather(rig, [record]).stretch == 50 != usual
+    with using(replace(settings(), paired_stretches=24)):
+        assert Evidence.gather(rig, [record]).stretch == 50 == usual // 2
     assert Evidence.gather(rig, [record]).stretch == usual
 
     def fail():
@@ -91,5 +91,5 @@ def test_a_diagnosis_holds_the_settings_that_it_was_made_with(rig):
         document = diagnose_records(rig, [turned]).to_json()
         assert marked([record])[0].judge.sum() == round(0.25 * record.held.sum())
     assert document["settings"]["judging_share"]["value"] == 0.25
-    assert document["settings"]["pull_rad_s"]["unit"] == "rad/s"
+    assert document["settings"]["pull_ratio"]["unit"] == "tempos"
     assert diagnose_records(rig, [turned]).settings == DiagnoseSettings()

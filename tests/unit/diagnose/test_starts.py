@@ -13,14 +13,14 @@ from dtbacklash.diagnose import Record, diagnose, diagnose_records, records_of
 from dtbacklash.diagnose.begun import begun
 from dtbacklash.diagnose.compare import cut, predict, residual
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.starts import first_state, moves
+from dtbacklash.diagnose.starts import first_state, moves, stands
 from dtbacklash.diagnose.stretches import long_enough
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.recording import Recording
 from dtbacklash.report.diagnosis.figures import curve_figure
 
-from .conftest import COUNTS, STEP_S, recorded
+from .conftest import COUNTS, STEP_S, TEMPO_RAD_S, recorded
 
 
 def piece(record: Record, start: int, stop: int) -> Record:
@@ -30,7 +30,7 @@ def piece(record: Record, start: int, stop: int) -> Record:
 
 
 def started(rig: Rig, record: Record) -> Record:
-    return begun(rig, cut(rig, tuple(record.y), STEP_S), record)
+    return begun(rig, cut(rig, tuple(record.y), STEP_S, TEMPO_RAD_S), record)
 
 
 def in_floors(rig: Rig, record: Record) -> np.ndarray:
@@ -51,7 +51,7 @@ def test_from_rest_nothing_is_fitted(rig):
     fitted = [seed for seed in range(1, 41) if started(rig, recorded(rig, 4.0, seed)).begins]
     assert len(fitted) <= 2
     record = recorded(rig, 4.0, 1)
-    assert started(rig, record) is record
+    assert started(rig, record).begins is None
 
 
 def test_a_motion_at_the_first_sample_is_seen(rig):
@@ -86,7 +86,7 @@ def test_an_unmeasured_speed_is_found(rig):
     """The motor's encoder alone: the first speed of the free motor is what makes the first samples right."""
     record = piece(recorded(rig, 6.0, 3), 2000, 6001)
     record = replace(record, y={"theta_m": record.y["theta_m"]})
-    (block,) = cut(rig, ("theta_m",), STEP_S)
+    (block,) = cut(rig, ("theta_m",), STEP_S, TEMPO_RAD_S)
     left, from_rest = (np.sqrt(np.mean(residual(rig, block, r)[:50] ** 2)) for r in (started(rig, record), record))
     assert left < 1.3 * COUNTS["theta_m"] / np.sqrt(12)
     assert from_rest > 3 * left
@@ -165,7 +165,7 @@ def test_a_slider_that_coasts_keeps_its_speed(speed, place):
     noise = 1e-5 * np.random.default_rng(1).standard_normal(n)
     record = Record(STEP_S, np.zeros(n), {"x": place + speed * t + noise}, t < 1.4, t >= 1.4)
     rig = slider()
-    (block,) = cut(rig, ("x",), STEP_S)
+    (block,) = cut(rig, ("x",), STEP_S, TEMPO_RAD_S)
     free = replace(block, gains=(0.0, 0.0))
     assert np.abs(predict(rig, free, started(rig, record))[:, 0] - (place + speed * t)).max() < 5e-6
 
@@ -207,3 +207,18 @@ def test_rest_and_motion_are_told_apart(noise):
     assert not moves(0.5 * (t - 0.01 * (1 - np.exp(-t / 0.01))) + scatter, noise, speed=False)
     assert moves(0.5 * t + 5.0 * t**2 + scatter, noise, speed=False)
     assert moves(0.02 + scatter, noise, speed=True)
+
+
+@pytest.mark.parametrize("samples", [40, 3000])
+def test_a_position_at_rest_is_known_better_than_by_one_sample(samples):
+    at = np.arange(samples)
+    motion = 2.0 + 3e-7 * at**2 - 1e-11 * at**3
+    rng = np.random.default_rng(2)
+    errors = [stands(motion + rng.normal(0.0, 0.01, samples), 0.01) - 2.0 for _ in range(200)]
+    assert np.sqrt(np.mean(np.square(errors))) < 0.006
+    assert abs(np.mean(errors)) < 0.002
+
+
+def test_a_position_that_no_smooth_motion_pictures_is_its_first_sample():
+    jumping = np.where(np.arange(1000) % 2, 5.0, -5.0)
+    assert stands(jumping, 0.01) == -5.0
