@@ -15,7 +15,7 @@ from dtbacklash.physics.simulate import simulate
 
 
 def begun(rig: Rig, blocks: list[Block], record: Record) -> Record:
-    """The record as it is where it begins at rest; else with what its first states are found with.
+    """The record with where it stands where it begins at rest; else with what its first states are found with.
 
     Of a beginning in motion the first samples neither train nor judge: what a delay asks for lies before them.
     """

@@ -36,6 +36,8 @@ ROUGH = (2, 4)
 COARSER, COARSE_LEVELS = 4, 8
 
 
+#: what does not decay at all is looked at for as long as if it did so at this share of the tempo
+FREE_DECAY = 0.1
 #: a substep turns what is periodic in a position by this angle at most, rad
 PHASE_MAX = 0.1
 #: what the plant takes by itself where it has to step, and the most that are worth it
@@ -153,7 +155,8 @@ def guided(rig: Rig, block: Block, records: list[Record]) -> Block:
     """The block with a pull that is as fast as it has to be for the nominal rig to stay near its recording.
 
     Where a model is far off, or swings out of step with its recording, every law is evaluated along a motion that
-    never was: a spring that hardens then looks like a stop. The pull begins at the slowest mode and is doubled until
+    never was: a spring that hardens then looks like a stop. The pull begins at the slowest mode, or at the bandwidth
+    of the pull of what integrates if that is faster, and is doubled until
     the simulation of the nominal rig follows the recorded positions and speeds; one that follows by itself, or driven
     by a measured angle, is left alone.
     """
@@ -164,8 +167,8 @@ def guided(rig: Rig, block: Block, records: list[Record]) -> Block:
     step, fastest = records[0].sample_time_s, rules.pull_per_sample_max / records[0].sample_time_s
     swing = natural_frequencies_hz(rig)
     b = 0.5 * max(2.0 * np.pi * float(swing.min()) if len(swing) else 0.0, _bandwidth(block) / step)
-    while 2.0 * b < fastest and _astray(rig, block, records) > rules.pull_error_share_max:
-        b *= 2.0
+    while b < fastest and _astray(rig, block, records) > rules.pull_error_share_max:
+        b = min(2.0 * b, fastest)
         block = replace(block, pulled=block.pulled or names[0], gains=(2.0 * b * step, b**2 * step))
     return block
 
@@ -207,12 +210,13 @@ def adrift(rig: Rig, block: Block, sample_time_s: float) -> bool:
 
 def slowest_decay(plant: Plant, block: Block) -> float:
     """Decay rate of the block's slowest pole that does not integrate, or of its pull, 1/s."""
-    rates = -np.linalg.eigvals(plant.A[0 if plant.rotor < 0 else 1]).real
-    least = settings().integrator_ratio * block.tempo / plant.sample_time
-    decays = [float(r) for r in rates if r > least]
+    tempo = block.tempo / plant.sample_time
+    least = settings().integrator_ratio * tempo
+    poles = np.linalg.eigvals(plant.A[0 if plant.rotor < 0 else 1])
+    decays = [max(-float(p.real), least) for p in poles if abs(p) > least]
     if block.pull > 0.0:
         decays.append(block.pull / plant.sample_time)
-    return min(decays, default=1.0)
+    return min(decays, default=FREE_DECAY * tempo)
 
 
 def part_of(rig: Rig, block: Block) -> Rig:

@@ -45,11 +45,11 @@ class Evidence:
     moving: PlacesInMotion
 
     @classmethod
-    def gather(cls, rig: Rig, records: list[Record]) -> "Evidence":
-        """Cut the rig and measure the floor."""
+    def gather(cls, rig: Rig, records: list[Record], tempo: float | None = None) -> "Evidence":
+        """Cut the rig and measure the floor. ``tempo`` : of the machine, rad/s; None: as these records say."""
         channels = tuple(n for n in rig.sensors if all(n in r.y for r in records))
-        step = records[0].sample_time_s
-        blocks = [guided(rig, b, records) for b in cut(rig, channels, step, tempo_rad_s(rig, records))]
+        tempo = tempo_rad_s(rig, records) if tempo is None else tempo
+        blocks = [guided(rig, b, records) for b in cut(rig, channels, records[0].sample_time_s, tempo)]
         records = [begun(rig, blocks, r) for r in records]
         stretch = stretch_of(records)
         noise = channel_noise(records)

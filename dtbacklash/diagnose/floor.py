@@ -6,6 +6,7 @@ from scipy.signal import welch
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.compare import Block, Record, residual
 from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.starts import stands
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
 
@@ -70,13 +71,15 @@ def channel_noise(records: list[Record], residuals: dict[str, list[Floats]] | No
 def synthetic(rig: Rig, record: Record, noise: Noise, rng: np.random.Generator) -> Record:
     """What the recording would be if the rig were the truth: the same commands, noise and counts."""
     response = simulate(rig, record.u[:-1], record.sample_time_s).sensors
-    y = {}
+    y, rest = {}, {}
     for name in record.y:
         sigma, count = noise[name]
         spread = np.sqrt(max(sigma**2 - count**2 / 12.0, 0.0)) if sigma > 1.5 * count / np.sqrt(12.0) else 0.0
         shown = response[name] + rng.normal(0.0, 1.0, record.samples) * spread
         y[name] = count * np.round(shown / count) if count else shown
-    return Record(record.sample_time_s, record.u, y, record.train, record.held)
+        if rig.sensors[name].quantity == "position":
+            rest[name] = stands(y[name], sigma)
+    return Record(record.sample_time_s, record.u, y, record.train, record.held, stands=rest)
 
 
 def noise_floor(rig: Rig, blocks: list[Block], records: list[Record], noise: Noise, seed: int = 0) -> dict[str, Floats]:

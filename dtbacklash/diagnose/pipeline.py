@@ -31,6 +31,7 @@ from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.show import shown
 from dtbacklash.diagnose.slow import refit_slowly
 from dtbacklash.diagnose.spread import on_cores
+from dtbacklash.diagnose.tempo import tempo_rad_s
 from dtbacklash.diagnose.trial import insignificant, objections, raises_the_error, spoils_the_free_run
 from dtbacklash.diagnose.trials import Search
 from dtbacklash.diagnose.verdict import decide, depends_on, moved_parameters, remaining
@@ -95,10 +96,11 @@ def _sure(found: Search) -> Errors:
 
 def _read_command(rig: Rig, records: list[Record]) -> tuple[Evidence, bool]:
     """The evidence with the command held between its samples, or smooth where that fits clearly better; and which."""
-    held = Evidence.gather(rig, records)
+    tempo = tempo_rad_s(rig, records)
+    held = Evidence.gather(rig, records, tempo)
     if rig.only("actuator") is None:
         return held, False
-    smooth = Evidence.gather(rig, [replace(r, u=held_equivalent(r.u)) for r in records])
+    smooth = Evidence.gather(rig, [replace(r, u=held_equivalent(r.u)) for r in records], tempo)
     losses = []
     for evidence in (held, smooth):
         fitted = fit(evidence, rig, nominal_free(rig), rounds=1)

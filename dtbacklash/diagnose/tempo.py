@@ -12,26 +12,35 @@ from dtbacklash.diagnose.compare import Record
 from dtbacklash.diagnose.floor import channel_noise
 from dtbacklash.physics.rig import Rig
 
-#: power below so many times that of the white noise is not looked at: of ten million lines of noise none has more
+#: a speed is taken over as many samples as it takes to move by so many times the noise, or a count shows as a speed
+FAR = 20.0
+#: the same over so many pieces of a record at least, or the channel does not move
+PIECES = 16
+#: power of a speed's own sensor below so many times that of its white noise is not looked at
 ABOVE_NOISE = 30.0
+#: a machine does not follow a command that changes so many times faster than it moves
+FOLLOWED = 10.0
 #: what changes by less than this share of its size is constant
 CONSTANT = 1e-9
-#: a speed's power is that of a quantity times so many times its frequency
-POWER = {"position": 2, "velocity": 0}
 
 
 def tempo_rad_s(rig: Rig, records: list[Record]) -> float:
     """Geometric mean of the frequencies below which half the power of the command lies and half that of the speeds.
 
-    rig : tells which of the recorded channels are positions and speeds; of several, the geometric mean counts.
+    rig : tells which of the recorded channels are positions and speeds; of several, the geometric mean counts. A
+    command that changes ten times faster or slower than the machine moves counts as ten times.
     """
-    step = records[0].sample_time_s
-    noise, speeds = channel_noise(records), []
+    step, noise = records[0].sample_time_s, channel_noise(records)
+    moving = []
     for name, sensor in rig.sensors.items():
-        if sensor.quantity in POWER and all(name in r.y for r in records):
-            speeds.append(_median([r.y[name] for r in records], step, noise[name][0], POWER[sensor.quantity]))
-    commanded = _median([r.u for r in records], step, 0.0, 0)
-    return _mean([commanded, _mean(speeds)]) or 2.0 * np.pi / (step * max(r.samples for r in records))
+        if sensor.quantity in ("position", "velocity") and all(name in r.y for r in records):
+            seen, sigma = [r.y[name] for r in records], noise[name][0]
+            shown = (_speeds(seen, sigma), 0.0) if sensor.quantity == "position" else (seen, sigma)
+            moving.append(_median(*shown, step))
+    speed, command = _mean(moving), _median([r.u for r in records], 0.0, step)
+    if speed and command:
+        command = float(np.clip(command, speed / FOLLOWED, speed * FOLLOWED))
+    return _mean([command, speed]) or 2.0 * np.pi / (step * max(r.samples for r in records))
 
 
 def _mean(rates: list[float]) -> float:
@@ -40,18 +49,27 @@ def _mean(rates: list[float]) -> float:
     return float(np.exp(np.mean(np.log(known)))) if known else 0.0
 
 
-def _median(signals: list[Floats], step_s: float, noise: float, power: int) -> float:
-    """Frequency below which half the power of signals lies, weighed by a power of it, rad/s; 0 without any."""
+def _speeds(positions: list[Floats], noise: float) -> list[Floats]:
+    """Differences of positions over as few samples as show a motion; none where it is not more than noise."""
+    width = 1
+    while width <= max(map(len, positions)) // PIECES:
+        steps = [p[width:] - p[:-width] for p in positions if len(p) > width]
+        if np.mean(np.concatenate(steps) ** 2) >= (FAR * noise) ** 2:
+            return steps
+        width *= 2
+    return []
+
+
+def _median(signals: list[Floats], noise: float, step_s: float) -> float:
+    """Frequency below which half the power of signals beyond their noise lies, rad/s; 0 without any."""
     rates, weights = [], []
     for values in signals:
-        swing = detrend(values)
-        if len(values) < 2 or np.std(swing) <= CONSTANT * np.max(np.abs(values), initial=0.0):
+        if len(values) < 2 or np.std(values) <= CONSTANT * np.max(np.abs(values)):
             continue
-        hz, density = periodogram(swing, 1.0 / step_s, "hann", detrend=False)
-        omega = 2.0 * np.pi * hz[1:]
-        seen = np.where(density[1:] > ABOVE_NOISE * 2.0 * step_s * noise**2, density[1:], 0.0)
-        rates.append(omega)
-        weights.append(seen * omega**power * omega[0])
+        hz, density = periodogram(detrend(values), 1.0 / step_s, "hann", detrend=False)
+        rates.append(2.0 * np.pi * hz[1:])
+        # times the samples over the lines' spacing: a long record counts for more
+        weights.append(np.where(density[1:] > ABOVE_NOISE * 2.0 * step_s * noise**2, density[1:], 0.0))
     if not rates:
         return 0.0
     omega, weight = np.concatenate(rates), np.concatenate(weights)

@@ -118,8 +118,8 @@ value (at both, where there are two) the effect does nothing, to the last bit: i
 
 SETTINGS_INTRO = """\
 The numbers that decide a verdict, a name, an estimate or an interval, in the order in which [a diagnosis](diagnosis.md)
-uses them; floors are the noise floor's. They stand in every `diagnosis.json` (`settings`). Those in s
-and rad/s are the same for every machine, fast or slow. What halving and doubling them does: [ablation.md](ablation.md).
+uses them; floors are the noise floor's. They stand in every `diagnosis.json` (`settings`). Scales of
+time are ratios to the recording's own tempo, rad/s. What halving and doubling them does: [ablation.md](ablation.md).
 
 ```python
 from dataclasses import replace

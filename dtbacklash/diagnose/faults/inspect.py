@@ -154,7 +154,8 @@ def _take_out(name: str, masks: list[np.ndarray], found: Inspected, after: int) 
     """Bridge samples of a channel, and neither fit nor judge on them and on so many samples after."""
     records = []
     for record, mask in zip(found.records, masks, strict=True):
-        near = np.convolve(mask.astype(float), np.ones(2 + after), "full")[: len(mask)] > 0.5
+        taken = np.cumsum(mask)
+        near = taken > np.concatenate([np.zeros(min(2 + after, len(mask)), taken.dtype), taken[: -2 - after]])
         y = {**record.y, name: samples.bridged(record.y[name], mask)}
         records.append(replace(record, y=y, train=record.train & ~near, held=record.held & ~near))
     found.records = records

@@ -79,6 +79,38 @@ def test_noise_does_not_make_a_motion_faster_and_what_stands_says_nothing():
     assert tempo_rad_s(rig, [nothing]) == pytest.approx(2.0 * np.pi / 20.0)
 
 
+def one(name: str, u: np.ndarray, y: np.ndarray, step_s: float = 1e-3) -> Record:
+    mask = np.ones(len(u), dtype=bool)
+    return Record(step_s, u, {name: y}, mask, ~mask)
+
+
+@pytest.mark.parametrize("counts", [65536, 4096, 500])
+@pytest.mark.parametrize("hz", [0.05, 0.5])
+def test_counts_do_not_make_a_constant_speed_fast(counts, hz):
+    """A constant speed on an encoder is a staircase: lines at the rate of its counts."""
+    at = np.arange(20000) * 1e-3
+    y = 2.0 * np.abs(2.0 * (hz * at % 1.0) - 1.0)
+    count = 2.0 * np.pi / counts
+    exact, counted = (one("theta", np.sign(np.sin(2.0 * np.pi * hz * at)), v) for v in (y, count * np.round(y / count)))
+    rig = faster("pendulum", 1.0)
+    assert tempo_rad_s(rig, [counted]) == pytest.approx(tempo_rad_s(rig, [exact]), rel=0.05)
+
+
+def test_the_sampling_of_a_broadband_command_does_not_matter():
+    found = []
+    for step in (5e-3, 1e-3, 1e-4):
+        at = np.arange(round(20.0 / step)) * step
+        u = np.random.default_rng(0).normal(0.0, 1.0, len(at))
+        found.append(tempo_rad_s(faster("pendulum", 1.0), [one("theta", u, np.sin(4.0 * at), step)]))
+    assert found == pytest.approx([found[0]] * 3, rel=0.02)
+
+
+def test_a_long_recording_counts_for_more_than_a_short_one():
+    slow, fast = np.sin(4e-3 * np.arange(200_000)), np.sin(40e-3 * np.arange(2000))
+    records = [one("theta", v, v) for v in (slow, fast)]
+    assert tempo_rad_s(faster("pendulum", 1.0), records) == pytest.approx(4.0, rel=0.05)
+
+
 @pytest.mark.parametrize("machine", [friction, gravity])
 def test_a_machine_a_hundred_times_slower_or_ten_times_faster_gets_the_same_finding(machine):
     usual = diagnose_records(*machine(1.0))
