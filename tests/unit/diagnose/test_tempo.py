@@ -12,6 +12,8 @@ from dtbacklash.diagnose.tempo import tempo_rad_s
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import simulate
 
+from .conftest import STEP_S, command
+
 SAMPLES = 15001
 #: a parameter in these units grows by this power of how much faster a machine with the same motion is
 POWERS = {"N/m": 2, "N/V": 2, "N m/V": 2, "N s/m": 1}
@@ -24,18 +26,14 @@ def faster(name: str, ratio: float) -> Rig:
     return build_rig(replace(config, parameters=scaled))
 
 
-def noise_free(samples: int, seed: int) -> np.ndarray:
-    """Sines of unit rms, 0.1 to 15 Hz at 1 kHz."""
-    at = np.arange(samples) * 1e-3
-    hz = np.arange(1, 150) * 0.1
-    phases = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, len(hz))
-    u = np.sin(2.0 * np.pi * hz[:, None] * at + phases[:, None]).sum(axis=0)
-    return u / u.std()
+def one(name: str, u: np.ndarray, y: np.ndarray, step_s: float = STEP_S) -> Record:
+    mask = np.ones(len(u), dtype=bool)
+    return Record(step_s, u, {name: y}, mask, ~mask)
 
 
 def recorded(rig: Rig, truth: Rig, ratio: float, amplitude: float) -> Record:
     """The first position, with noise of a thousandth, sampled as much faster as the machine is."""
-    u, step = amplitude * noise_free(SAMPLES, 5), 1e-3 / ratio
+    u, step = 0.5 * amplitude * command((SAMPLES - 1) * STEP_S, 5), STEP_S / ratio
     name = next(n for n, s in rig.sensors.items() if s.quantity == "position")
     shown = simulate(truth, u[:-1], step).sensors[name]
     y = shown + np.random.default_rng(5).normal(0.0, 1e-3 * np.std(shown), SAMPLES)
@@ -57,9 +55,8 @@ def gravity(ratio: float) -> tuple[Rig, list[Record]]:
 
 def test_the_tempo_of_sines_lies_between_that_of_the_command_and_that_of_the_speed():
     rig = faster("pendulum", 1.0)
-    at = np.arange(20000) * 1e-3
-    mask = np.ones(len(at), dtype=bool)
-    record = Record(1e-3, np.sin(16.0 * at), {"theta": 3.0 + np.sin(4.0 * at)}, mask, ~mask)
+    at = np.arange(20000) * STEP_S
+    record = one("theta", np.sin(16.0 * at), 3.0 + np.sin(4.0 * at))
     assert tempo_rad_s(rig, [record]) == pytest.approx(8.0, rel=0.05)
     assert tempo_rad_s(rig, [record, record]) == pytest.approx(8.0, rel=0.05)
     speed = replace(record, y={"omega": 3.0 + np.sin(4.0 * at)})
@@ -68,10 +65,9 @@ def test_the_tempo_of_sines_lies_between_that_of_the_command_and_that_of_the_spe
 
 def test_noise_does_not_make_a_motion_faster_and_what_stands_says_nothing():
     rig = faster("pendulum", 1.0)
-    at = np.arange(20000) * 1e-3
-    mask = np.ones(len(at), dtype=bool)
+    at = np.arange(20000) * STEP_S
     noise = np.random.default_rng(1).normal(0.0, 0.01, len(at))
-    record = Record(1e-3, np.sin(16.0 * at), {"theta": np.sin(4.0 * at) + noise}, mask, ~mask)
+    record = one("theta", np.sin(16.0 * at), np.sin(4.0 * at) + noise)
     assert tempo_rad_s(rig, [record]) == pytest.approx(8.0, rel=0.05)
     still = replace(record, u=np.full(len(at), 2.0))
     assert tempo_rad_s(rig, [still]) == pytest.approx(4.0, rel=0.05)
@@ -79,16 +75,11 @@ def test_noise_does_not_make_a_motion_faster_and_what_stands_says_nothing():
     assert tempo_rad_s(rig, [nothing]) == pytest.approx(2.0 * np.pi / 20.0)
 
 
-def one(name: str, u: np.ndarray, y: np.ndarray, step_s: float = 1e-3) -> Record:
-    mask = np.ones(len(u), dtype=bool)
-    return Record(step_s, u, {name: y}, mask, ~mask)
-
-
 @pytest.mark.parametrize("counts", [65536, 4096, 500])
 @pytest.mark.parametrize("hz", [0.05, 0.5])
 def test_counts_do_not_make_a_constant_speed_fast(counts, hz):
     """A constant speed on an encoder is a staircase: lines at the rate of its counts."""
-    at = np.arange(20000) * 1e-3
+    at = np.arange(20000) * STEP_S
     y = 2.0 * np.abs(2.0 * (hz * at % 1.0) - 1.0)
     count = 2.0 * np.pi / counts
     exact, counted = (one("theta", np.sign(np.sin(2.0 * np.pi * hz * at)), v) for v in (y, count * np.round(y / count)))
