@@ -1,12 +1,13 @@
 """The command line: ``dtb <command> ...``. Heavy imports happen only inside a command.
 
-Exit codes: 0 done; 1 the command ran and something in it failed; 2 wrong input; 130 interrupted.
+Exit codes: 0 done; 1 the command ran and something in it failed; 2 wrong input; 130 interrupted (Ctrl-C, or SIGTERM).
 """
 
 from __future__ import annotations
 
 import gc
 import os
+import signal
 import sys
 
 from dtbacklash.config.grammar import EXPORT, GRAMMARS
@@ -103,6 +104,8 @@ def entry() -> None:
     """Entry point of the installed script."""
     one_blas_thread()
     gc.set_threshold(GARBAGE_AFTER)
+    # `timeout`, a batch system, a container that stops: as tidy as Ctrl-C, no worker and no half result is left behind
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     sys.exit(main())
 
 

@@ -194,7 +194,11 @@ def test_the_launchers_run_the_real_thing(process, tmp_path, launcher):
     assert rows["overshoot_pct_max"].notna().all()
 
 
-def test_ctrl_c_keeps_finished_jobs_and_the_same_command_does_the_rest(process, tmp_path):
+@pytest.mark.parametrize(
+    ("end", "number"), [(os.killpg, signal.SIGINT), (os.kill, signal.SIGTERM)], ids=["ctrl-c", "term"]
+)
+def test_an_end_keeps_finished_jobs_and_the_same_command_does_the_rest(process, tmp_path, end, number):
+    """Ctrl-C goes to all processes of a terminal, what ends a batch job to the first one only."""
     words = ["run", "-m", "seed=1,2,3,4,5,6", "duration_s=400", "figures=false", "hydra.sweep.dir=here"]
     running = subprocess.Popen(
         [sys.executable, "-m", "dtbacklash.cli", *words], cwd=tmp_path, start_new_session=True,
@@ -203,8 +207,8 @@ def test_ctrl_c_keeps_finished_jobs_and_the_same_command_does_the_rest(process, 
     deadline = time.monotonic() + 200
     while not list(tmp_path.glob("here/status/*.json")) and running.poll() is None and time.monotonic() < deadline:
         time.sleep(0.02)
-    os.killpg(running.pid, signal.SIGINT)
-    _, err = running.communicate(timeout=60)
+    end(running.pid, number)
+    _, err = running.communicate(timeout=60)  # ends when the last worker has closed its end of the pipe
     assert running.returncode == 130
     assert "Traceback" not in err
     kept = {path.parent.name: path.stat().st_mtime_ns for path in tmp_path.glob("here/*/summary.json")}
