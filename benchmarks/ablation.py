@@ -14,17 +14,22 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+from joblib import Parallel, delayed
 
 from benchmarks.measure import Row
 from dtbacklash import sources
+from dtbacklash.campaign.backends import workers
 from dtbacklash.config.compose import compose
 from dtbacklash.config.setting import declared
 from dtbacklash.diagnose import Record, diagnose_records
@@ -83,24 +88,30 @@ def ablation_rows(n: int, names: list[str], minutes: float, kept: Path) -> list[
     if found.get("code") != code:
         found = {"code": code, "duration_s": DURATION_S, "recordings": {}}
     until = time.monotonic() + 60.0 * minutes
-    made = {one.name: _recorded(one) for one in RECORDINGS[:n]}
-    for name, (secret, rig, record) in made.items():
-        if name not in found["recordings"]:
-            found["recordings"][name] = _usual(secret, rig, record) | {"tried": {}}
+    recordings = found["recordings"]
+    chosen = RECORDINGS[:n]
+    with workers("loky", os.cpu_count() or 1):
+        spread = Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch="n_jobs")
+        missing = (one for one in chosen if one.name not in recordings)
+        for name, usual in spread(delayed(_usual)(one) for one in missing):
+            recordings[name] = usual | {"tried": {}}
             write_json(kept, found)
-    for setting, how, value in _variants(names):
-        for name, (secret, rig, record) in made.items():
-            here = found["recordings"][name]
-            if setting not in here["read"] or f"{setting} {how}" in here["tried"]:
-                continue
-            if time.monotonic() > until:
-                return summary(found)
-            changed = replace(DiagnoseSettings(), **{setting: value})
-            here["tried"][f"{setting} {how}"] = {"value": value} | _outcome(secret, rig, record, changed)
+        recordings = {one.name: recordings[one.name] for one in RECORDINGS if one.name in recordings}
+        found["recordings"] = recordings
+        trials = (
+            (one, f"{setting} {how}", setting, value)
+            for setting, how, value in _variants(names)
+            for one in chosen
+            if setting in recordings[one.name]["read"] and f"{setting} {how}" not in recordings[one.name]["tried"]
+        )
+        in_time = takewhile(lambda _: time.monotonic() < until, trials)
+        for name, what, outcome in spread(delayed(_tried)(*trial) for trial in in_time):
+            recordings[name]["tried"][what] = outcome
             write_json(kept, found)
     return summary(found)
 
 
+@cache
 def _recorded(one: Concealed) -> tuple[Secret, Rig, Record]:
     rig = build_rig(compose("controller=open_loop", f"rig={one.rig}").rig)
     with patch.object(drawing, "DURATION_S", (DURATION_S, DURATION_S)):
@@ -116,8 +127,8 @@ def record_of(secret: Secret, rig: Rig) -> Record:
     return Record(secret.sample_time_s, np.ascontiguousarray(run.u), measured, train, ~train)
 
 
-def _usual(secret: Secret, rig: Rig, record: Record) -> dict[str, Any]:
-    """The result with the usual settings, and which of them were asked for."""
+def _usual(one: Concealed) -> tuple[str, dict[str, Any]]:
+    """A recording's name, and the result with the usual settings and which of them were asked for."""
     read: set[str] = set()
 
     class Watched(DiagnoseSettings):
@@ -127,13 +138,20 @@ def _usual(secret: Secret, rig: Rig, record: Record) -> dict[str, Any]:
 
     watched = Watched()
     read.clear()
-    outcome = _outcome(secret, rig, record, watched)
-    known = {one.key for one in declared(DiagnoseSettings)}
-    return {"usual": outcome, "read": sorted(known & read)}
+    outcome = _outcome(one, watched)
+    known = {setting.key for setting in declared(DiagnoseSettings)}
+    return one.name, {"usual": outcome, "read": sorted(known & read)}
 
 
-def _outcome(secret: Secret, rig: Rig, record: Record, chosen: DiagnoseSettings) -> dict[str, Any]:
+def _tried(one: Concealed, what: str, setting: str, value: float) -> tuple[str, str, dict[str, Any]]:
+    """A recording's name, what is tried, and the result with one setting changed."""
+    changed = replace(DiagnoseSettings(), **{setting: value})
+    return one.name, what, {"value": value} | _outcome(one, changed)
+
+
+def _outcome(one: Concealed, chosen: DiagnoseSettings) -> dict[str, Any]:
     """Verdict, names, whether they are right, and a digest of all digits but those of the checks' thresholds."""
+    secret, rig, record = _recorded(one)
     try:
         with using(chosen):
             diagnosis = replace(diagnose_records(rig, [record]), settings=DiagnoseSettings())
