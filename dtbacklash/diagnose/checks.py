@@ -34,6 +34,8 @@ PAIRED = "Diebold and Mariano, J. Bus. Econ. Stat. 13 (1995) 253"
 WALD = "Wald, Trans. Am. Math. Soc. 54 (1943) 426; errors: White, Econometrica 50 (1982) 1"
 PRIOR = "tolerances of the rig's parameters"
 BOUNDS = "bounds of the catalogue"
+#: the test for whiteness wants so many samples a lag
+SAMPLES_PER_LAG = 10
 FREE = "Ljung, System Identification (1999), chapter 16"
 
 
@@ -83,9 +85,11 @@ def _noise(evidence: Evidence, found: Search) -> list[Check]:
 def whiteness(evidence: Evidence, found: Search) -> dict[str, Check]:
     """Channel -> whether what is left of its held-out part is white; none of a sensor that is exact."""
     rows: dict[str, Check] = {}
-    lags, colour = settings().white_lags, settings().white_ratio
+    colour = settings().white_ratio
     for block in evidence.blocks:
         here = evidence.rows(found.fitted.residuals, block.name, "held")
+        # a short recording is asked for fewer
+        lags = min(settings().white_lags, max(1, here.shape[1] // SAMPLES_PER_LAG))
         truth = _of_a_truth(evidence, found.fitted.rig, block)
         for j, channel in enumerate(block.channels):
             if evidence.least()[block.name][j] > 1.0:  # an exact sensor: what is left is the method's own error
@@ -108,7 +112,7 @@ def ljung_box(values: Floats, lags: int) -> float:
     long record it finds colours that matter to nobody. NaN for fewer than ten samples a lag.
     """
     n = len(values)
-    if n < 10 * lags:
+    if n < SAMPLES_PER_LAG * lags:
         return math.nan
     e = values - np.mean(values)
     power = float(e @ e)

@@ -1,6 +1,7 @@
 """What a fit is worth: what it leaves of the held-out part, and whether it has earned what it has more than another."""
 
 import numpy as np
+from scipy.stats import t as student
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.evidence import Evidence, Residuals
@@ -69,12 +70,23 @@ def _significance(compared: list[tuple[str, Floats, Floats]]) -> float:
     for _, first, second in compared:
         falls.append(((first - second) / np.maximum(first.mean(axis=1), 1.0)[:, None]).sum(axis=0))
         ratios.append(np.log(np.maximum(first, least) / np.maximum(second, least)).sum(axis=0))
-    return max((_in_errors(np.sum(d, axis=0)) for d in (falls, ratios) if d), default=0.0)
+    return max((float(in_errors(np.sum(d, axis=0))) for d in (falls, ratios) if d), default=0.0)
 
 
-def _in_errors(differences: Floats) -> float:
-    """The mean in its standard errors."""
-    return float(differences.mean() / (np.std(differences, ddof=1) / np.sqrt(len(differences)) + 1e-12))
+def in_errors(differences: Floats) -> Floats:
+    """(...,) means over the last axis in their standard errors, comparable whatever the number of stretches.
+
+    The mean of few stretches in units of its own spread is large by chance: it becomes what is as unlikely, by
+    Student's distribution, of as many stretches as are usual. 0 of fewer than two.
+    """
+    count, usual = differences.shape[-1], settings().paired_stretches
+    if count < 2:
+        return np.zeros(differences.shape[:-1])
+    t: Floats = differences.mean(axis=-1) / (differences.std(axis=-1, ddof=1) / np.sqrt(count) + 1e-12)
+    if count >= usual:
+        return t
+    likely: Floats = np.sign(t) * student.isf(student.sf(np.abs(t), count - 1), usual - 1)
+    return likely
 
 
 def _compared(evidence: Evidence, before: Residuals, after: Residuals) -> list[tuple[str, Floats, Floats]]:

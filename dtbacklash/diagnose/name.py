@@ -38,7 +38,7 @@ from dtbacklash.diagnose.propose import (
     simplest_first,
     twins,
 )
-from dtbacklash.diagnose.refit import Fit, fit, weights_for
+from dtbacklash.diagnose.refit import FULL, QUICK, Fit, Rounds, fit, weights_for
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.diagnose.trial import objection
@@ -50,7 +50,7 @@ from dtbacklash.physics.rig import Rig
 
 
 def refit_with(evidence: Evidence, current: Fit, added: list[tuple[Key, dict[str, float]]], left_out: Key | None = None,
-               rounds: int = 2, evaluations: int = 8, near: Rig | None = None) -> Fit:  # fmt: skip
+               rounds: Rounds = FULL, near: Rig | None = None) -> Fit:  # fmt: skip
     """Fit effects anew with some added or one left out, with the nominal parameters of the blocks they touch.
 
     near : a rig in whose nominal parameters the fit begins, if not in those of ``current``.
@@ -75,7 +75,7 @@ def refit_with(evidence: Evidence, current: Fit, added: list[tuple[Key, dict[str
         b.name: current.residuals[b.name] for b in evidence.blocks if not changed & places_of(base, b)
         and not changed & places_of(current.rig, b)
     }  # fmt: skip
-    return fit(evidence, base, free, np.array(start), known, rounds, evaluations)
+    return fit(evidence, base, free, np.array(start), known, rounds)
 
 
 def silent(text: str, share: float) -> None:
@@ -146,7 +146,7 @@ def _from_the_middle(evidence: Evidence, found: Search) -> None:
     if max((abs(standing(f, rig)) for f in known), default=0.0) < settings().astray_tolerances:
         return
     middle = apply(rig, known, np.zeros(len(known)))
-    again = fit(evidence, middle, *all_free(evidence, middle), rounds=3)
+    again = fit(evidence, middle, *all_free(evidence, middle))
     if merit(evidence, again) < merit(evidence, found.fitted):
         found.fitted = again
 
@@ -187,7 +187,7 @@ def _bank_about(evidence: Evidence, found: Search, fitted: Fit) -> tuple[Bank, l
 
 def _try(evidence: Evidence, current: Fit, score: Score) -> Trial:
     """A quick fit."""
-    fitted = refit_with(evidence, current, [(score.candidate.key, score.values)], None, 1, 5)
+    fitted = refit_with(evidence, current, [(score.candidate.key, score.values)], rounds=QUICK)
     return Trial(score.candidate.key, score, fitted, held_loss(evidence, fitted))
 
 

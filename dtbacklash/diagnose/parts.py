@@ -11,7 +11,7 @@ import numpy as np
 from dtbacklash.diagnose.compare import Record
 from dtbacklash.diagnose.evidence import Evidence, stretch_of
 from dtbacklash.diagnose.free import all_free
-from dtbacklash.diagnose.refit import Fit, fit
+from dtbacklash.diagnose.refit import ON, Fit, fit
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trials import Search
 
@@ -66,7 +66,7 @@ def refitted(evidence: Evidence, found: Search) -> None:
 
     def again(before: Fit) -> Fit:
         free, x = all_free(evidence, before.rig)
-        return fit(evidence, before.rig, free, x, rounds=1)
+        return fit(evidence, before.rig, free, x, rounds=ON)
 
     chosen, searched = found.order, found.evidence
     found.evidence, found.nominal = evidence, again(found.nominal)

@@ -24,7 +24,7 @@ from dtbacklash.diagnose.next_experiment import next_experiment
 from dtbacklash.diagnose.parts import divided, for_judgement, refitted
 from dtbacklash.diagnose.portion import portion, whole
 from dtbacklash.diagnose.recover import free_forms
-from dtbacklash.diagnose.refit import fit
+from dtbacklash.diagnose.refit import QUICK, fit
 from dtbacklash.diagnose.result import UNEXPLAINED, Diagnosis, Work
 from dtbacklash.diagnose.sayings import limits_said, summary
 from dtbacklash.diagnose.settings import settings
@@ -103,7 +103,7 @@ def _read_command(rig: Rig, records: list[Record]) -> tuple[Evidence, bool]:
     smooth = Evidence.gather(rig, [replace(r, u=held_equivalent(r.u)) for r in records], tempo)
     losses = []
     for evidence in (held, smooth):
-        fitted = fit(evidence, rig, nominal_free(rig), rounds=1)
+        fitted = fit(evidence, rig, nominal_free(rig), rounds=QUICK)
         squares = evidence.mean_square(fitted.residuals, "train")
         losses.append(sum(float(np.sum(v * held.floor[n] ** 2)) for n, v in squares.items()))
     if losses[1] < settings().smooth_command_share * losses[0]:

@@ -14,6 +14,7 @@ from scipy.signal import lfilter
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.candidates import positions
 from dtbacklash.diagnose.compare import Block, Record, part_of, places_of, true_angle
+from dtbacklash.diagnose.earn import in_errors
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.refit import Fit
 from dtbacklash.diagnose.responses import transfer
@@ -131,10 +132,9 @@ class _Lens:
         before = self.base.residuals
         after = {block.name: [e - w @ heights for e, w in zip(before[block.name], waves, strict=True)]}
         falls = self.evidence.stretches(before, block.name) - self.evidence.stretches(after, block.name)
-        means = falls.mean(axis=1)
-        t = means / (falls.std(axis=1, ddof=1) / np.sqrt(falls.shape[1]) + 1e-12)
+        t = in_errors(falls)
         best = int(np.argmax(t))
-        return float(means[best]), float(t[best])
+        return float(falls[best].mean()), float(t[best])
 
     def _total(self, root: Floats, name: str, target: Floats) -> float:
         """Held-out mismatch of all blocks, so that shares of different blocks can be compared."""

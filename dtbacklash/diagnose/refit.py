@@ -5,6 +5,7 @@ many independent samples as the residual has, not as many as were taken; otherwi
 residual that is not noise would overrule every prior.
 """
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -23,12 +24,30 @@ from dtbacklash.physics.rig import Rig
 
 #: the Jacobian's columns of the nominal parameters serve until one of these has moved by as many tolerances
 STALE = 0.05
-#: a column's step is made ten times smaller so often, until two differ by less than this share of them
-SMALLER_STEPS, SAME_COLUMN = 3, 1e-4
-#: where the difference of two steps' columns grows by more with the next one, they show the contacts' last tick
+#: a round is worth another one if it takes away this share of what is left, or of the noise where that is more
+WORTH_A_ROUND = 0.1
+#: a column's widest step, of a parameter that says how often a law waves and of any other
+WIDEST_WAVE, WIDEST = 1e-3, 0.1
+#: by which it is narrowed, how often at most, and by which share two columns may differ: on the way, and in the end
+NARROW, NARROWER, ALIKE = 0.3, 3, 0.01
+PRECISE_NARROW, PRECISE_NARROWER, PRECISE_ALIKE = 0.1, 6, 1e-4
+#: where two columns differ so many times more than wider ones did, they show the contacts' last tick
 TICKS_GROW = 3.0
-#: a delay is moved by at least so much of a sample, unless its logarithm would by more than this
-DELAY_STEP_SAMPLES, DELAY_STEP_MAX = 0.05, 0.5
+#: a delay is moved by at least so much of a sample, within these changes of its logarithm
+DELAY_STEP_SAMPLES, DELAY_STEP_LEAST, DELAY_STEP_MAX = 0.05, 1e-2, 0.5
+
+
+@dataclass(frozen=True)
+class Rounds:
+    """How thoroughly to fit: rounds by coarse steps, fine ones at most, and evaluations in each."""
+
+    coarse: int
+    fine: int
+    evaluations: int = 8
+
+
+#: a look at what a fit would be; a fit; one from where another one ended
+QUICK, FULL, ON = Rounds(1, 0, 5), Rounds(1, 5), Rounds(0, 5)
 
 
 @dataclass(frozen=True)
@@ -81,11 +100,11 @@ class Problem:
             b.name for b in evidence.blocks if known is None or b.name not in known or everything & places_of(rig, b)
         ]
         self.weights: dict[str, Floats] = {}
-        self.fine = False
         self.steps: Steps = "fine"
         self.prior = np.array([f.prior for f in free])
         self._last: dict[tuple[Steps, bytes], Residuals] = {}
         self._kept: dict[int, Floats] = {}
+        self._suits: dict[int, float] = {}
         self._kept_at = np.zeros(0)
 
     def weigh(self, residuals: Residuals) -> None:
@@ -129,69 +148,71 @@ class Problem:
         return np.concatenate(rows)
 
     def jacobian(self, x: Floats) -> Floats:
-        """Forward differences; blocks that a parameter does not touch are not simulated."""
+        """Differences; blocks that a parameter does not touch are not simulated."""
         here, start = self._rows(x, "fine") if any(map(self._late, self.free)) else ({}, np.zeros(0))
-        coarse, coarse_start = self._rows(x, "coarse")
+        coarse, rows = self._rows(x, "coarse")
         if self._kept and np.abs(x - self._kept_at)[self.prior].max() > STALE:
             self._kept = {}
         if not self._kept:
             self._kept_at = x.copy()
-        columns = np.empty((len(coarse_start), len(self.free)))
+        columns = np.empty((len(rows), len(self.free)))
         for j, f in enumerate(self.free):
             if j in self._kept:
                 columns[:, j] = self._kept[j]
                 continue
-            step = self._difference(j, x[j], self.fine)
             if self._late(f):
+                step = self._late_step(j, x[j])
                 columns[:, j] = (self._moved(x, j, step, here) - start) / step
             else:
-                columns[:, j] = (self._moved(x, j, step, coarse, "coarse") - coarse_start) / step
+                columns[:, j] = self._coarse(x, j, coarse)
             if f.prior:  # these are most of the simulations
                 self._kept[j] = columns[:, j].copy()
         return columns
+
+    def _coarse(self, x: Floats, j: int, here: Residuals) -> Floats:
+        """One column, simulated coarsely, by the step that suited it the first time."""
+        column = self._central(x, j, here, "coarse")
+        if j in self._suits:
+            return column(self._suits[j])
+        found, self._suits[j] = _suited(column, self._widest(j), NARROW, NARROWER, ALIKE)
+        return found
+
+    def _central(self, x: Floats, j: int, here: Residuals, steps: Steps) -> Callable[[float], Floats]:
+        """Central difference of one column by its step; to one side where the other one has no room."""
+        low, high = self.free[j].limits()
+
+        def column(step: float) -> Floats:
+            up, down = x[j] + step <= high, x[j] - step >= low
+            ends = [self._moved(x, j, side * step, here, steps) if room else self.stack(here, x)
+                    for side, room in ((1.0, up), (-1.0, down))]  # fmt: skip
+            return (ends[0] - ends[1]) / (step * max(up + down, 1))
+
+        return column
 
     def precise_jacobian(self, x: Floats) -> Floats:
         """Central differences, of each parameter by a step at which they do not depend on it.
 
         Directions that only the priors determine (all masses, springs and forces grow alike) show as such only if
-        neither the contacts' last tick nor the curvature of the response is in the differences: a motor that snaps from
-        tooth to tooth answers linearly to a hundred thousandth, dry friction only to a hundredth.
+        neither the contacts' last tick nor the curvature of the response is in the differences.
         """
-        return np.column_stack([self._column(x, j) for j in range(len(self.free))])
+        return np.column_stack([self._precise(x, j) for j in range(len(self.free))])
 
-    def _column(self, x: Floats, j: int) -> Floats:
-        """One column: of the steps tried the one from which a smaller one differs least."""
-        step = self._difference(j, x[j], True)
-        found, apart = [self._central(x, j, step)], np.inf
-        for _ in range(0 if self._late(self.free[j]) else SMALLER_STEPS):
-            step *= 0.1
-            found.append(self._central(x, j, step))
-            before, apart = apart, float(np.linalg.norm(found[-1] - found[-2]))
-            if apart > before:  # what is left are the contacts' ticks, which weigh as much more as the step is smaller
-                return found[-2] if apart < TICKS_GROW * before else found[-3]
-            if apart < SAME_COLUMN * float(np.linalg.norm(found[-1])):
-                break
-        return found[-1]
+    def _precise(self, x: Floats, j: int) -> Floats:
+        column = self._central(x, j, self._simulated(x, "fine"), "fine")
+        if self._late(self.free[j]):
+            return column(abs(self._late_step(j, x[j])))
+        return _suited(column, self._widest(j), PRECISE_NARROW, PRECISE_NARROWER, PRECISE_ALIKE)[0]
 
-    def _central(self, x: Floats, j: int, step: float) -> Floats:
-        """Central difference of one column; to one side where the other one has no room."""
-        low, high = self.free[j].limits()
-        here = self._simulated(x, "fine")
-        room = min(high - x[j], x[j] - low)
-        if room < abs(step):
-            return (self._moved(x, j, step, here) - self.stack(here, x)) / step
-        return (self._moved(x, j, step, here) - self._moved(x, j, -step, here)) / (2.0 * step)
+    def _widest(self, j: int) -> float:
+        return WIDEST_WAVE if self.free[j].role is Role.WAVE else WIDEST
 
-    def _difference(self, j: int, x: float, fine: bool) -> float:
-        """Step of a difference; a delay moves by many of the ticks that it is rounded to."""
+    def _late_step(self, j: int, x: float) -> float:
+        """Step of a delay: many of the ticks that it is rounded to."""
         f = self.free[j]
-        step = _step(f, x, fine)
-        if not self._late(f):
-            return step
         slope = abs(f.value(x)) if f.log else f.scale
         least = DELAY_STEP_SAMPLES * self.evidence.records[0].sample_time_s / max(slope, 1e-300)
-        wide = float(np.clip(least, abs(step), DELAY_STEP_MAX))
-        return -wide if step < 0.0 or x + wide > f.limits()[1] else wide
+        wide = float(np.clip(least, DELAY_STEP_LEAST, DELAY_STEP_MAX))
+        return -wide if x + wide > f.limits()[1] else wide
 
     def _late(self, free: Free) -> bool:
         """Whether it is of a delay, which is rounded to ticks of a substep."""
@@ -207,16 +228,28 @@ class Problem:
         return self.stack(there, at)
 
 
-def _step(free: Free, x: float, fine: bool) -> float:
-    """Step of a difference: of a nominal parameter about 5e-4 of its value, of an effect's 1e-2, or fine 1e-3.
+def _suited(
+    column: Callable[[float], Floats], step: float, narrow: float, narrower: int, alike: float
+) -> tuple[Floats, float]:
+    """A column and the step that suits it: of the steps tried the one from which a narrower one differs least.
 
-    Large enough that contacts found a tick earlier or later do not show in it. The larger one looks across the small
-    valleys that sticking and slipping make; the fine one is small enough that a motor which snaps from tooth to tooth
-    answers linearly.
+    In a narrow step contacts show that are found a tick earlier or later, which weigh as much more as it is narrower;
+    in a wide one the curvature of the response. Dry friction answers linearly to a tenth and shows its ticks below a
+    hundredth; a motor that snaps from tooth to tooth answers linearly to a hundred thousandth.
     """
-    high = free.limits()[1]
-    step = 1e-3 if free.effect and (fine or free.role is Role.WAVE) else 1e-2
-    return -step if x + step > high else step
+    last = column(step)
+    best, least = (last, step), np.inf
+    for _ in range(narrower):
+        there = column(step * narrow)
+        apart = float(np.linalg.norm(there - last)) / max(float(np.linalg.norm(there)), 1e-300)
+        if apart < alike:
+            return there, step * narrow
+        if apart < least:
+            best, least = (last, step), apart
+        if apart > TICKS_GROW * least:
+            break
+        last, step = there, step * narrow
+    return best
 
 
 def fit(
@@ -225,25 +258,41 @@ def fit(
     free: list[Free],
     start: Floats | None = None,
     known: Residuals | None = None,
-    rounds: int = 2,
-    evaluations: int = 8,
+    rounds: Rounds = FULL,
 ) -> Fit:
-    """Fit the free parameters; ``rounds`` times with the weights of where the last round ended, the last one finely.
+    """Fit the free parameters, in rounds with the weights of where the last round ended.
 
-    Coarse steps are enough to come near.
+    Coarse steps are enough to come near. Fine rounds go on until one gains nothing more: what is compared with a fit
+    that has not ended, with one effect more or another one, owes its gain to the way that was left.
 
     ``known`` : residuals of a rig that differs from ``base`` only where ``free`` acts; saves simulating the rest.
     """
     problem = Problem(evidence, base, free, known)
     x = np.zeros(len(free)) if start is None else np.asarray(start, dtype=float)
-    bounds = np.array([f.limits() for f in free]).reshape(-1, 2).T
-    x = np.clip(x, bounds[0] + 1e-9, bounds[1] - 1e-9) if free else x
-    for k in range(rounds if free else 0):
-        problem.fine = 0 < k == rounds - 1
-        problem.steps = "fine" if problem.fine else "coarse"
+    if not free:
+        return problem.ended(x)
+    bounds = np.array([f.limits() for f in free]).T
+    x = np.clip(x, bounds[0] + 1e-9, bounds[1] - 1e-9)
+    problem.steps = "coarse"
+    for _ in range(rounds.coarse):
         problem.weigh(problem.residuals(x))
-        x = _solve(problem, x, bounds, evaluations)
+        x = _solve(problem, x, bounds, rounds.evaluations)
+    problem.steps = "fine"
+    left = _left(problem, x)
+    for _ in range(rounds.fine):
+        problem.weigh(problem.residuals(x))
+        x = _solve(problem, x, bounds, rounds.evaluations)
+        before, left = left, _left(problem, x)
+        if left > (1.0 - WORTH_A_ROUND) * before:
+            break
     return problem.ended(x)
+
+
+def _left(problem: Problem, x: Floats) -> float:
+    """Geometric mean over the channels of what is left of the fitted part, in units of the floor's mean square."""
+    squares = problem.evidence.mean_square(problem.residuals(x), "train")
+    channels = np.concatenate([squares[name] for name in problem.touched])
+    return float(np.exp(np.mean(np.log(np.maximum(channels, 1.0)))))
 
 
 def _solve(problem: Problem, x: Floats, bounds: Floats, evaluations: int) -> Floats:

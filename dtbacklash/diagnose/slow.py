@@ -12,7 +12,7 @@ from dtbacklash.diagnose.floor import noise_floor
 from dtbacklash.diagnose.free import penalty_of
 from dtbacklash.diagnose.intervals import Linear, polished
 from dtbacklash.diagnose.name import refit_with
-from dtbacklash.diagnose.refit import Fit, weights_for
+from dtbacklash.diagnose.refit import ON, Fit, weights_for
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trials import Search
 
@@ -52,6 +52,6 @@ def refit_slowly(evidence: Evidence, found: Search) -> tuple[Evidence, Fit, Line
         return evidence, found.fitted, about
     start = _seen_by(slow, found.fitted)
     effects = [(key, start.effects[key]) for key in found.order]
-    fitted, about = polished(slow, refit_with(slow, start, effects, rounds=3))
+    fitted, about = polished(slow, refit_with(slow, start, effects, rounds=ON))
     found.fitted = _seen_by(evidence, fitted)
     return slow, fitted, about

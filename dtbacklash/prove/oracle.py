@@ -42,8 +42,6 @@ from dtbacklash.physics.rig import Rig, build_rig
 EXCESS_LEFT = 0.5
 #: standard errors, over stretches, by which the held-out mean square has to fall
 T_CLEAR = 3.0
-#: rounds of the fits: each with the weights of where the last one ended
-ROUNDS = 3
 #: laws of the catalogue that are fitted to physics beyond it, and what the best of them has to leave of the floor's
 #: mean square, to be beaten clearly: where the true structure was known, no more than 1.07 was left
 LAWS_TRIED, UNLISTED_LEFT = 5, 1.1
@@ -144,7 +142,7 @@ def refit_truth(
         if there is not None:  # at its neutral value it does nothing, and nothing is there to fit
             more = effect_free(base, place, name, there)
             free, start = free + more, start + [0.0] * len(more)
-    return fit(evidence, base, free, np.array(start), rounds=ROUNDS)
+    return fit(evidence, base, free, np.array(start))
 
 
 def _start(free: Free, parameters: dict[str, float]) -> float:
@@ -177,7 +175,7 @@ def _unlisted(
         free = nominal_free(evidence.nominal)
         start = [_start(f, {n: p.value for n, p in base.config.parameters.items()}) for f in free]
         more = effect_free(base, place, name, score.values)
-        fitted = fit(evidence, base, free + more, np.array(start + [0.0] * len(more)), rounds=ROUNDS)
+        fitted = fit(evidence, base, free + more, np.array(start + [0.0] * len(more)))
         rivals[f"{place}.{name}"] = fitted.residuals
     best = min(rivals, key=lambda name: evidence.rms(rivals[name]))
     return {best: compare(evidence, rivals[best], _noise(evidence, truth), _logarithm)}
