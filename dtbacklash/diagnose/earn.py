@@ -108,19 +108,19 @@ def earns(evidence: Evidence, before: Fit, after: Fit, nominal: Fit) -> bool:
     share, floor, t = paired(evidence, before, after)
     relief = before.penalty - after.penalty
     names = [b.name for b in evidence.blocks if after.residuals[b.name] is not before.residuals[b.name]]
-    nearly_noise = bool(names) and _worst(evidence, after, names) < rules.nearly_noise_floors
+    nearly_noise = bool(names) and worst(evidence, after, names) < rules.nearly_noise_floors
     seldom = share > rules.earn_seldom_share and floor > rules.earn_seldom_floors and nearly_noise
     if share > rules.earn_excess_share and floor > rules.earn_floors and (t > rules.earn_errors or seldom):
         sure = nearly_noise or share > rules.decisive_share
         least = rules.negligible_share if sure else rules.minor_share
-        return floor > least * _worst(evidence, nominal, names)
+        return floor > least * worst(evidence, nominal, names)
     return relief > rules.earn_penalty and share > -rules.earn_penalty_loss_share
 
 
-def _worst(evidence: Evidence, fitted: Fit, names: list[str]) -> float:
-    """Largest held-out mean square of a fit in these blocks, in units of the floor's."""
+def worst(evidence: Evidence, fitted: Fit, names: list[str] | None = None) -> float:
+    """Largest held-out mean square of a fit in these blocks, or in all, in units of the floor's."""
     squares = evidence.mean_square(fitted.residuals, "held")
-    return max(float(squares[n].max()) for n in names)
+    return max(float(squares[n].max()) for n in names or squares)
 
 
 def merit(evidence: Evidence, trial_fit: Fit) -> float:

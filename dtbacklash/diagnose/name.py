@@ -13,7 +13,7 @@ import numpy as np
 
 from dtbacklash.diagnose.candidates import candidates
 from dtbacklash.diagnose.compare import places_of
-from dtbacklash.diagnose.earn import earns, held_loss, merit, nearly, paired, same
+from dtbacklash.diagnose.earn import earns, held_loss, merit, nearly, paired, same, worst
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import (
     all_free,
@@ -229,7 +229,9 @@ def _add(evidence: Evidence, found: Search) -> bool:
             if earns(evidence, found.fitted, trial.fitted, found.nominal) and _believed(evidence, found, trial):
                 _take(evidence, found, trial, group)
                 return True
-    return len(found.order) + 2 <= rules.effects_max and _add_pair(evidence, found, trials)
+    # in noise no two effects hide each other
+    several = len(found.order) + 2 <= rules.effects_max and worst(evidence, current) > rules.noise_floors
+    return several and _add_pair(evidence, found, trials)
 
 
 def _take(evidence: Evidence, found: Search, trial: Trial, group: list[Trial]) -> None:

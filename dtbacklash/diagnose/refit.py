@@ -26,11 +26,10 @@ from dtbacklash.physics.rig import Rig
 STALE = 0.05
 #: a round is worth another one if it takes away this share of what is left, or of the noise where that is more
 WORTH_A_ROUND = 0.1
-#: a column's widest step, of a parameter that says how often a law waves and of any other
-WIDEST_WAVE, WIDEST = 1e-3, 0.1
-#: by which it is narrowed, how often at most, and by which share two columns may differ: on the way, and in the end
-NARROW, NARROWER, ALIKE = 0.3, 3, 0.01
-PRECISE_NARROW, PRECISE_NARROWER, PRECISE_ALIKE = 0.1, 6, 1e-4
+#: step of a column, of any parameter and of one that says how often a law waves: as narrow as the contacts' ticks allow
+STEP, STEP_WAVE = 0.03, 1e-3
+#: a precise column's widest step, by which it is narrowed, how often at most, and by which share two may differ
+WIDEST, NARROW, NARROWER, ALIKE = 0.03, 0.1, 4, 1e-3
 #: where two columns differ so many times more than wider ones did, they show the contacts' last tick
 TICKS_GROW = 3.0
 #: a delay is moved by at least so much of a sample, within these changes of its logarithm
@@ -104,7 +103,6 @@ class Problem:
         self.prior = np.array([f.prior for f in free])
         self._last: dict[tuple[Steps, bytes], Residuals] = {}
         self._kept: dict[int, Floats] = {}
-        self._suits: dict[int, float] = {}
         self._kept_at = np.zeros(0)
 
     def weigh(self, residuals: Residuals) -> None:
@@ -115,6 +113,10 @@ class Problem:
             samples = sum(int(r.train.sum()) for r in self.evidence.records)
             scale = np.concatenate([np.repeat(ratio, samples), np.ones(int(self.prior.sum()))])
             self._kept = {j: column * scale for j, column in self._kept.items()}
+
+    def finely(self) -> None:
+        """From here on simulate finely, with differences to both sides."""
+        self.steps, self._kept = "fine", {}
 
     def residuals(self, x: Floats) -> Residuals:
         """Residuals at x; the last ones are remembered."""
@@ -164,18 +166,21 @@ class Problem:
                 step = self._late_step(j, x[j])
                 columns[:, j] = (self._moved(x, j, step, here) - start) / step
             else:
-                columns[:, j] = self._coarse(x, j, coarse)
+                columns[:, j] = self._coarse(x, j, coarse, rows)
             if f.prior:  # these are most of the simulations
                 self._kept[j] = columns[:, j].copy()
         return columns
 
-    def _coarse(self, x: Floats, j: int, here: Residuals) -> Floats:
-        """One column, simulated coarsely, by the step that suited it the first time."""
-        column = self._central(x, j, here, "coarse")
-        if j in self._suits:
-            return column(self._suits[j])
-        found, self._suits[j] = _suited(column, self._widest(j), NARROW, NARROWER, ALIKE)
-        return found
+    def _coarse(self, x: Floats, j: int, here: Residuals, rows: Floats) -> Floats:
+        """One column, simulated coarsely: to one side on the way, to both in the end.
+
+        Where a response is curved, differences to one side err most in what changes least: a fit creeps along there.
+        """
+        step = STEP_WAVE if self.free[j].role is Role.WAVE else STEP
+        if self.steps == "fine":
+            return self._central(x, j, here, "coarse")(step)
+        step = -step if x[j] + step > self.free[j].limits()[1] else step
+        return (self._moved(x, j, step, here, "coarse") - rows) / step
 
     def _central(self, x: Floats, j: int, here: Residuals, steps: Steps) -> Callable[[float], Floats]:
         """Central difference of one column by its step; to one side where the other one has no room."""
@@ -201,10 +206,7 @@ class Problem:
         column = self._central(x, j, self._simulated(x, "fine"), "fine")
         if self._late(self.free[j]):
             return column(abs(self._late_step(j, x[j])))
-        return _suited(column, self._widest(j), PRECISE_NARROW, PRECISE_NARROWER, PRECISE_ALIKE)[0]
-
-    def _widest(self, j: int) -> float:
-        return WIDEST_WAVE if self.free[j].role is Role.WAVE else WIDEST
+        return _suited(column, STEP_WAVE if self.free[j].role is Role.WAVE else WIDEST)
 
     def _late_step(self, j: int, x: float) -> float:
         """Step of a delay: many of the ticks that it is rounded to."""
@@ -228,27 +230,26 @@ class Problem:
         return self.stack(there, at)
 
 
-def _suited(
-    column: Callable[[float], Floats], step: float, narrow: float, narrower: int, alike: float
-) -> tuple[Floats, float]:
-    """A column and the step that suits it: of the steps tried the one from which a narrower one differs least.
+def _suited(column: Callable[[float], Floats], step: float) -> Floats:
+    """The column by the step that suits it: of the steps tried the one from which a narrower one differs least.
 
     In a narrow step contacts show that are found a tick earlier or later, which weigh as much more as it is narrower;
     in a wide one the curvature of the response. Dry friction answers linearly to a tenth and shows its ticks below a
     hundredth; a motor that snaps from tooth to tooth answers linearly to a hundred thousandth.
     """
-    last = column(step)
-    best, least = (last, step), np.inf
-    for _ in range(narrower):
-        there = column(step * narrow)
+    last = best = column(step)
+    least = np.inf
+    for _ in range(NARROWER):
+        step *= NARROW
+        there = column(step)
         apart = float(np.linalg.norm(there - last)) / max(float(np.linalg.norm(there)), 1e-300)
-        if apart < alike:
-            return there, step * narrow
+        if apart < ALIKE:
+            return there
         if apart < least:
-            best, least = (last, step), apart
+            best, least = last, apart
         if apart > TICKS_GROW * least:
             break
-        last, step = there, step * narrow
+        last = there
     return best
 
 
@@ -277,7 +278,7 @@ def fit(
     for _ in range(rounds.coarse):
         problem.weigh(problem.residuals(x))
         x = _solve(problem, x, bounds, rounds.evaluations)
-    problem.steps = "fine"
+    problem.finely()
     left = _left(problem, x)
     for _ in range(rounds.fine):
         problem.weigh(problem.residuals(x))
