@@ -187,10 +187,12 @@ class Problem:
         low, high = self.free[j].limits()
 
         def column(step: float) -> Floats:
-            up, down = x[j] + step <= high, x[j] - step >= low
-            ends = [self._moved(x, j, side * step, here, steps) if room else self.stack(here, x)
-                    for side, room in ((1.0, up), (-1.0, down))]  # fmt: skip
-            return (ends[0] - ends[1]) / (step * max(up + down, 1))
+            sides = [side for side in (1.0, -1.0) if low <= x[j] + side * step <= high]
+            ends = [self._moved(x, j, side * step, here, steps) for side in sides]
+            if len(sides) == 2:
+                return (ends[0] - ends[1]) / (2.0 * step)
+            side, end = (sides[0], ends[0]) if sides else (1.0, self._moved(x, j, step, here, steps))
+            return (end - self.stack(here, x)) / (side * step)
 
         return column
 

@@ -54,6 +54,14 @@ def test_quantum_and_white_noise():
     assert white_noise(smooth + rng.normal(0, 1e-3, len(t))) == pytest.approx(1e-3, rel=0.1)
 
 
+@pytest.mark.parametrize("samples", [400, 1200, 5000])
+def test_the_level_of_white_noise_alone_is_not_taken_too_low(samples):
+    """The lowest of several bands of a short recording is too low by chance, by a third and more of the power."""
+    rng = np.random.default_rng(1)
+    squares = [white_noise(rng.standard_normal(samples)) ** 2 for _ in range(60)]
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.08)
+
+
 @pytest.mark.parametrize("omega", [0.1, 0.7, 1.5])
 def test_held_equivalent_leads_by_half_a_sample(omega):
     t = np.arange(400.0)

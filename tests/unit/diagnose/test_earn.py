@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from dtbacklash.diagnose.candidates import candidates
-from dtbacklash.diagnose.earn import earns, paired, significance
+from dtbacklash.diagnose.earn import earns, in_errors, paired, significance
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import nominal_free
 from dtbacklash.diagnose.locate import Bank
 from dtbacklash.diagnose.name import _borne, _eliminate, _from_the_middle, refit_with
 from dtbacklash.diagnose.propose import apart
-from dtbacklash.diagnose.refit import Fit, fit
+from dtbacklash.diagnose.refit import QUICK, Fit, fit
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trials import Search
 
@@ -26,7 +26,7 @@ def evidence(rig) -> Evidence:
 
 @pytest.fixture(scope="module")
 def nominal(rig, evidence) -> Fit:
-    return fit(evidence, rig, nominal_free(rig), rounds=1)
+    return fit(evidence, rig, nominal_free(rig), rounds=QUICK)
 
 
 def made(nominal: Fit, evidence: Evidence, seed: int, burst: float = 0.0, share: float = 1.0) -> Fit:
@@ -144,3 +144,13 @@ def test_what_is_best_in_one_block_does_not_hide_another(evidence, nominal):
     first, second = apart(evidence, [again, motor, beyond])
     assert first == [again, motor, beyond]
     assert second == [beyond]
+
+
+def test_few_stretches_have_to_say_more_than_many():
+    rng = np.random.default_rng(0)
+    fewest, usual, more = (rng.standard_normal((20000, n)) for n in (2, 12, 40))
+    beyond = [float(np.mean(in_errors(values) > 3.5)) for values in (fewest, usual, more)]
+    assert beyond[0] == pytest.approx(beyond[1], abs=0.002)
+    assert beyond[2] <= beyond[1]
+    assert np.array_equal(in_errors(np.ones((3, 1))), np.zeros(3))
+    assert np.array_equal(in_errors(np.ones((3, 0))), np.zeros(3))

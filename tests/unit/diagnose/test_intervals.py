@@ -11,7 +11,7 @@ from dtbacklash.diagnose.free import all_free, nominal_free, standing
 from dtbacklash.diagnose.intervals import polished, standard_errors
 from dtbacklash.diagnose.locate import Bank
 from dtbacklash.diagnose.name import refit_with, scores_about
-from dtbacklash.diagnose.refit import Problem, fit
+from dtbacklash.diagnose.refit import QUICK, Problem, Rounds, fit
 from dtbacklash.diagnose.trials import Search
 from dtbacklash.physics.effects.declare import FORMULATION_ERROR
 from dtbacklash.physics.rig import build_rig
@@ -67,7 +67,7 @@ def test_what_only_the_priors_know_ends_in_their_middle(rig):
     evidence = Evidence.gather(rig, [recorded(rig)])
     free = nominal_free(rig)
     grown = rig.with_parameters({n: 1.04 * rig.config.parameters[n].value for n in ("m", "k", "c")})
-    away = fit(evidence, grown, free, np.array([standing(f, grown) for f in free]), rounds=0)
+    away = fit(evidence, grown, free, np.array([standing(f, grown) for f in free]), rounds=Rounds(0, 0))
     better, about = polished(evidence, away)
     assert better.penalty < 0.2 < away.penalty
     assert all(abs(standing(f, better.rig)) < 0.3 for f in free if f.name in ("m", "k", "c"))
@@ -85,7 +85,7 @@ def test_the_law_is_one_formulation_of_several(rig):
 
 def test_a_simulation_that_runs_away_beside_the_fit_leaves_an_interval(rig, monkeypatch):
     evidence = Evidence.gather(rig, [recorded(rig, seconds=4.0)])
-    fitted = fit(evidence, rig, nominal_free(rig), rounds=1)
+    fitted = fit(evidence, rig, nominal_free(rig), rounds=QUICK)
     plain = Problem.precise_jacobian
 
     def runs_away(problem, x):

@@ -7,7 +7,7 @@ import pytest
 
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import effect_free, nominal_free
-from dtbacklash.diagnose.refit import Problem, fit
+from dtbacklash.diagnose.refit import QUICK, Problem, fit
 
 from .conftest import recorded
 
@@ -49,7 +49,7 @@ def test_columns_that_are_kept_take_the_weights_of_the_next_round(evidence):
 def test_a_fit_finds_what_is_twice_as_large_as_where_it_begins(evidence):
     rig = evidence.nominal.with_effect("link_1", "cubic_stiffness", {"k3": 2e9})
     free = nominal_free(rig) + effect_free(rig, "link_1", "cubic_stiffness", {"k3": 2e9})
-    found = fit(evidence, rig, free, rounds=1, evaluations=5).rig.effect("link_1", "cubic_stiffness")
+    found = fit(evidence, rig, free, rounds=QUICK).rig.effect("link_1", "cubic_stiffness")
     assert found["k3"] == pytest.approx(4e9, rel=0.05)
 
 

@@ -11,7 +11,7 @@ from dtbacklash.diagnose import Record, diagnose_records
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import nominal_free
 from dtbacklash.diagnose.parts import divided, for_judgement, marked
-from dtbacklash.diagnose.refit import fit
+from dtbacklash.diagnose.refit import QUICK, fit
 from dtbacklash.diagnose.trial import _rises, objection, objections, spoils_the_free_run
 from dtbacklash.physics.effects.declare import Place
 from dtbacklash.physics.rig import Rig
@@ -82,7 +82,7 @@ def test_of_a_square_wave_a_limit_is_seen_down_to_half_of_it(carriage, dry):
 
 def test_an_error_rises_by_more_than_chance_or_not_at_all(carriage, dry):
     evidence = Evidence.gather(carriage, divided([dry]))
-    before = fit(evidence, carriage, nominal_free(carriage), rounds=1).residuals
+    before = fit(evidence, carriage, nominal_free(carriage), rounds=QUICK).residuals
     barely, clearly = ({n: [factor * e for e in left] for n, left in before.items()} for factor in (1 + 1e-12, 1.2))
     assert not _rises(evidence, before, barely)
     assert _rises(evidence, before, clearly)
