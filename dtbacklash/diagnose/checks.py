@@ -34,6 +34,8 @@ PAIRED = "Diebold and Mariano, J. Bus. Econ. Stat. 13 (1995) 253"
 WALD = "Wald, Trans. Am. Math. Soc. 54 (1943) 426; errors: White, Econometrica 50 (1982) 1"
 PRIOR = "tolerances of the rig's parameters"
 BOUNDS = "bounds of the catalogue"
+#: of what a parameter typically is; machines differ by many decades
+AS_GOOD_AS_ZERO = 1e-12
 #: the test for whiteness wants so many samples a lag
 SAMPLES_PER_LAG = 10
 FREE = "Ljung, System Identification (1999), chapter 16"
@@ -224,7 +226,7 @@ def _at_bound(p: Parameter, value: float, shown: tuple[float, float] | None) -> 
     """Whether a value is at an end of its range, or as good as zero where that is one; ``shown`` : by the recording."""
     least, most = shown or (p.low, p.high)
     least, most = max(least, p.low), min(most, p.high)
-    low = value <= 1e-6 * p.typical if least == 0.0 else value <= least + settings().bound_share * abs(least)
+    low = value <= AS_GOOD_AS_ZERO * p.typical if least == 0.0 else value <= least + settings().bound_share * abs(least)
     return low or value >= most - settings().bound_share * abs(most)
 
 

@@ -25,6 +25,9 @@ LEAST_SEEN, PASSES, MOVED = 3, 5, 0.3
 #: two wide differences agree that differ by less than this share
 AGREE = 0.5
 
+#: a step ends so far inside of a parameter's range
+INSIDE = 1e-9
+
 #: standard errors to each side of a 95 % interval
 NORMAL95 = 1.96
 
@@ -65,7 +68,8 @@ def polished(evidence: Evidence, fitted: Fit) -> tuple[Fit, Linear]:
     if not problem.free:
         return fitted, about
     low, high = np.array([f.limits() for f in problem.free]).T
-    x = np.clip(about.x - _inverse(about.jacobian) @ (about.jacobian.T @ about.rows), low, high)
+    # an effect that reaches what does nothing would be gone
+    x = np.clip(about.x - _inverse(about.jacobian) @ (about.jacobian.T @ about.rows), low + INSIDE, high - INSIDE)
     rows = problem.stack(problem.residuals(x), x)
     if not np.isfinite(rows).all() or rows @ rows >= about.rows @ about.rows:
         return fitted, about

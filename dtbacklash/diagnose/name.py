@@ -48,6 +48,9 @@ from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig
 
+#: where all that was found only led out of a wrong recalibration, the search begins once more from the right one
+ATTEMPTS = 2
+
 
 def refit_with(evidence: Evidence, current: Fit, added: list[tuple[Key, dict[str, float]]], left_out: Key | None = None,
                rounds: Rounds = FULL, near: Rig | None = None) -> Fit:  # fmt: skip
@@ -89,6 +92,25 @@ def search(evidence: Evidence, say: Callable[[str, float], None] = silent) -> Se
     say("recalibrating the nominal rig", 0.02)
     nominal = fit(evidence, rig, nominal_free(rig))
     found = Search(evidence, nominal, nominal, [])
+    for _ in range(ATTEMPTS):
+        _add_all(found, say)
+        if not found.order:
+            break
+        say("trying to do without", 0.8)
+        _recalibrate_again(found.evidence, found)
+        _eliminate(found.evidence, found)
+        if found.order:
+            break
+    if len(found.order) > 1:
+        say("what else would fit", 0.9)
+        _reconsider(found.evidence, found, list(found.order), rules.final_rivals)
+    _own_instead(found)
+    return found
+
+
+def _add_all(found: Search, say: Callable[[str, float], None]) -> None:
+    """Add effects until none earns its place."""
+    rules = settings()
     while len(found.order) < rules.effects_max:
         _listen(found)
         say(f"looking for effect {len(found.order) + 1}", 0.1 + 0.2 * len(found.order))
@@ -96,13 +118,6 @@ def search(evidence: Evidence, say: Callable[[str, float], None] = silent) -> Se
             break
         _reconsider(found.evidence, found, found.order[:-1], rules.swap_rivals)
         _from_the_middle(found.evidence, found)
-    say("trying to do without", 0.8)
-    _eliminate(found.evidence, found)
-    if len(found.order) > 1:
-        say("what else would fit", 0.9)
-        _reconsider(found.evidence, found, list(found.order), rules.final_rivals)
-    _own_instead(found)
-    return found
 
 
 def _own_instead(found: Search) -> None:
@@ -113,7 +128,7 @@ def _own_instead(found: Search) -> None:
         before = _without(found, left_out) if left_out else found.nominal
         own = own_parameter(found.evidence, before)
         least = merit(found.evidence, found.fitted) + settings().earn_penalty
-        if own is None or merit(own.evidence, own.fitted) >= least:
+        if own is None or not (merit(own.evidence, own.fitted) < least or same(own.evidence, found.fitted, own.fitted)):
             continue
         gone = [left_out] if left_out else found.order
         found.refused |= dict.fromkeys(gone, "one element's own parameter does as well")
@@ -355,17 +370,34 @@ def drop(found: Search, key: Key, why: str) -> None:
     found.order = [k for k in found.order if k != key and found.fitted.rig.effect(*k) is not None]
     found.refused[key] = f"taken back: {why}"
     if not found.order:
-        found.fitted = found.nominal
+        found.nominal = found.fitted = min(found.fitted, found.nominal, key=lambda f: merit(found.evidence, f))
 
 
 def _eliminate(evidence: Evidence, found: Search) -> None:
-    """Take out what does not earn its place beside the others."""
+    """Take out what does not earn its place beside the others, or alone."""
     for key in list(found.order):
-        if len(found.order) < 2:
-            return
         if _borne(found.fitted, key, evidence.records[0].sample_time_s):
             continue
         without = _without(found, key)
+        if len(found.order) == 1 and merit(evidence, without) < merit(evidence, found.nominal):
+            found.nominal = (
+                without  # the first recalibration had ended in another valley: a law that led out of it is none
+            )
         if not earns(evidence, without, found.fitted, found.nominal):
             found.fitted = without
             found.order.remove(key)
+    if not found.order:
+        found.fitted = found.nominal
+
+
+def _recalibrate_again(evidence: Evidence, found: Search) -> None:
+    """Fit the nominal rig from where the last fit ended, too: alone it may have ended in another valley."""
+    if len(found.order) < 2:
+        return
+    nominal = evidence.nominal
+    rig = found.fitted.rig
+    for key in found.order:
+        rig = as_given(nominal, rig, key)
+    again = fit(evidence, rig, *all_free(evidence, rig))
+    if merit(evidence, again) < merit(evidence, found.nominal):
+        found.nominal = again

@@ -4,13 +4,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dtbacklash.diagnose.earn import merit
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.free import all_free
+from dtbacklash.diagnose.free import all_free, nominal_free, standing
 from dtbacklash.diagnose.projection import Projection
-from dtbacklash.diagnose.refit import Fit, fit
+from dtbacklash.diagnose.refit import QUICK, Fit, Rounds, fit
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.rig import Rig, build_rig
 
+#: parameter, element, field
+Use = tuple[str, str, str]
 #: step of the difference that a signature is, in tolerances
 STEP = 0.1
 
@@ -26,32 +29,43 @@ class Own:
 def own_parameter(evidence: Evidence, before: Fit) -> Own | None:
     """The parameter of one element that alone explains what a fit leaves, if there is one.
 
-    Each is scored by one simulation, as effects are; the best is fitted where that promises something, and has to leave
-    noise.
+    Each is scored by one simulation, as effects are; the best are looked at, as masses that swing out of step show
+    themselves only when a fit is near; the best of these is fitted, and has to leave noise.
     """
-    listed = shared(evidence.nominal)
-    if not listed or is_noise(evidence, before):
+    if not shared(evidence.nominal) or is_noise(evidence, before):
         return None
-    projection = Projection(evidence, before)
-    best, least = None, np.inf
-    for name, element, field in listed:
-        rig = split(before.rig, name, element, field)
+    looks = {use: _own(evidence, before.rig, use, QUICK) for use in _promising(evidence, before)}
+    least = min(merit(own.evidence, own.fitted) for own in looks.values())
+    # of two elements that share it either one may have its own: the one that leaves the shared value where it was
+    alike = [use for use, own in looks.items() if merit(own.evidence, own.fitted) < least + settings().earn_penalty]
+    best = looks[min(alike, key=lambda use: _away(evidence, looks[use].fitted.rig, use[0]))]
+    own = replace(best, fitted=fit(best.evidence, best.fitted.rig, *all_free(best.evidence, best.fitted.rig)))
+    return own if is_noise(own.evidence, own.fitted) else None
+
+
+def _own(evidence: Evidence, rig: Rig, use: Use, rounds: Rounds) -> Own:
+    evidence, start = replace(evidence, nominal=split(evidence.nominal, *use)), split(rig, *use)
+    return Own(evidence, fit(evidence, start, *all_free(evidence, start), rounds=rounds))
+
+
+def _away(evidence: Evidence, rig: Rig, name: str) -> float:
+    """How far a parameter of the rig is from nominal, in tolerances."""
+    return next(abs(standing(f, rig)) for f in nominal_free(evidence.nominal, rig=rig) if f.title == name)
+
+
+def _promising(evidence: Evidence, before: Fit) -> list[Use]:
+    """The shared parameters that, of one element alone, promise to explain most of what is left; the best first."""
+    projection, left = Projection(evidence, before), {}
+    for use in shared(evidence.nominal):
+        name, element, _ = use
+        rig, own = split(before.rig, *use), title(name, element)
         width = rig.config.parameters[name].tolerance * evidence.nominal.config.parameters[name].value
-        own = title(name, element)
         moved = rig.with_parameters({own: rig.config.parameters[own].value + STEP * width})
         changed = evidence.residuals(moved, before.residuals, {element})
         column = projection.project(projection.stack(before.residuals) - projection.stack(changed))
-        left = projection.total - float(column @ projection.residual) ** 2 / max(float(column @ column), 1e-300)
-        if left < least:
-            best, least = (name, element, field), left
-    # in the weights of the residual as it is now, noise has its own share of what is left
-    noise = sum(float(np.sum(projection.weights[b.name])) for b in evidence.blocks) * projection.samples
-    if best is None or least - noise > (1.0 - settings().own_promise_share) * (projection.total - noise):
-        return None
-    evidence = replace(evidence, nominal=split(evidence.nominal, *best))
-    start = split(before.rig, *best)
-    fitted = fit(evidence, start, *all_free(evidence, start))
-    return Own(evidence, fitted) if is_noise(evidence, fitted) else None
+        gain = float(column @ projection.residual) ** 2 / max(float(column @ column), 1e-300)
+        left[use] = projection.total - gain
+    return sorted(left, key=lambda use: left[use])[: settings().quick_fits]
 
 
 def is_noise(evidence: Evidence, fitted: Fit) -> bool:
@@ -60,7 +74,7 @@ def is_noise(evidence: Evidence, fitted: Fit) -> bool:
     return all(bool(np.all(squares[n] < settings().noise_floors * least[n])) for n in squares)
 
 
-def shared(rig: Rig) -> list[tuple[str, str, str]]:
+def shared(rig: Rig) -> list[Use]:
     """(parameter, element, field) wherever several elements, or fields of one, use the same parameter."""
     uses = [
         (spec[field], element, field)

@@ -16,6 +16,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.compare import Steps, places_of
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.free import Effects, Free, apply, effects_of_rig, penalty_of
+from dtbacklash.diagnose.settings import settings
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects import slots
@@ -24,8 +25,9 @@ from dtbacklash.physics.rig import Rig
 
 #: the Jacobian's columns of the nominal parameters serve until one of these has moved by as many tolerances
 STALE = 0.05
-#: a round is worth another one if it takes away this share of what is left, or of the noise where that is more
-WORTH_A_ROUND = 0.1
+#: a round is worth another one if it takes away this share of what is left; near noise, if minus twice the
+#: log-likelihood falls by more than one parameter more would make it by chance (95 % of chi-square)
+WORTH_A_ROUND, BY_CHANCE = 0.1, 3.84
 #: step of a column, of any parameter and of one that says how often a law waves: as narrow as the contacts' ticks allow
 STEP, STEP_WAVE = 0.03, 1e-3
 #: a precise column's widest step, by which it is narrowed, how often at most, and by which share two may differ
@@ -46,7 +48,7 @@ class Rounds:
 
 
 #: a look at what a fit would be; a fit; one from where another one ended
-QUICK, FULL, ON = Rounds(1, 0, 5), Rounds(1, 5), Rounds(0, 5)
+QUICK, FULL, ON = Rounds(1, 0, 5), Rounds(1, 8), Rounds(0, 8)
 
 
 @dataclass(frozen=True)
@@ -281,19 +283,32 @@ def fit(
         problem.weigh(problem.residuals(x))
         x = _solve(problem, x, bounds, rounds.evaluations)
     problem.finely()
-    left = _left(problem, x)
     for _ in range(rounds.fine):
-        problem.weigh(problem.residuals(x))
+        before = problem.residuals(x), x
+        problem.weigh(before[0])
         x = _solve(problem, x, bounds, rounds.evaluations)
-        before, left = left, _left(problem, x)
-        if left > (1.0 - WORTH_A_ROUND) * before:
+        if not _worth_another(problem, before, (problem.residuals(x), x)):
             break
     return problem.ended(x)
 
 
-def _left(problem: Problem, x: Floats) -> float:
+def _worth_another(problem: Problem, before: tuple[Residuals, Floats], after: tuple[Residuals, Floats]) -> bool:
+    """Whether a round has gained so much that the next one may: far from noise a share of what is left, near it chance.
+
+    There a percent of many samples is decisive; elsewhere it is not, as the law is another one.
+    """
+    evidence = problem.evidence
+    first, second = (_left(problem, residuals) for residuals, _ in (before, after))
+    if second > settings().nearly_noise_floors:
+        return second < (1.0 - WORTH_A_ROUND) * first
+    gains = [likelihood(evidence, residuals) + float(x[problem.prior] @ x[problem.prior])
+             for residuals, x in (before, after)]  # fmt: skip
+    return gains[0] - gains[1] > BY_CHANCE
+
+
+def _left(problem: Problem, residuals: Residuals) -> float:
     """Geometric mean over the channels of what is left of the fitted part, in units of the floor's mean square."""
-    squares = problem.evidence.mean_square(problem.residuals(x), "train")
+    squares = problem.evidence.mean_square(residuals, "train")
     channels = np.concatenate([squares[name] for name in problem.touched])
     return float(np.exp(np.mean(np.log(np.maximum(channels, 1.0)))))
 
@@ -331,9 +346,14 @@ def _guarded(rows: Floats) -> Floats:
 
 def objective(evidence: Evidence, fitted: Fit, part: str = "train") -> float:
     """Minus twice the log-likelihood of a part, with as many samples as count, plus the prior's penalty."""
-    total = fitted.penalty
+    return fitted.penalty + likelihood(evidence, fitted.residuals, part)
+
+
+def likelihood(evidence: Evidence, residuals: Residuals, part: str = "train") -> float:
+    """Minus twice the log-likelihood of a part, with as many samples as count."""
+    total = 0.0
     for block in evidence.blocks:
-        rows = evidence.rows(fitted.residuals, block.name, part)
+        rows = evidence.rows(residuals, block.name, part)
         squares = np.mean(rows**2, axis=1)
         above = np.maximum(squares, 1.0)
         share = (above - 1.0) / above

@@ -197,9 +197,6 @@ class DiagnoseSettings:
     scanned_starts: int = setting(
         2, "so many of the best wave numbers or delays are simulated: the regression may confuse neighbours",
         unit="count", at_least=1)
-    own_promise_share: float = setting(
-        0.5, "one element's own parameter is fitted where its regression, being linear, takes so much of the mismatch",
-        unit="share", above=0, below=1)
 
     # search
     search_samples_max: int = setting(

@@ -27,7 +27,8 @@ def compile_plant(
     ----------
     rig : a checked rig.
     sample_time_s : sampling time, s.
-    substeps : steps a sample; 0 chooses 1 where the linear solution is exact, else SUBSTEPS_FORCED.
+    substeps : steps a sample; 0 chooses 1 where the linear solution is exact and nothing is imposed by a positioner,
+        else SUBSTEPS_FORCED.
     event_levels : a contact is located to ``sample_time_s / substeps / 2**event_levels``.
     imposed : drive the gear with a given motor angle instead of the simulated motor. A positioner always imposes.
     where_forced : substeps and event levels instead of those where forces act beside the linear plant.
@@ -42,7 +43,9 @@ def compile_plant(
     entries = _entries(parts, circuit, first_aux)
     if where_forced and entries.forced:
         substeps, event_levels = where_forced
-    substeps = substeps or (SUBSTEPS_FORCED if entries.forced else 1)
+    # what a positioner imposes moves smoothly between the samples, whether a law beside it asks for more steps or not
+    smooth = rig.only("positioner") is not None
+    substeps = substeps or (SUBSTEPS_FORCED if entries.forced or smooth else 1)
     screw = _screw_row(parts)
     A, G = _continuous(parts, circuit, entries.decays, screw)
     E, P1, P2 = discretise(A, G, sample_time_s / substeps, event_levels + 1)

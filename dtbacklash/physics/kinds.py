@@ -114,7 +114,7 @@ KINDS: dict[str, Kind] = {
         ),
         Kind(
             "positioner", {"travel": "m/V"}, {}, {},
-            "imposes a position, travel times the command, straight between samples (a test machine)",
+            "imposes a position, travel times the command, smoothly between samples (a test machine)",
             part=DRIVE, one_of=("drive", "base"),
         ),
         Kind(

@@ -13,6 +13,8 @@ from dtbacklash.physics.effects.declare import REST_ERROR, Alias, Draws, Effect,
 from dtbacklash.physics.effects.periodic import periodic
 from dtbacklash.physics.effects.slots import BodyDamping, BodyEffort, Contact, HiddenBody
 
+#: no machine's effort, damping or mass is larger, SI: what bounds a search is the recording, and a machine may be large
+HIGH = 1e9
 #: frequencies at which a search for a hidden mass begins, and how far they reach beyond the structure's own
 ABSORBERS, BELOW, ABOVE = 25, 3.0, 5.0
 SAME_AS_LOAD = "a load and a difference of the friction's levels are the same to any recording"
@@ -75,11 +77,11 @@ class _Axis:
 
 _ROTARY = _Axis(
     "rotor", "torque", "N m", "rad/s", "N m s/rad",
-    Parameter("periods", "1/rev", 1.0, 500.0, 24.0, role=Role.WAVE), "constant_load", 10.0, 0.02, 1.0,
+    Parameter("periods", "1/rev", 1.0, 500.0, 24.0, role=Role.WAVE), "constant_load", HIGH, 0.02, 1.0,
 )  # fmt: skip
 _LINEAR = _Axis(
     "carriage", "force", "N", "m/s", "N s/m",
-    Parameter("wave_number", "rad/m", 1.0, 1e5, 2513.0, role=Role.WAVE), "constant_force", 1e5, 20.0, 0.02,
+    Parameter("wave_number", "rad/m", 1.0, 1e5, 2513.0, role=Role.WAVE), "constant_force", HIGH, 20.0, 0.02,
 )  # fmt: skip
 
 
@@ -132,7 +134,7 @@ def _bearing(axis: _Axis) -> list[Effect]:
         ),
         Effect(
             "stribeck_friction", kind,
-            (replace(level, typical=size / 2), Parameter("speed", axis.speed_unit, 1e-6, 1e3, axis.slow)),
+            (replace(level, typical=size / 2), Parameter("speed", axis.speed_unit, 1e-9, 1e5, axis.slow)),
             f"-{effort} exp(-(v/speed)^2) sign(v)", Contact(stribeck), FRICTION_SOURCE,
             f"Friction at the {{location}} is higher by {{{effort}}} at rest and falls off within {{speed}}.",
             conceal=_effort_range, draws=lambda rng, place: {"speed": place.speed * float(rng.uniform(0.05, 0.4))},
@@ -141,7 +143,7 @@ def _bearing(axis: _Axis) -> list[Effect]:
         ),
         Effect(
             "viscous_friction", kind,
-            (Parameter("coefficient", axis.viscous_unit, 0.0, 1e5, size / 20, 0.0, role=Role.SIZE),),
+            (Parameter("coefficient", axis.viscous_unit, 0.0, HIGH, size / 20, 0.0, role=Role.SIZE),),
             "-coefficient v", BodyDamping("coefficient"), "linear",
             "Viscous friction of {coefficient} acts at the {location}.",
             conceal=_viscous_range, starts=_share_of_damping,
@@ -149,7 +151,7 @@ def _bearing(axis: _Axis) -> list[Effect]:
         Effect(
             "asymmetric_friction", kind,
             (
-                Parameter("viscous_difference", axis.viscous_unit, -1e5, 1e5, size / 40, 0.0, role=Role.SIZE),
+                Parameter("viscous_difference", axis.viscous_unit, -HIGH, HIGH, size / 40, 0.0, role=Role.SIZE),
                 Parameter("coulomb_difference", unit, -top, top, 0.0, 0.0),
             ),
             "-(coulomb_difference + viscous_difference |v|)", BodyEffort(asymmetric_friction),
@@ -199,7 +201,7 @@ def _gravity_draws(rng: Generator, place: Place) -> Values:
 GRAVITY = Effect(
     "gravity", "rotor",
     (
-        Parameter("torque", "N m", 0.0, 1e3, 0.02, 0.0, role=Role.SIZE),
+        Parameter("torque", "N m", 0.0, HIGH, 0.02, 0.0, role=Role.SIZE),
         Parameter("phase", "rad", -3.2, 3.2, 0.0, role=Role.ANGLE),
     ),
     "torque sin(theta + phase)", BodyEffort(gravity), "off-centre mass, torque = m g l",
@@ -210,8 +212,8 @@ GRAVITY = Effect(
 ABSORBER = Effect(
     "absorber", "mass",
     (
-        Parameter("mass", "kg", 0.0, 1e3, 0.3, 0.0, role=Role.SIZE),
-        Parameter("frequency", "Hz", 0.01, 1e3, 12.0, role=Role.FREQUENCY),
+        Parameter("mass", "kg", 0.0, HIGH, 0.3, 0.0, role=Role.SIZE),
+        Parameter("frequency", "Hz", 1e-4, 1e6, 12.0, role=Role.FREQUENCY),
         Parameter("damping_ratio", "1", 0.0, 2.0, 0.05),
     ),
     "a hidden mass on a spring of (2 pi frequency)^2 mass", HiddenBody("mass", "frequency", "damping_ratio"),
@@ -222,18 +224,18 @@ ABSORBER = Effect(
 
 _MASS = [
     Effect(
-        "ground_friction", "mass", (Parameter("force", "N", 0.0, 1e5, 0.2, 0.0, role=Role.SIZE),),
+        "ground_friction", "mass", (Parameter("force", "N", 0.0, HIGH, 0.2, 0.0, role=Role.SIZE),),
         "-force sign(v), |.| <= force at v = 0", Contact(coulomb), "Coulomb friction against the ground",
         "Dry friction of {force} holds {location} against the ground.",
         conceal=_effort_range, starts=_share_of_force, formulation_error=REST_ERROR,
     ),
     Effect(
-        "constant_force", "mass", (Parameter("force", "N", -1e5, 1e5, 0.5, 0.0, role=Role.SIZE),),
+        "constant_force", "mass", (Parameter("force", "N", -HIGH, HIGH, 0.5, 0.0, role=Role.SIZE),),
         "force", BodyEffort(constant), "constant", "A constant force of {force} acts on {location}.",
         conceal=_effort_range, starts=_share_of_force,
     ),
     Effect(
-        "viscous_friction", "mass", (Parameter("coefficient", "N s/m", 0.0, 1e5, 1.0, 0.0, role=Role.SIZE),),
+        "viscous_friction", "mass", (Parameter("coefficient", "N s/m", 0.0, HIGH, 1.0, 0.0, role=Role.SIZE),),
         "-coefficient v", BodyDamping("coefficient"), "linear",
         "Viscous friction of {coefficient} acts between {location} and the ground.",
         conceal=_viscous_range, starts=_share_of_damping,

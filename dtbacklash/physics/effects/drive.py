@@ -85,7 +85,7 @@ def _ripple_draws(rng: Generator, place: Place) -> Values:
 def late(kind: str, sentence: str, law_text: str) -> Effect:
     """A pure delay of an amplifier or a sensor."""
     return Effect(
-        "delay", kind, (Parameter("time", "s", 0.0, 0.05, 1.3e-3, 0.0, role=Role.TIME),), law_text, Late("time"),
+        "delay", kind, (Parameter("time", "s", 0.0, 10.0, 1.3e-3, 0.0, role=Role.TIME),), law_text, Late("time"),
         "pure delay", sentence, conceal=lambda place, sign: (DELAY_MAX_S, 5e-4), starts=_delays,
     )  # fmt: skip
 

@@ -121,7 +121,7 @@ def _spring(kind: str, force: str, length: str, names: tuple[str, ...], scale: d
     listed = [
         Effect(
             "cubic_stiffness", kind,
-            (Parameter("k3", f"{force}/{length}^3", -1e14, 1e14, scale["k3"], 0.0, role=Role.SIZE),),
+            (Parameter("k3", f"{force}/{length}^3", -1e20, 1e20, scale["k3"], 0.0, role=Role.SIZE),),
             "k3 s^3", SpringForce(cubic_stiffness), "Duffing's spring",
             "The spring of {location} has a cubic part of {k3}.",
             conceal=_cubic_range,
@@ -129,14 +129,14 @@ def _spring(kind: str, force: str, length: str, names: tuple[str, ...], scale: d
         ),
         Effect(
             "quadratic_damping", kind,
-            (Parameter("c2", f"{force} s^2/{length}^2", 0.0, 1e8, scale["c2"], 0.0, role=Role.SIZE),),
+            (Parameter("c2", f"{force} s^2/{length}^2", 0.0, 1e15, scale["c2"], 0.0, role=Role.SIZE),),
             "c2 |s'| s'", SpringForce(quadratic_damping), "turbulent damper",
             "The damper of {location} has a quadratic part of {c2}.",
             conceal=_quadratic_range, starts=_starts(lambda p: 0.1 * _damping(p) / p.stretch_rate),
         ),
         Effect(
             "dry_friction", kind,
-            (Parameter(moment, force, 0.0, 1e5, scale["dry"], 0.0, role=Role.SIZE),),
+            (Parameter(moment, force, 0.0, 1e9, scale["dry"], 0.0, role=Role.SIZE),),
             f"{moment} sign(s'), |.| <= {moment} at s' = 0", Contact(coulomb), "Coulomb friction across a spring",
             f"Dry friction of {{{moment}}} acts across {{location}}.",
             conceal=_force_range,
@@ -145,8 +145,8 @@ def _spring(kind: str, force: str, length: str, names: tuple[str, ...], scale: d
         Effect(
             "hysteresis", kind,
             (
-                Parameter(moment, force, 0.0, 1e5, scale["hysteresis"], 0.0, role=Role.SIZE),
-                Parameter("displacement", length, 1e-8, 1.0, scale["displacement"]),
+                Parameter(moment, force, 0.0, 1e9, scale["hysteresis"], 0.0, role=Role.SIZE),
+                Parameter("displacement", length, 1e-15, 1e3, scale["displacement"]),
             ),
             f"{moment} z, z' = (s' - |s'| z/2 - s' |z|/2)/displacement",
             SpringMemory(bouc_wen_rate, bouc_wen_force, "displacement"),
@@ -158,8 +158,8 @@ def _spring(kind: str, force: str, length: str, names: tuple[str, ...], scale: d
         Effect(
             "bumper", kind,
             (
-                Parameter("stiffness", f"{force}/{length}", 0.0, 1e8, scale["stop"], 0.0, role=Role.SIZE),
-                Parameter("clearance", length, -1.0, 1.0, scale["clearance"]),
+                Parameter("stiffness", f"{force}/{length}", 0.0, 1e15, scale["stop"], 0.0, role=Role.SIZE),
+                Parameter("clearance", length, -1e3, 1e3, scale["clearance"]),
             ),
             "stiffness (s - clearance) where s > clearance", SpringForce(bumper), "one-sided elastic stop",
             "{location} hits a stop of {stiffness} at a stretch of {clearance}.",
@@ -175,7 +175,7 @@ def _spring(kind: str, force: str, length: str, names: tuple[str, ...], scale: d
             conceal=lambda place, sign: (0.6 / place.duration_s, 0.1 / place.duration_s),
         ),
         Effect(
-            "backlash", kind, (Parameter("lost_motion", length, 0.0, 1.0, scale["lost"], 0.0, role=Role.SIZE),),
+            "backlash", kind, (Parameter("lost_motion", length, 0.0, 1e3, scale["lost"], 0.0, role=Role.SIZE),),
             "the spring's stretch is what s has beyond lost_motion/2 to either side", SpringPlay(lost_motion),
             "play operator; the paper's Eqs (16)-(17)",
             "The {location} has backlash: a lost motion of {lost_motion} at each reversal.",
