@@ -34,8 +34,6 @@ PAIRED = "Diebold and Mariano, J. Bus. Econ. Stat. 13 (1995) 253"
 WALD = "Wald, Trans. Am. Math. Soc. 54 (1943) 426; errors: White, Econometrica 50 (1982) 1"
 PRIOR = "tolerances of the rig's parameters"
 BOUNDS = "bounds of the catalogue"
-#: of what a parameter typically is; machines differ by many decades
-AS_GOOD_AS_ZERO = 1e-12
 #: the test for whiteness wants so many samples a lag
 SAMPLES_PER_LAG = 10
 FREE = "Ljung, System Identification (1999), chapter 16"
@@ -223,10 +221,17 @@ def _inside_bounds(evidence: Evidence, found: Search) -> Check:
 
 
 def _at_bound(p: Parameter, value: float, shown: tuple[float, float] | None) -> bool:
-    """Whether a value is at an end of its range, or as good as zero where that is one; ``shown`` : by the recording."""
+    """Whether a value is at an end of its range; ``shown`` : by the recording.
+
+    Zero is an end of a shape. Whether a size is away from it is a matter of its error, see :func:`_away_from_nothing`:
+    machines differ by many decades.
+    """
     least, most = shown or (p.low, p.high)
     least, most = max(least, p.low), min(most, p.high)
-    low = value <= AS_GOOD_AS_ZERO * p.typical if least == 0.0 else value <= least + settings().bound_share * abs(least)
+    if least == 0.0:
+        low = p.role is not Role.SIZE and value <= 1e-6 * p.typical
+    else:
+        low = value <= least + settings().bound_share * abs(least)
     return low or value >= most - settings().bound_share * abs(most)
 
 

@@ -19,6 +19,8 @@ def next_experiment(evidence: Evidence, found: Search, rest: Recovered | None = 
     ``rest`` : what nothing explains, if anything is left.
     """
     if rest is not None:
+        if rest.share < settings().located_share:
+            return "What is missing shows itself at no place: record more of the rig's bodies."
         place = place_in_words(rest.place)
         if rest.state == "time":
             return f"What is missing at {place} has a time course of its own: record the same motion again, and rest."

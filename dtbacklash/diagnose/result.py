@@ -181,6 +181,11 @@ class Located:
     share: float
     rest: Rest | None = None
 
+    @property
+    def shown(self) -> bool:
+        """Whether the recording shows where it sits: an effort there explains a share of it that counts."""
+        return self.rest is None or self.rest.explained >= settings().located_share
+
     def to_json(self) -> Document:
         """As in ``diagnosis.json``: the rest's entries beside the others, if there are any."""
         found: Document = {"block": self.block, "location": self.location, "share": self.share}

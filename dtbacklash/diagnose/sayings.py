@@ -119,8 +119,9 @@ def summary(
             parts.append(f"This recording cannot tell {name_in_words(finding.effect)} from {others}.")
     if verdict == UNEXPLAINED and located:
         said = "What remains" if findings else "The mismatch"
-        parts.append(f"{said} is real and lies at or near {place_in_words(located.location)}, "
-                     "but nothing in the catalogue explains it.")  # fmt: skip
+        where = f" and lies at or near {place_in_words(located.location)}" if located.shown else ""
+        parts.append(f"{said} is real{where}, but nothing in the catalogue explains it"
+                     f"{'' if located.shown else ', and nothing shows where it lies'}.")  # fmt: skip
     return " ".join(parts)
 
 

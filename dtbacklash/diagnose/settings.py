@@ -312,6 +312,9 @@ class DiagnoseSettings:
     stands_out_ratio: float = setting(
         25.0, "a finding is sure beside what is left where without it so much more would be left",
         unit="ratio of mean squares", above=1)
+    located_share: float = setting(
+        0.05, "an effort that explains less of what is left does not show where it acts",
+        unit="share of what is left", above=0, below=1)
     moved_share: float = setting(0.2, "a parameter that moved by less has not", unit="share of its tolerance", above=0)
     moved_errors: float = setting(
         0.7, "nor one by less than this: it follows another along a direction that cannot be seen",

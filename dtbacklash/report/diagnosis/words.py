@@ -18,7 +18,8 @@ def heading(diagnosis: Diagnosis) -> str:
         return f"Missing: {listed(named)}"
     if diagnosis.fault:
         return f"No physics was looked for: {diagnosis.fault}"
-    where = f" at the {place_in_words(diagnosis.located.location)}" if diagnosis.located else ""
+    there = diagnosis.located
+    where = f" at the {place_in_words(there.location)}" if there and there.shown else ""
     rest = f"beside {listed(named)}, " if named else ""
     return f"Unexplained: {rest}something acts{where} that the catalogue does not hold"
 

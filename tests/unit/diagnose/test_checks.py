@@ -67,10 +67,13 @@ def test_an_effect_of_nothing_and_a_parameter_at_its_end_are_seen(rig, evidence,
     nothing = refit_with(evidence, nominal, [(COULOMB, {"torque": 0.015})])
     nothing = fit(evidence, nothing.rig.with_effect(*COULOMB, {"torque": 1e-9}), [])
     far = fit(evidence, nothing.rig.with_parameters({"m": 5.0 * (1 + 3.0 * rig.config.parameters["m"].tolerance)}), [])
-    found = rows(evidence, Search(evidence, nominal, far, [COULOMB]), {(*COULOMB, "torque"): 1e-5})
+    over = {"mass": 0.5, "frequency": 12.0, "damping_ratio": 2.0}
+    far = fit(evidence, far.rig.with_effect("mass_2", "absorber", over), [])
+    order = [COULOMB, ("mass_2", "absorber")]
+    found = rows(evidence, Search(evidence, nominal, far, order), {(*COULOMB, "torque"): 1e-5})
     assert not found["Coulomb friction at motor bearing is not zero"].passed
     assert not found["the findings' parameters are inside their bounds"].passed
-    assert "`torque`" in found["the findings' parameters are inside their bounds"].comment
+    assert "`damping_ratio`" in found["the findings' parameters are inside their bounds"].comment
     without = rows(evidence, Search(evidence, nominal, far, [COULOMB]), {})
     assert without["Coulomb friction at motor bearing is not zero"].statistic is None
 

@@ -7,7 +7,7 @@ from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Record
 from dtbacklash.diagnose.delays import delay_grid
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.free import all_free, nominal_free, standing
+from dtbacklash.diagnose.free import all_free, apply, nominal_free, standing
 from dtbacklash.diagnose.intervals import polished, standard_errors
 from dtbacklash.diagnose.locate import Bank
 from dtbacklash.diagnose.name import refit_with, scores_about
@@ -144,3 +144,22 @@ def test_the_floor_of_a_rough_signal_is_lowered_by_what_a_model_leaves(rig):
     assert evidence.noise["i_m"][0] > 5e-4
     quieter = evidence.quieter(fit(evidence, rig, nominal_free(rig)).residuals)
     assert quieter.noise["i_m"][0] == pytest.approx(1e-4, rel=0.15)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_last_step_leaves_an_effect_that_it_would_take_away(rig, monkeypatch, sign):
+    """At nothing it would be gone from the rig, and what asks for its size would not find it."""
+    evidence = Evidence.gather(rig, [recorded(rig, seconds=4.0)])
+    key = ("link_1", "quadratic_damping")
+    with_it = rig.with_effect(*key, {"c2": 1e-3})
+    fitted = fit(evidence, with_it, *all_free(evidence, with_it), rounds=QUICK)
+    monkeypatch.setattr(
+        "dtbacklash.diagnose.intervals._inverse", lambda jacobian: sign * 1e9 * np.eye(jacobian.shape[1])
+    )
+    tried = []
+    plain = Problem.residuals
+    monkeypatch.setattr(Problem, "residuals", lambda problem, x: tried.append(x) or plain(problem, x))
+    polished(evidence, fitted)
+    free, _ = all_free(evidence, fitted.rig)
+    assert len(tried) >= 2
+    assert all(apply(fitted.rig, free, x).effect(*key) is not None for x in tried)

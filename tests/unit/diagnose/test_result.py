@@ -8,8 +8,9 @@ import diagnosed
 import numpy as np
 import pytest
 
-from dtbacklash.diagnose.result import Candidate, FreeRunning, Instead, Located, ModelErrors
+from dtbacklash.diagnose.result import UNEXPLAINED, Candidate, FreeRunning, Instead, Located, ModelErrors
 from dtbacklash.diagnose.save import save
+from dtbacklash.diagnose.sayings import summary
 
 KEYS = [
     "verdict", "summary", "findings", "recalibrated", "fit", "free_running", "candidates", "located", "checks",
@@ -55,6 +56,16 @@ def test_what_is_left_names_its_state_only_where_one_explains_it():
     found = diagnosed.unexplained().to_json()["located"]
     assert list(found) == ["block", "location", "share", "state", "state_unit", "effort_unit", "explained", "recovered"]
     assert len(found["recovered"][0]) == 3
+
+
+def test_where_nothing_explains_what_is_left_no_place_is_said():
+    there = diagnosed.unexplained().located
+    nowhere = replace(there, rest=replace(there.rest, explained=0.001))
+    said, silent = (summary(UNEXPLAINED, (), {}, located) for located in (there, nowhere))
+    assert said == "The mismatch is real and lies at or near motor bearing, but nothing in the catalogue explains it."
+    assert silent == (
+        "The mismatch is real, but nothing in the catalogue explains it, and nothing shows where it lies."
+    )
 
 
 def test_numbers_that_json_has_not_become_null(tmp_path):

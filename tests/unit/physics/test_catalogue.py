@@ -109,3 +109,16 @@ def test_levels_that_differ_are_the_mean_level_and_a_constant_force():
     for name, shown in loaded.sensors.items():
         assert np.array_equal(differ.sensors[name], shown)
         assert not np.array_equal(shown, simulate(dry, u, 1e-3).sensors[name])
+
+
+@pytest.mark.parametrize(("kind", "name", "values"), [
+    ("rotor", "coulomb_friction", {"torque": 4e4}),
+    ("rotor", "gravity", {"torque": 2e5, "phase": 0.1}),
+    ("mass", "absorber", {"mass": 4e5, "frequency": 0.002, "damping_ratio": 0.1}),
+    ("mass", "absorber", {"mass": 1e-9, "frequency": 2e5, "damping_ratio": 0.1}),
+    ("link", "hysteresis", {"force": 1e-9, "displacement": 1e-11}),
+    ("amplifier", "delay", {"time": 0.4}),
+])  # fmt: skip
+def test_a_machine_may_be_large_or_small(kind, name, values):
+    """What bounds a search is the recording: a law that a machine may have can be written down."""
+    assert CATALOGUE[kind, name].complete(values, "key") == values

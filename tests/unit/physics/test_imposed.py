@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from reference import rigs
@@ -55,6 +57,17 @@ def sweep(amplitude_mm: float) -> np.ndarray:
     """Two slow swings from side to side, V (mm)."""
     t = np.arange(8001) * SAMPLE_TIME_S
     return amplitude_mm * np.sin(2 * np.pi * 0.25 * t)
+
+
+def test_what_a_positioner_imposes_moves_alike_with_and_without_a_law_beside_it() -> None:
+    """A force sensor sees the rate of the base: half a sample late, it would be missing physics."""
+    rig, u = machine(), sweep(1.0)
+    (place,) = (e.name for e in rig.elements.values() if e.kind == "coupling")
+    bare = build_rig(replace(rig.config, effects={}))
+    plain = simulate(bare, u, 0.01).sensors
+    beside = simulate(bare.with_effect(place, "cubic_stiffness", {"k3": 1e-6}), u, 0.01).sensors
+    for name, values in plain.items():
+        assert np.abs(values - beside[name]).max() < 1e-9 * np.abs(values).max()
 
 
 def test_a_damper_behind_a_play_has_the_loop_that_geometry_gives() -> None:
