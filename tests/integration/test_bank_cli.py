@@ -88,7 +88,7 @@ FITS = "{at_s:4,parameters:{k:7000}}"
     ("{at_s:3,effects:{1:{compliance:{compliance:1e-5}}}}", "changes[1].effects.1", "unknown location"),
     ("{at_s:3,effects:{screw:{rust:{depth:1}}}}", "changes[1].effects.screw.rust", "takes"),
     ("{at_s:3,effects:{screw:{compliance:null}}}", "changes[1].effects.screw.compliance", "there is none"),
-    ("{at_s:3,effects:{motor_bearing:{coulomb_friction:{torque:1e9}}}}",
+    ("{at_s:3,effects:{motor_bearing:{coulomb_friction:{torque:1e10}}}}",
      "changes[1].effects.motor_bearing.coulomb_friction.torque", "from 0"),
     ("{at_s:3,effects:{screw:{compliance:{compliance:1e-5}}}}", "changes[1]", "keeps the bodies"),
     ("{at_s:3,effects:{gear:{backlash:{half_gap:0.3}}}}", "changes[1].effects.gear.backlash", "profile.*"),
