@@ -105,6 +105,12 @@ def whiteness(evidence: Evidence, found: Search) -> dict[str, Check]:
     return rows
 
 
+def coloured(white: dict[str, Check]) -> set[str]:
+    """The channels of which far more structure is left than of a simulated truth."""
+    ratio = settings().coloured_ratio
+    return {c for c, row in white.items() if row.statistic is not None and row.statistic > ratio * row.threshold}
+
+
 def ljung_box(values: Floats, lags: int) -> float:
     """Ljung and Box's Q: n (n + 2) times the sum over the lags k of r_k^2/(n - k), r the autocorrelation.
 

@@ -7,7 +7,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from dtbacklash.diagnose.become import call_by_its_limit
-from dtbacklash.diagnose.checks import all_checks, at_bounds, at_tolerances, whiteness
+from dtbacklash.diagnose.checks import all_checks, at_bounds, at_tolerances, coloured, whiteness
 from dtbacklash.diagnose.command import held_equivalent
 from dtbacklash.diagnose.compare import Record
 from dtbacklash.diagnose.direction import call_by_direction
@@ -119,7 +119,7 @@ def _diagnosis(found: Search, errors: Errors, smooth: bool) -> Diagnosis:
     white = whiteness(evidence, found)
     # a law that the rig has already has other formulations, too
     acting = left_out | without_known(evidence, found)
-    left = remaining(evidence, found, acting, {channel for channel, row in white.items() if row.passed})
+    left = remaining(evidence, found, acting, {c for c, row in white.items() if row.passed}, coloured(white))
     real = {name for name, block in left.items() if block.real}
     forms = free_forms(evidence, found.fitted, None if real else _places(found), real or None)
     form = max(forms, key=lambda f: f.t, default=None)

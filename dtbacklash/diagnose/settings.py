@@ -299,6 +299,11 @@ class DiagnoseSettings:
     noise_floors: float = setting(
         1.2, "a channel of which less is left is noise: the floor is an estimate itself", unit="floors, mean square",
         at_least=1)
+    coloured_ratio: float = setting(
+        5.0, "a residual that exceeds the threshold of the test for whiteness so many times has a structure",
+        unit="ratio", at_least=1)
+    coloured_floors: float = setting(
+        1.05, "such a residual is more than noise from here on", unit="floors, mean square", above=1)
     noise_part_floors: float = setting(
         2.0, "the same of the part of a recording where it is larger", unit="floors, mean square", at_least=1)
     formulation_deviations: float = setting(

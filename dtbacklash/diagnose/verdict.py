@@ -42,25 +42,30 @@ def decide(left: dict[str, Left], depends: bool, found: Search, moved: Moved) ->
     return PARAMETERS if moved else CONSISTENT
 
 
-def remaining(evidence: Evidence, found: Search, left_out: dict[Key, Residuals], white: set[str]) -> dict[str, Left]:
+def remaining(
+    evidence: Evidence, found: Search, left_out: dict[Key, Residuals], white: set[str], coloured: set[str]
+) -> dict[str, Left]:
     """Per block, what the last fit leaves.
 
     left_out : per effect of the rig, what is left without it. white : the channels of which white noise is left; a
-    little more of that than was expected is a floor that was expected too low.
+    little more of that than was expected is a floor that was expected too low. coloured : those of which something is
+    left that no noise would; of that a little is more than noise.
     """
+    rules = settings()
     first, last = _squares(evidence, found.nominal), _squares(evidence, found.fitted)
     least, left = evidence.least(), {}
     channels = {block.name: block.channels for block in evidence.blocks}
     for name in least:
-        quiet = last[0][name] < settings().noise_floors * least[name]
+        most = np.where([c in coloured for c in channels[name]], rules.coloured_floors, rules.noise_floors)
+        quiet = last[0][name] < most * least[name]
         # what happens in one part only has not been explained either: then that part counts
-        once = quiet & (last[1][name] > settings().noise_part_floors * least[name])
+        once = quiet & (last[1][name] > rules.noise_part_floors * least[name])
         after = np.where(once, last[1][name], last[0][name]) - 1.0
         before = np.where(once, first[1][name], first[0][name]) - 1.0
         above = ~quiet | once
         parts = {part: _formulation(evidence, found, name, left_out, part) for part in ("train", "held")}
         formulation = np.where(once, np.maximum(parts["train"], parts["held"]), parts["held"])
-        noisy = np.array([c in white for c in channels[name]]) & (last[1][name] < settings().noise_part_floors)
+        noisy = np.array([c in white for c in channels[name]]) & (last[1][name] < rules.noise_part_floors)
         real = above & (after > formulation) & ~noisy
         share = float(np.max(np.where(above, after / np.maximum(before, 1e-9), 0.0)))
         left[name] = Left(share, bool(real.any()), float(formulation.max()))
