@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from dtbacklash.diagnose.checks import all_checks, ljung_box
+from dtbacklash.diagnose.checks import all_checks, coloured, ljung_box, whiteness
 from dtbacklash.diagnose.errors_of_fit import free_running
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import nominal_free
@@ -90,3 +90,10 @@ def test_a_free_simulation_that_runs_away_is_none(evidence, nominal):
     assert free.train.extended is None
     assert free.held_out.extended is None
     assert free.held_out.nominal is not None
+
+
+def test_what_is_left_of_a_law_is_coloured_and_what_is_left_of_the_truth_is_not(evidence, nominal):
+    fitted = refit_with(evidence, nominal, [(COULOMB, {"torque": 0.015})])
+    assert coloured(whiteness(evidence, Search(evidence, nominal, fitted, [COULOMB]))) == set()
+    off = fit(evidence, fitted.rig.with_effect(*COULOMB, {"torque": 0.0152}), [])
+    assert "theta_m" in coloured(whiteness(evidence, Search(evidence, nominal, off, [COULOMB])))
