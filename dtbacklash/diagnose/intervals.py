@@ -13,7 +13,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import Errors, all_free
-from dtbacklash.diagnose.refit import Fit, Problem
+from dtbacklash.diagnose.refit import Fit, Problem, inside, limits_of
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.catalogue import find
 
@@ -24,9 +24,6 @@ WIDE = (0.05, 0.3)
 LEAST_SEEN, PASSES, MOVED = 3, 5, 0.3
 #: two wide differences agree that differ by less than this share
 AGREE = 0.5
-
-#: a step ends so far inside of a parameter's range
-INSIDE = 1e-9
 
 #: standard errors to each side of a 95 % interval
 NORMAL95 = 1.96
@@ -67,9 +64,7 @@ def polished(evidence: Evidence, fitted: Fit) -> tuple[Fit, Linear]:
     problem = about.problem
     if not problem.free:
         return fitted, about
-    low, high = np.array([f.limits() for f in problem.free]).T
-    # an effect that reaches what does nothing would be gone
-    x = np.clip(about.x - _inverse(about.jacobian) @ (about.jacobian.T @ about.rows), low + INSIDE, high - INSIDE)
+    x = inside(about.x - _inverse(about.jacobian) @ (about.jacobian.T @ about.rows), limits_of(problem.free))
     rows = problem.stack(problem.residuals(x), x)
     if not np.isfinite(rows).all() or rows @ rows >= about.rows @ about.rows:
         return fitted, about
@@ -100,7 +95,7 @@ def _along_the_least_seen(problem: Problem, x: Floats, jacobian: Floats) -> Floa
     columns do: laws with corners make the recording look as if it had seen what only the priors know. A wide step along
     such a direction has little of that error.
     """
-    limits = np.array([f.limits() for f in problem.free]).T
+    limits = limits_of(problem.free)
     jacobian = jacobian.copy()
     for _ in range(PASSES):
         norms, _, directions = _decomposed(jacobian)

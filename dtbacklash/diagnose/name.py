@@ -379,10 +379,9 @@ def _eliminate(evidence: Evidence, found: Search) -> None:
         if _borne(found.fitted, key, evidence.records[0].sample_time_s):
             continue
         without = _without(found, key)
+        # the first recalibration may have ended in another valley: a law that led out of it is none
         if len(found.order) == 1 and merit(evidence, without) < merit(evidence, found.nominal):
-            found.nominal = (
-                without  # the first recalibration had ended in another valley: a law that led out of it is none
-            )
+            found.nominal = without
         if not earns(evidence, without, found.fitted, found.nominal):
             found.fitted = without
             found.order.remove(key)
@@ -394,10 +393,9 @@ def _recalibrate_again(evidence: Evidence, found: Search) -> None:
     """Fit the nominal rig from where the last fit ended, too: alone it may have ended in another valley."""
     if len(found.order) < 2:
         return
-    nominal = evidence.nominal
     rig = found.fitted.rig
     for key in found.order:
-        rig = as_given(nominal, rig, key)
+        rig = as_given(evidence.nominal, rig, key)
     again = fit(evidence, rig, *all_free(evidence, rig))
     if merit(evidence, again) < merit(evidence, found.nominal):
         found.nominal = again

@@ -8,7 +8,7 @@ from dtbacklash.diagnose.earn import merit
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import all_free, nominal_free, standing
 from dtbacklash.diagnose.projection import Projection
-from dtbacklash.diagnose.refit import QUICK, Fit, Rounds, fit
+from dtbacklash.diagnose.refit import QUICK, Fit, fit
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.rig import Rig, build_rig
 
@@ -34,7 +34,7 @@ def own_parameter(evidence: Evidence, before: Fit) -> Own | None:
     """
     if not shared(evidence.nominal) or is_noise(evidence, before):
         return None
-    looks = {use: _own(evidence, before.rig, use, QUICK) for use in _promising(evidence, before)}
+    looks = {use: _look(evidence, before.rig, use) for use in _promising(evidence, before)}
     least = min(merit(own.evidence, own.fitted) for own in looks.values())
     # of two elements that share it either one may have its own: the one that leaves the shared value where it was
     alike = [use for use, own in looks.items() if merit(own.evidence, own.fitted) < least + settings().earn_penalty]
@@ -43,9 +43,10 @@ def own_parameter(evidence: Evidence, before: Fit) -> Own | None:
     return own if is_noise(own.evidence, own.fitted) else None
 
 
-def _own(evidence: Evidence, rig: Rig, use: Use, rounds: Rounds) -> Own:
+def _look(evidence: Evidence, rig: Rig, use: Use) -> Own:
+    """A quick fit."""
     evidence, start = replace(evidence, nominal=split(evidence.nominal, *use)), split(rig, *use)
-    return Own(evidence, fit(evidence, start, *all_free(evidence, start), rounds=rounds))
+    return Own(evidence, fit(evidence, start, *all_free(evidence, start), rounds=QUICK))
 
 
 def _away(evidence: Evidence, rig: Rig, name: str) -> float:

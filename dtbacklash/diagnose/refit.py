@@ -30,10 +30,12 @@ STALE = 0.05
 WORTH_A_ROUND, BY_CHANCE = 0.1, 3.84
 #: step of a column, of any parameter and of one that says how often a law waves: as narrow as the contacts' ticks allow
 STEP, STEP_WAVE = 0.03, 1e-3
-#: a precise column's widest step, by which it is narrowed, how often at most, and by which share two may differ
-WIDEST, NARROW, NARROWER, ALIKE = 0.03, 0.1, 4, 1e-3
+#: of a precise column it is narrowed by this, so often at most, until two columns differ by less than this share
+NARROW, NARROWER, ALIKE = 0.1, 4, 1e-3
 #: where two columns differ so many times more than wider ones did, they show the contacts' last tick
 TICKS_GROW = 3.0
+#: a fit stays so far inside of a parameter's range
+INSIDE = 1e-9
 #: a delay is moved by at least so much of a sample, within these changes of its logarithm
 DELAY_STEP_SAMPLES, DELAY_STEP_LEAST, DELAY_STEP_MAX = 0.05, 1e-2, 0.5
 
@@ -178,7 +180,7 @@ class Problem:
 
         Where a response is curved, differences to one side err most in what changes least: a fit creeps along there.
         """
-        step = STEP_WAVE if self.free[j].role is Role.WAVE else STEP
+        step = self._step(j)
         if self.steps == "fine":
             return self._central(x, j, here, "coarse")(step)
         step = -step if x[j] + step > self.free[j].limits()[1] else step
@@ -210,7 +212,10 @@ class Problem:
         column = self._central(x, j, self._simulated(x, "fine"), "fine")
         if self._late(self.free[j]):
             return column(abs(self._late_step(j, x[j])))
-        return _suited(column, STEP_WAVE if self.free[j].role is Role.WAVE else WIDEST)
+        return _suited(column, self._step(j))
+
+    def _step(self, j: int) -> float:
+        return STEP_WAVE if self.free[j].role is Role.WAVE else STEP
 
     def _late_step(self, j: int, x: float) -> float:
         """Step of a delay: many of the ticks that it is rounded to."""
@@ -276,8 +281,8 @@ def fit(
     x = np.zeros(len(free)) if start is None else np.asarray(start, dtype=float)
     if not free:
         return problem.ended(x)
-    bounds = np.array([f.limits() for f in free]).T
-    x = np.clip(x, bounds[0] + 1e-9, bounds[1] - 1e-9)
+    bounds = limits_of(free)
+    x = inside(x, bounds)
     problem.steps = "coarse"
     for _ in range(rounds.coarse):
         problem.weigh(problem.residuals(x))
@@ -290,6 +295,16 @@ def fit(
         if not _worth_another(problem, before, (problem.residuals(x), x)):
             break
     return problem.ended(x)
+
+
+def limits_of(free: list[Free]) -> Floats:
+    """(2, parameters) lower and upper ends of what a fit may move."""
+    return np.array([f.limits() for f in free]).T
+
+
+def inside(x: Floats, limits: Floats) -> Floats:
+    """x a little inside of its limits: an effect that reaches what does nothing would be gone from the rig."""
+    return np.clip(x, limits[0] + INSIDE, limits[1] - INSIDE)
 
 
 def _worth_another(problem: Problem, before: tuple[Residuals, Floats], after: tuple[Residuals, Floats]) -> bool:
