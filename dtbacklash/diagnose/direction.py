@@ -9,7 +9,7 @@ fits as well.
 from dataclasses import replace
 
 from dtbacklash.diagnose.earn import earns, held_loss, nearly, same
-from dtbacklash.diagnose.name import refit_with
+from dtbacklash.diagnose.leave_out import refit_with
 from dtbacklash.diagnose.refit import Fit
 from dtbacklash.diagnose.trials import Key, Search
 from dtbacklash.physics.catalogue import effects_of, find

@@ -18,8 +18,9 @@ from dtbacklash.diagnose.faults.verdict import faulty, mended, not_finite
 from dtbacklash.diagnose.findings import candidates, finding, located, recalibrated, without, without_known
 from dtbacklash.diagnose.free import Errors, nominal_free, with_errors, with_priors
 from dtbacklash.diagnose.intervals import standard_errors
+from dtbacklash.diagnose.leave_out import drop
 from dtbacklash.diagnose.limits import limits
-from dtbacklash.diagnose.name import drop, search, silent
+from dtbacklash.diagnose.name import search, silent
 from dtbacklash.diagnose.next_experiment import next_experiment
 from dtbacklash.diagnose.parts import divided, for_judgement, refitted
 from dtbacklash.diagnose.portion import portion, whole

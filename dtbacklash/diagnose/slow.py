@@ -11,7 +11,7 @@ from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.floor import noise_floor
 from dtbacklash.diagnose.free import penalty_of
 from dtbacklash.diagnose.intervals import Linear, polished
-from dtbacklash.diagnose.name import refit_with
+from dtbacklash.diagnose.leave_out import refit_with
 from dtbacklash.diagnose.refit import ON, Fit, weights_for
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trials import Search

@@ -8,7 +8,7 @@ from dtbacklash.diagnose.checks import all_checks, coloured, ljung_box, whitenes
 from dtbacklash.diagnose.errors_of_fit import free_running
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import nominal_free
-from dtbacklash.diagnose.name import refit_with
+from dtbacklash.diagnose.leave_out import refit_with
 from dtbacklash.diagnose.refit import fit
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trials import Search

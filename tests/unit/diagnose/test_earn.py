@@ -9,8 +9,9 @@ from dtbacklash.diagnose.candidates import candidates
 from dtbacklash.diagnose.earn import earns, in_errors, paired, significance
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import nominal_free
+from dtbacklash.diagnose.leave_out import borne, eliminate, refit_with
 from dtbacklash.diagnose.locate import Bank
-from dtbacklash.diagnose.name import _borne, _eliminate, _from_the_middle, refit_with
+from dtbacklash.diagnose.name import _from_the_middle
 from dtbacklash.diagnose.propose import apart
 from dtbacklash.diagnose.refit import QUICK, Fit, fit
 from dtbacklash.diagnose.settings import settings
@@ -122,10 +123,10 @@ def test_what_another_effect_needs_is_not_tried_without(rig, evidence, nominal):
     yielding = rig.with_effect("screw", "compliance", {"compliance": 1e-7})
     pushed = yielding.with_effect("mass_1", "constant_force", {"force": 1.0})
     held = replace(nominal, rig=pushed)
-    assert _borne(held, ("screw", "compliance"), 1e-3)
-    assert not _borne(held, ("mass_1", "constant_force"), 1e-3)
+    assert borne(held, ("screw", "compliance"), 1e-3)
+    assert not borne(held, ("mass_1", "constant_force"), 1e-3)
     found = Search(evidence, nominal, held, [("screw", "compliance"), ("mass_1", "constant_force")])
-    _eliminate(evidence, found)
+    eliminate(evidence, found)
     assert ("mass_1", "constant_force") not in found.order  # nothing of it is in the recording
 
 

@@ -9,8 +9,9 @@ from dtbacklash.diagnose.delays import delay_grid
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import all_free, apply, nominal_free, standing
 from dtbacklash.diagnose.intervals import polished, standard_errors
+from dtbacklash.diagnose.leave_out import refit_with
 from dtbacklash.diagnose.locate import Bank
-from dtbacklash.diagnose.name import refit_with, scores_about
+from dtbacklash.diagnose.name import scores_about
 from dtbacklash.diagnose.refit import QUICK, Problem, Rounds, fit
 from dtbacklash.diagnose.trials import Search
 from dtbacklash.physics.effects.declare import FORMULATION_ERROR

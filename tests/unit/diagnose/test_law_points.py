@@ -7,7 +7,7 @@ from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.findings import without
 from dtbacklash.diagnose.free import nominal_free
 from dtbacklash.diagnose.law_points import law_shown, travel
-from dtbacklash.diagnose.name import refit_with
+from dtbacklash.diagnose.leave_out import refit_with
 from dtbacklash.diagnose.refit import fit
 from dtbacklash.diagnose.show import shown
 from dtbacklash.diagnose.trials import Search
