@@ -5,7 +5,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.compare import Block, Record, adrift, places_of, predict
+from dtbacklash.diagnose.compare import Block, Record, places_of, predict
+from dtbacklash.diagnose.pull import adrift
 from dtbacklash.errors import UserError
 from dtbacklash.physics.bodies import natural_frequencies_hz
 from dtbacklash.physics.catalogue import effects_of

@@ -7,8 +7,9 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.begun import begun
 from dtbacklash.diagnose.candidates import PlacesInMotion
-from dtbacklash.diagnose.compare import Block, Record, Steps, cut, guided, places_of, residual
+from dtbacklash.diagnose.compare import Block, Record, Steps, places_of, residual
 from dtbacklash.diagnose.floor import Noise, channel_noise, noise_floor
+from dtbacklash.diagnose.pull import cut, guided
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.tempo import tempo_rad_s
 from dtbacklash.physics.catalogue import find

@@ -71,27 +71,29 @@ def drop(found: Search, key: Key, why: str) -> None:
 
 def eliminate(evidence: Evidence, found: Search) -> None:
     """Take out what does not earn its place beside the others, or alone."""
+    _recalibrate_again(evidence, found)
     for key in list(found.order):
         if borne(found.fitted, key, evidence.records[0].sample_time_s):
             continue
         without = fit_without(found, key)
-        # the first recalibration may have ended in another valley: a law that led out of it is none
-        if len(found.order) == 1 and merit(evidence, without) < merit(evidence, found.nominal):
-            found.nominal = without
         if not earns(evidence, without, found.fitted, found.nominal):
             found.fitted = without
             found.order.remove(key)
+            _recalibrate_again(evidence, found)
     if not found.order:
         found.fitted = found.nominal
 
 
-def recalibrate_again(evidence: Evidence, found: Search) -> None:
-    """Fit the nominal rig from where the last fit ended, too: alone it may have ended in another valley."""
-    if len(found.order) < 2:
+def _recalibrate_again(evidence: Evidence, found: Search) -> None:
+    """Fit the nominal rig from where the last fit ended, too: a law that led out of another valley is none."""
+    if not found.order:
         return
-    rig = found.fitted.rig
-    for key in found.order:
-        rig = as_given(evidence.nominal, rig, key)
-    again = fit(evidence, rig, *all_free(evidence, rig))
+    if len(found.order) == 1:
+        again = fit_without(found, found.order[0])
+    else:
+        rig = found.fitted.rig
+        for key in found.order:
+            rig = as_given(evidence.nominal, rig, key)
+        again = fit(evidence, rig, *all_free(evidence, rig))
     if merit(evidence, again) < merit(evidence, found.nominal):
         found.nominal = again

@@ -21,7 +21,7 @@ from dtbacklash.diagnose.free import (
     nominal_free,
     standing,
 )
-from dtbacklash.diagnose.leave_out import borne, eliminate, fit_without, recalibrate_again, refit_with
+from dtbacklash.diagnose.leave_out import borne, eliminate, fit_without, refit_with
 from dtbacklash.diagnose.locate import Bank, Score, bank
 from dtbacklash.diagnose.own import own_parameter, shared
 from dtbacklash.diagnose.propose import (
@@ -61,7 +61,6 @@ def search(evidence: Evidence, say: Callable[[str, float], None] = silent) -> Se
         if not found.order:
             break
         say("trying to do without", 0.8)
-        recalibrate_again(found.evidence, found)
         eliminate(found.evidence, found)
         if found.order:
             break

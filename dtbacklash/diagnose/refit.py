@@ -170,33 +170,23 @@ class Problem:
                 step = self._late_step(j, x[j])
                 columns[:, j] = (self._moved(x, j, step, here) - start) / step
             else:
-                columns[:, j] = self._coarse(x, j, coarse, rows)
+                # where a response is curved, differences to one side err most in what changes least: fits creep there
+                both = self.steps == "fine"
+                columns[:, j] = self._difference(x, j, coarse, "coarse", both)(self._step(j))
             if f.prior:  # these are most of the simulations
                 self._kept[j] = columns[:, j].copy()
         return columns
 
-    def _coarse(self, x: Floats, j: int, here: Residuals, rows: Floats) -> Floats:
-        """One column, simulated coarsely: to one side on the way, to both in the end.
-
-        Where a response is curved, differences to one side err most in what changes least: a fit creeps along there.
-        """
-        step = self._step(j)
-        if self.steps == "fine":
-            return self._central(x, j, here, "coarse")(step)
-        step = -step if x[j] + step > self.free[j].limits()[1] else step
-        return (self._moved(x, j, step, here, "coarse") - rows) / step
-
-    def _central(self, x: Floats, j: int, here: Residuals, steps: Steps) -> Callable[[float], Floats]:
-        """Central difference of one column by its step; to one side where the other one has no room."""
+    def _difference(self, x: Floats, j: int, here: Residuals, steps: Steps, both: bool) -> Callable[[float], Floats]:
+        """Difference of one column by its step: to both sides if wanted, to one where the other one has no room."""
         low, high = self.free[j].limits()
 
         def column(step: float) -> Floats:
-            sides = [side for side in (1.0, -1.0) if low <= x[j] + side * step <= high]
-            ends = [self._moved(x, j, side * step, here, steps) for side in sides]
-            if len(sides) == 2:
+            sides = [side for side in (1.0, -1.0) if low <= x[j] + side * step <= high] or [1.0]
+            ends = [self._moved(x, j, side * step, here, steps) for side in sides[: 2 if both else 1]]
+            if len(ends) == 2:
                 return (ends[0] - ends[1]) / (2.0 * step)
-            side, end = (sides[0], ends[0]) if sides else (1.0, self._moved(x, j, step, here, steps))
-            return (end - self.stack(here, x)) / (side * step)
+            return (ends[0] - self.stack(here, x)) / (sides[0] * step)
 
         return column
 
@@ -209,7 +199,7 @@ class Problem:
         return np.column_stack([self._precise(x, j) for j in range(len(self.free))])
 
     def _precise(self, x: Floats, j: int) -> Floats:
-        column = self._central(x, j, self._simulated(x, "fine"), "fine")
+        column = self._difference(x, j, self._simulated(x, "fine"), "fine", both=True)
         if self._late(self.free[j]):
             return column(abs(self._late_step(j, x[j])))
         return _suited(column, self._step(j))

@@ -12,6 +12,7 @@ from dtbacklash.diagnose.floor import noise_floor
 from dtbacklash.diagnose.free import penalty_of
 from dtbacklash.diagnose.intervals import Linear, polished
 from dtbacklash.diagnose.leave_out import refit_with
+from dtbacklash.diagnose.pull import observer_gains
 from dtbacklash.diagnose.refit import ON, Fit, weights_for
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trials import Search
@@ -30,7 +31,7 @@ def slow_evidence(evidence: Evidence) -> Evidence:
 
 def _slowly(block: Block, step_s: float) -> Block:
     b = settings().pull_slow_ratio * block.tempo / step_s
-    return replace(block, gains=(2.0 * b * step_s, b**2 * step_s))
+    return replace(block, gains=observer_gains(b, step_s))
 
 
 def _seen_by(evidence: Evidence, fitted: Fit) -> Fit:

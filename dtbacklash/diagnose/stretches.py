@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from dtbacklash.diagnose.compare import Record, cut, part_of, slowest_decay
+from dtbacklash.diagnose.compare import Record, part_of, slowest_decay
+from dtbacklash.diagnose.pull import cut
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.tempo import tempo_rad_s
 from dtbacklash.physics.assembly import compile_plant
@@ -38,7 +39,7 @@ def long_enough(rig: Rig, records: list[Record]) -> tuple[list[Record], tuple[st
 
     Raises
     ------
-    UserError : as :func:`.compare.cut`.
+    UserError : as :func:`.pull.cut`.
     """
     stretches = [r for k, r in enumerate(records) if r.from_s > 0.0 or (k + 1 < len(records) and records[k + 1].from_s)]
     if not stretches:
@@ -57,7 +58,7 @@ def long_enough(rig: Rig, records: list[Record]) -> tuple[list[Record], tuple[st
 
 
 def slowest_decay_of(rig: Rig, records: list[Record]) -> float:
-    """Slowest decay rate of the blocks into which recordings cut a rig, 1/s; errors as :func:`.compare.cut`."""
+    """Slowest decay rate of the blocks into which recordings cut a rig, 1/s; errors as :func:`.pull.cut`."""
     step = records[0].sample_time_s
     blocks = cut(rig, tuple(n for n in rig.sensors if all(n in r.y for r in records)), step, tempo_rad_s(rig, records))
     plants = [compile_plant(part_of(rig, b), step, imposed=b.imposed is not None) for b in blocks]

@@ -4,10 +4,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dtbacklash.diagnose.compare import Block, Record, cut
+from dtbacklash.diagnose.compare import Block, Record
 from dtbacklash.diagnose.faults import samples
 from dtbacklash.diagnose.faults.sampling import Carried, carried
 from dtbacklash.diagnose.faults.wiring import Reversal, Rewiring, wiring
+from dtbacklash.diagnose.pull import cut
 from dtbacklash.diagnose.result import Check
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.tempo import tempo_rad_s

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from dtbacklash.diagnose.compare import Record, cut, predict
+from dtbacklash.diagnose.compare import Record, predict
 from dtbacklash.diagnose.faults.inspect import Fault, Inspected
 from dtbacklash.diagnose.floor import sensor_noise
+from dtbacklash.diagnose.pull import cut
 from dtbacklash.diagnose.result import UNEXPLAINED, Curve, Diagnosis, FitTable, Located, ModelErrors, Shown
 from dtbacklash.diagnose.tempo import tempo_rad_s
 from dtbacklash.errors import UserError

@@ -4,8 +4,9 @@ import pytest
 from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Record
 from dtbacklash.diagnose.command import held_equivalent
-from dtbacklash.diagnose.compare import cut, residual, true_angle
+from dtbacklash.diagnose.compare import residual, true_angle
 from dtbacklash.diagnose.floor import quantum, white_noise
+from dtbacklash.diagnose.pull import cut
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import build_rig
 from dtbacklash.physics.simulate import simulate

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from dtbacklash.config.rig import ParameterConfig, RigConfig
 from dtbacklash.diagnose import Record, diagnose, diagnose_records, records_of
 from dtbacklash.diagnose.begun import begun
-from dtbacklash.diagnose.compare import cut, predict, residual
+from dtbacklash.diagnose.compare import predict, residual
 from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.pull import cut
 from dtbacklash.diagnose.starts import first_state, moves, stands
 from dtbacklash.diagnose.stretches import long_enough
 from dtbacklash.physics.rig import Rig, build_rig
