@@ -106,7 +106,7 @@ def _along_the_least_seen(problem: Problem, x: Floats, jacobian: Floats) -> Floa
             before = jacobian @ step
             ends = (size * _difference(problem, x, step / size, h, limits, len(before)) for h in WIDE)
             there = _agreed(before, *ends)
-            moved = max(moved, float(np.linalg.norm(there - before) / max(np.linalg.norm(before), 1e-300)))
+            moved = max(moved, float(np.linalg.norm(there - before)) / max(float(np.linalg.norm(before)), 1e-300))
             jacobian += np.outer(there - before, unit * norms)
         if moved < MOVED:
             break

@@ -11,6 +11,7 @@ from operator import call
 
 import numpy as np
 
+from dtbacklash.diagnose.approach import approached
 from dtbacklash.diagnose.candidates import candidates
 from dtbacklash.diagnose.earn import earns, held_loss, merit, nearly, paired, same, worst
 from dtbacklash.diagnose.evidence import Evidence
@@ -52,9 +53,8 @@ def silent(text: str, share: float) -> None:
 def search(evidence: Evidence, say: Callable[[str, float], None] = silent) -> Search:
     """Find the effects that the recording needs, one after the other."""
     rules = settings()
-    rig = evidence.nominal
     say("recalibrating the nominal rig", 0.02)
-    nominal = fit(evidence, rig, nominal_free(rig))
+    nominal = _recalibrated(evidence)
     found = Search(evidence, nominal, nominal, [])
     for _ in range(ATTEMPTS):
         _add_all(found, say)
@@ -69,6 +69,22 @@ def search(evidence: Evidence, say: Callable[[str, float], None] = silent) -> Se
         _reconsider(found.evidence, found, list(found.order), rules.final_rivals)
     _own_instead(found)
     return found
+
+
+def _recalibrated(evidence: Evidence) -> Fit:
+    """The fit of the nominal rig's own parameters."""
+    rig, free = evidence.nominal, nominal_free(evidence.nominal)
+    direct = fit(evidence, rig, free)
+    if not _astray(evidence, direct) or worst(evidence, direct) < settings().nearly_noise_floors:
+        return direct
+    led = fit(evidence, rig, free, approached(evidence, rig, free, np.zeros(len(free))))
+    return min(direct, led, key=lambda f: merit(evidence, f))
+
+
+def _astray(evidence: Evidence, fitted: Fit) -> bool:
+    """Whether a nominal parameter is so far from nominal that it may have been led there by something else."""
+    known = nominal_free(evidence.nominal, rig=fitted.rig)
+    return max((abs(standing(f, fitted.rig)) for f in known), default=0.0) >= settings().astray_tolerances
 
 
 def _add_all(found: Search, say: Callable[[str, float], None]) -> None:
@@ -120,11 +136,14 @@ def _release(evidence: Evidence, found: Search) -> bool:
 
 def _from_the_middle(evidence: Evidence, found: Search) -> None:
     """Fit once more from the nominal parameters where some were led astray before the effects were known."""
-    known, rig = nominal_free(evidence.nominal, rig=found.fitted.rig), found.fitted.rig
-    if max((abs(standing(f, rig)) for f in known), default=0.0) < settings().astray_tolerances:
+    if not _astray(evidence, found.fitted):
         return
-    middle = apply(rig, known, np.zeros(len(known)))
-    again = fit(evidence, middle, *all_free(evidence, middle))
+    known = nominal_free(evidence.nominal, rig=found.fitted.rig)
+    middle = apply(found.fitted.rig, known, np.zeros(len(known)))
+    free, x = all_free(evidence, middle)
+    if worst(evidence, found.fitted) > settings().nearly_noise_floors:
+        x = approached(evidence, middle, free, x)
+    again = fit(evidence, middle, free, x)
     if merit(evidence, again) < merit(evidence, found.fitted):
         found.fitted = again
 

@@ -144,11 +144,15 @@ class Problem:
         residuals = self._simulated(x, steps)
         return residuals, self.stack(residuals, x)
 
+    def data(self, residuals: Residuals, name: str) -> Floats:
+        """(channels, rows) of one block, each of variance 1 where its residual is the floor's noise."""
+        return self.evidence.rows(residuals, name, "train")
+
     def stack(self, residuals: Residuals, x: Floats) -> Floats:
         """The rows whose squares are summed: weighted residuals of the training part, then the priors."""
         rows = []
         for name in self.touched:
-            part = self.evidence.rows(residuals, name, "train")
+            part = self.data(residuals, name)
             rows.append((part * np.sqrt(self.weights[name])[:, None]).ravel())
         rows.append(x[self.prior])
         return np.concatenate(rows)
@@ -271,17 +275,16 @@ def fit(
     x = np.zeros(len(free)) if start is None else np.asarray(start, dtype=float)
     if not free:
         return problem.ended(x)
-    bounds = limits_of(free)
-    x = inside(x, bounds)
+    x = inside(x, limits_of(free))
     problem.steps = "coarse"
     for _ in range(rounds.coarse):
         problem.weigh(problem.residuals(x))
-        x = _solve(problem, x, bounds, rounds.evaluations)
+        x = solve(problem, x, rounds.evaluations)
     problem.finely()
     for _ in range(rounds.fine):
         before = problem.residuals(x), x
         problem.weigh(before[0])
-        x = _solve(problem, x, bounds, rounds.evaluations)
+        x = solve(problem, x, rounds.evaluations)
         if not _worth_another(problem, before, (problem.residuals(x), x)):
             break
     return problem.ended(x)
@@ -318,13 +321,14 @@ def _left(problem: Problem, residuals: Residuals) -> float:
     return float(np.exp(np.mean(np.log(np.maximum(channels, 1.0)))))
 
 
-def _solve(problem: Problem, x: Floats, bounds: Floats, evaluations: int) -> Floats:
+def solve(problem: Problem, x: Floats, evaluations: int) -> Floats:
     """The least squares from ``x`` on; where the simulation cannot go on, the best that was seen.
 
     The solver takes its first trust region from how far from 0 it starts, and a fit starts at 0. So it is handed
     variables that start at 1, which is a natural step of all of them: a tolerance, a factor of e, twice the size.
     """
     least, best, shift = np.inf, x, 1.0 - x
+    bounds = limits_of(problem.free)
 
     def rows(at: Floats) -> Floats:
         nonlocal least, best

@@ -168,7 +168,8 @@ class DiagnoseSettings:
         0.5, "a residual far above the floor is correlated so long: it counts once, or it would overrule every prior",
         unit="1/tempo", above=0)
     astray_tolerances: float = setting(
-        2.5, "a parameter so far away may have been led astray by missing physics: the fit starts anew from nominal",
+        2.5, "a parameter so far away may have been led astray, by missing physics or a misplaced resonance: the fit "
+        "starts anew from nominal",
         unit="tolerances", above=0)
 
     # standard errors

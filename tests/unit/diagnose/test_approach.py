@@ -1,0 +1,114 @@
+"""A resonance that is narrower than it is misplaced."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from machine_cases import rig as rig_of
+
+from dtbacklash.diagnose import Record, diagnose_records
+from dtbacklash.diagnose.approach import Echo, Stage, approached
+from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.free import nominal_free
+from dtbacklash.diagnose.refit import fit
+from dtbacklash.physics.rig import Rig, build_rig
+from dtbacklash.physics.simulate import simulate
+
+STEP_S = 1e-3
+NOISE = 2e-3
+ELEMENTS = {
+    "amplifier": {"kind": "amplifier", "drives": "shaker"},
+    "shaker": {"kind": "actuator", "gain": "g", "drives": "frame"},
+    "frame": {"kind": "mass", "mass": "m_1"},
+    "foot": {"kind": "link", "between": ["ground", "frame"], "stiffness": "k_1", "damping": "c_1"},
+    "blade": {"kind": "link", "between": ["frame", "tip"], "stiffness": "k_2", "damping": "c_2"},
+    "tip": {"kind": "mass", "mass": "m_2"},
+}
+SENSORS = {
+    "x_1": {"of": "frame", "quantity": "position"},
+    "x_2": {"of": "tip", "quantity": "position"},
+}
+
+
+def blade(**changed: float) -> Rig:
+    """Modes at 8 and 61 Hz; the second one rings for 0.5 % of critical damping."""
+    values = {"g": 5.0, "m_1": 1.0, "k_1": 3000.0, "c_1": 4.0, "m_2": 0.2, "k_2": 2.4e4, "c_2": 0.6}
+    return rig_of(ELEMENTS, SENSORS, **values | changed)
+
+
+def known(rig: Rig) -> Rig:
+    """The same with tolerances within which the frequencies are off by several times their width."""
+    tolerances = {"g": 0.02, "m_1": 0.05, "k_1": 0.1, "c_1": 0.3, "m_2": 0.05, "k_2": 0.1, "c_2": 0.3}
+    parameters = {n: replace(p, tolerance=tolerances[n]) for n, p in rig.config.parameters.items()}
+    return build_rig(replace(rig.config, parameters=parameters))
+
+
+def recorded(truth: Rig, seed: int, samples: int = 12_000) -> Record:
+    """Both positions under noise of up to 100 Hz."""
+    rng = np.random.default_rng(seed)
+    spectrum = np.fft.rfft(rng.normal(0.0, 1.0, samples))
+    spectrum[np.fft.rfftfreq(samples, STEP_S) > 100.0] = 0.0
+    u = np.fft.irfft(spectrum, samples)
+    u *= 2.0 / u.std() * np.minimum(1.0, np.arange(samples) / 50.0)
+    shown = simulate(truth, u[:-1], STEP_S).sensors
+    y = {name: values + rng.normal(0.0, NOISE * values.std(), samples) for name, values in shown.items()}
+    train = np.arange(samples) < 0.6 * samples
+    return Record(STEP_S, u, y, train, ~train)
+
+
+#: where a fit that begins at the nominal parameters damps the mode of the blade instead of moving it
+OFF = {"m_2": 0.21, "k_2": 2.16e4}
+
+
+@pytest.fixture(scope="module")
+def evidence() -> Evidence:
+    return Evidence.gather(known(blade()), [recorded(blade(**OFF), 5)])
+
+
+def test_the_fit_alone_ends_in_a_wrong_valley(evidence):
+    """Else the next test would show nothing."""
+    direct = fit(evidence, evidence.nominal, nominal_free(evidence.nominal))
+    assert evidence.rms(direct.residuals) > 3.0
+
+
+def test_the_fit_that_is_led_ends_at_the_truth(evidence):
+    free = nominal_free(evidence.nominal)
+    led = fit(evidence, evidence.nominal, free, approached(evidence, evidence.nominal, free, np.zeros(len(free))))
+    assert evidence.rms(led.residuals) < 1.05
+    found = {f.name: f.value(x) for f, x in zip(free, led.x, strict=True)}
+    for name, value in OFF.items():
+        assert found[name] == pytest.approx(value, rel=0.02)
+
+
+@pytest.mark.parametrize("seed", [7, 8])
+def test_wrong_frequencies_are_parameters_and_no_physics(seed):
+    found = diagnose_records(known(blade()), [recorded(blade(**OFF), seed)])
+    assert found.verdict == "parameters"
+    assert not found.findings
+
+
+def test_a_law_beside_wrong_frequencies_is_named_alone():
+    truth = blade(**OFF).with_effect("foot", "cubic_stiffness", {"k3": 4e8})
+    found = diagnose_records(known(blade()), [recorded(truth, 9)])
+    assert found.verdict == "missing_physics"
+    assert [(f.location, f.effect) for f in found.findings] == [("foot", "cubic_stiffness")]
+
+
+def test_over_all_lags_the_echo_is_the_residual(evidence):
+    """The windows only shorten what is looked at: of white noise each lag has variance 1."""
+    record = evidence.records[0]
+    rng = np.random.default_rng(1)
+    noise = {evidence.blocks[0].name: [rng.normal(0.0, 1.0, (record.samples, 2))]}
+    echo = Echo(evidence, evidence.nominal, nominal_free(evidence.nominal), Stage(400, np.inf))
+    rows = echo.data(noise, evidence.blocks[0].name)
+    taper = 0.5 + 0.5 * np.cos(np.pi * np.arange(400) / 400)
+    assert rows.shape == (2, 400)
+    # only the training part is looked at; above 100 Hz the command says nothing
+    assert 0.6 * 0.2 * 0.5 < np.mean((rows / taper)[:, :200] ** 2) < 0.6 * 0.2 * 1.5
+
+
+def test_without_ringing_nothing_is_led():
+    rig = known(blade(c_1=60.0, c_2=100.0))
+    evidence = Evidence.gather(rig, [recorded(rig, 3, 4000)])
+    x = np.full(7, 0.3)
+    assert np.array_equal(approached(evidence, rig, nominal_free(rig), x), x)
