@@ -10,7 +10,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording import channels as checks
 from dtbacklash.recording import timebase
-from dtbacklash.recording.pick import COMMAND, REFERENCE, Picked, check_present, unit_notes
+from dtbacklash.recording.pick import ASSUMED, COMMAND, REFERENCE, TIME, Picked, check_present, unit_notes
 from dtbacklash.recording.plausible import check_units
 from dtbacklash.recording.refusal import CHANGE_MIN, VALUE_MAX, Refused
 
@@ -79,10 +79,20 @@ def _check_sizes(name: str, values: Floats) -> None:
         raise Refused(f"{what} is {values[large[0]]:.3g} (SI) in row {large[0] + 1} of the numbers{times}")
 
 
+#: nobody records a machine this slowly who does not say so: the unit of the time is wrong
+STEP_ASSUMED_MAX_S = 0.1
+
+
 def _grid(picked: Picked, sample_time_s: float | None) -> timebase.Grid:
     step = sample_time_s or picked.sample_time_s
     if picked.t_s is not None:
-        return timebase.uniform_grid(picked.t_s)
+        grid = timebase.uniform_grid(picked.t_s)
+        if grid.sample_time_s >= STEP_ASSUMED_MAX_S and picked.assumed.get(TIME, "").endswith(f"({ASSUMED})"):
+            raise Refused(
+                f"time advances by {grid.sample_time_s:.4g} s a sample if it is in s, which nothing says: is it in ms, "
+                "or a row number? Name the column t_s or t_ms, or give the unit in a mapping"
+            )
+        return grid
     if step is not None:
         if not 0.0 < step < np.inf:
             raise Refused(f"has the sample time {step:g} s: it must be positive")

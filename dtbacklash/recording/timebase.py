@@ -16,7 +16,6 @@ MISSING_MAX = 10  # as many missing samples in a row are interpolated; more are 
 ODD_SHARE_MAX = 0.05  # of all steps that may be longer than the usual one, or shorter
 BAD_STAMPS_MAX = 0.01  # of all rows that may have no time or that of the row before
 STRETCH_MIN = 0.5  # stretches without a gap that are long enough must hold this share of the samples
-STEP_MAX_S = 0.1  # a mechanical rig is not recorded this slowly: the unit of the time is wrong
 
 
 @dataclass
@@ -39,7 +38,6 @@ class Grid:
 def constant_step(rows: int, sample_time_s: float) -> Grid:
     """The grid of a recording without a time column."""
     check_length(rows)
-    _check_step(sample_time_s)
     t_s = np.arange(rows) * np.float64(sample_time_s)
     return Grid(np.arange(rows), t_s, [(0, rows, t_s)], sample_time_s, False, [])
 
@@ -87,14 +85,6 @@ def check_length(samples: int) -> None:
         raise Refused(f"is too short: {samples} samples, at least {SAMPLES_MIN} are needed")
 
 
-def _check_step(step_s: float) -> None:
-    if step_s >= STEP_MAX_S:
-        raise Refused(
-            f"time advances by {step_s:.4g} s a sample, too slow for a machine: is it in ms or a row number? "
-            "Name the column t_ms, or give the unit in a mapping"
-        )
-
-
 def _check_forward(t: Floats, rows: np.ndarray) -> None:
     back = np.flatnonzero(np.diff(t) < 0.0)
     if len(back):
@@ -128,7 +118,6 @@ def _rounded(rows: np.ndarray, t: Floats, notes: list[str]) -> Grid | None:
         notes.append(
             f"The times are rounded to {10.0**-digits:g} s; the samples are taken as uniform, {step:.6g} s apart."
         )
-    _check_step(step)
     return Grid(rows, t, [(0, len(t), line)], float(step), False, notes)
 
 
@@ -136,7 +125,6 @@ def _repaired(rows: np.ndarray, t: Floats, notes: list[str]) -> Grid:
     """Cut at gaps, then resample."""
     steps = np.diff(t)
     usual = float(np.median(steps))
-    _check_step(usual)
     long = steps > 1.5 * usual
     if long.mean() > ODD_SHARE_MAX:
         raise Refused(f"sampling is uneven: steps from {steps.min():.3g} to {steps.max():.3g} s")

@@ -164,7 +164,13 @@ def test_rows_without_a_time(frame, save, refusal):
 
 @pytest.mark.parametrize("factor", [1e3, 1e6])
 def test_time_in_another_unit_is_refused(factor, frame, save, refusal):
-    assert "is it in ms or a row number?" in refusal(save(frame.assign(t=frame.t * factor)))
+    assert "is it in ms, or a row number?" in refusal(save(frame.assign(t=frame.t * factor)))
+
+
+def test_a_slow_machine_is_recorded_as_slowly_as_its_header_says(frame, save):
+    slow = frame.assign(t=frame.t * 1e3).rename(columns={"t": "t_s"})
+    fast = read_recording(save(frame))
+    assert read_recording(save(slow)).sample_time_s == pytest.approx(1e3 * fast.sample_time_s)
 
 
 def test_too_short_is_refused(frame, save, refusal):
