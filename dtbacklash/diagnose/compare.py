@@ -39,6 +39,8 @@ COARSER, COARSE_LEVELS = 4, 8
 FREE_DECAY = 0.1
 #: a substep turns what is periodic in a position by this angle at most, rad
 PHASE_MAX = 0.1
+#: the stretch of a spring with a memory moves by so much of its reach in a substep at most: beyond 2.8 it is unstable
+REACH_MAX = 1.0
 #: what the plant takes by itself where it has to step, and the most that are worth it
 SUBSTEPS_PLAIN, SUBSTEPS_MAX = 8, 64
 #: as many follow the current of a winding, whose time constant is a tenth of a sample
@@ -234,17 +236,38 @@ def _gains_behind(part: Rig, block: Block, record: Record) -> Floats:
 
 
 def _substeps(part: Rig, block: Block, record: Record) -> int:
-    """Enough of them for what is periodic in the position; 0 leaves the choice to the plant."""
-    acting = [(e, values) for place in part.effects for e, values in part.active(place, slots.Slot)]
-    waves = [values[p.name] for e, values in acting for p in e.parameters if p.role is Role.WAVE]
+    """Enough of them for laws of a short length in the position; 0 leaves the choice to the plant."""
+    acting = [(place, e, values) for place in part.effects for e, values in part.active(place, slots.Slot)]
     sensor = block.imposed or block.pulled
-    if not waves or sensor is None:
-        return 0
-    phase = max(waves) * float(np.quantile(np.abs(np.diff(record.y[sensor])), 0.99))
-    wanted = 2 ** int(np.ceil(np.log2(max(phase / PHASE_MAX, 1.0))))
-    if any(isinstance(e.slot, slots.MotorTorque) for e, _ in acting):
+    wanted = _finely([
+        *(values[p.name] * _travel(record, sensor) / PHASE_MAX
+          for _, e, values in acting for p in e.parameters if p.role is Role.WAVE and sensor),
+        *(_travel(record, _beside(part, block, place)) / (REACH_MAX * values[e.slot.reach])
+          for place, e, values in acting if isinstance(e.slot, slots.SpringMemory) and values[e.slot.reach] > 0.0),
+    ])  # fmt: skip
+    if wanted and any(isinstance(e.slot, slots.MotorTorque) for _, e, _ in acting):
         wanted = max(wanted, SUBSTEPS_CURRENT)  # it multiplies a current that jumps within a fraction of a sample
     return min(wanted, SUBSTEPS_MAX) if wanted > SUBSTEPS_PLAIN else 0
+
+
+def _finely(steps: list[float]) -> int:
+    """The power of two that is not below the most of what is asked for; 0 where nothing is."""
+    return 2 ** int(np.ceil(np.log2(max(*steps, 1.0)))) if steps else 0
+
+
+def _travel(record: Record, channel: str | None) -> float:
+    """How far a position moves within a sample, nearly at most; 0 of none."""
+    return float(np.quantile(np.abs(np.diff(record.y[channel])), 0.99)) if channel else 0.0
+
+
+def _beside(part: Rig, block: Block, link: str) -> str | None:
+    """A recorded position along the axis of a link, which bounds how fast the link is stretched."""
+    axis = part.elements[link].trait.axis
+    for name in block.channels:
+        sensor = part.sensors[name]
+        if sensor.quantity == "position" and part.elements[sensor.of].trait.axis == axis:
+            return name
+    return None
 
 
 def _start(part: Rig, plant: Plant, block: Block, record: Record, angle: float) -> State:
