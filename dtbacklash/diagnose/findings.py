@@ -4,7 +4,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.become import has_become
 from dtbacklash.diagnose.earn import held_loss
 from dtbacklash.diagnose.evidence import Evidence, Residuals
-from dtbacklash.diagnose.free import Errors, Free, as_given, effects_of_rig, is_known, nominal_free, taken_out
+from dtbacklash.diagnose.free import Errors, Free, as_given, effects_of_rig, is_known, nominal_free, taken_out, unit_at
 from dtbacklash.diagnose.intervals import NORMAL95
 from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.result import (
@@ -26,8 +26,7 @@ from dtbacklash.diagnose.trials import Key, Search
 from dtbacklash.diagnose.verdict import Left, Moved, confidence
 from dtbacklash.diagnose.words import place_in_words
 from dtbacklash.physics.catalogue import find
-from dtbacklash.physics.effects.declare import SENSOR_UNIT
-from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
+from dtbacklash.physics.rig import Rig
 
 
 def without(evidence: Evidence, found: Search) -> dict[Key, Residuals]:
@@ -82,12 +81,6 @@ def _instead_of_known(nominal: Rig, key: Key) -> str:
     entry = find(nominal.kind_at(key[0]), key[1], key[0])
     said = ", ".join(f"{p.name} {quantity(known[p.name], unit_at(nominal, key[0], p.unit))}" for p in entry.parameters)
     return f" The nominal rig has it with {said}: more than its tolerance allows."
-
-
-def unit_at(rig: Rig, place: str, unit: str) -> str:
-    """A parameter's unit; where it is that of a sensor, the sensor says which."""
-    sensor = rig.sensors.get(place.removeprefix(SENSOR_PREFIX))
-    return sensor.unit if sensor and unit == SENSOR_UNIT else unit
 
 
 def _also_fits(evidence: Evidence, found: Search, key: Key) -> tuple[Alternative, ...]:

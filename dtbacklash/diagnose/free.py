@@ -16,8 +16,11 @@ from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects import slots
-from dtbacklash.physics.effects.declare import Bounds, Parameter, Role
-from dtbacklash.physics.rig import Rig, build_rig
+from dtbacklash.physics.effects.declare import SENSOR_UNIT, Bounds, Parameter, Role
+from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, build_rig
+
+#: a fit takes a parameter of the rig down to this share of its nominal value at most
+LEAST_SHARE = 1e-3
 
 Effects = dict[tuple[str, str], dict[str, float]]
 Key = tuple[str, str]
@@ -95,6 +98,12 @@ def with_errors(rig: Rig, errors: Errors) -> Rig:
     return rig
 
 
+def unit_at(rig: Rig, place: str, unit: str) -> str:
+    """A parameter's unit; where it is that of a sensor, the sensor says which."""
+    sensor = rig.sensors.get(place.removeprefix(SENSOR_PREFIX))
+    return sensor.unit if sensor and unit == SENSOR_UNIT else unit
+
+
 def effects_of_rig(rig: Rig) -> Effects:
     """(place, effect) -> values."""
     return {(place, name): values for place, there in rig.effects.items() for name, values in there.items()}
@@ -116,7 +125,9 @@ def nominal_free(nominal: Rig, places: set[str] | None = None, rig: Rig | None =
         users = frozenset(e for e, spec in nominal.config.elements.items() if name in spec.values())
         if p.tolerance > 0.0 and users and (places is None or users & places):
             width = abs(p.value) * p.tolerance
-            low, high = p.value - most * width, p.value + most * width
+            # whatever its tolerance, a parameter keeps its sign
+            ends = sorted((p.value * max(1.0 - most * p.tolerance, LEAST_SHARE), p.value * (1.0 + most * p.tolerance)))
+            low, high = ends
             found.append(Free("", "", name, p.value, width, False, low, high, True, users))
     for key, q, value, width in _known_effects(nominal, rig or nominal):
         if places is None or key[0] in places:

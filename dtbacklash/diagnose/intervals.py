@@ -14,6 +14,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import Errors, all_free
 from dtbacklash.diagnose.refit import Fit, Problem, inside, limits_of
+from dtbacklash.diagnose.scaling import unseen_scalings
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.catalogue import find
 
@@ -110,6 +111,16 @@ def _along_the_least_seen(problem: Problem, x: Floats, jacobian: Floats) -> Floa
             jacobian += np.outer(there - before, unit * norms)
         if moved < MOVED:
             break
+    return _without_scalings(problem, x, jacobian)
+
+
+def _without_scalings(problem: Problem, x: Floats, jacobian: Floats) -> Floats:
+    """The Jacobian by which no recorded motion tells how large all efforts are."""
+    data = len(jacobian) - int(problem.prior.sum())
+    for direction in unseen_scalings(problem.evidence, problem.base, problem.free, x):
+        norms = _decomposed(jacobian)[0]
+        unit = direction * norms / np.linalg.norm(direction * norms)
+        jacobian[:data] -= np.outer(jacobian[:data] @ (unit / norms), unit * norms)
     return jacobian
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.findings import unit_at
+from dtbacklash.diagnose.free import unit_at
 from dtbacklash.diagnose.intervals import NORMAL95, group_sums
 from dtbacklash.diagnose.locate import Score
 from dtbacklash.diagnose.result import Limit
