@@ -6,7 +6,7 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.evidence import Evidence, Residuals
-from dtbacklash.diagnose.free import Errors, apply, nominal_free, standing
+from dtbacklash.diagnose.free import Errors, apply, as_given, nominal_free, standing
 from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.refit import Fit
 from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Confidence, Verdict
@@ -98,29 +98,48 @@ def depends_on(form: Recovered | None, left: dict[str, Left]) -> bool:
 def confidence(evidence: Evidence, found: Search, key: Key, left_out: Residuals, rest: Recovered | None) -> Confidence:
     """How sure a finding is where something is left: its name stands if what is left lies elsewhere and is small.
 
+    Findings near what is left count as left: they stand in for it.
+
     rest : where what is left lies; None where nothing is.
     """
     rules = settings()
     if rest is None:
         return "sure"
-    here, without = (evidence.mean_square(r, "held") for r in (found.fitted.residuals, left_out))
-    worth = max(float(np.max((without[n] - 1.0) / np.maximum(here[n] - 1.0, rules.noise_floors - 1.0))) for n in here)
-    elsewhere = rest.place not in _near(evidence.nominal, key[0])
-    return "sure" if elsewhere and worth > rules.stands_out_ratio else "partial"
+    # what shows itself nowhere may be here
+    shown = rest.share >= rules.located_share and rest.t > rules.depends_errors
+    if not shown or rest.place in _near(evidence.nominal, key[0]):
+        return "partial"
+    unknown = evidence.mean_square(_without_stand_ins(evidence, found, rest), "held")
+    without = evidence.mean_square(left_out, "held")
+    worth = max(
+        float(np.max((without[n] - 1.0) / np.maximum(unknown[n] - 1.0, rules.noise_floors - 1.0))) for n in unknown
+    )
+    return "sure" if worth > rules.stands_out_ratio else "partial"
+
+
+def _without_stand_ins(evidence: Evidence, found: Search, rest: Recovered) -> Residuals:
+    """What is left without the findings near the rest, which stand in for the same unknown physics."""
+    rig, places = found.fitted.rig, set[str]()
+    for key in found.order:
+        if rest.place in _near(evidence.nominal, key[0]):
+            rig, places = as_given(evidence.nominal, rig, key), places | {key[0]}
+    return evidence.residuals(rig, found.fitted.residuals, places) if places else found.fitted.residuals
 
 
 def _near(rig: Rig, place: str) -> set[str]:
-    """The place, what it is connected to, and all that drives it: an effort at any of them moves it alike."""
+    """The place, its neighbours, and all that drives it or is driven by it: any effort there moves it alike."""
     ends = {
         e.name: {n for to in e.neighbours.values() for n in ([to] if isinstance(to, str) else to)}
         for e in rig.elements.values()
     }
     near = {place, *ends.get(place, ()), *(name for name, to in ends.items() if place in to)}
     driving = {e.neighbours["drives"]: e.name for e in rig.elements.values() if "drives" in e.neighbours}
-    driven = place
-    while driven in driving:
-        driven = driving[driven]
-        near.add(driven)
+    driven = {drives: to for to, drives in driving.items()}
+    for way in (driving, driven):
+        end = place
+        while end in way:
+            end = way[end]
+            near.add(end)
     return near
 
 
