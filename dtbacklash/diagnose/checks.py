@@ -9,6 +9,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.beyond import believed
 from dtbacklash.diagnose.compare import Block, residual
 from dtbacklash.diagnose.earn import paired
 from dtbacklash.diagnose.evidence import Evidence
@@ -55,7 +56,7 @@ def all_checks(
         rows.append(_earned(evidence, found))
         rows += [_away_from_nothing(evidence, found, key, errors) for key in found.order]
         rows.append(_inside_bounds(evidence, found))
-    tolerance = _inside_tolerances(evidence.nominal, found.fitted.rig)
+    tolerance = _inside_tolerances(believed(evidence.nominal, found.beyond), found.fitted.rig)
     return (*rows, *([tolerance] if tolerance else []), _free(free))
 
 

@@ -12,6 +12,7 @@ from operator import call
 import numpy as np
 
 from dtbacklash.diagnose.approach import approached
+from dtbacklash.diagnose.beyond import beyond_instead
 from dtbacklash.diagnose.candidates import candidates
 from dtbacklash.diagnose.earn import earns, held_loss, merit, nearly, paired, same, worst
 from dtbacklash.diagnose.evidence import Evidence
@@ -67,6 +68,7 @@ def search(evidence: Evidence, say: Callable[[str, float], None] = silent) -> Se
     if len(found.order) > 1:
         say("what else would fit", 0.9)
         _reconsider(found.evidence, found, list(found.order), rules.final_rivals)
+    beyond_instead(found, _recalibrated)
     _own_instead(found)
     return found
 

@@ -7,6 +7,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from dtbacklash.diagnose.become import call_by_its_limit
+from dtbacklash.diagnose.beyond import believed
 from dtbacklash.diagnose.checks import all_checks, at_bounds, at_tolerances, coloured, whiteness
 from dtbacklash.diagnose.command import held_equivalent
 from dtbacklash.diagnose.compare import Record
@@ -27,7 +28,7 @@ from dtbacklash.diagnose.portion import portion, whole
 from dtbacklash.diagnose.recover import free_forms
 from dtbacklash.diagnose.refit import QUICK, fit
 from dtbacklash.diagnose.result import UNEXPLAINED, Diagnosis, Work
-from dtbacklash.diagnose.sayings import limits_said, summary
+from dtbacklash.diagnose.sayings import beyond_said, limits_said, summary
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.show import shown
 from dtbacklash.diagnose.slow import refit_slowly
@@ -129,18 +130,19 @@ def _diagnosis(found: Search, errors: Errors, smooth: bool) -> Diagnosis:
     findings = tuple(finding(evidence, found, key, errors, left_out[key], rest) for key in found.order)
     values, where = recalibrated(evidence.nominal, moved), located(left, verdict, rest)
     free = free_running(evidence, found.nominal, found.fitted)
+    far = beyond_said(found.beyond, found.as_well if found.order else None)
     at_limits = limits_said(at_bounds(evidence, found), at_tolerances(evidence.nominal, found.fitted.rig))
     return Diagnosis(
         verdict=verdict,
-        summary=" ".join(filter(None, (summary(verdict, findings, values, where), at_limits))),
+        summary=" ".join(filter(None, (summary(verdict, findings, values, where), at_limits, far))),
         findings=findings,
         recalibrated=values,
         fit=fit_table(evidence, found.nominal, found.fitted),
         candidates=candidates(found),
         located=where,
         next_experiment=next_experiment(evidence, found, rest),
-        nominal=evidence.nominal,
-        extended=with_errors(found.fitted.rig, errors),
+        nominal=believed(evidence.nominal, found.beyond),
+        extended=with_errors(believed(found.fitted.rig, found.beyond), errors),
         free_running=free,
         checks=all_checks(evidence, found, errors, free, form, white),
         limits=limits(found),

@@ -19,7 +19,7 @@ from dtbacklash.diagnose.result import (
     Verdict,
 )
 from dtbacklash.diagnose.settings import settings
-from dtbacklash.diagnose.trials import Search
+from dtbacklash.diagnose.trials import Beyond, Search
 from dtbacklash.diagnose.words import other_in_words, place_in_words
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.recording.model import Recording
@@ -135,6 +135,20 @@ def limits_said(effects: list[str], parameters: list[str]) -> str:
         stand, stands_in = ("stands", "it stands") if len(parameters) == 1 else ("stand", "they stand")
         said.append(f"{' and '.join(parameters)} {stand} at the limit, as far from nominal as a fit may go: there "
                     f"{stands_in} in for missing physics, or the rig's value is wrong.")  # fmt: skip
+    return " ".join(said)
+
+
+def beyond_said(beyond: Beyond | None, as_well: Beyond | None) -> str:
+    """What to say of a parameter of the rig that is, or may be, beyond its tolerance; empty where none is."""
+    said = []
+    if beyond is not None:
+        said.append(f"`{beyond.name}` is {beyond.tolerances:.1f} of its tolerances from nominal: the rig's value is "
+                    "wrong, or its tolerance.")  # fmt: skip
+    if as_well is not None:
+        parameter = as_well.fitted.rig.config.parameters[as_well.name]
+        value = quantity(parameter.value, parameter.unit)
+        said.append(f"As much would be explained by `{as_well.name}` = {value} alone, {as_well.tolerances:.1f} of its "
+                    "tolerances from nominal.")  # fmt: skip
     return " ".join(said)
 
 

@@ -35,6 +35,21 @@ class Asked:
     residual: Floats
 
 
+@dataclass(frozen=True)
+class Beyond:
+    """A fit with one parameter beyond its tolerance, and no physics missing.
+
+    name, tolerance : of the parameter, as given. tolerances : how many of them it is off. evidence : about the rig in
+    which its tolerance is wide.
+    """
+
+    name: str
+    tolerance: float
+    tolerances: float
+    evidence: Evidence
+    fitted: Fit
+
+
 @dataclass
 class Search:
     """What the search did: the nominal rig's fit, the last fit, every trial, and per effect what would fit as well."""
@@ -59,3 +74,6 @@ class Search:
     left_out_of: Fit | None = None
     #: per block what other formulations of laws that were found explain more, mean square in units of the floor's
     formulations: dict[str, Floats] = field(default_factory=dict)
+    #: the parameter that is beyond its tolerance, instead of all findings; and one that would explain as much
+    beyond: Beyond | None = None
+    as_well: Beyond | None = None

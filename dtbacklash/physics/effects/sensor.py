@@ -32,7 +32,7 @@ EFFECTS = [
     late("sensor", "{location} reports {time} late.", "y(t - time)"),
     Effect(
         "gain_error", "sensor", (Parameter("relative", "1", -0.9, 9.0, 0.02, 0.0, role=Role.SIZE),),
-        "(1 + relative) y", Reading(scaled, unscaled), "linear", "{location} reads {relative} too much.",
+        "(1 + relative) y", Reading(scaled, unscaled), "linear", "The gain of {location} is off by {relative}.",
         conceal=lambda place, sign: (GAIN_MAX, 0.02),
     ),
     Effect(

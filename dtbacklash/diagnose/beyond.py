@@ -1,0 +1,81 @@
+"""One parameter of the rig may be off by far more than its tolerance: looked at before physics is said to be missing.
+
+Tolerances are what the user believes. Where one of them is wrong, an effect that nearly fits is found in its place, and
+the other parameters go far from nominal to make up for the rest.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from dtbacklash.diagnose.earn import held_loss, merit, same, worst
+from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.free import nominal_free, standing
+from dtbacklash.diagnose.own import is_noise
+from dtbacklash.diagnose.refit import QUICK, Fit, fit
+from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.trials import Beyond, Search
+from dtbacklash.physics.rig import Rig, build_rig
+
+#: one parameter may be so many times further from nominal than its tolerance allows; relative ones are below 1
+FURTHER, TOLERANCE_MAX = 10.0, 0.9
+
+
+def beyond_tolerance(found: Search, recalibrate: Callable[[Evidence], Fit]) -> Beyond | None:
+    """The parameter at its limit that alone, let go further, leaves little more than noise; None if there is none.
+
+    recalibrate : fits the nominal rig of an evidence.
+    """
+    limit = (1.0 - settings().bound_share) * settings().tolerances_max
+    nominal, trials = found.evidence.nominal, []
+    parameters = nominal.config.parameters
+    for name, away in _away(nominal, found.nominal.rig).items():
+        if away >= limit:
+            wide = min(FURTHER * parameters[name].tolerance, TOLERANCE_MAX)
+            evidence = replace(found.evidence, nominal=_with_tolerance(nominal, name, wide))
+            if _hopeless(found, evidence):
+                continue
+            fitted = recalibrate(evidence)
+            trials.append(Beyond(name, parameters[name].tolerance, _away(nominal, fitted.rig)[name], evidence, fitted))
+    able = [trial for trial in trials if worst(trial.evidence, trial.fitted) < settings().nearly_noise_floors]
+    return min(able, key=lambda trial: merit(trial.evidence, trial.fitted), default=None)
+
+
+def _hopeless(found: Search, evidence: Evidence) -> bool:
+    """Whether a quick fit leaves far more than findings do that explain the recording."""
+    rules = settings()
+    if worst(found.evidence, found.fitted) > rules.nearly_noise_floors:
+        return False
+    quick = fit(evidence, evidence.nominal, nominal_free(evidence.nominal), rounds=QUICK)
+    return held_loss(evidence, quick) > rules.hopeless_ratio * max(held_loss(found.evidence, found.fitted), 1.0)
+
+
+def beyond_instead(found: Search, recalibrate: Callable[[Evidence], Fit]) -> None:
+    """Let one parameter go beyond its tolerance instead of all findings where that does better; as well, it is said."""
+    if not found.order and is_noise(found.evidence, found.fitted):
+        return
+    trial = beyond_tolerance(found, recalibrate)
+    if trial is None:
+        return
+    if merit(trial.evidence, trial.fitted) + settings().earn_penalty < merit(found.evidence, found.fitted):
+        found.refused |= dict.fromkeys(found.order, f"`{trial.name}`, beyond its tolerance, does better alone")
+        found.evidence, found.nominal, found.fitted, found.order = trial.evidence, trial.fitted, trial.fitted, []
+        found.beyond = trial
+    elif same(trial.evidence, found.fitted, trial.fitted):
+        found.as_well = trial
+
+
+def believed(rig: Rig, trial: Beyond | None) -> Rig:
+    """A rig with the tolerance that was given for the parameter which went beyond it, if one did."""
+    return rig if trial is None else _with_tolerance(rig, trial.name, trial.tolerance)
+
+
+def _away(nominal: Rig, rig: Rig) -> dict[str, float]:
+    """Parameter of the rig -> how far it is from nominal, in tolerances."""
+    return {f.name: abs(standing(f, rig)) for f in nominal_free(nominal, rig=rig) if not f.effect}
+
+
+def _with_tolerance(rig: Rig, name: str, tolerance: float) -> Rig:
+    parameters = rig.config.parameters
+    return build_rig(
+        replace(rig.config, parameters={**parameters, name: replace(parameters[name], tolerance=tolerance)})
+    )

@@ -1,0 +1,41 @@
+"""One parameter of the rig that is off by far more than its tolerance."""
+
+import numpy as np
+import pytest
+from ringing import blade, known, recorded
+
+from dtbacklash.diagnose import diagnose_records
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "tolerances"), [("m_1", 1.3, 6.0), ("k_1", 1650.0, 4.5), ("m_2", 0.26, 6.0)], ids=str
+)
+def test_a_value_that_its_tolerance_excludes_is_no_physics(name, value, tolerances):
+    found = diagnose_records(known(blade()), [recorded(blade(**{name: value}), 11)])
+    assert found.verdict == "parameters"
+    assert not found.findings
+    estimate = found.recalibrated[name]
+    assert estimate.ci95[0] <= value <= estimate.ci95[1]
+    assert f"`{name}` is {tolerances:.1f} of its tolerances from nominal" in found.summary
+    (row,) = [c for c in found.checks if c.check == "the rig's parameters are inside their tolerances"]
+    assert row.statistic == pytest.approx(tolerances, rel=0.05)
+    assert not row.passed
+    # what is written as the next nominal rig has the tolerance that was given
+    assert found.extended.config.parameters[name].tolerance == known(blade()).config.parameters[name].tolerance
+
+
+def test_a_gain_error_stays_one_and_the_parameter_that_would_do_as_well_is_said():
+    """What a gain error does, a gain far off does, too: the tolerance speaks for the effect."""
+    truth = blade().with_effect("amplifier", "gain_error", {"relative": -0.5})
+    found = diagnose_records(known(blade()), [recorded(truth, 12)])
+    assert found.verdict == "missing_physics"
+    assert [(f.location, f.effect) for f in found.findings] == [("amplifier", "gain_error")]
+    assert "As much would be explained by `" in found.summary
+    assert "by itself" in found.next_experiment
+
+
+def test_a_law_is_not_taken_for_a_parameter_that_is_off():
+    truth = blade().with_effect("foot", "cubic_stiffness", {"k3": 2e9})
+    found = diagnose_records(known(blade()), [recorded(truth, 13)])
+    assert [(f.location, f.effect) for f in found.findings] == [("foot", "cubic_stiffness")]
+    assert np.isfinite(found.findings[0].parameters["k3"].ci95).all()
