@@ -1,10 +1,12 @@
 import numpy as np
 import pytest
+import ringing
 
 from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Record
 from dtbacklash.diagnose.command import held_equivalent
-from dtbacklash.diagnose.compare import residual, true_angle
+from dtbacklash.diagnose.compare import predict, residual, true_angle
+from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.floor import quantum, white_noise
 from dtbacklash.diagnose.pull import cut
 from dtbacklash.errors import UserError
@@ -85,3 +87,16 @@ def test_a_sensor_that_is_modelled_to_read_too_much_is_pulled_no_faster():
     plain = residual(disk, block, record)
     assert np.abs(plain).max() > 0.01
     assert np.allclose(residual(other, block, record), plain, rtol=1e-6, atol=1e-9)
+
+
+def test_hysteresis_that_reaches_less_far_than_a_step_moves_is_followed():
+    """Its memory is integrated explicitly: in the usual steps it would grow without bounds."""
+    rig = ringing.known(ringing.blade()).with_effect("foot", "hysteresis", {"force": 0.2, "displacement": 2e-6})
+    record = ringing.recorded(ringing.blade(), 41, 2000)
+    evidence = Evidence.gather(ringing.known(ringing.blade()), [record])
+    (block,) = evidence.blocks
+    assert not np.isfinite(simulate(rig, record.u[:-1], record.sample_time_s).sensors["x_1"]).all()
+    finely = simulate(rig, record.u[:-1], record.sample_time_s, substeps=256).sensors
+    seen = predict(rig, block, record)
+    for j, name in enumerate(block.channels):
+        assert np.std(seen[:, j] - finely[name]) < 0.02 * np.std(finely[name])

@@ -1,0 +1,54 @@
+"""How sure a finding is beside what nothing explains."""
+
+import numpy as np
+import pytest
+from ringing import blade, known, recorded
+
+from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.findings import without
+from dtbacklash.diagnose.recover import Recovered
+from dtbacklash.diagnose.refit import fit
+from dtbacklash.diagnose.trials import Search
+from dtbacklash.diagnose.verdict import confidence
+
+SPRING, FORCE = ("foot", "cubic_stiffness"), ("tip", "constant_force")
+NONE = np.zeros(0)
+
+
+def left_over(place: str, share: float, t: float) -> Recovered:
+    return Recovered(place, "stretch", "m", "N", NONE, NONE, NONE, share, t=t)
+
+
+@pytest.fixture(scope="module")
+def found() -> Search:
+    """A large cubic spring at the foot and a small force on the tip, which are both there."""
+    rig = known(blade())
+    truth = rig.with_effect(*SPRING, {"k3": 2e9}).with_effect(*FORCE, {"force": 0.3})
+    evidence = Evidence.gather(rig, [recorded(truth, 31, 4000)])
+    return Search(evidence, fit(evidence, rig, []), fit(evidence, truth, []), [SPRING, FORCE])
+
+
+def said(found: Search, rest: Recovered) -> str:
+    return confidence(found.evidence, found, FORCE, without(found.evidence, found)[FORCE], rest)
+
+
+def test_a_finding_is_sure_beside_a_small_rest_elsewhere(found):
+    alone = Search(found.evidence, found.nominal, found.fitted, [FORCE])
+    assert said(alone, left_over("frame", 0.3, 10.0)) == "sure"
+
+
+@pytest.mark.parametrize(("share", "t"), [(0.01, 10.0), (0.3, 1.0)], ids=["explains nothing", "not significant"])
+def test_no_finding_is_sure_beside_a_rest_that_shows_nowhere(found, share, t):
+    alone = Search(found.evidence, found.nominal, found.fitted, [FORCE])
+    assert said(alone, left_over("frame", share, t)) == "partial"
+
+
+def test_findings_near_the_rest_count_as_left(found):
+    """What stands in for unknown physics at the foot explains far more than the force at the tip does."""
+    assert said(found, left_over("frame", 0.3, 10.0)) == "partial"
+
+
+@pytest.mark.parametrize("place", ["tip", "blade"])
+def test_a_finding_near_the_rest_is_a_part(found, place):
+    alone = Search(found.evidence, found.nominal, found.fitted, [FORCE])
+    assert said(alone, left_over(place, 0.3, 10.0)) == "partial"
