@@ -83,7 +83,7 @@ def ablation_rows(n: int, names: list[str], minutes: float, kept: Path) -> list[
     ----------
     names : of the settings; empty: all. kept : file in which the results stand, of this code or of none.
     """
-    code = sources.digest(("diagnose", "physics", "prove"))
+    code = _code()
     found: dict[str, Any] = json.loads(kept.read_text(encoding="utf-8")) if kept.is_file() else {}
     if found.get("code") != code:
         found = {"code": code, "duration_s": DURATION_S, "recordings": {}}
@@ -109,6 +109,11 @@ def ablation_rows(n: int, names: list[str], minutes: float, kept: Path) -> list[
             recordings[name]["tried"][what] = outcome
             write_json(kept, found)
     return summary(found)
+
+
+def _code() -> str:
+    """Digest of the code that makes the results."""
+    return sources.digest(("diagnose", "physics", "prove"))
 
 
 @cache
@@ -230,7 +235,9 @@ def page(found: dict[str, Any]) -> str:
     tried = {row["what"] for row in rows if row["diagnosed"]}
     idle = [n for n in every if all(n not in r["read"] for r in recordings.values())]
     left = [n for n in every if n not in tried and n not in idle]
+    state = "the present state" if found["code"] == _code() else "an earlier state"
     return INTRO.format(
+        state=state,
         duration=found["duration_s"], count=len(recordings), settings=len(every), tried=len(tried), usual=usual,
         body=body, idle=_listed(idle), left=_listed(left),
     )  # fmt: skip
@@ -258,9 +265,9 @@ excess over 1), on concealed recordings of development seeds, {duration:g} s eac
 cannot change it, and was not run. *Right* is by the rules of [the blind proof](proof.md); what a finding says it cannot
 be told from counts as named.
 
-Diagnosed so far: {tried} of {settings} settings on {count} recordings. A row with fewer diagnosed recordings than were
-read in is not finished; `python -m benchmarks ablation --n 10 --docs docs` goes on where it stopped (hours),
-and begins anew where the code of the diagnosis has changed since.
+Diagnosed so far: {tried} of {settings} settings on {count} recordings, by {state} of the code. A row with fewer
+diagnosed recordings than were read in is not finished; `python -m benchmarks ablation --n 10 --docs docs` goes on where
+it stopped (hours), and begins anew where the code of the diagnosis has changed since.
 
 With the usual settings:
 
