@@ -4,15 +4,14 @@ Where a resonance is narrower than it is misplaced, the rig and the recording ar
 The least squares then have a valley for every cycle that it may be behind, and the fit damps the mode instead of moving
 it. Early in the ringing there is one valley only. So what is fitted first is how the residual begins to answer the
 command: its correlation with the whitened command, over lags of a few periods, and over longer ones as the parameters
-come nearer. Slow modes come first, as all others stand on what they do. Over all lags and frequencies it would be the
-residual's own sum of squares.
+come nearer. Slow modes come first, as all others stand on what they do. Over all lags it would be the sum of
+squares of what the command can explain of the residual.
 
 Fitting low frequencies and short times first is the multiscale inversion of waveforms: C. Bunks et al., Multiscale
 seismic waveform inversion, Geophysics 60 (1995) 1457.
 """
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
@@ -35,6 +34,8 @@ EVALUATIONS = 5
 SAMPLES_A_LAG = 50
 #: order of the low-pass in front of the modes that are not led yet
 ORDER = 4
+#: what changes by less than this share of its size is constant
+CONSTANT = 1e-9
 #: at frequencies of less than this share of the command's greatest density it says nothing
 SAYS_NOTHING = 1e-6
 
@@ -59,7 +60,7 @@ class Echo(Problem):
         self._taper = 0.5 + 0.5 * np.cos(np.pi * np.arange(stage.lags) / stage.lags)
 
     def data(self, residuals: Residuals, name: str) -> Floats:
-        """(channels, lags) of one block: correlations, of unit variance where the residual is white noise."""
+        """(channels, lags) of one block: correlations, of at most unit variance where the residual is white noise."""
         records, drives = self.evidence.records, self._drives[name]
         total = np.zeros((residuals[name][0].shape[1], len(self._taper)))
         for e, record, drive in zip(residuals[name], records, drives, strict=True):
@@ -72,7 +73,7 @@ class Echo(Problem):
 
 def _drive(block: Block, record: Record, stage: Stage) -> Floats:
     """(frequencies,) conjugate spectrum of what drives a block, whitened as finely as the lags resolve, low-passed."""
-    drive = np.gradient(record.y[block.imposed]) if block.imposed else record.u
+    drive = _driven(block, record)
     length = next_fast_len(2 * max(len(drive), stage.lags), real=True)
     length += length % 2
     spectrum = rfft(drive - drive.mean(), length)
@@ -84,20 +85,33 @@ def _drive(block: Block, record: Record, stage: Stage) -> Floats:
     return passed
 
 
+def _driven(block: Block, record: Record) -> Floats:
+    """(N,) what drives a block: the command, or the speed of the angle that is imposed."""
+    return np.gradient(record.y[block.imposed]) if block.imposed else record.u
+
+
+def _moves(drive: Floats) -> bool:
+    """Whether it is more than a constant with its rounding."""
+    return float(np.ptp(drive)) > CONSTANT * float(np.abs(drive).max())
+
+
 def approached(evidence: Evidence, base: Rig, free: list[Free], x: Floats) -> Floats:
     """Parameters near which a fit finds its valley, led from ``x``; ``x`` itself where no mode rings for long."""
     x = inside(x, limits_of(free))
     for stage in _stages(evidence, base):
-        x = solve(Echo(_beginning(evidence, SAMPLES_A_LAG * stage.lags), base, free, stage), x, EVALUATIONS)
+        begins = _beginning(evidence, SAMPLES_A_LAG * stage.lags)
+        if begins.records:
+            x = solve(Echo(begins, base, free, stage), x, EVALUATIONS)
     return x
 
 
 def _beginning(evidence: Evidence, samples: int) -> Evidence:
-    """The first samples of each record, which are enough for few lags."""
+    """The first samples, which are enough for few lags, of each record that is fitted to there, and is driven."""
     records = [
         replace(r, u=r.u[:samples], y={c: seen[:samples] for c, seen in r.y.items()}, train=r.train[:samples],
                 held=r.held[:samples], judge=r.judge[:samples])
         for r in evidence.records
+        if r.train[:samples].any() and all(_moves(_driven(b, r)[:samples]) for b in evidence.blocks)
     ]  # fmt: skip
     return replace(evidence, records=records)
 
@@ -106,18 +120,29 @@ def _stages(evidence: Evidence, rig: Rig) -> list[Stage]:
     poles = np.concatenate([_ringing(rig, block, evidence.records[0].sample_time_s) for block in evidence.blocks])
     poles = poles[np.argsort(poles.imag)]
     longest = max(r.samples for r in evidence.records)
-    stages = []
-    for pole, faster in pairwise([*poles, None]):
-        if faster is not None and faster.imag < APART * pole.imag:
-            continue
-        cut = np.inf if faster is None else float(np.sqrt(pole.imag * faster.imag)) / (2.0 * np.pi)
-        lags, memory = PERIODS * 2.0 * np.pi / pole.imag, DECAYS / max(-pole.real, 1e-300)
+    stages: list[Stage] = []
+    for together in _clusters(poles):
+        faster = poles[together[-1] + 1 :][:1]
+        cut = float(np.sqrt(poles[together[-1]].imag * faster[0].imag)) / (2.0 * np.pi) if len(faster) else np.inf
+        lags = PERIODS * 2.0 * np.pi / poles[together[0]].imag
+        memory = max(DECAYS / max(-float(poles[j].real), 1e-300) for j in together)
         while True:
             stages.append(Stage(min(round(lags), longest), cut))
             if lags > min(memory, longest):
                 break
             lags *= LONGER
     return stages
+
+
+def _clusters(poles: Floats) -> list[list[int]]:
+    """Indices of modes, ascending, that lie too near to each other to be led one by one."""
+    clusters: list[list[int]] = []
+    for j, pole in enumerate(poles):
+        if clusters and pole.imag < APART * poles[j - 1].imag:
+            clusters[-1].append(j)
+        else:
+            clusters.append([j])
+    return clusters
 
 
 def _ringing(rig: Rig, block: Block, step_s: float) -> Floats:

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from dtbacklash.diagnose.earn import held_loss, merit, same, worst
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.free import nominal_free, standing
+from dtbacklash.diagnose.free import nominal_free, standing, stands_at_limit
 from dtbacklash.diagnose.own import is_noise
 from dtbacklash.diagnose.refit import QUICK, Fit, fit
 from dtbacklash.diagnose.settings import settings
@@ -25,12 +25,14 @@ def beyond_tolerance(found: Search, recalibrate: Callable[[Evidence], Fit]) -> B
 
     recalibrate : fits the nominal rig of an evidence.
     """
-    limit = (1.0 - settings().bound_share) * settings().tolerances_max
     nominal, trials = found.evidence.nominal, []
     parameters = nominal.config.parameters
-    for name, away in _away(nominal, found.nominal.rig).items():
-        if away >= limit:
+    for f in nominal_free(nominal, rig=found.nominal.rig):
+        name = f.name
+        if not f.effect and stands_at_limit(f, standing(f, found.nominal.rig)):
             wide = min(FURTHER * parameters[name].tolerance, TOLERANCE_MAX)
+            if wide <= parameters[name].tolerance:
+                continue  # nobody claimed to know it
             evidence = replace(found.evidence, nominal=_with_tolerance(nominal, name, wide))
             if _hopeless(found, evidence):
                 continue

@@ -14,7 +14,7 @@ from dtbacklash.diagnose.compare import Block, residual
 from dtbacklash.diagnose.earn import paired
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.floor import synthetic
-from dtbacklash.diagnose.free import Errors, nominal_free, standing
+from dtbacklash.diagnose.free import Errors, nominal_free, standing, stands_at_limit
 from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.result import Check, FreeRunning
 from dtbacklash.diagnose.settings import settings
@@ -213,9 +213,7 @@ def at_bounds(evidence: Evidence, found: Search) -> list[str]:
 
 def at_tolerances(nominal: Rig, rig: Rig) -> list[str]:
     """The parameters of the rig that went as far from nominal as a fit may go."""
-    rules = settings()
-    away = _tolerances_away(nominal, rig)
-    return [f"`{name}`" for name, value in away.items() if value >= (1.0 - rules.bound_share) * rules.tolerances_max]
+    return [f"`{f.title}`" for f in nominal_free(nominal, rig=rig) if stands_at_limit(f, standing(f, rig))]
 
 
 def _inside_bounds(evidence: Evidence, found: Search) -> Check:

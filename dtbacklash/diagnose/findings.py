@@ -47,9 +47,10 @@ def without_known(evidence: Evidence, found: Search) -> dict[Key, Residuals]:
 
 
 def finding(
-    evidence: Evidence, found: Search, key: Key, errors: Errors, left_out: Residuals, rest: Recovered | None
-) -> Finding:
-    """What is said of one effect; ``left_out`` : what remains without it. rest : what nothing explains, if anything."""
+    evidence: Evidence, found: Search, key: Key, errors: Errors, left_out: Residuals, rest: Recovered | None,
+    verdict: Verdict,
+) -> Finding:  # fmt: skip
+    """What is said of one effect; ``left_out`` : what remains without it. rest : what is left, if that shows."""
     place, name = key
     entry = find(evidence.nominal.kind_at(place), name, place)
     values = found.fitted.rig.effect(place, name) or {}
@@ -65,7 +66,7 @@ def finding(
     shown = {n: quantity(p.value, p.unit) for n, p in parameters.items()}
     silent = idle | unseen(evidence, found.fitted.rig, key, errors)
     said = entry.said(silent).format(location=place_in_words(place), **shown)
-    sure = confidence(evidence, found, key, left_out, rest)
+    sure = confidence(evidence, found, key, left_out, rest, verdict == UNEXPLAINED)
     sentence = said[:1].upper() + said[1:] + _instead_of_known(evidence.nominal, key) + unsure(sure, key, rest)
     return Finding(
         place, name, parameters, _also_fits(evidence, found, key), when(evidence, found, left_out), instead,

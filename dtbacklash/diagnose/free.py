@@ -123,11 +123,11 @@ def nominal_free(nominal: Rig, places: set[str] | None = None, rig: Rig | None =
     found = []
     for name, p in nominal.config.parameters.items():
         users = frozenset(e for e, spec in nominal.config.elements.items() if name in spec.values())
-        if p.tolerance > 0.0 and users and (places is None or users & places):
-            width = abs(p.value) * p.tolerance
+        width = abs(p.value) * p.tolerance
+        if width > 0.0 and users and (places is None or users & places):
             # whatever its tolerance, a parameter keeps its sign
-            ends = sorted((p.value * max(1.0 - most * p.tolerance, LEAST_SHARE), p.value * (1.0 + most * p.tolerance)))
-            low, high = ends
+            ends = p.value * max(1.0 - most * p.tolerance, LEAST_SHARE), p.value * (1.0 + most * p.tolerance)
+            low, high = sorted(ends)
             found.append(Free("", "", name, p.value, width, False, low, high, True, users))
     for key, q, value, width in _known_effects(nominal, rig or nominal):
         if places is None or key[0] in places:
@@ -164,6 +164,13 @@ def at_limit(free: Free, x: float) -> bool:
     """Whether a known parameter has no room left on one side."""
     low, high = free.limits()
     return free.prior and not low + settings().tolerance_room < x < high - settings().tolerance_room
+
+
+def stands_at_limit(free: Free, x: float) -> bool:
+    """Whether a known parameter is as far from nominal as a fit may go."""
+    low, high = free.limits()
+    share = settings().bound_share
+    return free.prior and not (1.0 - share) * low < x < (1.0 - share) * high
 
 
 def as_given(nominal: Rig, rig: Rig, key: Key) -> Rig:

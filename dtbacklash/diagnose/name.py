@@ -69,7 +69,8 @@ def search(evidence: Evidence, say: Callable[[str, float], None] = silent) -> Se
         say("what else would fit", 0.9)
         _reconsider(found.evidence, found, list(found.order), rules.final_rivals)
     beyond_instead(found, _recalibrated)
-    _own_instead(found)
+    if found.beyond is None:
+        _own_instead(found)
     return found
 
 
@@ -114,7 +115,7 @@ def _own_instead(found: Search) -> None:
         gone = [left_out] if left_out else found.order
         found.refused |= dict.fromkeys(gone, "one element's own parameter does as well")
         found.evidence, found.fitted = own.evidence, own.fitted
-        found.order = [key for key in found.order if key not in gone]
+        found.order, found.as_well = [key for key in found.order if key not in gone], None
         known = own.evidence.nominal
         found.nominal = fit(own.evidence, known, nominal_free(known)) if found.order else own.fitted
         return

@@ -127,7 +127,7 @@ def _diagnosis(found: Search, errors: Errors, smooth: bool) -> Diagnosis:
     form = max(forms, key=lambda f: f.t, default=None)
     verdict = decide(left, depends_on(form, left), found, moved)
     rest = max(forms, key=lambda f: f.share, default=None) if verdict == UNEXPLAINED else None
-    findings = tuple(finding(evidence, found, key, errors, left_out[key], rest) for key in found.order)
+    findings = tuple(finding(evidence, found, key, errors, left_out[key], rest, verdict) for key in found.order)
     values, where = recalibrated(evidence.nominal, moved), located(left, verdict, rest)
     free = free_running(evidence, found.nominal, found.fitted)
     far = beyond_said(found.beyond, found.as_well if found.order else None)

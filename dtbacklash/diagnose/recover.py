@@ -51,6 +51,11 @@ class Recovered:
     fall: float = 0.0
     t: float = 0.0
 
+    @property
+    def shown(self) -> bool:
+        """Whether it shows where the missing effort acts: it explains a part of what is left, and significantly."""
+        return self.share >= settings().located_share and self.t > settings().depends_errors
+
 
 def free_forms(
     evidence: Evidence, fitted: Fit, places: Iterable[str] | None = None, blocks: Container[str] | None = None

@@ -52,8 +52,10 @@ def less(instead: Instead | None) -> str:
 
 def unsure(confidence: Confidence, key: tuple[str, str], rest: Recovered | None) -> str:
     """What has to be said of a name that does not stand for sure."""
-    if confidence == "sure" or rest is None:
+    if confidence == "sure":
         return ""
+    if rest is None or not rest.shown:
+        return " That is a part of the truth at best: more than noise is left, and nothing shows where it lies."
     what, place = name_in_words(key[1]), place_in_words(key[0])
     if rest.place == key[0]:
         return (f" It acts like {what}, but the law is another one: what is left depends on the {rest.state} of the "

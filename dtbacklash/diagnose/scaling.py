@@ -28,6 +28,8 @@ Parameters = set[tuple[str, str, str]]
 
 def power(unit: str) -> int | None:
     """With which power of all efforts a quantity of a unit grows; None where the unit is not known."""
+    if unit.count("/") > 1:
+        return None
     total = 0
     for sign, part in zip((1, -1), (*unit.split("/"), ""), strict=False):
         for factor in part.replace("(", " ").replace(")", " ").split():
@@ -39,7 +41,10 @@ def power(unit: str) -> int | None:
 
 
 def unseen_scalings(evidence: Evidence, rig: Rig, free: list[Free], x: Floats) -> list[Floats]:
-    """(parameters,) directions in which a block's efforts grow alike; none of a block in which one of them is fixed."""
+    """(parameters,) directions in which a block's efforts grow alike.
+
+    None of a block in which one of them is fixed, has no unit, or acts on another block, too.
+    """
     names = {(f.place, f.effect, f.name): j for j, f in enumerate(free)}
     found = []
     for block in evidence.blocks:
@@ -47,7 +52,8 @@ def unseen_scalings(evidence: Evidence, rig: Rig, free: list[Free], x: Floats) -
             continue
         places = places_of(rig, block)
         powers = {key: power(unit) for key, unit, users in _used(rig) if users & places}
-        inside = all(users <= places for _, unit, users in _used(rig) if users & places and power(unit))
+        others = set[str]().union(*(places_of(rig, b) for b in evidence.blocks if b is not block))
+        inside = all(users <= places - others for _, unit, users in _used(rig) if users & places and power(unit))
         if not inside or None in powers.values() or any(p and key not in names for key, p in powers.items()):
             continue
         direction = np.zeros(len(free))

@@ -95,19 +95,20 @@ def depends_on(form: Recovered | None, left: dict[str, Left]) -> bool:
     return form is not None and form.t > settings().depends_errors and form.fall > least
 
 
-def confidence(evidence: Evidence, found: Search, key: Key, left_out: Residuals, rest: Recovered | None) -> Confidence:
+def confidence(
+    evidence: Evidence, found: Search, key: Key, left_out: Residuals, rest: Recovered | None, unexplained: bool
+) -> Confidence:
     """How sure a finding is where something is left: its name stands if what is left lies elsewhere and is small.
 
     Findings near what is left count as left: they stand in for it.
 
-    rest : where what is left lies; None where nothing is.
+    rest : where what is left lies; None where nothing shows that. unexplained : whether anything is left.
     """
     rules = settings()
-    if rest is None:
+    if not unexplained:
         return "sure"
     # what shows itself nowhere may be here
-    shown = rest.share >= rules.located_share and rest.t > rules.depends_errors
-    if not shown or rest.place in _near(evidence.nominal, key[0]):
+    if rest is None or not rest.shown or rest.place in _near(evidence.nominal, key[0]):
         return "partial"
     unknown = evidence.mean_square(_without_stand_ins(evidence, found, rest), "held")
     without = evidence.mean_square(left_out, "held")

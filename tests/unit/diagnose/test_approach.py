@@ -1,5 +1,7 @@
 """A resonance that is narrower than it is misplaced."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from ringing import blade, known, recorded
@@ -48,8 +50,8 @@ def test_a_law_beside_wrong_frequencies_is_named_alone():
     assert [(f.location, f.effect) for f in found.findings] == [("foot", "cubic_stiffness")]
 
 
-def test_over_all_lags_the_echo_is_the_residual(evidence):
-    """The windows only shorten what is looked at: of white noise each lag has variance 1."""
+def test_of_white_noise_each_lag_has_the_variance_of_what_is_looked_at(evidence):
+    """Not more than 1, so that a stage counts as its samples do."""
     record = evidence.records[0]
     rng = np.random.default_rng(1)
     noise = {evidence.blocks[0].name: [rng.normal(0.0, 1.0, (record.samples, 2))]}
@@ -66,3 +68,22 @@ def test_without_ringing_nothing_is_led():
     evidence = Evidence.gather(rig, [recorded(rig, 3, 4000)])
     x = np.full(7, 0.3)
     assert np.array_equal(approached(evidence, rig, nominal_free(rig), x), x)
+
+
+def test_records_of_any_length_and_with_gaps_are_led_together(evidence):
+    """A part that is not fitted to, or in which the command rests, says nothing and does no harm."""
+    (record,) = evidence.records
+    rng = np.arange(record.samples)
+    gap = replace(record, train=record.train & ~((rng > 2000) & (rng < 2500)))
+    held = replace(record, train=np.zeros(record.samples, dtype=bool))
+    short = replace(
+        record, u=np.full(900, 0.1), y={c: np.zeros(900) for c in record.y}, train=np.ones(900, dtype=bool),
+        held=np.zeros(900, dtype=bool),
+    )  # fmt: skip
+    free = nominal_free(evidence.nominal)
+    several = replace(evidence, records=[short, gap, held])
+    led = fit(evidence, evidence.nominal, free, approached(several, evidence.nominal, free, np.zeros(len(free))))
+    assert evidence.rms(led.residuals) < 1.05
+    none = replace(evidence, records=[short, held])
+    x = np.full(len(free), 0.1)
+    assert np.array_equal(approached(none, evidence.nominal, free, x), x)

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from ringing import blade, known, recorded
 
+from dtbacklash.config.compose import compose
+from dtbacklash.diagnose import Record
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import all_free, apply, effect_free, nominal_free
 from dtbacklash.diagnose.intervals import linear
@@ -13,6 +15,7 @@ from dtbacklash.diagnose.refit import fit
 from dtbacklash.diagnose.scaling import power, unseen_scalings
 from dtbacklash.physics.catalogue import CATALOGUE
 from dtbacklash.physics.rig import build_rig
+from dtbacklash.physics.simulate import simulate
 
 FRICTION = ("frame", "ground_friction", {"force": 0.5})
 
@@ -20,7 +23,7 @@ FRICTION = ("frame", "ground_friction", {"force": 0.5})
 @pytest.mark.parametrize(
     ("unit", "expected"),
     [("N m/A", 0), ("V s/rad", 0), ("ohm", -1), ("kg m^2", 1), ("N s^2/m^2", 1), ("m/N", -1), ("1/W", -1), ("1", 0),
-     ("?", None), ("", 0), ("kgf", None)],
+     ("?", None), ("", 0), ("kgf", None), ("m/s/kg", None)],
 )  # fmt: skip
 def test_with_which_power_of_the_efforts_a_unit_grows(unit, expected):
     assert power(unit) == expected
@@ -42,6 +45,8 @@ def test_nothing_moves_where_all_efforts_grow_alike():
     for name, (residual,) in here.items():
         # the size of friction is a logarithm: grown by exp(0.05), the others by 1.05
         assert np.abs(there[name][0] - residual).max() < 0.2
+        (one,) = evidence.residuals(apply(rig, free, x + 0.05 * direction * (np.arange(len(free)) == 1)))[name]
+        assert np.abs(one - residual).max() > 20.0
 
 
 def test_beside_dry_friction_only_the_priors_know_how_large_all_efforts_are():
@@ -63,3 +68,16 @@ def test_where_one_of_the_efforts_is_known_exactly_all_are_seen():
     exact = build_rig(replace(rig.config, parameters={**parameters, "m_1": replace(parameters["m_1"], tolerance=0.0)}))
     evidence = Evidence.gather(exact, [recorded(exact, 23, 3000)])
     assert unseen_scalings(evidence, exact, *all_free(evidence, exact)) == []
+
+
+def test_what_pushes_back_on_the_motor_is_seen_there():
+    rig = build_rig(compose("rig=lead_screw", "rig.effects.screw.load_reaction.share=1.0").rig)
+    steps = {"theta_m": 1e-3, "i_m": 1e-2, "q3": 1e-6}
+    rng = np.random.default_rng(5)
+    u = rng.normal(0.0, 2.0, 3000)
+    shown = simulate(rig, u[:-1], 1e-3).sensors
+    y = {name: shown[name] + rng.normal(0.0, sigma, len(u)) for name, sigma in steps.items()}
+    train = np.arange(len(u)) < 1800
+    evidence = Evidence.gather(rig, [Record(1e-3, u, y, train, ~train)])
+    assert len(evidence.blocks) == 2
+    assert unseen_scalings(evidence, rig, *all_free(evidence, rig)) == []

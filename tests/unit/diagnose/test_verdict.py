@@ -28,8 +28,8 @@ def found() -> Search:
     return Search(evidence, fit(evidence, rig, []), fit(evidence, truth, []), [SPRING, FORCE])
 
 
-def said(found: Search, rest: Recovered) -> str:
-    return confidence(found.evidence, found, FORCE, without(found.evidence, found)[FORCE], rest)
+def said(found: Search, rest: Recovered | None, unexplained: bool = True) -> str:
+    return confidence(found.evidence, found, FORCE, without(found.evidence, found)[FORCE], rest, unexplained)
 
 
 def test_a_finding_is_sure_beside_a_small_rest_elsewhere(found):
@@ -46,6 +46,11 @@ def test_no_finding_is_sure_beside_a_rest_that_shows_nowhere(found, share, t):
 def test_findings_near_the_rest_count_as_left(found):
     """What stands in for unknown physics at the foot explains far more than the force at the tip does."""
     assert said(found, left_over("frame", 0.3, 10.0)) == "partial"
+
+
+def test_where_noise_is_left_every_finding_is_sure_and_where_nothing_can_be_looked_at_none(found):
+    assert said(found, None, unexplained=False) == "sure"
+    assert said(found, None) == "partial"
 
 
 @pytest.mark.parametrize("place", ["tip", "blade"])
