@@ -34,7 +34,6 @@ ROUGH = (2, 4)
 #: where only differences of simulations count: a part of the substeps, and contacts still found finely
 COARSER, COARSE_LEVELS = 4, 8
 
-
 #: what does not decay at all is looked at for as long as if it did so at this share of the tempo
 FREE_DECAY = 0.1
 #: a substep turns what is periodic in a position by this angle at most, rad

@@ -15,6 +15,7 @@ from dtbacklash.recording.plausible import check_units
 from dtbacklash.recording.refusal import CHANGE_MIN, VALUE_MAX, Refused
 
 SAID = 3  # as many stretches are told one by one
+STEP_ASSUMED_MAX_S = 0.1  # nobody records a machine this slowly who does not say so: the unit of the time is wrong
 
 
 @dataclass(frozen=True)
@@ -77,10 +78,6 @@ def _check_sizes(name: str, values: Floats) -> None:
     if len(large):
         times = f", and {len(large) - 1} more like it" if len(large) > 1 else ""
         raise Refused(f"{what} is {values[large[0]]:.3g} (SI) in row {large[0] + 1} of the numbers{times}")
-
-
-#: nobody records a machine this slowly who does not say so: the unit of the time is wrong
-STEP_ASSUMED_MAX_S = 0.1
 
 
 def _grid(picked: Picked, sample_time_s: float | None) -> timebase.Grid:
