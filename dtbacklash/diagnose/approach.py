@@ -17,10 +17,11 @@ import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.compare import Block, Record, part_of
+from dtbacklash.diagnose.compare import Block, Record, part_of, poles_of
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.free import Free
 from dtbacklash.diagnose.refit import Problem, inside, limits_of, solve
+from dtbacklash.diagnose.tempo import is_constant
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.rig import Rig
 
@@ -34,8 +35,6 @@ EVALUATIONS = 5
 SAMPLES_A_LAG = 50
 #: order of the low-pass in front of the modes that are not led yet
 ORDER = 4
-#: what changes by less than this share of its size is constant
-CONSTANT = 1e-9
 #: at frequencies of less than this share of the command's greatest density it says nothing
 SAYS_NOTHING = 1e-6
 
@@ -90,11 +89,6 @@ def _driven(block: Block, record: Record) -> Floats:
     return np.gradient(record.y[block.imposed]) if block.imposed else record.u
 
 
-def _moves(drive: Floats) -> bool:
-    """Whether it is more than a constant with its rounding."""
-    return float(np.ptp(drive)) > CONSTANT * float(np.abs(drive).max())
-
-
 def approached(evidence: Evidence, base: Rig, free: list[Free], x: Floats) -> Floats:
     """Parameters near which a fit finds its valley, led from ``x``; ``x`` itself where no mode rings for long."""
     x = inside(x, limits_of(free))
@@ -111,7 +105,7 @@ def _beginning(evidence: Evidence, samples: int) -> Evidence:
         replace(r, u=r.u[:samples], y={c: seen[:samples] for c, seen in r.y.items()}, train=r.train[:samples],
                 held=r.held[:samples], judge=r.judge[:samples])
         for r in evidence.records
-        if r.train[:samples].any() and all(_moves(_driven(b, r)[:samples]) for b in evidence.blocks)
+        if r.train[:samples].any() and not any(is_constant(_driven(b, r)[:samples]) for b in evidence.blocks)
     ]  # fmt: skip
     return replace(evidence, records=records)
 
@@ -148,7 +142,7 @@ def _clusters(poles: Floats) -> list[list[int]]:
 def _ringing(rig: Rig, block: Block, step_s: float) -> Floats:
     """Poles of a block's modes that can be seen and ring for longer than the first lags, per sample."""
     plant = compile_plant(part_of(rig, block), step_s, imposed=block.imposed is not None)
-    poles = np.linalg.eigvals(plant.A[0 if plant.rotor < 0 else 1]) * step_s
+    poles = poles_of(plant) * step_s
     seen = poles[(poles.imag > 0.0) & (poles.imag < np.pi)]
     rings = DECAYS * seen.imag > PERIODS * 2.0 * np.pi * np.abs(seen.real)
     found: Floats = seen[rings]

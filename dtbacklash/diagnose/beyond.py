@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from dtbacklash.diagnose.earn import held_loss, merit, same, worst
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.free import nominal_free, standing, stands_at_limit
+from dtbacklash.diagnose.free import nominal_free, standing, stands_at_limit, tolerances_away
 from dtbacklash.diagnose.own import is_noise
 from dtbacklash.diagnose.refit import QUICK, Fit, fit
 from dtbacklash.diagnose.settings import settings
@@ -37,7 +37,8 @@ def beyond_tolerance(found: Search, recalibrate: Callable[[Evidence], Fit]) -> B
             if _hopeless(found, evidence):
                 continue
             fitted = recalibrate(evidence)
-            trials.append(Beyond(name, parameters[name].tolerance, _away(nominal, fitted.rig)[name], evidence, fitted))
+            away = tolerances_away(nominal, fitted.rig)[name]
+            trials.append(Beyond(name, parameters[name].tolerance, away, evidence, fitted))
     able = [trial for trial in trials if worst(trial.evidence, trial.fitted) < settings().nearly_noise_floors]
     return min(able, key=lambda trial: merit(trial.evidence, trial.fitted), default=None)
 
@@ -62,18 +63,13 @@ def beyond_instead(found: Search, recalibrate: Callable[[Evidence], Fit]) -> Non
         found.refused |= dict.fromkeys(found.order, f"`{trial.name}`, beyond its tolerance, does better alone")
         found.evidence, found.nominal, found.fitted, found.order = trial.evidence, trial.fitted, trial.fitted, []
         found.beyond = trial
-    elif same(trial.evidence, found.fitted, trial.fitted):
+    elif found.order and same(trial.evidence, found.fitted, trial.fitted):
         found.as_well = trial
 
 
 def believed(rig: Rig, trial: Beyond | None) -> Rig:
     """A rig with the tolerance that was given for the parameter which went beyond it, if one did."""
     return rig if trial is None else _with_tolerance(rig, trial.name, trial.tolerance)
-
-
-def _away(nominal: Rig, rig: Rig) -> dict[str, float]:
-    """Parameter of the rig -> how far it is from nominal, in tolerances."""
-    return {f.name: abs(standing(f, rig)) for f in nominal_free(nominal, rig=rig) if not f.effect}
 
 
 def _with_tolerance(rig: Rig, name: str, tolerance: float) -> Rig:

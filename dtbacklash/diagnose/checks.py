@@ -14,7 +14,7 @@ from dtbacklash.diagnose.compare import Block, residual
 from dtbacklash.diagnose.earn import paired
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.floor import synthetic
-from dtbacklash.diagnose.free import Errors, nominal_free, standing, stands_at_limit
+from dtbacklash.diagnose.free import Errors, nominal_free, standing, stands_at_limit, tolerances_away
 from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.result import Check, FreeRunning
 from dtbacklash.diagnose.settings import settings
@@ -240,13 +240,8 @@ def _at_bound(p: Parameter, value: float, shown: tuple[float, float] | None) -> 
     return low or value >= most - settings().bound_share * abs(most)
 
 
-def _tolerances_away(nominal: Rig, rig: Rig) -> dict[str, float]:
-    """Known parameter -> how far it is from nominal, in tolerances."""
-    return {f.title: abs(standing(f, rig)) for f in nominal_free(nominal, rig=rig)}
-
-
 def _inside_tolerances(nominal: Rig, rig: Rig) -> Check | None:
-    away, most = _tolerances_away(nominal, rig), settings().tolerances_max
+    away, most = tolerances_away(nominal, rig), settings().tolerances_max
     if not away:
         return None
     worst = max(away, key=lambda n: away[n])

@@ -100,12 +100,16 @@ class Block:
         return self.gains[0] / (2.0 if self.gains[1] else 1.0)
 
 
+def poles_of(plant: Plant) -> np.ndarray:
+    """Poles of a block's linear part, in contact where it has a gear; complex, 1/s."""
+    return np.linalg.eigvals(plant.A[0 if plant.rotor < 0 else 1])
+
+
 def slowest_decay(plant: Plant, block: Block) -> float:
     """Decay rate of the block's slowest pole that does not integrate, or of its pull, 1/s."""
     tempo = block.tempo / plant.sample_time
     least = settings().integrator_ratio * tempo
-    poles = np.linalg.eigvals(plant.A[0 if plant.rotor < 0 else 1])
-    decays = [max(-float(p.real), least) for p in poles if abs(p) > least]
+    decays = [max(-float(p.real), least) for p in poles_of(plant) if abs(p) > least]
     if block.pull > 0.0:
         decays.append(block.pull / plant.sample_time)
     return min(decays, default=FREE_DECAY * tempo)

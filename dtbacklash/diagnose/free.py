@@ -160,6 +160,11 @@ def standing(free: Free, rig: Rig) -> float:
     return away / free.scale
 
 
+def tolerances_away(nominal: Rig, rig: Rig) -> dict[str, float]:
+    """Known parameter, by its title -> how far it is from nominal, in tolerances."""
+    return {f.title: abs(standing(f, rig)) for f in nominal_free(nominal, rig=rig)}
+
+
 def at_limit(free: Free, x: float) -> bool:
     """Whether a known parameter has no room left on one side."""
     low, high = free.limits()

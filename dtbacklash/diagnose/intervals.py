@@ -118,7 +118,7 @@ def _without_scalings(problem: Problem, x: Floats, jacobian: Floats) -> Floats:
     """The Jacobian by which no recorded motion tells how large all efforts are."""
     data = len(jacobian) - int(problem.prior.sum())
     for direction in unseen_scalings(problem.evidence, problem.base, problem.free, x):
-        norms = _decomposed(jacobian)[0]
+        norms = _norms(jacobian)
         unit = direction * norms / np.linalg.norm(direction * norms)
         jacobian[:data] -= np.outer(jacobian[:data] @ (unit / norms), unit * norms)
     return jacobian
@@ -154,10 +154,15 @@ def _counted(evidence: Evidence) -> float:
     return max(counts, default=0.0) / (2.0 * math.sqrt(12.0))
 
 
+def _norms(jacobian: Floats) -> Floats:
+    """Norms of the columns; 1 of what changes nothing, which is known to no digit."""
+    norms = np.linalg.norm(jacobian, axis=0)
+    return np.where(norms > 0.0, norms, 1.0)
+
+
 def _decomposed(jacobian: Floats) -> tuple[Floats, Floats, Floats]:
     """Norms of the columns, and of what they are without these the singular values and the rows of directions."""
-    norms = np.linalg.norm(jacobian, axis=0)
-    norms = np.where(norms > 0.0, norms, 1.0)  # what changes nothing is known to no digit
+    norms = _norms(jacobian)
     _, sizes, directions = np.linalg.svd(jacobian / norms, full_matrices=False)
     return norms, sizes, directions
 

@@ -22,6 +22,7 @@ from dtbacklash.diagnose.free import (
     at_limit,
     nominal_free,
     standing,
+    tolerances_away,
 )
 from dtbacklash.diagnose.leave_out import borne, eliminate, fit_without, refit_with
 from dtbacklash.diagnose.locate import Bank, Score, bank
@@ -86,8 +87,8 @@ def _recalibrated(evidence: Evidence) -> Fit:
 
 def _astray(evidence: Evidence, fitted: Fit) -> bool:
     """Whether a nominal parameter is so far from nominal that it may have been led there by something else."""
-    known = nominal_free(evidence.nominal, rig=fitted.rig)
-    return max((abs(standing(f, fitted.rig)) for f in known), default=0.0) >= settings().astray_tolerances
+    away = tolerances_away(evidence.nominal, fitted.rig)
+    return max(away.values(), default=0.0) >= settings().astray_tolerances
 
 
 def _add_all(found: Search, say: Callable[[str, float], None]) -> None:

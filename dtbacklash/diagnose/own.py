@@ -6,7 +6,7 @@ import numpy as np
 
 from dtbacklash.diagnose.earn import merit
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.free import all_free, nominal_free, standing
+from dtbacklash.diagnose.free import all_free, tolerances_away
 from dtbacklash.diagnose.projection import Projection
 from dtbacklash.diagnose.refit import QUICK, Fit, fit
 from dtbacklash.diagnose.settings import settings
@@ -38,7 +38,7 @@ def own_parameter(evidence: Evidence, before: Fit) -> Own | None:
     least = min(merit(own.evidence, own.fitted) for own in looks.values())
     # of two elements that share it either one may have its own: the one that leaves the shared value where it was
     alike = [use for use, own in looks.items() if merit(own.evidence, own.fitted) < least + settings().earn_penalty]
-    best = looks[min(alike, key=lambda use: _away(evidence, looks[use].fitted.rig, use[0]))]
+    best = looks[min(alike, key=lambda use: tolerances_away(evidence.nominal, looks[use].fitted.rig)[use[0]])]
     own = replace(best, fitted=fit(best.evidence, best.fitted.rig, *all_free(best.evidence, best.fitted.rig)))
     return own if is_noise(own.evidence, own.fitted) else None
 
@@ -47,11 +47,6 @@ def _look(evidence: Evidence, rig: Rig, use: Use) -> Own:
     """A quick fit."""
     evidence, start = replace(evidence, nominal=split(evidence.nominal, *use)), split(rig, *use)
     return Own(evidence, fit(evidence, start, *all_free(evidence, start), rounds=QUICK))
-
-
-def _away(evidence: Evidence, rig: Rig, name: str) -> float:
-    """How far a parameter of the rig is from nominal, in tolerances."""
-    return next(abs(standing(f, rig)) for f in nominal_free(evidence.nominal, rig=rig) if f.title == name)
 
 
 def _promising(evidence: Evidence, before: Fit) -> list[Use]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dtbacklash.diagnose.compare import Block, Record, part_of, residual
+from dtbacklash.diagnose.compare import Block, Record, part_of, poles_of, residual
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.errors import UserError
 from dtbacklash.physics.assembly import compile_plant
@@ -105,8 +105,7 @@ def _astray(rig: Rig, block: Block, records: list[Record]) -> float:
 
 def _integrators(rig: Rig, block: Block, sample_time_s: float) -> int:
     plant = compile_plant(part_of(rig, block), sample_time_s, imposed=block.imposed is not None)
-    poles = np.linalg.eigvals(plant.A[0 if plant.rotor < 0 else 1])
-    return int(np.sum(np.abs(poles) < settings().integrator_ratio * block.tempo / sample_time_s))
+    return int(np.sum(np.abs(poles_of(plant)) < settings().integrator_ratio * block.tempo / sample_time_s))
 
 
 def _without_position(block: Block, rig: Rig, integrators: int, sample_time_s: float) -> Block:

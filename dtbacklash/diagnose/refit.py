@@ -176,13 +176,19 @@ class Problem:
             else:
                 # where a response is curved, differences to one side err most in what changes least: fits creep there
                 both = self.steps == "fine"
-                columns[:, j] = self._difference(x, j, coarse, "coarse", both)(self._step(j))
+                columns[:, j] = self._difference(x, j, (coarse, rows), "coarse", both)(self._step(j))
             if f.prior:  # these are most of the simulations
                 self._kept[j] = columns[:, j].copy()
         return columns
 
-    def _difference(self, x: Floats, j: int, here: Residuals, steps: Steps, both: bool) -> Callable[[float], Floats]:
-        """Difference of one column by its step: to both sides if wanted, to one where the other one has no room."""
+    def _difference(
+        self, x: Floats, j: int, at: tuple[Residuals, Floats], steps: Steps, both: bool
+    ) -> Callable[[float], Floats]:
+        """Difference of one column by its step: to both sides if wanted, to one where the other one has no room.
+
+        at : residuals at x, and the rows made of them.
+        """
+        here, rows = at
         low, high = self.free[j].limits()
 
         def column(step: float) -> Floats:
@@ -190,7 +196,7 @@ class Problem:
             ends = [self._moved(x, j, side * step, here, steps) for side in sides[: 2 if both else 1]]
             if len(ends) == 2:
                 return (ends[0] - ends[1]) / (2.0 * step)
-            return (ends[0] - self.stack(here, x)) / (sides[0] * step)
+            return (ends[0] - rows) / (sides[0] * step)
 
         return column
 
@@ -200,10 +206,11 @@ class Problem:
         Directions that only the priors determine (all masses, springs and forces grow alike) show as such only if
         neither the contacts' last tick nor the curvature of the response is in the differences.
         """
-        return np.column_stack([self._precise(x, j) for j in range(len(self.free))])
+        at = self._rows(x, "fine")
+        return np.column_stack([self._precise(x, j, at) for j in range(len(self.free))])
 
-    def _precise(self, x: Floats, j: int) -> Floats:
-        column = self._difference(x, j, self._simulated(x, "fine"), "fine", both=True)
+    def _precise(self, x: Floats, j: int, at: tuple[Residuals, Floats]) -> Floats:
+        column = self._difference(x, j, at, "fine", both=True)
         if self._late(self.free[j]):
             return column(abs(self._late_step(j, x[j])))
         return _suited(column, self._step(j))

@@ -23,8 +23,6 @@ POWERS = {"N": 1, "kg": 1, "A": 1, "W": 1, "ohm": -1, "H": -1} | dict.fromkeys(
 #: what grows with the efforts itself
 EFFORTS = ("current", "force")
 
-Parameters = set[tuple[str, str, str]]
-
 
 def power(unit: str) -> int | None:
     """With which power of all efforts a quantity of a unit grows; None where the unit is not known."""
@@ -46,14 +44,15 @@ def unseen_scalings(evidence: Evidence, rig: Rig, free: list[Free], x: Floats) -
     None of a block in which one of them is fixed, has no unit, or acts on another block, too.
     """
     names = {(f.place, f.effect, f.name): j for j, f in enumerate(free)}
+    used = [(key, power(unit), users) for key, unit, users in _used(rig)]
     found = []
     for block in evidence.blocks:
         if any(rig.sensors[c].quantity in EFFORTS for c in block.channels):
             continue
         places = places_of(rig, block)
-        powers = {key: power(unit) for key, unit, users in _used(rig) if users & places}
+        powers = {key: p for key, p, users in used if users & places}
         others = set[str]().union(*(places_of(rig, b) for b in evidence.blocks if b is not block))
-        inside = all(users <= places - others for _, unit, users in _used(rig) if users & places and power(unit))
+        inside = all(users <= places - others for _, p, users in used if users & places and p)
         if not inside or None in powers.values() or any(p and key not in names for key, p in powers.items()):
             continue
         direction = np.zeros(len(free))

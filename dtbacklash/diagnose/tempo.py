@@ -60,11 +60,16 @@ def _speeds(positions: list[Floats], noise: float) -> list[Floats]:
     return []
 
 
+def is_constant(values: Floats) -> bool:
+    """Whether a signal is a constant with its rounding."""
+    return bool(np.std(values) <= CONSTANT * np.max(np.abs(values)))
+
+
 def _median(signals: list[Floats], noise: float, step_s: float) -> float:
     """Frequency below which half the power of signals beyond their noise lies, rad/s; 0 without any."""
     rates, weights = [], []
     for values in signals:
-        if len(values) < 2 or np.std(values) <= CONSTANT * np.max(np.abs(values)):
+        if len(values) < 2 or is_constant(values):
             continue
         hz, density = periodogram(detrend(values), 1.0 / step_s, "hann", detrend=False)
         rates.append(2.0 * np.pi * hz[1:])
