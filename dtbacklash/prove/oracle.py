@@ -75,8 +75,8 @@ def look(
 
     Returns
     -------
-    ``held_out`` : rms of the held-out residuals of all channels, in units of the floor, of the ``nominal``, the
-    ``recalibrated``, the ``extended`` and the ``oracle``'s rig; ``clear`` and ``clear_parameters`` : name -> bool;
+    ``held_out`` : rms of the judging part's residuals of all channels, in units of the floor, of the ``nominal``, the
+    ``recalibrated``, the ``extended`` and the ``oracle``'s rig, each fitted to all before it; ``clear`` and ``clear_parameters`` : name -> bool;
     ``unlisted_clear`` : bool; ``seen`` : the figures behind them; ``wall_s``.
     """
     begin = time.perf_counter()
@@ -91,12 +91,12 @@ def look(
         seen[".".join(key)] = compare(evidence, without.residuals, best.residuals)
     wrong = _wrong_parameters(evidence, secret, best)
     unlisted = _unlisted(evidence, recalibrated, extended, truth) if secret["kind"] == "unknown" else {}
-    judge = judging(evidence)  # the diagnosis has chosen by what comes before, and then been fitted to it
+    last = _as_in_the_end(evidence)
     held = {
-        "nominal": judge.rms(evidence.residuals(rig)),
-        "recalibrated": judge.rms(recalibrated.residuals),
-        "extended": judge.rms(evidence.residuals(extended)) if extended else math.nan,
-        "oracle": judge.rms(_better(evidence, best, effects, extended).residuals),
+        "nominal": last.rms(last.residuals(rig)),
+        "recalibrated": last.rms(_again(last, {}, recalibrated.rig).residuals),
+        "extended": last.rms(last.residuals(extended)) if extended else math.nan,
+        "oracle": last.rms(_better(last, _again(last, effects, best.rig), effects, extended).residuals),
     }
     return {
         "held_out": held,
@@ -110,6 +110,22 @@ def look(
     }
 
 
+def _as_in_the_end(evidence: Evidence) -> Evidence:
+    """The same as a diagnosis sees it when it has chosen: it fits to all but what judges, and holds out only that."""
+    judged = judging(evidence)
+    records = [
+        replace(new, train=old.train | (old.held & ~new.held))
+        for old, new in zip(evidence.records, judged.records, strict=True)
+    ]
+    return replace(judged, records=records)
+
+
+def _again(evidence: Evidence, effects: Effects, start: Rig) -> Fit:
+    """Fit these effects and the nominal parameters from the values of a rig that has them."""
+    values = {(place, name): start.effect(place, name) or there for (place, name), there in effects.items()}
+    return refit_truth(evidence, values, {n: p.value for n, p in start.config.parameters.items()})
+
+
 def _better(evidence: Evidence, best: Fit, effects: Effects, extended: Rig | None) -> Fit:
     """The oracle's fit, or a better one from the diagnosed values, if their structure is the true one.
 
@@ -118,10 +134,9 @@ def _better(evidence: Evidence, best: Fit, effects: Effects, extended: Rig | Non
     """
     if extended is None or not effects:
         return best
-    found = {(place, name): values for place, there in extended.effects.items() for name, values in there.items()}
-    if found.keys() != effects.keys():
+    if {(place, name) for place, there in extended.effects.items() for name in there} != effects.keys():
         return best
-    again = refit_truth(evidence, found, {n: p.value for n, p in extended.config.parameters.items()})
+    again = _again(evidence, effects, extended)
     return min(best, again, key=lambda fitted: objective(evidence, fitted))
 
 

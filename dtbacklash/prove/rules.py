@@ -149,9 +149,10 @@ def unknown_admitted(case: Case) -> bool:
 def unknown_unnamed(case: Case) -> bool:
     """Physics that the catalogue lacks is not given a name: the right place with a law of the catalogue is one too.
 
-    What is called unexplained may have findings: they are said to be partial.
+    What is called unexplained may have findings, if they are said to be partial: one that is said to be sure is a name.
     """
-    return case.diagnosis is not None and (case.verdict == "unexplained" or not case.findings)
+    names = [f for f in case.findings if case.verdict != "unexplained" or f.get("confidence") == "sure"]
+    return case.diagnosis is not None and not names
 
 
 def beaten(case: Case) -> bool:

@@ -1,5 +1,7 @@
 """The oracle on short recordings of the tool's own simulation: what it sees, and the rule by which it sees clearly."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -57,6 +59,19 @@ def test_it_is_not_stuck_where_the_diagnosis_was_not(rig):
     astray = {"location": "motor_bearing", "effect": "cogging", "parameters": {**there, "periods": 10.0}}
     alone, beside = (look(given, secret("single", astray), found)["held_out"]["oracle"] for found in (None, truth))
     assert beside < 1.3 < alone
+
+
+def test_it_is_fitted_to_as_much_as_the_diagnosis_is_in_the_end(rig):
+    """What the diagnosis chooses by, it is fitted to before it is judged; its rig is held against one that is, too."""
+    truth = rig.with_parameters({"k": 9300.0})
+    (record,) = evidence(rig, truth).records
+    part = np.arange(record.samples) / record.samples
+    train, judge = part < 0.1, part >= 0.85
+    given = Evidence.gather(rig, [replace(record, train=train, held=~train, judge=judge)])
+    all_before = Evidence.gather(rig, [replace(record, train=~judge, held=judge)])
+    seen, whole = (look(e, secret("parameters", k=9300.0), None)["held_out"] for e in (given, all_before))
+    assert seen == pytest.approx(whole, rel=1e-3, nan_ok=True)
+    assert whole["recalibrated"] < 1.2
 
 
 def test_it_does_not_see_what_is_not_there(rig):

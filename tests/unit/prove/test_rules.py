@@ -44,7 +44,8 @@ def test_strict_and_within_the_stated_ambiguity(hidden, found, strict, within):
     ("found", "unnamed", "right"),
     [
         (diagnosis(verdict="unexplained"), True, True),
-        (diagnosis(finding(CUBIC), verdict="unexplained"), True, True),  # what it found is said to be partial
+        (diagnosis(finding(CUBIC) | {"confidence": "partial"}, verdict="unexplained"), True, True),
+        (diagnosis(finding(CUBIC) | {"confidence": "sure"}, verdict="unexplained"), False, False),  # that is a name
         (diagnosis(finding(CUBIC)), False, False),  # the right place, but a law of the catalogue
         (diagnosis(finding(COULOMB)), False, False),
         (diagnosis(), True, False),  # given no name, but not admitted either
