@@ -76,8 +76,9 @@ def look(
     Returns
     -------
     ``held_out`` : rms of the judging part's residuals of all channels, in units of the floor, of the ``nominal``, the
-    ``recalibrated``, the ``extended`` and the ``oracle``'s rig, each fitted to all before it; ``clear`` and ``clear_parameters`` : name -> bool;
-    ``unlisted_clear`` : bool; ``seen`` : the figures behind them; ``wall_s``.
+    ``recalibrated``, the ``extended`` and the ``oracle``'s rig, each fitted to all before it;
+    ``clear`` and ``clear_parameters`` : name -> bool; ``unlisted_clear`` : bool; ``seen`` : the figures behind them;
+    ``wall_s``.
     """
     begin = time.perf_counter()
     rig = evidence.nominal
