@@ -150,7 +150,8 @@ def _usual(one: Concealed) -> tuple[str, dict[str, Any]]:
 
 def _tried(one: Concealed, what: str, setting: str, value: float) -> tuple[str, str, dict[str, Any]]:
     """A recording's name, what is tried, and the result with one setting changed."""
-    changed = replace(DiagnoseSettings(), **{setting: value})
+    one_other: dict[str, Any] = {setting: value}
+    changed = replace(DiagnoseSettings(), **one_other)
     return one.name, what, {"value": value} | _outcome(one, changed)
 
 

@@ -182,9 +182,8 @@ def channels_of(evidence: Evidence) -> list[Channel]:
             floor = float(evidence.floor[block.name][j])
             residual = residuals[block.name][0][:, j] * floor
             measured = record.y[name]
-            signals = (sosfiltfilt(low, measured), measured, sosfiltfilt(low, measured - residual),
-                       sosfiltfilt(low, driven))  # fmt: skip
-            found.append(Channel(name, *(s[::every] for s in signals), record.held[::every], floor,
+            smooth, nominal, given = (sosfiltfilt(low, s)[::every] for s in (measured, measured - residual, driven))
+            found.append(Channel(name, smooth, measured[::every], nominal, given, record.held[::every], floor,
                                  every * record.sample_time_s))  # fmt: skip
     return found
 

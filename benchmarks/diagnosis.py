@@ -15,6 +15,7 @@ from dtbacklash.diagnose.free import nominal_free
 from dtbacklash.diagnose.name import scores_about
 from dtbacklash.diagnose.refit import fit
 from dtbacklash.diagnose.spread import on_cores
+from dtbacklash.diagnose.trials import Search
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.physics.rig import Rig, build_rig
 
@@ -71,7 +72,7 @@ def _bank_s(rig: Rig) -> float:
     fitted = fit(evidence, rig, nominal_free(rig))
     begin = time.perf_counter()
     with on_cores(JOBS):
-        scores_about(evidence, fitted)
+        scores_about(evidence, Search(evidence, fitted, fitted, []))
     return time.perf_counter() - begin
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import product
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
@@ -112,20 +113,21 @@ ABOUT = ("structure", "form", "friction_n_m", "sensors", "error", "true_deg", "b
 def ratio_rows() -> list[Row]:
     """The inverse with other ratios of crossing: the right gap, too large ones, and the voltage."""
     usual, rows = laws.CROSSING_RATIO, []
-    build = laws.build_controller
-    try:
-        for ratio in RATIOS:
-            run.build_controller = lambda c, d, r=ratio: build(c, d)._replace(crossing_ratio=r)  # type: ignore[attr-defined]
+    for ratio in RATIOS:
+        with patch.object(run, "build_controller", partial(_built_with, ratio)):
             found = {
                 name: judged(one("nimc_fixed", "inverse", true, believed, 0.0, "ideal"))
                 for name, (true, believed) in RATIO_CASES.items()
             }
-            row: Row = {"what": f"ratio {ratio:g}" + (" (used)" if ratio == usual else "")}
-            row |= {f"{name}_pct": one_found["overshoot_pct"] for name, one_found in found.items()}
-            rows.append(row | {"peak_v": max(one_found["peak_v"] for one_found in found.values())})
-    finally:
-        run.build_controller = build  # type: ignore[attr-defined]
+        row: Row = {"what": f"ratio {ratio:g}" + (" (used)" if ratio == usual else "")}
+        row |= {f"{name}_pct": one_found["overshoot_pct"] for name, one_found in found.items()}
+        rows.append(row | {"peak_v": max(one_found["peak_v"] for one_found in found.values())})
     return rows
+
+
+def _built_with(ratio: float, *designed: Any) -> laws.Controller:
+    """The controller as a run builds it, with another ratio of crossing."""
+    return laws.build_controller(*designed)._replace(crossing_ratio=ratio)
 
 
 def in_words(row: Row) -> str:

@@ -186,7 +186,7 @@ def live(config: RunConfig, believed: Rig, way: Way | None) -> Life:
     if way is None:
         config = replace(config, controller=replace(config.controller, reconfigure="never"))
     else:
-        t_s = np.arange(config.samples + 1) * config.sample_time_s
+        t_s = config.sample_time_s * np.arange(config.samples + 1, dtype=np.float64)
         service = _Answering(way, config, twin_of(config, belief), true_half_gap(config, build_rig(config.rig), t_s))
     try:
         result = run_scenario(config, beliefs=beliefs, service=service)
@@ -203,7 +203,8 @@ def live(config: RunConfig, believed: Rig, way: Way | None) -> Life:
 
 def run_case(believed: Rig, case: Case) -> dict[str, Any]:
     """One row of the campaign's table; see :func:`run_wrong_models`."""
-    config, row = case.config, {"case": case.number, **case.drawn}
+    config = case.config
+    row: dict[str, Any] = {"case": case.number, **case.drawn}
     lives = {way: live(config, believed, answer) for way, answer in WAYS.items()}
     old = lives["old"].overshoot_pct
     suspect = any(life.overshoot_pct > old + WORSE_PCT for life in lives.values())

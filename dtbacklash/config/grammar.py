@@ -122,7 +122,7 @@ The verdict is one of
   consistent        what is left over is the sensors' noise
   parameters        parameters of the rig are off; no physics is missing
   missing_physics   effects that the rig lacks, with their place, size and 95 % intervals
-  unexplained       a mismatch that no effect of the catalogue explains, with the force that it would take
+  unexplained       more than noise is left, beside what was named, if anything; with the force that it would take
 """,
 )  # fmt: skip
 CONCEAL = Grammar(
