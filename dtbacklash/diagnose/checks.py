@@ -1,6 +1,6 @@
 """Checks of a result, a row each: statistic, threshold, pass or fail, what it means, and where it comes from.
 
-They inform a reader; the verdict does not depend on them. Residuals are in units of the noise floor.
+The verdict depends on the rows on whiteness; the others inform a reader. Residuals are in units of the noise floor.
 """
 
 import math

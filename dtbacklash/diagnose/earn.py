@@ -5,6 +5,7 @@ from scipy.stats import t as student
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.evidence import Evidence, Residuals
+from dtbacklash.diagnose.formulation import formulation_floors
 from dtbacklash.diagnose.refit import Fit, objective
 from dtbacklash.diagnose.settings import settings
 
@@ -102,7 +103,7 @@ def earns(evidence: Evidence, before: Fit, after: Fit, nominal: Fit) -> bool:
 
     What is small against the mismatch of the nominal rig is believed only where it brings the residual down to the
     noise, or takes away most of what is left; elsewhere it may as well mend the form of an effect that has been named.
-    What is tiny never is.
+    What is tiny only where no other formulation of the laws that are there already would make as much.
     """
     rules = settings()
     share, floor, t = paired(evidence, before, after)
@@ -112,8 +113,10 @@ def earns(evidence: Evidence, before: Fit, after: Fit, nominal: Fit) -> bool:
     seldom = share > rules.earn_seldom_share and floor > rules.earn_seldom_floors and nearly_noise
     if share > rules.earn_excess_share and floor > rules.earn_floors and (t > rules.earn_errors or seldom):
         sure = nearly_noise or share > rules.decisive_share
-        least = rules.negligible_share if sure else rules.minor_share
-        return floor > least * worst(evidence, nominal, names)
+        mismatch = worst(evidence, nominal, names)
+        if floor > (rules.negligible_share if sure else rules.minor_share) * mismatch:
+            return True
+        return sure and floor > formulation_floors(evidence, before)
     return relief > rules.earn_penalty and share > -rules.earn_penalty_loss_share
 
 

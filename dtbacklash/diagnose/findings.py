@@ -136,8 +136,8 @@ def located(left: dict[str, Left], verdict: Verdict, rest: Recovered | None) -> 
     if rest is None:
         return Located(name, name, left[name].share)
     points = tuple(zip(*(_listed(v) for v in (rest.knots, rest.effort, rest.error)), strict=True))
-    shown = Rest(rest.state, rest.state_unit, rest.effort_unit, rest.share, points)
-    return Located(name, rest.place, left[name].share, shown)
+    form = Rest(rest.state, rest.state_unit, rest.effort_unit, rest.share, points)
+    return Located(name, rest.place, left[name].share, form, rest.shown)
 
 
 def _listed(values: Floats) -> list[float]:

@@ -37,12 +37,13 @@ from dtbacklash.diagnose.propose import (
     simplest_first,
     twins,
 )
-from dtbacklash.diagnose.refit import QUICK, Fit, fit, weights_for
+from dtbacklash.diagnose.refit import FULL, QUICK, Fit, Rounds, fit, weights_for
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.diagnose.trial import objection
 from dtbacklash.diagnose.trials import Asked, Key, Search, Trial
 from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.rig import Rig
 
 #: where all that was found only led out of a wrong recalibration, the search begins once more from the right one
 ATTEMPTS = 2
@@ -186,18 +187,20 @@ def _bank_about(evidence: Evidence, found: Search, fitted: Fit) -> tuple[Bank, l
     return bank(evidence, fitted, [c for c in listed if c.key not in found.refused])
 
 
-def _try(evidence: Evidence, current: Fit, score: Score) -> Trial:
-    """A quick fit."""
-    fitted = refit_with(evidence, current, [(score.candidate.key, score.values)], rounds=QUICK)
+def _try(evidence: Evidence, current: Fit, score: Score, near: Rig | None = None) -> Trial:
+    """A quick fit. ``near`` : a rig in whose parameters it begins, if not in those of ``current``."""
+    fitted = refit_with(evidence, current, [(score.candidate.key, score.values)], rounds=QUICK, near=near)
     return Trial(score.candidate.key, score, fitted, held_loss(evidence, fitted))
 
 
-def _finish(evidence: Evidence, current: Fit, trial: Trial, near: bool = False) -> Trial:
+def _finish(evidence: Evidence, current: Fit, trial: Trial, near: bool = False, rounds: Rounds = FULL) -> Trial:
     """A full fit; ``near`` : the trial was a quick one beside the same effects, and is gone on with."""
     values = trial.fitted.rig.effect(*trial.key)
     if values is None:
         return trial
-    fitted = refit_with(evidence, current, [(trial.key, values)], near=trial.fitted.rig if near else None)
+    fitted = refit_with(
+        evidence, current, [(trial.key, values)], near=trial.fitted.rig if near else None, rounds=rounds
+    )
     return Trial(trial.key, trial.score, fitted, held_loss(evidence, fitted))
 
 
@@ -209,6 +212,7 @@ def _add(evidence: Evidence, found: Search) -> bool:
         found.scores = scores
     current = found.fitted
     trials = spread(partial(_try, evidence, current), promising(evidence, scores)[: rules.quick_fits])
+    trials = _and_from_the_middle(evidence, found, trials)
     trials += spread(partial(_try, evidence, current), twins(evidence, scores, trials))
     trials.sort(key=lambda t: merit(evidence, t.fitted))
     is_close = bool(trials) and trials[0].held_out < rules.close_floors
@@ -233,6 +237,24 @@ def _add(evidence: Evidence, found: Search) -> bool:
     # in noise no two effects hide each other
     several = len(found.order) + 2 <= rules.effects_max and worst(evidence, current) > rules.noise_floors
     return several and _add_pair(evidence, found, trials)
+
+
+def _and_from_the_middle(evidence: Evidence, found: Search, trials: list[Trial]) -> list[Trial]:
+    """The same with trials that begin at the nominal parameters, where those of the last fit were led astray.
+
+    Missing physics leads them there, and from there its own law may find no way back. The better trial of each counts.
+    """
+    current = found.fitted
+    if not _astray(evidence, current) or worst(evidence, current) < settings().nearly_noise_floors:
+        return trials
+    known = nominal_free(evidence.nominal, rig=current.rig)
+    middle = fit(evidence, apply(current.rig, known, np.zeros(len(known))), [])
+    scores = promising(evidence, _bank_about(evidence, found, middle)[1])[: settings().quick_fits]
+    again = spread(partial(_try, evidence, current, near=middle.rig), scores)
+    best: dict[Key, Trial] = {}
+    for trial in sorted([*trials, *again], key=lambda t: merit(evidence, t.fitted)):
+        best.setdefault(trial.key, trial)
+    return list(best.values())
 
 
 def _take(evidence: Evidence, found: Search, trial: Trial, group: list[Trial]) -> None:
@@ -307,7 +329,7 @@ def _reconsider(evidence: Evidence, found: Search, keys: list[Key], rivals: int)
         without = fit_without(found, key)
         former = [t for t in found.tried.get(key, []) if t.key not in (*found.order, *found.refused)]
         former = sorted(former, key=lambda t: t.held_out)[:rivals]
-        trials = spread(partial(_finish, evidence, without), former)
+        trials = _against(evidence, found.fitted, without, former)
         _note_instead(evidence, found, key, (without, found.fitted), trials)
         found.rivals[key] = []
         for trial in trials:
@@ -325,6 +347,14 @@ def _reconsider(evidence: Evidence, found: Search, keys: list[Key], rivals: int)
                 found.rivals[trial.key] = [t for t in found.rivals.pop(key) if t is not trial]
                 found.tried[trial.key] = found.tried.pop(key, [])
                 key = trial.key
+
+
+def _against(evidence: Evidence, chosen: Fit, without: Fit, rivals: list[Trial]) -> list[Trial]:
+    """The rivals in the place of an effect of the chosen fit; those that leave far more are not finished."""
+    quick = spread(partial(_finish, evidence, without, rounds=QUICK), rivals)
+    most = settings().hopeless_ratio * max(held_loss(evidence, chosen), settings().close_floors)
+    near = [t for t in quick if t.held_out < most]
+    return spread(partial(_finish, evidence, without, near=True), near) + [t for t in quick if t.held_out >= most]
 
 
 def _count(evidence: Evidence, key: Key) -> int:

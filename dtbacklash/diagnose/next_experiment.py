@@ -19,7 +19,7 @@ def next_experiment(evidence: Evidence, found: Search, rest: Recovered | None = 
     ``rest`` : what nothing explains, if anything is left.
     """
     if rest is not None:
-        if rest.share < settings().located_share:
+        if not rest.shown:
             return "What is missing shows itself at no place: record more of the rig's bodies."
         place = place_in_words(rest.place)
         if rest.state == "time":

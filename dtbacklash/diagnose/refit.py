@@ -34,6 +34,8 @@ STEP, STEP_WAVE = 0.03, 1e-3
 NARROW, NARROWER, ALIKE = 0.1, 4, 1e-3
 #: where two columns differ so many times more than wider ones did, they show the contacts' last tick
 TICKS_GROW = 3.0
+#: a bound so many natural steps away is out of reach of a round
+FAR = 10.0
 #: a fit stays so far inside of a parameter's range
 INSIDE = 1e-9
 #: a delay is moved by at least so much of a sample, within these changes of its logarithm
@@ -332,14 +334,17 @@ def solve(problem: Problem, x: Floats, evaluations: int) -> Floats:
     """The least squares from ``x`` on; where the simulation cannot go on, the best that was seen.
 
     The solver takes its first trust region from how far from 0 it starts, and a fit starts at 0. So it is handed
-    variables that start at 1, which is a natural step of all of them: a tolerance, a factor of e, twice the size.
+    variables that start at 1, which is a natural step of all of them: a tolerance, a factor of e, twice the size. It
+    weighs a variable by how far its bounds are, too: bounds that are out of reach are none, or the trust region would
+    shrink in all variables but in those.
     """
     least, best, shift = np.inf, x, 1.0 - x
     bounds = limits_of(problem.free)
+    ends = np.where(np.abs(bounds - x) > FAR, np.copysign(np.inf, bounds), bounds)
 
     def rows(at: Floats) -> Floats:
         nonlocal least, best
-        at = at - shift
+        at = inside(at - shift, bounds)
         there = _guarded(problem.stack(problem.residuals(at), at))
         cost = float(there @ there)
         if cost < least:
@@ -347,11 +352,11 @@ def solve(problem: Problem, x: Floats, evaluations: int) -> Floats:
         return there
 
     def columns(at: Floats) -> Floats:
-        return _guarded(problem.jacobian(at - shift))
+        return _guarded(problem.jacobian(inside(at - shift, bounds)))
 
     with suppress(UserError, np.linalg.LinAlgError):
         least_squares(
-            rows, x + shift, columns, tuple(bounds + shift), max_nfev=evaluations, x_scale="jac", ftol=1e-4, xtol=1e-6
+            rows, x + shift, columns, tuple(ends + shift), max_nfev=evaluations, x_scale="jac", ftol=1e-4, xtol=1e-6
         )
     return best
 

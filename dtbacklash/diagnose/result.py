@@ -174,17 +174,16 @@ class Rest:
 
 @dataclass(frozen=True)
 class Located:
-    """Where what is left sits: a block of the rig, the element in it, and the share of the mismatch that is left."""
+    """Where what is left sits: a block of the rig, the element in it, and the share of the mismatch that is left.
+
+    ``shown`` : whether the recording shows that it is there; not in ``diagnosis.json``.
+    """
 
     block: str
     location: str
     share: float
     rest: Rest | None = None
-
-    @property
-    def shown(self) -> bool:
-        """Whether the recording shows where it sits: an effort there explains a share of it that counts."""
-        return self.rest is None or self.rest.explained >= settings().located_share
+    shown: bool = True
 
     def to_json(self) -> Document:
         """As in ``diagnosis.json``: the rest's entries beside the others, if there are any."""
@@ -194,7 +193,7 @@ class Located:
 
 @dataclass(frozen=True)
 class Check:
-    """One test of the result; it informs and changes no verdict.
+    """One test of the result; the verdict depends on those on whiteness only.
 
     Attributes
     ----------

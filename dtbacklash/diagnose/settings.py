@@ -128,7 +128,7 @@ class DiagnoseSettings:
         1.5, "bandwidth of the pull towards the measurement: slow against the laws, fast against drift", unit="tempos",
         above=0)
     pull_slow_ratio: float = setting(
-        0.05, "bandwidth of the last fit where the command is integrated twice: prediction lives at low frequencies",
+        0.05, "bandwidth of the last fit where the pull moves position and speed: prediction lives at low frequencies",
         unit="tempos", above=0)
     pull_per_sample_max: float = setting(
         0.25, "a faster pull than this share of the sampling would hand the measurement back", unit="rad per sample",
@@ -275,7 +275,7 @@ class DiagnoseSettings:
     nearly_noise_floors: float = setting(
         2.0, "unless less than this is left then", unit="floors, mean square", at_least=1)
     negligible_share: float = setting(
-        1e-5, "less than this of it is never believed: another formulation of a large effect makes as much",
+        1e-5, "less than this of it is believed only if it is more than other formulations of what was found leave",
         unit="share", above=0)
     same_loss_share: float = setting(
         0.02, "two fits are the same where their held-out losses differ by less", unit="share", above=0)

@@ -1,4 +1,4 @@
-"""Where the command is integrated twice, the last fit pulls more slowly: open-loop prediction lives at low frequency.
+"""Where the pull moves position and speed, the last fit pulls more slowly: prediction lives at low frequencies.
 
 The search pulls fast, so that laws are evaluated along the measured motion; once the laws are known, a slow pull weighs
 what drifts in seconds, and the parameters predict the recording without any pull.
@@ -7,6 +7,7 @@ what drifts in seconds, and the parameters predict the recording without any pul
 from dataclasses import replace
 
 from dtbacklash.diagnose.compare import Block
+from dtbacklash.diagnose.earn import paired, worst
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.floor import noise_floor
 from dtbacklash.diagnose.free import penalty_of
@@ -19,7 +20,7 @@ from dtbacklash.diagnose.trials import Search
 
 
 def slow_evidence(evidence: Evidence) -> Evidence:
-    """The same recordings with a slow pull where the command is integrated twice; itself where it is not."""
+    """The same recordings with a slow pull where it moves position and speed; itself where none does."""
     if not any(b.gains[1] > 0.0 for b in evidence.blocks):
         return evidence
     step = evidence.records[0].sample_time_s
@@ -45,7 +46,8 @@ def refit_slowly(evidence: Evidence, found: Search) -> tuple[Evidence, Fit, Line
 
     Returns
     -------
-    The evidence, the fit from which the intervals are taken, and what it is about where it ended.
+    The evidence, the fit from which the intervals are taken, and what it is about where it ended; those of the search
+    where what drifts slowly would spoil what it has found.
     """
     slow = slow_evidence(evidence)
     if slow is evidence or not found.order:
@@ -54,5 +56,20 @@ def refit_slowly(evidence: Evidence, found: Search) -> tuple[Evidence, Fit, Line
     start = _seen_by(slow, found.fitted)
     effects = [(key, start.effects[key]) for key in found.order]
     fitted, about = polished(slow, refit_with(slow, start, effects, rounds=ON))
-    found.fitted = _seen_by(evidence, fitted)
+    seen = _seen_by(evidence, fitted)
+    if _spoils(evidence, found.fitted, seen):
+        found.fitted, about = polished(evidence, found.fitted)
+        return evidence, found.fitted, about
+    found.fitted = seen
     return slow, fitted, about
+
+
+def _spoils(evidence: Evidence, before: Fit, after: Fit) -> bool:
+    """Whether more than noise is left with the slow fit, and clearly less was without it.
+
+    A body that friction holds stands still somewhere else after the least error, and nothing brings it back: what
+    drifts then tells of that error, and not of the parameters.
+    """
+    rules = settings()
+    lost = paired(evidence, after, before)[0]
+    return worst(evidence, after) > rules.nearly_noise_floors and lost > rules.earn_excess_share

@@ -6,13 +6,13 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.evidence import Evidence, Residuals
+from dtbacklash.diagnose.formulation import other_formulations
 from dtbacklash.diagnose.free import Errors, apply, as_given, nominal_free, standing
 from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.refit import Fit
 from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Confidence, Verdict
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trials import Key, Search
-from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig
 
 #: parameter of the rig, or place.effect.parameter of an effect that it has -> (value, standard error)
@@ -55,6 +55,7 @@ def remaining(
     first, last = _squares(evidence, found.nominal), _squares(evidence, found.fitted)
     least, left = evidence.least(), {}
     channels = {block.name: block.channels for block in evidence.blocks}
+    other = {part: other_formulations(evidence, found.fitted, left_out, part) for part in ("train", "held")}
     for name in least:
         most = np.where([c in coloured for c in channels[name]], rules.coloured_floors, rules.noise_floors)
         quiet = last[0][name] < most * least[name]
@@ -63,27 +64,14 @@ def remaining(
         after = np.where(once, last[1][name], last[0][name]) - 1.0
         before = np.where(once, first[1][name], first[0][name]) - 1.0
         above = ~quiet | once
-        parts = {part: _formulation(evidence, found, name, left_out, part) for part in ("train", "held")}
+        also = rules.formulation_deviations * found.formulations.get(name, np.zeros(len(channels[name])))
+        parts = {part: other[part][name] + also for part in ("train", "held")}
         formulation = np.where(once, np.maximum(parts["train"], parts["held"]), parts["held"])
         noisy = np.array([c in white for c in channels[name]]) & (last[1][name] < rules.noise_part_floors)
         real = above & (after > formulation) & ~noisy
         share = float(np.max(np.where(above, after / np.maximum(before, 1e-9), 0.0)))
         left[name] = Left(share, bool(real.any()), float(formulation.max()))
     return left
-
-
-def _formulation(evidence: Evidence, found: Search, name: str, left_out: dict[Key, Residuals], part: str) -> Floats:
-    """(channels,) mean square that other formulations of the rig's laws would leave, in units of the floor's.
-
-    The catalogue says by which share of its own effect a law differs from another one that engineers call the same.
-    """
-    here = evidence.mean_square(found.fitted.residuals, part)[name]
-    total = settings().formulation_deviations * found.formulations.get(name, np.zeros(len(here)))
-    for (place, effect), residuals in left_out.items():
-        made = np.maximum(evidence.mean_square(residuals, part)[name] - here, 0.0)
-        error = find(evidence.nominal.kind_at(place), effect, place).formulation_error
-        total += (settings().formulation_deviations * error) ** 2 * made
-    return total
 
 
 def depends_on(form: Recovered | None, left: dict[str, Left]) -> bool:

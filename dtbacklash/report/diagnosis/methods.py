@@ -61,7 +61,7 @@ def methods(diagnosis: Diagnosis) -> tuple[str, list[str]]:
     told += [
         f"Everything was fitted to {work.fitted} samples, the later ones of which were held out until they had chosen "
         f"the structure, and judged on the other {work.judged} ({number(100 * work.judged / total, 2)} %), by which "
-        f"nothing was chosen {cite(HELD_OUT)}.",
+        f"nothing was added; what made the error there larger was taken back {cite(HELD_OUT)}.",
         "The noise floor, what a true model would leave, comes from the recording's own spectrum and from a simulated "
         f"recording {cite(SPECTRUM)}: {_floor(diagnosis, work)}.",
         "The rig's parameters were first recalibrated within their tolerances by bounded least squares "

@@ -5,9 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dtbacklash.config.compose import compose
+from dtbacklash.diagnose import Record
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import effect_free, nominal_free
 from dtbacklash.diagnose.refit import QUICK, Problem, fit
+from dtbacklash.physics.rig import Rig, build_rig
+from dtbacklash.physics.simulate import simulate
 
 from .conftest import recorded
 
@@ -51,6 +55,30 @@ def test_a_fit_finds_what_is_twice_as_large_as_where_it_begins(evidence):
     free = nominal_free(rig) + effect_free(rig, "link_1", "cubic_stiffness", {"k3": 2e9})
     found = fit(evidence, rig, free, rounds=QUICK).rig.effect("link_1", "cubic_stiffness")
     assert found["k3"] == pytest.approx(4e9, rel=0.05)
+
+
+@pytest.mark.parametrize("times", [3.0, 30.0])
+def test_a_fit_comes_back_from_far_too_large_an_effect(times):
+    """Its parameters are off as well, since they have stood in for the law: the trust region has to shrink in both."""
+    rig, stiffening = build_rig(compose("rig=oscillator").rig), {"k3": 2e6}
+    evidence = Evidence.gather(rig, [shaken(rig.with_effect("spring", "cubic_stiffness", stiffening))])
+    began = {"k3": times * stiffening["k3"]}
+    base = fit(evidence, rig, nominal_free(rig)).rig.with_effect("spring", "cubic_stiffness", began)
+    found = fit(evidence, base, nominal_free(rig, rig=base) + effect_free(base, "spring", "cubic_stiffness", began))
+    assert evidence.rms(found.residuals) < 1.1
+    assert found.rig.effect("spring", "cubic_stiffness") == pytest.approx(stiffening, rel=0.01)
+
+
+def shaken(truth: Rig) -> Record:
+    """15 s of the oscillator under a multisine, 100 samples a second."""
+    rng, step, samples = np.random.default_rng(1), 0.01, 1500
+    t, f = step * np.arange(samples), np.arange(1, samples // 12) / (samples * step)
+    u = np.cos(2.0 * np.pi * f[:, None] * t + rng.uniform(0.0, 2.0 * np.pi, len(f))[:, None]).sum(axis=0)
+    u *= 2.0 / u.std() * np.minimum(1.0, np.arange(samples) / 20.0)
+    shown = simulate(truth, u[:-1], step).sensors
+    y = {name: values + rng.normal(0.0, 2e-3 * values.std(), samples) for name, values in shown.items()}
+    train = np.arange(samples) < 0.6 * samples
+    return Record(step, u, y, train, ~train)
 
 
 def test_a_fit_comes_near_by_coarse_steps_and_ends_by_fine_ones(evidence, simulations):
