@@ -8,9 +8,12 @@ import diagnosed
 import numpy as np
 import pytest
 
+from dtbacklash.diagnose.findings import located
+from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.result import UNEXPLAINED, Candidate, FreeRunning, Instead, Located, ModelErrors
 from dtbacklash.diagnose.save import save
 from dtbacklash.diagnose.sayings import summary
+from dtbacklash.diagnose.verdict import Left
 
 KEYS = [
     "verdict", "summary", "findings", "recalibrated", "fit", "free_running", "candidates", "located", "checks",
@@ -60,12 +63,21 @@ def test_what_is_left_names_its_state_only_where_one_explains_it():
 
 def test_where_nothing_explains_what_is_left_no_place_is_said():
     there = diagnosed.unexplained().located
-    nowhere = replace(there, rest=replace(there.rest, explained=0.001))
-    said, silent = (summary(UNEXPLAINED, (), {}, located) for located in (there, nowhere))
+    nowhere = replace(there, shown=False)
+    said, silent = (summary(UNEXPLAINED, (), {}, where) for where in (there, nowhere))
     assert said == "The mismatch is real and lies at or near motor bearing, but nothing in the catalogue explains it."
     assert silent == (
         "The mismatch is real, but nothing in the catalogue explains it, and nothing shows where it lies."
     )
+
+
+@pytest.mark.parametrize(("share", "t", "shown"), [(0.4, 9.0, True), (0.001, 9.0, False), (0.4, 2.0, False)])
+def test_a_place_is_shown_by_an_effort_that_counts_and_is_significant(share, t, shown):
+    knots = np.arange(3.0)
+    rest = Recovered("motor_bearing", "speed", "rad/s", "N m", knots, knots, knots, share, 0.0, t)
+    there = located({"motor": Left(0.5, True, 0.0)}, UNEXPLAINED, rest)
+    assert there.location == "motor_bearing"
+    assert there.shown == shown
 
 
 def test_numbers_that_json_has_not_become_null(tmp_path):
