@@ -65,11 +65,12 @@ def refit_slowly(evidence: Evidence, found: Search) -> tuple[Evidence, Fit, Line
 
 
 def _spoils(evidence: Evidence, before: Fit, after: Fit) -> bool:
-    """Whether more than noise is left with the slow fit, and clearly less was without it.
+    """Whether more than noise is left with the slow fit, where hardly more than noise was left without it.
 
     A body that friction holds stands still somewhere else after the least error, and nothing brings it back: what
-    drifts then tells of that error, and not of the parameters.
+    drifts then tells of that error, and not of the parameters. Where much is unexplained anyway, what drifts is the
+    better guide to what the model does on its own.
     """
     rules = settings()
-    lost = paired(evidence, after, before)[0]
-    return worst(evidence, after) > rules.nearly_noise_floors and lost > rules.earn_excess_share
+    complete = worst(evidence, before) <= rules.nearly_noise_floors < worst(evidence, after)
+    return complete and paired(evidence, after, before)[0] > rules.earn_excess_share
