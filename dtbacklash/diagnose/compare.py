@@ -191,11 +191,9 @@ def _drive(rig: Rig, block: Block, record: Record, plant: Plant) -> Floats:
 def predict(rig: Rig, block: Block, record: Record, steps: Steps = "fine") -> Floats:
     """(N, channels) what the block's channels would show, SI, each sample before the measurement pulls it."""
     part = part_of(rig, block)
-    # a memory that is stretched by twice its reach in a step would grow without bounds, however rough the answer may be
-    substeps, least = _substeps(part, block, record), _least_substeps(part, block, record)
-    substeps = max(substeps, least) if least > SUBSTEPS_PLAIN else substeps
-    coarse = max(ROUGH[0], (substeps or SUBSTEPS_FORCED) // COARSER, least), COARSE_LEVELS
-    fewer = {"fine": None, "coarse": coarse, "rough": (max(ROUGH[0], least), ROUGH[1])}[steps]
+    substeps = _substeps(part, block, record)
+    coarse = max(ROUGH[0], (substeps or SUBSTEPS_FORCED) // COARSER), COARSE_LEVELS
+    fewer = {"fine": None, "coarse": coarse, "rough": ROUGH}[steps]
     plant = compile_plant(part, record.sample_time_s, substeps, EVENT_LEVELS, block.imposed is not None, fewer)
     theta = _drive(rig, block, record, plant)
     run = _runner(part, plant, block, record, theta)
@@ -246,45 +244,16 @@ def _substeps(part: Rig, block: Block, record: Record) -> int:
     if not waves or sensor is None:
         return 0
     phase = max(waves) * _travel(record.y[sensor])
-    wanted = _power_of_two(phase / PHASE_MAX)
+    # a power of two that is not below what is needed, nor far above the most that are worth it
+    wanted = int(2 ** int(np.ceil(np.log2(np.clip(phase / PHASE_MAX, 1.0, 2.0 * SUBSTEPS_MAX)))))
     if any(isinstance(e.slot, slots.MotorTorque) for e, _ in acting):
         wanted = max(wanted, SUBSTEPS_CURRENT)  # it multiplies a current that jumps within a fraction of a sample
     return min(wanted, SUBSTEPS_MAX) if wanted > SUBSTEPS_PLAIN else 0
 
 
-def _least_substeps(part: Rig, block: Block, record: Record) -> int:
-    """So many that no spring's memory is stretched by more than its reach in one; 1 where nothing asks for more."""
-    wanted = 1
-    for place in part.effects:
-        for effect, values in part.active(place, slots.SpringMemory):
-            assert isinstance(effect.slot, slots.SpringMemory)
-            reach = max(values[effect.slot.reach], 1e-300)
-            wanted = max(wanted, _power_of_two(_stretched(part, block, record, place) / reach))
-    return min(wanted, SUBSTEPS_MAX)
-
-
-def _power_of_two(least: float) -> int:
-    """The power of two that is not below a number, nor far above the most that are worth it."""
-    return int(2 ** int(np.ceil(np.log2(np.clip(least, 1.0, 2.0 * SUBSTEPS_MAX)))))
-
-
 def _travel(seen: Floats) -> float:
     """How far a position moves within a sample, nearly at most."""
     return float(np.quantile(np.abs(np.diff(seen)), 0.99))
-
-
-def _stretched(part: Rig, block: Block, record: Record, link: str) -> float:
-    """How far a link is stretched within a sample, by what is recorded along its axis; 0 where nothing is."""
-    axis, most = part.elements[link].trait.axis, 0.0
-    for name in (*block.channels, *filter(None, [block.imposed])):
-        sensor = part.sensors[name]
-        if part.elements[sensor.of].trait.axis != axis:
-            continue
-        if sensor.quantity == "position":
-            most = max(most, _travel(record.y[name]))
-        elif sensor.quantity == "velocity":
-            most = max(most, float(np.quantile(np.abs(record.y[name]), 0.99)) * record.sample_time_s)
-    return most
 
 
 def _start(part: Rig, plant: Plant, block: Block, record: Record, angle: float) -> State:

@@ -42,6 +42,10 @@ class Slot:
         """The laws that stand in it, by field."""
         return {f.name: getattr(self, f.name) for f in fields(self) if callable(getattr(self, f.name))}
 
+    def named(self) -> dict[str, str]:
+        """The parameters that it names, by field."""
+        return {f.name: getattr(self, f.name) for f in fields(self) if isinstance(getattr(self, f.name), str)}
+
     def check(self, effect: Effect) -> None:
         """Refuse a law whose arguments are neither states nor the effect's parameters, and names of no parameter.
 
@@ -51,9 +55,8 @@ class Slot:
         """
         for law in self.laws().values():
             arguments(law, self.states, effect)
-        for f in fields(self):
-            name = getattr(self, f.name)
-            if isinstance(name, str) and name not in [p.name for p in effect.parameters]:
+        for name in self.named().values():
+            if name not in [p.name for p in effect.parameters]:
                 raise UserError(f"effect {effect.name}", name, "its slot names a parameter that it does not have")
 
 

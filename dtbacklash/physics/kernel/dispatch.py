@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from dtbacklash.compiled import generated
+from dtbacklash.compiled import generated, law
 from dtbacklash.physics import catalogue
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Effect
@@ -23,10 +23,16 @@ CODES: dict[tuple[str, str], int] = {}
 PLAIN_FRICTION = 0
 
 
+@law
+def _itself(value):
+    return value
+
+
 def _calls(effect: Effect) -> dict[str, Call]:
-    """The laws of an effect with what each of their arguments is."""
-    laws = effect.slot.laws()
-    return {field: (law, tuple(arguments(law, effect.slot.states, effect))) for field, law in laws.items()}
+    """The laws of an effect with what each of their arguments is, and the parameters that its slot names."""
+    slot, names = effect.slot, [p.name for p in effect.parameters]
+    calls: dict[str, Call] = {f: (a, tuple(arguments(a, slot.states, effect))) for f, a in slot.laws().items()}
+    return calls | {field: (_itself, (names.index(name),)) for field, name in slot.named().items()}
 
 
 def _listed(slot: type[Slot]) -> list[dict[str, Call]]:
@@ -61,6 +67,7 @@ friction_level = _written("friction_level", slots.Contact, "level")
 spring_force = _written("spring_force", slots.SpringForce, "law")
 spring_stretch = _written("spring_stretch", slots.SpringPlay, "law")
 memory_rate = _written("memory_rate", slots.SpringMemory, "rate")
+memory_reach = _written("memory_reach", slots.SpringMemory, "reach")
 memory_force = _written("memory_force", slots.SpringMemory, "force")
 amplified = _written("amplified", slots.Command, "law")
 winding_rate = _written("winding_rate", slots.WindingMemory, "rate")

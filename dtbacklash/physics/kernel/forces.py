@@ -43,6 +43,36 @@ def push(P, w, contact, end, effort):
 
 
 @inlined
+def respond(P, S, R, contact, a, b, effort):
+    """S.xn += the response ``R`` to an effort that pushes end b and pushes end a back."""
+    n = S.x.shape[0]
+    for end, sign in ((b, 1.0), (a, -1.0)):
+        channel, factor = end, sign
+        if end == pl.BASE and contact == 1 and P.rotor >= 0:
+            channel, factor = P.rotor, sign * P.screw[pl.S_SHARE] * P.screw[pl.S_LEAD]
+        if channel >= 0 and factor != 0.0:
+            for i in range(n):
+                S.xn[i] += R[pl.CH_F + channel, i] * factor * effort
+
+
+@inlined
+def _gained_by(R, first, end):
+    return R[pl.CH_F + end, first + end] if end >= 0 else 0.0
+
+
+@inlined
+def gained(R, first, a, b):
+    """What end b gains on end a under a unit effort that pushes them apart, by the response ``R``.
+
+    first : where in the state the bodies' positions (or velocities) begin.
+    """
+    total = _gained_by(R, first, a) + _gained_by(R, first, b)
+    if a >= 0 and b >= 0:
+        total -= 2.0 * R[pl.CH_F + a, first + b]
+    return total
+
+
+@inlined
 def stretch_of(P, x, j, base, base_rate):
     """Stretch of link ``j`` and its rate, m and m/s (or rad and rad/s)."""
     a, b = P.link_ends[j, 0], P.link_ends[j, 1]
@@ -82,8 +112,6 @@ def link_forces(P, x, w, contact, t, base, base_rate):
             continue
         s, rate = stretch_of(P, x, j, base, base_rate)
         force = force_beside(P, x, j, s, rate, t)
-        for e in range(P.first[place + pl.MEMORIES], P.first[place + pl.MEMORIES + 1]):
-            w[memory_channel(P, e)] += dispatch.memory_rate(P.law[e, 0], x[P.law[e, 1]], s, rate, P.law_p, e)
         push(P, w, contact, P.link_ends[j, 1], -force)
         push(P, w, contact, P.link_ends[j, 0], force)
 

@@ -7,7 +7,8 @@ halved until the event is located to a tick (``sample_time/substeps/2**(levels-1
 
 from dtbacklash.compiled import clear, copy, inlined
 from dtbacklash.physics.kernel import plant as pl
-from dtbacklash.physics.kernel.forces import add_forces, base_motion, end_velocity
+from dtbacklash.physics.kernel.forces import add_forces, base_motion, end_velocity, gained, respond
+from dtbacklash.physics.kernel.memory import remember, settle_memories
 
 #: a sample with more events than this (chatter) is finished without locating further ones
 MOST_EVENTS = 100
@@ -69,28 +70,6 @@ def _ramp(P, S, level, contact, channels):
 
 
 @inlined
-def _respond(P, S, level, contact, a, b, impulse):
-    """xn += the response to a friction force that pushes end b by ``impulse`` and end a back."""
-    R = P.P1[contact, level]
-    n = S.x.shape[0]
-    for end, sign in ((b, 1.0), (a, -1.0)):
-        channel, factor = end, sign
-        if end == pl.BASE and contact == 1 and P.rotor >= 0:
-            channel, factor = P.rotor, sign * P.screw[pl.S_SHARE] * P.screw[pl.S_LEAD]
-        if channel >= 0 and factor != 0.0:
-            for i in range(n):
-                S.xn[i] += R[pl.CH_F + channel, i] * factor * impulse
-
-
-@inlined
-def _mobility(P, response, contact, end):
-    """Velocity that end gains per newton on it over a step (or, with G, the acceleration)."""
-    if end >= 0:
-        return response[pl.CH_F + end, P.position + P.n_bodies + end]
-    return 0.0
-
-
-@inlined
 def _hold(P, S, level, contact, theta_d, gap_rate):
     """Find the forces that bring every sticking contact to rest at the end of the step (Gauss-Seidel)."""
     frictions = P.friction_ends.shape[0]
@@ -100,19 +79,16 @@ def _hold(P, S, level, contact, theta_d, gap_rate):
         sticking += S.mode[1 + c] == 0
     if sticking == 0:
         return
+    R = P.P1[contact, level]
     for _ in range(1 if sticking == 1 else 60):
         worst = 0.0
         for c in range(frictions):
             if S.mode[1 + c] == 0:
                 a, b = P.friction_ends[c, 0], P.friction_ends[c, 1]
                 rate = slip_rate(P, S, S.xn, c, theta_d, gap_rate)
-                R = P.P1[contact, level]
-                mobility = _mobility(P, R, contact, a) + _mobility(P, R, contact, b)
-                if a >= 0 and b >= 0:
-                    mobility -= 2.0 * R[pl.CH_F + a, P.position + P.n_bodies + b]
-                change = -rate / mobility
+                change = -rate / gained(R, P.position + P.n_bodies, a, b)
                 S.reaction[c] += change
-                _respond(P, S, level, contact, a, b, change)
+                respond(P, S, R, contact, a, b, change)
                 worst = max(worst, abs(change) - 1e-12 * abs(S.reaction[c]))
         if worst <= 0.0:
             break
@@ -206,7 +182,10 @@ def _rest(P, S, level, h, gap_rate):
 
 @inlined
 def _forced_step(P, S, level, h, t, contact, gap, gap_rate, given):
-    """Predictor with the forces of the start, corrector with their mean slope, friction at rest solved in both."""
+    """Predictor with the forces of the start, corrector with their mean slope, friction at rest solved in both.
+
+    What springs remember follows from the stretch of each; their force at the end is solved for in the corrector.
+    """
     mode = S.mode[0]
     channels = S.w0.shape[0]
     angle = given if P.imposed else screw_angle(P, S, gap)
@@ -214,13 +193,17 @@ def _forced_step(P, S, level, h, t, contact, gap, gap_rate, given):
     add_forces(P, S.x, S.mode, S.w0, contact, t, angle, rate)
     _propagate(P, S, level, contact, channels)
     copy(S.xn, S.xp)
+    start = angle
     if P.imposed:
         angle = given + S.gear[1] * h
     _hold(P, S, level, contact, angle, gap_rate)
     if not P.imposed and mode != pl.FREE:
         angle = S.xn[P.position + P.rotor] - (0 if mode == pl.RIGID else mode * (gap + gap_rate * h))
         rate = rate_of_screw(P, S.xn, mode, gap_rate)
+    remember(P, S, h, start, angle)
     add_forces(P, S.xn, S.mode, S.w1, contact, t + h, angle, rate)
     copy(S.xp, S.xn)
     _ramp(P, S, level, contact, channels)
+    settle_memories(P, S, level, h, contact, start, angle)
     _hold(P, S, level, contact, angle, gap_rate)
+    remember(P, S, h, start, angle)

@@ -90,14 +90,13 @@ def test_a_sensor_that_is_modelled_to_read_too_much_is_pulled_no_faster():
 
 
 def test_hysteresis_that_reaches_less_far_than_a_step_moves_is_followed():
-    """Its memory is integrated explicitly: in the usual steps it would grow without bounds."""
+    """However few steps a comparison takes."""
     rig = ringing.known(ringing.blade()).with_effect("foot", "hysteresis", {"force": 0.2, "displacement": 2e-6})
     record = ringing.recorded(ringing.blade(), 41, 2000)
     evidence = Evidence.gather(ringing.known(ringing.blade()), [record])
     (block,) = evidence.blocks
-    assert not np.isfinite(simulate(rig, record.u[:-1], record.sample_time_s).sensors["x_1"]).all()
     finely = simulate(rig, record.u[:-1], record.sample_time_s, substeps=256).sensors
-    for steps, most in (("fine", 0.02), ("coarse", 0.02), ("rough", 0.1)):
+    for steps in ("fine", "coarse", "rough"):
         seen = predict(rig, block, record, steps)
         for j, name in enumerate(block.channels):
-            assert np.std(seen[:, j] - finely[name]) < most * np.std(finely[name])
+            assert np.std(seen[:, j] - finely[name]) < 5e-3 * np.std(finely[name])
