@@ -13,6 +13,9 @@ RUN_MAX = 10  # as many missing values in a row are interpolated; at more the re
 MISSING_SHARE_MAX = 0.05  # of all values that may be missing
 TRIM_MAX = 0.3  # share of a recording that may be cut out for missing values
 CLIPPED_SHARE = 0.002  # of all samples at the limit from which clipping is reported
+REST_SAMPLES = 8  # before an extreme value, from which is read how the motion that reaches it ends
+REST_BEYOND = 0.005  # of a channel's range: what would have ended so soon beyond its extreme value rests there
+REST_RETURNS = 2.0  # times as long as a motion that is only cut off takes to come back: what stays longer rests
 HANGS_SHARE = 0.05  # of a recording that a channel must stand still for it to be looked at
 HANGS_END_SHARE = 0.1
 JUMP = 3.0  # a step away from standing still, relative to the largest usual step
@@ -127,7 +130,8 @@ def clipped(values: Floats) -> list[tuple[str, np.ndarray]]:
     """The ends at which a channel is clipped: ``top`` or ``bottom``, and (N,) which samples are.
 
     Clipped is what runs into its own extreme at speed and stays there. What comes to rest at its extreme
-    (the last steps are small), or only ever takes a few levels (a command of steps), is not.
+    (the last steps are small, or become smaller as those of a motion that friction ends), or only ever takes a few
+    levels (a command of steps), is not.
     """
     top, bottom = values.max(), values.min()
     if top == bottom or len(np.unique(values[:: max(1, len(values) // 5000)])) <= 20:
@@ -137,7 +141,7 @@ def clipped(values: Floats) -> list[tuple[str, np.ndarray]]:
     usual, quantum = float(np.sqrt(np.mean(moving**2))), float(moving.min())
     found = []
     for limit, word in ((top, "top"), (bottom, "bottom")):
-        stays = [run for run in runs(values == limit) if run[1] - run[0] >= 3]
+        stays = [run for run in runs(values == limit) if run[1] - run[0] >= 3 and not _rests(values, *run)]
         # the step that reaches the limit is cut short by it: the one before tells the speed as well
         entries = [steps[max(start - 2, 0) : start].max() for start, _ in stays if start > 0]
         mask = np.zeros(len(values), dtype=bool)
@@ -148,6 +152,21 @@ def clipped(values: Floats) -> list[tuple[str, np.ndarray]]:
         if float(np.median(entries)) > max(0.2 * usual, 1.5 * quantum):
             found.append((word, mask))
     return found
+
+
+def _rests(values: Floats, start: int, stop: int) -> bool:
+    """Whether what stays at its extreme in ``[start, stop)`` came to rest there: it slowed down, and stays for long."""
+    if start < REST_SAMPLES + 2:
+        return False
+    # the step that reaches the limit is left out: a limit cuts it short
+    slows = np.abs(np.diff(values[start - 2 - REST_SAMPLES : start - 1]))
+    slope, _ = np.polyfit(np.arange(REST_SAMPLES), slows, 1)
+    speed = max(float(slows.mean() + slope * (REST_SAMPLES + 1) / 2), 0.0)
+    if slope >= 0.0:
+        return False
+    left = speed / -slope  # samples in which it would have stood still, or turned to be back after as many again
+    beyond = 0.5 * speed * left
+    return bool(beyond <= REST_BEYOND * np.ptp(values) and stop - start > REST_RETURNS * 2.0 * left)
 
 
 def hanging(name: str, values: Floats, u: Floats | None, t_s: Floats, samples: int | None = None) -> str | None:
