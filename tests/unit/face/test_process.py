@@ -1,10 +1,13 @@
 """The package leaves the process as it found it: on import, and when something is run."""
 
 import json
+import os
 import subprocess
 import sys
 
 import pytest
+
+from dtbacklash.campaign.backends import THREADS
 
 #: everything that a library could turn in a process, as text that can be compared
 SNAPSHOT = """
@@ -54,7 +57,8 @@ def changed(code: str) -> dict[str, list]:
         f"{SNAPSHOT}\n{LIBRARIES}\nbefore = snapshot()\n{code}\nafter = snapshot()\n"
         "print(json.dumps({n: [before[n], after[n]] for n in before if before[n] != after[n]}, default=repr))"
     )
-    answer = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=False)
+    plain = {name: value for name, value in os.environ.items() if name not in THREADS}
+    answer = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=False, env=plain)
     assert answer.returncode == 0, answer.stderr
     return json.loads(answer.stdout.splitlines()[-1])
 
