@@ -125,7 +125,6 @@ def test_commands_in_the_docs_are_accepted(command: str, tmp_path: Path, monkeyp
         for value in values.split(",") if swept else [values]:
             others = [w.split(",")[0] if swept else w for w in plain if w != word]
             compose_for(grammar, grammar.schema, *others, f"{key}{equals}{value}")
-    assert plain or all(w.startswith(("-", "out=", "hydra.", "hydra/")) or w == "job" for w in words)
 
 
 def test_commands_of_the_twin_in_the_docs_are_accepted() -> None:

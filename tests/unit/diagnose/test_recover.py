@@ -27,10 +27,12 @@ def test_what_is_left_is_located_and_has_the_hidden_shape(rig, coulomb):
     assert rest.place in ("motor_bearing", "amplifier")  # their efforts reach the angle alike
     assert rest.share > 0.5
     assert len(rest.knots) == len(rest.effort) == len(rest.error)
-    if rest.place == "motor_bearing":
-        assert (rest.state, rest.state_unit, rest.effort_unit) == ("speed", "rad/s", "N m")
-        fast = np.abs(rest.knots) > 0.3 * np.abs(rest.knots).max()
-        assert np.median(np.abs(rest.effort[fast])) == pytest.approx(0.02, rel=0.5)
+    bearing = next(form for form in forms if (form.place, form.state) == ("motor_bearing", "speed"))
+    assert (bearing.state_unit, bearing.effort_unit) == ("rad/s", "N m")
+    # The fit has given the friction a share of viscous damping; what is missing is the step and that share taken back.
+    lines = np.column_stack([np.sign(bearing.knots), bearing.knots])
+    step, _ = np.linalg.lstsq(lines, bearing.effort)[0]
+    assert step == pytest.approx(-0.02, rel=0.25)
 
 
 def test_no_linear_path_leads_from_a_winding_to_the_sensors(rig, coulomb):
