@@ -40,7 +40,7 @@ What a diagnosis looks like. Each recording was made by another integrator than 
 in it that the nominal rig has not, and diagnosed without the answer. In the drawings the rig runs from the command to
 the last mass; the darker an element, the more of the evidence sits there. Below it, where something was found: what the
 motion needs and the model lacks, with the law that was fitted to it. A good one is dark in one place, and its law runs
-through the points.
+through the points. What is missed stands here beside what is found: an exhibit is not chosen by what came out.
 """
 
 
