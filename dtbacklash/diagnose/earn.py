@@ -65,6 +65,12 @@ def significance(evidence: Evidence, before: Residuals, after: Residuals) -> flo
     return _significance(_compared(evidence, before, after))
 
 
+def rises(evidence: Evidence, before: Residuals, after: Residuals) -> bool:
+    """Whether the held-out error rises, by more than chance and by as much as would have to be earned."""
+    rise = evidence.rms(after) ** 2 - evidence.rms(before) ** 2
+    return rise > settings().earn_floors and significance(evidence, before, after) < -settings().earn_errors
+
+
 def _significance(compared: list[tuple[str, Floats, Floats]]) -> float:
     least = settings().numerical_error_share ** 2
     falls, ratios = [], []

@@ -12,6 +12,7 @@ from dtbacklash.diagnose.checks import all_checks, at_bounds, at_tolerances, col
 from dtbacklash.diagnose.command import held_equivalent
 from dtbacklash.diagnose.compare import Record
 from dtbacklash.diagnose.direction import call_by_direction
+from dtbacklash.diagnose.earn import merit, worst
 from dtbacklash.diagnose.errors_of_fit import fit_table, free_running
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.faults.inspect import inspect
@@ -66,8 +67,7 @@ def diagnose_records(
             return faulty(rig, inspected, inspected.fault)
         try:
             known, records = with_priors(rig), divided(inspected.records)
-            evidence, smooth = _read_command(known, portion(known, records))
-            found = search(evidence, say)
+            found, smooth = _searched(_readings(known, portion(known, records)), say)
             call_by_its_limit(found)
             call_by_direction(found)
             say("fitting to all and judging", 0.95)
@@ -96,21 +96,31 @@ def _sure(found: Search) -> Errors:
         drop(found, key, "its interval holds what does nothing")
 
 
-def _read_command(rig: Rig, records: list[Record]) -> tuple[Evidence, bool]:
-    """The evidence with the command held between its samples, or smooth where that fits clearly better; and which."""
+def _readings(rig: Rig, records: list[Record]) -> list[Evidence]:
+    """The evidence with the command held between its samples; and with it smooth, where that fits clearly better."""
     tempo = tempo_rad_s(rig, records)
     held = Evidence.gather(rig, records, tempo)
     if rig.only("actuator") is None:
-        return held, False
+        return [held]
     smooth = Evidence.gather(rig, [replace(r, u=held_equivalent(r.u)) for r in records], tempo)
     losses = []
     for evidence in (held, smooth):
         fitted = fit(evidence, rig, nominal_free(rig), rounds=QUICK)
         squares = evidence.mean_square(fitted.residuals, "train")
         losses.append(sum(float(np.sum(v * held.floor[n] ** 2)) for n, v in squares.items()))
-    if losses[1] < settings().smooth_command_share * losses[0]:
-        return smooth, True
-    return held, False
+    return [held, smooth] if losses[1] < settings().smooth_command_share * losses[0] else [held]
+
+
+def _searched(readings: list[Evidence], say: Callable[[str, float], None]) -> tuple[Search, bool]:
+    """The search about the reading of the command that needs the fewest effects, and whether that is the smooth one.
+
+    Missing physics may make either reading fit better; what was found decides. One that leaves far more is no reading.
+    """
+    searches = [search(evidence, say) for evidence in readings]
+    least = min(worst(s.evidence, s.fitted) for s in searches)
+    able = [s for s in searches if worst(s.evidence, s.fitted) <= settings().noise_floors * max(least, 1.0)]
+    chosen = min(able, key=lambda s: (len(s.order), merit(s.evidence, s.fitted)))
+    return chosen, chosen is not searches[0]
 
 
 def _diagnosis(found: Search, errors: Errors, smooth: bool) -> Diagnosis:

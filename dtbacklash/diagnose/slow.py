@@ -7,7 +7,7 @@ what drifts in seconds, and the parameters predict the recording without any pul
 from dataclasses import replace
 
 from dtbacklash.diagnose.compare import Block
-from dtbacklash.diagnose.earn import paired, worst
+from dtbacklash.diagnose.earn import rises, worst
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.floor import noise_floor
 from dtbacklash.diagnose.free import penalty_of
@@ -16,7 +16,7 @@ from dtbacklash.diagnose.leave_out import refit_with
 from dtbacklash.diagnose.pull import observer_gains
 from dtbacklash.diagnose.refit import ON, Fit, weights_for
 from dtbacklash.diagnose.settings import settings
-from dtbacklash.diagnose.trials import Search
+from dtbacklash.diagnose.trials import Key, Search
 
 
 def slow_evidence(evidence: Evidence) -> Evidence:
@@ -33,6 +33,12 @@ def slow_evidence(evidence: Evidence) -> Evidence:
 def _slowly(block: Block, step_s: float) -> Block:
     b = settings().pull_slow_ratio * block.tempo / step_s
     return replace(block, gains=observer_gains(b, step_s))
+
+
+def fitted_slowly(slow: Evidence, fitted: Fit, order: list[Key]) -> Fit:
+    """A fit with the effects of ``order`` gone on with under the slow pull."""
+    start = _seen_by(slow, fitted)
+    return refit_with(slow, start, [(key, start.effects[key]) for key in order], rounds=ON)
 
 
 def _seen_by(evidence: Evidence, fitted: Fit) -> Fit:
@@ -53,9 +59,7 @@ def refit_slowly(evidence: Evidence, found: Search) -> tuple[Evidence, Fit, Line
     if slow is evidence or not found.order:
         found.fitted, about = polished(evidence, found.fitted)
         return evidence, found.fitted, about
-    start = _seen_by(slow, found.fitted)
-    effects = [(key, start.effects[key]) for key in found.order]
-    fitted, about = polished(slow, refit_with(slow, start, effects, rounds=ON))
+    fitted, about = polished(slow, fitted_slowly(slow, found.fitted, found.order))
     seen = _seen_by(evidence, fitted)
     if _spoils(evidence, found.fitted, seen):
         found.fitted, about = polished(evidence, found.fitted)
@@ -65,12 +69,11 @@ def refit_slowly(evidence: Evidence, found: Search) -> tuple[Evidence, Fit, Line
 
 
 def _spoils(evidence: Evidence, before: Fit, after: Fit) -> bool:
-    """Whether more than noise is left with the slow fit, where hardly more than noise was left without it.
+    """Whether the slow fit leaves more of what judges, where hardly more than noise was left without it.
 
     A body that friction holds stands still somewhere else after the least error, and nothing brings it back: what
     drifts then tells of that error, and not of the parameters. Where much is unexplained anyway, what drifts is the
     better guide to what the model does on its own.
     """
-    rules = settings()
-    complete = worst(evidence, before) <= rules.nearly_noise_floors < worst(evidence, after)
-    return complete and paired(evidence, after, before)[0] > rules.earn_excess_share
+    complete = worst(evidence, before) <= settings().nearly_noise_floors
+    return complete and rises(evidence, before.residuals, after.residuals)
