@@ -265,11 +265,26 @@ def _start(part: Rig, plant: Plant, block: Block, record: Record, angle: float) 
         angle = _stands(part, block.pulled, record)
     if plant.has_base:
         place_at(plant, state, angle)
-    for name in block.channels:
-        sensor = part.sensors[name]
-        if sensor.quantity == "position" and sensor.of in bodies and not plant.has_base:
-            state.x[plant.position + bodies.index(sensor.of)] = _stands(part, name, record)
+    if not plant.has_base:
+        seen = {
+            bodies.index(part.sensors[c].of): _stands(part, c, record) for c in block.channels
+            if part.sensors[c].quantity == "position" and part.sensors[c].of in bodies
+        }  # fmt: skip
+        state.x[plant.position : plant.position + plant.n_bodies] = _at_rest(plant, seen)
     return state
+
+
+def _at_rest(plant: Plant, seen: dict[int, float]) -> Floats:
+    """(bodies,) where all of them stand at rest, some of which are seen: the others where no spring pulls them away."""
+    places = np.zeros(plant.n_bodies)
+    places[list(seen)] = list(seen.values())
+    others = [j for j in range(plant.n_bodies) if j not in seen]
+    if seen and others:
+        q, v = plant.position, plant.position + plant.n_bodies
+        # what a unit of each position accelerates
+        pull = plant.A[0 if plant.rotor < 0 else 1, v : v + plant.n_bodies, q : q + plant.n_bodies][others]
+        places[others] = np.linalg.lstsq(pull[:, others], -pull @ places, rcond=None)[0]
+    return places
 
 
 def _launch(part: Rig, plant: Plant, block: Block, record: Record, theta: Floats, begins: Beginning) -> Launch:

@@ -67,7 +67,7 @@ def diagnose_records(
             return faulty(rig, inspected, inspected.fault)
         try:
             known, records = with_priors(rig), divided(inspected.records)
-            found, smooth = _searched(_readings(known, portion(known, records)), say)
+            found, smooth = _searched(_readings(known, records), say)
             call_by_its_limit(found)
             call_by_direction(found)
             say("fitting to all and judging", 0.95)
@@ -97,8 +97,8 @@ def _sure(found: Search) -> Errors:
 
 
 def _readings(rig: Rig, records: list[Record]) -> list[Evidence]:
-    """The evidence with the command held between its samples; and with it smooth, where that fits clearly better."""
-    tempo = tempo_rad_s(rig, records)
+    """What the search looks at with the command held between its samples; and with it smooth, where that fits better."""
+    tempo, records = tempo_rad_s(rig, records), portion(rig, records)
     held = Evidence.gather(rig, records, tempo)
     if rig.only("actuator") is None:
         return [held]

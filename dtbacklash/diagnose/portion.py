@@ -31,7 +31,7 @@ def portion(rig: Rig, records: list[Record]) -> list[Record]:
     counts = {part: sum(int(getattr(r, part).sum()) for r in records) for part in ("train", "held")}
     total = sum(counts.values())
     if total <= rules.search_samples_max:
-        return records
+        return [_looked_at(r) for r in records if r.train.any() or r.held.any()]
     shortest = rules.search_window_decays / slowest_decay_of(rig, records) / records[0].sample_time_s
     found: list[Record] = []
     for part, count in counts.items():
@@ -41,6 +41,12 @@ def portion(rig: Rig, records: list[Record]) -> list[Record]:
             [(r, a, b) for r in records for a, b in runs(getattr(r, part))], windows, budget // windows, part == "train"
         )
     return found
+
+
+def _looked_at(record: Record) -> Record:
+    """The record up to the last sample that is fitted to or chooses: the search has no use for what only judges."""
+    end = int(np.flatnonzero(record.train | record.held)[-1]) + 1
+    return record if end == record.samples else cut_off(record, 0, end)
 
 
 def whole(evidence: Evidence, records: list[Record], smooth: bool) -> Evidence:
@@ -74,8 +80,12 @@ def _windows(pieces: list[Run], count: int, samples: int, trains: bool) -> list[
 
 def _window(record: Record, a: int, b: int, trains: bool) -> Record:
     none = np.zeros(b - a, dtype=bool)
+    return replace(cut_off(record, a, b), train=~none if trains else none, held=none if trains else ~none)
+
+
+def cut_off(record: Record, a: int, b: int) -> Record:
+    """Samples a to b of a record that has not been looked at yet: how it begins is not known of it."""
     return Record(
-        record.sample_time_s, record.u[a:b], {c: v[a:b] for c, v in record.y.items()},
-        none if not trains else ~none, ~none if not trains else none,
-        record.from_s + a * record.sample_time_s, judge=none,
+        record.sample_time_s, record.u[a:b], {c: v[a:b] for c, v in record.y.items()}, record.train[a:b],
+        record.held[a:b], record.from_s + a * record.sample_time_s, judge=np.zeros(b - a, dtype=bool),
     )  # fmt: skip

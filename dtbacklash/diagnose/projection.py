@@ -38,7 +38,7 @@ class Projection:
         bound = np.array([at_limit(f, at) for f, at in zip(free, x, strict=True)], dtype=bool)
         self.bound = bool(bound.any())
         self._rows = problem.stack(fitted.residuals, x)
-        self._columns = problem.jacobian(x) if free else np.zeros((len(self._rows), 0))
+        self._columns = problem.differences(x) if free else np.zeros((len(self._rows), 0))
         self._positions: list[dict[str, Floats]] = []
         self.samples = sum(int(r.train.sum()) for r in evidence.records)
         self._take_out(~bound)

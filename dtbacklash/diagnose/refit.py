@@ -28,6 +28,8 @@ STALE = 0.05
 #: a round is worth another one if it takes away this share of what is left; near noise, if minus twice the
 #: log-likelihood falls by more than one parameter more would make it by chance (95 % of chi-square)
 WORTH_A_ROUND, BY_CHANCE = 0.1, 3.84
+#: a Jacobian serves within its round while it misses less than this share of what a step changes in the rows
+MENDED = 0.3
 #: step of a column, of any parameter and of one that says how often a law waves: as narrow as the contacts' ticks allow
 STEP, STEP_WAVE = 0.03, 1e-3
 #: of a precise column it is narrowed by this, so often at most, until two columns differ by less than this share
@@ -110,10 +112,12 @@ class Problem:
         self._last: dict[tuple[Steps, bytes], Residuals] = {}
         self._kept: dict[int, Floats] = {}
         self._kept_at = np.zeros(0)
+        #: where the last Jacobian of this round stands: parameters, rows, and the Jacobian itself
+        self._at: tuple[Floats, Floats, Floats] | None = None
 
     def weigh(self, residuals: Residuals) -> None:
         """Take the weights of these residuals; the columns that are kept take them, too."""
-        before, self.weights = self.weights, weights_for(self.evidence, residuals)
+        before, self.weights, self._at = self.weights, weights_for(self.evidence, residuals), None
         if self._kept:
             ratio = np.concatenate([np.sqrt(self.weights[name] / before[name]) for name in self.touched])
             samples = sum(int(r.train.sum()) for r in self.evidence.records)
@@ -122,7 +126,7 @@ class Problem:
 
     def finely(self) -> None:
         """From here on simulate finely, with differences to both sides."""
-        self.steps, self._kept = "fine", {}
+        self.steps, self._kept, self._at = "fine", {}, None
 
     def residuals(self, x: Floats) -> Residuals:
         """Residuals at x; the last ones are remembered."""
@@ -160,7 +164,30 @@ class Problem:
         return np.concatenate(rows)
 
     def jacobian(self, x: Floats) -> Floats:
-        """Differences; blocks that a parameter does not touch are not simulated."""
+        """Differences; within a round the last Jacobian is mended as long as it tells what the rows do.
+
+        It is mended in the direction of the step (Broyden, Math. Comp. 19 (1965) 577), which takes no simulation.
+        """
+        rows = self._rows(x, self.steps)[1]
+        jacobian = self._mended(x, rows)
+        if jacobian is None:
+            jacobian = self.differences(x)
+        self._at = x.copy(), rows, jacobian
+        return jacobian
+
+    def _mended(self, x: Floats, rows: Floats) -> Floats | None:
+        if self._at is None:
+            return None
+        there, before, jacobian = self._at
+        step, change = x - there, rows - before
+        missed = change - jacobian @ step
+        size = float(step @ step)
+        if size == 0.0 or not float(missed @ missed) < MENDED**2 * float(change @ change):
+            return None
+        return np.asarray(jacobian + np.outer(missed, step / size))
+
+    def differences(self, x: Floats) -> Floats:
+        """Blocks that a parameter does not touch are not simulated."""
         here, start = self._rows(x, "fine") if any(map(self._late, self.free)) else ({}, np.zeros(0))
         coarse, rows = self._rows(x, "coarse")
         if self._kept and np.abs(x - self._kept_at)[self.prior].max() > STALE:

@@ -9,6 +9,7 @@ the beginning, until what the state adds has died out (variable projection: Golu
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -51,9 +52,13 @@ def local(values: Floats, step_s: float) -> tuple[float, float]:
 
 def _pictured(values: Floats, powers: tuple[int, ...]) -> tuple[Floats, float]:
     """Coefficients of powers of time, which runs from 0 to 1, and the sum of squares that they leave."""
-    basis = np.linspace(0.0, 1.0, len(values))[:, None] ** np.array(powers)
+    basis = _basis(len(values), powers)
     found: Floats = np.linalg.lstsq(basis, values, rcond=None)[0]
     return found, float(np.sum((values - basis @ found) ** 2))
+
+
+def _basis(samples: int, powers: tuple[int, ...]) -> Floats:
+    return np.asarray(np.linspace(0.0, 1.0, samples)[:, None] ** np.array(powers))
 
 
 def _fair(squares: float, samples: int, noise: float) -> bool:
@@ -90,14 +95,28 @@ def moves(values: Floats, noise: float, speed: bool) -> bool:
 def stands(values: Floats, noise: float) -> float:
     """Where a position stands at its first sample: a motion from rest pictures its beginning down to the noise.
 
-    The first sample alone has all of its noise, and nothing brings back by itself what is free.
+    The first sample alone has all of its noise, and nothing brings back by itself what is free. The longest beginning
+    counts whose picture agrees with those of all shorter ones, within two standard errors of each: one that is too long
+    is pictured wrongly long before that shows in what it leaves (Lepski, Theory Probab. Appl. 35 (1991) 454).
     """
-    for n in reversed(STANDING):
-        if n <= len(values):
-            found, squares = _pictured(values[:n], RESTING)
-            if _fair(squares, n, noise):
-                return float(found[0])
-    return float(values[0])
+    found, low, high = float(values[0]), -math.inf, math.inf
+    for n in (n for n in STANDING if n <= len(values)):
+        picture, squares = _pictured(values[:n], RESTING)
+        if not _fair(squares, n, noise):
+            continue
+        error = noise * _error_of_first(n)
+        if not low <= picture[0] <= high:
+            break
+        found = float(picture[0])
+        low, high = max(low, found - 2.0 * error), min(high, found + 2.0 * error)
+    return found
+
+
+@cache
+def _error_of_first(samples: int) -> float:
+    """Standard error of the first place of a motion from rest, in units of the noise's."""
+    basis = _basis(samples, RESTING)
+    return math.sqrt(float(np.linalg.inv(basis.T @ basis)[0, 0]))
 
 
 def first_state(
