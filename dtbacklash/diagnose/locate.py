@@ -24,6 +24,8 @@ from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Values
 from dtbacklash.physics.rig import Rig
 
+#: twice the size of a law is the better start of its fit if it explains so many times as much
+GROWS = 1.02
 #: the signatures of one candidate that have been simulated, by its parameters' values
 Made = dict[tuple[tuple[str, float], ...], Floats | None]
 
@@ -108,7 +110,23 @@ class Bank(Projection):
             projected = self.project(again)
             if abs(factor) < rules.signature_growth_max:
                 break
-        return self._rate(candidate, values, projected)
+        return self._grown(candidate, self._rate(candidate, values, projected), made)
+
+    def _grown(self, candidate: Candidate, score: Score | None, made: Made) -> Score | None:
+        """The score at twice the size, and so on, as long as that explains more: a law need not be linear in its size.
+
+        From a play that is far too small a fit finds no way to one that is wide; a linear law explains as much at any size.
+        """
+        size = candidate.effect.size
+        high = self.evidence.bounds(candidate.key).get(size.name, (size.low, size.high))[1]
+        while score is not None and size.neutral == 0.0 and score.gain > settings().gain_min:
+            values = {**score.made_at, size.name: 2.0 * score.made_at[size.name]}
+            signature = self.signature(candidate, values, made) if abs(values[size.name]) < high else None
+            larger = None if signature is None else self._rate(candidate, values, self.project(signature))
+            if larger is None or larger.gain < GROWS * score.gain:
+                break
+            score = larger
+        return score
 
     def _tame(self, candidate: Candidate, values: Values, made: Made) -> tuple[Floats | None, Values]:
         """The signature and the values, smaller where the simulation runs away: a spring that softens turns over."""

@@ -8,11 +8,12 @@ import pytest
 from machine_cases import rig as rig_of
 
 from dtbacklash.diagnose import Record, diagnose_records
+from dtbacklash.diagnose.earn import rises
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import nominal_free
 from dtbacklash.diagnose.parts import divided, for_judgement, marked
 from dtbacklash.diagnose.refit import QUICK, fit
-from dtbacklash.diagnose.trial import _rises, objection, objections, spoils_the_free_run
+from dtbacklash.diagnose.trial import objection, objections, spoils_the_free_run
 from dtbacklash.physics.effects.declare import Place
 from dtbacklash.physics.rig import Rig
 
@@ -84,9 +85,9 @@ def test_an_error_rises_by_more_than_chance_or_not_at_all(carriage, dry):
     evidence = Evidence.gather(carriage, divided([dry]))
     before = fit(evidence, carriage, nominal_free(carriage), rounds=QUICK).residuals
     barely, clearly = ({n: [factor * e for e in left] for n, left in before.items()} for factor in (1 + 1e-12, 1.2))
-    assert not _rises(evidence, before, barely)
-    assert _rises(evidence, before, clearly)
-    assert not _rises(evidence, clearly, before)
+    assert not rises(evidence, before, barely)
+    assert rises(evidence, before, clearly)
+    assert not rises(evidence, clearly, before)
 
 
 def test_what_a_command_drives_has_no_error_of_the_method(carriage):
