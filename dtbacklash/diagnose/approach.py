@@ -69,6 +69,9 @@ class Echo(Problem):
         tapered: Floats = total * self._taper / np.sqrt(len(records))
         return tapered
 
+    def _mended(self, x: Floats, rows: Floats) -> None:
+        """Each step has differences of its own: it may lead through another valley."""
+
 
 def _drive(block: Block, record: Record, stage: Stage) -> Floats:
     """(frequencies,) conjugate spectrum of what drives a block, whitened as finely as the lags resolve, low-passed."""

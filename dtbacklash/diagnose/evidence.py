@@ -46,14 +46,19 @@ class Evidence:
     moving: PlacesInMotion
 
     @classmethod
-    def gather(cls, rig: Rig, records: list[Record], tempo: float | None = None) -> "Evidence":
-        """Cut the rig and measure the floor. ``tempo`` : of the machine, rad/s; None: as these records say."""
+    def gather(
+        cls, rig: Rig, records: list[Record], tempo: float | None = None, noise: Noise | None = None
+    ) -> "Evidence":
+        """Cut the rig and measure the floor.
+
+        tempo : of the machine, rad/s. noise : of its sensors. None: as these records say.
+        """
         channels = tuple(n for n in rig.sensors if all(n in r.y for r in records))
         tempo = tempo_rad_s(rig, records) if tempo is None else tempo
         blocks = [guided(rig, b, records) for b in cut(rig, channels, records[0].sample_time_s, tempo)]
         records = [begun(rig, blocks, r) for r in records]
         stretch = stretch_of(records)
-        noise = channel_noise(records)
+        noise = channel_noise(records) if noise is None else noise
         moving = PlacesInMotion(rig, blocks, records)
         return cls(rig, records, blocks, noise, noise_floor(rig, blocks, records, noise), stretch, moving)
 

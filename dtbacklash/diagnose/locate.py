@@ -115,7 +115,8 @@ class Bank(Projection):
     def _grown(self, candidate: Candidate, score: Score | None, made: Made) -> Score | None:
         """The score at twice the size, and so on, as long as that explains more: a law need not be linear in its size.
 
-        From a play that is far too small a fit finds no way to one that is wide; a linear law explains as much at any size.
+        From a play that is far too small a fit finds no way to one that is wide. A linear law explains as much at any
+        size.
         """
         size = candidate.effect.size
         high = self.evidence.bounds(candidate.key).get(size.name, (size.low, size.high))[1]

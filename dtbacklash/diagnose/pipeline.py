@@ -18,6 +18,7 @@ from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.faults.inspect import inspect
 from dtbacklash.diagnose.faults.verdict import faulty, mended, not_finite
 from dtbacklash.diagnose.findings import candidates, finding, located, recalibrated, without, without_known
+from dtbacklash.diagnose.floor import channel_noise
 from dtbacklash.diagnose.free import Errors, nominal_free, with_errors, with_priors
 from dtbacklash.diagnose.intervals import standard_errors
 from dtbacklash.diagnose.leave_out import drop
@@ -97,12 +98,12 @@ def _sure(found: Search) -> Errors:
 
 
 def _readings(rig: Rig, records: list[Record]) -> list[Evidence]:
-    """What the search looks at with the command held between its samples; and with it smooth, where that fits better."""
-    tempo, records = tempo_rad_s(rig, records), portion(rig, records)
-    held = Evidence.gather(rig, records, tempo)
+    """What the search looks at, with the command held between its samples; and with it smooth if that fits better."""
+    tempo, noise, records = tempo_rad_s(rig, records), channel_noise(records), portion(rig, records)
+    held = Evidence.gather(rig, records, tempo, noise)
     if rig.only("actuator") is None:
         return [held]
-    smooth = Evidence.gather(rig, [replace(r, u=held_equivalent(r.u)) for r in records], tempo)
+    smooth = Evidence.gather(rig, [replace(r, u=held_equivalent(r.u)) for r in records], tempo, noise)
     losses = []
     for evidence in (held, smooth):
         fitted = fit(evidence, rig, nominal_free(rig), rounds=QUICK)

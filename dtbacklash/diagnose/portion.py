@@ -18,6 +18,8 @@ from dtbacklash.diagnose.stretches import slowest_decay_of
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.channels import runs
 
+#: of fewer samples nothing is cut off: that would save no time, and all of them tell of the noise
+CUT_FROM = 5000
 #: of a record with a mask of what is looked for: first sample, and the one behind the last
 Run = tuple[Record, int, int]
 
@@ -30,6 +32,8 @@ def portion(rig: Rig, records: list[Record]) -> list[Record]:
     rules = settings()
     counts = {part: sum(int(getattr(r, part).sum()) for r in records) for part in ("train", "held")}
     total = sum(counts.values())
+    if total <= CUT_FROM:
+        return records
     if total <= rules.search_samples_max:
         return [_looked_at(r) for r in records if r.train.any() or r.held.any()]
     shortest = rules.search_window_decays / slowest_decay_of(rig, records) / records[0].sample_time_s

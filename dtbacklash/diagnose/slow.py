@@ -16,7 +16,7 @@ from dtbacklash.diagnose.leave_out import refit_with
 from dtbacklash.diagnose.pull import observer_gains
 from dtbacklash.diagnose.refit import ON, Fit, weights_for
 from dtbacklash.diagnose.settings import settings
-from dtbacklash.diagnose.trials import Key, Search
+from dtbacklash.diagnose.trials import Search
 
 
 def slow_evidence(evidence: Evidence) -> Evidence:
@@ -33,12 +33,6 @@ def slow_evidence(evidence: Evidence) -> Evidence:
 def _slowly(block: Block, step_s: float) -> Block:
     b = settings().pull_slow_ratio * block.tempo / step_s
     return replace(block, gains=observer_gains(b, step_s))
-
-
-def fitted_slowly(slow: Evidence, fitted: Fit, order: list[Key]) -> Fit:
-    """A fit with the effects of ``order`` gone on with under the slow pull."""
-    start = _seen_by(slow, fitted)
-    return refit_with(slow, start, [(key, start.effects[key]) for key in order], rounds=ON)
 
 
 def _seen_by(evidence: Evidence, fitted: Fit) -> Fit:
@@ -59,7 +53,9 @@ def refit_slowly(evidence: Evidence, found: Search) -> tuple[Evidence, Fit, Line
     if slow is evidence or not found.order:
         found.fitted, about = polished(evidence, found.fitted)
         return evidence, found.fitted, about
-    fitted, about = polished(slow, fitted_slowly(slow, found.fitted, found.order))
+    start = _seen_by(slow, found.fitted)
+    effects = [(key, start.effects[key]) for key in found.order]
+    fitted, about = polished(slow, refit_with(slow, start, effects, rounds=ON))
     seen = _seen_by(evidence, fitted)
     if _spoils(evidence, found.fitted, seen):
         found.fitted, about = polished(evidence, found.fitted)

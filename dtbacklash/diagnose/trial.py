@@ -13,11 +13,11 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.earn import rises
 from dtbacklash.diagnose.errors_of_fit import free_squares
-from dtbacklash.diagnose.evidence import Evidence, Residuals
-from dtbacklash.diagnose.free import Errors, Key, as_given
-from dtbacklash.diagnose.refit import Fit
+from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.free import Errors, Key, as_given, nominal_free, standing
+from dtbacklash.diagnose.refit import ON, Fit, fit
 from dtbacklash.diagnose.settings import settings
-from dtbacklash.diagnose.slow import fitted_slowly, slow_evidence
+from dtbacklash.diagnose.slow import slow_evidence
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Parameter
 from dtbacklash.physics.rig import Rig
@@ -54,26 +54,33 @@ def spoils_the_free_run(evidence: Evidence, nominal: Fit, fitted: Fit, order: li
     with_all = free_error(evidence, fitted.rig)
     if with_all <= settings().free_worse_ratio * free_error(evidence, nominal.rig):
         return None
-    if _holds_slowly(evidence, nominal, fitted, order):
+    if _holds_slowly(evidence, nominal, fitted):
         return None
     without = {key: free_error(evidence, as_given(evidence.nominal, fitted.rig, key)) for key in order}
     best = min(without, key=lambda k: without[k])
     return best if without[best] < with_all else None
 
 
-def _holds_slowly(evidence: Evidence, nominal: Fit, fitted: Fit, order: list[Key]) -> bool:
-    """Whether the rig with all findings is no worse than with none if each is fitted under the slow pull, or nobody knows.
+def _holds_slowly(evidence: Evidence, nominal: Fit, fitted: Fit) -> bool:
+    """Whether the rig with all findings is no worse than with none if both are pulled slowly, or nobody knows.
 
     A machine that integrates drifts away after the least error of its parameters, and then its free run says nothing of
-    its laws. The slow pull keeps it, but moves nothing that does not move by itself. A motor on the top of a tooth, or a
-    pendulum on its head, goes another way after the least disturbance, whatever the pull.
+    its laws. The slow pull keeps it, but moves nothing that does not move by itself; the nominal parameters are fitted
+    under it, and the laws are as they were found. A motor on the top of a tooth, or a pendulum on its head, goes
+    another way after the least disturbance, whatever the pull.
     """
     slow = slow_evidence(evidence)
     if slow is evidence:
         return False
-    before, after = fitted_slowly(slow, nominal, []), fitted_slowly(slow, fitted, order)
+    before, after = _recalibrated(slow, nominal.rig), _recalibrated(slow, fitted.rig)
     holds = slow.rms(after.residuals) ** 2 <= settings().free_worse_ratio * slow.rms(before.residuals) ** 2
     return holds or not _repeats(slow, after)
+
+
+def _recalibrated(evidence: Evidence, rig: Rig) -> Fit:
+    """The rig with its nominal parameters fitted, from where they stand."""
+    free = nominal_free(evidence.nominal, rig=rig)
+    return fit(evidence, rig, free, np.array([standing(f, rig) for f in free]), rounds=ON)
 
 
 def _repeats(evidence: Evidence, fitted: Fit) -> bool:
