@@ -111,8 +111,7 @@ def _own_instead(found: Search) -> None:
     for left_out in [None, *(found.order if len(found.order) > 1 else [])]:
         before = fit_without(found, left_out) if left_out else found.nominal
         own = own_parameter(found.evidence, before)
-        least = merit(found.evidence, found.fitted) + settings().earn_penalty
-        if own is None or not (merit(own.evidence, own.fitted) < least or same(own.evidence, found.fitted, own.fitted)):
+        if own is None or earns(found.evidence, own.fitted, found.fitted, found.nominal):
             continue
         gone = [left_out] if left_out else found.order
         found.refused |= dict.fromkeys(gone, "one element's own parameter does as well")
@@ -329,7 +328,7 @@ def _reconsider(evidence: Evidence, found: Search, keys: list[Key], rivals: int)
         without = fit_without(found, key)
         former = [t for t in found.tried.get(key, []) if t.key not in (*found.order, *found.refused)]
         former = sorted(former, key=lambda t: t.held_out)[:rivals]
-        trials = _against(evidence, found.fitted, without, former)
+        trials = _against(found, without, former)
         _note_instead(evidence, found, key, (without, found.fitted), trials)
         found.rivals[key] = []
         for trial in trials:
@@ -349,12 +348,18 @@ def _reconsider(evidence: Evidence, found: Search, keys: list[Key], rivals: int)
                 key = trial.key
 
 
-def _against(evidence: Evidence, chosen: Fit, without: Fit, rivals: list[Trial]) -> list[Trial]:
-    """The rivals in the place of an effect of the chosen fit; those that leave far more are not finished."""
-    quick = spread(partial(_finish, evidence, without, rounds=QUICK), rivals)
-    most = settings().hopeless_ratio * max(held_loss(evidence, chosen), settings().close_floors)
+def _against(found: Search, without: Fit, rivals: list[Trial]) -> list[Trial]:
+    """The rivals in the place of an effect of the last fit; those that leave far more are not finished.
+
+    What has been fitted beside the same effects before is not fitted again.
+    """
+    evidence, made = found.evidence, {t.key: t for beside, t in found.against if beside is without}
+    quick = spread(partial(_finish, evidence, without, rounds=QUICK), [t for t in rivals if t.key not in made])
+    most = settings().hopeless_ratio * max(held_loss(evidence, found.fitted), settings().close_floors)
     near = [t for t in quick if t.held_out < most]
-    return spread(partial(_finish, evidence, without, near=True), near) + [t for t in quick if t.held_out >= most]
+    fresh = spread(partial(_finish, evidence, without, near=True), near) + [t for t in quick if t.held_out >= most]
+    found.against += [(without, t) for t in fresh]
+    return fresh + [made[t.key] for t in rivals if t.key in made]
 
 
 def _count(evidence: Evidence, key: Key) -> int:

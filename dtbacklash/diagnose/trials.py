@@ -72,6 +72,8 @@ class Search:
     #: per effect the fit without it, and the fit that all of these are of
     left_out: dict[Key, Fit] = field(default_factory=dict)
     left_out_of: Fit | None = None
+    #: rivals that were fitted in the place of an effect, each with the fit that it was fitted beside
+    against: list[tuple[Fit, Trial]] = field(default_factory=list)
     #: per block what other formulations of laws that were found explain more, mean square in units of the floor's
     formulations: dict[str, Floats] = field(default_factory=dict)
     #: the parameter that is beyond its tolerance, instead of all findings; and one that would explain as much

@@ -61,8 +61,13 @@ def test_a_rival_that_leaves_far_more_at_a_glance_is_not_finished(recalibrated, 
     rivals = [trial(found, key) for key in (CLOSE, HOPELESS)]
     chosen = name._finish(found.evidence, found.fitted, rivals[0]).fitted
     monkeypatch.setattr(name, "refit_with", counted)
-    ended = name._against(found.evidence, chosen, found.fitted, rivals)
+    beside = replace(found, fitted=chosen, against=[])
+    ended = name._against(beside, found.fitted, rivals)
     assert set(fitted) == {(CLOSE, QUICK), (HOPELESS, QUICK), (CLOSE, FULL)}
     left = {t.key: t.held_out for t in ended}
     assert left[CLOSE] == pytest.approx(held_loss(found.evidence, chosen), rel=0.02)
     assert left[HOPELESS] > settings().hopeless_ratio * left[CLOSE]
+    fitted.clear()
+    again = name._against(beside, found.fitted, rivals)
+    assert not fitted
+    assert {t.key: t.held_out for t in again} == left
