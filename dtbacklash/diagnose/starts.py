@@ -58,7 +58,7 @@ def _pictured(values: Floats, powers: tuple[int, ...]) -> tuple[Floats, float]:
 
 
 def _basis(samples: int, powers: tuple[int, ...]) -> Floats:
-    return np.asarray(np.linspace(0.0, 1.0, samples)[:, None] ** np.array(powers))
+    return np.asarray(np.linspace(0.0, 1.0, samples)[:, None] ** np.array(powers), dtype=float)
 
 
 def _fair(squares: float, samples: int, noise: float) -> bool:

@@ -54,14 +54,14 @@ def spoils_the_free_run(evidence: Evidence, nominal: Fit, fitted: Fit, order: li
     with_all = free_error(evidence, fitted.rig)
     if with_all <= settings().free_worse_ratio * free_error(evidence, nominal.rig):
         return None
-    if _holds_slowly(evidence, nominal, fitted):
+    if _holds_slowly(evidence, nominal, fitted, order):
         return None
     without = {key: free_error(evidence, as_given(evidence.nominal, fitted.rig, key)) for key in order}
     best = min(without, key=lambda k: without[k])
     return best if without[best] < with_all else None
 
 
-def _holds_slowly(evidence: Evidence, nominal: Fit, fitted: Fit) -> bool:
+def _holds_slowly(evidence: Evidence, nominal: Fit, fitted: Fit, order: list[Key]) -> bool:
     """Whether the rig with all findings is no worse than with none if both are pulled slowly, or nobody knows.
 
     A machine that integrates drifts away after the least error of its parameters, and then its free run says nothing of
@@ -74,7 +74,7 @@ def _holds_slowly(evidence: Evidence, nominal: Fit, fitted: Fit) -> bool:
         return False
     before, after = _recalibrated(slow, nominal.rig), _recalibrated(slow, fitted.rig)
     holds = slow.rms(after.residuals) ** 2 <= settings().free_worse_ratio * slow.rms(before.residuals) ** 2
-    return holds or not _repeats(slow, after)
+    return holds or not _repeats(slow, after, order)
 
 
 def _recalibrated(evidence: Evidence, rig: Rig) -> Fit:
@@ -83,23 +83,32 @@ def _recalibrated(evidence: Evidence, rig: Rig) -> Fit:
     return fit(evidence, rig, free, np.array([standing(f, rig) for f in free]), rounds=ON)
 
 
-def _repeats(evidence: Evidence, fitted: Fit) -> bool:
-    """Whether a run ends where it did if what pulls it, and where it begins, has as much noise again."""
-    rng = np.random.default_rng(0)
+def _repeats(evidence: Evidence, fitted: Fit, order: list[Key]) -> bool:
+    """Whether a run ends where it did with as much noise again, and with the laws as another formulation has them.
+
+    The noise is that of where the run begins and of what pulls it.
+    """
+    rng, rig = np.random.default_rng(0), fitted.rig
+    for key in order:
+        entry, values = find(rig.kind_at(key[0]), key[1], key[0]), rig.effect(*key) or {}
+        other = 1.0 + settings().formulation_deviations * entry.formulation_error
+        rig = rig.with_effect(*key, {**values, entry.size.name: other * values[entry.size.name]})
     pulled = {b.pulled for b in evidence.blocks if b.pulled}
+    noisy = [{c: evidence.noise[c][0] * rng.standard_normal(r.samples) for c in pulled} for r in evidence.records]
     records = [
-        replace(r, y=r.y | {c: r.y[c] + evidence.noise[c][0] * rng.standard_normal(r.samples) for c in pulled})
-        for r in evidence.records
+        replace(r, y=r.y | {c: r.y[c] + e for c, e in more.items()})
+        for r, more in zip(evidence.records, noisy, strict=True)
     ]  # fmt: skip
-    again = replace(evidence, records=records).residuals(fitted.rig)
-    apart = {
-        name: [
-            a - b - np.column_stack([(n.y[c] - r.y[c]) / floor for c, floor in zip(
-                block.channels, evidence.floor[name], strict=True)])
-            for a, b, n, r in zip(again[name], fitted.residuals[name], records, evidence.records, strict=True)
+    again, apart = replace(evidence, records=records).residuals(rig), Residuals()
+    for block in evidence.blocks:
+        added = [
+            np.column_stack([more.get(c, np.zeros(len(e))) for c in block.channels]) / evidence.floor[block.name]
+            for more, e in zip(noisy, again[block.name], strict=True)
         ]
-        for block in evidence.blocks for name in [block.name]
-    }  # fmt: skip
+        apart[block.name] = [
+            there - here - more
+            for there, here, more in zip(again[block.name], fitted.residuals[block.name], added, strict=True)
+        ]
     return evidence.rms(apart) < REPEATED * evidence.rms(fitted.residuals)
 
 

@@ -100,3 +100,27 @@ def test_samples_of_a_part_are_those_of_its_mask(evidence):
         other = replace(evidence, records=[replace(record, train=train)])
         for block in evidence.blocks:
             assert np.array_equal(other.rows(left, block.name, "train"), left[block.name][0][train].T)
+
+
+def test_within_a_round_a_jacobian_is_mended_and_not_made_again(evidence, simulations):
+    rig = evidence.nominal.with_effect("link_1", "cubic_stiffness", {"k3": 2e9})
+    free = nominal_free(rig) + effect_free(rig, "link_1", "cubic_stiffness", {"k3": 2e9})
+    problem, x = Problem(evidence, rig, free), np.zeros(len(free))
+    problem.weigh(problem.residuals(x))
+    before = problem.jacobian(x)
+    near = x + 1e-3
+    here = problem.stack(problem.residuals(x), x)
+    change = problem.stack(problem.residuals(near), near) - here
+    made = len(simulations)
+    mended = problem.jacobian(near)
+    assert len(simulations) == made
+    assert np.allclose(mended @ (near - x), change, atol=1e-9 * np.abs(change).max())
+    assert np.linalg.norm(mended - before) < 0.3 * np.linalg.norm(before)
+    # a step that it does not tell takes new differences, as does the next round
+    problem._at = (x, here, -before)
+    problem.jacobian(near)
+    assert len(simulations) > made
+    problem.weigh(problem.residuals(near))
+    made = len(simulations)
+    problem.jacobian(near)
+    assert len(simulations) > made

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dtbacklash.config.compose import compose
 from dtbacklash.config.rig import ParameterConfig, RigConfig
 from dtbacklash.diagnose import Record, diagnose, diagnose_records, records_of
 from dtbacklash.diagnose.begun import begun
@@ -21,7 +22,7 @@ from dtbacklash.physics.simulate import simulate
 from dtbacklash.recording import Recording
 from dtbacklash.report.diagnosis.figures import curve_figure
 
-from .conftest import COUNTS, STEP_S, TEMPO_RAD_S, recorded
+from .conftest import COUNTS, STEP_S, TEMPO_RAD_S, command, recorded
 
 
 def piece(record: Record, start: int, stop: int) -> Record:
@@ -223,3 +224,22 @@ def test_a_position_at_rest_is_known_better_than_by_one_sample(samples):
 def test_a_position_that_no_smooth_motion_pictures_is_its_first_sample():
     jumping = np.where(np.arange(1000) % 2, 5.0, -5.0)
     assert stands(jumping, 0.01) == -5.0
+
+
+def test_a_counted_position_stands_where_its_first_counts_say():
+    """Half a count of a beginning that is pictured for too long once was a preload of the spring behind it."""
+    t, count = STEP_S * np.arange(2000), 1e-4
+    seen = count * np.round((2e-3 * np.sin(2.0 * np.pi * t**2) * t + 0.1 * count) / count)
+    assert stands(seen, count / np.sqrt(12.0)) == pytest.approx(0.0, abs=0.15 * count)
+
+
+def test_what_is_not_measured_begins_where_no_spring_pulls_it():
+    """A stage that stands off its zero: its table is not seen, and is no 5 mm away from the carriage."""
+    stage = build_rig(compose("rig=two_mass_stage").rig)
+    u, away = command(4.0, 3), 5e-3
+    seen = simulate(stage, u[:-1], STEP_S).sensors["x_c"] + away
+    mask = np.arange(len(u)) < 0.7 * len(u)
+    record = started(stage, Record(STEP_S, u, {"x_c": seen}, mask, ~mask))
+    assert record.begins is None
+    (block,) = cut(stage, ("x_c",), STEP_S, TEMPO_RAD_S)
+    assert np.abs(residual(stage, block, record)).max() < 1e-3 * away
