@@ -13,7 +13,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.earn import rises
 from dtbacklash.diagnose.errors_of_fit import free_squares
-from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.free import Errors, Key, as_given, nominal_free, standing
 from dtbacklash.diagnose.refit import ON, Fit, fit
 from dtbacklash.diagnose.settings import settings
@@ -99,7 +99,8 @@ def _repeats(evidence: Evidence, fitted: Fit, order: list[Key]) -> bool:
         replace(r, y=r.y | {c: r.y[c] + e for c, e in more.items()})
         for r, more in zip(evidence.records, noisy, strict=True)
     ]  # fmt: skip
-    again, apart = replace(evidence, records=records).residuals(rig), Residuals()
+    again = replace(evidence, records=records).residuals(rig)
+    apart: Residuals = {}
     for block in evidence.blocks:
         added = [
             np.column_stack([more.get(c, np.zeros(len(e))) for c in block.channels]) / evidence.floor[block.name]

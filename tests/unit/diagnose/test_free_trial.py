@@ -1,4 +1,4 @@
-"""A law that is right is not taken back for a free run that says nothing: a stage that slides over magnets, in a loop."""
+"""A right law is not taken back for a free run that says nothing: a stage that slides over magnets, in a loop."""
 
 import numpy as np
 import pytest
