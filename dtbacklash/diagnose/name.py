@@ -26,7 +26,7 @@ from dtbacklash.diagnose.free import (
 )
 from dtbacklash.diagnose.leave_out import borne, eliminate, fit_without, refit_with
 from dtbacklash.diagnose.locate import Bank, Score, bank
-from dtbacklash.diagnose.own import own_parameter, shared
+from dtbacklash.diagnose.own import Own, own_parameter, shared
 from dtbacklash.diagnose.propose import (
     apart,
     hopeful,
@@ -111,7 +111,7 @@ def _own_instead(found: Search) -> None:
     for left_out in [None, *(found.order if len(found.order) > 1 else [])]:
         before = fit_without(found, left_out) if left_out else found.nominal
         own = own_parameter(found.evidence, before)
-        if own is None or earns(found.evidence, own.fitted, found.fitted, found.nominal):
+        if own is None or not _does_as_well(found, before, own):
             continue
         gone = [left_out] if left_out else found.order
         found.refused |= dict.fromkeys(gone, "one element's own parameter does as well")
@@ -120,6 +120,19 @@ def _own_instead(found: Search) -> None:
         known = own.evidence.nominal
         found.nominal = fit(own.evidence, known, nominal_free(known)) if found.order else own.fitted
         return
+
+
+def _does_as_well(found: Search, before: Fit, own: Own) -> bool:
+    """Whether an own parameter fits as well as the effects that were found, or explains all but a trifle of it.
+
+    It is known to be there, and they are not: what it leaves may be how a machine differs from any simulation.
+    """
+    rules, evidence = settings(), own.evidence
+    least = merit(found.evidence, found.fitted) + rules.earn_penalty
+    if merit(evidence, own.fitted) < least or same(evidence, found.fitted, own.fitted):
+        return True
+    at_first, by_effects, by_own = (held_loss(evidence, f) ** 2 for f in (before, found.fitted, own.fitted))
+    return at_first - by_own > (1.0 - rules.same_loss_share) * (at_first - by_effects)
 
 
 def _release(evidence: Evidence, found: Search) -> bool:

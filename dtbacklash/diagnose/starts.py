@@ -53,12 +53,13 @@ def local(values: Floats, step_s: float) -> tuple[float, float]:
 def _pictured(values: Floats, powers: tuple[int, ...]) -> tuple[Floats, float]:
     """Coefficients of powers of time, which runs from 0 to 1, and the sum of squares that they leave."""
     basis = _basis(len(values), powers)
-    found: Floats = np.linalg.lstsq(basis, values, rcond=None)[0]
+    found = np.asarray(np.linalg.lstsq(basis, values, rcond=None)[0])
     return found, float(np.sum((values - basis @ found) ** 2))
 
 
 def _basis(samples: int, powers: tuple[int, ...]) -> Floats:
-    return np.asarray(np.linspace(0.0, 1.0, samples)[:, None] ** np.array(powers), dtype=float)
+    basis: Floats = np.linspace(0.0, 1.0, samples)[:, None] ** np.array(powers)
+    return basis
 
 
 def _fair(squares: float, samples: int, noise: float) -> bool:
