@@ -12,14 +12,14 @@ from dtbacklash.diagnose.checks import all_checks, at_bounds, at_tolerances, col
 from dtbacklash.diagnose.command import held_equivalent
 from dtbacklash.diagnose.compare import Record
 from dtbacklash.diagnose.direction import call_by_direction
-from dtbacklash.diagnose.earn import merit, worst
+from dtbacklash.diagnose.earn import held_loss, merit, worst
 from dtbacklash.diagnose.errors_of_fit import fit_table, free_running
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.faults.inspect import inspect
 from dtbacklash.diagnose.faults.verdict import faulty, mended, not_finite
 from dtbacklash.diagnose.findings import candidates, finding, located, recalibrated, without, without_known
 from dtbacklash.diagnose.floor import channel_noise
-from dtbacklash.diagnose.free import Errors, nominal_free, with_errors, with_priors
+from dtbacklash.diagnose.free import Errors, all_free, as_given, nominal_free, with_errors, with_priors
 from dtbacklash.diagnose.intervals import standard_errors
 from dtbacklash.diagnose.leave_out import drop
 from dtbacklash.diagnose.limits import limits
@@ -40,6 +40,8 @@ from dtbacklash.diagnose.trial import insignificant, objections, raises_the_erro
 from dtbacklash.diagnose.trials import Search
 from dtbacklash.diagnose.verdict import decide, depends_on, moved_parameters, remaining
 from dtbacklash.errors import UserError
+from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.effects import slots
 from dtbacklash.physics.rig import Rig
 
 
@@ -115,13 +117,24 @@ def _readings(rig: Rig, records: list[Record]) -> list[Evidence]:
 def _searched(readings: list[Evidence], say: Callable[[str, float], None]) -> tuple[Search, bool]:
     """The search about the reading of the command that needs the fewest effects, and whether that is the smooth one.
 
-    Missing physics may make either reading fit better; what was found decides. One that leaves far more is no reading.
+    Missing physics may make the smooth reading fit better, and a delay of half a sample undo it: where what was found
+    with it, but for delays, nearly fits the held one, that is searched as well. The held one is the rule.
     """
-    searches = [search(evidence, say) for evidence in readings]
-    least = min(worst(s.evidence, s.fitted) for s in searches)
-    able = [s for s in searches if worst(s.evidence, s.fitted) <= settings().noise_floors * max(least, 1.0)]
-    chosen = min(able, key=lambda s: (len(s.order), merit(s.evidence, s.fitted)))
-    return chosen, chosen is not searches[0]
+    found = search(readings[-1], say)
+    if len(readings) == 1:
+        return found, False
+    held, rig = readings[0], found.fitted.rig
+    for key in found.order:
+        if isinstance(find(rig.kind_at(key[0]), key[1], key[0]).slot, slots.Late):
+            rig = as_given(held.nominal, rig, key)
+    same_laws = fit(held, rig, *all_free(held, rig))
+    near = settings().hopeless_ratio * max(held_loss(found.evidence, found.fitted), settings().close_floors)
+    if held_loss(held, same_laws) > near:
+        return found, True
+    again = search(held, say)
+    fewer = (len(again.order), merit(held, again.fitted)) <= (len(found.order), merit(found.evidence, found.fitted))
+    most = settings().noise_floors * max(worst(found.evidence, found.fitted), 1.0)
+    return (again, False) if fewer and worst(held, again.fitted) <= most else (found, True)
 
 
 def _diagnosis(found: Search, errors: Errors, smooth: bool) -> Diagnosis:
