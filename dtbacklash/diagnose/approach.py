@@ -20,7 +20,8 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.compare import Block, Record, part_of, poles_of
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.free import Free
-from dtbacklash.diagnose.refit import Problem, inside, limits_of, solve
+from dtbacklash.diagnose.problem import Problem, inside, limits_of
+from dtbacklash.diagnose.refit import solve
 from dtbacklash.diagnose.tempo import is_constant
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.rig import Rig

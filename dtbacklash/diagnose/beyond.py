@@ -11,7 +11,8 @@ from dtbacklash.diagnose.earn import held_loss, merit, same, worst
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import nominal_free, standing, stands_at_limit, tolerances_away
 from dtbacklash.diagnose.own import is_noise
-from dtbacklash.diagnose.refit import QUICK, Fit, fit
+from dtbacklash.diagnose.problem import Fit
+from dtbacklash.diagnose.refit import QUICK, fit
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trials import Beyond, Search
 from dtbacklash.physics.rig import Rig, build_rig

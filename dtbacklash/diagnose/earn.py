@@ -6,7 +6,8 @@ from scipy.stats import t as student
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.formulation import formulation_floors
-from dtbacklash.diagnose.refit import Fit, objective
+from dtbacklash.diagnose.problem import Fit
+from dtbacklash.diagnose.refit import objective
 from dtbacklash.diagnose.settings import settings
 
 

@@ -5,7 +5,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.compare import Block, Record, predict
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.refit import Fit
+from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.result import FitTable, FreeRunning, ModelErrors
 from dtbacklash.physics.rig import Rig
 

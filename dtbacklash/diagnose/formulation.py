@@ -8,7 +8,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.free import effects_of_rig, taken_out
-from dtbacklash.diagnose.refit import Fit
+from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.catalogue import find
 

@@ -13,7 +13,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import Errors, all_free
-from dtbacklash.diagnose.refit import Fit, Problem, inside, limits_of
+from dtbacklash.diagnose.problem import Fit, Problem, inside, limits_of
 from dtbacklash.diagnose.scaling import unseen_scalings
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.catalogue import find

@@ -14,8 +14,8 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.candidates import positions
 from dtbacklash.diagnose.compare import Block, part_of, places_of
 from dtbacklash.diagnose.evidence import Evidence, Residuals
+from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.recover import knots_over, path_of, states_of
-from dtbacklash.diagnose.refit import Fit
 from dtbacklash.diagnose.responses import transfer
 from dtbacklash.diagnose.result import LawShown
 from dtbacklash.diagnose.settings import settings

@@ -15,8 +15,8 @@ from dtbacklash.diagnose.compare import Block, Steps, places_of
 from dtbacklash.diagnose.delays import delay_grid
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.periodic import wave_grid
+from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.projection import Projection
-from dtbacklash.diagnose.refit import Fit
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.errors import UserError

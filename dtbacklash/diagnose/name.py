@@ -27,6 +27,7 @@ from dtbacklash.diagnose.free import (
 from dtbacklash.diagnose.leave_out import borne, eliminate, fit_without, refit_with
 from dtbacklash.diagnose.locate import Bank, Score, bank
 from dtbacklash.diagnose.own import Own, own_parameter, shared
+from dtbacklash.diagnose.problem import Fit, weights_for
 from dtbacklash.diagnose.propose import (
     apart,
     hopeful,
@@ -37,7 +38,7 @@ from dtbacklash.diagnose.propose import (
     simplest_first,
     twins,
 )
-from dtbacklash.diagnose.refit import FULL, QUICK, Fit, Rounds, fit, weights_for
+from dtbacklash.diagnose.refit import FULL, QUICK, Rounds, fit
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.diagnose.trial import objection

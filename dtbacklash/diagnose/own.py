@@ -7,8 +7,9 @@ import numpy as np
 from dtbacklash.diagnose.earn import merit
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import all_free, tolerances_away
+from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.projection import Projection
-from dtbacklash.diagnose.refit import QUICK, Fit, fit
+from dtbacklash.diagnose.refit import QUICK, fit
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.rig import Rig, build_rig
 

@@ -11,7 +11,8 @@ import numpy as np
 from dtbacklash.diagnose.compare import Record
 from dtbacklash.diagnose.evidence import Evidence, stretch_of
 from dtbacklash.diagnose.free import all_free
-from dtbacklash.diagnose.refit import ON, Fit, fit
+from dtbacklash.diagnose.problem import Fit
+from dtbacklash.diagnose.refit import ON, fit
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trials import Search
 

@@ -14,7 +14,7 @@ from dtbacklash.diagnose.candidates import positions
 from dtbacklash.diagnose.compare import Mask
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.free import all_free, at_limit
-from dtbacklash.diagnose.refit import Fit, Problem, weights_for
+from dtbacklash.diagnose.problem import Fit, Problem, weights_for
 
 
 class Projection:

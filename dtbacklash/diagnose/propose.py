@@ -9,7 +9,7 @@ from dtbacklash.diagnose.compare import places_of
 from dtbacklash.diagnose.earn import merit, nearly, paired
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.locate import Score
-from dtbacklash.diagnose.refit import Fit
+from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trials import Key, Search, Trial
 

@@ -16,7 +16,7 @@ from dtbacklash.diagnose.candidates import positions
 from dtbacklash.diagnose.compare import Block, Record, part_of, places_of, true_angle
 from dtbacklash.diagnose.earn import in_errors
 from dtbacklash.diagnose.evidence import Evidence, Residuals
-from dtbacklash.diagnose.refit import Fit
+from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.responses import transfer
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.assembly import compile_plant, state_names

@@ -13,8 +13,9 @@ from dtbacklash.diagnose.floor import noise_floor
 from dtbacklash.diagnose.free import penalty_of
 from dtbacklash.diagnose.intervals import Linear, polished
 from dtbacklash.diagnose.leave_out import refit_with
+from dtbacklash.diagnose.problem import Fit, weights_for
 from dtbacklash.diagnose.pull import observer_gains
-from dtbacklash.diagnose.refit import ON, Fit, weights_for
+from dtbacklash.diagnose.refit import ON
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trials import Search
 

@@ -15,7 +15,8 @@ from dtbacklash.diagnose.earn import rises
 from dtbacklash.diagnose.errors_of_fit import free_squares
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.free import Errors, Key, as_given, nominal_free, standing
-from dtbacklash.diagnose.refit import ON, Fit, fit
+from dtbacklash.diagnose.problem import Fit
+from dtbacklash.diagnose.refit import ON, fit
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.slow import slow_evidence
 from dtbacklash.physics.catalogue import find

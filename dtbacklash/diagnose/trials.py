@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.locate import Score
-from dtbacklash.diagnose.refit import Fit
+from dtbacklash.diagnose.problem import Fit
 
 Key = tuple[str, str]
 

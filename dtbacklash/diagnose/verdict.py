@@ -8,8 +8,8 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.formulation import other_formulations
 from dtbacklash.diagnose.free import Errors, apply, as_given, nominal_free, standing
+from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.recover import Recovered
-from dtbacklash.diagnose.refit import Fit
 from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Confidence, Verdict
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trials import Key, Search

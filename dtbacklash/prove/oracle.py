@@ -35,7 +35,8 @@ from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.free import Effects, Free, effect_free, nominal_free
 from dtbacklash.diagnose.locate import bank
 from dtbacklash.diagnose.parts import judging
-from dtbacklash.diagnose.refit import Fit, fit, objective
+from dtbacklash.diagnose.problem import Fit
+from dtbacklash.diagnose.refit import fit, objective
 from dtbacklash.physics.rig import Rig, build_rig
 
 #: of the excess over the floor, at most this share may be left with what was hidden in the model

@@ -13,8 +13,9 @@ from dtbacklash.diagnose.free import nominal_free
 from dtbacklash.diagnose.leave_out import borne, eliminate, refit_with
 from dtbacklash.diagnose.locate import Bank
 from dtbacklash.diagnose.name import _from_the_middle
+from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.propose import apart
-from dtbacklash.diagnose.refit import QUICK, Fit, fit
+from dtbacklash.diagnose.refit import QUICK, fit
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trials import Search
 

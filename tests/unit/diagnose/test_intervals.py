@@ -12,7 +12,8 @@ from dtbacklash.diagnose.intervals import polished, standard_errors
 from dtbacklash.diagnose.leave_out import refit_with
 from dtbacklash.diagnose.locate import Bank
 from dtbacklash.diagnose.name import scores_about
-from dtbacklash.diagnose.refit import QUICK, Problem, Rounds, fit
+from dtbacklash.diagnose.problem import Problem
+from dtbacklash.diagnose.refit import QUICK, Rounds, fit
 from dtbacklash.diagnose.trials import Search
 from dtbacklash.physics.effects.declare import FORMULATION_ERROR
 from dtbacklash.physics.rig import build_rig

@@ -7,7 +7,8 @@ from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import pipeline
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import nominal_free
-from dtbacklash.diagnose.refit import Fit, fit
+from dtbacklash.diagnose.problem import Fit
+from dtbacklash.diagnose.refit import fit
 from dtbacklash.diagnose.trials import Key, Search
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import simulate

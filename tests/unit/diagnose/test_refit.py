@@ -9,7 +9,8 @@ from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Record
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import effect_free, nominal_free
-from dtbacklash.diagnose.refit import QUICK, Problem, fit
+from dtbacklash.diagnose.problem import Problem
+from dtbacklash.diagnose.refit import QUICK, fit
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import simulate
 

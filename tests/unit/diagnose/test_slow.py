@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.refit import Fit, fit
+from dtbacklash.diagnose.problem import Fit
+from dtbacklash.diagnose.refit import fit
 from dtbacklash.diagnose.slow import _spoils
 
 from .conftest import recorded
