@@ -141,7 +141,7 @@ class DiagnoseSettings:
 
     # noise floor
     numerical_error_share: float = setting(
-        5e-6, "two integrators of the same equations differ by less: no floor is lower", unit="share of the signal",
+        3e-5, "two integrators of the same equations differ by less: no floor is lower", unit="share of the signal",
         above=0)
     method_error_share: float = setting(
         2e-4, "what linear motion between samples leaves where a sensor is exact", unit="share of the signal", above=0)

@@ -61,10 +61,3 @@ def test_a_run_from_the_top_of_a_tooth_does_not_repeat_and_one_without_teeth_doe
     true, plain = (fit(slow, rig, [], rounds=ON) for rig in (stage.with_effect(*KEY, RIPPLE), stage))
     assert not _repeats(slow, true, [KEY])
     assert _repeats(slow, plain, [])
-
-
-def test_the_floor_is_as_low_as_the_sensor_is(stage, recorded):
-    """Noise of a hundred-thousandth of the way is seen as it is."""
-    evidence = Evidence.gather(stage, [recorded])
-    assert np.std(recorded.y["x_c"]) > 5e3 * NOISE
-    assert evidence.noise["x_c"][0] == pytest.approx(NOISE, rel=0.1)

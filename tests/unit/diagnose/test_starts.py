@@ -242,4 +242,4 @@ def test_what_is_not_measured_begins_where_no_spring_pulls_it():
     record = started(stage, Record(STEP_S, u, {"x_c": seen}, mask, ~mask))
     assert record.begins is None
     (block,) = cut(stage, ("x_c",), STEP_S, TEMPO_RAD_S)
-    assert np.abs(residual(stage, block, record)).max() < 1e-3 * away
+    assert np.abs(residual(stage, block, record)).max() < 2e-3 * away
