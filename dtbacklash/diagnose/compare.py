@@ -265,7 +265,7 @@ def _start(part: Rig, plant: Plant, block: Block, record: Record, angle: float) 
         angle = _stands(part, block.pulled, record)
     if plant.has_base:
         place_at(plant, state, angle)
-    if not plant.has_base:
+    else:
         seen = {
             bodies.index(part.sensors[c].of): _stands(part, c, record) for c in block.channels
             if part.sensors[c].quantity == "position" and part.sensors[c].of in bodies

@@ -9,7 +9,6 @@ from dtbacklash.diagnose.candidates import Candidate
 from dtbacklash.diagnose.compare import Block
 from dtbacklash.diagnose.projection import Projection
 from dtbacklash.diagnose.settings import settings
-from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Values
 from dtbacklash.physics.rig import SENSOR_PREFIX
 
@@ -20,7 +19,7 @@ def delay_grid(candidate: Candidate, projection: Projection) -> list[Values]:
     step = rules.delay_step_samples
     channel = candidate.place.removeprefix(SENSOR_PREFIX)
     block = next((b for b in projection.evidence.blocks if channel in b.channels), None)
-    if not isinstance(candidate.effect.slot, slots.Late) or candidate.place == channel or block is None:
+    if not candidate.effect.is_delay or candidate.place == channel or block is None:
         return []
     shifts = np.arange(step, rules.delay_reach_samples + step, step)
     left = np.array([_left(projection, block, channel, shift) for shift in shifts])

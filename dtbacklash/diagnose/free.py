@@ -233,10 +233,16 @@ def effect_free(
     return found
 
 
-def all_free(evidence: Evidence, rig: Rig) -> tuple[list[Free], Floats]:
-    """All known parameters and those of all effects of a rig that were looked for, and where they stand there."""
+def known_free(evidence: Evidence, rig: Rig) -> tuple[list[Free], Floats]:
+    """All known parameters, and where they stand in a rig."""
     free = nominal_free(evidence.nominal, rig=rig)
-    start = [standing(f, rig) for f in free]
+    return free, np.array([standing(f, rig) for f in free])
+
+
+def all_free(evidence: Evidence, rig: Rig) -> tuple[list[Free], Floats]:
+    """The same, and those of all effects of the rig that were looked for."""
+    free, x = known_free(evidence, rig)
+    start = list(x)
     for key, values in effects_of_rig(rig).items():
         if not is_known(rig, key):
             more = effect_free(rig, *key, values, evidence.bounds(key))

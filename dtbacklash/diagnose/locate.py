@@ -20,12 +20,9 @@ from dtbacklash.diagnose.projection import Projection
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.errors import UserError
-from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Values
 from dtbacklash.physics.rig import Rig
 
-#: twice the size of a law is the better start of its fit if it explains so many times as much
-GROWS = 1.02
 #: the signatures of one candidate that have been simulated, by its parameters' values
 Made = dict[tuple[tuple[str, float], ...], Floats | None]
 
@@ -73,7 +70,7 @@ class Bank(Projection):
         try:
             rig = self.rig.with_effect(place, name, values)
             # few substeps round a delay to whole ones
-            steps: Steps = "fine" if isinstance(candidate.effect.slot, slots.Late) else "rough"
+            steps: Steps = "fine" if candidate.effect.is_delay else "rough"
             base, before = self._before[steps]
             changed = self.evidence.residuals(rig, base, {place}, steps)
         except UserError:
@@ -124,7 +121,7 @@ class Bank(Projection):
             values = {**score.made_at, size.name: 2.0 * score.made_at[size.name]}
             signature = self.signature(candidate, values, made) if abs(values[size.name]) < high else None
             larger = None if signature is None else self._rate(candidate, values, self.project(signature))
-            if larger is None or larger.gain < GROWS * score.gain:
+            if larger is None or larger.gain < settings().signature_grown_gain * score.gain:
                 break
             score = larger
         return score

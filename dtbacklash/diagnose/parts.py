@@ -66,8 +66,7 @@ def refitted(evidence: Evidence, found: Search) -> None:
     """Fit what a search chose to another part of the recordings, from where its last fits ended."""
 
     def again(before: Fit) -> Fit:
-        free, x = all_free(evidence, before.rig)
-        return fit(evidence, before.rig, free, x, rounds=ON)
+        return fit(evidence, before.rig, *all_free(evidence, before.rig), rounds=ON)
 
     chosen, searched = found.order, found.evidence
     found.evidence, found.nominal = evidence, again(found.nominal)

@@ -41,7 +41,6 @@ from dtbacklash.diagnose.trials import Search
 from dtbacklash.diagnose.verdict import decide, depends_on, moved_parameters, remaining
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find
-from dtbacklash.physics.effects import slots
 from dtbacklash.physics.rig import Rig
 
 
@@ -125,7 +124,7 @@ def _searched(readings: list[Evidence], say: Callable[[str, float], None]) -> tu
         return found, False
     held, rig = readings[0], found.fitted.rig
     for key in found.order:
-        if isinstance(find(rig.kind_at(key[0]), key[1], key[0]).slot, slots.Late):
+        if find(rig.kind_at(key[0]), key[1], key[0]).is_delay:
             rig = as_given(held.nominal, rig, key)
     same_laws = fit(held, rig, *all_free(held, rig))
     near = settings().hopeless_ratio * max(held_loss(found.evidence, found.fitted), settings().close_floors)

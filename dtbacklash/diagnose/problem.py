@@ -15,7 +15,6 @@ from dtbacklash.diagnose.compare import Steps, places_of
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.free import Effects, Free, apply, effects_of_rig, penalty_of
 from dtbacklash.physics.catalogue import find
-from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Role
 from dtbacklash.physics.rig import Rig
 
@@ -235,9 +234,7 @@ class Problem:
 
     def _late(self, free: Free) -> bool:
         """Whether it is of a delay, which is rounded to ticks of a substep."""
-        return bool(free.effect) and isinstance(
-            find(self.base.kind_at(free.place), free.effect, free.place).slot, slots.Late
-        )
+        return bool(free.effect) and find(self.base.kind_at(free.place), free.effect, free.place).is_delay
 
     def _moved(self, x: Floats, j: int, step: float, here: Residuals, steps: Steps = "fine") -> Floats:
         """The rows with one parameter moved."""

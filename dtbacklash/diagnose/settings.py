@@ -188,6 +188,9 @@ class DiagnoseSettings:
     signature_shrinks: int = setting(
         6, "a size is made smaller so often where the simulation runs away", unit="times", at_least=1)
     signature_shrink_ratio: float = setting(0.1, "and by so much", unit="ratio", above=0, below=1)
+    signature_grown_gain: float = setting(
+        1.02, "twice the size is the better start of a fit if it explains so many times as much: from a play that is far "
+        "too small no way leads to a wide one", unit="ratio", above=1)
     wave_step_share: float = setting(
         0.5, "wave numbers are this far apart over the travel, so that none slips through", unit="cycles", above=0)
     waves_max: int = setting(500, "wave numbers at most, for the time that it takes", unit="count", at_least=2)
@@ -292,6 +295,9 @@ class DiagnoseSettings:
     free_worse_ratio: float = setting(
         1.2, "a law may make the free simulation worse by so much by chance: it drifts", unit="ratio of mean squares",
         at_least=1)
+    repeated_share: float = setting(
+        0.5, "a run that noise or another formulation turns elsewhere, by this share of its error, judges no law",
+        unit="share of the error", above=0, at_most=1)
     away_errors: float = setting(
         1.96, "an effect's size has to be so far from doing nothing: its 95 % interval excludes it",
         unit="standard errors", above=0)

@@ -14,7 +14,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.earn import rises
 from dtbacklash.diagnose.errors_of_fit import free_squares
 from dtbacklash.diagnose.evidence import Evidence, Residuals
-from dtbacklash.diagnose.free import Errors, Key, as_given, nominal_free, standing
+from dtbacklash.diagnose.free import Errors, Key, as_given, known_free
 from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.refit import ON, fit
 from dtbacklash.diagnose.settings import settings
@@ -22,9 +22,6 @@ from dtbacklash.diagnose.slow import slow_evidence
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Parameter
 from dtbacklash.physics.rig import Rig
-
-#: a run repeats itself if the second one is apart from the first by less than this share of its error
-REPEATED = 0.5
 
 
 def objection(evidence: Evidence, rig: Rig, key: Key) -> str:
@@ -73,15 +70,9 @@ def _holds_slowly(evidence: Evidence, nominal: Fit, fitted: Fit, order: list[Key
     slow = slow_evidence(evidence)
     if slow is evidence:
         return False
-    before, after = _recalibrated(slow, nominal.rig), _recalibrated(slow, fitted.rig)
+    before, after = (fit(slow, rig, *known_free(slow, rig), rounds=ON) for rig in (nominal.rig, fitted.rig))
     holds = slow.rms(after.residuals) ** 2 <= settings().free_worse_ratio * slow.rms(before.residuals) ** 2
     return holds or not _repeats(slow, after, order)
-
-
-def _recalibrated(evidence: Evidence, rig: Rig) -> Fit:
-    """The rig with its nominal parameters fitted, from where they stand."""
-    free = nominal_free(evidence.nominal, rig=rig)
-    return fit(evidence, rig, free, np.array([standing(f, rig) for f in free]), rounds=ON)
 
 
 def _repeats(evidence: Evidence, fitted: Fit, order: list[Key]) -> bool:
@@ -111,7 +102,7 @@ def _repeats(evidence: Evidence, fitted: Fit, order: list[Key]) -> bool:
             there - here - more
             for there, here, more in zip(again[block.name], fitted.residuals[block.name], added, strict=True)
         ]
-    return evidence.rms(apart) < REPEATED * evidence.rms(fitted.residuals)
+    return evidence.rms(apart) < settings().repeated_share * evidence.rms(fitted.residuals)
 
 
 def free_error(evidence: Evidence, rig: Rig) -> float:

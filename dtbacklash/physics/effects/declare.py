@@ -214,6 +214,11 @@ class Effect:
         return self.parameters[0]
 
     @property
+    def is_delay(self) -> bool:
+        """Whether it makes a signal late, and does nothing else to it."""
+        return self.slot.delays
+
+    @property
     def amplitudes(self) -> tuple[Parameter, ...]:
         """The parameters that have a neutral value: the size, and what adds to the law as the size does."""
         return tuple(p for p in self.parameters if p.neutral is not None)

@@ -32,11 +32,13 @@ BODY, SLIDING_BODY, SPRING, AMPLIFIER, WINDING, GEAR, SCREW, SENSOR = (
 class Slot:
     """A place in the equations of motion.
 
-    states : what a law may ask for, SI. on : the traits of elements that have such a place.
+    states : what a law may ask for, SI. on : the traits of elements that have such a place. delays : whether what is
+    there makes a signal late.
     """
 
     states: ClassVar[tuple[str, ...]] = ()
     on: ClassVar[tuple[str, ...]] = ()
+    delays: ClassVar[bool] = False
 
     def laws(self) -> dict[str, Law]:
         """The laws that stand in it, by field."""
@@ -137,6 +139,7 @@ class Late(Slot):
 
     time: str
     on: ClassVar = (AMPLIFIER, SENSOR)
+    delays: ClassVar = True
 
 
 @dataclass(frozen=True)

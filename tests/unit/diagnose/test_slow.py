@@ -29,5 +29,5 @@ def leaving(evidence: Evidence, floors: float) -> Fit:
     ("before", "after", "spoilt"),
     [(1.0, 3.0, True), (1.0, 1.005, False), (1.0, 1.2, True), (5.0, 5.2, False), (5.0, 12.0, False), (3.0, 1.0, False)],
 )
-def test_a_slow_fit_is_not_taken_that_leaves_more_than_noise_where_noise_was_left(evidence, before, after, spoilt):
+def test_a_slow_fit_is_not_taken_where_it_makes_worse_what_was_hardly_more_than_noise(evidence, before, after, spoilt):
     assert _spoils(evidence, leaving(evidence, before), leaving(evidence, after)) == spoilt
