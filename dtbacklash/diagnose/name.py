@@ -31,6 +31,7 @@ from dtbacklash.diagnose.problem import Fit, weights_for
 from dtbacklash.diagnose.propose import (
     apart,
     hopeful,
+    is_found_already,
     meet,
     promising,
     runners_up,
@@ -233,6 +234,7 @@ def _add(evidence: Evidence, found: Search) -> bool:
     rest = [
         t for t in trials[:rules.full_fits]
         if t.held_out < far * trials[0].held_out and hopeful(evidence, current, t.fitted)
+        and not is_found_already(found, t)
     ]  # fmt: skip
     full = [partial(_finish, evidence, current, t, near=True) for t in rest]
     full += [partial(_finish, evidence, current, t) for t in runners_up(found, rest)]

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.become import has_become
 from dtbacklash.diagnose.compare import places_of
 from dtbacklash.diagnose.earn import merit, nearly, paired
 from dtbacklash.diagnose.evidence import Evidence
@@ -41,7 +42,19 @@ def runners_up(found: Search, trials: list[Trial]) -> list[Trial]:
     """
     known = {t.key for t in trials} | set(found.order) | set(found.refused)
     former = [t for t in found.tried.get(found.order[-1], []) if t.key not in known] if found.order else []
+    former = [t for t in former if not is_found_already(found, t)]
     return sorted(former, key=lambda t: t.held_out)[: settings().runners_up]
+
+
+def is_found_already(found: Search, trial: Trial) -> bool:
+    """Whether a trial's law has become one that was found at its place, or that one has become the trial's.
+
+    The same law twice explains nothing more, and two that each stick chatter: a simulation takes seconds.
+    """
+    evidence, (place, name) = found.evidence, trial.key
+    there = {effect for at, effect in found.order if at == place}
+    became = {has_become(evidence, found.fitted, (place, effect)) for effect in there}
+    return has_become(evidence, trial.fitted, trial.key) in there or name in became
 
 
 def _cosine(a: Floats, b: Floats) -> float:

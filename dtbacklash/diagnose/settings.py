@@ -189,8 +189,8 @@ class DiagnoseSettings:
         6, "a size is made smaller so often where the simulation runs away", unit="times", at_least=1)
     signature_shrink_ratio: float = setting(0.1, "and by so much", unit="ratio", above=0, below=1)
     signature_grown_gain: float = setting(
-        1.02, "twice the size is the better start of a fit if it explains so many times as much: from a play that is far "
-        "too small no way leads to a wide one", unit="ratio", above=1)
+        1.02, "twice the size is the better start of a fit if it explains so many times as much: from a play that is "
+        "far too small no way leads to a wide one", unit="ratio", above=1)
     wave_step_share: float = setting(
         0.5, "wave numbers are this far apart over the travel, so that none slips through", unit="cycles", above=0)
     waves_max: int = setting(500, "wave numbers at most, for the time that it takes", unit="count", at_least=2)
