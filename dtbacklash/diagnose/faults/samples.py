@@ -21,18 +21,71 @@ def spikes(values: Floats, u: Floats) -> np.ndarray:
     """(N,) the samples that stand alone, far off the median of their neighbours.
 
     A jump is no spike, and neither is what happens often (chatter, a torque ripple, the counts of an encoder), nor what
-    follows a jump of the command ``u`` (N,) or the beginning: a current does.
+    follows a jump of the command ``u`` (N,) or the beginning: a current does. Of a signal that moves a spike shifts the
+    medians of its neighbours too: it is one if none of them stands out once it is bridged.
     """
     rules = settings()
-    away = np.abs(values - median_filter(values, rules.spike_window_samples, mode="nearest"))
-    ratio, usual = rules.spike_ratio, rules.spike_usual_share
-    least = max(ratio * float(np.quantile(away, usual)), rules.spike_counts * quantum(values), ratio * _noise(values))
-    rough = np.abs(np.convolve(np.pad(values, 2, "edge"), np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0, "valid"))
-    alone = (away > least) & (rough > rules.spike_roughness * float(np.quantile(rough, usual))) & ~_after_jumps(u)
+    away, free = _away(values), ~_after_jumps(u)
+    # many spikes would pass for what is usual: that is asked where all that stand off furthest are bridged
+    most = 1.0 - rules.spike_window_samples * rules.spikes_share_max
+    bridge = np.zeros(len(values), dtype=bool)
+    for start, stop in runs((away > _least(values, away, most)) & free):
+        bridge[_furthest(away, start, stop)[: rules.spike_samples_max]] = True
+    bare = _straight(values, bridge)
+    least = _least(values, _away(bare), rules.spike_usual_share)
+    rough, bent = (
+        _roughness(values),
+        rules.spike_roughness * float(np.quantile(_roughness(bare), rules.spike_usual_share)),
+    )
     found = np.zeros(len(values), dtype=bool)
-    for start, stop in runs(alone):
-        found[start:stop] = stop - start <= rules.spike_samples_max
+    for start, stop in runs((away > least) & free):
+        found[_alone(values, _furthest(away, start, stop), least)] = True
+    found &= rough > bent
     return found if found.mean() <= rules.spikes_share_max else np.zeros(len(values), dtype=bool)
+
+
+def _away(values: Floats) -> Floats:
+    """(N,) how far each sample is off the median of its neighbours."""
+    off: Floats = np.abs(values - median_filter(values, settings().spike_window_samples, mode="nearest"))
+    return off
+
+
+def _roughness(values: Floats) -> Floats:
+    """(N,) how far each sample is off the cubic through its neighbours."""
+    off: Floats = np.abs(np.convolve(np.pad(values, 2, "edge"), np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0, "valid"))
+    return off
+
+
+def _least(values: Floats, away: Floats, usual: float) -> float:
+    """How far off its median a sample has to be: beyond what is usual (a quantile), an encoder's jitter, and noise."""
+    rules = settings()
+    counts = rules.spike_counts * quantum(values)
+    return max(rules.spike_ratio * float(np.quantile(away, usual)), counts, rules.spike_ratio * _noise(values))
+
+
+def _furthest(away: Floats, start: int, stop: int) -> np.ndarray:
+    """The samples from ``start`` to ``stop``, those that are furthest off first."""
+    furthest: np.ndarray = start + np.argsort(-away[start:stop])
+    return furthest
+
+
+def _straight(values: Floats, missing: np.ndarray) -> Floats:
+    """(N,) the values with straight lines over what is missing."""
+    at = np.arange(len(values))
+    return np.where(missing, np.interp(at, at[~missing], values[~missing]), values)
+
+
+def _alone(values: Floats, furthest: np.ndarray, least: float) -> np.ndarray:
+    """As few of the samples that are furthest off as leave none of them so far off once these are bridged; or none."""
+    rules = settings()
+    first = max(int(furthest.min()) - rules.spike_window_samples, 0)
+    near = values[first : int(furthest.max()) + rules.spike_window_samples + 1]
+    for count in range(1, rules.spike_samples_max + 1):
+        missing = np.zeros(len(near), dtype=bool)
+        missing[furthest[:count] - first] = True
+        if np.all(_away(_straight(near, missing))[furthest - first] <= least):
+            return furthest[:count]
+    return furthest[:0]
 
 
 def _after_jumps(u: Floats) -> np.ndarray:

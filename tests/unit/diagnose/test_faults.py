@@ -324,3 +324,16 @@ def test_what_stands_at_its_limit_is_said():
     assert "`force` of ground friction at mass 1 stands at the end of its range" in said
     assert "`m1` and `k` stand at the limit" in said
     assert limits_said([], []) == ""
+
+
+@pytest.mark.parametrize("count", [1, 6, 30])
+def test_spikes_of_a_signal_that_moves_are_found_however_many(count):
+    """A spike shifts its neighbours' medians by a step of the motion, and many pass for what is usual."""
+    t, rng = 1e-3 * np.arange(8000), np.random.default_rng(1)
+    moving = np.sin(9.0 * t) + 0.4 * np.sin(31.0 * t) + 3e-4 * rng.standard_normal(8000)
+    at = rng.choice(np.arange(100, 7900, 20), count, replace=False)
+    spiked = moving.copy()
+    spiked[at] += 0.5 * rng.choice([-1.0, 1.0], count)
+    u = np.sin(9.0 * t)
+    assert not samples.spikes(moving, u).any()
+    assert np.array_equal(np.flatnonzero(samples.spikes(spiked, u)), np.sort(at))
