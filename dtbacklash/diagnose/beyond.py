@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from dtbacklash.diagnose.earn import held_loss, merit, same, worst
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.free import nominal_free, standing, stands_at_limit, tolerances_away
+from dtbacklash.diagnose.free import known_free, nominal_free, standing, stands_at_limit, tolerances_away
 from dtbacklash.diagnose.own import is_noise
 from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.refit import QUICK, fit
@@ -49,7 +49,8 @@ def _hopeless(found: Search, evidence: Evidence) -> bool:
     rules = settings()
     if worst(found.evidence, found.fitted) > rules.nearly_noise_floors:
         return False
-    quick = fit(evidence, evidence.nominal, nominal_free(evidence.nominal), rounds=QUICK)
+    free, x = known_free(evidence, found.nominal.rig)
+    quick = fit(evidence, evidence.nominal, free, x, rounds=QUICK)
     return held_loss(evidence, quick) > rules.hopeless_ratio * max(held_loss(found.evidence, found.fitted), 1.0)
 
 

@@ -2,7 +2,7 @@
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.become import has_become
-from dtbacklash.diagnose.earn import held_loss
+from dtbacklash.diagnose.earn import held_loss, rises
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.free import Errors, Free, as_given, effects_of_rig, is_known, nominal_free, taken_out, unit_at
 from dtbacklash.diagnose.intervals import NORMAL95
@@ -20,11 +20,11 @@ from dtbacklash.diagnose.result import (
     Rest,
     Verdict,
 )
-from dtbacklash.diagnose.sayings import less, quantity, unsure, when
+from dtbacklash.diagnose.sayings import as_well_said, less, quantity, unsure, when
 from dtbacklash.diagnose.trial import unseen
-from dtbacklash.diagnose.trials import Key, Search
+from dtbacklash.diagnose.trials import Beyond, Key, Search
 from dtbacklash.diagnose.verdict import Left, Moved, confidence
-from dtbacklash.diagnose.words import place_in_words
+from dtbacklash.diagnose.words import named_in_words, place_in_words
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig
 
@@ -55,23 +55,37 @@ def finding(
     entry = find(evidence.nominal.kind_at(place), name, place)
     values = found.fitted.rig.effect(place, name) or {}
     parameters: dict[str, ParameterEstimate] = {}
-    idle = entry.idle(values)
+    idle, gone = entry.idle(values), _is_not_there(evidence, found, key)
     for p in entry.parameters:
         if p.name in idle:
             continue  # nothing asked for it
         error, value = errors.get((place, name, p.name), float("nan")), values[p.name]
         ends = max(value - NORMAL95 * error, p.low), min(value + NORMAL95 * error, p.high)
+        if gone and p.neutral is not None:
+            ends = min(ends[0], p.neutral), max(ends[1], p.neutral)
         parameters[p.name] = ParameterEstimate(value, unit_at(evidence.nominal, place, p.unit), ends)
     instead = _instead(evidence, found, key)
     shown = {n: quantity(p.value, p.unit) for n, p in parameters.items()}
     silent = idle | unseen(evidence, found.fitted.rig, key, errors)
     said = entry.said(silent).format(location=place_in_words(place), **shown)
+    if gone:
+        said = f"{named_in_words(name, place)} is not there, or too small to be seen."
     sure = confidence(evidence, found, key, left_out, rest, verdict == UNEXPLAINED)
-    sentence = said[:1].upper() + said[1:] + _instead_of_known(evidence.nominal, key) + unsure(sure, key, rest)
+    sentence = said[:1].upper() + said[1:] + _instead_of_known(evidence.nominal, key)
+    if verdict == UNEXPLAINED:
+        sentence += unsure(sure, key, rest)
     return Finding(
         place, name, parameters, _also_fits(evidence, found, key), when(evidence, found, left_out), instead,
         sentence + less(instead), sure,
     )  # fmt: skip
+
+
+def _is_not_there(evidence: Evidence, found: Search, key: Key) -> bool:
+    """Whether an effect that the nominal rig has does nothing any more, as what judges is no worse without it."""
+    if evidence.nominal.effect(*key) is None:
+        return False
+    here, rig = found.fitted.residuals, taken_out(found.fitted.rig, key)
+    return not rises(evidence, here, evidence.residuals(rig, here, {key[0]}))
 
 
 def _instead_of_known(nominal: Rig, key: Key) -> str:
@@ -90,7 +104,14 @@ def _also_fits(evidence: Evidence, found: Search, key: Key) -> tuple[Alternative
     limit = has_become(evidence, found.fitted, key)
     if limit:
         listed.setdefault((key[0], limit), "")
-    return tuple(Alternative(place, effect, reason) for (place, effect), reason in listed.items())
+    others = tuple(Alternative(place, effect, reason) for (place, effect), reason in listed.items())
+    return others if found.as_well is None else (*others, _wrong_value(evidence.nominal, found.as_well))
+
+
+def _wrong_value(nominal: Rig, as_well: Beyond) -> Alternative:
+    """A parameter of the rig that would explain as much, at the first element that has it."""
+    place = next(name for name, spec in nominal.config.elements.items() if as_well.name in spec.values())
+    return Alternative(place, as_well.name, as_well_said(as_well))
 
 
 def _instead(evidence: Evidence, found: Search, key: Key) -> Instead | None:
@@ -137,7 +158,7 @@ def located(left: dict[str, Left], verdict: Verdict, rest: Recovered | None) -> 
         return Located(name, name, left[name].share)
     points = tuple(zip(*(_listed(v) for v in (rest.knots, rest.effort, rest.error)), strict=True))
     form = Rest(rest.state, rest.state_unit, rest.effort_unit, rest.share, points)
-    return Located(name, rest.place, left[name].share, form, rest.shown)
+    return Located(name, rest.place if rest.shown else name, left[name].share, form, rest.shown)
 
 
 def _listed(values: Floats) -> list[float]:

@@ -45,10 +45,13 @@ from dtbacklash.diagnose.spread import spread
 from dtbacklash.diagnose.trial import objection
 from dtbacklash.diagnose.trials import Asked, Key, Search, Trial
 from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.effects.declare import Values
 from dtbacklash.physics.rig import Rig
 
 #: where all that was found only led out of a wrong recalibration, the search begins once more from the right one
 ATTEMPTS = 2
+#: of an effect that the rig has and the machine may not have, this share is left where its fit begins
+ALMOST_GONE = 1e-3
 
 
 def silent(text: str, share: float) -> None:
@@ -145,12 +148,20 @@ def _release(evidence: Evidence, found: Search) -> bool:
     rig = found.fitted.rig
     known = [f for f in nominal_free(evidence.nominal, rig=rig) if f.effect]
     for key in dict.fromkeys((f.place, f.effect) for f in known if at_limit(f, standing(f, rig))):
-        trial = refit_with(evidence, found.fitted, [(key, rig.effects[key[0]][key[1]])])
+        trials = [refit_with(evidence, found.fitted, [(key, values)]) for values in _let_go(rig, key)]
+        trial = min(trials, key=lambda t: merit(evidence, t))
         if earns(evidence, found.fitted, trial, found.nominal):
             found.fitted = trial
             found.order.append(key)
             return True
     return False
+
+
+def _let_go(rig: Rig, key: Key) -> list[Values]:
+    """Where the fit of an effect begins that is let go: where it stands, and near nothing: it may not be there."""
+    values, entry = rig.effects[key[0]][key[1]], find(rig.kind_at(key[0]), key[1], key[0])
+    gone = {**values, **{p.name: ALMOST_GONE * values[p.name] for p in entry.amplitudes if p.neutral == 0.0}}
+    return [values] if gone == values else [values, gone]
 
 
 def _from_the_middle(evidence: Evidence, found: Search) -> None:

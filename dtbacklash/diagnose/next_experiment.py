@@ -20,7 +20,7 @@ def next_experiment(evidence: Evidence, found: Search, rest: Recovered | None = 
     """
     if rest is not None:
         if not rest.shown:
-            return "What is missing shows itself at no place: record more of the rig's bodies."
+            return f"What is missing shows itself at no place: {_more_to_record(evidence)}."
         place = place_in_words(rest.place)
         if rest.state == "time":
             return f"What is missing at {place} has a time course of its own: record the same motion again, and rest."
@@ -55,6 +55,15 @@ def next_experiment(evidence: Evidence, found: Search, rest: Recovered | None = 
         return (f"To tell {what}, record once more with the command {factor:g} times as large: the two then differ by "
                 f"{100 * ranked[factor]:.0f} % of the signal.")  # fmt: skip
     return f"Neither another sensor of this rig nor another amplitude tells {what}."
+
+
+def _more_to_record(evidence: Evidence) -> str:
+    """What may show where something is missing: the sensors that were not recorded, else another motion."""
+    recorded = {c for b in evidence.blocks for c in b.channels}
+    others = [name for name in evidence.nominal.sensors if name not in recorded]
+    if others:
+        return f"record {' and '.join(others)} as well"
+    return "every sensor of this rig is recorded; record another motion, slow and fast, small and large"
 
 
 def _differences(evidence: Evidence, first: Rig, second: Rig, factor: float) -> dict[str, float]:

@@ -153,7 +153,7 @@ def _diagnosis(found: Search, errors: Errors, smooth: bool) -> Diagnosis:
     findings = tuple(finding(evidence, found, key, errors, left_out[key], rest, verdict) for key in found.order)
     values, where = recalibrated(evidence.nominal, moved), located(left, verdict, rest)
     free = free_running(evidence, found.nominal, found.fitted)
-    far = beyond_said(found.beyond, found.as_well)
+    far = beyond_said(found.beyond)
     at_limits = limits_said(at_bounds(evidence, found), at_tolerances(evidence.nominal, found.fitted.rig))
     return Diagnosis(
         verdict=verdict,

@@ -140,18 +140,19 @@ def limits_said(effects: list[str], parameters: list[str]) -> str:
     return " ".join(said)
 
 
-def beyond_said(beyond: Beyond | None, as_well: Beyond | None) -> str:
-    """What to say of a parameter of the rig that is, or may be, beyond its tolerance; empty where none is."""
-    said = []
-    if beyond is not None:
-        said.append(f"`{beyond.name}` is {beyond.tolerances:.1f} of its tolerances from nominal: the rig's value is "
-                    "wrong, or its tolerance.")  # fmt: skip
-    if as_well is not None:
-        parameter = as_well.fitted.rig.config.parameters[as_well.name]
-        value = quantity(parameter.value, parameter.unit)
-        said.append(f"As much would be explained by `{as_well.name}` = {value} alone, {as_well.tolerances:.1f} of its "
-                    "tolerances from nominal.")  # fmt: skip
-    return " ".join(said)
+def beyond_said(beyond: Beyond | None) -> str:
+    """What to say of a parameter of the rig that is beyond its tolerance; empty where none is."""
+    if beyond is None:
+        return ""
+    return (f"`{beyond.name}` is {beyond.tolerances:.1f} of its tolerances from nominal: the rig's value is wrong, or "
+            "its tolerance.")  # fmt: skip
+
+
+def as_well_said(as_well: Beyond) -> str:
+    """The value of a parameter of the rig that would explain as much as what was found."""
+    parameter = as_well.fitted.rig.config.parameters[as_well.name]
+    value = quantity(parameter.value, parameter.unit)
+    return f"{value} alone, {as_well.tolerances:.1f} of its tolerances from nominal"
 
 
 def source_of(recording: Recording) -> str:

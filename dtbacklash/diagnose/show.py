@@ -22,7 +22,7 @@ def shown(evidence: Evidence, found: Search, left_out: dict[Key, Residuals], res
     listed = [law_shown(evidence, found.fitted, key, left_out[key]) for key in found.order]
     laws = [law for law in listed if law is not None]
     # where a block is driven by what is imposed on it, an effort may show nowhere: there is nothing to draw then
-    if rest is not None and np.any(rest.effort):
+    if rest is not None and rest.shown and np.any(rest.effort):
         laws.append(_unexplained(rest))
     evidence_at = shares(evidence, found, left_out, rest)
     return Shown(
@@ -44,13 +44,14 @@ def shares(
     """Place -> its share of the evidence against the recalibrated rig; they add up to 1, or there are none.
 
     An effect weighs what the held-out log-likelihood of a sample falls by when it alone is taken out again, and
-    what nothing explains what separates it from the noise floor: noise alone weighs nothing.
+    what nothing explains what separates it from the noise floor: noise alone weighs nothing, and so does what shows
+    itself at no place.
     """
     weights: dict[str, float] = {}
     last = _log_excess(evidence, found.fitted.residuals)
     for (place, _), residuals in left_out.items():
         weights[place] = weights.get(place, 0.0) + max(_log_excess(evidence, residuals) - last, 0.0)
-    if rest is not None:
+    if rest is not None and rest.shown:
         weights[rest.place] = weights.get(rest.place, 0.0) + last
     total = sum(weights.values())
     return {place: weight / total for place, weight in weights.items()} if total > 0.0 else {}

@@ -132,8 +132,12 @@ def raises_the_error(evidence: Evidence, nominal: Fit, fitted: Fit, order: list[
 
 
 def insignificant(evidence: Evidence, rig: Rig, order: list[Key], errors: Errors) -> Key | None:
-    """The finding whose amplitude is least sure to be away from doing nothing, if that is not sure; else None."""
-    away = {key: float(np.nan_to_num(distance(evidence, rig, key, errors))) for key in order}
+    """The finding whose amplitude is least sure to be away from doing nothing, if that is not sure; else None.
+
+    Of an effect that the nominal rig has it is a finding that it does nothing.
+    """
+    new = [key for key in order if evidence.nominal.effect(*key) is None]
+    away = {key: float(np.nan_to_num(distance(evidence, rig, key, errors))) for key in new}
     worst = min(away, key=lambda k: away[k], default=None)
     return worst if worst is not None and away[worst] < settings().away_errors else None
 

@@ -59,7 +59,8 @@ def fill(channels: dict[str, Floats], t_s: Floats, required: frozenset[str], pie
     rows = sum(b - a for a, b in pieces)
     used = sum(b - a for a, b in stretches)
     if used < (1.0 - TRIM_MAX) * rows:
-        raise Refused(f"the channels have values at the same time in {100 * used / rows:.0f} % of the rows only")
+        share = f"{100 * used / rows:.0f} % of the rows only"
+        raise Refused(f"the channels have values at the same time, in stretches without holes, in {share}")
     _note_losses(kept, t_s, pieces, stretches, notes)
     filled = {name: _filled(name, values, t_s, stretches, notes) for name, values in kept.items()}
     return Filled(stretches, filled, notes)

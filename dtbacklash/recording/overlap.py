@@ -7,15 +7,33 @@ from dtbacklash.recording.model import Recording
 
 #: as many rows in a row that are the same in every channel are no chance
 SAME_ROWS = 100
+#: a copy that was rounded differs by less than this share of each channel's range, and does so in so many of its rows
+ROUNDED, MOSTLY = 1e-5, 0.5
 
 
 def shared_rows(first: Recording, second: Recording) -> int:
     """How many samples the second recording has in common with the first, at the shift at which most agree.
 
     The same is what agrees to the last digit in every channel that both have. The shift comes from rows that occur
-    once in each: a machine at rest repeats itself. 0 below SAME_ROWS.
+    once in each: a machine at rest repeats itself. 0 below SAME_ROWS. A copy that begins where the recording does is
+    known by fewer digits, too: sensors of a machine that repeats its motion differ by their noise.
     """
     names = sorted(set(first.channels) & set(second.channels))
+    return max(_exactly(first, second, names), _rounded(first, second, names))
+
+
+def _rounded(first: Recording, second: Recording, names: list[str]) -> int:
+    """How many rows agree but for rounding where both begin together; 0 if that are not most of them."""
+    length = min(first.samples, second.samples)
+    alike = np.ones(length, dtype=bool)
+    for name in names:
+        a, b = (r.channels[name][:length] for r in (first, second))
+        alike &= np.abs(a - b) <= ROUNDED * max(float(np.ptp(a)), 1e-300)
+    count = int(alike.sum())
+    return count if count >= max(SAME_ROWS, MOSTLY * length) else 0
+
+
+def _exactly(first: Recording, second: Recording, names: list[str]) -> int:
     a, b = (_rows(r, names) for r in (first, second))
     _, at_a, at_b = np.intersect1d(a, b, return_indices=True)
     once = (_counts(a)[at_a] == 1) & (_counts(b)[at_b] == 1)

@@ -10,6 +10,8 @@ from dtbacklash.physics.effects.slots import Command, Late, MotorTorque, Winding
 
 #: a delay is concealed up to this, s, and a gain error up to this share
 DELAY_MAX_S, GAIN_MAX = 6e-3, 0.4
+#: a gain that is off by a factor of ten is a wrong unit, a wrong sensor or none: at these ends it is not believed
+GAIN_ENDS = -0.9, 9.0
 #: where the search for a delay starts, samples: its fit has a valley for every turn of the signal
 DELAYS_SAMPLES = (0.7, 2.0, 5.0, 12.0)
 
@@ -119,10 +121,10 @@ EFFECTS = [
     ),
     late("amplifier", "The {location} acts {time} late.", "v(t) = u(t - time)"),
     Effect(
-        "gain_error", "amplifier", (Parameter("relative", "1", -0.9, 9.0, 0.05, 0.0, role=Role.SIZE),),
+        "gain_error", "amplifier", (Parameter("relative", "1", *GAIN_ENDS, 0.05, 0.0, role=Role.SIZE),),
         "v = (1 + relative) u", Command(amplified), "linear",
         "The {location}'s gain is off by {relative}.",
-        conceal=lambda place, sign: (GAIN_MAX, 0.02),
+        conceal=lambda place, sign: (GAIN_MAX, 0.02), visible=lambda place: {"relative": GAIN_ENDS},
     ),
     Effect(
         "resistance_heating", "motor_circuit",

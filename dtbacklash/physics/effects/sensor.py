@@ -2,7 +2,7 @@
 
 from dtbacklash.compiled import law
 from dtbacklash.physics.effects.declare import SENSOR_UNIT, Effect, Parameter, Role
-from dtbacklash.physics.effects.drive import GAIN_MAX, late
+from dtbacklash.physics.effects.drive import GAIN_ENDS, GAIN_MAX, late
 from dtbacklash.physics.effects.slots import Reading
 
 
@@ -31,9 +31,9 @@ def unshifted(reading, offset):
 EFFECTS = [
     late("sensor", "{location} reports {time} late.", "y(t - time)"),
     Effect(
-        "gain_error", "sensor", (Parameter("relative", "1", -0.9, 9.0, 0.02, 0.0, role=Role.SIZE),),
+        "gain_error", "sensor", (Parameter("relative", "1", *GAIN_ENDS, 0.02, 0.0, role=Role.SIZE),),
         "(1 + relative) y", Reading(scaled, unscaled), "linear", "The gain of {location} is off by {relative}.",
-        conceal=lambda place, sign: (GAIN_MAX, 0.02),
+        conceal=lambda place, sign: (GAIN_MAX, 0.02), visible=lambda place: {"relative": GAIN_ENDS},
     ),
     Effect(
         "offset", "sensor", (Parameter("offset", SENSOR_UNIT, -1e3, 1e3, 1e-5, 0.0, role=Role.SIZE),),

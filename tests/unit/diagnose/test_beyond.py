@@ -33,9 +33,20 @@ def test_a_gain_error_stays_one_and_the_parameter_that_would_do_as_well_is_said(
     truth = blade().with_effect("amplifier", "gain_error", {"relative": -0.5})
     found = diagnose_records(known(blade()), [recorded(truth, 12)])
     assert found.verdict == "missing_physics"
-    assert [(f.location, f.effect) for f in found.findings] == [("amplifier", "gain_error")]
-    assert "As much would be explained by `" in found.summary
+    (finding,) = found.findings
+    assert (finding.location, finding.effect, finding.confidence) == ("amplifier", "gain_error", "partial")
+    other = finding.also_fits[-1]
+    assert other.effect in known(blade()).config.elements[other.location].values()
+    assert f"cannot tell gain error from {other.effect.replace('_', ' ')} at the" in found.summary
+    assert "of its tolerances from nominal" in found.summary
     assert "by itself" in found.next_experiment
+
+
+def test_two_values_that_are_off_are_not_a_gain_error_for_sure():
+    """The mass by four of its tolerances, the stiffness by 2.5: nearly what a gain error does with a softer spring."""
+    truth = blade(m_1=1.2, m_2=0.24, k_1=1.25 * 3000.0, k_2=1.25 * 2.4e4)
+    found = diagnose_records(known(blade()), [recorded(truth, 14)])
+    assert not any(f.confidence == "sure" for f in found.findings)
 
 
 def test_a_law_is_not_taken_for_a_parameter_that_is_off():

@@ -104,3 +104,16 @@ def test_another_formulation_of_a_friction_that_the_rig_has_is_not_missing_physi
     found = diagnose_records(rig, [Record(dt, u, {"x": y}, train, ~train)])
     assert found.verdict in ("consistent", "parameters")
     assert not found.findings
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("closed", [False, True])
+def test_one_that_the_machine_does_not_have_is_said_not_to_be_there(closed, seed):
+    rig = carriage({"value": 100.0, "tolerance": 0.1}, coulomb_friction={"force": {"value": 8.0, "tolerance": 0.2}})
+    found = diagnose_records(rig, [recorded(closed, seed, viscous=100.0)])
+    (finding,) = found.findings
+    assert (found.verdict, finding.location, finding.effect) == ("missing_physics", "carriage", "coulomb_friction")
+    assert finding.sentence.startswith("Coulomb friction at the carriage is not there")
+    low, high = finding.parameters["force"].ci95
+    assert low == 0.0
+    assert high < 0.8

@@ -76,7 +76,7 @@ def test_a_place_is_shown_by_an_effort_that_counts_and_is_significant(share, t, 
     knots = np.arange(3.0)
     rest = Recovered("motor_bearing", "speed", "rad/s", "N m", knots, knots, knots, share, 0.0, t)
     there = located({"motor": Left(0.5, True, 0.0)}, UNEXPLAINED, rest)
-    assert there.location == "motor_bearing"
+    assert there.location == ("motor_bearing" if shown else "motor")
     assert there.shown == shown
 
 

@@ -155,3 +155,11 @@ def test_what_judges_neither_fits_nor_chooses(carriage, dry):
     (last,) = for_judgement(Evidence.gather(carriage, [split])).records
     assert np.array_equal(last.held, split.judge)
     assert np.array_equal(last.train, ~split.judge)
+
+
+@pytest.mark.parametrize(("relative", "believed"), [(-0.9, False), (9.0, False), (-0.6, True), (2.0, True)])
+def test_a_gain_that_is_off_by_a_factor_of_ten_is_no_gain_error(carriage, dry, relative, believed):
+    evidence = Evidence.gather(carriage, [dry])
+    for place in ("amplifier", "sensor_x"):
+        changed = carriage.with_effect(place, "gain_error", {"relative": relative})
+        assert (objection(evidence, changed, (place, "gain_error")) == "") == believed

@@ -212,7 +212,9 @@ def test_a_dropout_makes_two_stretches(frame, save):
 
 def test_dropouts_most_of_the_time_are_refused(frame, save, refusal):
     frame.loc[(frame.index // 200) % 5 > 2, "q3"] = np.nan
-    assert "the channels have values at the same time in 60 % of the rows only" in refusal(save(frame))
+    assert "the channels have values at the same time, in stretches without holes, in 60 % of the rows only" in refusal(
+        save(frame)
+    )
 
 
 def test_many_nan_are_refused(frame, save, refusal):
