@@ -20,6 +20,7 @@ TUKEY = "running median: Tukey, Exploratory Data Analysis (1977)"
 EFFORT = "balance of effort, docs/diagnosis.md"
 COHERENCE = "Welch's coherence; its level: Carter, Knapp and Nuttall, IEEE Trans. Audio Electroacoust. 21 (1973) 337"
 LEVELS = "docs/recordings.md"
+TURNS = "phase unwrapping: Itoh, Applied Optics 21 (1982) 2470"
 SAMPLED = "Shannon, Proc. IRE 37 (1949) 10; margin for interpolation: docs/diagnosis.md"
 
 
@@ -53,11 +54,14 @@ def inspect(rig: Rig, records: list[Record]) -> Inspected:
 
     Returns
     -------
-    The recordings with spikes and clipped samples bridged and taken out of the masks, without dead channels.
+    The recordings with jumps of an angle undone, with spikes and clipped samples bridged and taken out of the masks,
+    without dead channels.
     """
     found = Inspected(list(records))
     _dead(rig, found)
     for name in _channels(rig, found.records):
+        if rig.sensors[name].quantity == "position" and rig.sensors[name].unit == "rad":
+            _wrapped(name, found)
         _spikes(name, found)
         _clipped(rig, name, found)
     wired = [wiring(rig, r) for r in found.records]
@@ -103,6 +107,21 @@ def _dead(rig: Rig, found: Inspected) -> None:
         f"{what} (dead, disconnected, or nothing moves there) and {'was' if len(dead) == 1 else 'were'} left out."
     )
     found.records = [replace(r, y={n: v for n, v in r.y.items() if n not in dead}) for r in found.records]
+
+
+def _wrapped(name: str, found: Inspected) -> None:
+    """Undo the jumps of an angle that is recorded within one turn."""
+    straight = [samples.unwrapped(r.y[name]) for r in found.records]
+    turns = sum(turned for _, turned in straight)
+    found.checks.append(_row(
+        f"{name} does not begin anew at a full turn", float(turns), 1.0,
+        "number of jumps by a whole turn from one sample to the next; they are undone", TURNS,
+    ))  # fmt: skip
+    if turns:
+        found.records = [
+            replace(r, y={**r.y, name: seen}) for r, (seen, _) in zip(found.records, straight, strict=True)
+        ]
+        found.notes.append(f"{name} begins anew at a full turn, {turns} times: the jumps are undone.")
 
 
 def _spikes(name: str, found: Inspected) -> None:

@@ -88,6 +88,18 @@ def _alone(values: Floats, furthest: np.ndarray, least: float) -> np.ndarray:
     return furthest[:0]
 
 
+def unwrapped(values: Floats) -> tuple[Floats, int]:
+    """(N,) an angle, rad, without its jumps by a whole turn, and how many there were.
+
+    A jump is one only if every step without it is below a quarter of a turn: else nothing is changed.
+    """
+    turned = int(np.sum(np.abs(np.diff(values)) > math.pi))
+    straight = np.unwrap(values)
+    if turned == 0 or np.abs(np.diff(straight)).max() > 0.5 * math.pi:
+        return values, 0
+    return straight, turned
+
+
 def _after_jumps(u: Floats) -> np.ndarray:
     """(N,) the samples shortly after where the command jumps, and of the beginning."""
     steps = np.abs(np.diff(u, prepend=u[0]))

@@ -337,3 +337,20 @@ def test_spikes_of_a_signal_that_moves_are_found_however_many(count):
     u = np.sin(9.0 * t)
     assert not samples.spikes(moving, u).any()
     assert np.array_equal(np.flatnonzero(samples.spikes(spiked, u)), np.sort(at))
+
+
+def test_an_angle_that_begins_anew_at_each_turn_is_straightened():
+    t = 1e-3 * np.arange(8000)
+    angle = 9.0 * np.sin(1.1 * t) + 1e-4 * np.random.default_rng(1).standard_normal(8000)
+    within = np.angle(np.exp(1j * angle))
+    straight, count = samples.unwrapped(within)
+    assert count == np.sum(np.abs(np.diff(within)) > 3.0) > 4
+    assert np.allclose(straight, angle, atol=1e-9)
+    assert samples.unwrapped(angle)[1] == 0
+
+
+def test_steps_of_any_size_are_no_turns():
+    coarse = np.random.default_rng(1).uniform(-8.0, 8.0, 500)
+    same, count = samples.unwrapped(coarse)
+    assert count == 0
+    assert same is coarse
