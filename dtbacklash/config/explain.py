@@ -53,6 +53,8 @@ def explain(error: BaseException, words: Sequence[str], grammar: Grammar = RUN) 
         return _composition(error, words, grammar)
     if isinstance(error, UnicodeDecodeError):
         return UserError("file", "a YAML file", "must be text in UTF-8")
+    if isinstance(error, BrokenPipeError):  # who read our output has gone: nobody's mistake
+        return None
     if isinstance(error, OSError) and error.errno is None:  # OmegaConf, of a file that holds a number or a word
         return UserError("file", "a YAML file", "must hold settings, one `key: value` a line")
     if isinstance(error, OSError):  # the task explains its own; this is Hydra making the folder

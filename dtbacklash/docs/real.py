@@ -26,6 +26,8 @@ PAGE, DATA = "real-recordings.md", "real"
 BEGIN = "<!-- diagnoses: begin, made by python -m dtbacklash.docs.real docs -->"
 END = "<!-- diagnoses: end -->"
 MODELS = ("nominal", "recalibrated", "extended")
+#: errors beyond so many times the signal are not given in percent
+MANY_TIMES = 10.0
 
 
 @dataclass(frozen=True)
@@ -188,7 +190,9 @@ def _left(found: dict[str, Any]) -> str:
 
 
 def _share(error: float | None) -> str:
-    return "ran away" if error is None else f"{number(100.0 * error)} %"
+    if error is None:
+        return "ran away"
+    return f"{number(error)} times" if error > MANY_TIMES else f"{number(100.0 * error)} %"
 
 
 def _pulled(found: dict[str, Any]) -> list[str]:
