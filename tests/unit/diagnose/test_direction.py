@@ -115,7 +115,7 @@ def test_a_load_that_is_larger_than_the_friction_stays_a_load(slide):
 
 def test_one_of_two_differences_is_enough_and_the_other_is_not_spoken_of(slide):
     rig = slide.with_effect(*ASYMMETRIC, {"coulomb_difference": 2.0, "viscous_difference": 0.1})
-    evidence = SimpleNamespace(records=[])
+    evidence = SimpleNamespace(records=[], nominal=slide)
     sure, unsure = (*ASYMMETRIC, "coulomb_difference"), (*ASYMMETRIC, "viscous_difference")
     assert distance(evidence, rig, ASYMMETRIC, {sure: 0.1, unsure: 1.0}) == pytest.approx(20.0)
     assert insignificant(evidence, rig, [ASYMMETRIC], {sure: 0.1, unsure: 1.0}) is None

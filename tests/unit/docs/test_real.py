@@ -76,7 +76,7 @@ def test_a_page_that_is_edited_meanwhile_keeps_the_edit(docs):
 def test_errors_of_several_channels_are_relative(docs):
     two = made(None) | {"sizes": {"theta": [20.0, "rad"], "omega": [3.0, "rad/s"]}}
     real.make(real.CASES[:1], docs, lambda case: two)
-    assert "| EMPS | ran away | 5000 % | 5 % | 2.86 % |" in (docs / real.PAGE).read_text(encoding="utf-8")
+    assert "| EMPS | ran away | 50 times | 5 % | 2.86 % |" in (docs / real.PAGE).read_text(encoding="utf-8")
 
 
 def test_what_is_made_anew_leaves_the_others(docs):
