@@ -12,6 +12,9 @@ from typing import Any
 from dtbacklash.config.setting import setting
 from dtbacklash.errors import UserError
 
+#: a relative tolerance, one standard deviation, is at most this: the value may be ten times as large
+TOLERANCE_MAX = 10.0
+
 
 def finite(key: str, value: float, allowed: str = "a finite number") -> float:
     """Return ``value`` as a float or refuse it in the name of ``key``."""
@@ -60,8 +63,7 @@ class RigConfig:
         for name, parameter in self.parameters.items():
             key = f"rig.parameters.{name}"
             finite(f"{key}.value", parameter.value)
-            if not 0.0 <= parameter.tolerance < 1.0:
-                raise UserError(f"{key}.tolerance", parameter.tolerance, "a relative tolerance from 0 to below 1")
+            _check_tolerance(f"{key}.tolerance", parameter.tolerance)
         for name, element in self.elements.items():
             if not isinstance(element, dict) or "kind" not in element:
                 raise UserError(f"rig.elements.{name}", element, "a mapping with at least `kind`")
@@ -98,10 +100,14 @@ def _check_value(key: str, value: object) -> None:
         if set(value) != {"value", "tolerance"}:
             raise UserError(key, value, "a number, or {value: number, tolerance: relative, one standard deviation}")
         _check_value(f"{key}.value", value["value"])
-        if not _is_number(value["tolerance"]) or not 0.0 <= value["tolerance"] < 1.0:
-            raise UserError(f"{key}.tolerance", value["tolerance"], "a relative tolerance from 0 to below 1")
+        _check_tolerance(f"{key}.tolerance", value["tolerance"])
     elif not _is_number(value):
         raise UserError(key, value, "a number, or {value: number, tolerance: relative, one standard deviation}")
+
+
+def _check_tolerance(key: str, value: object) -> None:
+    if not _is_number(value) or not 0.0 <= float(value) <= TOLERANCE_MAX:  # type: ignore[arg-type]
+        raise UserError(key, value, f"a relative tolerance from 0 to {TOLERANCE_MAX:g}")
 
 
 def _is_number(value: object) -> bool:

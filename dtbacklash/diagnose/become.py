@@ -8,11 +8,11 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.free import as_given
+from dtbacklash.diagnose.free import Key, as_given
 from dtbacklash.diagnose.leave_out import refit_with
 from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.settings import settings
-from dtbacklash.diagnose.trials import Key, Search, Trial
+from dtbacklash.diagnose.trials import Search, Trial
 from dtbacklash.physics.catalogue import find
 
 

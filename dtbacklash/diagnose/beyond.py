@@ -7,18 +7,20 @@ the other parameters go far from nominal to make up for the rest.
 from collections.abc import Callable
 from dataclasses import replace
 
-from dtbacklash.diagnose.earn import held_loss, merit, same, worst
+from dtbacklash.diagnose.earn import held_loss, is_noise, merit, same, worst
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import known_free, nominal_free, standing, stands_at_limit, tolerances_away
-from dtbacklash.diagnose.own import is_noise
 from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.refit import QUICK, fit
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trials import Beyond, Search
 from dtbacklash.physics.rig import Rig, build_rig
 
-#: one parameter may be so many times further from nominal than its tolerance allows; relative ones are below 1
-FURTHER, TOLERANCE_MAX = 10.0, 0.9
+#: one parameter may be so many times further from nominal than its tolerance allows, with a tolerance of this at most:
+#: ten times its value
+FURTHER, WIDEST = 10.0, 3.0
+#: a quick fit that leaves more of the nominal rig's loss than this has not begun to explain it
+BEGUN = 0.5
 
 
 def beyond_tolerance(found: Search, recalibrate: Callable[[Evidence], Fit]) -> Beyond | None:
@@ -31,7 +33,7 @@ def beyond_tolerance(found: Search, recalibrate: Callable[[Evidence], Fit]) -> B
     for f in nominal_free(nominal, rig=found.nominal.rig):
         name = f.name
         if not f.effect and stands_at_limit(f, standing(f, found.nominal.rig)):
-            wide = min(FURTHER * parameters[name].tolerance, TOLERANCE_MAX)
+            wide = min(FURTHER * parameters[name].tolerance, WIDEST)
             if wide <= parameters[name].tolerance:
                 continue  # nobody claimed to know it
             evidence = replace(found.evidence, nominal=_with_tolerance(nominal, name, wide))
@@ -45,19 +47,31 @@ def beyond_tolerance(found: Search, recalibrate: Callable[[Evidence], Fit]) -> B
 
 
 def _hopeless(found: Search, evidence: Evidence) -> bool:
-    """Whether a quick fit leaves far more than findings do that explain the recording."""
+    """Whether a quick fit leaves far more than noise, or than what was found, and most of it."""
     rules = settings()
+    quick = fit(evidence, evidence.nominal, *known_free(evidence, found.nominal.rig), rounds=QUICK)
+    left, by_findings = held_loss(evidence, quick), max(held_loss(found.evidence, found.fitted), 1.0)
     if worst(found.evidence, found.fitted) > rules.nearly_noise_floors:
+        return left > max(BEGUN * held_loss(found.evidence, found.nominal), rules.hopeless_ratio)
+    return left > rules.hopeless_ratio * by_findings
+
+
+def explains_alone(found: Search, recalibrate: Callable[[Evidence], Fit]) -> bool:
+    """Whether one parameter, beyond its tolerance, leaves nothing but noise where the nominal rig leaves more.
+
+    Then no two effects are looked for: a conspiracy of them is less likely than one wrong number.
+    """
+    if is_noise(found.evidence, found.fitted):
         return False
-    free, x = known_free(evidence, found.nominal.rig)
-    quick = fit(evidence, evidence.nominal, free, x, rounds=QUICK)
-    return held_loss(evidence, quick) > rules.hopeless_ratio * max(held_loss(found.evidence, found.fitted), 1.0)
+    trial = beyond_tolerance(found, recalibrate)
+    return trial is not None and is_noise(trial.evidence, trial.fitted)
 
 
 def beyond_instead(found: Search, recalibrate: Callable[[Evidence], Fit]) -> None:
-    """Let one parameter go beyond its tolerance instead of all findings where that does better; as well, it is said."""
-    if not found.order and is_noise(found.evidence, found.fitted):
-        return
+    """Let one parameter go beyond its tolerance where that does better; as well as findings, it is said.
+
+    Instead of all findings, or of several parameters that stand at their limits to make up for it.
+    """
     trial = beyond_tolerance(found, recalibrate)
     if trial is None:
         return

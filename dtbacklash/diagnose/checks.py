@@ -14,12 +14,12 @@ from dtbacklash.diagnose.compare import Block, residual
 from dtbacklash.diagnose.earn import paired
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.floor import synthetic
-from dtbacklash.diagnose.free import Errors, nominal_free, standing, stands_at_limit, tolerances_away
+from dtbacklash.diagnose.free import Errors, Key, nominal_free, standing, stands_at_limit, tolerances_away
 from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.result import Check, FreeRunning
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trial import distance, distances
-from dtbacklash.diagnose.trials import Key, Search
+from dtbacklash.diagnose.trials import Search
 from dtbacklash.diagnose.words import place_in_words
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Effect, Parameter, Role, name_in_words

@@ -9,9 +9,10 @@ fits as well.
 from dataclasses import replace
 
 from dtbacklash.diagnose.earn import earns, held_loss, nearly, same
+from dtbacklash.diagnose.free import Key
 from dtbacklash.diagnose.leave_out import refit_with
 from dtbacklash.diagnose.problem import Fit
-from dtbacklash.diagnose.trials import Key, Search
+from dtbacklash.diagnose.trials import Search
 from dtbacklash.physics.catalogue import effects_of, find
 from dtbacklash.physics.effects.declare import Alias, Values, name_in_words
 from dtbacklash.physics.rig import Rig

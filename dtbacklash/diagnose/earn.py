@@ -133,6 +133,12 @@ def worst(evidence: Evidence, fitted: Fit, names: list[str] | None = None) -> fl
     return max(float(squares[n].max()) for n in names or squares)
 
 
+def is_noise(evidence: Evidence, fitted: Fit) -> bool:
+    """Whether a fit leaves nothing but noise of what is held out."""
+    squares, least = evidence.mean_square(fitted.residuals, "held"), evidence.least()
+    return all(bool(np.all(squares[n] < settings().noise_floors * least[n])) for n in squares)
+
+
 def merit(evidence: Evidence, trial_fit: Fit) -> float:
     """What the best of several fits is least in: minus twice the held-out log-likelihood, and the prior's penalty."""
     weight = settings().merit_train_weight

@@ -4,7 +4,17 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.become import has_become
 from dtbacklash.diagnose.earn import held_loss, rises
 from dtbacklash.diagnose.evidence import Evidence, Residuals
-from dtbacklash.diagnose.free import Errors, Free, as_given, effects_of_rig, is_known, nominal_free, taken_out, unit_at
+from dtbacklash.diagnose.free import (
+    Errors,
+    Free,
+    Key,
+    as_given,
+    effects_of_rig,
+    is_known,
+    nominal_free,
+    taken_out,
+    unit_at,
+)
 from dtbacklash.diagnose.intervals import NORMAL95
 from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.result import (
@@ -22,7 +32,7 @@ from dtbacklash.diagnose.result import (
 )
 from dtbacklash.diagnose.sayings import as_well_said, less, quantity, unsure, when
 from dtbacklash.diagnose.trial import unseen
-from dtbacklash.diagnose.trials import Beyond, Key, Search
+from dtbacklash.diagnose.trials import Beyond, Search
 from dtbacklash.diagnose.verdict import Left, Moved, confidence
 from dtbacklash.diagnose.words import named_in_words, place_in_words
 from dtbacklash.physics.catalogue import find

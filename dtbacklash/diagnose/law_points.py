@@ -14,12 +14,12 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.candidates import positions
 from dtbacklash.diagnose.compare import Block, part_of, places_of
 from dtbacklash.diagnose.evidence import Evidence, Residuals
+from dtbacklash.diagnose.free import Key
 from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.recover import knots_over, path_of, states_of
 from dtbacklash.diagnose.responses import transfer
 from dtbacklash.diagnose.result import LawShown
 from dtbacklash.diagnose.settings import settings
-from dtbacklash.diagnose.trials import Key
 from dtbacklash.diagnose.words import place_in_words
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.catalogue import find

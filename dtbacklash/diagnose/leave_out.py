@@ -5,10 +5,19 @@ import numpy as np
 from dtbacklash.diagnose.compare import places_of
 from dtbacklash.diagnose.earn import earns, merit
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.free import all_free, as_given, effect_free, effects_of_rig, is_known, nominal_free, standing
+from dtbacklash.diagnose.free import (
+    Key,
+    all_free,
+    as_given,
+    effect_free,
+    effects_of_rig,
+    is_known,
+    nominal_free,
+    standing,
+)
 from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.refit import FULL, Rounds, fit
-from dtbacklash.diagnose.trials import Key, Search
+from dtbacklash.diagnose.trials import Search
 from dtbacklash.errors import UserError
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.rig import Rig

@@ -12,11 +12,12 @@ from operator import call
 import numpy as np
 
 from dtbacklash.diagnose.approach import approached
-from dtbacklash.diagnose.beyond import beyond_instead
+from dtbacklash.diagnose.beyond import beyond_instead, explains_alone
 from dtbacklash.diagnose.candidates import candidates
 from dtbacklash.diagnose.earn import earns, held_loss, merit, nearly, paired, same, worst
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import (
+    Key,
     all_free,
     apply,
     at_limit,
@@ -43,7 +44,7 @@ from dtbacklash.diagnose.refit import FULL, QUICK, Rounds, fit
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.diagnose.trial import objection
-from dtbacklash.diagnose.trials import Asked, Key, Search, Trial
+from dtbacklash.diagnose.trials import Asked, Search, Trial
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Values
 from dtbacklash.physics.rig import Rig
@@ -64,6 +65,8 @@ def search(evidence: Evidence, say: Callable[[str, float], None] = silent) -> Se
     say("recalibrating the nominal rig", 0.02)
     nominal = _recalibrated(evidence)
     found = Search(evidence, nominal, nominal, [])
+    if explains_alone(found, _recalibrated):
+        found.most = 1
     for _ in range(ATTEMPTS):
         _add_all(found, say)
         if not found.order:
@@ -100,7 +103,7 @@ def _astray(evidence: Evidence, fitted: Fit) -> bool:
 def _add_all(found: Search, say: Callable[[str, float], None]) -> None:
     """Add effects until none earns its place."""
     rules = settings()
-    while len(found.order) < rules.effects_max:
+    while len(found.order) < found.most:
         _listen(found)
         say(f"looking for effect {len(found.order) + 1}", 0.1 + 0.2 * len(found.order))
         if not (_release(found.evidence, found) or _add(found.evidence, found)):
@@ -261,7 +264,7 @@ def _add(evidence: Evidence, found: Search) -> bool:
                 _take(evidence, found, trial, group)
                 return True
     # in noise no two effects hide each other
-    several = len(found.order) + 2 <= rules.effects_max and worst(evidence, current) > rules.noise_floors
+    several = len(found.order) + 2 <= found.most and worst(evidence, current) > rules.noise_floors
     return several and _add_pair(evidence, found, trials)
 
 

@@ -38,7 +38,7 @@ def next_experiment(evidence: Evidence, found: Search, rest: Recovered | None = 
     what = f"{name_in_words(key[1])} ({key[0]}) from {name_in_words(trial.key[1])} ({trial.key[0]})"
     if trial.reason:
         return f"No recording tells {what}: {trial.reason}."
-    recorded = {c for b in evidence.blocks for c in b.channels}
+    recorded = _recorded(evidence)
     here = _differences(evidence, first, second, 1.0)
     hidden = {n: d for n, d in here.items() if n not in recorded}
     if hidden:
@@ -57,10 +57,13 @@ def next_experiment(evidence: Evidence, found: Search, rest: Recovered | None = 
     return f"Neither another sensor of this rig nor another amplitude tells {what}."
 
 
+def _recorded(evidence: Evidence) -> set[str]:
+    return {c for b in evidence.blocks for c in b.channels}
+
+
 def _more_to_record(evidence: Evidence) -> str:
     """What may show where something is missing: the sensors that were not recorded, else another motion."""
-    recorded = {c for b in evidence.blocks for c in b.channels}
-    others = [name for name in evidence.nominal.sensors if name not in recorded]
+    others = [name for name in evidence.nominal.sensors if name not in _recorded(evidence)]
     if others:
         return f"record {' and '.join(others)} as well"
     return "every sensor of this rig is recorded; record another motion, slow and fast, small and large"

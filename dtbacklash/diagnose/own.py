@@ -2,9 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from dtbacklash.diagnose.earn import merit
+from dtbacklash.diagnose.earn import is_noise, merit
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import all_free, tolerances_away
 from dtbacklash.diagnose.problem import Fit
@@ -63,12 +61,6 @@ def _promising(evidence: Evidence, before: Fit) -> list[Use]:
         gain = float(column @ projection.residual) ** 2 / max(float(column @ column), 1e-300)
         left[use] = projection.total - gain
     return sorted(left, key=lambda use: left[use])[: settings().quick_fits]
-
-
-def is_noise(evidence: Evidence, fitted: Fit) -> bool:
-    """Whether a fit leaves nothing but noise of what is held out."""
-    squares, least = evidence.mean_square(fitted.residuals, "held"), evidence.least()
-    return all(bool(np.all(squares[n] < settings().noise_floors * least[n])) for n in squares)
 
 
 def shared(rig: Rig) -> list[Use]:

@@ -9,10 +9,11 @@ from dtbacklash.diagnose.become import has_become
 from dtbacklash.diagnose.compare import places_of
 from dtbacklash.diagnose.earn import merit, nearly, paired
 from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.free import Key
 from dtbacklash.diagnose.locate import Score
 from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.settings import settings
-from dtbacklash.diagnose.trials import Key, Search, Trial
+from dtbacklash.diagnose.trials import Search, Trial
 
 
 def promising(evidence: Evidence, scores: list[Score]) -> list[Score]:

@@ -121,7 +121,7 @@ def solve(problem: Problem, x: Floats, evaluations: int) -> Floats:
 
 
 def _guarded(rows: Floats) -> Floats:
-    return np.nan_to_num(rows, nan=1e6, posinf=1e6, neginf=-1e6)
+    return rows if np.isfinite(rows).all() else np.nan_to_num(rows, nan=1e6, posinf=1e6, neginf=-1e6)
 
 
 def objective(evidence: Evidence, fitted: Fit, part: str = "train") -> float:

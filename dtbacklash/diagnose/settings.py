@@ -72,6 +72,18 @@ class DiagnoseSettings:
         3.0, "a command jumps where its step is so much larger than the rms of its steps", unit="ratio", above=0)
     jump_answer_samples: int = setting(
         20, "so long after a jump of the command a current may answer like a spike", unit="samples", at_least=1)
+    held_together_share: float = setting(
+        0.01, "a channel that changes more often at two samples in a row is read at every sample",
+        unit="share of changes", above=0, below=1)
+    held_counts: float = setting(
+        3.0, "and one that changes by fewer counts may move slowly over them", unit="counts", above=0)
+    hung_samples_min: int = setting(5, "fewer equal readings are no pattern", unit="samples", at_least=2)
+    hung_repeats_share: float = setting(
+        0.05, "where readings repeat more often than this, a sensor's counts are coarse and it does not hang",
+        unit="share of samples", above=0, below=1)
+    hung_chance: float = setting(
+        1e-3, "how seldom equal readings by chance may be taken for a sensor that hangs", unit="probability", above=0,
+        below=1)
     dead_noise_share: float = setting(
         0.8, "a channel of whose variance more is white noise, coherent with nothing, is dead", unit="share", above=0,
         below=1)

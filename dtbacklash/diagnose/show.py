@@ -5,10 +5,11 @@ import numpy as np
 from dtbacklash.diagnose.compare import Record, predict
 from dtbacklash.diagnose.errors_of_fit import in_floors
 from dtbacklash.diagnose.evidence import Evidence, Residuals
+from dtbacklash.diagnose.free import Key
 from dtbacklash.diagnose.law_points import EFFORTS, law_shown
 from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.result import Curve, LawShown, Shown
-from dtbacklash.diagnose.trials import Key, Search
+from dtbacklash.diagnose.trials import Search
 from dtbacklash.diagnose.words import place_in_words
 
 

@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.free import Key
 from dtbacklash.diagnose.locate import Score
 from dtbacklash.diagnose.problem import Fit
-
-Key = tuple[str, str]
+from dtbacklash.diagnose.settings import settings
 
 
 @dataclass
@@ -59,6 +59,8 @@ class Search:
     fitted: Fit
     order: list[Key]
     trials: list[Trial] = field(default_factory=list)
+    #: so many effects are looked for at most
+    most: int = field(default_factory=lambda: settings().effects_max)
     rivals: dict[Key, list[Trial]] = field(default_factory=dict)
     #: per effect what was fitted beside it when it was added
     tried: dict[Key, list[Trial]] = field(default_factory=dict)

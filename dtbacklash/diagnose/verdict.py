@@ -7,12 +7,12 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.formulation import other_formulations
-from dtbacklash.diagnose.free import Errors, apply, as_given, nominal_free, standing
+from dtbacklash.diagnose.free import Errors, Key, apply, as_given, nominal_free, standing
 from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Confidence, Verdict
 from dtbacklash.diagnose.settings import settings
-from dtbacklash.diagnose.trials import Key, Search
+from dtbacklash.diagnose.trials import Search
 from dtbacklash.physics.rig import Rig
 
 #: parameter of the rig, or place.effect.parameter of an effect that it has -> (value, standard error)

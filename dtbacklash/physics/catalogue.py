@@ -69,11 +69,10 @@ def effects_of(kind: str) -> dict[str, Effect]:
 
 def find(kind: str, name: str, key: str) -> Effect:
     """The effect ``name`` at an element of ``kind``; ``key`` is the dotted name for the error."""
-    effects = effects_of(kind)
-    if name not in effects:
-        allowed = f"an element of kind `{kind}` takes {', '.join(effects) or 'no effect'}"
-        raise UserError(key, name, allowed)
-    return effects[name]
+    effect = CATALOGUE.get((kind, name))
+    if effect is None:
+        raise UserError(key, name, f"an element of kind `{kind}` takes {', '.join(effects_of(kind)) or 'no effect'}")
+    return effect
 
 
 for _effect in (*drive.EFFECTS, *body.EFFECTS, *transmission.EFFECTS, *spring.EFFECTS, *sensor.EFFECTS):

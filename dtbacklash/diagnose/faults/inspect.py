@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dtbacklash.diagnose.compare import Block, Record
-from dtbacklash.diagnose.faults import samples
+from dtbacklash.diagnose.faults import repeats, samples
 from dtbacklash.diagnose.faults.sampling import Carried, carried
 from dtbacklash.diagnose.faults.wiring import Reversal, Rewiring, wiring
 from dtbacklash.diagnose.pull import cut
@@ -20,6 +20,7 @@ TUKEY = "running median: Tukey, Exploratory Data Analysis (1977)"
 EFFORT = "balance of effort, docs/diagnosis.md"
 COHERENCE = "Welch's coherence; its level: Carter, Knapp and Nuttall, IEEE Trans. Audio Electroacoust. 21 (1973) 337"
 LEVELS = "docs/recordings.md"
+REPEATED = "equal readings in a row by chance; docs/recordings.md"
 TURNS = "phase unwrapping: Itoh, Applied Optics 21 (1982) 2470"
 SAMPLED = "Shannon, Proc. IRE 37 (1949) 10; margin for interpolation: docs/diagnosis.md"
 
@@ -54,16 +55,18 @@ def inspect(rig: Rig, records: list[Record]) -> Inspected:
 
     Returns
     -------
-    The recordings with jumps of an angle undone, with spikes and clipped samples bridged and taken out of the masks,
-    without dead channels.
+    The recordings with jumps of an angle undone, with spikes, clipped and repeated samples bridged and taken out of the
+    masks, without dead channels.
     """
     found = Inspected(list(records))
     _dead(rig, found)
     for name in _channels(rig, found.records):
         if rig.sensors[name].quantity == "position" and rig.sensors[name].unit == "rad":
             _wrapped(name, found)
+        _seldom(name, found)
         _spikes(name, found)
         _clipped(rig, name, found)
+        _hung(rig, name, found)
     wired = [wiring(rig, r) for r in found.records]
     _wiring_rows(found, [reversals for reversals, _ in wired])
     slowest = min((carried(rig, r) for r in found.records), key=lambda c: c.per_period)
@@ -124,6 +127,32 @@ def _wrapped(name: str, found: Inspected) -> None:
         found.notes.append(f"{name} begins anew at a full turn, {turns} times: the jumps are undone.")
 
 
+def _seldom(name: str, found: Inspected) -> None:
+    """Compare a sensor that is read more seldom than recorded only where it was read."""
+    masks = [repeats.fresh(r.y[name]) for r in found.records]
+    every = max(1.0 / float(np.mean(m)) if m is not None else 1.0 for m in masks)
+    found.checks.append(_row(
+        f"{name} is read at every sample", every, 1.5,
+        "samples for each reading of a channel that never changes at two samples in a row; what lies between its "
+        "readings is bridged, and neither fitted nor judged", SAMPLED,
+    ))  # fmt: skip
+    if every == 1.0:
+        return
+    bridged = [
+        r if m is None else replace(r, y={**r.y, name: repeats.between(r.y[name], m)})
+        for r, m in zip(found.records, masks, strict=True)
+    ]  # fmt: skip
+    found.records = [
+        r if m is None else replace(r, train=r.train & m, held=r.held & m) for r, m in zip(bridged, masks, strict=True)
+    ]
+    said = f"{name} repeats its readings: it is read at one of {every:.3g} samples. What lies between is bridged"
+    if _enough(bridged, found.records, 1.0 / every):
+        found.notes.append(f"{said}, and neither fitted nor judged.")
+    else:  # another sensor that is read at other samples has left too few
+        found.records = bridged
+        found.notes.append(f"{said}.")
+
+
 def _spikes(name: str, found: Inspected) -> None:
     rules, masks = settings(), [samples.spikes(r.y[name], r.u) for r in found.records]
     total = sum(int(m.sum()) for m in masks)
@@ -144,7 +173,6 @@ def _spikes(name: str, found: Inspected) -> None:
 
 
 def _clipped(rig: Rig, name: str, found: Inspected) -> None:
-    rules = settings()
     masks = [samples.at_limits(r.y[name]) for r in found.records]
     share = max(float(m.mean()) for m in masks)
     found.checks.append(_row(
@@ -152,10 +180,38 @@ def _clipped(rig: Rig, name: str, found: Inspected) -> None:
         "share of its samples at its extreme value, reached at speed; they are bridged, and neither fitted nor judged",
         LEVELS,
     ))  # fmt: skip
-    if share == 0.0:
-        return
-    said = f"{name} is clipped in {100 * share:.2g} % of its samples"
-    before = found.records
+    if share > 0.0:
+        _leave_out(
+            rig, name, masks, found, f"{name} is clipped in {100 * share:.2g} % of its samples",
+            "it runs into its extreme value at speed and stays there",
+            f"Widen the range of {name}, or move less, and record again.",
+        )  # fmt: skip
+
+
+def _hung(rig: Rig, name: str, found: Inspected) -> None:
+    masks = [repeats.hung(r.y[name]) for r in found.records]
+    share = max(float(m.mean()) for m in masks)
+    found.checks.append(_row(
+        f"{name} does not hang", share, CLIPPED_SHARE,
+        "share of its samples that repeat a reading for longer than chance does, before it jumps on; they are bridged, "
+        "and neither fitted nor judged", REPEATED,
+    ))  # fmt: skip
+    if share > 0.0:
+        _leave_out(
+            rig, name, masks, found, f"{name} hangs in {100 * share:.2g} % of its samples",
+            "it repeats a reading and then jumps on", f"Check the connection of {name}, and record again.",
+        )  # fmt: skip
+
+
+def _leave_out(
+    rig: Rig, name: str, masks: list[np.ndarray], found: Inspected, said: str, known_by: str, mend: str
+) -> None:
+    """Bridge what a channel does not show, and what it misleads; where too little remains, that is a fault.
+
+    said : what happens, a clause. known_by : how it is known, a clause. mend : what to do, a sentence.
+    """
+    rules, before = settings(), found.records
+    share = max(float(m.mean()) for m in masks)
     blocks = _blocks(rig, _channels(rig, before), before)
     drives = any(b.imposed == name for b in blocks)
     pull = max((b.pull for b in blocks if b.pulled == name), default=0.0)
@@ -164,10 +220,7 @@ def _clipped(rig: Rig, name: str, found: Inspected) -> None:
         found.notes.append(f"{said}: bridged, and neither fitted nor judged.")
     elif found.fault is None:
         why = "and what lies behind it is driven by it in the simulation" if drives else "too often to leave that out"
-        found.fault = Fault(
-            SENSOR_PREFIX + name, said, f"it runs into its extreme value at speed and stays there, {why}",
-            f"Widen the range of {name}, or move less, and record again.",
-        )  # fmt: skip
+        found.fault = Fault(SENSOR_PREFIX + name, said, f"{known_by}, {why}", mend)
 
 
 def _take_out(name: str, masks: list[np.ndarray], found: Inspected, after: int) -> None:
@@ -185,11 +238,14 @@ def _blocks(rig: Rig, channels: tuple[str, ...], records: list[Record]) -> list[
     return cut(rig, channels, records[0].sample_time_s, tempo_rad_s(rig, records))
 
 
-def _enough(before: list[Record], after: list[Record]) -> bool:
+def _enough(before: list[Record], after: list[Record], expected: float = 1.0) -> bool:
+    """Whether enough is left to fit to and to judge on of the share that is ``expected`` to be."""
+
     def count(records: list[Record], part: str) -> int:
         return sum(int(getattr(r, part).sum()) for r in records)
 
-    return all(count(after, part) >= settings().inspected_share_min * count(before, part) for part in ("train", "held"))
+    least = settings().inspected_share_min * expected
+    return all(count(after, part) >= least * count(before, part) for part in ("train", "held"))
 
 
 def _wiring_rows(found: Inspected, each: list[list[Reversal]]) -> None:

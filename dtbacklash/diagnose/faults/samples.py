@@ -33,14 +33,11 @@ def spikes(values: Floats, u: Floats) -> np.ndarray:
         bridge[_furthest(away, start, stop)[: rules.spike_samples_max]] = True
     bare = _straight(values, bridge)
     least = _least(values, _away(bare), rules.spike_usual_share)
-    rough, bent = (
-        _roughness(values),
-        rules.spike_roughness * float(np.quantile(_roughness(bare), rules.spike_usual_share)),
-    )
+    bent = rules.spike_roughness * float(np.quantile(_roughness(bare), rules.spike_usual_share))
     found = np.zeros(len(values), dtype=bool)
     for start, stop in runs((away > least) & free):
         found[_alone(values, _furthest(away, start, stop), least)] = True
-    found &= rough > bent
+    found &= _roughness(values) > bent
     return found if found.mean() <= rules.spikes_share_max else np.zeros(len(values), dtype=bool)
 
 

@@ -5,7 +5,7 @@ contact or not. A step in which the gear closes or opens, or a friction contact 
 halved until the event is located to a tick (``sample_time/substeps/2**(levels-1)``).
 """
 
-from dtbacklash.compiled import clear, copy, inlined
+from dtbacklash.compiled import compiled, inlined
 from dtbacklash.physics.kernel import plant as pl
 from dtbacklash.physics.kernel.forces import add_forces, base_motion, end_velocity, gained, respond
 from dtbacklash.physics.kernel.memory import remember, settle_memories
@@ -40,34 +40,69 @@ def drive_rate(P, S, x, gap_rate):
     return S.gear[1] if P.imposed else rate_of_screw(P, x, S.mode[0], gap_rate)
 
 
+@compiled
+def _held(E, P1, x, w0, channels, xn, xp):
+    """xn = xp = E x + P1 w0 over the first ``channels``: the inputs of the step's start, held.
+
+    Four states at a time: their sums stay in registers, instead of being stored and read again for each term.
+    """
+    n = x.shape[0]
+    whole = n - n % 4
+    for i in range(0, whole, 4):
+        a, b, c, d = 0.0, 0.0, 0.0, 0.0
+        for j in range(n):
+            a += E[j, i] * x[j]
+            b += E[j, i + 1] * x[j]
+            c += E[j, i + 2] * x[j]
+            d += E[j, i + 3] * x[j]
+        for j in range(channels):
+            a += P1[j, i] * w0[j]
+            b += P1[j, i + 1] * w0[j]
+            c += P1[j, i + 2] * w0[j]
+            d += P1[j, i + 3] * w0[j]
+        xn[i], xn[i + 1], xn[i + 2], xn[i + 3] = a, b, c, d
+        xp[i], xp[i + 1], xp[i + 2], xp[i + 3] = a, b, c, d
+    for i in range(whole, n):
+        a = 0.0
+        for j in range(n):
+            a += E[j, i] * x[j]
+        for j in range(channels):
+            a += P1[j, i] * w0[j]
+        xn[i] = a
+        xp[i] = a
+
+
+@compiled
+def _risen(P2, w0, w1, channels, xp, xn):
+    """xn = xp + P2 (w1 - w0): the inputs rise linearly to those of the step's end."""
+    n = xn.shape[0]
+    whole = n - n % 4
+    for i in range(0, whole, 4):
+        a, b, c, d = xp[i], xp[i + 1], xp[i + 2], xp[i + 3]
+        for j in range(channels):
+            rise = w1[j] - w0[j]
+            a += P2[j, i] * rise
+            b += P2[j, i + 1] * rise
+            c += P2[j, i + 2] * rise
+            d += P2[j, i + 3] * rise
+        xn[i], xn[i + 1], xn[i + 2], xn[i + 3] = a, b, c, d
+    for i in range(whole, n):
+        a = xp[i]
+        for j in range(channels):
+            a += P2[j, i] * (w1[j] - w0[j])
+        xn[i] = a
+
+
 @inlined
 def _propagate(P, S, level, contact, channels):
-    """xn = E x + P1 w0 over the first ``channels``: the inputs of the step's start, held."""
-    E, P1 = P.E[contact, level], P.P1[contact, level]
-    x, xn, n = S.x, S.xn, S.x.shape[0]
-    for i in range(n):
-        xn[i] = 0.0
-    for j in range(n):
-        xj = x[j]
-        for i in range(n):
-            xn[i] += E[j, i] * xj
-    for c in range(channels):
-        value = S.w0[c]
-        if value != 0.0:
-            for i in range(n):
-                xn[i] += P1[c, i] * value
+    """The step's end under the inputs of its start."""
+    _held(P.E[contact, level], P.P1[contact, level], S.x, S.w0, channels, S.xn, S.xp)
 
 
 @inlined
 def _ramp(P, S, level, contact, channels):
-    """xn += P2 (w1 - w0): the inputs rise linearly to those of the step's end."""
-    P2 = P.P2[contact, level]
-    xn, n = S.xn, S.x.shape[0]
-    for c in range(channels):
-        value = S.w1[c] - S.w0[c]
-        if value != 0.0:
-            for i in range(n):
-                xn[i] += P2[c, i] * value
+    """The step's end under inputs that rise to those of its end."""
+    _risen(P.P2[contact, level], S.w0, S.w1, channels, S.xp, S.xn)
 
 
 @inlined
@@ -154,8 +189,10 @@ def try_step(P, S, level, h, t, voltage, gap, gap_rate, given):
     contact = 0 if mode == pl.FREE else 1
     w0, w1 = S.w0, S.w1
     if P.forced:
-        clear(w0)
-        clear(w1)
+        # both in one loop, lest it becomes a call of memset, from whose wide stores no single word can be read at once
+        for c in range(w0.shape[0]):
+            w0[c] = 0.0
+            w1[c] = 0.0
     w0[pl.CH_V] = voltage
     w1[pl.CH_V] = voltage
     if P.has_base:
@@ -193,7 +230,6 @@ def _forced_step(P, S, level, h, t, contact, gap, gap_rate, given):
     rate = drive_rate(P, S, S.x, gap_rate)
     add_forces(P, S.x, S.mode, S.w0, contact, t, angle, rate)
     _propagate(P, S, level, contact, channels)
-    copy(S.xn, S.xp)
     start = angle
     if P.imposed:
         angle = given + S.gear[1] * h
@@ -203,7 +239,6 @@ def _forced_step(P, S, level, h, t, contact, gap, gap_rate, given):
         rate = rate_of_screw(P, S.xn, mode, gap_rate)
     remember(P, S, h, start, angle)
     add_forces(P, S.xn, S.mode, S.w1, contact, t + h, angle, rate)
-    copy(S.xp, S.xn)
     _ramp(P, S, level, contact, channels)
     settle_memories(P, S, level, h, contact, start, angle)
     _hold(P, S, level, contact, angle, gap_rate)

@@ -28,6 +28,17 @@ def test_a_value_that_its_tolerance_excludes_is_no_physics(name, value, toleranc
     assert found.extended.config.parameters[name].tolerance == known(blade()).config.parameters[name].tolerance
 
 
+@pytest.mark.parametrize("factor", [4.0, 8.0])
+def test_a_damping_that_was_guessed_is_found_however_wrong_it_is(factor):
+    """Damping is what one knows least of: four times its value was viscous friction, or physics of no name."""
+    value = factor * known(blade()).config.parameters["c_1"].value
+    found = diagnose_records(known(blade()), [recorded(blade(c_1=value), 15)])
+    assert (found.verdict, found.findings) == ("parameters", ())
+    estimate = found.recalibrated["c_1"]
+    assert estimate.value == pytest.approx(value, rel=0.05)
+    assert "of its tolerances from nominal" in found.summary
+
+
 def test_a_gain_error_stays_one_and_the_parameter_that_would_do_as_well_is_said():
     """What a gain error does, a gain far off does, too: the tolerance speaks for the effect."""
     truth = blade().with_effect("amplifier", "gain_error", {"relative": -0.5})

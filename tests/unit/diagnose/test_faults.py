@@ -7,10 +7,13 @@ import machines
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
 
 from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Record, diagnose, diagnose_records
-from dtbacklash.diagnose.faults import samples
+from dtbacklash.diagnose.faults import repeats, samples
 from dtbacklash.diagnose.faults.inspect import inspect
 from dtbacklash.diagnose.faults.wiring import wiring
 from dtbacklash.diagnose.sayings import limits_said
@@ -354,3 +357,73 @@ def test_steps_of_any_size_are_no_turns():
     same, count = samples.unwrapped(coarse)
     assert count == 0
     assert same is coarse
+
+
+def held(values: np.ndarray, every: int, first: int = 0) -> np.ndarray:
+    """What a sensor shows that is read at every so many samples only."""
+    at = np.arange(len(values))
+    return values[np.maximum((at - first) // every * every + first, 0)]
+
+
+@pytest.mark.parametrize("every", [3, 10])
+def test_a_sensor_that_is_read_seldom_is_compared_where_it_was_read(machine_recordings, every):
+    rig, record = machine_recordings["stage, PID"]
+    seen = held(record.y["x1"], every, first=2)
+    found = inspect(rig, [with_(record, x1=seen)])
+    assert failed(found) == ["x1 is read at every sample"]
+    (note,) = found.notes
+    assert note.startswith("x1 repeats its readings")
+    (mended,) = found.records
+    compared = np.flatnonzero(mended.train | mended.held)
+    np.testing.assert_array_equal(mended.y["x1"][compared], seen[compared])
+    assert set((compared - 2) % every) == {0}
+    # between its readings it moves on as the machine does
+    away = np.abs(mended.y["x1"] - record.y["x1"])[every:-every]
+    assert away.max() < 0.2 * np.abs(seen - record.y["x1"])[every:-every].max()
+
+
+def test_a_sensor_that_is_read_seldom_is_no_delay(rig, clean):
+    """Held for ten samples it is five late on average; without a look at its readings a delay was named."""
+    found = diagnose_records(rig, [with_(clean, q3=held(clean.y["q3"], 10))])
+    assert (found.verdict, found.findings) == ("consistent", ())
+    assert any(note.startswith("q3 repeats its readings") for note in found.notes)
+
+
+@given(slope=st.floats(0.02, 3.0), count=st.floats(0.5, 2.0), noise=st.floats(0.0, 2.0), seed=st.integers(0, 10**6))
+@hypothesis_settings(deadline=None)
+def test_counts_of_a_slow_motion_are_no_held_readings(slope, count, noise, seed):
+    rng = np.random.default_rng(seed)
+    t = np.arange(4000)
+    motion = slope * 200.0 * np.sin(t / 200.0) + noise * rng.standard_normal(len(t))
+    assert repeats.fresh(count * np.round(motion / count)) is None
+
+
+@given(every=st.integers(2, 40), first=st.integers(0, 39), seed=st.integers(0, 10**6))
+@hypothesis_settings(deadline=None)
+def test_held_readings_are_found_whatever_their_rate(every, first, seed):
+    rng = np.random.default_rng(seed)
+    values = np.cumsum(rng.standard_normal(4000))
+    mask = repeats.fresh(held(values, every, first % every))
+    assert mask is not None
+    assert set((np.flatnonzero(mask) - first) % every) == {0}
+
+
+def test_a_sensor_that_hangs_is_left_out_where_it_does(machine_recordings):
+    rig, record = machine_recordings["stage, PID"]
+    seen = record.y["x1"].copy()
+    jumps = np.abs(seen[100:] - seen[:-100])
+    places = [(a + 1, a + 100) for a in (2000 + int(jumps[2000:5000].argmax()), 6000 + int(jumps[6000:9000].argmax()))]
+    for a, b in places:
+        seen[a:b] = seen[a - 1]
+    mask = repeats.hung(seen)
+    assert all(mask[a:b].all() for a, b in places)
+    assert mask.sum() == sum(b - a for a, b in places)
+    found = inspect(rig, [with_(record, x1=seen)])
+    assert failed(found) == ["x1 does not hang"]
+    assert not any((found.records[0].train | found.records[0].held)[a:b].any() for a, b in places)
+
+
+def test_a_machine_at_rest_does_not_hang(clean):
+    """An encoder repeats its count, and a simulated one without noise all its digits."""
+    rest = np.concatenate([np.zeros(500), clean.y["q3"]])
+    assert not repeats.hung(rest).any()

@@ -4,10 +4,11 @@ import pytest
 
 from dtbacklash.config.compose import compose
 from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.free import Key
 from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.propose import is_found_already, runners_up
 from dtbacklash.diagnose.refit import fit
-from dtbacklash.diagnose.trials import Key, Search, Trial
+from dtbacklash.diagnose.trials import Search, Trial
 from dtbacklash.physics.rig import Rig, build_rig
 
 from .test_refit import shaken

@@ -6,10 +6,10 @@ import pytest
 from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import pipeline
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.free import nominal_free
+from dtbacklash.diagnose.free import Key, nominal_free
 from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.refit import fit
-from dtbacklash.diagnose.trials import Key, Search
+from dtbacklash.diagnose.trials import Search
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import simulate
 
