@@ -16,6 +16,7 @@ from dtbacklash.diagnose.free import unit_at
 from dtbacklash.diagnose.intervals import NORMAL95, group_sums
 from dtbacklash.diagnose.locate import Score
 from dtbacklash.diagnose.result import Limit
+from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trials import Search
 from dtbacklash.physics.effects.declare import Parameter
 
@@ -36,7 +37,7 @@ def _limit(evidence: Evidence, score: Score, residual: Floats) -> Limit:
     place, name = score.candidate.key
     size = score.candidate.effect.size
     unit = unit_at(evidence.nominal, place, size.unit)
-    share, error = share_along(evidence, score.signature, residual)
+    share, error = share_along(evidence, score.signature, residual, settings().limit_kept_share * score.whole)
     at = score.made_at[size.name]
     others = {name: value for name, value in score.made_at.items() if name != size.name}
     if size.neutral == 0.0:
@@ -57,19 +58,22 @@ def _upper(share: float, error: float, at: float, size: Parameter) -> float | No
     return bound if factor < EXTRAPOLATED_MAX and bound < widest else None
 
 
-def share_along(evidence: Evidence, signature: Floats, residual: Floats) -> tuple[float, float]:
+def share_along(evidence: Evidence, signature: Floats, residual: Floats, least: float = 0.0) -> tuple[float, float]:
     """The residual's share along a signature, and its standard error.
 
-    signature, residual : (rows,) weighted, channel after channel. The error is that of white rows, or what the sums
-    over stretches show where that is more, as residuals are correlated.
+    signature, residual : (rows,) weighted, channel after channel, then the rows of the priors. The error is that of
+    white rows, or what the sums over stretches show where that is more, as residuals are correlated. Where the samples
+    hold a norm of the signature below ``least``, the parameters take up all of it, and what is left is the simulation's
+    own error: then their priors bound it, of which each is strained by one standard deviation.
     """
-    # behind the samples stand the rows of the priors, which the signature does not strain
     samples = sum(int(r.train.sum()) for r in evidence.records)
     rows = len(residual) // samples * samples
+    strained, away = signature[rows:], residual[rows:]
     signature, residual = signature[:rows], residual[:rows]
     norm = float(signature @ signature)
-    if norm <= 0.0:
-        return 0.0, math.inf
+    if norm <= least**2:
+        strain = float(strained @ strained)
+        return (float(strained @ away) / strain, 1.0 / math.sqrt(strain)) if strain > 0.0 else (0.0, math.inf)
     share = float(signature @ residual) / norm
     rest = residual - share * signature
     white = norm * float(rest @ rest) / len(rest)

@@ -32,14 +32,15 @@ class Score:
     """How well one candidate's signature fits the residual.
 
     values : the parameters to start a fit from. gain : fall of minus twice the log-likelihood of the training part.
-    signature : (rows,) projected, weighted, of the parameters ``made_at``. lightest : weight of a sample in the blocks
-    that it changes.
+    signature : (rows,) projected, weighted, of the parameters ``made_at``. whole : its norm before it was projected.
+    lightest : weight of a sample in the blocks that it changes.
     """
 
     candidate: Candidate
     values: Values
     gain: float
     signature: Floats
+    whole: float
     lightest: float
     made_at: Values
 
@@ -104,10 +105,10 @@ class Bank(Projection):
             again, values = self._tame(candidate, {**values, size.name: value}, made)
             if again is None:
                 return None
-            projected = self.project(again)
+            signature, projected = again, self.project(again)
             if abs(factor) < rules.signature_growth_max:
                 break
-        return self._grown(candidate, self._rate(candidate, values, projected), made)
+        return self._grown(candidate, self._rate(candidate, values, signature, projected), made)
 
     def _grown(self, candidate: Candidate, score: Score | None, made: Made) -> Score | None:
         """The score at twice the size, and so on, as long as that explains more: a law need not be linear in its size.
@@ -120,7 +121,7 @@ class Bank(Projection):
         while score is not None and size.neutral == 0.0 and score.gain > settings().gain_min:
             values = {**score.made_at, size.name: 2.0 * score.made_at[size.name]}
             signature = self.signature(candidate, values, made) if abs(values[size.name]) < high else None
-            larger = None if signature is None else self._rate(candidate, values, self.project(signature))
+            larger = None if signature is None else self._rate(candidate, values, signature, self.project(signature))
             if larger is None or larger.gain < settings().signature_grown_gain * score.gain:
                 break
             score = larger
@@ -149,7 +150,7 @@ class Bank(Projection):
             factor = 0.1 * most  # the wrong sign at this size; it may still turn at another
         return float(np.clip(factor, -settings().signature_growth_max, settings().signature_growth_max))
 
-    def _rate(self, candidate: Candidate, values: Values, projected: Floats) -> Score | None:
+    def _rate(self, candidate: Candidate, values: Values, signature: Floats, projected: Floats) -> Score | None:
         norm = float(projected @ projected)
         if norm < 1e-12 * max(self.total, 1.0):
             return None
@@ -166,7 +167,8 @@ class Bank(Projection):
         gain = self._gain(self.residual - share * projected)
         names = blocks_touched(self.rig, self.evidence.blocks, candidate.place)
         lightest = min(float(self.weights[n].min()) for n in names)
-        return Score(candidate, start, gain, projected, min(lightest * settings().gain_weight_ratio, 1.0), values)
+        whole, weight = float(np.linalg.norm(signature)), min(lightest * settings().gain_weight_ratio, 1.0)
+        return Score(candidate, start, gain, projected, whole, weight, values)
 
     def _gain(self, rest: Floats) -> float:
         """Fall of minus twice the log-likelihood when ``rest`` is what remains, channel by channel."""

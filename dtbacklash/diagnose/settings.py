@@ -364,6 +364,9 @@ class DiagnoseSettings:
         above=0, at_most=1)
     limit_less_floors: float = setting(
         0.03, "and so much of the floor, which is the floor's own uncertainty", unit="floors, mean square", above=0)
+    limit_kept_share: float = setting(
+        3e-3, "of a signature that is left beside what the parameters can do, less is the simulation's own error",
+        unit="share of the norm", above=0, below=1)
     told_apart_share: float = setting(
         0.01, "an experiment that makes two models differ by less is not advised", unit="share of the signal", above=0)
     white_lags: int = setting(20, "of the test for whiteness, Ljung and Box's usual number", unit="lags", at_least=1)

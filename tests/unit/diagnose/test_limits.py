@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from ringing import blade, known
+from ringing import recorded as ringing
 
 from dtbacklash.diagnose import diagnose_records
 from dtbacklash.diagnose.result import Limit
@@ -52,3 +54,13 @@ def test_the_row_says_a_bound_or_that_there_is_none():
     assert row == {"location": "gear", "effect": "backlash", "parameter": "gap", "unit": "rad", "upper95": 1e-3}
     unseen = Limit("mass_2", "absorber", "mass", "kg", {"frequency": 9.0}).to_json()
     assert (unseen["visible"], unseen["at"]) == (False, {"frequency": 9.0})
+
+
+def test_where_the_parameters_can_do_all_of_it_their_tolerances_bound_it():
+    """The force constant does what a gain error does; masses, stiffness and damping do it together, as well."""
+    rig = known(blade())
+    tolerances = {name: p.tolerance for name, p in rig.config.parameters.items()}
+    alone = tolerances.pop("g")
+    together = np.sqrt(alone**2 + 1.0 / np.sum([t**-2 for t in tolerances.values()]))
+    limit = bound(diagnose_records(rig, [ringing(blade(), 17)]), "amplifier", "gain_error")
+    assert 0.95 * 1.96 * alone < limit.upper95 < 1.05 * 1.96 * together
