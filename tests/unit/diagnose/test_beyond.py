@@ -31,12 +31,20 @@ def test_a_value_that_its_tolerance_excludes_is_no_physics(name, value, toleranc
 @pytest.mark.parametrize("factor", [4.0, 8.0])
 def test_a_damping_that_was_guessed_is_found_however_wrong_it_is(factor):
     """Damping is what one knows least of: four times its value was viscous friction, or physics of no name."""
-    value = factor * known(blade()).config.parameters["c_1"].value
-    found = diagnose_records(known(blade()), [recorded(blade(c_1=value), 15)])
+    value = factor * known(blade()).config.parameters["c_2"].value
+    found = diagnose_records(known(blade()), [recorded(blade(c_2=value), 15)])
     assert (found.verdict, found.findings) == ("parameters", ())
-    estimate = found.recalibrated["c_1"]
+    estimate = found.recalibrated["c_2"]
     assert estimate.value == pytest.approx(value, rel=0.05)
     assert "of its tolerances from nominal" in found.summary
+
+
+def test_a_damper_to_the_ground_is_viscous_friction_and_both_are_said():
+    truth = blade(c_1=4.0 * known(blade()).config.parameters["c_1"].value)
+    found = diagnose_records(known(blade()), [recorded(truth, 15)])
+    (finding,) = found.findings
+    assert (finding.location, finding.effect, finding.confidence) == ("frame", "viscous_friction", "partial")
+    assert ("foot", "c_1") in [(other.location, other.effect) for other in finding.also_fits]
 
 
 def test_a_gain_error_stays_one_and_the_parameter_that_would_do_as_well_is_said():

@@ -81,7 +81,7 @@ def test_tolerances_survive_the_file():
 
 
 @pytest.mark.parametrize(
-    "leaf", [{"value": 1.0}, {"value": 1.0, "tolerance": 1.0}, {"value": "x", "tolerance": 0.1}, "x"]
+    "leaf", [{"value": 1.0}, {"value": 1.0, "tolerance": 11.0}, {"value": "x", "tolerance": 0.1}, "x"]
 )
 def test_a_leaf_that_is_none_is_refused(leaf):
     with pytest.raises(UserError, match=r"viscous_friction\.coefficient"):

@@ -111,7 +111,7 @@ SCHEMA: list[tuple[dict[str, Any], str]] = [
     ({"parameters": {"m": ParameterConfig(math.nan)}}, "rig.parameters.m.value=nan"),
     ({"parameters": {"m": ParameterConfig(math.inf)}}, "rig.parameters.m.value=inf"),
     ({"parameters": {"m": ParameterConfig("5 kg")}}, "rig.parameters.m.value=5 kg"),
-    ({"parameters": {"m": ParameterConfig(1.0, tolerance=1.0)}}, "rig.parameters.m.tolerance=1.0"),
+    ({"parameters": {"m": ParameterConfig(1.0, tolerance=10.5)}}, "rig.parameters.m.tolerance=10.5"),
     ({"parameters": {"m": ParameterConfig(1.0, tolerance=-0.1)}}, "rig.parameters.m.tolerance=-0.1"),
     ({"effects": {"gear": 3}}, "rig.effects.gear=3"),
     ({"effects": {"gear": {"backlash": 0.3}}}, "rig.effects.gear.backlash=0.3"),
