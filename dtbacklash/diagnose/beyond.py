@@ -9,16 +9,21 @@ from dataclasses import replace
 
 from dtbacklash.diagnose.earn import held_loss, is_noise, merit, same, worst
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.free import known_free, nominal_free, standing, stands_at_limit, tolerances_away
+from dtbacklash.diagnose.free import (
+    known_free,
+    nominal_free,
+    standing,
+    stands_at_limit,
+    tolerances_away,
+    widened,
+    with_tolerance,
+)
 from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.refit import QUICK, fit
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trials import Beyond, Search
-from dtbacklash.physics.rig import Rig, build_rig
+from dtbacklash.physics.rig import Rig
 
-#: one parameter may be so many times further from nominal than its tolerance allows, with a tolerance of this at most:
-#: ten times its value
-FURTHER, WIDEST = 10.0, 3.0
 #: a quick fit that leaves more of the nominal rig's loss than this has not begun to explain it
 BEGUN = 0.5
 
@@ -33,10 +38,10 @@ def beyond_tolerance(found: Search, recalibrate: Callable[[Evidence], Fit]) -> B
     for f in nominal_free(nominal, rig=found.nominal.rig):
         name = f.name
         if not f.effect and stands_at_limit(f, standing(f, found.nominal.rig)):
-            wide = min(FURTHER * parameters[name].tolerance, WIDEST)
+            wide = widened(parameters[name].tolerance)
             if wide <= parameters[name].tolerance:
                 continue  # nobody claimed to know it
-            evidence = replace(found.evidence, nominal=_with_tolerance(nominal, name, wide))
+            evidence = replace(found.evidence, nominal=with_tolerance(nominal, name, wide))
             if _hopeless(found, evidence):
                 continue
             fitted = recalibrate(evidence)
@@ -85,11 +90,4 @@ def beyond_instead(found: Search, recalibrate: Callable[[Evidence], Fit]) -> Non
 
 def believed(rig: Rig, trial: Beyond | None) -> Rig:
     """A rig with the tolerance that was given for the parameter which went beyond it, if one did."""
-    return rig if trial is None else _with_tolerance(rig, trial.name, trial.tolerance)
-
-
-def _with_tolerance(rig: Rig, name: str, tolerance: float) -> Rig:
-    parameters = rig.config.parameters
-    return build_rig(
-        replace(rig.config, parameters={**parameters, name: replace(parameters[name], tolerance=tolerance)})
-    )
+    return rig if trial is None else with_tolerance(rig, trial.name, trial.tolerance)

@@ -21,6 +21,9 @@ from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, build_rig
 
 #: a fit takes a parameter of the rig down to this share of its nominal value at most
 LEAST_SHARE = 1e-3
+#: one parameter may be so many times further from nominal than its tolerance allows, with a tolerance of this at most:
+#: ten times its value
+FURTHER, WIDEST = 10.0, 3.0
 
 Effects = dict[tuple[str, str], dict[str, float]]
 Key = tuple[str, str]
@@ -80,6 +83,19 @@ def with_priors(rig: Rig) -> Rig:
             place, name, {p: {"value": v, "tolerance": known.get(p, usual[p])} for p, v in values.items()}
         )
     return rig
+
+
+def with_tolerance(rig: Rig, name: str, tolerance: float) -> Rig:
+    """The rig with another tolerance of one of its parameters."""
+    parameters = rig.config.parameters
+    return build_rig(
+        replace(rig.config, parameters={**parameters, name: replace(parameters[name], tolerance=tolerance)})
+    )
+
+
+def widened(tolerance: float) -> float:
+    """The tolerance of a parameter that may be beyond the one that was given."""
+    return max(min(FURTHER * tolerance, WIDEST), tolerance)
 
 
 def with_errors(rig: Rig, errors: Errors) -> Rig:

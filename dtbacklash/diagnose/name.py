@@ -24,6 +24,7 @@ from dtbacklash.diagnose.free import (
     nominal_free,
     standing,
     tolerances_away,
+    with_tolerance,
 )
 from dtbacklash.diagnose.leave_out import borne, eliminate, fit_without, refit_with
 from dtbacklash.diagnose.locate import Bank, Score, bank
@@ -44,7 +45,7 @@ from dtbacklash.diagnose.refit import FULL, QUICK, Rounds, fit
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.diagnose.trial import objection
-from dtbacklash.diagnose.trials import Asked, Search, Trial
+from dtbacklash.diagnose.trials import Asked, Beyond, Search, Trial
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Values
 from dtbacklash.physics.rig import Rig
@@ -53,6 +54,8 @@ from dtbacklash.physics.rig import Rig
 ATTEMPTS = 2
 #: of an effect that the rig has and the machine may not have, this share is left where its fit begins
 ALMOST_GONE = 1e-3
+#: before effects are looked for, one element's own parameter is tried where its signature leaves at most this share
+OWN_LIKELY = 0.7
 
 
 def silent(text: str, share: float) -> None:
@@ -65,7 +68,7 @@ def search(evidence: Evidence, say: Callable[[str, float], None] = silent) -> Se
     say("recalibrating the nominal rig", 0.02)
     nominal = _recalibrated(evidence)
     found = Search(evidence, nominal, nominal, [])
-    if explains_alone(found, _recalibrated):
+    if explains_alone(found, _recalibrated) or own_parameter(evidence, nominal, OWN_LIKELY):
         found.most = 1
     for _ in range(ATTEMPTS):
         _add_all(found, say)
@@ -125,6 +128,8 @@ def _own_instead(found: Search) -> None:
         found.refused |= dict.fromkeys(gone, "one element's own parameter does as well")
         found.evidence, found.fitted = own.evidence, own.fitted
         found.order, found.as_well = [key for key in found.order if key not in gone], None
+        away = tolerances_away(with_tolerance(own.evidence.nominal, own.name, own.tolerance), own.fitted.rig)
+        found.beyond = Beyond(own.name, own.tolerance, away[own.name], own.evidence, own.fitted)
         known = own.evidence.nominal
         found.nominal = fit(own.evidence, known, nominal_free(known)) if found.order else own.fitted
         return

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 from dtbacklash.diagnose.earn import is_noise, merit
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.free import all_free, tolerances_away
+from dtbacklash.diagnose.free import all_free, tolerances_away, widened, with_tolerance
 from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.projection import Projection
 from dtbacklash.diagnose.refit import QUICK, fit
@@ -19,21 +19,30 @@ STEP = 0.1
 
 @dataclass(frozen=True)
 class Own:
-    """A rig in which one element has a parameter of its own, and its fit. evidence : about that rig."""
+    """A rig in which one element has a parameter of its own, and its fit. evidence : about that rig.
 
+    name, tolerance : of the element's own parameter, the latter as given of the shared one. It may lie beyond.
+    """
+
+    name: str
+    tolerance: float
     evidence: Evidence
     fitted: Fit
 
 
-def own_parameter(evidence: Evidence, before: Fit) -> Own | None:
+def own_parameter(evidence: Evidence, before: Fit, likely: float = 1.0) -> Own | None:
     """The parameter of one element that alone explains what a fit leaves, if there is one.
 
     Each is scored by one simulation, as effects are; the best are looked at, as masses that swing out of step show
     themselves only when a fit is near; the best of these is fitted, and has to leave noise.
+
+    likely : those are looked at of which the score leaves at most this share of what the fit leaves.
     """
     if not shared(evidence.nominal) or is_noise(evidence, before):
         return None
-    looks = {use: _look(evidence, before.rig, use) for use in _promising(evidence, before)}
+    looks = {use: _look(evidence, before.rig, use) for use in _promising(evidence, before, likely)}
+    if not looks:
+        return None
     least = min(merit(own.evidence, own.fitted) for own in looks.values())
     # of two elements that share it either one may have its own: the one that leaves the shared value where it was
     alike = [use for use, own in looks.items() if merit(own.evidence, own.fitted) < least + settings().earn_penalty]
@@ -44,11 +53,13 @@ def own_parameter(evidence: Evidence, before: Fit) -> Own | None:
 
 def _look(evidence: Evidence, rig: Rig, use: Use) -> Own:
     """A quick fit."""
-    evidence, start = replace(evidence, nominal=split(evidence.nominal, *use)), split(rig, *use)
-    return Own(evidence, fit(evidence, start, *all_free(evidence, start), rounds=QUICK))
+    name, tolerance = title(*use[:2]), evidence.nominal.config.parameters[use[0]].tolerance
+    own = with_tolerance(split(evidence.nominal, *use), name, widened(tolerance))
+    evidence, start = replace(evidence, nominal=own), split(rig, *use)
+    return Own(name, tolerance, evidence, fit(evidence, start, *all_free(evidence, start), rounds=QUICK))
 
 
-def _promising(evidence: Evidence, before: Fit) -> list[Use]:
+def _promising(evidence: Evidence, before: Fit, likely: float) -> list[Use]:
     """The shared parameters that, of one element alone, promise to explain most of what is left; the best first."""
     projection, left = Projection(evidence, before), {}
     for use in shared(evidence.nominal):
@@ -60,7 +71,8 @@ def _promising(evidence: Evidence, before: Fit) -> list[Use]:
         column = projection.project(projection.stack(before.residuals) - projection.stack(changed))
         gain = float(column @ projection.residual) ** 2 / max(float(column @ column), 1e-300)
         left[use] = projection.total - gain
-    return sorted(left, key=lambda use: left[use])[: settings().quick_fits]
+    hopeful = [use for use in left if left[use] <= likely * projection.total]
+    return sorted(hopeful, key=lambda use: left[use])[: settings().quick_fits]
 
 
 def shared(rig: Rig) -> list[Use]:

@@ -139,7 +139,8 @@ def _searched(readings: list[Evidence], say: Callable[[str, float], None]) -> tu
 def _diagnosis(found: Search, errors: Errors, smooth: bool) -> Diagnosis:
     """What a finished search says; ``errors`` : standard errors of the last fit's parameters."""
     evidence = found.evidence
-    moved = moved_parameters(evidence, found.fitted, errors)
+    given = believed(evidence.nominal, found.beyond)
+    moved = moved_parameters(evidence, given, found.fitted, errors)
     left_out = without(evidence, found)
     white = whiteness(evidence, found)
     # a law that the rig has already has other formulations, too
@@ -164,7 +165,7 @@ def _diagnosis(found: Search, errors: Errors, smooth: bool) -> Diagnosis:
         candidates=candidates(found),
         located=where,
         next_experiment=next_experiment(evidence, found, rest),
-        nominal=believed(evidence.nominal, found.beyond),
+        nominal=given,
         extended=with_errors(believed(found.fitted.rig, found.beyond), errors),
         free_running=free,
         checks=all_checks(evidence, found, errors, free, form, white),

@@ -142,7 +142,7 @@ def limits_said(effects: list[str], parameters: list[str]) -> str:
 
 def beyond_said(beyond: Beyond | None) -> str:
     """What to say of a parameter of the rig that is beyond its tolerance; empty where none is."""
-    if beyond is None:
+    if beyond is None or beyond.tolerances <= settings().tolerances_max:
         return ""
     return (f"`{beyond.name}` is {beyond.tolerances:.1f} of its tolerances from nominal: the rig's value is wrong, or "
             "its tolerance.")  # fmt: skip

@@ -37,7 +37,7 @@ class Asked:
 
 @dataclass(frozen=True)
 class Beyond:
-    """A fit with one parameter beyond its tolerance, and no physics missing.
+    """A fit with one parameter that may be beyond its tolerance, and no physics missing.
 
     name, tolerance : of the parameter, as given. tolerances : how many of them it is off. evidence : about the rig in
     which its tolerance is wide.

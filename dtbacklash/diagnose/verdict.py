@@ -7,7 +7,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.formulation import other_formulations
-from dtbacklash.diagnose.free import Errors, Key, apply, as_given, nominal_free, standing
+from dtbacklash.diagnose.free import Errors, Key, apply, as_given, nominal_free, standing, tolerances_away
 from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Confidence, Verdict
@@ -143,15 +143,16 @@ def _squares(evidence: Evidence, fitted: Fit) -> tuple[dict[str, Floats], dict[s
     )
 
 
-def moved_parameters(evidence: Evidence, fitted: Fit, errors: Errors) -> Moved:
-    """The parameters of the rig that had to move."""
+def moved_parameters(evidence: Evidence, given: Rig, fitted: Fit, errors: Errors) -> Moved:
+    """The parameters of the rig that had to move. given : the nominal rig with the tolerances that were given."""
     if not _needed(evidence, fitted):
         return {}
     moved: Moved = {}
     clearly: dict[str, float] = {}
+    away = tolerances_away(given, fitted.rig)
     for f in nominal_free(evidence.nominal, rig=fitted.rig):
         error, x = errors.get((f.place, f.effect, f.name)), standing(f, fitted.rig)
-        if error is not None and abs(x) > settings().moved_share:
+        if error is not None and away[f.title] > settings().moved_share:
             moved[f.title] = (f.value(x), error)
             clearly[f.title] = abs(x) * f.scale / max(error, 1e-300)
     least = min(settings().moved_errors, max(clearly.values(), default=0.0))
