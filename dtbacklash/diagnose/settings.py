@@ -77,6 +77,9 @@ class DiagnoseSettings:
         unit="share of changes", above=0, below=1)
     held_counts: float = setting(
         3.0, "and one that changes by fewer counts may move slowly over them", unit="counts", above=0)
+    held_readings_min: int = setting(
+        500, "a channel of fewer readings is left out: some stretches of twenty have to remain to choose by",
+        unit="readings", at_least=1)
     hung_samples_min: int = setting(5, "fewer equal readings are no pattern", unit="samples", at_least=2)
     hung_repeats_share: float = setting(
         0.05, "where readings repeat more often than this, a sensor's counts are coarse and it does not hang",

@@ -63,7 +63,9 @@ def inspect(rig: Rig, records: list[Record]) -> Inspected:
     for name in _channels(rig, found.records):
         if rig.sensors[name].quantity == "position" and rig.sensors[name].unit == "rad":
             _wrapped(name, found)
-        _seldom(name, found)
+        _seldom(rig, name, found)
+        if name in found.left_out:
+            continue
         _spikes(name, found)
         _clipped(rig, name, found)
         _hung(rig, name, found)
@@ -105,11 +107,15 @@ def _dead(rig: Rig, found: Inspected) -> None:
             f"Check the wiring of {_listed(dead)}, and that the machine moves, and record again.",
         )  # fmt: skip
         return
-    found.left_out = dead
     found.notes.append(
         f"{what} (dead, disconnected, or nothing moves there) and {'was' if len(dead) == 1 else 'were'} left out."
     )
-    found.records = [replace(r, y={n: v for n, v in r.y.items() if n not in dead}) for r in found.records]
+    _drop(dead, found)
+
+
+def _drop(names: list[str], found: Inspected) -> None:
+    found.left_out += names
+    found.records = [replace(r, y={n: v for n, v in r.y.items() if n not in names}) for r in found.records]
 
 
 def _wrapped(name: str, found: Inspected) -> None:
@@ -127,7 +133,24 @@ def _wrapped(name: str, found: Inspected) -> None:
         found.notes.append(f"{name} begins anew at a full turn, {turns} times: the jumps are undone.")
 
 
-def _seldom(name: str, found: Inspected) -> None:
+def _too_few(rig: Rig, name: str, readings: int, found: Inspected) -> None:
+    """Leave out a channel of so few readings that hardly any sample would be compared."""
+    what = f"{name} is read {readings} times in all"
+    try:
+        _blocks(rig, tuple(n for n in _channels(rig, found.records) if n != name), found.records)
+    except UserError:
+        found.fault = found.fault or Fault(
+            SENSOR_PREFIX + name,
+            what,
+            "it repeats each reading for many samples",
+            f"Read {name} more often, and record again.",
+        )
+        return
+    found.notes.append(f"{what}, which is too seldom to compare it, and was left out.")
+    _drop([name], found)
+
+
+def _seldom(rig: Rig, name: str, found: Inspected) -> None:
     """Compare a sensor that is read more seldom than recorded only where it was read."""
     masks = [repeats.fresh(r.y[name]) for r in found.records]
     every = max(1.0 / float(np.mean(m)) if m is not None else 1.0 for m in masks)
@@ -137,6 +160,10 @@ def _seldom(name: str, found: Inspected) -> None:
         "readings is bridged, and neither fitted nor judged", SAMPLED,
     ))  # fmt: skip
     if every == 1.0:
+        return
+    readings = sum(len(r.u) if m is None else int(m.sum()) for r, m in zip(found.records, masks, strict=True))
+    if readings < settings().held_readings_min:
+        _too_few(rig, name, readings, found)
         return
     bridged = [
         r if m is None else replace(r, y={**r.y, name: repeats.between(r.y[name], m)})

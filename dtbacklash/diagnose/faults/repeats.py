@@ -35,11 +35,12 @@ def fresh(values: Floats) -> np.ndarray | None:
 def between(values: Floats, known: np.ndarray) -> Floats:
     """(N,) the values that are known, and on a cubic spline through them those between, with the channel's noise.
 
-    Quiet stretches would lower the noise floor, which is read from all of it.
+    The first value counts as known too: it was read then or shortly before. Quiet stretches would lower the noise
+    floor, which is read from all of it.
     """
-    at = np.flatnonzero(known)
+    at = np.union1d([0], np.flatnonzero(known))
     sigma, count = sensor_noise(values[at])
-    where = np.clip(np.arange(len(values)), at[0], at[-1])
+    where = np.minimum(np.arange(len(values)), at[-1])
     found = np.asarray(CubicSpline(at, values[at])(where), dtype=float)
     found += np.where(known, 0.0, sigma * np.random.default_rng(0).standard_normal(len(values)))
     return count * np.round(found / count) if count > 0.0 else found

@@ -389,6 +389,23 @@ def test_a_sensor_that_is_read_seldom_is_no_delay(rig, clean):
     assert any(note.startswith("q3 repeats its readings") for note in found.notes)
 
 
+def test_a_sensor_of_few_readings_is_left_out(machine_recordings):
+    rig, record = machine_recordings["stage, PID"]
+    found = inspect(rig, [with_(record, x2=held(record.y["x2"], 100))])
+    assert found.left_out == ["x2"]
+    assert "x2 is read 1" in found.notes[0]
+    assert "x2" not in found.records[0].y
+    assert found.records[0].train.sum() == record.train.sum()
+
+
+def test_the_first_value_of_a_sensor_that_is_read_seldom_is_known():
+    """A machine begins at rest there, and its first state with it."""
+    values = np.concatenate([np.zeros(10), held(np.linspace(1.0, 50.0, 990), 10)])
+    mask = np.zeros(1000, dtype=bool)
+    mask[10::10] = True
+    assert abs(repeats.between(values, mask)[0]) < 0.01
+
+
 @given(slope=st.floats(0.02, 3.0), count=st.floats(0.5, 2.0), noise=st.floats(0.0, 2.0), seed=st.integers(0, 10**6))
 @hypothesis_settings(deadline=None)
 def test_counts_of_a_slow_motion_are_no_held_readings(slope, count, noise, seed):
