@@ -43,12 +43,21 @@ def own_parameter(evidence: Evidence, before: Fit, likely: float = 1.0) -> Own |
     looks = {use: _look(evidence, before.rig, use) for use in _promising(evidence, before, likely)}
     if not looks:
         return None
-    least = min(merit(own.evidence, own.fitted) for own in looks.values())
+    ranked = sorted(looks, key=lambda use: merit(looks[use].evidence, looks[use].fitted))
+    best = _finished(looks[ranked[0]])
+    if best is None:
+        return None
     # of two elements that share it either one may have its own: the one that leaves the shared value where it was
-    alike = [use for use, own in looks.items() if merit(own.evidence, own.fitted) < least + settings().earn_penalty]
-    best = looks[min(alike, key=lambda use: tolerances_away(evidence.nominal, looks[use].fitted.rig)[use[0]])]
-    own = replace(best, fitted=fit(best.evidence, best.fitted.rig, *all_free(best.evidence, best.fitted.rig)))
-    return own if is_noise(own.evidence, own.fitted) else None
+    others = [_finished(looks[use]) for use in ranked[1:] if use[0] == ranked[0][0]]
+    most = merit(best.evidence, best.fitted) + settings().earn_penalty
+    alike = [own for own in others if own is not None and merit(own.evidence, own.fitted) < most]
+    return min([best, *alike], key=lambda own: tolerances_away(evidence.nominal, own.fitted.rig)[ranked[0][0]])
+
+
+def _finished(own: Own) -> Own | None:
+    """A full fit; None if it leaves more than noise."""
+    fitted = fit(own.evidence, own.fitted.rig, *all_free(own.evidence, own.fitted.rig))
+    return replace(own, fitted=fitted) if is_noise(own.evidence, fitted) else None
 
 
 def _look(evidence: Evidence, rig: Rig, use: Use) -> Own:

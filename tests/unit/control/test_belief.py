@@ -113,7 +113,7 @@ def test_what_is_believed_decides_what_is_left_open(words, form, method):
     ("words", "key"),
     [
         ((MODEL, "model.effects.gear.nonsense.gap=1"), "model.effects.gear.nonsense"),
-        ((MODEL, "model.parameters.k.tolerance=2"), "model.parameters.k.tolerance"),
+        ((MODEL, "model.parameters.k.tolerance=20"), "model.parameters.k.tolerance"),
         (("model.parameters.k.value=9000",), "model.parameters.k.value"),
         (("controller.compensate=[coulomb_friction]",), "controller.compensate"),
     ],
