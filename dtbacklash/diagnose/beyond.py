@@ -14,7 +14,6 @@ from dtbacklash.diagnose.free import (
     nominal_free,
     standing,
     stands_at_limit,
-    tolerances_away,
     widened,
     with_tolerance,
 )
@@ -44,9 +43,7 @@ def beyond_tolerance(found: Search, recalibrate: Callable[[Evidence], Fit]) -> B
             evidence = replace(found.evidence, nominal=with_tolerance(nominal, name, wide))
             if _hopeless(found, evidence):
                 continue
-            fitted = recalibrate(evidence)
-            away = tolerances_away(nominal, fitted.rig)[name]
-            trials.append(Beyond(name, parameters[name].tolerance, away, evidence, fitted))
+            trials.append(Beyond(name, parameters[name].tolerance, evidence, recalibrate(evidence)))
     able = [trial for trial in trials if worst(trial.evidence, trial.fitted) < settings().nearly_noise_floors]
     return min(able, key=lambda trial: merit(trial.evidence, trial.fitted), default=None)
 
@@ -55,10 +52,11 @@ def _hopeless(found: Search, evidence: Evidence) -> bool:
     """Whether a quick fit leaves far more than noise, or than what was found, and most of it."""
     rules = settings()
     quick = fit(evidence, evidence.nominal, *known_free(evidence, found.nominal.rig), rounds=QUICK)
-    left, by_findings = held_loss(evidence, quick), max(held_loss(found.evidence, found.fitted), 1.0)
     if worst(found.evidence, found.fitted) > rules.nearly_noise_floors:
-        return left > max(BEGUN * held_loss(found.evidence, found.nominal), rules.hopeless_ratio)
-    return left > rules.hopeless_ratio * by_findings
+        most = max(BEGUN * held_loss(found.evidence, found.nominal), rules.hopeless_ratio)
+    else:
+        most = rules.hopeless_ratio * max(held_loss(found.evidence, found.fitted), 1.0)
+    return held_loss(evidence, quick) > most
 
 
 def explains_alone(found: Search, recalibrate: Callable[[Evidence], Fit]) -> bool:

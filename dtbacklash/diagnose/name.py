@@ -24,11 +24,10 @@ from dtbacklash.diagnose.free import (
     nominal_free,
     standing,
     tolerances_away,
-    with_tolerance,
 )
 from dtbacklash.diagnose.leave_out import borne, eliminate, fit_without, refit_with
 from dtbacklash.diagnose.locate import Bank, Score, bank
-from dtbacklash.diagnose.own import Own, own_parameter, shared
+from dtbacklash.diagnose.own import own_instead, own_parameter
 from dtbacklash.diagnose.problem import Fit, weights_for
 from dtbacklash.diagnose.propose import (
     apart,
@@ -45,7 +44,7 @@ from dtbacklash.diagnose.refit import FULL, QUICK, Rounds, fit
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.diagnose.trial import objection
-from dtbacklash.diagnose.trials import Asked, Beyond, Search, Trial
+from dtbacklash.diagnose.trials import Asked, Search, Trial
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Values
 from dtbacklash.physics.rig import Rig
@@ -83,7 +82,7 @@ def search(evidence: Evidence, say: Callable[[str, float], None] = silent) -> Se
         _reconsider(found.evidence, found, list(found.order), rules.final_rivals)
     beyond_instead(found, _recalibrated)
     if found.beyond is None:
-        _own_instead(found)
+        own_instead(found)
     return found
 
 
@@ -113,39 +112,6 @@ def _add_all(found: Search, say: Callable[[str, float], None]) -> None:
             break
         _reconsider(found.evidence, found, found.order[:-1], rules.swap_rivals)
         _from_the_middle(found.evidence, found)
-
-
-def _own_instead(found: Search) -> None:
-    """Let one element have a parameter of its own instead of all findings, or of one, where that does as well."""
-    if not shared(found.evidence.nominal):
-        return
-    for left_out in [None, *(found.order if len(found.order) > 1 else [])]:
-        before = fit_without(found, left_out) if left_out else found.nominal
-        own = own_parameter(found.evidence, before)
-        if own is None or not _does_as_well(found, before, own):
-            continue
-        gone = [left_out] if left_out else found.order
-        found.refused |= dict.fromkeys(gone, "one element's own parameter does as well")
-        found.evidence, found.fitted = own.evidence, own.fitted
-        found.order, found.as_well = [key for key in found.order if key not in gone], None
-        away = tolerances_away(with_tolerance(own.evidence.nominal, own.name, own.tolerance), own.fitted.rig)
-        found.beyond = Beyond(own.name, own.tolerance, away[own.name], own.evidence, own.fitted)
-        known = own.evidence.nominal
-        found.nominal = fit(own.evidence, known, nominal_free(known)) if found.order else own.fitted
-        return
-
-
-def _does_as_well(found: Search, before: Fit, own: Own) -> bool:
-    """Whether an own parameter fits as well as the effects that were found, or explains all but a trifle of it.
-
-    It is known to be there, and they are not: what it leaves may be how a machine differs from any simulation.
-    """
-    rules, evidence = settings(), own.evidence
-    least = merit(found.evidence, found.fitted) + rules.earn_penalty
-    if merit(evidence, own.fitted) < least or same(evidence, found.fitted, own.fitted):
-        return True
-    at_first, by_effects, by_own = (held_loss(evidence, f) ** 2 for f in (before, found.fitted, own.fitted))
-    return at_first - by_own > (1.0 - rules.same_loss_share) * (at_first - by_effects)
 
 
 def _release(evidence: Evidence, found: Search) -> bool:

@@ -1,14 +1,16 @@
 """A parameter that several elements share may be another one in one of them: looked at before physics is invented."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from dtbacklash.diagnose.earn import is_noise, merit
+from dtbacklash.diagnose.earn import held_loss, is_noise, merit, same
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.free import all_free, tolerances_away, widened, with_tolerance
+from dtbacklash.diagnose.free import all_free, nominal_free, tolerances_away, widened, with_tolerance
+from dtbacklash.diagnose.leave_out import fit_without
 from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.projection import Projection
 from dtbacklash.diagnose.refit import QUICK, fit
 from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.trials import Beyond, Search
 from dtbacklash.physics.rig import Rig, build_rig
 
 #: parameter, element, field
@@ -17,20 +19,7 @@ Use = tuple[str, str, str]
 STEP = 0.1
 
 
-@dataclass(frozen=True)
-class Own:
-    """A rig in which one element has a parameter of its own, and its fit. evidence : about that rig.
-
-    name, tolerance : of the element's own parameter, the latter as given of the shared one. It may lie beyond.
-    """
-
-    name: str
-    tolerance: float
-    evidence: Evidence
-    fitted: Fit
-
-
-def own_parameter(evidence: Evidence, before: Fit, likely: float = 1.0) -> Own | None:
+def own_parameter(evidence: Evidence, before: Fit, likely: float = 1.0) -> Beyond | None:
     """The parameter of one element that alone explains what a fit leaves, if there is one.
 
     Each is scored by one simulation, as effects are; the best are looked at, as masses that swing out of step show
@@ -54,18 +43,50 @@ def own_parameter(evidence: Evidence, before: Fit, likely: float = 1.0) -> Own |
     return min([best, *alike], key=lambda own: tolerances_away(evidence.nominal, own.fitted.rig)[ranked[0][0]])
 
 
-def _finished(own: Own) -> Own | None:
+def own_instead(found: Search) -> None:
+    """Let one element have a parameter of its own instead of all findings, or of one, where that does as well."""
+    if not shared(found.evidence.nominal):
+        return
+    for left_out in [None, *(found.order if len(found.order) > 1 else [])]:
+        before = fit_without(found, left_out) if left_out else found.nominal
+        own = own_parameter(found.evidence, before)
+        if own is None or not _does_as_well(found, before, own):
+            continue
+        gone = [left_out] if left_out else found.order
+        found.refused |= dict.fromkeys(gone, "one element's own parameter does as well")
+        found.evidence, found.fitted = own.evidence, own.fitted
+        found.order, found.as_well = [key for key in found.order if key not in gone], None
+        found.beyond = own
+        known = own.evidence.nominal
+        found.nominal = fit(own.evidence, known, nominal_free(known)) if found.order else own.fitted
+        return
+
+
+def _does_as_well(found: Search, before: Fit, own: Beyond) -> bool:
+    """Whether an own parameter fits as well as the effects that were found, or explains all but a trifle of it.
+
+    It is known to be there, and they are not: what it leaves may be how a machine differs from any simulation.
+    """
+    rules, evidence = settings(), own.evidence
+    least = merit(found.evidence, found.fitted) + rules.earn_penalty
+    if merit(evidence, own.fitted) < least or same(evidence, found.fitted, own.fitted):
+        return True
+    at_first, by_effects, by_own = (held_loss(evidence, f) ** 2 for f in (before, found.fitted, own.fitted))
+    return at_first - by_own > (1.0 - rules.same_loss_share) * (at_first - by_effects)
+
+
+def _finished(own: Beyond) -> Beyond | None:
     """A full fit; None if it leaves more than noise."""
     fitted = fit(own.evidence, own.fitted.rig, *all_free(own.evidence, own.fitted.rig))
     return replace(own, fitted=fitted) if is_noise(own.evidence, fitted) else None
 
 
-def _look(evidence: Evidence, rig: Rig, use: Use) -> Own:
+def _look(evidence: Evidence, rig: Rig, use: Use) -> Beyond:
     """A quick fit."""
     name, tolerance = title(*use[:2]), evidence.nominal.config.parameters[use[0]].tolerance
     own = with_tolerance(split(evidence.nominal, *use), name, widened(tolerance))
     evidence, start = replace(evidence, nominal=own), split(rig, *use)
-    return Own(name, tolerance, evidence, fit(evidence, start, *all_free(evidence, start), rounds=QUICK))
+    return Beyond(name, tolerance, evidence, fit(evidence, start, *all_free(evidence, start), rounds=QUICK))
 
 
 def _promising(evidence: Evidence, before: Fit, likely: float) -> list[Use]:

@@ -69,7 +69,7 @@ class DiagnoseSettings:
     spikes_share_max: float = setting(
         0.01, "what is more frequent is a signal's own way and no spike", unit="share of samples", above=0, below=1)
     jump_ratio: float = setting(
-        3.0, "a command jumps where its step is so much larger than the rms of its steps", unit="ratio", above=0)
+        3.0, "a signal jumps where its step is so much larger than the rms of its steps", unit="ratio", above=0)
     jump_answer_samples: int = setting(
         20, "so long after a jump of the command a current may answer like a spike", unit="samples", at_least=1)
     held_together_share: float = setting(

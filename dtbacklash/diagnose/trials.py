@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.free import Key
+from dtbacklash.diagnose.free import Key, tolerances_away, with_tolerance
 from dtbacklash.diagnose.locate import Score
 from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.settings import settings
@@ -39,15 +39,19 @@ class Asked:
 class Beyond:
     """A fit with one parameter that may be beyond its tolerance, and no physics missing.
 
-    name, tolerance : of the parameter, as given. tolerances : how many of them it is off. evidence : about the rig in
-    which its tolerance is wide.
+    name, tolerance : of the parameter, as given. evidence : about the rig in which its tolerance is wide.
     """
 
     name: str
     tolerance: float
-    tolerances: float
     evidence: Evidence
     fitted: Fit
+
+    @property
+    def tolerances(self) -> float:
+        """How many of its tolerances, as given, the parameter is off."""
+        given = with_tolerance(self.evidence.nominal, self.name, self.tolerance)
+        return tolerances_away(given, self.fitted.rig)[self.name]
 
 
 @dataclass

@@ -20,7 +20,7 @@ TUKEY = "running median: Tukey, Exploratory Data Analysis (1977)"
 EFFORT = "balance of effort, docs/diagnosis.md"
 COHERENCE = "Welch's coherence; its level: Carter, Knapp and Nuttall, IEEE Trans. Audio Electroacoust. 21 (1973) 337"
 LEVELS = "docs/recordings.md"
-REPEATED = "equal readings in a row by chance; docs/recordings.md"
+REPEATED = "equal readings in a row by chance; docs/diagnosis.md"
 TURNS = "phase unwrapping: Itoh, Applied Optics 21 (1982) 2470"
 SAMPLED = "Shannon, Proc. IRE 37 (1949) 10; margin for interpolation: docs/diagnosis.md"
 
@@ -98,22 +98,22 @@ def _dead(rig: Rig, found: Inspected) -> None:
     if not dead:
         return
     what = f"{_listed(dead)} {'shows' if len(dead) == 1 else 'show'} nothing but noise"
-    rest = tuple(n for n in worst if n not in dead)
+    fault = Fault(
+        SENSOR_PREFIX + dead[0], what, "it has nothing to do with the command or another channel",
+        f"Check the wiring of {_listed(dead)}, and that the machine moves, and record again.",
+    )  # fmt: skip
+    was = "was" if len(dead) == 1 else "were"
+    _do_without(rig, dead, fault, f"{what} (dead, disconnected, or nothing moves there) and {was} left out.", found)
+
+
+def _do_without(rig: Rig, names: list[str], fault: Fault, note: str, found: Inspected) -> None:
+    """Leave channels out, and note that; where the rig cannot be compared without them, that is a fault."""
     try:
-        _blocks(rig, rest, found.records)
+        _blocks(rig, tuple(n for n in _channels(rig, found.records) if n not in names), found.records)
     except UserError:
-        found.fault = Fault(
-            SENSOR_PREFIX + dead[0], what, "it has nothing to do with the command or another channel",
-            f"Check the wiring of {_listed(dead)}, and that the machine moves, and record again.",
-        )  # fmt: skip
+        found.fault = found.fault or fault
         return
-    found.notes.append(
-        f"{what} (dead, disconnected, or nothing moves there) and {'was' if len(dead) == 1 else 'were'} left out."
-    )
-    _drop(dead, found)
-
-
-def _drop(names: list[str], found: Inspected) -> None:
+    found.notes.append(note)
     found.left_out += names
     found.records = [replace(r, y={n: v for n, v in r.y.items() if n not in names}) for r in found.records]
 
@@ -133,23 +133,6 @@ def _wrapped(name: str, found: Inspected) -> None:
         found.notes.append(f"{name} begins anew at a full turn, {turns} times: the jumps are undone.")
 
 
-def _too_few(rig: Rig, name: str, readings: int, found: Inspected) -> None:
-    """Leave out a channel of so few readings that hardly any sample would be compared."""
-    what = f"{name} is read {readings} times in all"
-    try:
-        _blocks(rig, tuple(n for n in _channels(rig, found.records) if n != name), found.records)
-    except UserError:
-        found.fault = found.fault or Fault(
-            SENSOR_PREFIX + name,
-            what,
-            "it repeats each reading for many samples",
-            f"Read {name} more often, and record again.",
-        )
-        return
-    found.notes.append(f"{what}, which is too seldom to compare it, and was left out.")
-    _drop([name], found)
-
-
 def _seldom(rig: Rig, name: str, found: Inspected) -> None:
     """Compare a sensor that is read more seldom than recorded only where it was read."""
     masks = [repeats.fresh(r.y[name]) for r in found.records]
@@ -163,7 +146,13 @@ def _seldom(rig: Rig, name: str, found: Inspected) -> None:
         return
     readings = sum(len(r.u) if m is None else int(m.sum()) for r, m in zip(found.records, masks, strict=True))
     if readings < settings().held_readings_min:
-        _too_few(rig, name, readings, found)
+        what = f"{name} is read {readings} times in all"
+        fault = Fault(
+            SENSOR_PREFIX + name, what, "it repeats each reading for many samples",
+            f"Read {name} more often, and record again.",
+        )  # fmt: skip
+        note = f"{what}, which is too seldom to compare it, and was left out."
+        _do_without(rig, [name], fault, note, found)
         return
     bridged = [
         r if m is None else replace(r, y={**r.y, name: repeats.between(r.y[name], m)})
@@ -208,7 +197,7 @@ def _clipped(rig: Rig, name: str, found: Inspected) -> None:
         LEVELS,
     ))  # fmt: skip
     if share > 0.0:
-        _leave_out(
+        _bridge(
             rig, name, masks, found, f"{name} is clipped in {100 * share:.2g} % of its samples",
             "it runs into its extreme value at speed and stays there",
             f"Widen the range of {name}, or move less, and record again.",
@@ -224,13 +213,13 @@ def _hung(rig: Rig, name: str, found: Inspected) -> None:
         "and neither fitted nor judged", REPEATED,
     ))  # fmt: skip
     if share > 0.0:
-        _leave_out(
+        _bridge(
             rig, name, masks, found, f"{name} hangs in {100 * share:.2g} % of its samples",
             "it repeats a reading and then jumps on", f"Check the connection of {name}, and record again.",
         )  # fmt: skip
 
 
-def _leave_out(
+def _bridge(
     rig: Rig, name: str, masks: list[np.ndarray], found: Inspected, said: str, known_by: str, mend: str
 ) -> None:
     """Bridge what a channel does not show, and what it misleads; where too little remains, that is a fault.

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.faults.samples import jump
 from dtbacklash.diagnose.floor import quantum, sensor_noise
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.recording.channels import runs
@@ -20,12 +21,12 @@ def fresh(values: Floats) -> np.ndarray | None:
     Such a reading changes by several counts at a time, and still never at two samples in a row.
     """
     rules = settings()
-    changed = np.flatnonzero(np.diff(values)) + 1
+    steps = np.diff(values)
+    changed = np.flatnonzero(steps) + 1
     gaps = np.diff(changed)
     if len(changed) < CHANGES_MIN or float(np.mean(gaps == 1)) > rules.held_together_share:
         return None
-    steps = np.abs(np.diff(values))[changed - 1]
-    if float(np.median(steps)) < rules.held_counts * quantum(values):
+    if float(np.median(np.abs(steps[changed - 1]))) < rules.held_counts * quantum(values):
         return None  # it moves slowly over the counts of its sensor
     found = np.zeros(len(values), dtype=bool)
     found[changed] = True
@@ -51,16 +52,16 @@ def hung(values: Floats) -> np.ndarray:
 
     A machine at rest does not jump on, and what repeats often anyway (a coarse encoder) is no fault.
     """
-    same = np.concatenate([[False], np.diff(values) == 0.0])
+    rules, steps = settings(), np.diff(values)
+    same = np.concatenate([[False], steps == 0.0])
     found = np.zeros(len(values), dtype=bool)
-    rules = settings()
     long = [(a, b) for a, b in runs(same) if b - a >= rules.hung_samples_min]
     often = (same.sum() - sum(b - a for a, b in long)) / len(values)
     if not long or often > rules.hung_repeats_share:
         return found
     least = math.log(rules.hung_chance / len(values)) / math.log(max(often, 1.0 / len(values)))
-    jump = rules.jump_ratio * float(np.sqrt(np.mean(np.diff(values) ** 2)))
+    far = jump(steps)
     for a, b in long:
-        if b - a >= least and b < len(values) and abs(values[b] - values[b - 1]) > jump:
+        if b - a >= least and b < len(values) and abs(steps[b - 1]) > far:
             found[a:b] = True
     return found

@@ -100,10 +100,15 @@ def unwrapped(values: Floats) -> tuple[Floats, int]:
 def _after_jumps(u: Floats) -> np.ndarray:
     """(N,) the samples shortly after where the command jumps, and of the beginning."""
     steps = np.abs(np.diff(u, prepend=u[0]))
-    jumps = steps > settings().jump_ratio * float(np.sqrt(np.mean(steps**2)))
+    jumps = steps > jump(steps)
     jumps[0] = True
     near: np.ndarray = np.convolve(jumps, np.ones(settings().jump_answer_samples), "full")[: len(u)] > 0.5
     return near
+
+
+def jump(steps: Floats) -> float:
+    """The size from which on a step from one sample to the next is a jump. steps : all of a signal."""
+    return settings().jump_ratio * float(np.sqrt(np.mean(steps**2)))
 
 
 def _noise(values: Floats) -> float:

@@ -7,9 +7,6 @@ import machines
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
-from hypothesis import settings as hypothesis_settings
-from hypothesis import strategies as st
 
 from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Record, diagnose, diagnose_records
@@ -23,6 +20,7 @@ from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.recording import Recording
 
 from .conftest import STEP_S, recorded
+from .test_repeats import held
 
 
 def record_of(case: cases.Case) -> tuple[Rig, Record]:
@@ -359,12 +357,6 @@ def test_steps_of_any_size_are_no_turns():
     assert same is coarse
 
 
-def held(values: np.ndarray, every: int, first: int = 0) -> np.ndarray:
-    """What a sensor shows that is read at every so many samples only."""
-    at = np.arange(len(values))
-    return values[np.maximum((at - first) // every * every + first, 0)]
-
-
 @pytest.mark.parametrize("every", [3, 10])
 def test_a_sensor_that_is_read_seldom_is_compared_where_it_was_read(machine_recordings, every):
     rig, record = machine_recordings["stage, PID"]
@@ -398,33 +390,6 @@ def test_a_sensor_of_few_readings_is_left_out(machine_recordings):
     assert found.records[0].train.sum() == record.train.sum()
 
 
-def test_the_first_value_of_a_sensor_that_is_read_seldom_is_known():
-    """A machine begins at rest there, and its first state with it."""
-    values = np.concatenate([np.zeros(10), held(np.linspace(1.0, 50.0, 990), 10)])
-    mask = np.zeros(1000, dtype=bool)
-    mask[10::10] = True
-    assert abs(repeats.between(values, mask)[0]) < 0.01
-
-
-@given(slope=st.floats(0.02, 3.0), count=st.floats(0.5, 2.0), noise=st.floats(0.0, 2.0), seed=st.integers(0, 10**6))
-@hypothesis_settings(deadline=None)
-def test_counts_of_a_slow_motion_are_no_held_readings(slope, count, noise, seed):
-    rng = np.random.default_rng(seed)
-    t = np.arange(4000)
-    motion = slope * 200.0 * np.sin(t / 200.0) + noise * rng.standard_normal(len(t))
-    assert repeats.fresh(count * np.round(motion / count)) is None
-
-
-@given(every=st.integers(2, 40), first=st.integers(0, 39), seed=st.integers(0, 10**6))
-@hypothesis_settings(deadline=None)
-def test_held_readings_are_found_whatever_their_rate(every, first, seed):
-    rng = np.random.default_rng(seed)
-    values = np.cumsum(rng.standard_normal(4000))
-    mask = repeats.fresh(held(values, every, first % every))
-    assert mask is not None
-    assert set((np.flatnonzero(mask) - first) % every) == {0}
-
-
 def test_a_sensor_that_hangs_is_left_out_where_it_does(machine_recordings):
     rig, record = machine_recordings["stage, PID"]
     seen = record.y["x1"].copy()
@@ -438,9 +403,3 @@ def test_a_sensor_that_hangs_is_left_out_where_it_does(machine_recordings):
     found = inspect(rig, [with_(record, x1=seen)])
     assert failed(found) == ["x1 does not hang"]
     assert not any((found.records[0].train | found.records[0].held)[a:b].any() for a, b in places)
-
-
-def test_a_machine_at_rest_does_not_hang(clean):
-    """An encoder repeats its count, and a simulated one without noise all its digits."""
-    rest = np.concatenate([np.zeros(500), clean.y["q3"]])
-    assert not repeats.hung(rest).any()
