@@ -92,9 +92,10 @@ class PlacesInMotion:
         if element is None:
             return self._everywhere
         moved = element.name if element.trait.trait == slots.BODY else getattr(self.rig.motor_rotor(), "name", "")
+        speeds = self._speeds(moved)
         place = replace(
             self._everywhere, values=element.values, way=float(np.ptp(self.where.get(moved, np.zeros(1)))),
-            speed=self._speed(moved),
+            speed=float(np.quantile(speeds, 0.98)), speed_rms=float(np.sqrt(np.mean(speeds**2))),
         )  # fmt: skip
         if element.trait.trait == slots.SPRING:
             stretch, rate = self._stretch(name)
@@ -104,10 +105,10 @@ class PlacesInMotion:
             return replace(place, force=self._force(name))
         return place
 
-    def _speed(self, name: str) -> float:
-        """Speed of a body, its largest but for the last 2 %, m/s or rad/s."""
+    def _speeds(self, name: str) -> Floats:
+        """(n,) speeds of a body without their signs, m/s or rad/s; a single 0 where it is not known how it moves."""
         smooth = np.convolve(self.where.get(name, np.zeros(1)), np.ones(9) / 9, "same")[8:-8]
-        return float(np.quantile(np.abs(np.diff(smooth)) / self.step_s, 0.98)) if len(smooth) > 2 else 0.0
+        return np.abs(np.diff(smooth)) / self.step_s if len(smooth) > 2 else np.zeros(1)
 
     def _stretch(self, name: str) -> tuple[Floats, float]:
         """(N,) stretch of a spring, and its usual rate."""

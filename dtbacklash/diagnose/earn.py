@@ -9,6 +9,7 @@ from dtbacklash.diagnose.formulation import formulation_floors
 from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.refit import objective
 from dtbacklash.diagnose.settings import settings
+from dtbacklash.physics.rig import SENSOR_PREFIX
 
 
 def held_loss(evidence: Evidence, fitted: Fit) -> float:
@@ -24,28 +25,42 @@ def paired(evidence: Evidence, before: Fit, after: Fit) -> tuple[float, float, f
     t : see :func:`significance`.
     """
     falls, excess, worth = [], [], []
-    least, passed = evidence.least(), evidence.passed()
-    compared = _compared(evidence, before.residuals, after.residuals)
+    least, passed, heard = evidence.least(), evidence.passed(), concerned(evidence, before, after)
+    compared = _compared(evidence, before.residuals, after.residuals, heard)
     for name, first, second in compared:
         fall = (first - second).mean(axis=1)
         relative, over = _relative(first.mean(axis=1), fall)
         falls.append(relative)
         excess.append(over)
-        worthy = fall - settings().earn_counts_share * passed[name]
+        worthy, exact = fall - settings().earn_counts_share * passed[name][heard[name]], least[name][heard[name]]
         # an exact sensor's channel has to fall by what the method itself leaves
-        worth.append(float(np.max(np.where((least[name] > 1.0) & (worthy < least[name]), 0.0, worthy))))
+        worth.append(float(np.max(np.where((exact > 1.0) & (worthy < exact), 0.0, worthy))))
     if not falls:
         return 0.0, 0.0, 0.0
-    share = max(sum(falls) / sum(excess), _fitted_share(evidence, before, after, [name for name, _, _ in compared]))
+    share = max(sum(falls) / sum(excess), _fitted_share(evidence, before, after, heard))
     return share, max(worth), _significance(compared)
 
 
-def _fitted_share(evidence: Evidence, before: Fit, after: Fit, names: list[str]) -> float:
-    """Share of the excess over the floor that falls in what was fitted to, in these blocks."""
+def concerned(evidence: Evidence, before: Fit, after: Fit) -> dict[str, list[int]]:
+    """The channels, per block, in which two fits that differ by effects are compared: those that the effects reach.
+
+    What a sensor does wrong is heard in its own channel alone, unless it drives or pulls a block. Others move a little
+    with it, as all parameters are fitted anew: what is left there has nothing to do with it.
+    """
+    blocks = [b for b in evidence.blocks if after.residuals[b.name] is not before.residuals[b.name]]
+    places = {place for place, _ in before.effects.keys() ^ after.effects.keys()}
+    loud = {SENSOR_PREFIX + channel for b in evidence.blocks for channel in (b.imposed, b.pulled) if channel}
+    own = bool(places) and all(p.startswith(SENSOR_PREFIX) and p not in loud for p in places)
+    heard = {b.name: [j for j, c in enumerate(b.channels) if not own or SENSOR_PREFIX + c in places] for b in blocks}
+    return {name: channels for name, channels in heard.items() if channels}
+
+
+def _fitted_share(evidence: Evidence, before: Fit, after: Fit, heard: dict[str, list[int]]) -> float:
+    """Share of the excess over the floor that falls in what was fitted to, in these channels of blocks."""
     falls, excess = 0.0, 0.0
     first, second = (evidence.mean_square(fitted.residuals, "train") for fitted in (before, after))
-    for name in names:
-        relative, over = _relative(first[name], first[name] - second[name])
+    for name, channels in heard.items():
+        relative, over = _relative(first[name][channels], (first[name] - second[name])[channels])
         falls, excess = falls + relative, excess + over
     return falls / excess
 
@@ -63,7 +78,8 @@ def significance(evidence: Evidence, before: Residuals, after: Residuals) -> flo
     say nearly all: of a law that takes away all of it nobody could be sure. Of the logarithm the quiet stretches say as
     much as the others, in which a model that is wrong may come nearer by chance.
     """
-    return _significance(_compared(evidence, before, after))
+    everywhere = {b.name: list(range(len(b.channels))) for b in evidence.blocks if after[b.name] is not before[b.name]}
+    return _significance(_compared(evidence, before, after, everywhere))
 
 
 def rises(evidence: Evidence, before: Residuals, after: Residuals) -> bool:
@@ -97,12 +113,14 @@ def in_errors(differences: Floats) -> Floats:
     return likely
 
 
-def _compared(evidence: Evidence, before: Residuals, after: Residuals) -> list[tuple[str, Floats, Floats]]:
-    """Per block that differs its name, and (channels, stretches) mean squares before and after."""
+def _compared(
+    evidence: Evidence, before: Residuals, after: Residuals, heard: dict[str, list[int]]
+) -> list[tuple[str, Floats, Floats]]:
+    """Per block its name, and (channels, stretches) mean squares before and after, of the channels that are heard."""
     return [
-        (b.name, evidence.stretches(before, b.name), evidence.stretches(after, b.name))
-        for b in evidence.blocks if after[b.name] is not before[b.name]
-    ]  # fmt: skip
+        (name, evidence.stretches(before, name)[channels], evidence.stretches(after, name)[channels])
+        for name, channels in heard.items()
+    ]
 
 
 def earns(evidence: Evidence, before: Fit, after: Fit, nominal: Fit) -> bool:
@@ -115,22 +133,24 @@ def earns(evidence: Evidence, before: Fit, after: Fit, nominal: Fit) -> bool:
     rules = settings()
     share, floor, t = paired(evidence, before, after)
     relief = before.penalty - after.penalty
-    names = [b.name for b in evidence.blocks if after.residuals[b.name] is not before.residuals[b.name]]
-    nearly_noise = bool(names) and worst(evidence, after, names) < rules.nearly_noise_floors
+    heard = concerned(evidence, before, after)
+    nearly_noise = bool(heard) and worst(evidence, after, heard) < rules.nearly_noise_floors
     seldom = share > rules.earn_seldom_share and floor > rules.earn_seldom_floors and nearly_noise
     if share > rules.earn_excess_share and floor > rules.earn_floors and (t > rules.earn_errors or seldom):
         sure = nearly_noise or share > rules.decisive_share
-        mismatch = worst(evidence, nominal, names)
+        mismatch = worst(evidence, nominal, heard)
         if floor > (rules.negligible_share if sure else rules.minor_share) * mismatch:
             return True
         return sure and floor > formulation_floors(evidence, before)
     return relief > rules.earn_penalty and share > -rules.earn_penalty_loss_share
 
 
-def worst(evidence: Evidence, fitted: Fit, names: list[str] | None = None) -> float:
-    """Largest held-out mean square of a fit in these blocks, or in all, in units of the floor's."""
+def worst(evidence: Evidence, fitted: Fit, heard: dict[str, list[int]] | None = None) -> float:
+    """Largest held-out mean square of a fit in these channels of blocks, or in all, in units of the floor's."""
     squares = evidence.mean_square(fitted.residuals, "held")
-    return max(float(squares[n].max()) for n in names or squares)
+    if heard is None:
+        return max(float(of_block.max()) for of_block in squares.values())
+    return max(float(squares[name][channels].max()) for name, channels in heard.items())
 
 
 def is_noise(evidence: Evidence, fitted: Fit) -> bool:

@@ -17,7 +17,7 @@ from dtbacklash.diagnose.responses import transfer
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.assembly import compile_plant, state_names
 from dtbacklash.physics.effects import slots
-from dtbacklash.physics.effects.declare import Role, Values
+from dtbacklash.physics.effects.declare import Bounds, Role, Values
 from dtbacklash.physics.kernel import plant as pl
 from dtbacklash.physics.kernel.plant import Plant
 from dtbacklash.physics.rig import Rig
@@ -64,7 +64,7 @@ def _scan(candidate: Candidate, projection: Projection, block: Block) -> list[tu
     e = projection.residual[start : start + width].reshape(channels, -1)[:, at]
     scale = (np.sqrt(projection.weights[block.name]) / projection.evidence.floor[block.name])[:, None, None]
     rated = []
-    waves = _waves(candidate, paths)
+    waves = _waves(candidate, paths, projection.evidence.bounds(candidate.key))
     for some in np.array_split(waves, max(1, math.ceil(len(waves) / BATCH))):
         with np.errstate(over="ignore", invalid="ignore"):  # along a simulated path that ran away
             S, C = (_signatures(some, shape, paths, response, every)[:, :, chosen] * scale for shape in (0, 1))
@@ -160,8 +160,8 @@ def _path(candidate: Candidate, projection: Projection, block: Block, plant: Pla
     return projection.path(place.name, number), np.ones(record.samples), False
 
 
-def _waves(candidate: Candidate, paths: list[_Path]) -> Floats:
-    """Wave numbers to try: spaced so that none can slip through, from half a cycle over the travel on."""
+def _waves(candidate: Candidate, paths: list[_Path], bounds: Bounds) -> Floats:
+    """Wave numbers to try, of those that can be seen: spaced so that none can slip through."""
     wave = candidate.effect.of_role(Role.WAVE)
     if wave is None:
         return np.ones(1)  # once a turn
@@ -169,8 +169,9 @@ def _waves(candidate: Candidate, paths: list[_Path]) -> Floats:
     if travel <= 0.0:
         return np.zeros(0)
     step = settings().wave_step_share * math.pi / travel
-    most = min(wave.high, max(60.0 * wave.typical / 24.0, 6.0 * wave.typical))
-    low = max(wave.low, 2.0 * step)
+    least, fastest = bounds.get(wave.name, (wave.low, wave.high))
+    most = min(wave.high, fastest, max(60.0 * wave.typical / 24.0, 6.0 * wave.typical))
+    low = max(wave.low, least, 2.0 * step)
     return np.linspace(low, most, int(min(settings().waves_max, max(2, (most - low) / step))))
 
 

@@ -82,6 +82,7 @@ class Search:
     against: list[tuple[Fit, Trial]] = field(default_factory=list)
     #: per block what other formulations of laws that were found explain more, mean square in units of the floor's
     formulations: dict[str, Floats] = field(default_factory=dict)
-    #: the parameter that is beyond its tolerance, instead of all findings; and one that would explain as much
+    #: the parameter that is beyond its tolerance, instead of all findings
     beyond: Beyond | None = None
-    as_well: Beyond | None = None
+    #: per effect the parameter whose own value would explain as much
+    as_well: dict[Key, Beyond] = field(default_factory=dict)
