@@ -83,7 +83,7 @@ def beyond_instead(found: Search, recalibrate: Callable[[Evidence], Fit]) -> Non
         found.evidence, found.nominal, found.fitted, found.order = trial.evidence, trial.fitted, trial.fitted, []
         found.beyond = trial
     elif found.order and same(trial.evidence, found.fitted, trial.fitted):
-        found.as_well = dict.fromkeys(found.order, trial)
+        found.as_well = trial
 
 
 def believed(rig: Rig, trial: Beyond | None) -> Rig:

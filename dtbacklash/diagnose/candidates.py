@@ -91,11 +91,11 @@ class PlacesInMotion:
         element = self.rig.elements.get(name)
         if element is None:
             return self._everywhere
-        moved = element.name if element.trait.trait == slots.BODY else getattr(self.rig.motor_rotor(), "name", "")
+        moved = self._moved(name)
         speeds = self._speeds(moved)
         place = replace(
             self._everywhere, values=element.values, way=float(np.ptp(self.where.get(moved, np.zeros(1)))),
-            speed=float(np.quantile(speeds, 0.98)), speed_rms=float(np.sqrt(np.mean(speeds**2))),
+            speed=float(np.quantile(speeds, 0.98)), speed_slow=float(np.quantile(speeds, 0.25)),
         )  # fmt: skip
         if element.trait.trait == slots.SPRING:
             stretch, rate = self._stretch(name)
@@ -104,6 +104,16 @@ class PlacesInMotion:
         if element.trait.trait == slots.BODY:
             return replace(place, force=self._force(name))
         return place
+
+    def middle(self, name: str) -> float:
+        """The middle of the way of a place, m or rad; 0 where it is not known how it moves."""
+        way = self.where.get(self._moved(name), np.zeros(1))
+        return 0.5 * float(way.min() + way.max())
+
+    def _moved(self, name: str) -> str:
+        """The body whose motion counts at an element: itself, or the motor's rotor."""
+        is_body = self.rig.elements[name].trait.trait == slots.BODY
+        return name if is_body else getattr(self.rig.motor_rotor(), "name", "")
 
     def _speeds(self, name: str) -> Floats:
         """(n,) speeds of a body without their signs, m/s or rad/s; a single 0 where it is not known how it moves."""

@@ -76,7 +76,7 @@ def drop(found: Search, key: Key, why: str) -> None:
     found.order = [k for k in found.order if k != key and found.fitted.rig.effect(*k) is not None]
     found.refused[key] = f"taken back: {why}"
     if not found.order:
-        found.as_well = {}
+        found.as_well = None
         found.nominal = found.fitted = min(found.fitted, found.nominal, key=lambda f: merit(found.evidence, f))
 
 

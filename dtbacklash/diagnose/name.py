@@ -45,6 +45,7 @@ from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.diagnose.trial import objection
 from dtbacklash.diagnose.trials import Asked, Search, Trial
+from dtbacklash.diagnose.valleys import best_valley
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Values
 from dtbacklash.physics.rig import Rig
@@ -200,7 +201,20 @@ def _finish(evidence: Evidence, current: Fit, trial: Trial, near: bool = False, 
     fitted = refit_with(
         evidence, current, [(trial.key, values)], near=trial.fitted.rig if near else None, rounds=rounds
     )
+    if rounds is FULL:
+        fitted = _in_the_best_valley(evidence, current, trial.key, fitted)
     return Trial(trial.key, trial.score, fitted, held_loss(evidence, fitted))
+
+
+def _in_the_best_valley(evidence: Evidence, current: Fit, key: Key, fitted: Fit) -> Fit:
+    """A full fit where the number of waves explains most; see :mod:`.valleys`."""
+    best = best_valley(
+        evidence, fitted, key, lambda values, near: refit_with(evidence, current, [(key, values)], None, QUICK, near)
+    )
+    values = best.rig.effect(*key)
+    if best is fitted or values is None:
+        return fitted
+    return refit_with(evidence, current, [(key, values)], near=best.rig)
 
 
 def _add(evidence: Evidence, found: Search) -> bool:

@@ -26,8 +26,8 @@ def next_experiment(evidence: Evidence, found: Search, rest: Recovered | None = 
             return f"What is missing at {place} has a time course of its own: record the same motion again, and rest."
         return (f"What is missing depends most on the {rest.state} of {place}: record it slowly from end to end of its "
                 "range, in both directions, and at another speed.")  # fmt: skip
-    if found.as_well:
-        name = next(iter(found.as_well.values())).name
+    if found.as_well is not None:
+        name = found.as_well.name
         return f"To tell what was found from a wrong value of `{name}`, measure `{name}` by itself."
     pairs = [(key, t) for key in found.order for t in found.rivals.get(key, [])]
     if not pairs:

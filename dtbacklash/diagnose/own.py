@@ -50,37 +50,32 @@ def own_instead(found: Search) -> None:
     for left_out in [None, *(found.order if len(found.order) > 1 else [])]:
         before = fit_without(found, left_out) if left_out else found.nominal
         own = own_parameter(found.evidence, before)
-        if own is None:
+        if own is None or not _does_as_well(found, before, own):
             continue
         gone = [left_out] if left_out else found.order
-        if not _takes_the_place(found, own):
-            if _does_as_well(found, before, own):
-                found.as_well = dict.fromkeys(gone, own) | found.as_well
-            continue
         found.refused |= dict.fromkeys(gone, "one element's own parameter does as well")
+        if same(own.evidence, own.fitted, found.fitted):
+            own = replace(own, instead_of=tuple(gone))
         found.evidence, found.fitted = own.evidence, own.fitted
-        found.order, found.as_well = [key for key in found.order if key not in gone], {}
+        found.order, found.as_well = [key for key in found.order if key not in gone], None
         found.beyond = own
         known = own.evidence.nominal
         found.nominal = fit(own.evidence, known, nominal_free(known)) if found.order else own.fitted
         return
 
 
-def _takes_the_place(found: Search, own: Beyond) -> bool:
-    """Whether an own parameter fits as well as the effects that were found: it is known to be there, they are not."""
-    return merit(own.evidence, own.fitted) < merit(found.evidence, found.fitted) + settings().earn_penalty
-
-
 def _does_as_well(found: Search, before: Fit, own: Beyond) -> bool:
-    """Whether a recording hardly tells an own parameter from the effects that were found.
+    """Whether an own parameter fits as well as the effects that were found, or explains all but a trifle of it.
 
-    What it leaves more than they do may be how a machine differs from any simulation.
+    It is known to be there, and they are not: what it leaves may be how a machine differs from any simulation. What it
+    takes the place of is said.
     """
-    evidence = own.evidence
-    if same(evidence, found.fitted, own.fitted):
+    rules, evidence = settings(), own.evidence
+    least = merit(found.evidence, found.fitted) + rules.earn_penalty
+    if merit(evidence, own.fitted) < least or same(evidence, found.fitted, own.fitted):
         return True
     at_first, by_effects, by_own = (held_loss(evidence, f) ** 2 for f in (before, found.fitted, own.fitted))
-    return at_first - by_own > (1.0 - settings().same_loss_share) * (at_first - by_effects)
+    return at_first - by_own > (1.0 - rules.same_loss_share) * (at_first - by_effects)
 
 
 def _finished(own: Beyond) -> Beyond | None:

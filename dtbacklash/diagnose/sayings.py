@@ -20,7 +20,7 @@ from dtbacklash.diagnose.result import (
 )
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trials import Beyond, Search
-from dtbacklash.diagnose.words import other_in_words, place_in_words
+from dtbacklash.diagnose.words import named_in_words, other_in_words, place_in_words
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.recording.model import Recording
 
@@ -141,11 +141,17 @@ def limits_said(effects: list[str], parameters: list[str]) -> str:
 
 
 def beyond_said(beyond: Beyond | None) -> str:
-    """What to say of a parameter of the rig that is beyond its tolerance; empty where none is."""
-    if beyond is None or beyond.tolerances <= settings().tolerances_max:
+    """What to say of a parameter of the rig beyond its tolerance, or in the place of effects; empty where none is."""
+    if beyond is None:
         return ""
-    return (f"`{beyond.name}` is {beyond.tolerances:.1f} of its tolerances from nominal: the rig's value is wrong, or "
-            "its tolerance.")  # fmt: skip
+    said = []
+    if beyond.tolerances > settings().tolerances_max:
+        said.append(f"`{beyond.name}` is {beyond.tolerances:.1f} of its tolerances from nominal: the rig's value is "
+                    "wrong, or its tolerance.")  # fmt: skip
+    if beyond.instead_of:
+        others = " and ".join(named_in_words(effect, place) for place, effect in beyond.instead_of)
+        said.append(f"This recording cannot tell `{beyond.name}`, which the rig has, from {others}, which it has not.")
+    return " ".join(said)
 
 
 def as_well_said(as_well: Beyond) -> str:

@@ -40,12 +40,14 @@ class Beyond:
     """A fit with one parameter that may be beyond its tolerance, and no physics missing.
 
     name, tolerance : of the parameter, as given. evidence : about the rig in which its tolerance is wide.
+    instead_of : the effects that would explain as much, and that it takes the place of.
     """
 
     name: str
     tolerance: float
     evidence: Evidence
     fitted: Fit
+    instead_of: tuple[Key, ...] = ()
 
     @property
     def tolerances(self) -> float:
@@ -82,7 +84,6 @@ class Search:
     against: list[tuple[Fit, Trial]] = field(default_factory=list)
     #: per block what other formulations of laws that were found explain more, mean square in units of the floor's
     formulations: dict[str, Floats] = field(default_factory=dict)
-    #: the parameter that is beyond its tolerance, instead of all findings
+    #: the parameter that is beyond its tolerance, instead of all findings; and one that would explain as much
     beyond: Beyond | None = None
-    #: per effect the parameter whose own value would explain as much
-    as_well: dict[Key, Beyond] = field(default_factory=dict)
+    as_well: Beyond | None = None

@@ -90,13 +90,13 @@ def confidence(
 
     Findings near what is left count as left: they stand in for it.
 
-    Where a wrong value of a parameter would explain as much as a finding does, that is not sure.
+    Where a wrong value of a parameter would explain as much, no finding is sure.
 
     rest : where what is left lies; None where nothing shows that. unexplained : whether anything is left.
     """
     rules = settings()
     if not unexplained:
-        return "partial" if key in found.as_well else "sure"
+        return "sure" if found.as_well is None else "partial"
     # what shows itself nowhere may be here
     if rest is None or not rest.shown or rest.place in _near(evidence.nominal, key[0]):
         return "partial"

@@ -90,9 +90,10 @@ class Place:
 
     values : the element's nominal parameters, SI. duration_s, sample_time_s : of the recording. command : (N,) V.
     modes : lowest and highest frequency at which the rig's structure swings, or between which it can be seen, Hz.
-    speed : the body's fastest, but for a few samples, and speed_rms : its root mean square, rad/s or m/s. stretch : (N,) of the spring, m or rad, or None; span and reach : its
-    usual size and its largest. stretch_rate : its usual rate. force : what usually drives the place, N or N m; 0 where
-    that is not known, and ``force_most`` : what a friction or a load there may take at most. current : of the motor, A.
+    speed : the body's fastest, but for a few samples, and speed_slow : what it is below for a quarter of the time,
+    rad/s or m/s. stretch : (N,) of the spring, m or rad, or None; span and reach : its usual size and its largest.
+    stretch_rate : its usual rate. force : what usually drives the place, N or N m; 0 where that is not known, and
+    ``force_most`` : what a friction or a load there may take at most. current : of the motor, A.
     travel : position that one turn of the motor makes, m (0: there is no screw). way : range of the body's position, or
     of the motor's angle at a gear or screw, m or rad (0: not known).
     """
@@ -103,7 +104,7 @@ class Place:
     modes: tuple[float, float] = (0.0, 0.0)
     command: Floats = field(default_factory=lambda: np.zeros(0))
     speed: float = 0.0
-    speed_rms: float = 0.0
+    speed_slow: float = 0.0
     stretch: Floats | None = None
     span: float = 0.0
     reach: float = 0.0
@@ -279,8 +280,8 @@ class Effect:
         """Within which bounds a recording can show its parameters: an effect at one of them is not seen.
 
         Beside what the effect says itself: half a wave at least over the way, what swings or waves is sampled
-        ``SAMPLES_A_PERIOD`` times a period (waves at the rms speed: those that are passed faster move little), and at
-        least ``PERIODS`` of it fit into the recording.
+        ``SAMPLES_A_PERIOD`` times a period (waves for a quarter of the time: where it passes them faster they move
+        it little), and at least ``PERIODS`` of it fit into the recording.
         """
         found = dict(self.visible(place))
         fastest = 1.0 / (SAMPLES_A_PERIOD * place.sample_time_s)
@@ -288,7 +289,8 @@ class Effect:
             if p.role is Role.FREQUENCY and place.duration_s > 0.0:
                 found[p.name] = PERIODS / place.duration_s, fastest
             if p.role is Role.WAVE and place.way > 0.0:
-                found[p.name] = 2.0 * np.pi * WAVES / place.way, 2.0 * np.pi * fastest / max(place.speed_rms, 1e-300)
+                most = 2.0 * np.pi * fastest / place.speed_slow if place.speed_slow > 0.0 else p.high
+                found[p.name] = 2.0 * np.pi * WAVES / place.way, most
         return {name: (low, high) for name, (low, high) in found.items() if high > low}
 
     def draw_shape(self, rng: Generator, place: Place) -> Shape:

@@ -83,6 +83,26 @@ def test_what_the_counts_pass_on_is_not_earned(nominal, evidence):
     assert paired(evidence, before, after)[1] == pytest.approx(gained - settings().earn_counts_share * passed, abs=0.02)
 
 
+@pytest.mark.parametrize(
+    ("place", "effect", "values", "earned"),
+    [("sensor_q2", "delay", {"time": 1e-3}, True), ("mass_2", "ground_friction", {"force": 0.1}, False)],
+)
+def test_what_a_sensor_does_wrong_is_earned_in_its_own_channel(rig, place, effect, values, earned):
+    """Beside a large mismatch elsewhere a third of its own is a sixth of all: too little for an effect of a body."""
+    record = recorded(rig)
+    record.y["q2"] = record.y["q3"] + np.random.default_rng(0).normal(0.0, 1e-6, record.samples)
+    evidence = Evidence.gather(rig, [record])
+    (block,) = [b for b in evidence.blocks if "q2" in b.channels]
+    nominal = fit(evidence, rig, [])
+    before = made(nominal, evidence, 1)
+    before.residuals[block.name][0][:] *= 10.0
+    column = block.channels.index("q2")
+    after = replace(before, rig=rig.with_effect(place, effect, values), residuals=dict(before.residuals))
+    after.residuals[block.name] = [before.residuals[block.name][0].copy()]
+    after.residuals[block.name][0][:, column] *= np.sqrt(0.65)
+    assert earns(evidence, before, after, before) == earned
+
+
 @pytest.mark.parametrize(("torque", "believed"), [(3e-4, True), (1e-2, False)])
 def test_what_is_tiny_is_believed_where_no_law_has_another_formulation_as_large(rig, torque, believed):
     """A tenth of a floor, beside a mismatch of a million that dry friction and the parameters made."""

@@ -65,6 +65,13 @@ def test_beside_an_effect_it_is_a_parameter_too(chain):
     assert parameters["m_m2"].value / parameters["m"].value == pytest.approx(1.077, rel=0.003)
 
 
+def test_what_an_own_value_takes_the_place_of_is_said(chain):
+    swinging = chain.with_effect("m2", "absorber", {"mass": 0.15, "frequency": 40.0, "damping_ratio": 0.1})
+    found = diagnose_records(chain, [recorded(swinging, 3e-5)])
+    assert found.verdict == "parameters"
+    assert "This recording cannot tell `m_m2`, which the rig has, from" in found.summary
+
+
 @pytest.mark.parametrize(("element", "factor"), [("m2", 1.3), ("m3", 0.7), ("m1", 2.0)])
 def test_it_may_lie_far_beyond_the_tolerance(chain, element, factor):
     """A mass 30 % heavier than the others, of which 5 % are known, was absorbers, and what nothing explains."""

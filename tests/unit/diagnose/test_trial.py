@@ -136,7 +136,7 @@ def test_one_heavier_mass_of_two_that_share_a_parameter_is_no_absorber(heavier):
 def test_what_is_periodic_is_seen_within_what_is_recorded():
     from dtbacklash.physics.catalogue import CATALOGUE
 
-    place = Place(duration_s=10.0, sample_time_s=1e-3, speed=50.0, speed_rms=20.0, way=12.0)
+    place = Place(duration_s=10.0, sample_time_s=1e-3, speed=50.0, speed_slow=20.0, way=12.0)
     low, high = CATALOGUE["mass", "absorber"].bounds_at(place)["frequency"]
     assert (low, high) == (pytest.approx(0.2), pytest.approx(250.0))
     low, high = CATALOGUE["rotor", "cogging"].bounds_at(place)["periods"]
