@@ -14,6 +14,9 @@ from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Bounds, Effect, Place, Values
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, build_rig
 
+#: slower than this share of the fastest is taken as rest
+TREMOR = 0.02
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -41,7 +44,8 @@ def candidates(rig: Rig, blocks: list[Block], moving: "PlacesInMotion") -> list[
         for effect in effects_of(rig.kind_at(place)).values():
             if place in unseen and _asks_for_position(effect):
                 continue
-            if rig.effect(place, effect.name) is None and _possible(rig, place, effect):
+            possible = rig.effect(place, effect.name) is None and _possible(rig, place, effect)
+            if possible and effect.is_shown(moving(place)):
                 starts, bounds = effect.start_values(moving(place)), effect.bounds_at(moving(place))
                 found.append(Candidate(place, effect, [_within(v, bounds) for v in starts]))
     return found
@@ -93,9 +97,10 @@ class PlacesInMotion:
             return self._everywhere
         moved = self._moved(name)
         speeds = self._speeds(moved)
+        fastest = float(np.quantile(speeds, 0.98))
         place = replace(
             self._everywhere, values=element.values, way=float(np.ptp(self.where.get(moved, np.zeros(1)))),
-            speed=float(np.quantile(speeds, 0.98)), speed_slow=float(np.quantile(speeds, 0.25)),
+            speed=fastest, speed_slow=float(np.quantile(speeds[speeds >= TREMOR * fastest], 0.25)),
         )  # fmt: skip
         if element.trait.trait == slots.SPRING:
             stretch, rate = self._stretch(name)
@@ -105,10 +110,9 @@ class PlacesInMotion:
             return replace(place, force=self._force(name))
         return place
 
-    def middle(self, name: str) -> float:
-        """The middle of the way of a place, m or rad; 0 where it is not known how it moves."""
-        way = self.where.get(self._moved(name), np.zeros(1))
-        return 0.5 * float(way.min() + way.max())
+    def lowest(self, name: str) -> float:
+        """The lower end of the way of a place, m or rad; 0 where it is not known how it moves."""
+        return float(self.where.get(self._moved(name), np.zeros(1)).min())
 
     def _moved(self, name: str) -> str:
         """The body whose motion counts at an element: itself, or the motor's rotor."""

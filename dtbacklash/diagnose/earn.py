@@ -24,8 +24,13 @@ def paired(evidence: Evidence, before: Fit, after: Fit) -> tuple[float, float, f
     happens that leaves most, a small part of it may be all that can be mended. floor share : in units of the floor.
     t : see :func:`significance`.
     """
+    return _paired(evidence, before, after, concerned(evidence, before, after))
+
+
+def _paired(evidence: Evidence, before: Fit, after: Fit, heard: dict[str, list[int]]) -> tuple[float, float, float]:
+    """The same in these channels of blocks."""
     falls, excess, worth = [], [], []
-    least, passed, heard = evidence.least(), evidence.passed(), concerned(evidence, before, after)
+    least, passed = evidence.least(), evidence.passed()
     compared = _compared(evidence, before.residuals, after.residuals, heard)
     for name, first, second in compared:
         fall = (first - second).mean(axis=1)
@@ -47,12 +52,21 @@ def concerned(evidence: Evidence, before: Fit, after: Fit) -> dict[str, list[int
     What a sensor does wrong is heard in its own channel alone, unless it drives or pulls a block. Others move a little
     with it, as all parameters are fitted anew: what is left there has nothing to do with it.
     """
-    blocks = [b for b in evidence.blocks if after.residuals[b.name] is not before.residuals[b.name]]
+    everywhere = _all_channels(evidence, before.residuals, after.residuals)
     places = {place for place, _ in before.effects.keys() ^ after.effects.keys()}
     loud = {SENSOR_PREFIX + channel for b in evidence.blocks for channel in (b.imposed, b.pulled) if channel}
-    own = bool(places) and all(p.startswith(SENSOR_PREFIX) and p not in loud for p in places)
-    heard = {b.name: [j for j, c in enumerate(b.channels) if not own or SENSOR_PREFIX + c in places] for b in blocks}
-    return {name: channels for name, channels in heard.items() if channels}
+    if not places or any(p in loud or not p.startswith(SENSOR_PREFIX) for p in places):
+        return everywhere
+    own = {
+        b.name: [j for j, c in enumerate(b.channels) if SENSOR_PREFIX + c in places]
+        for b in evidence.blocks if b.name in everywhere
+    }  # fmt: skip
+    return {name: channels for name, channels in own.items() if channels}
+
+
+def _all_channels(evidence: Evidence, before: Residuals, after: Residuals) -> dict[str, list[int]]:
+    """All channels of the blocks that differ."""
+    return {b.name: list(range(len(b.channels))) for b in evidence.blocks if after[b.name] is not before[b.name]}
 
 
 def _fitted_share(evidence: Evidence, before: Fit, after: Fit, heard: dict[str, list[int]]) -> float:
@@ -78,8 +92,7 @@ def significance(evidence: Evidence, before: Residuals, after: Residuals) -> flo
     say nearly all: of a law that takes away all of it nobody could be sure. Of the logarithm the quiet stretches say as
     much as the others, in which a model that is wrong may come nearer by chance.
     """
-    everywhere = {b.name: list(range(len(b.channels))) for b in evidence.blocks if after[b.name] is not before[b.name]}
-    return _significance(_compared(evidence, before, after, everywhere))
+    return _significance(_compared(evidence, before, after, _all_channels(evidence, before, after)))
 
 
 def rises(evidence: Evidence, before: Residuals, after: Residuals) -> bool:
@@ -131,9 +144,11 @@ def earns(evidence: Evidence, before: Fit, after: Fit, nominal: Fit) -> bool:
     What is tiny only where no other formulation of the laws that are there already would make as much.
     """
     rules = settings()
-    share, floor, t = paired(evidence, before, after)
+    heard, everywhere = concerned(evidence, before, after), _all_channels(evidence, before.residuals, after.residuals)
+    share, floor, t = _paired(evidence, before, after, heard)
     relief = before.penalty - after.penalty
-    heard = concerned(evidence, before, after)
+    if heard != everywhere and merit(evidence, after) >= merit(evidence, before):
+        return False
     nearly_noise = bool(heard) and worst(evidence, after, heard) < rules.nearly_noise_floors
     seldom = share > rules.earn_seldom_share and floor > rules.earn_seldom_floors and nearly_noise
     if share > rules.earn_excess_share and floor > rules.earn_floors and (t > rules.earn_errors or seldom):
@@ -142,7 +157,9 @@ def earns(evidence: Evidence, before: Fit, after: Fit, nominal: Fit) -> bool:
         if floor > (rules.negligible_share if sure else rules.minor_share) * mismatch:
             return True
         return sure and floor > formulation_floors(evidence, before)
-    return relief > rules.earn_penalty and share > -rules.earn_penalty_loss_share
+    if relief <= rules.earn_penalty:
+        return False
+    return _paired(evidence, before, after, everywhere)[0] > -rules.earn_penalty_loss_share
 
 
 def worst(evidence: Evidence, fitted: Fit, heard: dict[str, list[int]] | None = None) -> float:

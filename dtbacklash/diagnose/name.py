@@ -214,7 +214,8 @@ def _in_the_best_valley(evidence: Evidence, current: Fit, key: Key, fitted: Fit)
     values = best.rig.effect(*key)
     if best is fitted or values is None:
         return fitted
-    return refit_with(evidence, current, [(key, values)], near=best.rig)
+    again = refit_with(evidence, current, [(key, values)], near=best.rig)
+    return min(fitted, again, key=lambda f: merit(evidence, f))
 
 
 def _add(evidence: Evidence, found: Search) -> bool:

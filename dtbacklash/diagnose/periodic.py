@@ -172,6 +172,8 @@ def _waves(candidate: Candidate, paths: list[_Path], bounds: Bounds) -> Floats:
     least, fastest = bounds.get(wave.name, (wave.low, wave.high))
     most = min(wave.high, fastest, max(60.0 * wave.typical / 24.0, 6.0 * wave.typical))
     low = max(wave.low, least, 2.0 * step)
+    if low >= most:
+        return np.zeros(0)
     return np.linspace(low, most, int(min(settings().waves_max, max(2, (most - low) / step))))
 
 

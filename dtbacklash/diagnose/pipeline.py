@@ -158,7 +158,7 @@ def _diagnosis(found: Search, errors: Errors, smooth: bool) -> Diagnosis:
     at_limits = limits_said(at_bounds(evidence, found), at_tolerances(evidence.nominal, found.fitted.rig))
     return Diagnosis(
         verdict=verdict,
-        summary=" ".join(filter(None, (summary(verdict, findings, values, where), at_limits, far))),
+        summary=" ".join(filter(None, (summary(verdict, findings, values, where, found.beyond), at_limits, far))),
         findings=findings,
         recalibrated=values,
         fit=fit_table(evidence, found.nominal, found.fitted),

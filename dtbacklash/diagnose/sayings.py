@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dtbacklash import units
+from dtbacklash.diagnose.candidates import TREMOR
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.result import (
@@ -28,8 +29,6 @@ from dtbacklash.recording.model import Recording
 NEAR_S = (0.05, 0.1, 0.2, 0.3)
 #: a second best that leaves more than this many times the error explains nothing
 WORTH_SAYING = 10.0
-#: slower than this share of the highest speed is taken as rest
-TREMOR = 0.02
 
 
 def quantity(value: float, unit: str) -> str:
@@ -106,14 +105,16 @@ def when(evidence: Evidence, found: Search, left_out: Residuals) -> str:
 
 
 def summary(
-    verdict: Verdict, findings: Sequence[Finding], recalibrated: dict[str, Recalibrated], located: Located | None
-) -> str:
-    """Two or three sentences."""
+    verdict: Verdict, findings: Sequence[Finding], recalibrated: dict[str, Recalibrated], located: Located | None,
+    beyond: Beyond | None = None,
+) -> str:  # fmt: skip
+    """Two or three sentences. beyond : the parameter that was let go beyond what is given, if one was."""
     if verdict == CONSISTENT:
         return "The recording agrees with the rig: what is left is the sensors' noise."
     if verdict == PARAMETERS:
         names = ", ".join(f"{n} = {quantity(p.value, p.unit)}" for n, p in recalibrated.items())
-        return f"No physics is missing: recalibrated parameters explain the recording ({names})."
+        missing = "need be" if beyond is not None and beyond.instead_of else "is"
+        return f"No physics {missing} missing: recalibrated parameters explain the recording ({names})."
     parts = [f.sentence for f in findings]
     for finding in findings:
         if finding.also_fits:
@@ -150,7 +151,7 @@ def beyond_said(beyond: Beyond | None) -> str:
                     "wrong, or its tolerance.")  # fmt: skip
     if beyond.instead_of:
         others = " and ".join(named_in_words(effect, place) for place, effect in beyond.instead_of)
-        said.append(f"This recording cannot tell `{beyond.name}`, which the rig has, from {others}, which it has not.")
+        said.append(f"{others[:1].upper()}{others[1:]} would explain no less than `{beyond.name}`.")
     return " ".join(said)
 
 

@@ -40,7 +40,7 @@ class Beyond:
     """A fit with one parameter that may be beyond its tolerance, and no physics missing.
 
     name, tolerance : of the parameter, as given. evidence : about the rig in which its tolerance is wide.
-    instead_of : the effects that would explain as much, and that it takes the place of.
+    instead_of : the effects that would explain no less, and that it takes the place of.
     """
 
     name: str

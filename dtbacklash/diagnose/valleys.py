@@ -30,7 +30,7 @@ def best_valley(evidence: Evidence, fitted: Fit, key: Key, quick: Callable[[Valu
     wave, angle = entry.of_role(Role.WAVE), entry.of_role(Role.ANGLE)
     if wave is None or angle is None or values is None or (way := evidence.moving(place).way) <= 0.0:
         return fitted
-    middle = evidence.moving.middle(place)
+    lowest = evidence.moving.lowest(place)
     low, high = evidence.bounds(key).get(wave.name, (wave.low, wave.high))
     best = fitted
     for one_more in (2.0 * np.pi / way, -2.0 * np.pi / way):
@@ -39,8 +39,8 @@ def best_valley(evidence: Evidence, fitted: Fit, key: Key, quick: Callable[[Valu
             waves = values[wave.name] + one_more
             if not max(low, wave.low) < waves < min(high, wave.high):
                 break
-            # the waves in the middle of the travel stay where they are
-            phase = float(np.angle(np.exp(1j * (values[angle.name] - one_more * middle))))
+            # at both ends, where a motion is slow as it turns, the waves stay where they are
+            phase = float(np.angle(np.exp(1j * (values[angle.name] - one_more * lowest))))
             beside = quick({**values, wave.name: waves, angle.name: phase}, best.rig)
             if merit(evidence, beside) >= merit(evidence, best):
                 break

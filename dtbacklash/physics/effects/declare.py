@@ -90,10 +90,10 @@ class Place:
 
     values : the element's nominal parameters, SI. duration_s, sample_time_s : of the recording. command : (N,) V.
     modes : lowest and highest frequency at which the rig's structure swings, or between which it can be seen, Hz.
-    speed : the body's fastest, but for a few samples, and speed_slow : what it is below for a quarter of the time,
-    rad/s or m/s. stretch : (N,) of the spring, m or rad, or None; span and reach : its usual size and its largest.
-    stretch_rate : its usual rate. force : what usually drives the place, N or N m; 0 where that is not known, and
-    ``force_most`` : what a friction or a load there may take at most. current : of the motor, A.
+    speed : the body's, as fast as it usually is, and speed_slow : what that is below for a quarter of the time in
+    motion, rad/s or m/s. stretch : (N,) of the spring, m or rad, or None; span and reach : its usual size and its
+    largest. stretch_rate : its usual rate. force : what usually drives the place, N or N m; 0 where that is not known,
+    and ``force_most`` : what a friction or a load there may take at most. current : of the motor, A.
     travel : position that one turn of the motor makes, m (0: there is no screw). way : range of the body's position, or
     of the motor's angle at a gear or screw, m or rad (0: not known).
     """
@@ -280,18 +280,30 @@ class Effect:
         """Within which bounds a recording can show its parameters: an effect at one of them is not seen.
 
         Beside what the effect says itself: half a wave at least over the way, what swings or waves is sampled
-        ``SAMPLES_A_PERIOD`` times a period (waves for a quarter of the time: where it passes them faster they move
-        it little), and at least ``PERIODS`` of it fit into the recording.
+        ``SAMPLES_A_PERIOD`` times a period (waves for a quarter of the time in motion: where it passes them faster
+        they move it little), and at least ``PERIODS`` of it fit into the recording.
         """
         found = dict(self.visible(place))
         fastest = 1.0 / (SAMPLES_A_PERIOD * place.sample_time_s)
         for p in self.parameters:
             if p.role is Role.FREQUENCY and place.duration_s > 0.0:
                 found[p.name] = PERIODS / place.duration_s, fastest
-            if p.role is Role.WAVE and place.way > 0.0:
-                most = 2.0 * np.pi * fastest / place.speed_slow if place.speed_slow > 0.0 else p.high
-                found[p.name] = 2.0 * np.pi * WAVES / place.way, most
+        found |= self._waves_at(place)
         return {name: (low, high) for name, (low, high) in found.items() if high > low}
+
+    def is_shown(self, place: Place) -> bool:
+        """Whether a recording can show the effect at all: a law that waves, some wave number of it."""
+        return all(high > low for low, high in self._waves_at(place).values())
+
+    def _waves_at(self, place: Place) -> Bounds:
+        """The wave numbers that a recording can show."""
+        found = {}
+        for p in self.parameters:
+            if p.role is Role.WAVE and place.way > 0.0:
+                sampled = 2.0 * np.pi / (SAMPLES_A_PERIOD * place.sample_time_s)
+                most = sampled / place.speed_slow if place.speed_slow > 0.0 else p.high
+                found[p.name] = max(p.low, 2.0 * np.pi * WAVES / place.way), min(p.high, most)
+        return found
 
     def draw_shape(self, rng: Generator, place: Place) -> Shape:
         """Draw everything of a concealed effect but its size: its sign and its other parameters."""

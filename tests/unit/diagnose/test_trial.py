@@ -136,12 +136,32 @@ def test_one_heavier_mass_of_two_that_share_a_parameter_is_no_absorber(heavier):
 def test_what_is_periodic_is_seen_within_what_is_recorded():
     from dtbacklash.physics.catalogue import CATALOGUE
 
-    place = Place(duration_s=10.0, sample_time_s=1e-3, speed=50.0, speed_slow=20.0, way=12.0)
+    place = Place(duration_s=10.0, sample_time_s=1e-3, speed=50.0, speed_slow=20.0, way=1.2)
     low, high = CATALOGUE["mass", "absorber"].bounds_at(place)["frequency"]
     assert (low, high) == (pytest.approx(0.2), pytest.approx(250.0))
     low, high = CATALOGUE["rotor", "cogging"].bounds_at(place)["periods"]
-    assert low == pytest.approx(np.pi / 12.0)
+    assert low == pytest.approx(np.pi / 1.2)
     assert high == pytest.approx(2 * np.pi * 250.0 / 20.0)
+
+
+def test_cogs_that_are_passed_too_fast_always_are_no_candidate():
+    """A rotor that never turns slowly: less than four samples for the longest wave that the law may have."""
+    from dtbacklash.physics.catalogue import CATALOGUE
+
+    cogging = CATALOGUE["rotor", "cogging"]
+    place = Place(duration_s=10.0, sample_time_s=0.1, speed=70.0, speed_slow=20.0, way=500.0)
+    assert not cogging.is_shown(place)
+    assert cogging.is_shown(replace(place, speed_slow=2.0))
+    assert not cogging.is_shown(replace(place, speed_slow=0.0, way=1e-3)), "half of its shortest wave is longer"
+
+
+def test_a_rest_is_not_a_slow_motion(rig):
+    """Half of the time it stands, elsewhere it turns at one speed: a wave has four samples there, or none has."""
+    t = np.arange(4001) * 1e-3
+    angle = 60.0 * np.abs((t + 1.0) % 4.0 - 2.0).clip(0.5, 1.5)
+    record = Record(1e-3, np.sign(t - 2.0), {"theta_m": angle, "q3": np.zeros(len(t))}, t < 3.0, t >= 3.0)
+    evidence = Evidence.gather(rig, [record])
+    assert evidence.moving("motor_bearing").speed_slow == pytest.approx(60.0, rel=0.02)
 
 
 def test_what_judges_neither_fits_nor_chooses(carriage, dry):
