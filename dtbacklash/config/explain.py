@@ -128,7 +128,7 @@ def _bad_setting(error: OmegaConfBaseException, words: Sequence[str], grammar: G
         written = next((w.partition("=")[0] for w in words if w.startswith(key + ".")), key)
         return UserError(written, value_of(written, words) or value, unknown_key(written, grammar))
     if "is not a subclass of ParameterConfig" in first_line:
-        return UserError(key, value, "the rig has no such parameter")
+        return UserError(key, value, "the rig has no such parameter; `--cfg job` shows those that it has")
     if isinstance(error, ValidationError):
         return UserError(key, value, f"must be {kind_of(key, grammar)}")
     return UserError(key, value, first_line)

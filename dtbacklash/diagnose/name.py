@@ -201,7 +201,7 @@ def _finish(evidence: Evidence, current: Fit, trial: Trial, near: bool = False, 
     fitted = refit_with(
         evidence, current, [(trial.key, values)], near=trial.fitted.rig if near else None, rounds=rounds
     )
-    if rounds is FULL:
+    if rounds is FULL and earns(evidence, current, fitted, current):
         fitted = _in_the_best_valley(evidence, current, trial.key, fitted)
     return Trial(trial.key, trial.score, fitted, held_loss(evidence, fitted))
 
