@@ -26,9 +26,9 @@ def command(seconds: float, seed: int) -> np.ndarray:
     return 2.0 * u / u.std()
 
 
-def recorded(rig: Rig, seconds: float = 12.0, seed: int = 1) -> Record:
-    """What an encoder and a laser sensor record of a rig, open loop."""
-    u = command(seconds, seed)
+def recorded(rig: Rig, seconds: float = 12.0, seed: int = 1, u: np.ndarray | None = None) -> Record:
+    """What an encoder and a laser sensor record of a rig, open loop. u : another command than :func:`command`, V."""
+    u = command(seconds, seed) if u is None else u
     shown = simulate(rig, u[:-1], STEP_S).sensors
     rng = np.random.default_rng(seed)
     y = {}

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from dtbacklash.diagnose import Record, diagnose_records
-from dtbacklash.physics.simulate import simulate
+from dtbacklash.diagnose import diagnose_records
 
-from .conftest import COUNTS, NOISE, STEP_S
+from .conftest import STEP_S, recorded
 
 #: two seconds up to full speed and back, as a motor is run in
 AMPLITUDE_V, FREQUENCY_HZ = 7.5, 0.25
@@ -18,12 +17,7 @@ def turning(rig):
     t = np.arange(round(16.0 / STEP_S) + 1) * STEP_S
     u = AMPLITUDE_V * np.sin(2.0 * np.pi * FREQUENCY_HZ * t)
     cogging = {"torque": 3e-3, "periods": 24.0, "phase": 1.0}
-    shown = simulate(rig.with_effect("motor_bearing", "cogging", cogging), u[:-1], STEP_S).sensors
-    rng, y = np.random.default_rng(0), {}
-    for name, count in COUNTS.items():
-        y[name] = count * np.round((shown[name] + rng.normal(0.0, NOISE.get(name, 0.0), len(u))) / count)
-    train = np.arange(len(u)) < 0.7 * len(u)
-    return Record(STEP_S, u, y, train, ~train)
+    return recorded(rig.with_effect("motor_bearing", "cogging", cogging), seed=0, u=u)
 
 
 def test_cogs_that_are_passed_too_fast_at_times_are_found_where_they_are_passed_slowly(rig, turning):

@@ -14,6 +14,7 @@ from dtbacklash.diagnose.free import nominal_free
 from dtbacklash.diagnose.parts import divided, for_judgement, marked
 from dtbacklash.diagnose.refit import QUICK, fit
 from dtbacklash.diagnose.trial import objection, objections, spoils_the_free_run
+from dtbacklash.physics.catalogue import CATALOGUE
 from dtbacklash.physics.effects.declare import Place
 from dtbacklash.physics.rig import Rig
 
@@ -134,8 +135,6 @@ def test_one_heavier_mass_of_two_that_share_a_parameter_is_no_absorber(heavier):
 
 
 def test_what_is_periodic_is_seen_within_what_is_recorded():
-    from dtbacklash.physics.catalogue import CATALOGUE
-
     place = Place(duration_s=10.0, sample_time_s=1e-3, speed=50.0, speed_slow=20.0, way=1.2)
     low, high = CATALOGUE["mass", "absorber"].bounds_at(place)["frequency"]
     assert (low, high) == (pytest.approx(0.2), pytest.approx(250.0))
@@ -146,8 +145,6 @@ def test_what_is_periodic_is_seen_within_what_is_recorded():
 
 def test_cogs_that_are_passed_too_fast_always_are_no_candidate():
     """A rotor that never turns slowly: less than four samples for the longest wave that the law may have."""
-    from dtbacklash.physics.catalogue import CATALOGUE
-
     cogging = CATALOGUE["rotor", "cogging"]
     place = Place(duration_s=10.0, sample_time_s=0.1, speed=70.0, speed_slow=20.0, way=500.0)
     assert not cogging.is_shown(place)
