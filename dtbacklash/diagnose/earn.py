@@ -24,7 +24,8 @@ def paired(evidence: Evidence, before: Fit, after: Fit) -> tuple[float, float, f
     happens that leaves most, a small part of it may be all that can be mended. floor share : in units of the floor.
     t : see :func:`significance`.
     """
-    return _paired(evidence, before, after, concerned(evidence, before, after))
+    everywhere = _all_channels(evidence, before.residuals, after.residuals)
+    return _paired(evidence, before, after, _concerned(evidence, before, after, everywhere))
 
 
 def _paired(evidence: Evidence, before: Fit, after: Fit, heard: dict[str, list[int]]) -> tuple[float, float, float]:
@@ -46,13 +47,12 @@ def _paired(evidence: Evidence, before: Fit, after: Fit, heard: dict[str, list[i
     return share, max(worth), _significance(compared)
 
 
-def concerned(evidence: Evidence, before: Fit, after: Fit) -> dict[str, list[int]]:
-    """The channels, per block, in which two fits that differ by effects are compared: those that the effects reach.
+def _concerned(evidence: Evidence, before: Fit, after: Fit, everywhere: dict[str, list[int]]) -> dict[str, list[int]]:
+    """Of all channels, per block, those in which two fits that differ by effects are compared: that the effects reach.
 
     What a sensor does wrong is heard in its own channel alone, unless it drives or pulls a block. Others move a little
     with it, as all parameters are fitted anew: what is left there has nothing to do with it.
     """
-    everywhere = _all_channels(evidence, before.residuals, after.residuals)
     places = {place for place, _ in before.effects.keys() ^ after.effects.keys()}
     loud = {SENSOR_PREFIX + channel for b in evidence.blocks for channel in (b.imposed, b.pulled) if channel}
     if not places or any(p in loud or not p.startswith(SENSOR_PREFIX) for p in places):
@@ -144,7 +144,8 @@ def earns(evidence: Evidence, before: Fit, after: Fit, nominal: Fit) -> bool:
     What is tiny only where no other formulation of the laws that are there already would make as much.
     """
     rules = settings()
-    heard, everywhere = concerned(evidence, before, after), _all_channels(evidence, before.residuals, after.residuals)
+    everywhere = _all_channels(evidence, before.residuals, after.residuals)
+    heard = _concerned(evidence, before, after, everywhere)
     share, floor, t = _paired(evidence, before, after, heard)
     relief = before.penalty - after.penalty
     if heard != everywhere and merit(evidence, after) >= merit(evidence, before):

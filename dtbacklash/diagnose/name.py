@@ -45,7 +45,7 @@ from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.diagnose.trial import objection
 from dtbacklash.diagnose.trials import Asked, Search, Trial
-from dtbacklash.diagnose.valleys import best_valley
+from dtbacklash.diagnose.valleys import in_the_best_valley
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Values
 from dtbacklash.physics.rig import Rig
@@ -202,20 +202,8 @@ def _finish(evidence: Evidence, current: Fit, trial: Trial, near: bool = False, 
         evidence, current, [(trial.key, values)], near=trial.fitted.rig if near else None, rounds=rounds
     )
     if rounds is FULL and earns(evidence, current, fitted, current):
-        fitted = _in_the_best_valley(evidence, current, trial.key, fitted)
+        fitted = in_the_best_valley(evidence, current, trial.key, fitted)
     return Trial(trial.key, trial.score, fitted, held_loss(evidence, fitted))
-
-
-def _in_the_best_valley(evidence: Evidence, current: Fit, key: Key, fitted: Fit) -> Fit:
-    """A full fit where the number of waves explains most; see :mod:`.valleys`."""
-    best = best_valley(
-        evidence, fitted, key, lambda values, near: refit_with(evidence, current, [(key, values)], None, QUICK, near)
-    )
-    values = best.rig.effect(*key)
-    if best is fitted or values is None:
-        return fitted
-    again = refit_with(evidence, current, [(key, values)], near=best.rig)
-    return min(fitted, again, key=lambda f: merit(evidence, f))
 
 
 def _add(evidence: Evidence, found: Search) -> bool:

@@ -7,7 +7,7 @@ from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trials import Search
-from dtbacklash.diagnose.words import named_in_words, place_in_words
+from dtbacklash.diagnose.words import all_in_words, place_in_words
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
@@ -30,8 +30,7 @@ def next_experiment(evidence: Evidence, found: Search, rest: Recovered | None = 
         name = found.as_well.name
         return f"To tell what was found from a wrong value of `{name}`, measure `{name}` by itself."
     if found.beyond is not None and found.beyond.instead_of:
-        others = " and ".join(named_in_words(effect, place) for place, effect in found.beyond.instead_of)
-        return f"To tell `{found.beyond.name}` from {others}, measure it by itself."
+        return f"To tell `{found.beyond.name}` from {all_in_words(found.beyond.instead_of)}, measure it by itself."
     pairs = [(key, t) for key in found.order for t in found.rivals.get(key, [])]
     if not pairs:
         return "Nothing is ambiguous in this recording; a second recording would confirm it."

@@ -21,7 +21,7 @@ from dtbacklash.diagnose.result import (
 )
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trials import Beyond, Search
-from dtbacklash.diagnose.words import named_in_words, other_in_words, place_in_words
+from dtbacklash.diagnose.words import all_in_words, other_in_words, place_in_words
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.recording.model import Recording
 
@@ -150,7 +150,7 @@ def beyond_said(beyond: Beyond | None) -> str:
         said.append(f"`{beyond.name}` is {beyond.tolerances:.1f} of its tolerances from nominal: the rig's value is "
                     "wrong, or its tolerance.")  # fmt: skip
     if beyond.instead_of:
-        others = " and ".join(named_in_words(effect, place) for place, effect in beyond.instead_of)
+        others = all_in_words(beyond.instead_of)
         said.append(f"{others[:1].upper()}{others[1:]} would explain no less than `{beyond.name}`.")
     return " ".join(said)
 

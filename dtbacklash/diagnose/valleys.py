@@ -4,27 +4,33 @@ Which valley is the right one a regression along the measured motion tells rough
 does not know. So the neighbours of a fit are tried, and theirs, as long as they explain more.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
 from dtbacklash.diagnose.earn import merit
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import Key
+from dtbacklash.diagnose.leave_out import refit_with
 from dtbacklash.diagnose.problem import Fit
+from dtbacklash.diagnose.refit import QUICK
 from dtbacklash.physics.catalogue import find
-from dtbacklash.physics.effects.declare import Role, Values
-from dtbacklash.physics.rig import Rig
+from dtbacklash.physics.effects.declare import Role
 
 #: so many to one side are looked at: further away the regression is not wrong
 VALLEYS = 10
 
 
-def best_valley(evidence: Evidence, fitted: Fit, key: Key, quick: Callable[[Values, Rig], Fit]) -> Fit:
-    """The best of a fit and of those in the valleys beside it; itself where its law does not wave.
+def in_the_best_valley(evidence: Evidence, current: Fit, key: Key, fitted: Fit) -> Fit:
+    """A full fit of a law beside those of ``current``, where the number of waves explains most."""
+    best = _best_valley(evidence, current, key, fitted)
+    values = best.rig.effect(*key)
+    if best is fitted or values is None:
+        return fitted
+    again = refit_with(evidence, current, [(key, values)], near=best.rig)
+    return min(fitted, again, key=lambda f: merit(evidence, f))
 
-    quick : fits the law quickly from these values of its own, and from a rig's of all others.
-    """
+
+def _best_valley(evidence: Evidence, current: Fit, key: Key, fitted: Fit) -> Fit:
+    """The best of a fit and of quick ones in the valleys beside it; itself where its law does not wave."""
     place, name = key
     entry, values = find(evidence.nominal.kind_at(place), name, place), fitted.rig.effect(*key)
     wave, angle = entry.of_role(Role.WAVE), entry.of_role(Role.ANGLE)
@@ -41,7 +47,8 @@ def best_valley(evidence: Evidence, fitted: Fit, key: Key, quick: Callable[[Valu
                 break
             # at both ends, where a motion is slow as it turns, the waves stay where they are
             phase = float(np.angle(np.exp(1j * (values[angle.name] - one_more * lowest))))
-            beside = quick({**values, wave.name: waves, angle.name: phase}, best.rig)
+            there = {**values, wave.name: waves, angle.name: phase}
+            beside = refit_with(evidence, current, [(key, there)], rounds=QUICK, near=best.rig)
             if merit(evidence, beside) >= merit(evidence, best):
                 break
             best = beside

@@ -1,5 +1,8 @@
 """Places and effects as a person would write them."""
 
+from collections.abc import Iterable
+
+from dtbacklash.diagnose.free import Key
 from dtbacklash.diagnose.result import Alternative
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import SENSOR_PREFIX
@@ -15,6 +18,11 @@ def place_in_words(location: str) -> str:
 def named_in_words(effect: str, location: str) -> str:
     """``Coulomb friction at the motor bearing``; without an effect, something unexplained."""
     return f"{name_in_words(effect) if effect else 'something unexplained'} at the {place_in_words(location)}"
+
+
+def all_in_words(keys: Iterable[Key]) -> str:
+    """Several effects at their places, as one phrase."""
+    return " and ".join(named_in_words(effect, place) for place, effect in keys)
 
 
 def other_in_words(other: Alternative) -> str:

@@ -13,6 +13,8 @@ RUN_MAX = 10  # as many missing values in a row are interpolated; at more the re
 MISSING_SHARE_MAX = 0.05  # of all values that may be missing
 TRIM_MAX = 0.3  # share of a recording that may be cut out for missing values
 CLIPPED_SHARE = 0.002  # of all samples at the limit from which clipping is reported
+ENTRY_SPEED = 0.2  # of the usual speed in motion (rms): what reaches or leaves its extreme faster goes on beyond it
+ENTRY_COUNTS = 1.5  # a sample, of the smallest step that the channel ever makes: likewise
 REST_SAMPLES = 8  # before an extreme value, from which is read how the motion that reaches it ends
 REST_BEYOND = 0.005  # of a channel's range: what would have ended so soon beyond its extreme value rests there
 REST_RETURNS = 2.0  # times as long as a motion that is only cut off takes to come back: what stays longer rests
@@ -130,27 +132,28 @@ def clipping(name: str, values: Floats) -> str | None:
 def clipped(values: Floats) -> list[tuple[str, np.ndarray]]:
     """The ends at which a channel is clipped: ``top`` or ``bottom``, and (N,) which samples are.
 
-    Clipped is what runs into its own extreme at speed and stays there. What comes to rest at its extreme
-    (the last steps are small, or become smaller as those of a motion that friction ends), or only ever takes a few
-    levels (a command of steps), is not.
+    Clipped is what runs into its own extreme at speed, stays there and leaves it at speed: the motion went on beyond.
+    What comes to rest at its extreme (the last steps are small, or become smaller as those of a motion that friction
+    ends, or it sets off slowly, as all that has mass), or only ever takes a few levels (a command of steps), is not.
     """
     top, bottom = values.max(), values.min()
     if top == bottom or len(np.unique(values[:: max(1, len(values) // 5000)])) <= 20:
         return []
     steps = np.abs(np.diff(values))
     moving = steps[steps > 0.0]
-    usual, quantum = float(np.sqrt(np.mean(moving**2))), float(moving.min())
+    at_speed = max(ENTRY_SPEED * float(np.sqrt(np.mean(moving**2))), ENTRY_COUNTS * float(moving.min()))
     found = []
     for limit, word in ((top, "top"), (bottom, "bottom")):
         stays = [run for run in runs(values == limit) if run[1] - run[0] >= 3 and not _rests(values, *run)]
-        # the step that reaches the limit is cut short by it: the one before tells the speed as well
-        entries = [steps[max(start - 2, 0) : start].max() for start, _ in stays if start > 0]
         mask = np.zeros(len(values), dtype=bool)
         for start, stop in stays:
             mask[start:stop] = True
+        # the step at the limit is cut short by it: the one beside it tells the speed as well
+        entries = [steps[max(start - 2, 0) : start].max() for start, _ in stays if start > 0]
+        exits = [steps[stop - 1 : stop + 1].max() for _, stop in stays if stop < len(values)]
         if mask.sum() < CLIPPED_SHARE * len(values) or not entries:
             continue
-        if float(np.median(entries)) > max(0.2 * usual, 1.5 * quantum):
+        if all(float(np.median(speeds)) > at_speed for speeds in (entries, exits) if speeds):
             found.append((word, mask))
     return found
 

@@ -193,7 +193,8 @@ def _clipped(rig: Rig, name: str, found: Inspected) -> None:
     share = max(float(m.mean()) for m in masks)
     found.checks.append(_row(
         f"{name} is not clipped", share, CLIPPED_SHARE,
-        "share of its samples at its extreme value, reached at speed; they are bridged, and neither fitted nor judged",
+        "share of its samples at its extreme value, reached and left at speed; they are bridged, "
+        "and neither fitted nor judged",
         LEVELS,
     ))  # fmt: skip
     if share > 0.0:

@@ -250,10 +250,20 @@ def test_a_peak_of_an_encoder_and_a_rest_are_not_clipped():
     assert clipping("q3", np.clip(count * np.round(np.sin(6 * t) / count), -0.8, 1)) is not None
 
 
-@pytest.mark.parametrize(("rest", "is_clipped"), [(5, True), (20, True), (150, False)])
-def test_a_motor_that_friction_stops_at_its_extreme_is_not_clipped(rest, is_clipped):
-    # it slows down from 9 counts a sample to 3 and sticks: cut off there by a sensor, it would soon be back
-    slows = [np.linspace(0, 9, 600), np.linspace(9, 3, 14), [1.0], np.zeros(rest), np.linspace(0, -9, 300)]
+@pytest.mark.parametrize(
+    ("slowest", "rest", "leaves", "is_clipped"),
+    [
+        pytest.param(3, 5, 3, True, id="cut-off"),
+        pytest.param(3, 20, 3, True, id="cut-off-for-longer"),
+        pytest.param(3, 150, 3, False, id="slowed-down-and-stayed"),
+        pytest.param(3, 20, 0, False, id="set-off-from-rest"),
+        pytest.param(9, 150, 9, True, id="cut-off-at-full-speed"),
+        pytest.param(9, 150, 0, False, id="stopped-at-once"),
+    ],
+)
+def test_a_motor_that_friction_stops_at_its_extreme_is_not_clipped(slowest, rest, leaves, is_clipped):
+    # speeds in counts a sample: cut off by a sensor, it would soon be back, and as fast as it went
+    slows = [np.linspace(0, 9, 600), np.linspace(9, slowest, 14), [1.0], np.zeros(rest), np.linspace(-leaves, -9, 300)]
     lower = [np.linspace(-9, 9, 900), 0.9 * np.concatenate(slows)]
     angle = np.round(np.cumsum(np.concatenate(slows + lower)))
     assert (clipping("theta_m", angle) is not None) == is_clipped
