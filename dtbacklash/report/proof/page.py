@@ -87,7 +87,7 @@ def page(score: Score, rows: pd.DataFrame, figures: dict[str, Path]) -> str:
     return render(
         "proof.html.j2", score=score, seeds=which_seeds(score), command=score.notes.get("command", ""),
         met=met, barred=barred,
-        shares=[(figure_row(f), f.met) for f in score.figures], rigs=rig_rows(score),
+        shares=[figure_row(f) for f in score.figures], rigs=rig_rows(score),
         quantities=[quantity_row(q) for q in score.quantities],
         figures=[Shown(embedded(path), CAPTIONS[name], GOOD[name]) for name, path in figures.items()], wrong=wrong,
         methods=METHODS,
