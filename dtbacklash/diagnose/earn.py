@@ -48,7 +48,7 @@ def _paired(evidence: Evidence, before: Fit, after: Fit, heard: dict[str, list[i
 
 
 def _concerned(evidence: Evidence, before: Fit, after: Fit, everywhere: dict[str, list[int]]) -> dict[str, list[int]]:
-    """Of all channels, per block, those in which two fits that differ by effects are compared: that the effects reach.
+    """Of all channels per block (``everywhere``), those that the effects reach by which two fits differ.
 
     What a sensor does wrong is heard in its own channel alone, unless it drives or pulls a block. Others move a little
     with it, as all parameters are fitted anew: what is left there has nothing to do with it.

@@ -71,7 +71,7 @@ class Quantity:
     at_most: float | None = None
 
     def met(self, value: float) -> bool | None:
-        """Whether one of its two figures is below the bar; None without a bar or without a case."""
+        """Whether one of its two figures is at most the bar; None without a bar or without a case."""
         if self.at_most is None or not self.of:
             return None
         return value <= self.at_most

@@ -13,8 +13,8 @@ RUN_MAX = 10  # as many missing values in a row are interpolated; at more the re
 MISSING_SHARE_MAX = 0.05  # of all values that may be missing
 TRIM_MAX = 0.3  # share of a recording that may be cut out for missing values
 CLIPPED_SHARE = 0.002  # of all samples at the limit from which clipping is reported
-ENTRY_SPEED = 0.2  # of the usual speed in motion (rms): what reaches or leaves its extreme faster goes on beyond it
-ENTRY_COUNTS = 1.5  # a sample, of the smallest step that the channel ever makes: likewise
+LIMIT_SPEED = 0.2  # of the usual speed in motion (rms): what reaches or leaves its extreme faster goes on beyond it
+LIMIT_COUNTS = 1.5  # a sample: as slow as one count a sample anything may come to rest; a count is its smallest step
 REST_SAMPLES = 8  # before an extreme value, from which is read how the motion that reaches it ends
 REST_BEYOND = 0.005  # of a channel's range: what would have ended so soon beyond its extreme value rests there
 REST_RETURNS = 2.0  # times as long as a motion that is only cut off takes to come back: what stays longer rests
@@ -141,7 +141,7 @@ def clipped(values: Floats) -> list[tuple[str, np.ndarray]]:
         return []
     steps = np.abs(np.diff(values))
     moving = steps[steps > 0.0]
-    at_speed = max(ENTRY_SPEED * float(np.sqrt(np.mean(moving**2))), ENTRY_COUNTS * float(moving.min()))
+    at_speed = max(LIMIT_SPEED * float(np.sqrt(np.mean(moving**2))), LIMIT_COUNTS * float(moving.min()))
     found = []
     for limit, word in ((top, "top"), (bottom, "bottom")):
         stays = [run for run in runs(values == limit) if run[1] - run[0] >= 3 and not _rests(values, *run)]

@@ -58,8 +58,9 @@ def resolve(source: str, path: str | None) -> tuple[Path, Mapping | None, str, s
             raise UserError("recording.path", path, f"belongs to a mapping, and recording={source} is a file")
         return _plain(source), None, "", "recording"
     if part and part not in mapping.parts:
-        whole = f"{name} has no parts: write recording={name}"
-        raise UserError("recording", source, "choose one of " + ", ".join(mapping.parts) if mapping.parts else whole)
+        if not mapping.parts:
+            raise UserError("recording", source, f"{name} has no parts: write recording={name}")
+        raise UserError("recording", source, "choose one of " + ", ".join(mapping.parts))
     if path is not None:
         return _given(mapping, path), mapping, part, "recording.path"
     if not mapping.file:

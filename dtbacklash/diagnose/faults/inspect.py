@@ -200,7 +200,7 @@ def _clipped(rig: Rig, name: str, found: Inspected) -> None:
     if share > 0.0:
         _bridge(
             rig, name, masks, found, f"{name} is clipped in {100 * share:.2g} % of its samples",
-            "it runs into its extreme value at speed and stays there",
+            "it runs into its extreme value at speed, stays there, and leaves it at speed",
             f"Widen the range of {name}, or move less, and record again.",
         )  # fmt: skip
 

@@ -250,6 +250,8 @@ def test_a_peak_of_an_encoder_and_a_rest_are_not_clipped():
     assert clipping("q3", np.clip(count * np.round(np.sin(6 * t) / count), -0.8, 1)) is not None
 
 
+@pytest.mark.parametrize("counts", [pytest.param(1, id="coarse"), pytest.param(20, id="fine")])
+@pytest.mark.parametrize("way", [pytest.param(1, id="top"), pytest.param(-1, id="bottom")])
 @pytest.mark.parametrize(
     ("slowest", "rest", "leaves", "is_clipped"),
     [
@@ -259,13 +261,15 @@ def test_a_peak_of_an_encoder_and_a_rest_are_not_clipped():
         pytest.param(3, 20, 0, False, id="set-off-from-rest"),
         pytest.param(9, 150, 9, True, id="cut-off-at-full-speed"),
         pytest.param(9, 150, 0, False, id="stopped-at-once"),
+        pytest.param(9, 150, None, True, id="never-back"),
     ],
 )
-def test_a_motor_that_friction_stops_at_its_extreme_is_not_clipped(slowest, rest, leaves, is_clipped):
-    # speeds in counts a sample: cut off by a sensor, it would soon be back, and as fast as it went
-    slows = [np.linspace(0, 9, 600), np.linspace(9, slowest, 14), [1.0], np.zeros(rest), np.linspace(-leaves, -9, 300)]
-    lower = [np.linspace(-9, 9, 900), 0.9 * np.concatenate(slows)]
-    angle = np.round(np.cumsum(np.concatenate(slows + lower)))
+def test_a_clipped_sensor_is_told_from_a_motor_that_friction_stops(slowest, rest, leaves, is_clipped, way, counts):
+    # speeds in coarse counts a sample: cut off by a sensor, it would soon be back, and as fast as it went
+    back = [] if leaves is None else [np.linspace(-leaves, -9, 300)]
+    stops = [np.linspace(0, 9, 600), np.linspace(9, slowest, 14), [1.0], np.zeros(rest)]
+    lower = [np.linspace(0, 8, 600), np.linspace(8, -9, 900)]
+    angle = way * np.round(counts * np.cumsum(np.concatenate(lower + stops + back)))
     assert (clipping("theta_m", angle) is not None) == is_clipped
 
 

@@ -1,6 +1,7 @@
 """The figures, the page and the docs of a proof."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
@@ -118,6 +119,21 @@ def test_all_files_are_written_and_the_page_stands_alone(found, cases, tmp_path)
     document = json.loads((tmp_path / "score.json").read_text(encoding="utf-8"))
     strict = document["figures"][0]
     assert strict["share"] == pytest.approx(strict["right"] / strict["of"])
+
+
+@pytest.mark.parametrize("rigs", [("lead_screw",), ("lead_screw", "pendulum")])
+def test_every_bar_of_the_page_is_coloured_by_whether_it_is_met(cases, tmp_path, rigs):
+    found = score([
+        replace(c, rig=rigs[k % len(rigs)], diagnosis=None if k < 60 else c.diagnosis) for k, c in enumerate(cases)
+    ])  # fmt: skip
+    proof_page.write(found, cases, tmp_path)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    rows = [*found.figures, *(f for figures in found.rigs.values() for f in figures)]
+    met = [f.met for f in rows] + [q.met(v) for q in found.quantities for v in (q.median, q.ninety)]
+    assert {True, False} <= set(met)
+    assert page.count('<span class="good">pass</span>') == met.count(True)
+    assert page.count('<span class="bad">miss</span>') == met.count(False)
+    assert "**" not in page
 
 
 def test_the_page_lists_what_went_wrong(tmp_path):
