@@ -93,7 +93,7 @@ def _commands(page: Path) -> list[str]:
     """Every command of a page that is an application, in a block or in a line."""
     text = page.read_text(encoding="utf-8")
     blocks = re.findall(r"```sh\n(.*?)```", text, flags=re.DOTALL)
-    lines = [line.split(" #")[0].strip() for block in blocks for line in block.splitlines()]
+    lines = [line.split(" #")[0].strip() for b in blocks for line in b.replace("\\\n", " ").splitlines()]
     inline = [code for code in re.findall(r"`(dtb [^`]+)`", text) if not re.search("VALUE|FILE|FOLDER|<", code)]
     found = [line for line in [*lines, *inline] if line.startswith("dtb ") and line.split()[1:2]]
     return [line for line in found if line.split()[1] in GRAMMARS and "..." not in line]
