@@ -15,6 +15,7 @@ from dtbacklash.diagnose.earn import paired
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.floor import synthetic
 from dtbacklash.diagnose.free import Errors, Key, nominal_free, standing, stands_at_limit, tolerances_away
+from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.result import Check, FreeRunning
 from dtbacklash.diagnose.settings import settings
@@ -49,7 +50,7 @@ def all_checks(
     errors : standard errors of the last fit's parameters. free : errors of the free simulations. form : the effort of
     free form that beats nothing most significantly. white : see :func:`whiteness`, if that is known already.
     """
-    white = whiteness(evidence, found) if white is None else white
+    white = whiteness(evidence, found.fitted) if white is None else white
     rows = [*_noise(evidence, found), *white.values(), *_stateless(form), _generalises(evidence, found)]
     rows.append(_recalibration(evidence, found))
     if found.order:
@@ -83,15 +84,15 @@ def _noise(evidence: Evidence, found: Search) -> list[Check]:
     ]  # fmt: skip
 
 
-def whiteness(evidence: Evidence, found: Search) -> dict[str, Check]:
+def whiteness(evidence: Evidence, fitted: Fit) -> dict[str, Check]:
     """Channel -> whether what is left of its held-out part is white; none of a sensor that is exact."""
     rows: dict[str, Check] = {}
     colour = settings().white_ratio
     for block in evidence.blocks:
-        here = evidence.rows(found.fitted.residuals, block.name, "held")
+        here = evidence.rows(fitted.residuals, block.name, "held")
         # a short recording is asked for fewer
         lags = min(settings().white_lags, max(1, here.shape[1] // SAMPLES_PER_LAG))
-        truth = _of_a_truth(evidence, found.fitted.rig, block)
+        truth = _of_a_truth(evidence, fitted.rig, block)
         for j, channel in enumerate(block.channels):
             if evidence.least()[block.name][j] > 1.0:  # an exact sensor: what is left is the method's own error
                 continue

@@ -6,6 +6,7 @@ from scipy.stats import t as student
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.formulation import formulation_floors
+from dtbacklash.diagnose.free import effects_of_rig
 from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.refit import objective
 from dtbacklash.diagnose.settings import settings
@@ -141,7 +142,8 @@ def earns(evidence: Evidence, before: Fit, after: Fit, nominal: Fit) -> bool:
 
     What is small against the mismatch of the nominal rig is believed only where it brings the residual down to the
     noise, or takes away most of what is left; elsewhere it may as well mend the form of an effect that has been named.
-    What is tiny only where no other formulation of the laws that are there already would make as much.
+    What is tiny only where no other formulation of the laws that are there already would make as much; and where one of
+    the nominal rig's own laws would make all of the mismatch, nothing else does that leaves more than noise.
     """
     rules = settings()
     everywhere = _all_channels(evidence, before.residuals, after.residuals)
@@ -151,16 +153,41 @@ def earns(evidence: Evidence, before: Fit, after: Fit, nominal: Fit) -> bool:
     if heard != everywhere and merit(evidence, after) >= merit(evidence, before):
         return False
     nearly_noise = bool(heard) and worst(evidence, after, heard) < rules.nearly_noise_floors
-    seldom = share > rules.earn_seldom_share and floor > rules.earn_seldom_floors and nearly_noise
+    seldom = nearly_noise and in_errors_of_noise(evidence, before, after, heard) > rules.earn_seldom_errors
     if share > rules.earn_excess_share and floor > rules.earn_floors and (t > rules.earn_errors or seldom):
         sure = nearly_noise or share > rules.decisive_share
         mismatch = worst(evidence, nominal, heard)
+        if not nearly_noise and mismatch < _known_otherwise(evidence, nominal):
+            return False
         if floor > (rules.negligible_share if sure else rules.minor_share) * mismatch:
             return True
         return sure and floor > formulation_floors(evidence, before)
     if relief <= rules.earn_penalty:
         return False
     return _paired(evidence, before, after, everywhere)[0] > -rules.earn_penalty_loss_share
+
+
+def _known_otherwise(evidence: Evidence, nominal: Fit) -> float:
+    """What other formulations of the laws that the nominal rig has would leave, in units of the floor's."""
+    return formulation_floors(evidence, nominal) if effects_of_rig(evidence.nominal) else 0.0
+
+
+def in_errors_of_noise(evidence: Evidence, before: Fit, after: Fit, heard: dict[str, list[int]]) -> float:
+    """How much nearer ``after`` is to what is held out than it would be if ``before`` left noise alone, in its errors.
+
+    Two models differ by d. If the first is true and leaves white noise e of variance s, the sum of squares falls by
+    2 e d - d^2, whose mean is -|d|^2 and whose standard deviation is 2 sqrt(s) |d|, however seldom they differ.
+    Stretches do not say that: a resonance that a chirp passes once lies in few of them. What is above the floor is
+    correlated, and counts as often less.
+    """
+    fall = energy = 0.0
+    for name, channels in heard.items():
+        first, second = (evidence.rows(f.residuals, name, "held")[channels] for f in (before, after))
+        level = np.maximum(np.mean(second**2, axis=1), 1.0)
+        level *= 1.0 + (level - 1.0) / level * (evidence.correlated - 1.0)
+        fall += float(np.sum((first**2 - second**2) / level[:, None]))
+        energy += float(np.sum((first - second) ** 2 / level[:, None]))
+    return (fall + energy) / (2.0 * np.sqrt(energy)) if energy > 0.0 else 0.0
 
 
 def worst(evidence: Evidence, fitted: Fit, heard: dict[str, list[int]] | None = None) -> float:

@@ -115,12 +115,13 @@ def _also_fits(evidence: Evidence, found: Search, key: Key) -> tuple[Alternative
     if limit:
         listed.setdefault((key[0], limit), "")
     others = tuple(Alternative(place, effect, reason) for (place, effect), reason in listed.items())
-    return others if found.as_well is None else (*others, _wrong_value(evidence.nominal, found.as_well))
+    return others if found.as_well is None else (*others, _wrong_value(found.as_well))
 
 
-def _wrong_value(nominal: Rig, as_well: Beyond) -> Alternative:
+def _wrong_value(as_well: Beyond) -> Alternative:
     """A parameter of the rig that would explain as much, at the first element that has it."""
-    place = next(name for name, spec in nominal.config.elements.items() if as_well.name in spec.values())
+    elements = as_well.evidence.nominal.config.elements
+    place = next(name for name, spec in elements.items() if as_well.name in spec.values())
     return Alternative(place, as_well.name, as_well_said(as_well))
 
 

@@ -63,13 +63,27 @@ def silent(text: str, share: float) -> None:
 
 
 def search(evidence: Evidence, say: Callable[[str, float], None] = silent) -> Search:
-    """Find the effects that the recording needs, one after the other."""
-    rules = settings()
+    """Find the effects that the recording needs, one after the other.
+
+    Where one wrong number alone leaves nothing but noise, one effect is held against it first, and more are looked for
+    only if that fits better: a conspiracy of several is less likely than one wrong number.
+    """
     say("recalibrating the nominal rig", 0.02)
     nominal = _recalibrated(evidence)
     found = Search(evidence, nominal, nominal, [])
+    most = found.most
     if explains_alone(found, _recalibrated) or own_parameter(evidence, nominal, OWN_LIKELY):
         found.most = 1
+        _explain(found, say)
+    if found.beyond is None and (found.order or found.most == most):
+        found.most = most
+        _explain(found, say)
+    return found
+
+
+def _explain(found: Search, say: Callable[[str, float], None]) -> None:
+    """Add effects as long as they earn their place, take out what is not needed, and try one wrong number instead."""
+    before = list(found.order)
     for _ in range(ATTEMPTS):
         _add_all(found, say)
         if not found.order:
@@ -78,13 +92,14 @@ def search(evidence: Evidence, say: Callable[[str, float], None] = silent) -> Se
         eliminate(found.evidence, found)
         if found.order:
             break
+    if before and found.order == before:
+        return  # nothing has joined since they were judged
     if len(found.order) > 1:
         say("what else would fit", 0.9)
-        _reconsider(found.evidence, found, list(found.order), rules.final_rivals)
+        _reconsider(found.evidence, found, list(found.order), settings().final_rivals)
     beyond_instead(found, _recalibrated)
     if found.beyond is None:
         own_instead(found)
-    return found
 
 
 def _recalibrated(evidence: Evidence) -> Fit:
@@ -358,12 +373,41 @@ def _against(found: Search, without: Fit, rivals: list[Trial]) -> list[Trial]:
     What has been fitted beside the same effects before is not fitted again.
     """
     evidence, made = found.evidence, {t.key: t for beside, t in found.against if beside is without}
-    quick = spread(partial(_finish, evidence, without, rounds=QUICK), [t for t in rivals if t.key not in made])
     most = settings().hopeless_ratio * max(held_loss(evidence, found.fitted), settings().close_floors)
+    starts = [(t, rig) for t in rivals if t.key not in made for rig in _starts(evidence, without, t, most)]
+    looks = spread(lambda start: _finish(evidence, replace(without, rig=start[1]), start[0], rounds=QUICK), starts)
+    best: dict[Key, Trial] = {}
+    for trial in sorted(looks, key=lambda t: merit(evidence, t.fitted)):
+        best.setdefault(trial.key, trial)
+    quick = list(best.values())
     near = [t for t in quick if t.held_out < most]
-    fresh = spread(partial(_finish, evidence, without, near=True), near) + [t for t in quick if t.held_out >= most]
+    fresh = spread(partial(_gone_on_with, evidence, without), near) + [t for t in quick if t.held_out >= most]
     found.against += [(without, t) for t in fresh]
     return fresh + [made[t.key] for t in rivals if t.key in made]
+
+
+def _starts(evidence: Evidence, without: Fit, rival: Trial, most: float) -> list[Rig]:
+    """The rigs from which a rival is fitted beside the effects of ``without``: as they stand there, and as beside it.
+
+    Without any of two effects that share a motion the other one takes over what it can, and from there the way to where
+    it stands beside a rival may be barred: where that was as good as ``most``, it is another beginning.
+    """
+    if rival.held_out >= most:
+        return [without.rig]
+    beside = without.rig
+    for key, values in rival.fitted.effects.items():
+        if key in without.effects and meet(evidence, key, rival.key):
+            beside = beside.with_effect(*key, values)
+    return [without.rig] if beside is without.rig else [without.rig, beside]
+
+
+def _gone_on_with(evidence: Evidence, without: Fit, trial: Trial) -> Trial:
+    """A full fit from where a quick one ended, in all that shares a block with it."""
+    rig = without.rig
+    for key, values in trial.fitted.effects.items():
+        if key in without.effects and meet(evidence, key, trial.key):
+            rig = rig.with_effect(*key, values)
+    return _finish(evidence, replace(without, rig=rig), trial, near=True)
 
 
 def _count(evidence: Evidence, key: Key) -> int:

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from dtbacklash.diagnose.earn import held_loss, is_noise, merit, same
+from dtbacklash.diagnose.earn import earns, held_loss, is_noise, merit, same
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import all_free, nominal_free, tolerances_away, widened, with_tolerance
 from dtbacklash.diagnose.leave_out import fit_without
@@ -44,17 +44,25 @@ def own_parameter(evidence: Evidence, before: Fit, likely: float = 1.0) -> Beyon
 
 
 def own_instead(found: Search) -> None:
-    """Let one element have a parameter of its own instead of all findings, or of one, where that does as well."""
+    """Let one element have a parameter of its own instead of all findings, or of one, where that does no worse.
+
+    What fits nearly as well as all of them, and does not take their place, is said.
+    """
     if not shared(found.evidence.nominal):
         return
     for left_out in [None, *(found.order if len(found.order) > 1 else [])]:
         before = fit_without(found, left_out) if left_out else found.nominal
         own = own_parameter(found.evidence, before)
-        if own is None or not _does_as_well(found, before, own):
+        if own is None:
+            continue
+        alike = same(own.evidence, own.fitted, found.fitted)
+        if not _does_no_worse(found, own, before):
+            if left_out is None and found.order and same(own.evidence, found.fitted, own.fitted):
+                found.as_well = own
             continue
         gone = [left_out] if left_out else found.order
         found.refused |= dict.fromkeys(gone, "one element's own parameter does as well")
-        if same(own.evidence, own.fitted, found.fitted):
+        if alike:
             own = replace(own, instead_of=tuple(gone))
         found.evidence, found.fitted = own.evidence, own.fitted
         found.order, found.as_well = [key for key in found.order if key not in gone], None
@@ -64,18 +72,21 @@ def own_instead(found: Search) -> None:
         return
 
 
-def _does_as_well(found: Search, before: Fit, own: Beyond) -> bool:
-    """Whether an own parameter fits as well as the effects that were found, or explains all but a trifle of it.
+def _does_no_worse(found: Search, own: Beyond, before: Fit) -> bool:
+    """Whether the effects that were found have not earned what they have more than an own parameter.
 
-    It is known to be there, and they are not: what it leaves may be how a machine differs from any simulation. What it
-    takes the place of is said.
+    It is known to be there, and they are not: where it explains all but a trifle, and leaves noise of what was fitted
+    to as well, the rest may be how a machine differs from any simulation.
     """
     rules, evidence = settings(), own.evidence
-    least = merit(found.evidence, found.fitted) + rules.earn_penalty
-    if merit(evidence, own.fitted) < least or same(evidence, found.fitted, own.fitted):
+    if merit(evidence, own.fitted) < merit(found.evidence, found.fitted) + rules.earn_penalty:
+        return True
+    if not earns(found.evidence, own.fitted, found.fitted, found.nominal):
         return True
     at_first, by_effects, by_own = (held_loss(evidence, f) ** 2 for f in (before, found.fitted, own.fitted))
-    return at_first - by_own > (1.0 - rules.same_loss_share) * (at_first - by_effects)
+    nearly_all = at_first - by_own > (1.0 - rules.same_loss_share) * (at_first - by_effects)
+    fitted = max(float(squares.max()) for squares in evidence.mean_square(own.fitted.residuals, "train").values())
+    return nearly_all and fitted < rules.noise_floors
 
 
 def _finished(own: Beyond) -> Beyond | None:

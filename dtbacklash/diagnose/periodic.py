@@ -15,6 +15,7 @@ from dtbacklash.diagnose.compare import Block, Record, part_of, places_of, true_
 from dtbacklash.diagnose.projection import Projection
 from dtbacklash.diagnose.responses import transfer
 from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.wave_spectrum import Passage, likely_waves
 from dtbacklash.physics.assembly import compile_plant, state_names
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Bounds, Role, Values
@@ -65,6 +66,10 @@ def _scan(candidate: Candidate, projection: Projection, block: Block) -> list[tu
     scale = (np.sqrt(projection.weights[block.name]) / projection.evidence.floor[block.name])[:, None, None]
     rated = []
     waves = _waves(candidate, paths, projection.evidence.bounds(candidate.key))
+    if len(waves) > settings().waves_max:
+        rows = _rows_of_records(records, every, e)
+        passages = [Passage(*path, row, scale[:, 0, 0]) for path, row in zip(paths, rows, strict=True)]
+        waves = likely_waves(waves, passages, response, every, settings().waves_max)
     for some in np.array_split(waves, max(1, math.ceil(len(waves) / BATCH))):
         with np.errstate(over="ignore", invalid="ignore"):  # along a simulated path that ran away
             S, C = (_signatures(some, shape, paths, response, every)[:, :, chosen] * scale for shape in (0, 1))
@@ -90,6 +95,18 @@ def _thinned(record: Record, every: int) -> tuple[np.ndarray, np.ndarray]:
     first = np.arange(0, record.samples // every * every, every)
     mask = record.train[first]
     return (np.cumsum(record.train) - 1)[first[mask]], mask
+
+
+def _rows_of_records(records: list[Record], every: int, e: Floats) -> list[Floats]:
+    """Per record, (channels, thinned samples) of the residual, 0 where it is not fitted to. e : (channels, fitted)."""
+    found, start = [], 0
+    for record in records:
+        mask = _thinned(record, every)[1]
+        rows = np.zeros((len(e), len(mask)))
+        rows[:, mask] = e[:, start : start + int(mask.sum())]
+        start += int(mask.sum())
+        found.append(rows)
+    return found
 
 
 def _signatures(waves: Floats, shape: int, paths: list[_Path], response: tuple[Floats, Floats], every: int) -> Floats:
@@ -174,7 +191,7 @@ def _waves(candidate: Candidate, paths: list[_Path], bounds: Bounds) -> Floats:
     low = max(wave.low, least, 2.0 * step)
     if low >= most:
         return np.zeros(0)
-    return np.linspace(low, most, int(min(settings().waves_max, max(2, (most - low) / step))))
+    return np.linspace(low, most, int(max(2, (most - low) / step)))
 
 
 def _channel(candidate: Candidate, block: Block, part: Rig, plant: Plant) -> int:

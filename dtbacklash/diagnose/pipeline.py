@@ -142,7 +142,7 @@ def _diagnosis(found: Search, errors: Errors, smooth: bool) -> Diagnosis:
     given = believed(evidence.nominal, found.beyond)
     moved = moved_parameters(evidence, given, found.fitted, errors)
     left_out = without(evidence, found)
-    white = whiteness(evidence, found)
+    white = whiteness(evidence, found.fitted)
     # a law that the rig has already has other formulations, too
     acting = left_out | without_known(evidence, found)
     left = remaining(evidence, found, acting, {c for c, row in white.items() if row.passed}, coloured(white))

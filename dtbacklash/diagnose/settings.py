@@ -208,7 +208,9 @@ class DiagnoseSettings:
         "far too small no way leads to a wide one", unit="ratio", above=1)
     wave_step_share: float = setting(
         0.5, "wave numbers are this far apart over the travel, so that none slips through", unit="cycles", above=0)
-    waves_max: int = setting(500, "wave numbers at most, for the time that it takes", unit="count", at_least=2)
+    waves_max: int = setting(
+        150, "where the travel tells more apart, so many of the likeliest wave numbers are regressed", unit="count",
+        at_least=3)
     wave_every_samples: int = setting(
         5, "every so many samples are enough to choose a wave number", unit="samples", at_least=1)
     delay_step_samples: float = setting(
@@ -274,11 +276,10 @@ class DiagnoseSettings:
     earn_counts_share: float = setting(
         0.25, "of what an encoder's counts pass on to a channel this much may be fitted by chance", unit="share",
         above=0, below=1)
-    earn_seldom_share: float = setting(
-        0.9, "what happens seldom falls in few stretches: it is sure where this much of it is gone", unit="share",
-        above=0, below=1)
-    earn_seldom_floors: float = setting(
-        1.0, "and where it was as large as noise is", unit="floors, mean square", above=0)
+    earn_seldom_errors: float = setting(
+        5.0, "what happens seldom falls in few stretches: where it leaves noise, it is sure from here on, as the best "
+        "of fifty is by chance once in seventy thousand recordings",
+        unit="standard errors of noise", above=0)
     earn_penalty: float = setting(
         15.0, "so much less of the prior's penalty makes up for no gain: parameters come back from four tolerances",
         unit="-2 log-likelihood", above=0)

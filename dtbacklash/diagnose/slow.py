@@ -20,20 +20,23 @@ from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trials import Search
 
 
-def slow_evidence(evidence: Evidence) -> Evidence:
-    """The same recordings with a slow pull where it moves position and speed; itself where none does."""
+def slow_evidence(evidence: Evidence, times: float | None = None) -> Evidence:
+    """The same recordings with a slow pull where it moves position and speed; itself where none does.
+
+    times : so many times slower than it is; None: as slow as in the last fit.
+    """
     if not any(b.gains[1] > 0.0 for b in evidence.blocks):
         return evidence
     step = evidence.records[0].sample_time_s
-    blocks = [_slowly(b, step) if b.gains[1] > 0.0 else b for b in evidence.blocks]
+    blocks = [_slowly(b, step, times) if b.gains[1] > 0.0 else b for b in evidence.blocks]
     return replace(
         evidence, blocks=blocks, floor=noise_floor(evidence.nominal, blocks, evidence.records, evidence.noise)
     )
 
 
-def _slowly(block: Block, step_s: float) -> Block:
-    b = settings().pull_slow_ratio * block.tempo / step_s
-    return replace(block, gains=observer_gains(b, step_s))
+def _slowly(block: Block, step_s: float, times: float | None) -> Block:
+    bandwidth = settings().pull_slow_ratio * block.tempo if times is None else block.pull / times
+    return replace(block, gains=observer_gains(bandwidth / step_s, step_s))
 
 
 def _seen_by(evidence: Evidence, fitted: Fit) -> Fit:

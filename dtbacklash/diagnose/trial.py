@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.earn import rises
+from dtbacklash.diagnose.earn import rises, worst
 from dtbacklash.diagnose.errors_of_fit import free_squares
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.free import Errors, Key, as_given, known_free
@@ -22,6 +22,9 @@ from dtbacklash.diagnose.slow import slow_evidence
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Parameter
 from dtbacklash.physics.rig import Rig
+
+#: so many times slower a pull has to agree: nothing may hinge on it
+SLOWER = 3.0
 
 
 def objection(evidence: Evidence, rig: Rig, key: Key) -> str:
@@ -52,11 +55,24 @@ def spoils_the_free_run(evidence: Evidence, nominal: Fit, fitted: Fit, order: li
     with_all = free_error(evidence, fitted.rig)
     if with_all <= settings().free_worse_ratio * free_error(evidence, nominal.rig):
         return None
-    if _holds_slowly(evidence, nominal, fitted, order):
+    if _predicts(evidence, nominal, fitted) or _holds_slowly(evidence, nominal, fitted, order):
         return None
     without = {key: free_error(evidence, as_given(evidence.nominal, fitted.rig, key)) for key in order}
     best = min(without, key=lambda k: without[k])
     return best if without[best] < with_all else None
+
+
+def _predicts(evidence: Evidence, nominal: Fit, fitted: Fit) -> bool:
+    """Whether all findings leave noise, and most of what is left without them is gone with a slower pull as well.
+
+    A carriage on its cogs snaps to another one after the least error, and stays there: its free run then says nothing.
+    A law that only hands the measurement back does so no more where the pull is a third of what it was fitted with.
+    """
+    if worst(evidence, fitted) > settings().nearly_noise_floors:
+        return False
+    slower = slow_evidence(evidence, SLOWER)
+    before, after = (slower.rms(slower.residuals(rig)) ** 2 for rig in (nominal.rig, fitted.rig))
+    return slower is not evidence and after < (1.0 - settings().decisive_share) * before
 
 
 def _holds_slowly(evidence: Evidence, nominal: Fit, fitted: Fit, order: list[Key]) -> bool:

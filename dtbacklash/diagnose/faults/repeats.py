@@ -13,6 +13,8 @@ from dtbacklash.recording.channels import runs
 
 #: fewer changes of a reading show no pattern
 CHANGES_MIN = 30
+#: so many steps before a pause, and after the one that ends it, tell how fast the motion is
+BESIDE = 2
 
 
 def fresh(values: Floats) -> np.ndarray | None:
@@ -50,7 +52,9 @@ def between(values: Floats, known: np.ndarray) -> Floats:
 def hung(values: Floats) -> np.ndarray:
     """(N,) the samples at which a channel repeats its last reading for so long as chance does not, then jumps on.
 
-    A machine at rest does not jump on, and what repeats often anyway (a coarse encoder) is no fault.
+    A jump leads to where the motion has gone on to, and is larger than the steps beside it. A machine that friction
+    holds does not jump on: it sets off and goes on, as all that has mass. What repeats often anyway (a coarse encoder)
+    is no fault.
     """
     rules, steps = settings(), np.diff(values)
     same = np.concatenate([[False], steps == 0.0])
@@ -60,8 +64,12 @@ def hung(values: Floats) -> np.ndarray:
     if not long or often > rules.hung_repeats_share:
         return found
     least = math.log(rules.hung_chance / len(values)) / math.log(max(often, 1.0 / len(values)))
-    far = jump(steps)
+    sizes = np.abs(steps)
+    far = max(jump(steps), rules.held_counts * quantum(values))
     for a, b in long:
-        if b - a >= least and b < len(values) and abs(steps[b - 1]) > far:
+        if b - a < least or b == len(values):
+            continue
+        beside = max(sizes[max(a - 1 - BESIDE, 0) : a - 1].max(initial=0.0), sizes[b : b + BESIDE].max(initial=0.0))
+        if sizes[b - 1] > max(far, rules.jump_ratio * beside):
             found[a:b] = True
     return found

@@ -94,6 +94,6 @@ def test_a_free_simulation_that_runs_away_is_none(evidence, nominal):
 
 def test_what_is_left_of_a_law_is_coloured_and_what_is_left_of_the_truth_is_not(evidence, nominal):
     fitted = refit_with(evidence, nominal, [(COULOMB, {"torque": 0.015})])
-    assert coloured(whiteness(evidence, Search(evidence, nominal, fitted, [COULOMB]))) == set()
+    assert coloured(whiteness(evidence, fitted)) == set()
     off = fit(evidence, fitted.rig.with_effect(*COULOMB, {"torque": 0.0152}), [])
-    assert "theta_m" in coloured(whiteness(evidence, Search(evidence, nominal, off, [COULOMB])))
+    assert "theta_m" in coloured(whiteness(evidence, off))

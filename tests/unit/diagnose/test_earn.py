@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dtbacklash.diagnose.candidates import candidates
-from dtbacklash.diagnose.earn import earns, in_errors, paired, significance
+from dtbacklash.diagnose.earn import earns, in_errors, in_errors_of_noise, paired, significance
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.formulation import formulation_floors
 from dtbacklash.diagnose.free import nominal_free
@@ -55,6 +55,28 @@ def test_a_burst_that_shrinks_is_not(nominal, evidence):
     before, after = made(nominal, evidence, 1, burst=300.0), made(nominal, evidence, 1, burst=300.0, share=0.5)
     after.residuals["structure"] = before.residuals["structure"]
     assert not earns(evidence, before, after, before)
+
+
+def test_a_little_that_shows_once_is_sure_if_it_leaves_noise(nominal, evidence):
+    """A resonance that a chirp passes: in two of a dozen stretches, where it is hardly larger than the noise."""
+    before, after = made(nominal, evidence, 1), made(nominal, evidence, 1)
+    held = np.flatnonzero(evidence.records[0].held)
+    before.residuals["motor"][0][held[100:700], 0] += 1.5 * np.sin(0.3 * np.arange(600))
+    after.residuals["structure"] = before.residuals["structure"]
+    assert paired(evidence, before, after)[2] < 2.0
+    assert earns(evidence, before, after, before)
+    assert not earns(evidence, after, before, before)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_differs_from_noise_by_chance_gains_nothing(nominal, evidence, seed):
+    """A model that differs from the true one, whose residual is noise, is further from it, by as much as it differs."""
+    before, other = made(nominal, evidence, seed), made(nominal, evidence, seed)
+    held = np.flatnonzero(evidence.records[0].held)
+    other.residuals["motor"][0][held[100:700], 0] += 1.5 * np.sin(0.3 * np.arange(600) + seed)
+    other.residuals["structure"] = before.residuals["structure"]
+    assert abs(in_errors_of_noise(evidence, before, other, {"motor": [0]})) < 4.0
+    assert in_errors_of_noise(evidence, other, before, {"motor": [0]}) > 10.0
 
 
 def test_a_mismatch_that_few_stretches_hold_most_of_is_seen_to_fall(nominal, evidence):

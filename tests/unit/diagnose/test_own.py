@@ -74,6 +74,14 @@ def test_what_an_own_value_takes_the_place_of_is_said(chain):
     assert "To tell `m_m2` from" in found.next_experiment
 
 
+def test_an_effect_that_earns_more_than_an_own_value_is_named(chain):
+    """An own value that left noise nearly, and something in it, took the place of what leaves noise alone."""
+    swinging = chain.with_effect("m2", "absorber", {"mass": 0.15, "frequency": 40.0, "damping_ratio": 0.1})
+    found = diagnose_records(chain, [recorded(swinging, 2e-6)])
+    assert found.verdict == "missing_physics"
+    assert [(f.location, f.effect) for f in found.findings] == [("m2", "absorber")]
+
+
 @pytest.mark.parametrize(("element", "factor"), [("m2", 1.3), ("m3", 0.7), ("m1", 2.0)])
 def test_it_may_lie_far_beyond_the_tolerance(chain, element, factor):
     """A mass 30 % heavier than the others, of which 5 % are known, was absorbers, and what nothing explains."""

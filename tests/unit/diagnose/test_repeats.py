@@ -47,3 +47,20 @@ def test_a_machine_at_rest_does_not_hang(rig):
     """An encoder repeats its count, and a simulated one without noise all its digits."""
     rest = np.concatenate([np.zeros(500), recorded(rig).y["q3"]])
     assert not repeats.hung(rest).any()
+
+
+def test_a_motor_that_friction_holds_and_lets_go_does_not_hang():
+    """It sets off faster than it moves on the whole, as it mostly rests, and goes on: a jump would end there."""
+    rng = np.random.default_rng(2)
+    moves = [np.concatenate([np.zeros(rng.integers(60, 120)), rng.choice([-1, 1]) * np.array([8, 9, 9, 8, 6, 3, 1])])
+             for _ in range(40)]  # fmt: skip
+    assert not repeats.hung(np.cumsum(np.concatenate(moves))).any()
+
+
+@given(stop=st.integers(1000, 3000), pause=st.integers(12, 200), seed=st.integers(0, 10**6))
+@hypothesis_settings(deadline=None)
+def test_a_sensor_that_hangs_while_the_machine_moves_on_is_found(stop, pause, seed):
+    t = np.arange(4000) / 1000.0
+    seen = 50.0 * t + 0.01 * np.random.default_rng(seed).standard_normal(len(t))
+    seen[stop + 1 : stop + pause] = seen[stop]
+    assert set(np.flatnonzero(repeats.hung(seen))) == set(range(stop + 1, stop + pause))
