@@ -82,7 +82,7 @@ def _whitened(passage: Passage, numerators: Floats) -> tuple[Passage, Floats]:
         if covariance[0] > 0.0:
             covariance[0] *= 1.0 + RIDGE
             whitening[1:] = -solve_toeplitz(covariance[:-1], covariance[1:])
-        rows[j] = np.where(sure, lfilter(whitening, 1.0, row), 0.0)
+        rows[j] = np.where(sure, np.convolve(row, whitening)[: len(row)], 0.0)
         filters[j] = np.convolve(numerators[j], whitening)
     return replace(passage, rows=rows), filters
 
@@ -90,11 +90,10 @@ def _whitened(passage: Passage, numerators: Floats) -> tuple[Passage, Floats]:
 def _correlation(waves: Floats, passage: Passage, response: tuple[Floats, Floats], every: int) -> Floats:
     """(waves,) complex: the residual's correlation with the responses to a cosine and, imaginary, to a sine."""
     numerators, denominator = response
-    back = sum(
-        lfilter(b, denominator, row[::-1])[::-1] for b, row in zip(numerators * passage.weights[:, None], passage.rows,
-                                                                  strict=True)
-    )  # fmt: skip
-    force = np.repeat(np.asarray(back) / every, every)
+    back = np.zeros(passage.rows.shape[1])
+    for b, row, weight in zip(numerators, passage.rows, passage.weights, strict=True):
+        back += weight * np.asarray(lfilter(b, denominator, row[::-1]))[::-1]
+    force = np.repeat(back / every, every)
     n = len(force)
     q, force = passage.q[:n], force * passage.w[:n]
     cell = 2.0 * np.pi / (CELLS * float(waves[-1]))

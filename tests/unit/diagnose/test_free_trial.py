@@ -6,10 +6,11 @@ import pytest
 from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Record
 from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.free import nominal_free
 from dtbacklash.diagnose.parts import divided
 from dtbacklash.diagnose.refit import ON, fit
 from dtbacklash.diagnose.slow import slow_evidence
-from dtbacklash.diagnose.trial import _holds_slowly, _repeats, free_error
+from dtbacklash.diagnose.trial import _holds_slowly, _predicts, _repeats, free_error
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.kernel.plant import new_state
 from dtbacklash.physics.kernel.sample import advance, sense
@@ -61,3 +62,13 @@ def test_a_run_from_the_top_of_a_tooth_does_not_repeat_and_one_without_teeth_doe
     true, plain = (fit(slow, rig, [], rounds=ON) for rig in (stage.with_effect(*KEY, RIPPLE), stage))
     assert not _repeats(slow, true, [KEY])
     assert _repeats(slow, plain, [])
+
+
+def test_a_law_that_leaves_noise_under_a_slower_pull_too_is_not_judged_by_the_free_run(stage, recorded):
+    """What is nearly the truth snaps to another cog in a free run; what only switches the drive off is pulled along."""
+    evidence = Evidence.gather(stage, divided([recorded]))
+    plain = fit(evidence, stage, nominal_free(stage))
+    near = fit(evidence, stage.with_effect(*KEY, {**RIPPLE, "force": 2.002}), [])
+    assert _predicts(evidence, plain, near)
+    switched_off = fit(evidence, near.rig.with_effect("amplifier", "dead_zone", {"half_width": 1e2}), [])
+    assert not _predicts(evidence, plain, switched_off)
