@@ -33,11 +33,11 @@ def asked(monkeypatch):
 
 
 @pytest.fixture
-def dtb(tmp_path, monkeypatch, capsys, asked):
+def dtb(tmp_path, tmp_path_factory, monkeypatch, capsys, asked):
     """Run ``dtb`` here in an empty folder that holds bench.csv: words -> (exit code, stdout, stderr)."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("DTB_RECORDINGS", raising=False)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
     monkeypatch.setattr("dtbacklash.compiled.is_cold", lambda: False)
     t = np.arange(4000) * 1e-3
     slow = np.sin(7 * t) + 0.3 * np.sin(23 * t)
