@@ -6,7 +6,6 @@ from scipy.stats import t as student
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.formulation import formulation_floors
-from dtbacklash.diagnose.free import effects_of_rig
 from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.refit import objective
 from dtbacklash.diagnose.settings import settings
@@ -153,11 +152,11 @@ def earns(evidence: Evidence, before: Fit, after: Fit, nominal: Fit) -> bool:
     if heard != everywhere and merit(evidence, after) >= merit(evidence, before):
         return False
     nearly_noise = bool(heard) and worst(evidence, after, heard) < rules.nearly_noise_floors
-    seldom = nearly_noise and in_errors_of_noise(evidence, before, after, heard) > rules.earn_seldom_errors
-    if share > rules.earn_excess_share and floor > rules.earn_floors and (t > rules.earn_errors or seldom):
+    promises = share > rules.earn_excess_share and floor > rules.earn_floors
+    if promises and (t > rules.earn_errors or (nearly_noise and _is_no_chance(evidence, before, after, heard))):
         sure = nearly_noise or share > rules.decisive_share
         mismatch = worst(evidence, nominal, heard)
-        if not nearly_noise and mismatch < _known_otherwise(evidence, nominal):
+        if not nearly_noise and mismatch < formulation_floors(evidence, nominal):
             return False
         if floor > (rules.negligible_share if sure else rules.minor_share) * mismatch:
             return True
@@ -167,9 +166,8 @@ def earns(evidence: Evidence, before: Fit, after: Fit, nominal: Fit) -> bool:
     return _paired(evidence, before, after, everywhere)[0] > -rules.earn_penalty_loss_share
 
 
-def _known_otherwise(evidence: Evidence, nominal: Fit) -> float:
-    """What other formulations of the laws that the nominal rig has would leave, in units of the floor's."""
-    return formulation_floors(evidence, nominal) if effects_of_rig(evidence.nominal) else 0.0
+def _is_no_chance(evidence: Evidence, before: Fit, after: Fit, heard: dict[str, list[int]]) -> bool:
+    return in_errors_of_noise(evidence, before, after, heard) > settings().earn_seldom_errors
 
 
 def in_errors_of_noise(evidence: Evidence, before: Fit, after: Fit, heard: dict[str, list[int]]) -> float:

@@ -12,9 +12,10 @@ from operator import call
 import numpy as np
 
 from dtbacklash.diagnose.approach import approached
+from dtbacklash.diagnose.attempts import attempt, best_of_each, finish
 from dtbacklash.diagnose.beyond import beyond_instead, explains_alone
 from dtbacklash.diagnose.candidates import candidates
-from dtbacklash.diagnose.earn import earns, held_loss, merit, nearly, paired, same, worst
+from dtbacklash.diagnose.earn import earns, held_loss, merit, paired, same, worst
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import (
     Key,
@@ -25,7 +26,7 @@ from dtbacklash.diagnose.free import (
     standing,
     tolerances_away,
 )
-from dtbacklash.diagnose.leave_out import borne, eliminate, fit_without, refit_with
+from dtbacklash.diagnose.leave_out import eliminate, refit_with
 from dtbacklash.diagnose.locate import Bank, Score, bank
 from dtbacklash.diagnose.own import own_instead, own_parameter
 from dtbacklash.diagnose.problem import Fit, weights_for
@@ -33,19 +34,18 @@ from dtbacklash.diagnose.propose import (
     apart,
     hopeful,
     is_found_already,
-    meet,
     promising,
     runners_up,
     siblings,
     simplest_first,
     twins,
 )
-from dtbacklash.diagnose.refit import FULL, QUICK, Rounds, fit
+from dtbacklash.diagnose.refit import fit
+from dtbacklash.diagnose.rivals import note_instead, reconsider
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.diagnose.trial import objection
 from dtbacklash.diagnose.trials import Asked, Search, Trial
-from dtbacklash.diagnose.valleys import in_the_best_valley
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Values
 from dtbacklash.physics.rig import Rig
@@ -71,13 +71,13 @@ def search(evidence: Evidence, say: Callable[[str, float], None] = silent) -> Se
     say("recalibrating the nominal rig", 0.02)
     nominal = _recalibrated(evidence)
     found = Search(evidence, nominal, nominal, [])
-    most = found.most
     if explains_alone(found, _recalibrated) or own_parameter(evidence, nominal, OWN_LIKELY):
         found.most = 1
         _explain(found, say)
-    if found.beyond is None and (found.order or found.most == most):
-        found.most = most
-        _explain(found, say)
+        if found.beyond is not None or not found.order:
+            return found
+        found.most = settings().effects_max
+    _explain(found, say)
     return found
 
 
@@ -94,9 +94,10 @@ def _explain(found: Search, say: Callable[[str, float], None]) -> None:
             break
     if before and found.order == before:
         return  # nothing has joined since they were judged
+    found.as_well = None
     if len(found.order) > 1:
         say("what else would fit", 0.9)
-        _reconsider(found.evidence, found, list(found.order), settings().final_rivals)
+        reconsider(found.evidence, found, list(found.order), settings().final_rivals)
     beyond_instead(found, _recalibrated)
     if found.beyond is None:
         own_instead(found)
@@ -126,7 +127,7 @@ def _add_all(found: Search, say: Callable[[str, float], None]) -> None:
         say(f"looking for effect {len(found.order) + 1}", 0.1 + 0.2 * len(found.order))
         if not (_release(found.evidence, found) or _add(found.evidence, found)):
             break
-        _reconsider(found.evidence, found, found.order[:-1], rules.swap_rivals)
+        reconsider(found.evidence, found, found.order[:-1], rules.swap_rivals)
         _from_the_middle(found.evidence, found)
 
 
@@ -202,25 +203,6 @@ def _bank_about(evidence: Evidence, found: Search, fitted: Fit) -> tuple[Bank, l
     return bank(evidence, fitted, [c for c in listed if c.key not in found.refused])
 
 
-def _try(evidence: Evidence, current: Fit, score: Score, near: Rig | None = None) -> Trial:
-    """A quick fit. ``near`` : a rig in whose parameters it begins, if not in those of ``current``."""
-    fitted = refit_with(evidence, current, [(score.candidate.key, score.values)], rounds=QUICK, near=near)
-    return Trial(score.candidate.key, score, fitted, held_loss(evidence, fitted))
-
-
-def _finish(evidence: Evidence, current: Fit, trial: Trial, near: bool = False, rounds: Rounds = FULL) -> Trial:
-    """A full fit; ``near`` : the trial was a quick one beside the same effects, and is gone on with."""
-    values = trial.fitted.rig.effect(*trial.key)
-    if values is None:
-        return trial
-    fitted = refit_with(
-        evidence, current, [(trial.key, values)], near=trial.fitted.rig if near else None, rounds=rounds
-    )
-    if rounds is FULL and earns(evidence, current, fitted, current):
-        fitted = in_the_best_valley(evidence, current, trial.key, fitted)
-    return Trial(trial.key, trial.score, fitted, held_loss(evidence, fitted))
-
-
 def _add(evidence: Evidence, found: Search) -> bool:
     """Add the best candidate that earns its place."""
     rules = settings()
@@ -228,9 +210,9 @@ def _add(evidence: Evidence, found: Search) -> bool:
     if not found.scores:
         found.scores = scores
     current = found.fitted
-    trials = spread(partial(_try, evidence, current), promising(evidence, scores)[: rules.quick_fits])
+    trials = spread(partial(attempt, evidence, current), promising(evidence, scores)[: rules.quick_fits])
     trials = _and_from_the_middle(evidence, found, trials)
-    trials += spread(partial(_try, evidence, current), twins(evidence, scores, trials))
+    trials += spread(partial(attempt, evidence, current), twins(evidence, scores, trials))
     trials.sort(key=lambda t: merit(evidence, t.fitted))
     is_close = bool(trials) and trials[0].held_out < rules.close_floors
     far = rules.hopeless_ratio_noise if is_close else rules.hopeless_ratio
@@ -239,11 +221,11 @@ def _add(evidence: Evidence, found: Search) -> bool:
         if t.held_out < far * trials[0].held_out and hopeful(evidence, current, t.fitted)
         and not is_found_already(found, t)
     ]  # fmt: skip
-    full = [partial(_finish, evidence, current, t, near=True) for t in rest]
-    full += [partial(_finish, evidence, current, t) for t in runners_up(found, rest)]
+    full = [partial(finish, evidence, current, t, near=True) for t in rest]
+    full += [partial(finish, evidence, current, t) for t in runners_up(found, rest)]
     finished = spread(call, full)
     trials = [*finished, *(t for t in trials if t.key not in {f.key for f in finished})]
-    trials += spread(partial(_try, evidence, current), siblings(evidence, scores, trials))
+    trials += spread(partial(attempt, evidence, current), siblings(evidence, scores, trials))
     for trial in trials:
         trial.beside = len(found.order)
     found.trials += trials
@@ -268,16 +250,13 @@ def _and_from_the_middle(evidence: Evidence, found: Search, trials: list[Trial])
     known = nominal_free(evidence.nominal, rig=current.rig)
     middle = fit(evidence, apply(current.rig, known, np.zeros(len(known))), [])
     scores = promising(evidence, _bank_about(evidence, found, middle)[1])[: settings().quick_fits]
-    again = spread(partial(_try, evidence, current, near=middle.rig), scores)
-    best: dict[Key, Trial] = {}
-    for trial in sorted([*trials, *again], key=lambda t: merit(evidence, t.fitted)):
-        best.setdefault(trial.key, trial)
-    return list(best.values())
+    again = spread(partial(attempt, evidence, current, near=middle.rig), scores)
+    return best_of_each(evidence, [*trials, *again])
 
 
 def _take(evidence: Evidence, found: Search, trial: Trial, group: list[Trial]) -> None:
     """Add what was tried; ``group`` : what was tried beside it."""
-    _note_instead(evidence, found, trial.key, (found.fitted, trial.fitted), group)
+    note_instead(evidence, found, trial.key, (found.fitted, trial.fitted), group)
     found.fitted, trial.verdict = trial.fitted, "added"
     found.order.append(trial.key)
     found.tried[trial.key] = [t for t in group if t is not trial]
@@ -298,9 +277,9 @@ def _add_pair(evidence: Evidence, found: Search, trials: list[Trial]) -> bool:
     ]  # fmt: skip
     for first in able[: rules.pair_firsts]:
         scores = _bank_about(evidence, found, first.fitted)[1]
-        quick = spread(partial(_try, evidence, first.fitted), promising(evidence, scores)[: rules.quick_fits])
+        quick = spread(partial(attempt, evidence, first.fitted), promising(evidence, scores)[: rules.quick_fits])
         quick.sort(key=lambda t: merit(evidence, t.fitted))
-        beside = spread(partial(_finish, evidence, first.fitted, near=True), quick[: rules.full_fits])
+        beside = spread(partial(finish, evidence, first.fitted, near=True), quick[: rules.full_fits])
         for trial in beside:
             trial.beside = len(found.order) + 1
         found.trials += beside
@@ -319,97 +298,3 @@ def _believed(evidence: Evidence, found: Search, trial: Trial) -> bool:
     if why:
         found.refused[trial.key] = trial.verdict = f"fits, but {why}"
     return not why
-
-
-def _note_instead(evidence: Evidence, found: Search, key: Key, fits: tuple[Fit, Fit], trials: list[Trial]) -> None:
-    """Remember the simplest of the trials at the same place that explain less; ``fits`` : without ``key``, with it."""
-    without, chosen = fits
-    less = [
-        t for t in trials
-        if t.key != key and t.key[0] == key[0] and not same(evidence, chosen, t.fitted)
-        and earns(evidence, without, t.fitted, found.nominal)
-    ]  # fmt: skip
-    found.instead.pop(key, None)
-    if less:
-        found.instead[key] = min(
-            less, key=lambda t: (len(t.score.candidate.effect.parameters), merit(evidence, t.fitted))
-        )
-
-
-def _reconsider(evidence: Evidence, found: Search, keys: list[Key], rivals: int) -> None:
-    """Try effects against the best ``rivals`` of their time, now that others have joined."""
-    for earlier in keys:
-        key = earlier
-        if not any(meet(evidence, key, other) for other in found.order if other != key):
-            continue  # alone in its blocks: what was found when it was added stands
-        if borne(found.fitted, key, evidence.records[0].sample_time_s):
-            continue
-        without = fit_without(found, key)
-        former = [t for t in found.tried.get(key, []) if t.key not in (*found.order, *found.refused)]
-        former = sorted(former, key=lambda t: t.held_out)[:rivals]
-        trials = _against(found, without, former)
-        _note_instead(evidence, found, key, (without, found.fitted), trials)
-        found.rivals[key] = []
-        for trial in trials:
-            if same(evidence, found.fitted, trial.fitted):
-                found.rivals[key].append(trial)
-            fewer = _count(evidence, trial.key) < _count(evidence, key)
-            simpler = fewer and nearly(evidence, found.fitted, trial.fitted)
-            better = merit(evidence, trial.fitted) < merit(evidence, found.fitted)
-            better = better and not nearly(evidence, trial.fitted, found.fitted)
-            if (simpler or better) and not objection(evidence, trial.fitted.rig, trial.key):
-                found.fitted = trial.fitted
-                found.order = [trial.key if k == key else k for k in found.order]
-                trial.verdict = f"took the place of {key[1]}"
-                found.trials.append(trial)
-                found.rivals[trial.key] = [t for t in found.rivals.pop(key) if t is not trial]
-                found.tried[trial.key] = found.tried.pop(key, [])
-                key = trial.key
-
-
-def _against(found: Search, without: Fit, rivals: list[Trial]) -> list[Trial]:
-    """The rivals in the place of an effect of the last fit; those that leave far more are not finished.
-
-    What has been fitted beside the same effects before is not fitted again.
-    """
-    evidence, made = found.evidence, {t.key: t for beside, t in found.against if beside is without}
-    most = settings().hopeless_ratio * max(held_loss(evidence, found.fitted), settings().close_floors)
-    starts = [(t, rig) for t in rivals if t.key not in made for rig in _starts(evidence, without, t, most)]
-    looks = spread(lambda start: _finish(evidence, replace(without, rig=start[1]), start[0], rounds=QUICK), starts)
-    best: dict[Key, Trial] = {}
-    for trial in sorted(looks, key=lambda t: merit(evidence, t.fitted)):
-        best.setdefault(trial.key, trial)
-    quick = list(best.values())
-    near = [t for t in quick if t.held_out < most]
-    fresh = spread(partial(_gone_on_with, evidence, without), near) + [t for t in quick if t.held_out >= most]
-    found.against += [(without, t) for t in fresh]
-    return fresh + [made[t.key] for t in rivals if t.key in made]
-
-
-def _starts(evidence: Evidence, without: Fit, rival: Trial, most: float) -> list[Rig]:
-    """The rigs from which a rival is fitted beside the effects of ``without``: as they stand there, and as beside it.
-
-    Without any of two effects that share a motion the other one takes over what it can, and from there the way to where
-    it stands beside a rival may be barred: where that was as good as ``most``, it is another beginning.
-    """
-    if rival.held_out >= most:
-        return [without.rig]
-    beside = without.rig
-    for key, values in rival.fitted.effects.items():
-        if key in without.effects and meet(evidence, key, rival.key):
-            beside = beside.with_effect(*key, values)
-    return [without.rig] if beside is without.rig else [without.rig, beside]
-
-
-def _gone_on_with(evidence: Evidence, without: Fit, trial: Trial) -> Trial:
-    """A full fit from where a quick one ended, in all that shares a block with it."""
-    rig = without.rig
-    for key, values in trial.fitted.effects.items():
-        if key in without.effects and meet(evidence, key, trial.key):
-            rig = rig.with_effect(*key, values)
-    return _finish(evidence, replace(without, rig=rig), trial, near=True)
-
-
-def _count(evidence: Evidence, key: Key) -> int:
-    """How many parameters an effect has."""
-    return len(find(evidence.nominal.kind_at(key[0]), key[1], key[0]).parameters)

@@ -55,14 +55,13 @@ def own_instead(found: Search) -> None:
         own = own_parameter(found.evidence, before)
         if own is None:
             continue
-        alike = same(own.evidence, own.fitted, found.fitted)
         if not _does_no_worse(found, own, before):
             if left_out is None and found.order and same(own.evidence, found.fitted, own.fitted):
                 found.as_well = own
             continue
         gone = [left_out] if left_out else found.order
         found.refused |= dict.fromkeys(gone, "one element's own parameter does as well")
-        if alike:
+        if same(own.evidence, own.fitted, found.fitted):
             own = replace(own, instead_of=tuple(gone))
         found.evidence, found.fitted = own.evidence, own.fitted
         found.order, found.as_well = [key for key in found.order if key not in gone], None

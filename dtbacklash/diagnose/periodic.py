@@ -7,13 +7,12 @@ reaches the output through the block's linear dynamics: no simulation per wave n
 import math
 
 import numpy as np
-from scipy.signal import lfilter
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.candidates import Candidate
 from dtbacklash.diagnose.compare import Block, Record, part_of, places_of, true_angle
 from dtbacklash.diagnose.projection import Projection
-from dtbacklash.diagnose.responses import transfer
+from dtbacklash.diagnose.responses import Path, transfer, wave_responses
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.wave_spectrum import Passage, likely_waves
 from dtbacklash.physics.assembly import compile_plant, state_names
@@ -25,7 +24,6 @@ from dtbacklash.physics.rig import Rig
 
 #: wave numbers that are tried at once, for the memory that it takes
 BATCH = 25
-_Path = tuple[Floats, Floats, bool]
 
 
 def wave_grid(candidate: Candidate, projection: Projection) -> list[Values]:
@@ -58,21 +56,25 @@ def _scan(candidate: Candidate, projection: Projection, block: Block) -> list[tu
     response = transfer(part, block, coarse, {_channel(candidate, block, part, coarse): 1.0}, every)
     start, width = _place_of_rows(projection, block)
     channels, count = len(block.channels), projection.q_rows.shape[1]
-    chosen = np.concatenate([_thinned(r, every)[1] for r in records])
+    thinned = [_thinned(r, every) for r in records]
+    chosen = np.concatenate([mask for _, mask in thinned])
     ends = np.cumsum([0, *(int(r.train.sum()) for r in records)])
-    at = np.concatenate([_thinned(r, every)[0] + end for r, end in zip(records, ends, strict=False)])
+    at = np.concatenate([number + end for (number, _), end in zip(thinned, ends, strict=False)])
     q = projection.q_rows[start : start + width].reshape(channels, width // channels, count)[:, at]
     e = projection.residual[start : start + width].reshape(channels, -1)[:, at]
     scale = (np.sqrt(projection.weights[block.name]) / projection.evidence.floor[block.name])[:, None, None]
     rated = []
     waves = _waves(candidate, paths, projection.evidence.bounds(candidate.key))
     if len(waves) > settings().waves_max:
-        rows = _rows_of_records(records, every, e)
-        passages = [Passage(*path, row, scale[:, 0, 0]) for path, row in zip(paths, rows, strict=True)]
-        waves = likely_waves(waves, passages, response, every, settings().waves_max)
+        rows = np.zeros((channels, len(chosen)))
+        rows[:, chosen] = e
+        each = np.split(rows, np.cumsum([len(mask) for _, mask in thinned])[:-1], axis=1)
+        passages = [Passage(path, row) for path, row in zip(paths, each, strict=True)]
+        weighted = response[0] * scale[:, :, 0], response[1]
+        waves = likely_waves(waves, passages, weighted, every, settings().waves_max)
     for some in np.array_split(waves, max(1, math.ceil(len(waves) / BATCH))):
         with np.errstate(over="ignore", invalid="ignore"):  # along a simulated path that ran away
-            S, C = (_signatures(some, shape, paths, response, every)[:, :, chosen] * scale for shape in (0, 1))
+            S, C = (wave_responses(some, shape, paths, response, every)[:, :, chosen] * scale for shape in (0, 1))
             rated += [found for found in _regress(some, S, C, q, e) if np.isfinite(found).all()]
     rated.sort(reverse=True)
     kept_waves: list[tuple[float, float, float]] = []
@@ -95,37 +97,6 @@ def _thinned(record: Record, every: int) -> tuple[np.ndarray, np.ndarray]:
     first = np.arange(0, record.samples // every * every, every)
     mask = record.train[first]
     return (np.cumsum(record.train) - 1)[first[mask]], mask
-
-
-def _rows_of_records(records: list[Record], every: int, e: Floats) -> list[Floats]:
-    """Per record, (channels, thinned samples) of the residual, 0 where it is not fitted to. e : (channels, fitted)."""
-    found, start = [], 0
-    for record in records:
-        mask = _thinned(record, every)[1]
-        rows = np.zeros((len(e), len(mask)))
-        rows[:, mask] = e[:, start : start + int(mask.sum())]
-        start += int(mask.sum())
-        found.append(rows)
-    return found
-
-
-def _signatures(waves: Floats, shape: int, paths: list[_Path], response: tuple[Floats, Floats], every: int) -> Floats:
-    """(channels, waves, thinned samples) the responses to a sine (0) or a cosine (1) along the paths.
-
-    The effort is averaged over a few samples before it is filtered at that slower rate; single precision will do.
-    """
-    numerators, denominator = response
-    shift, outputs = np.float32(0.5 * math.pi * shape), []
-    for q, w, counted in paths:
-        effort = np.sin(waves[:, None].astype(np.float32) * q.astype(np.float32) + shift)
-        if counted:
-            effort -= np.sin(shift)
-        else:
-            effort *= w.astype(np.float32)
-        n = effort.shape[1] // every * every
-        mean = effort[:, :n].reshape(len(waves), -1, every).mean(axis=2, dtype=np.float64)
-        outputs.append(np.array([lfilter(row, denominator, mean) for row in numerators]))
-    return np.concatenate(outputs, axis=2)
 
 
 def _regress(waves: Floats, S: Floats, C: Floats, q: Floats, e: Floats) -> list[tuple[float, float, float, float]]:
@@ -161,7 +132,7 @@ def _place_of_rows(projection: Projection, block: Block) -> tuple[int, int]:
     raise KeyError(block.name)
 
 
-def _path(candidate: Candidate, projection: Projection, block: Block, plant: Plant, number: int) -> _Path:
+def _path(candidate: Candidate, projection: Projection, block: Block, plant: Plant, number: int) -> Path:
     """(N,) of recording ``number``: the position that the law depends on, what it is multiplied by, and whether it is
     counted from its start."""
     slot, record = candidate.effect.slot, projection.evidence.records[number]
@@ -177,7 +148,7 @@ def _path(candidate: Candidate, projection: Projection, block: Block, plant: Pla
     return projection.path(place.name, number), np.ones(record.samples), False
 
 
-def _waves(candidate: Candidate, paths: list[_Path], bounds: Bounds) -> Floats:
+def _waves(candidate: Candidate, paths: list[Path], bounds: Bounds) -> Floats:
     """Wave numbers to try, of those that can be seen: spaced so that none can slip through."""
     wave = candidate.effect.of_role(Role.WAVE)
     if wave is None:

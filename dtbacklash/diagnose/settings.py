@@ -145,6 +145,8 @@ class DiagnoseSettings:
     pull_slow_ratio: float = setting(
         0.05, "bandwidth of the last fit where the pull moves position and speed: prediction lives at low frequencies",
         unit="tempos", above=0)
+    pull_agrees_ratio: float = setting(
+        3.0, "so many times slower a pull has to agree, where a free run says nothing", unit="ratio", above=1)
     pull_per_sample_max: float = setting(
         0.25, "a faster pull than this share of the sampling would hand the measurement back", unit="rad per sample",
         above=0, at_most=1)

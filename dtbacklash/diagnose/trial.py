@@ -23,9 +23,6 @@ from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Parameter
 from dtbacklash.physics.rig import Rig
 
-#: so many times slower a pull has to agree: nothing may hinge on it
-SLOWER = 3.0
-
 
 def objection(evidence: Evidence, rig: Rig, key: Key) -> str:
     """Why a law of a rig is not believed: it stands at a bound of what these recordings can show. Empty if not so."""
@@ -70,7 +67,7 @@ def _predicts(evidence: Evidence, nominal: Fit, fitted: Fit) -> bool:
     """
     if worst(evidence, fitted) > settings().nearly_noise_floors:
         return False
-    slower = slow_evidence(evidence, SLOWER)
+    slower = slow_evidence(evidence, settings().pull_agrees_ratio)
     before, after = (slower.rms(slower.residuals(rig)) ** 2 for rig in (nominal.rig, fitted.rig))
     return slower is not evidence and after < (1.0 - settings().decisive_share) * before
 

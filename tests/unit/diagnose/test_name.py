@@ -5,11 +5,12 @@ from dataclasses import replace
 import pytest
 
 from dtbacklash.config.compose import compose
-from dtbacklash.diagnose import name
+from dtbacklash.diagnose import attempts, name
 from dtbacklash.diagnose.earn import held_loss
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.free import nominal_free
 from dtbacklash.diagnose.refit import FULL, QUICK, fit
+from dtbacklash.diagnose.rivals import _against
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trials import Search, Trial
 from dtbacklash.physics.rig import build_rig
@@ -34,7 +35,7 @@ def trial(found: Search, key: tuple[str, str]) -> Trial:
     """A quick fit of the best value in the bank."""
     _, scores = name._bank_about(found.evidence, found, found.fitted)
     score = next(s for s in scores if s.candidate.key == key)
-    return name._try(found.evidence, found.fitted, score)
+    return attempts.attempt(found.evidence, found.fitted, score)
 
 
 def test_quick_fits_begin_from_the_middle_too_where_parameters_are_astray(recalibrated):
@@ -52,22 +53,22 @@ def test_from_where_nothing_is_astray_they_do_not(recalibrated):
 
 def test_a_rival_that_leaves_far_more_at_a_glance_is_not_finished(recalibrated, monkeypatch):
     found, fitted = recalibrated, []
-    plain = name.refit_with
+    plain = attempts.refit_with
 
     def counted(evidence, current, added, left_out=None, rounds=FULL, near=None):
         fitted.append((added[0][0], rounds))
         return plain(evidence, current, added, left_out, rounds, near)
 
     rivals = [trial(found, key) for key in (CLOSE, HOPELESS)]
-    chosen = name._finish(found.evidence, found.fitted, rivals[0]).fitted
-    monkeypatch.setattr(name, "refit_with", counted)
+    chosen = attempts.finish(found.evidence, found.fitted, rivals[0]).fitted
+    monkeypatch.setattr(attempts, "refit_with", counted)
     beside = replace(found, fitted=chosen, against=[])
-    ended = name._against(beside, found.fitted, rivals)
+    ended = _against(beside, found.fitted, rivals)
     assert set(fitted) == {(CLOSE, QUICK), (HOPELESS, QUICK), (CLOSE, FULL)}
     left = {t.key: t.held_out for t in ended}
     assert left[CLOSE] == pytest.approx(held_loss(found.evidence, chosen), rel=0.02)
     assert left[HOPELESS] > settings().hopeless_ratio * left[CLOSE]
     fitted.clear()
-    again = name._against(beside, found.fitted, rivals)
+    again = _against(beside, found.fitted, rivals)
     assert not fitted
     assert {t.key: t.held_out for t in again} == left

@@ -29,9 +29,23 @@ def test_the_right_wave_number_is_among_few_of_thousands_beside_a_slow_mismatch(
     rows += 20.0 * np.std(rows) * drift / np.std(drift) + 0.1 * np.std(rows) * rng.standard_normal(rows.shape)
     rows[:, 1500:2000] = 0.0  # held out
     waves = np.arange(3.0, 2500.0, 0.5 * np.pi / np.ptp(q))
-    found = likely_waves(waves, [Passage(q, np.ones(len(q)), False, rows, np.ones(2))], RESPONSE, every, 60)
+    found = likely_waves(waves, [Passage((q, np.ones(len(q)), False), rows)], RESPONSE, every, 60)
     assert len(found) <= 60 < len(waves) // 10
     assert np.abs(found - waves_true).min() <= waves[1] - waves[0]
+
+
+@pytest.mark.parametrize("highest", [2500.0, 25_000.0])
+def test_of_noise_as_large_no_short_wave_makes_more(highest):
+    """The shorter a wave, the less it does: what is weighed against that has to be known for all of them."""
+    rng, every = np.random.default_rng(1), 5
+    t = np.arange(20_000) * 1e-3
+    q = 0.5 * np.sin(2.0 * np.pi * (0.05 + 0.02 * t) * t) + 0.05 * t
+    force = np.sin(171.0 * q).reshape(-1, every).mean(axis=1)
+    rows = np.array([lfilter(b, RESPONSE[1], force) for b in RESPONSE[0]])
+    rows += np.std(rows) * rng.standard_normal(rows.shape)
+    waves = np.arange(3.0, highest, 0.5 * np.pi / np.ptp(q))
+    found = likely_waves(waves, [Passage((q, np.ones(len(q)), False), rows)], RESPONSE, every, 60)
+    assert np.abs(found - 171.0).min() <= waves[1] - waves[0]
 
 
 def test_cogs_along_a_long_travel_are_found_on_a_free_carriage():
