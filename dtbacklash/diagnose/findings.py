@@ -34,7 +34,7 @@ from dtbacklash.diagnose.sayings import as_well_said, less, quantity, unsure, wh
 from dtbacklash.diagnose.trial import unseen
 from dtbacklash.diagnose.trials import Beyond, Search
 from dtbacklash.diagnose.verdict import Left, Moved, confidence
-from dtbacklash.diagnose.words import named_in_words, place_in_words
+from dtbacklash.diagnose.words import all_in_words, named_in_words, place_in_words
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig
 
@@ -137,13 +137,22 @@ def _instead(evidence: Evidence, found: Search, key: Key) -> Instead | None:
     return Instead(place, name, values.get(size.name, size.neutral or 0.0), size.unit, worse)
 
 
-def recalibrated(rig: Rig, moved: Moved) -> dict[str, Recalibrated]:
-    """The parameters of the rig that had to move, with their intervals."""
+def recalibrated(rig: Rig, moved: Moved, beyond: Beyond | None) -> dict[str, Recalibrated]:
+    """The parameters of the rig that had to move, their intervals, and the effects whose place one of them took."""
     known = {f.title: f for f in nominal_free(rig)}
+    taken = {} if beyond is None else {beyond.name: _as_good(beyond.instead_of)}
     return {
-        name: Recalibrated(known[name].centre, value, _unit_of(rig, known[name]), _around(value, error))
+        name: Recalibrated(
+            known[name].centre, value, _unit_of(rig, known[name]), _around(value, error), taken.get(name, ())
+        )
         for name, (value, error) in moved.items()
     }
+
+
+def _as_good(keys: tuple[Key, ...]) -> tuple[Alternative, ...]:
+    """The effects whose place a parameter took; several explain no less together only."""
+    others = {key: all_in_words(other for other in keys if other != key) for key in keys}
+    return tuple(Alternative(*key, f"with {rest}" if rest else "") for key, rest in others.items())
 
 
 def _unit_of(rig: Rig, free: Free) -> str:

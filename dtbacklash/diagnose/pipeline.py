@@ -152,7 +152,7 @@ def _diagnosis(found: Search, errors: Errors, smooth: bool) -> Diagnosis:
     verdict = decide(left, depends_on(form, left), found, moved)
     rest = max(forms, key=lambda f: f.share, default=None) if verdict == UNEXPLAINED else None
     findings = tuple(finding(evidence, found, key, errors, left_out[key], rest, verdict) for key in found.order)
-    values, where = recalibrated(evidence.nominal, moved), located(left, verdict, rest)
+    values, where = recalibrated(evidence.nominal, moved, found.beyond), located(left, verdict, rest)
     free = free_running(evidence, found.nominal, found.fitted)
     far = beyond_said(found.beyond)
     at_limits = limits_said(at_bounds(evidence, found), at_tolerances(evidence.nominal, found.fitted.rig))

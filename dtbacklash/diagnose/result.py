@@ -99,12 +99,21 @@ class Finding:
 
 @dataclass(frozen=True)
 class Recalibrated:
-    """A parameter of the rig that had to move: ``nominal``, ``value`` and ``ci95`` in ``unit`` (SI)."""
+    """A parameter of the rig that had to move: ``nominal``, ``value`` and ``ci95`` in ``unit`` (SI).
+
+    also_fits : effects that this recording cannot tell from the parameter, which took their place.
+    """
 
     nominal: float
     value: float
     unit: str
     ci95: Interval
+    also_fits: tuple[Alternative, ...] = ()
+
+    def to_json(self) -> Document:
+        """A row of ``recalibrated``; ``also_fits`` where there is any."""
+        row: Document = {name: json_able(getattr(self, name)) for name in ("nominal", "value", "unit", "ci95")}
+        return row | ({"also_fits": [other.to_json() for other in self.also_fits]} if self.also_fits else {})
 
 
 @dataclass(frozen=True)
@@ -383,6 +392,7 @@ class Diagnosis:
         )  # fmt: skip
         document: Document = {name: json_able(getattr(self, name)) for name in names}
         document["findings"] = [finding.to_json() for finding in self.findings]
+        document["recalibrated"] = {name: row.to_json() for name, row in self.recalibrated.items()}
         document["located"] = json_able(self.located.to_json()) if self.located else None
         document["checks"] = [check.to_json() for check in self.checks]
         document["limits"] = [limit.to_json() for limit in self.limits]

@@ -20,7 +20,7 @@ from dtbacklash.recording import Recording
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from dtbacklash.diagnose.result import Diagnosis
+    from dtbacklash.diagnose.result import Alternative, Diagnosis
     from dtbacklash.physics.rig import Rig
 
 DEFAULT_RIG = "lead_screw"
@@ -62,7 +62,7 @@ class Found:
                    "sentence"]  # fmt: skip
         rows = []
         for finding in self.diagnosis.findings:
-            also = tuple((a.location, a.effect) for a in finding.also_fits)
+            also = _pairs(finding.also_fits)
             for name, p in finding.parameters.items():
                 size = (name, p.value, p.unit, *p.ci95)
                 rows.append((finding.location, finding.effect, finding.confidence, *size, also, finding.sentence))
@@ -70,9 +70,17 @@ class Found:
 
     @cached_property
     def recalibrated(self) -> pd.DataFrame:
-        """Parameters of the rig that had to move: ``nominal, value, unit, low, high`` (95 % interval, SI)."""
-        rows = {name: (p.nominal, p.value, p.unit, *p.ci95) for name, p in self.diagnosis.recalibrated.items()}
-        return pd.DataFrame.from_dict(rows, orient="index", columns=["nominal", "value", "unit", "low", "high"])
+        """Parameters of the rig that had to move.
+
+        Columns ``nominal, value, unit, low, high`` (95 % interval, SI), and ``also_fits``: a tuple of (location,
+        effect) that this recording cannot tell from the parameter.
+        """
+        columns = ["nominal", "value", "unit", "low", "high", "also_fits"]
+        rows = {
+            name: (p.nominal, p.value, p.unit, *p.ci95, _pairs(p.also_fits))
+            for name, p in self.diagnosis.recalibrated.items()
+        }
+        return pd.DataFrame.from_dict(rows, orient="index", columns=columns)
 
     @cached_property
     def fit(self) -> pd.DataFrame:
@@ -222,3 +230,7 @@ def _usual_rig(recording: Recording | str | Path) -> str:
         return recording.rig or DEFAULT_RIG
     mapping = mapping_of(str(recording))
     return (mapping.rig if mapping else None) or DEFAULT_RIG
+
+
+def _pairs(others: tuple[Alternative, ...]) -> tuple[tuple[str, str], ...]:
+    return tuple((a.location, a.effect) for a in others)

@@ -24,6 +24,7 @@ def _case_row(case: Case) -> dict[str, Any]:
     held = case.oracle.get("held_out", {})
     effects, nominal = rules.effect_intervals(case), rules.nominal_intervals(case)
     unknown = case.secret.get("unknown") or {}
+    said = (*case.findings, *case.recalibrated.values())
     seen = [case.visibility(key) for key in case.hidden] or [case.unknown_visibility]
     return {
         "id": case.id, "rig": case.rig, "seed": case.secret["seed"], "kind": case.kind,
@@ -32,7 +33,7 @@ def _case_row(case: Case) -> dict[str, Any]:
         "wrong_parameters": "; ".join(case.secret["parameters"]),
         "instruments": case.secret.get("instruments", ""), "controller": case.secret.get("controller", ""),
         "verdict": case.verdict, "named": "; ".join(map(" ".join, case.named)),
-        "also_fits": "; ".join(sorted({" ".join(a) for f in case.findings for a in rules.also(f)})),
+        "also_fits": "; ".join(sorted({" ".join(a) for row in said for a in rules.also(row)})),
         "located": ((case.diagnosis or {}).get("located") or {}).get("location", ""),
         "clear": rules.clear(case), "right": rules.right(case),
         "within_ambiguity": rules.within_ambiguity(case) if case.hidden else rules.right(case),

@@ -73,6 +73,11 @@ class Case:
         return [(f["location"], f["effect"]) for f in self.findings]
 
     @property
+    def recalibrated(self) -> dict[str, dict[str, Any]]:
+        """What is said of each parameter of the rig that had to move, by its name."""
+        return (self.diagnosis or {}).get("recalibrated", {})
+
+    @property
     def verdict(self) -> str:
         """The verdict, or ``failed``."""
         return str(self.diagnosis["verdict"]) if self.diagnosis else "failed"
@@ -89,7 +94,7 @@ class Case:
 
 
 def also(finding: dict[str, Any]) -> set[Key]:
-    """What a finding says that it cannot be told from."""
+    """What a finding, or a recalibrated parameter, says that it cannot be told from."""
     return {(a["location"], a["effect"]) for a in finding.get("also_fits", [])}
 
 
@@ -122,9 +127,16 @@ def strict(case: Case) -> bool:
 
 
 def within_ambiguity(case: Case) -> bool:
-    """Each hidden effect is a finding or in a finding's ``also_fits``, one to one, and no finding is left over."""
+    """Each hidden effect is a finding or in a finding's ``also_fits``, one to one, and no finding is left over.
+
+    A recalibrated parameter may say, too, that it cannot be told from an effect.
+    """
+    if case.diagnosis is None:
+        return False
     paired = matches(case)
-    return case.diagnosis is not None and len(paired) == len(case.hidden) == len(case.findings)
+    told = set().union(*(also(row) for row in case.recalibrated.values()))
+    left = [key for i, key in enumerate(case.hidden) if i not in paired]
+    return len(paired) == len(case.findings) and told.issuperset(left)
 
 
 def no_physics(case: Case) -> bool:
@@ -192,7 +204,7 @@ def clear_parameters(case: Case) -> list[str]:
 
 def right_parameters(case: Case) -> int:
     """How many of the clear wrong parameters were recalibrated, each with an interval that holds its true value."""
-    there = (case.diagnosis or {}).get("recalibrated", {})
+    there = case.recalibrated
     return sum(
         name in there and holds(there[name]["ci95"], case.secret["parameters"][name]) for name in clear_parameters(case)
     )
@@ -240,10 +252,7 @@ def nominal_intervals(case: Case) -> list[bool]:
     if case.kind == "unknown" or not structure or case.diagnosis is None:
         return []
     truth = case.secret["parameters"]
-    return [
-        holds(there["ci95"], truth.get(name, there["nominal"]))
-        for name, there in case.diagnosis.get("recalibrated", {}).items()
-    ]
+    return [holds(there["ci95"], truth.get(name, there["nominal"])) for name, there in case.recalibrated.items()]
 
 
 def error_ratio(case: Case) -> float:

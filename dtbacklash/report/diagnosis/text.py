@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rich.text import Text
 
-from dtbacklash.diagnose.result import Diagnosis
+from dtbacklash.diagnose.result import Diagnosis, Finding, Recalibrated
 from dtbacklash.diagnose.words import other_in_words
 from dtbacklash.report.diagnosis.words import heading, listed, partial
 from dtbacklash.report.kit.intervals import interval
@@ -17,15 +17,14 @@ def lines(diagnosis: Diagnosis) -> list[Text]:
         told += [Text(), Text(finding.sentence + partial(finding))]
         for name, p in finding.parameters.items():
             told.append(Text(f"  {name} = {interval(p.value, p.ci95, p.unit, plain=True)}"))
-        if finding.also_fits:
-            others = "; ".join(other_in_words(a) for a in finding.also_fits)
-            told.append(Text("  this recording cannot tell it from " + others))
+        told += _alike(finding)
     if diagnosis.recalibrated:
         told += [Text(), Text("Recalibrated (95 % intervals):")]
     for name, row in diagnosis.recalibrated.items():
         nominal = interval(row.nominal, None, row.unit, plain=True, size=row.nominal)
         value = interval(row.value, row.ci95, row.unit, plain=True, size=row.nominal)
         told.append(Text(f"  {name} = {value} (nominal {nominal})"))
+        told += _alike(row)
     if diagnosis.checks:
         failed = [c.check for c in diagnosis.checks if not c.passed]
         passed = len(diagnosis.checks) - len(failed)
@@ -37,3 +36,9 @@ def lines(diagnosis: Diagnosis) -> list[Text]:
     if diagnosis.next_experiment:
         told += [Text(), Text(f"To record next: {diagnosis.next_experiment}")]
     return told
+
+
+def _alike(row: Finding | Recalibrated) -> list[Text]:
+    """A line of what a finding or a parameter cannot be told from, if there is any."""
+    others = "; ".join(other_in_words(a) for a in row.also_fits)
+    return [Text("  this recording cannot tell it from " + others)] if others else []

@@ -5,7 +5,9 @@ import pytest
 
 from dtbacklash.config.rig import ParameterConfig, RigConfig
 from dtbacklash.diagnose import Record, diagnose_records
+from dtbacklash.diagnose.findings import recalibrated
 from dtbacklash.diagnose.own import split
+from dtbacklash.diagnose.trials import Beyond
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import simulate
 
@@ -93,3 +95,15 @@ def test_it_may_lie_far_beyond_the_tolerance(chain, element, factor):
     assert f"`m_{element}` is" in found.summary
     # what is written as the next nominal rig has the tolerance that was given
     assert parameters[f"m_{element}"].tolerance == chain.config.parameters["m"].tolerance
+
+
+def test_a_parameter_says_what_it_took_the_place_of(chain):
+    own = split(chain, "m", "m2", "mass")
+    gone = (("m2", "absorber"), ("l2", "cubic_stiffness"))
+    beyond = Beyond("m_m2", 0.05, evidence=None, fitted=None, instead_of=gone)
+    rows = recalibrated(own, {"m_m2": (1.6, 0.01), "k": (2.1e4, 10.0)}, beyond)
+    assert [(a.location, a.effect) for a in rows["m_m2"].also_fits] == list(gone)
+    assert rows["m_m2"].also_fits[0].reason == "with cubic stiffness at the l2"  # together only
+    assert rows["m_m2"].to_json()["also_fits"][1]["effect"] == "cubic_stiffness"
+    assert "also_fits" not in rows["k"].to_json()
+    assert recalibrated(own, {"m_m2": (1.6, 0.01)}, None)["m_m2"].also_fits == ()

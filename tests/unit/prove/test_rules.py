@@ -176,3 +176,14 @@ def test_a_finding_without_an_effect_names_nothing():
     judged = case("single", [COULOMB], somewhere, verdict="unexplained")
     assert judged.named == []
     assert not rules.no_physics(replace(judged, secret=proved.secret("nothing")))
+
+
+def test_a_parameter_that_takes_an_effects_place_and_says_so_is_within_the_ambiguity():
+    said = diagnosis(k=(9310.0, 9290.0, 9330.0))
+    judged = replace(case("single", [COULOMB]), diagnosis=said)
+    assert not rules.within_ambiguity(judged)
+    said["recalibrated"]["k"]["also_fits"] = [{"location": COULOMB[0], "effect": COULOMB[1]}]
+    assert rules.within_ambiguity(judged)
+    assert not rules.strict(judged)
+    assert not rules.within_ambiguity(replace(judged, diagnosis={**said, "findings": [finding(DEAD_ZONE)]}))
+    assert not rules.within_ambiguity(replace(judged, secret=secret("several", COULOMB, COGGING)))
