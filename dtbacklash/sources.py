@@ -1,4 +1,4 @@
-"""Which code this is: hashes of the package's own sources, and of laws that others have registered."""
+"""Which code this is: hashes of the package's own sources and settings, and of laws that others have registered."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ def _digest(parts: tuple[str, ...], foreign: frozenset[str]) -> str:
     total = hashlib.sha256()
     for part in parts:
         path = PACKAGE / part
-        for source in [path] if path.is_file() else sorted(path.rglob("*.py")):
+        inside = (file for kind in ("*.py", "*.yaml") for file in path.rglob(kind))
+        for source in [path] if path.is_file() else sorted(inside):
             total.update(source.read_bytes())
     for text in sorted(foreign):
         total.update(text.encode())
@@ -34,7 +35,7 @@ def _digest(parts: tuple[str, ...], foreign: frozenset[str]) -> str:
 
 
 def digest(parts: tuple[str, ...] = (".",)) -> str:
-    """Hash of the Python files in these parts (files or folders) of the package, 16 hexadecimal digits.
+    """Hash of the Python and YAML files in these parts (files or folders) of the package, 16 hexadecimal digits.
 
     Laws from outside the package count as a part of each of them.
     """

@@ -218,7 +218,7 @@ def unexplained() -> Diagnosis:
     points = tuple(zip(law.state.tolist(), law.recovered.tolist(), law.error.tolist(), strict=True))
     return made(
         "unexplained", "The mismatch is real, 40 times the noise, and sits at the motor bearing. No effect of the "
-        "catalogue explains it.", (0.043, 0.041, 0.041), (nominal, nominal),
+        "catalogue was found that explains it.", (0.043, 0.041, 0.041), (nominal, nominal),
         Shown({"motor_bearing": 1.0}, curves(truth, nominal, nominal, command(12.0, 3.0)), (law,)),
         located=Located("motor", "motor_bearing", 0.93, Rest("speed", "rad/s", "N m", 0.4, points)),
         candidates=candidates([]), next_experiment="Turn the motor slowly and evenly in both directions.",

@@ -5,15 +5,15 @@ from dataclasses import replace
 
 from dtbacklash.diagnose.compare import Record
 from dtbacklash.diagnose.naming import names_the_recording
+from dtbacklash.diagnose.parts import check_parts
 from dtbacklash.diagnose.pipeline import diagnose_records
 from dtbacklash.diagnose.result import Diagnosis
 from dtbacklash.diagnose.sayings import notes_of, source_of
 from dtbacklash.diagnose.settings import settings as in_force
 from dtbacklash.diagnose.stretches import long_enough, records_of
-from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.model import Recording
-from dtbacklash.recording.overlap import shared_rows
+from dtbacklash.recording.validation import check_alike, check_apart
 
 __all__ = ["Diagnosis", "Record", "diagnose", "diagnose_records", "records_of"]
 
@@ -40,18 +40,19 @@ def diagnose(
 
     Raises
     ------
-    UserError : no channel of the rig was recorded, an integrating part not measured, nothing was commanded, or the
-        validation repeats the recording.
+    UserError : no channel of the rig was recorded, an integrating part not measured, nothing was commanded, too little
+        is left to fit to or to judge on, or the validation repeats the recording, lacks one of its channels, or has
+        another sample time.
     """
     held_out = in_force().held_out_share if held_out is None else held_out
     if validation is None:
         records = records_of(recording, rig, True, True, held_out)
     else:
-        if shared := shared_rows(recording, validation):
-            said = f"holds {shared} samples of the recording itself; what was fitted to cannot judge: give another one"
-            raise UserError("validation", validation.name, said)
+        check_alike(recording, validation, rig.sensors)
+        check_apart(recording, validation)
         records = records_of(recording, rig, True, False) + records_of(validation, rig, False, True)
     records, left_out = long_enough(rig, records)
+    check_parts(records, ("held_out", held_out) if validation is None else ("validation", validation.name))
     found = diagnose_records(rig, records, progress, jobs)
     notes = *notes_of(recording, validation, held_out), *left_out
     read = recording.assumed_units if units is None else units

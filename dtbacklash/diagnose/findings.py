@@ -1,7 +1,6 @@
 """Findings: from the effects and parameters of the last fit to what is said of them, with intervals and rivals."""
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.become import has_become
 from dtbacklash.diagnose.earn import held_loss, rises
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.free import (
@@ -85,7 +84,7 @@ def finding(
     if verdict == UNEXPLAINED:
         sentence += unsure(sure, key, rest)
     return Finding(
-        place, name, parameters, _also_fits(evidence, found, key), when(evidence, found, left_out), instead,
+        place, name, parameters, _also_fits(found, key), when(evidence, found, left_out), instead,
         sentence + less(instead), sure,
     )  # fmt: skip
 
@@ -105,16 +104,12 @@ def _instead_of_known(nominal: Rig, key: Key) -> str:
         return ""
     entry = find(nominal.kind_at(key[0]), key[1], key[0])
     said = ", ".join(f"{p.name} {quantity(known[p.name], unit_at(nominal, key[0], p.unit))}" for p in entry.parameters)
-    return f" The nominal rig has it with {said}: more than its tolerance allows."
+    return f" The nominal rig has it with {said}; the recording differs from that by more than the tolerance."
 
 
-def _also_fits(evidence: Evidence, found: Search, key: Key) -> tuple[Alternative, ...]:
-    """What this recording cannot tell from a finding: fits that are as good, and the law that it is the limit of."""
-    listed = {t.key: t.reason for t in found.rivals.get(key, [])}
-    limit = has_become(evidence, found.fitted, key)
-    if limit:
-        listed.setdefault((key[0], limit), "")
-    others = tuple(Alternative(place, effect, reason) for (place, effect), reason in listed.items())
+def _also_fits(found: Search, key: Key) -> tuple[Alternative, ...]:
+    """What this recording cannot tell from a finding: fits that are as good."""
+    others = tuple(Alternative(*t.key, t.reason) for t in found.rivals.get(key, []))
     return others if found.as_well is None else (*others, _wrong_value(found.as_well))
 
 

@@ -15,6 +15,10 @@ from dtbacklash.diagnose.problem import Fit
 from dtbacklash.diagnose.refit import ON, fit
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trials import Search
+from dtbacklash.errors import UserError
+
+#: of fewer samples no mean square says anything
+PART_SAMPLES_MIN = 10
 
 
 def marked(records: list[Record]) -> list[Record]:
@@ -25,6 +29,23 @@ def marked(records: list[Record]) -> list[Record]:
     last[at[len(at) - round(settings().judging_share * len(at)) :]] = True
     parts = np.split(last, np.cumsum([r.samples for r in records])[:-1])
     return [replace(r, judge=judge) for r, judge in zip(records, parts, strict=True)]
+
+
+def check_parts(records: list[Record], given: tuple[str, object]) -> None:
+    """Refuse recordings of which too little is fitted to, chooses or judges.
+
+    given : key and value of what the user chose the parts by.
+
+    Raises
+    ------
+    UserError : with that key.
+    """
+    fitted, held = sum(int(r.train.sum()) for r in records), sum(int(r.held.sum()) for r in records)
+    judges = round(settings().judging_share * held)
+    counts = {"to fit to": fitted, "to choose by": held - judges, "to judge on": judges}
+    least = min(counts, key=lambda part: counts[part])
+    if counts[least] < PART_SAMPLES_MIN:
+        raise UserError(*given, f"leaves {counts[least]} samples {least}, and at least {PART_SAMPLES_MIN} are needed")
 
 
 def divided(records: list[Record]) -> list[Record]:

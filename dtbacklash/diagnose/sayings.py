@@ -5,7 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from dtbacklash import units
+from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.candidates import TREMOR
+from dtbacklash.diagnose.compare import Record
 from dtbacklash.diagnose.evidence import Evidence, Residuals
 from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.result import (
@@ -76,11 +78,14 @@ def when(evidence: Evidence, found: Search, left_out: Residuals) -> str:
         change += np.sum(difference**2, axis=1)
     if change.sum() <= 0.0:
         return "the effect does not change the prediction of this recording"
-    # a positioner's command is the motion itself
-    imposed = evidence.nominal.only("positioner") is not None
-    signal = record.u if imposed else record.y[evidence.blocks[0].channels[0]]
-    sensor = evidence.nominal.sensors[evidence.blocks[0].channels[0]]
-    speed = signal if sensor.quantity == "velocity" and not imposed else np.gradient(signal)
+    return _when_it_moves(evidence, record, change) or _how_busy(change)
+
+
+def _when_it_moves(evidence: Evidence, record: Record, change: Floats) -> str:
+    """Whether a change, (N,) squares, goes with reversals or with speed; empty where neither, or no motion was seen."""
+    speed = _speed(evidence, record)
+    if speed is None:
+        return ""
     smooth = np.convolve(speed, np.ones(11) / 11, "same")
     moving = np.flatnonzero(np.abs(smooth) > TREMOR * np.abs(smooth).max())
     turns = moving[1:][np.diff(np.sign(smooth[moving])) != 0]
@@ -92,13 +97,31 @@ def when(evidence: Evidence, found: Search, left_out: Residuals) -> str:
             mask[max(0, k - before) : k + near] = True
         share = float(change[mask].sum() / change.sum())
         if share > 0.5 and mask.mean() < 0.6 * share:
-            return f"{100 * share:.0f} % of the mismatch lies within {1e3 * near_s:.0f} ms of a velocity reversal"
+            near_ms = 1e3 * max(near, before) * record.sample_time_s
+            return f"{100 * share:.0f} % of the mismatch lies within {near_ms:.0f} ms of a velocity reversal"
     fast = np.abs(smooth) > np.quantile(np.abs(smooth), 0.75)
     share = float(change[fast].sum() / change.sum())
     if share > 0.5:
         return f"{100 * share:.0f} % of the mismatch lies in the quarter of the time in which it moves fastest"
+    return ""
+
+
+def _speed(evidence: Evidence, record: Record) -> Floats | None:
+    """(N,) the speed, up to its unit, of what was recorded first of the motion; None where no motion was recorded."""
+    # a positioner's command is the motion itself
+    if evidence.nominal.only("positioner") is not None:
+        return np.gradient(record.u)
+    quantities = {c: evidence.nominal.sensors[c].quantity for block in evidence.blocks for c in block.channels}
+    name = next((c for c, quantity in quantities.items() if quantity in ("position", "velocity")), None)
+    if name is None:
+        return None
+    return record.y[name] if quantities[name] == "velocity" else np.gradient(record.y[name])
+
+
+def _how_busy(change: Floats) -> str:
+    """In how much of the time a change, (N,) squares, happens."""
     order = np.sort(change)[::-1]
-    busy = float(np.searchsorted(np.cumsum(order), 0.8 * change.sum()) / record.samples)
+    busy = float(np.searchsorted(np.cumsum(order), 0.8 * change.sum()) / len(change))
     if busy > 0.4:
         return "the mismatch is spread over the whole recording"
     return f"80 % of the mismatch lies in {100 * busy:.0f} % of the time"
@@ -123,7 +146,7 @@ def summary(
     if verdict == UNEXPLAINED and located:
         said = "What remains" if findings else "The mismatch"
         where = f" and lies at or near {place_in_words(located.location)}" if located.shown else ""
-        parts.append(f"{said} is real{where}, but nothing in the catalogue explains it"
+        parts.append(f"{said} is real{where}, but nothing in the catalogue was found that explains it"
                      f"{'' if located.shown else ', and nothing shows where it lies'}.")  # fmt: skip
     return " ".join(parts)
 

@@ -13,7 +13,7 @@ from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Confidence, Verdict
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.trials import Search
-from dtbacklash.physics.rig import Rig
+from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 
 #: parameter of the rig, or place.effect.parameter of an effect that it has -> (value, standard error)
 Moved = dict[str, tuple[float, float]]
@@ -118,7 +118,12 @@ def _without_stand_ins(evidence: Evidence, found: Search, rest: Recovered) -> Re
 
 
 def _near(rig: Rig, place: str) -> set[str]:
-    """The place, its neighbours, and all that drives it or is driven by it: any effort there moves it alike."""
+    """The place, its neighbours, and all that drives it or is driven by it: any effort there moves it alike.
+
+    A sensor is where what it measures is.
+    """
+    if place.startswith(SENSOR_PREFIX):
+        return {place} | _near(rig, rig.sensors[place.removeprefix(SENSOR_PREFIX)].of)
     ends = {
         e.name: {n for to in e.neighbours.values() for n in ([to] if isinstance(to, str) else to)}
         for e in rig.elements.values()
@@ -147,16 +152,18 @@ def moved_parameters(evidence: Evidence, given: Rig, fitted: Fit, errors: Errors
     """The parameters of the rig that had to move. given : the nominal rig with the tolerances that were given."""
     if not _needed(evidence, fitted):
         return {}
-    moved: Moved = {}
+    values: Moved = {}
     clearly: dict[str, float] = {}
-    away = tolerances_away(given, fitted.rig)
     for f in nominal_free(evidence.nominal, rig=fitted.rig):
         error, x = errors.get((f.place, f.effect, f.name)), standing(f, fitted.rig)
-        if error is not None and away[f.title] > settings().moved_share:
-            moved[f.title] = (f.value(x), error)
+        if error is not None:
+            values[f.title] = (f.value(x), error)
             clearly[f.title] = abs(x) * f.scale / max(error, 1e-300)
-    least = min(settings().moved_errors, max(clearly.values(), default=0.0))
-    return {name: found for name, found in moved.items() if clearly[name] >= least}
+    away = tolerances_away(given, fitted.rig)
+    # where all that moved did so by a trifle of its tolerance, that trifle was needed
+    moved = [name for name in values if away[name] > settings().moved_share] or list(values)
+    least = min(settings().moved_errors, max((clearly[name] for name in moved), default=0.0))
+    return {name: values[name] for name in moved if clearly[name] >= least}
 
 
 def _needed(evidence: Evidence, fitted: Fit) -> bool:

@@ -187,7 +187,7 @@ def diagnose(
     rig: RigLike | None = None,
     validation: Recording | str | Path | None = None,
     *,
-    held_out: float = 0.4,
+    held_out: float | None = None,
     jobs: int | None = None,
     progress: ShowProgress = False,
 ) -> Found:
@@ -198,28 +198,42 @@ def diagnose(
     recording : a recording, or what :func:`read_recording` reads.
     rig : the nominal rig; default: that of the recording's mapping, else ``lead_screw``.
     validation : the recording to choose and to judge on; without it the share ``held_out`` of the recording does.
-    held_out : above 0 and below 1. Five eighths of it choose the structure, by turns with what is fitted to; the rest,
-        which is the recording's last, judges it.
+    held_out : above 0 and below 1; None: as the settings say. Five eighths of it choose the structure, by turns with
+        what is fitted to; the rest, which is the recording's last, judges it.
     jobs : threads that share the work; None: one for each core.
     progress : True shows a bar; a function is called with the share done, 0 to 1, and what is being done.
 
     Raises
     ------
-    UserError : no channel of the rig was recorded, an integrating part not measured, or nothing was commanded.
+    UserError : no channel of the rig was recorded, an integrating part not measured, nothing was commanded, too little
+        is left to fit to or to judge on, or the validation repeats the recording, lacks one of its channels, or has
+        another sample time.
     """
     from dtbacklash.diagnose import diagnose as search
 
     nominal = load_rig(rig if rig is not None else _usual_rig(recording))
-    fitted, judged = _loaded(recording, nominal), None if validation is None else _loaded(validation, nominal)
-    if not 0.0 < held_out < 1.0:
+    fitted, judged = _loaded(recording, validation, nominal)
+    if held_out is not None and not 0.0 < held_out < 1.0:
         raise UserError("held_out", held_out, "must be above 0 and below 1")
     with shown(progress, "diagnosing") as tell:
         said = None if tell is None else lambda text, share: tell(share, text)
         return Found(search(fitted, nominal, judged, held_out, said, jobs or os.cpu_count() or 1))
 
 
-def _loaded(recording: Recording | str | Path, rig: Rig) -> Recording:
-    return recording if isinstance(recording, Recording) else read_recording(recording, rig)
+def _loaded(
+    recording: Recording | str | Path, validation: Recording | str | Path | None, rig: Rig
+) -> tuple[Recording, Recording | None]:
+    """Both recordings; a validation that is read is one of the recording's mapping, if it has one."""
+    from dtbacklash.recording import read_pair
+
+    if not isinstance(recording, Recording) and validation is not None and not isinstance(validation, Recording):
+        return read_pair(recording, validation, rig=rig)
+    first, second = (
+        one if one is None or isinstance(one, Recording) else read_recording(one, rig)
+        for one in (recording, validation)
+    )
+    assert first is not None
+    return first, second
 
 
 def _usual_rig(recording: Recording | str | Path) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -72,7 +73,7 @@ def claim(plan: Plan) -> None:
     seeds = list(plan.seeds)
     wanted = {
         "rig": plan.rig, "rigs": dict(plan.rigs), "seeds": seeds, "folder": str(plan.folder or ""),
-        "concealed_by": _concealed_by(plan),
+        "concealed_by": _concealed_by(plan), "files": _rig_files(plan),
     }  # fmt: skip
     file = plan.out / PLAN
     if plan.out.exists() and not plan.out.is_dir():
@@ -92,6 +93,12 @@ def claim(plan: Plan) -> None:
 def _concealed_by(plan: Plan) -> str:
     """Which code makes the recordings: with other code the same seeds are other recordings."""
     return sources.digest(work.CONCEALED_BY) if plan.folder is None else ""
+
+
+def _rig_files(plan: Plan) -> dict[str, str]:
+    """Rig that is a file -> the hash of it: with another one the same seeds are other recordings."""
+    names = {name for name in (plan.rig, *(name for name, _ in plan.counts())) if name and Path(name).is_file()}
+    return {name: hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in sorted(names)}
 
 
 def conceal_missing(plan: Plan, by: Backend, tell: Tell) -> list[Path]:

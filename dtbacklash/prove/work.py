@@ -21,12 +21,12 @@ CONCEALED_BY = (
         f"prove/{n}.py" for n in
         ("bench", "conceal", "draw", "excitation", "motion", "secret", "sizes", "tuning", "unlisted")
     ),
-    "prove/simulator", "physics/catalogue.py", "physics/rig.py",
+    "prove/simulator", "physics/catalogue.py", "physics/effects", "physics/rig.py", "conf/rig",
 )  # fmt: skip
 #: the parts of the package that a diagnosis is made by: a case that other code diagnosed is diagnosed again
 DIAGNOSED_BY = (
     "compiled.py", "config/checks.py", "config/rig.py", "config/setting.py", "physics", "recording", "units.py",
-    "yaml_files.py", "diagnose",
+    "yaml_files.py", "diagnose", "conf/rig",
 )  # fmt: skip
 ORACLE_BY = (*DIAGNOSED_BY, "prove/oracle.py", "prove/draw.py", "prove/simulator")
 DEATH = "its worker died"

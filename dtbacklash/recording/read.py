@@ -7,7 +7,7 @@ from pathlib import Path
 
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
-from dtbacklash.recording import locate, timebase
+from dtbacklash.recording import locate
 from dtbacklash.recording.clean import clean
 from dtbacklash.recording.command import HELD
 from dtbacklash.recording.mapping import Mapping, mapping_of
@@ -15,6 +15,7 @@ from dtbacklash.recording.model import Recording, split
 from dtbacklash.recording.pick import mapped, plain
 from dtbacklash.recording.refusal import Refused
 from dtbacklash.recording.tables import load, read_table
+from dtbacklash.recording.validation import check_alike
 
 
 def read_recording(
@@ -92,12 +93,7 @@ def read_pair(
         )  # fmt: skip
     except UserError as error:
         raise UserError("validation", validation, error.allowed) from error
-    step = recording.sample_time_s
-    if abs(held_out.sample_time_s / step - 1.0) > timebase.UNIFORM:
-        raise UserError("validation", validation, f"must have the recording's sample time {step:.6g} s")
-    missing = set(recording.channels) - set(held_out.channels)
-    if missing:
-        raise UserError("validation", validation, f"lacks the recording's channel {min(missing)}")
+    check_alike(recording, held_out, None if rig is None else rig.sensors, validation)
     return recording, held_out
 
 

@@ -120,11 +120,14 @@ def test_commands_in_the_docs_are_accepted(command: str, tmp_path: Path, monkeyp
     assert {w for w in words if w.startswith("-")} <= known
     plain = [w for w in words if not w.startswith(("-", "hydra.", "hydra/", "out=")) and w not in ("job",)]
     plain += [w for w in words if w in grammar.flags]
-    for word in plain:
-        key, equals, values = word.partition("=")
-        for value in values.split(",") if swept else [values]:
-            others = [w.split(",")[0] if swept else w for w in plain if w != word]
-            compose_for(grammar, grammar.schema, *others, f"{key}{equals}{value}")
+    for row in _jobs(plain) if swept else filter(None, [plain]):
+        compose_for(grammar, grammar.schema, *row)
+
+
+def _jobs(words: list[str]) -> list[tuple[str, ...]]:
+    """Jobs of a sweep in which each value of each word stands once at least: as many as the longest word has values."""
+    swept = [[f"{key}={value}" for value in values.split(",")] for key, _, values in (w.partition("=") for w in words)]
+    return [tuple(values[i % len(values)] for values in swept) for i in range(max(map(len, swept), default=0))]
 
 
 def test_commands_of_the_twin_in_the_docs_are_accepted() -> None:

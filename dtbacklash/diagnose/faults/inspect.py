@@ -85,16 +85,19 @@ def _channels(rig: Rig, records: list[Record]) -> tuple[str, ...]:
 
 def _dead(rig: Rig, found: Inspected) -> None:
     """Leave out channels that show nothing but noise, or say that the rest is too little."""
-    worst = {}
+    shares = {}
     for name in _channels(rig, found.records):
-        others = [{"u": r.u, **{n: v for n, v in r.y.items() if n != name}} for r in found.records]
-        worst[name] = max(samples.noise_alone(r.y[name], o) for r, o in zip(found.records, others, strict=True))
+        # a machine may rest through a stretch: a dead sensor shows nothing where it shows most, either
+        record = max(found.records, key=lambda r: float(np.var(r.y[name])))
+        others = {"u": record.u, **{n: v for n, v in record.y.items() if n != name}}
+        shares[name] = samples.noise_alone(record.y[name], others)
         found.checks.append(_row(
-            f"{name} shows more than noise", worst[name], settings().dead_noise_share,
-            "share of its variance that is white noise and coherent with neither the command nor another channel; "
-            "more: its sensor is dead or disconnected, or nothing moves there", COHERENCE,
+            f"{name} shows more than noise", shares[name], settings().dead_noise_share,
+            "share of its variance that is white noise and coherent with neither the command nor another channel, in "
+            "the stretch in which it varies most; more: its sensor is dead or disconnected, or nothing moves there",
+            COHERENCE,
         ))  # fmt: skip
-    dead = [n for n, share in worst.items() if share >= settings().dead_noise_share]
+    dead = [n for n, share in shares.items() if share >= settings().dead_noise_share]
     if not dead:
         return
     what = f"{_listed(dead)} {'shows' if len(dead) == 1 else 'show'} nothing but noise"
@@ -180,8 +183,10 @@ def _spikes(name: str, found: Inspected) -> None:
     ))  # fmt: skip
     if total:
         _take_out(name, masks, found, 0)
-        first = next(r.sample_time_s * int(np.flatnonzero(m)[0]) for r, m in zip(found.records, masks, strict=True)
-                     if m.any())  # fmt: skip
+        first = next(
+            r.from_s + r.sample_time_s * int(np.flatnonzero(m)[0])
+            for r, m in zip(found.records, masks, strict=True) if m.any()
+        )  # fmt: skip
         found.notes.append(
             f"{name} has {total} spike{'s' * (total > 1)} (the first {first:.6g} s after the beginning): bridged, and "
             "neither fitted nor judged."
@@ -190,7 +195,7 @@ def _spikes(name: str, found: Inspected) -> None:
 
 def _clipped(rig: Rig, name: str, found: Inspected) -> None:
     masks = [samples.at_limits(r.y[name]) for r in found.records]
-    share = max(float(m.mean()) for m in masks)
+    share = _share(masks)
     found.checks.append(_row(
         f"{name} is not clipped", share, CLIPPED_SHARE,
         "share of its samples at its extreme value, reached and left at speed; they are bridged, "
@@ -207,7 +212,7 @@ def _clipped(rig: Rig, name: str, found: Inspected) -> None:
 
 def _hung(rig: Rig, name: str, found: Inspected) -> None:
     masks = [repeats.hung(r.y[name]) for r in found.records]
-    share = max(float(m.mean()) for m in masks)
+    share = _share(masks)
     found.checks.append(_row(
         f"{name} does not hang", share, CLIPPED_SHARE,
         "share of its samples that repeat a reading for longer than chance does, before it jumps on; they are bridged, "
@@ -228,16 +233,22 @@ def _bridge(
     said : what happens, a clause. known_by : how it is known, a clause. mend : what to do, a sentence.
     """
     rules, before = settings(), found.records
-    share = max(float(m.mean()) for m in masks)
+    share = _share(masks)
     blocks = _blocks(rig, _channels(rig, before), before)
-    drives = any(b.imposed == name for b in blocks)
     pull = max((b.pull for b in blocks if b.pulled == name), default=0.0)
     _take_out(name, masks, found, round(rules.clipped_decays / pull) if pull > 0.0 else 0)
+    # a few bridged samples drive what lies behind them nearly as it was driven
+    drives = share >= CLIPPED_SHARE and any(b.imposed == name for b in blocks)
     if share <= rules.clipped_share_max and _enough(before, found.records) and not drives:
         found.notes.append(f"{said}: bridged, and neither fitted nor judged.")
     elif found.fault is None:
         why = "and what lies behind it is driven by it in the simulation" if drives else "too often to leave that out"
         found.fault = Fault(SENSOR_PREFIX + name, said, f"{known_by}, {why}", mend)
+
+
+def _share(masks: list[np.ndarray]) -> float:
+    """Share of all samples."""
+    return float(np.mean(np.concatenate(masks)))
 
 
 def _take_out(name: str, masks: list[np.ndarray], found: Inspected, after: int) -> None:

@@ -79,7 +79,7 @@ def write(diagnosis: Diagnosis, folder: Path) -> None:
         recalibrated=[_recalibrated(n, r, diagnosis.nominal) for n, r in diagnosis.recalibrated.items()],
         fit=_fit(diagnosis, best),
         verdict=diagnosis.verdict,
-        rig_is="nominal" if diagnosis.verdict == CONSISTENT else best,
+        rig_is="nominal rig, fitted within its tolerances," if diagnosis.verdict == CONSISTENT else f"{best} rig",
         best=best,
         evidence=len(diagnosis.shown.evidence),
         channels=diagnosis.fit.channels,

@@ -13,7 +13,8 @@ def heading(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == CONSISTENT:
         return "The model explains this recording"
     if diagnosis.verdict == PARAMETERS:
-        return f"No physics is missing; recalibrate {listed(list(diagnosis.recalibrated))}"
+        is_ = "need be" if any(row.also_fits for row in diagnosis.recalibrated.values()) else "is"
+        return f"No physics {is_} missing; recalibrate {listed(list(diagnosis.recalibrated))}"
     if diagnosis.verdict == MISSING:
         return f"Missing: {listed(named)}"
     if diagnosis.fault:
@@ -21,7 +22,7 @@ def heading(diagnosis: Diagnosis) -> str:
     there = diagnosis.located
     where = f" at the {place_in_words(there.location)}" if there and there.shown else ""
     rest = f"beside {listed(named)}, " if named else ""
-    return f"Unexplained: {rest}something acts{where} that the catalogue does not hold"
+    return f"Unexplained: {rest}more than noise is left{where}"
 
 
 def partial(finding: Finding) -> str:

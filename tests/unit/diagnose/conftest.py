@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import machine_cases as cases
 import numpy as np
 import pytest
 
@@ -42,3 +45,27 @@ def recorded(rig: Rig, seconds: float = 12.0, seed: int = 1, u: np.ndarray | Non
 @pytest.fixture(scope="session")
 def rig() -> Rig:
     return build_rig(compose("rig=lead_screw").rig)
+
+
+def record_of(case: cases.Case) -> tuple[Rig, Record]:
+    u, channels = case.frame["u"].to_numpy(), {n: case.frame[n].to_numpy() for n in case.frame if n in case.rig.sensors}
+    train = np.arange(len(u)) < 0.7 * len(u)
+    return case.rig, Record(STEP_S, u, channels, train, ~train)
+
+
+def with_(record: Record, **channels: np.ndarray) -> Record:
+    return replace(record, y={**record.y, **channels})
+
+
+def failed(found) -> list[str]:
+    return [c.check for c in found.checks if not c.passed]
+
+
+@pytest.fixture(scope="module")
+def clean(rig) -> Record:
+    return recorded(rig)
+
+
+@pytest.fixture(scope="module")
+def machine_recordings() -> dict[str, tuple[Rig, Record]]:
+    return {case.name: record_of(case) for case in cases.all_cases()}

@@ -1,15 +1,19 @@
 """How sure a finding is beside what nothing explains."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from ringing import blade, known, recorded
 
 from dtbacklash.diagnose.evidence import Evidence
 from dtbacklash.diagnose.findings import without
+from dtbacklash.diagnose.free import nominal_free
+from dtbacklash.diagnose.intervals import standard_errors
 from dtbacklash.diagnose.recover import Recovered
 from dtbacklash.diagnose.refit import fit
 from dtbacklash.diagnose.trials import Search
-from dtbacklash.diagnose.verdict import confidence
+from dtbacklash.diagnose.verdict import confidence, moved_parameters
 
 SPRING, FORCE = ("foot", "cubic_stiffness"), ("tip", "constant_force")
 NONE = np.zeros(0)
@@ -57,3 +61,25 @@ def test_where_noise_is_left_every_finding_is_sure_and_where_nothing_can_be_look
 def test_a_finding_near_the_rest_is_a_part(found, place):
     alone = Search(found.evidence, found.nominal, found.fitted, [FORCE])
     assert said(alone, left_over(place, 0.3, 10.0)) == "partial"
+
+
+@pytest.mark.parametrize(("place", "sure"), [("tip", "partial"), ("foot", "sure")])
+def test_a_sensor_is_where_what_it_measures_is(found, place, sure):
+    key = ("sensor_x_2", "offset")
+    rig = found.evidence.nominal.with_effect(*key, {"offset": 0.05})
+    there = Search(found.evidence, found.nominal, replace(found.nominal, rig=rig), [key])
+    left_out = {name: [r + 1e4 for r in rows] for name, rows in there.fitted.residuals.items()}
+    assert confidence(found.evidence, there, key, left_out, left_over(place, 0.3, 10.0), True) == sure
+
+
+def test_a_trifle_of_a_tolerance_that_was_needed_is_said():
+    """A nominal rig that leaves more than noise does not agree with the recording."""
+    rig = known(blade())
+    evidence = Evidence.gather(rig, [recorded(blade(k_1=3000.0 * 1.01), 33, 6000)])
+    fitted = fit(evidence, rig, nominal_free(rig))
+    moved = moved_parameters(evidence, rig, fitted, standard_errors(evidence, fitted))
+    value, error = moved["k_1"]
+    assert value == pytest.approx(3030.0, abs=4.0 * error)
+    exact = Evidence.gather(rig, [recorded(blade(), 34, 6000)])
+    fitted = fit(exact, rig, nominal_free(rig))
+    assert moved_parameters(exact, rig, fitted, standard_errors(exact, fitted)) == {}

@@ -72,7 +72,20 @@ def test_mistakes(found):
     recording = dtb.run("controller=open_loop", "duration_s=1").recording
     with pytest.raises(dtb.UserError, match=r"held_out=1\.5"):
         dtb.diagnose(recording, "lead_screw", held_out=1.5)
+    with pytest.raises(dtb.UserError, match=r"held_out=0\.0005: leaves 0 samples to judge on, and at least 10"):
+        dtb.diagnose(recording, "lead_screw", held_out=0.0005)
     with pytest.raises(dtb.UserError, match="no such file"):
         dtb.diagnose("nope.csv")
     with pytest.raises(dtb.UserError, match="choose one of"):
         dtb.diagnose(recording, "nope")
+
+
+def test_what_judges_is_recorded_as_what_is_fitted_to(found):
+    recording = dtb.run(*MOTION, "seed=1").recording
+    other = dtb.run(*MOTION, "seed=2").recording
+    channels = {name: values for name, values in other.channels.items() if name != "q3"}
+    lacking, slower = replace(other, channels=channels), replace(other, sample_time_s=2e-3)
+    for spoilt, said in ((lacking, "lacks the recording's channel q3"), (slower, "must have .* sample time 0.001 s")):
+        with pytest.raises(dtb.UserError, match=said) as caught:
+            dtb.diagnose(recording, "lead_screw", spoilt)
+        assert caught.value.key == "validation"

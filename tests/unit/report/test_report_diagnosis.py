@@ -12,6 +12,7 @@ import pytest
 from page_reader import Reader
 
 from dtbacklash.config.compose import compose
+from dtbacklash.diagnose.result import Alternative
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import build_rig
 from dtbacklash.physics.rig_file import rig_yaml
@@ -129,7 +130,7 @@ def test_verdicts_in_words():
         "drifting": "Missing: Coulomb friction, viscous friction and constant force at the carriage",
         "parameters": "No physics is missing; recalibrate k",
         "consistent": "The model explains this recording",
-        "unexplained": "Unexplained: something acts at the motor bearing that the catalogue does not hold",
+        "unexplained": "Unexplained: more than noise is left at the motor bearing",
     }
 
 
@@ -137,10 +138,8 @@ def test_an_unexplained_rest_beside_named_physics_is_placed():
     made = diagnosed.missing()
     rest = diagnosed.unexplained().located
     left = replace(made, verdict="unexplained", findings=made.findings[:1], located=replace(rest, location="link_1"))
-    assert heading(left) == (
-        "Unexplained: beside Coulomb friction at the motor bearing, something acts at the link 1 that the "
-        "catalogue does not hold"
-    )
+    beside = "beside Coulomb friction at the motor bearing, more than noise is left at the link 1"
+    assert heading(left) == f"Unexplained: {beside}"
 
 
 def test_what_cannot_be_told_apart_and_the_chosen_candidates_stand_out(tmp_path):
@@ -258,3 +257,20 @@ def test_odd_values_survive_the_file(tmp_path):
     again = build_rig(compose("controller=open_loop", f"rig={file}").rig)
     assert again.effects == rig.effects
     assert again.elements == rig.elements
+
+
+def test_an_effect_that_a_parameter_took_the_place_of_is_said(tmp_path):
+    row = diagnosed.parameters().recalibrated["k"]
+    other = Alternative("mass_3", "absorber")
+    made = replace(diagnosed.parameters(), recalibrated={"k": replace(row, also_fits=(other,))})
+    assert heading(made) == "No physics need be missing; recalibrate k"
+    diagnosis_page.write(made, tmp_path)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "This recording cannot tell k from:</b> absorber at the mass 3." in page
+    told = "\n".join(line.plain for line in lines(made))
+    assert "this recording cannot tell it from absorber at the mass 3" in told
+
+
+def test_the_page_says_which_rig_it_hands_on(tmp_path):
+    diagnosis_page.write(diagnosed.consistent(), tmp_path)
+    assert "The nominal rig, fitted within its tolerances, is in" in (tmp_path / "report.html").read_text("utf-8")

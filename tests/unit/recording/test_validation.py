@@ -7,7 +7,7 @@ import pytest
 from dtbacklash.config.compose import compose
 from dtbacklash.physics.rig import build_rig
 from dtbacklash.recording import Recording
-from dtbacklash.recording.overlap import shared_rows
+from dtbacklash.recording.validation import shared_rows
 
 NOISE = 1e-4
 

@@ -1,14 +1,49 @@
-"""Whether two recordings hold the same samples: what was fitted to cannot judge."""
+"""Whether a recording can judge what was fitted to another: recorded alike, and not the same samples."""
+
+from collections.abc import Container
 
 import numpy as np
 
 from dtbacklash.arrays import Floats
+from dtbacklash.errors import UserError
 from dtbacklash.recording.model import Recording
+from dtbacklash.recording.timebase import UNIFORM
 
 #: as many rows in a row that are the same in every channel are no chance
 SAME_ROWS = 100
 #: a copy that was rounded differs by less than this share of each channel's range, and does so in so many of its rows
 ROUNDED, MOSTLY = 1e-5, 0.5
+
+
+def check_alike(
+    recording: Recording, validation: Recording, sensors: Container[str] | None = None, said: object = None
+) -> None:
+    """Refuse a recording to judge on that has another sample time, or lacks a channel.
+
+    sensors : of the rig; other channels need not be there. None: all channels count. said : how the user called it.
+
+    Raises
+    ------
+    UserError : with the key ``validation``.
+    """
+    named, step = validation.name if said is None else said, recording.sample_time_s
+    if abs(validation.sample_time_s / step - 1.0) > UNIFORM:
+        raise UserError("validation", named, f"must have the recording's sample time {step:.6g} s")
+    needed = {c for c in recording.channels if sensors is None or c == "u" or c in sensors}
+    if missing := needed - set(validation.channels):
+        raise UserError("validation", named, f"lacks the recording's channel {min(missing)}")
+
+
+def check_apart(recording: Recording, validation: Recording) -> None:
+    """Refuse a recording to judge on that repeats what is fitted to.
+
+    Raises
+    ------
+    UserError : with the key ``validation``.
+    """
+    if shared := shared_rows(recording, validation):
+        said = f"holds {shared} samples of the recording itself; what was fitted to cannot judge: give another one"
+        raise UserError("validation", validation.name, said)
 
 
 def shared_rows(first: Recording, second: Recording) -> int:
