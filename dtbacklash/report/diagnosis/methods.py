@@ -51,9 +51,10 @@ def methods(diagnosis: Diagnosis) -> tuple[str, list[str]]:
         return "", []
     cite = _Cited()
     total = work.fitted + work.judged
+    pieces = "cut at the measured angle" if len(work.blocks) > 1 else "in one piece"
     told = [
         f"The recording, {total} samples of {interval(work.sample_time_s, None, 's')}, was compared with the rig "
-        f"{diagnosis.nominal.config.name}, cut at its measured signals: {_blocks(work)}"
+        f"{diagnosis.nominal.config.name}, {pieces}: {_blocks(work)}"
         + (f" {cite(OBSERVER)}." if any(pulled for _, _, pulled in work.blocks) else "."),
     ]
     if work.smooth:
