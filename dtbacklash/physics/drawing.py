@@ -166,10 +166,8 @@ def _spring_memory(effect: Effect, slot: Any) -> Drawing:
     def effort(values: Values, element: Values, sweep: Floats) -> Floats:
         z, out = 0.0, np.zeros(len(sweep))
         for k in range(1, len(sweep)):
-            s, step = float(sweep[k - 1]), float(sweep[k] - sweep[k - 1])
-            middle = z + 0.5 * _called(effect, slot.rate, values, memory=z, stretch=s, stretch_rate=step)
-            z += _called(effect, slot.rate, values, memory=middle, stretch=s, stretch_rate=step)
-            out[k] = _called(effect, slot.force, values, memory=z, stretch=float(sweep[k]), stretch_rate=step)
+            z = _called(effect, slot.after, values, memory=z, change=float(sweep[k] - sweep[k - 1]))
+            out[k] = _called(effect, slot.force, values, memory=z)
         return out
 
     return Drawing("stretch", effort, "loop", width=lambda values: 2.0 * values[slot.reach])

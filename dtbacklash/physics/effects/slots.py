@@ -111,15 +111,16 @@ class SpringPlay(Slot):
 
 @dataclass(frozen=True)
 class SpringMemory(Slot):
-    """A spring with a state of its own, ``memory``: its rate, and the force that it makes.
+    """A spring with a state of its own, ``memory``, which follows the stretch and not the time.
 
+    after : what it is once the stretch has gone on to one side by ``change``, however far. force : that it makes.
     reach : the parameter that is the displacement after a reversal over which it remembers.
     """
 
-    rate: Law
+    after: Law
     force: Law
     reach: str
-    states: ClassVar = ("memory", "stretch", "stretch_rate")
+    states: ClassVar = ("memory", "change")
     on: ClassVar = (SPRING,)
 
 

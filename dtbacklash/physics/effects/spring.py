@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -50,12 +51,17 @@ def stiffness_drift(stretch, time, spring_stiffness, rate):
 
 
 @law
-def bouc_wen_rate(memory, stretch_rate, displacement):
-    """Rate of the dimensionless hysteretic variable z, n = 1, A = 1, beta = gamma = 1/2; ``|z| <= 1``.
+def bouc_wen_after(memory, change, displacement):
+    """The dimensionless hysteretic variable z, n = 1, A = 1, beta = gamma = 1/2, after a change of the stretch.
 
-    Bouc (1967), Wen, J. Eng. Mech. 102 (1976) 249. m/s -> 1/s.
+    Bouc (1967), Wen, J. Eng. Mech. 102 (1976) 249, solved for a stretch that grows: z' = s' / displacement where
+    z < 0, and z' = (1 - z) s' / displacement above; where it shrinks, with both signs turned. ``|z| <= 1``. m -> 1.
     """
-    return (stretch_rate - 0.5 * abs(stretch_rate) * memory - 0.5 * stretch_rate * abs(memory)) / displacement
+    side = 1.0 if change >= 0.0 else -1.0
+    z, far = side * memory, abs(change) / displacement
+    free = min(far, max(-z, 0.0))
+    z += free
+    return side * (z + (z - 1.0) * math.expm1(free - far))
 
 
 @law
@@ -149,7 +155,7 @@ def _spring(kind: str, force: str, length: str, names: tuple[str, ...], scale: d
                 Parameter("displacement", length, 1e-15, 1e3, scale["displacement"]),
             ),
             f"{moment} z, z' = (s' - |s'| z/2 - s' |z|/2)/displacement",
-            SpringMemory(bouc_wen_rate, bouc_wen_force, "displacement"),
+            SpringMemory(bouc_wen_after, bouc_wen_force, "displacement"),
             "Bouc-Wen; Wen, J. Eng. Mech. 102 (1976) 249",
             f"{{location}} yields hysteretically at {{{moment}}} within {{displacement}} (Bouc-Wen).",
             conceal=_force_range, draws=_hysteresis_draws,

@@ -93,7 +93,7 @@ def force_beside(P, x, j, s, rate, t):
     for e in range(P.first[place + pl.FORCES], P.first[place + pl.FORCES + 1]):
         force += dispatch.spring_force(P.law[e, 0], s, rate, t, k, c, P.law_p, e)
     for e in range(P.first[place + pl.MEMORIES], P.first[place + pl.MEMORIES + 1]):
-        force += dispatch.memory_force(P.law[e, 0], x[P.law[e, 1]], s, rate, P.law_p, e)
+        force += dispatch.memory_force(P.law[e, 0], x[P.law[e, 1]], 0.0, P.law_p, e)
     return force
 
 

@@ -1,8 +1,8 @@
-"""Springs that remember: their memory along a step's stretch, and the force that goes with it at the step's end.
+"""Springs that remember: their memory after a step's stretch, and the force that goes with it at the step's end.
 
-A memory follows the stretch, however small its reach is beside a step's motion: it is integrated along the stretch by
-itself, in pieces of its reach. A spring that yields within micrometres is stiff until it does: the force at the end of
-a step is solved for together with the stretch to which it leads, which no step is too long for.
+A memory follows the stretch in closed form, however small its reach is beside a step's motion. A spring that yields
+within micrometres is stiff until it does: the force at the end of a step is solved for together with the stretch to
+which it leads, which no step is too long for.
 """
 
 from dtbacklash.compiled import compiled, inlined
@@ -10,32 +10,8 @@ from dtbacklash.physics.kernel import dispatch
 from dtbacklash.physics.kernel import plant as pl
 from dtbacklash.physics.kernel.forces import base_motion, gained, push, respond, stretch_of
 
-#: a piece of the stretch, and how much of it before its end still counts, as shares of the reach
-PIECE, REMEMBERED = 0.5, 8.0
 #: the force is solved for to this share of its change
 SOLVED, MOST_ROUNDS = 1e-8, 60
-
-
-@compiled
-def remembered(code, p, e, z, s, change, h):
-    """The memory of entry ``e`` after a step of ``h`` seconds in which a stretch ``s`` has changed by ``change``.
-
-    z : the memory at its start. Runge and Kutta's fourth order along the stretch, which is straight within the step.
-    """
-    reach = dispatch.memory_reach(code, 0.0, 0.0, 0.0, p, e)
-    share = min(1.0, REMEMBERED * reach / abs(change)) if change != 0.0 else 1.0
-    pieces = int(share * abs(change) / (PIECE * reach)) + 1
-    s += (1.0 - share) * change
-    rate, dt = change / h, share * h / pieces
-    ds = rate * dt
-    for _ in range(pieces):
-        k1 = dispatch.memory_rate(code, z, s, rate, p, e)
-        k2 = dispatch.memory_rate(code, z + 0.5 * dt * k1, s + 0.5 * ds, rate, p, e)
-        k3 = dispatch.memory_rate(code, z + 0.5 * dt * k2, s + 0.5 * ds, rate, p, e)
-        k4 = dispatch.memory_rate(code, z + dt * k3, s + ds, rate, p, e)
-        z += dt * (k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0
-        s += ds
-    return z
 
 
 @inlined
@@ -45,7 +21,7 @@ def _stretch(P, x, j, angle):
 
 
 @inlined
-def remember(P, S, h, angle, angle_end):
+def remember(P, S, angle, angle_end):
     """Set the memories at the step's end, in ``S.xn`` and ``S.xp``, by the stretch from ``S.x`` to ``S.xn``.
 
     angle, angle_end : theta_d at the step's start and end, rad.
@@ -57,12 +33,12 @@ def remember(P, S, h, angle, angle_end):
             change = _stretch(P, S.xn, j, angle_end) - s
             for e in range(P.first[place], P.first[place + 1]):
                 m = P.law[e, 1]
-                S.xn[m] = remembered(P.law[e, 0], P.law_p, e, S.x[m], s, change, h)
+                S.xn[m] = dispatch.memory_after(P.law[e, 0], S.x[m], change, P.law_p, e)
                 S.xp[m] = S.xn[m]
 
 
 @inlined
-def settle_memories(P, S, level, h, contact, angle, angle_end):
+def settle_memories(P, S, level, contact, angle, angle_end):
     """Solve for the forces of the springs that remember at the step's end, each with the stretch that it leads to.
 
     ``S.xn`` holds the step's end under the forces that the predictor expected there, and the memories with them.
@@ -77,14 +53,14 @@ def settle_memories(P, S, level, h, contact, angle, angle_end):
             for e in range(P.first[place], P.first[place + 1]):
                 m = P.law[e, 1]
                 change = _stretch(P, S.xn, j, angle_end) - s
-                more = _more(P.law[e, 0], P.law_p, e, S.x[m], s, change, h, give, S.xn[m])
+                more = _more(P.law[e, 0], P.law_p, e, S.x[m], change, give, S.xn[m])
                 respond(P, S, R, contact, a, b, -more)
                 push(P, S.w1, contact, b, -more)
                 push(P, S.w1, contact, a, more)
 
 
 @compiled
-def _more(code, p, e, z, s, change, h, give, expected):
+def _more(code, p, e, z, change, give, expected):
     """By how much a memory's force exceeds what was expected, with the stretch that it leads to.
 
     The more it pulls the ends together the less the link is stretched, so that what is left falls with it: a root in a
@@ -92,18 +68,18 @@ def _more(code, p, e, z, s, change, h, give, expected):
 
     give : how much less the link is stretched by a unit of it. expected : the memory that was expected.
     """
-    held = dispatch.memory_force(code, expected, s + change, change / h, p, e)
-    low, high = 0.0, _beyond(code, p, e, z, s, change, h, held)
+    held = dispatch.memory_force(code, expected, change, p, e)
+    low, high = 0.0, _beyond(code, p, e, z, change, held)
     left_low, enough = high, SOLVED * abs(high)
     if high == 0.0 or give <= 0.0:
         return high
-    left_high = _beyond(code, p, e, z, s, change - give * high, h, held + high)
+    left_high = _beyond(code, p, e, z, change - give * high, held + high)
     stayed = 0
     for _ in range(MOST_ROUNDS):
         if abs(left_high) <= enough or left_high == left_low:
             break
         at = high - left_high * (high - low) / (left_high - left_low)
-        left = _beyond(code, p, e, z, s, change - give * at, h, held + at)
+        left = _beyond(code, p, e, z, change - give * at, held + at)
         if (left > 0.0) != (left_high > 0.0):
             low, left_low, stayed = high, left_high, 0
         else:
@@ -114,7 +90,6 @@ def _more(code, p, e, z, s, change, h, give, expected):
 
 
 @inlined
-def _beyond(code, p, e, z, s, change, h, force):
+def _beyond(code, p, e, z, change, force):
     """How far a memory's force lies above ``force`` after a change of the stretch."""
-    memory = remembered(code, p, e, z, s, change, h)
-    return dispatch.memory_force(code, memory, s + change, change / h, p, e) - force
+    return dispatch.memory_force(code, dispatch.memory_after(code, z, change, p, e), change, p, e) - force

@@ -94,12 +94,13 @@ def test_friction_by_direction_is_its_mean_and_half_the_difference(rate: float, 
 
 
 @given(st.floats(-1.0, 1.0), st.floats(-10.0, 10.0), positive)
-def test_bouc_wen_never_leaves_its_bounds(z: float, rate: float, displacement: float) -> None:
-    """At |z| = 1 the rate points inwards or vanishes; unloading is elastic."""
-    assert spring.bouc_wen_rate(1.0, rate, displacement) <= 0.0 or math.isclose(rate, 0.0)
-    assert spring.bouc_wen_rate(-1.0, rate, displacement) >= 0.0 or math.isclose(rate, 0.0)
-    if z * rate <= 0.0:
-        assert spring.bouc_wen_rate(z, rate, displacement) == pytest.approx(rate / displacement)
+def test_bouc_wen_never_leaves_its_bounds(z: float, change: float, displacement: float) -> None:
+    """Unloading is elastic as far as to zero; beyond, the variable comes to its bound and stays there."""
+    after = spring.bouc_wen_after(z, change, displacement)
+    assert -1.0 <= after <= 1.0
+    assert (after - z) * change >= 0.0
+    if z * change <= 0.0 and abs(change) <= abs(z) * displacement:
+        assert after == pytest.approx(z + change / displacement, abs=1e-12)
 
 
 @given(st.floats(-1e-3, 1e-3), st.floats(-1e-3, 1e-3), positive)
