@@ -8,6 +8,7 @@ import proved
 import pytest
 from proved import COULOMB
 
+from dtbacklash import sources
 from dtbacklash.campaign.backends import Workers
 from dtbacklash.errors import UserError
 from dtbacklash.files import read_json, write_json
@@ -205,3 +206,16 @@ def test_one_score_holds_results_of_one_state_of_the_package(plan, monkeypatch):
     monkeypatch.setattr(work.sources, "digest", lambda parts: "before")
     with pytest.raises(UserError, match="the package changed while 1 cases were worked on"):
         run.diagnose_missing(plan, cases, ALONE, silent, changing)
+
+
+def test_recordings_of_another_rig_are_other_recordings(tmp_path):
+    """Of a rig from a file the content counts, of one that comes with the package its YAML."""
+    file = tmp_path / "mine.yaml"
+    file.write_text("name: mine\n")
+    plan = run.Plan(tmp_path / "out", rigs=((str(file), 2),), seeds=(7000, 7001))
+    run.claim(plan)
+    run.claim(plan)
+    file.write_text("name: mine\ndescription: heavier\n")
+    with pytest.raises(UserError, match="holds a proof of other recordings"):
+        run.claim(plan)
+    assert sources.digest(("conf/rig",)) != sources.digest(("conf/no_such_folder",))
