@@ -40,9 +40,12 @@ def check_parts(records: list[Record], given: tuple[str, object]) -> None:
     ------
     UserError : with that key.
     """
-    fitted, held = sum(int(r.train.sum()) for r in records), sum(int(r.held.sum()) for r in records)
-    judges = round(settings().judging_share * held)
-    counts = {"to fit to": fitted, "to choose by": held - judges, "to judge on": judges}
+    parts = marked(records)
+    counts = {
+        "to fit to": sum(int(r.train.sum()) for r in parts),
+        "to choose by": sum(int((r.held & ~r.judge).sum()) for r in parts),
+        "to judge on": sum(int(r.judge.sum()) for r in parts),
+    }
     least = min(counts, key=lambda part: counts[part])
     if counts[least] < PART_SAMPLES_MIN:
         raise UserError(*given, f"leaves {counts[least]} samples {least}, and at least {PART_SAMPLES_MIN} are needed")

@@ -225,14 +225,13 @@ def _loaded(
     """Both recordings; a validation that is read is one of the recording's mapping, if it has one."""
     from dtbacklash.recording import read_pair
 
-    if not isinstance(recording, Recording) and validation is not None and not isinstance(validation, Recording):
-        return read_pair(recording, validation, rig=rig)
-    first, second = (
-        one if one is None or isinstance(one, Recording) else read_recording(one, rig)
-        for one in (recording, validation)
-    )
-    assert first is not None
-    return first, second
+    if isinstance(recording, Recording) or isinstance(validation, Recording) or validation is None:
+        return _read(recording, rig), None if validation is None else _read(validation, rig)
+    return read_pair(recording, validation, rig=rig)
+
+
+def _read(recording: Recording | str | Path, rig: Rig) -> Recording:
+    return recording if isinstance(recording, Recording) else read_recording(recording, rig)
 
 
 def _usual_rig(recording: Recording | str | Path) -> str:

@@ -126,7 +126,9 @@ def test_commands_in_the_docs_are_accepted(command: str, tmp_path: Path, monkeyp
 
 def _jobs(words: list[str]) -> list[tuple[str, ...]]:
     """Jobs of a sweep in which each value of each word stands once at least: as many as the longest word has values."""
-    swept = [[f"{key}={value}" for value in values.split(",")] for key, _, values in (w.partition("=") for w in words)]
+    swept = [
+        [f"{key}{equals}{v}" for v in values.split(",")] for key, equals, values in (w.partition("=") for w in words)
+    ]
     return [tuple(values[i % len(values)] for values in swept) for i in range(max(map(len, swept), default=0))]
 
 

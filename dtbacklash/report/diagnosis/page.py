@@ -182,7 +182,7 @@ def _finding(finding: Finding) -> dict[str, Any]:
     }
 
 
-def _recalibrated(name: str, row: Recalibrated, rig: Rig) -> dict[str, str]:
+def _recalibrated(name: str, row: Recalibrated, rig: Rig) -> dict[str, Any]:
     known = rig.config.parameters.get(name)
     nominal = row.nominal
     return {
@@ -192,7 +192,7 @@ def _recalibrated(name: str, row: Recalibrated, rig: Rig) -> dict[str, str]:
         "value": interval(row.value, row.ci95, row.unit, size=nominal),
         "change": f"{100 * (row.value / nominal - 1):+.3g} %" if nominal else "-",
         "tolerance": f"± {number(100 * known.tolerance)} %" if known else "-",
-        "also": "; ".join(other_in_words(a) for a in row.also_fits),
+        "also": [other_in_words(a) for a in row.also_fits],
     }
 
 

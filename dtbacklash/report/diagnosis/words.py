@@ -13,8 +13,8 @@ def heading(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == CONSISTENT:
         return "The model explains this recording"
     if diagnosis.verdict == PARAMETERS:
-        is_ = "need be" if any(row.also_fits for row in diagnosis.recalibrated.values()) else "is"
-        return f"No physics {is_} missing; recalibrate {listed(list(diagnosis.recalibrated))}"
+        verb = "need be" if any(row.also_fits for row in diagnosis.recalibrated.values()) else "is"
+        return f"No physics {verb} missing; recalibrate {listed(list(diagnosis.recalibrated))}"
     if diagnosis.verdict == MISSING:
         return f"Missing: {listed(named)}"
     if diagnosis.fault:
