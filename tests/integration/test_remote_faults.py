@@ -63,7 +63,10 @@ def test_the_broker_is_gone_in_the_middle_and_comes_back(
     between = result.trace.query("13.1 < t_s < 32.9")["gap_hat_deg"]
     assert np.allclose(between, applied, rtol=0, atol=1e-9)
     network.under_control(result)
-    network.told(result, tmp_path, "no answer within 4 s")
+    # the request is sent again when the broker is back: whether the twin hears it then depends on who came back first
+    lost = str(result.estimates["reason"].iloc[1])
+    assert lost in ("no answer within 4 s", f"no twin listens at {own.address}")
+    network.told(result, tmp_path, lost)
 
 
 def test_a_wrong_password_is_refused_before_the_loop_begins(broker: Broker, monkeypatch: pytest.MonkeyPatch) -> None:
