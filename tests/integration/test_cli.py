@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import subprocess
 import sys
 import time
 
@@ -17,19 +18,25 @@ RUN_FILES = {"summary.json", "metrics.csv", "estimates.csv", "trace.parquet", "r
 
 
 def test_help_and_version_are_quick_and_import_nothing_heavy(process):
-    process("--help")  # the first call may have to compile bytecode
-    begin = time.perf_counter()
-    answer = process("--help")
-    assert time.perf_counter() - begin < 0.5
+    answer = process("--help")  # the first call may have to compile bytecode
+    assert seconds("-m", "dtbacklash.cli", "--help") < 5.0 * seconds("-c", "import argparse")
     assert "run" in answer.stdout
     assert answer.returncode == 0
     assert process("--version").stdout == f"dtb {dtbacklash.__version__}\n"
     assert process("run", "--help").stdout.startswith("usage: dtb run")
 
 
-def test_help_does_not_load_the_libraries(dtb):
-    import subprocess
+def seconds(*words):
+    """The shortest of five calls of Python [s]."""
+    took = []
+    for _ in range(5):
+        begin = time.perf_counter()
+        subprocess.run([sys.executable, *words], capture_output=True, check=True)
+        took.append(time.perf_counter() - begin)
+    return min(took)
 
+
+def test_help_does_not_load_the_libraries(dtb):
     code = "from dtbacklash import cli; cli.main(['run', '--help']); import sys; print(sorted(sys.modules))"
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = answer.stdout.splitlines()[-1]
@@ -38,8 +45,6 @@ def test_help_does_not_load_the_libraries(dtb):
 
 
 def test_a_second_run_loads_no_library_that_designs(tmp_path):
-    import subprocess
-
     code = (
         "import sys; from dtbacklash import cli; cli.main(['run', 'duration_s=2', 'figures=false', 'out=run']); "
         "print(sorted({'control', 'scipy.signal', 'scipy.stats', 'joblib'} & set(sys.modules)))"

@@ -18,17 +18,14 @@ def python(code: str, *extra: str) -> str:
     return answer.stdout
 
 
-def test_the_import_is_quick_and_loads_nothing():
+def test_the_import_loads_nothing():
     code = (
-        "import sys, time, typing, importlib, types, __future__\n"
-        "before = set(sys.modules); begin = time.perf_counter()\n"
+        "import sys, typing, importlib, types, __future__\n"
+        "before = set(sys.modules)\n"
         "import dtbacklash\n"
-        "print(time.perf_counter() - begin); print(sorted(set(sys.modules) - before))"
+        "print(sorted(set(sys.modules) - before))"
     )
-    python(code)  # the first may have to compile bytecode
-    seconds, loaded = python(code).splitlines()
-    assert float(seconds) < 0.1
-    assert loaded == "['dtbacklash', 'dtbacklash.version']"
+    assert python(code).strip() == "['dtbacklash', 'dtbacklash.version']"
 
 
 def test_every_name_is_there():
