@@ -163,8 +163,21 @@ def unknown_unnamed(case: Case) -> bool:
 
     What is called unexplained may have findings, if they are said to be partial: one that is said to be sure is a name.
     """
-    names = [f for f in case.findings if case.verdict != "unexplained" or f.get("confidence") == "sure"]
-    return case.diagnosis is not None and not names
+    return case.diagnosis is not None and not sure(case)
+
+
+def sure(case: Case) -> set[int]:
+    """Indices of the findings that are a name to be relied on: all but those that an ``unexplained`` calls partial."""
+    surely = [case.verdict != "unexplained" or f.get("confidence") == "sure" for f in case.findings]
+    return {j for j, one in enumerate(surely) if one}
+
+
+def no_false_name(case: Case) -> bool:
+    """Each name to be relied on is hidden, or in the finding's stated ambiguity, one to one.
+
+    What is missed is no false name, and the right place with a wrong law is one.
+    """
+    return case.diagnosis is not None and sure(case) <= set(matches(case).values())
 
 
 def beaten(case: Case) -> bool:

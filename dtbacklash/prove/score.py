@@ -241,6 +241,8 @@ BY_CASE = (
               rules.unknown_admitted, (0.80, 1)),
     _Declared("unknown_unnamed", "unknown physics whose true law clearly beats the catalogue's best, given no name",
               ("unknown",), rules.unknown_unnamed, (0.90, 1), clear=rules.beaten),
+    _Declared("no_false_name", "recordings of all kinds and sizes without a false name that is said to be sure",
+              rules.KINDS, rules.no_false_name, None, False),
 )  # fmt: skip
 #: 95 % intervals hold the truth this often
 COVERAGE = (0.92, 0.98)

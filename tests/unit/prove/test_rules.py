@@ -64,6 +64,31 @@ def test_unknown_physics_is_judged_where_its_true_law_beats_the_catalogue():
     assert rules.beaten(replace(same, diagnosis=None))
 
 
+@pytest.mark.parametrize(
+    ("kind", "hidden", "found", "without"),
+    [
+        ("single", [COULOMB], [finding(COULOMB)], True),
+        ("single", [COULOMB], [], True),
+        ("single", [COULOMB], [finding(DEAD_ZONE, COULOMB)], True),
+        ("single", [COULOMB], [finding(COULOMB), finding(BACKLASH)], False),
+        ("single", [COULOMB], [finding(COULOMB), finding(DEAD_ZONE, COULOMB)], False),
+        ("single", [CUBIC], [finding(ELSEWHERE)], False),
+        ("nothing", [], [finding(COULOMB)], False),
+        ("unknown", [], [finding(CUBIC)], False),
+    ],
+)
+def test_a_false_name_is_one_that_pairs_with_nothing_hidden(kind, hidden, found, without):
+    assert rules.no_false_name(case(kind, hidden, *found)) == without
+    unsure = [one | {"confidence": "partial"} for one in found]
+    assert rules.no_false_name(case(kind, hidden, *unsure, verdict="unexplained"))
+    surely = [one | {"confidence": "sure"} for one in found]
+    assert rules.no_false_name(case(kind, hidden, *surely, verdict="unexplained")) == without
+
+
+def test_a_diagnosis_that_failed_says_nothing_true():
+    assert not rules.no_false_name(replace(case("single", [COULOMB]), diagnosis=None))
+
+
 def test_exact_matches_come_first():
     judged = case("several", [COULOMB, DEAD_ZONE], finding(DEAD_ZONE, COULOMB), finding(COULOMB, DEAD_ZONE))
     assert rules.matches(judged) == {0: 1, 1: 0}
