@@ -20,8 +20,8 @@ FROM = 20_000
 QUOTA = {"nothing": 3, "parameters": 3, "single": 8, "several": 3, "unknown": 3}
 #: figures that the quick proof holds against what was reached
 HELD = (
-    "strict", "within_ambiguity", "nothing_found", "parameters_told", "unknown_admitted", "coverage_effects",
-    "coverage_parameters",
+    "strict", "within_ambiguity", "nothing_found", "parameters_told", "unknown_admitted", "unknown_unnamed",
+    "no_false_name", "coverage_effects", "coverage_parameters",
 )  # fmt: skip
 #: as many intervals may be lost to the last digits of another processor
 SLACK = {"coverage_effects": 1, "coverage_parameters": 1}

@@ -175,7 +175,7 @@ def sure(case: Case) -> set[int]:
 def no_false_name(case: Case) -> bool:
     """Each name to be relied on is hidden, or in the finding's stated ambiguity, one to one.
 
-    What is missed is no false name, and the right place with a wrong law is one.
+    What is missed is no false name, nor is a wrong "no physics is missing"; the right place with a wrong law is one.
     """
     return case.diagnosis is not None and sure(case) <= set(matches(case).values())
 

@@ -61,9 +61,8 @@ def which_seeds(score: Score) -> str:
         return "No recording."
     low, high = score.seeds
     if low >= SCORING_FROM:
-        return (
-            f"Scoring seeds {low} to {high}; the tool is tuned on development seeds only, those below {SCORING_FROM}."
-        )
+        development = f"development seeds, on which the tool is tuned, are those below {SCORING_FROM}"
+        return f"Scoring seeds {low} to {high}; {development}."
     there = "development seeds" if high < SCORING_FROM else f"development seeds below {SCORING_FROM}"
     return f"Seeds {low} to {high}, with {there}: the tool may have been tuned on them."
 
