@@ -6,7 +6,15 @@ from dtbacklash.compiled import clear, compiled, copy, inlined
 from dtbacklash.physics.effects.play import play
 from dtbacklash.physics.kernel import dispatch
 from dtbacklash.physics.kernel import plant as pl
-from dtbacklash.physics.kernel.forces import add_forces, base_motion, force_beside, held_level, push, stretch_of
+from dtbacklash.physics.kernel.forces import (
+    add_forces,
+    base_motion,
+    force_beside,
+    gained,
+    held_level,
+    push,
+    stretch_of,
+)
 from dtbacklash.physics.kernel.step import MOST_EVENTS, drive_rate, screw_angle, slip_rate, try_step
 
 #: a contact is located well enough when the gear would move no farther than this by what is left, rad (relative to an
@@ -155,9 +163,46 @@ def switch_friction(P, S, t, gap, gap_rate, voltage):
         w[pl.CH_D] = P.screw[pl.S_LEAD] * (theta_d - (S.x[P.position + P.rotor] if contact == 1 else 0.0))
         add_forces(P, S.x, S.mode, w, contact, t, theta_d, 0.0)
         acceleration, mobility = _slip_acceleration(P, S.x, w, c, contact)
+        if _torn_by_base(P, c) and abs(acceleration) > mobility * held_level(P, c, -acceleration):
+            S.mode[1 + c] = 1 if rate > 0.0 else -1  # it passes through rest: what it has left of speed is its own
+            continue
         _stop(P, S, c, contact, rate / mobility)
         if abs(acceleration) > mobility * held_level(P, c, -acceleration):
             S.mode[1 + c] = 1 if acceleration > 0.0 else -1
+
+
+@inlined
+def _torn_by_base(P, c):
+    """Whether friction contact ``c`` has an end on a base whose motion is imposed."""
+    return P.imposed and min(P.friction_ends[c, 0], P.friction_ends[c, 1]) == pl.BASE
+
+
+@compiled
+def _turn_contacts(P, S, h, theta_d, gap_rate):
+    """Contacts with the imposed base whose slip has turned round by a jump of the base's speed slip the other way.
+
+    A measured angle moves in jerks, of its noise at least. Friction cannot follow one that it could not stop within the
+    step of ``h`` seconds: the impulse that would is no force of its.
+    """
+    contact = 0 if S.mode[0] == pl.FREE else 1
+    for c in range(P.friction_ends.shape[0]):
+        if S.mode[1 + c] == 0 or not _torn_by_base(P, c):
+            continue
+        rate = slip_rate(P, S, S.x, c, theta_d, gap_rate)
+        mobility = gained(P.G[contact], P.position + P.n_bodies, P.friction_ends[c, 0], P.friction_ends[c, 1])
+        if S.mode[1 + c] * rate < 0.0 and abs(rate) > mobility * h * held_level(P, c, -rate):
+            S.mode[1 + c] = 1 if rate > 0.0 else -1
+
+
+@compiled
+def _torn_loose(P, S):
+    """Whether the imposed base has torn contacts loose in the step just tried; they slip from its start then."""
+    torn = False
+    for c in range(P.friction_ends.shape[0]):
+        if S.mode[1 + c] == 0 and _torn_by_base(P, c) and abs(S.reaction[c]) > held_level(P, c, S.reaction[c]):
+            S.mode[1 + c] = -1 if S.reaction[c] > 0.0 else 1
+            torn = True
+    return torn
 
 
 @compiled
@@ -257,6 +302,15 @@ def _next_stop(P, tick, whole):
 
 
 @inlined
+def _level(last, least, left):
+    """The level, ``least`` or finer, of the longest step that ends within the ``left`` ticks."""
+    level = least
+    while (1 << (last - level)) > left:
+        level += 1
+    return level
+
+
+@inlined
 def _steps(P, S, t, gap0, gap_rate, theta, k):
     """The steps of one sample, each as long as the events and the delays let it be."""
     last = P.levels - 1
@@ -273,9 +327,7 @@ def _steps(P, S, t, gap0, gap_rate, theta, k):
                 if P.sensor_tick[s] == tick:
                     S.caught[s] = read_sensor(P, S, s, gap0 + gap_rate * tick * tick_s, gap_rate)
             end = _next_stop(P, tick, whole)
-        level = least
-        while (1 << (last - level)) > end - tick:
-            level += 1
+        level = _level(last, least, end - tick)
         ticks = 1 << (last - level)
         h = ticks * tick_s
         start = tick * tick_s
@@ -284,7 +336,10 @@ def _steps(P, S, t, gap0, gap_rate, theta, k):
         if P.imposed:
             angle = _imposed_angle(P, theta, k, (tick + ticks) / whole)
             S.gear[1] = (play(given, angle, gap + gap_rate * h) - given) / h
+            _turn_contacts(P, S, h, given, gap_rate)
         try_step(P, S, level, h, t + start, voltage, gap, gap_rate, given)
+        if P.imposed and _torn_loose(P, S):
+            continue
         event = find_event(P, S, gap + gap_rate * h, gap_rate)
         chased = event != NO_EVENT and level < last and events < MOST_EVENTS
         if chased and not _located(P, S, event, gap + gap_rate * h, gap_rate, h):

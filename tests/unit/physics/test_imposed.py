@@ -49,6 +49,31 @@ def test_the_structure_behind_the_motors_angle_moves_as_in_the_whole_rig(place: 
     assert effect > 10.0 * np.std(own)
 
 
+def steps() -> np.ndarray:
+    """Pushes to and fro with rests between them, V."""
+    u = np.zeros(8000)
+    for k in range(0, 8000, 1000):
+        u[k : k + 150] = 4.0 if k % 2000 else -4.0
+    return u
+
+
+@pytest.mark.parametrize("force", [1e-5, 1e-3, 0.1])
+def test_friction_on_what_a_noisy_angle_moves_does_no_more_than_its_force_can(force: float) -> None:
+    """A measured angle moves in jerks of its noise; friction that followed them would shake the structure."""
+    plain, u = rigs.lead_screw(), steps()
+    rig = plain.with_effect("link_1", "dry_friction", {"force": force})
+    angle = simulate(plain, u, SAMPLE_TIME_S).sensors["theta_m"]
+    noisy = angle + 1.4e-4 * np.random.default_rng(0).standard_normal(angle.size)
+    q3 = {
+        (i, j): simulate(one, u, SAMPLE_TIME_S, theta_m_rad=theta).sensors["q3"]
+        for i, one in enumerate((plain, rig)) for j, theta in enumerate((angle, noisy))
+    }  # fmt: skip
+    noise = np.std(q3[0, 1] - q3[0, 0])
+    static = force / 1e4  # by the stiffness of the links, N/m
+    assert np.std(q3[1, 0] - q3[0, 0]) < 20.0 * static + noise  # measured: 7 times what the force does at rest
+    assert np.std(q3[1, 1] - q3[1, 0]) < 2.0 * static + 1.1 * noise
+
+
 def machine() -> Rig:
     return build_rig(compose("rig=brfd", "controller=open_loop").rig)
 
