@@ -74,6 +74,21 @@ def test_friction_on_what_a_noisy_angle_moves_does_no_more_than_its_force_can(fo
     assert np.std(q3[1, 1] - q3[1, 0]) < 2.0 * static + 1.1 * noise
 
 
+@pytest.mark.parametrize("force", [0.1, 1.0])
+@pytest.mark.parametrize("up_to_hz", [20.0, 80.0, 200.0])
+def test_friction_behind_a_motor_that_is_shaken_is_that_of_the_whole_rig(up_to_hz: float, force: float) -> None:
+    rng, n = np.random.default_rng(1), 8000
+    hz = np.fft.rfftfreq(n, SAMPLE_TIME_S)
+    u = np.fft.irfft(np.where((hz > 0.5) & (hz < up_to_hz), np.exp(2j * np.pi * rng.random(hz.size)), 0.0), n)
+    u *= 3.0 / np.std(u)
+    plain = rigs.lead_screw()
+    rig = plain.with_effect("link_1", "dry_friction", {"force": force})
+    whole = simulate(rig, u, SAMPLE_TIME_S).sensors
+    driven, without = (simulate(r, u, SAMPLE_TIME_S, theta_m_rad=whole["theta_m"]).sensors["q3"] for r in (rig, plain))
+    # measured: 0.1 to 2.4 %, the most where the motor turns round within a sample
+    assert np.std(whole["q3"] - driven) < 0.04 * np.std(whole["q3"] - without)
+
+
 def machine() -> Rig:
     return build_rig(compose("rig=brfd", "controller=open_loop").rig)
 
