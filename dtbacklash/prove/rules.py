@@ -168,8 +168,8 @@ def unknown_unnamed(case: Case) -> bool:
 
 def sure(case: Case) -> set[int]:
     """Indices of the findings that are a name to be relied on: all but those that an ``unexplained`` calls partial."""
-    surely = [case.verdict != "unexplained" or f.get("confidence") == "sure" for f in case.findings]
-    return {j for j, one in enumerate(surely) if one}
+    qualified = case.verdict == "unexplained"
+    return {j for j, f in enumerate(case.findings) if not qualified or f.get("confidence") == "sure"}
 
 
 def no_false_name(case: Case) -> bool:

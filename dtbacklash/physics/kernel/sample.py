@@ -138,7 +138,7 @@ def _leaning_ends(P, S, x):
 def _jerk_base_contacts(P, S, gap_rate):
     """The base has jumped to the motor's speed: friction contacts with an end on it slip from now on."""
     for c in range(P.friction_ends.shape[0]):
-        if min(P.friction_ends[c, 0], P.friction_ends[c, 1]) == pl.BASE:
+        if _on_base(P, c):
             rate = slip_rate(P, S, S.x, c, S.gear[0], gap_rate)
             S.mode[1 + c] = 1 if rate > 0.0 else (-1 if rate < 0.0 else 0)
 
@@ -163,18 +163,19 @@ def switch_friction(P, S, t, gap, gap_rate, voltage):
         w[pl.CH_D] = P.screw[pl.S_LEAD] * (theta_d - (S.x[P.position + P.rotor] if contact == 1 else 0.0))
         add_forces(P, S.x, S.mode, w, contact, t, theta_d, 0.0)
         acceleration, mobility = _slip_acceleration(P, S.x, w, c, contact)
-        if _torn_by_base(P, c) and abs(acceleration) > mobility * held_level(P, c, -acceleration):
+        turns = abs(acceleration) > mobility * held_level(P, c, -acceleration)
+        if turns and P.imposed and _on_base(P, c):
             S.mode[1 + c] = 1 if rate > 0.0 else -1  # it passes through rest: what it has left of speed is its own
             continue
         _stop(P, S, c, contact, rate / mobility)
-        if abs(acceleration) > mobility * held_level(P, c, -acceleration):
+        if turns:
             S.mode[1 + c] = 1 if acceleration > 0.0 else -1
 
 
 @inlined
-def _torn_by_base(P, c):
-    """Whether friction contact ``c`` has an end on a base whose motion is imposed."""
-    return P.imposed and min(P.friction_ends[c, 0], P.friction_ends[c, 1]) == pl.BASE
+def _on_base(P, c):
+    """Whether friction contact ``c`` has an end on the base."""
+    return min(P.friction_ends[c, 0], P.friction_ends[c, 1]) == pl.BASE
 
 
 @compiled
@@ -186,7 +187,7 @@ def _turn_contacts(P, S, h, theta_d, gap_rate):
     """
     contact = 0 if S.mode[0] == pl.FREE else 1
     for c in range(P.friction_ends.shape[0]):
-        if S.mode[1 + c] == 0 or not _torn_by_base(P, c):
+        if S.mode[1 + c] == 0 or not _on_base(P, c):
             continue
         rate = slip_rate(P, S, S.x, c, theta_d, gap_rate)
         mobility = gained(P.G[contact], P.position + P.n_bodies, P.friction_ends[c, 0], P.friction_ends[c, 1])
@@ -199,7 +200,7 @@ def _torn_loose(P, S):
     """Whether the imposed base has torn contacts loose in the step just tried; they slip from its start then."""
     torn = False
     for c in range(P.friction_ends.shape[0]):
-        if S.mode[1 + c] == 0 and _torn_by_base(P, c) and abs(S.reaction[c]) > held_level(P, c, S.reaction[c]):
+        if S.mode[1 + c] == 0 and _on_base(P, c) and abs(S.reaction[c]) > held_level(P, c, S.reaction[c]):
             S.mode[1 + c] = -1 if S.reaction[c] > 0.0 else 1
             torn = True
     return torn
