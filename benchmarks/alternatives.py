@@ -27,7 +27,7 @@ from scipy.signal import butter, cont2discrete, sosfiltfilt
 from benchmarks.measure import Row
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose import Record, diagnose_records, records_of
-from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.physics.rig import Rig
 from dtbacklash.prove.conceal import conceal, nominal_rig
 from dtbacklash.prove.seal import RECORDING, key_path, open_seal

@@ -10,12 +10,12 @@ import numpy as np
 from benchmarks.measure import Row, verdict
 from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Record, diagnose_records
-from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.free import nominal_free
-from dtbacklash.diagnose.name import scores_about
-from dtbacklash.diagnose.refit import fit
+from dtbacklash.diagnose.data.evidence import Evidence
+from dtbacklash.diagnose.fit.free import nominal_free
+from dtbacklash.diagnose.fit.refit import fit
+from dtbacklash.diagnose.search.grow import scores_about
+from dtbacklash.diagnose.search.trials import Search
 from dtbacklash.diagnose.spread import on_cores
-from dtbacklash.diagnose.trials import Search
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.physics.rig import Rig, build_rig
 

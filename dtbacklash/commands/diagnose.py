@@ -58,7 +58,7 @@ def work(config: DiagnoseConfig, folder: Path, command: str) -> dict[str, Any]:
 
 def diagnose_and_write(config: DiagnoseConfig, folder: Path, jobs: int, tell: Tell | None = None) -> Diagnosis:
     """Read, diagnose, and write the folder, complete or not at all."""
-    from dtbacklash.diagnose.sayings import notes_of
+    from dtbacklash.diagnose.say.sentences import notes_of
     from dtbacklash.diagnose.settings import settings
     from dtbacklash.physics.rig import build_rig
     from dtbacklash.report.diagnosis import page

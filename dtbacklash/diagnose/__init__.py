@@ -3,14 +3,14 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-from dtbacklash.diagnose.compare import Record
-from dtbacklash.diagnose.naming import names_the_recording
-from dtbacklash.diagnose.parts import check_parts
+from dtbacklash.diagnose.data.compare import Record
+from dtbacklash.diagnose.data.records import long_enough, records_of
 from dtbacklash.diagnose.pipeline import diagnose_records
 from dtbacklash.diagnose.result import Diagnosis
-from dtbacklash.diagnose.sayings import notes_of, source_of
+from dtbacklash.diagnose.say.error_names import names_the_recording
+from dtbacklash.diagnose.say.sentences import notes_of, source_of
+from dtbacklash.diagnose.search.parts import check_parts
 from dtbacklash.diagnose.settings import settings as in_force
-from dtbacklash.diagnose.stretches import long_enough, records_of
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.model import Recording
 from dtbacklash.recording.validation import check_alike, check_apart

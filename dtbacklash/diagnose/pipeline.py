@@ -6,39 +6,39 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from dtbacklash.diagnose.become import call_by_its_limit
-from dtbacklash.diagnose.beyond import believed
-from dtbacklash.diagnose.checks import all_checks, at_bounds, at_tolerances, coloured, whiteness
-from dtbacklash.diagnose.command import held_equivalent
-from dtbacklash.diagnose.compare import Record
-from dtbacklash.diagnose.direction import call_by_direction
-from dtbacklash.diagnose.earn import held_loss, merit, worst
-from dtbacklash.diagnose.errors_of_fit import fit_table, free_running
-from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.faults.inspect import inspect
-from dtbacklash.diagnose.faults.verdict import faulty, mended, not_finite
-from dtbacklash.diagnose.findings import candidates, finding, located, recalibrated, without, without_known
-from dtbacklash.diagnose.floor import channel_noise
-from dtbacklash.diagnose.free import Errors, all_free, as_given, nominal_free, with_errors, with_priors
-from dtbacklash.diagnose.intervals import standard_errors
-from dtbacklash.diagnose.leave_out import drop
-from dtbacklash.diagnose.limits import limits
-from dtbacklash.diagnose.name import search, silent
-from dtbacklash.diagnose.next_experiment import next_experiment
-from dtbacklash.diagnose.parts import divided, for_judgement, refitted
-from dtbacklash.diagnose.portion import portion, whole
-from dtbacklash.diagnose.recover import free_forms
-from dtbacklash.diagnose.refit import QUICK, fit
+from dtbacklash.diagnose.data.command import held_equivalent
+from dtbacklash.diagnose.data.compare import Record
+from dtbacklash.diagnose.data.evidence import Evidence
+from dtbacklash.diagnose.data.floor import channel_noise
+from dtbacklash.diagnose.data.tempo import tempo_rad_s
+from dtbacklash.diagnose.data.windows import portion, whole
+from dtbacklash.diagnose.fit.comparison import held_loss, merit, worst
+from dtbacklash.diagnose.fit.errors import fit_table, free_running
+from dtbacklash.diagnose.fit.free import Errors, all_free, as_given, nominal_free, with_errors, with_priors
+from dtbacklash.diagnose.fit.intervals import standard_errors
+from dtbacklash.diagnose.fit.refit import QUICK, fit
+from dtbacklash.diagnose.inspect.fault import faulty, mended, not_finite
+from dtbacklash.diagnose.inspect.inspection import inspect
+from dtbacklash.diagnose.judge.checks import all_checks, at_bounds, at_tolerances, coloured, whiteness
+from dtbacklash.diagnose.judge.free_form import free_forms
+from dtbacklash.diagnose.judge.limits import limits
+from dtbacklash.diagnose.judge.verdict import decide, depends_on, moved_parameters, remaining
 from dtbacklash.diagnose.result import UNEXPLAINED, Diagnosis, Work
-from dtbacklash.diagnose.sayings import beyond_said, limits_said, summary
+from dtbacklash.diagnose.say.drawn import shown
+from dtbacklash.diagnose.say.findings import candidates, finding, located, recalibrated, without, without_known
+from dtbacklash.diagnose.say.next_experiment import next_experiment
+from dtbacklash.diagnose.say.sentences import beyond_said, limits_said, summary
+from dtbacklash.diagnose.search.beyond_tolerance import believed
+from dtbacklash.diagnose.search.friction_by_direction import call_by_direction
+from dtbacklash.diagnose.search.grow import search, silent
+from dtbacklash.diagnose.search.leave_out import drop
+from dtbacklash.diagnose.search.objections import insignificant, objections, raises_the_error, spoils_the_free_run
+from dtbacklash.diagnose.search.parts import divided, for_judgement, refitted
+from dtbacklash.diagnose.search.simpler_law import call_by_its_limit
+from dtbacklash.diagnose.search.slow_pull import refit_slowly
+from dtbacklash.diagnose.search.trials import Search
 from dtbacklash.diagnose.settings import settings
-from dtbacklash.diagnose.show import shown
-from dtbacklash.diagnose.slow import refit_slowly
 from dtbacklash.diagnose.spread import on_cores
-from dtbacklash.diagnose.tempo import tempo_rad_s
-from dtbacklash.diagnose.trial import insignificant, objections, raises_the_error, spoils_the_free_run
-from dtbacklash.diagnose.trials import Search
-from dtbacklash.diagnose.verdict import decide, depends_on, moved_parameters, remaining
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig

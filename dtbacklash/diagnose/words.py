@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 
-from dtbacklash.diagnose.free import Key
 from dtbacklash.diagnose.result import Alternative
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import SENSOR_PREFIX
@@ -20,7 +19,7 @@ def named_in_words(effect: str, location: str) -> str:
     return f"{name_in_words(effect) if effect else 'something unexplained'} at the {place_in_words(location)}"
 
 
-def all_in_words(keys: Iterable[Key]) -> str:
+def all_in_words(keys: Iterable[tuple[str, str]]) -> str:
     """Several effects at their places, as one phrase."""
     return " and ".join(named_in_words(effect, place) for place, effect in keys)
 

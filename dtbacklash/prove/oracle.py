@@ -30,13 +30,13 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.config.rig import ParameterConfig
-from dtbacklash.diagnose.candidates import candidates
-from dtbacklash.diagnose.evidence import Evidence, Residuals
-from dtbacklash.diagnose.free import Effects, Free, effect_free, nominal_free
-from dtbacklash.diagnose.locate import bank
-from dtbacklash.diagnose.parts import judging
-from dtbacklash.diagnose.problem import Fit
-from dtbacklash.diagnose.refit import fit, objective
+from dtbacklash.diagnose.data.candidates import candidates
+from dtbacklash.diagnose.data.evidence import Evidence, Residuals
+from dtbacklash.diagnose.fit.free import Effects, Free, effect_free, nominal_free
+from dtbacklash.diagnose.fit.problem import Fit
+from dtbacklash.diagnose.fit.refit import fit, objective
+from dtbacklash.diagnose.propose.locate import bank
+from dtbacklash.diagnose.search.parts import judging
 from dtbacklash.physics.rig import Rig, build_rig
 
 #: of the excess over the floor, at most this share may be left with what was hidden in the model

@@ -54,8 +54,8 @@ def oracle_folder(
 ) -> dict[str, Any]:
     """Let the oracle look at a case; by now its seal is open."""
     from dtbacklash.diagnose import records_of
-    from dtbacklash.diagnose.evidence import Evidence
-    from dtbacklash.diagnose.parts import marked
+    from dtbacklash.diagnose.data.evidence import Evidence
+    from dtbacklash.diagnose.search.parts import marked
     from dtbacklash.prove.conceal import nominal_rig
     from dtbacklash.prove.draw import record
     from dtbacklash.prove.oracle import look, rebuilt

@@ -18,7 +18,7 @@ import yaml
 from dtbacklash import cli
 from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Diagnosis, diagnose
-from dtbacklash.diagnose.command import held_equivalent
+from dtbacklash.diagnose.data.command import held_equivalent
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.rig_file import rig_yaml
 from dtbacklash.physics.simulate import simulate

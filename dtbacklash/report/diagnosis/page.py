@@ -19,7 +19,7 @@ from dtbacklash.diagnose.result import (
     ModelErrors,
     Recalibrated,
 )
-from dtbacklash.diagnose.save import save
+from dtbacklash.diagnose.say.save import save
 from dtbacklash.diagnose.words import named_in_words, other_in_words, place_in_words
 from dtbacklash.files import json_text
 from dtbacklash.physics.effects.declare import name_in_words

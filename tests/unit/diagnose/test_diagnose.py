@@ -7,9 +7,9 @@ import pytest
 
 from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Record, diagnose, diagnose_records
-from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.free import nominal_free
-from dtbacklash.diagnose.refit import fit
+from dtbacklash.diagnose.data.evidence import Evidence
+from dtbacklash.diagnose.fit.free import nominal_free
+from dtbacklash.diagnose.fit.refit import fit
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import build_rig

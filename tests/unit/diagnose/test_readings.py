@@ -5,11 +5,11 @@ import pytest
 
 from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import pipeline
-from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.free import Key, nominal_free
-from dtbacklash.diagnose.problem import Fit
-from dtbacklash.diagnose.refit import fit
-from dtbacklash.diagnose.trials import Search
+from dtbacklash.diagnose.data.evidence import Evidence
+from dtbacklash.diagnose.fit.free import Key, nominal_free
+from dtbacklash.diagnose.fit.problem import Fit
+from dtbacklash.diagnose.fit.refit import fit
+from dtbacklash.diagnose.search.trials import Search
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import simulate
 

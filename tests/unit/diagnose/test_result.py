@@ -8,12 +8,12 @@ import diagnosed
 import numpy as np
 import pytest
 
-from dtbacklash.diagnose.findings import located
-from dtbacklash.diagnose.recover import Recovered
+from dtbacklash.diagnose.judge.free_form import Recovered
+from dtbacklash.diagnose.judge.verdict import Left
 from dtbacklash.diagnose.result import UNEXPLAINED, Candidate, FreeRunning, Instead, Located, ModelErrors
-from dtbacklash.diagnose.save import save
-from dtbacklash.diagnose.sayings import summary
-from dtbacklash.diagnose.verdict import Left
+from dtbacklash.diagnose.say.findings import located
+from dtbacklash.diagnose.say.save import save
+from dtbacklash.diagnose.say.sentences import summary
 
 KEYS = [
     "verdict", "summary", "findings", "recalibrated", "fit", "free_running", "candidates", "located", "checks",

@@ -12,9 +12,9 @@ from joblib import parallel_config
 import dtbacklash
 from benchmarks.ablation import _variants
 from dtbacklash.diagnose import diagnose_records
-from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.floor import quantum
-from dtbacklash.diagnose.parts import marked
+from dtbacklash.diagnose.data.evidence import Evidence
+from dtbacklash.diagnose.data.floor import quantum
+from dtbacklash.diagnose.search.parts import marked
 from dtbacklash.diagnose.settings import DiagnoseSettings, settings, using
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.errors import UserError

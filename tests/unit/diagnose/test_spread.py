@@ -5,12 +5,12 @@ from operator import neg
 import numpy as np
 from joblib import parallel_config
 
-from dtbacklash.diagnose.evidence import Evidence
-from dtbacklash.diagnose.free import nominal_free
-from dtbacklash.diagnose.name import scores_about
-from dtbacklash.diagnose.refit import fit
+from dtbacklash.diagnose.data.evidence import Evidence
+from dtbacklash.diagnose.fit.free import nominal_free
+from dtbacklash.diagnose.fit.refit import fit
+from dtbacklash.diagnose.search.grow import scores_about
+from dtbacklash.diagnose.search.trials import Search
 from dtbacklash.diagnose.spread import on_cores, spread
-from dtbacklash.diagnose.trials import Search
 
 from .conftest import recorded
 

@@ -7,7 +7,7 @@ import pytest
 
 from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Record
-from dtbacklash.diagnose.evidence import Evidence
+from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.prove.oracle import Seen, described, look, rebuilt

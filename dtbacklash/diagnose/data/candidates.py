@@ -1,0 +1,169 @@
+"""What could be missing: every effect that a rig's elements take, and where its secondary parameters may lie."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.data.compare import Block, Record, places_of, predict
+from dtbacklash.diagnose.data.pull import adrift
+from dtbacklash.errors import UserError
+from dtbacklash.physics.bodies import natural_frequencies_hz
+from dtbacklash.physics.catalogue import effects_of
+from dtbacklash.physics.effects import slots
+from dtbacklash.physics.effects.declare import Bounds, Effect, Place, Values
+from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, build_rig
+
+#: slower than this share of the fastest is taken as rest
+TREMOR = 0.02
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect at one place, with the grid of values from which its signatures are made."""
+
+    place: str
+    effect: Effect
+    grid: list[Values] = field(default_factory=list)
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """(place, effect's name)."""
+        return self.place, self.effect.name
+
+
+def candidates(rig: Rig, blocks: list[Block], moving: "PlacesInMotion") -> list[Candidate]:
+    """All effects that the rig does not have yet and that the blocks can show."""
+    places = set().union(*(places_of(rig, b) for b in blocks))
+    channels = {SENSOR_PREFIX + c for b in blocks for c in b.channels}
+    unseen = set().union(*(places_of(rig, b) for b in blocks if adrift(rig, b, moving.step_s)))
+    found = []
+    for place in [*rig.elements, *sorted(p for p in places if p.startswith(SENSOR_PREFIX))]:
+        if place not in channels | places:
+            continue
+        for effect in effects_of(rig.kind_at(place)).values():
+            if place in unseen and _asks_for_position(effect):
+                continue
+            possible = rig.effect(place, effect.name) is None and _possible(rig, place, effect)
+            if possible and effect.is_shown(moving(place)):
+                starts, bounds = effect.start_values(moving(place)), effect.bounds_at(moving(place))
+                found.append(Candidate(place, effect, [_within(v, bounds) for v in starts]))
+    return found
+
+
+def _within(values: Values, bounds: Bounds) -> Values:
+    return {name: float(np.clip(v, *bounds[name])) if name in bounds else v for name, v in values.items()}
+
+
+def _asks_for_position(effect: Effect) -> bool:
+    """Whether a law of the effect depends on where something is."""
+    asked = {a for law in effect.slot.laws().values() for a in slots.arguments(law, effect.slot.states, effect)}
+    return bool({"position", "angle"} & asked)
+
+
+def _possible(rig: Rig, place: str, effect: Effect) -> bool:
+    """Whether the rig's build takes the effect at all, and it can be seen from where the rig begins."""
+    base = (screw := rig.only("screw")) and screw.neighbours.get("carries")
+    if place == base and not (screw and rig.amount(screw.name, slots.Yielding, "compliance")):
+        return False  # a mass on a rigid screw moves as the screw does, whatever acts on it
+    try:
+        rig.with_effect(place, effect.name, {effect.size.name: effect.size.typical})
+    except UserError:
+        return False
+    return True
+
+
+class PlacesInMotion:
+    """How each place of a rig moves in the recordings: as measured, and as simulated where that is not measured."""
+
+    def __init__(self, rig: Rig, blocks: list[Block], records: list[Record]) -> None:
+        self.rig, self.step_s = rig, records[0].sample_time_s
+        fitted = [r for r in records if r.train.any()] or records[:1]
+        each = [positions(rig, blocks, r) for r in fitted]
+        self.where = {body: np.concatenate([at[body] for at in each]) for body in each[0]}
+        self.command = np.concatenate([r.u for r in records])
+        frequencies = natural_frequencies_hz(rig)
+        modes = (float(frequencies.min()), float(frequencies.max())) if len(frequencies) else (0.0, 0.0)
+        screw = rig.only("screw")
+        self._everywhere = Place(
+            duration_s=len(self.command) * self.step_s, sample_time_s=self.step_s, modes=modes, command=self.command,
+            travel=2.0 * np.pi * screw.values["lead"] if screw else 0.0,
+        )  # fmt: skip
+
+    def __call__(self, name: str) -> Place:
+        """What an effect's declaration is told of a place."""
+        element = self.rig.elements.get(name)
+        if element is None:
+            return self._everywhere
+        moved = self._moved(name)
+        speeds = self._speeds(moved)
+        fastest = float(np.quantile(speeds, 0.98))
+        place = replace(
+            self._everywhere, values=element.values, way=float(np.ptp(self.where.get(moved, np.zeros(1)))),
+            speed=fastest, speed_slow=float(np.quantile(speeds[speeds >= TREMOR * fastest], 0.25)),
+        )  # fmt: skip
+        if element.trait.trait == slots.SPRING:
+            stretch, rate = self._stretch(name)
+            span = float(np.quantile(np.abs(stretch), 0.95))
+            return replace(place, stretch=stretch, span=span, stretch_rate=rate, reach=float(np.abs(stretch).max()))
+        if element.trait.trait == slots.BODY:
+            return replace(place, force=self._force(name))
+        return place
+
+    def lowest(self, name: str) -> float:
+        """The lower end of the way of a place, m or rad; 0 where it is not known how it moves."""
+        return float(self.where.get(self._moved(name), np.zeros(1)).min())
+
+    def _moved(self, name: str) -> str:
+        """The body whose motion counts at an element: itself, or the motor's rotor."""
+        is_body = self.rig.elements[name].trait.trait == slots.BODY
+        return name if is_body else getattr(self.rig.motor_rotor(), "name", "")
+
+    def _speeds(self, name: str) -> Floats:
+        """(n,) speeds of a body without their signs, m/s or rad/s; a single 0 where it is not known how it moves."""
+        smooth = np.convolve(self.where.get(name, np.zeros(1)), np.ones(9) / 9, "same")[8:-8]
+        return np.abs(np.diff(smooth)) / self.step_s if len(smooth) > 2 else np.zeros(1)
+
+    def _stretch(self, name: str) -> tuple[Floats, float]:
+        """(N,) stretch of a spring, and its usual rate."""
+        zero = np.zeros(len(self.command))
+        ends = self.rig.elements[name].neighbours["between"]
+        a, b = (self.where.get(e, zero[: len(next(iter(self.where.values()), zero))]) for e in ends)
+        return b - a, float(np.quantile(np.abs(np.diff(b - a)) / self.step_s, 0.9))
+
+    def _force(self, name: str) -> float:
+        """What drives a body, N or N m, as large as it usually is: the springs at it, and the motor."""
+        force = 0.0
+        for link in self.rig.links():
+            if name in link.neighbours["between"]:
+                pull = link.values["stiffness"] * float(np.quantile(np.abs(self._stretch(link.name)[0]), 0.9))
+                force = max(force, pull)
+        actuator, circuit = self.rig.only("actuator"), self.rig.only("motor_circuit")
+        usual = float(np.std(self.command))
+        if actuator and actuator.neighbours["drives"] == name:
+            force = max(force, actuator.values["gain"] * usual)
+        if circuit and circuit.neighbours["drives"] == name:
+            force = max(force, circuit.values["torque_constant"] / circuit.values["resistance"] * usual)
+        return force
+
+
+def positions(rig: Rig, blocks: list[Block], record: Record) -> dict[str, Floats]:
+    """(N,) position of every body, SI: as the blocks simulate them, measured where they are."""
+    found: dict[str, Floats] = {}
+    bodies = [e.name for e in rig.bodies()]
+    for block in blocks:
+        inside = [b for b in bodies if b in places_of(rig, block)]
+        sensors = {f"_{b}": {"of": b, "quantity": "position"} for b in inside}
+        config = replace(rig.config, sensors={**rig.config.sensors, **sensors})
+        wide = replace(block, channels=(*block.channels, *sensors))
+        y = {**record.y, **{s: np.zeros(record.samples) for s in sensors}}
+        values = predict(build_rig(config), wide, replace(record, y=y))
+        for j, body in enumerate(inside):
+            found[body] = values[:, len(block.channels) + j]
+    for name, sensor in rig.sensors.items():
+        if sensor.quantity == "velocity" and name in record.y and sensor.of in found:
+            found[sensor.of] = np.cumsum(record.y[name]) * record.sample_time_s  # from where it began
+    for name, sensor in rig.sensors.items():
+        if sensor.quantity == "position" and name in record.y:
+            found[sensor.of] = record.y[name]
+    return found

@@ -1,0 +1,162 @@
+"""What a diagnosis works on: recordings, blocks and the noise floor, and the loss of a rig on them."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.data.candidates import PlacesInMotion
+from dtbacklash.diagnose.data.compare import Block, Record, Steps, places_of, residual
+from dtbacklash.diagnose.data.floor import Noise, channel_noise, noise_floor
+from dtbacklash.diagnose.data.in_motion import begun
+from dtbacklash.diagnose.data.pull import cut, guided
+from dtbacklash.diagnose.data.tempo import tempo_rad_s
+from dtbacklash.diagnose.settings import settings
+from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.effects.declare import Bounds
+from dtbacklash.physics.rig import Rig
+from dtbacklash.recording.channels import runs
+
+#: residuals beyond this many floors are all the same: the simulation ran away
+RUNAWAY = 1e9
+
+Residuals = dict[str, list[Floats]]
+
+
+def stretch_of(records: list[Record]) -> int:
+    """Samples of a stretch over which losses are compared."""
+    return max(20, sum(int(r.held.sum()) for r in records) // settings().paired_stretches)
+
+
+def _finite(residuals: Floats) -> Floats:
+    """Residuals of which none is beyond RUNAWAY, also where the simulation overflowed."""
+    return np.clip(np.nan_to_num(residuals, nan=RUNAWAY, posinf=RUNAWAY, neginf=-RUNAWAY), -RUNAWAY, RUNAWAY)
+
+
+@dataclass
+class Evidence:
+    """Recordings, the blocks into which the rig is cut, and the noise floor of every channel."""
+
+    nominal: Rig
+    records: list[Record]
+    blocks: list[Block]
+    noise: Noise
+    floor: dict[str, Floats]
+    stretch: int
+    moving: PlacesInMotion
+
+    @classmethod
+    def gather(
+        cls, rig: Rig, records: list[Record], tempo: float | None = None, noise: Noise | None = None
+    ) -> "Evidence":
+        """Cut the rig and measure the floor.
+
+        tempo : of the machine, rad/s. noise : of its sensors. None: as these records say.
+        """
+        channels = tuple(n for n in rig.sensors if all(n in r.y for r in records))
+        tempo = tempo_rad_s(rig, records) if tempo is None else tempo
+        blocks = [guided(rig, b, records) for b in cut(rig, channels, records[0].sample_time_s, tempo)]
+        records = [begun(rig, blocks, r) for r in records]
+        stretch = stretch_of(records)
+        noise = channel_noise(records) if noise is None else noise
+        moving = PlacesInMotion(rig, blocks, records)
+        return cls(rig, records, blocks, noise, noise_floor(rig, blocks, records, noise), stretch, moving)
+
+    @property
+    def correlated(self) -> float:
+        """So many samples in a row of a residual far above the floor say the same."""
+        return max(1.0, settings().correlated_ratio / self.blocks[0].tempo)
+
+    def bounds(self, key: tuple[str, str]) -> Bounds:
+        """Parameter -> (low, high) within which these recordings can show an effect at a place."""
+        return find(self.nominal.kind_at(key[0]), key[1], key[0]).bounds_at(self.moving(key[0]))
+
+    def quieter(self, residuals: Residuals) -> "Evidence":
+        """The same with a lower floor, where these residuals show that a channel's noise is less than was thought."""
+        left = {c: [e[:, j] * self.floor[b.name][j] for e in residuals[b.name]]
+                for b in self.blocks for j, c in enumerate(b.channels)}  # fmt: skip
+        noise = channel_noise(self.records, left)
+        ratio = settings().quieter_ratio
+        noise = {c: noise[c] if noise[c][0] < ratio * old[0] else old for c, old in self.noise.items()}
+        if noise == self.noise:
+            return self
+        return replace(self, noise=noise, floor=noise_floor(self.nominal, self.blocks, self.records, noise))
+
+    def least(self) -> dict[str, Floats]:
+        """Per block, (channels,) the mean square below which nothing can be told, in units of the floor's.
+
+        1 where a sensor has noise, or the block is driven by the command. Where it has none, the method's own error
+        counts: the angle that drives a block is known at the samples only, and what it does between them leaves a small
+        share of the signal.
+        """
+        rules = settings()
+        found = {}
+        for block in self.blocks:
+            sizes = np.array([np.mean([np.std(r.y[c]) for r in self.records]) for c in block.channels])
+            exact = np.array([self.noise[c][0] for c in block.channels]) <= 1.05 * rules.numerical_error_share * sizes
+            method = (rules.method_error_share * sizes / self.floor[block.name]) ** 2
+            counts = exact & (block.imposed is not None)
+            found[block.name] = np.where(counts, np.maximum(method, 1.0), 1.0)
+        return found
+
+    def passed(self) -> dict[str, Floats]:
+        """Per block, (channels,) the share of the floor's mean square that is not the sensor's own noise.
+
+        An encoder's counts that drive the structure, mostly. It is measured on a simulated recording, in which the
+        motor stops between other counts: it is known to a factor only, and something that an effect can fit.
+        """
+        found = {}
+        for block in self.blocks:
+            own = np.array([self.noise[c][0] for c in block.channels])
+            found[block.name] = np.clip(1.0 - (own / self.floor[block.name]) ** 2, 0.0, 1.0)
+        return found
+
+    def rescaled(self, residuals: Residuals, before: "Evidence") -> Residuals:
+        """Residuals in units of this floor, from those in units of the floor of ``before``."""
+        return {
+            b.name: [e * (before.floor[b.name] / self.floor[b.name]) for e in residuals[b.name]] for b in self.blocks
+        }
+
+    def residuals(
+        self, rig: Rig, known: Residuals | None = None, places: set[str] | None = None, steps: Steps = "fine"
+    ) -> Residuals:
+        """Per block and record, (N, channels) residuals in units of the floor.
+
+        ``known`` : residuals, of some blocks, of a rig that differs at ``places`` only: blocks that hold none of
+        them are copied.
+        """
+        found: Residuals = {}
+        for block in self.blocks:
+            if known is not None and block.name in known and not (places or set()) & places_of(rig, block):
+                found[block.name] = known[block.name]
+            else:
+                scale = self.floor[block.name]
+                with np.errstate(over="ignore", invalid="ignore"):  # a simulation that ran away
+                    found[block.name] = [_finite(residual(rig, block, r, steps) / scale) for r in self.records]
+        return found
+
+    def rows(self, residuals: Residuals, name: str, part: str) -> Floats:
+        """(channels, samples) of one block's residuals in a part: ``train`` or ``held``."""
+        # parts take turns in a few runs, which copy faster than by a mask
+        chosen = [
+            e[a:b]
+            for e, r in zip(residuals[name], self.records, strict=True) for a, b in runs(getattr(r, part))
+        ]  # fmt: skip
+        if not chosen:
+            return np.zeros((residuals[name][0].shape[1], 0))
+        return (chosen[0] if len(chosen) == 1 else np.concatenate(chosen)).T
+
+    def mean_square(self, residuals: Residuals, part: str) -> dict[str, Floats]:
+        """Per block, (channels,) mean square in units of the floor's."""
+        return {b.name: np.mean(self.rows(residuals, b.name, part) ** 2, axis=1) for b in self.blocks}
+
+    def rms(self, residuals: Residuals, part: str = "held") -> float:
+        """Root mean square over all channels, in units of the floor."""
+        return float(np.sqrt(np.mean(np.concatenate(list(self.mean_square(residuals, part).values())))))
+
+    def stretches(self, residuals: Residuals, name: str, part: str = "held") -> Floats:
+        """(channels, stretches) mean squares over stretches of a part, in units of the floor's."""
+        squares = self.rows(residuals, name, part) ** 2
+        whole = squares.shape[1] // self.stretch * self.stretch
+        means: Floats = squares[:, :whole].reshape(len(squares), -1, self.stretch).mean(axis=2)
+        return means

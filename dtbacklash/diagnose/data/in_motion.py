@@ -1,0 +1,73 @@
+"""Whether a recording begins in motion, and then with what its first states are found."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.data.compare import Block, Record, residual
+from dtbacklash.diagnose.data.first_state import Beginning, moves, stands, window_of
+from dtbacklash.diagnose.data.floor import sensor_noise
+from dtbacklash.diagnose.settings import settings
+from dtbacklash.physics.assembly import state_names
+from dtbacklash.physics.rig import Rig
+from dtbacklash.physics.simulate import simulate
+
+
+def begun(rig: Rig, blocks: list[Block], record: Record) -> Record:
+    """The record with where it stands where it begins at rest; else with what its first states are found with.
+
+    Of a beginning in motion the first samples neither train nor judge: what a delay asks for lies before them.
+    """
+    shown = [n for n in record.y if rig.sensors[n].quantity in ("position", "velocity")]
+    noise = {n: max(sensor_noise(v)[0], 1e-300) for n, v in record.y.items()}
+    at_rest = {n: stands(record.y[n], noise[n]) for n in shown if rig.sensors[n].quantity == "position"}
+    record = replace(record, stands=at_rest)
+    window = {n: window_of(record.y[n], noise[n]) for n in shown}
+    known = np.arange(record.samples) >= settings().delay_reach_samples
+    moving = replace(
+        record, train=record.train & known, held=record.held & known, judge=record.judge & known[: len(record.judge)],
+        begins=Beginning(noise, window, _sizes(rig, record, window)),
+    )  # fmt: skip
+    if any(moves(record.y[n], noise[n], rig.sensors[n].quantity == "velocity") for n in shown):
+        return moving
+    return moving if any(_explains(rig, b, record, moving, noise) for b in blocks) else record
+
+
+def _explains(rig: Rig, block: Block, record: Record, moving: Record, noise: dict[str, float]) -> bool:
+    """Whether a first state takes away nearly all that rest leaves of a block's beginning.
+
+    That is how a motion shows in bodies that are not measured, or that turn round just then. Physics that the rig lacks
+    goes on, and no first state takes it away.
+    """
+    rules = settings()
+    first = rules.beginning_samples_min
+    sigma = np.array([noise[c] for c in block.channels])
+    with np.errstate(over="ignore", invalid="ignore"):
+        still, fitted = (float(np.sum((residual(rig, block, r)[:first] / sigma) ** 2)) for r in (record, moving))
+    return still > rules.beginning_ratio * fitted + rules.beginning_squares
+
+
+def _sizes(rig: Rig, record: Record, window: dict[str, int]) -> dict[str, tuple[float, float]]:
+    """Body -> how far it usually is from its middle and how fast: as measured, or as its like, or as simulated."""
+    found: dict[str, tuple[float, float]] = {}
+    for name, width in window.items():
+        sensor, values = rig.sensors[name], record.y[name]
+        if sensor.quantity == "position":
+            speed = (values[width:] - values[:-width]) / (width * record.sample_time_s)
+            found[sensor.of] = float(np.std(values)), float(np.std(speed))
+    axes = {rig.elements[b].trait.axis: size for b, size in found.items()}
+    bodies = state_names(rig, rig.only("positioner") is not None)
+    states = simulate(rig, record.u[:-1], record.sample_time_s, substeps=2, event_levels=4).states
+    first = 1 if rig.only("motor_circuit") else 0
+    for j, body in enumerate(bodies):
+        if body in rig.elements and body not in found:  # what is hidden moves as its host, times a factor
+            free = _spread(states[:, first + j]), _spread(states[:, first + len(bodies) + j])
+            found[body] = axes.get(rig.elements[body].trait.axis, free)
+    return found
+
+
+def _spread(values: Floats) -> float:
+    with np.errstate(over="ignore", invalid="ignore"):
+        size = float(np.std(values))
+    return size if np.isfinite(size) else 0.0

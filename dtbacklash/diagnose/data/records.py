@@ -1,0 +1,65 @@
+"""From a recording to records: a stretch without a gap each, where it is long enough to say anything."""
+
+import numpy as np
+
+from dtbacklash.diagnose.data.compare import Record, part_of, slowest_decay
+from dtbacklash.diagnose.data.pull import cut
+from dtbacklash.diagnose.data.tempo import tempo_rad_s
+from dtbacklash.diagnose.settings import settings
+from dtbacklash.physics.assembly import compile_plant
+from dtbacklash.physics.rig import Rig
+from dtbacklash.recording.model import Recording
+
+
+def records_of(recording: Recording, rig: Rig, train: bool, held: bool, share: float | None = None) -> list[Record]:
+    """The stretches of a recording with their masks.
+
+    All of them for one purpose, or the last ``share`` of the samples to judge and the rest to fit; None: as the
+    settings say.
+    """
+    n = recording.samples
+    share = settings().held_out_share if share is None else share
+    cut_at = n - round(share * n) if train and held else n * train
+    mask = np.arange(n) < cut_at
+    found = {c: np.ascontiguousarray(v, dtype=float) for c, v in recording.channels.items()}
+    measured = {c: v for c, v in found.items() if c in rig.sensors}
+    return [
+        Record(
+            recording.sample_time_s, found["u"][a:b], {c: v[a:b] for c, v in measured.items()}, mask[a:b], ~mask[a:b],
+            float(recording.t_s[a] - recording.t_s[0]),
+        )
+        for a, b in recording.stretches
+    ]  # fmt: skip
+
+
+def long_enough(rig: Rig, records: list[Record]) -> tuple[list[Record], tuple[str, ...]]:
+    """The records that say something about the rig, and a note on those that are left out.
+
+    A recording in one piece is never left out, nor anything where too little would remain to fit or to judge.
+
+    Raises
+    ------
+    UserError : as :func:`.pull.cut`.
+    """
+    stretches = [r for k, r in enumerate(records) if r.from_s > 0.0 or (k + 1 < len(records) and records[k + 1].from_s)]
+    if not stretches:
+        return records, ()
+    step, slowest = records[0].sample_time_s, slowest_decay_of(rig, records)
+    least = max(settings().beginning_samples_min, round(settings().stretch_decays_min / slowest / step))
+    short = [r for r in stretches if r.samples < least]
+    kept = [r for r in records if not any(r is s for s in short)]
+    if not short or not any(r.train.any() for r in kept) or not any(r.held.any() for r in kept):
+        return records, ()
+    count, lost = len(short), sum(r.samples for r in short)
+    return kept, (
+        f"{count} of {len(stretches)} stretches ({lost} samples) {'is' if count == 1 else 'are'} left out, being "
+        f"shorter than {least * step:.3g} s: too short beside the slowest decay of the rig.",
+    )
+
+
+def slowest_decay_of(rig: Rig, records: list[Record]) -> float:
+    """Slowest decay rate of the blocks into which recordings cut a rig, 1/s; errors as :func:`.pull.cut`."""
+    step = records[0].sample_time_s
+    blocks = cut(rig, tuple(n for n in rig.sensors if all(n in r.y for r in records)), step, tempo_rad_s(rig, records))
+    plants = [compile_plant(part_of(rig, b), step, imposed=b.imposed is not None) for b in blocks]
+    return min(slowest_decay(plant, block) for plant, block in zip(plants, blocks, strict=True))

@@ -1,0 +1,62 @@
+"""How an effort within a block reaches what the block is judged by, as a linear filter."""
+
+import math
+
+import numpy as np
+from scipy.signal import lfilter, ss2tf
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.data.compare import Block
+from dtbacklash.physics.kernel import plant as pl
+from dtbacklash.physics.kernel.plant import Plant
+from dtbacklash.physics.rig import Rig
+
+#: (N,) a position, (N,) what a wave over it is multiplied by, and whether it is counted from where the wave is 0
+Path = tuple[Floats, Floats, bool]
+#: numerators (channels, order + 1) and denominator
+Response = tuple[Floats, Floats]
+
+
+def transfer(part: Rig, block: Block, plant: Plant, columns: dict[int, float], thin: int = 1) -> Response:
+    """Numerators (channels, order + 1) and denominator from an effort to the block's innovations.
+
+    ``plant`` : of the block's part of the rig, with a sample as long as ``thin`` of the recording's.
+    ``columns`` : {input channel: sign} through which the effort acts.
+    """
+    contact = 0 if plant.rotor < 0 else 1
+    A = plant.E[contact, 0].T
+    B = sum(sign * plant.P1[contact, 0, channel] for channel, sign in columns.items())
+    names = list(part.sensors)
+    C = np.zeros((len(block.channels), len(A)))
+    for j, c in enumerate(block.channels):
+        index = int(plant.sensor[names.index(c), pl.Y_INDEX])
+        if index >= 0:
+            C[j, index] = 1.0
+    if block.pulled:
+        row = C[list(block.channels).index(block.pulled)]
+        gain = np.zeros(len(A))
+        where = int(np.argmax(row))
+        gain[where] = thin * block.gains[0]
+        if block.gains[1]:
+            gain[where + plant.n_bodies] = thin * block.gains[1]
+        A = A - A @ np.outer(gain, row)
+    return ss2tf(A, np.asarray(B)[:, None], C, np.zeros((len(C), 1)))
+
+
+def wave_responses(waves: Floats, shape: int, paths: list[Path], response: Response, every: int) -> Floats:
+    """(channels, waves, thinned samples) the responses to a sine (0) or a cosine (1) along the paths.
+
+    The effort is averaged over a few samples before it is filtered at that slower rate; single precision will do.
+    """
+    numerators, denominator = response
+    shift, outputs = np.float32(0.5 * math.pi * shape), []
+    for q, w, counted in paths:
+        effort = np.sin(waves[:, None].astype(np.float32) * q.astype(np.float32) + shift)
+        if counted:
+            effort -= np.sin(shift)
+        else:
+            effort *= w.astype(np.float32)
+        n = effort.shape[1] // every * every
+        mean = effort[:, :n].reshape(len(waves), -1, every).mean(axis=2, dtype=np.float64)
+        outputs.append(np.array([lfilter(row, denominator, mean) for row in numerators]))
+    return np.concatenate(outputs, axis=2)

@@ -1,0 +1,83 @@
+"""How fast a machine moves in its recordings: the scale of time by which the pull and what integrates are chosen.
+
+A scale that is fixed in seconds holds for the machines that it was found on. The recording's own lies between how fast
+the command changes and how fast the speed answers, on whose effort the laws act.
+"""
+
+import numpy as np
+from scipy.signal import detrend, periodogram
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.data.compare import Record
+from dtbacklash.diagnose.data.floor import channel_noise
+from dtbacklash.physics.rig import Rig
+
+#: a speed is taken over as many samples as it takes to move by so many times the noise, or a count shows as a speed
+FAR = 20.0
+#: the same over so many pieces of a record at least, or the channel does not move
+PIECES = 16
+#: power of a speed's own sensor below so many times that of its white noise is not looked at
+ABOVE_NOISE = 30.0
+#: a machine does not follow a command that changes so many times faster than it moves
+FOLLOWED = 10.0
+#: what changes by less than this share of its size is constant
+CONSTANT = 1e-9
+
+
+def tempo_rad_s(rig: Rig, records: list[Record]) -> float:
+    """Geometric mean of the frequencies below which half the power of the command lies and half that of the speeds.
+
+    rig : tells which of the recorded channels are positions and speeds; of several, the geometric mean counts. A
+    command that changes ten times faster or slower than the machine moves counts as ten times.
+    """
+    step, noise = records[0].sample_time_s, channel_noise(records)
+    moving = []
+    for name, sensor in rig.sensors.items():
+        if sensor.quantity in ("position", "velocity") and all(name in r.y for r in records):
+            seen, sigma = [r.y[name] for r in records], noise[name][0]
+            shown = (_speeds(seen, sigma), 0.0) if sensor.quantity == "position" else (seen, sigma)
+            moving.append(_median(*shown, step))
+    speed, command = _mean(moving), _median([r.u for r in records], 0.0, step)
+    if speed and command:
+        command = float(np.clip(command, speed / FOLLOWED, speed * FOLLOWED))
+    return _mean([command, speed]) or 2.0 * np.pi / (step * max(r.samples for r in records))
+
+
+def _mean(rates: list[float]) -> float:
+    """The geometric mean of what is known; 0 where nothing is."""
+    known = [rate for rate in rates if rate > 0.0]
+    return float(np.exp(np.mean(np.log(known)))) if known else 0.0
+
+
+def _speeds(positions: list[Floats], noise: float) -> list[Floats]:
+    """Differences of positions over as few samples as show a motion; none where it is not more than noise."""
+    width = 1
+    while width <= max(map(len, positions)) // PIECES:
+        steps = [p[width:] - p[:-width] for p in positions if len(p) > width]
+        if np.mean(np.concatenate(steps) ** 2) >= (FAR * noise) ** 2:
+            return steps
+        width *= 2
+    return []
+
+
+def is_constant(values: Floats) -> bool:
+    """Whether a signal is a constant with its rounding."""
+    return bool(np.std(values) <= CONSTANT * np.max(np.abs(values)))
+
+
+def _median(signals: list[Floats], noise: float, step_s: float) -> float:
+    """Frequency below which half the power of signals beyond their noise lies, rad/s; 0 without any."""
+    rates, weights = [], []
+    for values in signals:
+        if len(values) < 2 or is_constant(values):
+            continue
+        hz, density = periodogram(detrend(values), 1.0 / step_s, "hann", detrend=False)
+        rates.append(2.0 * np.pi * hz[1:])
+        # times the samples over the lines' spacing: a long record counts for more
+        weights.append(np.where(density[1:] > ABOVE_NOISE * 2.0 * step_s * noise**2, density[1:], 0.0))
+    if not rates:
+        return 0.0
+    omega, weight = np.concatenate(rates), np.concatenate(weights)
+    order = np.argsort(omega)
+    share = np.cumsum(weight[order])
+    return float(omega[order][np.searchsorted(share, 0.5 * share[-1])]) if share[-1] > 0.0 else 0.0

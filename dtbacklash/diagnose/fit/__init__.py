@@ -1,0 +1,1 @@
+"""Fits by simulation: what may move, the least-squares problem, intervals, and the comparison of two fits."""

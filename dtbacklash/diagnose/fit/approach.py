@@ -1,0 +1,153 @@
+"""Approach: lead a fit into the right valley where a lightly damped machine swings at other frequencies than its rig.
+
+Where a resonance is narrower than it is misplaced, the rig and the recording are out of step for most of its ringing.
+The least squares then have a valley for every cycle that it may be behind, and the fit damps the mode instead of moving
+it. Early in the ringing there is one valley only. So what is fitted first is how the residual begins to answer the
+command: its correlation with the whitened command, over lags of a few periods, and over longer ones as the parameters
+come nearer. Slow modes come first, as all others stand on what they do. Over all lags it would be the sum of
+squares of what the command can explain of the residual.
+
+Fitting low frequencies and short times first is the multiscale inversion of waveforms: C. Bunks et al., Multiscale
+seismic waveform inversion, Geophysics 60 (1995) 1457.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.data.compare import Block, Record, part_of, poles_of
+from dtbacklash.diagnose.data.evidence import Evidence, Residuals
+from dtbacklash.diagnose.data.tempo import is_constant
+from dtbacklash.diagnose.fit.free import Free
+from dtbacklash.diagnose.fit.problem import Problem, inside, limits_of
+from dtbacklash.diagnose.fit.refit import solve
+from dtbacklash.physics.assembly import compile_plant
+from dtbacklash.physics.rig import Rig
+
+#: lags of so many periods come first, and so many times more next, until the ringing has decayed so often
+PERIODS, LONGER, DECAYS = 4, 4, 3.0
+#: modes are led one by one whose frequencies differ by this ratio
+APART = 1.3
+#: evaluations of a stage: what it leaves, the next one takes up
+EVALUATIONS = 5
+#: so many samples are looked at for each lag
+SAMPLES_A_LAG = 50
+#: order of the low-pass in front of the modes that are not led yet
+ORDER = 4
+#: at frequencies of less than this share of the command's greatest density it says nothing
+SAYS_NOTHING = 1e-6
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Lags up to ``lags`` samples, of frequencies up to ``cut``, cycles per sample (infinite: of all)."""
+
+    lags: int
+    cut: float
+
+
+class Echo(Problem):
+    """The least-squares problem of how the residual begins to answer the command, at the noise's own weight."""
+
+    def __init__(self, evidence: Evidence, base: Rig, free: list[Free], stage: Stage) -> None:
+        super().__init__(evidence, base, free)
+        self.steps = "coarse"
+        blocks = [b for b in evidence.blocks if b.name in self.touched]
+        self.weights = {b.name: np.ones(len(b.channels)) for b in blocks}
+        self._drives = {b.name: [_drive(b, record, stage) for record in evidence.records] for b in blocks}
+        self._taper = 0.5 + 0.5 * np.cos(np.pi * np.arange(stage.lags) / stage.lags)
+
+    def data(self, residuals: Residuals, name: str) -> Floats:
+        """(channels, lags) of one block: correlations, of at most unit variance where the residual is white noise."""
+        records, drives = self.evidence.records, self._drives[name]
+        total = np.zeros((residuals[name][0].shape[1], len(self._taper)))
+        for e, record, drive in zip(residuals[name], records, drives, strict=True):
+            fitted = np.where(record.train, e.T, 0.0)
+            length = 2 * (len(drive) - 1)
+            total += irfft(rfft(fitted, length) * drive, length)[:, : len(self._taper)]
+        tapered: Floats = total * self._taper / np.sqrt(len(records))
+        return tapered
+
+    def _mended(self, x: Floats, rows: Floats) -> None:
+        """Each step has differences of its own: it may lead through another valley."""
+
+
+def _drive(block: Block, record: Record, stage: Stage) -> Floats:
+    """(frequencies,) conjugate spectrum of what drives a block, whitened as finely as the lags resolve, low-passed."""
+    drive = _driven(block, record)
+    length = next_fast_len(2 * max(len(drive), stage.lags), real=True)
+    length += length % 2
+    spectrum = rfft(drive - drive.mean(), length)
+    lags = np.minimum(np.arange(length), length - np.arange(length))
+    bartlett = np.maximum(1.0 - lags / stage.lags, 0.0)
+    density = np.maximum(rfft(irfft(np.abs(spectrum) ** 2, length) * bartlett, length).real, 0.0)
+    white = np.conj(spectrum) / np.sqrt(density + max(SAYS_NOTHING * float(density.max()), 1e-300))
+    passed: Floats = white / np.sqrt(1.0 + (np.arange(len(white)) / (length * stage.cut)) ** (2 * ORDER))
+    return passed
+
+
+def _driven(block: Block, record: Record) -> Floats:
+    """(N,) what drives a block: the command, or the speed of the angle that is imposed."""
+    return np.gradient(record.y[block.imposed]) if block.imposed else record.u
+
+
+def approached(evidence: Evidence, base: Rig, free: list[Free], x: Floats) -> Floats:
+    """Parameters near which a fit finds its valley, led from ``x``; ``x`` itself where no mode rings for long."""
+    x = inside(x, limits_of(free))
+    for stage in _stages(evidence, base):
+        begins = _beginning(evidence, SAMPLES_A_LAG * stage.lags)
+        if begins.records:
+            x = solve(Echo(begins, base, free, stage), x, EVALUATIONS)
+    return x
+
+
+def _beginning(evidence: Evidence, samples: int) -> Evidence:
+    """The first samples, which are enough for few lags, of each record that is fitted to there, and is driven."""
+    records = [
+        replace(r, u=r.u[:samples], y={c: seen[:samples] for c, seen in r.y.items()}, train=r.train[:samples],
+                held=r.held[:samples], judge=r.judge[:samples])
+        for r in evidence.records
+        if r.train[:samples].any() and not any(is_constant(_driven(b, r)[:samples]) for b in evidence.blocks)
+    ]  # fmt: skip
+    return replace(evidence, records=records)
+
+
+def _stages(evidence: Evidence, rig: Rig) -> list[Stage]:
+    poles = np.concatenate([_ringing(rig, block, evidence.records[0].sample_time_s) for block in evidence.blocks])
+    poles = poles[np.argsort(poles.imag)]
+    longest = max(r.samples for r in evidence.records)
+    stages: list[Stage] = []
+    for together in _clusters(poles):
+        faster = poles[together[-1] + 1 :][:1]
+        cut = float(np.sqrt(poles[together[-1]].imag * faster[0].imag)) / (2.0 * np.pi) if len(faster) else np.inf
+        lags = PERIODS * 2.0 * np.pi / poles[together[0]].imag
+        memory = max(DECAYS / max(-float(poles[j].real), 1e-300) for j in together)
+        while True:
+            stages.append(Stage(min(round(lags), longest), cut))
+            if lags > min(memory, longest):
+                break
+            lags *= LONGER
+    return stages
+
+
+def _clusters(poles: Floats) -> list[list[int]]:
+    """Indices of modes, ascending, that lie too near to each other to be led one by one."""
+    clusters: list[list[int]] = []
+    for j, pole in enumerate(poles):
+        if clusters and pole.imag < APART * poles[j - 1].imag:
+            clusters[-1].append(j)
+        else:
+            clusters.append([j])
+    return clusters
+
+
+def _ringing(rig: Rig, block: Block, step_s: float) -> Floats:
+    """Poles of a block's modes that can be seen and ring for longer than the first lags, per sample."""
+    plant = compile_plant(part_of(rig, block), step_s, imposed=block.imposed is not None)
+    poles = poles_of(plant) * step_s
+    seen = poles[(poles.imag > 0.0) & (poles.imag < np.pi)]
+    rings = DECAYS * seen.imag > PERIODS * 2.0 * np.pi * np.abs(seen.real)
+    found: Floats = seen[rings]
+    return found

@@ -1,0 +1,80 @@
+"""Errors of the models in one table: pulled towards the measurement as they were compared, and running freely."""
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.data.compare import Block, Record, predict
+from dtbacklash.diagnose.data.evidence import Evidence
+from dtbacklash.diagnose.fit.problem import Fit
+from dtbacklash.diagnose.result import FitTable, FreeRunning, ModelErrors
+from dtbacklash.physics.rig import Rig
+
+
+def fit_table(evidence: Evidence, nominal: Fit, fitted: Fit) -> FitTable:
+    """Normalised errors of the nominal, the recalibrated and the extended rig, over all channels."""
+    fits = (evidence.residuals(evidence.nominal), nominal.residuals, fitted.residuals)
+    scale = {b.name: evidence.floor[b.name] / _sizes(evidence, b) for b in evidence.blocks}
+    parts = {}
+    for part in ("train", "held"):
+        errors = []
+        for residuals in fits:
+            squares = evidence.mean_square(residuals, part)
+            each = np.concatenate([squares[b] * scale[b] ** 2 for b in squares])
+            errors.append(float(np.sqrt(np.mean(each))))
+        parts[part] = ModelErrors(*errors)
+    floor = float(np.sqrt(np.mean(np.concatenate(list(scale.values())) ** 2)))
+    return FitTable("nrmse", tuple(_channels(evidence)), parts["train"], parts["held"], floor)
+
+
+def in_floors(evidence: Evidence, nominal: Fit, fitted: Fit) -> dict[str, ModelErrors]:
+    """Channel -> held-out rms error of the three rigs, in noise floors: a noisy channel hides no other one."""
+    fits = (evidence.residuals(evidence.nominal), nominal.residuals, fitted.residuals)
+    squares = [evidence.mean_square(residuals, "held") for residuals in fits]
+    return {
+        channel: ModelErrors(*(float(np.sqrt(s[b.name][j])) for s in squares))
+        for b in evidence.blocks for j, channel in enumerate(b.channels)
+    }  # fmt: skip
+
+
+def free_running(evidence: Evidence, nominal: Fit, fitted: Fit) -> FreeRunning:
+    """The same with every rig simulated as a whole, from its first state, by the commands alone."""
+    rigs = (evidence.nominal, nominal.rig, fitted.rig)
+    squares = [free_squares(evidence, rig) for rig in rigs]
+    train, held = ([_error(s[part]) for s in squares] for part in ("train", "held"))
+    return FreeRunning(ModelErrors(*train), ModelErrors(*held))
+
+
+def free_squares(evidence: Evidence, rig: Rig) -> dict[str, Floats]:
+    """Per part, (channels,) mean square of the free simulation's error, relative to the signal's variance."""
+    block = _whole(evidence)
+    sizes = _sizes(evidence, block)
+    with np.errstate(over="ignore", invalid="ignore"):
+        errors = [(_measured(block, r) - predict(rig, block, r)) / sizes for r in evidence.records]
+        train = [e[r.train] for e, r in zip(errors, evidence.records, strict=True)]
+        held = [e[r.held] for e, r in zip(errors, evidence.records, strict=True)]
+        return {n: np.mean(np.concatenate(e) ** 2, axis=0) for n, e in (("train", train), ("held", held))}
+
+
+def _error(squares: Floats) -> float | None:
+    """Root mean square over the channels; None where a simulation did not stay finite."""
+    error = float(np.sqrt(np.mean(squares))) if np.isfinite(squares).all() else float("nan")
+    return error if np.isfinite(error) else None
+
+
+def _whole(evidence: Evidence) -> Block:
+    """The rig in one piece, judged by all channels; it begins where the measurement does and is not pulled."""
+    begins = next((b.imposed or b.pulled for b in evidence.blocks if b.imposed or b.pulled), None)
+    return Block("rig", tuple(_channels(evidence)), evidence.blocks[0].tempo, pulled=begins, gains=(0.0, 0.0))
+
+
+def _channels(evidence: Evidence) -> list[str]:
+    return [c for b in evidence.blocks for c in b.channels]
+
+
+def _measured(block: Block, record: Record) -> Floats:
+    return np.column_stack([record.y[c] for c in block.channels])
+
+
+def _sizes(evidence: Evidence, block: Block) -> Floats:
+    """(channels,) standard deviation of each signal in the first recording."""
+    return np.array([max(np.std(evidence.records[0].y[c]), 1e-300) for c in block.channels])

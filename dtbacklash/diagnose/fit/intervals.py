@@ -1,0 +1,200 @@
+"""Intervals that hold: standard errors from the curvature and from how the score varies from stretch to stretch.
+
+Residuals are correlated (an encoder's counts, what no model explains), so that the curvature alone would promise too
+much: the sandwich of Huber and White over stretches of time is taken where it is wider. Neither knows that the law
+itself is one formulation of several: the catalogue says what that is worth.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.data.evidence import Evidence
+from dtbacklash.diagnose.fit.free import Errors, all_free
+from dtbacklash.diagnose.fit.problem import Fit, Problem, inside, limits_of
+from dtbacklash.diagnose.fit.scaling import unseen_scalings
+from dtbacklash.diagnose.settings import settings
+from dtbacklash.physics.catalogue import find
+
+#: of a direction that the recording hardly sees, differences are taken this far to both sides: in tolerances, or as
+#: logarithms, where the differences of single parameters are a hundredth of that
+WIDE = (0.05, 0.3)
+#: so many of the least seen directions are measured at once, so often, until none changes by more than this share
+LEAST_SEEN, PASSES, MOVED = 3, 5, 0.3
+#: two wide differences agree that differ by less than this share
+AGREE = 0.5
+
+#: standard errors to each side of a 95 % interval
+NORMAL95 = 1.96
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A fit's problem, linear about where it ended: rows, and what each free parameter changes in them."""
+
+    problem: Problem
+    x: Floats
+    jacobian: Floats
+    rows: Floats
+
+
+def linear(evidence: Evidence, fitted: Fit) -> Linear:
+    """What a fit is about where it ended."""
+    free, x = all_free(evidence, fitted.rig)
+    problem = Problem(evidence, fitted.rig, free)
+    problem.weights = fitted.weights
+    rows = problem.stack(problem.residuals(x), x)
+    if not free:
+        return Linear(problem, x, np.zeros((len(rows), 0)), rows)
+    # where the simulation ran away on one side of a difference, the row says nothing
+    jacobian, rows = (
+        np.nan_to_num(part, nan=0.0, posinf=0.0, neginf=0.0) for part in (problem.precise_jacobian(x), rows)
+    )
+    return Linear(problem, x, _along_the_least_seen(problem, x, jacobian), rows)
+
+
+def polished(evidence: Evidence, fitted: Fit) -> tuple[Fit, Linear]:
+    """The fit after one step more, by precise differences, where that is nearer; and what it is about there.
+
+    Along what only the priors know a fit stops anywhere within them, as its rough differences do not show where their
+    middle is.
+    """
+    about = linear(evidence, fitted)
+    problem = about.problem
+    if not problem.free:
+        return fitted, about
+    x = inside(about.x - _inverse(about.jacobian) @ (about.jacobian.T @ about.rows), limits_of(problem.free))
+    rows = problem.stack(problem.residuals(x), x)
+    if not np.isfinite(rows).all() or rows @ rows >= about.rows @ about.rows:
+        return fitted, about
+    return problem.ended(x), replace(about, x=x, rows=rows)
+
+
+def standard_errors(evidence: Evidence, fitted: Fit, about: Linear | None = None) -> Errors:
+    """(place, effect, name) -> standard error, in the parameter's unit; ('', '', name) for a nominal one."""
+    about = about or linear(evidence, fitted)
+    free, x = about.problem.free, about.x
+    if not free:
+        return {}
+    covariance = _covariance(evidence, about.problem, about.jacobian, about.rows)
+    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    result = {}
+    for f, at, error in zip(free, x, errors, strict=True):
+        slope = float(f.value(at) if f.log else f.scale)
+        counted = _counted(evidence) if f.counted else 0.0
+        law = slope * find(fitted.rig.kind_at(f.place), f.effect, f.place).formulation_error if f.effect else 0.0
+        result[(f.place, f.effect, f.name)] = math.hypot(slope * float(error), counted, law)
+    return result
+
+
+def _along_the_least_seen(problem: Problem, x: Floats, jacobian: Floats) -> Floats:
+    """The Jacobian with what changes along its least seen directions measured along them.
+
+    Where all forces, masses and springs grow alike nothing changes, but the columns' errors do not cancel as the
+    columns do: laws with corners make the recording look as if it had seen what only the priors know. A wide step along
+    such a direction has little of that error.
+    """
+    limits = limits_of(problem.free)
+    jacobian = jacobian.copy()
+    for _ in range(PASSES):
+        norms, _, directions = _decomposed(jacobian)
+        moved = 0.0
+        for unit in directions[::-1][:LEAST_SEEN]:
+            step = unit / norms
+            size = float(np.abs(step).max())
+            before = jacobian @ step
+            ends = (size * _difference(problem, x, step / size, h, limits, len(before)) for h in WIDE)
+            there = _agreed(before, *ends)
+            moved = max(moved, float(np.linalg.norm(there - before)) / max(float(np.linalg.norm(before)), 1e-300))
+            jacobian += np.outer(there - before, unit * norms)
+        if moved < MOVED:
+            break
+    return _without_scalings(problem, x, jacobian)
+
+
+def _without_scalings(problem: Problem, x: Floats, jacobian: Floats) -> Floats:
+    """The Jacobian by which no recorded motion tells how large all efforts are."""
+    data = len(jacobian) - int(problem.prior.sum())
+    for direction in unseen_scalings(problem.evidence, problem.base, problem.free, x):
+        norms = _norms(jacobian)
+        unit = direction * norms / np.linalg.norm(direction * norms)
+        jacobian[:data] -= np.outer(jacobian[:data] @ (unit / norms), unit * norms)
+    return jacobian
+
+
+def _agreed(before: Floats, near: Floats, far: Floats) -> Floats:
+    """What changes along a direction: by the wide steps where they agree, else by whatever says least.
+
+    Errors of differences only add to what changes, unless the columns are those of a law that sticks at small steps.
+    """
+    if np.isfinite(far).all() and np.linalg.norm(far - near) < AGREE * np.linalg.norm(far):
+        return far
+    return min((before, near), key=lambda rows: float(rows @ rows))
+
+
+def _difference(problem: Problem, x: Floats, direction: Floats, wide: float, limits: Floats, rows: int) -> Floats:
+    """(rows,) what changes along a direction, per unit of it, by a central difference; infinite without room."""
+    ends = [x + sign * wide * direction for sign in (-1.0, 1.0)]
+    if any(np.any(end < limits[0]) or np.any(end > limits[1]) for end in ends):
+        return np.full(rows, np.inf)
+    low, high = (problem.stack(problem.residuals(end), end) for end in ends)
+    change: Floats = (high - low) / (2.0 * wide)
+    return change
+
+
+def _counted(evidence: Evidence) -> float:
+    """Standard error of a gap that is seen through an encoder's counts, in the encoder's unit.
+
+    At a reversal the play sees the outermost count: the turning point errs by up to half a count, always outwards, and
+    more recording does not average that out.
+    """
+    counts = [evidence.noise[b.imposed][1] for b in evidence.blocks if b.imposed]
+    return max(counts, default=0.0) / (2.0 * math.sqrt(12.0))
+
+
+def _norms(jacobian: Floats) -> Floats:
+    """Norms of the columns; 1 of what changes nothing, which is known to no digit."""
+    norms = np.linalg.norm(jacobian, axis=0)
+    return np.where(norms > 0.0, norms, 1.0)
+
+
+def _decomposed(jacobian: Floats) -> tuple[Floats, Floats, Floats]:
+    """Norms of the columns, and of what they are without these the singular values and the rows of directions."""
+    norms = _norms(jacobian)
+    _, sizes, directions = np.linalg.svd(jacobian / norms, full_matrices=False)
+    return norms, sizes, directions
+
+
+def _inverse(jacobian: Floats) -> Floats:
+    """Inverse of J'J, by J's singular values: columns differ by many decades, and some directions only priors see."""
+    norms, sizes, directions = _decomposed(jacobian)
+    scaled = directions.T / np.maximum(sizes, 1e-12 * sizes[0]) / norms[:, None]
+    inverse: Floats = scaled @ scaled.T
+    return inverse
+
+
+def group_sums(evidence: Evidence, scores: Floats) -> Floats:
+    """(groups, columns) sums over stretches of the training part of (rows, columns), channel after channel."""
+    samples = sum(int(r.train.sum()) for r in evidence.records)
+    length = max(2, min(settings().error_stretches * evidence.stretch, samples // settings().error_groups_min))
+    contributions = scores.reshape(-1, samples, scores.shape[1]).sum(axis=0)
+    whole = samples // length * length
+    sums: Floats = contributions[:whole].reshape(-1, length, scores.shape[1]).sum(axis=1)
+    return sums
+
+
+def _covariance(evidence: Evidence, problem: Problem, jacobian: Floats, rows: Floats) -> Floats:
+    priors = int(problem.prior.sum())
+    data, e = jacobian[: len(jacobian) - priors], rows[: len(rows) - priors]
+    bread = _inverse(jacobian)
+    # weights count a residual that is not noise less, once; the scores below measure its spread themselves
+    sums = group_sums(evidence, data * e[:, None])
+    prior_part = jacobian[len(jacobian) - priors :]
+    groups = len(sums)
+    small = groups / max(groups - data.shape[1], 1.0)  # each fitted parameter takes up a part of the spread
+    meat = min(small, 2.0) * sums.T @ sums + prior_part.T @ prior_part
+    sandwich = bread @ meat @ bread
+    wider = np.maximum(np.diag(sandwich), np.diag(bread))
+    return np.diag(wider)

@@ -1,0 +1,277 @@
+"""The least-squares problem of a fit: rows of weighted residuals and priors, and what each parameter changes in them.
+
+The prior of each nominal parameter is Gaussian, and the likelihood counts as many independent samples as the residual
+has, not as many as were taken; otherwise 30 000 correlated samples of a residual that is not noise would overrule every
+prior.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.data.compare import Steps, places_of
+from dtbacklash.diagnose.data.evidence import Evidence, Residuals
+from dtbacklash.diagnose.fit.free import Effects, Free, apply, effects_of_rig, penalty_of
+from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.effects.declare import Role
+from dtbacklash.physics.rig import Rig
+
+#: the Jacobian's columns of the nominal parameters serve until one of these has moved by as many tolerances
+STALE = 0.05
+#: a Jacobian serves within its round while it misses less than this share of what a step changes in the rows
+MENDED = 0.3
+#: step of a column, of any parameter and of one that says how often a law waves: as narrow as the contacts' ticks allow
+STEP, STEP_WAVE = 0.03, 1e-3
+#: of a precise column it is narrowed by this, so often at most, until two columns differ by less than this share
+NARROW, NARROWER, ALIKE = 0.1, 4, 1e-3
+#: where two columns differ so many times more than wider ones did, they show the contacts' last tick
+TICKS_GROW = 3.0
+#: a fit stays so far inside of a parameter's range
+INSIDE = 1e-9
+#: a delay is moved by at least so much of a sample, within these changes of its logarithm
+DELAY_STEP_SAMPLES, DELAY_STEP_LEAST, DELAY_STEP_MAX = 0.05, 1e-2, 0.5
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A rig whose free parameters have been fitted.
+
+    Attributes
+    ----------
+    rig : with the fitted values. free, x : the parameters and where they ended. residuals : in units of the floor.
+    penalty : sum of the squared deviations of the nominal parameters in tolerances. weights : per block (channels,)
+        what one squared residual weighs in the likelihood.
+    """
+
+    rig: Rig
+    base: Rig
+    free: list[Free]
+    x: Floats
+    residuals: Residuals
+    penalty: float
+    weights: dict[str, Floats]
+
+    @property
+    def effects(self) -> Effects:
+        """The effects of the rig by place and name."""
+        return effects_of_rig(self.rig)
+
+
+def weights_for(evidence: Evidence, residuals: Residuals) -> dict[str, Floats]:
+    """Per block, (channels,) the weight of a squared residual: 1 at the floor, and far below where it is not noise."""
+    mean = evidence.mean_square(residuals, "train")
+    least = evidence.correlated
+    result = {}
+    for name, squares in mean.items():
+        above = np.maximum(squares, 1.0)
+        share = np.clip((above - 1.0) / above, 0.0, 1.0)  # of the residual that is not noise
+        result[name] = 1.0 / (above * (1.0 + share * (least - 1.0)))
+    return result
+
+
+class Problem:
+    """The least-squares problem of one set of free parameters."""
+
+    def __init__(self, evidence: Evidence, base: Rig, free: list[Free], known: Residuals | None = None) -> None:
+        self.evidence, self.base, self.free = evidence, base, free
+        everything = set().union(*(f.places for f in free)) if free else set()
+        self.places = everything
+        self.known = known
+        rig = apply(base, free, np.zeros(len(free)))
+        self.touched = [
+            b.name for b in evidence.blocks if known is None or b.name not in known or everything & places_of(rig, b)
+        ]
+        self.weights: dict[str, Floats] = {}
+        self.steps: Steps = "fine"
+        self.prior = np.array([f.prior for f in free])
+        self._last: dict[tuple[Steps, bytes], Residuals] = {}
+        self._kept: dict[int, Floats] = {}
+        self._kept_at = np.zeros(0)
+        #: where the last Jacobian of this round stands: parameters, rows, and the Jacobian itself
+        self._at: tuple[Floats, Floats, Floats] | None = None
+
+    def weigh(self, residuals: Residuals) -> None:
+        """Take the weights of these residuals; the columns that are kept take them, too."""
+        before, self.weights, self._at = self.weights, weights_for(self.evidence, residuals), None
+        if self._kept:
+            ratio = np.concatenate([np.sqrt(self.weights[name] / before[name]) for name in self.touched])
+            samples = sum(int(r.train.sum()) for r in self.evidence.records)
+            scale = np.concatenate([np.repeat(ratio, samples), np.ones(int(self.prior.sum()))])
+            self._kept = {j: column * scale for j, column in self._kept.items()}
+
+    def finely(self) -> None:
+        """From here on simulate finely, with differences to both sides."""
+        self.steps, self._kept, self._at = "fine", {}, None
+
+    def residuals(self, x: Floats) -> Residuals:
+        """Residuals at x; the last ones are remembered."""
+        return self._simulated(x, self.steps)
+
+    def ended(self, x: Floats) -> Fit:
+        """The fit that ends at x."""
+        residuals, rig = self._simulated(x, "fine"), apply(self.base, self.free, x)
+        penalty, weights = penalty_of(rig, self.evidence.nominal), weights_for(self.evidence, residuals)
+        return Fit(rig, self.base, self.free, x, residuals, penalty, weights)
+
+    def _simulated(self, x: Floats, steps: Steps) -> Residuals:
+        key = steps, x.tobytes()
+        if key not in self._last:
+            there = self.evidence.residuals(apply(self.base, self.free, x), self.known, self.places, steps)
+            self._last = {at: kept for at, kept in self._last.items() if at[0] != steps} | {key: there}
+        return self._last[key]
+
+    def _rows(self, x: Floats, steps: Steps) -> tuple[Residuals, Floats]:
+        """Residuals at x, and the rows made of them."""
+        residuals = self._simulated(x, steps)
+        return residuals, self.stack(residuals, x)
+
+    def data(self, residuals: Residuals, name: str) -> Floats:
+        """(channels, rows) of one block, each of variance 1 where its residual is the floor's noise."""
+        return self.evidence.rows(residuals, name, "train")
+
+    def stack(self, residuals: Residuals, x: Floats) -> Floats:
+        """The rows whose squares are summed: weighted residuals of the training part, then the priors."""
+        rows = []
+        for name in self.touched:
+            part = self.data(residuals, name)
+            rows.append((part * np.sqrt(self.weights[name])[:, None]).ravel())
+        rows.append(x[self.prior])
+        return np.concatenate(rows)
+
+    def jacobian(self, x: Floats) -> Floats:
+        """Differences; within a round the last Jacobian is mended as long as it tells what the rows do.
+
+        It is mended in the direction of the step (Broyden, Math. Comp. 19 (1965) 577), which takes no simulation.
+        """
+        rows = self._rows(x, self.steps)[1]
+        jacobian = self._mended(x, rows)
+        if jacobian is None:
+            jacobian = self.differences(x)
+        self._at = x.copy(), rows, jacobian
+        return jacobian
+
+    def _mended(self, x: Floats, rows: Floats) -> Floats | None:
+        if self._at is None:
+            return None
+        there, before, jacobian = self._at
+        step, change = x - there, rows - before
+        missed = change - jacobian @ step
+        size = float(step @ step)
+        if size == 0.0 or not float(missed @ missed) < MENDED**2 * float(change @ change):
+            return None
+        return np.asarray(jacobian + np.outer(missed, step / size))
+
+    def differences(self, x: Floats) -> Floats:
+        """Blocks that a parameter does not touch are not simulated."""
+        here, start = self._rows(x, "fine") if any(map(self._late, self.free)) else ({}, np.zeros(0))
+        coarse, rows = self._rows(x, "coarse")
+        if self._kept and np.abs(x - self._kept_at)[self.prior].max() > STALE:
+            self._kept = {}
+        if not self._kept:
+            self._kept_at = x.copy()
+        columns = np.empty((len(rows), len(self.free)))
+        for j, f in enumerate(self.free):
+            if j in self._kept:
+                columns[:, j] = self._kept[j]
+                continue
+            if self._late(f):
+                step = self._late_step(j, x[j])
+                columns[:, j] = (self._moved(x, j, step, here) - start) / step
+            else:
+                # where a response is curved, differences to one side err most in what changes least: fits creep there
+                both = self.steps == "fine"
+                columns[:, j] = self._difference(x, j, (coarse, rows), "coarse", both)(self._step(j))
+            if f.prior:  # these are most of the simulations
+                self._kept[j] = columns[:, j].copy()
+        return columns
+
+    def _difference(
+        self, x: Floats, j: int, at: tuple[Residuals, Floats], steps: Steps, both: bool
+    ) -> Callable[[float], Floats]:
+        """Difference of one column by its step: to both sides if wanted, to one where the other one has no room.
+
+        at : residuals at x, and the rows made of them.
+        """
+        here, rows = at
+        low, high = self.free[j].limits()
+
+        def column(step: float) -> Floats:
+            sides = [side for side in (1.0, -1.0) if low <= x[j] + side * step <= high] or [1.0]
+            ends = [self._moved(x, j, side * step, here, steps) for side in sides[: 2 if both else 1]]
+            if len(ends) == 2:
+                return (ends[0] - ends[1]) / (2.0 * step)
+            return (ends[0] - rows) / (sides[0] * step)
+
+        return column
+
+    def precise_jacobian(self, x: Floats) -> Floats:
+        """Central differences, of each parameter by a step at which they do not depend on it.
+
+        Directions that only the priors determine (all masses, springs and forces grow alike) show as such only if
+        neither the contacts' last tick nor the curvature of the response is in the differences.
+        """
+        at = self._rows(x, "fine")
+        return np.column_stack([self._precise(x, j, at) for j in range(len(self.free))])
+
+    def _precise(self, x: Floats, j: int, at: tuple[Residuals, Floats]) -> Floats:
+        column = self._difference(x, j, at, "fine", both=True)
+        if self._late(self.free[j]):
+            return column(abs(self._late_step(j, x[j])))
+        return _suited(column, self._step(j))
+
+    def _step(self, j: int) -> float:
+        return STEP_WAVE if self.free[j].role is Role.WAVE else STEP
+
+    def _late_step(self, j: int, x: float) -> float:
+        """Step of a delay: many of the ticks that it is rounded to."""
+        f = self.free[j]
+        slope = abs(f.value(x)) if f.log else f.scale
+        least = DELAY_STEP_SAMPLES * self.evidence.records[0].sample_time_s / max(slope, 1e-300)
+        wide = float(np.clip(least, DELAY_STEP_LEAST, DELAY_STEP_MAX))
+        return -wide if x + wide > f.limits()[1] else wide
+
+    def _late(self, free: Free) -> bool:
+        """Whether it is of a delay, which is rounded to ticks of a substep."""
+        return bool(free.effect) and find(self.base.kind_at(free.place), free.effect, free.place).is_delay
+
+    def _moved(self, x: Floats, j: int, step: float, here: Residuals, steps: Steps = "fine") -> Floats:
+        """The rows with one parameter moved."""
+        at = x.copy()
+        at[j] += step
+        there = self.evidence.residuals(apply(self.base, self.free, at), here, set(self.free[j].places), steps)
+        return self.stack(there, at)
+
+
+def _suited(column: Callable[[float], Floats], step: float) -> Floats:
+    """The column by the step that suits it: of the steps tried the one from which a narrower one differs least.
+
+    In a narrow step contacts show that are found a tick earlier or later, which weigh as much more as it is narrower;
+    in a wide one the curvature of the response. Dry friction answers linearly to a tenth and shows its ticks below a
+    hundredth; a motor that snaps from tooth to tooth answers linearly to a hundred thousandth.
+    """
+    last = best = column(step)
+    least = np.inf
+    for _ in range(NARROWER):
+        step *= NARROW
+        there = column(step)
+        apart = float(np.linalg.norm(there - last)) / max(float(np.linalg.norm(there)), 1e-300)
+        if apart < ALIKE:
+            return there
+        if apart < least:
+            best, least = last, apart
+        if apart > TICKS_GROW * least:
+            break
+        last = there
+    return best
+
+
+def limits_of(free: list[Free]) -> Floats:
+    """(2, parameters) lower and upper ends of what a fit may move."""
+    return np.array([f.limits() for f in free]).T
+
+
+def inside(x: Floats, limits: Floats) -> Floats:
+    """x a little inside of its limits: an effect that reaches what does nothing would be gone from the rig."""
+    return np.clip(x, limits[0] + INSIDE, limits[1] - INSIDE)

@@ -1,0 +1,1 @@
+"""Faults of wiring, sensors and sampling, found before any physics is tried."""

@@ -1,0 +1,80 @@
+"""Whether the sampling can carry what is asked: samples per period of the rig's modes that the recording shows.
+
+A mode matters where the nominal rig, driven by the recorded command, shows more of it in a recorded motion than the
+sensor's noise: a stiff coupling at many times the sampling rate does not.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import welch
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.data.compare import Record
+from dtbacklash.diagnose.data.floor import sensor_noise
+from dtbacklash.diagnose.settings import settings
+from dtbacklash.errors import UserError
+from dtbacklash.physics.bodies import natural_frequencies_hz
+from dtbacklash.physics.rig import Rig
+from dtbacklash.physics.simulate import simulate
+from dtbacklash.recording.plausible import plain_rig
+
+#: samples that are looked at
+SAMPLES_MAX = 20_000
+#: steps of a sample in which the nominal rig is simulated
+FINE = 8
+
+
+@dataclass(frozen=True)
+class Carried:
+    """The fastest mode that matters, Hz, and how many samples a period of it has; None if no mode matters."""
+
+    frequency_hz: float | None
+    per_period: float
+
+    @property
+    def enough(self) -> bool:
+        """Whether the sampling carries it."""
+        return self.per_period >= settings().mode_samples_min
+
+
+def carried(rig: Rig, record: Record) -> Carried:
+    """The fastest of the rig's modes that its recorded channels show, against the sampling."""
+    rules = settings()
+    step = record.sample_time_s
+    nothing = Carried(None, 2.0 * rules.mode_samples_min)
+    modes = natural_frequencies_hz(rig)
+    fast = [float(f) for f in modes if f * step * rules.mode_samples_min > 1.0]
+    if not fast:
+        return Carried(float(modes.max()), 1.0 / (float(modes.max()) * step)) if len(modes) else nothing
+    try:
+        shown = _response(rig, record)
+    except UserError:
+        return nothing
+    noise = {name: sensor_noise(record.y[name])[0] for name in shown}
+    for frequency in sorted(fast, reverse=True):
+        if any(
+            _rms_above(v, rules.mode_band_share * frequency, step / FINE) > noise[name] for name, v in shown.items()
+        ):
+            return Carried(frequency, 1.0 / (frequency * step))
+    slow = [float(f) for f in modes if float(f) not in fast]
+    return Carried(max(slow), 1.0 / (max(slow) * step)) if slow else nothing
+
+
+def _response(rig: Rig, record: Record) -> dict[str, Floats]:
+    """Recorded motions as the nominal rig shows them, in steps of a sample's ``FINE``-th part."""
+    u = np.repeat(record.u[: SAMPLES_MAX // FINE], FINE)
+    found = simulate(plain_rig(rig), u, record.sample_time_s / FINE).sensors
+    moving = [n for n in record.y if n in rig.sensors and rig.sensors[n].quantity in ("position", "velocity")]
+    if rig.only("screw"):  # the modes are those behind it
+        moving = [n for n in moving if not rig.elements[rig.sensors[n].of].trait.motor_side]
+    return {n: found[n] for n in moving}
+
+
+def _rms_above(values: Floats, frequency_hz: float, step_s: float) -> float:
+    """What a signal holds above a frequency, rms; differenced first, so that its slow parts do not leak."""
+    if not np.isfinite(values).all():
+        return 0.0
+    at, power = welch(np.diff(values), 1.0 / step_s, "blackmanharris", min(len(values) - 1, 4096))
+    high = at >= frequency_hz
+    return float(np.sqrt(np.sum(power[high] / (2.0 * np.sin(np.pi * at[high] * step_s)) ** 2) * (at[1] - at[0])))

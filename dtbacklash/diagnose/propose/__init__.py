@@ -1,0 +1,1 @@
+"""What could be missing: signatures, wave numbers and delays that the residual asks for."""

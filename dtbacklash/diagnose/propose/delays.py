@@ -1,0 +1,43 @@
+"""Delays: where a sensor's delay starts from, by shifting what the model predicts for it; no simulation is needed.
+
+A delay longer than the signal's own correlation has a fit with many valleys: the grid is as fine as the samples.
+"""
+
+import numpy as np
+
+from dtbacklash.diagnose.data.candidates import Candidate
+from dtbacklash.diagnose.data.compare import Block
+from dtbacklash.diagnose.propose.projection import Projection
+from dtbacklash.diagnose.settings import settings
+from dtbacklash.physics.effects.declare import Values
+from dtbacklash.physics.rig import SENSOR_PREFIX
+
+
+def delay_grid(candidate: Candidate, projection: Projection) -> list[Values]:
+    """The best few starts of a sensor's delay, or nothing if the candidate is not one."""
+    rules = settings()
+    step = rules.delay_step_samples
+    channel = candidate.place.removeprefix(SENSOR_PREFIX)
+    block = next((b for b in projection.evidence.blocks if channel in b.channels), None)
+    if not candidate.effect.is_delay or candidate.place == channel or block is None:
+        return []
+    shifts = np.arange(step, rules.delay_reach_samples + step, step)
+    left = np.array([_left(projection, block, channel, shift) for shift in shifts])
+    low = np.r_[np.inf, left, np.inf]
+    valleys = np.flatnonzero((left <= low[:-2]) & (left <= low[2:]))
+    best = valleys[np.argsort(left[valleys])][: rules.scanned_starts]
+    sample, size = projection.evidence.records[0].sample_time_s, candidate.effect.size
+    return [{size.name: float(min(shifts[k] * sample, size.high))} for k in best]
+
+
+def _left(projection: Projection, block: Block, channel: str, shift: float) -> float:
+    """Mean square of what is left of a channel when its prediction comes ``shift`` samples later."""
+    column, total = block.channels.index(channel), 0.0
+    floor = projection.evidence.floor[block.name][column]
+    for record, residuals in zip(projection.evidence.records, projection.fitted.residuals[block.name], strict=True):
+        at = np.arange(record.samples)
+        measured = record.y[channel]
+        shown = measured - residuals[:, column] * floor
+        late = np.interp(at - shift, at, shown)
+        total += float(np.sum((measured - late)[record.train] ** 2))
+    return total

@@ -1,0 +1,1 @@
+"""What a diagnosis says and writes: findings, sentences, figures' data, files."""

@@ -1,0 +1,195 @@
+"""Findings: from the effects and parameters of the last fit to what is said of them, with intervals and rivals."""
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.data.evidence import Evidence, Residuals
+from dtbacklash.diagnose.fit.comparison import held_loss, rises
+from dtbacklash.diagnose.fit.free import (
+    Errors,
+    Free,
+    Key,
+    as_given,
+    effects_of_rig,
+    is_known,
+    nominal_free,
+    taken_out,
+    unit_at,
+)
+from dtbacklash.diagnose.fit.intervals import NORMAL95
+from dtbacklash.diagnose.judge.free_form import Recovered
+from dtbacklash.diagnose.judge.verdict import Left, Moved, confidence
+from dtbacklash.diagnose.result import (
+    UNEXPLAINED,
+    Alternative,
+    Candidate,
+    Finding,
+    Instead,
+    Interval,
+    Located,
+    ParameterEstimate,
+    Recalibrated,
+    Rest,
+    Verdict,
+)
+from dtbacklash.diagnose.say.sentences import as_well_said, less, quantity, unsure, when
+from dtbacklash.diagnose.search.objections import unseen
+from dtbacklash.diagnose.search.trials import Beyond, Search
+from dtbacklash.diagnose.words import all_in_words, named_in_words, place_in_words
+from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.rig import Rig
+
+
+def without(evidence: Evidence, found: Search) -> dict[Key, Residuals]:
+    """Per finding, what the last fit leaves if the finding alone is taken out of it."""
+    return {
+        key: evidence.residuals(as_given(evidence.nominal, found.fitted.rig, key), found.fitted.residuals, {key[0]})
+        for key in found.order
+    }
+
+
+def without_known(evidence: Evidence, found: Search) -> dict[Key, Residuals]:
+    """The same for each effect that the rig has had from the beginning."""
+    rig = found.fitted.rig
+    return {
+        key: evidence.residuals(taken_out(rig, key), found.fitted.residuals, {key[0]})
+        for key in effects_of_rig(rig) if is_known(rig, key)
+    }  # fmt: skip
+
+
+def finding(
+    evidence: Evidence, found: Search, key: Key, errors: Errors, left_out: Residuals, rest: Recovered | None,
+    verdict: Verdict,
+) -> Finding:  # fmt: skip
+    """What is said of one effect; ``left_out`` : what remains without it. rest : what is left, if that shows."""
+    place, name = key
+    entry = find(evidence.nominal.kind_at(place), name, place)
+    values = found.fitted.rig.effect(place, name) or {}
+    parameters: dict[str, ParameterEstimate] = {}
+    idle, gone = entry.idle(values), _is_not_there(evidence, found, key)
+    for p in entry.parameters:
+        if p.name in idle:
+            continue  # nothing asked for it
+        error, value = errors.get((place, name, p.name), float("nan")), values[p.name]
+        ends = max(value - NORMAL95 * error, p.low), min(value + NORMAL95 * error, p.high)
+        if gone and p.neutral is not None:
+            ends = min(ends[0], p.neutral), max(ends[1], p.neutral)
+        parameters[p.name] = ParameterEstimate(value, unit_at(evidence.nominal, place, p.unit), ends)
+    instead = _instead(evidence, found, key)
+    shown = {n: quantity(p.value, p.unit) for n, p in parameters.items()}
+    silent = idle | unseen(evidence, found.fitted.rig, key, errors)
+    said = entry.said(silent).format(location=place_in_words(place), **shown)
+    if gone:
+        said = f"{named_in_words(name, place)} is not there, or too small to be seen."
+    sure = confidence(evidence, found, key, left_out, rest, verdict == UNEXPLAINED)
+    sentence = said[:1].upper() + said[1:] + _instead_of_known(evidence.nominal, key)
+    if verdict == UNEXPLAINED:
+        sentence += unsure(sure, key, rest)
+    return Finding(
+        place, name, parameters, _also_fits(found, key), when(evidence, found, left_out), instead,
+        sentence + less(instead), sure,
+    )  # fmt: skip
+
+
+def _is_not_there(evidence: Evidence, found: Search, key: Key) -> bool:
+    """Whether an effect that the nominal rig has does nothing any more, as what judges is no worse without it."""
+    if evidence.nominal.effect(*key) is None:
+        return False
+    here, rig = found.fitted.residuals, taken_out(found.fitted.rig, key)
+    return not rises(evidence, here, evidence.residuals(rig, here, {key[0]}))
+
+
+def _instead_of_known(nominal: Rig, key: Key) -> str:
+    """What the nominal rig says of an effect that it has already, and that was found to be another one."""
+    known = nominal.effect(*key)
+    if known is None:
+        return ""
+    entry = find(nominal.kind_at(key[0]), key[1], key[0])
+    said = ", ".join(f"{p.name} {quantity(known[p.name], unit_at(nominal, key[0], p.unit))}" for p in entry.parameters)
+    return f" The nominal rig has it with {said}; the recording differs from that by more than the tolerance."
+
+
+def _also_fits(found: Search, key: Key) -> tuple[Alternative, ...]:
+    """What this recording cannot tell from a finding: fits that are as good."""
+    others = tuple(Alternative(*t.key, t.reason) for t in found.rivals.get(key, []))
+    return others if found.as_well is None else (*others, _wrong_value(found.as_well))
+
+
+def _wrong_value(as_well: Beyond) -> Alternative:
+    """A parameter of the rig that would explain as much, at the first element that has it."""
+    elements = as_well.evidence.nominal.config.elements
+    place = next(name for name, spec in elements.items() if as_well.name in spec.values())
+    return Alternative(place, as_well.name, as_well_said(as_well))
+
+
+def _instead(evidence: Evidence, found: Search, key: Key) -> Instead | None:
+    """What would be named if an effect were not in the catalogue."""
+    trial = found.instead.get(key)
+    if trial is None or trial.key in found.order:
+        return None
+    place, name = trial.key
+    size = find(evidence.nominal.kind_at(place), name, place).size
+    values = trial.fitted.rig.effect(place, name) or {}
+    worse = held_loss(evidence, trial.fitted) / held_loss(evidence, found.fitted)
+    return Instead(place, name, values.get(size.name, size.neutral or 0.0), size.unit, worse)
+
+
+def recalibrated(rig: Rig, moved: Moved, beyond: Beyond | None) -> dict[str, Recalibrated]:
+    """The parameters of the rig that had to move, their intervals, and the effects whose place one of them took."""
+    known = {f.title: f for f in nominal_free(rig)}
+    taken = {} if beyond is None else {beyond.name: _as_good(beyond.instead_of)}
+    return {
+        name: Recalibrated(
+            known[name].centre, value, _unit_of(rig, known[name]), _around(value, error), taken.get(name, ())
+        )
+        for name, (value, error) in moved.items()
+    }
+
+
+def _as_good(keys: tuple[Key, ...]) -> tuple[Alternative, ...]:
+    """The effects whose place a parameter took; several explain no less together only."""
+    others = {key: all_in_words(other for other in keys if other != key) for key in keys}
+    return tuple(Alternative(*key, f"with {rest}" if rest else "") for key, rest in others.items())
+
+
+def _unit_of(rig: Rig, free: Free) -> str:
+    if not free.effect:
+        return rig.config.parameters[free.name].unit
+    entry = find(rig.kind_at(free.place), free.effect, free.place)
+    return unit_at(rig, free.place, next(p.unit for p in entry.parameters if p.name == free.name))
+
+
+def _around(value: float, error: float) -> Interval:
+    return value - NORMAL95 * error, value + NORMAL95 * error
+
+
+def located(left: dict[str, Left], verdict: Verdict, rest: Recovered | None) -> Located | None:
+    """Where what nothing explains sits: the block, and the place and state whose effort explains most of it.
+
+    left : per block.
+    """
+    if verdict != UNEXPLAINED:
+        return None
+    name = max(left, key=lambda n: (left[n].real, left[n].share))
+    if rest is None:
+        return Located(name, name, left[name].share)
+    points = tuple(zip(*(_listed(v) for v in (rest.knots, rest.effort, rest.error)), strict=True))
+    form = Rest(rest.state, rest.state_unit, rest.effort_unit, rest.share, points)
+    return Located(name, rest.place if rest.shown else name, left[name].share, form, rest.shown)
+
+
+def _listed(values: Floats) -> list[float]:
+    return [float(v) for v in values]
+
+
+def candidates(found: Search) -> tuple[Candidate, ...]:
+    """The bank about the recalibrated rig, and what became of each entry."""
+    tried = {t.key: t for t in found.trials}
+    rows = []
+    for score in found.scores:
+        key = score.candidate.key
+        trial = tried.get(key)
+        verdict = "added" if key in found.order else "low score"
+        if trial and key not in found.order:
+            others = f" beside {trial.beside} found" if trial.beside else ""
+            verdict = found.refused.get(key) or trial.verdict or f"fitted{others}, does not earn its place"
+        rows.append(Candidate(*key, score.gain, trial.held_out if trial else None, verdict))
+    return tuple(rows)

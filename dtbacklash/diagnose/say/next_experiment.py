@@ -1,0 +1,87 @@
+"""What to record next: the sensor or the amplitude that would separate what this recording cannot."""
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.data.evidence import Evidence
+from dtbacklash.diagnose.judge.free_form import Recovered
+from dtbacklash.diagnose.search.trials import Search
+from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.words import all_in_words, place_in_words
+from dtbacklash.physics.effects.declare import name_in_words
+from dtbacklash.physics.rig import Rig
+from dtbacklash.physics.simulate import simulate
+
+
+def next_experiment(evidence: Evidence, found: Search, rest: Recovered | None = None) -> str:
+    """A sentence, from simulations of a finding and its rival: in which sensor, or at which amplitude, they differ.
+
+    ``rest`` : what nothing explains, if anything is left.
+    """
+    if rest is not None:
+        if not rest.shown:
+            return f"What is missing shows itself at no place: {_more_to_record(evidence)}."
+        place = place_in_words(rest.place)
+        if rest.state == "time":
+            return f"What is missing at {place} has a time course of its own: record the same motion again, and rest."
+        return (f"What is missing depends most on the {rest.state} of {place}: record it slowly from end to end of its "
+                "range, in both directions, and at another speed.")  # fmt: skip
+    if found.as_well is not None:
+        name = found.as_well.name
+        return f"To tell what was found from a wrong value of `{name}`, measure `{name}` by itself."
+    if found.beyond is not None and found.beyond.instead_of:
+        return f"To tell `{found.beyond.name}` from {all_in_words(found.beyond.instead_of)}, measure it by itself."
+    pairs = [(key, t) for key in found.order for t in found.rivals.get(key, [])]
+    if not pairs:
+        return "Nothing is ambiguous in this recording; a second recording would confirm it."
+    # what any recording can tell comes first
+    key, trial = min(pairs, key=lambda pair: bool(pair[1].reason))
+    first, second = found.fitted.rig, trial.fitted.rig
+    what = f"{name_in_words(key[1])} ({key[0]}) from {name_in_words(trial.key[1])} ({trial.key[0]})"
+    if trial.reason:
+        return f"No recording tells {what}: {trial.reason}."
+    recorded = _recorded(evidence)
+    here = _differences(evidence, first, second, 1.0)
+    hidden = {n: d for n, d in here.items() if n not in recorded}
+    if hidden:
+        best = max(hidden, key=lambda n: hidden[n])
+        if hidden[best] > settings().told_apart_share:
+            return (f"To tell {what}, record {best} as well: there the two differ by {100 * hidden[best]:.0f} % of the "
+                    "signal.")  # fmt: skip
+    ranked = {}
+    for factor in (0.25, 4.0):
+        differences = _differences(evidence, first, second, factor)
+        ranked[factor] = max((d for n, d in differences.items() if n in recorded), default=0.0)
+    factor = max(ranked, key=lambda f: ranked[f])
+    if ranked[factor] > settings().told_apart_share:
+        return (f"To tell {what}, record once more with the command {factor:g} times as large: the two then differ by "
+                f"{100 * ranked[factor]:.0f} % of the signal.")  # fmt: skip
+    return f"Neither another sensor of this rig nor another amplitude tells {what}."
+
+
+def _recorded(evidence: Evidence) -> set[str]:
+    return {c for b in evidence.blocks for c in b.channels}
+
+
+def _more_to_record(evidence: Evidence) -> str:
+    """What may show where something is missing: the sensors that were not recorded, else another motion."""
+    others = [name for name in evidence.nominal.sensors if name not in _recorded(evidence)]
+    if others:
+        return f"record {' and '.join(others)} as well"
+    return "every sensor of this rig is recorded; record another motion, slow and fast, small and large"
+
+
+def _differences(evidence: Evidence, first: Rig, second: Rig, factor: float) -> dict[str, float]:
+    """Per sensor, the rms difference of two rigs' answers to the scaled command, relative to the signal."""
+    record = evidence.records[0]
+    n = min(record.samples, 20000)
+    u = factor * record.u[: n - 1]
+    a = simulate(first, u, record.sample_time_s, substeps=2, event_levels=4).sensors
+    b = simulate(second, u, record.sample_time_s, substeps=2, event_levels=4).sensors
+    return {name: _relative(a[name], b[name]) for name in a}
+
+
+def _relative(a: Floats, b: Floats) -> float:
+    size = float(np.std(a))
+    value = float(np.std(a - b)) / size if size > 0.0 else 0.0
+    return value if np.isfinite(value) else 0.0

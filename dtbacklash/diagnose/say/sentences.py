@@ -1,0 +1,209 @@
+"""The sentences of a diagnosis."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dtbacklash import units
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.data.candidates import TREMOR
+from dtbacklash.diagnose.data.compare import Record
+from dtbacklash.diagnose.data.evidence import Evidence, Residuals
+from dtbacklash.diagnose.judge.free_form import Recovered
+from dtbacklash.diagnose.result import (
+    CONSISTENT,
+    PARAMETERS,
+    UNEXPLAINED,
+    Confidence,
+    Finding,
+    Instead,
+    Located,
+    Recalibrated,
+    Verdict,
+)
+from dtbacklash.diagnose.search.trials import Beyond, Search
+from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.words import all_in_words, other_in_words, place_in_words
+from dtbacklash.physics.effects.declare import name_in_words
+from dtbacklash.recording.model import Recording
+
+#: a mismatch that lies within one of these times of an event is said to lie there, s
+NEAR_S = (0.05, 0.1, 0.2, 0.3)
+#: a second best that leaves more than this many times the error explains nothing
+WORTH_SAYING = 10.0
+
+
+def quantity(value: float, unit: str) -> str:
+    """A number with its unit as people are shown it (lengths in millimetres), three digits."""
+    shown, factor = units.shown(unit)
+    return f"{factor * value:.3g}" + ("" if shown in ("", "1") else f" {shown}")
+
+
+def less(instead: Instead | None) -> str:
+    """What the second best would be, where there is one that explains a part."""
+    if instead is None or not 1.0 <= instead.times_the_error <= WORTH_SAYING:
+        return ""
+    what = f"{name_in_words(instead.effect)} ({quantity(instead.value, instead.unit)})"
+    worse = instead.times_the_error
+    times = f"{worse:.2g}" if worse < 10.0 else f"{worse:.0f}"
+    place = place_in_words(instead.location)
+    return (f" If the catalogue did not hold that, {what} at the {place} would be named, "
+            f"with {times} times the error; it is not needed beside it.")  # fmt: skip
+
+
+def unsure(confidence: Confidence, key: tuple[str, str], rest: Recovered | None) -> str:
+    """What has to be said of a name that does not stand for sure."""
+    if confidence == "sure":
+        return ""
+    if rest is None or not rest.shown:
+        return " That is a part of the truth at best: more than noise is left, and nothing shows where it lies."
+    what, place = name_in_words(key[1]), place_in_words(key[0])
+    if rest.place == key[0]:
+        return (f" It acts like {what}, but the law is another one: what is left depends on the {rest.state} of the "
+                f"{place}.")  # fmt: skip
+    left = place_in_words(rest.place)
+    return f" That is a part of the truth at best: what is left at the {left} is too near, or too large beside it."
+
+
+def when(evidence: Evidence, found: Search, left_out: Residuals) -> str:
+    """When an effect matters: where the square of what it changes in the prediction lies, in the longest stretch.
+
+    left_out : what remains without it.
+    """
+    number = max(range(len(evidence.records)), key=lambda j: int(evidence.records[j].train.sum()))
+    record = evidence.records[number]
+    change = np.zeros(record.samples)
+    for block in evidence.blocks:
+        difference = left_out[block.name][number] - found.fitted.residuals[block.name][number]
+        change += np.sum(difference**2, axis=1)
+    if change.sum() <= 0.0:
+        return "the effect does not change the prediction of this recording"
+    return _when_it_moves(evidence, record, change) or _how_busy(change)
+
+
+def _when_it_moves(evidence: Evidence, record: Record, change: Floats) -> str:
+    """Whether a change, (N,) squares, goes with reversals or with speed; empty where neither, or no motion was seen."""
+    speed = _speed(evidence, record)
+    if speed is None:
+        return ""
+    smooth = np.convolve(speed, np.ones(11) / 11, "same")
+    moving = np.flatnonzero(np.abs(smooth) > TREMOR * np.abs(smooth).max())
+    turns = moving[1:][np.diff(np.sign(smooth[moving])) != 0]
+    before = max(1, round(NEAR_S[0] / record.sample_time_s))
+    for near_s in NEAR_S:
+        near = max(1, round(near_s / record.sample_time_s))
+        mask = np.zeros(record.samples, dtype=bool)
+        for k in turns:
+            mask[max(0, k - before) : k + near] = True
+        share = float(change[mask].sum() / change.sum())
+        if share > 0.5 and mask.mean() < 0.6 * share:
+            near_ms = 1e3 * max(near, before) * record.sample_time_s
+            return f"{100 * share:.0f} % of the mismatch lies within {near_ms:.0f} ms of a velocity reversal"
+    fast = np.abs(smooth) > np.quantile(np.abs(smooth), 0.75)
+    share = float(change[fast].sum() / change.sum())
+    if share > 0.5:
+        return f"{100 * share:.0f} % of the mismatch lies in the quarter of the time in which it moves fastest"
+    return ""
+
+
+def _speed(evidence: Evidence, record: Record) -> Floats | None:
+    """(N,) the speed, up to its unit, of what was recorded first of the motion; None where no motion was recorded."""
+    # a positioner's command is the motion itself
+    if evidence.nominal.only("positioner") is not None:
+        return np.gradient(record.u)
+    quantities = {c: evidence.nominal.sensors[c].quantity for block in evidence.blocks for c in block.channels}
+    name = next((c for c, quantity in quantities.items() if quantity in ("position", "velocity")), None)
+    if name is None:
+        return None
+    return record.y[name] if quantities[name] == "velocity" else np.gradient(record.y[name])
+
+
+def _how_busy(change: Floats) -> str:
+    """In how much of the time a change, (N,) squares, happens."""
+    order = np.sort(change)[::-1]
+    busy = float(np.searchsorted(np.cumsum(order), 0.8 * change.sum()) / len(change))
+    if busy > 0.4:
+        return "the mismatch is spread over the whole recording"
+    return f"80 % of the mismatch lies in {100 * busy:.0f} % of the time"
+
+
+def summary(
+    verdict: Verdict, findings: Sequence[Finding], recalibrated: dict[str, Recalibrated], located: Located | None,
+    beyond: Beyond | None = None,
+) -> str:  # fmt: skip
+    """Two or three sentences. beyond : the parameter that was let go beyond what is given, if one was."""
+    if verdict == CONSISTENT:
+        return "The recording agrees with the rig: what is left is the sensors' noise."
+    if verdict == PARAMETERS:
+        names = ", ".join(f"{n} = {quantity(p.value, p.unit)}" for n, p in recalibrated.items())
+        missing = "need be" if beyond is not None and beyond.instead_of else "is"
+        return f"No physics {missing} missing: recalibrated parameters explain the recording ({names})."
+    parts = [f.sentence for f in findings]
+    for finding in findings:
+        if finding.also_fits:
+            others = " or ".join(other_in_words(o) for o in finding.also_fits)
+            parts.append(f"This recording cannot tell {name_in_words(finding.effect)} from {others}.")
+    if verdict == UNEXPLAINED and located:
+        said = "What remains" if findings else "The mismatch"
+        where = f" and lies at or near {place_in_words(located.location)}" if located.shown else ""
+        parts.append(f"{said} is real{where}, but nothing in the catalogue was found that explains it"
+                     f"{'' if located.shown else ', and nothing shows where it lies'}.")  # fmt: skip
+    return " ".join(parts)
+
+
+def limits_said(effects: list[str], parameters: list[str]) -> str:
+    """What to say of effects' and of the rig's parameters that stand at their limits; empty where none do."""
+    said = []
+    if effects:
+        stand = "stands" if len(effects) == 1 else "stand"
+        said.append(f"{' and '.join(effects)} {stand} at the end of its range: the data did not choose it.")
+    if parameters:
+        stand, stands_in = ("stands", "it stands") if len(parameters) == 1 else ("stand", "they stand")
+        said.append(f"{' and '.join(parameters)} {stand} at the limit, as far from nominal as a fit may go: there "
+                    f"{stands_in} in for missing physics, or the rig's value is wrong.")  # fmt: skip
+    return " ".join(said)
+
+
+def beyond_said(beyond: Beyond | None) -> str:
+    """What to say of a parameter of the rig beyond its tolerance, or in the place of effects; empty where none is."""
+    if beyond is None:
+        return ""
+    said = []
+    if beyond.tolerances > settings().tolerances_max:
+        said.append(f"`{beyond.name}` is {beyond.tolerances:.1f} of its tolerances from nominal: the rig's value is "
+                    "wrong, or its tolerance.")  # fmt: skip
+    if beyond.instead_of:
+        others = all_in_words(beyond.instead_of)
+        said.append(f"{others[:1].upper()}{others[1:]} would explain no less than `{beyond.name}`.")
+    return " ".join(said)
+
+
+def as_well_said(as_well: Beyond) -> str:
+    """The value of a parameter of the rig that would explain as much as what was found."""
+    parameter = as_well.fitted.rig.config.parameters[as_well.name]
+    value = quantity(parameter.value, parameter.unit)
+    return f"{value} alone, {as_well.tolerances:.1f} of its tolerances from nominal"
+
+
+def source_of(recording: Recording) -> str:
+    """The name of a recording and, after a colon, of its part."""
+    return f"{recording.name}:{recording.part}" if recording.part else recording.name
+
+
+def notes_of(recording: Recording, validation: Recording | None, share: float) -> tuple[str, ...]:
+    """What the reader said, and which data are fitted to and which are held out: the last ``share``, or others."""
+    judges = settings().judging_share * share
+    chooses = share - judges
+    if validation is None:
+        return (
+            *recording.notes,
+            f"{_span('The recording is', recording)}: {100 * (1 - share):.0f} % of it are fitted to, "
+            f"{100 * chooses:.0f} % choose the structure, by turns, and the last {100 * judges:.0f} % judge it.",
+        )
+    other = [f"Held-out data: {note}" for note in validation.notes if note not in recording.notes]
+    return *recording.notes, *other, f"{_span('Fitted to', recording)}; {_span('chosen and judged on', validation)}."
+
+
+def _span(what: str, r: Recording) -> str:
+    stretches = f" in {len(r.stretches)} stretches" if len(r.stretches) > 1 else ""
+    return f"{what} {source_of(r)}, {r.t_s[0]:.6g} to {r.t_s[-1]:.6g} s ({r.samples} samples{stretches})"

@@ -1,0 +1,83 @@
+"""A constant effort beside dry friction that is larger is friction whose level differs between the directions.
+
+Levels F+ and F- are one level of (F+ + F-)/2 and an effort of -(F+ - F-)/2, at every speed and at rest: no recording
+tells them. A search, which adds one law after the other, finds the effort. Where the dry friction is larger, so that
+both levels are friction, a difference of the levels is what an engineer calls it; the effort stays beside it as what
+fits as well.
+"""
+
+from dataclasses import replace
+
+from dtbacklash.diagnose.fit.comparison import earns, held_loss, nearly, same
+from dtbacklash.diagnose.fit.free import Key
+from dtbacklash.diagnose.fit.problem import Fit
+from dtbacklash.diagnose.search.leave_out import refit_with
+from dtbacklash.diagnose.search.trials import Search
+from dtbacklash.physics.catalogue import effects_of, find
+from dtbacklash.physics.effects.declare import Alias, Values, name_in_words
+from dtbacklash.physics.rig import Rig
+
+
+def call_by_direction(found: Search) -> None:
+    """Call each constant effort that was found beside larger dry friction a friction that differs by direction."""
+    nominal = found.evidence.nominal
+    for key in list(found.order):
+        alias = find(nominal.kind_at(key[0]), key[1], key[0]).alias
+        if alias is None or not _is_friction(nominal, found.fitted.rig, key, alias):
+            continue
+        fitted = _fitted(found, key, alias)
+        if nearly(found.evidence, found.fitted, fitted):
+            _call(found, key, alias, fitted)
+
+
+def _is_friction(nominal: Rig, rig: Rig, key: Key, alias: Alias) -> bool:
+    """Whether both levels are friction, and neither the load nor its other name is known from the nominal rig."""
+    place = key[0]
+    if nominal.effect(*key) is not None or nominal.effect(place, alias.effect) is not None:
+        return False
+    dry = effects_of(rig.kind_at(place)).get(alias.friction)
+    # a brake's level is one of its own parameters
+    level = rig.elements[place].values.get("friction", 0.0)
+    if dry is not None:
+        level += (rig.effect(place, dry.name) or {}).get(dry.size.name, 0.0)
+    return level > abs(_size(rig, key))
+
+
+def _size(rig: Rig, key: Key) -> float:
+    return (rig.effect(*key) or {}).get(find(rig.kind_at(key[0]), key[1], key[0]).size.name, 0.0)
+
+
+def _fitted(found: Search, key: Key, alias: Alias) -> Fit:
+    """The fit by the other name: with all differences free, or with that of the levels alone where it does as well.
+
+    A search that may name few effects need not have come to the others.
+    """
+    evidence, before = found.evidence, found.fitted
+    other, entry = (key[0], alias.effect), find(before.rig.kind_at(key[0]), alias.effect, key[0])
+    known: Values = before.rig.effect(*other) or {}
+    there = {**known, alias.parameter: known.get(alias.parameter, 0.0) - _size(before.rig, key)}
+    renamed = refit_with(evidence, before, [(other, there)], key)
+    there = renamed.rig.effect(*other) or {}
+    if known or not there:
+        return renamed
+    start = entry.start_values(evidence.moving(key[0]))[0][entry.size.name]
+    both = refit_with(evidence, renamed, [(other, {**there, entry.size.name: start})])
+    return both if earns(evidence, renamed, both, found.nominal) else renamed
+
+
+def _call(found: Search, key: Key, alias: Alias, fitted: Fit) -> None:
+    """Let the other name take the place of a finding, or join it; the effort alone stays where it fits as well."""
+    evidence, before, other = found.evidence, found.fitted, (key[0], alias.effect)
+    joined = other in found.order
+    found.fitted = fitted
+    found.order = [k for k in found.order if k != key] if joined else [other if k == key else k for k in found.order]
+    rivals = [t for t in (*found.rivals.pop(key, []), *found.rivals.get(other, [])) if t.key not in (key, other)]
+    tried = [t for t in found.trials if t.key == key]
+    if tried and not joined and same(evidence, fitted, before):
+        left = held_loss(evidence, before)
+        rivals.append(replace(tried[-1], fitted=before, held_out=left, reason=alias.reason))
+    for trial in tried:
+        trial.verdict = f"is called {name_in_words(alias.effect)}: {alias.reason}"
+    found.rivals[other] = rivals
+    found.tried[other] = found.tried.pop(key, []) + found.tried.get(other, [])
+    found.instead.pop(key, None)

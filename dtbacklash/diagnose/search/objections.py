@@ -1,0 +1,189 @@
+"""Trial: what a law has to stand before its name is believed, beside fitting data that it was not fitted to.
+
+It acts where the motion was: none of its parameters stands where the recording cannot show it any more. It holds in a
+free simulation, with nothing measured that pulls it along. Its interval does not hold zero. A law that fails is not
+named.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.data.evidence import Evidence, Residuals
+from dtbacklash.diagnose.fit.comparison import rises, worst
+from dtbacklash.diagnose.fit.errors import free_squares
+from dtbacklash.diagnose.fit.free import Errors, Key, as_given, known_free
+from dtbacklash.diagnose.fit.problem import Fit
+from dtbacklash.diagnose.fit.refit import ON, fit
+from dtbacklash.diagnose.search.slow_pull import slow_evidence
+from dtbacklash.diagnose.settings import settings
+from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.effects.declare import Parameter
+from dtbacklash.physics.rig import Rig
+
+
+def objection(evidence: Evidence, rig: Rig, key: Key) -> str:
+    """Why a law of a rig is not believed: it stands at a bound of what these recordings can show. Empty if not so."""
+    values, bounds = rig.effect(*key) or {}, evidence.bounds(key)
+    for name, ends in bounds.items():
+        # what is zero from the beginning is no bound
+        reached = [end for end in ends if end != 0.0 and abs(values[name] - end) <= settings().bound_share * abs(end)]
+        if reached:
+            return f"its {name.replace('_', ' ')} stands where this recording does not show it any more"
+    return ""
+
+
+def objections(evidence: Evidence, rig: Rig, order: list[Key]) -> dict[Key, str]:
+    """The findings that are not believed where the last fit has brought them, each with its reason."""
+    reasons = {key: objection(evidence, rig, key) for key in order}
+    return {key: why for key, why in reasons.items() if why}
+
+
+def spoils_the_free_run(evidence: Evidence, nominal: Fit, fitted: Fit, order: list[Key]) -> Key | None:
+    """The finding without which the free simulation is best, where it is worse with all of them than with none.
+
+    Such a law only helps what the measurement pulls along anyway. One is judged among all of them: what is missing
+    beside it may spoil the free run of a law that is right.
+    """
+    if not order or not any(b.pulled and b.gains[0] > 0.0 for b in evidence.blocks):
+        return None  # where nothing is pulled, the comparison is a free simulation itself
+    with_all = free_error(evidence, fitted.rig)
+    if with_all <= settings().free_worse_ratio * free_error(evidence, nominal.rig):
+        return None
+    if _predicts(evidence, nominal, fitted) or _holds_slowly(evidence, nominal, fitted, order):
+        return None
+    without = {key: free_error(evidence, as_given(evidence.nominal, fitted.rig, key)) for key in order}
+    best = min(without, key=lambda k: without[k])
+    return best if without[best] < with_all else None
+
+
+def _predicts(evidence: Evidence, nominal: Fit, fitted: Fit) -> bool:
+    """Whether all findings leave noise, and most of what is left without them is gone with a slower pull as well.
+
+    A carriage on its cogs snaps to another one after the least error, and stays there: its free run then says nothing.
+    A law that only hands the measurement back does so no more where the pull is a third of what it was fitted with.
+    """
+    if worst(evidence, fitted) > settings().nearly_noise_floors:
+        return False
+    slower = slow_evidence(evidence, settings().pull_agrees_ratio)
+    before, after = (slower.rms(slower.residuals(rig)) ** 2 for rig in (nominal.rig, fitted.rig))
+    return slower is not evidence and after < (1.0 - settings().decisive_share) * before
+
+
+def _holds_slowly(evidence: Evidence, nominal: Fit, fitted: Fit, order: list[Key]) -> bool:
+    """Whether the rig with all findings is no worse than with none if both are pulled slowly, or nobody knows.
+
+    A machine that integrates drifts away after the least error of its parameters, and then its free run says nothing of
+    its laws. The slow pull keeps it, but moves nothing that does not move by itself; the nominal parameters are fitted
+    under it, and the laws are as they were found. A motor on the top of a tooth, or a pendulum on its head, goes
+    another way after the least disturbance, whatever the pull.
+    """
+    slow = slow_evidence(evidence)
+    if slow is evidence:
+        return False
+    before, after = (fit(slow, rig, *known_free(slow, rig), rounds=ON) for rig in (nominal.rig, fitted.rig))
+    holds = slow.rms(after.residuals) ** 2 <= settings().free_worse_ratio * slow.rms(before.residuals) ** 2
+    return holds or not _repeats(slow, after, order)
+
+
+def _repeats(evidence: Evidence, fitted: Fit, order: list[Key]) -> bool:
+    """Whether a run ends where it did with as much noise again, and with the laws as another formulation has them.
+
+    The noise is that of where the run begins and of what pulls it.
+    """
+    rng, rig = np.random.default_rng(0), fitted.rig
+    for key in order:
+        entry, values = find(rig.kind_at(key[0]), key[1], key[0]), rig.effect(*key) or {}
+        other = 1.0 + settings().formulation_deviations * entry.formulation_error
+        rig = rig.with_effect(*key, {**values, entry.size.name: other * values[entry.size.name]})
+    pulled = {b.pulled for b in evidence.blocks if b.pulled}
+    noisy = [{c: evidence.noise[c][0] * rng.standard_normal(r.samples) for c in pulled} for r in evidence.records]
+    records = [
+        replace(r, y=r.y | {c: r.y[c] + e for c, e in more.items()})
+        for r, more in zip(evidence.records, noisy, strict=True)
+    ]  # fmt: skip
+    again = replace(evidence, records=records).residuals(rig)
+    apart: Residuals = {}
+    for block in evidence.blocks:
+        added = [
+            np.column_stack([more.get(c, np.zeros(len(e))) for c in block.channels]) / evidence.floor[block.name]
+            for more, e in zip(noisy, again[block.name], strict=True)
+        ]
+        apart[block.name] = [
+            there - here - more
+            for there, here, more in zip(again[block.name], fitted.residuals[block.name], added, strict=True)
+        ]
+    return evidence.rms(apart) < settings().repeated_share * evidence.rms(fitted.residuals)
+
+
+def free_error(evidence: Evidence, rig: Rig) -> float:
+    """Mean square of the free simulation over all channels and samples, relative to the signals; inf if it runs away.
+
+    Of all samples: a simulation that runs freely from the beginning is not bound to parts.
+    """
+    squares = free_squares(evidence, rig)
+    total: Floats = np.concatenate(list(squares.values()))
+    return float(np.mean(total)) if np.isfinite(total).all() else math.inf
+
+
+def raises_the_error(evidence: Evidence, nominal: Fit, fitted: Fit, order: list[Key]) -> Key | None:
+    """The finding without which the held-out error is least, where that is significantly less than with it.
+
+    The last one that was found, where all of them together leave more than the recalibrated rig does. What does not
+    happen in the part that judges, a command that never saturates there, neither raises nor lowers it.
+    """
+    if order and rises(evidence, nominal.residuals, fitted.residuals):
+        return order[-1]
+    without = {}
+    for key in order:
+        residuals = evidence.residuals(as_given(evidence.nominal, fitted.rig, key), fitted.residuals, {key[0]})
+        if rises(evidence, residuals, fitted.residuals):
+            without[key] = evidence.rms(residuals)
+    return min(without, key=lambda k: without[k], default=None)
+
+
+def insignificant(evidence: Evidence, rig: Rig, order: list[Key], errors: Errors) -> Key | None:
+    """The finding whose amplitude is least sure to be away from doing nothing, if that is not sure; else None.
+
+    Of an effect that the nominal rig has it is a finding that it does nothing.
+    """
+    new = [key for key in order if evidence.nominal.effect(*key) is None]
+    away = {key: float(np.nan_to_num(distance(evidence, rig, key, errors))) for key in new}
+    worst = min(away, key=lambda k: away[k], default=None)
+    return worst if worst is not None and away[worst] < settings().away_errors else None
+
+
+def distance(evidence: Evidence, rig: Rig, key: Key, errors: Errors) -> float:
+    """Distance of an effect from where it does nothing, in standard errors; NaN where that is not known.
+
+    Of the amplitude that is furthest from there: an effect with two of them does something if either one does.
+    """
+    return max((d for d in distances(evidence, rig, key, errors).values() if math.isfinite(d)), default=math.nan)
+
+
+def distances(evidence: Evidence, rig: Rig, key: Key, errors: Errors) -> dict[str, float]:
+    """The same of each amplitude that was fitted; NaN where it is not known."""
+    entry, values = find(rig.kind_at(key[0]), key[1], key[0]), rig.effect(*key) or {}
+    found = {}
+    for p in entry.amplitudes:
+        if p.name in entry.idle(values):
+            continue
+        error = errors.get((*key, p.name), math.nan)
+        known = math.isfinite(error) and error > 0.0
+        found[p.name] = abs(values[p.name] - nothing(evidence, p)) / error if known else math.nan
+    return found
+
+
+def unseen(evidence: Evidence, rig: Rig, key: Key, errors: Errors) -> set[str]:
+    """The amplitudes of an effect whose intervals hold what does nothing, beside one whose does not."""
+    away = distances(evidence, rig, key, errors)
+    seen = {name for name, d in away.items() if d >= settings().away_errors}
+    return set(away) - seen if seen else set()
+
+
+def nothing(evidence: Evidence, size: Parameter) -> float:
+    """Where an amplitude does nothing; a limit does so from the largest command on."""
+    neutral = size.neutral or 0.0
+    return neutral if math.isfinite(neutral) else max(float(np.abs(r.u).max()) for r in evidence.records)

@@ -1,0 +1,115 @@
+"""Which candidates are worth a fit, and in which order fits are asked whether they earn their place."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.data.compare import places_of
+from dtbacklash.diagnose.data.evidence import Evidence
+from dtbacklash.diagnose.fit.comparison import merit, nearly, paired
+from dtbacklash.diagnose.fit.free import Key
+from dtbacklash.diagnose.fit.problem import Fit
+from dtbacklash.diagnose.propose.locate import Score
+from dtbacklash.diagnose.search.simpler_law import has_become
+from dtbacklash.diagnose.search.trials import Search, Trial
+from dtbacklash.diagnose.settings import settings
+
+
+def promising(evidence: Evidence, scores: list[Score]) -> list[Score]:
+    """The scores that promise as much as an effect has to earn."""
+    samples = sum(int(r.train.sum()) for r in evidence.records)
+    rules = settings()
+    floors = rules.gain_floor_share * rules.earn_floors * samples
+    return [s for s in scores if s.gain > max(rules.gain_min, floors * s.lightest)]
+
+
+def twins(evidence: Evidence, scores: list[Score], trials: list[Trial]) -> list[Score]:
+    """Those not tried yet whose signatures are almost that of the best trial."""
+    rules = settings()
+    best = min(trials, key=lambda t: merit(evidence, t.fitted), default=None)
+    if best is None:
+        return []
+    known, mine = {t.key for t in trials}, best.score.signature
+    near = [s for s in scores if s.candidate.key not in known and abs(_cosine(s.signature, mine)) > rules.twin_cosine]
+    return near[: rules.twins_max]
+
+
+def runners_up(found: Search, trials: list[Trial]) -> list[Trial]:
+    """What came next to the effect that was added last, from the values that it was fitted to.
+
+    Two large effects each stand in for the other: the first to be added takes more than its share, and about that fit
+    the signature of the second shows nothing.
+    """
+    known = {t.key for t in trials} | set(found.order) | set(found.refused)
+    former = [t for t in found.tried.get(found.order[-1], []) if t.key not in known] if found.order else []
+    former = [t for t in former if not is_found_already(found, t)]
+    return sorted(former, key=lambda t: t.held_out)[: settings().runners_up]
+
+
+def is_found_already(found: Search, trial: Trial) -> bool:
+    """Whether a trial's law has become one that was found at its place, or that one has become the trial's.
+
+    The same law twice explains nothing more, and two that each stick chatter: a simulation takes seconds.
+    """
+    evidence, (place, name) = found.evidence, trial.key
+    there = {effect for at, effect in found.order if at == place}
+    became = {has_become(evidence, found.fitted, (place, effect)) for effect in there}
+    return has_become(evidence, trial.fitted, trial.key) in there or name in became
+
+
+def _cosine(a: Floats, b: Floats) -> float:
+    return float(a @ b) / max(float(np.sqrt((a @ a) * (b @ b))), 1e-300)
+
+
+def siblings(evidence: Evidence, scores: list[Score], trials: list[Trial]) -> list[Score]:
+    """The best trial's effect at the other places that take it, from the values that were fitted here.
+
+    Only where noise is not all that is left: a resonance that is narrow or a stop that is seldom hit is found at the
+    wrong place first, because its grid happens to be nearer there.
+    """
+    best = min(trials, key=lambda t: merit(evidence, t.fitted), default=None)
+    values = best.fitted.rig.effect(*best.key) if best else None
+    if best is None or values is None or best.held_out < settings().close_floors:
+        return []
+    known = {t.key for t in trials}
+    return [
+        replace(s, values=values) for s in scores
+        if s.candidate.key[1] == best.key[1] and s.candidate.key not in known
+        and s.candidate.effect.kind == best.score.candidate.effect.kind
+    ]  # fmt: skip
+
+
+def hopeful(evidence: Evidence, before: Fit, quick: Fit) -> bool:
+    """Whether a quick fit comes near to what it would have to earn."""
+    rules = settings()
+    share, floor, _ = paired(evidence, before, quick)
+    relief = before.penalty - quick.penalty
+    promised = share > rules.hope_share * rules.earn_excess_share and floor > rules.hope_share * rules.earn_floors
+    return promised or relief > rules.hope_share * rules.earn_penalty
+
+
+def apart(evidence: Evidence, trials: list[Trial]) -> list[list[Trial]]:
+    """All trials, the best first; then, should none of them earn its place, those that share no block with the best.
+
+    What is the best in one block may be worth nothing there and still hide what is missing in another.
+    """
+    if not trials:
+        return []
+    best = min(trials, key=lambda t: merit(evidence, t.fitted))
+    return [trials, [t for t in trials if not meet(evidence, best.key, t.key)]]
+
+
+def simplest_first(evidence: Evidence, trials: list[Trial]) -> list[Trial]:
+    """Those that fit as well as the best, the one with the fewest parameters first."""
+    ranked = sorted(trials, key=lambda t: merit(evidence, t.fitted))
+    if not ranked:
+        return []
+    best = ranked[0]
+    equal = [t for t in ranked if t is best or nearly(evidence, best.fitted, t.fitted)]
+    return sorted(equal, key=lambda t: (len(t.score.candidate.effect.parameters), merit(evidence, t.fitted)))
+
+
+def meet(evidence: Evidence, first: Key, second: Key) -> bool:
+    """Whether two effects act in the same block."""
+    return any({first[0], second[0]} <= places_of(evidence.nominal, b) for b in evidence.blocks)

@@ -1,0 +1,100 @@
+"""Three parts of the recordings: one is fitted to, one chooses the structure, and one judges, once and in the end.
+
+What chose among fifty candidates flatters the one that it chose. So the last part is seen by nobody until everything
+has been chosen; before that, the structure is fitted anew to all but this part.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from dtbacklash.diagnose.data.compare import Record
+from dtbacklash.diagnose.data.evidence import Evidence, stretch_of
+from dtbacklash.diagnose.fit.free import all_free
+from dtbacklash.diagnose.fit.problem import Fit
+from dtbacklash.diagnose.fit.refit import ON, fit
+from dtbacklash.diagnose.search.trials import Search
+from dtbacklash.diagnose.settings import settings
+from dtbacklash.errors import UserError
+
+#: of fewer samples no mean square says anything
+PART_SAMPLES_MIN = 10
+
+
+def marked(records: list[Record]) -> list[Record]:
+    """The recordings with the last of what is held out marked: it judges."""
+    held = np.concatenate([r.held for r in records])
+    at = np.flatnonzero(held)
+    last = np.zeros(len(held), dtype=bool)
+    last[at[len(at) - round(settings().judging_share * len(at)) :]] = True
+    parts = np.split(last, np.cumsum([r.samples for r in records])[:-1])
+    return [replace(r, judge=judge) for r, judge in zip(records, parts, strict=True)]
+
+
+def check_parts(records: list[Record], given: tuple[str, object]) -> None:
+    """Refuse recordings of which too little is fitted to, chooses or judges.
+
+    given : key and value of what the user chose the parts by.
+
+    Raises
+    ------
+    UserError : with that key.
+    """
+    parts = marked(records)
+    counts = {
+        "to fit to": sum(int(r.train.sum()) for r in parts),
+        "to choose by": sum(int((r.held & ~r.judge).sum()) for r in parts),
+        "to judge on": sum(int(r.judge.sum()) for r in parts),
+    }
+    least = min(counts, key=lambda part: counts[part])
+    if counts[least] < PART_SAMPLES_MIN:
+        raise UserError(*given, f"leaves {counts[least]} samples {least}, and at least {PART_SAMPLES_MIN} are needed")
+
+
+def divided(records: list[Record]) -> list[Record]:
+    """The recordings with the last of what is held out kept for the judgement, and the rest of it mixed with the fit's.
+
+    What chooses takes turns with what is fitted to: a limit that is reached in one part only is neither fitted nor
+    chosen.
+    """
+    kept = [replace(r, held=r.held & ~r.judge) for r in marked(records)]
+    turns = sum(int(r.held.sum()) for r in kept) // (settings().turn_stretches * stretch_of(kept))
+    return [_by_turns(r, int(np.clip(turns, 1, settings().turns_max))) for r in kept]
+
+
+def _by_turns(record: Record, turns: int) -> Record:
+    """A record with as many samples that train and as many that are held out, by turns."""
+    at = np.flatnonzero(record.train | record.held)
+    count = int(record.held.sum())
+    if turns == 1 or count in (0, len(at)):
+        return record
+    held = np.zeros(record.samples, dtype=bool)
+    held[at[np.arange(len(at)) * turns % len(at) >= len(at) - count]] = True
+    return replace(record, train=(record.train | record.held) & ~held, held=held)
+
+
+def judging(evidence: Evidence) -> Evidence:
+    """The same with only what judges held out; itself where nothing is marked to judge."""
+    if not any(r.judge.any() for r in evidence.records):
+        return evidence
+    return replace(evidence, records=[replace(r, held=r.judge) for r in evidence.records])
+
+
+def for_judgement(evidence: Evidence) -> Evidence:
+    """The same with all that fitted or chose to be fitted to, and what judges held out."""
+    records = [replace(r, train=r.train | r.held, held=r.judge, judge=np.zeros_like(r.judge)) for r in evidence.records]
+    return replace(evidence, records=records, stretch=stretch_of(records))
+
+
+def refitted(evidence: Evidence, found: Search) -> None:
+    """Fit what a search chose to another part of the recordings, from where its last fits ended."""
+
+    def again(before: Fit) -> Fit:
+        return fit(evidence, before.rig, *all_free(evidence, before.rig), rounds=ON)
+
+    chosen, searched = found.order, found.evidence
+    found.evidence, found.nominal = evidence, again(found.nominal)
+    found.fitted = again(found.fitted) if chosen else found.nominal
+    if [r.samples for r in evidence.records] != [r.samples for r in searched.records]:
+        for trial in found.instead.values():
+            trial.fitted = replace(trial.fitted, residuals=evidence.residuals(trial.fitted.rig))

@@ -1,0 +1,78 @@
+"""A law that is the limit of another one: what has become that law is called by its name.
+
+Dry friction across a spring is a hysteresis over a tiny displacement, and a bristle that engineers call dry friction is
+one too. Where the displacement is small beside the motion, the simpler name stands, unless the data need the other.
+"""
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.data.evidence import Evidence
+from dtbacklash.diagnose.fit.free import Key, as_given
+from dtbacklash.diagnose.fit.problem import Fit
+from dtbacklash.diagnose.search.leave_out import refit_with
+from dtbacklash.diagnose.search.trials import Search, Trial
+from dtbacklash.diagnose.settings import settings
+from dtbacklash.physics.catalogue import find
+
+
+def has_become(evidence: Evidence, fitted: Fit, key: Key) -> str:
+    """The law that a finding has become, as its parameter is small beside the motion; else empty."""
+    place, name = key
+    entry = find(evidence.nominal.kind_at(place), name, place)
+    parameter, limit = entry.becomes or ("", "")
+    values, stretch = fitted.rig.effect(*key), evidence.moving(place).stretch
+    if not limit or values is None or stretch is None:
+        return ""
+    span = float(np.quantile(np.abs(stretch - np.mean(stretch)), 0.95))
+    return limit if values[parameter] < settings().sharp_stretch_share * span else ""
+
+
+def call_by_its_limit(found: Search) -> None:
+    """Put the limiting law in the place of each finding that has become it, where that explains nearly as much.
+
+    What the finding explains beyond that is how another formulation of the same law behaves around rest: it is noted as
+    such, so that nobody takes it for missing physics.
+    """
+    evidence = found.evidence
+    for key in list(found.order):
+        limit = has_become(evidence, found.fitted, key)
+        if not limit or found.fitted.rig.effect(key[0], limit) is not None:
+            continue
+        entry, simpler = (find(evidence.nominal.kind_at(key[0]), n, key[0]) for n in (key[1], limit))
+        size = (found.fitted.rig.effect(*key) or {})[entry.size.name]
+        trial = refit_with(evidence, found.fitted, [((key[0], limit), {simpler.size.name: size})], key)
+        more = _more(evidence, found.fitted, trial, key)
+        if more is not None:
+            for name, excess in more.items():
+                found.formulations[name] = found.formulations.get(name, np.zeros(len(excess))) + excess
+            _replace(found, key, (key[0], limit), trial)
+
+
+def _more(evidence: Evidence, fitted: Fit, trial: Fit, key: Key) -> dict[str, Floats] | None:
+    """Per block, (channels,) mean square that the limit leaves more, in units of the floor's; None if that is much."""
+    rules = settings()
+    without = evidence.residuals(as_given(evidence.nominal, fitted.rig, key), fitted.residuals, {key[0]})
+    more = {block.name: np.zeros(len(block.channels)) for block in evidence.blocks}
+    for part in ("train", "held"):
+        before, after, gone = (evidence.mean_square(r, part) for r in (fitted.residuals, trial.residuals, without))
+        for name, most in more.items():
+            rise = after[name] - before[name]
+            allowed = rules.limit_less_share * np.maximum(gone[name] - before[name], 0.0) + rules.limit_less_floors
+            if np.any(rise > allowed):
+                return None
+            more[name] = np.maximum(most, rise)
+    return more
+
+
+def _replace(found: Search, key: Key, simpler: Key, fitted: Fit) -> None:
+    """Let the simpler law take the place of a finding, which then fits as well."""
+    score = next((s for s in found.scores if s.candidate.key == key), None)
+    before = found.fitted
+    found.fitted, found.order = fitted, [simpler if k == key else k for k in found.order]
+    rivals = [t for t in found.rivals.pop(key, []) if t.key != simpler]
+    if score is not None:
+        rivals.append(Trial(key, score, before, found.evidence.rms(before.residuals), f"has become {simpler[1]}"))
+    found.rivals[simpler] = rivals
+    found.tried[simpler] = found.tried.pop(key, [])
+    found.instead.pop(key, None)

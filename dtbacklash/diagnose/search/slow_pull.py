@@ -1,0 +1,79 @@
+"""Where the pull moves position and speed, the last fit pulls more slowly: prediction lives at low frequencies.
+
+The search pulls fast, so that laws are evaluated along the measured motion; once the laws are known, a slow pull weighs
+what drifts in seconds, and the parameters predict the recording without any pull.
+"""
+
+from dataclasses import replace
+
+from dtbacklash.diagnose.data.compare import Block
+from dtbacklash.diagnose.data.evidence import Evidence
+from dtbacklash.diagnose.data.floor import noise_floor
+from dtbacklash.diagnose.data.pull import observer_gains
+from dtbacklash.diagnose.fit.comparison import rises, worst
+from dtbacklash.diagnose.fit.free import penalty_of
+from dtbacklash.diagnose.fit.intervals import Linear, polished
+from dtbacklash.diagnose.fit.problem import Fit, weights_for
+from dtbacklash.diagnose.fit.refit import ON
+from dtbacklash.diagnose.search.leave_out import refit_with
+from dtbacklash.diagnose.search.trials import Search
+from dtbacklash.diagnose.settings import settings
+
+
+def slow_evidence(evidence: Evidence, times: float | None = None) -> Evidence:
+    """The same recordings with a slow pull where it moves position and speed; itself where none does.
+
+    times : so many times slower than it is; None: as slow as in the last fit.
+    """
+    if not any(b.gains[1] > 0.0 for b in evidence.blocks):
+        return evidence
+    step = evidence.records[0].sample_time_s
+    blocks = [_slowly(b, step, times) if b.gains[1] > 0.0 else b for b in evidence.blocks]
+    return replace(
+        evidence, blocks=blocks, floor=noise_floor(evidence.nominal, blocks, evidence.records, evidence.noise)
+    )
+
+
+def _slowly(block: Block, step_s: float, times: float | None) -> Block:
+    bandwidth = settings().pull_slow_ratio * block.tempo if times is None else block.pull / times
+    return replace(block, gains=observer_gains(bandwidth / step_s, step_s))
+
+
+def _seen_by(evidence: Evidence, fitted: Fit) -> Fit:
+    residuals = evidence.residuals(fitted.rig)
+    penalty = penalty_of(fitted.rig, evidence.nominal)
+    return replace(fitted, residuals=residuals, penalty=penalty, weights=weights_for(evidence, residuals))
+
+
+def refit_slowly(evidence: Evidence, found: Search) -> tuple[Evidence, Fit, Linear]:
+    """Refit what was found with the slow pull, and polish it; the search's last fit takes over its parameters.
+
+    Returns
+    -------
+    The evidence, the fit from which the intervals are taken, and what it is about where it ended; those of the search
+    where what drifts slowly would spoil what it has found.
+    """
+    slow = slow_evidence(evidence)
+    if slow is evidence or not found.order:
+        found.fitted, about = polished(evidence, found.fitted)
+        return evidence, found.fitted, about
+    start = _seen_by(slow, found.fitted)
+    effects = [(key, start.effects[key]) for key in found.order]
+    fitted, about = polished(slow, refit_with(slow, start, effects, rounds=ON))
+    seen = _seen_by(evidence, fitted)
+    if _spoils(evidence, found.fitted, seen):
+        found.fitted, about = polished(evidence, found.fitted)
+        return evidence, found.fitted, about
+    found.fitted = seen
+    return slow, fitted, about
+
+
+def _spoils(evidence: Evidence, before: Fit, after: Fit) -> bool:
+    """Whether the slow fit leaves more of what judges, where hardly more than noise was left without it.
+
+    A body that friction holds stands still somewhere else after the least error, and nothing brings it back: what
+    drifts then tells of that error, and not of the parameters. Where much is unexplained anyway, what drifts is the
+    better guide to what the model does on its own.
+    """
+    complete = worst(evidence, before) <= settings().nearly_noise_floors
+    return complete and rises(evidence, before.residuals, after.residuals)

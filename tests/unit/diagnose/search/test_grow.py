@@ -1,0 +1,74 @@
+"""The search for names: where quick fits begin, and which rivals are finished."""
+
+from dataclasses import replace
+
+import pytest
+
+from dtbacklash.config.compose import compose
+from dtbacklash.diagnose.data.evidence import Evidence
+from dtbacklash.diagnose.fit.comparison import held_loss
+from dtbacklash.diagnose.fit.free import nominal_free
+from dtbacklash.diagnose.fit.refit import FULL, QUICK, fit
+from dtbacklash.diagnose.search import attempts, grow
+from dtbacklash.diagnose.search.rivals import _against
+from dtbacklash.diagnose.search.trials import Search, Trial
+from dtbacklash.diagnose.settings import settings
+from dtbacklash.physics.rig import build_rig
+
+from ..fit.test_refit import shaken
+
+STIFFENING = ("spring", "cubic_stiffness")
+#: it comes to what leaves noise; it never does
+CLOSE, HOPELESS = STIFFENING, ("spring", "quadratic_damping")
+
+
+@pytest.fixture(scope="module")
+def recalibrated() -> Search:
+    """Of an oscillator whose spring hardens: what the parameters can do for that, which leads them astray."""
+    rig = build_rig(compose("rig=oscillator").rig)
+    evidence = Evidence.gather(rig, [shaken(rig.with_effect(*STIFFENING, {"k3": 2e6}))])
+    fitted = fit(evidence, rig, nominal_free(rig))
+    return Search(evidence, fitted, fitted, [])
+
+
+def trial(found: Search, key: tuple[str, str]) -> Trial:
+    """A quick fit of the best value in the bank."""
+    _, scores = grow._bank_about(found.evidence, found, found.fitted)
+    score = next(s for s in scores if s.candidate.key == key)
+    return attempts.attempt(found.evidence, found.fitted, score)
+
+
+def test_quick_fits_begin_from_the_middle_too_where_parameters_are_astray(recalibrated):
+    found = recalibrated
+    stuck = replace(trial(found, STIFFENING), fitted=found.fitted, held_out=held_loss(found.evidence, found.fitted))
+    better = {t.key: t for t in grow._and_from_the_middle(found.evidence, found, [stuck])}
+    assert better[STIFFENING].held_out < 0.5 * stuck.held_out
+
+
+def test_from_where_nothing_is_astray_they_do_not(recalibrated):
+    found = recalibrated
+    nominal = fit(found.evidence, found.evidence.nominal, [])
+    assert grow._and_from_the_middle(found.evidence, replace(found, fitted=nominal), []) == []
+
+
+def test_a_rival_that_leaves_far_more_at_a_glance_is_not_finished(recalibrated, monkeypatch):
+    found, fitted = recalibrated, []
+    plain = attempts.refit_with
+
+    def counted(evidence, current, added, left_out=None, rounds=FULL, near=None):
+        fitted.append((added[0][0], rounds))
+        return plain(evidence, current, added, left_out, rounds, near)
+
+    rivals = [trial(found, key) for key in (CLOSE, HOPELESS)]
+    chosen = attempts.finish(found.evidence, found.fitted, rivals[0]).fitted
+    monkeypatch.setattr(attempts, "refit_with", counted)
+    beside = replace(found, fitted=chosen, against=[])
+    ended = _against(beside, found.fitted, rivals)
+    assert set(fitted) == {(CLOSE, QUICK), (HOPELESS, QUICK), (CLOSE, FULL)}
+    left = {t.key: t.held_out for t in ended}
+    assert left[CLOSE] == pytest.approx(held_loss(found.evidence, chosen), rel=0.02)
+    assert left[HOPELESS] > settings().hopeless_ratio * left[CLOSE]
+    fitted.clear()
+    again = _against(beside, found.fitted, rivals)
+    assert not fitted
+    assert {t.key: t.held_out for t in again} == left
