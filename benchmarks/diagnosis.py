@@ -14,7 +14,7 @@ from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.free import nominal_free
 from dtbacklash.diagnose.fit.refit import fit
 from dtbacklash.diagnose.search.grow import scores_about
-from dtbacklash.diagnose.search.trials import Search
+from dtbacklash.diagnose.search.model import Log, Model
 from dtbacklash.diagnose.spread import on_cores
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.physics.rig import Rig, build_rig
@@ -72,7 +72,7 @@ def _bank_s(rig: Rig) -> float:
     fitted = fit(evidence, rig, nominal_free(rig))
     begin = time.perf_counter()
     with on_cores(JOBS):
-        scores_about(evidence, Search(evidence, fitted, fitted, []))
+        scores_about(Model(evidence, fitted, fitted), Log())
     return time.perf_counter() - begin
 
 

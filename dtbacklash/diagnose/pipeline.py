@@ -28,15 +28,15 @@ from dtbacklash.diagnose.say.drawn import shown
 from dtbacklash.diagnose.say.findings import candidates, finding, located, recalibrated, without, without_known
 from dtbacklash.diagnose.say.next_experiment import next_experiment
 from dtbacklash.diagnose.say.sentences import beyond_said, limits_said, summary
-from dtbacklash.diagnose.search.beyond_tolerance import believed
 from dtbacklash.diagnose.search.friction_by_direction import call_by_direction
 from dtbacklash.diagnose.search.grow import search, silent
 from dtbacklash.diagnose.search.leave_out import drop
+from dtbacklash.diagnose.search.model import Log, Model
 from dtbacklash.diagnose.search.objections import insignificant, objections, raises_the_error, spoils_the_free_run
 from dtbacklash.diagnose.search.parts import divided, for_judgement, refitted
 from dtbacklash.diagnose.search.simpler_law import call_by_its_limit
 from dtbacklash.diagnose.search.slow_pull import refit_slowly
-from dtbacklash.diagnose.search.trials import Search
+from dtbacklash.diagnose.search.wrong_value import believed
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.spread import on_cores
 from dtbacklash.errors import UserError
@@ -69,33 +69,33 @@ def diagnose_records(
             return faulty(rig, inspected, inspected.fault)
         try:
             known, records = with_priors(rig), divided(inspected.records)
-            found, smooth = _searched(_readings(known, records), say)
-            call_by_its_limit(found)
-            call_by_direction(found)
+            model, log, smooth = _searched(_readings(known, records), say)
+            model = call_by_direction(call_by_its_limit(model, log), log)
             say("fitting to all and judging", 0.95)
-            refitted(for_judgement(whole(found.evidence, records, smooth)), found)
-            return mended(_diagnosis(found, _sure(found), smooth), inspected)
+            model = refitted(model, for_judgement(whole(model.evidence, records, smooth)))
+            model, errors = _with_errors(model, log)
+            return mended(_diagnosis(model, log, errors, smooth), inspected)
         except np.linalg.LinAlgError as error:
             return faulty(rig, inspected, not_finite(rig, inspected, error))
 
 
-def _sure(found: Search) -> Errors:
-    """Standard errors of the last fit, after taking back what does not stand its trial."""
-    while key := spoils_the_free_run(found.evidence, found.nominal, found.fitted, found.order):
-        drop(found, key, "simulated freely, the rig is further from the recording with it than without")
-    while key := raises_the_error(found.evidence, found.nominal, found.fitted, found.order):
-        drop(found, key, "the held-out error rises with it")
+def _with_errors(model: Model, log: Log) -> tuple[Model, Errors]:
+    """The model without what does not stand its trial, and the standard errors of its last fit."""
+    while key := spoils_the_free_run(model.evidence, model.nominal, model.fitted, model.keys):
+        model = drop(model, log, key, "simulated freely, the rig is further from the recording with it than without")
+    while key := raises_the_error(model.evidence, model.nominal, model.fitted, model.keys):
+        model = drop(model, log, key, "the held-out error rises with it")
     while True:
-        slow, fitted, about = refit_slowly(found.evidence, found)
-        if out_of_sight := objections(found.evidence, found.fitted.rig, found.order):
+        model, slow, fitted, about = refit_slowly(model)
+        if out_of_sight := objections(model.evidence, model.fitted.rig, model.keys):
             key, why = out_of_sight.popitem()
-            drop(found, key, f"fitted to all, {why}")
+            model = drop(model, log, key, f"fitted to all, {why}")
             continue
         errors = standard_errors(slow, fitted, about)
-        key = insignificant(found.evidence, fitted.rig, found.order, errors)
+        key = insignificant(model.evidence, fitted.rig, model.keys, errors)
         if key is None:
-            return errors
-        drop(found, key, "its interval holds what does nothing")
+            return model, errors
+        model = drop(model, log, key, "its interval holds what does nothing")
 
 
 def _readings(rig: Rig, records: list[Record]) -> list[Evidence]:
@@ -113,77 +113,76 @@ def _readings(rig: Rig, records: list[Record]) -> list[Evidence]:
     return [held, smooth] if losses[1] < settings().smooth_command_share * losses[0] else [held]
 
 
-def _searched(readings: list[Evidence], say: Callable[[str, float], None]) -> tuple[Search, bool]:
+def _searched(readings: list[Evidence], say: Callable[[str, float], None]) -> tuple[Model, Log, bool]:
     """The search about the reading of the command that needs the fewest effects, and whether that is the smooth one.
 
     Missing physics may make the smooth reading fit better, and a delay of half a sample undo it: where what was found
     with it, but for delays, nearly fits the held one, that is searched as well. The held one is the rule.
     """
-    found = search(readings[-1], say)
+    model, log = search(readings[-1], say)
     if len(readings) == 1:
-        return found, False
-    held, rig = readings[0], found.fitted.rig
-    for key in found.order:
+        return model, log, False
+    held, rig = readings[0], model.fitted.rig
+    for key in model.keys:
         if find(rig.kind_at(key[0]), key[1], key[0]).is_delay:
             rig = as_given(held.nominal, rig, key)
     same_laws = fit(held, rig, *all_free(held, rig))
-    near = settings().hopeless_ratio * max(held_loss(found.evidence, found.fitted), settings().close_floors)
+    near = settings().hopeless_ratio * max(held_loss(model.evidence, model.fitted), settings().close_floors)
     if held_loss(held, same_laws) > near:
-        return found, True
-    again = search(held, say)
-    fewer = (len(again.order), merit(held, again.fitted)) <= (len(found.order), merit(found.evidence, found.fitted))
-    most = settings().noise_floors * max(worst(found.evidence, found.fitted), 1.0)
-    return (again, False) if fewer and worst(held, again.fitted) <= most else (found, True)
+        return model, log, True
+    again, log_again = search(held, say)
+    fewer = (len(again.named), merit(held, again.fitted)) <= (len(model.named), merit(model.evidence, model.fitted))
+    most = settings().noise_floors * max(worst(model.evidence, model.fitted), 1.0)
+    if fewer and worst(held, again.fitted) <= most:
+        return again, log_again, False
+    return model, log, True
 
 
-def _diagnosis(found: Search, errors: Errors, smooth: bool) -> Diagnosis:
+def _diagnosis(model: Model, log: Log, errors: Errors, smooth: bool) -> Diagnosis:
     """What a finished search says; ``errors`` : standard errors of the last fit's parameters."""
-    evidence = found.evidence
-    given = believed(evidence.nominal, found.beyond)
-    moved = moved_parameters(evidence, given, found.fitted, errors)
-    left_out = without(evidence, found)
-    white = whiteness(evidence, found.fitted)
+    evidence, wrong = model.evidence, model.wrong_value
+    given = believed(evidence.nominal, wrong)
+    moved = moved_parameters(evidence, given, model.fitted, errors)
+    left_out = without(model)
+    white = whiteness(evidence, model.fitted)
     # a law that the rig has already has other formulations, too
-    acting = left_out | without_known(evidence, found)
-    left = remaining(evidence, found, acting, {c for c, row in white.items() if row.passed}, coloured(white))
+    left = remaining(
+        model, left_out | without_known(model), {c for c, row in white.items() if row.passed}, coloured(white)
+    )
     real = {name for name, block in left.items() if block.real}
-    forms = free_forms(evidence, found.fitted, None if real else _places(found), real or None)
+    # where nothing is left, an effort of free form is tried against what was named, at its place
+    forms = free_forms(evidence, model.fitted, None if real else {place for place, _ in model.keys}, real or None)
     form = max(forms, key=lambda f: f.t, default=None)
-    verdict = decide(left, depends_on(form, left), found, moved)
+    verdict = decide(left, depends_on(form, left), model, moved)
     rest = max(forms, key=lambda f: f.share, default=None) if verdict == UNEXPLAINED else None
-    findings = tuple(finding(evidence, found, key, errors, left_out[key], rest, verdict) for key in found.order)
-    values, where = recalibrated(evidence.nominal, moved, found.beyond), located(left, verdict, rest)
-    free = free_running(evidence, found.nominal, found.fitted)
-    far = beyond_said(found.beyond)
-    at_limits = limits_said(at_bounds(evidence, found), at_tolerances(evidence.nominal, found.fitted.rig))
+    findings = tuple(finding(model, key, errors, left_out[key], rest, verdict) for key in model.keys)
+    values, where = recalibrated(evidence.nominal, moved, wrong), located(left, verdict, rest)
+    free = free_running(evidence, model.nominal, model.fitted)
+    at_limits = limits_said(at_bounds(model), at_tolerances(evidence.nominal, model.fitted.rig))
+    said = summary(verdict, findings, values, where, wrong), at_limits, beyond_said(wrong)
     return Diagnosis(
         verdict=verdict,
-        summary=" ".join(filter(None, (summary(verdict, findings, values, where, found.beyond), at_limits, far))),
+        summary=" ".join(filter(None, said)),
         findings=findings,
         recalibrated=values,
-        fit=fit_table(evidence, found.nominal, found.fitted),
-        candidates=candidates(found),
+        fit=fit_table(evidence, model.nominal, model.fitted),
+        candidates=candidates(model, log),
         located=where,
-        next_experiment=next_experiment(evidence, found, rest),
+        next_experiment=next_experiment(model, rest),
         nominal=given,
-        extended=with_errors(believed(found.fitted.rig, found.beyond), errors),
+        extended=with_errors(believed(model.fitted.rig, wrong), errors),
         free_running=free,
-        checks=all_checks(evidence, found, errors, free, form, white),
-        limits=limits(found),
+        checks=all_checks(model, errors, free, form, white),
+        limits=limits(model, log),
         notes=("The command is a measured signal: it passes smoothly through its samples instead of being held.",)
-        if smooth else (),
-        shown=shown(evidence, found, left_out, rest),
-        work=_work(found, smooth),
-    )  # fmt: skip
+        if smooth
+        else (),
+        shown=shown(model, left_out, rest),
+        work=_work(evidence, log, smooth),
+    )
 
 
-def _places(found: Search) -> set[str]:
-    """Where something was named: there an effort of free form is tried against what was named."""
-    return {place for place, _ in found.order}
-
-
-def _work(found: Search, smooth: bool) -> Work:
-    evidence = found.evidence
+def _work(evidence: Evidence, log: Log, smooth: bool) -> Work:
     records = evidence.records
     return Work(
         sample_time_s=records[0].sample_time_s,
@@ -191,7 +190,7 @@ def _work(found: Search, smooth: bool) -> Work:
         judged=sum(int(r.held.sum()) for r in records),
         blocks=tuple((b.channels, b.imposed or "", b.pulled or "") for b in evidence.blocks),
         floor={c: float(evidence.floor[b.name][j]) for b in evidence.blocks for j, c in enumerate(b.channels)},
-        bank=len(found.scores),
-        fits=len(found.trials),
+        bank=len(log.scores),
+        fits=len(log.trials),
         smooth=smooth,
     )

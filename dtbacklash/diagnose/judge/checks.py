@@ -17,9 +17,9 @@ from dtbacklash.diagnose.fit.free import Errors, Key, nominal_free, standing, st
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.judge.free_form import Recovered
 from dtbacklash.diagnose.result import Check, FreeRunning
-from dtbacklash.diagnose.search.beyond_tolerance import believed
+from dtbacklash.diagnose.search.model import Model
 from dtbacklash.diagnose.search.objections import distance, distances
-from dtbacklash.diagnose.search.trials import Search
+from dtbacklash.diagnose.search.wrong_value import believed
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.words import place_in_words
 from dtbacklash.physics.catalogue import find
@@ -42,7 +42,7 @@ FREE = "Ljung, System Identification (1999), chapter 16"
 
 
 def all_checks(
-    evidence: Evidence, found: Search, errors: Errors, free: FreeRunning, form: Recovered | None,
+    model: Model, errors: Errors, free: FreeRunning, form: Recovered | None,
     white: dict[str, Check] | None = None,
 ) -> tuple[Check, ...]:  # fmt: skip
     """All rows.
@@ -50,14 +50,14 @@ def all_checks(
     errors : standard errors of the last fit's parameters. free : errors of the free simulations. form : the effort of
     free form that beats nothing most significantly. white : see :func:`whiteness`, if that is known already.
     """
-    white = whiteness(evidence, found.fitted) if white is None else white
-    rows = [*_noise(evidence, found), *white.values(), *_stateless(form), _generalises(evidence, found)]
-    rows.append(_recalibration(evidence, found))
-    if found.order:
-        rows.append(_earned(evidence, found))
-        rows += [_away_from_nothing(evidence, found, key, errors) for key in found.order]
-        rows.append(_inside_bounds(evidence, found))
-    tolerance = _inside_tolerances(believed(evidence.nominal, found.beyond), found.fitted.rig)
+    white = whiteness(model.evidence, model.fitted) if white is None else white
+    rows = [*_noise(model), *white.values(), *_stateless(form), _generalises(model)]
+    rows.append(_recalibration(model))
+    if model.keys:
+        rows.append(_earned(model))
+        rows += [_away_from_nothing(model, key, errors) for key in model.keys]
+        rows.append(_inside_bounds(model))
+    tolerance = _inside_tolerances(believed(model.evidence.nominal, model.wrong_value), model.fitted.rig)
     return (*rows, *([tolerance] if tolerance else []), _free(free))
 
 
@@ -71,8 +71,9 @@ def _above(check: str, statistic: float, threshold: float, comment: str, source:
     return Check(check, statistic if known else None, ">", threshold, known and statistic > threshold, comment, source)
 
 
-def _noise(evidence: Evidence, found: Search) -> list[Check]:
-    squares, least = evidence.mean_square(found.fitted.residuals, "held"), evidence.least()
+def _noise(model: Model) -> list[Check]:
+    evidence = model.evidence
+    squares, least = evidence.mean_square(model.fitted.residuals, "held"), evidence.least()
     floors = settings().noise_floors
     return [
         _below(
@@ -132,14 +133,14 @@ def ljung_box(values: Floats, lags: int) -> float:
 def _of_a_truth(evidence: Evidence, rig: Rig, block: Block) -> Floats | None:
     """(channels, samples) held-out residuals of a simulated recording of ``rig``; None if it does not stay finite."""
     rng = np.random.default_rng(0)
-    found = []
+    left = []
     for record in evidence.records:
         with np.errstate(over="ignore", invalid="ignore"):
             made = synthetic(rig, record, evidence.noise, rng)
             if not all(np.isfinite(v).all() for v in made.y.values()):
                 return None
-            found.append(residual(rig, block, made)[record.held])
-    joined: Floats = np.concatenate(found).T
+            left.append(residual(rig, block, made)[record.held])
+    joined: Floats = np.concatenate(left).T
     return joined
 
 
@@ -155,9 +156,11 @@ def _stateless(form: Recovered | None) -> list[Check]:
     )]  # fmt: skip
 
 
-def _generalises(evidence: Evidence, found: Search) -> Check:
-    train, held = (evidence.mean_square(found.fitted.residuals, part) for part in ("train", "held"))
-    ratios = {c: float(held[b.name][j] / train[b.name][j]) for b in evidence.blocks for j, c in enumerate(b.channels)}
+def _generalises(model: Model) -> Check:
+    train, held = (model.evidence.mean_square(model.fitted.residuals, part) for part in ("train", "held"))
+    ratios = {
+        c: float(held[b.name][j] / train[b.name][j]) for b in model.evidence.blocks for j, c in enumerate(b.channels)
+    }
     worst = max(ratios, key=lambda c: ratios[c])
     return _below(
         "held-out data fit as well as those fitted to", ratios[worst], settings().overfitted_ratio,
@@ -166,17 +169,18 @@ def _generalises(evidence: Evidence, found: Search) -> Check:
     )  # fmt: skip
 
 
-def _recalibration(evidence: Evidence, found: Search) -> Check:
+def _recalibration(model: Model) -> Check:
+    evidence = model.evidence
     nominal = evidence.rms(evidence.residuals(evidence.nominal))
-    recalibrated, most = evidence.rms(found.nominal.residuals), math.sqrt(settings().needed_ratio)
+    recalibrated, most = evidence.rms(model.nominal.residuals), math.sqrt(settings().needed_ratio)
     return _below(
         "recalibrated no worse than nominal", recalibrated / nominal, most,
         "ratio of the held-out rms errors, both without new physics; more is fitted by chance", HELD_OUT,
     )  # fmt: skip
 
 
-def _earned(evidence: Evidence, found: Search) -> Check:
-    _, _, t = paired(evidence, found.nominal, found.fitted)
+def _earned(model: Model) -> Check:
+    _, _, t = paired(model.evidence, model.nominal, model.fitted)
     return _above(
         "the findings lower the held-out error", t, settings().earn_errors,
         "fall of the loss between recalibrated and extended, in standard errors over stretches of the held-out part",
@@ -192,23 +196,24 @@ def _entry(evidence: Evidence, key: Key) -> Effect:
     return find(evidence.nominal.kind_at(key[0]), key[1], key[0])
 
 
-def _away_from_nothing(evidence: Evidence, found: Search, key: Key, errors: Errors) -> Check:
-    size, away = _entry(evidence, key).size, distances(evidence, found.fitted.rig, key, errors)
+def _away_from_nothing(model: Model, key: Key, errors: Errors) -> Check:
+    evidence = model.evidence
+    size, away = _entry(evidence, key).size, distances(evidence, model.fitted.rig, key, errors)
     named = max(away, key=lambda name: np.nan_to_num(away[name], nan=-1.0), default=size.name)
     meaning = "does nothing" if math.isfinite(size.neutral or 0.0) else "is never reached"
     return _above(
-        f"{_named(key)} is not zero", distance(evidence, found.fitted.rig, key, errors), settings().away_errors,
+        f"{_named(key)} is not zero", distance(evidence, model.fitted.rig, key, errors), settings().away_errors,
         f"distance of `{named}` from where it {meaning}, in standard errors; less could be nothing at all", WALD,
     )  # fmt: skip
 
 
-def at_bounds(evidence: Evidence, found: Search) -> list[str]:
+def at_bounds(model: Model) -> list[str]:
     """The parameters of the findings that stand at an end of their range, each with its effect and place in words."""
     return [
         f"`{p.name}` of {_named(key)}"
-        for key in found.order for p in _entry(evidence, key).parameters
+        for key in model.keys for p in _entry(model.evidence, key).parameters
         if p.role is not Role.ANGLE
-        and _at_bound(p, (found.fitted.rig.effect(*key) or {})[p.name], evidence.bounds(key).get(p.name))
+        and _at_bound(p, (model.fitted.rig.effect(*key) or {})[p.name], model.evidence.bounds(key).get(p.name))
     ]  # fmt: skip
 
 
@@ -217,8 +222,8 @@ def at_tolerances(nominal: Rig, rig: Rig) -> list[str]:
     return [f"`{f.title}`" for f in nominal_free(nominal, rig=rig) if stands_at_limit(f, standing(f, rig))]
 
 
-def _inside_bounds(evidence: Evidence, found: Search) -> Check:
-    there = at_bounds(evidence, found)
+def _inside_bounds(model: Model) -> Check:
+    there = at_bounds(model)
     which = f" ({', '.join(there)})" if there else ""
     return _below(
         "the findings' parameters are inside their bounds", float(len(there)), 1.0,

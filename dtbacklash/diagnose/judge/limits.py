@@ -16,7 +16,7 @@ from dtbacklash.diagnose.fit.free import unit_at
 from dtbacklash.diagnose.fit.intervals import NORMAL95, group_sums
 from dtbacklash.diagnose.propose.locate import Score
 from dtbacklash.diagnose.result import Limit
-from dtbacklash.diagnose.search.trials import Search
+from dtbacklash.diagnose.search.model import Log, Model
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.effects.declare import Parameter
 
@@ -24,12 +24,12 @@ from dtbacklash.physics.effects.declare import Parameter
 EXTRAPOLATED_MAX = 30.0
 
 
-def limits(found: Search) -> tuple[Limit, ...]:
+def limits(model: Model, log: Log) -> tuple[Limit, ...]:
     """For each effect that was asked about last and not found, a 95 % bound on its size, or that it cannot be seen."""
-    asked, named = found.last, set(found.order)
-    if asked is None:
+    if not log.banks:
         return ()
-    left = sorted((s for s in asked.scores if s.candidate.key not in named), key=lambda s: s.candidate.key)
+    asked = log.banks[-1]
+    left = sorted((s for s in asked.scores if s.candidate.key not in model.keys), key=lambda s: s.candidate.key)
     return tuple(_limit(asked.evidence, score, asked.residual) for score in left)
 
 

@@ -11,7 +11,7 @@ from dtbacklash.diagnose.fit.free import Errors, Key, apply, as_given, nominal_f
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.judge.free_form import Recovered
 from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Confidence, Verdict
-from dtbacklash.diagnose.search.trials import Search
+from dtbacklash.diagnose.search.model import Model
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 
@@ -33,29 +33,28 @@ class Left:
     formulation: float
 
 
-def decide(left: dict[str, Left], depends: bool, found: Search, moved: Moved) -> Verdict:
+def decide(left: dict[str, Left], depends: bool, model: Model, moved: Moved) -> Verdict:
     """The verdict. left : per block. depends : whether what is left depends on a state, see :func:`depends_on`."""
     if depends or any(block.real for block in left.values()):
         return UNEXPLAINED
-    if found.order:
+    if model.keys:
         return MISSING
     return PARAMETERS if moved else CONSISTENT
 
 
-def remaining(
-    evidence: Evidence, found: Search, left_out: dict[Key, Residuals], white: set[str], coloured: set[str]
-) -> dict[str, Left]:
+def remaining(model: Model, left_out: dict[Key, Residuals], white: set[str], coloured: set[str]) -> dict[str, Left]:
     """Per block, what the last fit leaves.
 
     left_out : per effect of the rig, what is left without it. white : the channels of which white noise is left; a
     little more of that than was expected is a floor that was expected too low. coloured : those of which something is
     left that no noise would; of that a little is more than noise.
     """
+    evidence = model.evidence
     rules = settings()
-    first, last = _squares(evidence, found.nominal), _squares(evidence, found.fitted)
+    first, last = _squares(evidence, model.nominal), _squares(evidence, model.fitted)
     least, left = evidence.least(), {}
     channels = {block.name: block.channels for block in evidence.blocks}
-    other = {part: other_formulations(evidence, found.fitted, left_out, part) for part in ("train", "held")}
+    other = {part: other_formulations(evidence, model.fitted, left_out, part) for part in ("train", "held")}
     for name in least:
         most = np.where([c in coloured for c in channels[name]], rules.coloured_floors, rules.noise_floors)
         quiet = last[0][name] < most * least[name]
@@ -64,7 +63,7 @@ def remaining(
         after = np.where(once, last[1][name], last[0][name]) - 1.0
         before = np.where(once, first[1][name], first[0][name]) - 1.0
         above = ~quiet | once
-        also = rules.formulation_deviations * found.formulations.get(name, np.zeros(len(channels[name])))
+        also = rules.formulation_deviations * model.formulations.get(name, np.zeros(len(channels[name])))
         parts = {part: other[part][name] + also for part in ("train", "held")}
         formulation = np.where(once, np.maximum(parts["train"], parts["held"]), parts["held"])
         noisy = np.array([c in white for c in channels[name]]) & (last[1][name] < rules.noise_part_floors)
@@ -83,9 +82,7 @@ def depends_on(form: Recovered | None, left: dict[str, Left]) -> bool:
     return form is not None and form.t > settings().depends_errors and form.fall > least
 
 
-def confidence(
-    evidence: Evidence, found: Search, key: Key, left_out: Residuals, rest: Recovered | None, unexplained: bool
-) -> Confidence:
+def confidence(model: Model, key: Key, left_out: Residuals, rest: Recovered | None, unexplained: bool) -> Confidence:
     """How sure a finding is where something is left: its name stands if what is left lies elsewhere and is small.
 
     Findings near what is left count as left: they stand in for it.
@@ -94,13 +91,14 @@ def confidence(
 
     rest : where what is left lies; None where nothing shows that. unexplained : whether anything is left.
     """
+    evidence = model.evidence
     rules = settings()
     if not unexplained:
-        return "sure" if found.as_well is None else "partial"
+        return "sure" if model.could_be is None else "partial"
     # what shows itself nowhere may be here
     if rest is None or not rest.shown or rest.place in _near(evidence.nominal, key[0]):
         return "partial"
-    unknown = evidence.mean_square(_without_stand_ins(evidence, found, rest), "held")
+    unknown = evidence.mean_square(_without_stand_ins(model, rest), "held")
     without = evidence.mean_square(left_out, "held")
     worth = max(
         float(np.max((without[n] - 1.0) / np.maximum(unknown[n] - 1.0, rules.noise_floors - 1.0))) for n in unknown
@@ -108,13 +106,14 @@ def confidence(
     return "sure" if worth > rules.stands_out_ratio else "partial"
 
 
-def _without_stand_ins(evidence: Evidence, found: Search, rest: Recovered) -> Residuals:
+def _without_stand_ins(model: Model, rest: Recovered) -> Residuals:
     """What is left without the findings near the rest, which stand in for the same unknown physics."""
-    rig, places = found.fitted.rig, set[str]()
-    for key in found.order:
+    evidence = model.evidence
+    rig, places = model.fitted.rig, set[str]()
+    for key in model.keys:
         if rest.place in _near(evidence.nominal, key[0]):
             rig, places = as_given(evidence.nominal, rig, key), places | {key[0]}
-    return evidence.residuals(rig, found.fitted.residuals, places) if places else found.fitted.residuals
+    return evidence.residuals(rig, model.fitted.residuals, places) if places else model.fitted.residuals
 
 
 def _near(rig: Rig, place: str) -> set[str]:

@@ -9,25 +9,25 @@ from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.judge.free_form import Recovered
 from dtbacklash.diagnose.result import Curve, LawShown, Shown
 from dtbacklash.diagnose.say.law_points import EFFORTS, law_shown
-from dtbacklash.diagnose.search.trials import Search
+from dtbacklash.diagnose.search.model import Model
 from dtbacklash.diagnose.words import place_in_words
 
 
-def shown(evidence: Evidence, found: Search, left_out: dict[Key, Residuals], rest: Recovered | None) -> Shown:
+def shown(model: Model, left_out: dict[Key, Residuals], rest: Recovered | None) -> Shown:
     """Everything that is drawn.
 
     Parameters
     ----------
     left_out : per finding, what remains without it. rest : the effort that explains most of what no law explains.
     """
-    listed = [law_shown(evidence, found.fitted, key, left_out[key]) for key in found.order]
+    listed = [law_shown(model.evidence, model.fitted, key, left_out[key]) for key in model.keys]
     laws = [law for law in listed if law is not None]
     # where a block is driven by what is imposed on it, an effort may show nowhere: there is nothing to draw then
     if rest is not None and rest.shown and np.any(rest.effort):
         laws.append(_unexplained(rest))
-    evidence_at = shares(evidence, found, left_out, rest)
+    evidence_at = shares(model, left_out, rest)
     return Shown(
-        evidence_at, tuple(_curves(evidence, found)), tuple(laws), in_floors(evidence, found.nominal, found.fitted)
+        evidence_at, tuple(_curves(model)), tuple(laws), in_floors(model.evidence, model.nominal, model.fitted)
     )
 
 
@@ -39,9 +39,7 @@ def _unexplained(rest: Recovered) -> LawShown:
     )  # fmt: skip
 
 
-def shares(
-    evidence: Evidence, found: Search, left_out: dict[Key, Residuals], rest: Recovered | None
-) -> dict[str, float]:
+def shares(model: Model, left_out: dict[Key, Residuals], rest: Recovered | None) -> dict[str, float]:
     """Place -> its share of the evidence against the recalibrated rig; they add up to 1, or there are none.
 
     An effect weighs what the held-out log-likelihood of a sample falls by when it alone is taken out again, and
@@ -49,9 +47,9 @@ def shares(
     itself at no place.
     """
     weights: dict[str, float] = {}
-    last = _log_excess(evidence, found.fitted.residuals)
+    last = _log_excess(model.evidence, model.fitted.residuals)
     for (place, _), residuals in left_out.items():
-        weights[place] = weights.get(place, 0.0) + max(_log_excess(evidence, residuals) - last, 0.0)
+        weights[place] = weights.get(place, 0.0) + max(_log_excess(model.evidence, residuals) - last, 0.0)
     if rest is not None and rest.shown:
         weights[rest.place] = weights.get(rest.place, 0.0) + last
     total = sum(weights.values())
@@ -64,8 +62,9 @@ def _log_excess(evidence: Evidence, residuals: Residuals) -> float:
     return sum(float(np.sum(np.log(np.maximum(squares[n] / least[n], 1.0)))) for n in squares)
 
 
-def _curves(evidence: Evidence, found: Search) -> list[Curve]:
+def _curves(model: Model) -> list[Curve]:
     """Measured, nominal and extended, a channel and a recording each, at the scale of the comparison."""
+    evidence = model.evidence
     recordings: list[list[Record]] = []
     for record in evidence.records:  # a later stretch belongs to the recording of the one before it
         if record.from_s > 0.0 and recordings:
@@ -79,7 +78,7 @@ def _curves(evidence: Evidence, found: Search) -> list[Curve]:
         held = np.flatnonzero(np.concatenate([r.held for r in stretches]))
         for block in evidence.blocks:
             nominal = np.concatenate([predict(evidence.nominal, block, r) for r in stretches])
-            extended = np.concatenate([predict(found.fitted.rig, block, r) for r in stretches])
+            extended = np.concatenate([predict(model.fitted.rig, block, r) for r in stretches])
             for j, channel in enumerate(block.channels):
                 curves.append(
                     Curve(

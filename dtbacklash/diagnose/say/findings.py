@@ -1,7 +1,7 @@
 """Findings: from the effects and parameters of the last fit to what is said of them, with intervals and rivals."""
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.data.evidence import Evidence, Residuals
+from dtbacklash.diagnose.data.evidence import Residuals
 from dtbacklash.diagnose.fit.comparison import held_loss, rises
 from dtbacklash.diagnose.fit.free import (
     Errors,
@@ -31,40 +31,42 @@ from dtbacklash.diagnose.result import (
     Verdict,
 )
 from dtbacklash.diagnose.say.sentences import as_well_said, less, quantity, unsure, when
+from dtbacklash.diagnose.search.model import Log, Model, WrongValue, rescaled
 from dtbacklash.diagnose.search.objections import unseen
-from dtbacklash.diagnose.search.trials import Beyond, Search
 from dtbacklash.diagnose.words import all_in_words, named_in_words, place_in_words
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig
 
 
-def without(evidence: Evidence, found: Search) -> dict[Key, Residuals]:
+def without(model: Model) -> dict[Key, Residuals]:
     """Per finding, what the last fit leaves if the finding alone is taken out of it."""
+    evidence, fitted = model.evidence, model.fitted
     return {
-        key: evidence.residuals(as_given(evidence.nominal, found.fitted.rig, key), found.fitted.residuals, {key[0]})
-        for key in found.order
+        key: evidence.residuals(as_given(evidence.nominal, fitted.rig, key), fitted.residuals, {key[0]})
+        for key in model.keys
     }
 
 
-def without_known(evidence: Evidence, found: Search) -> dict[Key, Residuals]:
+def without_known(model: Model) -> dict[Key, Residuals]:
     """The same for each effect that the rig has had from the beginning."""
-    rig = found.fitted.rig
+    rig = model.fitted.rig
     return {
-        key: evidence.residuals(taken_out(rig, key), found.fitted.residuals, {key[0]})
+        key: model.evidence.residuals(taken_out(rig, key), model.fitted.residuals, {key[0]})
         for key in effects_of_rig(rig) if is_known(rig, key)
     }  # fmt: skip
 
 
 def finding(
-    evidence: Evidence, found: Search, key: Key, errors: Errors, left_out: Residuals, rest: Recovered | None,
+    model: Model, key: Key, errors: Errors, left_out: Residuals, rest: Recovered | None,
     verdict: Verdict,
 ) -> Finding:  # fmt: skip
     """What is said of one effect; ``left_out`` : what remains without it. rest : what is left, if that shows."""
+    evidence = model.evidence
     place, name = key
     entry = find(evidence.nominal.kind_at(place), name, place)
-    values = found.fitted.rig.effect(place, name) or {}
+    values = model.fitted.rig.effect(place, name) or {}
     parameters: dict[str, ParameterEstimate] = {}
-    idle, gone = entry.idle(values), _is_not_there(evidence, found, key)
+    idle, gone = entry.idle(values), _is_not_there(model, key)
     for p in entry.parameters:
         if p.name in idle:
             continue  # nothing asked for it
@@ -73,27 +75,28 @@ def finding(
         if gone and p.neutral is not None:
             ends = min(ends[0], p.neutral), max(ends[1], p.neutral)
         parameters[p.name] = ParameterEstimate(value, unit_at(evidence.nominal, place, p.unit), ends)
-    instead = _instead(evidence, found, key)
+    instead = _instead(model, key)
     shown = {n: quantity(p.value, p.unit) for n, p in parameters.items()}
-    silent = idle | unseen(evidence, found.fitted.rig, key, errors)
+    silent = idle | unseen(evidence, model.fitted.rig, key, errors)
     said = entry.said(silent).format(location=place_in_words(place), **shown)
     if gone:
         said = f"{named_in_words(name, place)} is not there, or too small to be seen."
-    sure = confidence(evidence, found, key, left_out, rest, verdict == UNEXPLAINED)
+    sure = confidence(model, key, left_out, rest, verdict == UNEXPLAINED)
     sentence = said[:1].upper() + said[1:] + _instead_of_known(evidence.nominal, key)
     if verdict == UNEXPLAINED:
         sentence += unsure(sure, key, rest)
     return Finding(
-        place, name, parameters, _also_fits(found, key), when(evidence, found, left_out), instead,
+        place, name, parameters, _also_fits(model, key), when(model, left_out), instead,
         sentence + less(instead), sure,
     )  # fmt: skip
 
 
-def _is_not_there(evidence: Evidence, found: Search, key: Key) -> bool:
+def _is_not_there(model: Model, key: Key) -> bool:
     """Whether an effect that the nominal rig has does nothing any more, as what judges is no worse without it."""
+    evidence = model.evidence
     if evidence.nominal.effect(*key) is None:
         return False
-    here, rig = found.fitted.residuals, taken_out(found.fitted.rig, key)
+    here, rig = model.fitted.residuals, taken_out(model.fitted.rig, key)
     return not rises(evidence, here, evidence.residuals(rig, here, {key[0]}))
 
 
@@ -107,32 +110,33 @@ def _instead_of_known(nominal: Rig, key: Key) -> str:
     return f" The nominal rig has it with {said}; the recording differs from that by more than the tolerance."
 
 
-def _also_fits(found: Search, key: Key) -> tuple[Alternative, ...]:
+def _also_fits(model: Model, key: Key) -> tuple[Alternative, ...]:
     """What this recording cannot tell from a finding: fits that are as good."""
-    others = tuple(Alternative(*t.key, t.reason) for t in found.rivals.get(key, []))
-    return others if found.as_well is None else (*others, _wrong_value(found.as_well))
+    others = tuple(Alternative(*t.key, t.reason) for t in model.about(key).rivals)
+    return others if model.could_be is None else (*others, _wrong_value(model.could_be))
 
 
-def _wrong_value(as_well: Beyond) -> Alternative:
+def _wrong_value(as_well: WrongValue) -> Alternative:
     """A parameter of the rig that would explain as much, at the first element that has it."""
     elements = as_well.evidence.nominal.config.elements
     place = next(name for name, spec in elements.items() if as_well.name in spec.values())
     return Alternative(place, as_well.name, as_well_said(as_well))
 
 
-def _instead(evidence: Evidence, found: Search, key: Key) -> Instead | None:
+def _instead(model: Model, key: Key) -> Instead | None:
     """What would be named if an effect were not in the catalogue."""
-    trial = found.instead.get(key)
-    if trial is None or trial.key in found.order:
+    evidence = model.evidence
+    trial = model.about(key).lesser
+    if trial is None or trial.key in model.keys:
         return None
     place, name = trial.key
     size = find(evidence.nominal.kind_at(place), name, place).size
     values = trial.fitted.rig.effect(place, name) or {}
-    worse = held_loss(evidence, trial.fitted) / held_loss(evidence, found.fitted)
+    worse = held_loss(evidence, trial.fitted) / held_loss(evidence, model.fitted)
     return Instead(place, name, values.get(size.name, size.neutral or 0.0), size.unit, worse)
 
 
-def recalibrated(rig: Rig, moved: Moved, beyond: Beyond | None) -> dict[str, Recalibrated]:
+def recalibrated(rig: Rig, moved: Moved, beyond: WrongValue | None) -> dict[str, Recalibrated]:
     """The parameters of the rig that had to move, their intervals, and the effects whose place one of them took."""
     known = {f.title: f for f in nominal_free(rig)}
     taken = {} if beyond is None else {beyond.name: _as_good(beyond.instead_of)}
@@ -180,16 +184,20 @@ def _listed(values: Floats) -> list[float]:
     return [float(v) for v in values]
 
 
-def candidates(found: Search) -> tuple[Candidate, ...]:
+def candidates(model: Model, log: Log) -> tuple[Candidate, ...]:
     """The bank about the recalibrated rig, and what became of each entry."""
-    tried = {t.key: t for t in found.trials}
+    tried = {trial.key: (trial, evidence) for trial, evidence in log.trials}
     rows = []
-    for score in found.scores:
+    for score in log.scores:
         key = score.candidate.key
-        trial = tried.get(key)
-        verdict = "added" if key in found.order else "low score"
-        if trial and key not in found.order:
+        left, verdict = None, "low score"
+        if key in tried:
+            trial, evidence = tried[key]
+            # all in units of the last floor
+            left = rescaled(trial, evidence, log.banks[-1].evidence).held_out
             others = f" beside {trial.beside} found" if trial.beside else ""
-            verdict = found.refused.get(key) or trial.verdict or f"fitted{others}, does not earn its place"
-        rows.append(Candidate(*key, score.gain, trial.held_out if trial else None, verdict))
+            verdict = log.refused.get(key) or log.verdict(trial) or f"fitted{others}, does not earn its place"
+        if key in model.keys:
+            verdict = "added"
+        rows.append(Candidate(*key, score.gain, left, verdict))
     return tuple(rows)

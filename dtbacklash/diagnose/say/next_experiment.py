@@ -5,7 +5,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.judge.free_form import Recovered
-from dtbacklash.diagnose.search.trials import Search
+from dtbacklash.diagnose.search.model import Model
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.words import all_in_words, place_in_words
 from dtbacklash.physics.effects.declare import name_in_words
@@ -13,11 +13,12 @@ from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
 
 
-def next_experiment(evidence: Evidence, found: Search, rest: Recovered | None = None) -> str:
+def next_experiment(model: Model, rest: Recovered | None = None) -> str:
     """A sentence, from simulations of a finding and its rival: in which sensor, or at which amplitude, they differ.
 
     ``rest`` : what nothing explains, if anything is left.
     """
+    evidence = model.evidence
     if rest is not None:
         if not rest.shown:
             return f"What is missing shows itself at no place: {_more_to_record(evidence)}."
@@ -26,17 +27,17 @@ def next_experiment(evidence: Evidence, found: Search, rest: Recovered | None = 
             return f"What is missing at {place} has a time course of its own: record the same motion again, and rest."
         return (f"What is missing depends most on the {rest.state} of {place}: record it slowly from end to end of its "
                 "range, in both directions, and at another speed.")  # fmt: skip
-    if found.as_well is not None:
-        name = found.as_well.name
+    if model.could_be is not None:
+        name = model.could_be.name
         return f"To tell what was found from a wrong value of `{name}`, measure `{name}` by itself."
-    if found.beyond is not None and found.beyond.instead_of:
-        return f"To tell `{found.beyond.name}` from {all_in_words(found.beyond.instead_of)}, measure it by itself."
-    pairs = [(key, t) for key in found.order for t in found.rivals.get(key, [])]
+    if (wrong := model.wrong_value) is not None and wrong.instead_of:
+        return f"To tell `{wrong.name}` from {all_in_words(wrong.instead_of)}, measure it by itself."
+    pairs = [(key, t) for key in model.keys for t in model.about(key).rivals]
     if not pairs:
         return "Nothing is ambiguous in this recording; a second recording would confirm it."
     # what any recording can tell comes first
     key, trial = min(pairs, key=lambda pair: bool(pair[1].reason))
-    first, second = found.fitted.rig, trial.fitted.rig
+    first, second = model.fitted.rig, trial.fitted.rig
     what = f"{name_in_words(key[1])} ({key[0]}) from {name_in_words(trial.key[1])} ({trial.key[0]})"
     if trial.reason:
         return f"No recording tells {what}: {trial.reason}."

@@ -21,7 +21,7 @@ from dtbacklash.diagnose.result import (
     Recalibrated,
     Verdict,
 )
-from dtbacklash.diagnose.search.trials import Beyond, Search
+from dtbacklash.diagnose.search.model import Model, WrongValue
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.words import all_in_words, other_in_words, place_in_words
 from dtbacklash.physics.effects.declare import name_in_words
@@ -65,16 +65,17 @@ def unsure(confidence: Confidence, key: tuple[str, str], rest: Recovered | None)
     return f" That is a part of the truth at best: what is left at the {left} is too near, or too large beside it."
 
 
-def when(evidence: Evidence, found: Search, left_out: Residuals) -> str:
+def when(model: Model, left_out: Residuals) -> str:
     """When an effect matters: where the square of what it changes in the prediction lies, in the longest stretch.
 
     left_out : what remains without it.
     """
+    evidence = model.evidence
     number = max(range(len(evidence.records)), key=lambda j: int(evidence.records[j].train.sum()))
     record = evidence.records[number]
     change = np.zeros(record.samples)
     for block in evidence.blocks:
-        difference = left_out[block.name][number] - found.fitted.residuals[block.name][number]
+        difference = left_out[block.name][number] - model.fitted.residuals[block.name][number]
         change += np.sum(difference**2, axis=1)
     if change.sum() <= 0.0:
         return "the effect does not change the prediction of this recording"
@@ -129,7 +130,7 @@ def _how_busy(change: Floats) -> str:
 
 def summary(
     verdict: Verdict, findings: Sequence[Finding], recalibrated: dict[str, Recalibrated], located: Located | None,
-    beyond: Beyond | None = None,
+    beyond: WrongValue | None = None,
 ) -> str:  # fmt: skip
     """Two or three sentences. beyond : the parameter that was let go beyond what is given, if one was."""
     if verdict == CONSISTENT:
@@ -164,7 +165,7 @@ def limits_said(effects: list[str], parameters: list[str]) -> str:
     return " ".join(said)
 
 
-def beyond_said(beyond: Beyond | None) -> str:
+def beyond_said(beyond: WrongValue | None) -> str:
     """What to say of a parameter of the rig beyond its tolerance, or in the place of effects; empty where none is."""
     if beyond is None:
         return ""
@@ -178,7 +179,7 @@ def beyond_said(beyond: Beyond | None) -> str:
     return " ".join(said)
 
 
-def as_well_said(as_well: Beyond) -> str:
+def as_well_said(as_well: WrongValue) -> str:
     """The value of a parameter of the rig that would explain as much as what was found."""
     parameter = as_well.fitted.rig.config.parameters[as_well.name]
     value = quantity(parameter.value, parameter.unit)

@@ -1,4 +1,4 @@
-"""A candidate is fitted beside what was found: quickly, to see what it promises, and in full.
+"""A candidate is fitted beside what is named: quickly, to see what it promises, and in full.
 
 A law that waves over a position has a local minimum for each wave more or less over the travel; the regression that
 starts it tells the right one only roughly. So a full fit also tries the neighbouring minima.
@@ -13,7 +13,7 @@ from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import FULL, QUICK, Rounds
 from dtbacklash.diagnose.propose.locate import Score
 from dtbacklash.diagnose.search.leave_out import refit_with
-from dtbacklash.diagnose.search.trials import Trial
+from dtbacklash.diagnose.search.model import Trial
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Role
 from dtbacklash.physics.rig import Rig

@@ -12,22 +12,23 @@ from dtbacklash.diagnose.fit.comparison import earns, held_loss, nearly, same
 from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.search.leave_out import refit_with
-from dtbacklash.diagnose.search.trials import Search
+from dtbacklash.diagnose.search.model import Log, Model, Named
 from dtbacklash.physics.catalogue import effects_of, find
 from dtbacklash.physics.effects.declare import Alias, Values, name_in_words
 from dtbacklash.physics.rig import Rig
 
 
-def call_by_direction(found: Search) -> None:
+def call_by_direction(model: Model, log: Log) -> Model:
     """Call each constant effort that was found beside larger dry friction a friction that differs by direction."""
-    nominal = found.evidence.nominal
-    for key in list(found.order):
+    nominal = model.evidence.nominal
+    for key in model.keys:
         alias = find(nominal.kind_at(key[0]), key[1], key[0]).alias
-        if alias is None or not _is_friction(nominal, found.fitted.rig, key, alias):
+        if alias is None or not _is_friction(nominal, model.fitted.rig, key, alias):
             continue
-        fitted = _fitted(found, key, alias)
-        if nearly(found.evidence, found.fitted, fitted):
-            _call(found, key, alias, fitted)
+        fitted = _fitted(model, key, alias)
+        if nearly(model.evidence, model.fitted, fitted):
+            model = _renamed(model, log, key, alias, fitted)
+    return model
 
 
 def _is_friction(nominal: Rig, rig: Rig, key: Key, alias: Alias) -> bool:
@@ -47,12 +48,12 @@ def _size(rig: Rig, key: Key) -> float:
     return (rig.effect(*key) or {}).get(find(rig.kind_at(key[0]), key[1], key[0]).size.name, 0.0)
 
 
-def _fitted(found: Search, key: Key, alias: Alias) -> Fit:
+def _fitted(model: Model, key: Key, alias: Alias) -> Fit:
     """The fit by the other name: with all differences free, or with that of the levels alone where it does as well.
 
     A search that may name few effects need not have come to the others.
     """
-    evidence, before = found.evidence, found.fitted
+    evidence, before = model.evidence, model.fitted
     other, entry = (key[0], alias.effect), find(before.rig.kind_at(key[0]), alias.effect, key[0])
     known: Values = before.rig.effect(*other) or {}
     there = {**known, alias.parameter: known.get(alias.parameter, 0.0) - _size(before.rig, key)}
@@ -62,22 +63,25 @@ def _fitted(found: Search, key: Key, alias: Alias) -> Fit:
         return renamed
     start = entry.start_values(evidence.moving(key[0]))[0][entry.size.name]
     both = refit_with(evidence, renamed, [(other, {**there, entry.size.name: start})])
-    return both if earns(evidence, renamed, both, found.nominal) else renamed
+    return both if earns(evidence, renamed, both, model.nominal) else renamed
 
 
-def _call(found: Search, key: Key, alias: Alias, fitted: Fit) -> None:
-    """Let the other name take the place of a finding, or join it; the effort alone stays where it fits as well."""
-    evidence, before, other = found.evidence, found.fitted, (key[0], alias.effect)
-    joined = other in found.order
-    found.fitted = fitted
-    found.order = [k for k in found.order if k != key] if joined else [other if k == key else k for k in found.order]
-    rivals = [t for t in (*found.rivals.pop(key, []), *found.rivals.get(other, [])) if t.key not in (key, other)]
-    tried = [t for t in found.trials if t.key == key]
-    if tried and not joined and same(evidence, fitted, before):
+def _renamed(model: Model, log: Log, key: Key, alias: Alias, fitted: Fit) -> Model:
+    """The model in which the other name takes the place of a finding, or joins it.
+
+    The effort alone stays as a rival where it fits as well.
+    """
+    evidence, before, other = model.evidence, model.fitted, (key[0], alias.effect)
+    former, joined = model.about(key), model.about(other) if other in model.keys else None
+    rivals = (*former.rivals, *(joined.rivals if joined else ()))
+    rivals = tuple(t for t in rivals if t.key not in (key, other))
+    tried = [trial for trial, _ in log.trials if trial.key == key]
+    if tried and joined is None and same(evidence, fitted, before):
         left = held_loss(evidence, before)
-        rivals.append(replace(tried[-1], fitted=before, held_out=left, reason=alias.reason))
+        rivals = (*rivals, replace(tried[-1], fitted=before, held_out=left, reason=alias.reason))
     for trial in tried:
-        trial.verdict = f"is called {name_in_words(alias.effect)}: {alias.reason}"
-    found.rivals[other] = rivals
-    found.tried[other] = found.tried.pop(key, []) + found.tried.get(other, [])
-    found.instead.pop(key, None)
+        log.verdicts.append((trial, f"is called {name_in_words(alias.effect)}: {alias.reason}"))
+    if joined is None:
+        return model.instead(fitted, key, Named(other, rivals, former.tried))
+    known = replace(joined, rivals=rivals, tried=former.tried + joined.tried)
+    return model.instead(fitted, other, known).minus(fitted, key)

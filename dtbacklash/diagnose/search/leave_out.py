@@ -1,4 +1,6 @@
-"""Fits with effects added or left out, and what is taken back of what was found."""
+"""Fits with effects added or left out, and effects that are taken out of the model again."""
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,7 +19,7 @@ from dtbacklash.diagnose.fit.free import (
 )
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import FULL, Rounds, fit
-from dtbacklash.diagnose.search.trials import Search
+from dtbacklash.diagnose.search.model import Log, Model
 from dtbacklash.errors import UserError
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.rig import Rig
@@ -52,59 +54,54 @@ def refit_with(evidence: Evidence, current: Fit, added: list[tuple[Key, dict[str
     return fit(evidence, base, free, np.array(start), known, rounds)
 
 
-def fit_without(found: Search, key: Key) -> Fit:
-    """The fit without one of the effects; those about the last fit are remembered."""
-    if found.left_out_of is not found.fitted:
-        found.left_out, found.left_out_of = {}, found.fitted
-    if key not in found.left_out:
-        found.left_out[key] = refit_with(found.evidence, found.fitted, [], key)
-    return found.left_out[key]
+def fit_without(model: Model, log: Log, key: Key) -> Fit:
+    """The fit without one of the effects."""
+    return log.left_out(model.fitted, key, lambda: refit_with(model.evidence, model.fitted, [], key))
 
 
-def borne(fitted: Fit, key: Key, step_s: float) -> bool:
+def borne(model: Model, key: Key) -> bool:
     """Whether another effect of the rig needs this one: a force on a mass that only a yielding screw lets move."""
     try:
-        compile_plant(fitted.rig.with_effect(*key, None), step_s)
+        compile_plant(model.fitted.rig.with_effect(*key, None), model.evidence.records[0].sample_time_s)
     except UserError:
         return True
     return False
 
 
-def drop(found: Search, key: Key, why: str) -> None:
-    """Take a finding back, for good."""
-    found.fitted = fit_without(found, key)
-    found.order = [k for k in found.order if k != key and found.fitted.rig.effect(*k) is not None]
-    found.refused[key] = f"taken back: {why}"
-    if not found.order:
-        found.as_well = None
-        found.nominal = found.fitted = min(found.fitted, found.nominal, key=lambda f: merit(found.evidence, f))
+def drop(model: Model, log: Log, key: Key, why: str) -> Model:
+    """Take an effect out of the model, for good."""
+    fitted = fit_without(model, log, key)
+    log.refuse(key, f"taken back: {why}")
+    # an effect that needs another one goes with it
+    model = model.minus(fitted, key, *(k for k in model.keys if fitted.rig.effect(*k) is None))
+    if model.named:
+        return model
+    best = min(fitted, model.nominal, key=lambda f: merit(model.evidence, f))
+    return replace(model, nominal=best, fitted=best, could_be=None)
 
 
-def eliminate(evidence: Evidence, found: Search) -> None:
+def eliminate(model: Model, log: Log) -> Model:
     """Take out what does not earn its place beside the others, or alone."""
-    _recalibrate_again(evidence, found)
-    for key in list(found.order):
-        if borne(found.fitted, key, evidence.records[0].sample_time_s):
+    model = _recalibrated_again(model, log)
+    for key in model.keys:
+        if borne(model, key):
             continue
-        without = fit_without(found, key)
-        if not earns(evidence, without, found.fitted, found.nominal):
-            found.fitted = without
-            found.order.remove(key)
-            _recalibrate_again(evidence, found)
-    if not found.order:
-        found.fitted = found.nominal
+        without = fit_without(model, log, key)
+        if not earns(model.evidence, without, model.fitted, model.nominal):
+            model = _recalibrated_again(model.minus(without, key), log)
+    return model if model.named else replace(model, fitted=model.nominal)
 
 
-def _recalibrate_again(evidence: Evidence, found: Search) -> None:
-    """Fit the nominal rig from where the last fit ended, too: a law that led out of another valley is none."""
-    if not found.order:
-        return
-    if len(found.order) == 1:
-        again = fit_without(found, found.order[0])
+def _recalibrated_again(model: Model, log: Log) -> Model:
+    """Fit the nominal rig from where the last fit ended, too: it may have ended in a better local minimum."""
+    if not model.named:
+        return model
+    if len(model.named) == 1:
+        again = fit_without(model, log, model.keys[0])
     else:
-        rig = found.fitted.rig
-        for key in found.order:
-            rig = as_given(evidence.nominal, rig, key)
-        again = fit(evidence, rig, *all_free(evidence, rig))
-    if merit(evidence, again) < merit(evidence, found.nominal):
-        found.nominal = again
+        rig = model.fitted.rig
+        for key in model.keys:
+            rig = as_given(model.evidence.nominal, rig, key)
+        again = fit(model.evidence, rig, *all_free(model.evidence, rig))
+    better = merit(model.evidence, again) < merit(model.evidence, model.nominal)
+    return replace(model, nominal=again) if better else model

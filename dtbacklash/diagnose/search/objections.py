@@ -35,13 +35,13 @@ def objection(evidence: Evidence, rig: Rig, key: Key) -> str:
     return ""
 
 
-def objections(evidence: Evidence, rig: Rig, order: list[Key]) -> dict[Key, str]:
+def objections(evidence: Evidence, rig: Rig, order: tuple[Key, ...]) -> dict[Key, str]:
     """The findings that are not believed where the last fit has brought them, each with its reason."""
     reasons = {key: objection(evidence, rig, key) for key in order}
     return {key: why for key, why in reasons.items() if why}
 
 
-def spoils_the_free_run(evidence: Evidence, nominal: Fit, fitted: Fit, order: list[Key]) -> Key | None:
+def spoils_the_free_run(evidence: Evidence, nominal: Fit, fitted: Fit, order: tuple[Key, ...]) -> Key | None:
     """The finding without which the free simulation is best, where it is worse with all of them than with none.
 
     Such a law only helps what the measurement pulls along anyway. One is judged among all of them: what is missing
@@ -72,7 +72,7 @@ def _predicts(evidence: Evidence, nominal: Fit, fitted: Fit) -> bool:
     return slower is not evidence and after < (1.0 - settings().decisive_share) * before
 
 
-def _holds_slowly(evidence: Evidence, nominal: Fit, fitted: Fit, order: list[Key]) -> bool:
+def _holds_slowly(evidence: Evidence, nominal: Fit, fitted: Fit, order: tuple[Key, ...]) -> bool:
     """Whether the rig with all findings is no worse than with none if both are pulled slowly, or nobody knows.
 
     A machine that integrates drifts away after the least error of its parameters, and then its free run says nothing of
@@ -88,7 +88,7 @@ def _holds_slowly(evidence: Evidence, nominal: Fit, fitted: Fit, order: list[Key
     return holds or not _repeats(slow, after, order)
 
 
-def _repeats(evidence: Evidence, fitted: Fit, order: list[Key]) -> bool:
+def _repeats(evidence: Evidence, fitted: Fit, order: tuple[Key, ...]) -> bool:
     """Whether a run ends where it did with as much noise again, and with the laws as another formulation has them.
 
     The noise is that of where the run begins and of what pulls it.
@@ -128,7 +128,7 @@ def free_error(evidence: Evidence, rig: Rig) -> float:
     return float(np.mean(total)) if np.isfinite(total).all() else math.inf
 
 
-def raises_the_error(evidence: Evidence, nominal: Fit, fitted: Fit, order: list[Key]) -> Key | None:
+def raises_the_error(evidence: Evidence, nominal: Fit, fitted: Fit, order: tuple[Key, ...]) -> Key | None:
     """The finding without which the held-out error is least, where that is significantly less than with it.
 
     The last one that was found, where all of them together leave more than the recalibrated rig does. What does not
@@ -144,7 +144,7 @@ def raises_the_error(evidence: Evidence, nominal: Fit, fitted: Fit, order: list[
     return min(without, key=lambda k: without[k], default=None)
 
 
-def insignificant(evidence: Evidence, rig: Rig, order: list[Key], errors: Errors) -> Key | None:
+def insignificant(evidence: Evidence, rig: Rig, order: tuple[Key, ...], errors: Errors) -> Key | None:
     """The finding whose amplitude is least sure to be away from doing nothing, if that is not sure; else None.
 
     Of an effect that the nominal rig has it is a finding that it does nothing.

@@ -11,8 +11,8 @@ from dtbacklash.diagnose.fit.comparison import merit, nearly, paired
 from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.propose.locate import Score
+from dtbacklash.diagnose.search.model import Log, Model, Trial
 from dtbacklash.diagnose.search.simpler_law import has_become
-from dtbacklash.diagnose.search.trials import Search, Trial
 from dtbacklash.diagnose.settings import settings
 
 
@@ -35,26 +35,26 @@ def twins(evidence: Evidence, scores: list[Score], trials: list[Trial]) -> list[
     return near[: rules.twins_max]
 
 
-def runners_up(found: Search, trials: list[Trial]) -> list[Trial]:
+def runners_up(model: Model, log: Log, trials: list[Trial]) -> list[Trial]:
     """What came next to the effect that was added last, from the values that it was fitted to.
 
     Two large effects each stand in for the other: the first to be added takes more than its share, and about that fit
     the signature of the second shows nothing.
     """
-    known = {t.key for t in trials} | set(found.order) | set(found.refused)
-    former = [t for t in found.tried.get(found.order[-1], []) if t.key not in known] if found.order else []
-    former = [t for t in former if not is_found_already(found, t)]
+    known = {t.key for t in trials} | set(model.keys) | set(log.refused)
+    former = [t for t in model.named[-1].tried if t.key not in known] if model.named else []
+    former = [t for t in former if not is_named_already(model, t)]
     return sorted(former, key=lambda t: t.held_out)[: settings().runners_up]
 
 
-def is_found_already(found: Search, trial: Trial) -> bool:
-    """Whether a trial's law has become one that was found at its place, or that one has become the trial's.
+def is_named_already(model: Model, trial: Trial) -> bool:
+    """Whether a trial's law has become one that is named at its place, or that one has become the trial's.
 
     The same law twice explains nothing more, and two that each stick chatter: a simulation takes seconds.
     """
-    evidence, (place, name) = found.evidence, trial.key
-    there = {effect for at, effect in found.order if at == place}
-    became = {has_become(evidence, found.fitted, (place, effect)) for effect in there}
+    evidence, (place, name) = model.evidence, trial.key
+    there = {effect for at, effect in model.keys if at == place}
+    became = {has_become(evidence, model.fitted, (place, effect)) for effect in there}
     return has_become(evidence, trial.fitted, trial.key) in there or name in became
 
 

@@ -13,7 +13,7 @@ from dtbacklash.diagnose.data.evidence import Evidence, stretch_of
 from dtbacklash.diagnose.fit.free import all_free
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import ON, fit
-from dtbacklash.diagnose.search.trials import Search
+from dtbacklash.diagnose.search.model import Model, Trial
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.errors import UserError
 
@@ -86,15 +86,19 @@ def for_judgement(evidence: Evidence) -> Evidence:
     return replace(evidence, records=records, stretch=stretch_of(records))
 
 
-def refitted(evidence: Evidence, found: Search) -> None:
-    """Fit what a search chose to another part of the recordings, from where its last fits ended."""
+def refitted(model: Model, evidence: Evidence) -> Model:
+    """The model fitted anew to another part of the recordings, from where its last fits ended."""
 
     def again(before: Fit) -> Fit:
         return fit(evidence, before.rig, *all_free(evidence, before.rig), rounds=ON)
 
-    chosen, searched = found.order, found.evidence
-    found.evidence, found.nominal = evidence, again(found.nominal)
-    found.fitted = again(found.fitted) if chosen else found.nominal
-    if [r.samples for r in evidence.records] != [r.samples for r in searched.records]:
-        for trial in found.instead.values():
-            trial.fitted = replace(trial.fitted, residuals=evidence.residuals(trial.fitted.rig))
+    nominal = again(model.nominal)
+    fitted, named = again(model.fitted) if model.named else nominal, model.named
+    if [r.samples for r in evidence.records] != [r.samples for r in model.evidence.records]:
+        named = tuple(replace(n, lesser=n.lesser and _seen_by(evidence, n.lesser)) for n in named)
+    return replace(model, evidence=evidence, nominal=nominal, fitted=fitted, named=named)
+
+
+def _seen_by(evidence: Evidence, trial: Trial) -> Trial:
+    """A trial as other recordings see it."""
+    return replace(trial, fitted=replace(trial.fitted, residuals=evidence.residuals(trial.fitted.rig)))

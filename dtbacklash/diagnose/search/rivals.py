@@ -1,5 +1,6 @@
-"""What was found is tried against its rivals once more, when others have joined: each hides, or bears, another one."""
+"""Named effects are tried against their rivals once more when others have joined: each may hide another one."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 
@@ -10,74 +11,73 @@ from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import QUICK
 from dtbacklash.diagnose.search.attempts import best_of_each, finish
 from dtbacklash.diagnose.search.leave_out import borne, fit_without
+from dtbacklash.diagnose.search.model import Log, Model, Trial
 from dtbacklash.diagnose.search.objections import objection
 from dtbacklash.diagnose.search.order import meet
-from dtbacklash.diagnose.search.trials import Search, Trial
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig
 
 
-def note_instead(evidence: Evidence, found: Search, key: Key, fits: tuple[Fit, Fit], trials: list[Trial]) -> None:
-    """Remember the simplest of the trials at the same place that explain less; ``fits`` : without ``key``, with it."""
-    without, chosen = fits
+def lesser(model: Model, key: Key, without: Fit, chosen: Fit, trials: Iterable[Trial]) -> Trial | None:
+    """The simplest of the trials at the place of ``key`` that earn a place ``without`` it, but explain less."""
+    evidence = model.evidence
     less = [
-        t for t in trials
-        if t.key != key and t.key[0] == key[0] and not same(evidence, chosen, t.fitted)
-        and earns(evidence, without, t.fitted, found.nominal)
-    ]  # fmt: skip
-    found.instead.pop(key, None)
-    if less:
-        found.instead[key] = min(
-            less, key=lambda t: (len(t.score.candidate.effect.parameters), merit(evidence, t.fitted))
-        )
+        t
+        for t in trials
+        if t.key != key
+        and t.key[0] == key[0]
+        and not same(evidence, chosen, t.fitted)
+        and earns(evidence, without, t.fitted, model.nominal)
+    ]
+    return min(less, key=lambda t: (len(t.score.candidate.effect.parameters), merit(evidence, t.fitted)), default=None)
 
 
-def reconsider(evidence: Evidence, found: Search, keys: list[Key], rivals: int) -> None:
+def reconsider(model: Model, log: Log, keys: tuple[Key, ...], rivals: int) -> Model:
     """Try effects against the best ``rivals`` of their time, now that others have joined."""
-    for earlier in keys:
-        key = earlier
-        if not any(meet(evidence, key, other) for other in found.order if other != key):
-            continue  # alone in its blocks: what was found when it was added stands
-        if borne(found.fitted, key, evidence.records[0].sample_time_s):
-            continue
-        without = fit_without(found, key)
-        former = [t for t in found.tried.get(key, []) if t.key not in (*found.order, *found.refused)]
-        former = sorted(former, key=lambda t: t.held_out)[:rivals]
-        trials = _against(found, without, former)
-        note_instead(evidence, found, key, (without, found.fitted), trials)
-        found.rivals[key] = []
-        for trial in trials:
-            if same(evidence, found.fitted, trial.fitted):
-                found.rivals[key].append(trial)
-            fewer = _count(evidence, trial.key) < _count(evidence, key)
-            simpler = fewer and nearly(evidence, found.fitted, trial.fitted)
-            better = merit(evidence, trial.fitted) < merit(evidence, found.fitted)
-            better = better and not nearly(evidence, trial.fitted, found.fitted)
-            if (simpler or better) and not objection(evidence, trial.fitted.rig, trial.key):
-                found.fitted = trial.fitted
-                found.order = [trial.key if k == key else k for k in found.order]
-                trial.verdict = f"took the place of {key[1]}"
-                found.trials.append(trial)
-                found.rivals[trial.key] = [t for t in found.rivals.pop(key) if t is not trial]
-                found.tried[trial.key] = found.tried.pop(key, [])
-                key = trial.key
+    for key in keys:
+        # alone in its blocks, what was tried when it was added stands
+        if any(meet(model.evidence, key, other) for other in model.keys if other != key) and not borne(model, key):
+            model = _against_rivals(model, log, key, rivals)
+    return model
 
 
-def _against(found: Search, without: Fit, rivals: list[Trial]) -> list[Trial]:
+def _against_rivals(model: Model, log: Log, key: Key, most: int) -> Model:
+    """The model with the best of its rivals in the place of an effect, and with those that fit as well noted."""
+    evidence, without, named = model.evidence, fit_without(model, log, key), model.about(key)
+    former = [t for t in named.tried if t.key not in (*model.keys, *log.refused)]
+    trials = _in_place(model, log, without, sorted(former, key=lambda t: t.held_out)[:most])
+    named = replace(named, rivals=(), lesser=lesser(model, key, without, model.fitted, trials))
+    for trial in trials:
+        if same(evidence, model.fitted, trial.fitted):
+            named = replace(named, rivals=(*named.rivals, trial))
+        fewer = _count(evidence, trial.key) < _count(evidence, named.key)
+        simpler = fewer and nearly(evidence, model.fitted, trial.fitted)
+        better = merit(evidence, trial.fitted) < merit(evidence, model.fitted)
+        better = better and not nearly(evidence, trial.fitted, model.fitted)
+        if (simpler or better) and not objection(evidence, trial.fitted.rig, trial.key):
+            log.tried(evidence, [trial])
+            log.verdicts.append((trial, f"took the place of {named.key[1]}"))
+            others = tuple(t for t in named.rivals if t is not trial)
+            former_key, named = named.key, replace(named, key=trial.key, rivals=others, lesser=None)
+            model = model.instead(trial.fitted, former_key, named)
+    return model.instead(model.fitted, named.key, named)
+
+
+def _in_place(model: Model, log: Log, without: Fit, rivals: list[Trial]) -> list[Trial]:
     """The rivals in the place of an effect of the last fit; those that leave far more are not finished.
 
     What has been fitted beside the same effects before is not fitted again.
     """
-    evidence, made = found.evidence, {t.key: t for beside, t in found.against if beside is without}
-    most = settings().hopeless_ratio * max(held_loss(evidence, found.fitted), settings().close_floors)
+    evidence, made = model.evidence, log.in_place(without)
+    most = settings().hopeless_ratio * max(held_loss(evidence, model.fitted), settings().close_floors)
     starts = [(t, rig) for t in rivals if t.key not in made for rig in _starts(evidence, without, t, most)]
     looks = spread(lambda start: finish(evidence, replace(without, rig=start[1]), start[0], rounds=QUICK), starts)
     quick = best_of_each(evidence, looks)
     near = [t for t in quick if t.held_out < most]
     fresh = spread(partial(_gone_on_with, evidence, without), near) + [t for t in quick if t.held_out >= most]
-    found.against += [(without, t) for t in fresh]
+    log.note_in_place(without, fresh)
     return fresh + [made[t.key] for t in rivals if t.key in made]
 
 

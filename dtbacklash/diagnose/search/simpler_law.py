@@ -1,8 +1,10 @@
-"""A law that is the limit of another one: what has become that law is called by its name.
+"""A law that is the limit of another one: a finding that has reached that limit takes the simpler name.
 
 Dry friction across a spring is a hysteresis over a tiny displacement, and a bristle that engineers call dry friction is
 one too. Where the displacement is small beside the motion, the simpler name stands, unless the data need the other.
 """
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,7 +13,7 @@ from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.free import Key, as_given
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.search.leave_out import refit_with
-from dtbacklash.diagnose.search.trials import Search, Trial
+from dtbacklash.diagnose.search.model import Log, Model, Named, Trial
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.catalogue import find
 
@@ -28,25 +30,25 @@ def has_become(evidence: Evidence, fitted: Fit, key: Key) -> str:
     return limit if values[parameter] < settings().sharp_stretch_share * span else ""
 
 
-def call_by_its_limit(found: Search) -> None:
+def call_by_its_limit(model: Model, log: Log) -> Model:
     """Put the limiting law in the place of each finding that has become it, where that explains nearly as much.
 
     What the finding explains beyond that is how another formulation of the same law behaves around rest: it is noted as
     such, so that nobody takes it for missing physics.
     """
-    evidence = found.evidence
-    for key in list(found.order):
-        limit = has_become(evidence, found.fitted, key)
-        if not limit or found.fitted.rig.effect(key[0], limit) is not None:
+    for key in model.keys:
+        evidence, before = model.evidence, model.fitted
+        limit = has_become(evidence, before, key)
+        if not limit or before.rig.effect(key[0], limit) is not None:
             continue
         entry, simpler = (find(evidence.nominal.kind_at(key[0]), n, key[0]) for n in (key[1], limit))
-        size = (found.fitted.rig.effect(*key) or {})[entry.size.name]
-        trial = refit_with(evidence, found.fitted, [((key[0], limit), {simpler.size.name: size})], key)
-        more = _more(evidence, found.fitted, trial, key)
+        size = (before.rig.effect(*key) or {})[entry.size.name]
+        fitted = refit_with(evidence, before, [((key[0], limit), {simpler.size.name: size})], key)
+        more = _more(evidence, before, fitted, key)
         if more is not None:
-            for name, excess in more.items():
-                found.formulations[name] = found.formulations.get(name, np.zeros(len(excess))) + excess
-            _replace(found, key, (key[0], limit), trial)
+            formulations = {n: model.formulations.get(n, np.zeros(len(rise))) + rise for n, rise in more.items()}
+            model = replace(_renamed(model, log, key, limit, fitted), formulations=formulations)
+    return model
 
 
 def _more(evidence: Evidence, fitted: Fit, trial: Fit, key: Key) -> dict[str, Floats] | None:
@@ -65,14 +67,11 @@ def _more(evidence: Evidence, fitted: Fit, trial: Fit, key: Key) -> dict[str, Fl
     return more
 
 
-def _replace(found: Search, key: Key, simpler: Key, fitted: Fit) -> None:
-    """Let the simpler law take the place of a finding, which then fits as well."""
-    score = next((s for s in found.scores if s.candidate.key == key), None)
-    before = found.fitted
-    found.fitted, found.order = fitted, [simpler if k == key else k for k in found.order]
-    rivals = [t for t in found.rivals.pop(key, []) if t.key != simpler]
+def _renamed(model: Model, log: Log, key: Key, limit: str, fitted: Fit) -> Model:
+    """The model with the simpler law in the place of a finding, which then fits as well."""
+    former, simpler, before = model.about(key), (key[0], limit), model.fitted
+    rivals = tuple(t for t in former.rivals if t.key != simpler)
+    score = next((s for s in log.scores if s.candidate.key == key), None)
     if score is not None:
-        rivals.append(Trial(key, score, before, found.evidence.rms(before.residuals), f"has become {simpler[1]}"))
-    found.rivals[simpler] = rivals
-    found.tried[simpler] = found.tried.pop(key, [])
-    found.instead.pop(key, None)
+        rivals = (*rivals, Trial(key, score, before, model.evidence.rms(before.residuals)))
+    return model.instead(fitted, key, Named(simpler, rivals, former.tried))

@@ -16,7 +16,7 @@ from dtbacklash.diagnose.fit.intervals import Linear, polished
 from dtbacklash.diagnose.fit.problem import Fit, weights_for
 from dtbacklash.diagnose.fit.refit import ON
 from dtbacklash.diagnose.search.leave_out import refit_with
-from dtbacklash.diagnose.search.trials import Search
+from dtbacklash.diagnose.search.model import Model
 from dtbacklash.diagnose.settings import settings
 
 
@@ -45,27 +45,25 @@ def _seen_by(evidence: Evidence, fitted: Fit) -> Fit:
     return replace(fitted, residuals=residuals, penalty=penalty, weights=weights_for(evidence, residuals))
 
 
-def refit_slowly(evidence: Evidence, found: Search) -> tuple[Evidence, Fit, Linear]:
-    """Refit what was found with the slow pull, and polish it; the search's last fit takes over its parameters.
+def refit_slowly(model: Model) -> tuple[Model, Evidence, Fit, Linear]:
+    """Refit what was found with the slow pull, and polish it; the model takes over its parameters.
 
     Returns
     -------
-    The evidence, the fit from which the intervals are taken, and what it is about where it ended; those of the search
-    where what drifts slowly would spoil what it has found.
+    The model; the evidence and the fit from which the intervals are taken, and what that is about where it ended. The
+    model's own evidence and fit where what drifts slowly would spoil what was found.
     """
+    evidence = model.evidence
     slow = slow_evidence(evidence)
-    if slow is evidence or not found.order:
-        found.fitted, about = polished(evidence, found.fitted)
-        return evidence, found.fitted, about
-    start = _seen_by(slow, found.fitted)
-    effects = [(key, start.effects[key]) for key in found.order]
-    fitted, about = polished(slow, refit_with(slow, start, effects, rounds=ON))
-    seen = _seen_by(evidence, fitted)
-    if _spoils(evidence, found.fitted, seen):
-        found.fitted, about = polished(evidence, found.fitted)
-        return evidence, found.fitted, about
-    found.fitted = seen
-    return slow, fitted, about
+    if slow is not evidence and model.named:
+        start = _seen_by(slow, model.fitted)
+        effects = [(key, start.effects[key]) for key in model.keys]
+        fitted, about = polished(slow, refit_with(slow, start, effects, rounds=ON))
+        seen = _seen_by(evidence, fitted)
+        if not _spoils(evidence, model.fitted, seen):
+            return replace(model, fitted=seen), slow, fitted, about
+    fitted, about = polished(evidence, model.fitted)
+    return replace(model, fitted=fitted), evidence, fitted, about
 
 
 def _spoils(evidence: Evidence, before: Fit, after: Fit) -> bool:

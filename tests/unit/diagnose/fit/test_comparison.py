@@ -21,8 +21,8 @@ from dtbacklash.diagnose.fit.refit import QUICK, fit
 from dtbacklash.diagnose.propose.locate import Bank
 from dtbacklash.diagnose.search.grow import _from_the_middle
 from dtbacklash.diagnose.search.leave_out import borne, eliminate, refit_with
+from dtbacklash.diagnose.search.model import Log, Model, Named, Trial
 from dtbacklash.diagnose.search.order import apart
-from dtbacklash.diagnose.search.trials import Search
 from dtbacklash.diagnose.settings import settings
 
 from ..conftest import recorded
@@ -164,12 +164,11 @@ def test_a_fit_from_the_middle_is_of_all_blocks(rig):
     with_it = refit_with(given, first, [(("amplifier", "dead_zone"), {"half_width": 0.1})])
     astray = with_it.rig.with_parameters({"k_B": 0.1 * (1.0 + 0.05 * 1.01 * settings().astray_tolerances)})
     stuck = replace(with_it, rig=astray, residuals=given.residuals(astray))
-    found = Search(given, first, stuck, [("amplifier", "dead_zone")])
-    _from_the_middle(given, found)
-    assert found.fitted is not stuck
-    again = given.residuals(found.fitted.rig)
+    model = _from_the_middle(Model(given, first, stuck, (Named(("amplifier", "dead_zone")),)))
+    assert model.fitted is not stuck
+    again = given.residuals(model.fitted.rig)
     for block in given.blocks:
-        assert np.allclose(found.fitted.residuals[block.name][0], again[block.name][0])
+        assert np.allclose(model.fitted.residuals[block.name][0], again[block.name][0])
     assert max(v.max() for v in given.mean_square(again, "held").values()) < 1.5
 
 
@@ -177,16 +176,14 @@ def test_what_another_effect_needs_is_not_tried_without(rig, evidence, nominal):
     yielding = rig.with_effect("screw", "compliance", {"compliance": 1e-7})
     pushed = yielding.with_effect("mass_1", "constant_force", {"force": 1.0})
     held = replace(nominal, rig=pushed)
-    assert borne(held, ("screw", "compliance"), 1e-3)
-    assert not borne(held, ("mass_1", "constant_force"), 1e-3)
-    found = Search(evidence, nominal, held, [("screw", "compliance"), ("mass_1", "constant_force")])
-    eliminate(evidence, found)
-    assert ("mass_1", "constant_force") not in found.order  # nothing of it is in the recording
+    model = Model(evidence, nominal, held, (Named(("screw", "compliance")), Named(("mass_1", "constant_force"))))
+    assert borne(model, ("screw", "compliance"))
+    assert not borne(model, ("mass_1", "constant_force"))
+    # nothing of it is in the recording
+    assert ("mass_1", "constant_force") not in eliminate(model, Log()).keys
 
 
 def test_what_is_best_in_one_block_does_not_hide_another(evidence, nominal):
-    from dtbacklash.diagnose.search.trials import Trial
-
     def trial(place: str, name: str, left: float) -> Trial:
         changed = {k: [left * e for e in v] for k, v in nominal.residuals.items()}
         return Trial((place, name), None, replace(nominal, residuals=changed), left)

@@ -14,7 +14,7 @@ from dtbacklash.diagnose.propose.delays import delay_grid
 from dtbacklash.diagnose.propose.locate import Bank
 from dtbacklash.diagnose.search.grow import scores_about
 from dtbacklash.diagnose.search.leave_out import refit_with
-from dtbacklash.diagnose.search.trials import Search
+from dtbacklash.diagnose.search.model import Log, Model
 from dtbacklash.physics.effects.declare import FORMULATION_ERROR
 from dtbacklash.physics.rig import build_rig
 from dtbacklash.physics.simulate import simulate
@@ -128,7 +128,7 @@ def test_a_sensors_delay_starts_at_the_right_sample(rig):
     truth = rig.with_effect("sensor_q3", "delay", {"time": 0.006})
     evidence = Evidence.gather(rig, [recorded(truth)])
     fitted = fit(evidence, rig, nominal_free(rig))
-    best = scores_about(evidence, Search(evidence, fitted, fitted, []))[0]
+    best = scores_about(Model(evidence, fitted, fitted), Log())[0]
     assert best.candidate.key == ("sensor_q3", "delay")
     starts = delay_grid(best.candidate, Bank(evidence, fitted))
     ends = [refit_with(evidence, fitted, [(best.candidate.key, s)]).effects[best.candidate.key] for s in starts]

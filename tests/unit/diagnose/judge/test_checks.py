@@ -10,7 +10,7 @@ from dtbacklash.diagnose.fit.free import nominal_free
 from dtbacklash.diagnose.fit.refit import fit
 from dtbacklash.diagnose.judge.checks import all_checks, coloured, ljung_box, whiteness
 from dtbacklash.diagnose.search.leave_out import refit_with
-from dtbacklash.diagnose.search.trials import Search
+from dtbacklash.diagnose.search.model import Model, Named
 from dtbacklash.diagnose.settings import settings
 
 from ..conftest import recorded
@@ -39,13 +39,13 @@ def nominal(rig, evidence):
     return fit(evidence, rig, nominal_free(rig))
 
 
-def rows(evidence, search, errors):
-    free = free_running(evidence, search.nominal, search.fitted)
-    return {c.check: c for c in all_checks(evidence, search, errors, free, None)}
+def rows(model, errors):
+    free = free_running(model.evidence, model.nominal, model.fitted)
+    return {c.check: c for c in all_checks(model, errors, free, None)}
 
 
 def test_a_model_that_lacks_friction_fails_and_says_where(evidence, nominal):
-    found = rows(evidence, Search(evidence, nominal, nominal, []), {})
+    found = rows(Model(evidence, nominal, nominal), {})
     assert not found["residual of theta_m is noise"].passed
     assert found["residual of theta_m is noise"].statistic > 100
     assert not found["residual of theta_m is white"].passed
@@ -56,7 +56,7 @@ def test_a_model_that_lacks_friction_fails_and_says_where(evidence, nominal):
 
 def test_a_model_with_it_passes(evidence, nominal):
     fitted = refit_with(evidence, nominal, [(COULOMB, {"torque": 0.015})])
-    found = rows(evidence, Search(evidence, nominal, fitted, [COULOMB]), {(*COULOMB, "torque"): 1e-5})
+    found = rows(Model(evidence, nominal, fitted, (Named(COULOMB),)), {(*COULOMB, "torque"): 1e-5})
     assert [c.check for c in found.values() if not c.passed] == []
     away = found["Coulomb friction at motor bearing is not zero"]
     assert (away.operator, away.threshold) == (">", 1.96)
@@ -69,12 +69,12 @@ def test_an_effect_of_nothing_and_a_parameter_at_its_end_are_seen(rig, evidence,
     far = fit(evidence, nothing.rig.with_parameters({"m": 5.0 * (1 + 3.0 * rig.config.parameters["m"].tolerance)}), [])
     over = {"mass": 0.5, "frequency": 12.0, "damping_ratio": 2.0}
     far = fit(evidence, far.rig.with_effect("mass_2", "absorber", over), [])
-    order = [COULOMB, ("mass_2", "absorber")]
-    found = rows(evidence, Search(evidence, nominal, far, order), {(*COULOMB, "torque"): 1e-5})
+    named = Named(COULOMB), Named(("mass_2", "absorber"))
+    found = rows(Model(evidence, nominal, far, named), {(*COULOMB, "torque"): 1e-5})
     assert not found["Coulomb friction at motor bearing is not zero"].passed
     assert not found["the findings' parameters are inside their bounds"].passed
     assert "`damping_ratio`" in found["the findings' parameters are inside their bounds"].comment
-    without = rows(evidence, Search(evidence, nominal, far, [COULOMB]), {})
+    without = rows(Model(evidence, nominal, far, (Named(COULOMB),)), {})
     assert without["Coulomb friction at motor bearing is not zero"].statistic is None
 
 

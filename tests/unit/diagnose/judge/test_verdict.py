@@ -13,7 +13,7 @@ from dtbacklash.diagnose.fit.refit import fit
 from dtbacklash.diagnose.judge.free_form import Recovered
 from dtbacklash.diagnose.judge.verdict import confidence, moved_parameters
 from dtbacklash.diagnose.say.findings import without
-from dtbacklash.diagnose.search.trials import Search
+from dtbacklash.diagnose.search.model import Model, Named
 
 SPRING, FORCE = ("foot", "cubic_stiffness"), ("tip", "constant_force")
 NONE = np.zeros(0)
@@ -24,26 +24,26 @@ def left_over(place: str, share: float, t: float) -> Recovered:
 
 
 @pytest.fixture(scope="module")
-def found() -> Search:
+def found() -> Model:
     """A large cubic spring at the foot and a small force on the tip, which are both there."""
     rig = known(blade())
     truth = rig.with_effect(*SPRING, {"k3": 2e9}).with_effect(*FORCE, {"force": 0.3})
     evidence = Evidence.gather(rig, [recorded(truth, 31, 4000)])
-    return Search(evidence, fit(evidence, rig, []), fit(evidence, truth, []), [SPRING, FORCE])
+    return Model(evidence, fit(evidence, rig, []), fit(evidence, truth, []), (Named(SPRING), Named(FORCE)))
 
 
-def said(found: Search, rest: Recovered | None, unexplained: bool = True) -> str:
-    return confidence(found.evidence, found, FORCE, without(found.evidence, found)[FORCE], rest, unexplained)
+def said(found: Model, rest: Recovered | None, unexplained: bool = True) -> str:
+    return confidence(found, FORCE, without(found)[FORCE], rest, unexplained)
 
 
 def test_a_finding_is_sure_beside_a_small_rest_elsewhere(found):
-    alone = Search(found.evidence, found.nominal, found.fitted, [FORCE])
+    alone = Model(found.evidence, found.nominal, found.fitted, (Named(FORCE),))
     assert said(alone, left_over("frame", 0.3, 10.0)) == "sure"
 
 
 @pytest.mark.parametrize(("share", "t"), [(0.01, 10.0), (0.3, 1.0)], ids=["explains nothing", "not significant"])
 def test_no_finding_is_sure_beside_a_rest_that_shows_nowhere(found, share, t):
-    alone = Search(found.evidence, found.nominal, found.fitted, [FORCE])
+    alone = Model(found.evidence, found.nominal, found.fitted, (Named(FORCE),))
     assert said(alone, left_over("frame", share, t)) == "partial"
 
 
@@ -59,7 +59,7 @@ def test_where_noise_is_left_every_finding_is_sure_and_where_nothing_can_be_look
 
 @pytest.mark.parametrize("place", ["tip", "blade"])
 def test_a_finding_near_the_rest_is_a_part(found, place):
-    alone = Search(found.evidence, found.nominal, found.fitted, [FORCE])
+    alone = Model(found.evidence, found.nominal, found.fitted, (Named(FORCE),))
     assert said(alone, left_over(place, 0.3, 10.0)) == "partial"
 
 
@@ -67,9 +67,9 @@ def test_a_finding_near_the_rest_is_a_part(found, place):
 def test_a_sensor_is_where_what_it_measures_is(found, place, sure):
     key = ("sensor_x_2", "offset")
     rig = found.evidence.nominal.with_effect(*key, {"offset": 0.05})
-    there = Search(found.evidence, found.nominal, replace(found.nominal, rig=rig), [key])
+    there = Model(found.evidence, found.nominal, replace(found.nominal, rig=rig), (Named(key),))
     left_out = {name: [r + 1e4 for r in rows] for name, rows in there.fitted.residuals.items()}
-    assert confidence(found.evidence, there, key, left_out, left_over(place, 0.3, 10.0), True) == sure
+    assert confidence(there, key, left_out, left_over(place, 0.3, 10.0), True) == sure
 
 
 def test_a_trifle_of_a_tolerance_that_was_needed_is_said():

@@ -8,7 +8,7 @@ from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.free import nominal_free
 from dtbacklash.diagnose.fit.refit import fit
 from dtbacklash.diagnose.search.grow import scores_about
-from dtbacklash.diagnose.search.trials import Search
+from dtbacklash.diagnose.search.model import Log, Model
 from dtbacklash.physics.rig import build_rig
 from dtbacklash.physics.simulate import simulate
 
@@ -26,5 +26,5 @@ def test_a_play_is_begun_with_at_a_size_from_which_there_is_a_way(lost_motion):
     record = Record(STEP_S, u, {"theta_m": shown["theta_m"] + noise, "theta_l": shown["theta_l"] + noise}, mask, ~mask)
     evidence = Evidence.gather(rig, [record])
     nominal = fit(evidence, rig, nominal_free(rig))
-    scores = {s.candidate.key: s for s in scores_about(evidence, Search(evidence, nominal, nominal, []))}
+    scores = {s.candidate.key: s for s in scores_about(Model(evidence, nominal, nominal), Log())}
     assert 0.25 * lost_motion < scores["shaft", "backlash"].values["lost_motion"] < 4.0 * lost_motion

@@ -10,23 +10,23 @@ from dtbacklash.diagnose.say.drawn import shown
 from dtbacklash.diagnose.say.findings import without
 from dtbacklash.diagnose.say.law_points import law_shown, travel
 from dtbacklash.diagnose.search.leave_out import refit_with
-from dtbacklash.diagnose.search.trials import Search
+from dtbacklash.diagnose.search.model import Model, Named
 
 from ..conftest import recorded
 
 
 def found(rig, key, values, start=None):
-    """Evidence of one effect, and a search that has fitted it (or what ``start`` says) there."""
+    """A model of evidence of one effect, which has it (or what ``start`` says) fitted there."""
     evidence = Evidence.gather(rig, [recorded(rig.with_effect(*key, values), seconds=8.0)])
     nominal = fit(evidence, rig, nominal_free(rig))
     name, begin = start or (key[1], values)
     fitted = refit_with(evidence, nominal, [((key[0], name), begin)])
-    return evidence, Search(evidence, nominal, fitted, [(key[0], name)])
+    return Model(evidence, nominal, fitted, (Named((key[0], name)),))
 
 
-def drawn(evidence, search):
-    (key,) = search.order
-    return law_shown(evidence, search.fitted, key, without(evidence, search)[key])
+def drawn(model):
+    (key,) = model.keys
+    return law_shown(model.evidence, model.fitted, key, without(model)[key])
 
 
 def off(law):
@@ -43,7 +43,7 @@ def off(law):
     ],
 )
 def test_points_lie_on_the_law_that_is_true(rig, key, values, label, unit):
-    law = drawn(*found(rig, key, values))
+    law = drawn(found(rig, key, values))
     assert (law.state_label, law.effort_unit) == (label, unit)
     assert len(law.state) > 10
     errors, share = off(law)
@@ -52,14 +52,14 @@ def test_points_lie_on_the_law_that_is_true(rig, key, values, label, unit):
 
 
 def test_points_leave_a_law_that_is_not_true(rig):
-    true = drawn(*found(rig, ("link_1", "cubic_stiffness"), {"k3": 1e10}))
+    true = drawn(found(rig, ("link_1", "cubic_stiffness"), {"k3": 1e10}))
     stop = ("bumper", {"stiffness": 2e3, "clearance": 1e-4})
-    wrong = drawn(*found(rig, ("link_1", "cubic_stiffness"), {"k3": 1e10}, stop))
+    wrong = drawn(found(rig, ("link_1", "cubic_stiffness"), {"k3": 1e10}, stop))
     assert off(wrong)[1] > 5 * off(true)[1]
 
 
 def test_backlash_is_a_loop_with_points_on_both_branches(rig):
-    law = drawn(*found(rig, ("gear", "backlash"), {"half_gap": 0.2}))
+    law = drawn(found(rig, ("gear", "backlash"), {"half_gap": 0.2}))
     assert (law.state_unit, law.effort_unit, law.effort_label) == ("rad", "rad", "angle behind the gap")
     assert law.law_state[0] == pytest.approx(law.law_state[-1])
     lag = law.recovered - law.state
@@ -68,11 +68,11 @@ def test_backlash_is_a_loop_with_points_on_both_branches(rig):
 
 
 def test_the_evidence_adds_up_and_noise_has_none(rig):
-    evidence, search = found(rig, ("motor_bearing", "coulomb_friction"), {"torque": 0.02})
-    assert shown(evidence, search, without(evidence, search), None).evidence == {"motor_bearing": 1.0}
+    model = found(rig, ("motor_bearing", "coulomb_friction"), {"torque": 0.02})
+    assert shown(model, without(model), None).evidence == {"motor_bearing": 1.0}
     quiet = Evidence.gather(rig, [recorded(rig, seconds=8.0)])
     nominal = fit(quiet, rig, nominal_free(rig))
-    assert shown(quiet, Search(quiet, nominal, nominal, []), {}, None).evidence == {}
+    assert shown(Model(quiet, nominal, nominal), {}, None).evidence == {}
 
 
 def test_travel_starts_anew_at_each_reversal():

@@ -10,8 +10,8 @@ from dtbacklash.diagnose.fit.comparison import held_loss
 from dtbacklash.diagnose.fit.free import nominal_free
 from dtbacklash.diagnose.fit.refit import FULL, QUICK, fit
 from dtbacklash.diagnose.search import attempts, grow
-from dtbacklash.diagnose.search.rivals import _against
-from dtbacklash.diagnose.search.trials import Search, Trial
+from dtbacklash.diagnose.search.model import Log, Model, Trial
+from dtbacklash.diagnose.search.rivals import _in_place
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.rig import build_rig
 
@@ -23,52 +23,52 @@ CLOSE, HOPELESS = STIFFENING, ("spring", "quadratic_damping")
 
 
 @pytest.fixture(scope="module")
-def recalibrated() -> Search:
+def recalibrated() -> Model:
     """Of an oscillator whose spring hardens: what the parameters can do for that, which leads them astray."""
     rig = build_rig(compose("rig=oscillator").rig)
     evidence = Evidence.gather(rig, [shaken(rig.with_effect(*STIFFENING, {"k3": 2e6}))])
     fitted = fit(evidence, rig, nominal_free(rig))
-    return Search(evidence, fitted, fitted, [])
+    return Model(evidence, fitted, fitted)
 
 
-def trial(found: Search, key: tuple[str, str]) -> Trial:
+def trial(model: Model, key: tuple[str, str]) -> Trial:
     """A quick fit of the best value in the bank."""
-    _, scores = grow._bank_about(found.evidence, found, found.fitted)
+    _, scores = grow._bank_about(model, Log(), model.fitted)
     score = next(s for s in scores if s.candidate.key == key)
-    return attempts.attempt(found.evidence, found.fitted, score)
+    return attempts.attempt(model.evidence, model.fitted, score)
 
 
 def test_quick_fits_begin_from_the_middle_too_where_parameters_are_astray(recalibrated):
-    found = recalibrated
-    stuck = replace(trial(found, STIFFENING), fitted=found.fitted, held_out=held_loss(found.evidence, found.fitted))
-    better = {t.key: t for t in grow._and_from_the_middle(found.evidence, found, [stuck])}
+    model = recalibrated
+    stuck = replace(trial(model, STIFFENING), fitted=model.fitted, held_out=held_loss(model.evidence, model.fitted))
+    better = {t.key: t for t in grow._and_from_the_middle(model, Log(), [stuck])}
     assert better[STIFFENING].held_out < 0.5 * stuck.held_out
 
 
 def test_from_where_nothing_is_astray_they_do_not(recalibrated):
-    found = recalibrated
-    nominal = fit(found.evidence, found.evidence.nominal, [])
-    assert grow._and_from_the_middle(found.evidence, replace(found, fitted=nominal), []) == []
+    model = recalibrated
+    nominal = fit(model.evidence, model.evidence.nominal, [])
+    assert grow._and_from_the_middle(replace(model, fitted=nominal), Log(), []) == []
 
 
 def test_a_rival_that_leaves_far_more_at_a_glance_is_not_finished(recalibrated, monkeypatch):
-    found, fitted = recalibrated, []
+    model, fitted = recalibrated, []
     plain = attempts.refit_with
 
     def counted(evidence, current, added, left_out=None, rounds=FULL, near=None):
         fitted.append((added[0][0], rounds))
         return plain(evidence, current, added, left_out, rounds, near)
 
-    rivals = [trial(found, key) for key in (CLOSE, HOPELESS)]
-    chosen = attempts.finish(found.evidence, found.fitted, rivals[0]).fitted
+    rivals = [trial(model, key) for key in (CLOSE, HOPELESS)]
+    chosen = attempts.finish(model.evidence, model.fitted, rivals[0]).fitted
     monkeypatch.setattr(attempts, "refit_with", counted)
-    beside = replace(found, fitted=chosen, against=[])
-    ended = _against(beside, found.fitted, rivals)
+    beside, log = replace(model, fitted=chosen), Log()
+    ended = _in_place(beside, log, model.fitted, rivals)
     assert set(fitted) == {(CLOSE, QUICK), (HOPELESS, QUICK), (CLOSE, FULL)}
     left = {t.key: t.held_out for t in ended}
-    assert left[CLOSE] == pytest.approx(held_loss(found.evidence, chosen), rel=0.02)
+    assert left[CLOSE] == pytest.approx(held_loss(model.evidence, chosen), rel=0.02)
     assert left[HOPELESS] > settings().hopeless_ratio * left[CLOSE]
     fitted.clear()
-    again = _against(beside, found.fitted, rivals)
+    again = _in_place(beside, log, model.fitted, rivals)
     assert not fitted
     assert {t.key: t.held_out for t in again} == left

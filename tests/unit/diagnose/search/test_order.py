@@ -7,8 +7,8 @@ from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import fit
-from dtbacklash.diagnose.search.order import is_found_already, runners_up
-from dtbacklash.diagnose.search.trials import Search, Trial
+from dtbacklash.diagnose.search.model import Log, Model, Named, Trial
+from dtbacklash.diagnose.search.order import is_named_already, runners_up
 from dtbacklash.physics.rig import Rig, build_rig
 
 from ..fit.test_refit import shaken
@@ -44,25 +44,25 @@ def tried(evidence: Evidence, key: Key, values: dict[str, float]) -> Trial:
     return Trial(key, None, there, evidence.rms(there.residuals))
 
 
-def search(evidence: Evidence, key: Key, values: dict[str, float], former: list[Trial]) -> Search:
+def search(evidence: Evidence, key: Key, values: dict[str, float], former: list[Trial]) -> Model:
     nominal = fitted(evidence)
-    return Search(evidence, nominal, fitted(evidence, (key, values)), [key], tried={key: former})
+    return Model(evidence, nominal, fitted(evidence, (key, values)), (Named(key, tried=tuple(former)),))
 
 
 def test_a_hysteresis_that_has_become_the_dry_friction_found_is_no_runner_up(evidence):
     former = [tried(evidence, *yields(evidence, SHARP)), tried(evidence, HARDENS, {"k3": 1e6})]
-    found = search(evidence, DRY, {"force": 0.5}, former)
-    assert [t.key for t in runners_up(found, [])] == [HARDENS]
+    model = search(evidence, DRY, {"force": 0.5}, former)
+    assert [t.key for t in runners_up(model, Log(), [])] == [HARDENS]
 
 
 def test_one_that_yields_within_the_motion_is(evidence):
     former = [tried(evidence, *yields(evidence, SOFT)), tried(evidence, HARDENS, {"k3": 1e6})]
-    found = search(evidence, DRY, {"force": 0.5}, former)
-    assert {t.key for t in runners_up(found, [])} == {HARDENS, BOUC_WEN}
+    model = search(evidence, DRY, {"force": 0.5}, former)
+    assert {t.key for t in runners_up(model, Log(), [])} == {HARDENS, BOUC_WEN}
 
 
 @pytest.mark.parametrize(("share", "already"), [(SHARP, True), (SOFT, False)])
 def test_dry_friction_beside_a_hysteresis_that_has_become_it_is_the_same_twice(evidence, share, already):
-    found = search(evidence, *yields(evidence, share), [])
-    assert is_found_already(found, tried(evidence, DRY, {"force": 0.5})) == already
-    assert not is_found_already(found, tried(evidence, HARDENS, {"k3": 1e6}))
+    model = search(evidence, *yields(evidence, share), [])
+    assert is_named_already(model, tried(evidence, DRY, {"force": 0.5})) == already
+    assert not is_named_already(model, tried(evidence, HARDENS, {"k3": 1e6}))

@@ -6,8 +6,8 @@ import pytest
 from dtbacklash.config.rig import ParameterConfig, RigConfig
 from dtbacklash.diagnose import Record, diagnose_records
 from dtbacklash.diagnose.say.findings import recalibrated
-from dtbacklash.diagnose.search.own_value import split
-from dtbacklash.diagnose.search.trials import Beyond
+from dtbacklash.diagnose.search.model import WrongValue
+from dtbacklash.diagnose.search.wrong_value import split
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import simulate
 
@@ -100,7 +100,7 @@ def test_it_may_lie_far_beyond_the_tolerance(chain, element, factor):
 def test_a_parameter_says_what_it_took_the_place_of(chain):
     own = split(chain, "m", "m2", "mass")
     gone = (("m2", "absorber"), ("l2", "cubic_stiffness"))
-    beyond = Beyond("m_m2", 0.05, evidence=None, fitted=None, instead_of=gone)
+    beyond = WrongValue("m_m2", 0.05, evidence=None, fitted=None, instead_of=gone)
     rows = recalibrated(own, {"m_m2": (1.6, 0.01), "k": (2.1e4, 10.0)}, beyond)
     assert [(a.location, a.effect) for a in rows["m_m2"].also_fits] == list(gone)
     assert rows["m_m2"].also_fits[0].reason == "with cubic stiffness at the l2"  # together only

@@ -1,0 +1,232 @@
+"""One value of the rig may be wrong: looked at before physics is said to be missing.
+
+Tolerances are what the user believes. Where one of them is wrong, an effect that nearly fits is found in its place, and
+the other parameters go far from nominal to make up for the rest. Either a parameter is beyond its tolerance, or one of
+the elements that share it has a value of its own.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from dtbacklash.diagnose.data.evidence import Evidence
+from dtbacklash.diagnose.fit.comparison import earns, held_loss, is_noise, merit, same, worst
+from dtbacklash.diagnose.fit.free import (
+    Key,
+    all_free,
+    known_free,
+    nominal_free,
+    standing,
+    stands_at_limit,
+    tolerances_away,
+    widened,
+    with_tolerance,
+)
+from dtbacklash.diagnose.fit.problem import Fit
+from dtbacklash.diagnose.fit.refit import QUICK, fit
+from dtbacklash.diagnose.propose.projection import Projection
+from dtbacklash.diagnose.search.leave_out import fit_without
+from dtbacklash.diagnose.search.model import Log, Model, WrongValue
+from dtbacklash.diagnose.settings import settings
+from dtbacklash.physics.rig import Rig, build_rig
+
+#: a quick fit that leaves more of the nominal rig's loss than this has not begun to explain it
+BEGUN = 0.5
+#: parameter, element, field
+Use = tuple[str, str, str]
+#: step of the difference that a signature is, in tolerances
+STEP = 0.1
+
+
+def explains_alone(model: Model, recalibrate: Callable[[Evidence], Fit]) -> bool:
+    """Whether one parameter, beyond its tolerance, leaves nothing but noise where the nominal rig leaves more.
+
+    Then no two effects are looked for: a conspiracy of them is less likely than one wrong number.
+    """
+    if is_noise(model.evidence, model.fitted):
+        return False
+    trial = _beyond_tolerance(model, recalibrate)
+    return trial is not None and is_noise(trial.evidence, trial.fitted)
+
+
+def wrong_value_instead(model: Model, log: Log, recalibrate: Callable[[Evidence], Fit]) -> Model:
+    """Let one wrong value take the place of effects where that does no worse; one that fits as well is noted."""
+    model = _beyond_instead(model, log, recalibrate)
+    return model if model.wrong_value is not None else _own_instead(model, log)
+
+
+def _beyond_instead(model: Model, log: Log, recalibrate: Callable[[Evidence], Fit]) -> Model:
+    """Let one parameter go beyond its tolerance where that does better than all effects, or than several parameters."""
+    trial = _beyond_tolerance(model, recalibrate)
+    if trial is None:
+        return model
+    if merit(trial.evidence, trial.fitted) + settings().earn_penalty < merit(model.evidence, model.fitted):
+        for key in model.keys:
+            log.refuse(key, f"`{trial.name}`, beyond its tolerance, does better alone")
+        return replace(
+            model, evidence=trial.evidence, nominal=trial.fitted, fitted=trial.fitted, named=(), wrong_value=trial
+        )
+    if model.named and same(trial.evidence, model.fitted, trial.fitted):
+        return replace(model, could_be=trial)
+    return model
+
+
+def _beyond_tolerance(model: Model, recalibrate: Callable[[Evidence], Fit]) -> WrongValue | None:
+    """The parameter at its limit that alone, let go further, leaves little more than noise; None if there is none.
+
+    recalibrate : fits the nominal rig of an evidence.
+    """
+    nominal, trials = model.evidence.nominal, []
+    parameters = nominal.config.parameters
+    for f in nominal_free(nominal, rig=model.nominal.rig):
+        name = f.name
+        if not f.effect and stands_at_limit(f, standing(f, model.nominal.rig)):
+            wide = widened(parameters[name].tolerance)
+            if wide <= parameters[name].tolerance:
+                continue  # nobody claimed to know it
+            evidence = replace(model.evidence, nominal=with_tolerance(nominal, name, wide))
+            if _hopeless(model, evidence):
+                continue
+            trials.append(WrongValue(name, parameters[name].tolerance, evidence, recalibrate(evidence)))
+    able = [trial for trial in trials if worst(trial.evidence, trial.fitted) < settings().nearly_noise_floors]
+    return min(able, key=lambda trial: merit(trial.evidence, trial.fitted), default=None)
+
+
+def _hopeless(model: Model, evidence: Evidence) -> bool:
+    """Whether a quick fit leaves far more than noise, or than the model does, and most of it."""
+    rules = settings()
+    quick = fit(evidence, evidence.nominal, *known_free(evidence, model.nominal.rig), rounds=QUICK)
+    if worst(model.evidence, model.fitted) > rules.nearly_noise_floors:
+        most = max(BEGUN * held_loss(model.evidence, model.nominal), rules.hopeless_ratio)
+    else:
+        most = rules.hopeless_ratio * max(held_loss(model.evidence, model.fitted), 1.0)
+    return held_loss(evidence, quick) > most
+
+
+def _own_instead(model: Model, log: Log) -> Model:
+    """Let one element have a parameter of its own instead of all effects, or of one, where that does no worse.
+
+    What fits nearly as well as all of them, and does not take their place, is noted.
+    """
+    if not shared(model.evidence.nominal):
+        return model
+    for left_out in [None, *(model.keys if len(model.named) > 1 else ())]:
+        before = fit_without(model, log, left_out) if left_out else model.nominal
+        own = own_parameter(model.evidence, before)
+        if own is None:
+            continue
+        if _does_no_worse(model, own, before):
+            return _with_own(model, log, own, (left_out,) if left_out else model.keys)
+        if left_out is None and model.named and same(own.evidence, model.fitted, own.fitted):
+            model = replace(model, could_be=own)
+    return model
+
+
+def _with_own(model: Model, log: Log, own: WrongValue, gone: tuple[Key, ...]) -> Model:
+    """The model with an element's own parameter in the place of some effects."""
+    for key in gone:
+        log.refuse(key, "one element's own parameter does as well")
+    if same(own.evidence, own.fitted, model.fitted):
+        own = replace(own, instead_of=gone)
+    model = replace(model.minus(own.fitted, *gone), evidence=own.evidence, wrong_value=own, could_be=None)
+    known = own.evidence.nominal
+    return replace(model, nominal=fit(own.evidence, known, nominal_free(known)) if model.named else own.fitted)
+
+
+def own_parameter(evidence: Evidence, before: Fit, likely: float = 1.0) -> WrongValue | None:
+    """The parameter of one element that alone explains what a fit leaves, if there is one.
+
+    Each is scored by one simulation, as effects are; the best are looked at, as masses that swing out of step show
+    themselves only when a fit is near; the best of these is fitted, and has to leave noise.
+
+    likely : those are looked at of which the score leaves at most this share of what the fit leaves.
+    """
+    if not shared(evidence.nominal) or is_noise(evidence, before):
+        return None
+    looks = {use: _look(evidence, before.rig, use) for use in _promising(evidence, before, likely)}
+    if not looks:
+        return None
+    ranked = sorted(looks, key=lambda use: merit(looks[use].evidence, looks[use].fitted))
+    best = _finished(looks[ranked[0]])
+    if best is None:
+        return None
+    # of two elements that share it either one may have its own: the one that leaves the shared value where it was
+    others = [_finished(looks[use]) for use in ranked[1:] if use[0] == ranked[0][0]]
+    most = merit(best.evidence, best.fitted) + settings().earn_penalty
+    alike = [own for own in others if own is not None and merit(own.evidence, own.fitted) < most]
+    return min([best, *alike], key=lambda own: tolerances_away(evidence.nominal, own.fitted.rig)[ranked[0][0]])
+
+
+def _does_no_worse(model: Model, own: WrongValue, before: Fit) -> bool:
+    """Whether the effects that are named have not earned what they have more than an own parameter.
+
+    It is known to be there, and they are not: where it explains all but a trifle, and leaves noise of what was fitted
+    to as well, the rest may be how a machine differs from any simulation.
+    """
+    rules, evidence = settings(), own.evidence
+    if merit(evidence, own.fitted) < merit(model.evidence, model.fitted) + rules.earn_penalty:
+        return True
+    if not earns(model.evidence, own.fitted, model.fitted, model.nominal):
+        return True
+    at_first, by_effects, by_own = (held_loss(evidence, f) ** 2 for f in (before, model.fitted, own.fitted))
+    nearly_all = at_first - by_own > (1.0 - rules.same_loss_share) * (at_first - by_effects)
+    fitted = max(float(squares.max()) for squares in evidence.mean_square(own.fitted.residuals, "train").values())
+    return nearly_all and fitted < rules.noise_floors
+
+
+def _finished(own: WrongValue) -> WrongValue | None:
+    """A full fit; None if it leaves more than noise."""
+    fitted = fit(own.evidence, own.fitted.rig, *all_free(own.evidence, own.fitted.rig))
+    return replace(own, fitted=fitted) if is_noise(own.evidence, fitted) else None
+
+
+def believed(rig: Rig, trial: WrongValue | None) -> Rig:
+    """A rig with the tolerance that was given for the parameter which went beyond it, if one did."""
+    return rig if trial is None else with_tolerance(rig, trial.name, trial.tolerance)
+
+
+def _look(evidence: Evidence, rig: Rig, use: Use) -> WrongValue:
+    """A quick fit."""
+    name, tolerance = title(*use[:2]), evidence.nominal.config.parameters[use[0]].tolerance
+    own = with_tolerance(split(evidence.nominal, *use), name, widened(tolerance))
+    evidence, start = replace(evidence, nominal=own), split(rig, *use)
+    return WrongValue(name, tolerance, evidence, fit(evidence, start, *all_free(evidence, start), rounds=QUICK))
+
+
+def _promising(evidence: Evidence, before: Fit, likely: float) -> list[Use]:
+    """The shared parameters that, of one element alone, promise to explain most of what is left; the best first."""
+    projection, left = Projection(evidence, before), {}
+    for use in shared(evidence.nominal):
+        name, element, _ = use
+        rig, own = split(before.rig, *use), title(name, element)
+        width = rig.config.parameters[name].tolerance * evidence.nominal.config.parameters[name].value
+        moved = rig.with_parameters({own: rig.config.parameters[own].value + STEP * width})
+        changed = evidence.residuals(moved, before.residuals, {element})
+        column = projection.project(projection.stack(before.residuals) - projection.stack(changed))
+        gain = float(column @ projection.residual) ** 2 / max(float(column @ column), 1e-300)
+        left[use] = projection.total - gain
+    hopeful = [use for use in left if left[use] <= likely * projection.total]
+    return sorted(hopeful, key=lambda use: left[use])[: settings().quick_fits]
+
+
+def shared(rig: Rig) -> list[Use]:
+    """(parameter, element, field) wherever several elements, or fields of one, use the same parameter."""
+    uses = [
+        (spec[field], element, field)
+        for element, spec in rig.config.elements.items() for field in rig.elements[element].values
+    ]  # fmt: skip
+    names = [name for name, _, _ in uses]
+    return [use for use in uses if names.count(use[0]) > 1 and rig.config.parameters[use[0]].tolerance > 0.0]
+
+
+def title(parameter: str, element: str) -> str:
+    """Name of an element's own parameter."""
+    return f"{parameter}_{element}"
+
+
+def split(rig: Rig, parameter: str, element: str, field: str) -> Rig:
+    """The rig with a parameter of its own at one element, which begins where the shared one stands."""
+    config = rig.config
+    shared, name = config.parameters[parameter], title(parameter, element)
+    parameters = {**config.parameters, name: replace(shared, description=f"{shared.description} ({element} alone)")}
+    elements = {**config.elements, element: {**config.elements[element], field: name}}
+    return build_rig(replace(config, parameters=parameters, elements=elements))
