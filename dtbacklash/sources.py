@@ -13,7 +13,7 @@ PACKAGE = Path(__file__).parent
 
 #: what compiled code is made of: changes elsewhere need no new compilation
 COMPILED = (
-    "compiled.py", "diagnose/track.py", "experiment/loop.py", "experiment/cruise.py", "experiment/watch.py", "physics",
+    "compiled.py", "diagnose/track.py", "experiment/loop.py", "experiment/watch.py", "physics",
     "control/laws.py", "twin/observer.py", "twin/guard.py", "twin/novelty.py", "twin/motor.py",
     "twin/simulated.py", "twin/indexes.py", "fmu/machine.py",
 )  # fmt: skip
