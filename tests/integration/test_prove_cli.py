@@ -41,7 +41,7 @@ def concealed(tmp_path_factory):
 def dtb(tmp_path, monkeypatch, capsys, concealed):
     """Run ``dtb prove`` in an empty folder beside a copy of the recordings: words -> (exit code, stdout, stderr)."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("dtbacklash.compiled.is_cold", lambda: False)
+    monkeypatch.setattr("dtbacklash.compiled.is_cold", lambda function: False)
     shutil.copytree(concealed, tmp_path / "bench")
     shutil.copy(seal.key_path(concealed), tmp_path / "bench.key")
 
