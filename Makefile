@@ -50,7 +50,7 @@ bench: $(READY)
 	$(BIN)/python -m benchmarks
 
 # The lock holds for every Python and every platform; `make lock` after a change of the dependencies. Without the extras
-# `compare` and `ray`: what only a benchmark or a cluster needs does not hold back everything else.
+# `compare`: what only a benchmark needs does not hold back everything else.
 lock: $(READY)
 	$(BIN)/uv pip compile pyproject.toml --no-config --extra dev --extra docs --extra dask --extra fmu --extra matlab --extra remote --extra submitit --universal --python-version 3.11 \
 		--fork-strategy fewest --generate-hashes --no-annotate --no-emit-index-url --no-header \

@@ -24,7 +24,7 @@ from benchmarks.wrong_models import run_wrong_models, wrong_model_rows, wrong_mo
 from dtbacklash.files import write_json
 
 TITLES = {
-    "loop": "200 s of the paper's scenario: our loops beside hand-written ones",
+    "loop": "200 s of the paper's scenario: our loop beside hand-written ones",
     "libraries": "The loop with a constant gap, 4 s: general libraries beside both compiled loops",
     "estimate": "One estimate of the gap (1000 samples), nine buffers of the paper's scenario",
     "linearity": "Time over simulated time",

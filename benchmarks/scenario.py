@@ -14,7 +14,6 @@ from dtbacklash.control.belief import beliefs_of, design_for, settled
 from dtbacklash.control.design import ControllerDesign, MotorParameters, StructureParameters
 from dtbacklash.control.laws import Controller, build_controller, new_controller_state
 from dtbacklash.experiment import loop
-from dtbacklash.experiment.cruise import Form, cruise, form_of
 from dtbacklash.experiment.run import RunResult, run_scenario
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.kernel.plant import Plant, new_state
@@ -44,7 +43,6 @@ class Scenario:
     plant: Plant
     controller: Controller
     detector: NoveltyDesign
-    form: Form | None
     reference_m: Floats
     gap_rad: Floats
     gap_hat_rad: Floats
@@ -70,10 +68,7 @@ def prepare(*overrides: str) -> Scenario:
     plant = compile_plant(rig, config.sample_time_s, config.solver.substeps, config.solver.event_levels)
     controller = build_controller(config.controller, design)
     detector = novelty_design(config.twin.novelty_filter, design.dominant_frequency_rad_s, config.sample_time_s)
-    return Scenario(
-        config, result, design, linear.motor, linear.structure, plant, controller, detector,
-        form_of(plant, controller, detector.sos, (0, 1)), *arrays,
-    )  # fmt: skip
+    return Scenario(config, result, design, linear.motor, linear.structure, plant, controller, detector, *arrays)
 
 
 def new_traces(n: int, sensors: int) -> loop.Traces:
@@ -82,11 +77,8 @@ def new_traces(n: int, sensors: int) -> loop.Traces:
     return loop.Traces(u, theta_d, gap_hat, eps, novelty, np.zeros((n, sensors)), np.zeros((n, sensors)))
 
 
-def ours(scenario: Scenario, general: bool = False) -> Floats:
-    """q3 [m] by our compiled loop, segment by segment between changes of the estimate, as ``dtb run`` does it.
-
-    general : by the loop for every rig, and not by the one that is written out for the sizes of this one.
-    """
+def ours(scenario: Scenario) -> Floats:
+    """q3 [m] by our compiled loop, segment by segment between changes of the estimate, as ``dtb run`` does it."""
     n, sensors = scenario.reference_m.size, len(scenario.plant.sensor)
     signals = loop.Signals(scenario.reference_m, scenario.gap_rad, np.zeros((0, sensors)), np.zeros(sensors))
     traces = new_traces(n, sensors)
@@ -95,13 +87,9 @@ def ours(scenario: Scenario, general: bool = False) -> Floats:
     memory = detector.initial_state()
     edges = [0, *(np.flatnonzero(np.diff(scenario.gap_hat_rad)) + 1), n]
     for first, stop in pairwise(edges):
-        common = (
+        loop.run_segment(
             scenario.plant, state, scenario.controller, control_state, memory,
             (detector.sos, detector.cos_step, detector.sin_step), signals, traces, (0, 1), int(first), int(stop),
             float(scenario.gap_hat_rad[first]), (1.0, np.inf), 0.0,
         )  # fmt: skip
-        if general or scenario.form is None:
-            loop.run_segment(*common)
-        else:
-            cruise(scenario.form, *common)
     return traces.truth[:, 1]

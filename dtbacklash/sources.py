@@ -11,14 +11,6 @@ from typing import Any
 
 PACKAGE = Path(__file__).parent
 
-#: what compiled code is made of: changes elsewhere need no new compilation
-COMPILED = (
-    "compiled.py", "diagnose/data/track.py", "experiment/loop.py", "experiment/cruise.py", "experiment/watch.py",
-    "physics",
-    "control/laws.py", "twin/observer.py", "twin/guard.py", "twin/novelty.py", "twin/motor.py",
-    "twin/simulated.py", "twin/indexes.py", "fmu/machine.py",
-)  # fmt: skip
-
 _foreign: set[str] = set()
 
 

@@ -1,4 +1,4 @@
-"""Who does the jobs of a campaign: this process, this machine's cores, joblib's Dask or Ray, a launcher of Hydra."""
+"""Who does the jobs of a campaign: this process, this machine's cores, Dask, a launcher of Hydra."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class Workers:
 
     Attributes
     ----------
-    backend : loky (processes here), dask or ray. jobs : how many at once; one of loky is this process itself.
-    scheduler : address of a Dask scheduler or a Ray cluster that runs already; None starts one here.
+    backend : loky (processes here) or dask. jobs : how many at once; one of loky is this process itself.
+    scheduler : address of a Dask scheduler that runs already; None starts one here.
     """
 
     backend: str = "loky"
@@ -83,14 +83,12 @@ def check_backend(backend: str, scheduler: str | None) -> None:
     if backend not in BACKENDS:
         raise UserError("backend", backend, "choose one of " + ", ".join(BACKENDS))
     if scheduler is not None and backend == "loky":
-        raise UserError("scheduler", scheduler, "belongs to backend=dask or backend=ray")
-    try:
-        if backend == "dask":
+        raise UserError("scheduler", scheduler, "belongs to backend=dask")
+    if backend == "dask":
+        try:
             import distributed  # noqa: F401
-        elif backend == "ray":
-            import ray.util.joblib  # noqa: F401
-    except ImportError:
-        raise UserError("backend", backend, f"is not installed; pip install 'dtbacklash[{backend}]'") from None
+        except ImportError:
+            raise UserError("backend", backend, "is not installed; pip install 'dtbacklash[dask]'") from None
 
 
 @contextmanager
@@ -99,8 +97,8 @@ def workers(backend: str, jobs: int, scheduler: str | None = None) -> Iterator[N
 
     Parameters
     ----------
-    scheduler : address of a Dask scheduler or a Ray cluster that runs already (its workers see the same folders and
-        have this package); None starts a cluster of ``jobs`` workers here, for as long as the block lasts.
+    scheduler : address of a Dask scheduler that runs already (its workers see the same folders and have this package);
+        None starts a cluster of ``jobs`` workers here, for as long as the block lasts.
 
     Raises
     ------
@@ -111,9 +109,6 @@ def workers(backend: str, jobs: int, scheduler: str | None = None) -> Iterator[N
         os.environ[name] = "1"
     if backend == "dask":
         with _dask(jobs, scheduler):
-            yield
-    elif backend == "ray":
-        with _ray(jobs, scheduler):
             yield
     else:
         from joblib import parallel_config
@@ -143,24 +138,3 @@ def _dask(jobs: int, scheduler: str | None) -> Iterator[None]:
         parallel_config("dask"),
     ):
         yield
-
-
-@contextmanager
-def _ray(jobs: int, scheduler: str | None) -> Iterator[None]:
-    import ray
-    from joblib import parallel_config
-    from ray.util.joblib import register_ray
-
-    try:
-        if scheduler is None:
-            ray.init(num_cpus=jobs, include_dashboard=False, log_to_driver=False, logging_level="ERROR")
-        else:
-            ray.init(address=scheduler, log_to_driver=False, logging_level="ERROR")
-    except (ConnectionError, ValueError):
-        raise UserError("scheduler", scheduler, "no Ray cluster answers there") from None
-    try:
-        register_ray()
-        with parallel_config("ray", n_jobs=jobs):
-            yield
-    finally:
-        ray.shutdown()

@@ -76,8 +76,9 @@ def progress(what: str, compiles: bool = True) -> Iterator[Tell]:
 def announce_compilation() -> None:
     """Say why the first run takes longer than the others."""
     from dtbacklash.compiled import is_cold
+    from dtbacklash.physics.kernel.sample import advance
 
-    if is_cold():
+    if is_cold(advance):
         print("dtb: compiling the simulation, once on this machine (about 20 s)", file=sys.stderr, flush=True)
 
 

@@ -12,7 +12,7 @@ from dtbacklash.config.rig import RigConfig
 from dtbacklash.config.setting import INPUT, OUTPUT, check, setting
 from dtbacklash.errors import UserError
 
-BACKENDS = ("loky", "dask", "ray")
+BACKENDS = ("loky", "dask")
 COUNT, SEED = 500, 10_000
 
 
@@ -32,13 +32,10 @@ class ProveConfig:
     folder: str | None = setting(None, "recordings that dtb conceal made, instead of n and seed", path=INPUT)
     key: str | None = setting(None, "what opens their seals (default: FOLDER.key)", path=INPUT)
     jobs: int = setting(2, "recordings at once", at_least=1, at_most=JOBS_MAX)
-    backend: str = setting(
-        "loky", "loky: the cores of this machine; dask, ray: extras of these names", choices=BACKENDS
-    )
+    backend: str = setting("loky", "loky: the cores of this machine; dask: a Dask cluster", choices=BACKENDS)
     scheduler: str | None = setting(
-        None, "ADDRESS of a Dask scheduler or a Ray cluster that runs already (default: one is started here)",
-        path=INPUT,
-    )  # fmt: skip
+        None, "ADDRESS of a Dask scheduler that runs already (default: one is started here)", path=INPUT
+    )
     docs: str | None = setting(None, "folder: also bring the score into FOLDER/proof.md, with its figures", path=OUTPUT)
     known: str | None = setting(
         None, "FILE of cases that the same code has finished (docs=FOLDER writes FOLDER/proof/cases.json.gz): those "

@@ -20,7 +20,6 @@ from dtbacklash.errors import Diverged, UserError
 from dtbacklash.experiment import loop, signals
 from dtbacklash.experiment.advice import causes
 from dtbacklash.experiment.aging import aged_rigs, aged_state
-from dtbacklash.experiment.cruise import Form, cruise, form_of
 from dtbacklash.experiment.estimation import AT_REST, Estimation, answering
 from dtbacklash.experiment.pace import RealTime, undisturbed
 from dtbacklash.experiment.result import RunResult, Walls, collect
@@ -39,8 +38,6 @@ __all__ = ["RunResult", "run_scenario", "true_half_gap"]
 
 #: samples between two calls of the progress callback (and two chances for Ctrl-C)
 CHUNK = 5000
-#: samples from which the loop is written out for the sizes at hand, which takes seconds the first time
-LONG = 50_000
 #: for how long a new detector of novelty sees the present error before it counts, s
 SETTLED_S = 3.0
 
@@ -60,7 +57,6 @@ class _Machine:
     detector_state: Floats
     watcher: Watcher | None = None
     clock: RealTime | None = None
-    form: Form | None = None
     aged: list[tuple[int, Rig, Plant]] = field(default_factory=list)
 
     def take_up(self, asked: RunConfig, answer: Answer, old_gap: float, traces: loop.Traces, inputs: loop.Signals,
@@ -80,8 +76,7 @@ class _Machine:
         # the reference may be about to change: the rest is that of the one in force until now
         here = Rest(inputs.reference[k - 1], theta_m, q3, float(np.mean(traces.u[first:k])), old_gap, answer.gap_rad)
         self.control_state = handed_over(self.controller, self.control_state, controller, here)
-        self.controller, self.form = controller, None  # the general loop takes any
-        self.detector, self.detector_state = detector, detector.initial_state()
+        self.controller, self.detector, self.detector_state = controller, detector, detector.initial_state()
         error = here.q3 - float(controller.sc @ self.control_state.s)
         for _ in range(round(SETTLED_S / config.sample_time_s)):
             novelty_step(self.detector_state, detector.sos, detector.cos_step, detector.sin_step, error)
@@ -115,11 +110,9 @@ class _Machine:
             traces, which, first, stop, gap_hat, limits, before,
         )  # fmt: skip
         if self.watcher is None:
-            k, why = loop.run_segment(*common) if self.form is None else cruise(self.form, *common)
-        else:
-            w = self.watcher
-            k, why = run_watched(*common, w.watch, w.state, w.values, w.limits, w.config.twin.index_hysteresis)
-        return k, why
+            return loop.run_segment(*common)
+        w = self.watcher
+        return run_watched(*common, w.watch, w.state, w.values, w.limits, w.config.twin.index_hysteresis)
 
 
 def run_scenario(
@@ -156,8 +149,6 @@ def run_scenario(
         twin = Estimation.prepare(config, beliefs.twin, changes, traces.seen, which, inputs.gap, service)
         if design is not None:
             machine.watcher = twin.watcher = Watcher.prepare(config, beliefs.twin, inputs.gap.size)
-        if config.samples >= LONG:
-            machine.form = form_of(machine.plant, machine.controller, machine.detector.sos, which)
         if machine.plant.imposed:
             place_at(machine.plant, machine.state, inputs.reference[0])
         if progress:
@@ -262,7 +253,6 @@ def _segments(
         while aged and aged[0][0] <= k:
             _, rig, after = aged.pop(0)
             machine.plant, machine.state = after, aged_state(machine.plant, machine.state, after)
-            machine.form = None
         twin.before(k)
         old_gap = twin.gap_hat
         if (answer := twin.taken_up(k)) is not None:

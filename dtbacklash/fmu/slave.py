@@ -25,6 +25,7 @@ from dtbacklash.compiled import is_cold
 from dtbacklash.fmu import interface
 from dtbacklash.fmu.interface import COMMAND, GAP, GAP_MOST_DEG, INPUT, OUTPUT, PARAMETER, Export, Variable
 from dtbacklash.fmu.machine import Machine
+from dtbacklash.physics.kernel.sample import advance
 
 #: the file in the FMU that says which rig it is
 CONTENT = "rig.json"
@@ -125,7 +126,7 @@ class RigSlave(Fmi2Slave):
         ------
         UserError : a parameter that the rig may not have.
         """
-        if is_cold():
+        if is_cold(advance):
             self.log("compiling the simulation, once on this machine (about 20 s)")
         self._now()
         self._running = True

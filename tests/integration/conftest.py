@@ -19,6 +19,7 @@ from dtbacklash.compiled import is_cold
 from dtbacklash.experiment import signals
 from dtbacklash.experiment.metrics import move_table
 from dtbacklash.experiment.result import RunResult
+from dtbacklash.physics.kernel.sample import advance
 
 SENSORS = ("theta_m", "q3")
 SIGNALS = [
@@ -97,7 +98,7 @@ def dtb(tmp_path, monkeypatch, capsys, scenario):
 @pytest.fixture(scope="session", autouse=True)
 def compiled(tmp_path_factory):
     """The first run on a machine says on stderr that it compiles; here that has been said already."""
-    if is_cold():
+    if is_cold(advance):
         words = ["run", "duration_s=2", "twin.buffer=200", "twin.settle=100", "figures=false", "out=warm"]
         command, folder = [sys.executable, "-m", "dtbacklash.cli", *words], tmp_path_factory.mktemp("warm")
         subprocess.run(command, cwd=folder, capture_output=True, check=True, timeout=900)

@@ -38,7 +38,7 @@ def dtb(tmp_path, tmp_path_factory, monkeypatch, capsys, asked):
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("DTB_RECORDINGS", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-    monkeypatch.setattr("dtbacklash.compiled.is_cold", lambda: False)
+    monkeypatch.setattr("dtbacklash.compiled.is_cold", lambda function: False)
     t = np.arange(4000) * 1e-3
     slow = np.sin(7 * t) + 0.3 * np.sin(23 * t)
     table = pd.DataFrame({"t": t, "u": 2 * slow, "theta_m": 3 * slow, "q3": slow, "lab": 1.0 + t})

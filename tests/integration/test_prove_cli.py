@@ -41,7 +41,7 @@ def concealed(tmp_path_factory):
 def dtb(tmp_path, monkeypatch, capsys, concealed):
     """Run ``dtb prove`` in an empty folder beside a copy of the recordings: words -> (exit code, stdout, stderr)."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("dtbacklash.compiled.is_cold", lambda: False)
+    monkeypatch.setattr("dtbacklash.compiled.is_cold", lambda function: False)
     shutil.copytree(concealed, tmp_path / "bench")
     shutil.copy(seal.key_path(concealed), tmp_path / "bench.key")
 
@@ -184,7 +184,7 @@ def test_a_rig_with_nothing_on_record_is_said_to_be_compared_with_nothing(dtb, t
         (["rigs=[emps:0]"], "rigs=emps:0: write NAME or NAME:COUNT"),
         (["rigs=[emps:2,emps]"], "rigs=emps: names a rig twice"),
         (["rigs=[emps]", "folder=bench"], "rigs="),
-        (["backend=slurm"], "backend=slurm: choose one of loky, dask, ray"),
+        (["backend=slurm"], "backend=slurm: choose one of loky, dask"),
         (["scheduler=tcp://a:1"], "scheduler=tcp://a:1: belongs to backend=dask"),
         (["folder=nowhere"], "folder="),
         (["folder=bench", "rig=nosuch"], "rig=nosuch: choose one of"),

@@ -32,15 +32,10 @@ def test_the_contestants_solve_the_same_problem(paper: Scenario) -> None:
         assert np.max(np.abs(contestant(short) - short.q3_m)) < 2e-5
 
 
-def test_at_most_four_times_the_time_of_the_fastest_hand_written_loop(paper: Scenario) -> None:
-    """Half of that where nothing else runs (``python -m benchmarks loop``): what a neighbour takes varies."""
-    ours_s, hand_s = interleaved_s([lambda: ours(paper), HandWritten(paper)], 25)
-    assert ours_s < 4.0 * hand_s
-
-
-def test_what_is_written_out_gives_the_bits_of_the_general_loop(paper: Scenario) -> None:
-    assert paper.form is not None
-    assert np.array_equal(ours(paper), ours(paper, general=True))
+def test_at_most_twelve_times_the_time_of_a_hand_written_loop_that_records_as_much(paper: Scenario) -> None:
+    """About seven times (``python -m benchmarks loop``); what a neighbour on the machine takes varies."""
+    ours_s, hand_s = interleaved_s([lambda: ours(paper), HandWritten(paper, everything=True)], 25)
+    assert ours_s < 12.0 * hand_s
 
 
 def test_a_long_rest_costs_no_more_than_motion(paper: Scenario) -> None:
@@ -50,8 +45,8 @@ def test_a_long_rest_costs_no_more_than_motion(paper: Scenario) -> None:
     assert long_s / short_s < 2.0 * 1.5
 
 
-def test_an_estimate_costs_less_than_a_run_by_the_general_loop(paper: Scenario) -> None:
-    """20 ms where the general loop takes 30 ms; the bound of the ratio is the same for any machine."""
+def test_an_estimate_costs_less_than_a_run(paper: Scenario) -> None:
+    """20 ms where the loop takes 30 ms; the bound of the ratio is the same for any machine."""
     config, trace = paper.config, paper.result.trace
     model = twin_model(paper.structure, config.twin.observer_pole_rad_s, config.sample_time_s, config.twin.settle)
     first = 120_000
@@ -62,5 +57,5 @@ def test_an_estimate_costs_less_than_a_run_by_the_general_loop(paper: Scenario) 
         problem = Problem(*buffer, model)
         estimate_gap(problem, config.optimizer, default_start(problem, math.radians(20.0)))
 
-    rounds = [interleaved_s([estimate, lambda: ours(paper, general=True)], 1) for _ in range(7)]
+    rounds = [interleaved_s([estimate, lambda: ours(paper)], 1) for _ in range(7)]
     assert statistics.median(one / run for one, run in rounds) < 20.0 / 30.0

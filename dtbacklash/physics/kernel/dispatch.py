@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from dtbacklash.compiled import generated, law
+from dtbacklash.compiled import inlined, law
 from dtbacklash.physics import catalogue
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Effect
@@ -57,7 +57,7 @@ def _written(name: str, slot: type[Slot], field: str) -> Any:
         lines += [f"    if code == {code}:", f"        return law_{code}({given})"]
     lines.append("    return 0.0")
     exec(compile("\n".join(lines), f"<laws of {name}>", "exec"), space)
-    return generated(space[name])
+    return inlined(space[name])
 
 
 PLAIN = catalogue.CATALOGUE["rotor", "coulomb_friction"]

@@ -5,16 +5,11 @@
 
 import math
 
-import numba
-
-from dtbacklash.compiled import kept
+from dtbacklash.compiled import compiled, inlined
 from dtbacklash.prove.simulator import columns as col
 
 #: width of the rounding of a knee, relative to where it lies
 KNEE = 2e-3
-
-fast = kept(numba.njit(cache=True, error_model="numpy", _nrt=False))
-inlined = kept(numba.njit(cache=True, error_model="numpy", _nrt=False, forceinline=True))
 
 
 @inlined
@@ -23,7 +18,7 @@ def softplus(x):
     return x + math.log1p(math.exp(-x)) if x > 0.0 else math.log1p(math.exp(x))
 
 
-@fast
+@compiled
 def amplify(D, u):
     """Voltage behind gain, dead zone and limiter with rounded knees. V -> V."""
     v = D[col.D_GAIN] * u
@@ -36,7 +31,7 @@ def amplify(D, u):
     return v
 
 
-@fast
+@compiled
 def voltage(D, u, k, begin, end, sample_time):
     """Mean voltage from ``begin`` to ``end`` (shares of sample k): the command held over each sample, D_DELAY late."""
     late = D[col.D_DELAY] / sample_time

@@ -16,13 +16,12 @@ import math
 
 import numpy as np
 
+from dtbacklash.compiled import compiled, inlined
 from dtbacklash.prove.simulator import columns as col
 from dtbacklash.prove.simulator.laws import (
     KNEE,
     bristle_after,
-    fast,
     held_stretch,
-    inlined,
     softplus,
     voltage,
     yielded_after,
@@ -208,7 +207,7 @@ def _effort(M, S, x, volt, angle, omega, dx):
     return effort
 
 
-@fast
+@compiled
 def _derivative(M, S, x, t, volt, shove, dx):
     """Time derivative of the state."""
     D, nb = M.drive, M.inertia.shape[0]
@@ -231,7 +230,7 @@ def _derivative(M, S, x, t, volt, shove, dx):
         dx[2 + nb + j] = S.force[j] / inertia
 
 
-@fast
+@compiled
 def _advance(M, S, t, h, volt, shove0, shove1):
     """One step: four stages, then the memory of bristles, yielding links and the warm winding."""
     n = S.x.shape[0]
@@ -257,7 +256,7 @@ def _advance(M, S, t, h, volt, shove0, shove1):
     _keep(M, S, t + h)
 
 
-@fast
+@compiled
 def _keep(M, S, t):
     """Move the memory of bristles and yielding links to the end of the step."""
     _base(M, S, S.x, t, S.rates)
@@ -285,7 +284,7 @@ def _look(M, S, s, t):
     return S.scalar[col.S_BASE] if index == col.BASE_POSITION else S.scalar[col.S_BASE_RATE]
 
 
-@fast
+@compiled
 def _show(M, history, newest, s):
     """What sensor ``s`` shows: its value Y_DELAY ago, between two entries of the ring, scaled and shifted."""
     row, length = M.sensor[s], history.shape[0]
@@ -331,7 +330,7 @@ def _impose(M, S, u, signals, k):
     S.scalar[col.S_IMPOSED_RATE] = D[col.D_TRAVEL] * (following - u[k]) / M.sample_time
 
 
-@fast
+@compiled
 def run_machine(M, S, C, signals, history, u, truth, seen, states):
     """Run all samples; returns the number of samples that stayed finite.
 

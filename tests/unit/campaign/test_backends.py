@@ -39,8 +39,8 @@ def test_a_worker_has_one_thread_and_spreads_nothing_further(tmp_path):
 
 @pytest.mark.parametrize(
     ("backend", "scheduler", "line"),
-    [("slurm", None, "backend=slurm: choose one of loky, dask, ray"),
-     ("loky", "tcp://a:1", "scheduler=tcp://a:1: belongs to backend=dask or backend=ray")],
+    [("slurm", None, "backend=slurm: choose one of loky, dask"),
+     ("loky", "tcp://a:1", "scheduler=tcp://a:1: belongs to backend=dask")],
 )  # fmt: skip
 def test_a_wrong_backend_is_one_line(backend, scheduler, line):
     with pytest.raises(UserError) as caught:
@@ -48,18 +48,17 @@ def test_a_wrong_backend_is_one_line(backend, scheduler, line):
     assert str(caught.value) == line
 
 
-@pytest.mark.parametrize("backend", ["dask", "ray"])
-def test_a_backend_that_is_not_installed_names_its_extra(backend, monkeypatch):
+def test_a_backend_that_is_not_installed_names_its_extra(monkeypatch):
     real = builtins.__import__
 
     def without(name, *words, **more):
-        if name.startswith(("distributed", "ray")):
+        if name.startswith("distributed"):
             raise ImportError(name)
         return real(name, *words, **more)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(UserError, match=rf"backend={backend}: is not installed; pip install 'dtbacklash\[{backend}\]'"):
-        check_backend(backend, None)
+    with pytest.raises(UserError, match=r"backend=dask: is not installed; pip install 'dtbacklash\[dask\]'"):
+        check_backend("dask", None)
 
 
 def test_a_launcher_gets_the_words_of_each_job_and_gives_back_what_a_worker_died_of(tmp_path):
@@ -82,9 +81,3 @@ def test_a_local_dask_cluster_does_the_work(tmp_path):
     assert all(map(alone, records))
     with workers("dask", 2):
         assert Parallel()([delayed(threads)()]) == [dict.fromkeys(THREADS, "1")]
-
-
-@pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="the extra ray is not installed")
-def test_a_local_ray_cluster_does_the_work():
-    with workers("ray", 2):
-        assert os.getpid() not in Parallel()(delayed(os.getpid)() for _ in range(4))

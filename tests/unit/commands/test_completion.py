@@ -22,7 +22,7 @@ from dtbacklash.errors import UserError
         ("dtb run ou", {"out="}),
         ("dtb run figures=", {"figures=true", "figures=false"}),
         ("dtb prove --q", {"--quick"}),
-        ("dtb prove backend=", {"backend=loky", "backend=dask", "backend=ray"}),
+        ("dtb prove backend=", {"backend=loky", "backend=dask"}),
         ("dtb diagnose recording=e", {"recording=emps"}),
         ("dtb diagnose rig=le", {"rig=lead_screw"}),
         ("dtb recordings fetch s", {"silverbox"}),
