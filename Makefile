@@ -6,7 +6,7 @@ PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: run test prove lint format typecheck paper bench docs site gallery lock clean
+.PHONY: run test prove lint format typecheck paper bench docs references site gallery lock clean
 
 run: $(READY)
 	$(BIN)/dtb run controller=nimc_twin
@@ -33,6 +33,10 @@ format: $(READY)
 
 typecheck: $(READY)
 	$(BIN)/mypy
+
+# what tests/reference says of its cases, solved anew where the equations or a rig have changed: up to fifteen minutes
+references: $(READY)
+	cd tests && ../$(BIN)/python -m reference.store
 
 # the tables that are generated from the code: docs/effects.md, docs/configuration.md
 docs: $(READY)

@@ -73,7 +73,7 @@ def cases() -> list[object]:
         for half, (name, size) in enumerate((("small", SMALL), ("large", LARGE))):
             missed = (entry, name) in MISSED
             slow = missed or (number + half) % 2 or entry[1] in laws
-            marks = [pytest.mark.slow] if slow else []
+            marks = [pytest.mark.nightly] if slow else []
             laws |= set() if slow else {entry[1]}
             if missed:
                 marks.append(pytest.mark.xfail(reason=MISSED[entry, name], strict=False))
@@ -100,7 +100,7 @@ def test_an_effect_is_named_or_among_what_fits_as_well(monkeypatch, entry, size)
     assert held["extended"] < max(1.3 * document["fit"]["noise_floor"], 0.03 * held["recalibrated"])
 
 
-@pytest.mark.parametrize("seed", [4100, *(pytest.param(k, marks=pytest.mark.slow) for k in (4101, 4102))])
+@pytest.mark.parametrize("seed", [4100, *(pytest.param(k, marks=pytest.mark.nightly) for k in (4101, 4102))])
 def test_nothing_is_found_where_nothing_is(monkeypatch, seed):
     _, record = recorded(monkeypatch, seed, SMALL, kind="nothing")
     document = diagnose_records(RIG, [record]).to_json()
@@ -108,7 +108,7 @@ def test_nothing_is_found_where_nothing_is(monkeypatch, seed):
     assert document["findings"] == []
 
 
-@pytest.mark.parametrize("seed", [4200, *(pytest.param(k, marks=pytest.mark.slow) for k in (4201, 4202))])
+@pytest.mark.parametrize("seed", [4200, *(pytest.param(k, marks=pytest.mark.nightly) for k in (4201, 4202))])
 def test_wrong_parameters_are_not_taken_for_physics(monkeypatch, seed):
     secret, record = recorded(monkeypatch, seed, SMALL, kind="parameters")
     document = diagnose_records(RIG, [record]).to_json()
@@ -120,7 +120,7 @@ def test_wrong_parameters_are_not_taken_for_physics(monkeypatch, seed):
         assert low - 0.5 * (high - low) < true < high + 0.5 * (high - low), name
 
 
-@pytest.mark.parametrize("seed", [4300, *(pytest.param(k, marks=pytest.mark.slow) for k in (4301, 4302))])
+@pytest.mark.parametrize("seed", [4300, *(pytest.param(k, marks=pytest.mark.nightly) for k in (4301, 4302))])
 def test_physics_that_the_catalogue_lacks_is_admitted_or_located(monkeypatch, seed):
     secret, record = recorded(monkeypatch, seed, LARGE, kind="unknown")
     assert secret.unknown is not None

@@ -74,7 +74,7 @@ def test_type_checkers_are_told_every_name():
             assert getattr(dtb, name) is getattr(importlib.import_module(module), name)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_type_checker_finds_a_mistake(tmp_path):
     file = tmp_path / "user.py"
     file.write_text(

@@ -88,7 +88,7 @@ def test_the_simulator_of_concealed_recordings_changes_nothing():
     assert changed("import dtbacklash.prove.simulator.rig, dtbacklash.diagnose, dtbacklash.report.diagnosis.page") == {}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_diagnosis_changes_nothing(tmp_path):
     code = (
         "import dtbacklash as dtb\n"
