@@ -1,6 +1,7 @@
 """A stand-in for the simulation, so that the tests of the command line are quick; the real command; a network."""
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -119,6 +120,14 @@ def process(tmp_path):
         return subprocess.run(command, check=False, **options)
 
     return call
+
+
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """Ctrl-C reaches the commands that a test starts, also where the suite runs in the background and ignores it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture
