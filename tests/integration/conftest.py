@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 from hydra.core.global_hydra import GlobalHydra
 from network import Broker, Puppet, Served
+from warm import warm
 
 from dtbacklash import cli
 from dtbacklash.compiled import is_cold
@@ -99,9 +100,7 @@ def dtb(tmp_path, monkeypatch, capsys, scenario):
 def compiled(tmp_path_factory):
     """The first run on a machine says on stderr that it compiles; here that has been said already."""
     if is_cold():
-        words = ["run", "duration_s=2", "twin.buffer=200", "twin.settle=100", "figures=false", "out=warm"]
-        command, folder = [sys.executable, "-m", "dtbacklash.cli", *words], tmp_path_factory.mktemp("warm")
-        subprocess.run(command, cwd=folder, capture_output=True, check=True, timeout=900)
+        warm(tmp_path_factory.mktemp("warm"))
 
 
 @pytest.fixture
