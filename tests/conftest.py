@@ -25,3 +25,12 @@ def pytest_configure(config: pytest.Config) -> None:
     if config.getoption("numprocesses", None) and not hasattr(config, "workerinput") and is_cold():
         with tempfile.TemporaryDirectory() as folder:
             warm(Path(folder))
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Function]) -> None:
+    """Tests that share what is made once a file stay with one worker, so that it is made once."""
+    for item in items:
+        fixtures = (one for found in item._fixtureinfo.name2fixturedefs.values() for one in found)
+        if any(one.scope == "module" for one in fixtures):
+            item.add_marker(pytest.mark.xdist_group(item.module.__name__))

@@ -232,6 +232,7 @@ def test_the_system_refusing_to_write_for_real(tmp_path):
 
 
 @pytest.mark.usefixtures("interruptible")
+@pytest.mark.check
 def test_ctrl_c_is_one_line_and_leaves_nothing(tmp_path):
     words = ["run", "duration_s=3000", "figures=false"]
     process = subprocess.Popen(

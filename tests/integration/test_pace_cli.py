@@ -9,6 +9,8 @@ import time
 
 import pytest
 
+pytestmark = pytest.mark.check
+
 SHORT = (
     "run", "pace=real", "reference.period_s=1", "twin.buffer=300", "twin.settle=100", "twin.delay_s=1",
     "profile=constant", "profile.start_deg=30", "figures=false", "out=run",

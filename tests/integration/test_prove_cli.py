@@ -74,6 +74,7 @@ def pretended(monkeypatch):
     return asked
 
 
+@pytest.mark.check
 def test_two_recordings_end_to_end(dtb, tmp_path, files):
     code, out, err = dtb("folder=bench", "out=proof", "jobs=1")
     assert code == 0, err
@@ -109,6 +110,7 @@ def test_the_score_comes_into_the_docs(dtb, pretended, tmp_path):
     assert "| exactly the hidden effects, at their places | 100.0 % | 1/1 |" in (tmp_path / "docs/proof.md").read_text()
 
 
+@pytest.mark.check
 def test_a_proof_in_parts_is_the_proof_in_one(dtb, pretended, monkeypatch, tmp_path):
     """What a former proof brought into the docs is not done again, and counts."""
     monkeypatch.setattr("dtbacklash.prove.draw.DURATION_S", (3, 3))

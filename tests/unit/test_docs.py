@@ -5,8 +5,8 @@ import shlex
 import tomllib
 from pathlib import Path
 
-import pandas as pd
 import pytest
+from page_reader import table_cells
 
 from dtbacklash import cli
 from dtbacklash.config import words as key_values
@@ -16,7 +16,6 @@ from dtbacklash.config.groups import packaged_options
 from dtbacklash.config.twin import PARTS
 from dtbacklash.docs import configuration
 from dtbacklash.docs import pages as docs
-from dtbacklash.paper import all_claims, run_experiments
 from dtbacklash.physics.catalogue import CATALOGUE
 from dtbacklash.physics.kinds import KINDS
 
@@ -45,10 +44,6 @@ def test_generated_pages_are_current(tmp_path: Path) -> None:
     assert [name for name in made if committed[name] != made[name]] == [], "run: python -m dtbacklash.docs"
 
 
-def _cells(line: str) -> list[str]:
-    return [cell.strip().strip("`") for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
-
-
 def test_every_effect_stands_in_its_table_with_units_and_bounds() -> None:
     sections = re.split(r"^## ", docs.effects_page(), flags=re.MULTILINE)[1:]
     rows = {}
@@ -56,7 +51,7 @@ def test_every_effect_stands_in_its_table_with_units_and_bounds() -> None:
         effect = ""
         for line in section.splitlines():
             if line.startswith("| ") and not line.startswith(("| effect", "| ---")):
-                cells = _cells(line)
+                cells = table_cells(line)
                 effect = cells[0] or effect
                 rows[section.split("\n", 1)[0], effect, cells[2]] = cells[3:6]
     expected = {
@@ -163,7 +158,7 @@ def test_every_library_is_accounted_for() -> None:
     needed = [*project["dependencies"], *(d for extra in project["optional-dependencies"].values() for d in extra)]
     page = (ROOT / "docs" / "libraries.md").read_text(encoding="utf-8")
     listed = {
-        name.strip() for line in page.splitlines() if line.startswith("| ") for name in _cells(line)[0].split(",")
+        name.strip() for line in page.splitlines() if line.startswith("| ") for name in table_cells(line)[0].split(",")
     }
     assert {re.split(r"[<>=!~\[ ]", need)[0] for need in needed} == listed - {"library", "---"}
 
@@ -212,15 +207,3 @@ def test_the_forbidden_words_are_found() -> None:
     assert FORBIDDEN.search("see /tmp/x")
     assert FORBIDDEN.search("as in issue 12")
     assert not FORBIDDEN.search("an issue of wear; `~/.cache/dtbacklash`; a/work/b")
-
-
-def test_the_papers_table_is_that_of_the_claims() -> None:
-    claims = pd.DataFrame([claim.row() for claim in all_claims(run_experiments())])
-    page = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
-    committed = [_cells(line) for line in page.splitlines() if line.startswith("| ")]
-    made = [_cells(line) for line in docs.claims_table(claims).splitlines()]
-    ours = 3  # the figure itself may differ in its last digits, and the timing does
-    assert [row[:ours] + row[ours + 1 :] for row in committed] == [row[:ours] + row[ours + 1 :] for row in made]
-    failing = int((~claims["pass"]).sum())
-    claim = f"{len(claims) - failing} of its {len(claims)} checkable statements"
-    assert claim in (ROOT / "CLAIMS.md").read_text(encoding="utf-8")

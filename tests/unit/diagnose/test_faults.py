@@ -103,6 +103,7 @@ def test_a_turned_sensor_ends_in_no_physics(rig, clean):
     assert {c.name for c in found.shown.curves} == {"theta_m", "q3"}
 
 
+@pytest.mark.nightly
 def test_two_channels_swapped_in_a_loop_end_in_a_verdict(machine_recordings):
     rig, record = machine_recordings["stage, PID"]
     found = diagnose_records(rig, [with_(record, x1=record.y["x2"], x2=record.y["x1"])])
@@ -115,6 +116,7 @@ def thinned(record: Record, by: int) -> Record:
     return Record(by * record.sample_time_s, record.u[::by].copy(), y, record.train[::by], record.held[::by])
 
 
+@pytest.mark.check
 def test_fifty_hertz_are_too_slow_for_the_structure(rig, clean):
     found = diagnose_records(rig, [thinned(clean, 20)])
     assert (found.verdict, found.findings) == ("unexplained", ())
@@ -136,6 +138,7 @@ def velocity_rig() -> Rig:
     ))  # fmt: skip
 
 
+@pytest.mark.check
 def test_friction_is_named_from_the_speed_alone():
     machine = machines.Machine((2e-4,), gain=0.025, emf=0.05, coulomb=0.02)
     _, v, u = machines.record(machine, machines.multisine(machines.times(8.0), 3.0, 8.0))
@@ -149,6 +152,7 @@ def test_friction_is_named_from_the_speed_alone():
     assert not {effect for _, effect in tried} & {"cogging", "gravity", "torque_ripple"}
 
 
+@pytest.mark.nightly
 def test_a_carriage_whose_speed_alone_is_recorded_is_pulled_on_it():
     config = cases.carriage().config
     rig = build_rig(replace(

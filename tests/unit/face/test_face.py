@@ -47,6 +47,7 @@ for call in (dtb.diagnose, diagnose):
 """
 
 
+@pytest.mark.check
 def test_diagnose_is_a_function_of_the_face():
     lines = python(CALLED).splitlines()
     assert len(lines) == 2
