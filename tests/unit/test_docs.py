@@ -101,6 +101,7 @@ def test_there_are_commands_to_check() -> None:
     assert len(COMMANDS) > 20
 
 
+@pytest.mark.check
 def test_commands_in_the_docs_are_accepted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     rig = ROOT / "dtbacklash" / "conf" / "rig" / "lead_screw.yaml"

@@ -30,6 +30,7 @@ def test_a_clean_recording_passes_every_row(rig, clean):
     assert found.records[0] is clean
 
 
+@pytest.mark.check
 def test_machines_with_missing_physics_are_not_miswired(machine_recordings):
     """Friction near stalling, loads, play, PID loops: the largest reversal is far below the threshold."""
     largest = {}
@@ -42,6 +43,7 @@ def test_machines_with_missing_physics_are_not_miswired(machine_recordings):
 
 
 @pytest.mark.parametrize("seed", range(60, 75))
+@pytest.mark.nightly
 def test_drawn_machines_are_not_miswired(seed):
     rig, record = record_of(cases.drawn_case(seed))
     found = inspect(rig, [record])
@@ -60,6 +62,7 @@ def test_a_wrong_mass_that_turns_the_phase_is_no_turned_sensor(mass, tone_rad_s)
     assert wiring(cases.oscillator(), Record(STEP_S, u, {"y": x[:, 0]}, everywhere, ~everywhere))[1] is None
 
 
+@pytest.mark.check
 def test_each_turned_sensor_is_named(machine_recordings):
     for name in ("stage, free, friction", "motor, PID", "screw, closed loop, friction"):
         rig, record = machine_recordings[name]
