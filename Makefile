@@ -1,4 +1,5 @@
-# `make run`: the paper's main scenario. `make test`: all tests. Needs Python 3.11 to 3.13 and nothing else.
+# `make run`: the paper's main scenario. `make test`: the fast tests. `make check`: all of CI.
+# Needs Python 3.11 to 3.13 and nothing else.
 SHELL := /bin/sh
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
 	$$p -c 'import sys, venv, ensurepip; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' 2>/dev/null \
@@ -6,16 +7,30 @@ PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: run test prove lint format typecheck paper bench docs site gallery lock clean
+.PHONY: run test check check-more nightly prove lint format typecheck paper bench docs references site gallery lock clean
 
 run: $(READY)
 	$(BIN)/dtb run controller=nimc_twin
 
-# an idle worker takes tests from the other: xdist's own way gives almost all of the long ones, which come first, to one
-test: $(READY)
-	$(BIN)/python -m pytest -n 2 --dist worksteal
+# the fast tier: no broker, no diagnosis from end to end, no integration of references. Files whose tests share what is
+# costly stay with one worker and come first (loadgroup).
+TEST := $(BIN)/python -m pytest -n 2 --dist loadgroup
 
-# the blind proof on its fixed seeds, in a new folder; fails if the score is below what was reached
+test: $(READY)
+	$(TEST)
+
+# what a change has to pass, all that CI runs
+check: lint typecheck site test check-more
+
+# the rest of the tests of a change, and the blind proof on six recordings; fails if the score is below what was reached
+check-more: $(READY)
+	$(TEST) -m "check and not nightly"
+	$(BIN)/dtb prove --quick n=6 out="$$(mktemp -d)/proof"
+
+# campaigns, every diagnosis, the references integrated anew, the blind proof on twenty recordings
+nightly: $(READY) prove
+	$(TEST) -m nightly
+
 prove: $(READY)
 	$(BIN)/dtb prove --quick out="$$(mktemp -d)/proof"
 
@@ -33,6 +48,10 @@ format: $(READY)
 
 typecheck: $(READY)
 	$(BIN)/mypy
+
+# what tests/reference says of its cases, solved anew where the equations or a rig have changed: up to fifteen minutes
+references: $(READY)
+	cd tests && ../$(BIN)/python -m reference.store
 
 # the tables that are generated from the code: docs/effects.md, docs/configuration.md
 docs: $(READY)

@@ -1,5 +1,6 @@
-"""Reads the pages that the reports write."""
+"""Reads the pages that the reports write, and tables in Markdown."""
 
+import re
 from html.parser import HTMLParser
 
 
@@ -27,3 +28,8 @@ class Reader(HTMLParser):
 
     def handle_data(self, data):
         self.text.append(data)
+
+
+def table_cells(line):
+    """The cells of one line of a table in Markdown, without the ticks of code."""
+    return [cell.strip().strip("`") for cell in re.split(r"(?<!\\)\|", line)[1:-1]]

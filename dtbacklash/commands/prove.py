@@ -33,7 +33,7 @@ def single(config: ProveConfig, folder: Path, command: str) -> int:
     with shown("recordings") as tell:
         plan, score = prepare_and_prove(config, folder, tell, announce_compilation)
     _show(score, plan.out)
-    return _compare(plan, score, config.rig.name) if config.quick else 0
+    return _compare(plan, score, config) if config.quick else 0
 
 
 def work(config: ProveConfig, folder: Path, command: str) -> dict[str, Any]:
@@ -88,13 +88,14 @@ def prove(plan: Plan, by: Workers, tell: Tell, command: str = "", docs: Path | N
     return result
 
 
-def _compare(plan: Plan, score: Score, rig: str) -> int:
+def _compare(plan: Plan, score: Score, config: ProveConfig) -> int:
     """Hold a quick proof against what was reached; returns the exit code."""
     from dtbacklash.files import write_text
     from dtbacklash.prove import quick
 
-    write_text(plan.out / "reached.yaml", quick.reached_text(rig, score))
-    before = quick.reached(rig)
+    rig, n = config.rig.name, config.quick_count()
+    write_text(plan.out / "reached.yaml", quick.reached_text(rig, n, score))
+    before = quick.reached(rig, n)
     if not before:
         print(f"dtb: nothing is on record for rig={rig}: this score is compared with nothing", file=sys.stderr)
     dropped = quick.drops(score, before)
@@ -140,7 +141,8 @@ def _plan(config: ProveConfig, out: Path) -> Plan:
         return _plan_of_several(config, out)
     nominal = build_rig(config.rig)
     check_concealable(nominal)
-    seeds = quick_seeds(nominal) if config.quick else tuple(range(config.seed, config.seed + config.n))
+    every = range(config.seed, config.seed + config.n)
+    seeds = quick_seeds(nominal, config.quick_count()) if config.quick else tuple(every)
     return Plan(out, name, seeds)
 
 
@@ -196,7 +198,7 @@ def _write_rig(config: ProveConfig, plan: Plan) -> None:
 def _command(config: ProveConfig) -> str:
     """What repeats this score: without the places of files and the choice of workers."""
     if config.quick:
-        kept = ["--quick"]
+        kept = ["--quick", *(["n=6"] if config.quick_count() == 6 else [])]
     elif config.folder is not None:
         kept = [f"folder={Path(config.folder).name}"]
     elif config.rigs:

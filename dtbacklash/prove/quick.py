@@ -1,6 +1,6 @@
 """The quick proof: a fixed set of scoring seeds, and what was reached on it.
 
-The recordings are chosen by a rule that knows no result: of each kind the first, as many as in ``QUOTA``, from the
+The recordings are chosen by a rule that knows no result: of each kind the first, as many as in ``QUOTAS``, from the
 seed ``FROM`` on, far beyond those of a full proof, because what is run with every change is looked at. What was reached
 stands in ``reached.yaml``, per figure as count and number of cases; a share below it is a drop.
 """
@@ -16,8 +16,11 @@ from dtbacklash.physics.rig import Rig
 from dtbacklash.prove.score import Score
 
 FROM = 20_000
-#: recordings of each kind
-QUOTA = {"nothing": 3, "parameters": 3, "single": 8, "several": 3, "unknown": 3}
+#: recordings of each kind, by how many there are in all: six for every change, twenty for every night
+QUOTAS = {
+    6: {"nothing": 1, "parameters": 1, "single": 2, "several": 1, "unknown": 1},
+    20: {"nothing": 3, "parameters": 3, "single": 8, "several": 3, "unknown": 3},
+}
 #: figures that the quick proof holds against what was reached
 HELD = (
     "strict", "within_ambiguity", "nothing_found", "parameters_told", "unknown_admitted", "unknown_unnamed",
@@ -28,16 +31,16 @@ SLACK = {"coverage_effects": 1, "coverage_parameters": 1}
 #: the median of the held-out error over the oracle's may rise by this share: fits differ in the last digits
 RATIO_SLACK = 0.05
 HEAD = """\
-# What `dtb prove --quick` reached: per figure [right, of]. A lower share fails it.
-# Raised by copying the reached.yaml that the quick proof writes beside its score.
+# What `dtb prove --quick` reached, by rig and number of recordings: per figure [right, of]. A lower share fails it.
+# Raised by copying from the reached.yaml that the quick proof writes beside its score.
 """
 
 
-def quick_seeds(rig: Rig) -> tuple[int, ...]:
-    """The seeds of the quick proof on a rig, in order."""
+def quick_seeds(rig: Rig, n: int) -> tuple[int, ...]:
+    """The seeds of the quick proof of ``n`` recordings on a rig, in order."""
     from dtbacklash.prove.draw import draw_kind
 
-    left, seeds, seed = dict(QUOTA), [], FROM
+    left, seeds, seed = dict(QUOTAS[n]), [], FROM
     while any(left.values()):
         kind = draw_kind(seed, rig)
         if left[kind]:
@@ -47,19 +50,19 @@ def quick_seeds(rig: Rig) -> tuple[int, ...]:
     return tuple(seeds)
 
 
-def reached(rig: str) -> dict[str, Any]:
-    """What was reached on a rig; empty if nothing is on record."""
+def reached(rig: str, n: int) -> dict[str, Any]:
+    """What was reached on a rig with ``n`` recordings; empty if nothing is on record."""
     text = (resources.files("dtbacklash.prove") / "reached.yaml").read_text(encoding="utf-8")
-    return dict((yaml.safe_load(text) or {}).get(rig) or {})
+    return dict((yaml.safe_load(text) or {}).get(f"{rig} {n}") or {})
 
 
-def reached_text(rig: str, score: Score) -> str:
+def reached_text(rig: str, n: int, score: Score) -> str:
     """The text of a ``reached.yaml`` that holds this score."""
     lines = [f"  {name}: [{score.figure(name).right}, {score.figure(name).of}]" for name in HELD]
     ratio = next(q for q in score.quantities if q.name == "ratio")
     if ratio.of:
         lines.append(f"  ratio: {ratio.median:.3f}")
-    return HEAD + f"{rig}:\n" + "\n".join(lines) + "\n"
+    return HEAD + f"{rig} {n}:\n" + "\n".join(lines) + "\n"
 
 
 def drops(score: Score, before: dict[str, Any]) -> list[str]:

@@ -1,6 +1,7 @@
 """A stand-in for the simulation, so that the tests of the command line are quick; the real command; a network."""
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -13,6 +14,7 @@ import pandas as pd
 import pytest
 from hydra.core.global_hydra import GlobalHydra
 from network import Broker, Puppet, Served
+from warm import warm
 
 from dtbacklash import cli
 from dtbacklash.compiled import is_cold
@@ -99,9 +101,7 @@ def dtb(tmp_path, monkeypatch, capsys, scenario):
 def compiled(tmp_path_factory):
     """The first run on a machine says on stderr that it compiles; here that has been said already."""
     if is_cold(advance):
-        words = ["run", "duration_s=2", "twin.buffer=200", "twin.settle=100", "figures=false", "out=warm"]
-        command, folder = [sys.executable, "-m", "dtbacklash.cli", *words], tmp_path_factory.mktemp("warm")
-        subprocess.run(command, cwd=folder, capture_output=True, check=True, timeout=900)
+        warm(tmp_path_factory.mktemp("warm"))
 
 
 @pytest.fixture
@@ -120,6 +120,14 @@ def process(tmp_path):
         return subprocess.run(command, check=False, **options)
 
     return call
+
+
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """Ctrl-C reaches the commands that a test starts, also where the suite runs in the background and ignores it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture

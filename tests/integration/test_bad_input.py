@@ -231,6 +231,8 @@ def test_the_system_refusing_to_write_for_real(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.usefixtures("interruptible")
+@pytest.mark.check
 def test_ctrl_c_is_one_line_and_leaves_nothing(tmp_path):
     words = ["run", "duration_s=3000", "figures=false"]
     process = subprocess.Popen(

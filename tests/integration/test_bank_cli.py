@@ -12,6 +12,8 @@ from dtbacklash.config.compose import compose
 from dtbacklash.errors import UserError
 from dtbacklash.experiment.run import run_scenario
 
+pytestmark = pytest.mark.check
+
 AGING = (
     "experiment=aging", "profile=constant", "profile.start_deg=20", "profile.end_deg=20",
     "controller.gap_hat_deg=20",

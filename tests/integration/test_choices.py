@@ -10,6 +10,8 @@ from dtbacklash import cli
 from dtbacklash.config.grammar import RUN
 from dtbacklash.config.groups import packaged_options
 
+pytestmark = pytest.mark.check
+
 FILES = {"profile": "t_s,gap_deg\n0,0\n300,90\n", "reference": "t_s,r_mm\n0,0\n0.5,1\n300,1\n"}
 #: what makes a choice short; the paper's controllers are for its kind of rig, and the twin needs a full buffer
 SHORT = ("duration_s=1.2", "twin.buffer=200", "twin.settle=100")

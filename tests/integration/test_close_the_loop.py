@@ -3,6 +3,9 @@
 import json
 
 import pandas as pd
+import pytest
+
+pytestmark = pytest.mark.check
 
 MACHINE = ("rig.parameters.k.value=8000", "rig.effects.motor_bearing.coulomb_friction.torque=0.03")
 LOOP = ("duration_s=62", "profile=constant", "profile.start_deg=40", "controller.gap_hat_deg=40")

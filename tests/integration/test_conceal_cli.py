@@ -20,6 +20,7 @@ def here(monkeypatch, tmp_path):
     return tmp_path
 
 
+@pytest.mark.check
 def test_recordings_are_made_sealed_and_can_be_diagnosed_next(here, capsys):
     assert cli.main(["conceal", "out=hidden", "n=3", "seed=7", "kind=nothing"]) == 0
     shown = capsys.readouterr().out.splitlines()

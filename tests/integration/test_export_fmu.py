@@ -18,6 +18,8 @@ from fmpy.validation import validate_fmu
 
 from dtbacklash.config.groups import packaged_options
 
+pytestmark = pytest.mark.check
+
 #: in a process of its own, as an importer is: feeds the voltage and the gap of a trace, prints the largest differences
 IMPORTER = """
 import json, sys

@@ -10,6 +10,8 @@ from dtbacklash.config.compose import compose
 from dtbacklash.physics.rig import build_rig
 from dtbacklash.physics.simulate import simulate
 
+pytestmark = pytest.mark.check
+
 STEP_S = 1e-3
 
 

@@ -9,6 +9,8 @@ import pytest
 from benchmarks.campaign import Bench, harmful, new_bench, random_case, run_campaign, run_case
 from benchmarks.guard import guard_rows, guard_words
 
+pytestmark = pytest.mark.nightly
+
 CASES, SEED = 100, 7
 
 

@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.check
+
 TESTS = Path(__file__).resolve().parents[1]
 STEP_S, SECONDS = 1e-3, 12
 TRUE = {"torque": 0.03, "phase": 0.7}

@@ -9,6 +9,8 @@ import time
 
 import pytest
 
+pytestmark = pytest.mark.check
+
 SHORT = (
     "run", "pace=real", "reference.period_s=1", "twin.buffer=300", "twin.settle=100", "twin.delay_s=1",
     "profile=constant", "profile.start_deg=30", "figures=false", "out=run",
@@ -32,6 +34,7 @@ def test_the_deadlines_are_told_and_the_twin_answers(process, tmp_path):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.usefixtures("interruptible")
 def test_ctrl_c_ends_it_in_one_line_with_nothing_left_and_no_process(tmp_path):
     command = [sys.executable, "-m", "dtbacklash.cli", *SHORT, "duration_s=60"]
     loop = subprocess.Popen(

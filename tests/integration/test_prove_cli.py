@@ -74,6 +74,7 @@ def pretended(monkeypatch):
     return asked
 
 
+@pytest.mark.check
 def test_two_recordings_end_to_end(dtb, tmp_path, files):
     code, out, err = dtb("folder=bench", "out=proof", "jobs=1")
     assert code == 0, err
@@ -109,6 +110,7 @@ def test_the_score_comes_into_the_docs(dtb, pretended, tmp_path):
     assert "| exactly the hidden effects, at their places | 100.0 % | 1/1 |" in (tmp_path / "docs/proof.md").read_text()
 
 
+@pytest.mark.check
 def test_a_proof_in_parts_is_the_proof_in_one(dtb, pretended, monkeypatch, tmp_path):
     """What a former proof brought into the docs is not done again, and counts."""
     monkeypatch.setattr("dtbacklash.prove.draw.DURATION_S", (3, 3))
@@ -126,16 +128,16 @@ def test_a_proof_in_parts_is_the_proof_in_one(dtb, pretended, monkeypatch, tmp_p
 
 
 def test_the_quick_proof_fails_when_the_score_drops(dtb, pretended, tmp_path, monkeypatch):
-    chosen = tuple(seed for seed in quick_seeds(LEAD_SCREW) if draw_kind(seed, LEAD_SCREW) == "nothing")
+    chosen = tuple(seed for seed in quick_seeds(LEAD_SCREW, 20) if draw_kind(seed, LEAD_SCREW) == "nothing")
 
     monkeypatch.setattr("dtbacklash.prove.draw.DURATION_S", (3, 3))
-    monkeypatch.setattr("dtbacklash.prove.quick.quick_seeds", lambda rig: chosen)
-    monkeypatch.setattr("dtbacklash.prove.quick.reached", lambda rig: {"nothing_found": [2, 3], "strict": [0, 0]})
+    monkeypatch.setattr("dtbacklash.prove.quick.quick_seeds", lambda rig, n: chosen)
+    monkeypatch.setattr("dtbacklash.prove.quick.reached", lambda rig, n: {"nothing_found": [2, 3], "strict": [0, 0]})
     code, _, err = dtb("--quick", "out=proof", "jobs=1")
     assert code == 1
     assert "dtb: dropped: nothing found where nothing is: 0/3, reached were 2/3" in err
     assert "nothing_found: [0, 3]" in (tmp_path / "proof" / "reached.yaml").read_text()
-    monkeypatch.setattr("dtbacklash.prove.quick.reached", lambda rig: {"nothing_found": [0, 3]})
+    monkeypatch.setattr("dtbacklash.prove.quick.reached", lambda rig, n: {"nothing_found": [0, 3]})
     assert dtb("--quick", "out=proof", "jobs=1")[0] == 0
     assert len(pretended) == 3
 
@@ -161,9 +163,9 @@ def test_a_cluster_that_does_not_answer_leaves_no_folder(dtb, tmp_path, monkeypa
 
 
 def test_a_rig_with_nothing_on_record_is_said_to_be_compared_with_nothing(dtb, tmp_path, monkeypatch, pretended):
-    monkeypatch.setattr("dtbacklash.prove.quick.reached", lambda rig: {})
-    chosen = tuple(seed for seed in quick_seeds(LEAD_SCREW) if draw_kind(seed, LEAD_SCREW) == "nothing")[:1]
-    monkeypatch.setattr("dtbacklash.prove.quick.quick_seeds", lambda rig: chosen)
+    monkeypatch.setattr("dtbacklash.prove.quick.reached", lambda rig, n: {})
+    chosen = tuple(seed for seed in quick_seeds(LEAD_SCREW, 20) if draw_kind(seed, LEAD_SCREW) == "nothing")[:1]
+    monkeypatch.setattr("dtbacklash.prove.quick.quick_seeds", lambda rig, n: chosen)
     monkeypatch.setattr("dtbacklash.prove.draw.DURATION_S", (3, 3))
     code, _, err = dtb("--quick", "out=proof", "jobs=1")
     assert code == 0

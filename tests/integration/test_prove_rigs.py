@@ -10,13 +10,17 @@ from dtbacklash.prove import draw as drawing
 from dtbacklash.prove.draw import draw
 from dtbacklash.prove.score import score
 
+pytestmark = pytest.mark.check
+
 HIDDEN = {
     "two_mass_stage": "carriage.coulomb_friction", "rotary_drive": "shaft.backlash", "pendulum": "disk.gravity",
     "oscillator": "spring.cubic_stiffness",
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", HIDDEN)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[] if n == "rotary_drive" else pytest.mark.nightly) for n in HIDDEN]
+)
 def test_a_rig_is_concealed_diagnosed_and_scored(name, tmp_path, monkeypatch):
     monkeypatch.setattr(drawing, "DURATION_S", (6, 6))
     rig, folder = conceal.nominal_rig(name), tmp_path / "bench"

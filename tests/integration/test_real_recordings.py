@@ -24,6 +24,8 @@ from dtbacklash.physics.rig_file import rig_yaml
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.recording import Recording, read_recording
 
+pytestmark = pytest.mark.check
+
 FOLDER = os.environ.get("DTB_RECORDINGS", "")
 #: beside the repository, where a shared folder of recordings may lie
 NEIGHBOUR = Path(__file__).resolve().parents[3] / "shared" / "recordings"
@@ -65,6 +67,7 @@ def emps_error_m(rig: Rig, recording: Recording) -> float:
     return float(np.sqrt(np.mean((shown + q[0] - q) ** 2)))
 
 
+@pytest.mark.nightly
 def test_emps_has_viscous_coulomb_and_asymmetric_friction() -> None:
     rig = nominal("emps")
     recording = read_recording("emps", rig=rig)
@@ -87,6 +90,7 @@ def test_emps_has_viscous_coulomb_and_asymmetric_friction() -> None:
     assert emps_error_m(found.extended, recording) < 9e-3  # 7.1 mm from half of the record, 2.9 mm from all of it
 
 
+@pytest.mark.nightly
 def test_silverbox_has_a_cubic_spring_and_the_arrow_is_predicted() -> None:
     rig = nominal("silverbox")
     arrow = read_recording("silverbox", part="arrow", rig=rig)
@@ -106,6 +110,7 @@ def test_silverbox_has_a_cubic_spring_and_the_arrow_is_predicted() -> None:
     assert after < 1e-3
 
 
+@pytest.mark.nightly
 def test_the_damper_has_lost_motion_at_its_reversals(tmp_path, capsys) -> None:
     rig = nominal("brfd")
     found = diagnose(read_recording("brfd", rig=rig), rig)
@@ -136,6 +141,7 @@ def test_the_damper_has_lost_motion_at_its_reversals(tmp_path, capsys) -> None:
     capsys.readouterr()
 
 
+@pytest.mark.nightly
 def test_another_frequency_and_amplitude_of_the_damper_is_predicted() -> None:
     rig = nominal("brfd")
     other = read_recording("brfd", path="dataset-2_0.25Hz_30lb_0.5in.json", rig=rig)
@@ -145,6 +151,7 @@ def test_another_frequency_and_amplitude_of_the_damper_is_predicted() -> None:
     assert held["extended"] < 0.4 * held["recalibrated"]
 
 
+@pytest.mark.nightly
 def test_the_disk_has_gravity_dry_friction_and_a_delay() -> None:
     rig = nominal("disk")
     recording = read_recording("disk", rig=rig)
@@ -168,6 +175,7 @@ def test_the_disk_has_gravity_dry_friction_and_a_delay() -> None:
 
 
 @pytest.mark.parametrize("part", ["off", "on"])
+@pytest.mark.nightly
 def test_a_motor_that_snaps_from_tooth_to_tooth_has_no_dead_zone(part: str) -> None:
     rig = nominal("anticogging")
     found = diagnose(read_recording(f"anticogging:{part}", rig=rig).section(0, 8000), rig)

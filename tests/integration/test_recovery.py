@@ -16,6 +16,8 @@ from dtbacklash.physics.rig import build_rig
 from dtbacklash.prove import draw as drawing
 from dtbacklash.prove.secret import Secret
 
+pytestmark = pytest.mark.check
+
 RIG = build_rig(compose("controller=open_loop", "rig=lead_screw").rig)
 #: shorter than what `dtb prove` records, so that all of them take minutes and not an hour
 DURATION_S = (12.0, 12.0)
@@ -64,18 +66,21 @@ def recorded(
     return secret, Record(secret.sample_time_s, np.ascontiguousarray(run.u), measured, train, ~train)
 
 
+#: what every change is tried on, one for each place and kind of law; the rest is for the night
+EVERY_CHANGE = {
+    ("amplifier.dead_zone", "large"), ("motor_bearing.coulomb_friction", "small"), ("gear.backlash", "large"),
+    ("link_1.hysteresis", "large"), ("link_2.backlash", "small"),
+    ("mass_2.absorber", "large"), ("sensor_q3.delay", "small"),
+}  # fmt: skip
+
+
 def cases() -> list[object]:
-    """Every effect in both sizes. Left to the slow tests: what is missed, which may fail; every other one of the rest;
-    a law at its further places.
-    """
-    listed, laws = [], set()
-    for number, entry in enumerate(ENTRIES):
-        for half, (name, size) in enumerate((("small", SMALL), ("large", LARGE))):
-            missed = (entry, name) in MISSED
-            slow = missed or (number + half) % 2 or entry[1] in laws
-            marks = [pytest.mark.slow] if slow else []
-            laws |= set() if slow else {entry[1]}
-            if missed:
+    """Every effect in both sizes; what is missed may fail."""
+    listed = []
+    for entry in ENTRIES:
+        for name, size in (("small", SMALL), ("large", LARGE)):
+            marks = [] if (".".join(entry), name) in EVERY_CHANGE else [pytest.mark.nightly]
+            if (entry, name) in MISSED:
                 marks.append(pytest.mark.xfail(reason=MISSED[entry, name], strict=False))
             listed.append(pytest.param(entry, size, id=f"{'.'.join(entry)}-{name}", marks=marks))
     return listed
@@ -100,7 +105,8 @@ def test_an_effect_is_named_or_among_what_fits_as_well(monkeypatch, entry, size)
     assert held["extended"] < max(1.3 * document["fit"]["noise_floor"], 0.03 * held["recalibrated"])
 
 
-@pytest.mark.parametrize("seed", [4100, *(pytest.param(k, marks=pytest.mark.slow) for k in (4101, 4102))])
+@pytest.mark.nightly
+@pytest.mark.parametrize("seed", [4100, 4101, 4102])
 def test_nothing_is_found_where_nothing_is(monkeypatch, seed):
     _, record = recorded(monkeypatch, seed, SMALL, kind="nothing")
     document = diagnose_records(RIG, [record]).to_json()
@@ -108,7 +114,8 @@ def test_nothing_is_found_where_nothing_is(monkeypatch, seed):
     assert document["findings"] == []
 
 
-@pytest.mark.parametrize("seed", [4200, *(pytest.param(k, marks=pytest.mark.slow) for k in (4201, 4202))])
+@pytest.mark.nightly
+@pytest.mark.parametrize("seed", [4200, 4201, 4202])
 def test_wrong_parameters_are_not_taken_for_physics(monkeypatch, seed):
     secret, record = recorded(monkeypatch, seed, SMALL, kind="parameters")
     document = diagnose_records(RIG, [record]).to_json()
@@ -120,7 +127,8 @@ def test_wrong_parameters_are_not_taken_for_physics(monkeypatch, seed):
         assert low - 0.5 * (high - low) < true < high + 0.5 * (high - low), name
 
 
-@pytest.mark.parametrize("seed", [4300, *(pytest.param(k, marks=pytest.mark.slow) for k in (4301, 4302))])
+@pytest.mark.nightly
+@pytest.mark.parametrize("seed", [4300, 4301, 4302])
 def test_physics_that_the_catalogue_lacks_is_admitted_or_located(monkeypatch, seed):
     secret, record = recorded(monkeypatch, seed, LARGE, kind="unknown")
     assert secret.unknown is not None
@@ -131,6 +139,7 @@ def test_physics_that_the_catalogue_lacks_is_admitted_or_located(monkeypatch, se
         assert len(document["located"]["recovered"]) > 4
 
 
+@pytest.mark.nightly
 def test_two_effects_at_once(monkeypatch):
     """Dry friction in the bearing and play in the gear: each shows in its own block."""
     secret, _ = recorded(monkeypatch, 4400, LARGE, effect="motor_bearing.coulomb_friction")

@@ -22,6 +22,8 @@ from dtbacklash.errors import UserError
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.remote.belief import described
 
+pytestmark = pytest.mark.check
+
 
 @pytest.mark.parametrize(
     "words",

@@ -30,6 +30,8 @@ from dtbacklash.remote.messages import RequestMessage, Ticket
 from dtbacklash.remote.topics import answer_topic, request_topic
 from dtbacklash.twin.service import Request
 
+pytestmark = pytest.mark.check
+
 
 def _request(broker: Broker, machine: str = "press") -> RequestMessage:
     """A request of a run of its own."""

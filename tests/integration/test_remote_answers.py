@@ -26,6 +26,8 @@ from dtbacklash.remote.messages import RequestMessage
 from dtbacklash.remote.topics import answer_topic
 from dtbacklash.twin.service import Dropped, Reply, Request
 
+pytestmark = pytest.mark.check
+
 
 @pytest.mark.usefixtures("plain")  # what an estimate needs is loaded, or the second answer were late too
 def test_answers_are_late_by_seconds(broker: Broker, puppet: Callable[..., Puppet], tmp_path: Path) -> None:

@@ -18,6 +18,8 @@ from dtbacklash.config.compose import compose
 from dtbacklash.config.twin import EXAMPLE
 
 
+@pytest.mark.usefixtures("interruptible")
+@pytest.mark.check
 def test_the_three_terminals_of_the_docs_reproduce_figure_13(tmp_path: Path) -> None:
     """``dtb twin broker``, ``dtb twin serve``, ``dtb run``, as they stand in the docs but for the port."""
     network.need_mosquitto()

@@ -23,6 +23,8 @@ from dtbacklash.remote.belief import described
 from dtbacklash.remote.client import RemoteTwin
 from dtbacklash.remote.messages import RequestMessage
 
+pytestmark = pytest.mark.check
+
 # --- the broker
 
 

@@ -15,6 +15,8 @@ from benchmarks.scenario import PAPER, SHORT, Scenario, ours, prepare
 from dtbacklash.twin.estimate import Problem, default_start, estimate_gap
 from dtbacklash.twin.observer import twin_model
 
+pytestmark = pytest.mark.nightly
+
 
 @pytest.fixture(scope="module")
 def paper() -> Scenario:

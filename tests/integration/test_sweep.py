@@ -15,6 +15,8 @@ import pytest
 import dtbacklash
 from dtbacklash.errors import Diverged
 
+pytestmark = pytest.mark.check
+
 # the launcher that stays in this process, where the stand-in is; the real launchers have their own tests
 HERE = "hydra/launcher=basic"
 QUICK = ("duration_s=2", "figures=false", HERE, "hydra.sweep.dir=here")
@@ -181,7 +183,7 @@ def test_effects_and_rig_files_can_be_swept(dtb, tmp_path):
     assert len(rows) == 4
 
 
-@pytest.mark.parametrize("launcher", ["joblib", "submitit_local"])
+@pytest.mark.parametrize("launcher", ["joblib", pytest.param("submitit_local", marks=pytest.mark.nightly)])
 def test_the_launchers_run_the_real_thing(process, tmp_path, launcher):
     if launcher == "submitit_local":
         pytest.importorskip("submitit")
@@ -195,8 +197,11 @@ def test_the_launchers_run_the_real_thing(process, tmp_path, launcher):
 
 
 @pytest.mark.parametrize(
-    ("end", "number"), [(os.killpg, signal.SIGINT), (os.kill, signal.SIGTERM)], ids=["ctrl-c", "term"]
+    ("end", "number"),
+    [(os.killpg, signal.SIGINT), pytest.param(os.kill, signal.SIGTERM, marks=pytest.mark.nightly)],
+    ids=["ctrl-c", "term"],
 )
+@pytest.mark.usefixtures("interruptible")
 def test_an_end_keeps_finished_jobs_and_the_same_command_does_the_rest(process, tmp_path, end, number):
     """Ctrl-C goes to all processes of a terminal, what ends a batch job to the first one only."""
     words = ["run", "-m", "seed=1,2,3,4,5,6", "duration_s=400", "figures=false", "hydra.sweep.dir=here"]
@@ -234,6 +239,7 @@ def test_a_full_disk_is_one_line(dtb, tmp_path, monkeypatch):
     assert not list(tmp_path.rglob("*.partial"))
 
 
+@pytest.mark.usefixtures("interruptible")
 def test_ctrl_c_in_this_process_reaches_the_job(dtb, scenario, tmp_path):
     original = scenario.run_scenario
 

@@ -12,6 +12,8 @@ from benchmarks.wrong_models import WAYS, live, random_case, run_wrong_models, w
 from dtbacklash.config.compose import compose
 from dtbacklash.physics.rig import build_rig
 
+pytestmark = pytest.mark.nightly
+
 CASES, SEED = 40, 23
 
 

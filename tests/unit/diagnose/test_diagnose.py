@@ -21,6 +21,7 @@ from .conftest import recorded
 KEYS = {"verdict", "summary", "findings", "recalibrated", "fit", "candidates", "next_experiment"}
 
 
+@pytest.mark.check
 def test_nothing_missing_is_consistent(rig):
     document = diagnose_records(rig, [recorded(rig)]).to_json()
     assert document["verdict"] == "consistent"
@@ -28,6 +29,7 @@ def test_nothing_missing_is_consistent(rig):
     assert set(document) >= KEYS
 
 
+@pytest.mark.check
 def test_a_wrong_parameter_is_not_physics(rig):
     document = diagnose_records(rig, [recorded(rig.with_parameters({"k": 1.08e4}))]).to_json()
     assert document["verdict"] == "parameters"
@@ -44,6 +46,7 @@ def test_a_wrong_parameter_is_not_physics(rig):
         ("link_1", "cubic_stiffness", {"k3": 1e10}),
     ],
 )
+@pytest.mark.nightly
 def test_one_effect_is_named(rig, place, effect, values):
     truth = rig.with_parameters({"m": 5.3, "R": 12.2}).with_effect(place, effect, values)
     found = diagnose_records(rig, [recorded(truth)])
@@ -101,6 +104,7 @@ def test_a_recording_s_units_notes_and_name_stand_in_the_result(rig):
 
 
 @pytest.mark.parametrize("step_s", [1e-3, 2e-2])
+@pytest.mark.nightly
 def test_gravity_is_found_however_slowly_the_disk_is_sampled(step_s):
     """The regression over wave numbers works on means of samples: with too many in one its pull is not stable."""
     disk = build_rig(compose("rig=pendulum").rig)

@@ -3,6 +3,7 @@
 from operator import neg
 
 import numpy as np
+import pytest
 from joblib import parallel_config
 
 from dtbacklash.diagnose.data.evidence import Evidence
@@ -23,6 +24,7 @@ def test_results_come_in_their_order():
         assert spread(neg, []) == []
 
 
+@pytest.mark.check
 def test_the_bank_is_the_same_in_threads_and_in_processes(rig):
     truth = rig.with_effect("gear", "backlash", {"half_gap": 0.05})
     evidence = Evidence.gather(rig, [recorded(truth, seconds=4.0)])

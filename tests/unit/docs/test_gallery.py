@@ -51,6 +51,7 @@ def test_the_exhibits_show_different_things():
     assert len({e.name for e in gallery.EXHIBITS}) == len({e.choices for e in gallery.EXHIBITS}) >= 6
 
 
+@pytest.mark.check
 def test_an_exhibit_says_what_was_hidden_and_what_was_found(tmp_path):
     gallery.make(gallery.EXHIBITS[:1], tmp_path, made_up)
     text = (tmp_path / "gallery.md").read_text(encoding="utf-8")
@@ -69,6 +70,7 @@ def test_an_exhibit_says_what_was_hidden_and_what_was_found(tmp_path):
         assert image.width > image.height * 0.6  # the rig, and the first force alone
 
 
+@pytest.mark.nightly
 def test_what_is_made_anew_leaves_the_others(tmp_path):
     gallery.make(gallery.EXHIBITS[:2], tmp_path, made_up)
     before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}

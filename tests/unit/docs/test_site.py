@@ -24,11 +24,13 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.check
 def test_every_page_of_the_docs_and_of_the_root_is_there(site: Path) -> None:
     pages = {path.stem for path in (ROOT / "docs").glob("*.md")} | {"claims", "known_gaps", "changelog"}
     assert pages <= {path.stem for path in site.glob("*.html")}
 
 
+@pytest.mark.check
 def test_the_three_doors_lead_somewhere(site: Path) -> None:
     start = (site / "index.html").read_text(encoding="utf-8")
     for door in ("reproduce", "machine", "controller"):
@@ -36,6 +38,7 @@ def test_the_three_doors_lead_somewhere(site: Path) -> None:
         assert (site / f"{door}.html").is_file()
 
 
+@pytest.mark.check
 def test_nothing_is_fetched_from_elsewhere(site: Path) -> None:
     found = {page.name: FETCHED.findall(page.read_text(encoding="utf-8")) for page in site.rglob("*.html")}
     assert {name: there for name, there in found.items() if there} == {}
@@ -44,12 +47,14 @@ def test_nothing_is_fetched_from_elsewhere(site: Path) -> None:
     assert styles == []
 
 
+@pytest.mark.check
 def test_what_is_fetched_is_found() -> None:
     assert FETCHED.search('<script src="https://unpkg.com/x"></script>')
     assert FETCHED.search('<link rel="stylesheet" href="//fonts.example/x.css">')
     assert not FETCHED.search('<a href="https://example.org">there</a><img src="images/x.png">')
 
 
+@pytest.mark.check
 def test_pages_at_the_root_lead_into_the_site(site: Path) -> None:
     claims = (site / "claims.html").read_text(encoding="utf-8")
     assert 'href="proof.html"' in claims

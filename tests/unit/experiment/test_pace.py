@@ -28,6 +28,7 @@ NOVELTY_WORDS = ("controller=nimc_novelty", "twin.indexes=[frequency]", "twin.no
 
 
 @pytest.mark.parametrize("words", [("controller=nimc_twin",), NOVELTY_WORDS], ids=["twin", "novelty"])
+@pytest.mark.check
 def test_the_trace_is_that_of_a_run_as_fast_as_it_goes_to_the_last_bit(words):
     free, real = (
         run_scenario(compose(*SHORT, *words, "duration_s=2.2", "twin.delay_s=1.2", f"pace={pace}"))

@@ -10,6 +10,8 @@ from matplotlib.figure import Figure
 import dtbacklash as dtb
 from dtbacklash.face.diagnose import Found
 
+pytestmark = pytest.mark.check
+
 MOTION = ("controller=open_loop", "reference=multisine", "reference.rms_mm=2", "reference.f_max_hz=10",
           "profile=constant", "profile.start_deg=0", "sensors=encoder", "duration_s=15")  # fmt: skip
 

@@ -11,6 +11,7 @@ PAGE = ROOT / "docs" / "python.md"
 BLOCKS = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
 
 
+@pytest.mark.check
 def test_the_examples_run(tmp_path, monkeypatch, capsys):
     assert len(BLOCKS) >= 7
     monkeypatch.chdir(tmp_path)

@@ -47,6 +47,7 @@ for call in (dtb.diagnose, diagnose):
 """
 
 
+@pytest.mark.check
 def test_diagnose_is_a_function_of_the_face():
     lines = python(CALLED).splitlines()
     assert len(lines) == 2
@@ -74,7 +75,7 @@ def test_type_checkers_are_told_every_name():
             assert getattr(dtb, name) is getattr(importlib.import_module(module), name)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_type_checker_finds_a_mistake(tmp_path):
     file = tmp_path / "user.py"
     file.write_text(

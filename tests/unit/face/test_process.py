@@ -63,6 +63,7 @@ def changed(code: str) -> dict[str, list]:
     return json.loads(answer.stdout.splitlines()[-1])
 
 
+@pytest.mark.check
 def test_the_snapshot_sees_changes():
     code = (
         "import matplotlib, numba; numba.config.CACHE_DIR = 'x'; matplotlib.rcParams['font.size'] = 3; "
@@ -71,10 +72,12 @@ def test_the_snapshot_sees_changes():
     assert set(changed(code)) == {"numba", "matplotlib", "environment", "warnings", "levels"}
 
 
+@pytest.mark.check
 def test_the_import_changes_nothing():
     assert changed("import dtbacklash") == {}
 
 
+@pytest.mark.nightly
 def test_a_run_with_its_figures_and_files_changes_nothing(tmp_path):
     code = (
         "import dtbacklash as dtb\n"
@@ -84,11 +87,12 @@ def test_a_run_with_its_figures_and_files_changes_nothing(tmp_path):
     assert changed(code) == {}
 
 
+@pytest.mark.nightly
 def test_the_simulator_of_concealed_recordings_changes_nothing():
     assert changed("import dtbacklash.prove.simulator.rig, dtbacklash.diagnose, dtbacklash.report.diagnosis.page") == {}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_diagnosis_changes_nothing(tmp_path):
     code = (
         "import dtbacklash as dtb\n"

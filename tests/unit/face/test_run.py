@@ -18,6 +18,7 @@ def result():
     return dtb.run(*WORDS)
 
 
+@pytest.mark.check
 def test_the_command_line_computes_and_writes_the_same(result, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert cli.main(["run", *WORDS, "recording.save=seen.csv", "hydra.run.dir=by_command"]) == 0
@@ -89,6 +90,7 @@ def test_the_command_that_repeats_a_run(tmp_path):
     assert dtb.run("duration_s=2", rig=rig).summary["command"] is None
 
 
+@pytest.mark.check
 def test_what_is_believed_is_given_as_a_rig_a_name_or_a_file(tmp_path):
     words = ("duration_s=2", "twin.buffer=200", "twin.settle=100")
     softer = dtb.load_rig("lead_screw").with_parameters({"k": 9000.0})

@@ -83,6 +83,7 @@ def test_every_effect_that_the_rig_takes_can_be_drawn(lead_screw):
     assert {name for _, name in unknown_entries(lead_screw)} == set(DESCRIPTIONS)
 
 
+@pytest.mark.check
 def test_a_new_entry_of_the_catalogue_leaves_every_other_recording_as_it_was(lead_screw, short, monkeypatch):
     """To the last bit, where it is not hidden itself; a recording in which it is becomes another."""
     seeds = range(30, 38)

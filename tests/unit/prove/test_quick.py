@@ -7,6 +7,7 @@ import pytest
 import yaml
 from proved import COULOMB, diagnosis, perfect
 
+from dtbacklash.config.prove import QUICK
 from dtbacklash.prove import quick
 from dtbacklash.prove.draw import draw_kind
 from dtbacklash.prove.rules import KINDS
@@ -18,18 +19,19 @@ def cases():
     return [perfect(kind, *keys, seed=j) for j, (kind, keys) in enumerate(kinds)]
 
 
-def test_the_recordings_are_the_first_of_each_kind_from_a_seed_of_its_own(lead_screw):
-    chosen = quick.quick_seeds(lead_screw)
-    assert 16 <= len(chosen) <= 24
+@pytest.mark.parametrize("n", QUICK)
+def test_the_recordings_are_the_first_of_each_kind_from_a_seed_of_its_own(lead_screw, n):
+    chosen = quick.quick_seeds(lead_screw, n)
+    assert len(chosen) == n
     kinds = {seed: draw_kind(seed, lead_screw) for seed in range(quick.FROM, chosen[-1] + 1)}
     for kind in KINDS:
         every = [seed for seed, there in kinds.items() if there == kind]
-        assert [seed for seed in chosen if kinds[seed] == kind] == every[: quick.QUOTA[kind]]
+        assert [seed for seed in chosen if kinds[seed] == kind] == every[: quick.QUOTAS[n][kind]]
 
 
 def test_what_was_reached_is_reached_again():
     found = score(cases())
-    before = yaml.safe_load(quick.reached_text("lead_screw", found))["lead_screw"]
+    before = yaml.safe_load(quick.reached_text("lead_screw", 20, found))["lead_screw 20"]
     assert set(before) == {*quick.HELD, "ratio"}
     assert quick.drops(found, before) == []
     assert quick.drops(found, {}) == []
@@ -37,14 +39,14 @@ def test_what_was_reached_is_reached_again():
 
 @pytest.mark.parametrize("lost", range(5))
 def test_every_kind_of_loss_is_a_drop(lost):
-    before = yaml.safe_load(quick.reached_text("lead_screw", score(cases())))["lead_screw"]
+    before = yaml.safe_load(quick.reached_text("lead_screw", 20, score(cases())))["lead_screw 20"]
     worse = cases()
     worse[lost] = replace(worse[lost], diagnosis=None)
     assert quick.drops(score(worse), before)
 
 
 def test_larger_errors_wider_misses_and_fewer_clear_cases_are_drops():
-    before = yaml.safe_load(quick.reached_text("lead_screw", score(cases())))["lead_screw"]
+    before = yaml.safe_load(quick.reached_text("lead_screw", 20, score(cases())))["lead_screw 20"]
     worse = cases()
     for one in worse:
         one.oracle["held_out"]["extended"] = 1.06
@@ -63,6 +65,6 @@ def test_larger_errors_wider_misses_and_fewer_clear_cases_are_drops():
 
 
 def test_what_is_on_record_names_known_figures():
-    for name in quick.reached("lead_screw"):
-        assert name == "ratio" or score(cases()).figure(name)
-    assert quick.reached("no such rig") == {}
+    for n in QUICK:
+        assert set(quick.reached("lead_screw", n)) == {*quick.HELD, "ratio"}
+    assert quick.reached("no such rig", 20) == {}

@@ -80,6 +80,7 @@ DASK = pytest.param(
 
 
 @pytest.mark.parametrize("by", [pytest.param(ALONE, id="here"), pytest.param(TWO, id="loky"), DASK])
+@pytest.mark.check
 def test_a_whole_course_with_a_case_that_fails(plan, by):
     cases = course(plan, by)
     found = score(cases)

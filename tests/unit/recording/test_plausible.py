@@ -137,7 +137,7 @@ def test_a_rig_that_cannot_be_driven_says_nothing(recorded):
     assert scales(build_rig(config), channels, 1e-3, "held") == {}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_no_drawn_machine_is_refused_in_right_units():
     """Machines, commands and encoders at random: none is refused in right units, most wrong units are noticed."""
     tried = noticed = 0

@@ -95,6 +95,7 @@ def test_the_labels_of_the_errors_do_not_touch(cases, spread):
     assert overlapping(errors_figure(rows)) == []
 
 
+@pytest.mark.check
 def test_the_docs_are_redrawn_from_their_score_alone(found, cases, tmp_path):
     (tmp_path / "proof.md").write_text(f"before\n{proof_page.BEGIN}\n{proof_page.END}\nafter\n", encoding="utf-8")
     proof_page.write_docs(found, cases, tmp_path)
@@ -146,6 +147,7 @@ def test_the_page_lists_what_went_wrong(tmp_path):
     assert "<td>motor_\u200bbearing coulomb_\u200bfriction</td>" in page
 
 
+@pytest.mark.check
 def test_the_score_comes_into_the_docs_again_and_again(found, cases, tmp_path):
     (tmp_path / "proof.md").write_text(f"before\n\n{proof_page.BEGIN}\n{proof_page.END}\n\nafter\n", encoding="utf-8")
     for _ in range(2):

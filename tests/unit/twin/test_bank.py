@@ -33,15 +33,14 @@ def belief(known: str) -> Belief:
     return Belief(build_rig(compose(known).rig))
 
 
-slow = pytest.mark.slow  # the bank works for a second; the benchmark tries all of it on random machines
+#: the bank works for a second; the benchmark tries all of it on random machines
+nightly = pytest.mark.nightly
 FRICTION, MOTOR = "rig.effects.mass_3.ground_friction.force", "rig.effects.motor_bearing"
-CHANGES = [
+CHANGES = [(f"{MOTOR}.coulomb_friction.torque=0.03", "Coulomb friction", "motor_bearing", 0.03)]
+MORE = [
     ("rig.parameters.k.value=8000", "stiffness", "all links", 8000.0),
     (f"{FRICTION}=0.15", "ground friction", "mass_3", 0.15),
-    (f"{MOTOR}.coulomb_friction.torque=0.03", "Coulomb friction", "motor_bearing", 0.03),
     (f"{MOTOR}.cogging={{torque:0.03,periods:12,phase:1}}", "cogging", "motor_bearing", 0.03),
-]
-MORE = [
     ("rig.parameters.c.value=25", "damping", "all links", 25.0),
     ("rig.effects.screw.compliance.compliance=1e-5", "compliance", "screw", 1e-5),
     ("rig.effects.link_1.hysteresis={force:0.2,displacement:2e-5}", "hysteresis", "link_1", 0.2),
@@ -49,10 +48,11 @@ MORE = [
     (f"{MOTOR}.constant_load.torque=-0.02", "constant load", "motor_bearing", -0.02),
     ("rig.effects.amplifier.gain_error.relative=0.1", "gain", "amplifier", 0.1),
 ]
-CHANGES += [pytest.param(*one, marks=slow) for one in MORE]
+CHANGES += [pytest.param(*one, marks=nightly) for one in MORE]
 
 
 @pytest.mark.parametrize(("changed", "kind", "place", "value"), CHANGES)
+@pytest.mark.check
 def test_one_change_is_named_with_its_size_and_the_gap(changed, kind, place, value):
     said = diagnose_buffer(NOMINAL, buffer(changed), math.radians(OLD_DEG))
     assert said.verdict == "changed"
@@ -71,6 +71,7 @@ def test_one_change_is_named_with_its_size_and_the_gap(changed, kind, place, val
 
 
 @pytest.mark.parametrize(("gap_deg", "verdict"), [(GAP_DEG, "gap"), (OLD_DEG, "nothing")])
+@pytest.mark.check
 def test_a_gap_alone_is_a_gap_alone(gap_deg, verdict):
     said = diagnose_buffer(NOMINAL, buffer(gap_deg=gap_deg), math.radians(OLD_DEG))
     assert (said.verdict, said.changes, said.found) == (verdict, (), verdict)
@@ -80,8 +81,8 @@ def test_a_gap_alone_is_a_gap_alone(gap_deg, verdict):
 
 UNKNOWN = [
     "rig.effects.link_1.cubic_stiffness.k3=2e12",
-    "rig.effects.motor_bearing.asymmetric_friction.viscous_difference=5e-4",
-    *(pytest.param(changed, marks=slow) for changed in (
+    *(pytest.param(changed, marks=nightly) for changed in (
+        "rig.effects.motor_bearing.asymmetric_friction.viscous_difference=5e-4",
         "rig.effects.screw.pitch_error.amplitude=1e-5", "rig.effects.link_2.backlash.lost_motion=1e-5",
         "rig.parameters.m.value=4.5", "rig.effects.mass_2.absorber={mass:0.5,frequency:6}",
         "rig.effects.amplifier.delay.time=2e-3",
@@ -90,6 +91,7 @@ UNKNOWN = [
 
 
 @pytest.mark.parametrize("changed", UNKNOWN)
+@pytest.mark.check
 def test_what_is_not_in_the_bank_is_unknown(changed):
     said = diagnose_buffer(NOMINAL, buffer(changed), math.radians(OLD_DEG))
     assert said.verdict in ("unknown", "ambiguous")
@@ -97,12 +99,13 @@ def test_what_is_not_in_the_bank_is_unknown(changed):
     assert said.belief.rig == NOMINAL.rig
 
 
-@slow
+@nightly
 def test_two_changes_of_the_structure_are_unknown():
     both = buffer("rig.parameters.k.value=8000", "rig.effects.mass_3.ground_friction.force=0.2")
     assert diagnose_buffer(NOMINAL, both, math.radians(OLD_DEG)).verdict == "unknown"
 
 
+@nightly
 def test_one_of_each_half_is_two_findings():
     both = buffer("rig.parameters.k.value=8000", "rig.effects.motor_bearing.viscous_friction.coefficient=1e-3")
     said = diagnose_buffer(NOMINAL, both, math.radians(OLD_DEG))
@@ -113,8 +116,9 @@ def test_one_of_each_half_is_two_findings():
 
 @pytest.mark.parametrize("known", [
     "rig.effects.motor_bearing.coulomb_friction.torque=0.02",
-    pytest.param("rig.effects.mass_3.ground_friction.force=0.1", marks=slow),
+    pytest.param("rig.effects.mass_3.ground_friction.force=0.1", marks=nightly),
 ])  # fmt: skip
+@nightly
 def test_what_is_known_already_is_the_base(known):
     said = diagnose_buffer(belief(known), buffer("rig.parameters.k.value=8500", known=known), math.radians(OLD_DEG))
     assert [change.kind for change in said.changes] == ["stiffness"]
@@ -123,7 +127,7 @@ def test_what_is_known_already_is_the_base(known):
     assert said.belief.rig.effects[place] == there
 
 
-@slow
+@nightly
 def test_dry_friction_that_hides_the_gap_has_a_wide_interval():
     """Behind strong friction that turns round once, what the mass held at rest, its level and the gap trade."""
     said = diagnose_buffer(NOMINAL, buffer("rig.effects.mass_3.ground_friction.force=0.4"), math.radians(OLD_DEG))

@@ -249,16 +249,19 @@ def campaign(run_experiment: Experiment, move: Any, paper_twin: TwinModel) -> li
     return [random_case(seed, run_experiment, move, paper_twin) for seed in range(CASES)]
 
 
+@pytest.mark.check
 def test_campaign_no_accepted_estimate_makes_it_worse(campaign: list[Case]) -> None:
     assert max(case.harm for case in campaign) < 0.5
 
 
+@pytest.mark.check
 def test_campaign_informative_buffers_are_accepted(campaign: list[Case]) -> None:
     informative = [case for case in campaign if case.informative]
     assert len(informative) > 0.15 * CASES
     assert np.mean([case.accepted for case in informative]) > 0.95
 
 
+@pytest.mark.check
 def test_campaign_plain_bfgs_fails(campaign: list[Case]) -> None:
     """The same starts without a guard: most make it worse, many are beyond any possible gap."""
     worse = [abs(case.plain - case.true) - abs(case.present - case.true) > 0.5 for case in campaign]
@@ -266,6 +269,7 @@ def test_campaign_plain_bfgs_fails(campaign: list[Case]) -> None:
     assert np.mean([case.plain > 180.0 for case in campaign]) > 0.25
 
 
+@pytest.mark.check
 def test_campaign_needs_its_further_attempts(campaign: list[Case]) -> None:
     accepted = [case for case in campaign if case.accepted]
     assert sum(len(case.attempts) > 1 for case in accepted) > 0.2 * len(accepted)

@@ -94,6 +94,7 @@ def test_an_unmeasured_speed_is_found(rig):
     assert from_rest > 3 * left
 
 
+@pytest.mark.nightly
 def test_a_start_in_motion_is_consistent_and_friction_is_named(rig):
     document = diagnose_records(rig, [piece(recorded(rig), 3000, 12001)]).to_json()
     assert (document["verdict"], document["findings"]) == ("consistent", [])

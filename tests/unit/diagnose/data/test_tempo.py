@@ -103,6 +103,7 @@ def test_a_long_recording_counts_for_more_than_a_short_one():
 
 
 @pytest.mark.parametrize("machine", [friction, gravity])
+@pytest.mark.nightly
 def test_a_machine_a_hundred_times_slower_or_ten_times_faster_gets_the_same_finding(machine):
     usual = diagnose_records(*machine(1.0))
     assert usual.verdict == "missing_physics"
@@ -116,6 +117,7 @@ def test_a_machine_a_hundred_times_slower_or_ten_times_faster_gets_the_same_find
                 assert other.parameters[name].value == pytest.approx(known.value * ratio**power, rel=1e-3)
 
 
+@pytest.mark.nightly
 def test_nothing_hinges_on_the_pull():
     machine = gravity(1.0)
     for ratio in (1.0 / 3.0, 3.0):

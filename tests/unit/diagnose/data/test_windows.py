@@ -65,6 +65,7 @@ def test_windows_are_as_long_as_the_rig_remembers(oscillator):
     assert len(few) < len(many)
 
 
+@pytest.mark.check
 def test_the_search_takes_a_part_and_the_fit_and_the_judgement_all(oscillator):
     stiffer = oscillator.with_effect("spring", "cubic_stiffness", {"k3": 2e6})
     record = recorded(stiffer, 40.0)
@@ -96,6 +97,7 @@ def test_another_recording_that_chooses_is_left_in_one_piece(oscillator):
     assert np.count_nonzero(np.diff(other.held.astype(int))) == 1
 
 
+@pytest.mark.nightly
 def test_a_limit_that_is_reached_late_is_fitted_to_and_chosen_by(oscillator):
     """The command is large enough for the amplifier only from two thirds of what was the first part on."""
     record = recorded(oscillator, 1.0)

@@ -37,12 +37,14 @@ def test_the_fit_that_is_led_ends_at_the_truth(evidence):
 
 
 @pytest.mark.parametrize("seed", [7, 8])
+@pytest.mark.nightly
 def test_wrong_frequencies_are_parameters_and_no_physics(seed):
     found = diagnose_records(known(blade()), [recorded(blade(**OFF), seed)])
     assert found.verdict == "parameters"
     assert not found.findings
 
 
+@pytest.mark.nightly
 def test_a_law_beside_wrong_frequencies_is_named_alone():
     truth = blade(**OFF).with_effect("foot", "cubic_stiffness", {"k3": 4e8})
     found = diagnose_records(known(blade()), [recorded(truth, 9)])

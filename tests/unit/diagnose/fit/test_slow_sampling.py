@@ -66,6 +66,7 @@ def test_columns_of_dry_friction_are_those_of_precise_differences(oscillator):
 
 @pytest.mark.parametrize("samples", [300, 600, 1200])
 @pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.nightly
 def test_a_short_recording_with_nothing_missing_is_consistent(oscillator, samples, seed):
     found = diagnose_records(oscillator, [recorded(oscillator, samples, seed)])
     assert found.verdict == "consistent"
@@ -73,6 +74,7 @@ def test_a_short_recording_with_nothing_missing_is_consistent(oscillator, sample
 
 @pytest.mark.parametrize("effect", [FRICTION, STIFFENING], ids=lambda effect: effect[1])
 @pytest.mark.parametrize("samples", [600, 1200])
+@pytest.mark.nightly
 def test_the_law_of_a_short_recording_is_named_alone(oscillator, effect, samples):
     found = diagnose_records(oscillator, [recorded(oscillator.with_effect(*effect), samples, 1)])
     assert found.verdict == "missing_physics"

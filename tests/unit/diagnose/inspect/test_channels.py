@@ -14,6 +14,7 @@ from ..conftest import STEP_S, failed, with_
 from .test_repeats import held
 
 
+@pytest.mark.check
 def test_a_dead_sensor_is_left_out_and_said(rig, clean):
     noise = 1e-3 * np.random.default_rng(7).standard_normal(clean.samples)
     found = diagnose_records(rig, [with_(clean, q3=noise)])
@@ -51,6 +52,7 @@ def test_spikes_are_bridged_and_not_judged(rig, clean, channel, size):
     assert np.abs(mended.y[channel] - clean.y[channel]).max() < 0.01 * size
 
 
+@pytest.mark.nightly
 def test_one_spike_changes_no_verdict(rig, clean):
     values = clean.y["theta_m"].copy()
     values[7000] += 30.0
@@ -80,6 +82,7 @@ def clip(values: np.ndarray, share: float) -> np.ndarray:
     return np.clip(values, -limit, limit)
 
 
+@pytest.mark.check
 def test_a_clipped_sensor_is_masked_where_it_is_clipped(rig, clean):
     values = clip(clean.y["q3"], 0.7)
     (mended,) = (found := inspect(rig, [with_(clean, q3=values)])).records
@@ -95,6 +98,7 @@ def test_a_clipped_angle_that_drives_the_structure_is_a_fault(rig, clean):
     assert found.fault.startswith("theta_m is clipped in")
 
 
+@pytest.mark.nightly
 def test_a_clipped_position_that_pulls_a_stage_ends_in_a_verdict(machine_recordings):
     rig, record = machine_recordings["stage, PID"]
     found = diagnose_records(rig, [with_(record, x1=clip(record.y["x1"], 0.5))])
@@ -176,6 +180,7 @@ def test_a_sensor_that_is_read_seldom_is_compared_where_it_was_read(machine_reco
     assert away.max() < 0.2 * np.abs(seen - record.y["x1"])[every:-every].max()
 
 
+@pytest.mark.nightly
 def test_a_sensor_that_is_read_seldom_is_no_delay(rig, clean):
     """Held for ten samples it is five late on average; without a look at its readings a delay was named."""
     found = diagnose_records(rig, [with_(clean, q3=held(clean.y["q3"], 10))])

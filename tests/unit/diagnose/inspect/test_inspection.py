@@ -30,6 +30,7 @@ def test_a_clean_recording_passes_every_row(rig, clean):
     assert found.records[0] is clean
 
 
+@pytest.mark.check
 def test_machines_with_missing_physics_are_not_miswired(machine_recordings):
     """Friction near stalling, loads, play, PID loops: the largest reversal is far below the threshold."""
     largest = {}
@@ -42,6 +43,7 @@ def test_machines_with_missing_physics_are_not_miswired(machine_recordings):
 
 
 @pytest.mark.parametrize("seed", range(60, 75))
+@pytest.mark.nightly
 def test_drawn_machines_are_not_miswired(seed):
     rig, record = record_of(cases.drawn_case(seed))
     found = inspect(rig, [record])
@@ -60,6 +62,7 @@ def test_a_wrong_mass_that_turns_the_phase_is_no_turned_sensor(mass, tone_rad_s)
     assert wiring(cases.oscillator(), Record(STEP_S, u, {"y": x[:, 0]}, everywhere, ~everywhere))[1] is None
 
 
+@pytest.mark.check
 def test_each_turned_sensor_is_named(machine_recordings):
     for name in ("stage, free, friction", "motor, PID", "screw, closed loop, friction"):
         rig, record = machine_recordings[name]
@@ -103,6 +106,7 @@ def test_a_turned_sensor_ends_in_no_physics(rig, clean):
     assert {c.name for c in found.shown.curves} == {"theta_m", "q3"}
 
 
+@pytest.mark.nightly
 def test_two_channels_swapped_in_a_loop_end_in_a_verdict(machine_recordings):
     rig, record = machine_recordings["stage, PID"]
     found = diagnose_records(rig, [with_(record, x1=record.y["x2"], x2=record.y["x1"])])
@@ -115,6 +119,7 @@ def thinned(record: Record, by: int) -> Record:
     return Record(by * record.sample_time_s, record.u[::by].copy(), y, record.train[::by], record.held[::by])
 
 
+@pytest.mark.check
 def test_fifty_hertz_are_too_slow_for_the_structure(rig, clean):
     found = diagnose_records(rig, [thinned(clean, 20)])
     assert (found.verdict, found.findings) == ("unexplained", ())
@@ -136,6 +141,7 @@ def velocity_rig() -> Rig:
     ))  # fmt: skip
 
 
+@pytest.mark.check
 def test_friction_is_named_from_the_speed_alone():
     machine = machines.Machine((2e-4,), gain=0.025, emf=0.05, coulomb=0.02)
     _, v, u = machines.record(machine, machines.multisine(machines.times(8.0), 3.0, 8.0))
@@ -149,6 +155,7 @@ def test_friction_is_named_from_the_speed_alone():
     assert not {effect for _, effect in tried} & {"cogging", "gravity", "torque_ripple"}
 
 
+@pytest.mark.nightly
 def test_a_carriage_whose_speed_alone_is_recorded_is_pulled_on_it():
     config = cases.carriage().config
     rig = build_rig(replace(

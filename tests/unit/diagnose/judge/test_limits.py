@@ -23,11 +23,13 @@ def bound(found, place: str, effect: str) -> Limit:
     return next(x for x in found.limits if (x.location, x.effect) == (place, effect))
 
 
+@pytest.mark.check
 def test_every_candidate_has_a_bound_or_is_said_to_be_out_of_sight(sound):
     assert {(c.location, c.effect) for c in sound.candidates} == {(x.location, x.effect) for x in sound.limits}
     assert all(x.upper95 is None or x.upper95 > 0.0 for x in sound.limits)
 
 
+@pytest.mark.nightly
 def test_twenty_times_the_bound_is_found(sound, rig):
     limit = bound(sound, *COULOMB)
     assert limit.unit == "N m"
@@ -36,6 +38,7 @@ def test_twenty_times_the_bound_is_found(sound, rig):
 
 
 @pytest.mark.parametrize("times", [0.3, 1.0, 2.0])
+@pytest.mark.nightly
 def test_what_is_too_small_to_be_named_lies_below_the_bound(sound, rig, times):
     torque = times * bound(sound, *COULOMB).upper95
     found = diagnose_records(rig, [recorded(rig.with_effect(*COULOMB, {"torque": torque}), seed=2)])
@@ -43,6 +46,7 @@ def test_what_is_too_small_to_be_named_lies_below_the_bound(sound, rig, times):
     assert bound(found, *COULOMB).upper95 > torque
 
 
+@pytest.mark.check
 def test_a_limit_of_the_command_has_a_bound_from_below(sound, rig):
     limit = bound(sound, "amplifier", "saturation")
     assert limit.upper95 is None
@@ -56,6 +60,7 @@ def test_the_row_says_a_bound_or_that_there_is_none():
     assert (unseen["visible"], unseen["at"]) == (False, {"frequency": 9.0})
 
 
+@pytest.mark.nightly
 def test_where_the_parameters_can_do_all_of_it_their_tolerances_bound_it():
     """The force constant does what a gain error does; masses, stiffness and damping do it together, as well."""
     rig = known(blade())

@@ -20,6 +20,7 @@ def turning(rig):
     return recorded(rig.with_effect("motor_bearing", "cogging", cogging), seed=0, u=u)
 
 
+@pytest.mark.nightly
 def test_cogs_that_are_passed_too_fast_at_times_are_found_where_they_are_passed_slowly(rig, turning):
     fastest = np.quantile(np.abs(np.diff(turning.y["theta_m"])) / STEP_S, 0.98)
     assert 24.0 * fastest * STEP_S > 0.5 * np.pi, "a cog has four samples at least"

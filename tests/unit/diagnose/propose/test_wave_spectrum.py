@@ -48,6 +48,7 @@ def test_of_noise_as_large_no_short_wave_makes_more(highest):
     assert np.abs(found - 171.0).min() <= waves[1] - waves[0]
 
 
+@pytest.mark.nightly
 def test_cogs_along_a_long_travel_are_found_on_a_free_carriage():
     """Its grid of wave numbers was too wide for the travel: an effect of any size was found by luck."""
     stage, rng = build_rig(compose("rig=two_mass_stage").rig), np.random.default_rng(4)

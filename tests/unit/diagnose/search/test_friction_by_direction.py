@@ -80,6 +80,7 @@ def named(found: Diagnosis) -> dict:
     return {(f.location, f.effect): f for f in found.findings}
 
 
+@pytest.mark.nightly
 def test_levels_and_coefficients_that_differ_are_one_finding(slide):
     found = named(diagnose_records(slide, [recorded((14.0, 40.0), (9.0, 25.0))]))
     assert set(found) == {*FRICTION, ASYMMETRIC}
@@ -93,6 +94,7 @@ def test_levels_and_coefficients_that_differ_are_one_finding(slide):
     assert found["slide", "coulomb_friction"].parameters["force"].value == pytest.approx(11.5, rel=0.05)
 
 
+@pytest.mark.nightly
 def test_levels_that_differ_alone_may_be_a_load_as_well(slide):
     diagnosis = diagnose_records(slide, [recorded((13.0, 32.0), (10.0, 32.0))])
     found = named(diagnosis)
@@ -107,6 +109,7 @@ def test_levels_that_differ_alone_may_be_a_load_as_well(slide):
     assert row.verdict == f"is called asymmetric friction: {SAME_AS_LOAD}"
 
 
+@pytest.mark.nightly
 def test_a_load_that_is_larger_than_the_friction_stays_a_load(slide):
     found = named(diagnose_records(slide, [recorded((2.0, 30.0), (2.0, 30.0), load=-20.0)]))
     assert set(found) == {*FRICTION, ("slide", "constant_force")}

@@ -35,12 +35,14 @@ def recorded(closed: bool, seed: int = 0, **true: float) -> Record:
 
 
 @pytest.mark.parametrize("closed", [False, True])
+@pytest.mark.nightly
 def test_a_known_effect_that_is_right_is_consistent(closed):
     found = diagnose_records(carriage(), [recorded(closed, viscous=100.0)])
     assert (found.verdict, found.findings) == ("consistent", ())
 
 
 @pytest.mark.parametrize("closed", [False, True])
+@pytest.mark.check
 def test_a_known_effect_within_its_tolerance_is_recalibrated(closed):
     found = diagnose_records(carriage(), [recorded(closed, viscous=140.0)])
     assert (found.verdict, found.findings) == ("parameters", ())
@@ -51,6 +53,7 @@ def test_a_known_effect_within_its_tolerance_is_recalibrated(closed):
 
 
 @pytest.mark.parametrize("closed", [False, True])
+@pytest.mark.nightly
 def test_one_that_is_far_from_its_value_is_found_and_not_freed_silently(closed):
     found = diagnose_records(carriage({"value": 100.0, "tolerance": 0.1}), [recorded(closed, viscous=250.0)])
     assert found.verdict == "missing_physics"
@@ -61,6 +64,7 @@ def test_one_that_is_far_from_its_value_is_found_and_not_freed_silently(closed):
     assert "100" in found.findings[0].sentence
 
 
+@pytest.mark.check
 def test_with_what_was_found_the_recording_is_consistent():
     record = recorded(True, viscous=150.0, coulomb=20.0)
     first = diagnose_records(carriage(), [record])
@@ -88,6 +92,7 @@ def test_a_leaf_that_is_none_is_refused(leaf):
         carriage(leaf)
 
 
+@pytest.mark.nightly
 def test_another_formulation_of_a_friction_that_the_rig_has_is_not_missing_physics():
     """A steep tangent for the sign of the speed is the dry friction of a simulation that has no events."""
     rig = carriage(100.0, coulomb_friction={"force": 40.0})
@@ -108,6 +113,7 @@ def test_another_formulation_of_a_friction_that_the_rig_has_is_not_missing_physi
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 @pytest.mark.parametrize("closed", [False, True])
+@pytest.mark.nightly
 def test_one_that_the_machine_does_not_have_is_said_not_to_be_there(closed, seed):
     rig = carriage({"value": 100.0, "tolerance": 0.1}, coulomb_friction={"force": {"value": 8.0, "tolerance": 0.2}})
     found = diagnose_records(rig, [recorded(closed, seed, viscous=100.0)])

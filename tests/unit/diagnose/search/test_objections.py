@@ -112,6 +112,7 @@ def test_a_drive_that_is_switched_off_spoils_the_free_run(carriage):
     assert spoils_the_free_run(evidence, nominal, right, both[:1]) is None
 
 
+@pytest.mark.check
 def test_friction_that_takes_most_of_the_drive_is_no_dead_zone(carriage, dry):
     found = diagnose_records(carriage, [dry])
     assert [(f.location, f.effect) for f in found.findings] == [("carriage", "coulomb_friction")]
@@ -120,6 +121,7 @@ def test_friction_that_takes_most_of_the_drive_is_no_dead_zone(carriage, dry):
 
 
 @pytest.mark.parametrize("heavier", ["mass_1", "mass_2"])
+@pytest.mark.nightly
 def test_one_heavier_mass_of_two_that_share_a_parameter_is_no_absorber(heavier):
     rig = rig_of(STAGE, ENDS, g=10.0, m=3.0, k=4000.0, c=4.0, kg=500.0, cg=3.0)
     inertia = (3.24, 3.0) if heavier == "mass_1" else (3.0, 3.24)

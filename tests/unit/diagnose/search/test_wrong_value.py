@@ -12,6 +12,7 @@ from dtbacklash.diagnose import diagnose_records
 @pytest.mark.parametrize(
     ("name", "value", "tolerances"), [("m_1", 1.3, 6.0), ("k_1", 1650.0, 4.5), ("m_2", 0.26, 6.0)], ids=str
 )
+@pytest.mark.nightly
 def test_a_value_that_its_tolerance_excludes_is_no_physics(name, value, tolerances):
     found = diagnose_records(known(blade()), [recorded(blade(**{name: value}), 11)])
     assert found.verdict == "parameters"
@@ -29,6 +30,7 @@ def test_a_value_that_its_tolerance_excludes_is_no_physics(name, value, toleranc
 
 
 @pytest.mark.parametrize("factor", [4.0, 8.0])
+@pytest.mark.nightly
 def test_a_damping_that_was_guessed_is_found_however_wrong_it_is(factor):
     """Damping is what one knows least of: four times its value was viscous friction, or physics of no name."""
     value = factor * known(blade()).config.parameters["c_2"].value
@@ -39,6 +41,7 @@ def test_a_damping_that_was_guessed_is_found_however_wrong_it_is(factor):
     assert "of its tolerances from nominal" in found.summary
 
 
+@pytest.mark.nightly
 def test_a_damper_to_the_ground_is_viscous_friction_and_both_are_said():
     truth = blade(c_1=4.0 * known(blade()).config.parameters["c_1"].value)
     found = diagnose_records(known(blade()), [recorded(truth, 15)])
@@ -47,6 +50,7 @@ def test_a_damper_to_the_ground_is_viscous_friction_and_both_are_said():
     assert ("foot", "c_1") in [(other.location, other.effect) for other in finding.also_fits]
 
 
+@pytest.mark.check
 def test_a_gain_error_stays_one_and_the_parameter_that_would_do_as_well_is_said():
     """What a gain error does, a gain far off does, too: the tolerance speaks for the effect."""
     truth = blade().with_effect("amplifier", "gain_error", {"relative": -0.5})
@@ -61,6 +65,7 @@ def test_a_gain_error_stays_one_and_the_parameter_that_would_do_as_well_is_said(
     assert "by itself" in found.next_experiment
 
 
+@pytest.mark.nightly
 def test_two_values_that_are_off_are_not_a_gain_error_for_sure():
     """The mass by four of its tolerances, the stiffness by 2.5: nearly what a gain error does with a softer spring."""
     truth = blade(m_1=1.2, m_2=0.24, k_1=1.25 * 3000.0, k_2=1.25 * 2.4e4)
@@ -68,6 +73,7 @@ def test_two_values_that_are_off_are_not_a_gain_error_for_sure():
     assert not any(f.confidence == "sure" for f in found.findings)
 
 
+@pytest.mark.nightly
 def test_a_law_is_not_taken_for_a_parameter_that_is_off():
     truth = blade().with_effect("foot", "cubic_stiffness", {"k3": 2e9})
     found = diagnose_records(known(blade()), [recorded(truth, 13)])

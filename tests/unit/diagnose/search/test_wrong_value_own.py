@@ -45,6 +45,7 @@ def recorded(rig: Rig, noise: float) -> Record:
 
 
 @pytest.mark.parametrize("noise", [1e-5, 1e-7])
+@pytest.mark.nightly
 def test_one_heavier_mass_of_three_is_a_parameter_however_quiet_the_sensors_are(chain, noise):
     """The regression that chooses it is linear: with quiet sensors it leaves far more than noise."""
     heavier = split(chain, "m", "m2", "mass").with_parameters({"m_m2": 1.077 * 1.5})
@@ -56,6 +57,7 @@ def test_one_heavier_mass_of_three_is_a_parameter_however_quiet_the_sensors_are(
     assert parameters["m_m2"].value / parameters["m"].value == pytest.approx(1.077, rel=0.001)
 
 
+@pytest.mark.nightly
 def test_beside_an_effect_it_is_a_parameter_too(chain):
     heavier = split(chain, "m", "m2", "mass").with_parameters({"m_m2": 1.077 * 1.5})
     rubbing = heavier.with_effect("m3", "ground_friction", {"force": 0.5})
@@ -67,6 +69,7 @@ def test_beside_an_effect_it_is_a_parameter_too(chain):
     assert parameters["m_m2"].value / parameters["m"].value == pytest.approx(1.077, rel=0.003)
 
 
+@pytest.mark.nightly
 def test_what_an_own_value_takes_the_place_of_is_said(chain):
     swinging = chain.with_effect("m2", "absorber", {"mass": 0.15, "frequency": 40.0, "damping_ratio": 0.1})
     found = diagnose_records(chain, [recorded(swinging, 3e-5)])
@@ -76,6 +79,7 @@ def test_what_an_own_value_takes_the_place_of_is_said(chain):
     assert "To tell `m_m2` from" in found.next_experiment
 
 
+@pytest.mark.nightly
 def test_an_effect_that_earns_more_than_an_own_value_is_named(chain):
     """An own value that left noise nearly, and something in it, took the place of what leaves noise alone."""
     swinging = chain.with_effect("m2", "absorber", {"mass": 0.15, "frequency": 40.0, "damping_ratio": 0.1})
@@ -85,6 +89,7 @@ def test_an_effect_that_earns_more_than_an_own_value_is_named(chain):
 
 
 @pytest.mark.parametrize(("element", "factor"), [("m2", 1.3), ("m3", 0.7), ("m1", 2.0)])
+@pytest.mark.nightly
 def test_it_may_lie_far_beyond_the_tolerance(chain, element, factor):
     """A mass 30 % heavier than the others, of which 5 % are known, was absorbers, and what nothing explains."""
     other = split(chain, "m", element, "mass").with_parameters({f"m_{element}": factor * 1.5})

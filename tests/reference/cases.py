@@ -1,0 +1,278 @@
+"""What is solved independently and kept: a rig and a command for every effect of the catalogue, and some more."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from dtbacklash.physics.catalogue import CATALOGUE
+from dtbacklash.physics.rig import Rig
+from dtbacklash.prove.conceal import nominal_rig
+
+from . import rigs
+
+Array = NDArray[np.float64]
+SAMPLE_TIME_S = 1e-3
+SAMPLES = 3000
+HOLD = 30  # samples between changes of the command
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A rig from rest, under a command held over each sample.
+
+    u : (N,) V. gap : (N+1,) half-gap, rad. without : the rig without the effect that is tried. channels : which sensors
+    are compared, and ``theta_d``, the screw's angle; none: all sensors. bits : a kept channel is rounded to its range
+    over two to this power.
+    """
+
+    name: str
+    rig: Rig
+    u: Array
+    gap: Array | None = None
+    without: Rig | None = None
+    channels: tuple[str, ...] = ()
+    rtol: float = 1e-10
+    atol: float = 1e-11
+    bits: int = 28
+
+
+@dataclass(frozen=True)
+class Case:
+    """Where an effect is tried, with what sizes (those not given are the catalogue's typical ones)."""
+
+    places: tuple[str, ...]
+    values: dict[str, float] = field(default_factory=dict)
+    size_v: float = 4.0
+    rig: str = "lead_screw"
+    companions: dict[str, dict[str, dict[str, float]]] = field(default_factory=dict)
+
+
+SENSORS = ("sensor_q3", "sensor_theta_m")
+#: a carriage without any friction would roll away: it has a viscous one wherever that is not what is tried
+ROLLS = {"carriage": {"viscous_friction": {"coefficient": 200.0}}}
+CARRIAGE = Case(("carriage",), size_v=3.0, rig="carriage", companions=ROLLS)
+
+#: what turns freely would run away: it has a viscous friction
+TURNS = {"rotor_1": {"viscous_friction": {"coefficient": 0.01}}}
+SHAFT = Case(("shaft",), size_v=4.0, rig="two_inertias", companions=TURNS)
+
+CASES: dict[tuple[str, str], Case] = {
+    ("amplifier", "saturation"): Case(("amplifier",)),
+    ("amplifier", "dead_zone"): Case(("amplifier",)),
+    ("amplifier", "delay"): Case(("amplifier",)),
+    ("amplifier", "gain_error"): Case(("amplifier",)),
+    # an unloaded motor takes 0.1 W: here it turns against a viscous friction, so that its winding gets warm
+    ("motor_circuit", "resistance_heating"): Case(
+        ("motor_circuit",), {"gain": 0.05, "time_constant": 0.5}, size_v=20.0, rig="loaded lead_screw"
+    ),
+    ("motor_circuit", "torque_ripple"): Case(("motor_circuit",)),
+    ("rotor", "coulomb_friction"): Case(("motor_bearing",)),
+    ("rotor", "stribeck_friction"): Case(("motor_bearing",)),
+    ("rotor", "viscous_friction"): Case(("motor_bearing",)),
+    ("rotor", "asymmetric_friction"): Case(("motor_bearing",)),
+    ("rotor", "cogging"): Case(("motor_bearing",)),
+    ("rotor", "constant_load"): Case(("motor_bearing",)),
+    ("rotor", "gravity"): Case(("motor_bearing",)),
+    ("shaft", "cubic_stiffness"): replace(SHAFT, values={"k3": 300.0}),
+    ("shaft", "quadratic_damping"): replace(SHAFT, values={"c2": 0.01}),
+    ("shaft", "dry_friction"): SHAFT,
+    ("shaft", "hysteresis"): SHAFT,
+    ("shaft", "bumper"): replace(SHAFT, values={"stiffness": 5.0, "clearance": 0.01}),
+    ("shaft", "stiffness_drift"): replace(SHAFT, values={"rate": 0.05}),
+    ("shaft", "backlash"): SHAFT,
+    ("gear", "backlash"): Case(("gear",)),
+    ("link", "backlash"): Case(("link_2",), {"lost_motion": 2e-5}),
+    ("mass", "viscous_friction"): Case(("mass_2", "mass_3"), {"coefficient": 20.0}),
+    ("screw", "compliance"): Case(("screw",)),
+    ("screw", "pitch_error"): Case(("screw",)),
+    ("screw", "load_reaction"): Case(("screw",)),
+    ("link", "cubic_stiffness"): Case(("link_1", "link_2")),
+    ("link", "quadratic_damping"): Case(("link_1", "link_2")),
+    ("link", "dry_friction"): Case(("link_1", "link_2")),
+    ("link", "hysteresis"): Case(("link_1", "link_2")),
+    ("link", "bumper"): Case(("link_1", "link_2")),
+    ("link", "stiffness_drift"): Case(("link_1", "link_2")),
+    ("mass", "ground_friction"): Case(("mass_2", "mass_3")),
+    ("mass", "constant_force"): Case(("mass_2", "mass_3")),
+    ("mass", "absorber"): Case(("mass_2", "mass_3")),
+    ("sensor", "delay"): Case((*SENSORS, "sensor_i_m")),
+    ("sensor", "gain_error"): Case(SENSORS),
+    ("sensor", "offset"): Case(SENSORS, {"offset": 0.01}),
+    ("carriage", "coulomb_friction"): CARRIAGE,
+    ("carriage", "stribeck_friction"): CARRIAGE,
+    ("carriage", "viscous_friction"): Case(("carriage",), {"coefficient": 200.0}, size_v=3.0, rig="carriage"),
+    ("carriage", "asymmetric_friction"): CARRIAGE,
+    # more than the waves' 20 N, but not so little that the carriage hesitates on a crest: there any error grows
+    ("carriage", "cogging"): replace(CARRIAGE, size_v=2.0),
+    ("carriage", "constant_force"): CARRIAGE,
+    ("carriage", "absorber"): CARRIAGE,
+    ("coupling", "backlash"): Case(("joint",), {"lost_motion": 5e-3}, size_v=60.0, rig="damper"),
+    ("coupling", "cubic_stiffness"): Case(("joint",), {"k3": 1e8}, size_v=60.0, rig="damper"),
+    ("coupling", "quadratic_damping"): Case(("joint",), {"c2": 200.0}, size_v=60.0, rig="damper"),
+    ("coupling", "hysteresis"): Case(("joint",), {"force": 2.0, "displacement": 5e-4}, size_v=60.0, rig="damper"),
+    ("brake", "stribeck_friction"): Case(("band",), {"force": 1.0, "speed": 0.1}, size_v=60.0, rig="damper"),
+    ("brake", "viscous_friction"): Case(("band",), {"coefficient": 10.0}, size_v=60.0, rig="damper"),
+    ("brake", "asymmetric_friction"): Case(
+        ("band",), {"viscous_difference": 10.0, "coulomb_difference": 0.5}, size_v=60.0, rig="damper"
+    ),
+    ("brake", "constant_force"): Case(("band",), {"force": 1.0}, size_v=60.0, rig="damper"),
+}
+
+#: the same laws where an ideal force drives masses that no screw carries
+FORCE_DRIVEN = [
+    ("link_1", "cubic_stiffness", {"k3": 3e5}),
+    ("link_1", "quadratic_damping", {"c2": 20.0}),
+    ("link_1", "dry_friction", {"force": 1.0}),
+    ("link_1", "hysteresis", {"force": 2.0, "displacement": 5e-3}),
+    ("link_1", "bumper", {"stiffness": 2000.0, "clearance": 5e-3}),
+    ("link_1", "stiffness_drift", {"rate": 0.05}),
+    ("link_2", "dry_friction", {"force": 1.0}),
+    ("mass_1", "ground_friction", {"force": 1.0}),
+    ("mass_2", "ground_friction", {"force": 1.0}),
+    ("mass_2", "absorber", {"mass": 0.2, "frequency": 5.0}),
+    ("mass_1", "constant_force", {"force": 5.0}),
+    ("amplifier", "delay", {"time": 2.7e-3}),
+]
+
+
+def growing_gap() -> Array:
+    """20 to 40 degrees."""
+    return np.radians(np.linspace(20.0, 40.0, SAMPLES + 1))
+
+
+RIGS = {"carriage": rigs.carriage, "damper": rigs.damper, "two_inertias": rigs.two_inertias}
+
+
+def base_rig(case: Case) -> Rig:
+    rig = RIGS.get(case.rig, rigs.lead_screw)()
+    if case.rig == "loaded lead_screw":
+        rig = rig.with_effect("motor_bearing", "viscous_friction", {"coefficient": 0.02})
+    for place, effects in case.companions.items():
+        for name, values in effects.items():
+            rig = rig.with_effect(place, name, values)
+    return rig
+
+
+#: laws of other rigs, under three tones
+OTHER_RIGS = [
+    ("rotary_drive", "shaft", "backlash", {"lost_motion": 0.02}),
+    ("rotary_drive", "shaft", "hysteresis", {"torque": 0.02, "displacement": 0.004}),
+    ("rotary_drive", "load", "gravity", {"torque": 0.02, "phase": 0.5}),
+    ("rotary_drive", "motor", "torque_ripple", {"relative": 0.2, "periods": 4.0, "phase": 0.3}),
+    ("pendulum", "disk", "gravity", {"torque": 0.4, "phase": 1.0}),
+    ("two_mass_stage", "carriage", "cogging", {"force": 3.0, "wave_number": 200.0, "phase": 0.3}),
+    ("two_mass_stage", "table", "absorber", {"mass": 0.3, "frequency": 12.0, "damping_ratio": 0.05}),
+]
+
+#: friction at the motor, on a link and on the ground, a soft screw, a warm winding, at once
+TOGETHER = (
+    ("amplifier", "delay", {"time": 1.3e-3}),
+    ("amplifier", "dead_zone", {"half_width": 0.1}),
+    ("motor_circuit", "resistance_heating", {"gain": 0.5}),
+    ("motor_bearing", "coulomb_friction", {"torque": 0.01}),
+    ("motor_bearing", "viscous_friction", {"coefficient": 1e-3}),
+    ("motor_bearing", "cogging", {"torque": 0.005}),
+    ("screw", "compliance", {"compliance": 1e-6}),
+    ("screw", "pitch_error", {"amplitude": 2e-5}),
+    ("link_1", "dry_friction", {"force": 0.2}),
+    ("link_2", "cubic_stiffness", {"k3": 1e10}),
+    ("link_2", "hysteresis", {"force": 0.5}),
+    ("mass_2", "absorber", {"mass": 0.3}),
+    ("mass_3", "ground_friction", {"force": 0.2}),
+    ("sensor_q3", "delay", {"time": 1.3e-3}),
+)
+
+
+def three_tones(seconds: float) -> Array:
+    """(N+1,) V, three tones that begin softly."""
+    t = SAMPLE_TIME_S * np.arange(round(seconds / SAMPLE_TIME_S) + 1)
+    tones = np.sin(2 * np.pi * 3 * t) + 0.7 * np.sin(2 * np.pi * 7.3 * t + 0.3) + 0.5 * np.sin(2 * np.pi * 13 * t)
+    return tones * -np.expm1(-t / 0.05)
+
+
+def gaps() -> dict[str, Array]:
+    """Half-gaps in degrees over three seconds, with every way in which a gap can change."""
+    t = np.linspace(0.0, 1.0, SAMPLES + 1)
+    return {
+        "none": np.zeros(SAMPLES + 1),
+        "constant": np.full(SAMPLES + 1, 30.0),
+        "shrinks": 60.0 - 50.0 * t,
+        "opens and closes": np.interp(t, [0.0, 0.2, 0.5, 0.8, 1.0], [0.0, 0.0, 50.0, 0.0, 0.0]),
+        "S-curve": 100.0 * (10.0 * t**3 - 15.0 * t**4 + 6.0 * t**5),
+        "steps": np.where(t < 0.4, 10.0, 50.0),
+    }
+
+
+def closed_loop_voltage(gap: Array, period_s: float) -> Array:
+    """A proportional loop around the motor of Table 1: 15 V/rad towards +pi, -pi, ... and across the gap. (N,) V."""
+    a = np.array([[-12.0 / 1e-3, 0.0, -0.1 / 1e-3], [0.0, 0.0, 1.0], [0.8 / 5e-6, 0.0, 0.0]])
+    b = np.array([1.0 / 1e-3, 0.0, 0.0])
+    step = expm(SAMPLE_TIME_S * np.block([[a, b[:, None]], [np.zeros((1, 4))]]))
+    x, u = np.zeros(3), np.zeros(len(gap) - 1)
+    for k in range(len(u)):
+        side = 1.0 if (k * SAMPLE_TIME_S / period_s) % 1.0 < 0.5 else -1.0
+        u[k] = 15.0 * (side * (np.pi + gap[k]) - x[1])
+        x = step[:3, :3] @ x + step[:3, 3] * u[k]
+    return u
+
+
+def places() -> list[tuple[str, str, str]]:
+    """Every entry of the catalogue; one without a case shows up with an empty place."""
+    return [(k, n, place) for k, n in CATALOGUE for place in getattr(CASES.get((k, n)), "places", ("",))]
+
+
+def _effect(kind: str, name: str, place: str) -> Problem:
+    case, without = CASES[kind, name], base_rig(CASES[kind, name])
+    values = {p.name: p.typical for p in CATALOGUE[kind, name].parameters} | case.values
+    u, gap = rigs.random_steps(SAMPLES, HOLD, case.size_v), growing_gap() if without.only("gear") else None
+    return Problem(f"{place} {name}", without.with_effect(place, name, values), u, gap, without)
+
+
+def _smooth() -> list[Problem]:
+    """Where the order of the integration is measured: references a hundred times finer."""
+    fine = {"rtol": 1e-12, "atol": 1e-13, "bits": 40}
+    gap = np.full(1501, np.radians(30.0))
+    one = rigs.oscillator().with_effect("link_1", "cubic_stiffness", {"k3": 2e6})
+    one = one.with_effect("link_2", "quadratic_damping", {"c2": 50.0})
+    two = rigs.lead_screw().with_effect("link_1", "cubic_stiffness", {"k3": 1e10})
+    two = two.with_effect("link_2", "quadratic_damping", {"c2": 2e3})
+    grows, u = np.radians(np.linspace(20.0, 40.0, 1501)), rigs.random_steps(1500, HOLD, 4.0)
+    return [
+        Problem("smooth", one, rigs.random_steps(1500, HOLD, 40.0), channels=("q2",), **fine),
+        Problem("smooth behind a backlash", two, u, gap, channels=("q3",), **fine),
+        Problem("linear behind a backlash", rigs.lead_screw(), u, grows, channels=("q3",), **fine),
+    ]
+
+
+@cache
+def problems() -> dict[str, Problem]:
+    """By name."""
+    found = [_effect(*one) for one in places() if one[2]]
+    plain, u = rigs.oscillator(), rigs.random_steps(SAMPLES, HOLD, 40.0)
+    for place, name, values in FORCE_DRIVEN:
+        found.append(Problem(f"oscillator {place} {name}", plain.with_effect(place, name, values), u, None, plain))
+    for rig, place, name, values in OTHER_RIGS:
+        changed = nominal_rig(rig).with_effect(place, name, values)
+        found.append(Problem(f"{rig} {place} {name}", changed, 2.0 * three_tones(0.25)[:-1], bits=36))
+    screw, u = rigs.lead_screw(), rigs.random_steps(SAMPLES, HOLD, 6.0, seed=3)
+    for shape, degrees in gaps().items():
+        gap = np.radians(degrees).round(12)
+        found.append(Problem(f"gap {shape}", screw, u, gap, channels=("q3", "theta_m", "theta_d"), bits=36))
+    together = screw
+    for place, name, values in TOGETHER:
+        together = together.with_effect(place, name, values)
+    n = SAMPLES // 2
+    u, gap = rigs.random_steps(n, HOLD, 4.0), growing_gap()[: n + 1]
+    found.append(Problem("together", together, u, gap, channels=("q3", "theta_m")))
+    t = np.linspace(0.0, 1.0, 20001)
+    gap = np.radians(100.0) * (10.0 * t**3 - 15.0 * t**4 + 6.0 * t**5)
+    found.append(Problem("twenty seconds", screw, closed_loop_voltage(gap, period_s=4.0), gap, channels=("q3",)))
+    found += _smooth()
+    u = rigs.random_steps(1000, HOLD, 6.0)
+    found.append(Problem("contact", screw, u, np.full(1001, 0.5), channels=("q3", "theta_m"), bits=36))
+    return {one.name: one for one in found}
