@@ -13,21 +13,19 @@ from dtbacklash.experiment.metrics import move_table
 from dtbacklash.paper.experiments import Experiments
 
 
-def overshoot_pct(
-    x: Experiments, run: str, take: str = "max", from_s: float = 0.0, before_s: float = math.inf
-) -> float:
+def overshoot_pct(x: Experiments, run: str, take: str = "max", **span: float) -> float:
     """The largest (or ``take: min``, the smallest) overshoot of the moves of a run that begin in a span of time."""
-    return _of_moves(x, run, "overshoot_pct", take, from_s, before_s)
+    return _of_moves(x, run, "overshoot_pct", take, **span)
 
 
-def settling_time_s(
-    x: Experiments, run: str, take: str = "max", from_s: float = 0.0, before_s: float = math.inf
-) -> float:
+def settling_time_s(x: Experiments, run: str, take: str = "max", **span: float) -> float:
     """The same of the settling time; of a move that does not settle it is infinite."""
-    return _of_moves(x, run, "settling_time_s", take, from_s, before_s)
+    return _of_moves(x, run, "settling_time_s", take, **span)
 
 
-def _of_moves(x: Experiments, run: str, column: str, take: str, from_s: float, before_s: float) -> float:
+def _of_moves(
+    x: Experiments, run: str, column: str, take: str, from_s: float = 0.0, before_s: float = math.inf
+) -> float:
     moves = x.runs[run].moves
     chosen = moves.loc[(moves["t_s"] >= from_s) & (moves["t_s"] < before_s), column].fillna(math.inf)
     return chosen.max() if take == "max" else chosen.min()
@@ -43,7 +41,7 @@ def half_the_overshoot_of_linear_imc_pct(x: Experiments) -> float:
 
 
 def shortest_settling_over_that_of_fig6(x: Experiments, run: str, from_s: float) -> float:
-    return settling_time_s(x, run, "min", from_s) / settling_time_s(x, "fig6")
+    return settling_time_s(x, run, "min", from_s=from_s) / settling_time_s(x, "fig6")
 
 
 def settling_of_fig13_within_2_pct_s(x: Experiments) -> float:
