@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 
 from dtbacklash.arrays import Floats
 from dtbacklash.config.compose import compose
@@ -74,28 +73,29 @@ class Experiments:
     """All that the claims are about."""
 
     runs: dict[str, RunResult]
-    moves: dict[str, pd.DataFrame]
     play: Play
     design: ControllerDesign
     motor: MotorParameters
     structure: StructureParameters
 
+    def q3_mm(self, run: str) -> Floats:
+        """q3 of a run, shape (n,)."""
+        return self.runs[run].trace["q3_mm"].to_numpy()
+
 
 def run_experiments(progress: Callable[[float], None] | None = None) -> Experiments:
     """Run them all; ``progress`` gets the share done, 0 to 1."""
     runs = {}
-    if progress:
-        progress(0.0)
-    for j, (name, words) in enumerate(SCENARIOS.items()):
+    tell = progress or (lambda share: None)
+    tell(0.0)
+    for name, words in SCENARIOS.items():
         runs[name] = run_scenario(compose(*words))
-        if progress:
-            progress((j + 1) / len(SCENARIOS))
+        tell(len(runs) / len(SCENARIOS))
     config = runs["fig13"].config
     belief = beliefs_of(config).design
     design, linear = design_for(config, belief), belief.linear()
     assert design is not None
-    moves = {name: run.moves for name, run in runs.items()}
-    return Experiments(runs, moves, play_under_growing_sine(), design, linear.motor, linear.structure)
+    return Experiments(runs, play_under_growing_sine(), design, linear.motor, linear.structure)
 
 
 def play_under_growing_sine(duration_s: float = 10.0, step_s: float = 1e-3) -> Play:
