@@ -44,13 +44,13 @@ site: $(READY)
 
 # docs/gallery.md with its figures: conceals and diagnoses a recording for each, minutes
 gallery: $(READY)
-	$(BIN)/python -m dtbacklash.docs.gallery docs
+	$(BIN)/python -m studies gallery docs
 
 bench: $(READY)
-	$(BIN)/python -m benchmarks
+	$(BIN)/python -m studies
 
 # The lock holds for every Python and every platform; `make lock` after a change of the dependencies. Without the extras
-# `compare` and `ray`: what only a benchmark or a cluster needs does not hold back everything else.
+# `compare` and `ray`: what only a study or a cluster needs does not hold back everything else.
 lock: $(READY)
 	$(BIN)/uv pip compile pyproject.toml --no-config --extra dev --extra docs --extra dask --extra fmu --extra matlab --extra remote --extra submitit --universal --python-version 3.11 \
 		--fork-strategy fewest --generate-hashes --no-annotate --no-emit-index-url --no-header \

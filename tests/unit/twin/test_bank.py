@@ -33,7 +33,7 @@ def belief(known: str) -> Belief:
     return Belief(build_rig(compose(known).rig))
 
 
-slow = pytest.mark.slow  # the bank works for a second; the benchmark tries all of it on random machines
+slow = pytest.mark.slow  # the bank works for a second; the study tries all of it on random machines
 FRICTION, MOTOR = "rig.effects.mass_3.ground_friction.force", "rig.effects.motor_bearing"
 CHANGES = [
     ("rig.parameters.k.value=8000", "stiffness", "all links", 8000.0),

@@ -6,16 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.measure import Row
 from dtbacklash.config.compose import compose
 from dtbacklash.control.belief import Belief, Beliefs
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.files import write_text
 from dtbacklash.physics.rig import build_rig
 from dtbacklash.report.kit.markdown import between, table
+from studies.measure import Row
 
 PAGE = "theory.md"
-BEGIN, END = "<!-- indexes: begin, made by python -m benchmarks indexes -->", "<!-- indexes: end -->"
+BEGIN, END = "<!-- indexes: begin, made by python -m studies indexes -->", "<!-- indexes: end -->"
 BASE = (
     "controller=nimc_fixed", "controller.gap_hat_deg=0", "controller.internal_model=inner_loop", "profile=constant",
     "sensors=encoder", "duration_s=60", "figures=false", "twin.indexes=[frequency,motor,structure]",

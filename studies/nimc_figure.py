@@ -7,8 +7,8 @@ from pathlib import Path
 import pandas as pd
 from matplotlib.axes import Axes
 
-from benchmarks import nimc_forms
 from dtbacklash.report.kit.style import MARKERS, MUTED, SERIES, letter, new_figure, save, styled
+from studies import nimc_forms
 
 #: the left panel: true and believed gap, deg; friction, N m; sensors; until, s
 SHOWN, UNTIL_S = (0.0, 50.0, 0.0, "encoder"), 6.0

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from dtbacklash.docs import real
 from dtbacklash.errors import UserError
 from dtbacklash.files import read_json
 from dtbacklash.recording import load_mapping
+from studies import real
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
 CARRIAGE = {

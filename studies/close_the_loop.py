@@ -15,8 +15,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.ablation import record_of
-from benchmarks.measure import Row
 from dtbacklash.closing import COLUMNS, VARIANTS, compare, table
 from dtbacklash.config.compose import compose
 from dtbacklash.control.belief import Belief, Beliefs, settled
@@ -27,9 +25,11 @@ from dtbacklash.prove import draw as drawing
 from dtbacklash.prove.secret import Secret
 from dtbacklash.report.kit.markdown import between
 from dtbacklash.report.kit.markdown import table as markdown_table
+from studies.ablation import record_of
+from studies.measure import Row
 
 PAGE, ROWS = "closing.md", "proof/closing.json"
-BEGIN, END = "<!-- concealed: begin, made by python -m benchmarks close_the_loop -->", "<!-- concealed: end -->"
+BEGIN, END = "<!-- concealed: begin, made by python -m studies close_the_loop -->", "<!-- concealed: end -->"
 KNOWN_BEGIN, KNOWN_END = BEGIN.replace("concealed", "known"), END.replace("concealed", "known")
 #: machines whose truth is given to the model
 KNOWN = {

@@ -1,7 +1,7 @@
 """The same closed loop by general libraries: python-control, all discrete, and SciPy's ``solve_ivp``.
 
-Both are written as their users would write them, in plain Python. They are slow, and so they simulate the short
-scenario; their q3 is compared with ours there, and their time is scaled by the simulated second.
+Both are written as their users would write them, in plain Python, and are slow. A test compares their q3 with ours on
+the short scenario.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.scenario import Scenario
 from dtbacklash.arrays import Floats
 from dtbacklash.control.design import SampledModel
+from studies.scenario import Scenario
 
 SUBSTEPS = 10
 

@@ -1,8 +1,7 @@
-"""Times of functions, and the rows of a benchmark's table."""
+"""Times of functions, and the rows of a study's table."""
 
 from __future__ import annotations
 
-import statistics
 import time
 from collections.abc import Callable
 from typing import Any
@@ -30,8 +29,3 @@ def interleaved_s(functions: list[Callable[[], object]], repeats: int) -> list[f
 def verdict(value: float, at_most: float | None) -> str:
     """``yes`` or ``no`` by a limit, nothing without one."""
     return "" if at_most is None else ("yes" if value <= at_most else "no")
-
-
-def median(values: list[float]) -> float:
-    """Median of a non-empty list."""
-    return float(statistics.median(values))

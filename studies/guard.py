@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pandas as pd
 
-from benchmarks.campaign import HARM_SCATTER, HARM_SHARE, harmful
-from benchmarks.measure import Row, verdict
+from studies.campaign import HARM_SCATTER, HARM_SHARE, harmful
+from studies.measure import Row, verdict
 
 
 def guard_rows(table: pd.DataFrame) -> list[Row]:

@@ -26,7 +26,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from benchmarks.scenario import new_traces
 from dtbacklash.arrays import Floats
 from dtbacklash.config.compose import compose
 from dtbacklash.config.run import RunConfig
@@ -40,6 +39,7 @@ from dtbacklash.twin.estimate import Problem, estimate_gap
 from dtbacklash.twin.guard import guarded_estimates, outcome
 from dtbacklash.twin.novelty import NoveltyDesign, novelty_design
 from dtbacklash.twin.observer import TwinModel, twin_model
+from studies.scenario import new_traces
 
 #: An estimation did harm if the loop is farther from the exact one than with the old estimate by more than this
 #: share of the moves' rms size, a tenth of the band in which a move counts as settled ...

@@ -6,7 +6,7 @@ a screw that gives way, its pitch error, noise and counts. The same life, with t
 
 - ``old``: the first estimate is kept for all of it, as if nobody had asked the twin;
 - ``exact``: the twin's answers are the true gaps, in force when the twin's would be: the best that it could do;
-- ``former``: through a guard that asks for a clear likelihood ratio alone (:mod:`benchmarks.likelihood`);
+- ``former``: through a guard that asks for a clear likelihood ratio alone (:mod:`studies.likelihood`);
 - ``guarded``: through the guard of the package.
 
 An estimate is *right* within 2 degrees or 5 % of the true gap. A loop is *worse* if the largest overshoot of the moves
@@ -28,8 +28,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from benchmarks.likelihood import likelihood_estimates
-from benchmarks.measure import Row
 from dtbacklash.arrays import Floats
 from dtbacklash.config.compose import compose
 from dtbacklash.config.run import RunConfig
@@ -41,6 +39,8 @@ from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.twin.estimate import Estimate, Problem
 from dtbacklash.twin.guard import Attempt, GuardSettings, Verdict, guarded_estimates
 from dtbacklash.twin.service import Answer, Reply, Request, Twin
+from studies.likelihood import likelihood_estimates
+from studies.measure import Row
 
 #: moves of a life begin every this many seconds; the first answer is in force before the third move
 MOVE_S = 20.0

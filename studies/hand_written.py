@@ -16,8 +16,8 @@ import numpy as np
 from numba import njit
 from scipy.linalg import expm
 
-from benchmarks.scenario import Scenario
 from dtbacklash.arrays import Floats
+from studies.scenario import Scenario
 
 #: halvings of a sample down to the time to which an event is found
 HALVINGS = 16

@@ -7,7 +7,6 @@ import time
 
 import numpy as np
 
-from benchmarks.measure import Row, verdict
 from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Record, diagnose_records
 from dtbacklash.diagnose.data.evidence import Evidence
@@ -18,6 +17,7 @@ from dtbacklash.diagnose.search.trials import Search
 from dtbacklash.diagnose.spread import on_cores
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.physics.rig import Rig, build_rig
+from studies.measure import Row, verdict
 
 SECONDS_MAX, BANK_MAX_S, MEMORY_MAX_MB = 30.0, 5.0, 1000.0
 #: time per recorded second of the longest recording over that of the shortest

@@ -24,7 +24,6 @@ from typing import Any
 import numpy as np
 from scipy.signal import butter, cont2discrete, sosfiltfilt
 
-from benchmarks.measure import Row
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose import Record, diagnose_records, records_of
 from dtbacklash.diagnose.data.evidence import Evidence
@@ -32,6 +31,7 @@ from dtbacklash.physics.rig import Rig
 from dtbacklash.prove.conceal import conceal, nominal_rig
 from dtbacklash.prove.seal import RECORDING, key_path, open_seal
 from dtbacklash.recording import read_recording
+from studies.measure import Row
 
 RATE_HZ, PASS_HZ = 200.0, 40.0
 #: the candidate terms of the residual's equation: name -> function of the nominal motion (y, v, standard deviations 1)
@@ -293,7 +293,7 @@ def alternative_words(rows: list[Row]) -> list[str]:
     return found
 
 
-BEGIN = "<!-- alternatives: begin, made by python -m benchmarks alternatives --docs docs -->"
+BEGIN = "<!-- alternatives: begin, made by python -m studies alternatives --docs docs -->"
 END = "<!-- alternatives: end -->"
 
 
@@ -314,7 +314,7 @@ def docs_block(document: dict[str, Any]) -> str:
     ]
     names = ["what", "theta_m_floors", "q3_floors", "theta_m_one_step", "q3_one_step", "time_s", "hidden_is_among"]
     cells = [[_finite(row.get(name), number) for name in names] for row in rows]
-    command = f"python -m benchmarks alternatives --n {document['n']} --seed {document['seed']} --docs docs"
+    command = f"python -m studies alternatives --n {document['n']} --seed {document['seed']} --docs docs"
     words = "\n".join(f"- {line}" for line in alternative_words(rows))
     return "\n".join([BEGIN, "", f"```sh\n{command}\n```", "", words, "", table(heads, cells), END])
 

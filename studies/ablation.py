@@ -27,7 +27,6 @@ from unittest.mock import patch
 import numpy as np
 from joblib import Parallel, delayed
 
-from benchmarks.measure import Row
 from dtbacklash import sources
 from dtbacklash.campaign.backends import workers
 from dtbacklash.config.compose import compose
@@ -40,6 +39,7 @@ from dtbacklash.prove import draw as drawing
 from dtbacklash.prove.rules import Case, right, within_ambiguity
 from dtbacklash.prove.secret import Secret
 from dtbacklash.report.kit.markdown import table
+from studies.measure import Row
 
 DURATION_S = 6.0
 FITTED_SHARE = 0.7
@@ -257,7 +257,7 @@ def write_docs(kept: Path, folder: Path) -> None:
 
 
 INTRO = """\
-<!-- Made by `python -m benchmarks ablation --docs docs`. Run it again, do not change this page. -->
+<!-- Made by `python -m studies ablation --docs docs`. Run it again, do not change this page. -->
 
 # What each setting of the diagnosis does
 
@@ -267,7 +267,7 @@ cannot change it, and was not run. *Right* is by the rules of [the blind proof](
 be told from counts as named.
 
 Diagnosed so far: {tried} of {settings} settings on {count} recordings, by {state} of the code. A row with fewer
-diagnosed recordings than were read in is not finished; `python -m benchmarks ablation --n 10 --docs docs` goes on where
+diagnosed recordings than were read in is not finished; `python -m studies ablation --n 10 --docs docs` goes on where
 it stopped (hours), and begins anew where the code of the diagnosis has changed since.
 
 With the usual settings:

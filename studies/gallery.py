@@ -1,6 +1,6 @@
 """The gallery of diagnoses: recordings with something hidden in them, and what `dtb diagnose` says of each.
 
-``python -m dtbacklash.docs.gallery [FOLDER [NAME ...]]`` conceals and diagnoses a recording for each exhibit, which
+``python -m studies gallery [FOLDER [NAME ...]]`` conceals and diagnoses a recording for each exhibit, which
 takes minutes, and writes ``gallery.md``, ``images/gallery_<name>.png`` and ``gallery/<name>.json`` into a folder
 (default: ``docs``); with names only these exhibits are made anew. Everything comes from seeds: the same code gives the
 same gallery.
@@ -26,7 +26,7 @@ from dtbacklash.prove.secret import Secret
 from dtbacklash.report.kit.intervals import interval
 from dtbacklash.report.kit.markdown import table
 
-MADE = "<!-- Made by `python -m dtbacklash.docs.gallery`. Change the code, not this page. -->\n"
+MADE = "<!-- Made by `python -m studies gallery docs`. Change the code, not this page. -->\n"
 PAGE, DATA, IMAGES = "gallery.md", "gallery", "images"
 RIG, FOUND = "lead_screw", "found"
 #: width of an image [pixels], its colours, and its size at most [bytes]
@@ -225,9 +225,8 @@ def _of_width(file: Path, width: int) -> Image.Image:
 def main(words: Sequence[str]) -> None:
     """Make the gallery in the folder ``words[0]``; of the exhibits named after it, or all."""
     docs, names = Path(words[0] if words else "docs"), words[1:]
+    unknown = set(names) - {e.name for e in EXHIBITS}
+    if unknown:
+        raise SystemExit(f"no exhibit {min(unknown)!r}; choose of {', '.join(e.name for e in EXHIBITS)}")
     make([e for e in EXHIBITS if not names or e.name in names], docs)
     print(docs / PAGE)
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])

@@ -18,7 +18,6 @@ import numpy as np
 import pandas as pd
 from numpy.random import Generator
 
-from benchmarks.measure import Row
 from dtbacklash.config.compose import compose
 from dtbacklash.control.belief import Belief, Beliefs
 from dtbacklash.errors import Diverged
@@ -28,9 +27,10 @@ from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.prove.draw import name_hash
 from dtbacklash.report.kit.markdown import between, table
 from dtbacklash.twin.bank import Buffer, Diagnosis, diagnose_buffer
+from studies.measure import Row
 
 PAGE = "bank.md"
-BEGIN, END = "<!-- bank: begin, made by python -m benchmarks bank -->", "<!-- bank: end -->"
+BEGIN, END = "<!-- bank: begin, made by python -m studies bank -->", "<!-- bank: end -->"
 PERIOD_S, BUFFER, REST = 16.0, 1500, 100
 MOTOR, DRIVE = "motor_bearing", "motor_circuit"
 

@@ -14,7 +14,6 @@ from unittest.mock import patch
 import numpy as np
 import pandas as pd
 
-from benchmarks.measure import Row
 from dtbacklash.config.compose import compose
 from dtbacklash.config.run import RunConfig
 from dtbacklash.control import laws
@@ -22,6 +21,7 @@ from dtbacklash.experiment import run
 from dtbacklash.experiment.run import RunResult, run_scenario
 from dtbacklash.files import write_text
 from dtbacklash.report.kit.markdown import table
+from studies.measure import Row
 
 FORMS = ("bare", "measured", "inner_loop", "inverse")
 IMC_FORMS = ("bare", "measured", "inner_loop", "exact")
@@ -217,7 +217,7 @@ def _summary(grid: pd.DataFrame) -> str:
 
 def write_docs(grid: pd.DataFrame, ratios: list[Row], folder: Path) -> None:
     """Write the page and its figure."""
-    from benchmarks.nimc_figure import draw
+    from studies.nimc_figure import draw
 
     draw(grid, folder / FIGURE)
     write_text(folder / PAGE, page(grid, ratios))
@@ -230,7 +230,7 @@ COMMAND = (
 )
 ALT = "q3 with an estimate of 50 degrees and no gap, and the overshoot over the error of the estimate"
 INTRO = """\
-<!-- Made by `python -m benchmarks nimc_forms --docs docs`. Run it again, do not change this page. -->
+<!-- Made by `python -m studies nimc_forms --docs docs`. Run it again, do not change this page. -->
 
 # The forms of the internal model, compared
 
@@ -239,7 +239,7 @@ ideal sensors and the encoder (`sensors=encoder`). Why they differ: [theory](the
 Every run has a constant gap and a fixed estimate, moves of ±1 mm with a period of {period:g} s, {duration:g} s long:
 
 ```sh
-python -m benchmarks nimc_forms --docs docs
+python -m studies nimc_forms --docs docs
 {command}
 ```
 

@@ -8,16 +8,16 @@ from typing import Any
 import pandas as pd
 from matplotlib.axes import Axes
 
-from benchmarks.measure import Row
 from dtbacklash.config.compose import compose
 from dtbacklash.experiment.result import RunResult
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.files import write_text
 from dtbacklash.report.kit.markdown import between, table
 from dtbacklash.report.kit.style import INK, MUTED, SERIES, letter, new_figure, save, styled
+from studies.measure import Row
 
 PAGE, IMAGE = "bank.md", "images/aging.png"
-BEGIN, END = "<!-- aging: begin, made by python -m benchmarks aging -->", "<!-- aging: end -->"
+BEGIN, END = "<!-- aging: begin, made by python -m studies aging -->", "<!-- aging: end -->"
 TWINS = {"estimate": "the paper's twin: the gap alone", "bank": "a twin that asks the bank"}
 COLOURS = {"estimate": SERIES[1], "bank": SERIES[0]}
 #: what the machine goes through: name, from, to [s]

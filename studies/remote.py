@@ -19,7 +19,6 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.measure import Row
 from dtbacklash.config.compose import compose
 from dtbacklash.config.run import TwinConfig
 from dtbacklash.experiment.run import run_scenario
@@ -30,11 +29,12 @@ from dtbacklash.remote.client import RemoteTwin
 from dtbacklash.remote.documents import Document
 from dtbacklash.report.kit.markdown import between, table
 from dtbacklash.twin.service import LocalTwin, Request
+from studies.measure import Row
 
 MACHINES, WORKERS = (1, 10, 50), 2
 #: of a row; the paper's reference changes every 20 s
 SECONDS, PERIOD_S = 15.0, 20.0
-BEGIN, END = "<!-- remote: begin, made by python -m benchmarks remote -->", "<!-- remote: end -->"
+BEGIN, END = "<!-- remote: begin, made by python -m studies remote -->", "<!-- remote: end -->"
 HEADS = ("machines", "they ask", "requests/s", "estimates/s", "median delay", "99 %", "dropped")
 
 

@@ -5,10 +5,10 @@ import pytest
 from PIL import Image
 
 from dtbacklash import load_rig
-from dtbacklash.docs import gallery
 from dtbacklash.files import write_json
 from dtbacklash.prove.draw import check_choices
 from dtbacklash.prove.secret import Secret
+from studies import gallery
 
 TRUE = Secret(
     7, "lead_screw", "single", [{"location": "gear", "effect": "backlash", "parameters": {"half_gap": 0.00646}}]

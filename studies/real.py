@@ -1,6 +1,6 @@
 """The public recordings diagnosed: the tables of ``real-recordings.md``, none of whose figures is typed by hand.
 
-``python -m dtbacklash.docs.real [FOLDER [NAME ...]]`` diagnoses each public recording that is at hand, which takes
+``python -m studies real [FOLDER [NAME ...]]`` diagnoses each public recording that is at hand, which takes
 minutes, and writes ``real/<name>.json`` and the tables between two lines of ``real-recordings.md`` into a folder
 (default: ``docs``); with names only these are diagnosed anew.
 """
@@ -23,7 +23,7 @@ from dtbacklash.report.kit.markdown import table
 from dtbacklash.report.kit.numbers import number
 
 PAGE, DATA = "real-recordings.md", "real"
-BEGIN = "<!-- diagnoses: begin, made by python -m dtbacklash.docs.real docs -->"
+BEGIN = "<!-- diagnoses: begin, made by python -m studies real docs -->"
 END = "<!-- diagnoses: end -->"
 MODELS = ("nominal", "recalibrated", "extended")
 #: errors beyond so many times the signal are not given in percent
@@ -232,7 +232,3 @@ def main(words: Sequence[str]) -> None:
         raise SystemExit(f"no diagnosis {min(unknown)!r}; choose of {', '.join(case.name for case in CASES)}")
     make([case for case in CASES if not names or case.name in names], docs)
     print(docs / PAGE)
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])
