@@ -14,7 +14,6 @@ from dtbacklash.config.compose import compose_for
 from dtbacklash.config.grammar import GRAMMARS, RUN
 from dtbacklash.config.groups import packaged_options
 from dtbacklash.config.twin import PARTS
-from dtbacklash.docs import configuration
 from dtbacklash.docs import pages as docs
 from dtbacklash.paper import all_claims, run_experiments
 from dtbacklash.physics.catalogue import CATALOGUE
@@ -79,7 +78,7 @@ def test_every_group_option_setting_and_kind_stands_in_the_configuration() -> No
 
 
 def test_the_first_sentence_does_not_end_at_an_abbreviation() -> None:
-    assert configuration.first_sentence("# Control (Fig. 3 of it): e.g. no gap. More.\na: 1\n") == (
+    assert docs.first_sentence("# Control (Fig. 3 of it): e.g. no gap. More.\na: 1\n") == (
         "Control (Fig. 3 of it): e.g. no gap."
     )
 
