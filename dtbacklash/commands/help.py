@@ -54,7 +54,7 @@ def _settings(grammar: Grammar) -> list[str]:
     for one in grammar.settings.values():
         if one.key.startswith("rig."):
             continue
-        unit = f" [{one.about.unit}]" if one.about.unit else ""
+        unit = f" [{one.unit}]" if one.unit else ""
         allowed = one.allowed() if one.about.choices else ""
         lines += _row(_word(one), f"{one.about.meaning}{unit}" + (f" ({allowed})" if allowed else ""))
     if "rig" in grammar.groups:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from dtbacklash.config.changes import check_changes
-from dtbacklash.config.checks import number
 from dtbacklash.config.choices import (
     BELIEFS,
     COMPENSATED,
@@ -32,7 +31,7 @@ from dtbacklash.config.choices import (
     TWIN_PLACES,
 )
 from dtbacklash.config.rig import RigConfig
-from dtbacklash.config.setting import INPUT, OUTPUT, check, setting
+from dtbacklash.config.setting import INPUT, OUTPUT, check, number, setting
 from dtbacklash.errors import UserError
 
 SAMPLES_MAX = 20_000_000  # a trace of this length needs about 2 GB
@@ -53,11 +52,11 @@ class ControllerConfig:
         "reference_change", "when the twin is asked: never, at a reference change, when the novelty index rises",
         choices=TRIGGERS,
     )  # fmt: skip
-    k_theta_v_per_rad: float = setting(15.0, "gain of the motor's inner loop", unit="V/rad", above=0)
+    k_theta_v_per_rad: float = setting(15.0, "gain of the motor's inner loop", above=0)
     prefilter: str = setting(
         "reduced", "`reduced`: 1/(tau_r s + 1) times the inverse of the dominant mode; `none`: 1", choices=PREFILTERS
     )
-    tau_r_s: float = setting(1.0 / 6.0, "time constant of the reference model", unit="s", above=0)
+    tau_r_s: float = setting(1.0 / 6.0, "time constant of the reference model", above=0)
     internal_model: str = setting(
         "auto", "what drives the model of the structure: u, theta_m, a model of the inner loop (`inverse`: with an "
         "inverse of the backlash); `exact` (imc): G1 G2 sampled as one; `auto`: where the model holds friction or a "
@@ -69,7 +68,7 @@ class ControllerConfig:
         "friction is never one", choices=COMPENSATED, shown=f"[{','.join(COMPENSATED)}]",
     )  # fmt: skip
     gap_hat_deg: float | None = setting(
-        None, "first estimate of the gap; null: that of the model, else 0", unit="deg", at_least=0, at_most=360
+        None, "first estimate of the gap; null: that of the model, else 0", at_least=0, at_most=360
     )
 
     def __post_init__(self) -> None:
@@ -85,12 +84,10 @@ class ProfileConfig:
     """The gap over time. What a kind does not use it ignores; see :func:`dtbacklash.experiment.signals.gap_profile`."""
 
     kind: str = setting("s_curve", "how the gap develops", choices=PROFILES)
-    start_deg: float = setting(0.0, "gap (half-width) at the start", unit="deg", at_least=0, at_most=360)
-    end_deg: float = setting(
-        100.0, "gap at the end; with `constant` it follows start_deg", unit="deg", at_least=0, at_most=360
-    )
-    t_start_s: float = setting(25.0, "growth begins (`step`: the jump)", unit="s", at_least=0)
-    t_end_s: float = setting(175.0, "growth ends", unit="s", at_least=0)
+    start_deg: float = setting(0.0, "gap (half-width) at the start", at_least=0, at_most=360)
+    end_deg: float = setting(100.0, "gap at the end; with `constant` it follows start_deg", at_least=0, at_most=360)
+    t_start_s: float = setting(25.0, "growth begins (`step`: the jump)", at_least=0)
+    t_end_s: float = setting(175.0, "growth ends", at_least=0)
     running_in_share: float = setting(0.15, "wear: share of the growth in the running-in phase", at_least=0, at_most=1)
     running_in_span: float = setting(0.1, "wear: time constant of the running-in, as a share of the time", above=0)
     severe_share: float = setting(0.55, "wear: share of the growth in the severe phase", at_least=0, at_most=1)
@@ -122,18 +119,18 @@ class ReferenceConfig:
 
     kind: str = setting("square", "form of the reference", choices=REFERENCES)
     amplitude_mm: float = setting(
-        1.0, "square: between + and - this, beginning with +; step: from 0 to this", unit="mm", at_least=-1e4,
+        1.0, "square: between + and - this, beginning with +; step: from 0 to this", at_least=-1e4,
         at_most=1e4,
     )  # fmt: skip
-    offset_mm: float = setting(0.0, "added to every kind but csv", unit="mm", at_least=-1e4, at_most=1e4)
-    period_s: float = setting(40.0, "square and multisine: period", unit="s", above=0)
-    t_start_s: float = setting(0.0, "step: when", unit="s", at_least=0)
-    step_mm: float = setting(0.5, "staircase: size of a step", unit="mm", at_least=-1e4, at_most=1e4)
-    dwell_s: float = setting(10.0, "staircase: time on a step", unit="s", above=0)
+    offset_mm: float = setting(0.0, "added to every kind but csv", at_least=-1e4, at_most=1e4)
+    period_s: float = setting(40.0, "square and multisine: period", above=0)
+    t_start_s: float = setting(0.0, "step: when", at_least=0)
+    step_mm: float = setting(0.5, "staircase: size of a step", at_least=-1e4, at_most=1e4)
+    dwell_s: float = setting(10.0, "staircase: time on a step", above=0)
     levels: int = setting(4, "staircase: steps up before it goes down again", at_least=1, at_most=1000)
-    f_min_hz: float = setting(0.1, "multisine: lowest frequency", unit="Hz", above=0)
-    f_max_hz: float = setting(2.0, "multisine: highest frequency, at most half the sample rate", unit="Hz", above=0)
-    rms_mm: float = setting(0.5, "multisine: root mean square", unit="mm", at_least=0, at_most=1e4)
+    f_min_hz: float = setting(0.1, "multisine: lowest frequency", above=0)
+    f_max_hz: float = setting(2.0, "multisine: highest frequency, at most half the sample rate", above=0)
+    rms_mm: float = setting(0.5, "multisine: root mean square", at_least=0, at_most=1e4)
     path: str | None = setting(None, "csv: file with the columns t_s, r_mm", path=INPUT)
     interpolation: str = setting("hold", "csv: between its rows", choices=INTERPOLATIONS)
 
@@ -150,13 +147,13 @@ class ReferenceConfig:
 class TwinConfig:
     """The digital twin: its link, its buffer, its observer and what it accepts."""
 
-    delay_s: float = setting(4.0, "from the full buffer to the new gap in force", unit="s", at_least=0)
+    delay_s: float = setting(4.0, "from the full buffer to the new gap in force", at_least=0)
     buffer: int = setting(1000, "samples of one estimation", unit="samples", at_least=10, at_most=SAMPLES_MAX)
     settle: int = setting(
         400, "of them, how many at the start do not enter the cost (below twin.buffer)", unit="samples", at_least=0
     )
-    observer_pole_rad_s: float = setting(40.0, "all poles of the observer lie at minus this", unit="rad/s", above=0)
-    gap_max_deg: float = setting(180.0, "physical bound of an estimate", unit="deg", above=0, at_most=360)
+    observer_pole_rad_s: float = setting(40.0, "all poles of the observer lie at minus this", above=0)
+    gap_max_deg: float = setting(180.0, "physical bound of an estimate", above=0, at_most=360)
     guard: bool = setting(True, "false: whatever the optimizer returns goes to the controller, as in the paper")
     method: str = setting(
         "auto", "how an estimate explains a buffer: through the structure's linear observer, or by simulating it with "
@@ -170,7 +167,7 @@ class TwinConfig:
         100, "of them, how many lie before the change of the reference", unit="samples", at_least=0
     )
     estimate_from: str = setting("model", "what it knows of the structure", choices=BELIEFS)
-    novelty_threshold_mm: float = setting(0.1, "novelty index that calls the twin", unit="mm", above=0)
+    novelty_threshold_mm: float = setting(0.1, "novelty index that calls the twin", above=0)
     novelty_filter: str = setting("ellip", "low-pass of the index: elliptic or Chebyshev II", choices=NOVELTY_FILTERS)
     indexes: list[str] = setting(
         list, "further novelty indexes, each a column of the trace and an alarm of its own", choices=INDEXES,
@@ -180,12 +177,10 @@ class TwinConfig:
         0.08, "alarm: the mode's frequency is off by this share of the believed one", above=0, below=1
     )
     frequency_amplitude_mm: float = setting(
-        0.02, "amplitude of the mode below which its frequency says nothing", unit="mm", above=0
+        0.02, "amplitude of the mode below which its frequency says nothing", above=0
     )
     motor_threshold_n_m: float = setting(0.005, "alarm: torque left over on the motor, rms", unit="N m", above=0)
-    structure_threshold_mm: float = setting(
-        0.02, "alarm: output error behind the gap in force, rms", unit="mm", above=0
-    )
+    structure_threshold_mm: float = setting(0.02, "alarm: output error behind the gap in force, rms", above=0)
     index_hysteresis: float = setting(
         0.7, "share of its threshold below which an index may raise its next alarm", above=0, at_most=1
     )
@@ -193,7 +188,7 @@ class TwinConfig:
     broker: str = setting("127.0.0.1:1883", "remote: where the MQTT broker is, host:port")
     machine: str = setting("machine", "remote: name of this machine, in the topics and for its key")
     timeout_s: float = setting(
-        10.0, "remote: how long a request waits for its answer, wall clock; then the gap in force stays", unit="s",
+        10.0, "remote: how long a request waits for its answer, wall clock; then the gap in force stays",
         above=0, at_most=86400,
     )  # fmt: skip
     credentials: str | None = setting(
@@ -242,7 +237,7 @@ class SolverConfig:
 
     substeps: int = setting(0, "steps a sample; 0: 1 where that is exact, else 8", at_least=0, at_most=10_000)
     event_levels: int = setting(16, "a contact is located to sample_time_s / substeps / 2^this", at_least=0, at_most=30)
-    divergence_mm: float = setting(1000.0, "a loop whose q3 goes beyond this has diverged", unit="mm", above=0)
+    divergence_mm: float = setting(1000.0, "a loop whose q3 goes beyond this has diverged", above=0)
 
     def __post_init__(self) -> None:
         check(self, "solver.")
@@ -284,8 +279,8 @@ class RunConfig:
     sensors: SensorsConfig = field(default_factory=SensorsConfig)
     solver: SolverConfig = field(default_factory=SolverConfig)
     recording: RecordingOutConfig = field(default_factory=RecordingOutConfig)
-    duration_s: float = setting(200.0, "length of the run, a whole number of samples", unit="s", above=0)
-    sample_time_s: float = setting(0.001, "sample time of the controller and of the trace", unit="s", above=0)
+    duration_s: float = setting(200.0, "length of the run, a whole number of samples", above=0)
+    sample_time_s: float = setting(0.001, "sample time of the controller and of the trace", above=0)
     seed: int = setting(0, "of noise, random references, optimizers that draw lots", at_least=0, at_most=SEED_MAX)
     changes: list[Any] = setting(
         list, "later changes of the machine, each {at_s: s, parameters: {name: value}, effects: {element: {effect: "

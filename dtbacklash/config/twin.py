@@ -37,7 +37,7 @@ class StatusConfig:
     credentials: str | None = setting(
         None, "file of mode 600 with user, password and the key; null: from the environment", path=INPUT
     )
-    wait_s: float = setting(1.0, "how long to listen", unit="s", above=0, at_most=600)
+    wait_s: float = setting(1.0, "how long to listen", above=0, at_most=600)
 
     def __post_init__(self) -> None:
         check(self)

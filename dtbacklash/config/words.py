@@ -58,7 +58,7 @@ def rows(schema: type) -> list[str]:
     """The lines of a help text: each setting with its default and meaning."""
     lines: list[str] = []
     for one in declared(schema):
-        unit = f" [{one.about.unit}]" if one.about.unit else ""
+        unit = f" [{one.unit}]" if one.unit else ""
         head, meaning = f"  {one.key}={one.shown()}", textwrap.wrap(one.about.meaning + unit, WIDTH - COLUMN)
         if len(head) >= COLUMN:
             lines += [head, *(" " * COLUMN + line for line in meaning)]

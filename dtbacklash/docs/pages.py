@@ -165,7 +165,7 @@ def _setting_row(one: Declared) -> list[str]:
     about = one.about
     name = f"`{one.word}`" + (f" (`{one.key}`)" if one.word != one.key else "")
     name += f" (`{about.flag}`)" if about.flag else ""
-    return [name, about.unit, "" if one.is_mapping else one.shown(), one.allowed(), about.meaning]
+    return [name, one.unit, "" if one.is_mapping else one.shown(), one.allowed(), about.meaning]
 
 
 def _about(text: str) -> str:
