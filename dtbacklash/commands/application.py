@@ -26,11 +26,6 @@ def main(name: str, words: Sequence[str]) -> int:
     UserError : whatever the user got wrong.
     """
     grammar = GRAMMARS[name]
-    if any(word in ("-h", "--help", "help") for word in words):
-        from dtbacklash.commands.help import text
-
-        print(text(grammar))
-        return 0
     from dtbacklash.campaign.application import find
     from dtbacklash.config import application
     from dtbacklash.config.explain import as_written, explain

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dtbacklash.campaign.application import Application
-from dtbacklash.config.conceal import ConcealConfig
+from dtbacklash.config.commands import ConcealConfig
 from dtbacklash.config.grammar import RUN_FOLDER
 from dtbacklash.config.load import load, settings_hash
 from dtbacklash.errors import UserError

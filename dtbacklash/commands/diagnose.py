@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from dtbacklash import files
 from dtbacklash.campaign.application import Application
 from dtbacklash.config.application import quoted, unquoted
-from dtbacklash.config.diagnose import DiagnoseConfig
+from dtbacklash.config.commands import DiagnoseConfig
 from dtbacklash.config.grammar import RUN_FOLDER, SWEEP_FOLDER
 from dtbacklash.config.groups import recordings
 from dtbacklash.config.load import load, settings_hash

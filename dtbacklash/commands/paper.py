@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from dtbacklash import sources
 from dtbacklash.campaign.application import Application
+from dtbacklash.config.commands import PaperConfig
 from dtbacklash.config.grammar import RUN_FOLDER
 from dtbacklash.config.load import load
-from dtbacklash.config.paper import PaperConfig
 from dtbacklash.files import run_folder
 
 if TYPE_CHECKING:

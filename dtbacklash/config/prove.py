@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from dtbacklash.config.conceal import COUNT_MAX, SEED_MAX
-from dtbacklash.config.diagnose import JOBS_MAX
+from dtbacklash.config.commands import COUNT_MAX, JOBS_MAX, SEED_MAX
 from dtbacklash.config.rig import RigConfig
 from dtbacklash.config.setting import INPUT, OUTPUT, check, setting
 from dtbacklash.errors import UserError

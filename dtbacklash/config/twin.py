@@ -1,10 +1,17 @@
-"""The settings of ``dtb twin serve``, ``status``, ``broker`` and ``access``."""
+"""The settings of the parts of ``dtb twin``, and the words ``key=value`` that set them: Hydra does not compose them."""
 
 from __future__ import annotations
 
+import difflib
+import typing
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
-from dtbacklash.config.setting import INPUT, OUTPUT, check, setting
+from dtbacklash.config.setting import INPUT, OUTPUT, Declared, check, declared, setting
+from dtbacklash.errors import UserError
+
+Config = TypeVar("Config")
 
 BROKER = "127.0.0.1:1883"
 ACCESS = "twin_access"
@@ -100,3 +107,42 @@ PARTS = {
         None, "print what a twin has to know of a machine, for other clients; takes the words of dtb run"
     ),
 }  # fmt: skip
+
+
+def read(schema: type[Config], words: Sequence[str]) -> Config:
+    """The settings in ``words``, checked.
+
+    Raises
+    ------
+    UserError : an unknown key, one given twice, a value of the wrong kind or out of range.
+    """
+    known = {one.key: one for one in declared(schema)}
+    given: dict[str, Any] = {}
+    for word in words:
+        key, equals, value = word.partition("=")
+        if not equals or not key:
+            raise UserError("argument", word, "write key=value")
+        if key not in known:
+            near = difflib.get_close_matches(key, known, n=1, cutoff=0.6)
+            meant = f"did you mean {near[0]}?" if near else "choose one of " + ", ".join(known)
+            raise UserError(key, value, f"no such setting; {meant}")
+        if key in given:
+            raise UserError(key, value, "is given twice")
+        given[key] = _value(known[key], value)
+    return schema(**given)
+
+
+def _value(one: Declared, text: str) -> Any:
+    if text in ("", "null"):
+        if one.default is None:
+            return None
+        raise UserError(one.key, text, "needs a value")
+    kind = one.plain_kind
+    if typing.get_origin(kind) is list:
+        return [part.strip() for part in text.strip("[]").split(",") if part.strip()]
+    if kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            raise UserError(one.key, text, "must be a whole number" if kind is int else "must be a number") from None
+    return text

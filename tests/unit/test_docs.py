@@ -9,11 +9,10 @@ import pandas as pd
 import pytest
 
 from dtbacklash import cli
-from dtbacklash.config import words as key_values
 from dtbacklash.config.compose import compose_for
 from dtbacklash.config.grammar import GRAMMARS, RUN
 from dtbacklash.config.groups import packaged_options
-from dtbacklash.config.twin import PARTS
+from dtbacklash.config.twin import PARTS, read
 from dtbacklash.docs import pages as docs
 from dtbacklash.paper import all_claims, run_experiments
 from dtbacklash.physics.catalogue import CATALOGUE
@@ -144,7 +143,7 @@ def test_commands_of_the_twin_in_the_docs_are_accepted() -> None:
             if part.schema is None:
                 compose_for(RUN, RUN.schema, *(w for w in words[3:] if "my_rig" not in w))
             else:
-                key_values.read(part.schema, words[3:])
+                read(part.schema, words[3:])
             found += 1
     assert found > 5
 
