@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import importlib
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dtbacklash.config.grammar import GRAMMARS
 
@@ -67,11 +66,9 @@ def task(config: DictConfig) -> None:
         sweep.job(config, folder, command_line(name, hydra.overrides.task))
         return
     from dtbacklash import files
-    from dtbacklash.campaign.application import find
 
     try:
-        settings = find(name).load(config)  # first: a mistake in an override is told here
-        _codes.append(_alone(name)(settings, folder, command_line(name, hydra.overrides.task)))
+        _codes.append(_alone(config, folder, command_line(name, hydra.overrides.task), name))
     except Exception as error:
         files.forget_empty(folder)
         _failures.append(error)
@@ -80,10 +77,16 @@ def task(config: DictConfig) -> None:
         raise
 
 
-def _alone(name: str) -> Callable[[Any, Path, str], int]:
-    """The function ``single`` of a command: does what was asked for, shows it, returns the exit code."""
-    function: Callable[[Any, Path, str], int] = importlib.import_module(f"dtbacklash.commands.{name}").single
-    return function
+def _alone(config: DictConfig, folder: Path, command: str, name: str) -> int:
+    """Do what was asked for, show it, return the exit code."""
+    from dtbacklash.campaign.application import find
+    from dtbacklash.commands import console
+
+    application = find(name)
+    settings = application.load(config)  # first: a mistake in an override is told here
+    with application.progress() if application.progress else console.progress(application.doing) as tell:
+        result, _ = application.do(settings, folder, command, tell)
+    return application.show(result, settings, folder)
 
 
 def command_line(name: str, overrides: Sequence[str]) -> str:
