@@ -102,15 +102,13 @@ class ProfileConfig:
             most = 1 - self.running_in_share
             allowed = f"must be at most {most:g}, as running_in_share={self.running_in_share:g}"
             raise UserError("profile.severe_share", self.severe_share, allowed)
-        self._check_times()
+        grows = self.kind in ("s_curve", "ramp", "wear")
+        if grows and not self.t_end_s > self.t_start_s:
+            raise UserError("profile.t_end_s", self.t_end_s, f"must be above profile.t_start_s={self.t_start_s:g} s")
         if self.kind == "constant" and self.end_deg != self.start_deg:
             raise UserError("profile.end_deg", self.end_deg, "a constant gap is set by profile.start_deg alone")
         if self.kind == "csv":
             _check_input_file("profile.path", self.path, "t_s,gap_deg")
-
-    def _check_times(self) -> None:
-        if self.kind in ("s_curve", "ramp", "wear") and not self.t_end_s > self.t_start_s:
-            raise UserError("profile.t_end_s", self.t_end_s, f"must be above profile.t_start_s={self.t_start_s:g} s")
 
 
 @dataclass
@@ -197,11 +195,10 @@ class TwinConfig:
 
     def __post_init__(self) -> None:
         check(self, "twin.")
-        if self.settle >= self.buffer:
-            raise UserError("twin.settle", self.settle, f"must be below twin.buffer={self.buffer} samples")
-        if self.bank_rest >= self.bank_buffer:
-            allowed = f"must be below twin.bank_buffer={self.bank_buffer} samples"
-            raise UserError("twin.bank_rest", self.bank_rest, allowed)
+        for key, limit in (("settle", "buffer"), ("bank_rest", "bank_buffer")):
+            value, below = getattr(self, key), getattr(self, limit)
+            if value >= below:
+                raise UserError(f"twin.{key}", value, f"must be below twin.{limit}={below} samples")
 
 
 @dataclass
@@ -306,14 +303,9 @@ class RunConfig:
         check_changes(self.changes, self.duration_s, self.sample_time_s)
         self._check_model()
         self._check_rig()
-        nyquist_hz = 0.5 / self.sample_time_s
         if self.reference.kind == "multisine":
-            number(
-                "reference.f_max_hz",
-                self.reference.f_max_hz,
-                at_most=nyquist_hz,
-                unit="Hz (half the sample rate)",
-            )
+            nyquist_hz = 0.5 / self.sample_time_s
+            number("reference.f_max_hz", self.reference.f_max_hz, at_most=nyquist_hz, unit="Hz (half the sample rate)")
 
     @property
     def samples(self) -> int:
@@ -321,23 +313,20 @@ class RunConfig:
         return round(self.duration_s / self.sample_time_s)
 
     def _check_length(self) -> None:
-        number(
-            "duration_s",
-            self.duration_s,
-            at_most=SAMPLES_MAX * self.sample_time_s,
-            unit="s (20 million samples)",
-        )
+        longest_s = SAMPLES_MAX * self.sample_time_s
+        number("duration_s", self.duration_s, at_most=longest_s, unit="s (20 million samples)")
         rest = abs(self.duration_s / self.sample_time_s - self.samples)
         if rest > 1e-6 * max(1.0, self.samples * 1e-6):
             near = self.samples * self.sample_time_s
             raise UserError("duration_s", self.duration_s, f"must be a whole number of samples, e.g. {near:.9g} s")
 
     def _check_rig(self) -> None:
+        sensors = tuple(f"{sensor}_" for sensor in self.rig.sensors)
         for kind in ("noise", "resolution"):
-            for column in getattr(self.sensors, kind):
-                if not any(column.startswith(f"{sensor}_") for sensor in self.rig.sensors):
+            for column, size in getattr(self.sensors, kind).items():
+                if not column.startswith(sensors):
                     allowed = f"a sensor and its unit, e.g. q3_mm; {self.rig.name} has " + ", ".join(self.rig.sensors)
-                    raise UserError(f"sensors.{kind}.{column}", getattr(self.sensors, kind)[column], allowed)
+                    raise UserError(f"sensors.{kind}.{column}", size, allowed)
 
     def _check_model(self) -> None:
         if self.model is not None and self.controller.structure == "open_loop":
@@ -347,17 +336,16 @@ class RunConfig:
         if self.task == "run":
             return
         if self.twin.where == "remote":
-            raise UserError(
-                "twin.where", self.twin.where, "closing the loop makes several runs, with a twin of its own"
-            )
+            allowed = "closing the loop makes several runs, with a twin of its own"
+            raise UserError("twin.where", self.twin.where, allowed)
         if self.controller.reconfigure == "never":
             raise UserError("controller", self.controller.name, "closing the loop takes one that a twin reconfigures")
         if self.pace != "free":
             raise UserError("pace", self.pace, "closing the loop makes several runs; give dtb run one of them")
         if self.recording.save is not None:
             raise UserError("recording.save", self.recording.save, "closing the loop makes several runs")
-        for key, source in (("controller.design_from", self.controller.design_from),
-                            ("twin.estimate_from", self.twin.estimate_from)):  # fmt: skip
+        beliefs = {"controller.design_from": self.controller.design_from, "twin.estimate_from": self.twin.estimate_from}
+        for key, source in beliefs.items():
             if source != "model":
                 raise UserError(key, source, "closing the loop tries what is believed one after the other")
 
