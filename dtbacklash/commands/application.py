@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -42,9 +43,7 @@ def main(name: str, words: Sequence[str]) -> int:
             raise
         raise as_written(mistake, words, grammar) from error
     if application.is_sweep(words):
-        from dtbacklash.commands import campaigns
-
-        return campaigns.report()
+        return report()
     return _codes[0] if _codes else 0
 
 
@@ -87,6 +86,32 @@ def _alone(config: DictConfig, folder: Path, command: str, name: str) -> int:
     with application.progress() if application.progress else console.progress(application.doing) as tell:
         result, _ = application.do(settings, folder, command, tell)
     return application.show(result, settings, folder)
+
+
+def report() -> int:
+    """Print the table of the sweep that has just ended, and why jobs failed; returns the exit code."""
+    from rich.markup import escape
+
+    from dtbacklash.campaign import sweep
+    from dtbacklash.commands.console import shown_path, stdout_console
+    from dtbacklash.report.kit import tables
+
+    outcome = sweep.outcome()
+    if outcome is None:  # Hydra was only asked to show something
+        return 0
+    table, axes = outcome.table, outcome.axes
+    tables.show(tables.sweep(table.drop(columns="error"), axes), "")
+    for row in table[table["status"] != "done"].to_dict("records"):
+        choices = ", ".join(f"{axis}={row[axis]}" for axis in axes)
+        print(f"dtb: job {choices} failed: {row['error']}", file=sys.stderr)
+    done = int((table["status"] == "done").sum())
+    earlier = f", {outcome.kept} of them from before" if outcome.kept else ""
+    console = stdout_console()
+    console.print(f"{done} of {len(table)} jobs done{earlier}")
+    page = outcome.folder / "report.html"
+    shown = page if page.exists() else outcome.folder / sweep.TABLE
+    console.print(escape(shown_path(shown)), soft_wrap=True)
+    return outcome.exit_code
 
 
 def command_line(name: str, overrides: Sequence[str]) -> str:

@@ -40,8 +40,9 @@ def make(config: ConcealConfig, folder: Path, tell: Tell | None = None) -> tuple
     ------
     UserError : a folder with something in it, a choice that cannot be, a key that cannot be used.
     """
-    from dtbacklash.commands import rigs
+    from dtbacklash.face import rigs
     from dtbacklash.physics.rig import build_rig
+    from dtbacklash.physics.rig_file import rig_yaml
     from dtbacklash.prove.conceal import conceal
     from dtbacklash.prove.draw import check_choices
 
@@ -65,7 +66,7 @@ def make(config: ConcealConfig, folder: Path, tell: Tell | None = None) -> tuple
             )  # fmt: skip
             names.append(case.name)
         if name is None:
-            rigs.write(rig, scratch)
+            (scratch / rigs.FILE).write_text(rig_yaml(rig), encoding="utf-8")
         # in an order that tells nothing of the seeds
         (scratch / MARK).write_text(json_text({"recordings": sorted(names)}), encoding="utf-8")
     return names, name or str(folder / rigs.FILE)

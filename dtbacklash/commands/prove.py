@@ -113,7 +113,7 @@ def _workers(config: ProveConfig) -> Workers:
 
 
 def _plan(config: ProveConfig, out: Path) -> Plan:
-    from dtbacklash.commands import rigs
+    from dtbacklash.face import rigs
     from dtbacklash.physics.rig import build_rig
     from dtbacklash.prove.quick import quick_seeds
     from dtbacklash.prove.run import Plan
@@ -168,7 +168,7 @@ def _write_rig(config: ProveConfig, plan: Plan) -> None:
     ------
     UserError : the folder holds the proof of another rig.
     """
-    from dtbacklash.commands import rigs
+    from dtbacklash.face import rigs
     from dtbacklash.physics.rig import build_rig
     from dtbacklash.physics.rig_file import rig_yaml
 
@@ -178,7 +178,7 @@ def _write_rig(config: ProveConfig, plan: Plan) -> None:
     rig = build_rig(config.rig)
     if file.exists() and file.read_text(encoding="utf-8") != rig_yaml(rig):
         raise UserError("out", plan.out, "holds a proof of another rig; give another folder")
-    rigs.write(rig, plan.out)
+    file.write_text(rig_yaml(rig), encoding="utf-8")
 
 
 def _command(config: ProveConfig) -> str:
