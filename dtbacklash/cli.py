@@ -21,8 +21,8 @@ HELP = ("-h", "--help", "help")
 COMMANDS = {
     **{name: grammar.summary for name, grammar in GRAMMARS.items()},
     EXPORT.name: EXPORT.summary,
-    "recordings": "list the public recordings that it knows, and fetch them",
-    "twin": "the digital twin over a network: serve it, its status, a broker, who may speak",
+    "recordings": "list the public recordings that have a mapping, and fetch them",
+    "twin": "the digital twin over a network: serve it, its status, a broker, access rights",
 }
 
 
@@ -31,7 +31,7 @@ def usage() -> str:
     lines = ["dtb: a drive with growing backlash, its controllers and its digital twin", ""]
     lines += ["usage: dtb <command> [key=value ...]", "", "commands:"]
     lines += [f"  {name:<10} {summary}" for name, summary in COMMANDS.items()]
-    lines += ["", "dtb <command> --help says what can be chosen; dtb --version says which code this is;"]
+    lines += ["", "dtb <command> --help lists its settings; dtb --version prints the version;"]
     lines += ["dtb --install-completion lets the shell complete commands, settings and choices (bash, zsh)."]
     return "\n".join(lines)
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 STATUS, TABLE = "status", "sweep.csv"
 KEY = "hydra.sweep.dir"
 NAME_LENGTH = 120
-SILENT = "nothing came back from its worker"
+SILENT = "its worker returned nothing"
 
 _outcomes: list[Outcome] = []
 

@@ -67,7 +67,7 @@ def task(config: DictConfig) -> None:
     from dtbacklash import files
 
     try:
-        _codes.append(_alone(config, folder, command_line(name, hydra.overrides.task), name))
+        _codes.append(_alone(name, config, folder, hydra.overrides.task))
     except Exception as error:
         files.forget_empty(folder)
         _failures.append(error)
@@ -76,7 +76,7 @@ def task(config: DictConfig) -> None:
         raise
 
 
-def _alone(config: DictConfig, folder: Path, command: str, name: str) -> int:
+def _alone(name: str, config: DictConfig, folder: Path, overrides: Sequence[str]) -> int:
     """Do what was asked for, show it, return the exit code."""
     from dtbacklash.campaign.application import find
     from dtbacklash.commands import console
@@ -84,7 +84,7 @@ def _alone(config: DictConfig, folder: Path, command: str, name: str) -> int:
     application = find(name)
     settings = application.load(config)  # first: a mistake in an override is told here
     with application.progress() if application.progress else console.progress(application.doing) as tell:
-        result, _ = application.do(settings, folder, command, tell)
+        result, _ = application.do(settings, folder, command_line(name, overrides), tell)
     return application.show(result, settings, folder)
 
 

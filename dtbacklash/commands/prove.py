@@ -84,7 +84,7 @@ def _compare(plan: Plan, score: Score, rig: str) -> int:
     write_text(plan.out / "reached.yaml", quick.reached_text(rig, score))
     before = quick.reached(rig)
     if not before:
-        print(f"dtb: nothing is on record for rig={rig}: this score is compared with nothing", file=sys.stderr)
+        print(f"dtb: no score of rig={rig} was stored before, so this one is compared with nothing", file=sys.stderr)
     dropped = quick.drops(score, before)
     for line in dropped:
         print(f"dtb: dropped: {line}", file=sys.stderr)

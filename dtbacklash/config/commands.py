@@ -69,11 +69,11 @@ class ConcealConfig:
     kind: str | None = setting(None, "hide this kind of thing, instead of drawing it", choices=KINDS)
     effect: str | None = setting(None, "PLACE.NAME: hide this effect alone, e.g. gear.backlash")
     instruments: str | None = setting(
-        None, "minimal: the fewest that will do, those of the loop; rich: every sensor of the rig; null: drawn",
+        None, "minimal: only the sensors that the loop needs; rich: every sensor of the rig; null: drawn",
         choices=INSTRUMENTS,
     )  # fmt: skip
     key: str | None = setting(
-        None, "file of the key (default: beside the folder, FOLDER.key); one that is there is used again", path=OUTPUT
+        None, "file of the key (default: beside the folder, FOLDER.key); an existing key is used again", path=OUTPUT
     )
 
     def __post_init__(self) -> None:

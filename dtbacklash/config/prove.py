@@ -23,7 +23,7 @@ class ProveConfig:
     rigs: list[str] = setting(
         list, "several rigs instead of one: [NAME, NAME:COUNT, ...], COUNT recordings of it instead of n", shown="[]"
     )
-    n: int = setting(COUNT, "recordings, of each rig", at_least=1, at_most=COUNT_MAX)
+    n: int = setting(COUNT, "recordings of each rig", at_least=1, at_most=COUNT_MAX)
     seed: int = setting(
         SEED, "seed of the first; scoring seeds begin at 10000, the tool is tuned on those below", at_least=0,
         at_most=SEED_MAX,
@@ -40,8 +40,8 @@ class ProveConfig:
     )  # fmt: skip
     docs: str | None = setting(None, "folder: also bring the score into FOLDER/proof.md, with its figures", path=OUTPUT)
     known: str | None = setting(
-        None, "FILE of cases that the same code has finished (docs=FOLDER writes FOLDER/proof/cases.json.gz): those "
-        "that are wanted are not done again", path=INPUT,
+        None, "FILE of cases that the same code has finished (docs=FOLDER writes FOLDER/proof/cases.json.gz); they "
+        "are not done again", path=INPUT,
     )  # fmt: skip
     quick: bool = setting(
         False, "a fixed set of 20 scoring seeds; exit code 1 if the score is below what was reached", flag="--quick"

@@ -64,8 +64,8 @@ class ControllerConfig:
     )  # fmt: skip
     design_from: str = setting("model", "what it is designed for", choices=BELIEFS)
     compensate: list[str] = setting(
-        lambda: list(COMPENSATED), "effects of the model's motor that the voltage takes out beforehand; Coulomb "
-        "friction is never one", choices=COMPENSATED, shown=f"[{','.join(COMPENSATED)}]",
+        lambda: list(COMPENSATED), "effects of the model's motor that the voltage compensates; never Coulomb "
+        "friction", choices=COMPENSATED, shown=f"[{','.join(COMPENSATED)}]",
     )  # fmt: skip
     gap_hat_deg: float | None = setting(
         None, "first estimate of the gap; null: that of the model, else 0", at_least=0, at_most=360
@@ -148,7 +148,7 @@ class TwinConfig:
     delay_s: float = setting(4.0, "from the full buffer to the new gap in force", at_least=0)
     buffer: int = setting(1000, "samples of one estimation", unit="samples", at_least=10, at_most=SAMPLES_MAX)
     settle: int = setting(
-        400, "of them, how many at the start do not enter the cost (below twin.buffer)", unit="samples", at_least=0
+        400, "samples at its start that do not enter the cost; below twin.buffer", unit="samples", at_least=0
     )
     observer_pole_rad_s: float = setting(40.0, "all poles of the observer lie at minus this", above=0)
     gap_max_deg: float = setting(180.0, "physical bound of an estimate", above=0, at_most=360)
@@ -157,15 +157,13 @@ class TwinConfig:
         "auto", "how an estimate explains a buffer: through the structure's linear observer, or by simulating it with "
         "its effects; `auto`: simulate where the model holds effects behind the gear", choices=TWIN_METHODS,
     )  # fmt: skip
-    on_alarm: str = setting("estimate", "what the twin does when it is called; see bank.md", choices=ON_ALARM)
+    on_alarm: str = setting("estimate", "what the twin does when it is asked; see bank.md", choices=ON_ALARM)
     bank_buffer: int = setting(
         1500, "samples of one diagnosis by the bank", unit="samples", at_least=500, at_most=BANK_MAX
     )
-    bank_rest: int = setting(
-        100, "of them, how many lie before the change of the reference", unit="samples", at_least=0
-    )
-    estimate_from: str = setting("model", "what it knows of the structure", choices=BELIEFS)
-    novelty_threshold_mm: float = setting(0.1, "novelty index that calls the twin", above=0)
+    bank_rest: int = setting(100, "samples of it before the change of the reference", unit="samples", at_least=0)
+    estimate_from: str = setting("model", "what the twin takes for the structure", choices=BELIEFS)
+    novelty_threshold_mm: float = setting(0.1, "novelty index at which the twin is asked", above=0)
     novelty_filter: str = setting("ellip", "low-pass of the index: elliptic or Chebyshev II", choices=NOVELTY_FILTERS)
     indexes: list[str] = setting(
         list, "further novelty indexes, each a column of the trace and an alarm of its own", choices=INDEXES,
@@ -177,7 +175,9 @@ class TwinConfig:
     frequency_amplitude_mm: float = setting(
         0.02, "amplitude of the mode below which its frequency says nothing", above=0
     )
-    motor_threshold_n_m: float = setting(0.005, "alarm: torque left over on the motor, rms", unit="N m", above=0)
+    motor_threshold_n_m: float = setting(
+        0.005, "alarm: torque that the motor's model does not explain, rms", unit="N m", above=0
+    )
     structure_threshold_mm: float = setting(0.02, "alarm: output error behind the gap in force, rms", above=0)
     index_hysteresis: float = setting(
         0.7, "share of its threshold below which an index may raise its next alarm", above=0, at_most=1
@@ -207,7 +207,7 @@ class OptimizerConfig:
 
     name: str = setting("bfgs", "method of scipy.optimize", choices=OPTIMIZERS)
     max_evaluations: int = setting(200, "evaluations of the cost, at most", at_least=2, at_most=1_000_000)
-    tolerance: float = setting(1e-6, "when the method stops, in its own terms", above=0, below=1)
+    tolerance: float = setting(1e-6, "tolerance at which the method stops, as scipy defines it", above=0, below=1)
 
     def __post_init__(self) -> None:
         check(self, "optimizer.")
@@ -278,7 +278,7 @@ class RunConfig:
     recording: RecordingOutConfig = field(default_factory=RecordingOutConfig)
     duration_s: float = setting(200.0, "length of the run, a whole number of samples", above=0)
     sample_time_s: float = setting(0.001, "sample time of the controller and of the trace", above=0)
-    seed: int = setting(0, "of noise, random references, optimizers that draw lots", at_least=0, at_most=SEED_MAX)
+    seed: int = setting(0, "seed of noise, random references and random optimizers", at_least=0, at_most=SEED_MAX)
     changes: list[Any] = setting(
         list, "later changes of the machine, each {at_s: s, parameters: {name: value}, effects: {element: {effect: "
         "{parameter: value}}}}, SI; the gap grows by profile.*", shown="[]",
@@ -330,7 +330,7 @@ class RunConfig:
 
     def _check_model(self) -> None:
         if self.model is not None and self.controller.structure == "open_loop":
-            raise UserError("model", self.model.name, "nobody believes anything in open loop; leave it out")
+            raise UserError("model", self.model.name, "open loop uses no model; leave it out")
 
     def _check_task(self) -> None:
         if self.task == "run":
@@ -339,7 +339,7 @@ class RunConfig:
             allowed = "closing the loop makes several runs, with a twin of its own"
             raise UserError("twin.where", self.twin.where, allowed)
         if self.controller.reconfigure == "never":
-            raise UserError("controller", self.controller.name, "closing the loop takes one that a twin reconfigures")
+            raise UserError("controller", self.controller.name, "closing the loop needs one that the twin reconfigures")
         if self.pace != "free":
             raise UserError("pace", self.pace, "closing the loop makes several runs; give dtb run one of them")
         if self.recording.save is not None:
@@ -347,7 +347,7 @@ class RunConfig:
         beliefs = {"controller.design_from": self.controller.design_from, "twin.estimate_from": self.twin.estimate_from}
         for key, source in beliefs.items():
             if source != "model":
-                raise UserError(key, source, "closing the loop tries what is believed one after the other")
+                raise UserError(key, source, "closing the loop runs with each belief in turn; leave it out")
 
     def _check_twin(self) -> None:
         if self.controller.reconfigure != "never":

@@ -38,7 +38,7 @@ class ServeConfig:
 
 @dataclass
 class StatusConfig:
-    """How the twins are."""
+    """The state of the twins."""
 
     broker: str = setting(BROKER, "where the MQTT broker is, host:port")
     credentials: str | None = setting(
@@ -54,8 +54,10 @@ class StatusConfig:
 class BrokerConfig:
     """A broker on this machine."""
 
-    port: int = setting(1883, "of the broker, on 127.0.0.1", at_least=1, at_most=65535)
-    access: str = setting(ACCESS, "folder of dtb twin access; made for one machine where it is not there", path=OUTPUT)
+    port: int = setting(1883, "port of the broker, on 127.0.0.1", at_least=1, at_most=65535)
+    access: str = setting(
+        ACCESS, "folder that dtb twin access made; if missing, it is made for one machine", path=OUTPUT
+    )
 
     def __post_init__(self) -> None:
         check(self)
@@ -63,7 +65,7 @@ class BrokerConfig:
 
 @dataclass
 class AccessConfig:
-    """Who may do what at the broker."""
+    """Users and access rights at the broker."""
 
     out: str = setting(ACCESS, "a new folder", path=OUTPUT)
     machines: list[str] = setting(lambda: ["machine"], "names of the machines", shown="[machine]")
@@ -89,10 +91,10 @@ EXAMPLE = (
 PARTS = {
     "serve": Part(
         ServeConfig, "answer the requests of machines, until Ctrl-C\n"
-        "Takes buffers off an MQTT broker, estimates on a pool of processes, in turn over the machines, and answers.\n"
-        "A line a request on stderr."
+        "Takes buffers off an MQTT broker, estimates on a pool of processes, the machines in turn, and answers.\n"
+        "Prints a line for each request on stderr."
     ),
-    "status": Part(StatusConfig, "how the twins are: machines, last estimates, rejected messages, queue"),
+    "status": Part(StatusConfig, "print the state of the twins: machines, last estimates, rejected messages, queue"),
     "broker": Part(
         BrokerConfig, "start Mosquitto on this machine, on 127.0.0.1 only, until Ctrl-C\n"
         "With users, passwords and access rules from the folder of dtb twin access. Needs Mosquitto 2\n"
@@ -104,7 +106,7 @@ PARTS = {
         "access rules for the broker, and a configuration for it."
     ),
     "describe": Part(
-        None, "print what a twin has to know of a machine, for other clients; takes the words of dtb run"
+        None, "print what a twin has to know of a machine, for other clients; takes the settings of dtb run"
     ),
 }  # fmt: skip
 
