@@ -94,8 +94,8 @@ def test_one_line_exit_2_nothing_left(dtb, tmp_path, word):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_belief_that_nobody_could_have(dtb):
-    check(dtb("run", "controller=open_loop", "model=lead_screw"), "model=lead_screw", "in open loop")
+def test_open_loop_takes_no_model(dtb):
+    check(dtb("run", "controller=open_loop", "model=lead_screw"), "model=lead_screw", "open loop uses no model")
 
 
 def test_an_unknown_command(dtb):
