@@ -63,10 +63,10 @@ site: $(READY)
 
 # docs/gallery.md with its figures: conceals and diagnoses a recording for each, minutes
 gallery: $(READY)
-	$(BIN)/python -m dtbacklash.docs.gallery docs
+	$(BIN)/python -m studies gallery docs
 
 bench: $(READY)
-	$(BIN)/python -m benchmarks
+	$(BIN)/python -m studies
 
 # The lock holds for every Python and every platform; `make lock` after a change of the dependencies. Without the extras
 # `compare`: what only a benchmark needs does not hold back everything else.

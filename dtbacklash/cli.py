@@ -6,6 +6,7 @@ Exit codes: 0 done; 1 the command ran and something in it failed; 2 wrong input;
 from __future__ import annotations
 
 import gc
+import importlib
 import os
 import signal
 import sys
@@ -14,13 +15,14 @@ from dtbacklash.config.grammar import EXPORT, GRAMMARS
 from dtbacklash.errors import UserError
 from dtbacklash.version import __version__
 
-RECORDINGS, TWIN = "recordings", "twin"
+#: what asks for help, behind a command or in its place
+HELP = ("-h", "--help", "help")
 #: command -> what it does; all but three are applications of Hydra
 COMMANDS = {
     **{name: grammar.summary for name, grammar in GRAMMARS.items()},
     EXPORT.name: EXPORT.summary,
-    RECORDINGS: "list the public recordings that it knows, and fetch them",
-    TWIN: "the digital twin over a network: serve it, its status, a broker, who may speak",
+    "recordings": "list the public recordings that have a mapping, and fetch them",
+    "twin": "the digital twin over a network: serve it, its status, a broker, access rights",
 }
 
 
@@ -29,7 +31,7 @@ def usage() -> str:
     lines = ["dtb: a drive with growing backlash, its controllers and its digital twin", ""]
     lines += ["usage: dtb <command> [key=value ...]", "", "commands:"]
     lines += [f"  {name:<10} {summary}" for name, summary in COMMANDS.items()]
-    lines += ["", "dtb <command> --help says what can be chosen; dtb --version says which code this is;"]
+    lines += ["", "dtb <command> --help lists its settings; dtb --version prints the version;"]
     lines += ["dtb --install-completion lets the shell complete commands, settings and choices (bash, zsh)."]
     return "\n".join(lines)
 
@@ -57,33 +59,30 @@ def fail(line: str, exit_code: int = 2) -> int:
 
 
 def _dispatch(words: list[str]) -> int:
-    if not words or words[0] in ("-h", "--help", "help"):
+    name, *rest = words or ["--help"]
+    if name in HELP:
         print(usage())
         return 0
-    if words[0] in ("-V", "--version"):
+    if name in ("-V", "--version"):
         print(f"dtb {__version__}")
         return 0
-    if words[0] in ("--install-completion", "--show-completion", "--complete"):
+    if name in ("--install-completion", "--show-completion", "--complete"):
         from dtbacklash.commands import completion
 
         return completion.main(words)
-    if words[0] not in COMMANDS:
-        raise UserError("command", words[0], "choose one of " + ", ".join(COMMANDS))
-    if words[0] == RECORDINGS:
-        from dtbacklash.commands import recordings
+    if name not in COMMANDS:
+        raise UserError("command", name, "choose one of " + ", ".join(COMMANDS))
+    if any(word in HELP for word in rest):
+        from dtbacklash.commands.help import of_command
 
-        return recordings.main(words[1:])
-    if words[0] == EXPORT.name:
-        from dtbacklash.commands import export
+        print(of_command(name, rest))
+        return 0
+    if name in GRAMMARS:
+        from dtbacklash.commands import application
 
-        return export.main(words[1:])
-    if words[0] == TWIN:
-        from dtbacklash.commands import twin
-
-        return twin.main(words[1:])
-    from dtbacklash.commands import application
-
-    return application.main(words[0], words[1:])
+        return application.main(name, rest)
+    done: int = importlib.import_module(f"dtbacklash.commands.{name}").main(rest)
+    return done
 
 
 def one_blas_thread() -> None:

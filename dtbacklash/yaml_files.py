@@ -7,6 +7,8 @@ an object, and aliases may not blow a small file up (nine lines of nine aliases 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, ClassVar
 
 import yaml
@@ -60,10 +62,7 @@ def read(content: bytes | str) -> Any:
     Mistake : not text, not YAML, too large, too deep, too many values once aliases are written out, a key twice, a
         tag that would make an object, or an interpolation.
     """
-    if len(content) > SIZE_MAX:
-        raise Mistake(f"is too large: {len(content) / 1e6:.0f} MB, at most {SIZE_MAX >> 20} MB")
-    try:
-        text = content.decode("utf-8-sig") if isinstance(content, bytes) else content
+    with _text(content) as text:
         _check_events(text)
         loader = _Loader(text)
         try:
@@ -72,14 +71,6 @@ def read(content: bytes | str) -> Any:
             data = loader.construct_document(node) if node is not None else None
         finally:
             loader.dispose()
-    except UnicodeDecodeError as error:
-        raise Mistake("must be text in UTF-8") from error
-    except yaml.YAMLError as error:
-        raise Mistake(_problem(error)) from error
-    except Mistake:
-        raise
-    except ValueError as error:  # a number of ten thousand digits
-        raise Mistake(f"holds a value that cannot be read ({str(error).splitlines()[0][:60]})") from error
     _check_values(data)
     return data
 
@@ -93,16 +84,26 @@ def check(content: bytes, resolvers: bool = False) -> None:
     ------
     Mistake : see :func:`read`.
     """
+    with _text(content) as text:
+        _check_events(text, resolvers)
+        _check_size(yaml.compose(text, Loader=_Loader))
+
+
+@contextmanager
+def _text(content: bytes | str) -> Iterator[str]:
+    """The text of a file; what goes wrong while it is read, here and in the block, becomes a Mistake."""
     if len(content) > SIZE_MAX:
         raise Mistake(f"is too large: {len(content) / 1e6:.0f} MB, at most {SIZE_MAX >> 20} MB")
     try:
-        text = content.decode("utf-8-sig")
-        _check_events(text, resolvers)
-        _check_size(yaml.compose(text, Loader=_Loader))
+        yield content.decode("utf-8-sig") if isinstance(content, bytes) else content
     except UnicodeDecodeError as error:
         raise Mistake("must be text in UTF-8") from error
     except yaml.YAMLError as error:
         raise Mistake(_problem(error)) from error
+    except Mistake:
+        raise
+    except ValueError as error:  # a number of ten thousand digits
+        raise Mistake(f"holds a value that cannot be read ({str(error).splitlines()[0][:60]})") from error
 
 
 def _check_values(data: Any, key: str = "") -> None:

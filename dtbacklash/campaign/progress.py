@@ -22,11 +22,9 @@ def shown(noun: str = "jobs") -> Iterator[Tell]:
     if not console.is_terminal:
         yield _Lines(noun)
         return
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-    columns = (
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn(noun), TimeRemainingColumn(),
-    )  # fmt: skip
+    columns = "{task.description}", BarColumn(), MofNCompleteColumn(), noun, TimeRemainingColumn()
     with Progress(*columns, console=console, transient=True) as bar:
         rows = {}
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 STATUS, TABLE = "status", "sweep.csv"
 KEY = "hydra.sweep.dir"
 NAME_LENGTH = 120
-SILENT = "nothing came back from its worker"
+SILENT = "its worker returned nothing"
 
 _outcomes: list[Outcome] = []
 
@@ -78,7 +78,7 @@ class SweepJob(Job):
     def work(self) -> None:
         assert self.application is not None
         try:
-            row = self.application.work(self.settings, self.folder, self.command)
+            _, row = self.application.do(self.settings, self.folder, self.command, None)
         except Exception as error:
             self.failed_by(error)
             return
@@ -306,7 +306,8 @@ def finish(folder: Path, jobs: list[SweepJob], application: Application, kept: i
     try:
         with files.written(folder / TABLE, KEY, folder) as scratch:
             table.to_csv(scratch, index=False)
-        application.finish(folder, table.assign(folder=[one.name for one in jobs]), axes)
+        if application.finish is not None:
+            application.finish(folder, table.assign(folder=[one.name for one in jobs]), axes)
     except Failure as error:
         raise Failure(error.key, error.value, f"{error.allowed}; {engine.what_stays(jobs, 'jobs')}") from error
     failed = [entry for entry in entries if entry["status"] != "done"]

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
 import shlex
-from collections.abc import Callable, Sequence
+import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dtbacklash.config.grammar import GRAMMARS
 
@@ -26,11 +26,6 @@ def main(name: str, words: Sequence[str]) -> int:
     UserError : whatever the user got wrong.
     """
     grammar = GRAMMARS[name]
-    if any(word in ("-h", "--help", "help") for word in words):
-        from dtbacklash.commands.help import text
-
-        print(text(grammar))
-        return 0
     from dtbacklash.campaign.application import find
     from dtbacklash.config import application
     from dtbacklash.config.explain import as_written, explain
@@ -48,9 +43,7 @@ def main(name: str, words: Sequence[str]) -> int:
             raise
         raise as_written(mistake, words, grammar) from error
     if application.is_sweep(words):
-        from dtbacklash.commands import campaigns
-
-        return campaigns.report()
+        return report()
     return _codes[0] if _codes else 0
 
 
@@ -72,11 +65,9 @@ def task(config: DictConfig) -> None:
         sweep.job(config, folder, command_line(name, hydra.overrides.task))
         return
     from dtbacklash import files
-    from dtbacklash.campaign.application import find
 
     try:
-        settings = find(name).load(config)  # first: a mistake in an override is told here
-        _codes.append(_alone(name)(settings, folder, command_line(name, hydra.overrides.task)))
+        _codes.append(_alone(name, config, folder, hydra.overrides.task))
     except Exception as error:
         files.forget_empty(folder)
         _failures.append(error)
@@ -85,10 +76,42 @@ def task(config: DictConfig) -> None:
         raise
 
 
-def _alone(name: str) -> Callable[[Any, Path, str], int]:
-    """The function ``single`` of a command: does what was asked for, shows it, returns the exit code."""
-    function: Callable[[Any, Path, str], int] = importlib.import_module(f"dtbacklash.commands.{name}").single
-    return function
+def _alone(name: str, config: DictConfig, folder: Path, overrides: Sequence[str]) -> int:
+    """Do what was asked for, show it, return the exit code."""
+    from dtbacklash.campaign.application import find
+    from dtbacklash.commands import console
+
+    application = find(name)
+    settings = application.load(config)  # first: a mistake in an override is told here
+    with application.progress() if application.progress else console.progress(application.doing) as tell:
+        result, _ = application.do(settings, folder, command_line(name, overrides), tell)
+    return application.show(result, settings, folder)
+
+
+def report() -> int:
+    """Print the table of the sweep that has just ended, and why jobs failed; returns the exit code."""
+    from rich.markup import escape
+
+    from dtbacklash.campaign import sweep
+    from dtbacklash.commands.console import shown_path, stdout_console
+    from dtbacklash.report.kit import tables
+
+    outcome = sweep.outcome()
+    if outcome is None:  # Hydra was only asked to show something
+        return 0
+    table, axes = outcome.table, outcome.axes
+    tables.show(tables.sweep(table.drop(columns="error"), axes), "")
+    for row in table[table["status"] != "done"].to_dict("records"):
+        choices = ", ".join(f"{axis}={row[axis]}" for axis in axes)
+        print(f"dtb: job {choices} failed: {row['error']}", file=sys.stderr)
+    done = int((table["status"] == "done").sum())
+    earlier = f", {outcome.kept} of them from before" if outcome.kept else ""
+    console = stdout_console()
+    console.print(f"{done} of {len(table)} jobs done{earlier}")
+    page = outcome.folder / "report.html"
+    shown = page if page.exists() else outcome.folder / sweep.TABLE
+    console.print(escape(shown_path(shown)), soft_wrap=True)
+    return outcome.exit_code
 
 
 def command_line(name: str, overrides: Sequence[str]) -> str:

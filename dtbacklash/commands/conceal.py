@@ -5,14 +5,13 @@ from __future__ import annotations
 import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dtbacklash.campaign.application import Application
-from dtbacklash.config.conceal import ConcealConfig
+from dtbacklash.config.commands import ConcealConfig
 from dtbacklash.config.grammar import RUN_FOLDER
-from dtbacklash.config.load import load, settings_hash
+from dtbacklash.config.load import settings_hash
 from dtbacklash.errors import UserError
 from dtbacklash.files import forget_empty, json_text, note_missing, run_folder
 
@@ -24,20 +23,10 @@ FIGURES = ("recordings",)
 SHOWN = 3
 
 
-def single(config: ConcealConfig, folder: Path, command: str) -> int:
-    """Make the recordings and say what can be done next; returns the exit code."""
-    from dtbacklash.commands.console import progress
-
-    with progress("concealing") as tell:
-        names, rig = make(config, folder, tell)
-    _show(folder, key_file(config, folder), names, rig)
-    return 0
-
-
-def work(config: ConcealConfig, folder: Path, command: str) -> dict[str, Any]:
-    """The same as a job of a sweep; returns how many recordings there are."""
-    names, _ = make(config, folder)
-    return {"recordings": len(names)}
+def do(config: ConcealConfig, folder: Path, command: str, tell: Tell | None) -> tuple[Any, dict[str, Any]]:
+    """Make the recordings; gives their names with what ``rig=`` takes to diagnose them, and how many there are."""
+    names, rig = make(config, folder, tell)
+    return (names, rig), {"recordings": len(names)}
 
 
 def make(config: ConcealConfig, folder: Path, tell: Tell | None = None) -> tuple[list[str], str]:
@@ -51,8 +40,9 @@ def make(config: ConcealConfig, folder: Path, tell: Tell | None = None) -> tuple
     ------
     UserError : a folder with something in it, a choice that cannot be, a key that cannot be used.
     """
-    from dtbacklash.commands import rigs
+    from dtbacklash.face import rigs
     from dtbacklash.physics.rig import build_rig
+    from dtbacklash.physics.rig_file import rig_yaml
     from dtbacklash.prove.conceal import conceal
     from dtbacklash.prove.draw import check_choices
 
@@ -76,7 +66,7 @@ def make(config: ConcealConfig, folder: Path, tell: Tell | None = None) -> tuple
             )  # fmt: skip
             names.append(case.name)
         if name is None:
-            rigs.write(rig, scratch)
+            (scratch / rigs.FILE).write_text(rig_yaml(rig), encoding="utf-8")
         # in an order that tells nothing of the seeds
         (scratch / MARK).write_text(json_text({"recordings": sorted(names)}), encoding="utf-8")
     return names, name or str(folder / rigs.FILE)
@@ -112,19 +102,21 @@ def _key(path: Path) -> Iterator[None]:
         raise
 
 
-def _show(folder: Path, key: Path, names: list[str], rig: str) -> None:
-    """Print what can be done next."""
+def show(made: tuple[list[str], str], config: ConcealConfig, folder: Path) -> int:
+    """Print what can be done next; returns the exit code."""
     from dtbacklash.commands.console import shown_path
     from dtbacklash.prove.seal import RECORDING
 
+    names, rig = made
     here = shown_path(folder)
     rig = shown_path(Path(rig)) if rig.endswith(".yaml") else rig
     print(f"{len(names)} concealed recording{'s' * (len(names) > 1)} in {here}")
-    print(f"the key: {shown_path(key)}; keep it apart until the diagnoses are written")
+    print(f"the key: {shown_path(key_file(config, folder))}; keep it apart until the diagnoses are written")
     for name in names[:SHOWN]:
         print(shlex.join(["dtb", "diagnose", f"recording={Path(here) / name / RECORDING}", f"rig={rig}"]))
     if len(names) > SHOWN:
         print(f"... and {len(names) - SHOWN} more")
+    return 0
 
 
-APPLICATION = Application("conceal", partial(load, schema=ConcealConfig), settings_hash, work, MARK, FIGURES)
+APPLICATION = Application("conceal", settings_hash, do, show, MARK, FIGURES, "concealing")

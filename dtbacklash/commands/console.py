@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TimeElapsedColumn, TimeRemainingColumn
 from rich.text import Text
 
 if TYPE_CHECKING:
@@ -41,11 +41,8 @@ def progress(what: str, compiles: bool = True) -> Iterator[Tell]:
     """
     console = Console(stderr=True)
     verbose = log.isEnabledFor(logging.INFO)
-    columns = (
-        TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeElapsedColumn(),
-        TextColumn("left:"), TimeRemainingColumn(),
-    )  # fmt: skip
-    bar = Progress(*columns, console=console, transient=True)
+    columns = "{task.description}", BarColumn(), "{task.percentage:3.0f} %", TimeElapsedColumn(), "left:"
+    bar = Progress(*columns, TimeRemainingColumn(), console=console, transient=True)
     number = bar.add_task(what, total=1.0)
     patience = threading.Timer(PATIENCE_S, bar.start)
     patience.daemon = True

@@ -5,17 +5,16 @@ from __future__ import annotations
 import logging
 import os
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dtbacklash import files
 from dtbacklash.campaign.application import Application
 from dtbacklash.config.application import quoted, unquoted
-from dtbacklash.config.diagnose import DiagnoseConfig
+from dtbacklash.config.commands import DiagnoseConfig
 from dtbacklash.config.grammar import RUN_FOLDER, SWEEP_FOLDER
 from dtbacklash.config.groups import recordings
-from dtbacklash.config.load import load, settings_hash
+from dtbacklash.config.load import settings_hash
 from dtbacklash.files import run_folder
 
 if TYPE_CHECKING:
@@ -33,36 +32,17 @@ FIGURES = ("verdict", "findings", "held_out_nominal", "held_out_extended", "nois
 log = logging.getLogger("dtbacklash.diagnose")
 
 
-def single(config: DiagnoseConfig, folder: Path, command: str) -> int:
-    """Diagnose, write the folder and say what was found; returns the exit code."""
-    from dtbacklash.commands.console import progress
+def do(config: DiagnoseConfig, folder: Path, command: str, tell: Tell | None) -> tuple[Diagnosis, dict[str, Any]]:
+    """Read, diagnose, and write the folder, complete or not at all; gives the diagnosis and its row of the table.
 
-    with progress("diagnosing") as tell:
-        found = diagnose_and_write(config, folder, config.jobs or os.cpu_count() or 1, tell)
-    _show(found, folder)
-    return 0
-
-
-def work(config: DiagnoseConfig, folder: Path, command: str) -> dict[str, Any]:
-    """The same as a job of a sweep, on one thread unless ``jobs`` says otherwise; returns a row of the table."""
-    found = diagnose_and_write(config, folder, config.jobs or 1)
-    named = [f"{one.location}.{one.effect or 'unexplained'}" for one in found.findings]
-    return {
-        "verdict": found.verdict,
-        "findings": ", ".join(named or found.recalibrated),
-        "held_out_nominal": found.fit.held_out.nominal,
-        "held_out_extended": found.fit.held_out.extended,
-        "noise_floor": found.fit.noise_floor,
-    }
-
-
-def diagnose_and_write(config: DiagnoseConfig, folder: Path, jobs: int, tell: Tell | None = None) -> Diagnosis:
-    """Read, diagnose, and write the folder, complete or not at all."""
+    A job of a sweep, which nobody watches, works on one thread unless ``jobs`` says otherwise.
+    """
     from dtbacklash.diagnose.say.sentences import notes_of
     from dtbacklash.diagnose.settings import settings
     from dtbacklash.physics.rig import build_rig
     from dtbacklash.report.diagnosis import page
 
+    jobs = config.jobs or (os.cpu_count() if tell else None) or 1
     say = tell or _silent
     with run_folder(folder, RUN_FOLDER, MARK, ENTRIES) as scratch:
         rig = build_rig(config.rig)
@@ -73,7 +53,14 @@ def diagnose_and_write(config: DiagnoseConfig, folder: Path, jobs: int, tell: Te
         diagnosis = run_diagnosis(train, held_out, rig, jobs, say)
         say(1.0, "drawing the report")
         page.write(diagnosis, scratch)
-    return diagnosis
+    named = [f"{one.location}.{one.effect or 'unexplained'}" for one in diagnosis.findings]
+    return diagnosis, {
+        "verdict": diagnosis.verdict,
+        "findings": ", ".join(named or diagnosis.recalibrated),
+        "held_out_nominal": diagnosis.fit.held_out.nominal,
+        "held_out_extended": diagnosis.fit.held_out.extended,
+        "noise_floor": diagnosis.fit.noise_floor,
+    }
 
 
 def _silent(share: float, text: str = "") -> None:
@@ -115,8 +102,8 @@ def with_rig(words: list[str]) -> list[str]:
     return [*words, f"rig={quoted(rig)}"] if rig else words
 
 
-def _show(diagnosis: Diagnosis, folder: Path) -> None:
-    """Print the verdict, the findings, the fit before and after, and where the report is."""
+def show(diagnosis: Diagnosis, config: DiagnoseConfig, folder: Path) -> int:
+    """Print the verdict, the findings, the fit before and after, and where the report is; returns the exit code."""
     from rich.markup import escape
 
     from dtbacklash.commands.console import shown_path, stdout_console
@@ -128,6 +115,7 @@ def _show(diagnosis: Diagnosis, folder: Path) -> None:
         tables.show(line)
     tables.show("", tables.fit(asdict(diagnosis.fit)), "")
     console.print(escape(shown_path(folder / "report.html")), soft_wrap=True)
+    return 0
 
 
 def fingerprint(config: DiagnoseConfig) -> str:
@@ -150,5 +138,5 @@ def finish(folder: Path, table: pd.DataFrame, axes: list[str]) -> None:
 
 
 APPLICATION = Application(
-    "diagnose", partial(load, schema=DiagnoseConfig), fingerprint, work, MARK, FIGURES, finish, with_rig
+    "diagnose", fingerprint, do, show, MARK, FIGURES, "diagnosing", finish=finish, complete=with_rig
 )

@@ -17,11 +17,6 @@ def main(words: Sequence[str]) -> int:
     ------
     UserError : whatever the user got wrong.
     """
-    if any(word in ("-h", "--help", "help") for word in words):
-        from dtbacklash.commands.help import plain_text
-
-        print(plain_text(EXPORT, "dtb export fmu"))
-        return 0
     if not words or words[0] != FMU:
         raise UserError("argument", words[0] if words else "(missing)", "write dtb export fmu")
     option = next((word for word in words if word.startswith("-")), None)
@@ -37,8 +32,8 @@ def main(words: Sequence[str]) -> int:
 
 def _export(words: Sequence[str]) -> None:
     from dtbacklash.commands.console import shown_path
+    from dtbacklash.config.commands import ExportConfig
     from dtbacklash.config.compose import compose_for
-    from dtbacklash.config.export import ExportConfig
     from dtbacklash.fmu import export, interface
     from dtbacklash.physics.rig import build_rig
 

@@ -1,29 +1,58 @@
-"""``dtb <command> --help``, made from the command's grammar and schema; loads neither Hydra nor numpy."""
+"""``dtb <command> --help``, made from grammars and schemas; loads neither Hydra nor numpy."""
 
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Iterable, Sequence
 
-from dtbacklash.config.grammar import COMMON, Grammar
+from dtbacklash.config.grammar import COMMON, EXPORT, FILES, GRAMMARS, Grammar
 from dtbacklash.config.groups import GROUPS, LAUNCHERS, options
-from dtbacklash.config.setting import Declared
+from dtbacklash.config.setting import Declared, declared
+from dtbacklash.config.twin import EXAMPLE, PARTS
 
 WIDTH, COLUMN = 116, 36
+RECORDINGS = """\
+usage: dtb recordings
+       dtb recordings fetch NAME [FILE]
+
+Lists the recordings that have a mapping (conf/recording/*.yaml): what they are, where they were found, how
+to cite them. fetch downloads the files of one of them from their public source and compares their SHA-256.
+
+A recording is looked for in the folder $DTB_RECORDINGS (also in its subfolder NAME), then in the download
+cache."""
+
+
+def of_command(name: str, words: Sequence[str]) -> str:
+    """The help of the command ``name``; ``words`` : what stands behind it, of which one may name a part."""
+    if name == "recordings":
+        return RECORDINGS
+    if name == "twin":
+        return of_the_twin(words[0]) if words[0] in PARTS else _twin()
+    return text((GRAMMARS | FILES)[name])
 
 
 def text(grammar: Grammar) -> str:
     """The help of a command, with the options of the packaged ``conf`` and of a ``conf`` folder here."""
-    flags = " ".join(f"[{flag}]" for flag in grammar.flags)
-    usage = f"usage: dtb {grammar.name} [-m] {'[group=option ...] ' if grammar.groups else ''}[key=value ...] [-v]"
-    parts = [f"{usage} {flags}".rstrip(), "", grammar.about]
-    parts += [
-        "-m sweeps: every combination of the comma-separated choices, one table at the end; started again, it does"
-    ]
-    parts += ["only what is missing.", ""]
+    program = "dtb export fmu" if grammar is EXPORT else f"dtb {grammar.name} [-m]"
+    usage = ["usage:", program, *(["[group=option ...]"] if grammar.groups else []), "[key=value ...]"]
+    parts = [" ".join([*usage, *([] if grammar.one_file else ["[-v]"]), *(f"[{flag}]" for flag in grammar.flags)])]
+    parts += ["", grammar.about]
+    if not grammar.one_file:
+        parts += [
+            "-m sweeps: every combination of the comma-separated choices, one table at the end; started again, it does",
+            "only what is missing.",
+        ]
     if grammar.groups:
-        parts += ["choices (group=option):", *_choices(grammar), ""]
-    parts += ["settings (key=default) [unit]:", *_settings(grammar)]
-    parts += [line for word, about in COMMON.items() for line in _row(word, _meaning(grammar, word, about.meaning))]
+        parts += ["", "choices (group=option):", *_choices(grammar)]
+    parts += ["", "settings (key=default) [unit]:"]
+    parts += _settings(one for one in grammar.settings.values() if not one.key.startswith("rig."))
+    if "rig" in grammar.groups:
+        parts += _row("rig.parameters.NAME.value=VALUE", "a parameter of the rig [SI]")
+        parts += _row("rig.effects.ELEMENT.EFFECT.PARAMETER=VALUE", "a physical effect [SI]")
+    if not grammar.one_file:
+        for word, about in COMMON.items():
+            default = f" (default {grammar.folder})" if word.startswith("out=") else ""
+            parts += _row(word, about.meaning + default)
     parts += ["", *([grammar.after] if grammar.after else []), "examples:"]
     parts += [f"  {example}" for example in grammar.examples]
     if grammar.groups:
@@ -31,50 +60,45 @@ def text(grammar: Grammar) -> str:
     return "\n".join(parts)
 
 
-def plain_text(grammar: Grammar, program: str) -> str:
-    """The help of a command that writes one file; ``program``: how a person calls it."""
-    parts = [f"usage: {program} [group=option ...] [key=value ...]", "", grammar.about, ""]
-    parts += ["choices (group=option):", *_choices(grammar, launchers=False), ""]
-    parts += ["settings (key=default) [unit]:", *_settings(grammar), "", "examples:"]
-    return "\n".join([*parts, *(f"  {example}" for example in grammar.examples)])
+def _twin() -> str:
+    lines = ["usage: dtb twin <part> [key=value ...]", "", "The digital twin as a process of its own, over MQTT 5.", ""]
+    lines += [f"  {name:<10} {part.about.splitlines()[0]}" for name, part in PARTS.items()]
+    lines += ["", "dtb twin <part> --help lists its settings. In three terminals:", *(f"  {line}" for line in EXAMPLE)]
+    return "\n".join(lines)
 
 
-def _choices(grammar: Grammar, launchers: bool = True) -> list[str]:
+def of_the_twin(name: str) -> str:
+    """The text of ``dtb twin <part> --help``."""
+    part = PARTS[name]
+    settings = ["", "settings (key=default) [unit]:", *_settings(declared(part.schema))] if part.schema else []
+    return "\n".join([f"usage: dtb twin {name} [key=value ...]", "", part.about, *settings])
+
+
+def _choices(grammar: Grammar) -> list[str]:
+    chosen = {group: ", ".join(options(group)) for group in grammar.groups}
+    if not grammar.one_file:
+        chosen["hydra/launcher"] = LAUNCHERS
     lines = []
-    for group in (*grammar.groups, *(("hydra/launcher",) if launchers else ())):
-        chosen = LAUNCHERS if group == "hydra/launcher" else ", ".join(options(group))
+    for group, names in chosen.items():
         lines.append(f"  {group:<15} {GROUPS[group]}")
-        lines += [f"  {'':<17} {line}" for line in textwrap.wrap(chosen, WIDTH - 20)]
+        lines += textwrap.wrap(names, WIDTH, initial_indent=" " * 20, subsequent_indent=" " * 20)
     return lines
 
 
-def _settings(grammar: Grammar) -> list[str]:
-    """A row a setting; the rig's, which is described by its file, in one."""
+def _settings(settings: Iterable[Declared]) -> list[str]:
+    """A row a setting: the word and its default, the meaning, the unit, the choices."""
     lines: list[str] = []
-    for one in grammar.settings.values():
-        if one.key.startswith("rig."):
-            continue
-        unit = f" [{one.about.unit}]" if one.about.unit else ""
-        allowed = one.allowed() if one.about.choices else ""
-        lines += _row(_word(one), f"{one.about.meaning}{unit}" + (f" ({allowed})" if allowed else ""))
-    if "rig" in grammar.groups:
-        lines += _row("rig.parameters.NAME.value=VALUE", "a parameter of the rig [SI]")
-        lines += _row("rig.effects.ELEMENT.EFFECT.PARAMETER=VALUE", "a physical effect [SI]")
+    for one in settings:
+        word = f"{one.about.flag} ({one.key}=true)" if one.about.flag else f"{one.word}={one.shown()}"
+        unit = f" [{one.unit}]" if one.unit else ""
+        choices = f" ({one.allowed()})" if one.about.choices else ""
+        lines += _row(word, one.about.meaning + unit + choices)
     return lines
-
-
-def _word(one: Declared) -> str:
-    return f"{one.about.flag} ({one.key}=true)" if one.about.flag else f"{one.word}={one.shown()}"
-
-
-def _meaning(grammar: Grammar, word: str, meaning: str) -> str:
-    return f"{meaning} (default {grammar.folder})" if word.startswith("out=") else meaning
 
 
 def _row(head: str, meaning: str) -> list[str]:
     """Head and meaning in two columns; a long head has a line of its own."""
-    lines = textwrap.wrap(meaning, WIDTH - COLUMN) or [""]
+    indent = " " * COLUMN
+    lines = textwrap.wrap(meaning, WIDTH, initial_indent=indent, subsequent_indent=indent)
     first = f"  {head}"
-    if len(first) >= COLUMN:
-        return [first, *(" " * COLUMN + line for line in lines)]
-    return [f"{first:<{COLUMN}}{lines[0]}", *(" " * COLUMN + line for line in lines[1:])]
+    return [first, *lines] if len(first) >= COLUMN else [f"{first:<{COLUMN}}{lines[0].lstrip()}", *lines[1:]]

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dtbacklash.campaign import progress
 from dtbacklash.campaign.application import Application
-from dtbacklash.config.load import load, settings_hash
+from dtbacklash.config.load import settings_hash
 from dtbacklash.config.prove import ProveConfig
 from dtbacklash.errors import UserError
 
@@ -25,28 +25,9 @@ MARK = "score.json"
 FIGURES = ("strict", "within_ambiguity", "nothing_found", "parameters_told", "unknown_admitted")
 
 
-def single(config: ProveConfig, folder: Path, command: str) -> int:
-    """Prove, show the score, and with ``--quick`` hold it against what was reached; returns the exit code."""
-    from dtbacklash.campaign.progress import shown
+def do(config: ProveConfig, folder: Path, command: str, tell: Tell | None) -> tuple[Any, dict[str, Any]]:
+    """Check what can be checked, then do what is missing of the proof; gives plan and score, and the score's shares."""
     from dtbacklash.commands.console import announce_compilation
-
-    with shown("recordings") as tell:
-        plan, score = prepare_and_prove(config, folder, tell, announce_compilation)
-    _show(score, plan.out)
-    return _compare(plan, score, config) if config.quick else 0
-
-
-def work(config: ProveConfig, folder: Path, command: str) -> dict[str, Any]:
-    """The same as a job of a sweep; returns the shares of the score."""
-    _, score = prepare_and_prove(config, folder, lambda stage, done, total: None)
-    return {name: score.figure(name).right / score.figure(name).of if score.figure(name).of else None
-            for name in FIGURES}  # fmt: skip
-
-
-def prepare_and_prove(
-    config: ProveConfig, folder: Path, tell: Tell, begin: Callable[[], None] = lambda: None
-) -> tuple[Plan, Score]:
-    """Check what can be checked, call ``begin``, then do what is missing of the proof."""
     from dtbacklash.prove import run
 
     by = _workers(config)
@@ -58,11 +39,18 @@ def prepare_and_prove(
         check_docs(docs)
     if plan.folder is not None:
         run.check_given(plan)
-    begin()
+    if tell is not None:
+        announce_compilation()
     with _nothing_half_made(plan):
         run.claim(plan)
         _write_rig(config, plan)
-        return plan, prove(plan, by, tell, _command(config), docs)
+        score = prove(plan, by, tell or _silent, _command(config), docs)
+    shares = {name: score.figure(name) for name in FIGURES}
+    return (plan, score), {name: share.right / share.of if share.of else None for name, share in shares.items()}
+
+
+def _silent(stage: str, done: int, total: int) -> None:
+    """Tell nobody."""
 
 
 def prove(plan: Plan, by: Workers, tell: Tell, command: str = "", docs: Path | None = None) -> Score:
@@ -97,7 +85,7 @@ def _compare(plan: Plan, score: Score, config: ProveConfig) -> int:
     write_text(plan.out / "reached.yaml", quick.reached_text(rig, n, score))
     before = quick.reached(rig, n)
     if not before:
-        print(f"dtb: nothing is on record for rig={rig}: this score is compared with nothing", file=sys.stderr)
+        print(f"dtb: no score of rig={rig} was stored before, so this one is compared with nothing", file=sys.stderr)
     dropped = quick.drops(score, before)
     for line in dropped:
         print(f"dtb: dropped: {line}", file=sys.stderr)
@@ -126,7 +114,7 @@ def _workers(config: ProveConfig) -> Workers:
 
 
 def _plan(config: ProveConfig, out: Path) -> Plan:
-    from dtbacklash.commands import rigs
+    from dtbacklash.face import rigs
     from dtbacklash.physics.rig import build_rig
     from dtbacklash.prove.quick import quick_seeds
     from dtbacklash.prove.run import Plan
@@ -182,7 +170,7 @@ def _write_rig(config: ProveConfig, plan: Plan) -> None:
     ------
     UserError : the folder holds the proof of another rig.
     """
-    from dtbacklash.commands import rigs
+    from dtbacklash.face import rigs
     from dtbacklash.physics.rig import build_rig
     from dtbacklash.physics.rig_file import rig_yaml
 
@@ -192,7 +180,7 @@ def _write_rig(config: ProveConfig, plan: Plan) -> None:
     rig = build_rig(config.rig)
     if file.exists() and file.read_text(encoding="utf-8") != rig_yaml(rig):
         raise UserError("out", plan.out, "holds a proof of another rig; give another folder")
-    rigs.write(rig, plan.out)
+    file.write_text(rig_yaml(rig), encoding="utf-8")
 
 
 def _command(config: ProveConfig) -> str:
@@ -208,16 +196,18 @@ def _command(config: ProveConfig) -> str:
     return " ".join(["dtb prove", *kept, *([] if config.rig.name == "lead_screw" else [f"rig={config.rig.name}"])])
 
 
-def _show(score: Score, folder: Path) -> None:
-    """Print the score, and where the report is."""
+def show(proved: tuple[Plan, Score], config: ProveConfig, folder: Path) -> int:
+    """Print the score and where the report is; with ``--quick`` hold the score against what was reached."""
     from rich.markup import escape
 
     from dtbacklash.commands.console import shown_path, stdout_console
     from dtbacklash.report.kit import tables
     from dtbacklash.report.proof import terminal
 
+    plan, score = proved
     tables.show(terminal.table(score), "")
-    stdout_console().print(escape(shown_path(folder / "report.html")), soft_wrap=True)
+    stdout_console().print(escape(shown_path(plan.out / "report.html")), soft_wrap=True)
+    return _compare(plan, score, config) if config.quick else 0
 
 
 def fingerprint(config: ProveConfig) -> str:
@@ -225,4 +215,4 @@ def fingerprint(config: ProveConfig) -> str:
     return settings_hash(replace(config, jobs=1, backend="loky", scheduler=None, docs=None, known=None), [config.key])
 
 
-APPLICATION = Application("prove", partial(load, schema=ProveConfig), fingerprint, work, MARK, FIGURES)
+APPLICATION = Application("prove", fingerprint, do, show, MARK, FIGURES, progress=lambda: progress.shown("recordings"))

@@ -10,22 +10,9 @@ from dtbacklash.errors import UserError
 if TYPE_CHECKING:
     from dtbacklash.recording.mapping import Mapping
 
-HELP = """\
-usage: dtb recordings
-       dtb recordings fetch NAME [FILE]
-
-Lists the recordings that have a mapping (conf/recording/*.yaml): what they are, where they were found, how
-to cite them. fetch downloads the files of one of them from their public source and compares their SHA-256.
-
-A recording is looked for in the folder $DTB_RECORDINGS (also in its subfolder NAME), then in the download
-cache."""
-
 
 def main(words: Sequence[str]) -> int:
     """Run ``dtb recordings``; returns the exit code."""
-    if any(word in ("-h", "--help", "help") for word in words):
-        print(HELP)
-        return 0
     if not words:
         _list()
         return 0

@@ -3,55 +3,48 @@
 from __future__ import annotations
 
 import sys
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dtbacklash import files
 from dtbacklash.campaign.application import Application
 from dtbacklash.config.grammar import SWEEP_FOLDER
-from dtbacklash.config.load import fingerprint, load
+from dtbacklash.config.load import fingerprint
 from dtbacklash.config.run import RunConfig
 from dtbacklash.face.run_files import simulate_and_write
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from dtbacklash.commands.console import Tell
+
 FIGURES = ("overshoot_pct_max", "settling_time_s_max", "peak_voltage_v", "n_estimations", "n_accepted")
 
 
-def single(config: RunConfig, folder: Path, command: str) -> int:
-    """Simulate ``config``, write its folder and tell the user; returns the exit code."""
+def do(config: RunConfig, folder: Path, command: str, tell: Tell | None) -> tuple[Any, dict[str, Any]]:
+    """Simulate, or close the loop, and write the folder; gives a ``RunResult`` or a ``Closed``."""
+    if config.task == "close_the_loop":
+        from dtbacklash.face.run_files import close_and_write, closed_summary
+
+        told = None if tell is None else lambda text, share: tell(share, text)
+        closed = close_and_write(config, folder, command, told)
+        return closed, closed_summary(config, closed, command)
+    result = simulate_and_write(config, folder, command, tell)
+    return result, dict(result.summary)
+
+
+def show(result: Any, config: RunConfig, folder: Path) -> int:
+    """Print what came out; returns the exit code."""
     from dtbacklash.commands import console
 
     if config.task == "close_the_loop":
-        return _close(config, folder, command)
-    with console.progress("simulating") as tell:
-        result = simulate_and_write(config, folder, command, tell)
+        from dtbacklash.report.closing.page import found_in_words
+
+        console.print_beliefs(found_in_words(result.diagnosis), result.table, folder)
+        return 0
     console.print_run(result.summary, result.moves, result.estimates, folder)
     sys.stdout.flush()
     return 0
-
-
-def _close(config: RunConfig, folder: Path, command: str) -> int:
-    """Record, diagnose, run with what was found, and tell the user; returns the exit code."""
-    from dtbacklash.commands import console
-    from dtbacklash.face.close_files import close_and_write
-    from dtbacklash.report.closing.page import found_in_words
-
-    with console.progress("closing the loop") as tell:
-        closed = close_and_write(config, folder, command, lambda text, share: tell(share, text))
-    console.print_beliefs(found_in_words(closed.diagnosis), closed.table, folder)
-    return 0
-
-
-def work(config: RunConfig, folder: Path, command: str) -> dict[str, Any]:
-    """Simulate and write the folder of one job; returns its summary."""
-    if config.task == "close_the_loop":
-        from dtbacklash.face.close_files import close_and_write, summary
-
-        return summary(config, close_and_write(config, folder, command), command)
-    return dict(simulate_and_write(config, folder, command).summary)
 
 
 def finish(folder: Path, table: pd.DataFrame, axes: list[str]) -> None:
@@ -69,6 +62,6 @@ def saved(config: RunConfig) -> Path | None:
 
 
 APPLICATION = Application(
-    "run", partial(load, schema=RunConfig), fingerprint, work, "summary.json", FIGURES, finish, writes=saved,
+    "run", fingerprint, do, show, "summary.json", FIGURES, "simulating", finish=finish, writes=saved,
     writes_key="recording.save",
 )  # fmt: skip

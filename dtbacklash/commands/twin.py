@@ -8,40 +8,21 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from dtbacklash.config import words as key_values
-from dtbacklash.config.twin import EXAMPLE, PARTS, AccessConfig, BrokerConfig, ServeConfig, StatusConfig
+from dtbacklash.commands.help import of_command
+from dtbacklash.config.twin import PARTS, AccessConfig, BrokerConfig, ServeConfig, StatusConfig, read
 from dtbacklash.errors import UserError
 
 
 def main(words: Sequence[str]) -> int:
     """Run ``dtb twin``; returns the exit code."""
-    asks = any(word in ("-h", "--help", "help") for word in words)
-    if not words or (asks and words[0] not in PARTS):
-        print(usage())
+    if not words:
+        print(of_command("twin", ["--help"]))
         return 0
     name, *rest = words
     if name not in PARTS:
         raise UserError("twin", name, "choose one of " + ", ".join(PARTS))
-    part = PARTS[name]
-    if asks:
-        print(help_of(name))
-        return 0
-    return DOES[name](rest if part.schema is None else key_values.read(part.schema, rest))
-
-
-def usage() -> str:
-    """The text of ``dtb twin --help``."""
-    lines = ["usage: dtb twin <part> [key=value ...]", "", "The digital twin as a process of its own, over MQTT 5.", ""]
-    lines += [f"  {name:<10} {part.about.splitlines()[0]}" for name, part in PARTS.items()]
-    lines += ["", "dtb twin <part> --help lists its settings. In three terminals:", *(f"  {line}" for line in EXAMPLE)]
-    return "\n".join(lines)
-
-
-def help_of(name: str) -> str:
-    """The text of ``dtb twin <part> --help``."""
-    part = PARTS[name]
-    settings = [] if part.schema is None else ["", "settings (key=default) [unit]:", *key_values.rows(part.schema)]
-    return "\n".join([f"usage: dtb twin {name} [key=value ...]", "", part.about, *settings])
+    schema = PARTS[name].schema
+    return DOES[name](rest if schema is None else read(schema, rest))
 
 
 def _serve(config: ServeConfig) -> int:

@@ -9,6 +9,7 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import hydra
 from hydra import version
@@ -17,8 +18,10 @@ from hydra._internal.utils import create_automatic_config_search_path
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.types import Quote, QuotedString
+from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf
 
+from dtbacklash import files
 from dtbacklash.config.grammar import FILES, FOLDER_WORD, GRAMMARS, RUN_FOLDER, SWEEP_FOLDER, VERBOSE, Grammar
 from dtbacklash.config.groups import NO_RECORDING, RIGS, options
 from dtbacklash.config.prove import folder_name
@@ -39,6 +42,13 @@ _HUGE = re.compile(r"\d{1000}")
 _FUNCTION = re.compile(r"(choice|glob|range|interval|shuffle|sort|tag)\(.*\)$")
 
 Task = Callable[[DictConfig], object]
+
+
+class NoteFolders(Callback):
+    """What Hydra calls around a run: notes which folders it is about to create, so that a failed run removes them."""
+
+    def on_run_start(self, config: DictConfig, **kwargs: Any) -> None:
+        files.note_missing(Path(str(config.hydra.run.dir)))
 
 
 def overrides(grammar: Grammar, words: Sequence[str]) -> list[str]:

@@ -22,7 +22,7 @@ PREFILTERS = {
     "none": "no dynamical prefilter",
 }
 INTERNAL_MODELS = {
-    "auto": "a complete model of the inner loop where the model holds friction or a load on the motor, else bare",
+    "auto": "a complete model of the inner loop where the model has friction or a load on the motor, else bare",
     "bare": "the internal model is driven by the voltage (the paper's form)",
     "measured": "the internal model is driven by the measured motor angle",
     "inner_loop": "the internal model is that of the closed inner loop",
@@ -30,13 +30,13 @@ INTERNAL_MODELS = {
     "exact": "the internal model is motor and structure, sampled as one",
 }
 BELIEFS = {
-    "model": "what `model=` says",
+    "model": "the rig of `model=`",
     "nominal": "the rig's own parameters, without effects",
 }
 TWIN_METHODS = {
-    "auto": "simulate where the model holds effects behind the gear, else linear",
+    "auto": "simulate where the model has effects behind the gear, else linear",
     "linear": "the twin filters what was measured through the structure's linear observer (the paper's form)",
-    "simulate": "the twin simulates the structure with all effects that it believes in",
+    "simulate": "the twin simulates the structure with all effects of its model",
 }
 ON_ALARM = {
     "estimate": "the gap is estimated (the paper's twin)",
@@ -48,8 +48,8 @@ TWIN_PLACES = {
 }
 INDEXES = {
     "frequency": "the frequency of the dominant mode in the prediction error over the believed one: the structure",
-    "motor": "the torque that the voltage leaves over on the believed motor, rms: the motor",
-    "structure": "what the structure's observer leaves over behind the gap in force, rms: the gap or the structure",
+    "motor": "the torque that the motor's model does not explain, rms: the motor",
+    "structure": "the output error of the structure's observer with the gap in force, rms: the gap or the structure",
 }
 TASKS = {
     "run": "one run",

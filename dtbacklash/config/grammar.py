@@ -103,7 +103,7 @@ RUN = Grammar(
     ),
 )  # fmt: skip
 DIAGNOSE = Grammar(
-    "diagnose", "dtbacklash.config.diagnose:DiagnoseConfig", ("rig",),
+    "diagnose", "dtbacklash.config.commands:DiagnoseConfig", ("rig",),
     "say what physics a recording has and a rig lacks, and where",
     "Compares a recording with the simulation of a rig. Says where they differ, names the physics that the rig lacks,\n"
     "adds it to the rig, and shows on data that it was not fitted to whether the fit improves. Writes report.html,\n"
@@ -126,7 +126,7 @@ The verdict is one of
 """,
 )  # fmt: skip
 CONCEAL = Grammar(
-    "conceal", "dtbacklash.config.conceal:ConcealConfig", ("rig",),
+    "conceal", "dtbacklash.config.commands:ConcealConfig", ("rig",),
     "make recordings with something hidden in them, and seal the answers",
     "Makes recordings of a rig with something hidden in them, and seals what it is: one or several effects of the\n"
     "catalogue, wrong parameters, physics that the catalogue does not have, or nothing. Kind, place, size,\n"
@@ -165,7 +165,7 @@ PROVE = Grammar(
     ),
 )  # fmt: skip
 PAPER = Grammar(
-    "paper", "dtbacklash.config.paper:PaperConfig", (),
+    "paper", "dtbacklash.config.commands:PaperConfig", (),
     "reproduce the figures and check the claims of the paper",
     "Reproduces the figures of the paper (4, 6, 7, 8, 10, 13, 14) and checks its statements in claims.csv.\n"
     "Exit code 0 if every claim holds, 1 if any fails.",
@@ -174,7 +174,7 @@ PAPER = Grammar(
 )  # fmt: skip
 
 EXPORT = Grammar(
-    "export", "dtbacklash.config.export:ExportConfig", ("rig",),
+    "export", "dtbacklash.config.commands:ExportConfig", ("rig",),
     "write a rig as an FMU, for other simulation tools",
     "Writes a rig with its effects as an FMI 2.0 co-simulation slave. Inputs: the command and, where there is a gear,\n"
     "a half-gap beside the rig's own; outputs: the true values of its sensors; parameters: those of the rig and of\n"

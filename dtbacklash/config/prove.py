@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from dtbacklash.config.conceal import COUNT_MAX, SEED_MAX
-from dtbacklash.config.diagnose import JOBS_MAX
+from dtbacklash.config.commands import COUNT_MAX, JOBS_MAX, SEED_MAX
 from dtbacklash.config.rig import RigConfig
 from dtbacklash.config.setting import INPUT, OUTPUT, check, setting
 from dtbacklash.errors import UserError
@@ -25,7 +24,7 @@ class ProveConfig:
     rigs: list[str] = setting(
         list, "several rigs instead of one: [NAME, NAME:COUNT, ...], COUNT recordings of it instead of n", shown="[]"
     )
-    n: int = setting(COUNT, "recordings, of each rig", at_least=1, at_most=COUNT_MAX)
+    n: int = setting(COUNT, "recordings of each rig", at_least=1, at_most=COUNT_MAX)
     seed: int = setting(
         SEED, "seed of the first; scoring seeds begin at 10000, the tool is tuned on those below", at_least=0,
         at_most=SEED_MAX,
@@ -39,8 +38,8 @@ class ProveConfig:
     )
     docs: str | None = setting(None, "folder: also bring the score into FOLDER/proof.md, with its figures", path=OUTPUT)
     known: str | None = setting(
-        None, "FILE of cases that the same code has finished (docs=FOLDER writes FOLDER/proof/cases.json.gz): those "
-        "that are wanted are not done again", path=INPUT,
+        None, "FILE of cases that the same code has finished (docs=FOLDER writes FOLDER/proof/cases.json.gz); they "
+        "are not done again", path=INPUT,
     )  # fmt: skip
     quick: bool = setting(
         False,

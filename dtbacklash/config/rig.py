@@ -6,6 +6,7 @@ form; what an element needs and which effects it takes stand in :mod:`dtbacklash
 """
 
 import math
+import sys
 from dataclasses import dataclass
 from typing import Any
 
@@ -94,21 +95,22 @@ def value_of(leaf: float | dict[str, float]) -> float:
     return leaf["value"] if isinstance(leaf, dict) else leaf
 
 
+def is_number(value: object, finite: bool = False) -> bool:
+    """Whether a value of a YAML file is a number that a float holds, not NaN; ``finite``: and not infinite."""
+    if isinstance(value, float):
+        return math.isfinite(value) or (math.isinf(value) and not finite)
+    return isinstance(value, int) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+
+
 def _check_value(key: str, value: object) -> None:
     """An effect's parameter is a number, or a mapping with its ``value`` and its ``tolerance``."""
-    if isinstance(value, dict):
-        if set(value) != {"value", "tolerance"}:
-            raise UserError(key, value, "a number, or {value: number, tolerance: relative, one standard deviation}")
+    if isinstance(value, dict) and set(value) == {"value", "tolerance"}:
         _check_value(f"{key}.value", value["value"])
         _check_tolerance(f"{key}.tolerance", value["tolerance"])
-    elif not _is_number(value):
+    elif not is_number(value):
         raise UserError(key, value, "a number, or {value: number, tolerance: relative, one standard deviation}")
 
 
 def _check_tolerance(key: str, value: object) -> None:
-    if not _is_number(value) or not 0.0 <= float(value) <= TOLERANCE_MAX:  # type: ignore[arg-type]
+    if not is_number(value) or not 0.0 <= float(value) <= TOLERANCE_MAX:  # type: ignore[arg-type]
         raise UserError(key, value, f"a relative tolerance from 0 to {TOLERANCE_MAX:g}")
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and not math.isnan(value)

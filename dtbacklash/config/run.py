@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from dtbacklash.config.changes import check_changes
-from dtbacklash.config.checks import number
 from dtbacklash.config.choices import (
     BELIEFS,
     COMPENSATED,
@@ -32,7 +31,7 @@ from dtbacklash.config.choices import (
     TWIN_PLACES,
 )
 from dtbacklash.config.rig import RigConfig
-from dtbacklash.config.setting import INPUT, OUTPUT, check, setting
+from dtbacklash.config.setting import INPUT, OUTPUT, check, number, setting
 from dtbacklash.errors import UserError
 
 SAMPLES_MAX = 20_000_000  # a trace of this length needs about 2 GB
@@ -53,11 +52,11 @@ class ControllerConfig:
         "reference_change", "when the twin is asked: never, at a reference change, when the novelty index rises",
         choices=TRIGGERS,
     )  # fmt: skip
-    k_theta_v_per_rad: float = setting(15.0, "gain of the motor's inner loop", unit="V/rad", above=0)
+    k_theta_v_per_rad: float = setting(15.0, "gain of the motor's inner loop", above=0)
     prefilter: str = setting(
         "reduced", "`reduced`: 1/(tau_r s + 1) times the inverse of the dominant mode; `none`: 1", choices=PREFILTERS
     )
-    tau_r_s: float = setting(1.0 / 6.0, "time constant of the reference model", unit="s", above=0)
+    tau_r_s: float = setting(1.0 / 6.0, "time constant of the reference model", above=0)
     internal_model: str = setting(
         "auto", "what drives the model of the structure: u, theta_m, a model of the inner loop (`inverse`: with an "
         "inverse of the backlash); `exact` (imc): G1 G2 sampled as one; `auto`: where the model holds friction or a "
@@ -65,11 +64,11 @@ class ControllerConfig:
     )  # fmt: skip
     design_from: str = setting("model", "what it is designed for", choices=BELIEFS)
     compensate: list[str] = setting(
-        lambda: list(COMPENSATED), "effects of the model's motor that the voltage takes out beforehand; Coulomb "
-        "friction is never one", choices=COMPENSATED, shown=f"[{','.join(COMPENSATED)}]",
+        lambda: list(COMPENSATED), "effects of the model's motor that the voltage compensates; never Coulomb "
+        "friction", choices=COMPENSATED, shown=f"[{','.join(COMPENSATED)}]",
     )  # fmt: skip
     gap_hat_deg: float | None = setting(
-        None, "first estimate of the gap; null: that of the model, else 0", unit="deg", at_least=0, at_most=360
+        None, "first estimate of the gap; null: that of the model, else 0", at_least=0, at_most=360
     )
 
     def __post_init__(self) -> None:
@@ -85,12 +84,10 @@ class ProfileConfig:
     """The gap over time. What a kind does not use it ignores; see :func:`dtbacklash.experiment.signals.gap_profile`."""
 
     kind: str = setting("s_curve", "how the gap develops", choices=PROFILES)
-    start_deg: float = setting(0.0, "gap (half-width) at the start", unit="deg", at_least=0, at_most=360)
-    end_deg: float = setting(
-        100.0, "gap at the end; with `constant` it follows start_deg", unit="deg", at_least=0, at_most=360
-    )
-    t_start_s: float = setting(25.0, "growth begins (`step`: the jump)", unit="s", at_least=0)
-    t_end_s: float = setting(175.0, "growth ends", unit="s", at_least=0)
+    start_deg: float = setting(0.0, "gap (half-width) at the start", at_least=0, at_most=360)
+    end_deg: float = setting(100.0, "gap at the end; with `constant` it follows start_deg", at_least=0, at_most=360)
+    t_start_s: float = setting(25.0, "growth begins (`step`: the jump)", at_least=0)
+    t_end_s: float = setting(175.0, "growth ends", at_least=0)
     running_in_share: float = setting(0.15, "wear: share of the growth in the running-in phase", at_least=0, at_most=1)
     running_in_span: float = setting(0.1, "wear: time constant of the running-in, as a share of the time", above=0)
     severe_share: float = setting(0.55, "wear: share of the growth in the severe phase", at_least=0, at_most=1)
@@ -105,15 +102,13 @@ class ProfileConfig:
             most = 1 - self.running_in_share
             allowed = f"must be at most {most:g}, as running_in_share={self.running_in_share:g}"
             raise UserError("profile.severe_share", self.severe_share, allowed)
-        self._check_times()
+        grows = self.kind in ("s_curve", "ramp", "wear")
+        if grows and not self.t_end_s > self.t_start_s:
+            raise UserError("profile.t_end_s", self.t_end_s, f"must be above profile.t_start_s={self.t_start_s:g} s")
         if self.kind == "constant" and self.end_deg != self.start_deg:
             raise UserError("profile.end_deg", self.end_deg, "a constant gap is set by profile.start_deg alone")
         if self.kind == "csv":
             _check_input_file("profile.path", self.path, "t_s,gap_deg")
-
-    def _check_times(self) -> None:
-        if self.kind in ("s_curve", "ramp", "wear") and not self.t_end_s > self.t_start_s:
-            raise UserError("profile.t_end_s", self.t_end_s, f"must be above profile.t_start_s={self.t_start_s:g} s")
 
 
 @dataclass
@@ -122,18 +117,18 @@ class ReferenceConfig:
 
     kind: str = setting("square", "form of the reference", choices=REFERENCES)
     amplitude_mm: float = setting(
-        1.0, "square: between + and - this, beginning with +; step: from 0 to this", unit="mm", at_least=-1e4,
+        1.0, "square: between + and - this, beginning with +; step: from 0 to this", at_least=-1e4,
         at_most=1e4,
     )  # fmt: skip
-    offset_mm: float = setting(0.0, "added to every kind but csv", unit="mm", at_least=-1e4, at_most=1e4)
-    period_s: float = setting(40.0, "square and multisine: period", unit="s", above=0)
-    t_start_s: float = setting(0.0, "step: when", unit="s", at_least=0)
-    step_mm: float = setting(0.5, "staircase: size of a step", unit="mm", at_least=-1e4, at_most=1e4)
-    dwell_s: float = setting(10.0, "staircase: time on a step", unit="s", above=0)
+    offset_mm: float = setting(0.0, "added to every kind but csv", at_least=-1e4, at_most=1e4)
+    period_s: float = setting(40.0, "square and multisine: period", above=0)
+    t_start_s: float = setting(0.0, "step: when", at_least=0)
+    step_mm: float = setting(0.5, "staircase: size of a step", at_least=-1e4, at_most=1e4)
+    dwell_s: float = setting(10.0, "staircase: time on a step", above=0)
     levels: int = setting(4, "staircase: steps up before it goes down again", at_least=1, at_most=1000)
-    f_min_hz: float = setting(0.1, "multisine: lowest frequency", unit="Hz", above=0)
-    f_max_hz: float = setting(2.0, "multisine: highest frequency, at most half the sample rate", unit="Hz", above=0)
-    rms_mm: float = setting(0.5, "multisine: root mean square", unit="mm", at_least=0, at_most=1e4)
+    f_min_hz: float = setting(0.1, "multisine: lowest frequency", above=0)
+    f_max_hz: float = setting(2.0, "multisine: highest frequency, at most half the sample rate", above=0)
+    rms_mm: float = setting(0.5, "multisine: root mean square", at_least=0, at_most=1e4)
     path: str | None = setting(None, "csv: file with the columns t_s, r_mm", path=INPUT)
     interpolation: str = setting("hold", "csv: between its rows", choices=INTERPOLATIONS)
 
@@ -150,27 +145,25 @@ class ReferenceConfig:
 class TwinConfig:
     """The digital twin: its link, its buffer, its observer and what it accepts."""
 
-    delay_s: float = setting(4.0, "from the full buffer to the new gap in force", unit="s", at_least=0)
+    delay_s: float = setting(4.0, "from the full buffer to the new gap in force", at_least=0)
     buffer: int = setting(1000, "samples of one estimation", unit="samples", at_least=10, at_most=SAMPLES_MAX)
     settle: int = setting(
-        400, "of them, how many at the start do not enter the cost (below twin.buffer)", unit="samples", at_least=0
+        400, "samples at its start that do not enter the cost; below twin.buffer", unit="samples", at_least=0
     )
-    observer_pole_rad_s: float = setting(40.0, "all poles of the observer lie at minus this", unit="rad/s", above=0)
-    gap_max_deg: float = setting(180.0, "physical bound of an estimate", unit="deg", above=0, at_most=360)
+    observer_pole_rad_s: float = setting(40.0, "all poles of the observer lie at minus this", above=0)
+    gap_max_deg: float = setting(180.0, "physical bound of an estimate", above=0, at_most=360)
     guard: bool = setting(True, "false: whatever the optimizer returns goes to the controller, as in the paper")
     method: str = setting(
         "auto", "how an estimate explains a buffer: through the structure's linear observer, or by simulating it with "
         "its effects; `auto`: simulate where the model holds effects behind the gear", choices=TWIN_METHODS,
     )  # fmt: skip
-    on_alarm: str = setting("estimate", "what the twin does when it is called; see bank.md", choices=ON_ALARM)
+    on_alarm: str = setting("estimate", "what the twin does when it is asked; see bank.md", choices=ON_ALARM)
     bank_buffer: int = setting(
         1500, "samples of one diagnosis by the bank", unit="samples", at_least=500, at_most=BANK_MAX
     )
-    bank_rest: int = setting(
-        100, "of them, how many lie before the change of the reference", unit="samples", at_least=0
-    )
-    estimate_from: str = setting("model", "what it knows of the structure", choices=BELIEFS)
-    novelty_threshold_mm: float = setting(0.1, "novelty index that calls the twin", unit="mm", above=0)
+    bank_rest: int = setting(100, "samples of it before the change of the reference", unit="samples", at_least=0)
+    estimate_from: str = setting("model", "what the twin takes for the structure", choices=BELIEFS)
+    novelty_threshold_mm: float = setting(0.1, "novelty index at which the twin is asked", above=0)
     novelty_filter: str = setting("ellip", "low-pass of the index: elliptic or Chebyshev II", choices=NOVELTY_FILTERS)
     indexes: list[str] = setting(
         list, "further novelty indexes, each a column of the trace and an alarm of its own", choices=INDEXES,
@@ -180,12 +173,12 @@ class TwinConfig:
         0.08, "alarm: the mode's frequency is off by this share of the believed one", above=0, below=1
     )
     frequency_amplitude_mm: float = setting(
-        0.02, "amplitude of the mode below which its frequency says nothing", unit="mm", above=0
+        0.02, "amplitude of the mode below which its frequency says nothing", above=0
     )
-    motor_threshold_n_m: float = setting(0.005, "alarm: torque left over on the motor, rms", unit="N m", above=0)
-    structure_threshold_mm: float = setting(
-        0.02, "alarm: output error behind the gap in force, rms", unit="mm", above=0
+    motor_threshold_n_m: float = setting(
+        0.005, "alarm: torque that the motor's model does not explain, rms", unit="N m", above=0
     )
+    structure_threshold_mm: float = setting(0.02, "alarm: output error behind the gap in force, rms", above=0)
     index_hysteresis: float = setting(
         0.7, "share of its threshold below which an index may raise its next alarm", above=0, at_most=1
     )
@@ -193,7 +186,7 @@ class TwinConfig:
     broker: str = setting("127.0.0.1:1883", "remote: where the MQTT broker is, host:port")
     machine: str = setting("machine", "remote: name of this machine, in the topics and for its key")
     timeout_s: float = setting(
-        10.0, "remote: how long a request waits for its answer, wall clock; then the gap in force stays", unit="s",
+        10.0, "remote: how long a request waits for its answer, wall clock; then the gap in force stays",
         above=0, at_most=86400,
     )  # fmt: skip
     credentials: str | None = setting(
@@ -202,11 +195,10 @@ class TwinConfig:
 
     def __post_init__(self) -> None:
         check(self, "twin.")
-        if self.settle >= self.buffer:
-            raise UserError("twin.settle", self.settle, f"must be below twin.buffer={self.buffer} samples")
-        if self.bank_rest >= self.bank_buffer:
-            allowed = f"must be below twin.bank_buffer={self.bank_buffer} samples"
-            raise UserError("twin.bank_rest", self.bank_rest, allowed)
+        for key, limit in (("settle", "buffer"), ("bank_rest", "bank_buffer")):
+            value, below = getattr(self, key), getattr(self, limit)
+            if value >= below:
+                raise UserError(f"twin.{key}", value, f"must be below twin.{limit}={below} samples")
 
 
 @dataclass
@@ -215,7 +207,7 @@ class OptimizerConfig:
 
     name: str = setting("bfgs", "method of scipy.optimize", choices=OPTIMIZERS)
     max_evaluations: int = setting(200, "evaluations of the cost, at most", at_least=2, at_most=1_000_000)
-    tolerance: float = setting(1e-6, "when the method stops, in its own terms", above=0, below=1)
+    tolerance: float = setting(1e-6, "tolerance at which the method stops, as scipy defines it", above=0, below=1)
 
     def __post_init__(self) -> None:
         check(self, "optimizer.")
@@ -242,7 +234,7 @@ class SolverConfig:
 
     substeps: int = setting(0, "steps a sample; 0: 1 where that is exact, else 8", at_least=0, at_most=10_000)
     event_levels: int = setting(16, "a contact is located to sample_time_s / substeps / 2^this", at_least=0, at_most=30)
-    divergence_mm: float = setting(1000.0, "a loop whose q3 goes beyond this has diverged", unit="mm", above=0)
+    divergence_mm: float = setting(1000.0, "a loop whose q3 goes beyond this has diverged", above=0)
 
     def __post_init__(self) -> None:
         check(self, "solver.")
@@ -284,9 +276,9 @@ class RunConfig:
     sensors: SensorsConfig = field(default_factory=SensorsConfig)
     solver: SolverConfig = field(default_factory=SolverConfig)
     recording: RecordingOutConfig = field(default_factory=RecordingOutConfig)
-    duration_s: float = setting(200.0, "length of the run, a whole number of samples", unit="s", above=0)
-    sample_time_s: float = setting(0.001, "sample time of the controller and of the trace", unit="s", above=0)
-    seed: int = setting(0, "of noise, random references, optimizers that draw lots", at_least=0, at_most=SEED_MAX)
+    duration_s: float = setting(200.0, "length of the run, a whole number of samples", above=0)
+    sample_time_s: float = setting(0.001, "sample time of the controller and of the trace", above=0)
+    seed: int = setting(0, "seed of noise, random references and random optimizers", at_least=0, at_most=SEED_MAX)
     changes: list[Any] = setting(
         list, "later changes of the machine, each {at_s: s, parameters: {name: value}, effects: {element: {effect: "
         "{parameter: value}}}}, SI; the gap grows by profile.*", shown="[]",
@@ -311,14 +303,9 @@ class RunConfig:
         check_changes(self.changes, self.duration_s, self.sample_time_s)
         self._check_model()
         self._check_rig()
-        nyquist_hz = 0.5 / self.sample_time_s
         if self.reference.kind == "multisine":
-            number(
-                "reference.f_max_hz",
-                self.reference.f_max_hz,
-                at_most=nyquist_hz,
-                unit="Hz (half the sample rate)",
-            )
+            nyquist_hz = 0.5 / self.sample_time_s
+            number("reference.f_max_hz", self.reference.f_max_hz, at_most=nyquist_hz, unit="Hz (half the sample rate)")
 
     @property
     def samples(self) -> int:
@@ -326,45 +313,41 @@ class RunConfig:
         return round(self.duration_s / self.sample_time_s)
 
     def _check_length(self) -> None:
-        number(
-            "duration_s",
-            self.duration_s,
-            at_most=SAMPLES_MAX * self.sample_time_s,
-            unit="s (20 million samples)",
-        )
+        longest_s = SAMPLES_MAX * self.sample_time_s
+        number("duration_s", self.duration_s, at_most=longest_s, unit="s (20 million samples)")
         rest = abs(self.duration_s / self.sample_time_s - self.samples)
         if rest > 1e-6 * max(1.0, self.samples * 1e-6):
             near = self.samples * self.sample_time_s
             raise UserError("duration_s", self.duration_s, f"must be a whole number of samples, e.g. {near:.9g} s")
 
     def _check_rig(self) -> None:
+        sensors = tuple(f"{sensor}_" for sensor in self.rig.sensors)
         for kind in ("noise", "resolution"):
-            for column in getattr(self.sensors, kind):
-                if not any(column.startswith(f"{sensor}_") for sensor in self.rig.sensors):
+            for column, size in getattr(self.sensors, kind).items():
+                if not column.startswith(sensors):
                     allowed = f"a sensor and its unit, e.g. q3_mm; {self.rig.name} has " + ", ".join(self.rig.sensors)
-                    raise UserError(f"sensors.{kind}.{column}", getattr(self.sensors, kind)[column], allowed)
+                    raise UserError(f"sensors.{kind}.{column}", size, allowed)
 
     def _check_model(self) -> None:
         if self.model is not None and self.controller.structure == "open_loop":
-            raise UserError("model", self.model.name, "nobody believes anything in open loop; leave it out")
+            raise UserError("model", self.model.name, "open loop uses no model; leave it out")
 
     def _check_task(self) -> None:
         if self.task == "run":
             return
         if self.twin.where == "remote":
-            raise UserError(
-                "twin.where", self.twin.where, "closing the loop makes several runs, with a twin of its own"
-            )
+            allowed = "closing the loop makes several runs, with a twin of its own"
+            raise UserError("twin.where", self.twin.where, allowed)
         if self.controller.reconfigure == "never":
-            raise UserError("controller", self.controller.name, "closing the loop takes one that a twin reconfigures")
+            raise UserError("controller", self.controller.name, "closing the loop needs one that the twin reconfigures")
         if self.pace != "free":
             raise UserError("pace", self.pace, "closing the loop makes several runs; give dtb run one of them")
         if self.recording.save is not None:
             raise UserError("recording.save", self.recording.save, "closing the loop makes several runs")
-        for key, source in (("controller.design_from", self.controller.design_from),
-                            ("twin.estimate_from", self.twin.estimate_from)):  # fmt: skip
+        beliefs = {"controller.design_from": self.controller.design_from, "twin.estimate_from": self.twin.estimate_from}
+        for key, source in beliefs.items():
             if source != "model":
-                raise UserError(key, source, "closing the loop tries what is believed one after the other")
+                raise UserError(key, source, "closing the loop runs with each belief in turn; leave it out")
 
     def _check_twin(self) -> None:
         if self.controller.reconfigure != "never":

@@ -1,6 +1,6 @@
 """A setting is declared once, in its field: default, unit, bounds, meaning. Checks, help and docs read that.
 
-delay_s: float = setting(4.0, "from the full buffer to the new gap in force", unit="s", at_least=0)
+delay_s: float = setting(4.0, "from the full buffer to the new gap in force", at_least=0)
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-from dtbacklash.config import checks
+from dtbacklash import units
+from dtbacklash.errors import UserError
 
 METADATA = "setting"
 #: what a setting that holds a path names
@@ -26,7 +27,7 @@ class Setting:
 
     Attributes
     ----------
-    meaning : a phrase. unit : of a number, or empty.
+    meaning : a phrase. unit : of a number, where the name does not end in it (``delay_s``).
     above, below : excluded bounds. at_least, at_most : included bounds.
     choices : what a text may be; empty: anything.
     path : ``INPUT`` or ``OUTPUT`` for the name of a file or folder, which may hold any sign; else empty.
@@ -52,19 +53,39 @@ class Setting:
         if value is None or isinstance(value, bool):
             return
         if isinstance(value, (int, float)):
-            checks.number(
-                key, value, above=self.above, at_least=self.at_least, below=self.below, at_most=self.at_most,
-                unit=self.unit,
-            )  # fmt: skip
+            self._check_number(key, value)
         elif self.choices:
             for one in value if isinstance(value, list) else [value]:
-                checks.choice(key, str(one), self.choices)
+                if str(one) not in self.choices:
+                    raise UserError(key, str(one), "choose one of " + ", ".join(self.choices))
+
+    def _check_number(self, key: str, value: float) -> None:
+        finite = math.isfinite(value)
+        if finite and self.above < value < self.below and self.at_least <= value <= self.at_most:
+            return
+        phrase = " and ".join(["finite"] * (not finite) + self.limits()) or "finite"
+        unit = self.unit or units.by_suffix(key)
+        raise UserError(key, value, f"must be {phrase}" + (f" {unit}" if unit else ""))
+
+    def limits(self) -> list[str]:
+        """The bounds in words, without the unit; a whole number with all its digits."""
+        words = {"at least": self.at_least, "above": self.above, "at most": self.at_most, "below": self.below}
+        bounds = {word: f"{b}" if isinstance(b, int) else f"{b:g}" for word, b in words.items() if abs(b) < math.inf}
+        return ["positive" if word == "above" and float(b) == 0 else f"{word} {b}" for word, b in bounds.items()]
 
     def allowed(self) -> str:
         """Say what the setting accepts, without its unit; empty if anything goes."""
-        return ", ".join(self.choices) or " and ".join(
-            checks.limits(above=self.above, at_least=self.at_least, below=self.below, at_most=self.at_most)
-        )
+        return ", ".join(self.choices) or " and ".join(self.limits())
+
+
+def number(key: str, value: float, unit: str = "", **bounds: Any) -> None:
+    """Refuse NaN, infinities and values outside of ``bounds``, those of a :class:`Setting`.
+
+    Raises
+    ------
+    UserError : names ``key`` and the whole allowed range in ``unit`` (default: the one that the key ends in).
+    """
+    Setting("", unit, **bounds).check(key, value)
 
 
 def setting(default: Any, meaning: str, choices: Iterable[str] = (), **more: Any) -> Any:
@@ -103,6 +124,11 @@ class Declared:
         return self.about.word or self.key
 
     @property
+    def unit(self) -> str:
+        """The unit of a number; empty if it has none."""
+        return self.about.unit or units.by_suffix(self.key)
+
+    @property
     def plain_kind(self) -> Any:
         """The type without ``| None``."""
         if isinstance(self.kind, types.UnionType):
@@ -116,15 +142,10 @@ class Declared:
 
     def shown(self) -> str:
         """The default as one writes it on the command line."""
-        if self.about.shown:
-            return self.about.shown
-        if self.default is None:
-            return "null"
-        if isinstance(self.default, bool):
-            return str(self.default).lower()
-        if isinstance(self.default, float):
-            return f"{self.default:g}"
-        return str(self.default)
+        default = "null" if self.default is None else self.default
+        if isinstance(default, bool):
+            return str(default).lower()
+        return self.about.shown or (f"{default:g}" if isinstance(default, float) else str(default))
 
     def allowed(self) -> str:
         """What it accepts."""

@@ -1,10 +1,17 @@
-"""The settings of ``dtb twin serve``, ``status``, ``broker`` and ``access``."""
+"""The settings of the parts of ``dtb twin``, and the words ``key=value`` that set them: Hydra does not compose them."""
 
 from __future__ import annotations
 
+import difflib
+import typing
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
-from dtbacklash.config.setting import INPUT, OUTPUT, check, setting
+from dtbacklash.config.setting import INPUT, OUTPUT, Declared, check, declared, setting
+from dtbacklash.errors import UserError
+
+Config = TypeVar("Config")
 
 BROKER = "127.0.0.1:1883"
 ACCESS = "twin_access"
@@ -31,13 +38,13 @@ class ServeConfig:
 
 @dataclass
 class StatusConfig:
-    """How the twins are."""
+    """The state of the twins."""
 
     broker: str = setting(BROKER, "where the MQTT broker is, host:port")
     credentials: str | None = setting(
         None, "file of mode 600 with user, password and the key; null: from the environment", path=INPUT
     )
-    wait_s: float = setting(1.0, "how long to listen", unit="s", above=0, at_most=600)
+    wait_s: float = setting(1.0, "how long to listen", above=0, at_most=600)
 
     def __post_init__(self) -> None:
         check(self)
@@ -47,8 +54,10 @@ class StatusConfig:
 class BrokerConfig:
     """A broker on this machine."""
 
-    port: int = setting(1883, "of the broker, on 127.0.0.1", at_least=1, at_most=65535)
-    access: str = setting(ACCESS, "folder of dtb twin access; made for one machine where it is not there", path=OUTPUT)
+    port: int = setting(1883, "port of the broker, on 127.0.0.1", at_least=1, at_most=65535)
+    access: str = setting(
+        ACCESS, "folder that dtb twin access made; if missing, it is made for one machine", path=OUTPUT
+    )
 
     def __post_init__(self) -> None:
         check(self)
@@ -56,7 +65,7 @@ class BrokerConfig:
 
 @dataclass
 class AccessConfig:
-    """Who may do what at the broker."""
+    """Users and access rights at the broker."""
 
     out: str = setting(ACCESS, "a new folder", path=OUTPUT)
     machines: list[str] = setting(lambda: ["machine"], "names of the machines", shown="[machine]")
@@ -82,10 +91,10 @@ EXAMPLE = (
 PARTS = {
     "serve": Part(
         ServeConfig, "answer the requests of machines, until Ctrl-C\n"
-        "Takes buffers off an MQTT broker, estimates on a pool of processes, in turn over the machines, and answers.\n"
-        "A line a request on stderr."
+        "Takes buffers off an MQTT broker, estimates on a pool of processes, the machines in turn, and answers.\n"
+        "Prints a line for each request on stderr."
     ),
-    "status": Part(StatusConfig, "how the twins are: machines, last estimates, rejected messages, queue"),
+    "status": Part(StatusConfig, "print the state of the twins: machines, last estimates, rejected messages, queue"),
     "broker": Part(
         BrokerConfig, "start Mosquitto on this machine, on 127.0.0.1 only, until Ctrl-C\n"
         "With users, passwords and access rules from the folder of dtb twin access. Needs Mosquitto 2\n"
@@ -97,6 +106,45 @@ PARTS = {
         "access rules for the broker, and a configuration for it."
     ),
     "describe": Part(
-        None, "print what a twin has to know of a machine, for other clients; takes the words of dtb run"
+        None, "print what a twin has to know of a machine, for other clients; takes the settings of dtb run"
     ),
 }  # fmt: skip
+
+
+def read(schema: type[Config], words: Sequence[str]) -> Config:
+    """The settings in ``words``, checked.
+
+    Raises
+    ------
+    UserError : an unknown key, one given twice, a value of the wrong kind or out of range.
+    """
+    known = {one.key: one for one in declared(schema)}
+    given: dict[str, Any] = {}
+    for word in words:
+        key, equals, value = word.partition("=")
+        if not equals or not key:
+            raise UserError("argument", word, "write key=value")
+        if key not in known:
+            near = difflib.get_close_matches(key, known, n=1, cutoff=0.6)
+            meant = f"did you mean {near[0]}?" if near else "choose one of " + ", ".join(known)
+            raise UserError(key, value, f"no such setting; {meant}")
+        if key in given:
+            raise UserError(key, value, "is given twice")
+        given[key] = _value(known[key], value)
+    return schema(**given)
+
+
+def _value(one: Declared, text: str) -> Any:
+    if text in ("", "null"):
+        if one.default is None:
+            return None
+        raise UserError(one.key, text, "needs a value")
+    kind = one.plain_kind
+    if typing.get_origin(kind) is list:
+        return [part.strip() for part in text.strip("[]").split(",") if part.strip()]
+    if kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            raise UserError(one.key, text, "must be a whole number" if kind is int else "must be a number") from None
+    return text

@@ -39,7 +39,7 @@ BARE, MEASURED, INNER_LOOP, EXACT, INVERSE = 0, 1, 2, 3, 4
 _STRUCTURES = {"imc": IMC, "nimc": NIMC, "open_loop": OPEN_LOOP}
 _MODELS = {"bare": BARE, "measured": MEASURED, "inner_loop": INNER_LOOP, "exact": EXACT, "inverse": INVERSE}
 #: how far the inverse of the backlash moves for each radian that the reference asks of the screw: at 1 the gap is
-#: crossed too late, at 10 an estimate that is too large overshoots most (``python -m benchmarks nimc_forms``)
+#: crossed too late, at 10 an estimate that is too large overshoots most (``python -m studies nimc_forms``)
 CROSSING_RATIO = 3.0
 #: a gap below this, rad, is crossed as if it were this large: with no gap, too, the side that pushed is known
 SMALL_GAP_RAD = 0.01

@@ -1,134 +1,35 @@
 """The pages of ``docs/`` that are made from the code, so that they cannot disagree with it.
 
 ``python -m dtbacklash.docs [FOLDER]`` writes ``effects.md``, ``configuration.md`` and ``settings.md`` (default folder:
-``docs``).
-A test compares the committed pages with what these functions return.
+``docs``). Their prose stands in the templates beside this module; here is what fills their tables. A test compares the
+committed pages with what these functions return.
 """
 
 from __future__ import annotations
 
-from importlib import resources
+import re
+from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from dtbacklash import yaml_files
+from dtbacklash.config.grammar import COMMON, FILES, GRAMMARS, RUN
+from dtbacklash.config.groups import FOLDERS, GROUPS, PACKAGED, packaged_options
+from dtbacklash.config.setting import Declared, declared
+from dtbacklash.config.twin import PARTS
 from dtbacklash.diagnose.settings import DiagnoseSettings
-from dtbacklash.docs import configuration
 from dtbacklash.physics.catalogue import CATALOGUE, effects_of
 from dtbacklash.physics.effects.declare import Effect, Parameter
-from dtbacklash.physics.kinds import KINDS
+from dtbacklash.physics.kinds import GROUND, KINDS, Kind
 from dtbacklash.report.kit.markdown import table
 
 if TYPE_CHECKING:
     import pandas as pd
 
-MADE = "<!-- Made by `python -m dtbacklash.docs`. Change the code, not this page. -->\n"
-
-
-def number(value: float) -> str:
-    """Return a bound as text: 1e-06 as 1e-06, infinity as a word."""
-    return "unlimited" if value == float("inf") else f"{value:g}"
-
-
-def effects_page() -> str:
-    """Return the text of ``docs/effects.md``: every effect with its law, parameters, units, bounds, source."""
-    parts = [MADE, "# Effects\n", EFFECTS_INTRO]
-    for kind in dict.fromkeys(kind for kind, _ in CATALOGUE):
-        parts += [f"## {kind}\n", f"{_of_kind(kind)}\n"]
-        rows: list[list[str]] = []
-        for effect in effects_of(kind).values():
-            for parameter in effect.parameters:
-                rows.append(_parameter_row(effect, parameter))
-        parts.append(table(("effect", "law", "parameter", "unit", "lowest", "highest", "default", "neutral", "source"),
-                           rows))  # fmt: skip
-    return "\n".join(parts)
-
-
-def _of_kind(kind: str) -> str:
-    if kind == "sensor":
-        return "At `sensor_<name>`, for every sensor of the rig."
-    places = lead_screw_elements(kind)
-    where = "On the rig `lead_screw`: " + ", ".join(f"`{p}`" for p in places) if places else "Not on `lead_screw`"
-    return f"{KINDS[kind].description}. {where}."
-
-
-def lead_screw_elements(kind: str) -> list[str]:
-    """Return the names of the elements of a kind on the paper's rig."""
-    from omegaconf import OmegaConf
-
-    text = (resources.files("dtbacklash.conf") / "rig" / "lead_screw.yaml").read_text(encoding="utf-8")
-    elements = OmegaConf.to_container(OmegaConf.create(text).elements)
-    assert isinstance(elements, dict)
-    return [str(name) for name, element in elements.items() if element["kind"] == kind]
-
-
-def _parameter_row(effect: Effect, parameter: Parameter) -> list[str]:
-    first = parameter is effect.size
-    default = _default(effect, parameter)
-    neutral = number(parameter.neutral) if parameter.neutral is not None else ""
-    head = [f"`{effect.name}`", f"`{effect.law}`"] if first else ["", ""]
-    return [*head, f"`{parameter.name}`", parameter.unit, number(parameter.low), number(parameter.high), default,
-            neutral, effect.source if first else ""]  # fmt: skip
-
-
-def _default(effect: Effect, parameter: Parameter) -> str:
-    if parameter.neutral is None:
-        return number(parameter.typical)
-    return "must be given" if len(effect.amplitudes) == 1 else f"{number(parameter.neutral)}; one must be given"
-
-
-def configuration_page() -> str:
-    """Return the text of ``docs/configuration.md``: groups, the settings of every command, the rig's file."""
-    return f"{MADE}\n{configuration.page()}"
-
-
-def settings_page() -> str:
-    """Return the text of ``docs/settings.md``: every setting of the diagnosis with its value, unit and reason."""
-    rows = (
-        (f"`{name}`", f"{said['value']:g}", said["unit"], said["reason"])
-        for name, said in DiagnoseSettings().to_json().items()
-    )
-    return "\n".join([MADE, "# Settings of the diagnosis\n", SETTINGS_INTRO,
-                      table(("setting", "value", "unit", "what it is, and why"), rows)])  # fmt: skip
-
-
-def claims_table(claims: pd.DataFrame) -> str:
-    """Return the table of ``docs/paper.md`` from the rows of ``claims.csv``."""
-    rows = [
-        (str(c["claim"]), str(c["section"]), str(c["paper"]), str(c["ours"]), str(c["tolerance"]),
-         "yes" if c["pass"] else "**no**")
-        for c in claims.to_dict("records")
-    ]  # fmt: skip
-    return table(("claim", "section", "the paper", "ours", "tolerance", "holds"), rows)
-
-
-EFFECTS_INTRO = """\
-What a rig may do beside its linear model. An effect is switched on by its size (the first parameter, or another one
-that has a neutral value), on the command line or in the rig's YAML:
-
-```sh
-dtb run rig.effects.motor_bearing.coulomb_friction.torque=0.02 controller.internal_model=inner_loop
-```
-
-`rig.effects.ELEMENT.EFFECT.PARAMETER=VALUE`, in SI. Parameters that are not given take the default. At the neutral
-value (at both, where there are two) the effect does nothing, to the last bit: it is left out of the compiled arrays.
-`v`, `q`, `s` are a body's speed and position and a link's stretch; a bound is inclusive. What each effect assumes:
-[simulation.md](simulation.md).
-"""
-
-
-SETTINGS_INTRO = """\
-The numbers that decide a verdict, a name, an estimate or an interval, in the order in which [a diagnosis](diagnosis.md)
-uses them; floors are the noise floor's. They stand in every `diagnosis.json` (`settings`). Scales of
-time are ratios to the recording's own tempo, rad/s. What halving and doubling them does: [ablation.md](ablation.md).
-
-```python
-from dataclasses import replace
-from dtbacklash.diagnose.settings import DiagnoseSettings, using
-
-with using(replace(DiagnoseSettings(), earn_errors=3.0)):
-    found = dtb.diagnose(recording, rig)
-```
-"""
+#: a full stop that ends a sentence, and not an abbreviation
+_SENTENCE_END = re.compile(r"(?<!\bFig)(?<!\be\.g)(?<!\bi\.e)\.\s")
 
 
 def write(folder: Path) -> list[Path]:
@@ -137,3 +38,145 @@ def write(folder: Path) -> list[Path]:
     for name, text in pages.items():
         (folder / name).write_text(text, encoding="utf-8")
     return [folder / name for name in pages]
+
+
+def effects_page() -> str:
+    """Return the text of ``docs/effects.md``: every effect with its law, parameters, units, bounds, source."""
+    heads = ("effect", "law", "parameter", "unit", "lowest", "highest", "default", "neutral", "source")
+    kinds = [
+        (kind, _where(kind), [_parameter_row(e, p) for e in effects_of(kind).values() for p in e.parameters])
+        for kind in dict.fromkeys(kind for kind, _ in CATALOGUE)
+    ]
+    return _filled("effects", heads=heads, kinds=kinds)
+
+
+def settings_page() -> str:
+    """Return the text of ``docs/settings.md``: every setting of the diagnosis with its value, unit and reason."""
+    settings = DiagnoseSettings().to_json()
+    rows = [(f"`{name}`", f"{one['value']:g}", one["unit"], one["reason"]) for name, one in settings.items()]
+    return _filled("settings", rows=rows)
+
+
+def configuration_page() -> str:
+    """Return the text of ``docs/configuration.md``: groups, the settings of every command, the rig's file."""
+    own_first = sorted(RUN.settings.values(), key=lambda one: "." in one.key)  # stable: a table a section
+    sections = groupby(own_first, key=lambda one: one.key.rpartition(".")[0].partition(".")[0])
+    common = [(f"`{word}`", about.meaning) for word, about in COMMON.items()]
+    common.append(
+        ("`hydra/launcher=NAME`", GROUPS["hydra/launcher"] + ": joblib, basic, submitit_local, submitit_slurm")
+    )
+    common.append(("`-m`", "a sweep: every combination of the comma-separated choices"))
+    return _filled(
+        "configuration",
+        heads=("setting", "unit", "default", "allowed", "meaning"),
+        options=_option_rows(),
+        common=common,
+        run_sections=[(section or "the run", [_setting_row(one) for one in rows]) for section, rows in sections],
+        commands=[
+            (command, [_setting_row(one) for key, one in command.settings.items() if not key.startswith("rig.")])
+            for command in (GRAMMARS | FILES).values()
+            if command is not RUN
+        ],
+        parts=[
+            (name, _about(part.about), [_setting_row(one) for one in declared(part.schema)] if part.schema else [])
+            for name, part in PARTS.items()
+        ],
+        ground=GROUND,
+        kinds=[_kind_row(kind) for kind in KINDS.values()],
+        quantities=[
+            (f"`{kind.name}`", ", ".join(f"`{name}` [{unit}]" for name, unit in kind.quantities.items()))
+            for kind in KINDS.values()
+            if kind.quantities
+        ],
+    )
+
+
+def claims_table(claims: pd.DataFrame) -> str:
+    """Return the table of ``docs/paper.md`` from the rows of ``claims.csv``."""
+    rows = [
+        [*(str(claim[name]) for name in ("claim", "section", "paper", "ours", "tolerance")),
+         "yes" if claim["pass"] else "**no**"]
+        for claim in claims.to_dict("records")
+    ]  # fmt: skip
+    return table(("claim", "section", "the paper", "ours", "tolerance", "holds"), rows)
+
+
+def number(value: float) -> str:
+    """Return a bound as text: 1e-06 as 1e-06, infinity as a word."""
+    return "unlimited" if value == float("inf") else f"{value:g}"
+
+
+def first_sentence(yaml: str) -> str:
+    """The first sentence of the comment that a file of ``conf`` begins with."""
+    comment = re.match(r"(#.*\n)*", yaml)
+    assert comment is not None
+    lines = [line[1:].strip() for line in comment.group().splitlines() if "@package" not in line]
+    return _SENTENCE_END.split(" ".join(lines), maxsplit=1)[0].removesuffix(".") + "."
+
+
+def lead_screw_elements(kind: str) -> list[str]:
+    """Return the names of the elements of a kind on the paper's rig."""
+    elements = yaml_files.read((PACKAGED / "rig" / "lead_screw.yaml").read_bytes())["elements"]
+    return [str(name) for name, element in elements.items() if element["kind"] == kind]
+
+
+def _filled(name: str, **values: Any) -> str:
+    """The page of a template; its tables come without the line break at their end."""
+    loader = PackageLoader("dtbacklash", "docs")
+    pages = Environment(loader=loader, undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True)
+    return pages.get_template(f"{name}.md.j2").render(table=lambda *given: table(*given).rstrip("\n"), **values)
+
+
+def _where(kind: str) -> str:
+    if kind == "sensor":
+        return "At `sensor_<name>`, for every sensor of the rig."
+    places = ", ".join(f"`{place}`" for place in lead_screw_elements(kind))
+    return f"{KINDS[kind].description}. " + (
+        f"On the rig `lead_screw`: {places}." if places else "Not on `lead_screw`."
+    )
+
+
+def _parameter_row(effect: Effect, parameter: Parameter) -> list[str]:
+    """A row of an effect's table; its name, its law and its source stand in the row of its size alone."""
+    first = parameter is effect.size
+    neutral = "" if parameter.neutral is None else number(parameter.neutral)
+    if parameter.neutral is None:
+        default = number(parameter.typical)
+    else:
+        default = "must be given" if len(effect.amplitudes) == 1 else f"{neutral}; one must be given"
+    return [
+        f"`{effect.name}`" if first else "", f"`{effect.law}`" if first else "", f"`{parameter.name}`", parameter.unit,
+        number(parameter.low), number(parameter.high), default, neutral, effect.source if first else "",
+    ]  # fmt: skip
+
+
+def _option_rows() -> list[tuple[str, str, str]]:
+    rows = []
+    for group in RUN.groups:
+        if group in FOLDERS:
+            rows.append((f"`{group}`", f"those of `{FOLDERS[group]}`", f"{GROUPS[group]}."))
+        for option in packaged_options(group):
+            text = (PACKAGED / group / f"{option}.yaml").read_text(encoding="utf-8")
+            rows.append((f"`{group}`", f"`{option}`", first_sentence(text)))
+    return rows
+
+
+def _setting_row(one: Declared) -> list[str]:
+    about = one.about
+    name = f"`{one.word}`" + (f" (`{one.key}`)" if one.word != one.key else "")
+    name += f" (`{about.flag}`)" if about.flag else ""
+    return [name, one.unit, "" if one.is_mapping else one.shown(), one.allowed(), about.meaning]
+
+
+def _about(text: str) -> str:
+    """What a part of ``dtb twin`` is, as sentences: its first line is a phrase of a list."""
+    first, _, rest = text.partition("\n")
+    return f"{first[0].upper()}{first[1:]}. {rest}".rstrip()
+
+
+def _kind_row(kind: Kind) -> list[str]:
+    fields = [
+        f"`{name}` [{unit if isinstance(unit, str) else ' or '.join(unit)}]" for name, unit in kind.required.items()
+    ]
+    fields += [f"`{name}` [{unit}] (optional)" for name, unit in kind.optional.items()]
+    return [f"`{kind.name}`", ", ".join(fields), ", ".join(f"`{n}`" for n in kind.neighbours), kind.description]

@@ -17,24 +17,18 @@ def shown(progress: ShowProgress, what: str) -> Iterator[Tell | None]:
     """Give the function to call with the share done and the text of the stage, or None for silence."""
     if progress is False or progress is None:
         yield None
-        return
-    if callable(progress):
+    elif callable(progress):
         own = progress
 
         def tell(share: float, text: str) -> None:
             own(share, text)
 
         yield tell
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    else:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TimeRemainingColumn
 
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.percentage:3.0f} %"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(what, total=1.0)
-        yield lambda share, text: bar.update(task, completed=share, description=text or what)
+        columns = "{task.description}", BarColumn(), "{task.percentage:3.0f} %", TimeRemainingColumn()
+        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task(what, total=1.0)
+            yield lambda share, text: bar.update(task, completed=share, description=text or what)

@@ -10,6 +10,7 @@ import yaml
 
 from dtbacklash import yaml_files
 from dtbacklash.config.compose import compose
+from dtbacklash.config.groups import SUFFIXES, options
 from dtbacklash.config.rig import RigConfig, of_the_model
 from dtbacklash.config.run import RunConfig
 from dtbacklash.errors import UserError
@@ -20,7 +21,8 @@ from dtbacklash.physics.rig_file import plain_numbers, rig_yaml
 #: a checked rig, the name of one in ``conf/rig``, a YAML file, or what such a file holds
 RigLike: TypeAlias = "Rig | str | Path | Mapping[str, Any]"
 
-SUFFIXES = (".yaml", ".yml")
+#: the file beside results in which they leave their rig, where it is none that has a name
+FILE = "rig.yaml"
 
 
 def load_rig(rig: RigLike, *changes: str) -> Rig:
@@ -57,6 +59,13 @@ def save_rig(rig: Rig, path: str | Path) -> Path:
     with written(target.absolute(), "path", path, parents=False) as scratch:
         scratch.write_text(rig_yaml(rig), encoding="utf-8")
     return target
+
+
+def called(rig: RigConfig) -> str | None:
+    """The option of ``rig=`` that is this rig, with nothing changed in it; None if there is none."""
+    if rig.name in options("rig") and compose("controller=open_loop", f"rig={rig.name}").rig == rig:
+        return rig.name
+    return None
 
 
 def composed(words: list[str], rig: RigLike | None, model: RigLike | None = None) -> RunConfig:

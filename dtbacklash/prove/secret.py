@@ -6,7 +6,7 @@ import json
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
-from dtbacklash.config.conceal import INSTRUMENTS, KINDS
+from dtbacklash.config.commands import INSTRUMENTS, KINDS
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 

@@ -25,7 +25,7 @@ CONCEALED_BY = (
 )  # fmt: skip
 #: the parts of the package that a diagnosis is made by: a case that other code diagnosed is diagnosed again
 DIAGNOSED_BY = (
-    "compiled.py", "config/checks.py", "config/rig.py", "config/setting.py", "physics", "recording", "units.py",
+    "compiled.py", "config/rig.py", "config/setting.py", "physics", "recording", "units.py",
     "yaml_files.py", "diagnose", "conf/rig",
 )  # fmt: skip
 ORACLE_BY = (*DIAGNOSED_BY, "prove/oracle.py", "prove/draw.py", "prove/simulator")

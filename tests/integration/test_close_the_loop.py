@@ -42,5 +42,5 @@ def test_what_is_found_makes_the_loop_as_good_as_the_truth(process, tmp_path):
 def test_a_loop_without_a_twin_is_refused(process, tmp_path):
     done = process("run", "experiment=close_the_loop", "controller=nimc_fixed", "out=closed")
     assert done.returncode == 2
-    assert done.stderr.startswith("dtb: error: controller=nimc_fixed: closing the loop takes one that a twin")
+    assert done.stderr.startswith("dtb: error: controller=nimc_fixed: closing the loop needs one that the twin")
     assert not (tmp_path / "closed").exists()

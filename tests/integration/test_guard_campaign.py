@@ -1,4 +1,4 @@
-"""The guarded twin in the closed loop: random starts, noises, gaps and buffers (``python -m benchmarks guard``)."""
+"""The guarded twin in the closed loop: random starts, noises, gaps and buffers (``python -m studies guard``)."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from benchmarks.campaign import Bench, harmful, new_bench, random_case, run_campaign, run_case
-from benchmarks.guard import guard_rows, guard_words
+from studies.campaign import Bench, harmful, new_bench, random_case, run_campaign, run_case
+from studies.guard import guard_rows, guard_words
 
 pytestmark = pytest.mark.nightly
 

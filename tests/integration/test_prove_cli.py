@@ -169,7 +169,7 @@ def test_a_rig_with_nothing_on_record_is_said_to_be_compared_with_nothing(dtb, t
     monkeypatch.setattr("dtbacklash.prove.draw.DURATION_S", (3, 3))
     code, _, err = dtb("--quick", "out=proof", "jobs=1")
     assert code == 0
-    assert "nothing is on record for rig=lead_screw" in err
+    assert "no score of rig=lead_screw was stored before" in err
 
 
 @pytest.mark.parametrize(

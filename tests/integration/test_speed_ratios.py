@@ -1,4 +1,4 @@
-"""Speed as ratios within one process; absolute times are measured by ``python -m benchmarks``."""
+"""Speed as ratios within one process; absolute times are measured by ``python -m studies``."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import statistics
 import numpy as np
 import pytest
 
-from benchmarks.hand_written import HandWritten
-from benchmarks.libraries import python_control, scipy_ivp
-from benchmarks.measure import interleaved_s
-from benchmarks.scenario import PAPER, SHORT, Scenario, ours, prepare
 from dtbacklash.twin.estimate import Problem, default_start, estimate_gap
 from dtbacklash.twin.observer import twin_model
+from studies.hand_written import HandWritten
+from studies.libraries import python_control, scipy_ivp
+from studies.measure import interleaved_s
+from studies.scenario import PAPER, SHORT, Scenario, ours, prepare
 
 pytestmark = pytest.mark.nightly
 
@@ -35,7 +35,7 @@ def test_the_contestants_solve_the_same_problem(paper: Scenario) -> None:
 
 
 def test_at_most_twelve_times_the_time_of_a_hand_written_loop_that_records_as_much(paper: Scenario) -> None:
-    """About seven times (``python -m benchmarks loop``); what a neighbour on the machine takes varies."""
+    """About seven times (``python -m studies loop``); what a neighbour on the machine takes varies."""
     ours_s, hand_s = interleaved_s([lambda: ours(paper), HandWritten(paper, everything=True)], 25)
     assert ours_s < 12.0 * hand_s
 

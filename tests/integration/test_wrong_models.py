@@ -1,4 +1,4 @@
-"""The guarded twin in loops whose model is wrong (``python -m benchmarks wrong_models``)."""
+"""The guarded twin in loops whose model is wrong (``python -m studies wrong_models``)."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from benchmarks.wrong_models import WAYS, live, random_case, run_wrong_models, wrong_model_rows, wrong_model_words
 from dtbacklash.config.compose import compose
 from dtbacklash.physics.rig import build_rig
+from studies.wrong_models import WAYS, live, random_case, run_wrong_models, wrong_model_rows, wrong_model_words
 
 pytestmark = pytest.mark.nightly
 

@@ -9,12 +9,10 @@ import pytest
 from page_reader import table_cells
 
 from dtbacklash import cli
-from dtbacklash.config import words as key_values
 from dtbacklash.config.compose import compose_for
 from dtbacklash.config.grammar import GRAMMARS, RUN
 from dtbacklash.config.groups import packaged_options
-from dtbacklash.config.twin import PARTS
-from dtbacklash.docs import configuration
+from dtbacklash.config.twin import PARTS, read
 from dtbacklash.docs import pages as docs
 from dtbacklash.physics.catalogue import CATALOGUE
 from dtbacklash.physics.kinds import KINDS
@@ -74,7 +72,7 @@ def test_every_group_option_setting_and_kind_stands_in_the_configuration() -> No
 
 
 def test_the_first_sentence_does_not_end_at_an_abbreviation() -> None:
-    assert configuration.first_sentence("# Control (Fig. 3 of it): e.g. no gap. More.\na: 1\n") == (
+    assert docs.first_sentence("# Control (Fig. 3 of it): e.g. no gap. More.\na: 1\n") == (
         "Control (Fig. 3 of it): e.g. no gap."
     )
 
@@ -149,7 +147,7 @@ def test_commands_of_the_twin_in_the_docs_are_accepted() -> None:
             if part.schema is None:
                 compose_for(RUN, RUN.schema, *(w for w in words[3:] if "my_rig" not in w))
             else:
-                key_values.read(part.schema, words[3:])
+                read(part.schema, words[3:])
             found += 1
     assert found > 5
 

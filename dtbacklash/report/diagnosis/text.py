@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from rich.text import Text
 
-from dtbacklash.diagnose.result import Diagnosis, Finding, Recalibrated
+from dtbacklash.diagnose.result import CONSISTENT, UNEXPLAINED, Diagnosis, Finding, Recalibrated
 from dtbacklash.diagnose.words import other_in_words
 from dtbacklash.report.diagnosis.words import heading, listed, partial
 from dtbacklash.report.kit.intervals import interval
 
 
 def lines(diagnosis: Diagnosis) -> list[Text]:
-    """The verdict, what was found with intervals, what cannot be told apart, which checks fail, what to record next."""
-    told = [Text(f"{diagnosis.verdict}: {heading(diagnosis)}", style="bold"), Text(diagnosis.summary)]
+    """The verdict, what was found with intervals, what cannot be told apart, which checks fail, what to record next.
+
+    Findings and recalibrated parameters say what the summary says; it stands here where there are none.
+    """
+    verdict = heading(diagnosis).removeprefix("Missing: ").removeprefix("Unexplained: ")
+    told = [Text(f"{diagnosis.verdict}: {verdict}", style="bold")]
+    if diagnosis.verdict in (CONSISTENT, UNEXPLAINED) and not diagnosis.findings:
+        told.append(Text(diagnosis.summary))
     for finding in diagnosis.findings:
         told += [Text(), Text(finding.sentence + partial(finding))]
         for name, p in finding.parameters.items():
@@ -28,8 +34,8 @@ def lines(diagnosis: Diagnosis) -> list[Text]:
     if diagnosis.checks:
         failed = [c.check for c in diagnosis.checks if not c.passed]
         passed = len(diagnosis.checks) - len(failed)
-        fails = f"; it fails that {listed(failed)}" if failed else ""
-        told += [Text(), Text(f"Checks: {passed} of {len(diagnosis.checks)} pass{fails}.")]
+        fails = f"; failed: {listed(failed)}" if failed else ""
+        told += [Text(), Text(f"Checks: {passed} of {len(diagnosis.checks)} passed{fails}.")]
     if diagnosis.units:
         read = ", ".join(f"{channel} in {unit}" for channel, unit in diagnosis.units.items())
         told += [Text(), Text(f"Units: {read}.")]

@@ -6,7 +6,7 @@ import pytest
 from dtbacklash import files
 from dtbacklash.campaign import sweep
 from dtbacklash.campaign.application import APPLICATIONS, find
-from dtbacklash.commands import campaigns
+from dtbacklash.commands import application
 from dtbacklash.commands.run import APPLICATION as RUN
 from dtbacklash.commands.run import FIGURES as FIGURES_OF_MERIT
 from dtbacklash.config.application import sweep_name
@@ -91,7 +91,7 @@ def test_exit_codes(tmp_path, monkeypatch, capsys, entries, expected):
     assert (tmp_path / "sweep.png").stat().st_size > 1000
     assert not list(tmp_path.rglob(".*"))
     monkeypatch.setattr(sweep, "_outcomes", [found])
-    assert campaigns.report() == expected
+    assert application.report() == expected
     assert capsys.readouterr().err.count("failed: why") == sum(e["status"] == "failed" for e in entries)
 
 

@@ -14,7 +14,7 @@ from dtbacklash.errors import UserError
 class Inner:
     """A section."""
 
-    size_mm: float = setting(1.0, "how large", unit="mm", above=0, at_most=5)
+    size_mm: float = setting(1.0, "how large", above=0, at_most=5)
     kind: str = setting("round", "which form", choices={"round": "", "square": ""})
 
     def __post_init__(self) -> None:
@@ -57,6 +57,7 @@ def test_none_and_truth_are_no_numbers():
 def test_the_schema_lists_its_settings_in_order():
     found = {one.key: one for one in declared(Outer)}
     assert list(found) == ["inner.size_mm", "inner.kind", "count", "file", "free", "quick"]
+    assert found["inner.size_mm"].unit == "mm"
     assert found["file"].word == "source"
     assert found["count"].plain_kind is int
     assert found["free"].is_mapping

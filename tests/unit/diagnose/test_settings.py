@@ -10,7 +10,6 @@ import pytest
 from joblib import parallel_config
 
 import dtbacklash
-from benchmarks.ablation import _variants
 from dtbacklash.diagnose import diagnose_records
 from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.data.floor import quantum
@@ -18,6 +17,7 @@ from dtbacklash.diagnose.search.parts import marked
 from dtbacklash.diagnose.settings import DiagnoseSettings, settings, using
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.errors import UserError
+from studies.ablation import _variants
 
 from .conftest import recorded
 

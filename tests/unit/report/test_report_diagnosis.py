@@ -220,16 +220,25 @@ def test_units_in_signs():
 
 def test_the_terminal_says_the_same_in_letters_that_it_has():
     text = "\n".join(line.plain for line in lines(diagnosed.missing()))
-    assert text.startswith("missing_physics: Missing: Coulomb friction at the motor bearing and backlash at the gear")
+    assert text.startswith("missing_physics: Coulomb friction at the motor bearing and backlash at the gear")
     for phrase in (
         "  torque = 20.0 +/- 0.5 mN m",
         "  this recording cannot tell it from dead zone at the amplifier",
         "  k = 9.020 +/- 0.019 kN/m (nominal 10 kN/m)",
-        "Checks: 1 of 2 pass; it fails that residual of q3 is white.",
+        "Checks: 1 of 2 passed; failed: residual of q3 is white.",
         "To record next: Record the motor current i_m",
     ):
         assert phrase in text
     assert text.isascii()
+
+
+@pytest.mark.parametrize("name", ["missing", "drifting", "parameters", "consistent", "unexplained"])
+def test_the_terminal_says_each_sentence_once(name):
+    told = [line.plain for line in lines(getattr(diagnosed, name)()) if line.plain]
+    assert len(told) == len(set(told))
+    assert ("Recalibrated" in "".join(told)) == bool(getattr(diagnosed, name)().recalibrated)
+    made = getattr(diagnosed, name)()
+    assert (made.summary in told) == (not made.findings and made.verdict != "parameters")
 
 
 def test_the_table_of_errors():

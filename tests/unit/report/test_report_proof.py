@@ -176,7 +176,7 @@ def test_no_figure_of_the_docs_is_typed_by_hand():
 
 
 def test_no_figure_of_the_comparison_is_typed_by_hand(tmp_path):
-    alternatives = pytest.importorskip("benchmarks.alternatives")
+    alternatives = pytest.importorskip("studies.alternatives")
     text = (DOCS / "proof.md").read_text(encoding="utf-8")
     begin, end = alternatives.BEGIN, alternatives.END
     document = read_json(DOCS / "proof" / "alternatives.json")

@@ -33,7 +33,7 @@ def belief(known: str) -> Belief:
     return Belief(build_rig(compose(known).rig))
 
 
-#: the bank works for a second; the benchmark tries all of it on random machines
+#: the bank works for a second; the study tries all of it on random machines
 nightly = pytest.mark.nightly
 FRICTION, MOTOR = "rig.effects.mass_3.ground_friction.force", "rig.effects.motor_bearing"
 CHANGES = [(f"{MOTOR}.coulomb_friction.torque=0.03", "Coulomb friction", "motor_bearing", 0.03)]

@@ -1,0 +1,102 @@
+"""The schemas of ``dtb diagnose``, ``conceal``, ``export fmu`` and ``paper``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from dtbacklash.config.groups import recordings
+from dtbacklash.config.rig import RigConfig
+from dtbacklash.config.setting import INPUT, OUTPUT, check, number, setting
+from dtbacklash.errors import UserError
+
+JOBS_MAX = 256
+#: what a recording may hide, and the sensors that it may have
+KINDS = ("nothing", "parameters", "single", "several", "unknown")
+INSTRUMENTS = ("minimal", "rich")
+COUNT_MAX, SEED_MAX = 100_000, 2**53
+
+
+@dataclass
+class RecordingInConfig:
+    """The recording: what to read, and in which units."""
+
+    source: str | None = setting(
+        None,
+        "FILE: CSV, Parquet, .mat, .npz, also gzip, with the columns t, u and the rig's sensors; or NAME[:PART]: a "
+        "recording that has a mapping (`dtb recordings` lists them, conf/recording adds to them)",
+        word="recording", path=INPUT, shown="FILE",
+    )  # fmt: skip
+    path: str | None = setting(
+        None, "where the file of a mapping is, if it is not in $DTB_RECORDINGS or fetched", path=INPUT
+    )
+    units: dict[str, str] = setting(
+        dict, "units of columns whose file does not say them, e.g. units={q3: mm, theta_m: deg}", word="units"
+    )
+    trust_units: bool = setting(False, "true: take the units as given, without asking whether they are plausible")
+
+
+@dataclass
+class DiagnoseConfig:
+    """One recording, compared with one rig."""
+
+    rig: RigConfig = field(default_factory=RigConfig)
+    recording: RecordingInConfig = field(default_factory=RecordingInConfig)
+    validation: str | None = setting(
+        None,
+        "FILE or NAME[:PART]: the recording to choose and to judge on (default: 40 % of the recording; 25 % choose "
+        "the structure, the last 15 % judge it)",
+        path=INPUT,
+    )
+    jobs: int | None = setting(
+        None, "threads that share the work (default: one for each core)", at_least=1, at_most=JOBS_MAX
+    )
+
+    def __post_init__(self) -> None:
+        check(self)
+        if not self.recording.source:
+            raise UserError("recording", "(missing)", "give a file or one of " + ", ".join(recordings()))
+
+
+@dataclass
+class ConcealConfig:
+    """Recordings to make, each with something hidden in it."""
+
+    rig: RigConfig = field(default_factory=RigConfig)
+    n: int = setting(1, "how many recordings, with the seeds from `seed` on", at_least=1, at_most=COUNT_MAX)
+    seed: int = setting(
+        0, "below 10000 for development; from 10000 on for proofs that count", at_least=0, at_most=SEED_MAX
+    )
+    kind: str | None = setting(None, "hide this kind of thing, instead of drawing it", choices=KINDS)
+    effect: str | None = setting(None, "PLACE.NAME: hide this effect alone, e.g. gear.backlash")
+    instruments: str | None = setting(
+        None, "minimal: only the sensors that the loop needs; rich: every sensor of the rig; null: drawn",
+        choices=INSTRUMENTS,
+    )  # fmt: skip
+    key: str | None = setting(
+        None, "file of the key (default: beside the folder, FOLDER.key); an existing key is used again", path=OUTPUT
+    )
+
+    def __post_init__(self) -> None:
+        check(self)
+
+
+@dataclass
+class ExportConfig:
+    """A rig for other simulation tools."""
+
+    rig: RigConfig = field(default_factory=RigConfig)
+    out: str | None = setting(None, "the file, NAME.fmu; null: the rig's name, here", path=OUTPUT)
+    sample_time_s: float = setting(
+        0.001, "sample time of its simulation; communication steps are multiples of it", above=0, at_most=1
+    )
+    substeps: int = setting(0, "steps a sample; 0: 1 where that is exact, else 8", at_least=0, at_most=10_000)
+    event_levels: int = setting(16, "a contact is located to sample_time_s / substeps / 2^this", at_least=0, at_most=30)
+
+    def __post_init__(self) -> None:
+        number("sample_time_s", self.sample_time_s, above=0, unit="s")
+        check(self)
+
+
+@dataclass
+class PaperConfig:
+    """Nothing to choose but the folder."""
