@@ -78,7 +78,7 @@ def _noise(model: Model) -> list[Check]:
     return [
         _below(
             f"residual of {channel} is noise", float(squares[b.name][j]), floors * float(least[b.name][j]),
-            "mean square of what is left of the held-out part, in units of the noise floor's; more is unexplained",
+            "mean square residual of the held-out part over that of the noise floor; a larger value is unexplained",
             FLOOR,
         )
         for b in evidence.blocks for j, channel in enumerate(b.channels)
@@ -102,7 +102,7 @@ def whiteness(evidence: Evidence, fitted: Fit) -> dict[str, Check]:
             rows[channel] = _below(
                 f"residual of {channel} is white", ljung_box(here[j], lags), threshold,
                 f"Ljung-Box Q over {lags} lags of the held-out part, against {colour:g} times that of a simulated "
-                "recording of which the extended rig is the truth (counts colour that too); more has a structure",
+                "recording of the extended rig (encoder counts colour noise, too); a larger value shows structure",
                 LJUNG_BOX,
             )  # fmt: skip
     return rows

@@ -47,8 +47,8 @@ def less(instead: Instead | None) -> str:
     worse = instead.times_the_error
     times = f"{worse:.2g}" if worse < 10.0 else f"{worse:.0f}"
     place = place_in_words(instead.location)
-    return (f" If the catalogue did not hold that, {what} at the {place} would be named, "
-            f"with {times} times the error; it is not needed beside it.")  # fmt: skip
+    return (f" Without that effect in the catalogue, {what} at the {place} would be named, "
+            f"with {times} times the error; it is not needed in addition.")  # fmt: skip
 
 
 def unsure(confidence: Confidence, key: tuple[str, str], rest: Recovered | None) -> str:
@@ -56,13 +56,13 @@ def unsure(confidence: Confidence, key: tuple[str, str], rest: Recovered | None)
     if confidence == "sure":
         return ""
     if rest is None or not rest.shown:
-        return " That is a part of the truth at best: more than noise is left, and nothing shows where it lies."
+        return " It may be only part of the truth: more than noise is left, and nothing shows where."
     what, place = name_in_words(key[1]), place_in_words(key[0])
     if rest.place == key[0]:
         return (f" It acts like {what}, but the law is another one: what is left depends on the {rest.state} of the "
                 f"{place}.")  # fmt: skip
     left = place_in_words(rest.place)
-    return f" That is a part of the truth at best: what is left at the {left} is too near, or too large beside it."
+    return f" It may be only part of the truth: what is left at the {left} is too close to it, or too large beside it."
 
 
 def when(model: Model, left_out: Residuals) -> str:
@@ -157,7 +157,7 @@ def limits_said(effects: list[str], parameters: list[str]) -> str:
     said = []
     if effects:
         stand = "stands" if len(effects) == 1 else "stand"
-        said.append(f"{' and '.join(effects)} {stand} at the end of its range: the data did not choose it.")
+        said.append(f"{' and '.join(effects)} {stand} at the end of the range: the data did not choose the value.")
     if parameters:
         stand, stands_in = ("stands", "it stands") if len(parameters) == 1 else ("stand", "they stand")
         said.append(f"{' and '.join(parameters)} {stand} at the limit, as far from nominal as a fit may go: there "

@@ -1,9 +1,9 @@
 """A constant effort beside dry friction that is larger is friction whose level differs between the directions.
 
-Levels F+ and F- are one level of (F+ + F-)/2 and an effort of -(F+ - F-)/2, at every speed and at rest: no recording
-tells them. A search, which adds one law after the other, finds the effort. Where the dry friction is larger, so that
-both levels are friction, a difference of the levels is what an engineer calls it; the effort stays beside it as what
-fits as well.
+Friction levels F+ and F- equal one level (F+ + F-)/2 and a constant effort -(F+ - F-)/2, at every speed and at rest: no
+recording can tell them apart. The search adds one law after the other and finds the effort. Where the dry friction is
+larger, both levels are friction, and an engineer calls their difference asymmetric friction; the effort stays as a
+rival that fits as well.
 """
 
 from dataclasses import replace

@@ -60,7 +60,7 @@ def fit_without(model: Model, log: Log, key: Key) -> Fit:
 
 
 def borne(model: Model, key: Key) -> bool:
-    """Whether another effect of the rig needs this one: a force on a mass that only a yielding screw lets move."""
+    """Whether another effect of the rig needs this one, as a force on a mass needs the screw that lets it move."""
     try:
         compile_plant(model.fitted.rig.with_effect(*key, None), model.evidence.records[0].sample_time_s)
     except UserError:

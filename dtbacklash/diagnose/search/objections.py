@@ -1,8 +1,7 @@
-"""Trial: what a law has to stand before its name is believed, beside fitting data that it was not fitted to.
+"""What speaks against a named effect although it fits held-out data.
 
-It acts where the motion was: none of its parameters stands where the recording cannot show it any more. It holds in a
-free simulation, with nothing measured that pulls it along. Its interval does not hold zero. A law that fails is not
-named.
+One of its parameters lies outside the range that the recording can show; the free simulation is worse with it; the
+held-out error rises with it; or its interval includes zero.
 """
 
 import math
@@ -25,7 +24,7 @@ from dtbacklash.physics.rig import Rig
 
 
 def objection(evidence: Evidence, rig: Rig, key: Key) -> str:
-    """Why a law of a rig is not believed: it stands at a bound of what these recordings can show. Empty if not so."""
+    """Why an effect of a rig is not believed: a parameter is at a bound of what these recordings can show. Else empty."""
     values, bounds = rig.effect(*key) or {}, evidence.bounds(key)
     for name, ends in bounds.items():
         # what is zero from the beginning is no bound
@@ -36,16 +35,16 @@ def objection(evidence: Evidence, rig: Rig, key: Key) -> str:
 
 
 def objections(evidence: Evidence, rig: Rig, order: tuple[Key, ...]) -> dict[Key, str]:
-    """The findings that are not believed where the last fit has brought them, each with its reason."""
+    """The effects that are not believed after the last fit, each with its reason."""
     reasons = {key: objection(evidence, rig, key) for key in order}
     return {key: why for key, why in reasons.items() if why}
 
 
 def spoils_the_free_run(evidence: Evidence, nominal: Fit, fitted: Fit, order: tuple[Key, ...]) -> Key | None:
-    """The finding without which the free simulation is best, where it is worse with all of them than with none.
+    """The effect to remove so that the free simulation improves most; None unless it is worse with all than with none.
 
-    Such a law only helps what the measurement pulls along anyway. One is judged among all of them: what is missing
-    beside it may spoil the free run of a law that is right.
+    Such a law only helps while the measurement pulls the simulation along. It is judged among all of them, since
+    what is missing beside it may spoil the free run of a law that is right.
     """
     if not order or not any(b.pulled and b.gains[0] > 0.0 for b in evidence.blocks):
         return None  # where nothing is pulled, the comparison is a free simulation itself
@@ -60,10 +59,10 @@ def spoils_the_free_run(evidence: Evidence, nominal: Fit, fitted: Fit, order: tu
 
 
 def _predicts(evidence: Evidence, nominal: Fit, fitted: Fit) -> bool:
-    """Whether all findings leave noise, and most of what is left without them is gone with a slower pull as well.
+    """Whether the effects together leave noise, and take away most of the error under a slower pull as well.
 
-    A carriage on its cogs snaps to another one after the least error, and stays there: its free run then says nothing.
-    A law that only hands the measurement back does so no more where the pull is a third of what it was fitted with.
+    A carriage on magnets snaps to another cog after the smallest error and stays there, so its free run says nothing.
+    A law that only hands the measurement back fails under a third of the pull that it was fitted with.
     """
     if worst(evidence, fitted) > settings().nearly_noise_floors:
         return False
@@ -73,12 +72,12 @@ def _predicts(evidence: Evidence, nominal: Fit, fitted: Fit) -> bool:
 
 
 def _holds_slowly(evidence: Evidence, nominal: Fit, fitted: Fit, order: tuple[Key, ...]) -> bool:
-    """Whether the rig with all findings is no worse than with none if both are pulled slowly, or nobody knows.
+    """Whether the rig with all effects is no worse than with none if both are pulled slowly, or nobody can know.
 
-    A machine that integrates drifts away after the least error of its parameters, and then its free run says nothing of
-    its laws. The slow pull keeps it, but moves nothing that does not move by itself; the nominal parameters are fitted
-    under it, and the laws are as they were found. A motor on the top of a tooth, or a pendulum on its head, goes
-    another way after the least disturbance, whatever the pull.
+    A machine that integrates drifts away after the smallest error of its parameters, so its free run says nothing about
+    its laws. The slow pull holds it, but moves nothing that does not move by itself; the nominal parameters are fitted
+    under it, and the laws stay. An unstable machine (a motor on top of a cog, an inverted pendulum) goes another way
+    after the smallest disturbance, whatever the pull: then nobody can know.
     """
     slow = slow_evidence(evidence)
     if slow is evidence:
@@ -89,9 +88,9 @@ def _holds_slowly(evidence: Evidence, nominal: Fit, fitted: Fit, order: tuple[Ke
 
 
 def _repeats(evidence: Evidence, fitted: Fit, order: tuple[Key, ...]) -> bool:
-    """Whether a run ends where it did with as much noise again, and with the laws as another formulation has them.
+    """Whether a run repeats itself with the sensors' noise added and the laws changed by their formulation error.
 
-    The noise is that of where the run begins and of what pulls it.
+    The noise acts on the first state and on the signal that pulls.
     """
     rng, rig = np.random.default_rng(0), fitted.rig
     for key in order:
@@ -119,9 +118,9 @@ def _repeats(evidence: Evidence, fitted: Fit, order: tuple[Key, ...]) -> bool:
 
 
 def free_error(evidence: Evidence, rig: Rig) -> float:
-    """Mean square of the free simulation over all channels and samples, relative to the signals; inf if it runs away.
+    """Mean square error of the free simulation over all channels and samples, relative to the signals.
 
-    Of all samples: a simulation that runs freely from the beginning is not bound to parts.
+    Infinite if it runs away.
     """
     squares = free_squares(evidence, rig)
     total: Floats = np.concatenate(list(squares.values()))
@@ -129,10 +128,9 @@ def free_error(evidence: Evidence, rig: Rig) -> float:
 
 
 def raises_the_error(evidence: Evidence, nominal: Fit, fitted: Fit, order: tuple[Key, ...]) -> Key | None:
-    """The finding without which the held-out error is least, where that is significantly less than with it.
+    """The effect whose removal lowers the held-out error significantly, and most; None if there is none.
 
-    The last one that was found, where all of them together leave more than the recalibrated rig does. What does not
-    happen in the part that judges, a command that never saturates there, neither raises nor lowers it.
+    The effect that was added last, if all together leave more than the recalibrated rig does.
     """
     if order and rises(evidence, nominal.residuals, fitted.residuals):
         return order[-1]
@@ -145,9 +143,9 @@ def raises_the_error(evidence: Evidence, nominal: Fit, fitted: Fit, order: tuple
 
 
 def insignificant(evidence: Evidence, rig: Rig, order: tuple[Key, ...], errors: Errors) -> Key | None:
-    """The finding whose amplitude is least sure to be away from doing nothing, if that is not sure; else None.
+    """The effect whose amplitude is closest to zero in its standard errors, if zero cannot be excluded; else None.
 
-    Of an effect that the nominal rig has it is a finding that it does nothing.
+    Effects of the nominal rig are not asked: that such an effect does nothing is a finding, too.
     """
     new = [key for key in order if evidence.nominal.effect(*key) is None]
     away = {key: float(np.nan_to_num(distance(evidence, rig, key, errors))) for key in new}
@@ -158,13 +156,13 @@ def insignificant(evidence: Evidence, rig: Rig, order: tuple[Key, ...], errors: 
 def distance(evidence: Evidence, rig: Rig, key: Key, errors: Errors) -> float:
     """Distance of an effect from where it does nothing, in standard errors; NaN where that is not known.
 
-    Of the amplitude that is furthest from there: an effect with two of them does something if either one does.
+    The largest over its amplitudes: an effect with two of them does something if either one does.
     """
     return max((d for d in distances(evidence, rig, key, errors).values() if math.isfinite(d)), default=math.nan)
 
 
 def distances(evidence: Evidence, rig: Rig, key: Key, errors: Errors) -> dict[str, float]:
-    """The same of each amplitude that was fitted; NaN where it is not known."""
+    """Distance of each fitted amplitude from where it does nothing, in standard errors; NaN where it is not known."""
     entry, values = find(rig.kind_at(key[0]), key[1], key[0]), rig.effect(*key) or {}
     found = {}
     for p in entry.amplitudes:
@@ -177,13 +175,13 @@ def distances(evidence: Evidence, rig: Rig, key: Key, errors: Errors) -> dict[st
 
 
 def unseen(evidence: Evidence, rig: Rig, key: Key, errors: Errors) -> set[str]:
-    """The amplitudes of an effect whose intervals hold what does nothing, beside one whose does not."""
+    """The amplitudes of an effect whose intervals include zero, beside at least one whose interval does not."""
     away = distances(evidence, rig, key, errors)
     seen = {name for name, d in away.items() if d >= settings().away_errors}
     return set(away) - seen if seen else set()
 
 
 def nothing(evidence: Evidence, size: Parameter) -> float:
-    """Where an amplitude does nothing; a limit does so from the largest command on."""
+    """The value at which an amplitude does nothing; for a limit, the largest command."""
     neutral = size.neutral or 0.0
     return neutral if math.isfinite(neutral) else max(float(np.abs(r.u).max()) for r in evidence.records)

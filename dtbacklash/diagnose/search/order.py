@@ -1,4 +1,4 @@
-"""Which candidates are worth a fit, and in which order fits are asked whether they earn their place."""
+"""Which candidates are worth a fit, and the order in which fits are asked whether they earn their place."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ def promising(evidence: Evidence, scores: list[Score]) -> list[Score]:
 
 
 def twins(evidence: Evidence, scores: list[Score], trials: list[Trial]) -> list[Score]:
-    """Those not tried yet whose signatures are almost that of the best trial."""
+    """Candidates not tried yet whose signatures are almost parallel to that of the best trial."""
     rules = settings()
     best = min(trials, key=lambda t: merit(evidence, t.fitted), default=None)
     if best is None:
@@ -36,9 +36,9 @@ def twins(evidence: Evidence, scores: list[Score], trials: list[Trial]) -> list[
 
 
 def runners_up(model: Model, log: Log, trials: list[Trial]) -> list[Trial]:
-    """What came next to the effect that was added last, from the values that it was fitted to.
+    """The best trials that were not chosen when the last effect was added, starting from the values fitted then.
 
-    Two large effects each stand in for the other: the first to be added takes more than its share, and about that fit
+    Two large effects each stand in for the other: the first one added takes more than its share, and about that fit
     the signature of the second shows nothing.
     """
     known = {t.key for t in trials} | set(model.keys) | set(log.refused)
@@ -48,9 +48,9 @@ def runners_up(model: Model, log: Log, trials: list[Trial]) -> list[Trial]:
 
 
 def is_named_already(model: Model, trial: Trial) -> bool:
-    """Whether a trial's law has become one that is named at its place, or that one has become the trial's.
+    """Whether a trial's law has reached the limit that is a law named at its place, or the other way round.
 
-    The same law twice explains nothing more, and two that each stick chatter: a simulation takes seconds.
+    The same law twice explains nothing more, and two laws that each stick chatter, which takes seconds to simulate.
     """
     evidence, (place, name) = model.evidence, trial.key
     there = {effect for at, effect in model.keys if at == place}
@@ -63,10 +63,10 @@ def _cosine(a: Floats, b: Floats) -> float:
 
 
 def siblings(evidence: Evidence, scores: list[Score], trials: list[Trial]) -> list[Score]:
-    """The best trial's effect at the other places that take it, from the values that were fitted here.
+    """The best trial's effect at the other places that take it, starting from the values fitted here.
 
-    Only where noise is not all that is left: a resonance that is narrow or a stop that is seldom hit is found at the
-    wrong place first, because its grid happens to be nearer there.
+    Only where more than noise is left: the grid may lead a narrow resonance or a stop that is seldom hit to the wrong
+    place first.
     """
     best = min(trials, key=lambda t: merit(evidence, t.fitted), default=None)
     values = best.fitted.rig.effect(*best.key) if best else None
@@ -81,7 +81,7 @@ def siblings(evidence: Evidence, scores: list[Score], trials: list[Trial]) -> li
 
 
 def hopeful(evidence: Evidence, before: Fit, quick: Fit) -> bool:
-    """Whether a quick fit comes near to what it would have to earn."""
+    """Whether a quick fit comes close to what an effect has to earn."""
     rules = settings()
     share, floor, _ = paired(evidence, before, quick)
     relief = before.penalty - quick.penalty
@@ -90,9 +90,9 @@ def hopeful(evidence: Evidence, before: Fit, quick: Fit) -> bool:
 
 
 def apart(evidence: Evidence, trials: list[Trial]) -> list[list[Trial]]:
-    """All trials, the best first; then, should none of them earn its place, those that share no block with the best.
+    """All trials; then, for the case that none of them earns its place, those that share no block with the best.
 
-    What is the best in one block may be worth nothing there and still hide what is missing in another.
+    The best trial in one block may earn nothing there and still hide what is missing in another block.
     """
     if not trials:
         return []
@@ -101,7 +101,7 @@ def apart(evidence: Evidence, trials: list[Trial]) -> list[list[Trial]]:
 
 
 def simplest_first(evidence: Evidence, trials: list[Trial]) -> list[Trial]:
-    """Those that fit as well as the best, the one with the fewest parameters first."""
+    """The trials that fit as well as the best, those with the fewest parameters first."""
     ranked = sorted(trials, key=lambda t: merit(evidence, t.fitted))
     if not ranked:
         return []

@@ -1,7 +1,7 @@
-"""Three parts of the recordings: one is fitted to, one chooses the structure, and one judges, once and in the end.
+"""Three parts of the recordings: one is fitted to, one chooses the structure, and one judges, once and at the end.
 
-What chose among fifty candidates flatters the one that it chose. So the last part is seen by nobody until everything
-has been chosen; before that, the structure is fitted anew to all but this part.
+The part that chose among fifty candidates flatters its choice. So nothing sees the last part until everything has been
+chosen; before it judges, the structure is fitted anew to the other two parts.
 """
 
 from dataclasses import replace
@@ -52,10 +52,9 @@ def check_parts(records: list[Record], given: tuple[str, object]) -> None:
 
 
 def divided(records: list[Record]) -> list[Record]:
-    """The recordings with the last of what is held out kept for the judgement, and the rest of it mixed with the fit's.
+    """The recordings with the last of the held-out data kept for judging, and the rest interleaved with the fit's.
 
-    What chooses takes turns with what is fitted to: a limit that is reached in one part only is neither fitted nor
-    chosen.
+    Stretches to fit and to choose by take turns: a limit that only one of them reached could not be fitted and chosen.
     """
     kept = [replace(r, held=r.held & ~r.judge) for r in marked(records)]
     turns = sum(int(r.held.sum()) for r in kept) // (settings().turn_stretches * stretch_of(kept))

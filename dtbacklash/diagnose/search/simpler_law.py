@@ -1,7 +1,7 @@
 """A law that is the limit of another one: a finding that has reached that limit takes the simpler name.
 
-Dry friction across a spring is a hysteresis over a tiny displacement, and a bristle that engineers call dry friction is
-one too. Where the displacement is small beside the motion, the simpler name stands, unless the data need the other.
+Dry friction across a spring is a hysteresis over a tiny displacement. Where that displacement is small beside the
+motion, the simpler name is used unless the data need the other one.
 """
 
 from dataclasses import replace
@@ -19,7 +19,7 @@ from dtbacklash.physics.catalogue import find
 
 
 def has_become(evidence: Evidence, fitted: Fit, key: Key) -> str:
-    """The law that a finding has become, as its parameter is small beside the motion; else empty."""
+    """The simpler law that an effect equals when its parameter is small beside the motion; else empty."""
     place, name = key
     entry = find(evidence.nominal.kind_at(place), name, place)
     parameter, limit = entry.becomes or ("", "")
@@ -31,10 +31,10 @@ def has_become(evidence: Evidence, fitted: Fit, key: Key) -> str:
 
 
 def call_by_its_limit(model: Model, log: Log) -> Model:
-    """Put the limiting law in the place of each finding that has become it, where that explains nearly as much.
+    """Replace each effect that has reached its limiting law by that law, if it explains nearly as much.
 
-    What the finding explains beyond that is how another formulation of the same law behaves around rest: it is noted as
-    such, so that nobody takes it for missing physics.
+    What the effect explains beyond that is how another formulation of the same law behaves around rest. It is noted as
+    such, so that it does not count as missing physics.
     """
     for key in model.keys:
         evidence, before = model.evidence, model.fitted

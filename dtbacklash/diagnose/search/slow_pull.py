@@ -1,7 +1,7 @@
-"""Where the pull moves position and speed, the last fit pulls more slowly: prediction lives at low frequencies.
+"""The last fit, under a slower pull where the pull moves position and speed.
 
-The search pulls fast, so that laws are evaluated along the measured motion; once the laws are known, a slow pull weighs
-what drifts in seconds, and the parameters predict the recording without any pull.
+The search pulls fast, so that laws are evaluated along the measured motion. Once the laws are known, a slow pull gives
+weight to slow drift, so that the parameters predict the recording without any pull.
 """
 
 from dataclasses import replace
@@ -69,9 +69,9 @@ def refit_slowly(model: Model) -> tuple[Model, Evidence, Fit, Linear]:
 def _spoils(evidence: Evidence, before: Fit, after: Fit) -> bool:
     """Whether the slow fit leaves more of what judges, where hardly more than noise was left without it.
 
-    A body that friction holds stands still somewhere else after the least error, and nothing brings it back: what
-    drifts then tells of that error, and not of the parameters. Where much is unexplained anyway, what drifts is the
-    better guide to what the model does on its own.
+    A body that friction holds stops elsewhere after the smallest error, and nothing brings it back: its drift then
+    reflects that error and not the parameters. Where much is unexplained anyway, drift is the better guide to what the
+    model does on its own.
     """
     complete = worst(evidence, before) <= settings().nearly_noise_floors
     return complete and rises(evidence, before.residuals, after.residuals)
