@@ -24,7 +24,7 @@ from dtbacklash.physics.rig import Rig
 
 
 def objection(evidence: Evidence, rig: Rig, key: Key) -> str:
-    """Why an effect of a rig is not believed: a parameter is at a bound of what these recordings can show. Else empty."""
+    """Why an effect is not believed: a parameter is at a bound of what these recordings can show. Else empty."""
     values, bounds = rig.effect(*key) or {}, evidence.bounds(key)
     for name, ends in bounds.items():
         # what is zero from the beginning is no bound
@@ -41,7 +41,7 @@ def objections(evidence: Evidence, rig: Rig, order: tuple[Key, ...]) -> dict[Key
 
 
 def spoils_the_free_run(evidence: Evidence, nominal: Fit, fitted: Fit, order: tuple[Key, ...]) -> Key | None:
-    """The effect to remove so that the free simulation improves most; None unless it is worse with all than with none.
+    """The effect whose removal improves the free simulation most, if that is worse with all effects than with none.
 
     Such a law only helps while the measurement pulls the simulation along. It is judged among all of them, since
     what is missing beside it may spoil the free run of a law that is right.
