@@ -33,7 +33,7 @@ MEANINGS = {
 }
 CAPTION = (
     "The largest overshoot with each belief, and the output at the move that the nominal belief does worst.",
-    "the bar of “both” as short as that of “truth”, and its line on top of the dotted one.",
+    "If what was found is right, the bar of “both” is as short as that of “truth” and its line lies on the dotted one.",
 )
 
 

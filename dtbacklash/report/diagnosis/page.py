@@ -16,22 +16,24 @@ from dtbacklash.diagnose.result import (
     UNEXPLAINED,
     Diagnosis,
     Finding,
-    ModelErrors,
     Recalibrated,
 )
 from dtbacklash.diagnose.say.save import save
 from dtbacklash.diagnose.words import named_in_words, other_in_words, place_in_words
 from dtbacklash.files import json_text
 from dtbacklash.physics.effects.declare import name_in_words
-from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
+from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.rig_file import rig_yaml
 from dtbacklash.report.diagnosis.figures import curve_figure, law_figure
 from dtbacklash.report.diagnosis.methods import methods
 from dtbacklash.report.diagnosis.rig_drawing import draw_rig
 from dtbacklash.report.diagnosis.words import (
+    answers,
     better_model,
     capital,
+    error_text,
     heading,
+    labels,
     partial,
 )
 from dtbacklash.report.kit.intervals import degrees, interval
@@ -47,7 +49,7 @@ BADGES = {
     UNEXPLAINED: ("unexplained", "bad"),
 }
 MODELS = ("nominal", "recalibrated", "extended")
-#: from this many times the signal on, an error is only said to be beyond it
+#: from this many times the signal on, an error is only said to be over it
 BEYOND = 10.0
 
 
@@ -73,8 +75,7 @@ def write(diagnosis: Diagnosis, folder: Path) -> None:
         badge=BADGES[diagnosis.verdict],
         source=diagnosis.source,
         rig=diagnosis.nominal.config,
-        summary=diagnosis.summary,
-        tiles=_tiles(diagnosis),
+        answers=answers(diagnosis),
         findings=[_finding(f) for f in diagnosis.findings],
         recalibrated=[_recalibrated(n, r, diagnosis.nominal) for n, r in diagnosis.recalibrated.items()],
         fit=_fit(diagnosis, best),
@@ -90,7 +91,7 @@ def write(diagnosis: Diagnosis, folder: Path) -> None:
         shown=SHOWN_CANDIDATES,
         next_experiment=diagnosis.next_experiment,
         figures=figures,
-        explained=_explained(diagnosis),
+        part=_explained(diagnosis),
         notes=diagnosis.notes,
         methods=text,
         works=works,
@@ -100,13 +101,6 @@ def write(diagnosis: Diagnosis, folder: Path) -> None:
         rig_yaml=rig_yaml(diagnosis.extended),
     )
     (folder / "report.html").write_text(page, encoding="utf-8")
-
-
-def error_text(value: float | None, metric: str) -> str:
-    """An error of fit; a normalised one in percent."""
-    if value is None:
-        return "-"
-    return f"{number(100 * value)} %" if metric == "nrmse" else number(value)
 
 
 def _draw(diagnosis: Diagnosis, folder: Path) -> Figures:
@@ -126,40 +120,7 @@ def _draw(diagnosis: Diagnosis, folder: Path) -> Figures:
 
 def rig_figure(diagnosis: Diagnosis) -> Figure:
     """The rig, with the evidence at each element and what was found there."""
-    return draw_rig(diagnosis.nominal, diagnosis.shown.evidence, _labels(diagnosis.findings))
-
-
-def _labels(findings: tuple[Finding, ...]) -> list[tuple[str, str]]:
-    """What stands below an element: effect and the size that it has."""
-    labels = []
-    for finding in findings:
-        effect = name_in_words(finding.effect)
-        sensor = finding.location.startswith(SENSOR_PREFIX)  # its label stands below what it watches
-        lines = [f"{place_in_words(finding.location)}: {effect}" if sensor else effect]
-        first = next(iter(finding.parameters.values()), None)
-        if first is not None:
-            lines.append(interval(first.value, first.ci95, first.unit))
-        labels.append((finding.location, "\n".join(lines)))
-    return labels
-
-
-def _tiles(diagnosis: Diagnosis) -> list[tuple[str, str]]:
-    """The few numbers to be read first: (value, what it is)."""
-    fit, best = diagnosis.fit, better_model(diagnosis)
-    held = fit.held_out
-    tiles = [(error_text(held.nominal, fit.metric), "error of the nominal model on held-out data")]
-    better = held.extended if best == "extended" else held.recalibrated
-    if diagnosis.verdict != CONSISTENT and better is not None:
-        tiles.append((error_text(better, fit.metric), f"error of the {best} model on held-out data"))
-    tiles.append((error_text(fit.noise_floor, fit.metric), "noise floor: no model can do better"))
-    if diagnosis.verdict == UNEXPLAINED and diagnosis.shown.floors:  # a noisy channel may hide the one that matters
-        left = {c: errors.extended or 0.0 for c, errors in diagnosis.shown.floors.items()}
-        worst = max(left, key=lambda c: left[c])
-        tiles.append((f"{number(left[worst], 2)} floors", f"are left of {worst}, the worst channel"))
-    if diagnosis.checks:
-        passed = sum(c.passed for c in diagnosis.checks)
-        tiles.append((f"{passed} of {len(diagnosis.checks)}", "checks pass"))
-    return tiles
+    return draw_rig(diagnosis.nominal, diagnosis.shown.evidence, labels(diagnosis.findings))
 
 
 def _explained(diagnosis: Diagnosis) -> str:
@@ -176,7 +137,7 @@ def _finding(finding: Finding) -> dict[str, Any]:
     return {
         "title": capital(named_in_words(finding.effect, finding.location)) + partial(finding),
         "sentence": finding.sentence,
-        "when": capital(finding.when),
+        "when": finding.when[:1].upper() + finding.when[1:],
         "parameters": parameters,
         "also": [other_in_words(a) for a in finding.also_fits],
     }
@@ -184,16 +145,15 @@ def _finding(finding: Finding) -> dict[str, Any]:
 
 def _recalibrated(name: str, row: Recalibrated, rig: Rig) -> dict[str, Any]:
     known = rig.config.parameters.get(name)
-    nominal = row.nominal
-    return {
-        "name": name,
-        "about": known.description if known else "",
-        "nominal": interval(nominal, None, row.unit, size=nominal),
-        "value": interval(row.value, row.ci95, row.unit, size=nominal),
-        "change": f"{100 * (row.value / nominal - 1):+.3g} %" if nominal else "-",
-        "tolerance": f"± {number(100 * known.tolerance)} %" if known else "-",
-        "also": [other_in_words(a) for a in row.also_fits],
-    }
+    cells = [
+        name,
+        known.description if known else "",
+        interval(row.nominal, None, row.unit, size=row.nominal),
+        interval(row.value, row.ci95, row.unit, size=row.nominal),
+        f"{100 * (row.value / row.nominal - 1):+.3g} %" if row.nominal else "-",
+        f"± {number(100 * known.tolerance)} %" if known else "-",
+    ]
+    return {"name": name, "cells": cells, "also": [other_in_words(a) for a in row.also_fits]}
 
 
 def _fit(diagnosis: Diagnosis, best: str) -> dict[str, Any]:
@@ -202,41 +162,37 @@ def _fit(diagnosis: Diagnosis, best: str) -> dict[str, Any]:
     columns = MODELS if best == "extended" else MODELS[:2]
     floor = error_text(fit.noise_floor, fit.metric)
     rows = [
-        (words, [error_text(value, fit.metric) for value in _errors(errors, columns)], floor)
+        [words, *(error_text(getattr(errors, c), fit.metric) for c in columns), floor]
         for words, errors in (("fitted to", fit.train), ("held out", fit.held_out))
-    ]  # fmt: skip
-    alone = (("fitted to, on its own", free.train), ("held out, on its own", free.held_out)) if free else ()
-    rows += [(words, [_free_text(value) for value in _errors(errors, columns)], "") for words, errors in alone]
-    floors = [
-        (channel, [number(value) if value is not None else "-" for value in _errors(errors, columns)])
-        for channel, errors in diagnosis.shown.floors.items()
     ]
-    return {"metric": fit.metric, "columns": columns, "rows": rows, "floors": floors}
-
-
-def _errors(errors: ModelErrors, columns: tuple[str, ...]) -> list[float | None]:
-    each = dict(zip(MODELS, (errors.nominal, errors.recalibrated, errors.extended), strict=True))
-    return [each[c] for c in columns]
+    alone = (("fitted to, on its own", free.train), ("held out, on its own", free.held_out)) if free else ()
+    rows += [[words, *(_free_text(getattr(errors, c)) for c in columns), ""] for words, errors in alone]
+    floors = [
+        [channel, *(number(getattr(errors, c)) for c in columns)] for channel, errors in diagnosis.shown.floors.items()
+    ]
+    return {"metric": fit.metric, "heads": [f"{c}#" for c in columns], "rows": rows, "floors": floors}
 
 
 def _free_text(value: float | None) -> str:
     """The error of a model that runs freely, which may be anything."""
     if value is None:
         return "runs away"
-    return error_text(value, "nrmse") if value < BEYOND else f"{number(value, 2)} times the signal"
+    return error_text(value, "nrmse") if value < BEYOND else f"over {100 * BEYOND:.0f} %"
 
 
 def _checks(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """The rows, those that fail first."""
+    names = {*diagnosis.nominal.sensors, "u"}
     return [
         {
-            "check": capital(c.check),
+            "check": capital(c.check, names),
             "statistic": "-" if c.statistic is None else number(c.statistic),
             "threshold": f"{c.operator} {number(c.threshold)}",
             "passed": c.passed,
-            "comment": capital(c.comment),
+            "comment": capital(c.comment, names),
             "source": c.source,
         }
-        for c in diagnosis.checks
+        for c in sorted(diagnosis.checks, key=lambda c: c.passed)
     ]
 
 

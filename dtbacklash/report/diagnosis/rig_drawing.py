@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from dtbacklash.physics.kinds import GROUND
 from dtbacklash.physics.rig import SENSOR_PREFIX, Element, Rig
+from dtbacklash.report.diagnosis.words import percents
 from dtbacklash.report.kit.style import INK, MUTED, WIDTH, new_figure, styled
 
 HEAT = LinearSegmentedColormap.from_list("evidence", ["#ffffff", "#fde3c8", "#f6a55f", "#d55e00"])
@@ -140,15 +141,6 @@ def draw_rig(rig: Rig, evidence: dict[str, float], labels: list[tuple[str, str]]
     for row in rows:
         _labels(ax, row, host, xs, told)
     return figure
-
-
-def percents(shares: dict[str, float]) -> dict[str, str]:
-    """Shares as whole percents that add up as the shares do: the largest remainders are rounded up."""
-    exact = {name: 100.0 * share for name, share in shares.items()}
-    whole = {name: int(value) for name, value in exact.items()}
-    for name in sorted(exact, key=lambda n: whole[n] - exact[n])[: round(sum(exact.values())) - sum(whole.values())]:
-        whole[name] += 1
-    return {name: f"{value} %" if value else "< 1 %" for name, value in whole.items()}
 
 
 def _columns(chunks: list[list[str]]) -> dict[str, float]:

@@ -4,23 +4,18 @@ from __future__ import annotations
 
 from rich.text import Text
 
-from dtbacklash.diagnose.result import CONSISTENT, UNEXPLAINED, Diagnosis, Finding, Recalibrated
-from dtbacklash.diagnose.words import other_in_words
-from dtbacklash.report.diagnosis.words import heading, listed, partial
+from dtbacklash.diagnose.result import Diagnosis, Finding, Recalibrated
+from dtbacklash.diagnose.words import named_in_words, other_in_words
+from dtbacklash.report.diagnosis.words import capital, checks_said, heading, partial
 from dtbacklash.report.kit.intervals import interval
 
 
 def lines(diagnosis: Diagnosis) -> list[Text]:
-    """The verdict, what was found with intervals, what cannot be told apart, which checks fail, what to record next.
-
-    Findings and recalibrated parameters say what the summary says; it stands here where there are none.
-    """
-    verdict = heading(diagnosis).removeprefix("Missing: ").removeprefix("Unexplained: ")
-    told = [Text(f"{diagnosis.verdict}: {verdict}", style="bold")]
-    if diagnosis.verdict in (CONSISTENT, UNEXPLAINED) and not diagnosis.findings:
-        told.append(Text(diagnosis.summary))
+    """The verdict, what was found with intervals, what cannot be told apart, which checks fail, what to record next."""
+    told = [Text(f"{diagnosis.verdict}: {heading(diagnosis)}", style="bold"), Text(diagnosis.summary.replace("`", ""))]
     for finding in diagnosis.findings:
-        told += [Text(), Text(finding.sentence + partial(finding))]
+        title = capital(named_in_words(finding.effect, finding.location))
+        told += [Text(), Text(title + partial(finding))]
         for name, p in finding.parameters.items():
             told.append(Text(f"  {name} = {interval(p.value, p.ci95, p.unit, plain=True)}"))
         told += _alike(finding)
@@ -33,14 +28,12 @@ def lines(diagnosis: Diagnosis) -> list[Text]:
         told += _alike(row)
     if diagnosis.checks:
         failed = [c.check for c in diagnosis.checks if not c.passed]
-        passed = len(diagnosis.checks) - len(failed)
-        fails = f"; failed: {listed(failed)}" if failed else ""
-        told += [Text(), Text(f"Checks: {passed} of {len(diagnosis.checks)} passed{fails}.")]
+        told += [Text(), Text(checks_said(len(diagnosis.checks), failed))]
     if diagnosis.units:
         read = ", ".join(f"{channel} in {unit}" for channel, unit in diagnosis.units.items())
         told += [Text(), Text(f"Units: {read}.")]
     if diagnosis.next_experiment:
-        told += [Text(), Text(f"To record next: {diagnosis.next_experiment}")]
+        told += [Text(), Text(f"To record next: {diagnosis.next_experiment}".replace("`", ""))]
     return told
 
 

@@ -1,18 +1,22 @@
-"""Numbers as text: as many digits as a reader needs."""
+"""Numbers as text, in one notation: as many digits as a reader needs, powers of ten for very small and large ones."""
 
 from __future__ import annotations
 
 import math
+import re
 from numbers import Real
 from typing import Any
 
 import pandas as pd
 
+from dtbacklash.units import SUPERSCRIPT
 
-def number(value: Any, digits: int = 3, missing: str = "-") -> str:
-    """A number with `digits` significant digits, never in exponential form between 0.001 and a million.
 
-    None, NaN and NA become `missing`; a text stays as it is; True and False become yes and no.
+def number(value: Any, digits: int = 3, missing: str = "-", plain: bool = False) -> str:
+    """A number with `digits` significant digits; below 0.001 and from a million on with a power of ten.
+
+    None, NaN and NA become `missing`; a text stays as it is; True and False become yes and no. `plain`: in letters
+    that every terminal has, 1e-9.
     """
     if isinstance(value, str):
         return value
@@ -24,10 +28,20 @@ def number(value: Any, digits: int = 3, missing: str = "-") -> str:
         return str(value)
     x = float(value)
     if x == 0 or not math.isfinite(x) or not 1e-3 <= abs(x) < 1e6:
-        return f"{x:.{digits}g}"
+        text = f"{x:.{digits}g}"
+        return re.sub(r"e([+-])0*", lambda e: "e-" if e[1] == "-" else "e", text) if plain else powers(text)
     decimals = max(digits - 1 - math.floor(math.log10(abs(x))), 0)
     text = f"{x:.{decimals}f}"
     return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def powers(text: str) -> str:
+    """A text with its numbers of the form 3.1e-12 written 3.1 × 10⁻¹²."""
+
+    def ten(found: re.Match[str]) -> str:
+        return f"{found[1]} \N{MULTIPLICATION SIGN} 10{str(int(found[2])).translate(SUPERSCRIPT)}"
+
+    return re.sub(r"\b(\d+(?:\.\d+)?)e([+-]?\d+)\b", ten, text)
 
 
 def fixed(value: Any, decimals: int, missing: str = "-") -> str:

@@ -10,6 +10,7 @@ from typing import Any
 
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
 
 from dtbacklash.report.kit.numbers import fixed, number
 
@@ -32,9 +33,14 @@ def render(template: str, **values: Any) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(number=number, fixed=fixed, breakable=breakable)
+    environment.filters.update(number=number, fixed=fixed, breakable=breakable, prose=prose)
     page = environment.get_template(template).render(**values)
     return page.replace(CONTENTS, _contents(page), 1)
+
+
+def prose(text: str) -> Markup:
+    """A sentence with what stands in back-ticks shown as a name."""
+    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(text))))
 
 
 def breakable(text: Any) -> str:
@@ -55,7 +61,7 @@ def _contents(page: str) -> str:
 class Shown:
     """A figure as the macro `figure` of `parts.html.j2` shows it.
 
-    `image` is a data URI, `good` a sentence on what a good one looks like, `title` stands in front of the caption.
+    `image` is a data URI, `good` a sentence on what to see in it, `title` stands in front of the caption.
     """
 
     image: str

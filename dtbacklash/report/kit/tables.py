@@ -73,7 +73,7 @@ def decimals(count: int, missing: str = "-") -> Cell:
 
 def plain_cell(value: Any) -> str:
     """A number with four digits, or a text as it is."""
-    return number(value, 4)
+    return number(value, 4, plain=True)
 
 
 def moves(frame: pd.DataFrame) -> Table:
@@ -161,7 +161,9 @@ def fit(errors: dict[str, Any]) -> Table:
         errors: ``metric``, ``train`` and ``held_out`` (model -> error or None), ``noise_floor``.
     """
     nrmse = errors.get("metric") == "nrmse"
-    percent: Cell = lambda value: f"{number(100 * value)} %" if nrmse and not pd.isna(value) else number(value)  # noqa: E731
+    percent: Cell = lambda value: (  # noqa: E731
+        f"{number(100 * value, plain=True)} %" if nrmse and not pd.isna(value) else number(value, plain=True)
+    )
     rows = [
         {"data": words, **errors[part], "noise_floor": errors.get("noise_floor")}
         for part, words in (("train", "fitted to"), ("held_out", "held out"))

@@ -8,40 +8,41 @@ from pathlib import Path
 import pandas as pd
 
 from dtbacklash.report.kit.citations import PAPER
+from dtbacklash.report.kit.numbers import number, powers
 from dtbacklash.report.kit.page import Shown, embedded, render
 
-#: number of the paper's figure -> what it shows, and what a good one looks like
+#: number of the paper's figure -> what it shows, and what to see in it
 CAPTIONS = {
     4: (
         "Response to a 1 mm step without dynamical prefilter: top platform position and motor voltage.",
-        "the structure rings at its dominant mode, overshoots by almost 100 % and settles after about 3.5 s; the first "
+        "The structure rings at its dominant mode, overshoots by almost 100 % and settles after about 3.5 s; the first "
         "voltage is 47 V.",
     ),
     6: (
         "Response to a 1 mm step with the prefilter from the balanced reduced model.",
-        "no overshoot, settled after 0.8 s, and a voltage that stays below 5 V.",
+        "There is no overshoot, the move settles after 0.8 s, and the voltage stays below 5 V.",
     ),
     7: (
         "The play: lead screw angle for a growing sine of the motor angle, over time and in the state space.",
-        "the screw rests at each reversal until the motor has crossed twice the gap; the loops lie between the "
+        "The screw rests at each reversal until the motor has crossed twice the gap; the loops lie between the "
         "dashed lines.",
     ),
     8: (
         "Linear IMC while the gap grows to 100°.",
-        "clean moves as long as the gap is small, then transients that overshoot and die out.",
+        "The moves are clean as long as the gap is small; then they overshoot and die out.",
     ),
     10: (
         "NIMC with the gap estimate fixed at 50°.",
-        "clean moves where the gap passes the estimate, at 100 s, and overshoot where it is larger.",
+        "The moves are clean where the gap passes the estimate, at 100 s, and overshoot where it is larger.",
     ),
     13: (
         "NIMC reconfigured by the digital twin after every change of the reference.",
-        "nine estimates that lie on the gap when they were made, and moves that look alike throughout.",
+        "Nine estimates lie on the gap as it was when they were made, and all moves look alike.",
     ),
     14: (
         "NIMC reconfigured by the digital twin when the novelty index raises an event.",
-        "three events; the index crosses its threshold at these moves alone, and the response hardly differs from "
-        "Figure 13.",
+        "There are three events. The index crosses its threshold at these moves alone, and the response hardly differs "
+        "from Figure 13.",
     ),
 }
 METHODS = (
@@ -68,6 +69,7 @@ def write(claims: pd.DataFrame, figures: dict[str, Path], folder: Path) -> None:
     """
     rows = claims.rename(columns={"pass": "passed"}).to_dict("records")
     for row in rows:
+        row |= {name: powers(number(row[name], 4)) for name in ("paper", "ours", "tolerance")}
         row["reason"] = row.get("reason") if isinstance(row.get("reason"), str) else ""
     page = render(
         "paper.html.j2",

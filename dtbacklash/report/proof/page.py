@@ -30,15 +30,16 @@ CAPTIONS = {
     "sensors of a kind are drawn together.",
     "errors": "Held-out errors of the diagnosed rig beside those of an oracle that knows the true structure.",
 }
-#: what a good one of these figures looks like
+#: what to see in each of these figures
 GOOD = {
-    "shares": "every dot within its grey range and no red; the longer the line about a dot, the less it says.",
-    "visibility": "curves that rise to 100 % before the change is ten times the noise, and intervals that hold the "
-    "truth in 95 % of cases whatever the size.",
-    "confusion": "blue on the framed diagonal alone; sand is ambiguity that the tool itself has stated, orange is "
-    "wrong.",
-    "errors": "left, the diagnosed rigs on the line, as good as the oracle's, and the nominal ones far above it; "
-    "right, all dots below the dashed bar.",
+    "shares": "A bar is met where the dot lies within its grey range; a miss is red. The longer the line about a dot, "
+    "the less it says.",
+    "visibility": "The curves should rise to 100 % before the change is ten times the noise, and the intervals should "
+    "hold the truth in 95 % of cases whatever the size.",
+    "confusion": "What is right lies on the framed diagonal, in blue. Sand is ambiguity that the tool itself has "
+    "stated, orange is wrong.",
+    "errors": "Left: diagnosed rigs on the line are as good as the oracle's; the nominal ones lie far above it. "
+    "Right: the dots should lie below the dashed bar.",
 }
 METHODS = (
     "Something was drawn from a seed and hidden in each recording: effects of the catalogue, wrong parameters, "

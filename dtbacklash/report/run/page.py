@@ -21,19 +21,20 @@ from dtbacklash.report.run.text import pace_in_words
 from dtbacklash.report.run.words import as_yaml, describe, has_gear, is_open
 
 ORIGIN = ("versions", "seed", "wall_s")
-#: of a figure: what it shows, and what a good one looks like
+#: of a figure: what it shows, and what to see in it
 OPEN = (
     "The whole run: the command, and what each sensor shows.",
-    "every signal moves well above its sensor's noise and reverses often; a position that runs away or a signal that "
-    "stays at zero says that the command does not suit the rig.",
+    "In a good recording every signal moves well above its sensor's noise and reverses often. A position that runs "
+    "away or a signal that stays at zero shows that the command does not suit the rig.",
 )
 MOVES = (
     "All moves on top of each other, each scaled to go from 0 to 1: what the gap does to them.",
-    "all curves lie on top of each other whatever the gap, and stay within the grey band once they have entered it.",
+    "If the controller copes with the gap, all curves lie on top of each other and stay within the grey band once they "
+    "have entered it.",
 )
 ONE_MOVE = (
     "The move, scaled to go from 0 to 1.",
-    "the curve rises without ringing, and stays within the grey band once it has entered it.",
+    "A good move rises without ringing and stays within the grey band once it has entered it.",
 )
 
 
@@ -60,7 +61,7 @@ def write(result: Any, moves: pd.DataFrame, folder: Path) -> None:
         words=describe(result.config),
         advice=result.summary.get("advice", []),
         closed=not opened,
-        signals=[_in_its_unit(s) for s in result.summary["signals"]] if opened else [],
+        signals=[_row(_in_its_unit(s)) for s in result.summary["signals"]] if opened else [],
         moves=moves.to_dict("records"),
         estimates=result.estimates.to_dict("records"),
         alarms=alarms(result.summary),
@@ -76,7 +77,7 @@ def write(result: Any, moves: pd.DataFrame, folder: Path) -> None:
 
 
 def _caption(name: str, config: RunConfig, moves: int) -> tuple[str, str]:
-    """What a figure shows, and what a good one looks like."""
+    """What a figure shows, and what to see in it."""
     if name == "moves":
         return MOVES if moves > 1 else ONE_MOVE
     if is_open(config):
@@ -93,7 +94,7 @@ def _caption(name: str, config: RunConfig, moves: int) -> tuple[str, str]:
     shown += [f"{name} index" for name in config.twin.indexes]
     return (
         f"The whole run: {', '.join(shown)}, control voltage.",
-        f"{', '.join(good)}, and the voltage spikes at moves only.",
+        f"In a good run {', '.join(good)}, and the voltage spikes at moves only.",
     )
 
 
@@ -139,6 +140,12 @@ def _tiles(result: Any, moves: pd.DataFrame) -> list[tuple[str, str]]:
     if result.config.controller.reconfigure != "never":
         tiles.append((f"{summary['n_accepted']} of {summary['n_attempts']}", "estimates accepted"))
     return tiles
+
+
+def _row(signal: dict[str, Any]) -> list[str]:
+    """A row of the table of signals."""
+    what = signal["quantity"] + (f" of {signal['of']}" if signal["of"] else "")
+    return [signal["signal"], what, *(number(signal[x]) for x in ("lowest", "highest", "rms")), signal["unit"]]
 
 
 def _in_its_unit(signal: dict[str, Any]) -> dict[str, Any]:

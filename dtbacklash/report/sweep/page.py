@@ -28,8 +28,8 @@ HEADINGS = {
 MISSING = {"settling_time_s_max": "not settled"}
 CAPTION = (
     "Every job: largest overshoot, longest settling time and number of estimations, over what was swept.",
-    "no cross (a failed job) and no arrow (a move that does not settle), and markers that lie close together where the "
-    "swept setting should not matter.",
+    "A cross is a failed job, an arrow a job with a move that does not settle. Where the swept setting does not "
+    "matter, the markers lie close together.",
 )
 
 
@@ -63,7 +63,7 @@ def write(folder: Path, table: pd.DataFrame, axes: list[str]) -> None:
         lead=f"{len(table)} jobs, one for each combination of what was swept.",
         tiles=_tiles(table, axes, failed),
         failures=[
-            {"job": _choices(row, axes), "error": row.get("error") or "it left no reason"}
+            (_choices(row, axes), row.get("error") or "it left no reason")
             for row, bad in zip(table.to_dict("records"), failed, strict=True)
             if bad
         ],

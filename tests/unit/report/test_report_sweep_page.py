@@ -34,7 +34,7 @@ def test_every_job_has_its_row_and_leads_to_its_own_page(tmp_path):
     assert "Sweep over controller and twin.delay_s" in text
     assert "3 of 4 jobs done" in text
     assert "controller=nimc_twin, twin.delay_s=0 controller.k_theta_v_per_rad=900: the loop diverged" in text
-    assert text.count("A good one:") == 1
+    assert text.count("A cross is a failed job") == 1
     assert sum(a.startswith("data:image/png") for a in reader.addresses) == 1
     assert set(reader.anchors) <= set(reader.ids)
 

@@ -10,7 +10,7 @@ import synthetic
 
 from dtbacklash.experiment.metrics import move_table
 from dtbacklash.report.kit import tables
-from dtbacklash.report.kit.numbers import fixed, number, quantity
+from dtbacklash.report.kit.numbers import fixed, number, powers, quantity
 
 AXES = {"controller": ["imc", "nimc_fixed", "nimc_twin", "nimc_novelty"], "profile": ["s_curve", "step"],
         "twin.delay_s": [0, 4]}  # fmt: skip
@@ -82,13 +82,21 @@ def test_columns_that_a_table_does_not_have_are_left_out():
     [
         (47.1239, "47.1"), (0.8024, "0.802"), (3, "3"), (100.0, "100"), (0.0, "0"), (1234.5, "1234"),
         (2.0, "2"),
-        (1e-9, "1e-09"), (math.nan, "-"), (None, "-"), (pd.NA, "-"),
+        (1e-9, "1 \N{MULTIPLICATION SIGN} 10⁻⁹"), (2.5e7, "2.5 \N{MULTIPLICATION SIGN} 10⁷"),
+        (math.nan, "-"), (None, "-"), (pd.NA, "-"),
         ("almost 100 %", "almost 100 %"), (True, "yes"),
         (np.bool_(False), "no"), (np.float64(0.5), "0.5"), (math.inf, "inf"), (-0.04567, "-0.0457"),
     ],
 )  # fmt: skip
 def test_numbers_have_three_digits(value, text):
     assert number(value) == text
+
+
+def test_a_terminal_and_a_text_get_the_same_number():
+    assert [number(v, plain=True) for v in (1e-9, 2.5e7, -3e-12)] == ["1e-9", "2.5e7", "-3e-12"]
+    assert powers("3.135e-12, at most 1e-06 mm") == (
+        "3.135 \N{MULTIPLICATION SIGN} 10⁻¹², at most 1 \N{MULTIPLICATION SIGN} 10⁻⁶ mm"
+    )
 
 
 def test_fixed_decimals_and_units():
