@@ -26,7 +26,7 @@ from dtbacklash.files import write_text
 from dtbacklash.remote import access
 from dtbacklash.remote.belief import described, twin_of
 from dtbacklash.remote.client import RemoteTwin
-from dtbacklash.remote.documents import Document
+from dtbacklash.remote.protocol import Document
 from dtbacklash.report.kit.markdown import between, table
 from dtbacklash.twin.service import LocalTwin, Request
 from studies.measure import Row

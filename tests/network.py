@@ -28,8 +28,8 @@ from dtbacklash.remote.belief import twin_of
 from dtbacklash.remote.connection import Connection
 from dtbacklash.remote.credentials import Key, load_credentials
 from dtbacklash.remote.messages import AnswerMessage, RequestMessage, Ticket
+from dtbacklash.remote.protocol import REQUESTS, answer_topic
 from dtbacklash.remote.status import heard
-from dtbacklash.remote.topics import REQUESTS, answer_topic
 from dtbacklash.twin.service import Answer
 
 #: three changes of the reference with a gap of 40 degrees, of which the controller knows nothing at first

@@ -29,8 +29,8 @@ def _serve(config: ServeConfig) -> int:
     from dtbacklash.commands.console import announce_compilation
     from dtbacklash.config.compose import compose
     from dtbacklash.remote.belief import described
-    from dtbacklash.remote.metrics import serve_metrics
     from dtbacklash.remote.server import TwinServer
+    from dtbacklash.remote.statistics import serve_metrics
 
     def say(line: str) -> None:
         print(line, file=sys.stderr, flush=True)

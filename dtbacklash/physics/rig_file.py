@@ -1,30 +1,58 @@
-"""A rig as the YAML file that describes it."""
+"""A rig as plain data, and as the YAML file that describes it."""
 
-from dataclasses import asdict
+from collections.abc import Mapping
+from dataclasses import asdict, fields
 from typing import Any
 
 import numpy as np
 import yaml
 
-from dtbacklash.physics.rig import Rig
+from dtbacklash.config.rig import ParameterConfig, RigConfig
+from dtbacklash.errors import UserError
+from dtbacklash.physics.rig import Rig, build_rig
+
+#: the sections of a rig's file below its name and description
+SECTIONS = ("parameters", "elements", "effects", "sensors")
+
+
+def rig_content(rig: Rig) -> dict[str, Any]:
+    """What the file of a rig holds, in plain numbers, texts, lists and mappings; effects with all their parameters."""
+    config = rig.config
+    effects = {place: {name: rig_leaves(rig, place, name) for name in there} for place, there in rig.effects.items()}
+    content: dict[str, Any] = plain_numbers({
+        "name": config.name, "description": config.description,
+        "parameters": {name: asdict(parameter) for name, parameter in config.parameters.items()},
+        "elements": config.elements, "effects": effects, "sensors": config.sensors,
+    })  # fmt: skip
+    return content
+
+
+def rig_of(content: Mapping[str, Any]) -> Rig:
+    """The rig that plain data describe.
+
+    Raises
+    ------
+    UserError : an unknown section; data that describe no rig. TypeError, KeyError : a parameter of another form.
+    """
+    known = [one.name for one in fields(RigConfig)]
+    for name in content:
+        if name not in known:
+            raise UserError(f"rig.{name}", content[name], f"unknown; a rig has {', '.join(known)}")
+    parameters = {name: ParameterConfig(**one) for name, one in content["parameters"].items()}
+    return build_rig(RigConfig(**{**content, "parameters": parameters}))
 
 
 def rig_yaml(rig: Rig) -> str:
-    """The text of a file for ``rig=FILE`` that gives this rig again, effects with all of their parameters."""
-    config = rig.config
-    head = yaml.safe_dump({"name": config.name, "description": config.description}, sort_keys=False, allow_unicode=True)
-    sections = (
-        {"parameters": {name: asdict(parameter) for name, parameter in config.parameters.items()}},
-        {"elements": config.elements},
-        {"effects": {place: {n: rig_leaves(rig, place, n) for n in there} for place, there in rig.effects.items()}},
-        {"sensors": config.sensors},
-    )
+    """The text of a file for ``rig=FILE`` that gives this rig again."""
+    content = rig_content(rig)
+    head = {name: value for name, value in content.items() if name not in SECTIONS}
     # a leaf on one line, as in the files that come with the package; numbers with all their digits
     texts = [
-        yaml.safe_dump(plain_numbers(section), sort_keys=False, default_flow_style=None, width=160, allow_unicode=True)
-        for section in sections
+        yaml.safe_dump({name: content[name]}, sort_keys=False, default_flow_style=None, width=160, allow_unicode=True)
+        for name in SECTIONS
     ]
-    return "# Values are SI; `tolerance` is relative, one standard deviation.\n" + "\n".join([head, *texts])
+    header = yaml.safe_dump(head, sort_keys=False, allow_unicode=True)
+    return "# Values are SI; `tolerance` is relative, one standard deviation.\n" + "\n".join([header, *texts])
 
 
 def rig_leaves(rig: Rig, place: str, name: str) -> dict[str, Any]:

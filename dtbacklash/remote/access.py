@@ -12,7 +12,7 @@ import yaml
 from dtbacklash.errors import Failure, UserError
 from dtbacklash.files import written
 from dtbacklash.remote.credentials import STATUS, Key
-from dtbacklash.remote.topics import REQUESTS, ROOT, STATUSES, answer_topic, check_name, request_topic
+from dtbacklash.remote.protocol import REQUESTS, ROOT, STATUSES, answer_topic, check_name, request_topic
 
 TWIN, MONITOR = "twin", "monitor"
 ACL, PASSWORDS, CONF = "acl", "passwords", "mosquitto.conf"

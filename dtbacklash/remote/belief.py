@@ -1,6 +1,6 @@
-"""What a twin has to know of a machine, as a document that goes with each request, and a twin made of it.
+"""What a twin needs to know of a machine, as a document that goes with each request, and the twin made from it.
 
-The document holds everything: a twin that was started a moment ago answers as well as one that knows the machine.
+The document is complete: a twin that was started a moment ago answers as well as one that knows the machine.
 """
 
 from __future__ import annotations
@@ -8,19 +8,17 @@ from __future__ import annotations
 from dataclasses import asdict, fields, replace
 from typing import Any
 
-from dtbacklash.config.rig import ParameterConfig, RigConfig
 from dtbacklash.config.run import OptimizerConfig, RunConfig, TwinConfig
 from dtbacklash.config.setting import METADATA
 from dtbacklash.control.belief import Belief, beliefs_of, settled
 from dtbacklash.errors import UserError
 from dtbacklash.experiment.sensors import roles
-from dtbacklash.physics.rig import Rig, build_rig
-from dtbacklash.physics.rig_file import plain_numbers, rig_leaves
-from dtbacklash.remote.documents import Document
+from dtbacklash.physics.rig_file import rig_content, rig_of
+from dtbacklash.remote.protocol import Document
 from dtbacklash.twin.bank_twin import BankTwin
 from dtbacklash.twin.service import Answering, Twin
 
-#: settings of the twin that are the machine's affair: they do not go with a request
+#: settings of the twin that only the machine needs: they do not go with a request
 OF_THE_MACHINE = (
     "delay_s", "where", "broker", "machine", "timeout_s", "credentials", "estimate_from", "novelty_threshold_mm",
     "novelty_filter", "indexes", "frequency_threshold", "frequency_amplitude_mm", "motor_threshold_n_m",
@@ -33,44 +31,23 @@ def described(config: RunConfig, belief: Belief | None = None) -> Document:
 
     Parameters
     ----------
-    config : of a run. belief : what its twin believes of the rig; None: what the configuration says.
+    config : of a run. belief : what its twin believes about the rig; None: what the configuration says.
 
     Raises
     ------
-    UserError : the rig is none that the twin has a model of.
+    UserError : the twin has no model of such a rig.
     """
     if belief is None:
         beliefs = beliefs_of(config)
         config, belief = settled(config, beliefs), beliefs.twin
-    output = list(belief.rig.sensors)[roles(belief.rig, True)[1]]
-    settings = {one.name: getattr(config.twin, one.name) for one in fields(TwinConfig)}
+    sent = [one.name for one in fields(TwinConfig) if one.name not in OF_THE_MACHINE]
     return {
-        "rig": rig_document(belief.rig),
-        "output": output,
+        "rig": rig_content(belief.rig),
+        "output": list(belief.rig.sensors)[roles(belief.rig, True)[1]],
         "sample_time_s": config.sample_time_s,
-        "twin": {name: value for name, value in settings.items() if name not in OF_THE_MACHINE},
+        "twin": {name: getattr(config.twin, name) for name in sent},
         "optimizer": asdict(config.optimizer),
     }
-
-
-def rig_document(rig: Rig) -> Document:
-    """A rig as the content of its file, effects with all of their parameters."""
-    content = {
-        "name": rig.config.name, "description": rig.config.description,
-        "parameters": {name: asdict(one) for name, one in rig.config.parameters.items()},
-        "elements": rig.config.elements,
-        "effects": {place: {n: rig_leaves(rig, place, n) for n in there} for place, there in rig.effects.items()},
-        "sensors": rig.config.sensors,
-    }  # fmt: skip
-    found: Document = plain_numbers(content)
-    return found
-
-
-def rig_of(document: Document) -> Rig:
-    """The rig that a document describes, whose form the schema has checked; raises UserError where it is none."""
-    content = dict(document)
-    parameters = {name: ParameterConfig(**one) for name, one in content.pop("parameters").items()}
-    return build_rig(_made(RigConfig, {**content, "parameters": parameters}, "rig"))
 
 
 def twin_of(document: Document) -> Answering:
@@ -99,17 +76,19 @@ def twin_of(document: Document) -> Answering:
 
 
 def _made(schema: type, values: dict[str, Any], where: str) -> Any:
-    """A section of a configuration from plain values, of the types that it declares."""
+    """A section of the settings; raises UserError for an unknown name or a value of another type than the default's."""
     known = {one.name: one for one in fields(schema)}
     for name, value in values.items():
         if name not in known:
             raise UserError(f"{where}.{name}", value, "no such setting here; machine and twin differ in their versions")
         default = known[name].default
-        if METADATA not in known[name].metadata or not isinstance(default, bool | int | float | str):
-            continue
-        fits = isinstance(value, bool) if isinstance(default, bool) else (
-            not isinstance(value, bool) and isinstance(value, str if isinstance(default, str) else int | float)
-        )  # fmt: skip
-        if not fits or (isinstance(default, int) and not isinstance(value, int)):
+        if METADATA in known[name].metadata and not _fits(value, default):
             raise UserError(f"{where}.{name}", value, f"must be a value like {default!r}")
     return schema(**values)
+
+
+def _fits(value: Any, default: Any) -> bool:
+    """Whether a value has the type of a default; a whole number also fits a float, and anything fits other defaults."""
+    if not isinstance(default, bool | int | float | str):
+        return True
+    return type(value) is type(default) or (type(value) is int and isinstance(default, float))

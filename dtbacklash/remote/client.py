@@ -21,15 +21,23 @@ from dtbacklash.control.belief import Belief
 from dtbacklash.errors import UserError
 from dtbacklash.remote.connection import NOBODY, Connection
 from dtbacklash.remote.credentials import load_credentials
-from dtbacklash.remote.documents import ANSWER_BYTES, FAULT, SIGNATURE, TOO_LARGE, Document, Refused
 from dtbacklash.remote.messages import AnswerMessage, RequestMessage, Ticket, check_bounds, digest, samples_that_fit
-from dtbacklash.remote.topics import answer_topic, check_name, request_topic
+from dtbacklash.remote.protocol import (
+    REPLAYED,
+    Counters,
+    Document,
+    Refused,
+    answer_topic,
+    check_name,
+    check_origin,
+    request_topic,
+)
 from dtbacklash.twin.service import RUN_ENDED, Dropped, Reply, Request
 
 log = logging.getLogger(__name__)
 
 #: why an answer that is signed and well formed is dropped
-OTHER_RUN, UNKNOWN, DOUBLED, REPLAYED = "of another run", "to an unknown request", "doubled", "replayed"
+OTHER_RUN, UNKNOWN, DOUBLED = "of another run", "to an unknown request", "doubled"
 LATE, OLD_BUFFER, CHANGED = "late", "for an old buffer", "to a request that was changed"
 UNGUARDED, NO_MODEL = "not guarded as asked", "no model for this machine"
 #: what a request may be
@@ -96,7 +104,7 @@ class RemoteTwin:
         self._by_mid: dict[int, _Asked] = {}
         self._told: dict[int, str] = {}
         self._done: list[Reply] = []
-        self._twins: OrderedDict[str, int] = OrderedDict()
+        self._twins = Counters(TWINS_KEPT)
         self._early: Counter[str] = Counter()
         self._delays: list[float] = []
         self._reasons: Counter[str] = Counter()
@@ -267,7 +275,7 @@ class RemoteTwin:
             with self._state:
                 self._accept(message)
         except Exception as error:  # whatever it is: a message must not end the network's thread
-            refused = error if isinstance(error, Refused) else Refused(FAULT, repr(error))
+            refused = Refused.of(error)
             log.info("dropped an answer: %s", refused)
             with self._state:
                 if self._over:
@@ -276,11 +284,8 @@ class RemoteTwin:
                 (self._early if last is None else last.dropped)[refused.reason] += 1
 
     def _checked(self, topic: str, payload: bytes, signature: str | None) -> AnswerMessage:
-        """The answer, if it is what it says it is; raises Refused."""
-        if len(payload) > ANSWER_BYTES:
-            raise Refused(TOO_LARGE, f"{len(payload)} bytes")
-        if not self._key.signed(topic, payload, signature):
-            raise Refused(SIGNATURE)
+        """The answer in a message that passes all checks; raises Refused."""
+        check_origin("answer", self._key, topic, payload, signature)
         message = AnswerMessage.parsed(payload)
         if message.to.run != self._run or message.machine != self._machine:
             raise Refused(OTHER_RUN)
@@ -318,12 +323,7 @@ class RemoteTwin:
             raise Refused(LATE if one.state == GIVEN_UP else OLD_BUFFER)
         if message.sha256 != one.sha256:
             raise Refused(CHANGED)
-        if message.ticket.counter <= self._twins.get(message.ticket.run, 0):
-            raise Refused(REPLAYED)
-        self._twins[message.ticket.run] = message.ticket.counter
-        self._twins.move_to_end(message.ticket.run)
-        if len(self._twins) > TWINS_KEPT:
-            self._twins.popitem(last=False)
+        self._twins.advance(message.ticket.run, message.ticket.counter)
         one.accepted = message.ticket
         if message.answer is None:
             self._unanswered(one, f"the twin: {message.reason}", ANSWERED)

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 from dtbacklash.errors import UserError
 from dtbacklash.remote.credentials import PROPERTY, Credentials, Key
-from dtbacklash.remote.topics import address
 
 if TYPE_CHECKING:
     import paho.mqtt.client as mqtt
@@ -27,6 +26,8 @@ KEPT_S = 120
 PACKET_BYTES, AT_A_TIME = 5_000_000, 50
 HERE = ("localhost", "127.", "::1")
 CLOSE_S = 1.0
+#: what the broker says about a message on a topic without subscribers
+NOBODY = "no matching subscribers"
 EXTRA = "needs the extra `remote`: pip install 'dtbacklash[remote]'"
 
 Take = Callable[[str, bytes, str | None], None]
@@ -175,8 +176,15 @@ class Connection:
             self._changed()
 
 
-#: what the broker says of a message that nobody has subscribed to
-NOBODY = "no matching subscribers"
+def address(text: str, key: str) -> tuple[str, int]:
+    """Host and port from ``host:port``, ``host`` or ``[::1]:port``; raises UserError."""
+    host, colon, port = text.rpartition(":")
+    if not colon or (":" in host and not host.startswith("[")):
+        host, port = text, "1883"
+    host = host.strip("[]")
+    if not host or not port.isascii() or not port.isdigit() or not 0 < int(port) < 65536:
+        raise UserError(key, text, "host:port, e.g. 127.0.0.1:1883")
+    return host, int(port)
 
 
 def _at_once(_client: mqtt.Client, _data: Any, link: Any) -> None:

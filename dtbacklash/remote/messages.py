@@ -1,7 +1,7 @@
 """The messages between machine and twin, version 1: a request with its buffer, and an answer.
 
-Each is a JSON document (``schemas/``); numbers survive to the last bit. A later field is added as an optional one: who
-does not know it ignores it. What changes the meaning of a field gets a new version.
+Each is a JSON document (``schemas/``); numbers keep all their bits. A new field is optional, and a reader that does not
+know it ignores it. A field that changes its meaning needs a new version.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import base64
 import binascii
 import hashlib
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -18,26 +19,16 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.control.belief import Belief
 from dtbacklash.errors import UserError
-from dtbacklash.remote.belief import rig_document, rig_of
-from dtbacklash.remote.documents import (
-    ANSWER_BYTES,
-    MALFORMED,
-    REQUEST_BYTES,
-    VERSION,
-    Document,
-    Refused,
-    dumped,
-    parsed,
-)
+from dtbacklash.physics.rig_file import rig_content, rig_of
+from dtbacklash.remote.protocol import LIMITS, MALFORMED, VERSION, Document, Refused, dumped, parsed
 from dtbacklash.twin.estimate import Estimate
 from dtbacklash.twin.guard import Attempt, Verdict
 from dtbacklash.twin.service import Answer, Request
 
-#: an answer that would put such a gap in force is dropped
+#: why an answer with a gap that no machine has is dropped
 OUT_OF_BOUNDS = "gap out of bounds"
-#: of words that come from a library
-WORDS = 500
-_WORDS_FOR = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
+#: letters of a text at most
+TEXT = 500
 
 
 @dataclass(frozen=True)
@@ -50,9 +41,9 @@ class Ticket:
 
 @dataclass(frozen=True)
 class RequestMessage:
-    """A request on its way. ``sha256`` of its bytes ties the answer to it.
+    """A request on its way.
 
-    timeout_s : how long the machine waits. belief : see :mod:`.belief`.
+    timeout_s : how long the machine waits. belief : see :mod:`.belief`. sha256 : of its bytes; ties the answer to it.
     """
 
     machine: str
@@ -64,31 +55,30 @@ class RequestMessage:
 
     def dumped(self) -> bytes:
         """The message's bytes."""
-        r = self.request
-        belief = self.belief
-        if r.believed is not None:  # since an answer it may be another
-            belief = belief | {"rig": rig_document(r.believed.rig)}
-        more: Document = {} if r.u is None else {"u_v": _packed(r.u), "moved": int(r.moved)}
-        return dumped(more | {
+        r, belief = self.request, self.belief
+        if r.believed is not None:  # an answer may have changed it
+            belief = belief | {"rig": rig_content(r.believed.rig)}
+        document: Document = {
             "version": VERSION, "kind": "request", "machine": self.machine,
             "run": self.ticket.run, "counter": self.ticket.counter, "timeout_s": self.timeout_s,
             "event": int(r.event), "first": int(r.first), "seed": int(r.seed), "present_rad": float(r.present_rad),
             "theta_m_rad": _packed(r.theta_m), "q3_m": _packed(r.q3), "belief": belief,
-        })  # fmt: skip
+        }  # fmt: skip
+        if r.u is not None:
+            document |= {"u_v": _packed(r.u), "moved": int(r.moved)}
+        return dumped(document)
 
     @classmethod
     def parsed(cls, payload: bytes) -> RequestMessage:
         """The request in a message; raises Refused."""
-        d = parsed(payload, "request", REQUEST_BYTES)
-        theta_m, q3 = _unpacked(d["theta_m_rad"]), _unpacked(d["q3_m"])
-        if theta_m.size != q3.size:
-            raise Refused(MALFORMED, f"{theta_m.size} samples of theta_m_rad, {q3.size} of q3_m")
-        u = _unpacked(d["u_v"]) if "u_v" in d else None
-        if u is not None and u.size != q3.size:
-            raise Refused(MALFORMED, f"{u.size} samples of u_v, {q3.size} of q3_m")
-        request = Request(
-            int(d["event"]), int(d["first"]), theta_m, q3, float(d["present_rad"]), int(d["seed"]), u, d.get("moved", 0)
-        )  # fmt: skip
+        d = parsed(payload, "request")
+        samples = {name: _unpacked(d[name]) for name in ("q3_m", "theta_m_rad", "u_v") if name in d}
+        q3, theta_m, u = samples["q3_m"], samples["theta_m_rad"], samples.get("u_v")
+        for name, one in samples.items():
+            if one.size != q3.size:
+                raise Refused(MALFORMED, f"{one.size} samples of {name}, {q3.size} of q3_m")
+        where = int(d["event"]), int(d["first"])
+        request = Request(*where, theta_m, q3, float(d["present_rad"]), int(d["seed"]), u, d.get("moved", 0))
         ticket = Ticket(d["run"], int(d["counter"]))
         return cls(d["machine"], ticket, float(d["timeout_s"]), request, d["belief"], digest(payload))
 
@@ -114,39 +104,35 @@ class AnswerMessage:
             "counter": self.ticket.counter,
             "request": {"run": self.to.run, "counter": self.to.counter, "sha256": self.sha256},
         }  # fmt: skip
-        if self.answer is None:
-            return dumped(document | {"status": "refused", "reason": self.reason[:WORDS]})
-        said: Document = {
-            "status": "answered",
-            "guarded": bool(self.answer.guarded),
-            "wall_s": float(self.answer.wall_s),
-        }
-        if self.answer.found:
-            said["found"] = self.answer.found[:WORDS]
-        if self.answer.belief is not None:
-            said["belief"] = rig_document(self.answer.belief.rig)
-        return dumped(document | said | {"attempts": [_attempt_out(one) for one in self.answer.attempts]})
+        answer = self.answer
+        if answer is None:
+            return dumped(document | {"status": "refused", "reason": self.reason[:TEXT]})
+        document |= {"status": "answered", "guarded": bool(answer.guarded), "wall_s": float(answer.wall_s)}
+        document["attempts"] = [_attempt_out(one) for one in answer.attempts]
+        if answer.found:
+            document["found"] = answer.found[:TEXT]
+        if answer.belief is not None:
+            document["belief"] = rig_content(answer.belief.rig)
+        return dumped(document)
 
     @classmethod
     def parsed(cls, payload: bytes) -> AnswerMessage:
         """The answer in a message; raises Refused."""
-        d = parsed(payload, "answer", ANSWER_BYTES)
-        to = d["request"]
+        d = parsed(payload, "answer")
         answer = None
         if d["status"] == "answered":
             attempts = tuple(_attempt_in(one) for one in d["attempts"])
             belief = _belief_in(d["belief"]) if "belief" in d else None
             answer = Answer(attempts, d["guarded"], float(d["wall_s"]), d.get("found", ""), belief)
-        ticket = Ticket(d["twin"], int(d["counter"]))
-        return cls(
-            d["machine"], ticket, Ticket(to["run"], int(to["counter"])), to["sha256"], answer, d.get("reason", "")
-        )  # fmt: skip
+        ticket, to = Ticket(d["twin"], int(d["counter"])), d["request"]
+        asked = Ticket(to["run"], int(to["counter"]))
+        return cls(d["machine"], ticket, asked, to["sha256"], answer, d.get("reason", ""))
 
 
 def check_bounds(answer: Answer, gap_max_deg: float) -> None:
-    """Refuse an answer that would put in force a gap that no machine has; raises Refused.
+    """Raise Refused where an answer would put a gap in force that no machine has.
 
-    The attempts that are not accepted may say anything: they come into the table only.
+    Attempts that are not accepted may hold any number: they only go into the table.
     """
     if not answer.accepted:
         return
@@ -165,9 +151,9 @@ def digest(payload: bytes) -> str:
 
 
 def samples_that_fit(belief: Document, signals: int = 2) -> int:
-    """How many samples a buffer of so many signals may have at most, so that its request is not too large."""
+    """The most samples that a buffer of so many signals may have before its request is too large."""
     rest = len(dumped(belief)) + 4000
-    return max(0, (REQUEST_BYTES - rest) * 3 // (4 * 8 * signals) - 4)
+    return max(0, (LIMITS["request"] - rest) * 3 // (4 * 8 * signals) - 4)
 
 
 def _packed(samples: Floats) -> str:
@@ -202,33 +188,31 @@ def _belief_in(document: Document) -> Belief:
 
 
 def _number_out(value: float) -> float | str:
-    value = float(value)
-    return value if math.isfinite(value) else str(value)
+    return float(value) if math.isfinite(value) else str(float(value))
 
 
 def _number_in(value: float | str) -> float:
+    """A number, or one of the words ``nan``, ``inf``, ``-inf``."""
     try:
-        return _WORDS_FOR[value] if isinstance(value, str) else float(value)
+        return float(value)
     except OverflowError as error:
         raise Refused(MALFORMED, "a number beyond a double") from error
 
 
+#: type of a field -> how it is written, and read
+_FORMS: dict[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
+    "float": (_number_out, _number_in), "int": (int, int), "bool": (bool, bool), "str": (lambda text: text[:TEXT], str),
+}  # fmt: skip
+
+
 def _attempt_out(attempt: Attempt) -> Document:
-    e, v = attempt.estimate, attempt.verdict
-    return {
-        **{name: _number_out(getattr(e, name)) for name in _NUMBERS},
-        "evaluations": int(e.evaluations), "converged": bool(e.converged), "message": e.message[:WORDS],
-        "wall_s": float(e.wall_s), "accepted": bool(v.accepted), "reason": v.reason[:WORDS],
-        "settled": bool(v.settled), "agrees": bool(v.agrees), "applied_rad": _number_out(attempt.applied_rad),
-    }  # fmt: skip
+    parts = (attempt.estimate, attempt.verdict)
+    found = {one.name: _FORMS[str(one.type)][0](getattr(part, one.name)) for part in parts for one in fields(part)}
+    return found | {"applied_rad": _number_out(attempt.applied_rad)}
 
 
-def _attempt_in(said: dict[str, Any]) -> Attempt:
-    known: dict[str, Any] = {name: _number_in(said[name]) for name in _NUMBERS}
-    known |= {name: said[name] for name in ("evaluations", "converged", "message")}
-    estimate = Estimate(**known, wall_s=float(said["wall_s"]))
-    verdict = Verdict(said["accepted"], said["reason"], said["settled"], said["agrees"])
-    return Attempt(estimate, verdict, _number_in(said["applied_rad"]))
+def _attempt_in(said: Document) -> Attempt:
+    def part(kind: type) -> dict[str, Any]:
+        return {one.name: _FORMS[str(one.type)][1](said[one.name]) for one in fields(kind)}
 
-
-_NUMBERS = tuple(one.name for one in fields(Estimate) if one.type == "float" and one.name != "wall_s")
+    return Attempt(Estimate(**part(Estimate)), Verdict(**part(Verdict)), _number_in(said["applied_rad"]))

@@ -1,7 +1,7 @@
 """The twin as a process of its own: takes the requests of all machines off the broker, and answers them.
 
-Messages are checked in the network's thread, wait in a fair queue, are estimated by a pool of processes, and their
-answers go out from the threads of the pool. Nothing here grows without a bound.
+The network's thread checks the messages, a fair queue holds them, a pool of processes estimates, and the threads of the
+pool send the answers. Nothing here grows without a bound.
 """
 
 from __future__ import annotations
@@ -9,42 +9,74 @@ from __future__ import annotations
 import secrets
 import threading
 import time
-from collections import OrderedDict
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
+from queue import Full, Queue
 
 from dtbacklash.config.twin import ServeConfig
 from dtbacklash.errors import UserError
 from dtbacklash.remote.connection import Connection
-from dtbacklash.remote.credentials import STATUS, Key, load_credentials
-from dtbacklash.remote.documents import (
-    FAULT,
+from dtbacklash.remote.credentials import STATUS, load_credentials
+from dtbacklash.remote.messages import AnswerMessage, RequestMessage, Ticket
+from dtbacklash.remote.protocol import (
     MALFORMED,
-    REQUEST_BYTES,
-    SIGNATURE,
-    TOO_LARGE,
+    NAME,
+    REQUESTS,
     VERSION,
+    Counters,
     Document,
     Refused,
+    answer_topic,
+    check_name,
+    check_origin,
     dumped,
+    name_in,
+    status_topic,
 )
-from dtbacklash.remote.messages import AnswerMessage, RequestMessage, Ticket
-from dtbacklash.remote.queue import FairQueue
 from dtbacklash.remote.statistics import Statistics
-from dtbacklash.remote.teller import Teller
-from dtbacklash.remote.topics import NAME, REQUESTS, answer_topic, check_name, name_in, status_topic
-from dtbacklash.remote.workers import Result, Workers
+from dtbacklash.remote.workers import FairQueue, Result, Workers
 
-REPLAYED = "replayed"
 BUSY, OVERDUE = "dropped: the twin is busy", "dropped: the machine has stopped waiting"
-#: machines that may wait at a time, runs of one that are remembered
+#: machines that may wait at a time, runs of machines that are remembered
 MACHINES_WAITING, RUNS_KEPT = 1000, 4000
 #: seconds between two looks whether to end, and between two statuses
 LOOK_S, STATUS_S = 0.2, 2.0
 #: after this the broker says of a twin that is gone that nobody listens, and machines ask again
 KEPT_S = 10
+#: lines for a person that may wait; seconds in which they are told at the end
+LINES, CLOSE_S = 1000, 1.0
 
 Say = Callable[[str], None]
+
+
+class Teller:
+    """Calls ``say`` with each line, in order, from a thread of its own.
+
+    A terminal that blocks, or is gone, stops no other thread: lines beyond ``LINES`` are dropped, and errors ignored.
+    """
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+        self._lines: Queue[str | None] = Queue(LINES)
+        self._thread = threading.Thread(target=self._tell, name="teller", daemon=True)
+        self._thread.start()
+
+    def __call__(self, line: str) -> None:
+        """Take a line; returns at once."""
+        with suppress(Full):
+            self._lines.put_nowait(line)
+
+    def close(self) -> None:
+        """Tell what is left, for a second at most."""
+        with suppress(Full):
+            self._lines.put_nowait(None)
+        self._thread.join(CLOSE_S)
+
+    def _tell(self) -> None:
+        while (line := self._lines.get()) is not None:
+            with suppress(OSError, ValueError):  # a broken pipe, a closed file
+                self._say(line)
 
 
 @dataclass(frozen=True)
@@ -60,7 +92,7 @@ class TwinServer:
 
     Parameters
     ----------
-    config : of ``dtb twin serve``. say : takes a line a request.
+    config : of ``dtb twin serve``. say : gets a line for each request.
 
     Raises
     ------
@@ -76,12 +108,11 @@ class TwinServer:
             allowed = f"its key is that of {self._key.machine}; the twin needs its own"
             raise UserError("credentials", config.credentials, allowed)
         self._status_key = self._key.of_machine(STATUS)
-        self._keys: OrderedDict[str, Key] = OrderedDict()
         self._run, self._counter = secrets.token_hex(16), 0
-        self._lock = threading.Lock()  # of the counters and the keys, which several threads use
+        self._lock = threading.Lock()  # of the counters, which several threads use
         self.statistics = Statistics()
         self.queue: FairQueue[_Waiting] = FairQueue(config.queue, MACHINES_WAITING)
-        self._runs: OrderedDict[tuple[str, str], int] = OrderedDict()
+        self._runs = Counters(RUNS_KEPT)
         self._workers: Workers | None = None
         self._free = threading.Semaphore(config.workers)
         self._busy = 0
@@ -94,7 +125,7 @@ class TwinServer:
         self._was_connected, self._said = False, ""
 
     def run(self, belief: Document) -> None:
-        """Serve until :meth:`end`; ``belief`` : of a machine, to get ready with."""
+        """Serve until :meth:`end`; ``belief`` : of any machine, to load what estimates need."""
         self._workers = Workers(self.config.workers)
         try:
             self._workers.warm_up(belief)
@@ -112,12 +143,12 @@ class TwinServer:
             self._say.close()
 
     def end(self) -> None:
-        """Have :meth:`run` return; may be called from a handler of signals."""
+        """Make :meth:`run` return; may be called from a handler of signals."""
         self._ended.set()
 
     @property
     def refused(self) -> str:
-        """What the broker has against this twin; empty for nothing."""
+        """Why the broker refuses this twin; empty where it does not."""
         return self._connection.problem if self._connection.refused else ""
 
     # --- in: the network's thread
@@ -126,48 +157,31 @@ class TwinServer:
         try:
             message = self._checked(topic, payload, signature)
         except Exception as error:  # whatever it is: a message must not end the network's thread
-            refused = error if isinstance(error, Refused) else Refused(FAULT, repr(error))
+            refused = Refused.of(error)
             self.statistics.reject(refused.reason)
             self._say(f"{_printable(topic)}: a message is dropped: {refused}")
             return
-        self.statistics.asked(message.machine)
+        self.statistics.count(message.machine, "requests")
         dropped = self.queue.put(message.machine, _Waiting(message, time.monotonic()))
         if dropped is not None:
             self._refuse(dropped.message, BUSY, dropped=True)
 
     def _checked(self, topic: str, payload: bytes, signature: str | None) -> RequestMessage:
-        """The request, if it is what it says it is; raises Refused."""
-        if len(payload) > REQUEST_BYTES:
-            raise Refused(TOO_LARGE, f"{len(payload)} bytes")
+        """The request in a message that passes all checks; raises Refused."""
         machine = name_in(topic)
         if not NAME.fullmatch(machine):
             raise Refused(MALFORMED, "the name of the machine")
-        if not self._key_of(machine).signed(topic, payload, signature):
-            raise Refused(SIGNATURE)
+        check_origin("request", self._key.of_machine(machine), topic, payload, signature)
         message = RequestMessage.parsed(payload)
         if message.machine != machine:
             raise Refused(MALFORMED, f"of machine {message.machine}")
-        place = machine, message.ticket.run
-        if message.ticket.counter <= self._runs.get(place, 0):
-            raise Refused(REPLAYED, f"request {message.ticket.counter}")
-        self._runs[place] = message.ticket.counter
-        self._runs.move_to_end(place)
-        if len(self._runs) > RUNS_KEPT:
-            self._runs.popitem(last=False)
+        self._runs.advance((machine, message.ticket.run), message.ticket.counter)
         return message
-
-    def _key_of(self, machine: str) -> Key:
-        with self._lock:
-            if machine not in self._keys:
-                self._keys[machine] = self._key.of_machine(machine)
-                if len(self._keys) > RUNS_KEPT:
-                    self._keys.popitem(last=False)
-            return self._keys[machine]
 
     # --- work
 
     def _dispatch(self, workers: Workers) -> None:
-        """Give the requests to the workers, each as one becomes free."""
+        """Give each request to a worker as soon as one is free."""
         while not self._ended.is_set():
             if not self._free.acquire(timeout=LOOK_S):
                 continue
@@ -197,25 +211,25 @@ class TwinServer:
                 return
             delay_s = time.monotonic() - waiting.since
             self.statistics.answer(message.machine, result, delay_s)
-            self._send(AnswerMessage(message.machine, self._ticket(), message.ticket, message.sha256, result))
             verdict = "accepted" if result.accepted else "rejected"
-            self._say(
-                f"{message.machine} request {message.ticket.counter}: {verdict}, {result.chosen.verdict.reason}"
-                f" ({1e3 * delay_s:.0f} ms)"
-            )
+            line = f"{verdict}, {result.chosen.verdict.reason} ({1e3 * delay_s:.0f} ms)"
+            self._answer(message, result, line)
 
         return done
 
     # --- out
 
     def _refuse(self, message: RequestMessage, reason: str, dropped: bool = False) -> None:
-        self.statistics.refuse(message.machine, dropped)
-        self._send(AnswerMessage(message.machine, self._ticket(), message.ticket, message.sha256, None, reason))
-        self._say(f"{message.machine} request {message.ticket.counter}: {reason}")
+        self.statistics.count(message.machine, "refused", *["dropped"] * dropped)
+        self._answer(message, reason, reason)
 
-    def _send(self, answer: AnswerMessage) -> None:
-        topic = answer_topic(answer.machine)
-        self._connection.publish(topic, answer.dumped(), self._key_of(answer.machine), expires_s=600)
+    def _answer(self, message: RequestMessage, result: Result, line: str) -> None:
+        """Send the answer to a request, or the reason why there is none, and tell a line about it."""
+        answer, reason = (None, result) if isinstance(result, str) else (result, "")
+        out = AnswerMessage(message.machine, self._ticket(), message.ticket, message.sha256, answer, reason)
+        key = self._key.of_machine(message.machine)
+        self._connection.publish(answer_topic(message.machine), out.dumped(), key, expires_s=600)
+        self._say(f"{message.machine} request {message.ticket.counter}: {line}")
 
     def _ticket(self) -> Ticket:
         with self._lock:
@@ -223,7 +237,7 @@ class TwinServer:
             return Ticket(self._run, self._counter)
 
     def _report(self) -> None:
-        """Tell the status every few seconds."""
+        """Publish the status every few seconds."""
         while not self._ended.wait(STATUS_S):
             if self._connection.connected.is_set():
                 self._publish_status(online=True)
@@ -241,12 +255,11 @@ class TwinServer:
         }  # fmt: skip
 
     def _changed(self) -> None:
-        """The connection has come or gone, or cannot be had; told once. Refused from the start: the twin ends."""
+        """Tell once that the connection has come or gone; end where the broker refuses this twin from the start."""
         link = self._connection
         connected = link.connected.is_set()
-        said = (
-            f"connected to the broker at {link.broker}" if connected else f"no broker at {link.broker}: {link.problem}"
-        )
+        there, gone = f"connected to the broker at {link.broker}", f"no broker at {link.broker}: {link.problem}"
+        said = there if connected else gone
         if said != self._said:
             self._said = said
             self._say(said)

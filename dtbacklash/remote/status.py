@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import Counter
 from typing import Any
 
 from rich import box
@@ -14,11 +15,13 @@ from dtbacklash.config.twin import StatusConfig
 from dtbacklash.errors import Failure
 from dtbacklash.remote.connection import Connection
 from dtbacklash.remote.credentials import STATUS, load_credentials
-from dtbacklash.remote.documents import FAULT, SIGNATURE, STATUS_BYTES, TOO_LARGE, Document, Refused, parsed
-from dtbacklash.remote.topics import STATUSES, name_in
+from dtbacklash.remote.protocol import STATUSES, Document, Refused, check_origin, name_in, parsed
+from dtbacklash.remote.statistics import COUNTS
 
-#: twins that are listened to
+#: twins that are listened to at most
 TWINS_KEPT = 100
+#: counts that the table names otherwise than a status does
+HEADS = {"answered": "estimates", "queue": "waiting"}
 
 
 def heard(config: StatusConfig) -> tuple[dict[str, Document], dict[str, int]]:
@@ -31,20 +34,16 @@ def heard(config: StatusConfig) -> tuple[dict[str, Document], dict[str, int]]:
     credentials = load_credentials(config.credentials, "credentials")
     key = credentials.needed_key("credentials").of_machine(STATUS)
     twins: dict[str, Document] = {}
-    rejected: dict[str, int] = {}
+    rejected: Counter[str] = Counter()
     lock = threading.Lock()
 
     def take(topic: str, payload: bytes, signature: str | None) -> None:
         try:
-            if len(payload) > STATUS_BYTES:
-                raise Refused(TOO_LARGE)
-            if not key.signed(topic, payload, signature):
-                raise Refused(SIGNATURE)
-            document = parsed(payload, "status", STATUS_BYTES)
+            check_origin("status", key, topic, payload, signature)
+            document = parsed(payload, "status")
         except Exception as error:  # whatever it is: a message must not end the network's thread
-            reason = error.reason if isinstance(error, Refused) else FAULT
             with lock:
-                rejected[reason] = rejected.get(reason, 0) + 1
+                rejected[Refused.of(error).reason] += 1
             return
         with lock:
             if document["name"] == name_in(topic) and (document["name"] in twins or len(twins) < TWINS_KEPT):
@@ -64,7 +63,7 @@ def heard(config: StatusConfig) -> tuple[dict[str, Document], dict[str, int]]:
 
 
 def lines(found: tuple[dict[str, Document], dict[str, int]]) -> list[Any]:
-    """What was heard, for a console: a line and a table a twin."""
+    """What was heard, for a console: a line and a table for each twin."""
     twins, rejected = found
     told: list[Any] = [] if twins else ["no twin has said how it is"]
     for name, one in sorted(twins.items()):
@@ -73,24 +72,29 @@ def lines(found: tuple[dict[str, Document], dict[str, int]]) -> list[Any]:
         work = f"{one['busy']} of {one['workers']} processes busy, {one['queue']} waiting"
         told.append(f"[bold]{escape(name)}[/]: {state}; {work}")
         if one["rejected"]:
-            reasons = ", ".join(f"{escape(reason)}: {n}" for reason, n in sorted(one["rejected"].items()))
-            told.append(f"  rejected messages: {reasons}")
+            told.append(f"  rejected messages: {_counted(one['rejected'])}")
         if one["machines"]:
             told.append(_table(one["machines"]))
     if rejected:
-        told.append("not shown, as it failed a check: " + ", ".join(f"{escape(r)}: {n}" for r, n in rejected.items()))
+        told.append(f"not shown, as it failed a check: {_counted(rejected)}")
     return told
+
+
+def _counted(reasons: dict[str, int]) -> str:
+    return ", ".join(f"{escape(reason)}: {n}" for reason, n in sorted(reasons.items()))
 
 
 def _table(machines: Document) -> Table:
     table = Table(box=box.ASCII2, show_edge=False, pad_edge=False)
-    counts = ("requests", "estimates", "accepted", "refused", "dropped", "waiting")
-    for head in ("machine", *counts, "last", "gap [deg]", "reason"):
-        table.add_column(head.replace("[", r"\["), justify="left" if head in ("machine", "reason") else "right")
+    counts = [*COUNTS, "queue"]
+    for head in ("machine", *(HEADS.get(count, count) for count in counts), "last", r"gap \[deg]", "reason"):
+        table.add_column(head, justify="left" if head in ("machine", "reason") else "right")
     for name, one in sorted(machines.items()):
-        last = one.get("last")
-        when = time.strftime("%H:%M:%S", time.localtime(last["time_s"])) if last else "-"
-        gap = f"{last['gap_deg']:.2f}" if last and last.get("gap_deg") is not None else "-"
-        numbers = [str(one[key]) for key in ("requests", "answered", "accepted", "refused", "dropped", "queue")]
-        table.add_row(escape(name), *numbers, when, gap, escape(last["reason"]) if last else "-")
+        row, last = [escape(name), *(str(one[count]) for count in counts)], one.get("last")
+        if last is None:
+            table.add_row(*row, "-", "-", "-")
+            continue
+        gap = last.get("gap_deg")
+        when = time.strftime("%H:%M:%S", time.localtime(last["time_s"]))
+        table.add_row(*row, when, "-" if gap is None else f"{gap:.2f}", escape(last["reason"]))
     return table

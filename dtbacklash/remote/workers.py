@@ -1,17 +1,23 @@
-"""Estimates on a pool of processes; each keeps the twins that it has made."""
+"""Requests that wait for a worker, and the workers: a pool of processes, each of which keeps the twins it has made."""
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 import os
 import signal
+import threading
+import time
+from collections import OrderedDict, deque
 from collections.abc import Callable
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from functools import lru_cache
+from typing import Generic, TypeVar
 
 from dtbacklash.errors import UserError
-from dtbacklash.remote.documents import Document
+from dtbacklash.remote.belief import twin_of
+from dtbacklash.remote.protocol import Document
 from dtbacklash.twin.service import Answer, Answering, Request
 
 #: twins that a worker keeps
@@ -19,6 +25,50 @@ TWINS_KEPT = 64
 
 Result = Answer | str
 """An answer, or why there is none."""
+
+Item = TypeVar("Item")
+
+
+class FairQueue(Generic[Item]):
+    """Items that wait, at most ``depth`` a machine and of ``machines`` machines; the machines take turns.
+
+    A machine that asks ten times as often as another one gets no more of the workers.
+    """
+
+    def __init__(self, depth: int, machines: int) -> None:
+        self.depth, self.machines = depth, machines
+        self._waiting: OrderedDict[str, deque[Item]] = OrderedDict()
+        self._changed = threading.Condition()
+
+    def put(self, machine: str, item: Item) -> Item | None:
+        """Add an item; returns what is dropped for it: the machine's oldest, or itself where too many machines wait."""
+        with self._changed:
+            mine = self._waiting.get(machine)
+            if mine is None:
+                if len(self._waiting) >= self.machines:
+                    return item
+                mine = self._waiting[machine] = deque()
+            dropped = mine.popleft() if len(mine) >= self.depth else None
+            mine.append(item)
+            self._changed.notify()
+            return dropped
+
+    def take(self, timeout_s: float) -> Item | None:
+        """The oldest item of the machine whose turn it is; None where nothing comes within the time."""
+        with self._changed:
+            if not self._waiting and not self._changed.wait_for(lambda: bool(self._waiting), timeout_s):
+                return None
+            machine, mine = next(iter(self._waiting.items()))
+            item = mine.popleft()
+            del self._waiting[machine]
+            if mine:
+                self._waiting[machine] = mine  # behind all others
+            return item
+
+    def lengths(self) -> dict[str, int]:
+        """How many items of each machine wait."""
+        with self._changed:
+            return {machine: len(mine) for machine, mine in self._waiting.items()}
 
 
 class Workers:
@@ -35,7 +85,7 @@ class Workers:
             future.result()
 
     def submit(self, belief: Document, request: Request, done: Callable[[Result], None]) -> None:
-        """Have a request answered; ``done`` is called with what comes of it, in a thread of the pool."""
+        """Have a request answered; ``done`` gets the result, in a thread of the pool."""
 
         def finished(future: Future[Result]) -> None:
             try:
@@ -46,12 +96,13 @@ class Workers:
                 result = f"the estimate failed: {type(error).__name__}: {error}"
             done(result)
 
+        text = json.dumps(belief)
         try:
-            future = self._pool.submit(answer, _text(belief), request)
+            future = self._pool.submit(answer, text, request)
         except BrokenProcessPool:
             self._pool.shutdown(wait=False, cancel_futures=True)
             self._pool = self._made()
-            future = self._pool.submit(answer, _text(belief), request)
+            future = self._pool.submit(answer, text, request)
         future.add_done_callback(finished)
 
     def close(self) -> None:
@@ -69,10 +120,7 @@ class Workers:
 
 
 def _begin(parent: int) -> None:
-    """In a new process: Ctrl-C is its parent's affair, and it ends when that one does."""
-    import threading
-    import time
-
+    """In a new process: leave Ctrl-C to the parent process, and end when that one does."""
     from threadpoolctl import threadpool_limits
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -88,7 +136,7 @@ def _begin(parent: int) -> None:
 
 
 def answer(belief: str, request: Request) -> Result:
-    """What the twin of a belief says of a request, or why it says nothing."""
+    """The answer of a belief's twin to a request, or why there is none."""
     try:
         return _twin(belief).answer(request)
     except UserError as mistake:
@@ -99,20 +147,10 @@ def answer(belief: str, request: Request) -> Result:
 
 def answer_ready(belief: Document) -> bool:
     """Make the twin of a belief, and load what it needs."""
-    _twin(_text(belief)).warm_up()
+    _twin(json.dumps(belief)).warm_up()
     return True
-
-
-def _text(belief: Document) -> str:
-    import json
-
-    return json.dumps(belief)
 
 
 @lru_cache(maxsize=TWINS_KEPT)
 def _twin(belief: str) -> Answering:
-    import json
-
-    from dtbacklash.remote.belief import twin_of
-
     return twin_of(json.loads(belief))

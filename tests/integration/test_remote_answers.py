@@ -23,7 +23,7 @@ from dtbacklash.remote.belief import described
 from dtbacklash.remote.client import RemoteTwin
 from dtbacklash.remote.credentials import Key
 from dtbacklash.remote.messages import RequestMessage
-from dtbacklash.remote.topics import answer_topic
+from dtbacklash.remote.protocol import answer_topic
 from dtbacklash.twin.service import Dropped, Reply, Request
 
 pytestmark = pytest.mark.check

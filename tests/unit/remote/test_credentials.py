@@ -8,8 +8,9 @@ import pytest
 
 from dtbacklash.errors import UserError
 from dtbacklash.remote.access import rules
+from dtbacklash.remote.connection import address
 from dtbacklash.remote.credentials import KEY, PASSWORD, STATUS, Credentials, Key, load_credentials
-from dtbacklash.remote.topics import address, check_name
+from dtbacklash.remote.protocol import check_name
 
 DIGITS = "0f" * 32
 

@@ -17,8 +17,8 @@ from dtbacklash.config.run import TwinConfig
 from dtbacklash.control.belief import beliefs_of, settled
 from dtbacklash.experiment import estimation
 from dtbacklash.remote import belief, messages
-from dtbacklash.remote.documents import REQUEST_BYTES, Refused, parsed, schema
 from dtbacklash.remote.messages import AnswerMessage, RequestMessage, Ticket, check_bounds
+from dtbacklash.remote.protocol import LIMITS, Refused, parsed, schema
 from dtbacklash.twin.estimate import Estimate
 from dtbacklash.twin.guard import Attempt, Verdict
 from dtbacklash.twin.service import Answer, Request
@@ -109,7 +109,7 @@ def test_a_buffer_of_the_longest_kind_fits_into_a_message() -> None:
     message = RequestMessage(
         "p" * 64, Ticket(RUN, 2**53 - 1), 86400.0, Request(2**53 - 1, 0, ones, ones, 1 / 3, 0), BELIEF
     )
-    assert 0.99 * REQUEST_BYTES < len(message.dumped()) <= REQUEST_BYTES
+    assert 0.99 * LIMITS["request"] < len(message.dumped()) <= LIMITS["request"]
 
 
 @pytest.mark.parametrize("kind", ["request", "answer", "status"])
@@ -150,7 +150,7 @@ def test_what_is_the_machines_affair_does_not_travel() -> None:
 def test_anything_else_is_refused(payload: bytes) -> None:
     for kind in ("request", "answer", "status"):
         with pytest.raises(Refused, match=r"malformed|wrong version"):
-            parsed(payload, kind, 10**6)
+            parsed(payload, kind)
 
 
 @given(st.binary(max_size=300))

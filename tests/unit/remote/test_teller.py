@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 
-from dtbacklash.remote.teller import LINES, Teller
+from dtbacklash.remote.server import LINES, Teller
 
 
 def test_lines_come_in_order_and_all_of_them_before_the_end() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dtbacklash.remote.queue import FairQueue
+from dtbacklash.remote.workers import FairQueue
 
 
 def test_machines_take_turns() -> None:
