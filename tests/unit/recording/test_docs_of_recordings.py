@@ -42,7 +42,7 @@ def test_the_example_of_a_rig_declares_units():
 
 
 def test_the_units_that_it_lists_are_known():
-    listed = re.search(r"Known are (.*?)\. `µ`", PAGE, re.DOTALL)
+    listed = re.search(r"Known units are (.*?)\. `µ`", PAGE, re.DOTALL)
     assert listed is not None
     for unit in re.split(r"[,;]\s+", listed.group(1)):
         assert unit in units.UNITS
