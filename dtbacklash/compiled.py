@@ -69,7 +69,8 @@ def fingerprint(function: Any) -> str:
 def _described(function: Any, reached: list[Any]) -> str:
     """One function in words; the functions that it names are called by their place in ``reached``."""
     plain = getattr(function, "py_func", function)
-    words: list[Any] = [sorted(getattr(function, "targetoptions", {}).items()), plain.__defaults__]
+    # compiled code names its module, which must be there when it is loaded
+    words: list[Any] = [plain.__module__, sorted(getattr(function, "targetoptions", {}).items()), plain.__defaults__]
     codes, names = [plain.__code__], []
     for code in codes:
         constants = code.co_consts
@@ -121,7 +122,9 @@ def _layout(kind: Any) -> Any:
     """A type of numba in words, with the names in its named tuples, which numba leaves out."""
     if not isinstance(kind, BaseTuple):
         return repr(kind)
-    return type(kind).__name__, getattr(kind, "fields", ()), [_layout(one) for one in kind.types]
+    made_of = getattr(kind, "instance_class", tuple)
+    names = (made_of.__module__, made_of.__qualname__, getattr(kind, "fields", ()))
+    return type(kind).__name__, names, [_layout(one) for one in kind.types]
 
 
 def _stem(dispatcher: Any) -> str:

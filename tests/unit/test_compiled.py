@@ -60,10 +60,15 @@ def plain(x):
 def edited(tmp_path, monkeypatch):
     """Replace words in MAIN and PARTS and import MAIN: (old, new), ... -> module."""
     monkeypatch.syspath_prepend(tmp_path)
-    count = iter(range(100))
 
-    def of(*changes):
-        name = f"edited_{next(count)}"
+    def forget():
+        for module in [module for module in sys.modules if module.startswith("edited_")]:
+            del sys.modules[module]
+        for file in tmp_path.glob("edited_*.py"):
+            file.unlink()
+
+    def of(*changes, name="edited_main"):
+        forget()
         main, parts = MAIN.format(name=name), PARTS
         for old, new in changes:
             assert old in main + parts
@@ -73,9 +78,9 @@ def edited(tmp_path, monkeypatch):
         importlib.invalidate_caches()
         return importlib.import_module(name)
 
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # two states of a file may have the same time and size
     yield of
-    for name in [name for name in sys.modules if name.startswith("edited_")]:
-        del sys.modules[name]
+    forget()
 
 
 @pytest.mark.parametrize(
@@ -93,6 +98,12 @@ def edited(tmp_path, monkeypatch):
 )
 def test_what_decides_the_result_is_compiled_anew(edited, change):
     assert compiled.fingerprint(edited().outer) != compiled.fingerprint(edited(change).outer)
+
+
+def test_what_moves_into_another_module_is_compiled_anew(edited):
+    """Compiled code names its module, which may not be there any more when it is loaded."""
+    here, there = edited(), edited(name="edited_other")
+    assert compiled.fingerprint(here.inner) != compiled.fingerprint(there.inner)
 
 
 @pytest.mark.parametrize(
