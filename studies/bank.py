@@ -26,7 +26,7 @@ from dtbacklash.files import write_text
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.prove.draw import name_hash
 from dtbacklash.report.kit.markdown import between, table
-from dtbacklash.twin.bank import Buffer, Diagnosis, diagnose_buffer
+from dtbacklash.twin.bank.bank import Buffer, Diagnosis, diagnose_buffer
 from studies.measure import Row
 
 PAGE = "bank.md"

@@ -35,10 +35,10 @@ from dtbacklash.experiment import loop
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.kernel.plant import Plant, new_state
 from dtbacklash.physics.rig import build_rig
-from dtbacklash.twin.estimate import Problem, estimate_gap
-from dtbacklash.twin.guard import guarded_estimates, outcome
-from dtbacklash.twin.novelty import NoveltyDesign, novelty_design
-from dtbacklash.twin.observer import TwinModel, twin_model
+from dtbacklash.twin.gap.estimate import Problem, estimate_gap
+from dtbacklash.twin.gap.guard import guarded_estimates, outcome
+from dtbacklash.twin.gap.novelty import NoveltyDesign, novelty_design
+from dtbacklash.twin.gap.observer import TwinModel, twin_model
 from studies.scenario import new_traces
 
 #: An estimation did harm if the loop is farther from the exact one than with the old estimate by more than this

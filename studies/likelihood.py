@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from dtbacklash.twin.estimate import Estimate, OptimizerLike, Problem
-from dtbacklash.twin.guard import Attempt, Guard, Verdict, attempts_of, profile
+from dtbacklash.twin.gap.estimate import Estimate, OptimizerLike, Problem
+from dtbacklash.twin.gap.guard import Attempt, Guard, Verdict, attempts_of, profile
 
 RESOLUTION_DEG, SIGNIFICANCE, AGREEMENT_DEG = 1.0, 16.0, 0.25
 
@@ -51,5 +51,5 @@ class LikelihoodGuard(Guard):
 
 
 def likelihood_estimates(problem: Problem, optimizer: OptimizerLike, present_rad: float) -> list[Attempt]:
-    """As :func:`dtbacklash.twin.guard.guarded_estimates`, by the likelihood ratio alone."""
+    """As :func:`dtbacklash.twin.gap.guard.guarded_estimates`, by the likelihood ratio alone."""
     return attempts_of(LikelihoodGuard(problem, present_rad), optimizer)

@@ -28,7 +28,7 @@ from dtbacklash.remote.belief import described, twin_of
 from dtbacklash.remote.client import RemoteTwin
 from dtbacklash.remote.protocol import Document
 from dtbacklash.report.kit.markdown import between, table
-from dtbacklash.twin.service import LocalTwin, Request
+from dtbacklash.twin.link.service import LocalTwin, Request
 from studies.measure import Row
 
 MACHINES, WORKERS = (1, 10, 50), 2

@@ -18,7 +18,7 @@ from dtbacklash.experiment.run import RunResult, run_scenario
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.kernel.plant import Plant, new_state
 from dtbacklash.physics.rig import build_rig
-from dtbacklash.twin.novelty import NoveltyDesign, novelty_design
+from dtbacklash.twin.gap.novelty import NoveltyDesign, novelty_design
 
 PAPER = ("controller=nimc_twin",)
 #: what slow contestants simulate: two moves with the gear in its gap and out of it, a constant gap of 50 deg

@@ -36,9 +36,9 @@ from dtbacklash.errors import Diverged
 from dtbacklash.experiment.estimation import twin_of
 from dtbacklash.experiment.run import run_scenario, true_half_gap
 from dtbacklash.physics.rig import Rig, build_rig
-from dtbacklash.twin.estimate import Estimate, Problem
-from dtbacklash.twin.guard import Attempt, GuardSettings, Verdict, guarded_estimates
-from dtbacklash.twin.service import Answer, Reply, Request, Twin
+from dtbacklash.twin.gap.estimate import Estimate, Problem
+from dtbacklash.twin.gap.guard import Attempt, GuardSettings, Verdict, guarded_estimates
+from dtbacklash.twin.link.service import Answer, Reply, Request, Twin
 from studies.likelihood import likelihood_estimates
 from studies.measure import Row
 

@@ -30,7 +30,7 @@ from dtbacklash.remote.credentials import Key, load_credentials
 from dtbacklash.remote.messages import AnswerMessage, RequestMessage, Ticket
 from dtbacklash.remote.protocol import REQUESTS, answer_topic
 from dtbacklash.remote.status import heard
-from dtbacklash.twin.service import Answer
+from dtbacklash.twin.link.service import Answer
 
 #: three changes of the reference with a gap of 40 degrees, of which the controller knows nothing at first
 SCENARIO = ("controller=nimc_twin", "profile=constant", "profile.start_deg=40", "duration_s=36",

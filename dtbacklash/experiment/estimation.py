@@ -15,10 +15,10 @@ from dtbacklash.control.belief import Belief
 from dtbacklash.errors import UserError
 from dtbacklash.experiment.sensors import roles as roles_of
 from dtbacklash.experiment.watch import Watcher
-from dtbacklash.twin.bank_twin import BankTwin
-from dtbacklash.twin.guard import Attempt
-from dtbacklash.twin.link import FullBuffer, TwinLink
-from dtbacklash.twin.service import (
+from dtbacklash.twin.gap.guard import Attempt
+from dtbacklash.twin.link.bank_twin import BankTwin
+from dtbacklash.twin.link.link import FullBuffer, TwinLink
+from dtbacklash.twin.link.service import (
     RUN_ENDED,
     Answer,
     Answering,

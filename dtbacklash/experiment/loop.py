@@ -8,7 +8,7 @@ from dtbacklash.compiled import compiled, inlined
 from dtbacklash.control.laws import control_step
 from dtbacklash.physics.kernel.sample import advance, read_sensor, sense
 from dtbacklash.physics.kernel.step import screw_angle
-from dtbacklash.twin.novelty import novelty_step
+from dtbacklash.twin.gap.novelty import novelty_step
 
 #: why a segment ended
 RAN, NOVELTY, DIVERGED = 0, 1, 2

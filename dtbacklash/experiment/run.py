@@ -30,9 +30,9 @@ from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.kernel.plant import Plant, State, new_state, place_at
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import rig_half_gap
-from dtbacklash.twin.background import BackgroundTwin
-from dtbacklash.twin.novelty import NoveltyDesign, novelty_design, novelty_step
-from dtbacklash.twin.service import Answer, TwinService
+from dtbacklash.twin.gap.novelty import NoveltyDesign, novelty_design, novelty_step
+from dtbacklash.twin.link.background import BackgroundTwin
+from dtbacklash.twin.link.service import Answer, TwinService
 
 __all__ = ["RunResult", "run_scenario", "true_half_gap"]
 

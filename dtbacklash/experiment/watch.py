@@ -15,10 +15,10 @@ from dtbacklash.control.belief import Belief
 from dtbacklash.control.design import dominant_frequency
 from dtbacklash.experiment.loop import RAN, run_segment
 from dtbacklash.kept import kept
-from dtbacklash.twin.indexes import FREQUENCY, MOTOR, STRUCTURE, Watch, WatchState, index_step, new_watch, rising
-from dtbacklash.twin.indexes import new_watch_state as _new_state
-from dtbacklash.twin.motor import motor_equation
-from dtbacklash.twin.observer import twin_model
+from dtbacklash.twin.bank.equation import motor_equation
+from dtbacklash.twin.bank.indexes import FREQUENCY, MOTOR, STRUCTURE, Watch, WatchState, index_step, new_watch, rising
+from dtbacklash.twin.bank.indexes import new_watch_state as _new_state
+from dtbacklash.twin.gap.observer import twin_model
 
 #: why a segment ended: ALARM and the place of the index; the others are the loop's
 ALARM = 10

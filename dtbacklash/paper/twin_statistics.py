@@ -9,8 +9,8 @@ from scipy.signal import hilbert, sosfreqz
 
 from dtbacklash.arrays import Floats
 from dtbacklash.paper.experiments import Experiments
-from dtbacklash.twin.novelty import NoveltyDesign, novelty_design, novelty_index
-from dtbacklash.twin.observer import filtered, twin_model
+from dtbacklash.twin.gap.novelty import NoveltyDesign, novelty_design, novelty_index
+from dtbacklash.twin.gap.observer import filtered, twin_model
 
 #: samples of white noise through the detector: its rms is then known to about half a percent
 NOISE_SAMPLES = 2_000_000

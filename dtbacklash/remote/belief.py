@@ -15,8 +15,8 @@ from dtbacklash.errors import UserError
 from dtbacklash.experiment.sensors import roles
 from dtbacklash.physics.rig_file import rig_content, rig_of
 from dtbacklash.remote.protocol import Document
-from dtbacklash.twin.bank_twin import BankTwin
-from dtbacklash.twin.service import Answering, Twin
+from dtbacklash.twin.link.bank_twin import BankTwin
+from dtbacklash.twin.link.service import Answering, Twin
 
 #: settings of the twin that only the machine needs: they do not go with a request
 OF_THE_MACHINE = (

@@ -32,7 +32,7 @@ from dtbacklash.remote.protocol import (
     check_origin,
     request_topic,
 )
-from dtbacklash.twin.service import RUN_ENDED, Dropped, Reply, Request
+from dtbacklash.twin.link.service import RUN_ENDED, Dropped, Reply, Request
 
 log = logging.getLogger(__name__)
 
@@ -67,7 +67,7 @@ class _Asked:
 
 
 class RemoteTwin:
-    """A :class:`~dtbacklash.twin.service.TwinService` whose twin is at the other end of a network.
+    """A :class:`~dtbacklash.twin.link.service.TwinService` whose twin is at the other end of a network.
 
     Parameters
     ----------

@@ -21,9 +21,9 @@ from dtbacklash.control.belief import Belief
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig_file import rig_content, rig_of
 from dtbacklash.remote.protocol import LIMITS, MALFORMED, VERSION, Document, Refused, dumped, parsed
-from dtbacklash.twin.estimate import Estimate
-from dtbacklash.twin.guard import Attempt, Verdict
-from dtbacklash.twin.service import Answer, Request
+from dtbacklash.twin.gap.estimate import Estimate
+from dtbacklash.twin.gap.guard import Attempt, Verdict
+from dtbacklash.twin.link.service import Answer, Request
 
 #: why an answer with a gap that no machine has is dropped
 OUT_OF_BOUNDS = "gap out of bounds"

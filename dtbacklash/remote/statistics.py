@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from dtbacklash.errors import UserError
 from dtbacklash.remote.connection import EXTRA
-from dtbacklash.twin.service import Answer
+from dtbacklash.twin.link.service import Answer
 
 if TYPE_CHECKING:
     from prometheus_client.core import Metric

@@ -18,7 +18,7 @@ from typing import Generic, TypeVar
 from dtbacklash.errors import UserError
 from dtbacklash.remote.belief import twin_of
 from dtbacklash.remote.protocol import Document
-from dtbacklash.twin.service import Answer, Answering, Request
+from dtbacklash.twin.link.service import Answer, Answering, Request
 
 #: twins that a worker keeps
 TWINS_KEPT = 64

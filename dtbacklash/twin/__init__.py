@@ -1,1 +1,1 @@
-"""The digital twin: it estimates the gap from measurements, and is trusted as far as these allow."""
+"""The digital twin: the gap from a buffer, what else has changed, and who answers the controller."""

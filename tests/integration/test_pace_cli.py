@@ -43,7 +43,7 @@ def test_ctrl_c_ends_it_in_one_line_with_nothing_left_and_no_process(tmp_path):
     until, workers = time.monotonic() + 120, []
     while not workers and time.monotonic() < until:
         time.sleep(0.1)
-        workers = [pid for pid in children(loop.pid) if "dtbacklash.twin.worker" in command_of(pid)]
+        workers = [pid for pid in children(loop.pid) if "dtbacklash.twin.link.worker" in command_of(pid)]
     assert workers
     time.sleep(4.0)  # it runs
     os.killpg(loop.pid, signal.SIGINT)
@@ -52,7 +52,7 @@ def test_ctrl_c_ends_it_in_one_line_with_nothing_left_and_no_process(tmp_path):
     assert out == ""
     assert err.count("\n") == 1
     assert err.startswith("dtb: interrupted")
-    assert not any("dtbacklash.twin.worker" in command_of(pid) for pid in workers)
+    assert not any("dtbacklash.twin.link.worker" in command_of(pid) for pid in workers)
     assert list(tmp_path.iterdir()) == []
 
 

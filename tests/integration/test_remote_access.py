@@ -28,7 +28,7 @@ from dtbacklash.remote.connection import Connection
 from dtbacklash.remote.credentials import load_credentials
 from dtbacklash.remote.messages import RequestMessage, Ticket
 from dtbacklash.remote.protocol import answer_topic, request_topic
-from dtbacklash.twin.service import Request
+from dtbacklash.twin.link.service import Request
 
 pytestmark = pytest.mark.check
 

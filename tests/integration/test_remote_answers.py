@@ -24,7 +24,7 @@ from dtbacklash.remote.client import RemoteTwin
 from dtbacklash.remote.credentials import Key
 from dtbacklash.remote.messages import RequestMessage
 from dtbacklash.remote.protocol import answer_topic
-from dtbacklash.twin.service import Dropped, Reply, Request
+from dtbacklash.twin.link.service import Dropped, Reply, Request
 
 pytestmark = pytest.mark.check
 

@@ -8,8 +8,8 @@ import statistics
 import numpy as np
 import pytest
 
-from dtbacklash.twin.estimate import Problem, default_start, estimate_gap
-from dtbacklash.twin.observer import twin_model
+from dtbacklash.twin.gap.estimate import Problem, default_start, estimate_gap
+from dtbacklash.twin.gap.observer import twin_model
 from studies.hand_written import HandWritten
 from studies.libraries import python_control, scipy_ivp
 from studies.measure import interleaved_s

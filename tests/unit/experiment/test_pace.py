@@ -18,7 +18,7 @@ from dtbacklash.experiment.loop import NOVELTY, RAN
 from dtbacklash.experiment.pace import RealTime, undisturbed
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.report.run.text import pace_in_words
-from dtbacklash.twin.service import LocalTwin
+from dtbacklash.twin.link.service import LocalTwin
 
 #: moves with a buffer that is full 0.3 s after each
 SHORT = (

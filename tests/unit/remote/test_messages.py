@@ -19,9 +19,9 @@ from dtbacklash.experiment import estimation
 from dtbacklash.remote import belief, messages
 from dtbacklash.remote.messages import AnswerMessage, RequestMessage, Ticket, check_bounds
 from dtbacklash.remote.protocol import LIMITS, Refused, parsed, schema
-from dtbacklash.twin.estimate import Estimate
-from dtbacklash.twin.guard import Attempt, Verdict
-from dtbacklash.twin.service import Answer, Request
+from dtbacklash.twin.gap.estimate import Estimate
+from dtbacklash.twin.gap.guard import Attempt, Verdict
+from dtbacklash.twin.link.service import Answer, Request
 
 BELIEF = belief.described(compose())
 FINITE = st.floats(allow_nan=False, allow_infinity=False)

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from dtbacklash.control.design import StructureParameters
-from dtbacklash.twin.estimate import Problem
-from dtbacklash.twin.observer import TwinModel, twin_model
+from dtbacklash.twin.gap.estimate import Problem
+from dtbacklash.twin.gap.observer import TwinModel, twin_model
 
 Array = NDArray[np.float64]
 

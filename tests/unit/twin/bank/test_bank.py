@@ -11,7 +11,7 @@ from dtbacklash.control.belief import Belief, Beliefs
 from dtbacklash.errors import UserError
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.physics.rig import build_rig
-from dtbacklash.twin.bank import Buffer, diagnose_buffer
+from dtbacklash.twin.bank.bank import Buffer, diagnose_buffer
 
 GAP_DEG, OLD_DEG = 40.0, 25.0
 NOMINAL = Belief(build_rig(compose().rig))

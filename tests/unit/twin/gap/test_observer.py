@@ -13,8 +13,8 @@ import pytest
 from dtbacklash.control import design
 from dtbacklash.control.design import StructureParameters
 from dtbacklash.errors import UserError
-from dtbacklash.twin import observer
-from dtbacklash.twin.observer import TwinModel, twin_model
+from dtbacklash.twin.gap import observer
+from dtbacklash.twin.gap.observer import TwinModel, twin_model
 
 Experiment = Callable[..., Any]
 

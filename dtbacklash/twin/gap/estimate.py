@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtbacklash.errors import UserError
-from dtbacklash.twin import observer
-from dtbacklash.twin.observer import TwinModel
+from dtbacklash.twin.gap import observer
+from dtbacklash.twin.gap.observer import TwinModel
 
 Array = NDArray[np.float64]
 Start = tuple[float, float]

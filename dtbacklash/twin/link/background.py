@@ -19,9 +19,9 @@ from typing import IO
 
 from dtbacklash import sources
 from dtbacklash.errors import Failure, UserError
-from dtbacklash.twin.service import Answer, Answering, Reply, Request
+from dtbacklash.twin.link.service import Answer, Answering, Reply, Request
 
-COMMAND = (sys.executable, "-m", "dtbacklash.twin.worker")
+COMMAND = (sys.executable, "-m", "dtbacklash.twin.link.worker")
 GONE = "the twin's process has ended"
 #: vectors are short: threads of the linear algebra would take the loop's core
 ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS"), "1")

@@ -11,11 +11,11 @@ import pytest
 
 from dtbacklash.config.run import OptimizerConfig
 from dtbacklash.control.design import StructureParameters
-from dtbacklash.twin import observer
-from dtbacklash.twin.estimate import Problem, default_start, estimate_gap
-from dtbacklash.twin.guard import guarded_estimates
-from dtbacklash.twin.model_error import STEPS, Explanation, Tolerances, _Fit, explained
-from dtbacklash.twin.observer import TwinModel, twin_model
+from dtbacklash.twin.gap import observer
+from dtbacklash.twin.gap.estimate import Problem, default_start, estimate_gap
+from dtbacklash.twin.gap.guard import guarded_estimates
+from dtbacklash.twin.gap.model_error import STEPS, Explanation, Tolerances, _Fit, explained
+from dtbacklash.twin.gap.observer import TwinModel, twin_model
 
 TRUE_DEG = 50.0
 

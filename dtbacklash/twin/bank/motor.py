@@ -17,9 +17,9 @@ from dtbacklash.arrays import Floats
 from dtbacklash.control.belief import Belief, on_the_motor
 from dtbacklash.control.chain import motor_parameters
 from dtbacklash.physics.rig import Rig
-from dtbacklash.twin.hypotheses import Hypothesis, cogging
-from dtbacklash.twin.motor import difference_equation
-from dtbacklash.twin.whitened import BLOCK, Fit, blocks, count_of, fitted, without_counts
+from dtbacklash.twin.bank.equation import difference_equation
+from dtbacklash.twin.bank.hypotheses import Hypothesis, cogging
+from dtbacklash.twin.bank.whitened import BLOCK, Fit, blocks, count_of, fitted, without_counts
 
 #: effects between voltage and angle that the equation has
 LAWS = ("coulomb_friction", "viscous_friction", "constant_load", "cogging", "gain_error")

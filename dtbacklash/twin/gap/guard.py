@@ -25,10 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtbacklash.compiled import compiled_allocating
-from dtbacklash.twin import observer
-from dtbacklash.twin.estimate import Estimate, OptimizerLike, Problem, Start, default_start, estimate_gap
-from dtbacklash.twin.model_error import Explanation, Tolerances, explained
-from dtbacklash.twin.observer import Path, TwinModel
+from dtbacklash.twin.gap import observer
+from dtbacklash.twin.gap.estimate import Estimate, OptimizerLike, Problem, Start, default_start, estimate_gap
+from dtbacklash.twin.gap.model_error import Explanation, Tolerances, explained
+from dtbacklash.twin.gap.observer import Path, TwinModel
 
 Array = NDArray[np.float64]
 

@@ -26,9 +26,9 @@ from dtbacklash.control.design import (
     structure_polynomials,
     tridiagonal_determinant,
 )
-from dtbacklash.twin import observer
-from dtbacklash.twin.estimate import Estimate, Problem, linear_step
-from dtbacklash.twin.observer import in_lags, sampled_path
+from dtbacklash.twin.gap import observer
+from dtbacklash.twin.gap.estimate import Estimate, Problem, linear_step
+from dtbacklash.twin.gap.observer import in_lags, sampled_path
 
 Array = NDArray[np.float64]
 

@@ -25,9 +25,8 @@ from dtbacklash.physics.kernel import plant as pl
 from dtbacklash.physics.kernel.forces import base_motion
 from dtbacklash.physics.kernel.plant import Plant, new_state
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, Sensor
-from dtbacklash.twin.hypotheses import Hypothesis
-from dtbacklash.twin.simulated import follow
-from dtbacklash.twin.whitened import (
+from dtbacklash.twin.bank.hypotheses import Hypothesis
+from dtbacklash.twin.bank.whitened import (
     BLOCK,
     FAR,
     Fit,
@@ -40,6 +39,7 @@ from dtbacklash.twin.whitened import (
     noise_of,
     without_counts,
 )
+from dtbacklash.twin.gap.simulated import follow
 
 #: by what the fit's variables are measured: gap and start rad, growth rad/s
 GAP, START, GROWTH = 0.02, 0.01, 0.02

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dtbacklash.errors import UserError
-from dtbacklash.twin.link import FullBuffer, TwinLink
+from dtbacklash.twin.link.link import FullBuffer, TwinLink
 
 
 def paper_link(delay_s: float = 4.0) -> TwinLink[float]:

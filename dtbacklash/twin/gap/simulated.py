@@ -23,9 +23,9 @@ from dtbacklash.physics.bodies import take_apart
 from dtbacklash.physics.kernel.plant import Plant, new_state
 from dtbacklash.physics.kernel.sample import advance, sense
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, Sensor
-from dtbacklash.twin import observer
-from dtbacklash.twin.estimate import OptimizerLike, Problem, default_start, estimate_gap
-from dtbacklash.twin.observer import TwinModel
+from dtbacklash.twin.gap import observer
+from dtbacklash.twin.gap.estimate import OptimizerLike, Problem, default_start, estimate_gap
+from dtbacklash.twin.gap.observer import TwinModel
 
 #: steps a sample and halvings to a contact: the twin's error lies far below that of any sensor
 SUBSTEPS, EVENT_LEVELS = 4, 8

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import sosfreqz
 
 from dtbacklash.errors import UserError
-from dtbacklash.twin.novelty import NoveltyDesign, novelty_design, novelty_index, novelty_step
+from dtbacklash.twin.gap.novelty import NoveltyDesign, novelty_design, novelty_index, novelty_step
 
 OMEGA_D, TS = 27.06868, 1e-3
 T = np.arange(20_000) * TS

@@ -11,8 +11,8 @@ import pytest
 
 from dtbacklash.config.choices import OPTIMIZERS as CONFIGURED
 from dtbacklash.errors import UserError
-from dtbacklash.twin.estimate import OPTIMIZERS, Problem, default_start, estimate_gap
-from dtbacklash.twin.observer import TwinModel
+from dtbacklash.twin.gap.estimate import OPTIMIZERS, Problem, default_start, estimate_gap
+from dtbacklash.twin.gap.observer import TwinModel
 
 Experiment = Callable[..., Any]
 

@@ -20,10 +20,10 @@ from dtbacklash.control.belief import Belief
 from dtbacklash.control.chain import driven_chain
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig, Sensor
-from dtbacklash.twin.hypotheses import Hypothesis, Value, of_the_motor, structural
-from dtbacklash.twin.motor_bank import MotorBuffer
-from dtbacklash.twin.structure_bank import COMMON, GAP, StructureBuffer
-from dtbacklash.twin.whitened import Fit
+from dtbacklash.twin.bank.hypotheses import Hypothesis, Value, of_the_motor, structural
+from dtbacklash.twin.bank.motor import MotorBuffer
+from dtbacklash.twin.bank.structure import COMMON, GAP, StructureBuffer
+from dtbacklash.twin.bank.whitened import Fit
 
 #: standard deviations of chi-square that a hypothesis may leave beyond the noise
 EXCESS = 4.5

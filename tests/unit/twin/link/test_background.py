@@ -13,9 +13,9 @@ from dtbacklash.config.compose import compose
 from dtbacklash.control.belief import beliefs_of, settled
 from dtbacklash.errors import Failure, UserError
 from dtbacklash.experiment.estimation import twin_of
-from dtbacklash.twin import background, worker
-from dtbacklash.twin.background import GONE, BackgroundTwin
-from dtbacklash.twin.service import Request
+from dtbacklash.twin.link import background, worker
+from dtbacklash.twin.link.background import GONE, BackgroundTwin
+from dtbacklash.twin.link.service import Request
 
 
 def twin(*words):

@@ -19,10 +19,10 @@ from dtbacklash.config.run import OptimizerConfig, TwinConfig
 from dtbacklash.control.belief import Belief
 from dtbacklash.kept import kept
 from dtbacklash.physics.rig import Sensor
-from dtbacklash.twin.estimate import Problem, default_start, estimate_gap
-from dtbacklash.twin.guard import Attempt, GuardSettings, Verdict, guarded_estimates, outcome, warm_up
-from dtbacklash.twin.observer import TwinModel, twin_model
-from dtbacklash.twin.simulated import SimulatedProblem, Structure, corrected
+from dtbacklash.twin.gap.estimate import Problem, default_start, estimate_gap
+from dtbacklash.twin.gap.guard import Attempt, GuardSettings, Verdict, guarded_estimates, outcome, warm_up
+from dtbacklash.twin.gap.observer import TwinModel, twin_model
+from dtbacklash.twin.gap.simulated import SimulatedProblem, Structure, corrected
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,10 @@ import numpy as np
 
 from dtbacklash.control.belief import Belief
 from dtbacklash.errors import UserError
-from dtbacklash.twin.bank import Buffer, Diagnosis, diagnose_buffer
-from dtbacklash.twin.estimate import Estimate
-from dtbacklash.twin.guard import Attempt, Verdict
-from dtbacklash.twin.service import Answer, Request, Twin
+from dtbacklash.twin.bank.bank import Buffer, Diagnosis, diagnose_buffer
+from dtbacklash.twin.gap.estimate import Estimate
+from dtbacklash.twin.gap.guard import Attempt, Verdict
+from dtbacklash.twin.link.service import Answer, Request, Twin
 
 #: a gap whose standard error is greater is not put in force: the old one is kept as far as the interval allows, rad
 UNSURE_RAD = math.radians(2.0)

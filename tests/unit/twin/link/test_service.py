@@ -13,7 +13,7 @@ from dtbacklash.config.run import RunConfig
 from dtbacklash.control.belief import beliefs_of, settled
 from dtbacklash.experiment.estimation import twin_of
 from dtbacklash.experiment.run import run_scenario
-from dtbacklash.twin.service import LocalTwin, Reply, Request
+from dtbacklash.twin.link.service import LocalTwin, Reply, Request
 
 
 @pytest.fixture

@@ -18,8 +18,8 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.compiled import inlined
 from dtbacklash.physics.effects.play import play
-from dtbacklash.twin.motor import MotorEquation, residual_torque
-from dtbacklash.twin.observer import Path, TwinModel
+from dtbacklash.twin.bank.equation import MotorEquation, residual_torque
+from dtbacklash.twin.gap.observer import Path, TwinModel
 
 #: places of the indexes in tables
 FREQUENCY, MOTOR, STRUCTURE = 0, 1, 2

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from dtbacklash.config.run import OptimizerConfig
-from dtbacklash.twin.estimate import Estimate, Problem, default_start, estimate_gap
-from dtbacklash.twin.guard import (
+from dtbacklash.twin.gap.estimate import Estimate, Problem, default_start, estimate_gap
+from dtbacklash.twin.gap.guard import (
     Attempt,
     Guard,
     GuardSettings,
@@ -21,7 +21,7 @@ from dtbacklash.twin.guard import (
     profile,
     warm_up,
 )
-from dtbacklash.twin.observer import TwinModel
+from dtbacklash.twin.gap.observer import TwinModel
 
 Experiment = Callable[..., Any]
 TRUE_DEG = 50.0

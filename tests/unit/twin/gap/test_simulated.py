@@ -7,9 +7,9 @@ from dtbacklash.config.compose import compose
 from dtbacklash.control.belief import Belief
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.physics.rig import build_rig
-from dtbacklash.twin.estimate import Problem, default_start, estimate_gap
-from dtbacklash.twin.observer import twin_model
-from dtbacklash.twin.simulated import SimulatedProblem, Structure, corrected
+from dtbacklash.twin.gap.estimate import Problem, default_start, estimate_gap
+from dtbacklash.twin.gap.observer import twin_model
+from dtbacklash.twin.gap.simulated import SimulatedProblem, Structure, corrected
 
 GAP_DEG = 30.0
 LOOP = ("controller=nimc_fixed", f"controller.gap_hat_deg={GAP_DEG:g}", "profile=constant",

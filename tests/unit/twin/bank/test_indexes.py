@@ -11,7 +11,7 @@ from dtbacklash.config.compose import compose
 from dtbacklash.control.belief import Belief, Beliefs
 from dtbacklash.experiment.run import RunResult, run_scenario
 from dtbacklash.physics.rig import build_rig
-from dtbacklash.twin.motor import motor_equation, torque_record
+from dtbacklash.twin.bank.equation import motor_equation, torque_record
 
 ALL = "twin.indexes=[frequency,motor,structure]"
 BASE = ("figures=false", "profile=constant", "profile.start_deg=0", "duration_s=30", "sensors=encoder")

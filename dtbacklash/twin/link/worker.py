@@ -8,7 +8,7 @@ import sys
 from typing import BinaryIO
 
 from dtbacklash import sources
-from dtbacklash.twin.service import Answer, Answering, Request
+from dtbacklash.twin.link.service import Answer, Answering, Request
 
 #: how much this process stands back behind the loop (0 to 19)
 NICE = 10
