@@ -13,8 +13,8 @@ run: $(READY)
 	$(BIN)/dtb run controller=nimc_twin
 
 # the fast tier: no broker, no diagnosis from end to end, no integration of references. Files whose tests share what is
-# costly stay with one worker and come first (loadgroup).
-TEST := $(BIN)/python -m pytest -n 2 --dist loadgroup
+# costly stay with one worker and come first (tests/conftest.py).
+TEST := $(BIN)/python -m pytest -n 2 --dist loadscope
 
 test: $(READY)
 	$(TEST)

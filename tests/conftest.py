@@ -1,7 +1,9 @@
 """What all tests share."""
 
 import gc
+import re
 import tempfile
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -28,10 +30,27 @@ def pytest_configure(config: pytest.Config) -> None:
             warm(Path(folder))
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Function]) -> None:
-    """Tests that share what is made once a file stay with one worker, so that it is made once."""
-    for item in items:
-        fixtures = (one for found in item._fixtureinfo.name2fixturedefs.values() for one in found)
-        if any(one.scope == "module" for one in fixtures):
-            item.add_marker(pytest.mark.xdist_group(item.module.__name__))
+#: what a file's tests share: made by the file itself, or for each file by a conftest
+SHARED = re.compile(r'scope="module"|\b(broker|served|clean|machine_recordings)\b')
+
+
+@cache
+def shares(path: Path) -> bool:
+    return bool(SHARED.search(path.read_text(encoding="utf-8")))
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
+    """With ``--dist loadscope`` a file whose tests share what is costly stays with one worker; long files come first.
+
+    xdist's own loadgroup groups nothing with pytest 9.2, and its loadscope would keep every file together.
+    """
+    if config.getoption("dist") != "loadscope":
+        return None
+    from xdist.scheduler import LoadScopeScheduling
+
+    class Together(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            path = nodeid.split("::", maxsplit=1)[0]
+            return path if shares(config.rootpath / path) else nodeid
+
+    return Together(config, log)

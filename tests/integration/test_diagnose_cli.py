@@ -15,6 +15,8 @@ from dtbacklash.diagnose.say.sentences import notes_of, source_of
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.errors import UserError
 
+pytestmark = pytest.mark.check
+
 
 @pytest.fixture
 def asked(monkeypatch):

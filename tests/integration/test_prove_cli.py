@@ -18,6 +18,8 @@ from dtbacklash.prove.quick import quick_seeds
 from dtbacklash.prove.score import Score
 from dtbacklash.report.proof.page import BEGIN, END
 
+pytestmark = pytest.mark.check
+
 LEAD_SCREW = conceal.nominal_rig("lead_screw")
 FILES = [
     "confusion.csv", "figures/confusion.png", "figures/errors.png", "figures/shares.png", "figures/visibility.png",
@@ -74,7 +76,6 @@ def pretended(monkeypatch):
     return asked
 
 
-@pytest.mark.check
 def test_two_recordings_end_to_end(dtb, tmp_path, files):
     code, out, err = dtb("folder=bench", "out=proof", "jobs=1")
     assert code == 0, err
@@ -110,7 +111,6 @@ def test_the_score_comes_into_the_docs(dtb, pretended, tmp_path):
     assert "| exactly the hidden effects, at their places | 100.0 % | 1/1 |" in (tmp_path / "docs/proof.md").read_text()
 
 
-@pytest.mark.check
 def test_a_proof_in_parts_is_the_proof_in_one(dtb, pretended, monkeypatch, tmp_path):
     """What a former proof brought into the docs is not done again, and counts."""
     monkeypatch.setattr("dtbacklash.prove.draw.DURATION_S", (3, 3))
