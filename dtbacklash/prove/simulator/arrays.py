@@ -1,4 +1,4 @@
-"""What the concealing simulator's inner loop works on; the columns and entries are named in :mod:`.columns`."""
+"""The arrays of the concealing simulator's inner loop; :mod:`.columns` names their columns and entries."""
 
 from typing import NamedTuple
 
@@ -6,7 +6,7 @@ from dtbacklash.arrays import Floats, Ints
 
 
 class Machine(NamedTuple):
-    """A rig as this simulator takes it; ``nb`` bodies, the first is the motor's rotor.
+    """A rig with ``nb`` bodies, of which the first is the motor's rotor.
 
     inertia (nb,), body (nb, N_BODY), link (nl, N_LINK), link_ends (nl, 2), friction (nf, N_FRICTION), friction_ends
     (nf, 2), drive (N_DRIVE,), sensor (ns, N_SENSOR), unknown (N_UNKNOWN,). The state is
@@ -27,7 +27,7 @@ class Machine(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """State and work space; ``bristle`` and ``yielding`` hold (state, displacement) in turn, ``scalar`` see S_HEAT."""
+    """State and work space; ``bristle`` and ``yielding`` hold (state, displacement) in turn."""
 
     x: Floats
     start: Floats

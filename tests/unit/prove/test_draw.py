@@ -131,7 +131,8 @@ def test_an_error_of_a_sensor_is_recorded(lead_screw, short):
 def test_every_excitation_turns_the_motor_round_often(lead_screw, form):
     rng = np.random.default_rng(3)
     drawn = {**_drawn(rng, lead_screw, closed=not form.startswith("voltage")), "form": form}
-    bench = Bench(lead_screw, drawn, ["theta_m", "q3"], 10.0, 1e-3)
+    secret = Secret(0, "lead_screw", "nothing", excitation=drawn, channels=["theta_m", "q3"], duration_s=10.0)
+    bench = Bench(lead_screw, secret)
     run = bench.quiet(lead_screw)
     speed = run.states[:, 2 + len(run.bodies)]
     assert not run.diverged
