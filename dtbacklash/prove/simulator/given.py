@@ -4,12 +4,12 @@ import math
 from dataclasses import dataclass, field
 
 from dtbacklash.arrays import Floats
-from dtbacklash.prove.simulator import columns as col
+from dtbacklash.prove.simulator import arrays as col
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """Physics that the catalogue lacks; its kind is the constant of :mod:`.columns` with its name in capitals.
+    """Physics that the catalogue lacks; its kind is the constant of :mod:`.arrays` with its name in capitals.
 
     scale : the typical size of the state that it depends on.
     """

@@ -8,7 +8,7 @@ import math
 import numba
 
 from dtbacklash.compiled import kept
-from dtbacklash.prove.simulator import columns as col
+from dtbacklash.prove.simulator import arrays as col
 
 #: width of the rounding of a knee, relative to where it lies
 KNEE = 2e-3

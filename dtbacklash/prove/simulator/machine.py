@@ -8,7 +8,7 @@ import numpy as np
 from dtbacklash.arrays import Floats, Ints
 from dtbacklash.physics.kinds import ROTARY
 from dtbacklash.physics.rig import SENSOR_PREFIX, Element, Rig
-from dtbacklash.prove.simulator import columns as col
+from dtbacklash.prove.simulator import arrays as col
 from dtbacklash.prove.simulator.arrays import Machine
 from dtbacklash.prove.simulator.given import Errors, Unknown
 

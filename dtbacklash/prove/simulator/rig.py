@@ -8,7 +8,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
-from dtbacklash.prove.simulator import columns as col
+from dtbacklash.prove.simulator import arrays as col
 from dtbacklash.prove.simulator.arrays import Memory, Signals
 from dtbacklash.prove.simulator.given import Errors, Loop, Unknown
 from dtbacklash.prove.simulator.machine import body_names, machine

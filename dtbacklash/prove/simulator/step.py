@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from dtbacklash.prove.simulator import columns as col
+from dtbacklash.prove.simulator import arrays as col
 from dtbacklash.prove.simulator.laws import (
     KNEE,
     bristle_after,

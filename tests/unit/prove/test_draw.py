@@ -15,12 +15,6 @@ from dtbacklash.prove.secret import KINDS, Secret
 from dtbacklash.prove.unlisted import DESCRIPTIONS, unknown_entries
 
 
-@pytest.fixture
-def short(monkeypatch):
-    """Recordings of 3 s, so that the tests are quick."""
-    monkeypatch.setattr(drawing, "DURATION_S", (3, 3))
-
-
 def test_the_same_seed_gives_the_same_secret_and_recording_to_the_last_bit(lead_screw, short):
     one, two = draw(4, lead_screw, kind="single"), draw(4, lead_screw, kind="single")
     assert one == two
