@@ -1,9 +1,9 @@
-"""A rig on its bench: what is done with it, what its sensors err by, and how much two of its runs differ."""
+"""A rig on its test bench: its excitation, its sensors' errors, and how much two of its runs differ."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,60 +12,59 @@ from numpy.random import Generator
 from dtbacklash.arrays import Floats
 from dtbacklash.physics.rig import Rig
 from dtbacklash.prove import excitation, motion, tuning
+from dtbacklash.prove.secret import Secret
 from dtbacklash.prove.simulator.given import Loop, Unknown
 from dtbacklash.prove.simulator.rig import Run, simulate_other
 
-#: bandwidth of the weak loop that keeps two runs together whose command is given, when they are compared, rad/s
+#: bandwidth of the weak loop that keeps two open-loop runs together when they are compared, rad/s
 WEAK_RAD_S = 15.0
 #: noise of a sensor of position, and of any other, as a share of its signal's rms
 NOISE_POSITION, NOISE_OTHER = (1e-5, 3e-4), (5e-4, 5e-3)
-#: what a PID makes of its sensor's noise may be this share of its command; its gain for noise is that of its lead
+#: the largest share of a PID's command that its sensor's noise may make up
 NOISE_OF_COMMAND = 0.1
-#: a recording is no longer one of the rig at work where signals or command are so many times as large as without
+#: the rig no longer works where a hidden effect makes its signals or its command so many times as large
 WILD_SIGNAL, WILD_COMMAND = 8.0, 4.0
 
 
 @dataclass(frozen=True)
 class Bench:
-    """The rig as it truly is but for what is hidden, and what is done with it."""
+    """The rig with its true parameters but without what is hidden, and what is drawn for its recording.
+
+    plain : its run without noise and counts, once it is made.
+    """
 
     rig: Rig
-    excitation: dict[str, Any]
-    channels: list[str]
-    duration_s: float
-    sample_time_s: float
-    noise: dict[str, float] = field(default_factory=dict)
-    resolution: dict[str, float] = field(default_factory=dict)
+    secret: Secret
     plain: Run | None = None
 
     def loop(self, unknown: Unknown | None = None) -> Loop:
         """The signals of the excitation, with a disturbance where that is what is hidden."""
-        t_s = motion.times(self.duration_s, self.sample_time_s)
+        move, duration_s, step_s = self.secret.excitation, self.secret.duration_s, self.secret.sample_time_s
+        t_s = motion.times(duration_s, step_s)
         force = np.zeros(len(t_s))
         if unknown is not None and unknown.name == "disturbance":
-            force = excitation.disturbance(self.excitation["seed"], self.duration_s, self.sample_time_s)
-        return (motion if "pid" in self.excitation else excitation).loop_of(self.excitation, t_s, force)
+            force = excitation.disturbance(move["seed"], duration_s, step_s)
+        return (motion if "pid" in move else excitation).loop_of(move, t_s, force)
 
     def quiet(self, rig: Rig, unknown: Unknown | None = None) -> Run:
-        """A run without noise and counts; beside a plain run in open loop, held to its motion by a weak loop."""
+        """A run without noise and counts; in open loop a weak loop holds it to the motion of the plain run."""
         loop = self.loop(unknown)
         if self.plain is not None and not loop.closed:
-            loop = self._held(loop, rig)
-        return simulate_other(rig, loop, self.sample_time_s, None, unknown)
+            loop = self._held(loop, rig, self.plain)
+        return simulate_other(rig, loop, self.secret.sample_time_s, None, unknown)
 
-    def _held(self, loop: Loop, rig: Rig) -> Loop:
-        assert self.plain is not None
+    def _held(self, loop: Loop, rig: Rig, plain: Run) -> Loop:
         if tuning.in_cascade(rig):
             screw, circuit = rig.only("screw"), rig.only("motor_circuit")
             assert screw is not None
             assert circuit is not None
-            course = self.plain.states[:, 2] * screw.values["lead"]
+            course = plain.states[:, 2] * screw.values["lead"]
             weak: dict[str, Any] = {"gain": WEAK_RAD_S * circuit.values["emf_constant"]}
         else:
             plant = tuning.plant_of(rig)
             if plant.grounded or not plant.sensor:
                 return loop  # it holds its place, or nothing can hold it
-            course = self.plain.states[:, 2 + self.plain.bodies.index(plant.driven)]
+            course = plain.states[:, 2 + plain.bodies.index(plant.driven)]
             slower = tuning.MODE_SHARE * 2.0 * math.pi * float(plant.modes_hz.min(initial=math.inf))
             weak = {**tuning.pid(plant, min(WEAK_RAD_S, slower)), "integral": 0.0, "pid": plant.sensor}
         return replace(
@@ -76,19 +75,20 @@ class Bench:
         """How much two runs differ in the channel that shows it most, in units of its noise."""
         if changed.diverged or plain.diverged:
             return math.inf
+        noise, counts = self.secret.noise, self.secret.resolution
         return max(
             float(np.sqrt(np.mean((changed.truth[c] - plain.truth[c]) ** 2)))
-            / math.hypot(self.noise[c], self.resolution[c] / math.sqrt(12.0))
-            for c in self.channels
+            / math.hypot(noise[c], counts[c] / math.sqrt(12.0))
+            for c in self.secret.channels
         )
 
     def wild(self, rig: Rig, run: Run, unknown: Unknown | None = None) -> bool:
-        """Whether with what is hidden the rig no longer works: it runs away in open loop, or its loop swings."""
+        """Whether a rig with what is hidden no longer works: it runs away in open loop, or its loop oscillates."""
         assert self.plain is not None
         if tuning.in_cascade(rig):
             return False  # it turns slowly and holds its place
         if not self.loop().closed:
-            run = simulate_other(rig, self.loop(unknown), self.sample_time_s, None, unknown)
+            run = simulate_other(rig, self.loop(unknown), self.secret.sample_time_s, None, unknown)
         if run.diverged or rms(run.u) > WILD_COMMAND * rms(self.plain.u):
             return True
         return any(float(np.ptp(run.truth[c])) > WILD_SIGNAL * float(np.ptp(self.plain.truth[c])) for c in run.truth)
@@ -100,7 +100,7 @@ def rms(values: Floats) -> float:
 
 
 def errors_in_cascade(rng: Generator, rig: Rig) -> tuple[dict[str, float], dict[str, float]]:
-    """Noise and counts of every sensor: around a 4096-count encoder and 1 um, in proportion to the rig's lead."""
+    """Noise and counts of each sensor: about a 4096-count encoder and 1 um, in proportion to the rig's lead."""
     turn, circuit = excitation.turn_m(rig) / excitation.PAPER_TURN_M, rig.only("motor_circuit")
     assert circuit is not None
     ampere = 1.0 / circuit.values["resistance"]
@@ -119,9 +119,9 @@ def errors_in_cascade(rng: Generator, rig: Rig) -> tuple[dict[str, float], dict[
 
 
 def errors_of(rng: Generator, rig: Rig, move: dict[str, Any], plain: Run) -> tuple[dict[str, float], dict[str, float]]:
-    """Noise and counts of every sensor, relative to its signal; those of a PID's sensor leave its command quiet.
+    """Noise and counts of each sensor, relative to its signal; a PID's sensor is quiet enough for its command.
 
-    A sensor of position is an encoder, whose counts are its noise, or has noise of its own and fine counts.
+    A position sensor is an encoder, whose counts are larger than its noise, or has fine counts and more noise.
     """
     noise, resolution = {}, {}
     for name, sensor in rig.sensors.items():

@@ -1,4 +1,4 @@
-"""Make a concealed recording: draw, record, seal; a folder that tells nothing, complete or not there at all."""
+"""Make a concealed recording: draw, record, seal; its folder is written completely or not at all."""
 
 from __future__ import annotations
 
@@ -51,12 +51,11 @@ def conceal(
 
     Parameters
     ----------
-    seed : of everything that is drawn; the same seed and key give the same case and recording.
-    rig_name : a rig's name or file, or the rig itself. folder : where the case's folder comes.
+    seed : the same seed and key give the same case and recording.
+    rig_name : a rig's name or file, or the rig itself. folder : where the case's folder is made.
     kind, effect, instruments : choices that are otherwise drawn, see :func:`.draw.draw`.
-    key_file : of the key; made if it is not there. Default: ``<folder>.key``.
-    keep : return a case that is there already instead of refusing to overwrite it.
-    called : how the case names its rig: what ``rig=`` takes, a file relative to the case. Default: the rig's name.
+    key_file : made if there is none. Default: ``<folder>.key``. keep : return an existing case instead of refusing it.
+    called : the rig's name or file (relative to the case) in the public files. Default: the rig's name.
 
     Returns
     -------
@@ -64,7 +63,7 @@ def conceal(
 
     Raises
     ------
-    UserError : a choice that cannot be, a case that is there already, a folder or key that cannot be used.
+    UserError : an impossible choice, a case that exists already, a folder or key that cannot be used.
     """
     folder = Path(folder).absolute()
     rig = nominal_rig(rig_name) if isinstance(rig_name, str) else rig_name
@@ -89,7 +88,7 @@ def conceal(
 def case_id(
     seed: int, rig: Rig, key: bytes, kind: str | None = None, effect: str | None = None, instruments: str | None = None
 ) -> str:
-    """The name of a case: without the key it tells nothing about the seed."""
+    """The name of a case, which tells nothing about the seed without the key."""
     words = json.dumps([seed, rig.config.name, kind, effect, instruments])
     return hmac.new(key, words.encode(), hashlib.sha256).hexdigest()[:12]
 
@@ -112,20 +111,15 @@ def write_case(case: Path, secret: Secret, nominal: Rig, key: bytes) -> None:
 
 
 def recording_table(secret: Secret, nominal: Rig, loop: Loop, run: Run) -> pd.DataFrame:
-    """What was recorded, in the columns and units of ``dtb run recording.save=``: those that the rig declares."""
+    """The recording in the columns and units that the rig declares, as ``dtb run recording.save=`` writes it."""
     t_s = [round(k * secret.sample_time_s, 9) for k in range(len(run.u))]
-    columns = {
-        "t": t_s,
-        "r": loop.reference * (nominal.reference_per_si() if loop.closed else 1.0) + 0.0,
-        "u": run.u + 0.0,
-    }
-    for name in secret.channels:
-        columns[name] = run.seen[name] * nominal.sensors[name].per_si + 0.0  # no -0
-    return pd.DataFrame(columns)
+    reference = loop.reference * (nominal.reference_per_si() if loop.closed else 1.0)
+    seen = {name: run.seen[name] * nominal.sensors[name].per_si + 0.0 for name in secret.channels}  # + 0.0: no -0
+    return pd.DataFrame({"t": t_s, "r": reference + 0.0, "u": run.u + 0.0, **seen})
 
 
 def csv_gz(table: pd.DataFrame) -> bytes:
-    """A table as gzipped CSV: no file name, no date, the same bytes for the same table."""
+    """A table as gzipped CSV without file name and date: the same bytes for the same table."""
     text = table.to_csv(index=False, float_format="%.12g", lineterminator="\n")
     buffer = io.BytesIO()
     with gzip.GzipFile(filename="", mode="wb", fileobj=buffer, mtime=0, compresslevel=6) as file:

@@ -1,7 +1,8 @@
-"""What was hidden against what was named, each thing in one pair."""
+"""The confusion matrix: pairs of what was hidden and what was named."""
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -18,8 +19,8 @@ ELSEWHERE = "same effect elsewhere"
 class Cell:
     """How often ``hidden`` was called ``named``.
 
-    ``within`` : how often of that it stood in the finding's stated ambiguity; for unknown physics, was located rightly.
-    ``hidden_kind``, ``named_kind`` : the same with the kind of the place instead of its name.
+    within : how often it was in the finding's stated ambiguity; for unknown physics, located rightly.
+    hidden_kind, named_kind : the same with the kind of the place instead of its name.
     """
 
     hidden: str
@@ -31,18 +32,13 @@ class Cell:
 
 
 def confusion(cases: Sequence[Case]) -> list[Cell]:
-    """What was hidden against what was named, over all cases, with ``location effect`` or a word for neither."""
-    counts: dict[tuple[str, str, str, str], list[int]] = {}
+    """All pairs of all cases, sorted: ``location effect``, or a word where there is no effect."""
+    within: dict[tuple[str, str, str, str], list[bool]] = defaultdict(list)
     for case in cases:
-        for hidden, named, within in _pairs(case):
+        for hidden, named, agrees in _pairs(case):
             key = (_text(hidden), _text(named), _of_kind(case, hidden), _of_kind(case, named))
-            cell = counts.setdefault(key, [0, 0])
-            cell[0] += 1
-            cell[1] += within
-    return [
-        Cell(hidden, named, cell[0], cell[1], hidden_kind, named_kind)
-        for (hidden, named, hidden_kind, named_kind), cell in sorted(counts.items())
-    ]
+            within[key].append(agrees)
+    return [Cell(key[0], key[1], len(each), sum(each), key[2], key[3]) for key, each in sorted(within.items())]
 
 
 #: one side of a pair: (location, effect), or a word where there is neither
@@ -58,7 +54,7 @@ def _of_kind(case: Case, side: Side) -> str:
 
 
 def _pairs(case: Case) -> list[tuple[Side, Side, bool]]:
-    """(hidden, named, whether within the stated ambiguity) of one case; each thing stands in one pair."""
+    """(hidden, named, whether within the stated ambiguity) of one case; each effect stands in one pair."""
     silent = {"consistent": NOTHING, "parameters": PARAMETERS, "unexplained": UNEXPLAINED, "failed": FAILED}
     without = silent.get(case.verdict, NOTHING)
     names = case.named

@@ -1,8 +1,6 @@
-"""Cases that a proof has finished, in one file: a proof of many recordings can be made in parts, on several days or
-machines.
+"""Finished cases of a proof in one file, so that a long proof can be made in parts, on several days or machines.
 
-The file says which code concealed, diagnosed and asked the oracle. Cases of other code are not taken: one score is the
-score of one method.
+The file holds digests of the code that made the cases; cases of other code are refused.
 """
 
 from __future__ import annotations
@@ -21,18 +19,18 @@ from dtbacklash.prove.rules import Case
 from dtbacklash.prove.work import CONCEALED_BY, DIAGNOSED_BY, ORACLE_BY
 
 FILE = "cases.json.gz"
-#: what no score reads of a diagnosis
+#: keys of a diagnosis that no score reads
 _LEFT_OUT = ("settings", "checks", "limits", "candidates", "notes", "units", "next_experiment")
 
 
 def codes() -> dict[str, str]:
-    """Which code the cases of a proof are made by: digests of its parts."""
+    """Digests of the code that makes the cases of a proof."""
     parts = {"concealed_by": CONCEALED_BY, "diagnosed_by": DIAGNOSED_BY, "oracle_by": ORACLE_BY}
     return {name: sources.digest(files) for name, files in parts.items()}
 
 
 def save(cases: Sequence[Case], file: Path) -> None:
-    """Write finished cases, without what no score reads of them."""
+    """Write finished cases, without the keys that no score reads."""
     entries = [asdict(case) for case in cases]
     for entry in entries:
         if entry["diagnosis"] is not None:
@@ -46,7 +44,7 @@ def load(file: Path) -> tuple[Case, ...]:
 
     Raises
     ------
-    UserError : the file is none of :func:`save`, or its cases are other code's.
+    UserError : :func:`save` did not write the file, or other code made its cases.
     """
     try:
         content: dict[str, Any] = json.loads(gzip.decompress(file.read_bytes()))

@@ -1,21 +1,18 @@
-"""The oracle: a fit that knows the true structure, on the same samples as the diagnosis, by the tool's own fit.
+"""The oracle: a fit that knows the true structure, on the same samples as the diagnosis, by the diagnosis' own fit.
 
-It says two things of a case: how small the held-out error can be (the diagnosed rig is judged beside it, by the same
-evidence), and which of the hidden things this recording shows clearly at all. The rule of the second, for each hidden
-effect with all others kept and everything fitted anew with and without it:
+It tells how small the held-out error can be, and which hidden effects the recording shows clearly. The rule for each
+effect, with all others kept and everything fitted with and without it:
 
-    clear = in one channel, the held-out mean square's excess over the noise floor falls by at least half
+    clear = in one channel, the excess of the held-out mean square over the noise floor falls by at least half
             (``EXCESS_LEFT``), and by at least ``T_CLEAR`` standard errors in the paired test over stretches.
 
-The same rule, with a nominal parameter held at its nominal value instead of an effect left out, says which wrong
-parameter is clear.
+A wrong parameter is clear by the same rule, with the parameter held at its nominal value instead of an effect left out.
 
-Physics that the catalogue lacks cannot be fitted by the tool's simulator. Its oracle is the machine itself: the
-concealing simulator with the true law and the true values, whose residuals are the noise that the sensors really had.
-Beside it stands the best law of the catalogue on the held-out part: of the ``LAWS_TRIED`` that the bank thinks most of,
-each fitted, and of the diagnosed rig. Such a case is clear if the true law beats that one by the same rule, with the
-standard errors of the logarithms of the mean squares (a wrong law errs in bursts), and if the best one leaves more than
-``UNLISTED_LEFT`` of the floor's mean square: less is the floor's own uncertainty.
+The diagnosis cannot simulate physics that the catalogue lacks. There the true law is the concealing simulator, whose
+residuals are the noise that the sensors had. It is compared with the best law of the catalogue on the held-out part: of
+the ``LAWS_TRIED`` with the highest scores, and of the diagnosed rig. The case is clear if the true law is better by the
+same rule, with the standard errors of the logarithms of the mean squares (a wrong law errs in bursts), and if the best
+law of the catalogue leaves more than ``UNLISTED_LEFT`` of the floor's mean square.
 """
 
 from __future__ import annotations
@@ -32,25 +29,25 @@ from dtbacklash.arrays import Floats
 from dtbacklash.config.rig import ParameterConfig
 from dtbacklash.diagnose.data.candidates import candidates
 from dtbacklash.diagnose.data.evidence import Evidence, Residuals
-from dtbacklash.diagnose.fit.free import Effects, Free, effect_free, nominal_free
+from dtbacklash.diagnose.fit.free import Effects, effect_free, effects_of_rig, nominal_free
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import fit, objective
 from dtbacklash.diagnose.propose.locate import bank
 from dtbacklash.diagnose.search.parts import judging
 from dtbacklash.physics.rig import Rig, build_rig
 
-#: of the excess over the floor, at most this share may be left with what was hidden in the model
+#: largest share of the excess over the floor that may be left with the hidden effect in the model
 EXCESS_LEFT = 0.5
 #: standard errors, over stretches, by which the held-out mean square has to fall
 T_CLEAR = 3.0
-#: laws of the catalogue that are fitted to physics beyond it, and what the best of them has to leave of the floor's
-#: mean square, to be beaten clearly: where the true structure was known, no more than 1.07 was left
+#: laws of the catalogue that are fitted to unknown physics, and the mean square, relative to the floor's, that the best
+#: of them has to leave: fits of the true structure left no more than 1.07
 LAWS_TRIED, UNLISTED_LEFT = 5, 1.1
 
 
 @dataclass(frozen=True)
 class Seen:
-    """What one hidden thing does to the clearest channel: mean squares in units of the floor's, and t of their fall."""
+    """Mean squares of the clearest channel without and with an effect, in units of the floor's, and t of their fall."""
 
     without: float
     with_it: float
@@ -66,20 +63,19 @@ class Seen:
 def look(
     evidence: Evidence, secret: dict[str, Any], extended: Rig | None, truth: dict[str, Floats] | None = None
 ) -> dict[str, Any]:
-    """What an oracle sees in one case.
+    """The oracle's answer about one case.
 
     Parameters
     ----------
-    evidence : of the recording on the nominal rig, with what judges marked. secret : what was hidden, as its JSON.
-    extended : the rig as the diagnosis left it, or None where it failed.
-    truth : sensor -> (N,) what it would have shown without noise and counts, SI; needed for unknown physics.
+    evidence : of the recording on the nominal rig, with the judging part marked. secret : what was hidden, as a dict.
+    extended : the diagnosed rig, or None where the diagnosis failed.
+    truth : sensor -> (N,) its reading without noise and counts, SI; needed for unknown physics.
 
     Returns
     -------
     ``held_out`` : rms of the judging part's residuals of all channels, in units of the floor, of the ``nominal``, the
-    ``recalibrated``, the ``extended`` and the ``oracle``'s rig, each fitted to all before it;
-    ``clear`` and ``clear_parameters`` : name -> bool; ``unlisted_clear`` : bool; ``seen`` : the figures behind them;
-    ``wall_s``.
+    ``recalibrated``, the ``extended`` and the ``oracle``'s rig; ``clear`` and ``clear_parameters`` : name -> bool;
+    ``unlisted_clear`` : bool; ``seen`` : the figures behind them; ``wall_s``.
     """
     begin = time.perf_counter()
     rig = evidence.nominal
@@ -113,7 +109,7 @@ def look(
 
 
 def _as_in_the_end(evidence: Evidence) -> Evidence:
-    """The same as a diagnosis sees it when it has chosen: it fits to all but what judges, and holds out only that."""
+    """The evidence of a diagnosis' last fit: only the judging part is held out."""
     judged = judging(evidence)
     records = [
         replace(new, train=old.train | (old.held & ~new.held))
@@ -123,51 +119,39 @@ def _as_in_the_end(evidence: Evidence) -> Evidence:
 
 
 def _again(evidence: Evidence, effects: Effects, start: Rig) -> Fit:
-    """Fit these effects and the nominal parameters from the values of a rig that has them."""
-    values = {(place, name): start.effect(place, name) or there for (place, name), there in effects.items()}
+    """Fit these effects and the nominal parameters, from their values in a rig."""
+    values = {key: start.effect(*key) or there for key, there in effects.items()}
     return refit_truth(evidence, values, {n: p.value for n, p in start.config.parameters.items()})
 
 
 def _better(evidence: Evidence, best: Fit, effects: Effects, extended: Rig | None) -> Fit:
-    """The oracle's fit, or a better one from the diagnosed values, if their structure is the true one.
+    """The oracle's fit, or a better one from the diagnosed values, if the diagnosed structure is the true one.
 
-    A fit of several effects can get stuck, and an oracle that is stuck would flatter the tool. What is clear does not
-    depend on the diagnosis: that is judged by the fit from the true values.
+    A fit of several effects can get stuck in a local minimum, which would flatter the diagnosis.
     """
-    if extended is None or not effects:
-        return best
-    if {(place, name) for place, there in extended.effects.items() for name in there} != effects.keys():
+    if extended is None or not effects or effects_of_rig(extended).keys() != effects.keys():
         return best
     again = _again(evidence, effects, extended)
     return min(best, again, key=lambda fitted: objective(evidence, fitted))
 
 
-def refit_truth(
-    evidence: Evidence,
-    effects: Effects,
-    parameters: dict[str, float],
-    pinned: str | None = None,
-) -> Fit:
-    """Fit these effects and the nominal parameters, from the true values of both; ``pinned`` stays nominal."""
+def refit_truth(evidence: Evidence, effects: Effects, parameters: dict[str, float], pinned: str | None = None) -> Fit:
+    """Fit these effects and the nominal parameters, from these values of both; ``pinned`` stays nominal."""
     base = evidence.nominal
     for (place, name), values in effects.items():
         base = base.with_effect(place, name, values)
     free = [f for f in nominal_free(base) if f.name != pinned]
-    start = [_start(f, parameters) for f in free]
+    start = [(parameters.get(f.name, f.centre) - f.centre) / f.scale for f in free]
     for place, name in effects:
         there = base.effect(place, name)
-        if there is not None:  # at its neutral value it does nothing, and nothing is there to fit
+        if there is not None:  # at its neutral value the rig drops it
             more = effect_free(base, place, name, there)
             free, start = free + more, start + [0.0] * len(more)
     return fit(evidence, base, free, np.array(start))
 
 
-def _start(free: Free, parameters: dict[str, float]) -> float:
-    return (parameters.get(free.name, free.centre) - free.centre) / free.scale
-
-
 def _wrong_parameters(evidence: Evidence, secret: dict[str, Any], best: Fit) -> dict[str, Seen]:
-    """For a case that hides wrong parameters only: what each does that the others cannot undo."""
+    """For a case that hides wrong parameters only: each parameter fitted and held at its nominal value."""
     if secret["kind"] != "parameters":
         return {}
     return {
@@ -179,7 +163,7 @@ def _wrong_parameters(evidence: Evidence, secret: dict[str, Any], best: Fit) -> 
 def _unlisted(
     evidence: Evidence, recalibrated: Fit, extended: Rig | None, truth: dict[str, Floats] | None
 ) -> dict[str, Seen]:
-    """The best law of the catalogue beside the true one, by the name of the best; nothing without the truth."""
+    """{name of the catalogue's best law: compared with the true one}; empty without the truth."""
     if truth is None:
         return {}
     rivals = {"recalibrated": recalibrated.residuals}
@@ -187,19 +171,18 @@ def _unlisted(
         rivals["diagnosed"] = evidence.residuals(extended)
     listed = candidates(recalibrated.rig, evidence.blocks, evidence.moving)
     for score in bank(evidence, recalibrated, listed)[1][:LAWS_TRIED]:
-        place, name = score.candidate.key
-        base = recalibrated.rig.with_effect(place, name, score.values)
-        free = nominal_free(evidence.nominal)
-        start = [_start(f, {n: p.value for n, p in base.config.parameters.items()}) for f in free]
-        more = effect_free(base, place, name, score.values)
-        fitted = fit(evidence, base, free + more, np.array(start + [0.0] * len(more)))
-        rivals[f"{place}.{name}"] = fitted.residuals
+        key = score.candidate.key
+        rivals[".".join(key)] = _again(evidence, {key: score.values}, recalibrated.rig).residuals
     best = min(rivals, key=lambda name: evidence.rms(rivals[name]))
-    return {best: compare(evidence, rivals[best], _noise(evidence, truth), _logarithm)}
+    return {
+        best: compare(
+            evidence, rivals[best], _noise(evidence, truth), lambda squares: np.log(np.maximum(squares, 1e-300))
+        )
+    }
 
 
 def _noise(evidence: Evidence, truth: dict[str, Floats]) -> Residuals:
-    """The residuals of the machine itself: what its sensors added, in units of the floor."""
+    """The residuals of the true law: noise and counts of the sensors, in units of the floor."""
     (record,) = evidence.records
     return {
         b.name: [np.column_stack([record.y[c] - truth[c] for c in b.channels]) / evidence.floor[b.name]]
@@ -207,16 +190,12 @@ def _noise(evidence: Evidence, truth: dict[str, Floats]) -> Residuals:
     }
 
 
-def _logarithm(squares: Floats) -> Floats:
-    return np.asarray(np.log(np.maximum(squares, 1e-300)))
-
-
 def compare(
     evidence: Evidence, without: Residuals, best: Residuals, measure: Callable[[Floats], Floats] = np.asarray
 ) -> Seen:
-    """The clearest channel, or, if none is clear, the one whose mean square falls most surely.
+    """The clearest channel, or, if none is clear, the one with the largest t.
 
-    ``measure`` : of the mean squares of the stretches, whose falls are tested.
+    ``measure`` : applied to the mean squares of the stretches before t is taken.
     """
     found = []
     for block in evidence.blocks:
@@ -231,7 +210,7 @@ def compare(
 
 
 def described(rig: Rig) -> dict[str, Any]:
-    """What a diagnosed rig has, as JSON: values of all parameters, elements (one may have its own), and effects."""
+    """A diagnosed rig as JSON: values of all parameters, elements, and effects."""
     parameters = {name: p.value for name, p in rig.config.parameters.items()}
     return {"parameters": parameters, "elements": rig.config.elements, "effects": rig.effects}
 

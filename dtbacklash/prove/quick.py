@@ -1,8 +1,7 @@
 """The quick proof: a fixed set of scoring seeds, and what was reached on it.
 
-The recordings are chosen by a rule that knows no result: of each kind the first, as many as in ``QUOTAS``, from the
-seed ``FROM`` on, far beyond those of a full proof, because what is run with every change is looked at. What was reached
-stands in ``reached.yaml``, per figure as count and number of cases; a share below it is a drop.
+From the seed ``FROM`` on, far above those of a full proof, the first recordings of each kind, as many as in ``QUOTAS``.
+``reached.yaml`` holds what was reached, per figure as count and number of cases; a share below it is a drop.
 """
 
 from __future__ import annotations
@@ -26,9 +25,9 @@ HELD = (
     "strict", "within_ambiguity", "nothing_found", "parameters_told", "unknown_admitted", "unknown_unnamed",
     "no_false_name", "coverage_effects", "coverage_parameters",
 )  # fmt: skip
-#: as many intervals may be lost to the last digits of another processor
+#: intervals that may be lost because another processor computes other last digits
 SLACK = {"coverage_effects": 1, "coverage_parameters": 1}
-#: the median of the held-out error over the oracle's may rise by this share: fits differ in the last digits
+#: share by which the median of the held-out error over the oracle's may rise, for the same reason
 RATIO_SLACK = 0.05
 HEAD = """\
 # What `dtb prove --quick` reached, by rig and number of recordings: per figure [right, of]. A lower share fails it.
@@ -76,7 +75,7 @@ def drops(score: Score, before: dict[str, Any]) -> list[str]:
             continue
         right, of = there
         figure = score.figure(name)
-        # cross-multiplied: exact, and a figure that nothing counts towards any more is a drop too
+        # cross-multiplied to be exact; a figure without a case is a drop, too
         held = figure.right + SLACK.get(name, 0)
         if held * of < right * figure.of or (of and not figure.of):
             found.append(f"{figure.what}: {figure.right}/{figure.of}, reached were {right}/{of}")

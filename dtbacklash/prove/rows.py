@@ -1,4 +1,4 @@
-"""The rows of a proof as data: one a case, one a pair of hidden and named."""
+"""The tables of a proof: one row per case, and one row per pair of hidden and named."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dtbacklash.prove.score import Score
 
 
 def case_rows(cases: Sequence[Case]) -> pd.DataFrame:
-    """A row a case, rig by rig, in order of the seeds."""
+    """One row per case, sorted by rig and seed."""
     order = list(dict.fromkeys(c.rig for c in cases))
     return pd.DataFrame(
         [_case_row(c) for c in sorted(cases, key=lambda c: (order.index(c.rig), int(c.secret["seed"]), c.id))]
@@ -46,7 +46,7 @@ def _case_row(case: Case) -> dict[str, Any]:
 
 
 def confusion_rows(score: Score) -> pd.DataFrame:
-    """A row a pair of hidden and named."""
+    """One row per pair of hidden and named."""
     return pd.DataFrame(
         [(c.hidden, c.named, c.count, c.within) for c in score.confusion],
         columns=["hidden", "named", "count", "within_stated_ambiguity"],
@@ -54,5 +54,5 @@ def confusion_rows(score: Score) -> pd.DataFrame:
 
 
 def error_ratio(rows: pd.DataFrame) -> pd.Series:
-    """Held-out error of the diagnosed rig over the oracle's, a row a case; infinite where there is none."""
+    """(cases,) held-out error of the diagnosed rig over the oracle's; infinite where there is none."""
     return rows["held_out_extended"].astype(float) / rows["held_out_oracle"].astype(float)

@@ -1,7 +1,7 @@
-"""The rules by which one diagnosis is judged against what was hidden. All of them stand here; none looks elsewhere.
+"""All rules by which a diagnosis is judged against what was hidden.
 
-A case is *clear* when an oracle (see :mod:`.oracle`) sees everything that was hidden in it; the bars of the score
-count clear cases, and the score shows all of them beside that.
+A case is *clear* when an oracle (see :mod:`.oracle`) sees everything that was hidden in it. The bars of the score count
+clear cases; the score shows the figures of all cases beside them.
 """
 
 from __future__ import annotations
@@ -18,12 +18,11 @@ from dtbacklash.physics.effects.declare import Role
 
 Key = tuple[str, str]
 
-KINDS = ("nothing", "parameters", "single", "several", "unknown")
-#: stands for the kind of a place that is no element; its name begins with it
+#: the kind of a sensor's place
 SENSOR = "sensor"
 #: an unknown effect can be seen when it changes the signals by this many times their noise
 UNKNOWN_CLEAR = 3.0
-#: a diagnosis without a finding may say one of these where no physics is missing
+#: verdicts that say that no physics is missing
 NOTHING_MISSING = ("consistent", "parameters")
 
 
@@ -33,9 +32,9 @@ class Case:
 
     Attributes
     ----------
-    id : name of its folder. secret : what was hidden, as its JSON. diagnosis : content of ``diagnosis.json``, or
+    id : name of its folder. secret : :class:`.secret.Secret` as a dict. diagnosis : content of ``diagnosis.json``, or
     None where the diagnosis failed. oracle : see :func:`.oracle.look`. wall_s, cpu_s : time and processor time
-    of the diagnosis. error : why it failed. kinds : kind of each element of the rig, by its name. rig : its name.
+    of the diagnosis. error : why it failed. kinds : element of the rig -> its kind. rig : name of the rig.
     """
 
     id: str
@@ -54,7 +53,7 @@ class Case:
 
     @property
     def kind(self) -> str:
-        """What sort of thing was hidden, one of ``KINDS``."""
+        """The kind of what was hidden, one of ``KINDS`` of :mod:`.secret`."""
         return str(self.secret["kind"])
 
     @property
@@ -74,7 +73,7 @@ class Case:
 
     @property
     def recalibrated(self) -> dict[str, dict[str, Any]]:
-        """What is said of each parameter of the rig that had to move, by its name."""
+        """Recalibrated parameter of the rig -> what the diagnosis says about it."""
         return (self.diagnosis or {}).get("recalibrated", {})
 
     @property
@@ -88,48 +87,43 @@ class Case:
 
     @property
     def unknown_visibility(self) -> float:
-        """The same for what the catalogue lacks."""
+        """The same for physics that the catalogue lacks."""
         unknown = self.secret.get("unknown")
         return self.visibility((unknown["location"], unknown["name"])) if unknown else math.nan
 
 
 def also(finding: dict[str, Any]) -> set[Key]:
-    """What a finding, or a recalibrated parameter, says that it cannot be told from."""
+    """The effects that a finding, or a recalibrated parameter, cannot be told from, as the diagnosis says."""
     return {(a["location"], a["effect"]) for a in finding.get("also_fits", [])}
 
 
 def matches(case: Case) -> dict[int, int]:
-    """Hidden effect -> finding, by index: one to one, by name first, then by the stated ambiguity.
-
-    Of all assignments the one with most exact matches among those with most matches.
-    """
+    """Hidden effect -> finding, by index, one to one: most matches by name or stated ambiguity, then most by name."""
     hidden, findings = case.hidden, case.findings
     if not hidden or not findings:
         return {}
     worth = np.zeros((len(hidden), len(findings)))
     for i, key in enumerate(hidden):
-        for j, finding in enumerate(findings):
-            exact = key == (finding["location"], finding["effect"])
-            worth[i, j] = 1.01 if exact else float(key in also(finding))
+        for j, name in enumerate(case.named):
+            worth[i, j] = 1.01 if key == name else float(key in also(findings[j]))
     rows, columns = linear_sum_assignment(worth, maximize=True)
     return {int(i): int(j) for i, j in zip(rows, columns, strict=True) if worth[i, j] > 0.0}
 
 
 def exact(case: Case) -> set[int]:
     """Indices of the hidden effects that a finding names at the right place."""
-    named = case.named
-    return {i for i, key in enumerate(case.hidden) if key in named}
+    return {i for i, key in enumerate(case.hidden) if key in case.named}
 
 
 def strict(case: Case) -> bool:
-    """Exactly the hidden set of (location, effect), no more and no less."""
+    """The findings are exactly the hidden (location, effect)."""
     return case.diagnosis is not None and sorted(case.named) == sorted(case.hidden)
 
 
 def within_ambiguity(case: Case) -> bool:
     """Each hidden effect is a finding or in a finding's ``also_fits``, one to one, and no finding is left over.
 
-    A recalibrated parameter may say, too, that it cannot be told from an effect.
+    An effect may also stand in the ``also_fits`` of a recalibrated parameter.
     """
     if case.diagnosis is None:
         return False
@@ -146,12 +140,12 @@ def no_physics(case: Case) -> bool:
 
 
 def called_consistent(case: Case) -> bool:
-    """The verdict is that what is left over is the sensors' noise."""
+    """The verdict is that only noise of the sensors is left."""
     return case.verdict == "consistent"
 
 
 def unknown_admitted(case: Case) -> bool:
-    """Physics that the catalogue lacks: called unexplained, or all that is found is at the right place."""
+    """Physics that the catalogue lacks: called unexplained, or all findings are at the right place."""
     if case.diagnosis is None:
         return False
     places = {f.get("location") for f in case.diagnosis.get("findings", [])}
@@ -159,39 +153,29 @@ def unknown_admitted(case: Case) -> bool:
 
 
 def unknown_unnamed(case: Case) -> bool:
-    """Physics that the catalogue lacks is not given a name: the right place with a law of the catalogue is one too.
-
-    What is called unexplained may have findings, if they are said to be partial: one that is said to be sure is a name.
-    """
+    """Physics that the catalogue lacks gets no name, not even one at the right place; partial findings are no names."""
     return case.diagnosis is not None and not sure(case)
 
 
 def sure(case: Case) -> set[int]:
-    """Indices of the findings that are a name to be relied on: all but those that an ``unexplained`` calls partial."""
-    qualified = case.verdict == "unexplained"
-    return {j for j, f in enumerate(case.findings) if not qualified or f.get("confidence") == "sure"}
+    """Indices of the findings to rely on: all, or with the verdict ``unexplained`` those that are called sure."""
+    return {j for j, f in enumerate(case.findings) if case.verdict != "unexplained" or f.get("confidence") == "sure"}
 
 
 def no_false_name(case: Case) -> bool:
-    """Each name to be relied on is hidden, or in the finding's stated ambiguity, one to one.
-
-    What is missed is no false name, nor is a wrong "no physics is missing"; the right place with a wrong law is one.
-    """
+    """Each sure finding is hidden, or in its stated ambiguity, one to one; what is missed is no false name."""
     return case.diagnosis is not None and sure(case) <= set(matches(case).values())
 
 
 def beaten(case: Case) -> bool:
-    """Whether physics that the catalogue lacks is such that its true law clearly beats the best of the catalogue.
-
-    A case in which the diagnosis failed counts, as in :func:`clear`.
-    """
+    """Whether the true law of unknown physics clearly beats the catalogue's best; true where the diagnosis failed."""
     return case.diagnosis is None or bool(case.oracle.get("unlisted_clear", False))
 
 
 def clear(case: Case) -> bool:
-    """Whether an oracle sees everything that was hidden. Where nothing was hidden there is nothing to see.
+    """Whether an oracle sees everything that was hidden.
 
-    A case in which the diagnosis failed counts, whatever the oracle says: it is wrong by every rule.
+    True where nothing was hidden, and where the diagnosis failed, so that the case counts as wrong.
     """
     if case.diagnosis is None:
         return True
@@ -211,12 +195,12 @@ def right(case: Case) -> bool:
 
 
 def clear_parameters(case: Case) -> list[str]:
-    """The wrong parameters that an oracle sees one by one: without moving this one, none of the others fits."""
+    """The wrong parameters that an oracle sees: moving only the others does not fit."""
     return [name for name, seen in case.oracle.get("clear_parameters", {}).items() if seen]
 
 
 def right_parameters(case: Case) -> int:
-    """How many of the clear wrong parameters were recalibrated, each with an interval that holds its true value."""
+    """How many of the clear wrong parameters were recalibrated with an interval that holds the true value."""
     there = case.recalibrated
     return sum(
         name in there and holds(there[name]["ci95"], case.secret["parameters"][name]) for name in clear_parameters(case)
@@ -224,7 +208,7 @@ def right_parameters(case: Case) -> int:
 
 
 def holds(interval: list[float | None], truth: float, period: float | None = None) -> bool:
-    """Whether an interval holds the truth; of an angle, modulo its period. No interval holds nothing."""
+    """Whether an interval holds the truth, for an angle modulo its period; false without an interval."""
     low, high = interval
     if low is None or high is None or not (math.isfinite(low) and math.isfinite(high)):
         return False
@@ -236,22 +220,17 @@ def holds(interval: list[float | None], truth: float, period: float | None = Non
 
 
 def intervals_of(case: Case, i: int) -> list[bool]:
-    """For each parameter of one hidden effect that was named exactly: whether its interval holds the truth."""
+    """Per parameter of hidden effect ``i``, if it was named exactly: whether its interval holds the truth."""
     if i not in exact(case):
         return []
     truth = case.secret["effects"][i]["parameters"]
     found = case.findings[case.named.index(case.hidden[i])]["parameters"]
-    angles = _angles(case.hidden[i][1])
+    effects = [effect for (_, name), effect in CATALOGUE.items() if name == case.hidden[i][1]]
+    angles = {p.name for effect in effects for p in effect.parameters if p.role is Role.ANGLE}
     return [
         holds(found[name]["ci95"], value, 2.0 * math.pi if name in angles else None)
         for name, value in truth.items() if name in found
     ]  # fmt: skip
-
-
-def _angles(effect: str) -> set[str]:
-    """The parameters of an effect that are angles."""
-    entries = [entry for (_, name), entry in CATALOGUE.items() if name == effect]
-    return {p.name for entry in entries for p in entry.parameters if p.role is Role.ANGLE}
 
 
 def effect_intervals(case: Case) -> list[bool]:

@@ -1,10 +1,11 @@
-"""The course of a proof: conceal, diagnose, open the seals, ask the oracle; what is done already is not done again."""
+"""The steps of a proof: conceal, diagnose, open the seals, ask the oracle; finished steps are not repeated."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -14,26 +15,25 @@ from dtbacklash.campaign.engine import Backend, Tell
 from dtbacklash.campaign.jobs import Job
 from dtbacklash.errors import UserError
 from dtbacklash.files import read_json, write_json
-from dtbacklash.physics.rig import Rig
 from dtbacklash.prove import work
 from dtbacklash.prove.rules import Case
 from dtbacklash.prove.seal import RECORDING
 
-#: recordings with a seed from here on are scored; the tool is tuned on those below
+#: recordings with seeds from here on are for scores, those below are for tuning
 SCORING_FROM = 10_000
 CASES, CONCEALED, PLAN = "cases", "concealed", "plan.json"
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What is proved.
+    """The settings of a proof.
 
     Attributes
     ----------
     out : folder of the results. rig : name or file; None for the rig that each case names.
-    seeds : of the recordings to conceal, or empty. rigs : several, each with how many of the seeds it takes.
-    folder : of recordings that have been concealed already, instead of seeds. key : the file that opens their seals.
-    known : cases that the same code has finished: those of these seeds are scored as they are.
+    seeds : of the recordings to conceal, or empty. rigs : several rigs, each with its number of seeds.
+    folder : of recordings that are concealed already, instead of seeds. key : the file that opens their seals.
+    known : cases that the same code has finished; those with one of the seeds are scored as they are.
     """
 
     out: Path
@@ -45,7 +45,7 @@ class Plan:
     known: tuple[Case, ...] = ()
 
     def counts(self) -> tuple[tuple[str, int], ...]:
-        """(rig, number of the seeds that it takes)."""
+        """(rig, number of its seeds)."""
         return self.rigs or ((str(self.rig), len(self.seeds)),)
 
     @property
@@ -64,16 +64,18 @@ class Plan:
 
 
 def claim(plan: Plan) -> None:
-    """Take the folder of the results for this plan, or find that it is this plan's already.
+    """Write the plan into the folder of the results, or check that it is the plan there.
 
     Raises
     ------
     UserError : the folder holds something else, or the proof of other recordings.
     """
-    seeds = list(plan.seeds)
+    # other rig files or other code make other recordings of the same seeds
+    files = {name for name in (plan.rig, *(name for name, _ in plan.counts())) if name and Path(name).is_file()}
     wanted = {
-        "rig": plan.rig, "rigs": dict(plan.rigs), "seeds": seeds, "folder": str(plan.folder or ""),
-        "concealed_by": _concealed_by(plan), "files": _rig_files(plan),
+        "rig": plan.rig, "rigs": dict(plan.rigs), "seeds": list(plan.seeds), "folder": str(plan.folder or ""),
+        "concealed_by": sources.digest(work.CONCEALED_BY) if plan.folder is None else "",
+        "files": {name: hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in sorted(files)},
     }  # fmt: skip
     file = plan.out / PLAN
     if plan.out.exists() and not plan.out.is_dir():
@@ -83,26 +85,12 @@ def claim(plan: Plan) -> None:
             raise UserError("out", plan.out, "holds files that are no proof; give an empty or a new folder")
         write_json(file, wanted)
     elif read_json(file) != wanted:
-        raise UserError(
-            "out",
-            plan.out,
-            "holds a proof of other recordings, or of recordings that other code made; give another folder",
-        )
-
-
-def _concealed_by(plan: Plan) -> str:
-    """Which code makes the recordings: with other code the same seeds are other recordings."""
-    return sources.digest(work.CONCEALED_BY) if plan.folder is None else ""
-
-
-def _rig_files(plan: Plan) -> dict[str, str]:
-    """Rig that is a file -> the hash of it: with another one the same seeds are other recordings."""
-    names = {name for name in (plan.rig, *(name for name, _ in plan.counts())) if name and Path(name).is_file()}
-    return {name: hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in sorted(names)}
+        allowed = "holds a proof of other recordings, or of recordings that other code made; give another folder"
+        raise UserError("out", plan.out, allowed)
 
 
 def conceal_missing(plan: Plan, by: Backend, tell: Tell) -> list[Path]:
-    """The folders of the cases, rig by rig in order of their seeds; conceals those that are not there yet.
+    """The folders of the cases, rig by rig in order of their seeds; conceals those that are missing.
 
     Raises
     ------
@@ -126,7 +114,7 @@ def conceal_missing(plan: Plan, by: Backend, tell: Tell) -> list[Path]:
 
 
 def given_cases(plan: Plan) -> list[Path]:
-    """The cases of a folder that has been concealed before; errors as for :func:`conceal_missing`."""
+    """The cases of the plan's folder; errors as for :func:`conceal_missing`."""
     assert plan.folder is not None
     if not plan.folder.is_dir():
         raise UserError("folder", plan.folder, "is no folder; dtb conceal makes one")
@@ -139,18 +127,18 @@ def given_cases(plan: Plan) -> list[Path]:
 
 
 def check_given(plan: Plan) -> None:
-    """Refuse a folder whose recordings, seals, key or rigs are wrong, before hours are spent.
+    """Check a folder's recordings, seals, key and rigs before the proof starts.
 
     Raises
     ------
-    UserError : as :func:`given_cases`, no key in the key's file, a seal that is none, a rig that there is not.
+    UserError : as :func:`given_cases`, or one of them is wrong.
     """
     from dtbacklash.prove import conceal, seal
 
     cases = given_cases(plan)
     seal.read_key(plan.key_file)
     for case in cases:
-        seal.check_seal(case)
+        seal.read_seal(case)
     for rig in sorted({work.rig_of(case, plan.rig) for case in cases}):
         conceal.nominal_rig(rig)
 
@@ -163,7 +151,7 @@ def diagnose_missing(
     Raises
     ------
     KeyboardInterrupt : finished cases stay; the same again does the rest.
-    UserError : the package was changed while it worked.
+    UserError : the package was changed meanwhile.
     """
     function = diagnose or work.diagnose_folder
     jobs = [work.Diagnosing(plan.target(case), case, work.rig_of(case, plan.rig), function) for case in cases]
@@ -172,11 +160,11 @@ def diagnose_missing(
 
 
 def open_seals(plan: Plan, cases: Sequence[Path]) -> dict[str, dict[str, Any]]:
-    """Case -> what was hidden in it, as JSON.
+    """Name of the case -> its secret as a dict.
 
     Raises
     ------
-    UserError : a diagnosis is still missing; the key is wrong; a seal was tampered with.
+    UserError : a diagnosis is missing; the key is wrong; a seal was changed.
     """
     from dtbacklash.prove.seal import open_seal
 
@@ -190,40 +178,34 @@ def ask_oracle(
     plan: Plan, cases: Sequence[Path], secrets: dict[str, dict[str, Any]], by: Backend, tell: Tell,
     oracle: work.Oracle | None = None,
 ) -> None:  # fmt: skip
-    """Let the oracle look at every diagnosed case that it has not seen; errors as for :func:`diagnose_missing`."""
-    function = oracle or work.oracle_folder
-    jobs = [
-        work.Asking(plan.target(case), case, work.rig_of(case, plan.rig), secrets[case.name], function)
-        for case in cases
-    ]
+    """Ask the oracle about each diagnosed case for which it is missing; errors as for :func:`diagnose_missing`."""
+    ask = oracle or work.oracle_folder
+    jobs = [work.Asking(plan.target(c), c, work.rig_of(c, plan.rig), secrets[c.name], ask) for c in cases]
     engine.complete(jobs, by, tell, "asking the oracle", "cases")
     _same_code(plan, jobs)
 
 
 def _same_code(plan: Plan, jobs: Sequence[Job]) -> None:
-    """Refuse results of different states of the package in one score."""
+    """Refuse results of different code in one score."""
     others = sum(not job.done() for job in jobs)
     if others:
         raise UserError("out", plan.out, f"the package changed while {others} cases were worked on; start it again")
 
 
 def gather(plan: Plan, cases: Sequence[Path], secrets: dict[str, dict[str, Any]]) -> list[Case]:
-    """The cases with their answers, to be scored; with those that were known, rig by rig."""
+    """The cases with their answers, and the known ones of the plan, rig by rig."""
     from dtbacklash.prove.conceal import nominal_rig
 
-    found = []
-    nominal: dict[str, Rig] = {}
+    nominal, gathered = cache(nominal_rig), []
     for case in cases:
-        entry, rig = read_json(plan.target(case)), work.rig_of(case, plan.rig)
-        if rig not in nominal:
-            nominal[rig] = nominal_rig(rig)
-        kinds = {name: element.kind for name, element in nominal[rig].elements.items()}
-        found.append(Case(
+        entry, rig = read_json(plan.target(case)), nominal(work.rig_of(case, plan.rig))
+        gathered.append(Case(
             case.name, secrets[case.name], entry.get("diagnosis"), entry.get("oracle") or {}, entry.get("wall_s"),
-            entry.get("error", ""), kinds, nominal[rig].config.name, entry.get("cpu_s"),
+            entry.get("error", ""), {name: e.kind for name, e in rig.elements.items()}, rig.config.name,
+            entry.get("cpu_s"),
         ))  # fmt: skip
     if not plan.known:
-        return found
-    wanted = {nominal_rig(name).config.name: plan.seeds[:count] for name, count in plan.counts()}
-    found += [c for c in plan.known if c.secret["seed"] in wanted.get(c.rig, ())]
-    return sorted(found, key=lambda case: list(wanted).index(case.rig))
+        return gathered
+    wanted = {nominal(name).config.name: plan.seeds[:count] for name, count in plan.counts()}
+    gathered += [c for c in plan.known if c.secret["seed"] in wanted.get(c.rig, ())]
+    return sorted(gathered, key=lambda case: list(wanted).index(case.rig))

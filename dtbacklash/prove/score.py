@@ -1,4 +1,4 @@
-"""The score of a proof: every figure with numerator, denominator, 95 % interval and the bar that it is held against."""
+"""The score of a proof: each figure with numerator, denominator, 95 % interval and the bar that it has to meet."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
+from dtbacklash.config import conceal
 from dtbacklash.physics.kinds import KINDS, PARTS
 from dtbacklash.prove import rules
 from dtbacklash.prove.confusion import ELSEWHERE, Cell, confusion
@@ -22,9 +23,9 @@ EDGES = tuple(float(f"{10 ** (k / 2):.3g}") for k in range(-2, 9))
 
 @dataclass(frozen=True)
 class Figure:
-    """A share: ``right`` of ``of``, with Wilson's interval, and whether it meets its bar.
+    """A share: ``right`` of ``of``, and the range ``bar`` that it should lie in.
 
-    ``every_right`` of ``every_of`` : the same over all cases, clear or not, where that differs.
+    every_right, every_of : the same over all cases, where ``right`` and ``of`` count clear cases only.
     """
 
     name: str
@@ -49,8 +50,8 @@ class Figure:
     def met(self) -> bool | None:
         """Whether the share is within the bar; None without a bar or without a case.
 
-        A share above the bar misses it only if its interval lies above it too: 17 of 17 does not show that intervals
-        are too wide. A share below it misses it, whatever its interval.
+        A share above the bar misses it only if its whole interval lies above it: 17 of 17 does not show that intervals
+        are too wide.
         """
         if self.bar is None or not self.of:
             return None
@@ -60,7 +61,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A distribution over cases: median, 90 % quantile and how many, with a bar on each."""
+    """A distribution over ``of`` cases: median and 90 % quantile, each of which should be ``at_most`` the bar."""
 
     name: str
     what: str
@@ -71,18 +72,16 @@ class Quantity:
     at_most: float | None = None
 
     def met(self, value: float) -> bool | None:
-        """Whether one of its two figures is at most the bar; None without a bar or without a case."""
-        if self.at_most is None or not self.of:
-            return None
-        return value <= self.at_most
+        """Whether median or 90 % quantile is at most the bar; None without a bar or without a case."""
+        return None if self.at_most is None or not self.of else value <= self.at_most
 
 
 @dataclass(frozen=True)
 class Bin:
     """Hidden effects of one family within a range of visibility.
 
-    ``of`` : how many; ``exact``, ``within`` : how many of them were named, exactly and within the stated ambiguity;
-    ``intervals``, ``hold`` : of the exactly named ones, parameters with an interval, and how many hold the truth.
+    of : how many. exact, within : how many were named, exactly and within the stated ambiguity. intervals, hold :
+    parameters of the exactly named ones with an interval, and how many of these hold the truth.
     """
 
     family: str
@@ -107,7 +106,7 @@ class Bin:
 
 @dataclass(frozen=True)
 class Score:
-    """Everything that is said about a proof; ``rigs`` : the figures of each rig alone, where there are several."""
+    """The whole score; ``rigs`` : the figures of each rig alone, where there are several."""
 
     cases: int
     failed: int
@@ -139,25 +138,23 @@ class Score:
         found: dict[tuple[float, float], list[int]] = {}
         for b in self.bins:
             if b.family != UNKNOWN:
-                counts = found.setdefault((b.low, b.high), [0, 0, 0, 0, 0])
-                for j, value in enumerate((b.of, b.exact, b.within, b.intervals, b.hold)):
-                    counts[j] += value
+                counts = found.get((b.low, b.high), [0] * 5)
+                more = b.of, b.exact, b.within, b.intervals, b.hold
+                found[(b.low, b.high)] = [x + y for x, y in zip(counts, more, strict=True)]
         return [Bin("all", low, high, *counts) for (low, high), counts in sorted(found.items())]
 
     def by_kind(self) -> dict[tuple[str, str], tuple[int, int]]:
         """(hidden, named) -> (count, of those within the stated ambiguity), all places of a kind together.
 
-        What was named at another place of the right kind stands in the column ``ELSEWHERE``.
+        The right effect at another place of the right kind is called ``ELSEWHERE``.
         """
-        found: dict[tuple[str, str], list[int]] = {}
+        found: dict[tuple[str, str], tuple[int, int]] = {}
         for cell in self.confusion:
-            row, column = cell.hidden_kind, cell.named_kind
-            if row == column and cell.hidden != cell.named:
-                column = ELSEWHERE
-            counts = found.setdefault((row, column), [0, 0])
-            counts[0] += cell.count
-            counts[1] += cell.within
-        return {key: (count, within) for key, (count, within) in found.items()}
+            elsewhere = cell.hidden_kind == cell.named_kind and cell.hidden != cell.named
+            key = cell.hidden_kind, ELSEWHERE if elsewhere else cell.named_kind
+            count, within = found.get(key, (0, 0))
+            found[key] = count + cell.count, within + cell.within
+        return found
 
     def to_json(self) -> dict[str, Any]:
         """Content of ``score.json``."""
@@ -171,16 +168,10 @@ class Score:
     @classmethod
     def from_json(cls, document: dict[str, Any]) -> Score:
         """The score of a ``score.json``."""
-        quantities = [
-            Quantity(
-                **{
-                    **{k: v for k, v in q.items() if k != "met"},
-                    "median": _number(q["median"]) if q["of"] else math.nan,
-                    "ninety": _number(q["ninety"]) if q["of"] else math.nan,
-                }
-            )
-            for q in document["quantities"]
-        ]
+        quantities = []
+        for row in document["quantities"]:
+            values = {k: _number(row[k]) if row["of"] else math.nan for k in ("median", "ninety")}
+            quantities.append(Quantity(**{k: v for k, v in row.items() if k != "met"} | values))
         return cls(**{
             **document, "figures": _figures(document["figures"]), "quantities": quantities,
             "rigs": {rig: _figures(rows) for rig, rows in document.get("rigs", {}).items()},
@@ -195,9 +186,8 @@ def _figure_rows(figures: list[Figure]) -> list[dict[str, Any]]:
 
 
 def _figures(rows: list[dict[str, Any]]) -> list[Figure]:
-    derived = ("share", "ci95", "met")
-    kept = [{k: v for k, v in row.items() if k not in derived} for row in rows]
-    return [Figure(**{**row, "bar": tuple(row["bar"]) if row["bar"] else None}) for row in kept]
+    stored = [{k: v for k, v in row.items() if k not in ("share", "ci95", "met")} for row in rows]
+    return [Figure(**{**row, "bar": tuple(row["bar"]) if row["bar"] else None}) for row in stored]
 
 
 def _number(value: float | None) -> float:
@@ -214,15 +204,14 @@ def wilson(right: int, of: int) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class _Declared:
-    """One figure: which kinds of case it counts, by which rule, and its bar; which of the cases are clear to it."""
+    """One figure: the kinds of case that it counts, its rule and bar, and which cases count (None: all of them)."""
 
     name: str
     what: str
     kinds: tuple[str, ...]
     rule: Callable[[Case], bool]
     bar: tuple[float, float] | None
-    by_clarity: bool = True
-    clear: Callable[[Case], bool] = rules.clear
+    clear: Callable[[Case], bool] | None = rules.clear
 
 
 #: the figures that count cases, with the bar of each
@@ -232,17 +221,16 @@ BY_CASE = (
     _Declared("strict_several", "the same where two or three are hidden", ("several",), rules.strict, (0.90, 1)),
     _Declared("within_ambiguity", "each hidden effect named, or in the stated ambiguity; none too many",
               ("single", "several"), rules.within_ambiguity, (0.98, 1)),
-    _Declared("nothing_found", "nothing found where nothing is", ("nothing",), rules.no_physics, (0.95, 1), False),
-    _Declared("called_consistent", "of these, called consistent", ("nothing",), rules.called_consistent,
-              None, False),
+    _Declared("nothing_found", "nothing found where nothing is", ("nothing",), rules.no_physics, (0.95, 1), None),
+    _Declared("called_consistent", "of these, called consistent", ("nothing",), rules.called_consistent, None, None),
     _Declared("parameters_told", "wrong parameters not taken for physics", ("parameters",), rules.no_physics,
-              (0.95, 1), False),
+              (0.95, 1), None),
     _Declared("unknown_admitted", "unknown physics called unexplained, or located rightly", ("unknown",),
               rules.unknown_admitted, (0.80, 1)),
     _Declared("unknown_unnamed", "unknown physics whose true law clearly beats the catalogue's best, given no name",
-              ("unknown",), rules.unknown_unnamed, (0.90, 1), clear=rules.beaten),
+              ("unknown",), rules.unknown_unnamed, (0.90, 1), rules.beaten),
     _Declared("no_false_name", "recordings of all kinds and sizes without a false name that is said to be sure",
-              rules.KINDS, rules.no_false_name, None, False),
+              conceal.KINDS, rules.no_false_name, None, None),
 )  # fmt: skip
 #: 95 % intervals hold the truth this often
 COVERAGE = (0.92, 0.98)
@@ -251,15 +239,15 @@ RATIO_MAX = 1.1
 
 
 def score(cases: Sequence[Case], notes: dict[str, Any] | None = None) -> Score:
-    """Score the cases of a proof by the rules of :mod:`.rules`; ``notes`` is what the table says beside it."""
+    """Score the cases of a proof by the rules of :mod:`.rules`; ``notes`` are printed beside the table."""
     seeds = [int(c.secret["seed"]) for c in cases]
     rigs = list(dict.fromkeys(c.rig for c in cases))
     return Score(
         cases=len(cases),
         failed=sum(c.diagnosis is None for c in cases),
         oracle_failed=sum("held_out" not in c.oracle for c in cases),
-        kinds={k: sum(c.kind == k for c in cases) for k in rules.KINDS},
-        clear={k: sum(c.kind == k and rules.clear(c) for c in cases) for k in rules.KINDS},
+        kinds={k: sum(c.kind == k for c in cases) for k in conceal.KINDS},
+        clear={k: sum(c.kind == k and rules.clear(c) for c in cases) for k in conceal.KINDS},
         seeds=(min(seeds), max(seeds)) if seeds else None,
         figures=_all_figures(cases),
         quantities=_quantities(cases),
@@ -276,11 +264,10 @@ def _all_figures(cases: Sequence[Case]) -> list[Figure]:
 
 def _by_case(declared: _Declared, cases: Sequence[Case]) -> Figure:
     every = [c for c in cases if c.kind in declared.kinds]
-    counted = [c for c in every if declared.clear(c)] if declared.by_clarity else every
+    counted = [c for c in every if declared.clear is None or declared.clear(c)]
     right, every_right = (sum(map(declared.rule, chosen)) for chosen in (counted, every))
-    if not declared.by_clarity:
-        return Figure(declared.name, declared.what, right, len(counted), declared.bar)
-    return Figure(declared.name, declared.what, right, len(counted), declared.bar, every_right, len(every))
+    both = () if declared.clear is None else (every_right, len(every))
+    return Figure(declared.name, declared.what, right, len(counted), declared.bar, *both)
 
 
 def _by_parameter(cases: Sequence[Case]) -> list[Figure]:
@@ -317,7 +304,7 @@ def _quantities(cases: Sequence[Case]) -> list[Quantity]:
 def _quantity(name: str, what: str, unit: str, values: list[float], at_most: float | None = None) -> Quantity:
     if not values:
         return Quantity(name, what, unit, math.nan, math.nan, 0, at_most)
-    # by rank: between a finite and an infinite value nothing can be interpolated
+    # no interpolation, as values may be infinite
     median, ninety = np.quantile(values, (0.5, 0.9), method="higher")
     return Quantity(name, what, unit, float(median), float(ninety), len(values), at_most)
 
@@ -333,20 +320,13 @@ def family(kind: str) -> str:
 
 
 def bins(cases: Sequence[Case]) -> list[Bin]:
-    """Per family and range of visibility, how many hidden effects were found; empty ranges are left out."""
+    """Per family and range of visibility, how many hidden effects were named; empty ranges are left out."""
     seen: list[tuple[str, float, bool, bool, list[bool]]] = []
     for case in cases:
         there, paired = rules.exact(case), rules.matches(case)
         for i, key in enumerate(case.hidden):
-            seen.append(
-                (
-                    family(case.kind_of(key[0])),
-                    case.visibility(key),
-                    i in there,
-                    i in paired,
-                    rules.intervals_of(case, i),
-                )
-            )
+            part = family(case.kind_of(key[0]))
+            seen.append((part, case.visibility(key), i in there, i in paired, rules.intervals_of(case, i)))
         if case.kind == "unknown":
             admitted = rules.unknown_admitted(case)
             seen.append((UNKNOWN, case.unknown_visibility, admitted, admitted, []))

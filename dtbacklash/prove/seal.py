@@ -1,8 +1,8 @@
 """Sealed answers: what a recording hides, encrypted, with a commitment that shows any later change.
 
-The secret is encrypted by Fernet (AES-128 in CBC mode with an HMAC; the package ``cryptography``). Beside it stands
-the SHA-256 of a random number and the secret: known before the diagnosis, it can be compared after the opening. The
-secret also binds the recording by its hash, so that a recording cannot be exchanged under a seal.
+The secret is encrypted by Fernet (AES-128 in CBC mode with an HMAC). The SHA-256 of a random number and the secret is
+public: it is compared when the seal is opened. The secret holds the recording's hash, so that nobody can exchange the
+recording under its seal.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from dtbacklash.prove.secret import Secret
 
 RECORDING, PUBLIC, SEALED = "recording.csv.gz", "public.json", "sealed.json"
 FORMAT = "dtbacklash sealed secret 1"
-#: what is sealed is filled up to a multiple of this many bytes, so that its length does not tell how much is hidden
+#: the sealed text is padded to a multiple of this many bytes, so that its length does not tell how much is hidden
 PADDING = 8192
 
 
 def key_path(folder: Path) -> Path:
-    """Where the key of a folder of concealed recordings is, unless the user says otherwise: beside it."""
+    """The default place of the key of a folder of concealed recordings: beside the folder."""
     return folder.with_name(folder.name + ".key")
 
 
@@ -46,7 +46,7 @@ def read_key(path: Path) -> bytes:
 
 
 def read_or_make_key(path: Path) -> bytes:
-    """The key in ``path``; a new one is written there, readable by its owner only, if there is no such file.
+    """The key in ``path``; if there is no such file, a new key is written there, readable by its owner only.
 
     Raises
     ------
@@ -65,7 +65,7 @@ def _cipher(key: bytes, path: Path) -> Fernet:
 
 
 def seal(secret: Secret, recording: bytes, key: bytes) -> dict[str, str]:
-    """Seal a secret with the recording that it belongs to; what ``sealed.json`` holds."""
+    """Seal a secret with the recording that it belongs to; returns the content of ``sealed.json``."""
     text, nonce = secret.to_json(), secrets.token_hex(32)
     content = {"nonce": nonce, "secret": text, "recording_sha256": hashlib.sha256(recording).hexdigest()}
     plain = json.dumps(content).encode()
@@ -91,7 +91,7 @@ def open_seal(case: Path | str, key_file: Path | str) -> Secret:
     """
     case, key_file = Path(case), Path(key_file)
     cipher = _cipher(read_key(key_file), key_file)
-    sealed = _sealed(case)
+    sealed = read_seal(case)
     try:
         content = json.loads(cipher.decrypt(sealed["token"].encode()))
     except InvalidToken:
@@ -107,12 +107,13 @@ def open_seal(case: Path | str, key_file: Path | str) -> Secret:
     return Secret.from_json(content["secret"])
 
 
-def check_seal(case: Path) -> None:
-    """Refuse a case whose ``sealed.json`` is no seal; opens nothing."""
-    _sealed(case)
+def read_seal(case: Path) -> dict[str, Any]:
+    """The content of a case's ``sealed.json``, still encrypted.
 
-
-def _sealed(case: Path) -> dict[str, Any]:
+    Raises
+    ------
+    UserError : it cannot be read, or is no seal.
+    """
     try:
         sealed = json.loads((case / SEALED).read_text(encoding="utf-8"))
     except OSError as error:

@@ -1,4 +1,4 @@
-"""What a concealed recording hides, as a plain record that goes to JSON and back."""
+"""What a concealed recording hides: a record that goes to JSON and back."""
 
 from __future__ import annotations
 
@@ -15,20 +15,19 @@ __all__ = ["INSTRUMENTS", "KINDS", "Secret"]
 
 @dataclass(frozen=True)
 class Secret:
-    """Everything that was drawn for one recording; with the rig, it repeats the recording to the last bit.
+    """Everything that was drawn for one recording; with the nominal rig it repeats the recording to the last bit.
 
     Attributes
     ----------
     seed : the seed it was drawn from. rig : name of the rig. kind : one of KINDS.
     effects : each ``{"location", "effect", "parameters": {name: value in SI}}``, names of the catalogue.
     unknown : None, or ``{"location", "name", "description", "size", "scale"}``: physics that the catalogue lacks.
-    parameters : true values of the rig's parameters that differ from its nominal ones, SI.
-    excitation : what moves the rig, see :mod:`.excitation`. controller : ``cascade`` or ``open_loop``.
-    instruments : ``minimal`` or ``rich``. channels : the sensors that were recorded.
+    parameters : true values, SI, of the rig's parameters that differ from their nominal ones.
+    excitation : see :mod:`.excitation`. controller : ``cascade``, ``pid`` or ``open_loop``.
+    instruments : ``minimal`` or ``rich``. channels : the recorded sensors.
     noise, resolution : sensor -> standard deviation, size of a count, SI.
-    visibility : ``location.name`` (and ``parameters``) -> rms of what it changes in the recorded signal that shows it
-        most, in units of that sensor's noise (white noise and counts together): two runs without noise, with and
-        without it, in the same closed loop (where the voltage is given, held together by a weak one).
+    visibility : ``location.name`` (and ``parameters``) -> rms change of the recorded signal that shows it most, in
+        units of that sensor's noise and counts: two runs without noise are compared, see :meth:`.bench.Bench.quiet`.
     """
 
     seed: int
@@ -71,6 +70,11 @@ class Secret:
     def true_rig(self, nominal: Rig) -> Rig:
         """The nominal rig with the true parameters and the hidden effects of the catalogue."""
         rig = nominal.with_parameters(self.parameters) if self.parameters else nominal
-        for effect in self.effects:
-            rig = rig.with_effect(effect["location"], effect["effect"], effect["parameters"])
-        return rig
+        return with_effects(rig, self.effects)
+
+
+def with_effects(rig: Rig, effects: list[dict[str, Any]]) -> Rig:
+    """The rig with effects of the catalogue, as in :attr:`Secret.effects`."""
+    for effect in effects:
+        rig = rig.with_effect(effect["location"], effect["effect"], effect["parameters"])
+    return rig

@@ -1,4 +1,4 @@
-"""How large a hidden effect may be, and the size at which it is as visible as drawn."""
+"""How large a hidden effect may be, and the size at which it has the drawn visibility."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 from dtbacklash.prove import tuning
 from dtbacklash.prove.bench import rms
 from dtbacklash.prove.excitation import turn_m
-from dtbacklash.prove.simulator.machine import driven_body
+from dtbacklash.prove.simulator.machine import carried_mass, driven_body
 from dtbacklash.prove.simulator.rig import Run
 
-#: torque of this voltage at rest that friction or a load may take of a cascade's motor, V; its loop has 48
+#: largest friction or load on the motor of a cascade, as the voltage that makes the same torque at rest, V
 EFFORT_MAX_V = 8.0
-#: what friction or a load may take of what moves a body: where the motor drives it, and where springs do
+#: largest friction or load relative to the rms effort on a body that the motor drives, and that springs drive
 EFFORT_MAX_DRIVEN, EFFORT_MAX = 1.5, 3.0
-#: where nothing swings, a hidden mass does within these shares of the highest frequency of the excitation
+#: frequencies of a hidden mass, relative to the highest one of the excitation, on a rig without modes
 HIDDEN_SHARES = (0.25, 0.6)
-#: trial simulations, and how near to the drawn visibility is near enough (a factor)
+#: trial simulations, and the factor within which the drawn visibility is reached
 TRIALS, NEAR = 7, 1.2
 
 
 @dataclass(frozen=True)
 class Motion:
-    """How the plain rig moves under the excitation; SI, names of links and bodies.
+    """How the plain rig moves under the excitation; SI, by name of link or body.
 
     command : (N,) V. current : rms, A. highest_hz : of the excitation. place, velocity : rms of each body. stretch,
-    rate : rms of each link; reach : its largest stretch, or a body's largest position. force : rms force of each link,
-    N or N m. drive : rms effort of the drive on the body that it drives. shown : rms of each sensor's signal.
+    rate, force : rms of each link. reach : largest stretch of a link or position of a body. drive : rms effort on the
+    driven body. shown : rms of each sensor's signal.
     """
 
     rig: Rig
@@ -54,9 +54,9 @@ class Motion:
     shown: dict[str, float] = field(default_factory=dict)
 
     def at(self, name: str) -> Place:
-        """What an effect's declaration is told of an element or a sensor."""
+        """The motion at an element or a sensor, for an effect's declaration."""
         frequencies = natural_frequencies_hz(self.rig)
-        sensor = name.removeprefix(SENSOR_PREFIX)  # its offset has the scale of what it shows, where no screw turns
+        sensor = name.removeprefix(SENSOR_PREFIX)
         low, high = (share * self.highest_hz for share in HIDDEN_SHARES)
         place = Place(
             duration_s=self.duration_s, command=self.command, current=self.current,
@@ -75,7 +75,7 @@ class Motion:
         return replace(place, force=force, force_most=most * force)
 
     def _moving(self, name: str) -> tuple[float, float]:
-        """What moves a body, N or N m, and the share of it that friction or a load may take."""
+        """Rms effort on a body, N or N m, and the largest friction or load relative to it."""
         element = self.rig.elements[name]
         if tuning.in_cascade(self.rig):
             circuit = self.rig.only("motor_circuit")
@@ -115,10 +115,10 @@ def motion_of(rig: Rig, run: Run, duration_s: float, highest_hz: float) -> Motio
 
 
 def _borne(rig: Rig, run: Run) -> list[tuple[str, Floats, Floats]]:
-    """(name, position, velocity) of what moves as the screw or the positioner does, whatever pulls on it."""
+    """(name, position, velocity) of what the screw or the positioner moves rigidly."""
     screw, positioner, x = rig.only("screw"), rig.only("positioner"), run.states
     found = []
-    if screw and (carried := screw.neighbours.get("carries")):
+    if screw and (carried := carried_mass(rig)):
         lead = screw.values["lead"]
         found.append((carried, lead * x[:, 1], lead * x[:, 2 + len(run.bodies)]))
     if positioner:
@@ -128,10 +128,9 @@ def _borne(rig: Rig, run: Run) -> list[tuple[str, Floats, Floats]]:
 
 
 def strength_for(visibility: Callable[[float], float], target: float, guess: float, most: float) -> float:
-    """The strength at which an effect is as visible as drawn, or the largest that is allowed.
+    """The strength at which an effect has the visibility ``target``, or the largest that is allowed.
 
-    A secant search in logarithms, kept between the strengths that are known to be too small and too large. A loop that
-    diverges counts as infinitely visible.
+    A secant search in logarithms between bounds. A loop that diverges counts as infinitely visible.
     """
     low, high = 0.0, math.inf
     strength, slope, last = min(guess, most), 1.0, None

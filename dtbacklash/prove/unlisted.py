@@ -7,7 +7,7 @@ from numpy.random import Generator
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.rig import Rig
 from dtbacklash.prove import tuning
-from dtbacklash.prove.simulator.machine import driven_body
+from dtbacklash.prove.simulator.machine import carried_mass, driven_body
 from dtbacklash.prove.sizes import Motion
 
 DESCRIPTIONS = {
@@ -29,13 +29,11 @@ _TAKES = {
 
 def unknown_entries(rig: Rig) -> list[tuple[str, str]]:
     """(location, name) of the physics beyond the catalogue, wherever the rig takes it."""
-    screw = rig.only("screw")
-    carried = screw.neighbours.get("carries") if screw else None
-    found = []
+    carried, found = carried_mass(rig), []
     for element in rig.elements.values():
         names = ["directional_torque"] if element.kind == "actuator" else _TAKES.get(element.trait.trait, [])
         if rig.only("gear") and element.kind == "rotor":
-            names = ["disturbance"]  # it turns on and on: its position is no place
+            names = ["disturbance"]  # it turns without limit, so that no law can depend on its position
         if element.name != carried:
             found += [(element.name, name) for name in names]
     return found

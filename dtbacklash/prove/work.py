@@ -1,4 +1,4 @@
-"""What a worker does with one case: make it, diagnose it, let the oracle look at it; each result is one whole file."""
+"""The jobs of a proof: conceal a case, diagnose it, ask the oracle about it; each writes one file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dtbacklash.errors import Failure, UserError
 from dtbacklash.files import read_json, write_json
 from dtbacklash.prove.seal import PUBLIC, RECORDING
 
-#: the parts of the package that a seed's recording depends on
+#: the files on which the recording of a seed depends
 CONCEALED_BY = (
     *(
         f"prove/{n}.py" for n in
@@ -23,7 +23,7 @@ CONCEALED_BY = (
     ),
     "prove/simulator", "physics/catalogue.py", "physics/effects", "physics/rig.py", "conf/rig",
 )  # fmt: skip
-#: the parts of the package that a diagnosis is made by: a case that other code diagnosed is diagnosed again
+#: the files on which a diagnosis depends: when they change, a case is diagnosed again
 DIAGNOSED_BY = (
     "compiled.py", "config/rig.py", "config/setting.py", "physics", "recording", "units.py",
     "yaml_files.py", "diagnose", "conf/rig",
@@ -33,12 +33,12 @@ DEATH = "its worker died"
 
 #: (folder of the case, nominal rig's name) -> (content of diagnosis.json, the extended rig's description)
 Diagnose = Callable[[Path, str], tuple[dict[str, Any], dict[str, Any]]]
-#: (folder of the case, nominal rig's name, secret, description of the extended rig or None) -> what the oracle says
+#: (folder of the case, nominal rig's name, secret, description of the extended rig or None) -> the oracle's answer
 Oracle = Callable[[Path, str, dict[str, Any], dict[str, Any] | None], dict[str, Any]]
 
 
 def diagnose_folder(folder: Path, rig_name: str) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Diagnose the recording of a case from what is public of it."""
+    """Diagnose the recording of a case from its public files."""
     from dtbacklash.diagnose import diagnose
     from dtbacklash.prove.conceal import nominal_rig
     from dtbacklash.prove.oracle import described
@@ -52,7 +52,7 @@ def diagnose_folder(folder: Path, rig_name: str) -> tuple[dict[str, Any], dict[s
 def oracle_folder(
     folder: Path, rig_name: str, secret: dict[str, Any], extended: dict[str, Any] | None
 ) -> dict[str, Any]:
-    """Let the oracle look at a case; by now its seal is open."""
+    """Ask the oracle about a case whose seal is open."""
     from dtbacklash.diagnose import records_of
     from dtbacklash.diagnose.data.evidence import Evidence
     from dtbacklash.diagnose.search.parts import marked
@@ -69,7 +69,7 @@ def oracle_folder(
 
 
 def rig_of(folder: Path, chosen: str | None) -> str:
-    """The name or file of a case's nominal rig: the one that was chosen, else the one that the case names.
+    """The name or file of a case's nominal rig: the chosen one, else the one that the case names.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def rig_of(folder: Path, chosen: str | None) -> str:
 
 @dataclass(frozen=True)
 class Concealing(Job):
-    """Make one concealed recording, the folder ``record``, from its seed. Attributes: see :func:`.conceal.conceal`."""
+    """Make one concealed recording in the folder ``record``; for the attributes see :func:`.conceal.conceal`."""
 
     record: Path
     seed: int
@@ -105,7 +105,7 @@ class Concealing(Job):
 
 @dataclass(frozen=True)
 class Diagnosing(Job):
-    """Diagnose the case in ``folder`` into ``record``. A diagnosis that fails is a result, and counts as wrong."""
+    """Diagnose the case in ``folder`` into the file ``record``; a diagnosis that fails is a result, too."""
 
     record: Path
     folder: Path
@@ -116,27 +116,27 @@ class Diagnosing(Job):
         return diagnosed(self.record)
 
     def work(self) -> None:
-        code, begin = sources.digest(DIAGNOSED_BY), (time.perf_counter(), time.process_time())
+        code, wall_s, cpu_s = sources.digest(DIAGNOSED_BY), time.perf_counter(), time.process_time()
+        answer: dict[str, Any] = {"error": "", "diagnosis": None, "extended": None}
         try:
-            diagnosis, extended = self.diagnose(self.folder, self.rig)
-            found: dict[str, Any] = {"error": "", "diagnosis": diagnosis, "extended": extended}
+            answer["diagnosis"], answer["extended"] = self.diagnose(self.folder, self.rig)
         except Exception as error:
-            why = str(error) if isinstance(error, UserError) else f"{type(error).__name__}: {error}"
-            details = "" if isinstance(error, UserError) else "".join(traceback.format_exception(error))
-            found = {"error": " ".join(why.split()), "diagnosis": None, "extended": None, "traceback": details}
-        self._tell(found, code, time.perf_counter() - begin[0], time.process_time() - begin[1])
+            mistake = isinstance(error, UserError)
+            why = str(error) if mistake else f"{type(error).__name__}: {error}"
+            answer["error"] = " ".join(why.split())
+            answer["traceback"] = "" if mistake else "".join(traceback.format_exception(error))
+        times = {"wall_s": time.perf_counter() - wall_s, "cpu_s": time.process_time() - cpu_s}
+        write_json(self.record, {"id": self.folder.name, "code": code, **answer, **times})
 
     def died(self, error: Exception | None) -> None:
-        self._tell({"error": DEATH, "diagnosis": None, "extended": None}, sources.digest(DIAGNOSED_BY), None, None)
-
-    def _tell(self, found: dict[str, Any], code: str, wall_s: float | None, cpu_s: float | None) -> None:
-        times = {"wall_s": wall_s, "cpu_s": cpu_s}
-        write_json(self.record, {"id": self.folder.name, "code": code, **found, **times})
+        nothing = dict.fromkeys(("diagnosis", "extended", "wall_s", "cpu_s"))
+        code = sources.digest(DIAGNOSED_BY)
+        write_json(self.record, {"id": self.folder.name, "code": code, "error": DEATH, **nothing})
 
 
 @dataclass(frozen=True)
 class Asking(Job):
-    """Add what the oracle says of a case to its ``record``; an oracle that fails leaves its reason there."""
+    """Add the oracle's answer about a case, or why it failed, to the file ``record``."""
 
     record: Path
     folder: Path
@@ -145,7 +145,8 @@ class Asking(Job):
     oracle: Oracle = oracle_folder
 
     def done(self) -> bool:
-        return looked_at(self.record)
+        seen = read_json(self.record).get("oracle") or {}
+        return diagnosed(self.record) and seen.get("code") == sources.digest(ORACLE_BY)
 
     def work(self) -> None:
         try:
@@ -165,9 +166,3 @@ class Asking(Job):
 def diagnosed(target: Path) -> bool:
     """Whether this code has diagnosed the case."""
     return read_json(target).get("code") == sources.digest(DIAGNOSED_BY)
-
-
-def looked_at(target: Path) -> bool:
-    """Whether this code's oracle has looked at the case, after this code's diagnosis."""
-    seen = read_json(target).get("oracle") or {}
-    return diagnosed(target) and seen.get("code") == sources.digest(ORACLE_BY)

@@ -1,4 +1,4 @@
-"""What could be missing: every effect that a rig's elements take, and where its secondary parameters may lie."""
+"""The effects that a rig may lack, with start values of their parameters, and how each place of a rig moves."""
 
 from dataclasses import dataclass, field, replace
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.compare import Block, Record, places_of, predict
-from dtbacklash.diagnose.data.pull import adrift
+from dtbacklash.diagnose.data.pull import position_unknown
 from dtbacklash.errors import UserError
 from dtbacklash.physics.bodies import natural_frequencies_hz
 from dtbacklash.physics.catalogue import effects_of
@@ -14,13 +14,13 @@ from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Bounds, Effect, Place, Values
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, build_rig
 
-#: slower than this share of the fastest is taken as rest
+#: speeds below this share of the fastest count as rest
 TREMOR = 0.02
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """One effect at one place, with the grid of values from which its signatures are made."""
+    """One effect at one place, with the values at which its signatures are simulated."""
 
     place: str
     effect: Effect
@@ -33,39 +33,38 @@ class Candidate:
 
 
 def candidates(rig: Rig, blocks: list[Block], moving: "PlacesInMotion") -> list[Candidate]:
-    """All effects that the rig does not have yet and that the blocks can show."""
+    """All effects that the rig does not have and that the blocks can show."""
     places = set().union(*(places_of(rig, b) for b in blocks))
     channels = {SENSOR_PREFIX + c for b in blocks for c in b.channels}
-    unseen = set().union(*(places_of(rig, b) for b in blocks if adrift(rig, b, moving.step_s)))
-    found = []
+    unseen = set().union(*(places_of(rig, b) for b in blocks if position_unknown(rig, b, moving.step_s)))
+    listed = []
     for place in [*rig.elements, *sorted(p for p in places if p.startswith(SENSOR_PREFIX))]:
         if place not in channels | places:
             continue
         for effect in effects_of(rig.kind_at(place)).values():
-            if place in unseen and _asks_for_position(effect):
+            if place in unseen and _depends_on_position(effect):
                 continue
             possible = rig.effect(place, effect.name) is None and _possible(rig, place, effect)
             if possible and effect.is_shown(moving(place)):
                 starts, bounds = effect.start_values(moving(place)), effect.bounds_at(moving(place))
-                found.append(Candidate(place, effect, [_within(v, bounds) for v in starts]))
-    return found
+                listed.append(Candidate(place, effect, [_within(v, bounds) for v in starts]))
+    return listed
 
 
 def _within(values: Values, bounds: Bounds) -> Values:
     return {name: float(np.clip(v, *bounds[name])) if name in bounds else v for name, v in values.items()}
 
 
-def _asks_for_position(effect: Effect) -> bool:
-    """Whether a law of the effect depends on where something is."""
-    asked = {a for law in effect.slot.laws().values() for a in slots.arguments(law, effect.slot.states, effect)}
-    return bool({"position", "angle"} & asked)
+def _depends_on_position(effect: Effect) -> bool:
+    arguments = {a for law in effect.slot.laws().values() for a in slots.arguments(law, effect.slot.states, effect)}
+    return bool({"position", "angle"} & arguments)
 
 
 def _possible(rig: Rig, place: str, effect: Effect) -> bool:
-    """Whether the rig's build takes the effect at all, and it can be seen from where the rig begins."""
+    """Whether the rig can be built with the effect, and the effect can act there."""
     base = (screw := rig.only("screw")) and screw.neighbours.get("carries")
     if place == base and not (screw and rig.amount(screw.name, slots.Yielding, "compliance")):
-        return False  # a mass on a rigid screw moves as the screw does, whatever acts on it
+        return False  # a rigid screw moves this mass, whatever acts on it
     try:
         rig.with_effect(place, effect.name, {effect.size.name: effect.size.typical})
     except UserError:
@@ -74,7 +73,7 @@ def _possible(rig: Rig, place: str, effect: Effect) -> bool:
 
 
 class PlacesInMotion:
-    """How each place of a rig moves in the recordings: as measured, and as simulated where that is not measured."""
+    """How each place of a rig moves in the recordings: measured, or simulated where it is not measured."""
 
     def __init__(self, rig: Rig, blocks: list[Block], records: list[Record]) -> None:
         self.rig, self.step_s = rig, records[0].sample_time_s
@@ -91,7 +90,7 @@ class PlacesInMotion:
         )  # fmt: skip
 
     def __call__(self, name: str) -> Place:
-        """What an effect's declaration is told of a place."""
+        """The motion at a place, for an effect's declaration."""
         element = self.rig.elements.get(name)
         if element is None:
             return self._everywhere
@@ -111,16 +110,16 @@ class PlacesInMotion:
         return place
 
     def lowest(self, name: str) -> float:
-        """The lower end of the way of a place, m or rad; 0 where it is not known how it moves."""
+        """The lowest position of a place, m or rad; 0 where its motion is not known."""
         return float(self.where.get(self._moved(name), np.zeros(1)).min())
 
     def _moved(self, name: str) -> str:
-        """The body whose motion counts at an element: itself, or the motor's rotor."""
+        """The body whose motion counts at an element: the element itself, or the motor's rotor."""
         is_body = self.rig.elements[name].trait.trait == slots.BODY
         return name if is_body else getattr(self.rig.motor_rotor(), "name", "")
 
     def _speeds(self, name: str) -> Floats:
-        """(n,) speeds of a body without their signs, m/s or rad/s; a single 0 where it is not known how it moves."""
+        """(n,) absolute speeds of a body, m/s or rad/s; a single 0 where its motion is not known."""
         smooth = np.convolve(self.where.get(name, np.zeros(1)), np.ones(9) / 9, "same")[8:-8]
         return np.abs(np.diff(smooth)) / self.step_s if len(smooth) > 2 else np.zeros(1)
 
@@ -132,7 +131,7 @@ class PlacesInMotion:
         return b - a, float(np.quantile(np.abs(np.diff(b - a)) / self.step_s, 0.9))
 
     def _force(self, name: str) -> float:
-        """What drives a body, N or N m, as large as it usually is: the springs at it, and the motor."""
+        """The usual size of the largest effort on a body, N or N m: of the springs at it, or the motor."""
         force = 0.0
         for link in self.rig.links():
             if name in link.neighbours["between"]:
@@ -148,11 +147,10 @@ class PlacesInMotion:
 
 
 def positions(rig: Rig, blocks: list[Block], record: Record) -> dict[str, Floats]:
-    """(N,) position of every body, SI: as the blocks simulate them, measured where they are."""
+    """Body -> (N,) position, SI: measured, or as the blocks simulate it."""
     found: dict[str, Floats] = {}
-    bodies = [e.name for e in rig.bodies()]
     for block in blocks:
-        inside = [b for b in bodies if b in places_of(rig, block)]
+        inside = [e.name for e in rig.bodies() if e.name in places_of(rig, block)]
         sensors = {f"_{b}": {"of": b, "quantity": "position"} for b in inside}
         config = replace(rig.config, sensors={**rig.config.sensors, **sensors})
         wide = replace(block, channels=(*block.channels, *sensors))
@@ -162,7 +160,7 @@ def positions(rig: Rig, blocks: list[Block], record: Record) -> dict[str, Floats
             found[body] = values[:, len(block.channels) + j]
     for name, sensor in rig.sensors.items():
         if sensor.quantity == "velocity" and name in record.y and sensor.of in found:
-            found[sensor.of] = np.cumsum(record.y[name]) * record.sample_time_s  # from where it began
+            found[sensor.of] = np.cumsum(record.y[name]) * record.sample_time_s
     for name, sensor in rig.sensors.items():
         if sensor.quantity == "position" and name in record.y:
             found[sensor.of] = record.y[name]

@@ -1,7 +1,7 @@
-"""How the command lies between its samples: held, as a controller's is, or smooth, as a measured signal's.
+"""A command between its samples: held, as a controller's is, or smooth, as a measured signal is.
 
-A recorded input that was measured (and not commanded) passes through its samples; held in the simulation it would
-come half a sample late, which shows up as a delay, a wrong damping, or worse.
+A measured input passes through its samples; held in the simulation it would come half a sample late, which looks like
+a delay or a wrong damping.
 """
 
 import numpy as np

@@ -1,9 +1,9 @@
-"""Compare: cut the rig at its measured signals and drive each part with the measurement at its border.
+"""Simulate a part of the rig between two measured signals (a block), and compare it with its recording.
 
-A motor or a carriage integrates: left alone it drifts away from its recording, and every law is then evaluated along
-a motion that never was. So the simulation of such a block is pulled towards the measurement by a fixed, slow gain
-(an observer), the same for every model that is compared. What is judged is the innovation: the open-loop error behind
-a fixed high-pass of that bandwidth. No model can hand the measurement back, as the gain is not the model's.
+A motor or a carriage integrates: without feedback its simulation drifts away from the recording, and every law is
+evaluated along a wrong motion. So such a block is pulled towards the measurement by a fixed, slow gain (an observer),
+the same for every model that is compared. The residual is the innovation: the open-loop error behind a high-pass of
+that bandwidth.
 """
 
 from collections.abc import Callable
@@ -28,20 +28,18 @@ from dtbacklash.physics.simulate import rig_half_gap
 
 #: a contact is located to sample_time/substeps/2**EVENT_LEVELS
 EVENT_LEVELS = 10
-#: where a rough answer will do: substeps and levels
+#: substeps and event levels of a rough simulation
 ROUGH = (2, 4)
-#: where only differences of simulations count: a part of the substeps, and contacts still found finely
+#: divisor of the substeps, and event levels, of a coarse one, which is used for differences of simulations
 COARSER, COARSE_LEVELS = 4, 8
-
-#: what does not decay at all is looked at for as long as if it did so at this share of the tempo
+#: decay rate of a block without decay, as a share of its tempo
 FREE_DECAY = 0.1
-#: a substep turns what is periodic in a position by this angle at most, rad
+#: a substep advances the phase of a periodic law by this angle at most, rad
 PHASE_MAX = 0.1
-#: what the plant takes by itself where it has to step, and the most that are worth it
+#: the plant's own number of substeps, and the largest one
 SUBSTEPS_PLAIN, SUBSTEPS_MAX = 8, 64
-#: as many follow the current of a winding, whose time constant is a tenth of a sample
+#: the current of a winding has a time constant of a tenth of a sample and needs at least so many
 SUBSTEPS_CURRENT = 16
-
 
 Mask = np.ndarray
 #: how finely a plant that is not linear is simulated
@@ -52,10 +50,10 @@ Steps = Literal["fine", "coarse", "rough"]
 class Record:
     """One recording, or one stretch of it, on its grid.
 
-    u : (N,) command, V. y : (N,) measured channels, SI. train, held, judge : (N,) which samples are fitted to, which
-    are held out to choose by, and which judge, having chosen nothing; none do unless :mod:`.parts` takes them from what
-    is held out. from_s : time of its first sample since the recording began, s. begins : where it begins in motion,
-    else None. stands : channel -> where it stands at its first sample if it begins at rest, SI; else that sample.
+    u : (N,) command, V. y : channel -> (N,) measured, SI. train, held, judge : (N,) masks of the samples that are
+    fitted to, that are held out to choose between models, and that only judge the last model. from_s : time of its
+    first sample since the recording began, s. begins : None where it begins at rest. stands : position channel ->
+    position at the first sample, SI, where the noise is averaged out.
     """
 
     sample_time_s: float
@@ -80,10 +78,9 @@ class Block:
 
     Attributes
     ----------
-    name : ``motor``, ``structure`` or ``rig``. channels : the sensors that it is judged by.
-    tempo : how fast it moves, rad per sample.
-    imposed : the sensor that drives it instead of the command, or None.
-    pulled : the sensor towards which it is pulled, or None. gains : per sample, on its position and velocity.
+    name : ``motor``, ``structure`` or ``rig``. channels : the sensors whose residuals it has.
+    tempo : how fast it moves, rad per sample. imposed : the sensor that drives it instead of the command.
+    pulled : the sensor towards which it is pulled. gains : per sample, on its position and velocity.
     """
 
     name: str
@@ -100,7 +97,7 @@ class Block:
 
 
 def poles_of(plant: Plant) -> np.ndarray:
-    """Poles of a block's linear part, in contact where it has a gear; complex, 1/s."""
+    """(states,) complex poles of a block's linear part, with the gear in contact, 1/s."""
     return np.linalg.eigvals(plant.A[0 if plant.rotor < 0 else 1])
 
 
@@ -118,16 +115,6 @@ def part_of(rig: Rig, block: Block) -> Rig:
     """The rig that a block simulates: the motor alone, unless the structure pushes back on it."""
     if block.name != "motor" or reacts(rig):
         return rig
-    return _motor_only(rig)
-
-
-def reacts(rig: Rig) -> bool:
-    """Whether the structure pushes back on the motor, so that the motor's block has to hold all of the rig."""
-    screw = rig.only("screw")
-    return bool(screw and rig.amount(screw.name, slots.Reaction, "share"))
-
-
-def _motor_only(rig: Rig) -> Rig:
     config = rig.config
     elements = {n: s for n, s in config.elements.items() if rig.elements[n].trait.motor_side}
     sensors = {n: s for n, s in config.sensors.items() if s["of"] in elements}
@@ -136,8 +123,14 @@ def _motor_only(rig: Rig) -> Rig:
     return build_rig(replace(config, elements=elements, sensors=sensors, effects=effects))
 
 
+def reacts(rig: Rig) -> bool:
+    """Whether the structure acts back on the motor, so that the motor's block contains the whole rig."""
+    screw = rig.only("screw")
+    return bool(screw and rig.amount(screw.name, slots.Reaction, "share"))
+
+
 def places_of(rig: Rig, block: Block) -> set[str]:
-    """The elements and sensors whose effects and parameters can change what the block predicts."""
+    """The elements and sensors whose effects and parameters can change the block's prediction."""
     if block.name == "rig" or (block.name == "motor" and reacts(rig)):
         names = set(rig.elements)
     else:
@@ -148,9 +141,9 @@ def places_of(rig: Rig, block: Block) -> set[str]:
 
 
 def true_angle(rig: Rig, block: Block, record: Record) -> Floats:
-    """(N,) the motor's angle behind its sensor's modelled errors, rad; a copy."""
+    """(N,) the motor's angle without its sensor's modelled errors, rad; a copy."""
     assert block.imposed is not None
-    angle = _behind(rig, block.imposed, record)
+    angle = _without_errors(rig, block.imposed, record.y[block.imposed].copy())
     late = rig.amount(SENSOR_PREFIX + block.imposed, slots.Late, "time") / record.sample_time_s
     if late > 0.0:
         at = np.arange(record.samples) + late
@@ -158,17 +151,13 @@ def true_angle(rig: Rig, block: Block, record: Record) -> Floats:
     return np.ascontiguousarray(angle)
 
 
-def _behind(rig: Rig, channel: str, record: Record) -> Floats:
-    """(N,) what a sensor looks at, behind its modelled errors."""
-    return _unread(rig, channel, record.y[channel].copy())
-
-
 def _stands(rig: Rig, channel: str, record: Record) -> float:
-    """Where it stands at the first sample, behind its sensor's modelled errors."""
-    return float(_unread(rig, channel, np.array([record.stands.get(channel, record.y[channel][0])]))[0])
+    """Position at the first sample, without the sensor's modelled errors."""
+    return float(_without_errors(rig, channel, np.array([record.stands.get(channel, record.y[channel][0])]))[0])
 
 
-def _unread(rig: Rig, channel: str, seen: Floats) -> Floats:
+def _without_errors(rig: Rig, channel: str, seen: Floats) -> Floats:
+    """(n,) what a sensor measures, from its readings ``seen`` with modelled errors."""
     for effect, values in sorted(
         rig.active(SENSOR_PREFIX + channel, slots.Reading), key=lambda pair: -getattr(pair[0].slot, "stage", 0)
     ):
@@ -178,17 +167,17 @@ def _unread(rig: Rig, channel: str, seen: Floats) -> Floats:
 
 
 def _drive(rig: Rig, block: Block, record: Record, plant: Plant) -> Floats:
-    """(N,) what is imposed on the block: the motor's angle, rad, or the command of a positioner, V."""
+    """(N,) what drives the block: the motor's angle, rad, or the command, V."""
     if not plant.imposed:
         return record.u
     angle = true_angle(rig, block, record) if block.imposed else record.u.copy()
-    # what is imposed is linear in a step, which shrinks a sine of omega by (omega h)^2/12: undone here
+    # the simulation takes it as linear within a step, which shrinks a sine of omega by (omega h)^2/12: undone here
     angle[1:-1] -= np.diff(angle, 2) / (12.0 * plant.substeps**2)
     return angle
 
 
 def predict(rig: Rig, block: Block, record: Record, steps: Steps = "fine") -> Floats:
-    """(N, channels) what the block's channels would show, SI, each sample before the measurement pulls it."""
+    """(N, channels) prediction of the block's channels, SI; each sample before the measurement pulls it."""
     part = part_of(rig, block)
     substeps = _substeps(part, block, record)
     coarse = max(ROUGH[0], (substeps or SUBSTEPS_FORCED) // COARSER), COARSE_LEVELS
@@ -204,7 +193,7 @@ def predict(rig: Rig, block: Block, record: Record, steps: Steps = "fine") -> Fl
 
 
 def _runner(part: Rig, plant: Plant, block: Block, record: Record, theta: Floats) -> Callable[[State, int], Floats]:
-    """A function that simulates so many samples from a state: (n, channels) of the block."""
+    """A function (state, n) -> (n, channels) that simulates the block from a state, which it changes."""
     names = list(part.sensors)
     column = names.index(block.pulled) if block.pulled else -1
     target = record.y[block.pulled] if block.pulled else np.zeros(1)
@@ -223,40 +212,35 @@ def _runner(part: Rig, plant: Plant, block: Block, record: Record, theta: Floats
 
 
 def _gains_behind(part: Rig, block: Block, record: Record) -> Floats:
-    """The block's gains behind the modelled error of the sensor that pulls.
+    """(2,) the block's gains, corrected for the modelled error of the sensor that pulls.
 
-    The pull acts on a state, but compares readings: a sensor that is modelled to read ten times too much would pull ten
-    times as fast, and hand the measurement back.
+    The pull compares readings but acts on a state: a sensor that reads ten times too much would pull ten times as fast.
     """
     gains = np.array(block.gains)
     if block.pulled and part.active(SENSOR_PREFIX + block.pulled, slots.Reading):
         seen = float(np.ptp(record.y[block.pulled]))
-        gains *= float(np.ptp(_behind(part, block.pulled, record))) / seen if seen > 0.0 else 1.0
+        true = _without_errors(part, block.pulled, record.y[block.pulled].copy())
+        gains *= float(np.ptp(true)) / seen if seen > 0.0 else 1.0
     return gains
 
 
 def _substeps(part: Rig, block: Block, record: Record) -> int:
-    """Enough of them for what is periodic in the position; 0 leaves the choice to the plant."""
+    """Substeps that the periodic laws need; 0 leaves the choice to the plant."""
     acting = [(e, values) for place in part.effects for e, values in part.active(place, slots.Slot)]
     waves = [values[p.name] for e, values in acting for p in e.parameters if p.role is Role.WAVE]
     sensor = block.imposed or block.pulled
     if not waves or sensor is None:
         return 0
-    phase = max(waves) * _travel(record.y[sensor])
-    # a power of two that is not below what is needed, nor far above the most that are worth it
+    phase = max(waves) * float(np.quantile(np.abs(np.diff(record.y[sensor])), 0.99))  # per sample, nearly at most
+    # a power of two
     wanted = int(2 ** int(np.ceil(np.log2(np.clip(phase / PHASE_MAX, 1.0, 2.0 * SUBSTEPS_MAX)))))
     if any(isinstance(e.slot, slots.MotorTorque) for e, _ in acting):
-        wanted = max(wanted, SUBSTEPS_CURRENT)  # it multiplies a current that jumps within a fraction of a sample
+        wanted = max(wanted, SUBSTEPS_CURRENT)
     return min(wanted, SUBSTEPS_MAX) if wanted > SUBSTEPS_PLAIN else 0
 
 
-def _travel(seen: Floats) -> float:
-    """How far a position moves within a sample, nearly at most."""
-    return float(np.quantile(np.abs(np.diff(seen)), 0.99))
-
-
 def _start(part: Rig, plant: Plant, block: Block, record: Record, angle: float) -> State:
-    """The block at rest where the recording begins; in motion: :class:`.launch.Launch`."""
+    """The state of a block at rest where the recording begins; for one in motion see :func:`_launch`."""
     state = new_state(plant)
     bodies = state_names(part, block.imposed is not None)
     shown = part.sensors[block.pulled].quantity == "position" if block.pulled else False
@@ -274,20 +258,20 @@ def _start(part: Rig, plant: Plant, block: Block, record: Record, angle: float) 
 
 
 def _at_rest(plant: Plant, seen: dict[int, float]) -> Floats:
-    """(bodies,) where all of them stand at rest, some of which are seen: the others where no spring pulls them away."""
+    """(bodies,) positions at rest, of which some are measured (``seen``); on the others the springs' forces vanish."""
     places = np.zeros(plant.n_bodies)
     places[list(seen)] = list(seen.values())
     others = [j for j in range(plant.n_bodies) if j not in seen]
     if seen and others:
         q, v = plant.position, plant.position + plant.n_bodies
-        # what a unit of each position accelerates
+        # acceleration by a unit of each position
         pull = plant.A[0 if plant.rotor < 0 else 1, v : v + plant.n_bodies, q : q + plant.n_bodies][others]
         places[others] = np.linalg.lstsq(pull[:, others], -pull @ places, rcond=None)[0]
     return places
 
 
 def _launch(part: Rig, plant: Plant, block: Block, record: Record, theta: Floats, begins: Beginning) -> Launch:
-    """What is known of a block where the recording begins in motion, over the beginning that fits its first state."""
+    """The data to which the first state of a block is fitted, where the recording begins in motion."""
     rules = settings()
     moving = rules.beginning_decays / slowest_decay(plant, block)
     if block.pulled and block.gains[0] == 0.0:
@@ -299,7 +283,7 @@ def _launch(part: Rig, plant: Plant, block: Block, record: Record, theta: Floats
     channels = [block.channels[j] for j in columns]
     seen = {
         quantity: {
-            c: (part.sensors[c].of, _behind(part, c, record)[:n])
+            c: (part.sensors[c].of, _without_errors(part, c, record.y[c].copy())[:n])
             for c in channels if part.sensors[c].quantity == quantity and part.sensors[c].of in names
         }
         for quantity in ("position", "velocity")

@@ -1,4 +1,4 @@
-"""What a diagnosis works on: recordings, blocks and the noise floor, and the loss of a rig on them."""
+"""The evidence of a diagnosis: recordings, blocks and noise floor, and the residuals of a rig on them."""
 
 from dataclasses import dataclass, replace
 
@@ -8,7 +8,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.candidates import PlacesInMotion
 from dtbacklash.diagnose.data.compare import Block, Record, Steps, places_of, residual
 from dtbacklash.diagnose.data.floor import Noise, channel_noise, noise_floor
-from dtbacklash.diagnose.data.in_motion import begun
+from dtbacklash.diagnose.data.in_motion import with_start
 from dtbacklash.diagnose.data.pull import cut, guided
 from dtbacklash.diagnose.data.tempo import tempo_rad_s
 from dtbacklash.diagnose.settings import settings
@@ -17,19 +17,18 @@ from dtbacklash.physics.effects.declare import Bounds
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.channels import runs
 
-#: residuals beyond this many floors are all the same: the simulation ran away
+#: largest residual, in floors: the simulation diverged
 RUNAWAY = 1e9
 
 Residuals = dict[str, list[Floats]]
 
 
 def stretch_of(records: list[Record]) -> int:
-    """Samples of a stretch over which losses are compared."""
+    """Number of samples of a stretch, over which losses are compared."""
     return max(20, sum(int(r.held.sum()) for r in records) // settings().paired_stretches)
 
 
 def _finite(residuals: Floats) -> Floats:
-    """Residuals of which none is beyond RUNAWAY, also where the simulation overflowed."""
     return np.clip(np.nan_to_num(residuals, nan=RUNAWAY, posinf=RUNAWAY, neginf=-RUNAWAY), -RUNAWAY, RUNAWAY)
 
 
@@ -49,14 +48,11 @@ class Evidence:
     def gather(
         cls, rig: Rig, records: list[Record], tempo: float | None = None, noise: Noise | None = None
     ) -> "Evidence":
-        """Cut the rig and measure the floor.
-
-        tempo : of the machine, rad/s. noise : of its sensors. None: as these records say.
-        """
+        """Cut the rig and measure the floor; tempo (rad/s) and noise are estimated from the records if not given."""
         channels = tuple(n for n in rig.sensors if all(n in r.y for r in records))
         tempo = tempo_rad_s(rig, records) if tempo is None else tempo
         blocks = [guided(rig, b, records) for b in cut(rig, channels, records[0].sample_time_s, tempo)]
-        records = [begun(rig, blocks, r) for r in records]
+        records = [with_start(rig, blocks, r) for r in records]
         stretch = stretch_of(records)
         noise = channel_noise(records) if noise is None else noise
         moving = PlacesInMotion(rig, blocks, records)
@@ -64,15 +60,15 @@ class Evidence:
 
     @property
     def correlated(self) -> float:
-        """So many samples in a row of a residual far above the floor say the same."""
+        """Number of consecutive samples that count as one, of a residual far above the floor."""
         return max(1.0, settings().correlated_ratio / self.blocks[0].tempo)
 
     def bounds(self, key: tuple[str, str]) -> Bounds:
-        """Parameter -> (low, high) within which these recordings can show an effect at a place."""
+        """Parameter -> (low, high) within which these recordings can show an effect (place, name)."""
         return find(self.nominal.kind_at(key[0]), key[1], key[0]).bounds_at(self.moving(key[0]))
 
     def quieter(self, residuals: Residuals) -> "Evidence":
-        """The same with a lower floor, where these residuals show that a channel's noise is less than was thought."""
+        """The same with a lower floor, where these residuals show that a channel has less noise."""
         left = {c: [e[:, j] * self.floor[b.name][j] for e in residuals[b.name]]
                 for b in self.blocks for j, c in enumerate(b.channels)}  # fmt: skip
         noise = channel_noise(self.records, left)
@@ -83,33 +79,29 @@ class Evidence:
         return replace(self, noise=noise, floor=noise_floor(self.nominal, self.blocks, self.records, noise))
 
     def least(self) -> dict[str, Floats]:
-        """Per block, (channels,) the mean square below which nothing can be told, in units of the floor's.
+        """Per block, (channels,) the smallest mean square that means anything, in units of the floor's.
 
-        1 where a sensor has noise, or the block is driven by the command. Where it has none, the method's own error
-        counts: the angle that drives a block is known at the samples only, and what it does between them leaves a small
-        share of the signal.
+        More than 1 for a sensor without noise in a block that a measured angle drives: the angle is known at the
+        samples only, and its course between them leaves a small share of the signal.
         """
         rules = settings()
-        found = {}
+        least = {}
         for block in self.blocks:
             sizes = np.array([np.mean([np.std(r.y[c]) for r in self.records]) for c in block.channels])
             exact = np.array([self.noise[c][0] for c in block.channels]) <= 1.05 * rules.numerical_error_share * sizes
             method = (rules.method_error_share * sizes / self.floor[block.name]) ** 2
             counts = exact & (block.imposed is not None)
-            found[block.name] = np.where(counts, np.maximum(method, 1.0), 1.0)
-        return found
+            least[block.name] = np.where(counts, np.maximum(method, 1.0), 1.0)
+        return least
 
     def passed(self) -> dict[str, Floats]:
-        """Per block, (channels,) the share of the floor's mean square that is not the sensor's own noise.
+        """Per block, (channels,) the share of the floor's mean square that is not the sensor's noise.
 
-        An encoder's counts that drive the structure, mostly. It is measured on a simulated recording, in which the
-        motor stops between other counts: it is known to a factor only, and something that an effect can fit.
+        Mostly from an encoder's counts that drive the structure. It is measured on a simulated recording, in which the
+        motor stops between other counts: so it is known to a factor only, and an effect can fit it.
         """
-        found = {}
-        for block in self.blocks:
-            own = np.array([self.noise[c][0] for c in block.channels])
-            found[block.name] = np.clip(1.0 - (own / self.floor[block.name]) ** 2, 0.0, 1.0)
-        return found
+        sensors = {b.name: np.array([self.noise[c][0] for c in b.channels]) for b in self.blocks}
+        return {name: np.clip(1.0 - (s / self.floor[name]) ** 2, 0.0, 1.0) for name, s in sensors.items()}
 
     def rescaled(self, residuals: Residuals, before: "Evidence") -> Residuals:
         """Residuals in units of this floor, from those in units of the floor of ``before``."""
@@ -122,8 +114,7 @@ class Evidence:
     ) -> Residuals:
         """Per block and record, (N, channels) residuals in units of the floor.
 
-        ``known`` : residuals, of some blocks, of a rig that differs at ``places`` only: blocks that hold none of
-        them are copied.
+        known : residuals of a rig that differs at ``places`` only: blocks without these places are copied.
         """
         found: Residuals = {}
         for block in self.blocks:
@@ -131,13 +122,13 @@ class Evidence:
                 found[block.name] = known[block.name]
             else:
                 scale = self.floor[block.name]
-                with np.errstate(over="ignore", invalid="ignore"):  # a simulation that ran away
+                with np.errstate(over="ignore", invalid="ignore"):  # the simulation may diverge
                     found[block.name] = [_finite(residual(rig, block, r, steps) / scale) for r in self.records]
         return found
 
     def rows(self, residuals: Residuals, name: str, part: str) -> Floats:
         """(channels, samples) of one block's residuals in a part: ``train`` or ``held``."""
-        # parts take turns in a few runs, which copy faster than by a mask
+        # slices copy faster than a mask
         chosen = [
             e[a:b]
             for e, r in zip(residuals[name], self.records, strict=True) for a, b in runs(getattr(r, part))

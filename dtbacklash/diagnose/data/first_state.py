@@ -1,9 +1,9 @@
-"""The state in which a recording begins, where it does not begin at rest.
+"""The first state of a recording that does not begin at rest.
 
-It is not recorded, so it is a parameter of every recording (or stretch of one) and every block: the plant's state
-(current, positions, speeds, memories) and the side on which a play stands. For each rig that is compared it is found
-anew by least squares on the beginning, until what the state adds has died out (variable projection: Golub & Pereyra,
-SIAM J. Numer. Anal. 10 (1973) 413); so no parameter can be mistaken for it, and nothing has to be thrown away.
+It is a parameter of each recording (or stretch of one) and each block: the plant's state (current, positions, speeds,
+memories) and the position of the motor in its play. For each rig that is compared it is fitted anew to the beginning of
+the recording, until its influence has decayed (variable projection: Golub & Pereyra, SIAM J. Numer. Anal. 10 (1973)
+413).
 """
 
 import math
@@ -18,27 +18,27 @@ from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.kernel import plant as pl
 from dtbacklash.physics.kernel.plant import Plant, State, new_state
 
-#: samples of a channel's beginning that are looked at
+#: numbers of samples of a channel's beginning to which a polynomial is fitted
 WINDOWS = (6, 8, 12, 24, 48, 96)
-#: of one at rest, whose picture has a known slope
+#: the same for a beginning at rest
 STANDING = (*WINDOWS, 192, 384, 768)
-#: powers of time that picture a beginning: in motion, and at rest
+#: powers of time of the polynomial: in motion, and at rest
 MOVING, RESTING = (0, 1, 2, 3), (0, 2, 3, 4)
 
-#: steps of Gauss and Newton, and how often a step is shortened
+#: Gauss-Newton steps, and how often a step is shortened
 STEPS, SHORTER = 6, 4
-#: a step that promises less is the last one: in squares of the noise's standard deviation, and of all that is left
+#: the last step is one that promises a smaller fall of the sum of squares: absolute, and relative
 ENOUGH, ENOUGH_SHARE = 1e-4, 1e-10
-#: a column is a difference over this share of the state's usual size
+#: step of a finite difference, relative to the state's spread
 DIFFERENCE = 1e-3
 
 
 @dataclass(frozen=True)
 class Beginning:
-    """That a recording begins in motion, and what its first state is found with.
+    """Of a recording that begins in motion: the data with which its first state is fitted.
 
-    noise : channel -> standard deviation of its noise, SI. window : channel -> samples over which it is smooth.
-    sizes : body -> how far it usually is from its middle, and how fast it moves, SI.
+    noise : channel -> standard deviation of its noise, SI. window : channel -> samples over which it is a cubic.
+    sizes : body -> standard deviations of its position and its speed, SI.
     """
 
     noise: dict[str, float]
@@ -47,16 +47,16 @@ class Beginning:
 
 
 def local(values: Floats, step_s: float) -> tuple[float, float]:
-    """Value and slope at the first sample, by a cubic through all of them."""
-    found, _ = _pictured(values, MOVING)
-    return float(found[0]), float(found[1]) / (step_s * (len(values) - 1))
+    """Value and slope at the first sample, of a cubic fitted to all values."""
+    coefficients, _ = _polynomial(values, MOVING)
+    return float(coefficients[0]), float(coefficients[1]) / (step_s * (len(values) - 1))
 
 
-def _pictured(values: Floats, powers: tuple[int, ...]) -> tuple[Floats, float]:
-    """Coefficients of powers of time, which runs from 0 to 1, and the sum of squares that they leave."""
+def _polynomial(values: Floats, powers: tuple[int, ...]) -> tuple[Floats, float]:
+    """Fitted coefficients of powers of time, which runs from 0 to 1, and the sum of squared residuals."""
     basis = _basis(len(values), powers)
-    found = np.asarray(np.linalg.lstsq(basis, values, rcond=None)[0])
-    return found, float(np.sum((values - basis @ found) ** 2))
+    coefficients = np.asarray(np.linalg.lstsq(basis, values, rcond=None)[0])
+    return coefficients, float(np.sum((values - basis @ coefficients) ** 2))
 
 
 def _basis(samples: int, powers: tuple[int, ...]) -> Floats:
@@ -64,7 +64,8 @@ def _basis(samples: int, powers: tuple[int, ...]) -> Floats:
     return basis
 
 
-def _fair(squares: float, samples: int, noise: float) -> bool:
+def _fits(squares: float, samples: int, noise: float) -> bool:
+    """Whether a polynomial leaves only noise."""
     rules = settings()
     free = samples - len(MOVING)
     ratio = rules.beginning_noise_ratio + rules.beginning_scatter / math.sqrt(2.0 * free)
@@ -72,23 +73,23 @@ def _fair(squares: float, samples: int, noise: float) -> bool:
 
 
 def window_of(values: Floats, noise: float) -> int:
-    """The most samples at the beginning that a cubic pictures down to the noise, or the fewest that are looked at."""
-    fair = (n for n in reversed(WINDOWS) if n <= len(values) and _fair(_pictured(values[:n], MOVING)[1], n, noise))
-    return next(fair, WINDOWS[0])
+    """The most samples of the beginning that a cubic fits down to the noise, or the fewest of WINDOWS."""
+    fits = (n for n in reversed(WINDOWS) if n <= len(values) and _fits(_polynomial(values[:n], MOVING)[1], n, noise))
+    return next(fits, WINDOWS[0])
 
 
 def moves(values: Floats, noise: float, speed: bool) -> bool:
-    """Whether a channel shows a motion at its first sample; ``speed`` : it shows the speed itself.
+    """Whether a channel moves at its first sample; ``speed`` : the channel is a speed.
 
-    The longest beginning that a smooth motion pictures down to the noise, from rest or not, decides which it is.
+    The longest beginning that a polynomial fits down to the noise decides, whether the polynomial starts at rest.
     """
     rules = settings()
     if speed:
         return abs(local(values[: window_of(values, noise)], 1.0)[0]) ** 2 > rules.beginning_squares * noise**2
     for n in reversed(WINDOWS):
-        moving, resting = (_pictured(values[:n], powers)[1] for powers in (MOVING, RESTING))
-        if _fair(min(moving, resting), n, noise):
-            return _fair(moving, n, noise) and resting - moving > rules.beginning_squares * noise**2
+        moving, resting = (_polynomial(values[:n], powers)[1] for powers in (MOVING, RESTING))
+        if _fits(min(moving, resting), n, noise):
+            return _fits(moving, n, noise) and resting - moving > rules.beginning_squares * noise**2
     first = values[: WINDOWS[0]]
     return abs(local(first, 1.0)[1]) > max(
         rules.beginning_speed_share * float(np.abs(np.diff(first)).max()), math.sqrt(rules.beginning_squares) * noise
@@ -96,28 +97,27 @@ def moves(values: Floats, noise: float, speed: bool) -> bool:
 
 
 def stands(values: Floats, noise: float) -> float:
-    """Where a position stands at its first sample: a motion from rest pictures its beginning down to the noise.
+    """Position at the first sample of a recording that begins at rest, with the noise averaged out.
 
-    The first sample alone has all of its noise, and nothing brings back by itself what is free. The longest beginning
-    counts whose picture agrees with those of all shorter ones, within two standard errors of each: one that is too long
-    is pictured wrongly long before that shows in what it leaves (Lepski, Theory Probab. Appl. 35 (1991) 454).
+    By a polynomial that starts at rest, fitted to the longest beginning whose result agrees with those of all shorter
+    ones within two standard errors of each (Lepski, Theory Probab. Appl. 35 (1991) 454).
     """
-    found, low, high = float(values[0]), -math.inf, math.inf
+    first, low, high = float(values[0]), -math.inf, math.inf
     for n in (n for n in STANDING if n <= len(values)):
-        picture, squares = _pictured(values[:n], RESTING)
-        if not _fair(squares, n, noise):
+        coefficients, squares = _polynomial(values[:n], RESTING)
+        if not _fits(squares, n, noise):
             continue
         error = noise * _error_of_first(n)
-        if not low <= picture[0] <= high:
+        if not low <= coefficients[0] <= high:
             break
-        found = float(picture[0])
-        low, high = max(low, found - 2.0 * error), min(high, found + 2.0 * error)
-    return found
+        first = float(coefficients[0])
+        low, high = max(low, first - 2.0 * error), min(high, first + 2.0 * error)
+    return first
 
 
 @cache
 def _error_of_first(samples: int) -> float:
-    """Standard error of the first place of a motion from rest, in units of the noise's."""
+    """Standard error of the first position of a motion from rest, in units of the noise."""
     basis = _basis(samples, RESTING)
     return math.sqrt(float(np.linalg.inv(basis.T @ basis)[0, 0]))
 
@@ -125,17 +125,13 @@ def _error_of_first(samples: int) -> float:
 def first_state(
     run: Callable[[Floats], Floats], measured: Floats, noise: Floats, guess: Floats, spread: Floats, reach: Floats
 ) -> Floats:
-    """The state at the first sample that fits the beginning best (Gauss and Newton, steps shortened as needed).
+    """(states,) the first state that fits the beginning best; the guess where the simulation diverges.
 
     Parameters
     ----------
-    run : state -> (n, channels) what is shown of it. measured : (n, channels). noise : (channels,) standard deviations.
-    guess : (states,) where to begin. spread : (states,) its error, a Gaussian prior's; 0 where it is known.
-    reach : (states,) the largest magnitude that is possible, or infinity.
-
-    Returns
-    -------
-    (states,) the guess itself where the simulation does not stay finite.
+    run : state -> (n, channels) prediction. measured : (n, channels). noise : (channels,) standard deviations.
+    guess : (states,) start. spread : (states,) standard deviation of its Gaussian prior; 0: the state is known.
+    reach : (states,) largest possible magnitude, or infinity.
     """
     free = np.flatnonzero(spread > 0.0)
 
@@ -158,13 +154,13 @@ def first_state(
         left = float(here @ here)
         if left - float(np.sum((here + columns @ change) ** 2)) < ENOUGH + ENOUGH_SHARE * left:
             return _moved(state, free, change * spread[free], reach)
-        found = _shortened(rows, state, here, free, change * spread[free], reach)
-        if found is None and fresh:
+        better = _shortened(rows, state, here, free, change * spread[free], reach)
+        if better is not None:
+            state, here = better
+        elif fresh:
             return state
-        if found is None:
-            columns = None  # they were those of a state too far away
         else:
-            state, here = found
+            columns = None  # the columns belong to a state too far away
     return state
 
 
@@ -177,7 +173,7 @@ def _moved(state: Floats, free: np.ndarray, change: Floats, reach: Floats) -> Fl
 def _columns(
     rows: Callable[[Floats], Floats], state: Floats, here: Floats, free: np.ndarray, spread: Floats, reach: Floats
 ) -> Floats:
-    """(rows, free) what the rows change by per spread of each free state."""
+    """(rows, free) derivatives of the rows by each free state, per its spread."""
     columns = []
     for j in free:
         step = DIFFERENCE * spread[j]
@@ -192,7 +188,7 @@ def _columns(
 def _shortened(
     rows: Callable[[Floats], Floats], state: Floats, here: Floats, free: np.ndarray, change: Floats, reach: Floats
 ) -> tuple[Floats, Floats] | None:
-    """The first of ever shorter steps that fits no worse, and its rows."""
+    """State and rows after the first of ever shorter steps that fits no worse; None if none does."""
     for k in range(SHORTER):
         moved = _moved(state, free, 0.5**k * change, reach)
         there = rows(moved)
@@ -201,22 +197,22 @@ def _shortened(
     return None
 
 
-#: the motor's place in its play, as a share of it, from which it leans on a flank
+#: position of the motor in its play, as a share of the half gap, from which it touches a flank
 ON_FLANK = 1.0 - 1e-6
 
 
 @dataclass(frozen=True)
 class Launch:
-    """What is known of a block where its recording begins.
+    """The data of a block at the beginning of its recording, to which its first state is fitted.
 
     Attributes
     ----------
-    bodies : names in the order of the state, with the element that each is, or sits on, and the axis that it moves on.
-    half_gap : of the gear, rad. angle : (n,) what is imposed, rad (V of a positioner), or nothing.
+    bodies : names in the order of the state -> the element that each is, or sits on, and its axis of motion.
+    half_gap : of the gear, rad. angle : (n,) imposed angle, rad (V of a positioner), or None.
     u : (n,) command, V. command_size : its standard deviation, V.
-    seen : channel -> body and (n,) what its sensor looks at, for positions and for speeds.
-    measured : (n, channels) of the channels in ``columns`` of what the block shows, SI. noise : (channels,).
-    skip : the first samples, which a delay keeps from being known.
+    positions, speeds : channel -> body and (n,) its measured position or speed.
+    measured : (n, channels) of the block's channels ``columns``, SI. noise : (channels,).
+    skip : number of first samples that depend on what was before them, because of a delay.
     """
 
     plant: Plant
@@ -234,7 +230,7 @@ class Launch:
     skip: int
 
     def fitted(self, run: Callable[[State, int], Floats]) -> State:
-        """The state that fits the beginning best. ``run`` : simulates so many samples from a state, which it moves."""
+        """The state that fits the beginning best. run : (state, n) -> (n, channels); changes the state."""
         guess = self._guess()
         spread = self._spread(guess, run)
         reach = np.full(len(guess), np.inf)
@@ -245,11 +241,12 @@ class Launch:
 
         measured = self.measured[self.skip :]
         if self.half_gap > 0.0:
-            guess = min(self._sides(guess), key=lambda v: _left(shown(v), measured, self.noise))
+            sides = [np.append(guess[:-1], z) for z in (guess[-1], -guess[-1], 0.0)]
+            guess = min(sides, key=lambda v: _sum_of_squares(shown(v), measured, self.noise))
         return self.state(first_state(shown, measured, self.noise, guess, spread, reach))
 
     def state(self, vector: Floats) -> State:
-        """The state of a vector; a late command is taken for the first one, and contacts slip as their ends move."""
+        """The state of a vector; the command before it is the first one, and contacts slip as their ends move."""
         plant, z = self.plant, float(vector[-1])
         state = new_state(plant)
         state.x[:] = vector[:-1]
@@ -273,7 +270,7 @@ class Launch:
         return state
 
     def _guess(self) -> Floats:
-        """Positions and speeds as measured, where they are; elsewhere those of what drives the body, or its like."""
+        """Positions and speeds: measured, or those of the screw's output, or of a measured body on the same axis."""
         plant, step = self.plant, self.plant.sample_time
         places, rates = self._read(self.positions), self._read(self.speeds)
         at = {body: (value, slope) for body, (value, slope) in places.items()}
@@ -304,7 +301,7 @@ class Launch:
         return {body: local(v[: window[c]], step) for c, (body, v) in channels.items() if c in window}
 
     def _spread(self, guess: Floats, run: Callable[[State, int], Floats]) -> Floats:
-        """(states + 1,) how far the guess may be off: as much as the states usually are from their middles."""
+        """(states + 1,) standard deviations of the guess: those of the states in the recording."""
         plant = self.plant
         spread = np.zeros(len(guess))
         for j, (body, (element, _)) in enumerate(self.bodies.items()):
@@ -318,17 +315,13 @@ class Launch:
             after = self.state(guess)
             run(after, len(self.measured))
             spread[memories] = settings().beginning_memory_ratio * np.abs(np.nan_to_num(after.x[memories]))
-        # a motor that hits what it carries loses speed: there the side is chosen, and nothing between
+        # where the load acts back on the motor, its position in the play is one of the three in `fitted`
         if plant.imposed or plant.screw[pl.S_SHARE] == 0.0:
             spread[-1] = self.half_gap
         return spread
 
-    def _sides(self, guess: Floats) -> list[Floats]:
-        """The guess with the motor on either flank, and amid its play."""
-        return [np.append(guess[:-1], z) for z in (guess[-1], -guess[-1], 0.0)]
 
-
-def _left(shown: Floats, measured: Floats, noise: Floats) -> float:
+def _sum_of_squares(shown: Floats, measured: Floats, noise: Floats) -> float:
     with np.errstate(over="ignore", invalid="ignore"):
-        left = float(np.sum(((measured - shown) / noise) ** 2))
-    return left if np.isfinite(left) else np.inf
+        squares = float(np.sum(((measured - shown) / noise) ** 2))
+    return squares if np.isfinite(squares) else np.inf

@@ -1,4 +1,4 @@
-"""The noise floor, from the recording itself: counts, white noise, and what the method's own inputs add."""
+"""The noise floor, from the recording itself: counts, white noise, and the noise of what drives a block."""
 
 import numpy as np
 from scipy.signal import welch
@@ -10,10 +10,10 @@ from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
 
-#: relative variance of a band's level, times its bins and segments: of a median of periodograms 1/(ln 2)^2 instead of
-#: 1, of bins that the window makes alike in pairs
+#: relative variance of a band's level, times its bins and segments: 1/(ln 2)^2 for a median of periodograms, twice as
+#: much because the window correlates neighbouring bins
 MEDIAN_OF_PERIODOGRAMS = 2.0 / np.log(2.0) ** 2
-#: bands that differ by less than so many standard errors show one level
+#: bands within so many standard errors have the same level
 SAME_LEVEL_ERRORS = 2.0
 #: per channel (standard deviation, size of a count), in its unit
 Noise = dict[str, tuple[float, float]]
@@ -32,12 +32,11 @@ def quantum(values: Floats) -> float:
 
 
 def white_noise(values: Floats) -> float:
-    """Standard deviation of the white noise: the lowest level that the spectrum reaches, spread over all of it.
+    """Standard deviation of the white noise: the lowest level of the spectrum, at all frequencies.
 
-    The signal is differenced first, so that its slow parts do not leak, and the spectrum divided by that again. The
-    lowest of several bands that show nothing but noise is too low by chance, of a short recording by a third: all bands
-    that are as low as it within their errors count (minimum statistics: Martin, IEEE Trans. Speech Audio Process. 9
-    (2001) 504, corrects that bias).
+    The signal is differenced before the spectrum is taken, so that its slow parts do not leak. The lowest band alone
+    would be too low by chance (minimum statistics: Martin, IEEE Trans. Speech Audio Process. 9 (2001) 504): so the mean
+    of all bands that are as low within their errors counts.
     """
     steps = np.diff(values)
     length = int(min(1024, len(steps) // 4))
@@ -64,28 +63,25 @@ def sensor_noise(values: Floats) -> tuple[float, float]:
 
 
 def channel_noise(records: list[Record], residuals: dict[str, list[Floats]] | None = None) -> Noise:
-    """Per channel (standard deviation, size of a count) of its noise, in its unit: the quietest that any reading says.
+    """Per channel (standard deviation, size of a count) of its noise, in its unit.
 
-    ``residuals`` : per channel, of every record, what a model leaves of it: a signal that is rough by itself (a current
-    that follows a stepping voltage) shows its noise only there.
+    residuals : per channel and record, a model's residual in the channel's unit: a rough signal (a current that follows
+    a stepping voltage) shows its noise only there.
     """
-    found: Noise = {}
+    noise: Noise = {}
     for name in records[0].y:
-        own = [sensor_noise(r.y[name]) for r in records]
-        sigma, count = (float(np.sqrt(np.mean([s**2 for s, _ in own]))), max(c for _, c in own))
+        each = [sensor_noise(r.y[name]) for r in records]
+        sigma, count = (float(np.sqrt(np.mean([s**2 for s, _ in each]))), max(c for _, c in each))
         if residuals and name in residuals:
             left = float(np.sqrt(np.mean([white_noise(e) ** 2 for e in residuals[name]])))
-            least = max(
-                count / np.sqrt(12.0),
-                settings().numerical_error_share * float(np.mean([np.std(r.y[name]) for r in records])),
-            )
-            sigma = min(sigma, max(left, least))
-        found[name] = sigma, count
-    return found
+            size = float(np.mean([np.std(r.y[name]) for r in records]))
+            sigma = min(sigma, max(left, count / np.sqrt(12.0), settings().numerical_error_share * size))
+        noise[name] = sigma, count
+    return noise
 
 
 def synthetic(rig: Rig, record: Record, noise: Noise, rng: np.random.Generator) -> Record:
-    """What the recording would be if the rig were the truth: the same commands, noise and counts."""
+    """The recording that the rig would give with the same commands, noise and counts."""
     response = simulate(rig, record.u[:-1], record.sample_time_s).sensors
     y, rest = {}, {}
     for name in record.y:
@@ -101,21 +97,21 @@ def synthetic(rig: Rig, record: Record, noise: Noise, rng: np.random.Generator) 
 def noise_floor(rig: Rig, blocks: list[Block], records: list[Record], noise: Noise, seed: int = 0) -> dict[str, Floats]:
     """Per block, (channels,) the rms residual that a true model leaves, SI.
 
-    Measured by passing simulated recordings of the nominal rig through the same comparison: the encoder's counts
-    that reach the structure are in it, and so is the error of the method.
+    Measured on simulated recordings of the nominal rig, so that it contains the effect of the encoder's counts on the
+    structure, and the method's error.
     """
     rng = np.random.default_rng(seed)
     floors = {}
     for block in blocks:
-        own = np.array([noise[c][0] for c in block.channels])
-        squares = [np.maximum(_passed(rig, block, record, noise, rng), own) ** 2 for record in records]
+        sensors = np.array([noise[c][0] for c in block.channels])
+        squares = [np.maximum(_of_true_model(rig, block, r, noise, rng), sensors) ** 2 for r in records]
         floors[block.name] = np.sqrt(np.mean(squares, axis=0))
     return floors
 
 
-def _passed(rig: Rig, block: Block, record: Record, noise: Noise, rng: np.random.Generator) -> Floats:
+def _of_true_model(rig: Rig, block: Block, record: Record, noise: Noise, rng: np.random.Generator) -> Floats:
     made = synthetic(rig, record, noise, rng)
     if not all(np.isfinite(v).all() for v in made.y.values()):
         return np.zeros(len(block.channels))
-    passed: Floats = np.sqrt(np.mean(residual(rig, block, made) ** 2, axis=0))
-    return passed
+    rms: Floats = np.sqrt(np.mean(residual(rig, block, made) ** 2, axis=0))
+    return rms

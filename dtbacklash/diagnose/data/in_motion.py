@@ -1,4 +1,4 @@
-"""Whether a recording begins in motion, and then with what its first states are found."""
+"""Whether a recording begins in motion, and the data with which its first states are fitted."""
 
 from dataclasses import replace
 
@@ -14,10 +14,10 @@ from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
 
 
-def begun(rig: Rig, blocks: list[Block], record: Record) -> Record:
-    """The record with where it stands where it begins at rest; else with what its first states are found with.
+def with_start(rig: Rig, blocks: list[Block], record: Record) -> Record:
+    """The record with its positions at rest, or, if it begins in motion, with the data to fit its first states.
 
-    Of a beginning in motion the first samples neither train nor judge: what a delay asks for lies before them.
+    In motion the first samples are masked out: with a delay they depend on what was before the recording.
     """
     shown = [n for n in record.y if rig.sensors[n].quantity in ("position", "velocity")]
     noise = {n: max(sensor_noise(v)[0], 1e-300) for n, v in record.y.items()}
@@ -35,10 +35,10 @@ def begun(rig: Rig, blocks: list[Block], record: Record) -> Record:
 
 
 def _explains(rig: Rig, block: Block, record: Record, moving: Record, noise: dict[str, float]) -> bool:
-    """Whether a first state takes away nearly all that rest leaves of a block's beginning.
+    """Whether a first state removes nearly all of a block's residual at the beginning.
 
-    That is how a motion shows in bodies that are not measured, or that turn round just then. Physics that the rig lacks
-    goes on, and no first state takes it away.
+    So a motion shows in bodies that are not measured, or that reverse just then. Missing physics lasts longer, and no
+    first state removes it.
     """
     rules = settings()
     first = rules.beginning_samples_min
@@ -49,7 +49,7 @@ def _explains(rig: Rig, block: Block, record: Record, moving: Record, noise: dic
 
 
 def _sizes(rig: Rig, record: Record, window: dict[str, int]) -> dict[str, tuple[float, float]]:
-    """Body -> how far it usually is from its middle and how fast: as measured, or as its like, or as simulated."""
+    """Body -> standard deviations of position and speed: measured, or of one on the same axis, or simulated."""
     found: dict[str, tuple[float, float]] = {}
     for name, width in window.items():
         sensor, values = rig.sensors[name], record.y[name]
@@ -61,7 +61,7 @@ def _sizes(rig: Rig, record: Record, window: dict[str, int]) -> dict[str, tuple[
     states = simulate(rig, record.u[:-1], record.sample_time_s, substeps=2, event_levels=4).states
     first = 1 if rig.only("motor_circuit") else 0
     for j, body in enumerate(bodies):
-        if body in rig.elements and body not in found:  # what is hidden moves as its host, times a factor
+        if body in rig.elements and body not in found:  # a hidden body is treated with its host
             free = _spread(states[:, first + j]), _spread(states[:, first + len(bodies) + j])
             found[body] = axes.get(rig.elements[body].trait.axis, free)
     return found

@@ -1,6 +1,6 @@
-"""The pull of each block towards its measurement: into which blocks a rig is cut, and how fast each is pulled.
+"""The blocks into which a rig is cut, and the gains by which each is pulled towards its measurement.
 
-One that integrates is pulled at a share of the recording's tempo; one that is too far from its recording, faster.
+A block that integrates is pulled at a share of the recording's tempo; one that is far from its recording, faster.
 """
 
 from dataclasses import replace
@@ -16,14 +16,12 @@ from dtbacklash.physics.rig import Rig
 
 
 def observer_gains(bandwidth_rad_s: float, step_s: float) -> tuple[float, float]:
-    """Per sample, on position and velocity: of a critically damped observer of two integrators."""
+    """Gains per sample on position and velocity, of a critically damped observer of two integrators."""
     return 2.0 * bandwidth_rad_s * step_s, bandwidth_rad_s**2 * step_s
 
 
 def cut(rig: Rig, channels: tuple[str, ...], sample_time_s: float, tempo_rad_s: float) -> list[Block]:
-    """The blocks of a rig for the channels that were recorded.
-
-    tempo_rad_s : how fast it moves there (:mod:`.tempo`).
+    """The blocks of a rig for the recorded channels. tempo_rad_s : see :mod:`.tempo`.
 
     Raises
     ------
@@ -35,10 +33,10 @@ def cut(rig: Rig, channels: tuple[str, ...], sample_time_s: float, tempo_rad_s: 
         raise UserError("recording", ", ".join(channels) or rig.config.name, allowed)
     angle, tempo = _angle_sensor(rig, known), tempo_rad_s * sample_time_s
     motor_side = [n for n in known if rig.elements[rig.sensors[n].of].trait.motor_side]
-    beyond = tuple(n for n in known if n not in motor_side)
+    others = tuple(n for n in known if n not in motor_side)
     if angle and rig.only("screw"):
         blocks = [_pulled(Block("motor", tuple(motor_side), tempo), rig, sample_time_s)]
-        return blocks + ([Block("structure", beyond, tempo, imposed=angle)] if beyond else [])
+        return blocks + ([Block("structure", others, tempo, imposed=angle)] if others else [])
     return [_pulled(Block("rig", known, tempo), rig, sample_time_s)]
 
 
@@ -52,31 +50,39 @@ def _angle_sensor(rig: Rig, known: tuple[str, ...]) -> str | None:
 
 
 def _pulled(block: Block, rig: Rig, sample_time_s: float) -> Block:
-    """Choose the gains: one on the position per integrator, both for two (a critically damped observer)."""
+    """The block with gains: on the position, with two integrators also on the velocity.
+
+    Without a measured position the position stays free, and a speed that integrates is pulled.
+    """
     integrators = _integrators(rig, block, sample_time_s)
     if integrators == 0:
         return block
     names = [n for n in block.channels if rig.sensors[n].quantity == "position"]
+    if not names and integrators == 1:
+        return block
     if not names:
-        return _without_position(block, rig, integrators, sample_time_s)
+        names = [n for n in block.channels if rig.sensors[n].quantity == "velocity"]
+        if not names:
+            allowed = "needs a measured position or velocity where the rig integrates"
+            raise UserError("recording", ", ".join(block.channels), allowed)
+        return replace(block, pulled=names[0], gains=(_bandwidth(block), 0.0))
     b = _bandwidth(block) / sample_time_s
     gains = (b * sample_time_s, 0.0) if integrators == 1 else observer_gains(b, sample_time_s)
     return replace(block, pulled=names[0], gains=gains)
 
 
 def _bandwidth(block: Block) -> float:
-    """Of the pull towards a measurement, rad per sample."""
+    """Bandwidth of the pull, rad per sample."""
     return min(settings().pull_ratio * block.tempo, settings().pull_per_sample_max)
 
 
 def guided(rig: Rig, block: Block, records: list[Record]) -> Block:
-    """The block with a pull that is as fast as it has to be for the nominal rig to stay near its recording.
+    """The block with a pull that is fast enough for the nominal rig to stay near its recording.
 
-    Where a model is far off, or swings out of step with its recording, every law is evaluated along a motion that
-    never was: a spring that hardens then looks like a stop. The pull begins at the slowest mode, or at the bandwidth
-    of the pull of what integrates if that is faster, and is doubled until
-    the simulation of the nominal rig follows the recorded positions and speeds; one that follows by itself, or driven
-    by a measured angle, is left alone.
+    Where the simulation is far from the recording, every law is evaluated along a wrong motion: a hardening spring then
+    looks like a stop. The pull begins at the slowest mode, or at the bandwidth of :func:`cut` if that is faster, and is
+    doubled until the nominal rig follows the recorded positions and speeds. A block that follows without a pull, or
+    that a measured angle drives, stays as it is.
     """
     rules = settings()
     names = [n for n in block.channels if rig.sensors[n].quantity == "position"]
@@ -92,7 +98,7 @@ def guided(rig: Rig, block: Block, records: list[Record]) -> Block:
 
 
 def _astray(rig: Rig, block: Block, records: list[Record]) -> float:
-    """The largest error of a position or speed that the rig predicts, relative to what it does."""
+    """The largest rms error of a predicted position or speed, relative to its standard deviation."""
     moving = [j for j, n in enumerate(block.channels) if rig.sensors[n].quantity in ("position", "velocity")]
     worst = 0.0
     for record in records:
@@ -108,18 +114,7 @@ def _integrators(rig: Rig, block: Block, sample_time_s: float) -> int:
     return int(np.sum(np.abs(poles_of(plant)) < settings().integrator_ratio * block.tempo / sample_time_s))
 
 
-def _without_position(block: Block, rig: Rig, integrators: int, sample_time_s: float) -> Block:
-    """Nothing shows where the block is: its position is left free, and a speed that integrates is pulled."""
-    if integrators == 1:
-        return block
-    names = [n for n in block.channels if rig.sensors[n].quantity == "velocity"]
-    if not names:
-        allowed = "needs a measured position or velocity where the rig integrates"
-        raise UserError("recording", ", ".join(block.channels), allowed)
-    return replace(block, pulled=names[0], gains=(_bandwidth(block), 0.0))
-
-
-def adrift(rig: Rig, block: Block, sample_time_s: float) -> bool:
-    """Whether the block's position is free and recorded nowhere: a law that depends on it cannot be seen."""
+def position_unknown(rig: Rig, block: Block, sample_time_s: float) -> bool:
+    """Whether the block's position drifts freely and is not recorded, so that no law of it can be identified."""
     measured = any(rig.sensors[n].quantity == "position" for n in block.channels)
     return not measured and _integrators(rig, block, sample_time_s) > 0

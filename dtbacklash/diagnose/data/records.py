@@ -1,4 +1,4 @@
-"""From a recording to records: a stretch without a gap each, where it is long enough to say anything."""
+"""From a recording to records: its stretches without a gap, as far as they are long enough."""
 
 import numpy as np
 
@@ -12,20 +12,19 @@ from dtbacklash.recording.model import Recording
 
 
 def records_of(recording: Recording, rig: Rig, train: bool, held: bool, share: float | None = None) -> list[Record]:
-    """The stretches of a recording with their masks.
+    """The stretches of a recording with their masks: all samples for one purpose, or the last ``share`` held out.
 
-    All of them for one purpose, or the last ``share`` of the samples to judge and the rest to fit; None: as the
-    settings say.
+    share : None: as in the settings.
     """
     n = recording.samples
     share = settings().held_out_share if share is None else share
     cut_at = n - round(share * n) if train and held else n * train
     mask = np.arange(n) < cut_at
-    found = {c: np.ascontiguousarray(v, dtype=float) for c, v in recording.channels.items()}
-    measured = {c: v for c, v in found.items() if c in rig.sensors}
+    columns = {c: np.ascontiguousarray(v, dtype=float) for c, v in recording.channels.items()}
+    measured = {c: v for c, v in columns.items() if c in rig.sensors}
     return [
         Record(
-            recording.sample_time_s, found["u"][a:b], {c: v[a:b] for c, v in measured.items()}, mask[a:b], ~mask[a:b],
+            recording.sample_time_s, columns["u"][a:b], {c: v[a:b] for c, v in measured.items()}, mask[a:b], ~mask[a:b],
             float(recording.t_s[a] - recording.t_s[0]),
         )
         for a, b in recording.stretches
@@ -33,9 +32,9 @@ def records_of(recording: Recording, rig: Rig, train: bool, held: bool, share: f
 
 
 def long_enough(rig: Rig, records: list[Record]) -> tuple[list[Record], tuple[str, ...]]:
-    """The records that say something about the rig, and a note on those that are left out.
+    """The records that are long enough for the rig's slowest decay, and a note on those that are left out.
 
-    A recording in one piece is never left out, nor anything where too little would remain to fit or to judge.
+    A recording in one piece is never left out, and nothing is if no training or no held-out part would remain.
 
     Raises
     ------

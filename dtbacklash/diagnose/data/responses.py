@@ -1,4 +1,4 @@
-"""How an effort within a block reaches what the block is judged by, as a linear filter."""
+"""The linear response of a block's residuals to an effort within the block."""
 
 import math
 
@@ -11,7 +11,7 @@ from dtbacklash.physics.kernel import plant as pl
 from dtbacklash.physics.kernel.plant import Plant
 from dtbacklash.physics.rig import Rig
 
-#: (N,) a position, (N,) what a wave over it is multiplied by, and whether it is counted from where the wave is 0
+#: (N,) a position, (N,) a factor on the wave over it, and whether the wave's value at position 0 is subtracted
 Path = tuple[Floats, Floats, bool]
 #: numerators (channels, order + 1) and denominator
 Response = tuple[Floats, Floats]
@@ -20,8 +20,8 @@ Response = tuple[Floats, Floats]
 def transfer(part: Rig, block: Block, plant: Plant, columns: dict[int, float], thin: int = 1) -> Response:
     """Numerators (channels, order + 1) and denominator from an effort to the block's innovations.
 
-    ``plant`` : of the block's part of the rig, with a sample as long as ``thin`` of the recording's.
-    ``columns`` : {input channel: sign} through which the effort acts.
+    plant : of the block's part of the rig, with a sample as long as ``thin`` of the recording's.
+    columns : {input channel of the plant: sign} of the effort.
     """
     contact = 0 if plant.rotor < 0 else 1
     A = plant.E[contact, 0].T
@@ -44,9 +44,9 @@ def transfer(part: Rig, block: Block, plant: Plant, columns: dict[int, float], t
 
 
 def wave_responses(waves: Floats, shape: int, paths: list[Path], response: Response, every: int) -> Floats:
-    """(channels, waves, thinned samples) the responses to a sine (0) or a cosine (1) along the paths.
+    """(channels, waves, thinned samples) responses to a sine (``shape`` 0) or a cosine (1) along the paths.
 
-    The effort is averaged over a few samples before it is filtered at that slower rate; single precision will do.
+    The effort is averaged over ``every`` samples and filtered at that slower rate.
     """
     numerators, denominator = response
     shift, outputs = np.float32(0.5 * math.pi * shape), []

@@ -1,7 +1,6 @@
-"""How fast a machine moves in its recordings: the scale of time by which the pull and what integrates are chosen.
+"""The tempo: how fast a machine moves in its recordings, the time scale of the pull and of what counts as integrating.
 
-A scale that is fixed in seconds holds for the machines that it was found on. The recording's own lies between how fast
-the command changes and how fast the speed answers, on whose effort the laws act.
+It lies between how fast the command changes and how fast the speed does, so that it holds for machines of any size.
 """
 
 import numpy as np
@@ -12,24 +11,20 @@ from dtbacklash.diagnose.data.compare import Record
 from dtbacklash.diagnose.data.floor import channel_noise
 from dtbacklash.physics.rig import Rig
 
-#: a speed is taken over as many samples as it takes to move by so many times the noise, or a count shows as a speed
+#: a position is differenced over so many samples that it moves by this many times its noise
 FAR = 20.0
-#: the same over so many pieces of a record at least, or the channel does not move
+#: those samples are at most this fraction of a record, or the channel does not move
 PIECES = 16
-#: power of a speed's own sensor below so many times that of its white noise is not looked at
+#: spectral power of a measured speed below so many times its white noise does not count
 ABOVE_NOISE = 30.0
-#: a machine does not follow a command that changes so many times faster than it moves
+#: the command's frequency is limited to so many times, or a part of, the speed's
 FOLLOWED = 10.0
-#: what changes by less than this share of its size is constant
+#: a signal that changes by less than this share of its size is constant
 CONSTANT = 1e-9
 
 
 def tempo_rad_s(rig: Rig, records: list[Record]) -> float:
-    """Geometric mean of the frequencies below which half the power of the command lies and half that of the speeds.
-
-    rig : tells which of the recorded channels are positions and speeds; of several, the geometric mean counts. A
-    command that changes ten times faster or slower than the machine moves counts as ten times.
-    """
+    """Geometric mean of the command's and the speeds' median frequencies; of several speeds, their geometric mean."""
     step, noise = records[0].sample_time_s, channel_noise(records)
     moving = []
     for name, sensor in rig.sensors.items():
@@ -44,13 +39,13 @@ def tempo_rad_s(rig: Rig, records: list[Record]) -> float:
 
 
 def _mean(rates: list[float]) -> float:
-    """The geometric mean of what is known; 0 where nothing is."""
+    """Geometric mean of the positive rates; 0 without any."""
     known = [rate for rate in rates if rate > 0.0]
     return float(np.exp(np.mean(np.log(known)))) if known else 0.0
 
 
 def _speeds(positions: list[Floats], noise: float) -> list[Floats]:
-    """Differences of positions over as few samples as show a motion; none where it is not more than noise."""
+    """Differences of positions over the fewest samples that show a motion; empty where there is only noise."""
     width = 1
     while width <= max(map(len, positions)) // PIECES:
         steps = [p[width:] - p[:-width] for p in positions if len(p) > width]
@@ -66,7 +61,7 @@ def is_constant(values: Floats) -> bool:
 
 
 def _median(signals: list[Floats], noise: float, step_s: float) -> float:
-    """Frequency below which half the power of signals beyond their noise lies, rad/s; 0 without any."""
+    """Frequency below which half the power of the signals without their noise lies, rad/s; 0 without any."""
     rates, weights = [], []
     for values in signals:
         if len(values) < 2 or is_constant(values):

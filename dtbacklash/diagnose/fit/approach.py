@@ -1,14 +1,10 @@
-"""Approach: lead a fit into the right valley where a lightly damped machine swings at other frequencies than its rig.
+"""Start values near the right minimum, for a lightly damped machine whose resonances differ from its rig's.
 
-Where a resonance is narrower than it is misplaced, the rig and the recording are out of step for most of its ringing.
-The least squares then have a valley for every cycle that it may be behind, and the fit damps the mode instead of moving
-it. Early in the ringing there is one valley only. So what is fitted first is how the residual begins to answer the
-command: its correlation with the whitened command, over lags of a few periods, and over longer ones as the parameters
-come nearer. Slow modes come first, as all others stand on what they do. Over all lags it would be the sum of
-squares of what the command can explain of the residual.
-
-Fitting low frequencies and short times first is the multiscale inversion of waveforms: C. Bunks et al., Multiscale
-seismic waveform inversion, Geophysics 60 (1995) 1457.
+Where a resonance is narrower than its error in frequency, rig and recording are out of phase for most of its ringing.
+The sum of squares then has a local minimum for each cycle of lag, and a fit damps the mode instead of moving it. So the
+first fits are to the correlation of the residual with the whitened command, over lags of a few periods, then over
+longer ones; slow modes come before fast ones (multiscale inversion: C. Bunks et al., Multiscale seismic waveform
+inversion, Geophysics 60 (1995) 1457).
 """
 
 from dataclasses import dataclass, replace
@@ -26,30 +22,30 @@ from dtbacklash.diagnose.fit.refit import solve
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.rig import Rig
 
-#: lags of so many periods come first, and so many times more next, until the ringing has decayed so often
+#: periods of the first lags, factor to the next lags, and time constants of the decay at which they end
 PERIODS, LONGER, DECAYS = 4, 4, 3.0
-#: modes are led one by one whose frequencies differ by this ratio
+#: modes whose frequencies differ by this ratio have stages of their own
 APART = 1.3
-#: evaluations of a stage: what it leaves, the next one takes up
+#: evaluations of a stage
 EVALUATIONS = 5
-#: so many samples are looked at for each lag
+#: samples of the recording per lag
 SAMPLES_A_LAG = 50
-#: order of the low-pass in front of the modes that are not led yet
+#: order of the low-pass that removes faster modes
 ORDER = 4
-#: at frequencies of less than this share of the command's greatest density it says nothing
+#: the command has no power at frequencies with less than this share of its largest density
 SAYS_NOTHING = 1e-6
 
 
 @dataclass(frozen=True)
 class Stage:
-    """Lags up to ``lags`` samples, of frequencies up to ``cut``, cycles per sample (infinite: of all)."""
+    """Lags up to ``lags`` samples, frequencies up to ``cut``, cycles per sample (or infinity)."""
 
     lags: int
     cut: float
 
 
 class Echo(Problem):
-    """The least-squares problem of how the residual begins to answer the command, at the noise's own weight."""
+    """The least-squares problem of the correlation of residual and command, with weight 1 for all channels."""
 
     def __init__(self, evidence: Evidence, base: Rig, free: list[Free], stage: Stage) -> None:
         super().__init__(evidence, base, free)
@@ -60,7 +56,7 @@ class Echo(Problem):
         self._taper = 0.5 + 0.5 * np.cos(np.pi * np.arange(stage.lags) / stage.lags)
 
     def data(self, residuals: Residuals, name: str) -> Floats:
-        """(channels, lags) of one block: correlations, of at most unit variance where the residual is white noise."""
+        """(channels, lags) correlations of one block, with a variance of at most 1 for white noise."""
         records, drives = self.evidence.records, self._drives[name]
         total = np.zeros((residuals[name][0].shape[1], len(self._taper)))
         for e, record, drive in zip(residuals[name], records, drives, strict=True):
@@ -71,11 +67,11 @@ class Echo(Problem):
         return tapered
 
     def _mended(self, x: Floats, rows: Floats) -> None:
-        """Each step has differences of its own: it may lead through another valley."""
+        """None: each step has its own differences, as it may cross into another minimum."""
 
 
 def _drive(block: Block, record: Record, stage: Stage) -> Floats:
-    """(frequencies,) conjugate spectrum of what drives a block, whitened as finely as the lags resolve, low-passed."""
+    """(frequencies,) conjugate spectrum of a block's input, whitened at the resolution of the lags, low-passed."""
     drive = _driven(block, record)
     length = next_fast_len(2 * max(len(drive), stage.lags), real=True)
     length += length % 2
@@ -89,22 +85,22 @@ def _drive(block: Block, record: Record, stage: Stage) -> Floats:
 
 
 def _driven(block: Block, record: Record) -> Floats:
-    """(N,) what drives a block: the command, or the speed of the angle that is imposed."""
+    """(N,) a block's input: the command, or the speed of the imposed angle."""
     return np.gradient(record.y[block.imposed]) if block.imposed else record.u
 
 
 def approached(evidence: Evidence, base: Rig, free: list[Free], x: Floats) -> Floats:
-    """Parameters near which a fit finds its valley, led from ``x``; ``x`` itself where no mode rings for long."""
+    """(free,) start values near the right minimum, from ``x``; ``x`` itself where no mode rings for long."""
     x = inside(x, limits_of(free))
     for stage in _stages(evidence, base):
-        begins = _beginning(evidence, SAMPLES_A_LAG * stage.lags)
-        if begins.records:
-            x = solve(Echo(begins, base, free, stage), x, EVALUATIONS)
+        beginning = _beginning(evidence, SAMPLES_A_LAG * stage.lags)
+        if beginning.records:
+            x = solve(Echo(beginning, base, free, stage), x, EVALUATIONS)
     return x
 
 
 def _beginning(evidence: Evidence, samples: int) -> Evidence:
-    """The first samples, which are enough for few lags, of each record that is fitted to there, and is driven."""
+    """The first samples of each record that has training samples and a changing input there."""
     records = [
         replace(r, u=r.u[:samples], y={c: seen[:samples] for c, seen in r.y.items()}, train=r.train[:samples],
                 held=r.held[:samples], judge=r.judge[:samples])
@@ -133,7 +129,7 @@ def _stages(evidence: Evidence, rig: Rig) -> list[Stage]:
 
 
 def _clusters(poles: Floats) -> list[list[int]]:
-    """Indices of modes, ascending, that lie too near to each other to be led one by one."""
+    """Indices of the modes, ascending, in groups that are near to each other."""
     clusters: list[list[int]] = []
     for j, pole in enumerate(poles):
         if clusters and pole.imag < APART * poles[j - 1].imag:
@@ -144,10 +140,9 @@ def _clusters(poles: Floats) -> list[list[int]]:
 
 
 def _ringing(rig: Rig, block: Block, step_s: float) -> Floats:
-    """Poles of a block's modes that can be seen and ring for longer than the first lags, per sample."""
+    """Poles of a block's modes below the Nyquist frequency that ring for longer than the first lags, per sample."""
     plant = compile_plant(part_of(rig, block), step_s, imposed=block.imposed is not None)
     poles = poles_of(plant) * step_s
     seen = poles[(poles.imag > 0.0) & (poles.imag < np.pi)]
-    rings = DECAYS * seen.imag > PERIODS * 2.0 * np.pi * np.abs(seen.real)
-    found: Floats = seen[rings]
-    return found
+    ringing: Floats = seen[DECAYS * seen.imag > PERIODS * 2.0 * np.pi * np.abs(seen.real)]
+    return ringing

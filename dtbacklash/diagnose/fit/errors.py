@@ -1,9 +1,9 @@
-"""Errors of the models in one table: pulled towards the measurement as they were compared, and running freely."""
+"""Errors of the nominal, recalibrated and extended rig: with the pull towards the measurement, and without it."""
 
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.data.compare import Block, Record, predict
+from dtbacklash.diagnose.data.compare import Block, residual
 from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.result import FitTable, FreeRunning, ModelErrors
@@ -27,7 +27,7 @@ def fit_table(evidence: Evidence, nominal: Fit, fitted: Fit) -> FitTable:
 
 
 def in_floors(evidence: Evidence, nominal: Fit, fitted: Fit) -> dict[str, ModelErrors]:
-    """Channel -> held-out rms error of the three rigs, in noise floors: a noisy channel hides no other one."""
+    """Channel -> held-out rms error of the three rigs, in units of its noise floor."""
     fits = (evidence.residuals(evidence.nominal), nominal.residuals, fitted.residuals)
     squares = [evidence.mean_square(residuals, "held") for residuals in fits]
     return {
@@ -37,7 +37,7 @@ def in_floors(evidence: Evidence, nominal: Fit, fitted: Fit) -> dict[str, ModelE
 
 
 def free_running(evidence: Evidence, nominal: Fit, fitted: Fit) -> FreeRunning:
-    """The same with every rig simulated as a whole, from its first state, by the commands alone."""
+    """Normalised errors of the three rigs, simulated as a whole from their first states by the commands alone."""
     rigs = (evidence.nominal, nominal.rig, fitted.rig)
     squares = [free_squares(evidence, rig) for rig in rigs]
     train, held = ([_error(s[part]) for s in squares] for part in ("train", "held"))
@@ -49,30 +49,28 @@ def free_squares(evidence: Evidence, rig: Rig) -> dict[str, Floats]:
     block = _whole(evidence)
     sizes = _sizes(evidence, block)
     with np.errstate(over="ignore", invalid="ignore"):
-        errors = [(_measured(block, r) - predict(rig, block, r)) / sizes for r in evidence.records]
-        train = [e[r.train] for e, r in zip(errors, evidence.records, strict=True)]
-        held = [e[r.held] for e, r in zip(errors, evidence.records, strict=True)]
-        return {n: np.mean(np.concatenate(e) ** 2, axis=0) for n, e in (("train", train), ("held", held))}
+        errors = [residual(rig, block, r) / sizes for r in evidence.records]
+        parts = {
+            part: [e[getattr(r, part)] for e, r in zip(errors, evidence.records, strict=True)]
+            for part in ("train", "held")
+        }
+        return {part: np.mean(np.concatenate(each) ** 2, axis=0) for part, each in parts.items()}
 
 
 def _error(squares: Floats) -> float | None:
-    """Root mean square over the channels; None where a simulation did not stay finite."""
-    error = float(np.sqrt(np.mean(squares))) if np.isfinite(squares).all() else float("nan")
+    """Root mean square over the channels; None where a simulation diverged."""
+    error = float(np.sqrt(np.mean(squares))) if np.isfinite(squares).all() else np.inf
     return error if np.isfinite(error) else None
 
 
 def _whole(evidence: Evidence) -> Block:
-    """The rig in one piece, judged by all channels; it begins where the measurement does and is not pulled."""
+    """The rig in one block with all channels; it begins where the measurement does and is not pulled."""
     begins = next((b.imposed or b.pulled for b in evidence.blocks if b.imposed or b.pulled), None)
     return Block("rig", tuple(_channels(evidence)), evidence.blocks[0].tempo, pulled=begins, gains=(0.0, 0.0))
 
 
 def _channels(evidence: Evidence) -> list[str]:
     return [c for b in evidence.blocks for c in b.channels]
-
-
-def _measured(block: Block, record: Record) -> Floats:
-    return np.column_stack([record.y[c] for c in block.channels])
 
 
 def _sizes(evidence: Evidence, block: Block) -> Floats:

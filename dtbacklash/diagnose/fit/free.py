@@ -1,13 +1,12 @@
-"""What a fit may move: the nominal parameters and known effects under their priors, and what is looked for freely.
+"""The free parameters of a fit: nominal parameters and known effects with priors, and found effects without.
 
-A known parameter has a value and a tolerance; its prior is Gaussian. An effect that the nominal rig has already is
-known in the same way. An effect that was found has no prior: in the rig it has values and no tolerances.
+The parameters of the nominal rig and of its effects have tolerances, which are the widths of their Gaussian priors. A
+found effect has values without tolerances.
 """
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -19,10 +18,9 @@ from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import SENSOR_UNIT, Bounds, Parameter, Role
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, build_rig
 
-#: a fit takes a parameter of the rig down to this share of its nominal value at most
+#: least value of a nominal parameter in a fit, relative to its nominal value
 LEAST_SHARE = 1e-3
-#: one parameter may be so many times further from nominal than its tolerance allows, with a tolerance of this at most:
-#: ten times its value
+#: a parameter that is beyond its tolerance gets a tolerance so many times wider, and at most this
 FURTHER, WIDEST = 10.0, 3.0
 
 Effects = dict[tuple[str, str], dict[str, float]]
@@ -53,7 +51,7 @@ class Free:
 
     @property
     def title(self) -> str:
-        """Its name among the rig's parameters: of an effect's with the dotted path."""
+        """The parameter's name; for an effect ``place.effect.name``."""
         return f"{self.place}.{self.effect}.{self.name}" if self.effect else self.name
 
     def value(self, x: float) -> float:
@@ -74,7 +72,7 @@ class Free:
 
 
 def with_priors(rig: Rig) -> Rig:
-    """The rig with a tolerance for every parameter of its effects that has none; how often a law waves is known."""
+    """The rig with a tolerance for each parameter of its effects that has none; 0 for wave numbers."""
     for (place, name), values in effects_of_rig(rig).items():
         known = rig.tolerances.get(place, {}).get(name, {})
         entry = find(rig.kind_at(place), name, place)
@@ -94,12 +92,12 @@ def with_tolerance(rig: Rig, name: str, tolerance: float) -> Rig:
 
 
 def widened(tolerance: float) -> float:
-    """The tolerance of a parameter that may be beyond the one that was given."""
+    """The tolerance of a parameter that may be beyond the given one."""
     return max(min(FURTHER * tolerance, WIDEST), tolerance)
 
 
 def with_errors(rig: Rig, errors: Errors) -> Rig:
-    """The rig with the standard errors of what was found as tolerances, so that it can be the nominal one next time."""
+    """The rig with the standard errors of found effects as tolerances, so that it can be the next nominal rig."""
     least, most = settings().found_tolerance_min, settings().found_tolerance_max
     for key, values in effects_of_rig(rig).items():
         if is_known(rig, key):
@@ -115,7 +113,7 @@ def with_errors(rig: Rig, errors: Errors) -> Rig:
 
 
 def unit_at(rig: Rig, place: str, unit: str) -> str:
-    """A parameter's unit; where it is that of a sensor, the sensor says which."""
+    """A parameter's unit; SENSOR_UNIT is replaced by the unit of the sensor at the place."""
     sensor = rig.sensors.get(place.removeprefix(SENSOR_PREFIX))
     return sensor.unit if sensor and unit == SENSOR_UNIT else unit
 
@@ -126,36 +124,35 @@ def effects_of_rig(rig: Rig) -> Effects:
 
 
 def is_known(rig: Rig, key: Key) -> bool:
-    """Whether an effect of the rig has a prior: it was there from the beginning, and nobody looked for it."""
+    """Whether an effect of the rig has a prior because the nominal rig has it."""
     return key[1] in rig.tolerances.get(key[0], {})
 
 
 def nominal_free(nominal: Rig, places: set[str] | None = None, rig: Rig | None = None) -> list[Free]:
     """The known parameters that have a tolerance (and that an element among ``places`` uses).
 
-    rig : where an effect of the nominal rig has been let go, it is not among them.
+    rig : effects of the nominal rig that this rig does not have are left out.
     """
     most = settings().tolerances_max
-    found = []
+    free = []
     for name, p in nominal.config.parameters.items():
         users = frozenset(e for e, spec in nominal.config.elements.items() if name in spec.values())
         width = abs(p.value) * p.tolerance
         if width > 0.0 and users and (places is None or users & places):
-            # whatever its tolerance, a parameter keeps its sign
+            # a parameter keeps its sign
             ends = p.value * max(1.0 - most * p.tolerance, LEAST_SHARE), p.value * (1.0 + most * p.tolerance)
             low, high = sorted(ends)
-            found.append(Free("", "", name, p.value, width, False, low, high, True, users))
+            free.append(Free("", "", name, p.value, width, False, low, high, True, users))
     for key, q, value, width in _known_effects(nominal, rig or nominal):
         if places is None or key[0] in places:
             low, high = max(value - most * width, q.low), min(value + most * width, q.high)
-            found.append(
-                Free(*key, q.name, value, width, False, low, high, True, frozenset({key[0]}), q.role, q.counted)
-            )
-    return found
+            at = frozenset({key[0]})
+            free.append(Free(*key, q.name, value, width, False, low, high, True, at, q.role, q.counted))
+    return free
 
 
 def _known_effects(nominal: Rig, rig: Rig) -> Iterator[tuple[Key, Parameter, float, float]]:
-    """(place, effect), parameter, value and width of the prior of all parameters of effects that have one."""
+    """(place, effect), parameter, value and prior's width of each parameter of a known effect."""
     for key, values in effects_of_rig(nominal).items():
         if not (is_known(nominal, key) and is_known(rig, key)):
             continue
@@ -167,7 +164,7 @@ def _known_effects(nominal: Rig, rig: Rig) -> Iterator[tuple[Key, Parameter, flo
 
 
 def standing(free: Free, rig: Rig) -> float:
-    """Where a known parameter stands in a rig: ``x``."""
+    """The ``x`` of a known parameter in a rig."""
     values = rig.effects[free.place][free.effect] if free.effect else None
     value = values[free.name] if values else rig.config.parameters[free.name].value
     away = value - free.centre
@@ -177,59 +174,54 @@ def standing(free: Free, rig: Rig) -> float:
 
 
 def tolerances_away(nominal: Rig, rig: Rig) -> dict[str, float]:
-    """Known parameter, by its title -> how far it is from nominal, in tolerances."""
+    """Title of a known parameter -> its distance from nominal, in tolerances."""
     return {f.title: abs(standing(f, rig)) for f in nominal_free(nominal, rig=rig)}
 
 
 def at_limit(free: Free, x: float) -> bool:
-    """Whether a known parameter has no room left on one side."""
+    """Whether a known parameter is within ``tolerance_room`` of one of its bounds."""
     low, high = free.limits()
     return free.prior and not low + settings().tolerance_room < x < high - settings().tolerance_room
 
 
 def stands_at_limit(free: Free, x: float) -> bool:
-    """Whether a known parameter is as far from nominal as a fit may go."""
+    """Whether a known parameter is at one of its bounds, but for the share ``bound_share``."""
     low, high = free.limits()
     share = settings().bound_share
     return free.prior and not (1.0 - share) * low < x < (1.0 - share) * high
 
 
 def as_given(nominal: Rig, rig: Rig, key: Key) -> Rig:
-    """The rig without what a search did at (place, effect): as in the nominal rig, which mostly does not have it."""
+    """The rig with the effect at (place, effect) as in the nominal rig, which mostly does not have it."""
     return _without_idle(rig.with_effect(*key, nominal.config.effects.get(key[0], {}).get(key[1])))
 
 
 def taken_out(rig: Rig, key: Key) -> Rig:
-    """The rig without an effect, the nominal rig's or another one."""
+    """The rig without an effect, be it the nominal rig's or not."""
     return _without_idle(rig.with_effect(*key, None))
 
 
 def _without_idle(rig: Rig) -> Rig:
-    """The rig without effects that can act no more: a force on a mass that only a yielding screw lets move."""
-    for key in effects_of_rig(rig):
-        if _idle(rig, key):
-            rig = rig.with_effect(*key, None)
-    return rig
-
-
-def _idle(rig: Rig, key: Key) -> bool:
+    """The rig without effects that cannot act any more: forces on a mass that a rigid screw moves."""
     screw = rig.only("screw")
-    if screw is None or key[0] != screw.neighbours.get("carries"):
-        return False
-    swings = isinstance(find(rig.kind_at(key[0]), key[1], key[0]).slot, slots.HiddenBody)
-    return not swings and not rig.amount(screw.name, slots.Yielding, "compliance")
+    for place, name in effects_of_rig(rig):
+        if screw is None or place != screw.neighbours.get("carries"):
+            continue
+        swings = isinstance(find(rig.kind_at(place), name, place).slot, slots.HiddenBody)
+        if not swings and not rig.amount(screw.name, slots.Yielding, "compliance"):
+            rig = rig.with_effect(place, name, None)
+    return rig
 
 
 def effect_free(
     rig: Rig, place: str, effect: str, values: dict[str, float], bounds: Bounds | None = None
 ) -> list[Free]:
-    """The parameters of one effect, from the values where the fit starts, without idle ones (:meth:`.Effect.idle`).
+    """The parameters of one effect but the idle ones (:meth:`.Effect.idle`), from the values where the fit starts.
 
-    bounds : what the recording can show.
+    bounds : those within which the recording can show the effect.
     """
     entry = find(rig.kind_at(place), effect, f"rig.effects.{place}.{effect}")
-    found = []
-    idle = entry.idle(values)
+    free, idle, places = [], entry.idle(values), frozenset({place})
     for p in entry.parameters:
         if p.name in idle:
             continue
@@ -243,20 +235,18 @@ def effect_free(
             scale = 1.0
         if p.role is Role.WAVE:
             log, scale = False, 0.02 * start
-        found.append(
-            Free(place, effect, p.name, start, scale, log, low, high, False, frozenset({place}), p.role, p.counted)
-        )
-    return found
+        free.append(Free(place, effect, p.name, start, scale, log, low, high, False, places, p.role, p.counted))
+    return free
 
 
 def known_free(evidence: Evidence, rig: Rig) -> tuple[list[Free], Floats]:
-    """All known parameters, and where they stand in a rig."""
+    """All known parameters, and their ``x`` in a rig."""
     free = nominal_free(evidence.nominal, rig=rig)
     return free, np.array([standing(f, rig) for f in free])
 
 
 def all_free(evidence: Evidence, rig: Rig) -> tuple[list[Free], Floats]:
-    """The same, and those of all effects of the rig that were looked for."""
+    """All known parameters and those of the found effects, and their ``x`` in a rig."""
     free, x = known_free(evidence, rig)
     start = list(x)
     for key, values in effects_of_rig(rig).items():
@@ -273,14 +263,11 @@ def apply(base: Rig, free: list[Free], x: Floats) -> Rig:
     for f, xi in zip(free, x, strict=True):
         if f.effect:
             leaves = effects[f.place][f.effect]
-            leaves[f.name] = _moved(leaves.get(f.name), f.value(xi))
+            leaf, value = leaves.get(f.name), f.value(xi)
+            leaves[f.name] = {**leaf, "value": value} if isinstance(leaf, dict) else value
         else:
             parameters[f.name] = replace(parameters[f.name], value=f.value(xi))
     return build_rig(replace(base.config, effects=effects, parameters=parameters))
-
-
-def _moved(leaf: Any, value: float) -> Any:
-    return {**leaf, "value": value} if isinstance(leaf, dict) else value
 
 
 def penalty_of(rig: Rig, nominal: Rig) -> float:

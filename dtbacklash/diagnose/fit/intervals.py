@@ -1,8 +1,8 @@
-"""Intervals that hold: standard errors from the curvature and from how the score varies from stretch to stretch.
+"""Standard errors of a fit: from the curvature, and from the variation of the score between stretches of time.
 
-Residuals are correlated (an encoder's counts, what no model explains), so that the curvature alone would promise too
-much: the sandwich of Huber and White over stretches of time is taken where it is wider. Neither knows that the law
-itself is one formulation of several: the catalogue says what that is worth.
+Residuals are correlated (an encoder's counts, unexplained physics), so that the curvature alone gives errors that are
+too small: the sandwich of Huber and White over stretches is taken where it is larger. The catalogue adds the error of a
+law's formulation.
 """
 
 import math
@@ -18,21 +18,19 @@ from dtbacklash.diagnose.fit.scaling import unseen_scalings
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.catalogue import find
 
-#: of a direction that the recording hardly sees, differences are taken this far to both sides: in tolerances, or as
-#: logarithms, where the differences of single parameters are a hundredth of that
+#: steps to both sides along a direction that the recording hardly determines: in tolerances, or as logarithms
 WIDE = (0.05, 0.3)
-#: so many of the least seen directions are measured at once, so often, until none changes by more than this share
+#: so many least determined directions are measured at once, so often, until none changes by more than this share
 LEAST_SEEN, PASSES, MOVED = 3, 5, 0.3
 #: two wide differences agree that differ by less than this share
 AGREE = 0.5
-
 #: standard errors to each side of a 95 % interval
 NORMAL95 = 1.96
 
 
 @dataclass(frozen=True)
 class Linear:
-    """A fit's problem, linear about where it ended: rows, and what each free parameter changes in them."""
+    """A fit's problem, linearised at its end ``x``: rows, and their Jacobian by the free parameters."""
 
     problem: Problem
     x: Floats
@@ -41,14 +39,14 @@ class Linear:
 
 
 def linear(evidence: Evidence, fitted: Fit) -> Linear:
-    """What a fit is about where it ended."""
+    """A fit's problem, linearised at its end."""
     free, x = all_free(evidence, fitted.rig)
     problem = Problem(evidence, fitted.rig, free)
     problem.weights = fitted.weights
     rows = problem.stack(problem.residuals(x), x)
     if not free:
         return Linear(problem, x, np.zeros((len(rows), 0)), rows)
-    # where the simulation ran away on one side of a difference, the row says nothing
+    # rows of a simulation that diverged do not count
     jacobian, rows = (
         np.nan_to_num(part, nan=0.0, posinf=0.0, neginf=0.0) for part in (problem.precise_jacobian(x), rows)
     )
@@ -56,10 +54,9 @@ def linear(evidence: Evidence, fitted: Fit) -> Linear:
 
 
 def polished(evidence: Evidence, fitted: Fit) -> tuple[Fit, Linear]:
-    """The fit after one step more, by precise differences, where that is nearer; and what it is about there.
+    """The fit after one more step, by precise differences, if it is better; and its problem, linearised there.
 
-    Along what only the priors know a fit stops anywhere within them, as its rough differences do not show where their
-    middle is.
+    In directions that only the priors determine, the fit's rough differences do not find the middle of the priors.
     """
     about = linear(evidence, fitted)
     problem = about.problem
@@ -90,11 +87,10 @@ def standard_errors(evidence: Evidence, fitted: Fit, about: Linear | None = None
 
 
 def _along_the_least_seen(problem: Problem, x: Floats, jacobian: Floats) -> Floats:
-    """The Jacobian with what changes along its least seen directions measured along them.
+    """The Jacobian, measured anew along the directions that the recording determines least.
 
-    Where all forces, masses and springs grow alike nothing changes, but the columns' errors do not cancel as the
-    columns do: laws with corners make the recording look as if it had seen what only the priors know. A wide step along
-    such a direction has little of that error.
+    Where all forces, masses and springs grow alike nothing changes and the columns cancel, but their errors do not. A
+    wide step along such a direction has a smaller error.
     """
     limits = limits_of(problem.free)
     jacobian = jacobian.copy()
@@ -115,7 +111,7 @@ def _along_the_least_seen(problem: Problem, x: Floats, jacobian: Floats) -> Floa
 
 
 def _without_scalings(problem: Problem, x: Floats, jacobian: Floats) -> Floats:
-    """The Jacobian by which no recorded motion tells how large all efforts are."""
+    """The Jacobian, exactly zero along the directions of :func:`.scaling.unseen_scalings`."""
     data = len(jacobian) - int(problem.prior.sum())
     for direction in unseen_scalings(problem.evidence, problem.base, problem.free, x):
         norms = _norms(jacobian)
@@ -125,17 +121,14 @@ def _without_scalings(problem: Problem, x: Floats, jacobian: Floats) -> Floats:
 
 
 def _agreed(before: Floats, near: Floats, far: Floats) -> Floats:
-    """What changes along a direction: by the wide steps where they agree, else by whatever says least.
-
-    Errors of differences only add to what changes, unless the columns are those of a law that sticks at small steps.
-    """
+    """The change along a direction: by the wide steps if they agree, else the smaller one of the other two."""
     if np.isfinite(far).all() and np.linalg.norm(far - near) < AGREE * np.linalg.norm(far):
         return far
     return min((before, near), key=lambda rows: float(rows @ rows))
 
 
 def _difference(problem: Problem, x: Floats, direction: Floats, wide: float, limits: Floats, rows: int) -> Floats:
-    """(rows,) what changes along a direction, per unit of it, by a central difference; infinite without room."""
+    """(rows,) derivative along a direction, by a central difference; infinite where the limits leave no room."""
     ends = [x + sign * wide * direction for sign in (-1.0, 1.0)]
     if any(np.any(end < limits[0]) or np.any(end > limits[1]) for end in ends):
         return np.full(rows, np.inf)
@@ -145,30 +138,29 @@ def _difference(problem: Problem, x: Floats, direction: Floats, wide: float, lim
 
 
 def _counted(evidence: Evidence) -> float:
-    """Standard error of a gap that is seen through an encoder's counts, in the encoder's unit.
+    """Standard error of a gap because of an encoder's counts, in the encoder's unit.
 
-    At a reversal the play sees the outermost count: the turning point errs by up to half a count, always outwards, and
-    more recording does not average that out.
+    At a reversal the turning point is wrong by up to half a count, always outwards, so that it does not average out.
     """
     counts = [evidence.noise[b.imposed][1] for b in evidence.blocks if b.imposed]
     return max(counts, default=0.0) / (2.0 * math.sqrt(12.0))
 
 
 def _norms(jacobian: Floats) -> Floats:
-    """Norms of the columns; 1 of what changes nothing, which is known to no digit."""
+    """Norms of the columns; 1 for a column of zeros."""
     norms = np.linalg.norm(jacobian, axis=0)
     return np.where(norms > 0.0, norms, 1.0)
 
 
 def _decomposed(jacobian: Floats) -> tuple[Floats, Floats, Floats]:
-    """Norms of the columns, and of what they are without these the singular values and the rows of directions."""
+    """Norms of the columns; singular values and right singular vectors (rows) of the normalised columns."""
     norms = _norms(jacobian)
     _, sizes, directions = np.linalg.svd(jacobian / norms, full_matrices=False)
     return norms, sizes, directions
 
 
 def _inverse(jacobian: Floats) -> Floats:
-    """Inverse of J'J, by J's singular values: columns differ by many decades, and some directions only priors see."""
+    """Inverse of J'J by the singular values of J, whose columns differ by many decades."""
     norms, sizes, directions = _decomposed(jacobian)
     scaled = directions.T / np.maximum(sizes, 1e-12 * sizes[0]) / norms[:, None]
     inverse: Floats = scaled @ scaled.T
@@ -189,7 +181,6 @@ def _covariance(evidence: Evidence, problem: Problem, jacobian: Floats, rows: Fl
     priors = int(problem.prior.sum())
     data, e = jacobian[: len(jacobian) - priors], rows[: len(rows) - priors]
     bread = _inverse(jacobian)
-    # weights count a residual that is not noise less, once; the scores below measure its spread themselves
     sums = group_sums(evidence, data * e[:, None])
     prior_part = jacobian[len(jacobian) - priors :]
     groups = len(sums)

@@ -1,8 +1,7 @@
-"""The least-squares problem of a fit: rows of weighted residuals and priors, and what each parameter changes in them.
+"""The least-squares problem of a fit: rows of weighted residuals and Gaussian priors, and their Jacobian.
 
-The prior of each nominal parameter is Gaussian, and the likelihood counts as many independent samples as the residual
-has, not as many as were taken; otherwise 30 000 correlated samples of a residual that is not noise would overrule every
-prior.
+The likelihood counts the independent samples of a residual: otherwise many correlated samples of a residual that is not
+noise would overrule every prior.
 """
 
 from collections.abc import Callable
@@ -18,19 +17,19 @@ from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Role
 from dtbacklash.physics.rig import Rig
 
-#: the Jacobian's columns of the nominal parameters serve until one of these has moved by as many tolerances
+#: columns of the nominal parameters are reused until one of these has moved by so many tolerances
 STALE = 0.05
-#: a Jacobian serves within its round while it misses less than this share of what a step changes in the rows
+#: a Jacobian is updated within its round while its error is less than this share of a step's change of the rows
 MENDED = 0.3
-#: step of a column, of any parameter and of one that says how often a law waves: as narrow as the contacts' ticks allow
+#: step of a finite difference in x: of any parameter, and of a wave number
 STEP, STEP_WAVE = 0.03, 1e-3
-#: of a precise column it is narrowed by this, so often at most, until two columns differ by less than this share
+#: a precise column's step is narrowed by this factor, at most so often, until columns differ by less than this share
 NARROW, NARROWER, ALIKE = 0.1, 4, 1e-3
-#: where two columns differ so many times more than wider ones did, they show the contacts' last tick
+#: narrowing ends where two columns differ so many times more than wider ones did
 TICKS_GROW = 3.0
-#: a fit stays so far inside of a parameter's range
+#: distance of a fit from the ends of a parameter's range, in x
 INSIDE = 1e-9
-#: a delay is moved by at least so much of a sample, within these changes of its logarithm
+#: least step of a delay in samples, and limits of that step in x
 DELAY_STEP_SAMPLES, DELAY_STEP_LEAST, DELAY_STEP_MAX = 0.05, 1e-2, 0.5
 
 
@@ -40,9 +39,9 @@ class Fit:
 
     Attributes
     ----------
-    rig : with the fitted values. free, x : the parameters and where they ended. residuals : in units of the floor.
-    penalty : sum of the squared deviations of the nominal parameters in tolerances. weights : per block (channels,)
-        what one squared residual weighs in the likelihood.
+    rig : with the fitted values. free, x : the parameters and their values. residuals : in units of the floor.
+    penalty : sum of the squared deviations of the nominal parameters in tolerances. weights : per block, (channels,)
+        weight of a squared residual in the likelihood.
     """
 
     rig: Rig
@@ -60,15 +59,13 @@ class Fit:
 
 
 def weights_for(evidence: Evidence, residuals: Residuals) -> dict[str, Floats]:
-    """Per block, (channels,) the weight of a squared residual: 1 at the floor, and far below where it is not noise."""
-    mean = evidence.mean_square(residuals, "train")
-    least = evidence.correlated
-    result = {}
-    for name, squares in mean.items():
+    """Per block, (channels,) the weight of a squared residual: 1 at the floor, far less where it is not noise."""
+    weights = {}
+    for name, squares in evidence.mean_square(residuals, "train").items():
         above = np.maximum(squares, 1.0)
         share = np.clip((above - 1.0) / above, 0.0, 1.0)  # of the residual that is not noise
-        result[name] = 1.0 / (above * (1.0 + share * (least - 1.0)))
-    return result
+        weights[name] = 1.0 / (above * (1.0 + share * (evidence.correlated - 1.0)))
+    return weights
 
 
 class Problem:
@@ -76,12 +73,11 @@ class Problem:
 
     def __init__(self, evidence: Evidence, base: Rig, free: list[Free], known: Residuals | None = None) -> None:
         self.evidence, self.base, self.free = evidence, base, free
-        everything = set().union(*(f.places for f in free)) if free else set()
-        self.places = everything
+        self.places = set[str]().union(*(f.places for f in free))
         self.known = known
         rig = apply(base, free, np.zeros(len(free)))
         self.touched = [
-            b.name for b in evidence.blocks if known is None or b.name not in known or everything & places_of(rig, b)
+            b.name for b in evidence.blocks if known is None or b.name not in known or self.places & places_of(rig, b)
         ]
         self.weights: dict[str, Floats] = {}
         self.steps: Steps = "fine"
@@ -89,11 +85,11 @@ class Problem:
         self._last: dict[tuple[Steps, bytes], Residuals] = {}
         self._kept: dict[int, Floats] = {}
         self._kept_at = np.zeros(0)
-        #: where the last Jacobian of this round stands: parameters, rows, and the Jacobian itself
+        #: of the last Jacobian of this round: parameters, rows, and the Jacobian itself
         self._at: tuple[Floats, Floats, Floats] | None = None
 
     def weigh(self, residuals: Residuals) -> None:
-        """Take the weights of these residuals; the columns that are kept take them, too."""
+        """Take the weights of these residuals, also for the reused columns."""
         before, self.weights, self._at = self.weights, weights_for(self.evidence, residuals), None
         if self._kept:
             ratio = np.concatenate([np.sqrt(self.weights[name] / before[name]) for name in self.touched])
@@ -102,11 +98,11 @@ class Problem:
             self._kept = {j: column * scale for j, column in self._kept.items()}
 
     def finely(self) -> None:
-        """From here on simulate finely, with differences to both sides."""
+        """Simulate finely from now on, with differences to both sides."""
         self.steps, self._kept, self._at = "fine", {}, None
 
     def residuals(self, x: Floats) -> Residuals:
-        """Residuals at x; the last ones are remembered."""
+        """Residuals at x; the last ones are cached."""
         return self._simulated(x, self.steps)
 
     def ended(self, x: Floats) -> Fit:
@@ -123,7 +119,7 @@ class Problem:
         return self._last[key]
 
     def _rows(self, x: Floats, steps: Steps) -> tuple[Residuals, Floats]:
-        """Residuals at x, and the rows made of them."""
+        """Residuals and rows at x."""
         residuals = self._simulated(x, steps)
         return residuals, self.stack(residuals, x)
 
@@ -132,19 +128,12 @@ class Problem:
         return self.evidence.rows(residuals, name, "train")
 
     def stack(self, residuals: Residuals, x: Floats) -> Floats:
-        """The rows whose squares are summed: weighted residuals of the training part, then the priors."""
-        rows = []
-        for name in self.touched:
-            part = self.data(residuals, name)
-            rows.append((part * np.sqrt(self.weights[name])[:, None]).ravel())
-        rows.append(x[self.prior])
-        return np.concatenate(rows)
+        """(rows,) whose squares are summed: weighted residuals of the training part, then the priors."""
+        data = [(self.data(residuals, name) * np.sqrt(self.weights[name])[:, None]).ravel() for name in self.touched]
+        return np.concatenate([*data, x[self.prior]])
 
     def jacobian(self, x: Floats) -> Floats:
-        """Differences; within a round the last Jacobian is mended as long as it tells what the rows do.
-
-        It is mended in the direction of the step (Broyden, Math. Comp. 19 (1965) 577), which takes no simulation.
-        """
+        """(rows, free) by differences; within a round by Broyden's update (Math. Comp. 19 (1965) 577) if it is good."""
         rows = self._rows(x, self.steps)[1]
         jacobian = self._mended(x, rows)
         if jacobian is None:
@@ -164,7 +153,7 @@ class Problem:
         return np.asarray(jacobian + np.outer(missed, step / size))
 
     def differences(self, x: Floats) -> Floats:
-        """Blocks that a parameter does not touch are not simulated."""
+        """(rows, free) Jacobian by finite differences; blocks that a parameter does not touch are not simulated."""
         here, start = self._rows(x, "fine") if any(map(self._late, self.free)) else ({}, np.zeros(0))
         coarse, rows = self._rows(x, "coarse")
         if self._kept and np.abs(x - self._kept_at)[self.prior].max() > STALE:
@@ -180,7 +169,6 @@ class Problem:
                 step = self._late_step(j, x[j])
                 columns[:, j] = (self._moved(x, j, step, here) - start) / step
             else:
-                # where a response is curved, differences to one side err most in what changes least: fits creep there
                 both = self.steps == "fine"
                 columns[:, j] = self._difference(x, j, (coarse, rows), "coarse", both)(self._step(j))
             if f.prior:  # these are most of the simulations
@@ -190,9 +178,9 @@ class Problem:
     def _difference(
         self, x: Floats, j: int, at: tuple[Residuals, Floats], steps: Steps, both: bool
     ) -> Callable[[float], Floats]:
-        """Difference of one column by its step: to both sides if wanted, to one where the other one has no room.
+        """A function step -> column, by a difference to both sides if wanted and within the limits, else to one.
 
-        at : residuals at x, and the rows made of them.
+        at : residuals and rows at x.
         """
         here, rows = at
         low, high = self.free[j].limits()
@@ -207,10 +195,10 @@ class Problem:
         return column
 
     def precise_jacobian(self, x: Floats) -> Floats:
-        """Central differences, of each parameter by a step at which they do not depend on it.
+        """(rows, free) by central differences, each with a step on which the column does not depend.
 
-        Directions that only the priors determine (all masses, springs and forces grow alike) show as such only if
-        neither the contacts' last tick nor the curvature of the response is in the differences.
+        Otherwise directions that only the priors determine (all masses, springs and forces grow alike) would look
+        determined.
         """
         at = self._rows(x, "fine")
         return np.column_stack([self._precise(x, j, at) for j in range(len(self.free))])
@@ -225,7 +213,7 @@ class Problem:
         return STEP_WAVE if self.free[j].role is Role.WAVE else STEP
 
     def _late_step(self, j: int, x: float) -> float:
-        """Step of a delay: many of the ticks that it is rounded to."""
+        """Step of a delay: many of the ticks to which it is rounded."""
         f = self.free[j]
         slope = abs(f.value(x)) if f.log else f.scale
         least = DELAY_STEP_SAMPLES * self.evidence.records[0].sample_time_s / max(slope, 1e-300)
@@ -233,7 +221,7 @@ class Problem:
         return -wide if x + wide > f.limits()[1] else wide
 
     def _late(self, free: Free) -> bool:
-        """Whether it is of a delay, which is rounded to ticks of a substep."""
+        """Whether the parameter is a delay, which is rounded to ticks of a substep."""
         return bool(free.effect) and find(self.base.kind_at(free.place), free.effect, free.place).is_delay
 
     def _moved(self, x: Floats, j: int, step: float, here: Residuals, steps: Steps = "fine") -> Floats:
@@ -245,11 +233,10 @@ class Problem:
 
 
 def _suited(column: Callable[[float], Floats], step: float) -> Floats:
-    """The column by the step that suits it: of the steps tried the one from which a narrower one differs least.
+    """The column by the step, narrowed from ``step``, from which the next narrower one differs least.
 
-    In a narrow step contacts show that are found a tick earlier or later, which weigh as much more as it is narrower;
-    in a wide one the curvature of the response. Dry friction answers linearly to a tenth and shows its ticks below a
-    hundredth; a motor that snaps from tooth to tooth answers linearly to a hundred thousandth.
+    A wide step shows the curvature of the response, a narrow one the ticks to which contacts are located. Dry friction
+    is linear up to a step of 0.1 and shows ticks below 0.01; a motor that snaps between teeth is linear up to 1e-5.
     """
     last = best = column(step)
     least = np.inf
@@ -268,10 +255,10 @@ def _suited(column: Callable[[float], Floats], step: float) -> Floats:
 
 
 def limits_of(free: list[Free]) -> Floats:
-    """(2, parameters) lower and upper ends of what a fit may move."""
+    """(2, parameters) lower and upper limits of x."""
     return np.array([f.limits() for f in free]).T
 
 
 def inside(x: Floats, limits: Floats) -> Floats:
-    """x a little inside of its limits: an effect that reaches what does nothing would be gone from the rig."""
+    """x a little inside of its limits: an effect at its neutral value would be dropped from the rig."""
     return np.clip(x, limits[0] + INSIDE, limits[1] - INSIDE)

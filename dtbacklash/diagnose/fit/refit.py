@@ -1,4 +1,4 @@
-"""Refit: effects and nominal parameters together, by simulation, under the parameters' priors, in rounds."""
+"""Fit effects and nominal parameters together, by simulation, with the parameters' priors, in rounds."""
 
 from contextlib import suppress
 from dataclasses import dataclass
@@ -14,23 +14,23 @@ from dtbacklash.diagnose.settings import settings
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 
-#: a round is worth another one if it takes away this share of what is left; near noise, if minus twice the
-#: log-likelihood falls by more than one parameter more would make it by chance (95 % of chi-square)
+#: another round follows one that lowers the mean square by this share; near noise, one that lowers minus twice the
+#: log-likelihood by more than an additional parameter would by chance (95 % of chi-square)
 WORTH_A_ROUND, BY_CHANCE = 0.1, 3.84
-#: a bound so many natural steps away is out of reach of a round
+#: a bound so many natural steps away does not count in a round
 FAR = 10.0
 
 
 @dataclass(frozen=True)
 class Rounds:
-    """How thoroughly to fit: rounds by coarse steps, fine ones at most, and evaluations in each."""
+    """How thoroughly to fit: coarse rounds, the largest number of fine rounds, and evaluations in each."""
 
     coarse: int
     fine: int
     evaluations: int = 8
 
 
-#: a look at what a fit would be; a fit; one from where another one ended
+#: a rough fit; a full one; one that starts where another fit ended
 QUICK, FULL, ON = Rounds(1, 0, 5), Rounds(1, 8), Rounds(0, 8)
 
 
@@ -42,12 +42,12 @@ def fit(
     known: Residuals | None = None,
     rounds: Rounds = FULL,
 ) -> Fit:
-    """Fit the free parameters, in rounds with the weights of where the last round ended.
+    """Fit the free parameters, in rounds that each take their weights from the end of the last one.
 
-    Coarse steps are enough to come near. Fine rounds go on until one gains nothing more: what is compared with a fit
-    that has not ended, with one effect more or another one, owes its gain to the way that was left.
+    Fine rounds go on until one gains nothing more, so that fits can be compared.
 
-    ``known`` : residuals of a rig that differs from ``base`` only where ``free`` acts; saves simulating the rest.
+    start : (free,) x of the free parameters; None: 0. known : residuals of a rig that differs from ``base`` only where
+    ``free`` acts, which saves simulating the rest.
     """
     problem = Problem(evidence, base, free, known)
     x = np.zeros(len(free)) if start is None else np.asarray(start, dtype=float)
@@ -69,10 +69,7 @@ def fit(
 
 
 def _worth_another(problem: Problem, before: tuple[Residuals, Floats], after: tuple[Residuals, Floats]) -> bool:
-    """Whether a round has gained so much that the next one may: far from noise a share of what is left, near it chance.
-
-    There a percent of many samples is decisive; elsewhere it is not, as the law is another one.
-    """
+    """Whether a round has gained enough for another one: see WORTH_A_ROUND and BY_CHANCE."""
     evidence = problem.evidence
     first, second = (_left(problem, residuals) for residuals, _ in (before, after))
     if second > settings().nearly_noise_floors:
@@ -83,19 +80,18 @@ def _worth_another(problem: Problem, before: tuple[Residuals, Floats], after: tu
 
 
 def _left(problem: Problem, residuals: Residuals) -> float:
-    """Geometric mean over the channels of what is left of the fitted part, in units of the floor's mean square."""
+    """Geometric mean over the channels of the training part's mean square, in units of the floor's."""
     squares = problem.evidence.mean_square(residuals, "train")
     channels = np.concatenate([squares[name] for name in problem.touched])
     return float(np.exp(np.mean(np.log(np.maximum(channels, 1.0)))))
 
 
 def solve(problem: Problem, x: Floats, evaluations: int) -> Floats:
-    """The least squares from ``x`` on; where the simulation cannot go on, the best that was seen.
+    """(free,) the best x of a least-squares fit from ``x`` on, also where it ends with an error.
 
-    The solver takes its first trust region from how far from 0 it starts, and a fit starts at 0. So it is handed
-    variables that start at 1, which is a natural step of all of them: a tolerance, a factor of e, twice the size. It
-    weighs a variable by how far its bounds are, too: bounds that are out of reach are none, or the trust region would
-    shrink in all variables but in those.
+    The solver takes its first trust region from the distance of the start from 0: so its variables start at 1, which is
+    a natural step (a tolerance, a factor of e, twice the size). It also scales a variable by the distance of its
+    bounds: so distant bounds are left out.
     """
     least, best, shift = np.inf, x, 1.0 - x
     bounds = limits_of(problem.free)
@@ -125,12 +121,12 @@ def _guarded(rows: Floats) -> Floats:
 
 
 def objective(evidence: Evidence, fitted: Fit, part: str = "train") -> float:
-    """Minus twice the log-likelihood of a part, with as many samples as count, plus the prior's penalty."""
+    """Minus twice the log-likelihood of a part, with the number of independent samples, plus the priors' penalty."""
     return fitted.penalty + likelihood(evidence, fitted.residuals, part)
 
 
 def likelihood(evidence: Evidence, residuals: Residuals, part: str = "train") -> float:
-    """Minus twice the log-likelihood of a part, with as many samples as count."""
+    """Minus twice the log-likelihood of a part, with the number of independent samples."""
     total = 0.0
     for block in evidence.blocks:
         rows = evidence.rows(residuals, block.name, part)
@@ -138,6 +134,6 @@ def likelihood(evidence: Evidence, residuals: Residuals, part: str = "train") ->
         above = np.maximum(squares, 1.0)
         share = (above - 1.0) / above
         count = rows.shape[1] / (1.0 + share * (evidence.correlated - 1.0))
-        # counted from a residual that is all noise, as the count itself falls with what is not
+        # relative to a residual that is all noise, as the count depends on the residual
         total += float(np.sum(count * (np.log(above) + squares / above - 1.0)))
     return total

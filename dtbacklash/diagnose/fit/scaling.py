@@ -1,8 +1,7 @@
-"""What no recording of motion can show: all forces, masses and springs of a block grown alike, at the same voltage.
+"""Parameters' directions that no recorded motion determines: all forces, masses and springs of a block grow alike.
 
-Positions and speeds stay the same, exactly; only the priors know how large forces are. Differences of simulations
-with contacts err, each column by itself, and do not cancel as the columns do: they make the recording look as if it had
-seen the direction.
+Positions and speeds stay exactly the same at the same voltage; only the priors tell how large forces are. The errors of
+finite differences do not cancel along such a direction and would make it look determined.
 """
 
 from collections.abc import Iterator
@@ -16,16 +15,16 @@ from dtbacklash.diagnose.fit.free import Free, effects_of_rig, unit_at
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig
 
-#: powers of the effort in units, where volts, metres, radians and seconds have none
+#: unit -> power with which it grows with all efforts at the same voltages, lengths, angles and times
 POWERS = {"N": 1, "kg": 1, "A": 1, "W": 1, "ohm": -1, "H": -1} | dict.fromkeys(
     ("V", "m", "rad", "rev", "s", "Hz", "1"), 0
 )
-#: what grows with the efforts itself
+#: measured quantities that grow with the efforts
 EFFORTS = ("current", "force")
 
 
 def power(unit: str) -> int | None:
-    """With which power of all efforts a quantity of a unit grows; None where the unit is not known."""
+    """The power with which a quantity of a unit grows with all efforts; None for an unknown unit."""
     if unit.count("/") > 1:
         return None
     total = 0
@@ -39,9 +38,9 @@ def power(unit: str) -> int | None:
 
 
 def unseen_scalings(evidence: Evidence, rig: Rig, free: list[Free], x: Floats) -> list[Floats]:
-    """(parameters,) directions in which a block's efforts grow alike.
+    """(parameters,) per block the direction in which all its efforts grow alike.
 
-    None of a block in which one of them is fixed, has no unit, or acts on another block, too.
+    Blocks are left out in which an effort is fixed, has no known unit, or also acts on another block.
     """
     names = {(f.place, f.effect, f.name): j for j, f in enumerate(free)}
     used = [(key, power(unit), users) for key, unit, users in _used(rig)]
@@ -66,7 +65,7 @@ def unseen_scalings(evidence: Evidence, rig: Rig, free: list[Free], x: Floats) -
 
 
 def _used(rig: Rig) -> Iterator[tuple[tuple[str, str, str], str, set[str]]]:
-    """Key of a free parameter, its unit and the places that use it, of all that act in a rig."""
+    """(place, effect, name), unit and places of each parameter that acts in a rig."""
     for name, p in rig.config.parameters.items():
         users = {e for e, spec in rig.config.elements.items() if name in spec.values()}
         if users:

@@ -1,7 +1,4 @@
-"""Delays: where a sensor's delay starts from, by shifting what the model predicts for it; no simulation is needed.
-
-A delay longer than the signal's own correlation has a fit with many valleys: the grid is as fine as the samples.
-"""
+"""Start values of a sensor's delay, by shifting the model's prediction on a grid, without a simulation."""
 
 import numpy as np
 
@@ -14,7 +11,7 @@ from dtbacklash.physics.rig import SENSOR_PREFIX
 
 
 def delay_grid(candidate: Candidate, projection: Projection) -> list[Values]:
-    """The best few starts of a sensor's delay, or nothing if the candidate is not one."""
+    """The best few start values of a sensor's delay; empty for another candidate."""
     rules = settings()
     step = rules.delay_step_samples
     channel = candidate.place.removeprefix(SENSOR_PREFIX)
@@ -22,7 +19,7 @@ def delay_grid(candidate: Candidate, projection: Projection) -> list[Values]:
     if not candidate.effect.is_delay or candidate.place == channel or block is None:
         return []
     shifts = np.arange(step, rules.delay_reach_samples + step, step)
-    left = np.array([_left(projection, block, channel, shift) for shift in shifts])
+    left = np.array([_sum_of_squares(projection, block, channel, shift) for shift in shifts])
     low = np.r_[np.inf, left, np.inf]
     valleys = np.flatnonzero((left <= low[:-2]) & (left <= low[2:]))
     best = valleys[np.argsort(left[valleys])][: rules.scanned_starts]
@@ -30,8 +27,8 @@ def delay_grid(candidate: Candidate, projection: Projection) -> list[Values]:
     return [{size.name: float(min(shifts[k] * sample, size.high))} for k in best]
 
 
-def _left(projection: Projection, block: Block, channel: str, shift: float) -> float:
-    """Mean square of what is left of a channel when its prediction comes ``shift`` samples later."""
+def _sum_of_squares(projection: Projection, block: Block, channel: str, shift: float) -> float:
+    """Sum of a channel's squared training residuals with its prediction ``shift`` samples later."""
     column, total = block.channels.index(channel), 0.0
     floor = projection.evidence.floor[block.name][column]
     for record, residuals in zip(projection.evidence.records, projection.fitted.residuals[block.name], strict=True):

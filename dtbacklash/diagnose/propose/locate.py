@@ -1,7 +1,7 @@
-"""Locate: a bank of signatures, one simulation or two per candidate, and how much of the residual each explains.
+"""Score all candidates: a bank of signatures, and how much of the residual each explains.
 
-A signature is what a candidate changes in the output, at a size at which it would be about as large as the residual.
-What the nominal parameters could take up is taken out of both (:mod:`.projection`).
+A signature is what a candidate changes in the output, at a size at which it is about as large as the residual. What the
+nominal parameters can explain is projected out of both (:mod:`.projection`).
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ from dtbacklash.errors import UserError
 from dtbacklash.physics.effects.declare import Values
 from dtbacklash.physics.rig import Rig
 
-#: the signatures of one candidate that have been simulated, by its parameters' values
+#: parameters' values -> simulated signature of one candidate; None: it cannot be simulated
 Made = dict[tuple[tuple[str, float], ...], Floats | None]
 
 
@@ -31,9 +31,9 @@ Made = dict[tuple[tuple[str, float], ...], Floats | None]
 class Score:
     """How well one candidate's signature fits the residual.
 
-    values : the parameters to start a fit from. gain : fall of minus twice the log-likelihood of the training part.
-    signature : (rows,) projected, weighted, of the parameters ``made_at``. whole : its norm before it was projected.
-    lightest : weight of a sample in the blocks that it changes.
+    values : start of a fit. gain : fall of minus twice the log-likelihood of the training part. signature : (rows,)
+    projected, weighted, simulated with the values ``made_at``. whole : its norm before the projection.
+    lightest : least weight of a sample in the blocks that it changes.
     """
 
     candidate: Candidate
@@ -51,16 +51,13 @@ class Bank(Projection):
     def __init__(self, evidence: Evidence, fitted: Fit) -> None:
         super().__init__(evidence, fitted)
         rough = evidence.residuals(self.rig, steps="rough")
-        #: before an effect is added: residuals, and the rows made of them
+        #: residuals and rows without the candidate
         self._before = {
             steps: (before, self.stack(before)) for steps, before in (("fine", fitted.residuals), ("rough", rough))
         }
 
     def signature(self, candidate: Candidate, values: Values, made: Made) -> Floats | None:
-        """(rows,) what the effect adds to the prediction, weighted; None if it cannot be simulated.
-
-        ``made`` : signatures of this candidate that are there already; this one joins them.
-        """
+        """(rows,) the weighted change of the prediction, taken from ``made`` or added to it; None: see :data:`Made`."""
         at = tuple(values.items())
         if at not in made:
             made[at] = self._simulated(candidate, values)
@@ -70,7 +67,7 @@ class Bank(Projection):
         place, name = candidate.key
         try:
             rig = self.rig.with_effect(place, name, values)
-            # few substeps round a delay to whole ones
+            # a delay is rounded to substeps
             steps: Steps = "fine" if candidate.effect.is_delay else "rough"
             base, before = self._before[steps]
             changed = self.evidence.residuals(rig, base, {place}, steps)
@@ -80,12 +77,12 @@ class Bank(Projection):
         return rows if np.isfinite(rows).all() else None
 
     def score(self, candidate: Candidate, made: Made) -> Score | None:
-        """The best of a candidate's grid."""
+        """The best score of a candidate's grid."""
         best: Score | None = None
         for values in wave_grid(candidate, self) or delay_grid(candidate, self) or candidate.grid:
-            found = self._score(candidate, values, made)
-            if found and (best is None or found.gain > best.gain):
-                best = found
+            score = self._score(candidate, values, made)
+            if score and (best is None or score.gain > best.gain):
+                best = score
         return best
 
     def _score(self, candidate: Candidate, values: Values, made: Made) -> Score | None:
@@ -111,10 +108,9 @@ class Bank(Projection):
         return self._grown(candidate, self._rate(candidate, values, signature, projected), made)
 
     def _grown(self, candidate: Candidate, score: Score | None, made: Made) -> Score | None:
-        """The score at twice the size, and so on, as long as that explains more: a law need not be linear in its size.
+        """The score with the size doubled as long as that explains more, as laws need not be linear in their size.
 
-        From a play that is far too small a fit finds no way to one that is wide. A linear law explains as much at any
-        size.
+        A fit does not find the way from a play that is far too narrow to a wide one.
         """
         size = candidate.effect.size
         high = self.evidence.bounds(candidate.key).get(size.name, (size.low, size.high))[1]
@@ -128,7 +124,7 @@ class Bank(Projection):
         return score
 
     def _tame(self, candidate: Candidate, values: Values, made: Made) -> tuple[Floats | None, Values]:
-        """The signature and the values, smaller where the simulation runs away: a spring that softens turns over."""
+        """The signature and the values, with a smaller size where the simulation diverges (a softening spring)."""
         size = candidate.effect.size
         signature = self.signature(candidate, values, made)
         for _ in range(settings().signature_shrinks if size.neutral == 0.0 else 0):
@@ -139,7 +135,7 @@ class Bank(Projection):
         return signature, values
 
     def _wanted(self, projected: Floats, low: float) -> float:
-        """Factor on the size, not below ``low``, at which the signature would fit best; 0: it does nothing."""
+        """Factor on the size at which the signature would fit best, for sizes from ``low`` on; 0: it has no effect."""
         norm = float(projected @ projected)
         if norm < 1e-12 * max(self.total, 1.0):
             return 0.0
@@ -147,7 +143,7 @@ class Bank(Projection):
         most = np.sqrt(self.total / norm)
         factor = np.sign(factor) * max(abs(factor), 0.1 * most)
         if factor < 0.0 <= low:
-            factor = 0.1 * most  # the wrong sign at this size; it may still turn at another
+            factor = 0.1 * most  # wrong sign at this size, but perhaps not at another
         return float(np.clip(factor, -settings().signature_growth_max, settings().signature_growth_max))
 
     def _rate(self, candidate: Candidate, values: Values, signature: Floats, projected: Floats) -> Score | None:
@@ -171,7 +167,7 @@ class Bank(Projection):
         return Score(candidate, start, gain, projected, whole, weight, values)
 
     def _gain(self, rest: Floats) -> float:
-        """Fall of minus twice the log-likelihood when ``rest`` is what remains, channel by channel."""
+        """Fall of minus twice the log-likelihood, channel by channel, if ``rest`` (rows,) is what remains."""
         gain, start = 0.0, 0
         for name in self.touched:
             for weight in self.weights[name]:
@@ -188,25 +184,19 @@ def bank(evidence: Evidence, fitted: Fit, listed: list[Candidate]) -> tuple[Bank
     """Score all candidates about a fitted rig, best first."""
     signatures = Bank(evidence, fitted)
     views = [signatures, signatures.inward()] if signatures.bound else [signatures]
-    scores = spread(partial(_seen, views), listed)
-    ranked = sorted((s for found in scores for s in found if s is not None), key=lambda s: -s.gain)
-    return signatures, _first(ranked)
+    scores = spread(partial(_scores, views), listed)
+    best: dict[tuple[str, str], Score] = {}
+    for score in sorted((s for each in scores for s in each if s is not None), key=lambda s: -s.gain):
+        best.setdefault(score.candidate.key, score)
+    return signatures, list(best.values())
 
 
-def _seen(views: list[Bank], candidate: Candidate) -> list[Score | None]:
-    """A candidate's scores in several views, which share what has been simulated."""
+def _scores(views: list[Bank], candidate: Candidate) -> list[Score | None]:
+    """A candidate's scores in several views, which share the simulated signatures."""
     made: Made = {}
     return [view.score(candidate, made) for view in views]
 
 
 def blocks_touched(rig: Rig, blocks: list[Block], place: str) -> list[str]:
-    """Names of the blocks whose prediction something at ``place`` can change."""
+    """Names of the blocks whose prediction an effect at ``place`` can change."""
     return [b.name for b in blocks if place in places_of(rig, b)]
-
-
-def _first(ranked: list[Score]) -> list[Score]:
-    """The best score of each candidate."""
-    best: dict[tuple[str, str], Score] = {}
-    for score in ranked:
-        best.setdefault(score.candidate.key, score)
-    return list(best.values())

@@ -1,7 +1,7 @@
-"""Periodic laws: which wave number and phase, found by one linear regression per wave number.
+"""Start values of periodic laws: wave number and phase, by one linear regression per wave number.
 
-A force ``A sin(n q + phase)`` along the measured motion is linear in ``A cos(phase)`` and ``A sin(phase)``, and
-reaches the output through the block's linear dynamics: no simulation per wave number, only a filter.
+A force ``A sin(n q + phase)`` along the measured motion is linear in ``A cos(phase)`` and ``A sin(phase)``, and reaches
+the output through the block's linear dynamics, so that a filter replaces the simulation.
 """
 
 import math
@@ -22,12 +22,12 @@ from dtbacklash.physics.kernel import plant as pl
 from dtbacklash.physics.kernel.plant import Plant
 from dtbacklash.physics.rig import Rig
 
-#: wave numbers that are tried at once, for the memory that it takes
+#: wave numbers per batch, to limit the memory
 BATCH = 25
 
 
 def wave_grid(candidate: Candidate, projection: Projection) -> list[Values]:
-    """The best few starts of a periodic effect, or nothing if it is not one."""
+    """The best few start values of a periodic effect; empty for another candidate."""
     wave, angle = candidate.effect.of_role(Role.WAVE), candidate.effect.of_role(Role.ANGLE)
     if angle is None:
         return []
@@ -36,10 +36,9 @@ def wave_grid(candidate: Candidate, projection: Projection) -> list[Values]:
     block = next((b for b in blocks if candidate.place in places_of(projection.rig, b)), None)
     if block is None:
         return []
-    found = _scan(candidate, projection, block)
     size = candidate.effect.size
     starts = []
-    for n, amplitude, phase in found:
+    for n, amplitude, phase in _scan(candidate, projection, block):
         if amplitude > 0.0:
             values = {size.name: float(np.clip(amplitude, size.low, size.high)), angle.name: float(phase)}
             starts.append(values | ({wave.name: float(n)} if wave else {}))
@@ -73,34 +72,31 @@ def _scan(candidate: Candidate, projection: Projection, block: Block) -> list[tu
         weighted = response[0] * scale[:, :, 0], response[1]
         waves = likely_waves(waves, passages, weighted, every, settings().waves_max)
     for some in np.array_split(waves, max(1, math.ceil(len(waves) / BATCH))):
-        with np.errstate(over="ignore", invalid="ignore"):  # along a simulated path that ran away
+        with np.errstate(over="ignore", invalid="ignore"):  # a simulated path may diverge
             S, C = (wave_responses(some, shape, paths, response, every)[:, :, chosen] * scale for shape in (0, 1))
-            rated += [found for found in _regress(some, S, C, q, e) if np.isfinite(found).all()]
-    rated.sort(reverse=True)
-    kept_waves: list[tuple[float, float, float]] = []
-    for _, n, amplitude, phase in rated:
-        if all(abs(n - other[0]) > 0.05 * n for other in kept_waves):
-            kept_waves.append((n, amplitude, phase))
-        if len(kept_waves) == settings().scanned_starts:
-            break
-    return kept_waves
+            rated += [row for row in _regress(some, S, C, q, e) if np.isfinite(row).all()]
+    best: list[tuple[float, float, float]] = []
+    for _, n, amplitude, phase in sorted(rated, reverse=True):
+        if all(abs(n - other[0]) > 0.05 * n for other in best):
+            best.append((n, amplitude, phase))
+    return best[: settings().scanned_starts]
 
 
 def _every(block: Block) -> int:
-    """How many samples make one: fewer where the block is pulled so fast that it would not be stable with as many."""
+    """Number of samples that are averaged to one; fewer where the pull would be unstable with the slower rate."""
     most = settings().pull_per_sample_max / block.pull if block.pull > 0.0 else math.inf
     return int(np.clip(most, 1, settings().wave_every_samples))
 
 
 def _thinned(record: Record, every: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of the samples kept by thinning that train: their numbers among all that train, and a mask over those kept."""
+    """Of the thinned samples: indices of those that train among all training samples, and the mask of those."""
     first = np.arange(0, record.samples // every * every, every)
     mask = record.train[first]
     return (np.cumsum(record.train) - 1)[first[mask]], mask
 
 
 def _regress(waves: Floats, S: Floats, C: Floats, q: Floats, e: Floats) -> list[tuple[float, float, float, float]]:
-    """(fall, wave number, amplitude, phase) of each wave number: a regression on its two signatures."""
+    """(fall, wave number, amplitude, phase) of each wave number, by a regression on its two signatures."""
     flat = q.reshape(q.shape[0] * q.shape[1], q.shape[2])
     gram = np.linalg.inv(flat.T @ flat + 1e-12 * np.eye(flat.shape[1])) if flat.shape[1] else np.zeros((0, 0))
 
@@ -133,8 +129,7 @@ def _place_of_rows(projection: Projection, block: Block) -> tuple[int, int]:
 
 
 def _path(candidate: Candidate, projection: Projection, block: Block, plant: Plant, number: int) -> Path:
-    """(N,) of recording ``number``: the position that the law depends on, what it is multiplied by, and whether it is
-    counted from its start."""
+    """The path of the law in recording ``number``; see :data:`Path`."""
     slot, record = candidate.effect.slot, projection.evidence.records[number]
     if isinstance(slot, slots.Lead):
         return true_angle(projection.rig, block, record), np.ones(record.samples), True
@@ -149,7 +144,7 @@ def _path(candidate: Candidate, projection: Projection, block: Block, plant: Pla
 
 
 def _waves(candidate: Candidate, paths: list[Path], bounds: Bounds) -> Floats:
-    """Wave numbers to try, of those that can be seen: spaced so that none can slip through."""
+    """(n,) wave numbers to try, spaced by what the travel can tell apart."""
     wave = candidate.effect.of_role(Role.WAVE)
     if wave is None:
         return np.ones(1)  # once a turn
@@ -166,7 +161,7 @@ def _waves(candidate: Candidate, paths: list[Path], bounds: Bounds) -> Floats:
 
 
 def _channel(candidate: Candidate, block: Block, part: Rig, plant: Plant) -> int:
-    """The input channel through which a periodic law acts: an effort on a body, or the base's position."""
+    """The plant's input channel of a periodic law: an effort on a body, or the base's position."""
     slot = candidate.effect.slot
     if isinstance(slot, slots.Lead):
         return pl.CH_D

@@ -1,7 +1,7 @@
-"""The mismatch that a fit leaves, with what the nominal parameters could take up taken out of it.
+"""The residual of a fit without what the nominal parameters can explain.
 
-The signatures of the nominal parameters are taken out by regression under the parameters' priors, so that a wrong mass
-within its tolerance is not called new physics.
+Their signatures are projected out by regression with the parameters' priors, so that a wrong mass within its tolerance
+is not called new physics.
 """
 
 from copy import copy
@@ -18,18 +18,18 @@ from dtbacklash.diagnose.fit.problem import Fit, Problem, weights_for
 
 
 class Projection:
-    """Rows of residuals about one fitted rig, with the nominal parameters' signatures projected out.
+    """Residual of a fitted rig, with the nominal parameters' signatures projected out.
 
-    A nominal parameter at its bound is held there, as it cannot take up anything more; seen :meth:`inward`, it is taken
-    out like the others: a candidate may be what drove it there, and then lets it come back.
+    A nominal parameter at its bound is not projected out, as it cannot explain more; :meth:`inward` it is, as a
+    candidate may have driven it there.
 
-    residual : (rows,) weighted and projected. q_rows : (rows, parameters) an orthonormal basis of what is taken out.
+    residual : (rows,) weighted and projected. q_rows : (rows, parameters) orthonormal basis of what is projected out.
     """
 
     def __init__(self, evidence: Evidence, fitted: Fit) -> None:
         self.evidence, self.fitted = evidence, fitted
         self.rig = fitted.rig
-        # all of them: the last fit may have moved those of its own blocks only
+        # all parameters: the last fit may have moved some only
         free, x = all_free(evidence, fitted.rig)
         problem = self._problem = Problem(evidence, fitted.rig, free)
         problem.weights = weights_for(evidence, fitted.residuals)
@@ -41,25 +41,25 @@ class Projection:
         self._columns = problem.differences(x) if free else np.zeros((len(self._rows), 0))
         self._positions: list[dict[str, Floats]] = []
         self.samples = sum(int(r.train.sum()) for r in evidence.records)
-        self._take_out(~bound)
+        self._project_out(~bound)
 
-    def _take_out(self, chosen: Mask) -> None:
+    def _project_out(self, chosen: Mask) -> None:
         self.q_rows = np.linalg.qr(self._columns[:, chosen])[0]
         self.residual = self.project(self._rows)
         self.total = float(self.residual @ self.residual)
 
     def inward(self) -> Self:
-        """The same with the parameters at their bounds taken out as well."""
+        """The same with the parameters at their bounds projected out as well."""
         other = copy(self)
-        other._take_out(np.ones(self._columns.shape[1], dtype=bool))
+        other._project_out(np.ones(self._columns.shape[1], dtype=bool))
         return other
 
     def project(self, rows: Floats) -> Floats:
-        """(rows,) without what the nominal parameters could take up."""
+        """(rows,) without what the nominal parameters can explain."""
         return rows - self.q_rows @ (self.q_rows.T @ rows)
 
     def stack(self, residuals: Residuals) -> Floats:
-        """(rows,) residuals of the training part, weighted, in the order of the blocks; no prior is strained."""
+        """(rows,) weighted residuals of the training part in the order of the blocks; zeros for the priors."""
         return self._problem.stack(residuals, np.zeros(len(self._problem.free)))
 
     def path(self, place: str, number: int) -> Floats:

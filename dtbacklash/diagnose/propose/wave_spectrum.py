@@ -1,10 +1,9 @@
-"""Which wave numbers are worth a regression, of all that the travel tells apart: a spectrum over the position.
+"""The wave numbers that are worth a regression, by a spectrum over the position.
 
-What a residual says of a force ``sin(n q)`` is its correlation with the response to it. The response is a filter: so
-the residual is filtered back to the force once, and correlated with all waves at once by a Fourier transform over the
-position, of samples that are spread over it unevenly (gridding: A. Dutt and V. Rokhlin, SIAM J. Sci. Comput. 14 (1993)
-1368). How large a response is changes smoothly with the wave number: that of a few tells. What else is left is slow
-and large: it is whitened, and the responses alike.
+The residual is correlated with the responses to forces ``sin(n q)`` of all wave numbers n at once: it is whitened,
+filtered back to the force, and Fourier transformed over the position, on which the samples are spread unevenly
+(gridding: A. Dutt and V. Rokhlin, SIAM J. Sci. Comput. 14 (1993) 1368). The energy of the responses changes smoothly
+with the wave number and is interpolated.
 """
 
 from dataclasses import dataclass
@@ -17,22 +16,21 @@ from scipy.signal import lfilter
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.responses import Path, Response, wave_responses
 
-#: a wave of the highest number has so many cells of the grid over the position
+#: grid cells per wave of the highest number
 CELLS = 16
-#: order of the autoregression that whitens
+#: order of the whitening autoregression
 ORDER = 8
-#: white noise, relative to the residual, below which nothing is told apart
+#: variance of the white noise that is added to the residual, relative to it
 RIDGE = 1e-6
-#: the responses to so many waves are simulated; their sizes between are interpolated
+#: number of waves whose responses are simulated
 SIMULATED = 40
 
 
 @dataclass(frozen=True)
 class Passage:
-    """What a recording says of waves.
+    """The data of one recording.
 
-    path : the position that they are over. rows : (channels, n) the residual at every ``every``-th sample, weighted, 0
-    where it is not fitted to.
+    path : of the waves. rows : (channels, n) weighted residual at each ``every``-th sample, 0 where it does not train.
     """
 
     path: Path
@@ -40,12 +38,12 @@ class Passage:
 
 
 def likely_waves(waves: Floats, passages: list[Passage], response: Response, every: int, count: int) -> Floats:
-    """The wave numbers of the highest peaks, and those beside them, ``count`` at most in all.
+    """The wave numbers of the highest peaks and their neighbours, at most ``count`` in all.
 
     Parameters
     ----------
-    waves : (n,) all that the travel tells apart, evenly spaced. response : from the force to the channels, weighted as
-    the rows are, of a sample as long as ``every`` of the recording's.
+    waves : (n,) all wave numbers, evenly spaced. response : from the force to the channels, weighted as the rows are,
+    with a sample as long as ``every`` of the recording's.
     """
     along, across = np.zeros(len(waves), dtype=complex), np.zeros(len(waves))
     for passage in passages:
@@ -57,15 +55,14 @@ def likely_waves(waves: Floats, passages: list[Passage], response: Response, eve
     peaks = np.flatnonzero((gain >= ends[:-2]) & (gain >= ends[2:]))
     highest = peaks[np.argsort(-gain[peaks])][: count // 3]
     chosen = np.unique(np.clip(np.concatenate([highest - 1, highest, highest + 1]), 0, len(waves) - 1))
-    found: Floats = waves[chosen]
-    return found
+    likely: Floats = waves[chosen]
+    return likely
 
 
 def _whitened(rows: Floats, response: Response) -> tuple[Floats, Response]:
-    """The rows made white, and the response filtered alike.
+    """The rows whitened by a Yule-Walker autoregression, and the response with the same filter.
 
-    The autoregression is that of Yule and Walker. What follows a stretch that is not fitted to is left out until the
-    filter has forgotten the jump.
+    Rows are 0 after a stretch that does not train until the filter has passed its end.
     """
     numerators, denominator = response
     kept = np.any(rows != 0.0, axis=0)
@@ -84,7 +81,7 @@ def _whitened(rows: Floats, response: Response) -> tuple[Floats, Response]:
 
 
 def _correlation(waves: Floats, path: Path, rows: Floats, response: Response, every: int) -> Floats:
-    """(waves,) complex: the residual's correlation with the responses to a cosine and, imaginary, to a sine."""
+    """(waves,) complex: the residual's correlation with the responses to a cosine (real) and a sine (imaginary)."""
     (numerators, denominator), (q, w, counted) = response, path
     back = np.zeros(rows.shape[1])
     for b, row in zip(numerators, rows, strict=True):
@@ -107,7 +104,7 @@ def _correlation(waves: Floats, path: Path, rows: Floats, response: Response, ev
 
 
 def _energy(waves: Floats, path: Path, rows: Floats, response: Response, every: int) -> Floats:
-    """(waves,) sum of the squared response to a wave over what is fitted to, the mean of a sine's and a cosine's."""
+    """(waves,) sum of the squared response over the training samples, the mean of a sine's and a cosine's."""
     kept = np.any(rows != 0.0, axis=0)
     some = np.geomspace(waves[0], waves[-1], SIMULATED)
     energy = np.zeros(SIMULATED)

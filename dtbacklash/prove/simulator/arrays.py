@@ -1,12 +1,39 @@
-"""What the concealing simulator's inner loop works on; the columns and entries are named in :mod:`.columns`."""
+"""The arrays of the concealing simulator's inner loop, with names of their columns and entries."""
 
 from typing import NamedTuple
 
 from dtbacklash.arrays import Floats, Ints
 
+GROUND, BASE = -1, -2
+
+# columns of `body`
+B_VISCOUS, B_DIFFERENCE, B_LEVELS, B_COGGING, B_WAVE, B_PHASE, B_LOAD, B_WEIGHT, B_ANGLE, N_BODY = range(10)
+# columns of `link`
+(L_K, L_C, L_CUBIC, L_QUADRATIC, L_FORCE, L_YIELD, L_STOP, L_CLEARANCE, L_DRIFT, L_LOST, N_LINK) = range(11)
+# columns of `friction`
+F_COULOMB, F_STRIBECK, F_SPEED, F_BRISTLE, F_DAMPING, N_FRICTION = range(6)
+# entries of `drive`; D_EFFORT: N or N m per volt of an ideal actuator; D_TRAVEL: m per volt of a positioner
+(D_R, D_L, D_KT, D_KB, D_RIPPLE, D_PERIODS, D_PHASE, D_HEAT, D_TAU, D_LEAD, D_SHARE, D_BASE_MASS, D_PITCH, D_WAVE,
+ D_SHIFT, D_GAP, D_GAIN, D_DEAD, D_LIMIT, D_DELAY, D_BODY, D_EFFORT, D_TRAVEL, N_DRIVE) = range(24)  # fmt: skip
+# columns of `sensor`
+Y_INDEX, Y_GAIN, Y_OFFSET, Y_DELAY, Y_NOISE, Y_COUNT, Y_LINK, N_SENSOR = range(8)
+#: `sensor[:, Y_INDEX]` of a sensor on the mass that a rigid screw carries: position, velocity; of the force of Y_LINK
+BASE_POSITION, BASE_VELOCITY, LINK_FORCE = -1, -2, -3
+# entries of `unknown`, and the kinds of physics that the catalogue does not have
+U_KIND, U_PLACE, U_SIZE, U_SCALE, N_UNKNOWN = range(5)
+(NO_UNKNOWN, POSITION_DAMPING, DISTURBANCE, DIRECTIONAL_TORQUE, ROOT_SPRING, SPEED_STIFFENING, ANGULAR_PLAY,
+ POSITION_MASS) = range(8)  # fmt: skip
+# entries of `control` and values of C_MODE; C_RATE: gain on the rate; C_CORNER: its filter, per sample
+C_MODE, C_GAIN, C_FILTER, C_INTEGRAL, C_LIMIT, C_RATE, C_CORNER, N_CONTROL = range(8)
+OPEN, CASCADE, PID = range(3)
+#: states of the controllers
+N_HELD = 4
+# entries of `scalar`; the last three: how a positioner moves between two samples
+S_HEAT, S_BASE, S_BASE_RATE, S_CONTACT, S_FROM, S_SINCE, S_IMPOSED_RATE, N_SCALAR = range(8)
+
 
 class Machine(NamedTuple):
-    """A rig as this simulator takes it; ``nb`` bodies, the first is the motor's rotor.
+    """A rig with ``nb`` bodies, of which the first is the motor's rotor.
 
     inertia (nb,), body (nb, N_BODY), link (nl, N_LINK), link_ends (nl, 2), friction (nf, N_FRICTION), friction_ends
     (nf, 2), drive (N_DRIVE,), sensor (ns, N_SENSOR), unknown (N_UNKNOWN,). The state is
@@ -27,7 +54,7 @@ class Machine(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """State and work space; ``bristle`` and ``yielding`` hold (state, displacement) in turn, ``scalar`` see S_HEAT."""
+    """State and work space; ``bristle`` and ``yielding`` hold (state, displacement) in turn."""
 
     x: Floats
     start: Floats

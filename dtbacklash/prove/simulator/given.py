@@ -1,23 +1,18 @@
-"""What a run of the concealing simulator is given: the loop, the sensors' errors, physics beyond the catalogue."""
+"""The inputs of a run of the concealing simulator: loop, errors of the sensors, physics beyond the catalogue."""
 
 import math
 from dataclasses import dataclass, field
 
 from dtbacklash.arrays import Floats
-from dtbacklash.prove.simulator import columns as other
-
-#: name of the physics that the catalogue lacks -> its kind in the compiled loop
-UNKNOWNS = {
-    "position_damping": other.POSITION_DAMPING, "disturbance": other.DISTURBANCE,
-    "directional_torque": other.DIRECTIONAL_TORQUE, "root_spring": other.ROOT_SPRING,
-    "speed_stiffening": other.SPEED_STIFFENING, "angular_play": other.ANGULAR_PLAY,
-    "position_mass": other.POSITION_MASS,
-}  # fmt: skip
+from dtbacklash.prove.simulator import arrays as col
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """Physics that no entry of the catalogue describes; ``scale`` is the size of the state at which it is judged."""
+    """Physics that the catalogue lacks; its kind is the constant of :mod:`.arrays` with its name in capitals.
+
+    scale : the typical size of the state that it depends on.
+    """
 
     location: str
     name: str
@@ -30,8 +25,8 @@ class Loop:
     """What drives the rig: open loop (V), or closed loop on a reference (m, rad) by a controller of :mod:`.step`.
 
     reference, dither, disturbance : (N+1,). filter_rad_s : of the prefilter. limit : V.
-    In cascade, gain : V/rad, integral : 1/s. ``pid`` names the sensor that a PID looks at: gain in V a unit of it,
-    integral in V/s, rate in V s, all a unit, corner_rad_s : of the filter of the rate.
+    gain, integral : of a cascade in V/rad and 1/s; of a PID in V and V/s per unit of the sensor ``pid``. rate : V s per
+    unit. corner_rad_s : of the filter of the rate.
     """
 
     closed: bool
@@ -48,8 +43,8 @@ class Loop:
 
     @property
     def mode(self) -> int:
-        """Which of the simulator's controllers it is."""
-        return other.OPEN if not self.closed else other.PID if self.pid else other.CASCADE
+        """The number of the simulator's controller."""
+        return col.OPEN if not self.closed else col.PID if self.pid else col.CASCADE
 
 
 @dataclass(frozen=True)

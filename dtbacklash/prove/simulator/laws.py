@@ -6,7 +6,7 @@
 import math
 
 from dtbacklash.compiled import compiled, inlined
-from dtbacklash.prove.simulator import columns as col
+from dtbacklash.prove.simulator import arrays as col
 
 #: width of the rounding of a knee, relative to where it lies
 KNEE = 2e-3

@@ -8,15 +8,15 @@ import numpy as np
 from dtbacklash.arrays import Floats, Ints
 from dtbacklash.physics.kinds import ROTARY
 from dtbacklash.physics.rig import SENSOR_PREFIX, Element, Rig
-from dtbacklash.prove.simulator import columns as other
+from dtbacklash.prove.simulator import arrays as col
 from dtbacklash.prove.simulator.arrays import Machine
-from dtbacklash.prove.simulator.given import UNKNOWNS, Errors, Unknown
+from dtbacklash.prove.simulator.given import Errors, Unknown
 
-#: a screw that gives way is damped like this against the mass that it carries
+#: damping of a compliant screw against the mass that it carries
 SCREW_DAMPING_RATIO = 0.02
-#: steps a sample, at least; more where the rig is faster than STEP_RATE per step
+#: least number of steps per sample; more where the rig is faster than STEP_RATE per step
 STEPS_MIN, STEP_RATE = 50, 0.25
-#: the same of a rig whose nominal model has dry friction: its bristle must not show as a spring of its own
+#: the same for a rig whose nominal model has dry friction: its bristle must not show as a spring
 STEPS_BRAKE = 200
 #: (frequency, damping ratio) of a bristle at rest with what it holds, frequency per step: the first body's, others'
 BRISTLE_ROTOR, BRISTLE_MASS = (0.3, 0.7), (0.1, 0.2)
@@ -24,7 +24,7 @@ BRISTLE_ROTOR, BRISTLE_MASS = (0.3, 0.7), (0.1, 0.2)
 
 @dataclass
 class _Net:
-    """The bodies and what connects them, while it grows."""
+    """The bodies and what connects them, while they are collected."""
 
     names: list[str]
     inertia: list[float]
@@ -36,19 +36,19 @@ class _Net:
 
     def end(self, name: str) -> int:
         if name == "ground":
-            return other.GROUND
-        return other.BASE if name == self.base else self.names.index(name)
+            return col.GROUND
+        return col.BASE if name == self.base else self.names.index(name)
 
     def join(self, a: int, b: int, k: float, c: float) -> list[float]:
-        """A spring and a damper from a to b; returns its row, for what else is in it."""
-        row = [0.0] * other.N_LINK
-        row[other.L_K], row[other.L_C] = k, c
+        """Add a spring and a damper from a to b; returns their row, to which effects are added."""
+        row = [0.0] * col.N_LINK
+        row[col.L_K], row[col.L_C] = k, c
         self.link.append(row)
         self.link_ends.append((a, b))
         return row
 
     def reduced(self, a: int, b: int) -> float:
-        """The mass that two ends have against each other; ground and base do not move."""
+        """The reduced mass of two ends; ground and base do not move."""
         free = [1.0 / self.inertia[end] for end in (a, b) if end >= 0]
         return 1.0 / sum(free)
 
@@ -59,7 +59,8 @@ def driven_body(rig: Rig) -> str | None:
     return drive.neighbours["drives"] if drive else None
 
 
-def _carried(rig: Rig) -> str | None:
+def carried_mass(rig: Rig) -> str | None:
+    """The mass that the screw carries; None without a screw, or one that carries nothing."""
     screw = rig.only("screw")
     return screw.neighbours.get("carries") if screw else None
 
@@ -75,8 +76,8 @@ def machine(rig: Rig, sample_time_s: float, errors: Errors, unknown: Unknown | N
     body = np.array([_body_row(rig, name) for name in net.names])
     return Machine(
         sample_time=sample_time_s, substeps=substeps, inertia=np.array(net.inertia), body=body,
-        link=np.array(net.link).reshape(-1, other.N_LINK), link_ends=_ends(net.link_ends),
-        friction=np.array(net.friction).reshape(-1, other.N_FRICTION), friction_ends=_ends(net.friction_ends),
+        link=np.array(net.link).reshape(-1, col.N_LINK), link_ends=_ends(net.link_ends),
+        friction=np.array(net.friction).reshape(-1, col.N_FRICTION), friction_ends=_ends(net.friction_ends),
         drive=drive, sensor=_sensors(rig, net, links, errors), unknown=_unknown(unknown, net, links),
     )  # fmt: skip
 
@@ -85,27 +86,23 @@ def _ends(pairs: list[tuple[int, int]]) -> Ints:
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
-def _first(rig: Rig) -> str:
-    """The body whose angle turns the gear, else the driven one, else any."""
-    motor = rig.motor_rotor()
-    return motor.name if motor else driven_body(rig) or rig.bodies()[0].name
-
-
 def _bodies(rig: Rig) -> _Net:
-    """The first body, then the others that move by themselves, then hidden ones."""
+    """The bodies that move by themselves: first the motor's rotor or the driven one; hidden ones last."""
     gives_way, positioner = _of_screw(rig, "compliance"), rig.only("positioner")
-    carried = _carried(rig)
+    carried = carried_mass(rig)
     base = positioner.name if positioner else None if gives_way else carried
     moving = [e for e in rig.bodies() if e.name != base]
-    moving.sort(key=lambda e: e.name != _first(rig))
+    motor = rig.motor_rotor()
+    first = motor.name if motor else driven_body(rig)
+    moving.sort(key=lambda e: e.name != first)
     net = _Net([e.name for e in moving], [e.values[e.trait.inertia] for e in moving], base)
     if gives_way and carried:
         k, m = 1.0 / gives_way["compliance"], rig.elements[carried].values["mass"]
-        net.join(other.BASE, net.end(carried), k, 2.0 * SCREW_DAMPING_RATIO * math.sqrt(k * m))
+        net.join(col.BASE, net.end(carried), k, 2.0 * SCREW_DAMPING_RATIO * math.sqrt(k * m))
     for element in rig.bodies():
         k, c = element.values.get("ground_stiffness", 0.0), element.values.get("ground_damping", 0.0)
         if k or c:
-            net.join(other.GROUND, net.end(element.name), k, c)
+            net.join(col.GROUND, net.end(element.name), k, c)
         if absorber := rig.effect(element.name, "absorber"):
             net.names.append(f"absorber of {element.name}")
             net.inertia.append(absorber["mass"])
@@ -126,7 +123,7 @@ def _of_screw(rig: Rig, effect: str) -> dict[str, float] | None:
 
 
 def _effort_of(effect: dict[str, float]) -> float:
-    """The effort that an effect names: N of what slides, N m of what turns."""
+    """The effort of an effect: N where it slides, N m where it turns."""
     return effect.get("force", effect.get("torque", 0.0))
 
 
@@ -134,12 +131,12 @@ def _links(rig: Rig, net: _Net) -> dict[str, int]:
     """Add the links with their effects; returns where each is."""
     where = {}
     columns = {
-        "cubic_stiffness": ((other.L_CUBIC, "k3"),),
-        "quadratic_damping": ((other.L_QUADRATIC, "c2"),),
-        "hysteresis": ((other.L_YIELD, "displacement"),),
-        "bumper": ((other.L_STOP, "stiffness"), (other.L_CLEARANCE, "clearance")),
-        "stiffness_drift": ((other.L_DRIFT, "rate"),),
-        "backlash": ((other.L_LOST, "lost_motion"),),
+        "cubic_stiffness": ((col.L_CUBIC, "k3"),),
+        "quadratic_damping": ((col.L_QUADRATIC, "c2"),),
+        "hysteresis": ((col.L_YIELD, "displacement"),),
+        "bumper": ((col.L_STOP, "stiffness"), (col.L_CLEARANCE, "clearance")),
+        "stiffness_drift": ((col.L_DRIFT, "rate"),),
+        "backlash": ((col.L_LOST, "lost_motion"),),
     }
     for element in rig.links():
         a, b = (net.end(name) for name in element.neighbours["between"])
@@ -149,36 +146,36 @@ def _links(rig: Rig, net: _Net) -> dict[str, int]:
             if effect := rig.effect(element.name, name):
                 for column, parameter in entries:
                     row[column] = effect[parameter]
-        row[other.L_FORCE] = _effort_of(rig.effect(element.name, "hysteresis") or {})
+        row[col.L_FORCE] = _effort_of(rig.effect(element.name, "hysteresis") or {})
     return where
 
 
 def _substeps(net: _Net, drive: Floats, sample_time_s: float) -> int:
-    """As many steps a sample as the fastest pole needs: the motor's, or (a bound of) the structure's."""
+    """The steps per sample that the fastest pole needs: the motor's, or a bound of the structure's."""
     fastest = 0.0
-    if drive[other.D_L] > 0.0:
-        driven = int(drive[other.D_BODY])
+    if drive[col.D_L] > 0.0:
+        driven = int(drive[col.D_BODY])
         circuit = np.array([
-            [-drive[other.D_R] / drive[other.D_L], -drive[other.D_KB] / drive[other.D_L]],
-            [drive[other.D_KT] / net.inertia[driven], 0.0],
+            [-drive[col.D_R] / drive[col.D_L], -drive[col.D_KB] / drive[col.D_L]],
+            [drive[col.D_KT] / net.inertia[driven], 0.0],
         ])  # fmt: skip
         fastest = float(np.abs(np.linalg.eigvals(circuit)).max())
     for (a, b), row in zip(net.link_ends, net.link, strict=True):
         if max(a, b) >= 0:
             m = net.reduced(a, b)
-            fastest = max(fastest, 2.0 * math.sqrt(row[other.L_K] / m), 2.0 * row[other.L_C] / m)
+            fastest = max(fastest, 2.0 * math.sqrt(row[col.L_K] / m), 2.0 * row[col.L_C] / m)
     return math.ceil(fastest * sample_time_s / STEP_RATE)
 
 
 def _frictions(rig: Rig, net: _Net, step_rate: float) -> None:
-    """Bristles: of bearings against the ground, and across links."""
+    """Add the bristles: of bearings against the ground, and across links."""
     for element in rig.elements.values():
         coulomb = rig.effect(element.name, "coulomb_friction") or rig.effect(element.name, "ground_friction") or {}
         stribeck = rig.effect(element.name, "stribeck_friction") or {}
         level = _effort_of(coulomb) + element.values.get("friction", 0.0)
         if element.name in net.names and (level or stribeck):
             levels = level, _effort_of(stribeck)
-            _bristle(net, other.GROUND, net.end(element.name), levels, stribeck.get("speed", 1.0), step_rate)
+            _bristle(net, col.GROUND, net.end(element.name), levels, stribeck.get("speed", 1.0), step_rate)
         if dry := rig.effect(element.name, "dry_friction"):
             a, b = (net.end(name) for name in element.neighbours["between"])
             _bristle(net, a, b, (_effort_of(dry), 0.0), 1.0, step_rate)
@@ -193,79 +190,79 @@ def _bristle(net: _Net, a: int, b: int, levels: tuple[float, float], speed: floa
 
 
 def _body_row(rig: Rig, name: str) -> Floats:
-    row, there = np.zeros(other.N_BODY), rig.effects.get(name, {})
-    row[other.B_VISCOUS] = there.get("viscous_friction", {}).get("coefficient", 0.0)
+    row, there = np.zeros(col.N_BODY), rig.effects.get(name, {})
+    row[col.B_VISCOUS] = there.get("viscous_friction", {}).get("coefficient", 0.0)
     directed = there.get("asymmetric_friction", {})
-    row[other.B_DIFFERENCE] = directed.get("viscous_difference", 0.0)
-    row[other.B_LEVELS] = directed.get("coulomb_difference", 0.0)
+    row[col.B_DIFFERENCE] = directed.get("viscous_difference", 0.0)
+    row[col.B_LEVELS] = directed.get("coulomb_difference", 0.0)
     if cogging := there.get("cogging"):
         turns = rig.elements[name].trait.axis == ROTARY
         wave = cogging["periods" if turns else "wave_number"]
-        row[other.B_COGGING : other.B_LOAD] = [_effort_of(cogging), wave, cogging["phase"]]
+        row[col.B_COGGING : col.B_LOAD] = [_effort_of(cogging), wave, cogging["phase"]]
     if weight := there.get("gravity"):
-        row[[other.B_WEIGHT, other.B_ANGLE]] = [weight["torque"], weight["phase"]]
-    row[other.B_LOAD] = _effort_of(there.get("constant_load", {}))
-    row[other.B_LOAD] += _effort_of(there.get("constant_force", {}))
+        row[[col.B_WEIGHT, col.B_ANGLE]] = [weight["torque"], weight["phase"]]
+    row[col.B_LOAD] = _effort_of(there.get("constant_load", {}))
+    row[col.B_LOAD] += _effort_of(there.get("constant_force", {}))
     return row
 
 
 def _drive(rig: Rig, net: _Net) -> Floats:
-    """Amplifier, motor or what stands for one, gear and screw."""
-    row = np.zeros(other.N_DRIVE)
+    """The row of amplifier, motor or actuator or positioner, gear and screw."""
+    row = np.zeros(col.N_DRIVE)
     driven, positioner, actuator = driven_body(rig), rig.only("positioner"), rig.only("actuator")
-    row[other.D_BODY] = net.names.index(driven) if driven else -1
-    row[other.D_TRAVEL] = positioner.values["travel"] if positioner else 0.0
-    row[other.D_EFFORT] = actuator.values["gain"] if actuator else 0.0
+    row[col.D_BODY] = net.names.index(driven) if driven else -1
+    row[col.D_TRAVEL] = positioner.values["travel"] if positioner else 0.0
+    row[col.D_EFFORT] = actuator.values["gain"] if actuator else 0.0
     if circuit := rig.only("motor_circuit"):
         _wind(rig, circuit, row)
     gear, screw, amplifier = rig.only("gear"), rig.only("screw"), rig.only("amplifier")
-    row[other.D_LEAD] = screw.values["lead"] if screw else 0.0
-    row[other.D_SHARE] = (_of_screw(rig, "load_reaction") or {}).get("share", 0.0)
-    row[other.D_BASE_MASS] = rig.elements[net.base].values["mass"] if net.base and not positioner else 0.0
+    row[col.D_LEAD] = screw.values["lead"] if screw else 0.0
+    row[col.D_SHARE] = (_of_screw(rig, "load_reaction") or {}).get("share", 0.0)
+    row[col.D_BASE_MASS] = rig.elements[net.base].values["mass"] if net.base and not positioner else 0.0
     if pitch := _of_screw(rig, "pitch_error"):
-        row[[other.D_PITCH, other.D_WAVE, other.D_SHIFT]] = [pitch[n] for n in ("amplitude", "periods", "phase")]
-    row[other.D_GAP] = ((rig.effect(gear.name, "backlash") if gear else None) or {}).get("half_gap", 0.0)
+        row[[col.D_PITCH, col.D_WAVE, col.D_SHIFT]] = [pitch[n] for n in ("amplitude", "periods", "phase")]
+    row[col.D_GAP] = ((rig.effect(gear.name, "backlash") if gear else None) or {}).get("half_gap", 0.0)
     there = rig.effects.get(amplifier.name, {}) if amplifier else {}
-    row[other.D_GAIN] = 1.0 + there.get("gain_error", {}).get("relative", 0.0)
-    row[other.D_DEAD] = there.get("dead_zone", {}).get("half_width", 0.0)
-    row[other.D_LIMIT] = there.get("saturation", {}).get("limit", math.inf)
-    row[other.D_DELAY] = there.get("delay", {}).get("time", 0.0)
+    row[col.D_GAIN] = 1.0 + there.get("gain_error", {}).get("relative", 0.0)
+    row[col.D_DEAD] = there.get("dead_zone", {}).get("half_width", 0.0)
+    row[col.D_LIMIT] = there.get("saturation", {}).get("limit", math.inf)
+    row[col.D_DELAY] = there.get("delay", {}).get("time", 0.0)
     return row
 
 
 def _wind(rig: Rig, circuit: Element, row: Floats) -> None:
-    """A motor's winding with what is in it."""
+    """A motor's winding with its effects."""
     v = circuit.values
-    row[[other.D_R, other.D_L]] = v["resistance"], v["inductance"]
-    row[[other.D_KT, other.D_KB]] = v["torque_constant"], v["emf_constant"]
+    row[[col.D_R, col.D_L]] = v["resistance"], v["inductance"]
+    row[[col.D_KT, col.D_KB]] = v["torque_constant"], v["emf_constant"]
     if ripple := rig.effect(circuit.name, "torque_ripple"):
-        row[[other.D_RIPPLE, other.D_PERIODS, other.D_PHASE]] = [ripple[n] for n in ("relative", "periods", "phase")]
+        row[[col.D_RIPPLE, col.D_PERIODS, col.D_PHASE]] = [ripple[n] for n in ("relative", "periods", "phase")]
     heat = rig.effect(circuit.name, "resistance_heating") or {}
-    row[[other.D_HEAT, other.D_TAU]] = heat.get("gain", 0.0), heat.get("time_constant", 1.0)
+    row[[col.D_HEAT, col.D_TAU]] = heat.get("gain", 0.0), heat.get("time_constant", 1.0)
 
 
 def _sensors(rig: Rig, net: _Net, links: dict[str, int], errors: Errors) -> Floats:
-    rows = np.zeros((len(rig.sensors), other.N_SENSOR))
+    rows = np.zeros((len(rig.sensors), col.N_SENSOR))
     for row, (name, sensor) in zip(rows, rig.sensors.items(), strict=True):
         if sensor.quantity == "current":
-            row[other.Y_INDEX] = 0
+            row[col.Y_INDEX] = 0
         elif sensor.quantity == "force":
-            row[other.Y_INDEX], row[other.Y_LINK] = other.LINK_FORCE, links[sensor.of]
+            row[col.Y_INDEX], row[col.Y_LINK] = col.LINK_FORCE, links[sensor.of]
         elif sensor.of == net.base:
-            row[other.Y_INDEX] = other.BASE_POSITION if sensor.quantity == "position" else other.BASE_VELOCITY
+            row[col.Y_INDEX] = col.BASE_POSITION if sensor.quantity == "position" else col.BASE_VELOCITY
         else:
             first = 2 if sensor.quantity == "position" else 2 + len(net.names)
-            row[other.Y_INDEX] = first + net.names.index(sensor.of)
+            row[col.Y_INDEX] = first + net.names.index(sensor.of)
         there = rig.effects.get(SENSOR_PREFIX + name, {})
-        row[other.Y_GAIN] = 1.0 + there.get("gain_error", {}).get("relative", 0.0)
-        row[other.Y_OFFSET] = there.get("offset", {}).get("offset", 0.0)
-        row[other.Y_DELAY] = there.get("delay", {}).get("time", 0.0)
-        row[other.Y_NOISE], row[other.Y_COUNT] = errors.noise.get(name, 0.0), errors.resolution.get(name, 0.0)
+        row[col.Y_GAIN] = 1.0 + there.get("gain_error", {}).get("relative", 0.0)
+        row[col.Y_OFFSET] = there.get("offset", {}).get("offset", 0.0)
+        row[col.Y_DELAY] = there.get("delay", {}).get("time", 0.0)
+        row[col.Y_NOISE], row[col.Y_COUNT] = errors.noise.get(name, 0.0), errors.resolution.get(name, 0.0)
     return rows
 
 
 def _unknown(unknown: Unknown | None, net: _Net, links: dict[str, int]) -> Floats:
     if unknown is None:
-        return np.array([other.NO_UNKNOWN, -1.0, 0.0, 1.0])
+        return np.array([col.NO_UNKNOWN, -1.0, 0.0, 1.0])
     place = links.get(unknown.location, net.names.index(unknown.location) if unknown.location in net.names else -1)
-    return np.array([UNKNOWNS[unknown.name], place, unknown.size, unknown.scale])
+    return np.array([getattr(col, unknown.name.upper()), place, unknown.size, unknown.scale])

@@ -1,4 +1,4 @@
-"""The concealing simulator: which rigs it takes, and a run of one."""
+"""The concealing simulator: which rigs it can simulate, and a run of one."""
 
 import math
 from dataclasses import dataclass
@@ -8,13 +8,13 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
-from dtbacklash.prove.simulator import columns as other
-from dtbacklash.prove.simulator.arrays import Machine, Memory, Signals
+from dtbacklash.prove.simulator import arrays as col
+from dtbacklash.prove.simulator.arrays import Memory, Signals
 from dtbacklash.prove.simulator.given import Errors, Loop, Unknown
 from dtbacklash.prove.simulator.machine import body_names, machine
 from dtbacklash.prove.simulator.step import run_machine
 
-#: the kinds of element that this simulator knows, and the effects: each is written here once more
+#: the kinds of element and the effects that this simulator has
 KINDS = (
     "amplifier", "motor_circuit", "actuator", "positioner", "rotor", "gear", "screw", "shaft", "mass", "carriage",
     "brake", "link", "coupling",
@@ -29,10 +29,10 @@ EFFECTS = frozenset((
 
 @dataclass(frozen=True)
 class Run:
-    """What a run gives: u (N+1,) V; by sensor, SI: ``truth`` without, ``seen`` with noise and counts; the states.
+    """The result of a run.
 
-    states (N+1, 2 + 2 nb) : current, screw's angle, positions and velocities of ``bodies``. samples : how many stayed
-    finite (N+1, or the loop diverged).
+    u : (N+1,) V. truth, seen : sensor -> (N+1,) SI, without and with noise and counts. states : (N+1, 2 + 2 nb)
+    current, screw's angle, positions and velocities of ``bodies``. samples : how many stayed finite.
     """
 
     u: Floats
@@ -45,12 +45,12 @@ class Run:
 
     @property
     def diverged(self) -> bool:
-        """Whether the loop left every plausible range."""
+        """Whether the loop diverged."""
         return self.samples < len(self.u)
 
 
 def check_concealable(rig: Rig) -> None:
-    """Refuse a rig with something in it that this simulator does not know, or that nothing moves or shows.
+    """Refuse a rig that this simulator cannot simulate, or that has no drive or no sensor.
 
     Raises
     ------
@@ -78,40 +78,32 @@ def simulate_other(
 
     Raises
     ------
-    UserError : the rig is not one that this simulator takes (:func:`check_concealable`).
+    UserError : as :func:`check_concealable`.
     """
     check_concealable(rig)
     errors = errors or Errors()
     m = machine(rig, sample_time_s, errors, unknown)
     n, sensors, size = len(loop.reference), len(rig.sensors), 2 + 2 * len(m.inertia)
-    memory = _at_rest(m)
-    control = np.zeros(other.N_CONTROL)
-    control[other.C_MODE], control[other.C_GAIN], control[other.C_LIMIT] = loop.mode, loop.gain, loop.limit
-    control[other.C_FILTER] = -math.expm1(-loop.filter_rad_s * sample_time_s)
-    control[other.C_INTEGRAL] = loop.integral * sample_time_s
-    control[other.C_RATE], control[other.C_CORNER] = loop.rate, -math.expm1(-loop.corner_rad_s * sample_time_s)
+    bristles = 2 * len(m.friction)
+    memory = Memory(
+        x=np.zeros(size), start=np.zeros(size), trial=np.zeros(size), total=np.zeros(size), rates=np.zeros(size),
+        force=np.zeros(len(m.inertia)), bristle=np.zeros(bristles), bristle_start=np.zeros(bristles),
+        yielding_start=np.zeros(2 * len(m.link)), scalar=np.zeros(col.N_SCALAR), control=np.zeros(col.N_HELD),
+    )  # fmt: skip
+    control = np.zeros(col.N_CONTROL)
+    control[col.C_MODE], control[col.C_GAIN], control[col.C_LIMIT] = loop.mode, loop.gain, loop.limit
+    control[col.C_FILTER] = -math.expm1(-loop.filter_rad_s * sample_time_s)
+    control[col.C_INTEGRAL] = loop.integral * sample_time_s
+    control[col.C_RATE], control[col.C_CORNER] = loop.rate, -math.expm1(-loop.corner_rad_s * sample_time_s)
     looked_at = (0, 0) if not loop.closed else (list(rig.sensors).index(loop.pid),) * 2 if loop.pid else roles(rig)
     noise = np.zeros((n, sensors)) if errors.draws is None else errors.draws
     signals = Signals(loop.reference, loop.dither, loop.disturbance, noise, np.array(looked_at, dtype=np.int64))
-    late = float(m.sensor[:, other.Y_DELAY].max(initial=0.0))
+    late = float(m.sensor[:, col.Y_DELAY].max(initial=0.0))
     history = np.zeros((2 + math.ceil(late / sample_time_s * m.substeps + 1e-9), sensors))
     u, truth, seen, states = np.zeros(n), np.zeros((n, sensors)), np.zeros((n, sensors)), np.zeros((n, size))
     good = run_machine(m, memory, control, signals, history, u, truth, seen, states)
-    columns = list(enumerate(rig.sensors))
-    return Run(
-        u, {name: truth[:, j] for j, name in columns}, {name: seen[:, j] for j, name in columns}, states,
-        body_names(rig), int(good), sample_time_s,
-    )  # fmt: skip
-
-
-def _at_rest(m: Machine) -> Memory:
-    nb, bristles = len(m.inertia), 2 * len(m.friction)
-    n = 2 + 2 * nb
-    return Memory(
-        x=np.zeros(n), start=np.zeros(n), trial=np.zeros(n), total=np.zeros(n), rates=np.zeros(n), force=np.zeros(nb),
-        bristle=np.zeros(bristles), bristle_start=np.zeros(bristles), yielding_start=np.zeros(2 * len(m.link)),
-        scalar=np.zeros(other.N_SCALAR), control=np.zeros(other.N_HELD),
-    )  # fmt: skip
+    by_sensor = dict(zip(rig.sensors, truth.T, strict=True)), dict(zip(rig.sensors, seen.T, strict=True))
+    return Run(u, *by_sensor, states, body_names(rig), int(good), sample_time_s)
 
 
 def roles(rig: Rig) -> tuple[int, int]:
@@ -121,17 +113,12 @@ def roles(rig: Rig) -> tuple[int, int]:
     ------
     UserError : one of them is missing.
     """
-    angle = output = -1
     order = list(rig.elements)
-    for j, sensor in enumerate(rig.sensors.values()):
-        kind = rig.elements[sensor.of].kind
-        if sensor.quantity == "position" and kind == "rotor":
-            angle = j
-        elif sensor.quantity == "position" and kind == "mass":
-            best = list(rig.sensors.values())[output] if output >= 0 else None
-            if best is None or order.index(sensor.of) > order.index(best.of):
-                output = j
-    if angle < 0 or output < 0:
+    positions = [(j, s.of, rig.elements[s.of].kind) for j, s in enumerate(rig.sensors.values())
+                 if s.quantity == "position"]  # fmt: skip
+    angles = [j for j, _, kind in positions if kind == "rotor"]
+    outputs = [(order.index(of), -j) for j, of, kind in positions if kind == "mass"]
+    if not angles or not outputs:
         allowed = "a closed loop needs a position sensor on the motor and one on a mass"
         raise UserError("rig.sensors", ", ".join(rig.sensors), allowed)
-    return angle, output
+    return angles[-1], -max(outputs)[1]

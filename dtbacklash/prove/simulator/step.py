@@ -3,10 +3,8 @@
 It shares no formula with :mod:`dtbacklash.physics`, so that a diagnosis cannot succeed by recognising its own
 equations: dry friction is LuGre's bristle (Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Automat. Contr. 40
 (1995) 419), the teeth of the gear meet through a spring and a damper, clipping, dead zone and stop are smooth, and
-delays interpolate a fine history. What has memory (bristles, yielding links) is a function of the displacement since
-the step's start, exact for constant friction level, and so cannot become stiff.
-
-What it works on stands in :mod:`.arrays` and :mod:`.columns`, what is smooth or remembers in :mod:`.laws`.
+delays interpolate a fine history. Bristles and yielding links are exact functions of the displacement since the start
+of the step, for a constant level of friction, and so cannot become stiff.
 """
 
 # mypy: disallow-untyped-defs=False
@@ -17,7 +15,7 @@ import math
 import numpy as np
 
 from dtbacklash.compiled import compiled, inlined
-from dtbacklash.prove.simulator import columns as col
+from dtbacklash.prove.simulator import arrays as col
 from dtbacklash.prove.simulator.laws import (
     KNEE,
     bristle_after,
@@ -301,7 +299,7 @@ def _show(M, history, newest, s):
 def _command(M, S, C, signals, seen, k):
     """The command of sample k, V. A prefilter, then a P controller of the motor's angle with a slow integral; or a PID.
 
-    The col.PID's rate is filtered; its integral rests while the command is at its limit.
+    The PID's rate is filtered; its integral rests while the command is at its limit.
     """
     r, F = signals.reference[k], S.control
     if C[col.C_MODE] == col.OPEN:

@@ -5,6 +5,7 @@ import pytest
 
 from dtbacklash.config.compose import compose
 from dtbacklash.physics.rig import build_rig
+from dtbacklash.prove import draw as drawing
 
 STEP_S = 1e-3
 
@@ -12,6 +13,12 @@ STEP_S = 1e-3
 @pytest.fixture(scope="session")
 def lead_screw():
     return build_rig(compose("controller=open_loop", "rig=lead_screw").rig)
+
+
+@pytest.fixture
+def short(monkeypatch):
+    """Recordings of 3 s, so that the tests are quick."""
+    monkeypatch.setattr(drawing, "DURATION_S", (3, 3))
 
 
 @pytest.fixture(scope="session")

@@ -11,17 +11,12 @@ import pytest
 import dtbacklash
 from dtbacklash.errors import UserError
 from dtbacklash.prove import conceal as concealing
-from dtbacklash.prove import draw as drawing
 from dtbacklash.prove import seal
 from dtbacklash.prove.conceal import conceal
 from dtbacklash.prove.draw import record
 from dtbacklash.recording import read_recording
 
-
-@pytest.fixture(autouse=True)
-def short(monkeypatch):
-    """Recordings of 3 s, so that the tests are quick."""
-    monkeypatch.setattr(drawing, "DURATION_S", (3, 3))
+pytestmark = pytest.mark.usefixtures("short")
 
 
 @pytest.fixture

@@ -15,12 +15,6 @@ from dtbacklash.prove.secret import KINDS, Secret
 from dtbacklash.prove.unlisted import DESCRIPTIONS, unknown_entries
 
 
-@pytest.fixture
-def short(monkeypatch):
-    """Recordings of 3 s, so that the tests are quick."""
-    monkeypatch.setattr(drawing, "DURATION_S", (3, 3))
-
-
 def test_the_same_seed_gives_the_same_secret_and_recording_to_the_last_bit(lead_screw, short):
     one, two = draw(4, lead_screw, kind="single"), draw(4, lead_screw, kind="single")
     assert one == two
@@ -132,7 +126,8 @@ def test_an_error_of_a_sensor_is_recorded(lead_screw, short):
 def test_every_excitation_turns_the_motor_round_often(lead_screw, form):
     rng = np.random.default_rng(3)
     drawn = {**_drawn(rng, lead_screw, closed=not form.startswith("voltage")), "form": form}
-    bench = Bench(lead_screw, drawn, ["theta_m", "q3"], 10.0, 1e-3)
+    secret = Secret(0, "lead_screw", "nothing", excitation=drawn, channels=["theta_m", "q3"], duration_s=10.0)
+    bench = Bench(lead_screw, secret)
     run = bench.quiet(lead_screw)
     speed = run.states[:, 2 + len(run.bodies)]
     assert not run.diverged

@@ -10,8 +10,8 @@ from proved import COULOMB, diagnosis, perfect
 from dtbacklash.config.prove import QUICK
 from dtbacklash.prove import quick
 from dtbacklash.prove.draw import draw_kind
-from dtbacklash.prove.rules import KINDS
 from dtbacklash.prove.score import score
+from dtbacklash.prove.secret import KINDS
 
 
 def cases():

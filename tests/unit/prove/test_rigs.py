@@ -36,12 +36,6 @@ AS_EVER = {
 }
 
 
-@pytest.fixture
-def short(monkeypatch):
-    """Recordings of 3 s, so that the tests are quick."""
-    monkeypatch.setattr(drawing, "DURATION_S", (3, 3))
-
-
 def test_every_rig_that_ships_is_taken():
     assert set(options("rig")) == {"lead_screw", *OTHERS}
     for name in options("rig"):

@@ -106,8 +106,8 @@ def test_a_missing_or_broken_file_is_done_again(plan):
     plan.target(cases[3]).write_text('{"id": "case3", "diag')
     run.diagnose_missing(plan, cases, ALONE, silent, diagnose)
     assert asked(plan) == [2, 1, 1, 2]
-    assert not work.looked_at(plan.target(cases[0]))
-    assert work.looked_at(plan.target(cases[1]))
+    seen = [work.Asking(plan.target(case), case, "", {}).done() for case in cases[:2]]
+    assert seen == [False, True]
 
 
 def test_other_code_diagnoses_again(plan, monkeypatch):

@@ -10,9 +10,10 @@ from dtbacklash.physics.catalogue import effects_of
 from dtbacklash.physics.rig import build_rig
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.prove.draw import entries
-from dtbacklash.prove.simulator.given import UNKNOWNS, Errors, Loop, Unknown
+from dtbacklash.prove.simulator.given import Errors, Loop, Unknown
 from dtbacklash.prove.simulator.laws import bristle_after, softplus, yielded_after
 from dtbacklash.prove.simulator.rig import simulate_other
+from dtbacklash.prove.unlisted import DESCRIPTIONS
 
 STEP_S = 1e-3
 #: what counts as noise of a sensor, SI
@@ -131,7 +132,7 @@ def test_an_unstable_loop_is_noticed(lead_screw):
     ],
 )  # fmt: skip
 def test_unknown_physics_acts_in_proportion_to_its_size(lead_screw, command, place, name):
-    assert name in UNKNOWNS
+    assert name in DESCRIPTIONS
     loop = Loop(False, command[:1500], np.zeros(1500), np.sin(np.arange(1500) / 50.0))
     plain = simulate_other(lead_screw, loop, STEP_S)
     scale = {"position_damping": 1e-3, "position_mass": 1e-2, "root_spring": 1e-4, "speed_stiffening": 1e-3}.get(

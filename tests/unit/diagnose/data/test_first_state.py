@@ -14,7 +14,7 @@ from dtbacklash.diagnose import Record, diagnose, diagnose_records, records_of
 from dtbacklash.diagnose.data.compare import predict, residual
 from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.data.first_state import first_state, moves, stands
-from dtbacklash.diagnose.data.in_motion import begun
+from dtbacklash.diagnose.data.in_motion import with_start
 from dtbacklash.diagnose.data.pull import cut
 from dtbacklash.diagnose.data.records import long_enough
 from dtbacklash.physics.rig import Rig, build_rig
@@ -32,7 +32,7 @@ def piece(record: Record, start: int, stop: int) -> Record:
 
 
 def started(rig: Rig, record: Record) -> Record:
-    return begun(rig, cut(rig, tuple(record.y), STEP_S, TEMPO_RAD_S), record)
+    return with_start(rig, cut(rig, tuple(record.y), STEP_S, TEMPO_RAD_S), record)
 
 
 def in_floors(rig: Rig, record: Record) -> np.ndarray:
