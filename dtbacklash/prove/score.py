@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from dtbacklash.config import conceal
+from dtbacklash.config import commands
 from dtbacklash.physics.kinds import KINDS, PARTS
 from dtbacklash.prove import rules
 from dtbacklash.prove.confusion import ELSEWHERE, Cell, confusion
@@ -230,7 +230,7 @@ BY_CASE = (
     _Declared("unknown_unnamed", "unknown physics whose true law clearly beats the catalogue's best, given no name",
               ("unknown",), rules.unknown_unnamed, (0.90, 1), rules.beaten),
     _Declared("no_false_name", "recordings of all kinds and sizes without a false name that is said to be sure",
-              conceal.KINDS, rules.no_false_name, None, None),
+              commands.KINDS, rules.no_false_name, None, None),
 )  # fmt: skip
 #: 95 % intervals hold the truth this often
 COVERAGE = (0.92, 0.98)
@@ -246,8 +246,8 @@ def score(cases: Sequence[Case], notes: dict[str, Any] | None = None) -> Score:
         cases=len(cases),
         failed=sum(c.diagnosis is None for c in cases),
         oracle_failed=sum("held_out" not in c.oracle for c in cases),
-        kinds={k: sum(c.kind == k for c in cases) for k in conceal.KINDS},
-        clear={k: sum(c.kind == k and rules.clear(c) for c in cases) for k in conceal.KINDS},
+        kinds={k: sum(c.kind == k for c in cases) for k in commands.KINDS},
+        clear={k: sum(c.kind == k and rules.clear(c) for c in cases) for k in commands.KINDS},
         seeds=(min(seeds), max(seeds)) if seeds else None,
         figures=_all_figures(cases),
         quantities=_quantities(cases),
