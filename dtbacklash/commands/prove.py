@@ -212,9 +212,9 @@ def _show(score: Score, folder: Path) -> None:
 
     from dtbacklash.commands.console import shown_path, stdout_console
     from dtbacklash.report.kit import tables
-    from dtbacklash.report.proof import terminal
+    from dtbacklash.report.proof.text import terminal
 
-    tables.show(terminal.table(score), "")
+    tables.show(terminal(score), "")
     stdout_console().print(escape(shown_path(folder / "report.html")), soft_wrap=True)
 
 
