@@ -202,10 +202,10 @@ def show(proved: tuple[Plan, Score], config: ProveConfig, folder: Path) -> int:
 
     from dtbacklash.commands.console import shown_path, stdout_console
     from dtbacklash.report.kit import tables
-    from dtbacklash.report.proof import terminal
+    from dtbacklash.report.proof.text import terminal
 
     plan, score = proved
-    tables.show(terminal.table(score), "")
+    tables.show(terminal(score), "")
     stdout_console().print(escape(shown_path(plan.out / "report.html")), soft_wrap=True)
     return _compare(plan, score, config) if config.quick else 0
 

@@ -55,7 +55,7 @@ def methods(diagnosis: Diagnosis) -> tuple[str, list[str]]:
     told = [
         f"The recording, {total} samples of {interval(work.sample_time_s, None, 's')}, was compared with the rig "
         f"{diagnosis.nominal.config.name}, {pieces}: {_blocks(work)}"
-        + (f" {cite(OBSERVER)}." if any(pulled for _, _, pulled in work.blocks) else "."),
+        + (f" {cite(OBSERVER)}." if any(pulled for _, _, pulled in work.blocks) else ".")
     ]
     if work.smooth:
         told.append("The command is a measured signal and was taken to pass smoothly through its samples.")

@@ -9,15 +9,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from dtbacklash import units
-from dtbacklash.diagnose.result import (
-    CONSISTENT,
-    MISSING,
-    PARAMETERS,
-    UNEXPLAINED,
-    Diagnosis,
-    Finding,
-    Recalibrated,
-)
+from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Diagnosis, Finding, Recalibrated
 from dtbacklash.diagnose.say.save import save
 from dtbacklash.diagnose.words import named_in_words, other_in_words, place_in_words
 from dtbacklash.files import json_text
@@ -27,15 +19,7 @@ from dtbacklash.physics.rig_file import rig_yaml
 from dtbacklash.report.diagnosis.figures import curve_figure, law_figure
 from dtbacklash.report.diagnosis.methods import methods
 from dtbacklash.report.diagnosis.rig_drawing import draw_rig
-from dtbacklash.report.diagnosis.words import (
-    answers,
-    better_model,
-    capital,
-    error_text,
-    heading,
-    labels,
-    partial,
-)
+from dtbacklash.report.diagnosis.words import answers, better_model, capital, error_text, heading, labels, partial
 from dtbacklash.report.kit.intervals import degrees, interval
 from dtbacklash.report.kit.numbers import number
 from dtbacklash.report.kit.page import embedded, render

@@ -22,12 +22,7 @@ from dtbacklash.report.kit.style import COLOUR, INK, MUTED, legend_above, letter
 
 @styled
 def response_and_voltage(
-    t_s: ArrayLike,
-    q3_mm: ArrayLike,
-    u_v: ArrayLike,
-    found: StepMetrics,
-    target_mm: float = 1.0,
-    band: float = 0.01,
+    t_s: ArrayLike, q3_mm: ArrayLike, u_v: ArrayLike, found: StepMetrics, target_mm: float = 1.0, band: float = 0.01
 ) -> Figure:
     """Step response and control voltage (Figures 4 and 6), with overshoot, settling time and peak marked.
 

@@ -17,7 +17,7 @@ from dtbacklash.prove.rules import Case
 from dtbacklash.prove.score import Score
 from dtbacklash.report.kit import style
 from dtbacklash.report.kit.citations import SHARES
-from dtbacklash.report.kit.page import Shown, embedded, render
+from dtbacklash.report.kit.page import embedded, render
 from dtbacklash.report.proof.confusion import confusion_figure
 from dtbacklash.report.proof.figures import errors_figure, shares_figure, visibility_figure
 from dtbacklash.report.proof.text import figure_row, markdown, quantity_row, rig_rows, which_seeds
@@ -30,28 +30,6 @@ CAPTIONS = {
     "sensors of a kind are drawn together.",
     "errors": "Held-out errors of the diagnosed rig beside those of an oracle that knows the true structure.",
 }
-#: what to see in each of these figures
-GOOD = {
-    "shares": "A bar is met where the dot lies within its grey range; a miss is red. The longer the line about a dot, "
-    "the less it says.",
-    "visibility": "The curves should rise to 100 % before the change is ten times the noise, and the intervals should "
-    "hold the truth in 95 % of cases whatever the size.",
-    "confusion": "What is right lies on the framed diagonal, in blue. Sand is ambiguity that the tool itself has "
-    "stated, orange is wrong.",
-    "errors": "Left: diagnosed rigs on the line are as good as the oracle's; the nominal ones lie far above it. "
-    "Right: the dots should lie below the dashed bar.",
-}
-METHODS = (
-    "Something was drawn from a seed and hidden in each recording: effects of the catalogue, wrong parameters, "
-    "physics that the catalogue lacks, or nothing. Another integrator than the diagnosis has made the recordings "
-    "(Runge-Kutta with fixed steps), with other formulations where a law is not smooth. The answers were sealed "
-    "until every recording was diagnosed.",
-    "A case is clear if an oracle, which fits the true structure from the true values, sees everything that was "
-    "hidden: without it the excess of the held-out mean square over the noise floor at least doubles, by three "
-    "standard errors. Intervals of shares are Wilson's, 95 % ("
-    f"{SHARES}). Held-out errors are the rms of the residuals in units of the noise "
-    "floor. docs/proof.md has the rules.",
-)
 #: the block of the docs between these lines is made from score.json
 BEGIN, END = "<!-- score: begin, made by dtb prove docs=docs -->", "<!-- score: end -->"
 DOCS_PAGE, DOCS_DATA, DOCS_IMAGES = "proof.md", "proof", "images"
@@ -90,8 +68,8 @@ def page(score: Score, rows: pd.DataFrame, figures: dict[str, Path]) -> str:
         met=met, barred=barred,
         shares=[figure_row(f) for f in score.figures], rigs=rig_rows(score),
         quantities=[quantity_row(q) for q in score.quantities],
-        figures=[Shown(embedded(path), CAPTIONS[name], GOOD[name]) for name, path in figures.items()], wrong=wrong,
-        methods=METHODS,
+        figures=[(name, embedded(path), CAPTIONS[name]) for name, path in figures.items()], wrong=wrong,
+        sources=SHARES,
     )  # fmt: skip
 
 

@@ -1,13 +1,17 @@
-"""The score as text: the rows of its tables, and all of it as Markdown."""
+"""The score as text: the rows of its tables, all of it as Markdown, and for the terminal."""
 
 from __future__ import annotations
 
 import math
 
+import pandas as pd
+from rich.table import Table
+
 from dtbacklash.prove.run import SCORING_FROM
 from dtbacklash.prove.score import Figure, Quantity, Score
 from dtbacklash.report.kit.markdown import table
 from dtbacklash.report.kit.numbers import number
+from dtbacklash.report.kit.tables import blank, fill, notes, plain_cell
 
 
 def bar_text(bar: tuple[float, float] | None) -> str:
@@ -92,3 +96,21 @@ KIND_WORDS = {
     "nothing": "hide nothing", "parameters": "only wrong parameters", "single": "one effect",
     "several": "two or three effects", "unknown": "physics that the catalogue lacks",
 }  # fmt: skip
+
+
+def terminal(score: Score) -> Table:
+    """The shares with their bars, and the errors and times below."""
+    names = ("figure", "share", "count", "interval", "bar", "met", "all")
+    frame = pd.DataFrame([dict(zip(names, figure_row(f), strict=True)) for f in score.figures])
+    shown = fill(blank("Blind proof"), frame.replace("**miss**", "MISS"), [
+        ("figure", "figure", plain_cell, False), ("share", "share", plain_cell, True),
+        ("count", "count", plain_cell, True), ("interval", "95 % interval", plain_cell, True),
+        ("bar", "bar", plain_cell, True), ("met", "", plain_cell, False), ("all", "all sizes", plain_cell, True),
+    ])  # fmt: skip
+    lines = []
+    for q in score.quantities:
+        what, median, ninety, unit, of, bar, met = quantity_row(q)
+        judged = f"; {bar}: {met}".replace("**miss**", "MISS") if bar else ""
+        lines.append(" ".join(f"{what}: median {median}, 90 % {ninety} {unit}".split()) + f" ({of} cases{judged})")
+    shown.caption = notes(lines)
+    return shown

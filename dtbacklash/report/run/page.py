@@ -13,11 +13,9 @@ from dtbacklash.report.kit.intervals import scaled, unit_in_signs
 from dtbacklash.report.kit.numbers import number
 from dtbacklash.report.kit.page import Shown, embedded, render
 from dtbacklash.report.kit.style import save
-from dtbacklash.report.run.indexes import alarms, indexes_drawn
 from dtbacklash.report.run.methods import methods
-from dtbacklash.report.run.network import network
 from dtbacklash.report.run.overview import moves_overlay, open_overview, run_overview
-from dtbacklash.report.run.text import pace_in_words
+from dtbacklash.report.run.text import alarms, indexes_drawn, network, pace_in_words
 from dtbacklash.report.run.words import as_yaml, describe, has_gear, is_open
 
 ORIGIN = ("versions", "seed", "wall_s")

@@ -1,4 +1,4 @@
-"""A run in tables and lines, for the terminal and for ``print(result)``."""
+"""A run in tables and lines, for the terminal, for ``print(result)`` and for the page."""
 
 from __future__ import annotations
 
@@ -9,11 +9,19 @@ import pandas as pd
 from rich.console import RenderableType
 from rich.text import Text
 
+from dtbacklash.config.run import RunConfig
+from dtbacklash.experiment.watch import INDEXES
 from dtbacklash.report.kit import tables
 from dtbacklash.report.kit.numbers import number
-from dtbacklash.report.run.indexes import alarms
-from dtbacklash.report.run.network import network
 
+#: index -> unit of its column and of its threshold
+UNITS = {"frequency": "", "motor": "N m", "structure": "mm"}
+#: index -> what the figure calls it
+TITLES = {
+    "frequency": "frequency of the mode over the believed one",
+    "motor": "torque left over on the motor, rms",
+    "structure": "output error behind the gap, rms",
+}
 #: compiling for longer than this is told, s
 WORTH_TELLING_S = 1.0
 
@@ -66,3 +74,57 @@ def _time(seconds: float | None, wall: dict[str, float]) -> str:
     text = f"{number(seconds)} s simulated in {number(wall.get('simulate', 0.0) + wall.get('estimate', 0.0))} s"
     compiled = wall.get("compile", 0.0)
     return text if compiled < WORTH_TELLING_S else f"{text}, after {number(compiled)} s of compiling, once"
+
+
+def indexes_drawn(config: RunConfig) -> list[tuple[str, str, list[float], str]]:
+    """Title, column of the trace, thresholds and unit of each index that was asked for."""
+    t = config.twin
+    limits = {
+        "frequency": [1 - t.frequency_threshold, 1 + t.frequency_threshold],
+        "motor": [t.motor_threshold_n_m],
+        "structure": [t.structure_threshold_mm],
+    }
+    return [(TITLES[name], INDEXES[name][1], limits[name], UNITS[name]) for name in limits if name in t.indexes]
+
+
+def alarms(summary: dict[str, Any]) -> list[str]:
+    """A sentence for each alarm: when, which index, what it showed, the subsystem that this speaks for."""
+    return [
+        f"{number(a['t_s'])} s: {a['index']} index at {number(a['value'])} {UNITS[a['index']]}".rstrip()
+        + f", which speaks for: {a['subsystem']}"
+        for a in summary.get("alarms", [])
+    ]
+
+
+def indexes_in_words(config: RunConfig) -> list[str]:
+    """What is watched beside the amplitude of the mode."""
+    t = config.twin
+    said = {
+        "frequency": f"the mode's frequency, once it is off by {number(100 * t.frequency_threshold)} % while the mode "
+        f"swings by at least {number(t.frequency_amplitude_mm)} mm",
+        "motor": f"the torque left over on the motor, above {number(t.motor_threshold_n_m)} N m",
+        "structure": f"the output error behind the gap in force, above {number(t.structure_threshold_mm)} mm",
+    }
+    return ["alarms beside it: " + "; ".join(said[name] for name in said if name in t.indexes)]
+
+
+def network(summary: dict[str, Any]) -> list[str]:
+    """A sentence on the requests, one for each reason for no answer, and one for each kind of dropped message.
+
+    Empty for a run whose twin was in its own process.
+    """
+    remote = summary.get("remote")
+    if not remote:
+        return []
+    head = f"twin at {remote['broker']}, machine {remote['machine']}: "
+    head += f"{remote['answered']} of {remote['requests']} requests answered"
+    median_s, most_s = remote["delay_s"]["median"], remote["delay_s"]["p99"]
+    if median_s is not None:
+        head += f", after {number(1e3 * median_s)} ms in the median, {number(1e3 * most_s)} ms at most in 99 %"
+    told = [head]
+    told += [f"no answer, {_times(n)}: {reason}" for reason, n in remote["unanswered"].items()]
+    return told + [f"message dropped, {_times(n)}: {reason}" for reason, n in remote["dropped"].items()]
+
+
+def _times(n: int) -> str:
+    return "once" if n == 1 else f"{n} times"

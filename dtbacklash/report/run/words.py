@@ -12,7 +12,7 @@ from dtbacklash.config.rig import RigConfig
 from dtbacklash.config.run import ControllerConfig, ProfileConfig, ReferenceConfig, RunConfig, SensorsConfig
 from dtbacklash.physics.catalogue import find
 from dtbacklash.report.kit.numbers import number, quantity
-from dtbacklash.report.run import indexes
+from dtbacklash.report.run.text import indexes_in_words
 
 DIGITS = 4  # of a setting in a sentence
 
@@ -70,7 +70,7 @@ def describe(config: RunConfig) -> list[tuple[str, list[str]]]:
             twin.append(in_words(choices.TWIN_PLACES[config.twin.where], config.twin))
         told.append(("Digital twin", twin))
     if config.twin.indexes and not is_open(config):
-        told.append(("Novelty", indexes.in_words(config)))
+        told.append(("Novelty", indexes_in_words(config)))
     if has_gear(config.rig):
         told.append(("Gap", [_profile(config.profile)]))
     told += [

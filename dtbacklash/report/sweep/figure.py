@@ -207,30 +207,12 @@ def _dots(ax: Axes, x: np.ndarray, rows: pd.DataFrame, name: str, k: int, *, joi
     y, failed = rows[name].to_numpy(dtype=float), rows["_failed"].to_numpy(dtype=bool)
     y = np.where(failed, np.nan, y)
     ax.plot(
-        x,
-        y,
-        marker,
-        ls="-" if joined else "none",
-        lw=1.2,
-        color=colour,
-        ms=size,
-        mec="white",
-        mew=0.8,
-        clip_on=False,
+        x, y, marker, ls="-" if joined else "none", lw=1.2, color=colour, ms=size, mec="white", mew=0.8, clip_on=False
     )
     edge = ax.get_xaxis_transform()  # x in data, y as a share of the panel's height
     ax.plot(x[failed], np.full(failed.sum(), 0.09), "x", color=FAILED_COLOUR, ms=9, mew=2.6, transform=edge)
     missing = np.isnan(y) & ~failed
-    ax.plot(
-        x[missing],
-        np.full(missing.sum(), 0.93),
-        "^",
-        color="white",
-        mec=colour,
-        mew=1.8,
-        ms=8,
-        transform=edge,
-    )
+    ax.plot(x[missing], np.full(missing.sum(), 0.93), "^", color="white", mec=colour, mew=1.8, ms=8, transform=edge)
 
 
 def _scale_values(axis: Axis, values: pd.Series) -> None:
@@ -311,16 +293,7 @@ def _one_line_a_job(table: pd.DataFrame, axes: list[str]) -> Figure:
         edge = ax.get_yaxis_transform()
         ax.plot(np.full(failed.sum(), 0.08), rows[failed], "x", color=FAILED_COLOUR, ms=8, mew=2.4, transform=edge)
         missing = np.isnan(y) & ~failed
-        ax.plot(
-            np.full(missing.sum(), 0.94),
-            rows[missing],
-            ">",
-            color="white",
-            mec=INK,
-            mew=1.6,
-            ms=7,
-            transform=edge,
-        )
+        ax.plot(np.full(missing.sum(), 0.94), rows[missing], ">", color="white", mec=INK, mew=1.6, ms=7, transform=edge)
         ax.set_xlabel(label)
         _scale_values(ax.xaxis, pd.Series(y, name=name))
         ax.grid(False, axis="y")
