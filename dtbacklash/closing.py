@@ -1,7 +1,7 @@
 """From a recording to a controller that works again: record in closed loop, diagnose, and use what was found.
 
-The machine is recorded in the loop of a controller that believes in its nominal rig. What the diagnosis finds is then
-believed by the twin alone, by the design alone, and by both; beside them stands the loop that knows the truth.
+The machine is recorded in the loop of a controller that believes in the nominal rig. Then the twin alone, the design
+alone, and both use what the diagnosis has found; a loop that knows the truth is run for comparison.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ Tell = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Closed:
-    """What came of it.
+    """The outcome.
 
     recorded : the run that the machine was recorded in. diagnosis : of the recording. runs :
     variant -> its run, None where the loop diverged. table : a row a variant, columns ``COLUMNS``.

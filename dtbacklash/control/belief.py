@@ -1,8 +1,8 @@
-"""What controller and twin believe of the rig: one object for the design, the internal model and the twin.
+"""What controller and twin believe about the rig: one object for the design, the internal model and the twin.
 
-A belief is a rig with effects. Its linear part is what the design needs: the motor, and the chain behind the screw with
-all that is linear in it (a screw that gives way, masses on springs to the ground, viscous friction). What the motor
-needs beside, against effects that depend on its angle or speed alone, can be fed forward (:class:`FeedForward`).
+A belief is a rig with effects. The design needs its linear part: the motor, and the chain behind the screw with all
+linear effects (a compliant screw, masses on springs to the ground, viscous friction). Effects that depend on the
+motor's angle or speed alone can be compensated by a feed-forward (:class:`FeedForward`).
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Belief:
 
     @property
     def half_gap_rad(self) -> float:
-        """The half-gap that is believed in before anything was measured."""
+        """The believed half-gap before anything was measured."""
         return rig_half_gap(self.rig)
 
     def linear(self, compensated: tuple[str, ...] = ()) -> Linear:
@@ -82,7 +82,7 @@ class Belief:
         return Linear(motor, structure)
 
     def feed_forward(self, compensated: tuple[str, ...]) -> FeedForward:
-        """What the voltage has to add against those of the effects named that the believed motor has."""
+        """The voltage that compensates those of the named effects that the believed motor has."""
         rotor, circuit = self.rig.motor_rotor(), self.rig.only("motor_circuit")
         if rotor is None or circuit is None:
             return FeedForward()
@@ -98,16 +98,16 @@ class Belief:
         )
 
     def drifts(self) -> bool:
-        """Whether it holds something between voltage and measured angle that lets an integrating motor model drift."""
+        """Whether an effect between voltage and measured angle makes an integrating motor model drift."""
         return any(name != "gain_error" for name, _ in on_the_motor(self.rig))
 
     def bends(self) -> bool:
-        """Whether it holds effects behind the gear that the linear part leaves out."""
+        """Whether it has effects behind the gear that the linear part leaves out."""
         return bool(bending(self.rig))
 
 
 def bending(rig: Rig) -> list[tuple[str, str]]:
-    """(place, effect) of what acts behind the gear and is not in :meth:`Belief.linear`."""
+    """(place, effect) of the effects behind the gear that :meth:`Belief.linear` leaves out."""
     # the reaction acts on the motor, whose angle is measured
     linear = (slots.Yielding, slots.BodyDamping, slots.Reaction)
     found = []
@@ -119,7 +119,7 @@ def bending(rig: Rig) -> list[tuple[str, str]]:
 
 
 def on_the_motor(rig: Rig) -> list[tuple[str, str]]:
-    """(effect, place) of what acts between the voltage and the measured angle; delays are a matter of the gain."""
+    """(effect, place) of the effects between voltage and measured angle; delays only limit the gain."""
     rotor = rig.motor_rotor()
     sensors = [SENSOR_PREFIX + s.name for s in rig.sensors.values() if rotor is not None and s.of == rotor.name]
     found = []
@@ -130,20 +130,20 @@ def on_the_motor(rig: Rig) -> list[tuple[str, str]]:
 
 
 def nominal(config: RigConfig) -> RigConfig:
-    """A rig as its maker states it: without effects."""
+    """A rig without effects, as its maker states it."""
     return replace(config, effects={})
 
 
 @dataclass(frozen=True)
 class Beliefs:
-    """What the controller was designed for, and what the twin knows."""
+    """What the controller was designed for, and what the twin believes."""
 
     design: Belief
     twin: Belief
 
 
 def beliefs_of(config: RunConfig) -> Beliefs:
-    """What a configuration says: ``model``, ``controller.design_from`` and ``twin.estimate_from``.
+    """The beliefs of a configuration, from ``model``, ``controller.design_from`` and ``twin.estimate_from``.
 
     Raises
     ------
@@ -163,7 +163,7 @@ def beliefs_of(config: RunConfig) -> Beliefs:
 
 
 def settled(config: RunConfig, beliefs: Beliefs) -> RunConfig:
-    """The configuration with what is ``auto`` in it made a choice, and the first gap that of the design's belief.
+    """The configuration with each ``auto`` replaced by a choice, and the design's half-gap as the first one.
 
     An integrating model of the motor would drift where something acts on the motor that it does not have. Among the
     complete models, only ``inverse`` settles with a fixed estimate that is too large; a twin meets a growing gap from

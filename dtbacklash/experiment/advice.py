@@ -1,7 +1,7 @@
 """Why a run does not settle, and which setting helps: from what is configured, and from where it fails.
 
-Each cause is looked for on its own; a sentence names what is in the way and the setting, as it is written on the
-command line. What is not found is not guessed: then only the first sentence stands.
+Each cause is checked by itself; a sentence names the cause and the setting, as the command line takes it. Where no
+cause is found, only the first sentence stands.
 """
 
 import math
@@ -56,7 +56,7 @@ def advice(
 
 
 def causes(config: RunConfig, rig: Rig, design: ControllerDesign) -> list[str]:
-    """What is in the way by configuration alone; also of a loop that diverged."""
+    """The causes that the configuration alone shows; also for a loop that diverged."""
     return [*_gain(config, rig, design), *_unmodelled(config, rig), *_prefilter(config)]
 
 

@@ -1,8 +1,8 @@
-"""What changes of the machine itself during a run: ``changes``, a list of times with parameters and effects.
+"""Changes of the machine itself during a run: ``changes``, a list of times with parameters and effects.
 
-From its time on the plant is that of the changed rig, in the state in which it was: positions, speeds, current and gear
-go on, a new friction contact begins as its speed says. Bodies and memories stay the same throughout: what adds one (a
-screw that begins to yield, an absorber, hysteresis) is refused.
+From that time on the plant is the changed rig's, in the same state: positions, speeds, current and gear stay, a new
+friction contact begins as its speed says. A change that adds a body or a memory (a screw that begins to yield, an
+absorber, hysteresis) is refused.
 """
 
 from __future__ import annotations

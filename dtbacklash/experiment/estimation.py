@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from dtbacklash.arrays import Floats, Ints
-from dtbacklash.config.run import RunConfig
+from dtbacklash.config.run import OptimizerConfig, RunConfig, TwinConfig
 from dtbacklash.control.belief import Belief
 from dtbacklash.errors import UserError
 from dtbacklash.experiment.sensors import roles as roles_of
@@ -71,26 +71,46 @@ ESTIMATE_COLUMNS = [name for name in EstimateRow.__annotations__ if name not in 
 
 def answering(config: RunConfig, belief: Belief) -> Answering:
     """The twin that ``twin.on_alarm`` asks for; raises UserError as :meth:`.service.Twin.of`."""
-    if config.twin.on_alarm != "bank":
-        return twin_of(config, belief)
-
-    return BankTwin(belief, partial(_estimating, config), config.sample_time_s)
+    return twin_from(belief, _output(belief), config.twin, config.optimizer, config.sample_time_s)
 
 
-def _estimating(config: RunConfig, believed: Belief) -> Twin:
-    """The twin that estimates the gap alone, of another belief than the configuration was settled for."""
-    method = "simulate" if believed.bends() else "linear"
-    return twin_of(replace(config, twin=replace(config.twin, method=method)), believed)
+def twin_from(
+    belief: Belief, output: str, settings: TwinConfig, optimizer: OptimizerConfig, sample_time_s: float
+) -> Answering:
+    """The twin that ``settings.on_alarm`` asks for.
+
+    belief : what it believes at first; ``settings.method`` is for that. output : name of the sensor that shows q3.
+    """
+    # no closure: the twin may go to another process
+    estimating = partial(_estimating, output, settings, optimizer, sample_time_s)
+    if settings.on_alarm == "bank":
+        return BankTwin(belief, estimating, sample_time_s)
+    if settings.method == "auto":
+        return estimating(belief)
+    return Twin.of(belief, belief.rig.sensors[output], settings, optimizer, sample_time_s)
+
+
+def _estimating(
+    output: str, settings: TwinConfig, optimizer: OptimizerConfig, sample_time_s: float, believed: Belief
+) -> Twin:
+    """The twin that estimates the gap alone, of another belief than the settings were settled for."""
+    settings = replace(settings, method="simulate" if believed.bends() else "linear")
+    return Twin.of(believed, believed.rig.sensors[output], settings, optimizer, sample_time_s)
 
 
 def twin_of(config: RunConfig, belief: Belief) -> Twin:
     """The twin of a configuration whose ``auto`` is settled; raises UserError as :meth:`.service.Twin.of`."""
-    output = list(belief.rig.sensors.values())[roles_of(belief.rig, True)[1]]
-    return Twin.of(belief, output, config.twin, config.optimizer, config.sample_time_s)
+    sensor = belief.rig.sensors[_output(belief)]
+    return Twin.of(belief, sensor, config.twin, config.optimizer, config.sample_time_s)
+
+
+def _output(belief: Belief) -> str:
+    """The name of the sensor that shows q3."""
+    return list(belief.rig.sensors)[roles_of(belief.rig, True)[1]]
 
 
 def _event(row: EstimateRow) -> float:
-    """When it belongs, for sorting; what came before any event is the first."""
+    """The time of a row, for sorting; a row without an event comes first."""
     return -1.0 if math.isnan(row["t_event_s"]) else row["t_event_s"]
 
 
@@ -179,7 +199,7 @@ class Estimation:
         return found if due is None else [*found, max(due, k + 1)]
 
     def before(self, k: int) -> None:
-        """What is due before sample k: buffers to open or to send, answers to put in force."""
+        """Do what is due before sample k: open or send buffers, put answers in force."""
         self._exchange(k)
         for answer in self.link.arrived(k):
             if answer.belief is not None:
@@ -250,7 +270,7 @@ class Estimation:
         return pd.DataFrame(rows, columns=columns)
 
     def _exchange(self, k: int) -> None:
-        """Send the buffer that is full before sample k, and take what has come."""
+        """Send the buffer that is full before sample k, and take the replies."""
         if self.service is None:
             return
         began = time.perf_counter()
@@ -268,7 +288,7 @@ class Estimation:
             self.wall_s += time.perf_counter() - began
 
     def _take(self, reply: Reply, k: int) -> None:
-        """What has come of a request before sample k: rows of the table, and the gap on its way to the controller."""
+        """Take a reply that has come before sample k: write its rows, and send its gap to the controller."""
         full, sent = self.asked.pop(reply.request.event)
         answer = reply.answer
         self.rejected = answer is None or not answer.accepted
@@ -304,7 +324,7 @@ class Estimation:
         return self._framed(full, {**nothing, "accepted": False, "reason": reason, "evaluations": 0, "found": ""})
 
     def _lost(self, dropped: Dropped) -> EstimateRow:
-        """Answers that failed a check, at the event of the request that they came after."""
+        """A row for answers that failed a check, at the event of the request before them."""
         request = dropped.request
         full = FullBuffer(0, 0, 0) if request is None else FullBuffer(request.event, request.first, request.stop)
         times = "" if dropped.count == 1 else f" {dropped.count} times"
@@ -314,7 +334,7 @@ class Estimation:
         return row
 
     def _framed(self, full: FullBuffer, said: dict[str, Any]) -> EstimateRow:
-        """A row: what was said of a buffer, with what is known of it here."""
+        """A row: what a reply says about a buffer, and what is known about it here."""
         middle = min((full.first + full.stop) // 2, self.gap.size - 1)
         known = {
             "t_event_s": full.event * self.config.sample_time_s,

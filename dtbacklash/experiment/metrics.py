@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 MOVE_COLUMNS = ["move", "t_s", "from_mm", "to_mm", "overshoot_pct", "settling_time_s", "peak_voltage_v"]
 
+#: a reference counts as piecewise constant around a change if it holds this long before and after it, s
 HOLD_S = 0.1
-"""A reference counts as piecewise constant around a change if it holds this long before and after it."""
 
 
 class StepMetrics(NamedTuple):
@@ -30,23 +30,21 @@ class StepMetrics(NamedTuple):
 def step_metrics(
     t_s: ArrayLike, y: ArrayLike, u: ArrayLike, target: float, start: float = 0.0, *, band: float = 0.01
 ) -> StepMetrics:
-    """Measure one move from `start` to `target`, which begins at `t_s[0]`.
+    """Measure one move from ``start`` to ``target``, which begins at ``t_s[0]``.
 
-    Args:
-        t_s: times [s], shape (n,), increasing, n >= 1.
-        y: response, shape (n,), in the unit of `target` and `start`.
-        u: control voltage [V], shape (n,).
-        target: value the response should reach.
-        start: value it comes from; the move's size is |target - start|.
-        band: half-width of the settling band, as a share of the size.
+    Parameters
+    ----------
+    t_s, y, u : (n,) times, s, increasing; response, in the unit of ``target``; control voltage, V; n >= 1.
+    band : half-width of the settling band, as a share of the move's size ``|target - start|``.
 
-    Returns:
-        The overshoot beyond the target (percent of the size, >= 0), the time [s] after which the response
-        stays in the band (crossing interpolated linearly between samples; NaN if it is outside at the
-        end), and the largest |u| [V].
+    Returns
+    -------
+    The overshoot beyond the target (percent of the size, >= 0), the time, s, after which the response stays in the
+    band (interpolated between samples; NaN if it is outside at the end), and the largest ``|u|``, V.
 
-    Raises:
-        ValueError: the arrays are empty or differ in length, the move has no size, the band is not positive.
+    Raises
+    ------
+    ValueError : the arrays are empty or differ in length, the move has no size, the band is not positive.
     """
     t, response, voltage = (np.asarray(a, dtype=float) for a in (t_s, y, u))
     size = abs(target - start)
@@ -80,18 +78,17 @@ def _settling_time(t: NDArray[np.float64], distance: NDArray[np.float64], band: 
 def move_table(trace: pd.DataFrame, band: float = 0.01) -> pd.DataFrame:
     """The table of moves: one row for each step of a piecewise constant reference.
 
-    A step counts as a move if the reference holds for 0.1 s before and after it; what lies before the
-    trace is rest at 0 mm, so a reference that starts elsewhere begins with a move at its first sample.
-    A reference that changes all the time (multisine, ramp) has no moves: the table is empty, and
-    `tracking_rms_mm` is the figure to look at. Each move is judged up to the next change of the reference.
+    A step counts as a move if the reference holds for ``HOLD_S`` before and after it. Before the trace the reference
+    rests at 0 mm, so that one that begins elsewhere has a move at its first sample. One that changes all the time
+    (multisine, ramp) has no moves. Each move is judged up to the next change of the reference.
 
-    Args:
-        trace: columns `t_s, r_mm, q3_mm, u_v`, one row a sample.
-        band: settling band as a share of the move.
+    Parameters
+    ----------
+    trace : columns ``t_s, r_mm, q3_mm, u_v``, one row a sample. band : settling band as a share of the move.
 
-    Returns:
-        Columns `move` (from 1), `t_s`, `from_mm`, `to_mm`, `overshoot_pct`, `settling_time_s` (NaN: it does
-        not settle before the next change), `peak_voltage_v` (largest |u| until the next change).
+    Returns
+    -------
+    ``MOVE_COLUMNS``; ``settling_time_s`` is NaN where the response does not settle before the next change.
     """
     t, r, q3, u = (trace[name].to_numpy(dtype=float) for name in ("t_s", "r_mm", "q3_mm", "u_v"))
     rows: list[tuple[float, ...]] = []

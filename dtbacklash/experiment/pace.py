@@ -80,7 +80,7 @@ class RealTime:
         return stop, RAN
 
     def summary(self) -> dict[str, Any]:
-        """How it went; times in ms after the instant of a sample until its work was done."""
+        """Deadlines met and missed; times in ms from the instant of a sample to the end of its work."""
         done = self.done_s[np.isfinite(self.done_s)]
         missed = int(np.count_nonzero(done > self.sample_time_s))
         return {
@@ -103,7 +103,7 @@ def _wait(until_s: float) -> None:
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """What this process does beside the loop stands back: its other threads, and the search for garbage."""
+    """Keep this process's other threads and the garbage collector from disturbing the loop."""
     before, collects = sys.getswitchinterval(), gc.isenabled()
     gc.collect()
     sys.setswitchinterval(SWITCH_S)

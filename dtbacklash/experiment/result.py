@@ -1,4 +1,4 @@
-"""What a run gives: tables of the trace, the moves and the estimates, what the sensors saw, and a summary."""
+"""The result of a run: tables of the trace, the moves and the estimates, what the sensors saw, and a summary."""
 
 import math
 from dataclasses import asdict, dataclass
@@ -113,7 +113,7 @@ def collect(
 
 
 def _signals(rig: Rig, trace: pd.DataFrame, roles: tuple[int, int]) -> list[dict[str, Any]]:
-    """What the summary says of the command and of each sensor: what it is, its column of the trace, its range."""
+    """For the summary: what the command and each sensor are, their columns of the trace, their ranges."""
     found: list[dict[str, Any]] = [{"signal": "u", "column": "u_v", "unit": "V", "of": "", "quantity": "command"}]
     motor, output = roles
     for j, s in enumerate(rig.sensors.values()):

@@ -7,7 +7,9 @@ array of the same shape. Files are checked row by row before anything is simulat
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -56,21 +58,18 @@ def gap_profile(config: ProfileConfig, t_s: Array) -> Array:
         cover ``t_s`` (key ``profile.path``).
     """
     if config.kind == "csv":
-        times_s, gaps_deg = read_columns("profile.path", config.path, ("t_s", "gap_deg"), t_s)
-        _check_gaps(str(config.path), gaps_deg)
+        key, path = "profile.path", config.path
+        times_s, gaps_deg = read_columns(key, path, ("t_s", "gap_deg"), t_s)
+        _refuse(key, path, gaps_deg < 0, lambda j: f"gap_deg must not be negative; row {j + 1} has {gaps_deg[j]:g}")
+        most = f"gap_deg must be at most {GAP_LIMIT_DEG:g} (in degrees)"
+        _refuse(key, path, gaps_deg > GAP_LIMIT_DEG, lambda j: f"{most}; row {j + 1} has {gaps_deg[j]:g}")
         return np.interp(t_s, times_s, gaps_deg)
     if config.kind == "constant":
         return np.full(t_s.shape, float(config.start_deg))
     if config.kind == "step":
         return np.where(_reached(t_s, config.t_start_s), config.end_deg, config.start_deg).astype(float)
     x = np.clip((t_s - config.t_start_s) / (config.t_end_s - config.t_start_s), 0.0, 1.0)
-    if config.kind == "ramp":
-        growth = x
-    elif config.kind == "s_curve":
-        growth = x**3 * (10.0 + x * (6.0 * x - 15.0))
-    else:
-        growth = wear_growth(config, x)
-    return config.start_deg + (config.end_deg - config.start_deg) * growth
+    return config.start_deg + (config.end_deg - config.start_deg) * _GROWTHS[config.kind](config, x)
 
 
 def wear_growth(config: ProfileConfig, x: Array) -> Array:
@@ -83,8 +82,7 @@ def wear_growth(config: ProfileConfig, x: Array) -> Array:
     running_in = np.expm1(-x / config.running_in_span) / np.expm1(-1.0 / config.running_in_span)
     severe = np.clip((x - config.severe_from) / (1.0 - config.severe_from), 0.0, None) ** 3
     steady_share = 1.0 - config.running_in_share - config.severe_share
-    growth = config.running_in_share * running_in + steady_share * x + config.severe_share * severe
-    return np.asarray(growth)
+    return np.asarray(config.running_in_share * running_in + steady_share * x + config.severe_share * severe)
 
 
 def _square(config: ReferenceConfig, t_s: Array, seed: int) -> Array:
@@ -118,6 +116,11 @@ def _multisine(config: ReferenceConfig, t_s: Array, seed: int) -> Array:
 
 
 _REFERENCES = {"square": _square, "step": _step, "staircase": _staircase, "multisine": _multisine}
+_GROWTHS: dict[str, Callable[[ProfileConfig, Array], Array]] = {
+    "ramp": lambda config, x: x,
+    "s_curve": lambda config, x: x**3 * (10.0 + x * (6.0 * x - 15.0)),
+    "wear": wear_growth,
+}
 
 
 def _reached(t_s: Array, at_s: float) -> NDArray[np.bool_]:
@@ -133,17 +136,22 @@ def read_columns(key: str, path: str | None, columns: tuple[str, str], t_s: Arra
     UserError : in the name of ``key``, with the row that is wrong.
     """
     table = _read_csv(key, path, columns)
-    times = _finite_column(key, path, table, columns[0])
-    values = _finite_column(key, path, table, columns[1])
+    times, values = (_finite_column(key, path, table[name]) for name in columns)
     if times.size < 2:
         raise UserError(key, path, "needs at least two rows")
     steps = np.diff(times)
-    if np.any(steps <= 0):
-        row = int(np.argmax(steps <= 0))
-        raise UserError(
-            key, path, f"{columns[0]} must increase, but does not in row {row + 2} (t = {times[row + 1]:g} s)"
-        )
-    _check_holes(key, path, times, steps)
+    name = columns[0]
+    _refuse(
+        key, path, steps <= 0,
+        lambda j: f"{name} must increase, but does not in row {j + 2} (t = {times[j + 1]:g} s)",
+    )  # fmt: skip
+    median = float(np.median(steps))
+    # a few rows that were written by hand may have any spacing; a sampled file has no holes
+    regular = steps.size >= REGULAR_ROWS and np.mean(np.abs(steps - median) <= 0.01 * median) >= REGULAR_SHARE
+    _refuse(
+        key, path, regular & (steps > HOLE_FACTOR * median),
+        lambda j: f"has a hole from {times[j]:g} to {times[j + 1]:g} s; it is sampled every {median:g} s otherwise",
+    )  # fmt: skip
     slack_s = EDGE * max(1.0, float(t_s[-1]))
     if times[0] > t_s[0] + slack_s or times[-1] < t_s[-1] - slack_s:
         span = f"{times[0]:g} to {times[-1]:g} s"
@@ -155,59 +163,30 @@ def _read_csv(key: str, path: str | None, columns: tuple[str, str]) -> pd.DataFr
     wanted = ",".join(columns)
     if path is None or not Path(path).is_file():
         raise UserError(key, path, f"is not a file; give a CSV file with the columns {wanted}")
+    as_text: dict[str, Any] = {"dtype": str, "keep_default_na": False, "index_col": False, "skipinitialspace": True}
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # a row longer than the header is a mistake
-            table = pd.read_csv(
-                path,
-                dtype=str,
-                skipinitialspace=True,
-                encoding="utf-8-sig",
-                keep_default_na=False,
-                index_col=False,
-            )
-    except (
-        OSError,
-        ValueError,
-        pd.errors.ParserWarning,
-    ) as error:  # parser and decoding errors are ValueErrors
+            table = pd.read_csv(path, encoding="utf-8-sig", **as_text)
+    except (OSError, ValueError, pd.errors.ParserWarning) as error:  # parser and decoding errors are ValueErrors
         reason = " ".join(str(error).split())[:80]
         raise UserError(key, path, f"is not a readable CSV file with the columns {wanted} ({reason})") from error
     table.columns = [str(name).strip() for name in table.columns]
-    missing = [name for name in columns if list(table.columns).count(name) != 1]
-    if missing:
+    if any(list(table.columns).count(name) != 1 for name in columns):
         found = ",".join(table.columns)[:60]
         raise UserError(key, path, f"must have the columns {wanted} once each; it has {found}")
     return table
 
 
-def _finite_column(key: str, path: str | None, table: pd.DataFrame, name: str) -> Array:
-    text = table[name].fillna("")
+def _finite_column(key: str, path: str | None, column: pd.Series) -> Array:
+    text = column.fillna("")
     values = pd.to_numeric(text, errors="coerce").to_numpy(dtype=float)
-    bad = ~np.isfinite(values)
-    if bad.any():
-        row = int(np.argmax(bad))
-        shown = repr(str(text.iloc[row]))[:30]
-        raise UserError(key, path, f"{name} must be a finite number in every row; row {row + 1} has {shown}")
+    said = f"{column.name} must be a finite number in every row"
+    _refuse(key, path, ~np.isfinite(values), lambda j: f"{said}; row {j + 1} has {repr(str(text.iloc[j]))[:30]}")
     return values
 
 
-def _check_holes(key: str, path: str | None, times: Array, steps: Array) -> None:
-    """Refuse a hole in a regularly sampled file; a few hand-written rows at any spacing are fine."""
-    median = float(np.median(steps))
-    regular = np.mean(np.abs(steps - median) <= 0.01 * median) >= REGULAR_SHARE
-    holes = steps > HOLE_FACTOR * median
-    if steps.size >= REGULAR_ROWS and regular and holes.any():
-        row = int(np.argmax(holes))
-        span = f"from {times[row]:g} to {times[row + 1]:g} s"
-        raise UserError(key, path, f"has a hole {span}; it is sampled every {median:g} s otherwise")
-
-
-def _check_gaps(path: str, gaps_deg: Array) -> None:
-    if np.any(gaps_deg < 0):
-        row = int(np.argmax(gaps_deg < 0))
-        raise UserError("profile.path", path, f"gap_deg must not be negative; row {row + 1} has {gaps_deg[row]:g}")
-    if np.any(gaps_deg > GAP_LIMIT_DEG):
-        row = int(np.argmax(gaps_deg > GAP_LIMIT_DEG))
-        allowed = f"gap_deg must be at most 360 (in degrees); row {row + 1} has {gaps_deg[row]:g}"
-        raise UserError("profile.path", path, allowed)
+def _refuse(key: str, path: str | None, wrong: NDArray[np.bool_], said: Callable[[int], str]) -> None:
+    """Raise UserError at the first place where something is wrong, with what is ``said`` about its index."""
+    if wrong.any():
+        raise UserError(key, path, said(int(np.argmax(wrong))))

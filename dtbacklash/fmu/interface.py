@@ -1,4 +1,4 @@
-"""What a rig's FMU offers: its inputs, outputs and parameters, with units; needs no library of FMI."""
+"""The variables of a rig's FMU: inputs, outputs and parameters, with units; needs no FMI library."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from dtbacklash import units
-from dtbacklash.config.rig import ParameterConfig, RigConfig
 from dtbacklash.experiment.sensors import column, trace_factor
 from dtbacklash.physics import catalogue
-from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, build_rig
+from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
+from dtbacklash.physics.rig_file import rig_of
 from dtbacklash.version import __version__
 
 INPUT, OUTPUT, PARAMETER = "input", "output", "parameter"
@@ -47,7 +47,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class Export:
-    """What is written into an FMU beside its description: all that its step needs, and the version that wrote it."""
+    """The data in an FMU beside its description: all that its step needs, and the version that wrote it."""
 
     rig: Rig
     sample_time_s: float = 1e-3
@@ -57,33 +57,31 @@ class Export:
 
     @property
     def identifier(self) -> str:
-        """The rig's name as one that a compiler takes."""
+        """The rig's name as an identifier of C."""
         return re.sub(r"\W", "_", self.rig.config.name, flags=re.ASCII).lstrip("0123456789_") or "rig"
 
     def text(self) -> str:
-        """As JSON; numbers with all their digits."""
+        """The export as JSON; numbers with all their digits."""
         content = {name: getattr(self, name) for name in ("version", "sample_time_s", "substeps", "event_levels")}
         return json.dumps(content | {"rig": asdict(self.rig.config)}, indent=1, allow_nan=False)
 
     @classmethod
     def of(cls, text: str) -> Export:
-        """From what :meth:`text` has given.
+        """The export whose :meth:`text` this is.
 
         Raises
         ------
-        RuntimeError : another version of the package has given it.
+        RuntimeError : another version of the package wrote it.
         """
         content: dict[str, Any] = json.loads(text)
         if content["version"] != __version__:
             have = f"this Python has dtbacklash {__version__}, and the FMU was exported by {content['version']}"
             raise RuntimeError(f"{have}: pip install dtbacklash=={content['version']}, or export it anew")
-        rig = content.pop("rig")
-        rig["parameters"] = {name: ParameterConfig(**values) for name, values in rig["parameters"].items()}
-        return cls(rig=build_rig(RigConfig(**rig)), **content)
+        return cls(rig=rig_of(content.pop("rig")), **content)
 
 
 def variables(rig: Rig) -> list[Variable]:
-    """Everything that the FMU of a rig offers, in order: inputs, outputs, parameters."""
+    """All variables of a rig's FMU, in order: inputs, outputs, parameters."""
     return [*_inputs(rig), *_outputs(rig), *_parameters(rig)]
 
 
@@ -121,7 +119,7 @@ def _parameters(rig: Rig) -> Iterator[Variable]:
 
 
 def _dotted(path: tuple[str, ...]) -> str:
-    """A path as the structured names of FMI 2.0 have it: what is no identifier stands in quotes."""
+    """A path as a structured name of FMI 2.0: a part that is not an identifier stands in quotes."""
     plain = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
     return ".".join(part if plain.fullmatch(part) else "'" + part.replace("'", "\\'") + "'" for part in path)
 

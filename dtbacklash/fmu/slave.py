@@ -180,7 +180,7 @@ class RigSlave(Fmi2Slave):
         return value
 
     def _value(self, one: Variable) -> float:
-        """What a variable shows."""
+        """The value of a variable."""
         return float(self._now().y[one.index]) * one.factor if one.causality == OUTPUT else self._values[one.name]
 
     def _take(self, one: Variable, value: float) -> None:
@@ -211,7 +211,7 @@ class RigSlave(Fmi2Slave):
 
 
 def about(export: Export) -> str:
-    """What the FMU says of itself."""
+    """The description in the FMU."""
     config = export.rig.config
     needs = f"Needs Python 3.11 to 3.13 with dtbacklash {export.version} where it is imported"
     step = f"communication steps: multiples of {export.sample_time_s:g} s"

@@ -7,7 +7,8 @@ import numpy as np
 from dtbacklash.arrays import Floats, Ints
 from dtbacklash.physics.bodies import Parts, take_apart
 from dtbacklash.physics.effects import slots
-from dtbacklash.physics.entries import Entries
+from dtbacklash.physics.effects.declare import Effect, Values
+from dtbacklash.physics.kernel import dispatch
 from dtbacklash.physics.kernel import plant as pl
 from dtbacklash.physics.kernel.exponential import discretise
 from dtbacklash.physics.kernel.plant import Plant
@@ -15,6 +16,62 @@ from dtbacklash.physics.rig import SENSOR_PREFIX, Element, Rig
 
 #: steps a sample where forces act beside the linear plant: errs by less than 1e-4 mm on every effect (tests)
 SUBSTEPS_FORCED = 8
+#: slots that leave the linear plant's answer to a held input as it is
+BESIDE_NOTHING = (pl.READING, pl.COMMAND)
+
+Active = list[tuple[Effect, Values]]
+
+
+class Entries:
+    """The laws of a rig's effects, by slot and place; places are added in the order of a slot's elements.
+
+    decays : the rate at which each memory falls by itself, 1/s.
+    """
+
+    def __init__(self, first_memory: int) -> None:
+        self._first_memory = first_memory
+        self._places: dict[int, list[list[tuple[int, int, list[float]]]]] = {slot: [] for slot in range(pl.N_SLOTS)}
+        self.decays: list[float] = []
+
+    @property
+    def forced(self) -> bool:
+        """Whether something acts beside the linear plant."""
+        return any(there for slot, places in self._places.items() if slot not in BESIDE_NOTHING for there in places)
+
+    def place(self, slot: int, effects: Active, constant: float = 0.0) -> None:
+        """Add the next place of a slot with the effects that act there; ``constant`` : a level of friction beside."""
+        ordered = sorted(effects, key=lambda pair: getattr(pair[0].slot, "stage", 0))
+        number = len(self._places[slot])
+        there = [(dispatch.CODES[e.kind, e.name], number, list(values.values())) for e, values in ordered]
+        if constant:
+            there.insert(0, (dispatch.PLAIN_FRICTION, number, [constant]))
+        self._places[slot].append(there)
+
+    def remember(self, slot: int, effects: Active) -> None:
+        """Add the next place of a slot whose effects have a memory each."""
+        there = []
+        for effect, values in effects:
+            memory = self._first_memory + len(self.decays)
+            there.append((dispatch.CODES[effect.kind, effect.name], memory, list(values.values())))
+            decay = getattr(effect.slot, "decay", None)
+            self.decays.append(1.0 / values[decay] if decay else 0.0)
+        self._places[slot].append(there)
+
+    def arrays(self) -> tuple[Ints, Ints, Ints, Floats]:
+        """``slot``, ``first``, ``law`` and ``law_p`` of :class:`~dtbacklash.physics.kernel.plant.Plant`."""
+        slots, first, laws, parameters = [], [0], [], []
+        for slot in range(pl.N_SLOTS):
+            slots.append(len(first) - 1)
+            for there in self._places[slot]:
+                for code, memory, values in there:
+                    laws.append((code, memory))
+                    parameters.append(values + [0.0] * (pl.LAW_PARAMETERS - len(values)))
+                first.append(len(laws))
+        return (
+            np.array(slots, dtype=np.int64), np.array(first, dtype=np.int64),
+            np.array(laws, dtype=np.int64).reshape(-1, 2),
+            np.array(parameters, dtype=float).reshape(-1, pl.LAW_PARAMETERS),
+        )  # fmt: skip
 
 
 def compile_plant(
@@ -43,7 +100,7 @@ def compile_plant(
     entries = _entries(parts, circuit, first_aux)
     if where_forced and entries.forced:
         substeps, event_levels = where_forced
-    # what a positioner imposes moves smoothly between the samples, whether a law beside it asks for more steps or not
+    # a positioner moves smoothly between the samples, whether another law needs more steps or not
     smooth = rig.only("positioner") is not None
     substeps = substeps or (SUBSTEPS_FORCED if entries.forced or smooth else 1)
     screw = _screw_row(parts)
@@ -73,12 +130,12 @@ def state_names(rig: Rig, imposed: bool = False) -> list[str]:
 
 
 def _base_drive(rig: Rig) -> Element | None:
-    """What moves the base, whatever else happens: a screw or a positioner."""
+    """The element that moves the base: a screw or a positioner."""
     return rig.only("screw") or rig.only("positioner")
 
 
 def _entries(parts: Parts, circuit: Element | None, first_aux: int) -> Entries:
-    """The laws of the rig's effects, by the place where they act."""
+    """The laws of the rig's effects, by slot and place."""
     rig = parts.rig
     entries = Entries(first_aux)
     for name in parts.bodies.names:
@@ -91,10 +148,12 @@ def _entries(parts: Parts, circuit: Element | None, first_aux: int) -> Entries:
         entries.place(pl.FRICTION, contact.effects, constant=contact.level)
     for name in rig.sensors:
         entries.place(pl.READING, rig.active(SENSOR_PREFIX + name, slots.Reading))
-    amplifier, screw = rig.only("amplifier"), rig.only("screw")
-    entries.place(pl.COMMAND, rig.active(amplifier.name, slots.Command) if amplifier else [])
-    entries.place(pl.LEAD, rig.active(screw.name, slots.Lead) if screw else [])
-    entries.place(pl.MOTOR_TORQUE, rig.active(circuit.name, slots.MotorTorque) if circuit else [])
+    single = (
+        (pl.COMMAND, rig.only("amplifier"), slots.Command), (pl.LEAD, rig.only("screw"), slots.Lead),
+        (pl.MOTOR_TORQUE, circuit, slots.MotorTorque),
+    )  # fmt: skip
+    for place, where, slot in single:
+        entries.place(place, rig.active(where.name, slot) if where else [])
     entries.remember(pl.WINDING, rig.active(circuit.name, slots.WindingMemory) if circuit else [])
     return entries
 

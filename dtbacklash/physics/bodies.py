@@ -15,7 +15,7 @@ from dtbacklash.physics.kernel import plant as pl
 from dtbacklash.physics.kinds import GROUND, LINEAR
 from dtbacklash.physics.rig import Element, Rig
 
-#: damping ratio of the axial spring of a screw that gives way, with the mass that it carries
+#: damping ratio of the axial spring of a compliant screw, with the mass that it carries
 SCREW_DAMPING_RATIO = 0.02
 
 
@@ -86,7 +86,7 @@ class Parts:
 def take_apart(rig: Rig, imposed: bool) -> Parts:
     """Bodies, springs and contacts of a rig.
 
-    ``imposed`` : the motor's angle (or the positioner's command) is given; what turns is then not simulated.
+    ``imposed`` : the motor's angle (or the positioner's command) is given; then nothing that turns is simulated.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def take_apart(rig: Rig, imposed: bool) -> Parts:
 
 
 def screw_spring(rig: Rig) -> tuple[float, float] | None:
-    """Stiffness, N/m, and damping, N s/m, of a screw that gives way; None where it is rigid.
+    """Stiffness, N/m, and damping, N s/m, of a compliant screw; None where it is rigid.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def screw_spring(rig: Rig) -> tuple[float, float] | None:
 
 
 def _base(rig: Rig) -> str | None:
-    """What moves as it is driven, whatever pulls on it: a positioner, or the mass on a screw that does not give way."""
+    """The body whose motion no force can change: a positioner, or the mass on a rigid screw."""
     if positioner := rig.only("positioner"):
         return positioner.name
     screw = rig.only("screw")
@@ -157,7 +157,7 @@ def _no_springs(inertia: dict[str, float]) -> Bodies:
 
 
 def hidden_bodies(rig: Rig) -> dict[str, tuple[str, float, float, float]]:
-    """name -> (the body that it swings on, its mass, stiffness, damping)."""
+    """Hidden bodies: name -> (the body that carries it, its mass, stiffness, damping)."""
     found = {}
     for element in rig.bodies():
         for effect, values in rig.active(element.name, slots.HiddenBody):
@@ -183,7 +183,7 @@ def _add_spring(parts: Parts, element: Element) -> None:
 
 
 def _add_bearing(parts: Parts, element: Element) -> None:
-    """Friction of a body against the ground; the viscous part is linear and goes into the damping matrix."""
+    """Add a body's friction against the ground; the viscous part goes into the damping matrix."""
     rig, names = parts.rig, parts.bodies.names
     if element.name not in names:
         return
@@ -195,7 +195,7 @@ def _add_bearing(parts: Parts, element: Element) -> None:
 
 
 def _check_base(rig: Rig, base: str | None) -> None:
-    """A mass on a rigid screw moves as the screw does: of all effects only what swings on it can change anything."""
+    """Refuse forces on the mass that a rigid screw carries: it moves as the screw does, whatever pushes it."""
     there = rig.effects.get(base or "", {})
     swinging = [effect.name for effect, _ in rig.active(base or "", slots.HiddenBody)] if there else []
     for name in there:

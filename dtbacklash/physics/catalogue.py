@@ -1,7 +1,7 @@
 """The catalogue: every physical effect that this tool knows, gathered from :mod:`dtbacklash.physics.effects`.
 
-Simulation, diagnosis, concealed recordings, docs, drawings and the checks of a rig's YAML all read it. An effect of
-one's own is registered by :func:`register` before anything is simulated.
+Simulation, diagnosis, concealed recordings, docs, drawings and the checks of a rig's YAML all read it. Register your
+own effect by :func:`register` before anything is simulated.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How the law of an effect is drawn: its effort against the one state that it depends on, as its slot and laws say."""
+"""How the law of an effect is drawn: its effort against the one state on which it depends."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from dtbacklash.physics.kinds import KINDS
 
 #: points of a drawn curve, and of each half of a loop
 POINTS = 401
-#: a loop goes this many times around before the lap that is drawn, so that its beginning is forgotten
+#: laps of a loop; the last one is drawn, when the law has forgotten the beginning
 LAPS = 3
-#: what the states of laws are called where they are drawn
+#: names of the states in drawings
 NAMES = {
     "position": "position", "velocity": "speed", "stretch": "stretch", "stretch_rate": "stretch rate", "time": "time",
     "command": "command", "angle": "angle",
@@ -57,7 +57,7 @@ class Drawing:
 
 
 def drawing_of(effect: Effect) -> Drawing | None:
-    """How the law of an effect is drawn, or None where it is no law of one state."""
+    """How the law of an effect is drawn; None where it depends on more than one state."""
     slot = effect.slot
     for kind, drawn in _DRAWN.items():
         if isinstance(slot, kind):
@@ -97,12 +97,12 @@ def _called(effect: Effect, law: Law, values: Values, **states: float) -> float:
 
 
 def _asks_for(effect: Effect, law: Law) -> set[str]:
-    """The states that a law asks for."""
+    """The states among the arguments of a law."""
     return {name for name in arguments(law, effect.slot.states, effect) if isinstance(name, str)}
 
 
 def _along(effect: Effect, law: Law, state: str, **others: float) -> Callable[[Values, Values, Floats], Floats]:
-    """A law without memory along one of its states, the others where they stand."""
+    """A law without memory over one of its states, the others constant."""
 
     def effort(values: Values, element: Values, grid: Floats) -> Floats:
         more = {"spring_stiffness": element.get("stiffness", 0.0), "spring_damping": element.get("damping", 0.0)}
@@ -113,7 +113,7 @@ def _along(effect: Effect, law: Law, state: str, **others: float) -> Callable[[V
 
 
 def _wave(effect: Effect, state: str, effort: Callable[[Values, Values, Floats], Floats]) -> Drawing:
-    """Periodic in a position where a parameter is its phase."""
+    """A wave where a parameter of the law is a phase, else a curve."""
     if effect.of_role(Role.ANGLE) is None:
         return Drawing(NAMES[state], effort)
     wave = effect.of_role(Role.WAVE)
@@ -161,7 +161,7 @@ def _spring_play(effect: Effect, slot: Any) -> Drawing:
 
 
 def _spring_memory(effect: Effect, slot: Any) -> Drawing:
-    """Force along a sweep of the stretch, for laws that do not depend on how fast it is swept."""
+    """Force over a sweep of the stretch; the law does not depend on the sweep's speed."""
 
     def effort(values: Values, element: Values, sweep: Floats) -> Floats:
         z, out = 0.0, np.zeros(len(sweep))
@@ -179,7 +179,7 @@ def _command(effect: Effect, slot: Any) -> Drawing:
 
 
 def _lead(effect: Effect, slot: Any) -> Drawing:
-    """Without the constant that makes it zero at zero: a position is where the recording begins."""
+    """The law less its mean, since a recording's positions start anywhere."""
     law = _along(effect, slot.law, "angle")
     wave = effect.of_role(Role.WAVE)
 
@@ -192,7 +192,7 @@ def _lead(effect: Effect, slot: Any) -> Drawing:
 
 
 def _gear_play(effect: Effect, slot: Any) -> Drawing:
-    """Angle behind the gap along a sweep of the angle before it."""
+    """Angle behind the gap over a sweep of the angle before it."""
 
     def effort(values: Values, element: Values, sweep: Floats) -> Floats:
         function, out = plain_function(play), np.empty(len(sweep))

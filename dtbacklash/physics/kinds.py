@@ -1,7 +1,7 @@
-"""The kinds of element that a rig can be made of: what each needs, what it stands beside, what a sensor can show of it.
+"""The kinds of element of a rig: what each needs, which neighbours it has, what a sensor can show of it.
 
-A kind's traits say what it is to the equations of motion; what simulates, diagnoses and draws asks for traits, not for
-names of kinds. Names of fields are those of the parameters that the rig's file gives (value, unit, tolerance).
+A trait says which role a kind has in the equations of motion; simulation, diagnosis and drawings ask for traits, not
+for names of kinds. A field names a parameter in the rig's file (value, unit, tolerance).
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from dtbacklash.physics.rig import Rig
 
 @dataclass(frozen=True)
 class Response:
-    """What a simulation gives at the N+1 sampling instants: sensors by name (SI), states, the screw's angle."""
+    """A simulation at the N+1 sampling instants: sensors by name (SI), states, the screw's angle."""
 
     t_s: Floats
     sensors: dict[str, Floats]

@@ -5,18 +5,18 @@ The document is complete: a twin that was started a moment ago answers as well a
 
 from __future__ import annotations
 
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, fields
 from typing import Any
 
 from dtbacklash.config.run import OptimizerConfig, RunConfig, TwinConfig
 from dtbacklash.config.setting import METADATA
 from dtbacklash.control.belief import Belief, beliefs_of, settled
 from dtbacklash.errors import UserError
+from dtbacklash.experiment.estimation import twin_from
 from dtbacklash.experiment.sensors import roles
 from dtbacklash.physics.rig_file import rig_content, rig_of
 from dtbacklash.remote.protocol import Document
-from dtbacklash.twin.link.bank_twin import BankTwin
-from dtbacklash.twin.link.service import Answering, Twin
+from dtbacklash.twin.link.service import Answering
 
 #: settings of the twin that only the machine needs: they do not go with a request
 OF_THE_MACHINE = (
@@ -63,16 +63,7 @@ def twin_of(document: Document) -> Answering:
     sample_time_s = float(document["sample_time_s"])
     if document["output"] not in rig.sensors:
         raise UserError("output", document["output"], "a sensor of the rig: " + ", ".join(rig.sensors))
-
-    def estimating(belief: Belief, method: str = "auto") -> Twin:
-        if method == "auto":
-            method = "simulate" if belief.bends() else "linear"
-        output = belief.rig.sensors[document["output"]]
-        return Twin.of(belief, output, replace(settings, method=method), optimizer, sample_time_s)
-
-    if settings.on_alarm == "bank":
-        return BankTwin(Belief(rig), estimating, sample_time_s)
-    return estimating(Belief(rig), settings.method)
+    return twin_from(Belief(rig), document["output"], settings, optimizer, sample_time_s)
 
 
 def _made(schema: type, values: dict[str, Any], where: str) -> Any:

@@ -1,8 +1,8 @@
-"""The twin as the machine sees it: requests go out, answers come back, are checked, and counted where they fail.
+"""The twin as the machine sees it: requests go out, answers come back and are checked; those that fail are counted.
 
-The loop is never held up by the network: all of it happens in threads of its own. Where time is simulated it stands
-still while the twin works, as with a twin in the same process: there :meth:`RemoteTwin.replies` waits, at most
-``timeout_s``. Where time is real (``waits=False``) it never waits.
+Threads of their own serve the network, so that it never holds up the loop. Simulated time stands still while the twin
+works, as with a twin in the same process: there :meth:`RemoteTwin.replies` waits, at most ``timeout_s``. In real time
+(``waits=False``) it never waits.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import threading
 import time
 from collections import Counter, OrderedDict, deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from dtbacklash.config.run import TwinConfig
@@ -63,7 +63,6 @@ class _Asked:
     again_at: float = 0.0
     accepted: Ticket | None = None
     problem: str = ""
-    dropped: Counter[str] = field(default_factory=Counter)
 
 
 class RemoteTwin:
@@ -105,7 +104,7 @@ class RemoteTwin:
         self._told: dict[int, str] = {}
         self._done: list[Reply] = []
         self._twins = Counters(TWINS_KEPT)
-        self._early: Counter[str] = Counter()
+        self._dropped: Counter[tuple[int, str]] = Counter()  # by the last request before, and reason
         self._delays: list[float] = []
         self._reasons: Counter[str] = Counter()
         self._gone = False
@@ -145,7 +144,7 @@ class RemoteTwin:
             one = _Asked(request, Ticket(self._run, self._counter), now, now + patience)
             self._asked[self._counter] = self._waiting[self._counter] = one
             while len(self._asked) > REQUESTS_KEPT:
-                self._early += self._asked.popitem(last=False)[1].dropped
+                self._asked.popitem(last=False)
             self._unsent.append(one)
             self._state.notify_all()
 
@@ -162,20 +161,20 @@ class RemoteTwin:
         return done
 
     def dropped(self) -> list[Dropped]:
-        """What was dropped, by the request that it came after and by reason; the last thing that is asked for."""
+        """What was dropped, by the request before it and by reason; nothing is counted after this call."""
         with self._state:
             self._over = True
             self._reasons[RUN_ENDED] += len(self._waiting)
             self._reasons += Counter()  # without what is zero
-            found = [Dropped(None, reason, n) for reason, n in self._early.items()]
-            for one in self._asked.values():
-                found += [Dropped(one.request, reason, n) for reason, n in one.dropped.items()]
-        return found
+            known = {number: one.request for number, one in self._asked.items()}
+            return [Dropped(known.get(number), reason, n) for (number, reason), n in self._dropped.items()]
 
     def summary(self) -> dict[str, Any]:
-        """What a run says of its twin: requests, answers, why there were none, what was dropped, delays in s."""
+        """For a run's summary: requests, answers, why there were none, what was dropped, delays in s."""
         with self._state:
-            dropped = self._early + sum((one.dropped for one in self._asked.values()), Counter())
+            dropped: Counter[str] = Counter()
+            for (_, reason), n in self._dropped.items():
+                dropped[reason] += n
             delays = sorted(self._delays)
             return {
                 "broker": self.settings.broker, "machine": self._machine, "requests": self._counter,
@@ -200,7 +199,7 @@ class RemoteTwin:
     # --- threads: what goes out
 
     def _send_all(self) -> None:
-        """Send what is to be sent, in order; again where no twin was listening."""
+        """Send the requests in order, and again where no twin was listening."""
         link = self._connection
         while True:
             with self._state:
@@ -242,7 +241,7 @@ class RemoteTwin:
         return bool(self._unsent) and self._unsent[0].again_at <= time.monotonic()
 
     def _published(self, mid: int, refusal: str) -> None:
-        """What the broker says of a request, which may be before its number is known."""
+        """Take what the broker says about a request, which may come before its number is known."""
         with self._state:
             if mid in self._by_mid:
                 self._hear(self._by_mid.pop(mid), refusal)
@@ -250,7 +249,7 @@ class RemoteTwin:
                 self._told[mid] = refusal
 
     def _hear(self, one: _Asked, refusal: str) -> None:
-        """A request has reached the broker, which may refuse it, or know of nobody who listens."""
+        """A request has reached the broker, which may refuse it, or report that nobody listens."""
         one.problem = ""
         if one.state == WAITING and refusal == NOBODY:
             one.problem = "no twin listens at"
@@ -278,10 +277,8 @@ class RemoteTwin:
             refused = Refused.of(error)
             log.info("dropped an answer: %s", refused)
             with self._state:
-                if self._over:
-                    return
-                last = next(reversed(self._asked.values()), None)
-                (self._early if last is None else last.dropped)[refused.reason] += 1
+                if not self._over:
+                    self._dropped[self._counter, refused.reason] += 1
 
     def _checked(self, topic: str, payload: bytes, signature: str | None) -> AnswerMessage:
         """The answer in a message that passes all checks; raises Refused."""
@@ -297,7 +294,7 @@ class RemoteTwin:
         return message
 
     def _check_model(self, belief: Belief | None) -> None:
-        """Refuse a model that was not asked for, of another machine, or that no controller can be designed for."""
+        """Raise Refused for a model that was not asked for, that fits another machine, or that allows no controller."""
         if belief is None:
             return
         if self.settings.on_alarm != "bank":
@@ -313,7 +310,7 @@ class RemoteTwin:
             raise Refused(NO_MODEL, str(mistake)) from mistake
 
     def _accept(self, message: AnswerMessage) -> None:
-        """The answer to a request that waits for one; raises Refused for all others."""
+        """Take the answer to a request that waits for one; raises Refused for all others."""
         one = self._asked.get(message.to.counter)
         if one is None:
             raise Refused(UNKNOWN)
@@ -336,13 +333,13 @@ class RemoteTwin:
         self._state.notify_all()
 
     def _overtake(self, newer: _Asked) -> None:
-        """Requests before one that was answered: what they would say is old."""
+        """Give up the requests before one that was answered: their answers would be old."""
         for one in list(self._waiting.values()):
             if one.ticket.counter < newer.ticket.counter:
                 self._unanswered(one, "overtaken by the answer to a later buffer", OVERTAKEN)
 
     def _give_up(self, now: float) -> None:
-        """Requests that have waited for too long."""
+        """Give up the requests that have waited for too long."""
         for one in [one for one in self._waiting.values() if one.until <= now]:
             link = self._connection
             if not one.sent and not one.problem:
@@ -360,7 +357,7 @@ class RemoteTwin:
         self._done.append(Reply(one.request, None, reason))
 
     def _settle(self, one: _Asked, state: int) -> None:
-        """Something has come of a request: it waits no more, and need not be sent again."""
+        """Settle a request: it waits no more, and is not sent again."""
         one.state, one.payload = state, b""
         self._waiting.pop(one.ticket.counter, None)
 

@@ -139,21 +139,6 @@ Draws = Callable[[Generator, Place], Values]
 Bounds = dict[str, tuple[float, float]]
 
 
-def no_starts(place: Place) -> list[Values]:
-    """The recording says nothing about where to start."""
-    return [{}]
-
-
-def no_bounds(place: Place) -> Bounds:
-    """The recording can show any value."""
-    return {}
-
-
-def no_draws(rng: Generator, place: Place) -> Values:
-    """There is nothing beside the size to be drawn."""
-    return {}
-
-
 @dataclass(frozen=True)
 class Alias:
     """Another law that an effort is as well, beside dry friction of a level that is larger.
@@ -200,15 +185,15 @@ class Effect:
     source: str
     sentence: str
     conceal: Range
-    draws: Draws = no_draws
-    starts: Starts = no_starts
+    draws: Draws = lambda rng, place: {}
+    starts: Starts = lambda place: [{}]
     strength: Callable[[Place, float], float] | None = None
     formulation_error: float = FORMULATION_ERROR
     becomes: tuple[str, str] | None = None
     alias: Alias | None = None
     sentence_without: tuple[tuple[str, str], ...] = ()
     excludes: tuple[str, ...] = ()
-    visible: Callable[[Place], Bounds] = no_bounds
+    visible: Callable[[Place], Bounds] = lambda place: {}
 
     @property
     def size(self) -> Parameter:

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-
 from dtbacklash.diagnose.faults import repeats, samples
+
 from dtbacklash.diagnose.settings import settings
 
 T_S = 1e-3 * np.arange(8000)
