@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from dtbacklash.diagnose.faults import repeats, samples
 
+from dtbacklash.diagnose.inspect import samples
 from dtbacklash.diagnose.settings import settings
 
 T_S = 1e-3 * np.arange(8000)
@@ -51,4 +51,4 @@ def test_a_sensor_that_shows_drift_alone_is_dead() -> None:
 def test_a_sensor_that_shows_zeros_for_a_while_is_reported() -> None:
     values = measured()
     values[3000:3400] = 0.0
-    assert repeats.hung(values)[3001:3400].all()
+    assert samples.hung(values)[3001:3400].all()
