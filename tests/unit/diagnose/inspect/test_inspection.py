@@ -188,6 +188,6 @@ def test_a_recording_cannot_judge_itself(rig, clean):
 
 def test_what_stands_at_its_limit_is_said():
     said = limits_said(["`force` of ground friction at mass 1"], ["`m1`", "`k`"])
-    assert "`force` of ground friction at mass 1 stands at the end of its range" in said
+    assert "`force` of ground friction at mass 1 stands at the end of the range" in said
     assert "`m1` and `k` stand at the limit" in said
     assert limits_said([], []) == ""
