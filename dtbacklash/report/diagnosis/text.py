@@ -12,7 +12,8 @@ from dtbacklash.report.kit.intervals import interval
 
 def lines(diagnosis: Diagnosis) -> list[Text]:
     """The verdict, what was found with intervals, what cannot be told apart, which checks fail, what to record next."""
-    told = [Text(f"{diagnosis.verdict}: {heading(diagnosis)}", style="bold"), Text(diagnosis.summary.replace("`", ""))]
+    said = heading(diagnosis).removeprefix("Missing: ").removeprefix("Unexplained: ")
+    told = [Text(f"{diagnosis.verdict}: {said}", style="bold"), Text(diagnosis.summary.replace("`", ""))]
     for finding in diagnosis.findings:
         title = capital(named_in_words(finding.effect, finding.location))
         told += [Text(), Text(title + partial(finding))]

@@ -231,7 +231,7 @@ def test_units_in_signs():
 
 def test_the_terminal_says_the_same_in_letters_that_it_has():
     text = "\n".join(line.plain for line in lines(diagnosed.missing()))
-    assert text.startswith("missing_physics: Missing: Coulomb friction at the motor bearing and backlash at the gear")
+    assert text.startswith("missing_physics: Coulomb friction at the motor bearing and backlash at the gear")
     for phrase in (
         "  torque = 20.0 +/- 0.5 mN m",
         "  this recording cannot tell it from dead zone at the amplifier",
