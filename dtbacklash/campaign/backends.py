@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from dtbacklash.campaign.jobs import Job, perform
@@ -42,9 +42,26 @@ class Workers:
             for _ in Parallel(return_as="generator_unordered", batch_size=1)(delayed(perform)(job) for job in jobs):
                 pass
 
-    def alone(self) -> Workers:
+    def alone(self) -> OwnProcess:
         """A process of its own on this machine."""
-        return replace(self, backend="loky", jobs=2, scheduler=None)
+        return OwnProcess()
+
+
+@dataclass(frozen=True)
+class OwnProcess:
+    """A new process for each job: joblib's own pool may still be ending with a worker that died."""
+
+    def do(self, jobs: Sequence[Job]) -> None:
+        """Perform the jobs, one after the other; raises what a process died of."""
+        from joblib.externals.loky import ProcessPoolExecutor
+
+        for job in jobs:
+            with ProcessPoolExecutor(max_workers=1) as process:
+                process.submit(perform, job).result()
+
+    def alone(self) -> OwnProcess:
+        """The same one."""
+        return self
 
 
 @dataclass(frozen=True)
