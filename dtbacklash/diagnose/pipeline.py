@@ -20,14 +20,17 @@ from dtbacklash.diagnose.fit.refit import QUICK, fit
 from dtbacklash.diagnose.inspect.fault import faulty, mended, not_finite
 from dtbacklash.diagnose.inspect.inspection import inspect
 from dtbacklash.diagnose.judge.checks import all_checks, at_bounds, at_tolerances, coloured, whiteness
+from dtbacklash.diagnose.judge.explained import explained
 from dtbacklash.diagnose.judge.free_form import free_forms
+from dtbacklash.diagnose.judge.law_points import law_shown
 from dtbacklash.diagnose.judge.limits import limits
+from dtbacklash.diagnose.judge.stands import rivals_of, stands
 from dtbacklash.diagnose.judge.verdict import decide, depends_on, moved_parameters, remaining
 from dtbacklash.diagnose.result import UNEXPLAINED, Diagnosis, Work
 from dtbacklash.diagnose.say.drawn import shown
 from dtbacklash.diagnose.say.findings import candidates, finding, located, recalibrated, without, without_known
 from dtbacklash.diagnose.say.next_experiment import next_experiment
-from dtbacklash.diagnose.say.sentences import beyond_said, limits_said, summary
+from dtbacklash.diagnose.say.sentences import beyond_said, explained_said, limits_said, summary
 from dtbacklash.diagnose.search.friction_by_direction import call_by_direction
 from dtbacklash.diagnose.search.grow import search, silent
 from dtbacklash.diagnose.search.leave_out import drop
@@ -72,7 +75,8 @@ def diagnose_records(
             model, log, smooth = _searched(_readings(known, records), say)
             model = call_by_direction(call_by_its_limit(model, log), log)
             say("fitting to all and judging", 0.95)
-            model = refitted(model, for_judgement(whole(model.evidence, records, smooth)))
+            evidence = whole(model.evidence, records, smooth).pulled_for(model.fitted.rig)
+            model = refitted(model, for_judgement(evidence))
             model, errors = _with_errors(model, log)
             return mended(_diagnosis(model, log, errors, smooth), inspected)
         except np.linalg.LinAlgError as error:
@@ -153,31 +157,39 @@ def _diagnosis(model: Model, log: Log, errors: Errors, smooth: bool) -> Diagnosi
     # where nothing is left, an effort of free form is tried against what was named, at its place
     forms = free_forms(evidence, model.fitted, None if real else {place for place, _ in model.keys}, real or None)
     form = max(forms, key=lambda f: f.t, default=None)
-    verdict = decide(left, depends_on(form, left), model, moved)
-    rest = max(forms, key=lambda f: f.share, default=None) if verdict == UNEXPLAINED else None
-    findings = tuple(finding(model, key, errors, left_out[key], rest, verdict) for key in model.keys)
-    values, where = recalibrated(evidence.nominal, moved, wrong), located(left, verdict, rest)
     free = free_running(evidence, model.nominal, model.fitted)
+    table = fit_table(evidence, model.nominal, model.fitted)
+    much = explained(evidence, model.fitted, table, free, {})
+    laws = {key: law_shown(evidence, model.fitted, key, left_out[key]) for key in model.keys}
+    rivals = {key: rivals_of(model, log, key) for key in model.keys}
+    grounds = {key: stands(model, key, laws[key], rivals[key]) for key in model.keys}
+    sure = model.could_be is None and any(ground.sure for ground in grounds.values())
+    verdict = decide(model, left, depends_on(form, left), sure, much, moved)
+    rest = max(forms, key=lambda f: f.share, default=None) if real or verdict == UNEXPLAINED else None
+    findings = tuple(finding(model, key, errors, left_out[key], rivals[key], grounds[key]) for key in model.keys)
+    values, where = recalibrated(evidence.nominal, moved, wrong), located(left, verdict, rest)
     at_limits = limits_said(at_bounds(model), at_tolerances(evidence.nominal, model.fitted.rig))
-    said = summary(verdict, findings, values, where, wrong), at_limits, beyond_said(wrong)
+    rest_said = explained_said(much, bool(findings))
+    said = summary(verdict, findings, values, where, wrong), rest_said, at_limits, beyond_said(wrong)
     return Diagnosis(
         verdict=verdict,
         summary=" ".join(filter(None, said)),
         findings=findings,
         recalibrated=values,
-        fit=fit_table(evidence, model.nominal, model.fitted),
+        fit=table,
         candidates=candidates(model, log),
         located=where,
         next_experiment=next_experiment(model, rest),
         nominal=given,
         extended=with_errors(believed(model.fitted.rig, wrong), errors),
         free_running=free,
+        explained=much,
         checks=all_checks(model, errors, free, form, white),
         limits=limits(model, log),
         notes=("The command is a measured signal: it passes smoothly through its samples instead of being held.",)
         if smooth
         else (),
-        shown=shown(model, left_out, rest),
+        shown=shown(model, left_out, [law for law in laws.values() if law is not None], rest),
         work=_work(evidence, log, smooth),
     )
 

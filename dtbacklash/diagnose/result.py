@@ -5,7 +5,7 @@ Everything here is plain data in SI: the report draws it, Python reads it, and n
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -71,6 +71,80 @@ class Instead:
 
 
 @dataclass(frozen=True)
+class Ground:
+    """What one part of a name rests on: a lead over the best fit that does without it.
+
+    stands : whether the lead is clear. against : the best rival, None where there is none or where the effect is left
+    out. ratio : of the rms that the two leave. t : the lead in standard errors. agree : share of the stretches.
+    share : of the effort of free form that the law explains; of a law alone, None where it is not drawn over a state.
+    """
+
+    stands: bool
+    ratio: float | None = None
+    t: float | None = None
+    agree: float | None = None
+    against: Alternative | None = None
+    share: float | None = None
+
+    def to_json(self) -> Document:
+        """A part of ``stands``."""
+        row: Document = json_able({name: getattr(self, name) for name in ("stands", "ratio", "t", "agree")})
+        row |= {"share": json_able(self.share)} if self.share is not None else {}
+        return row | ({"against": self.against.to_json()} if self.against else {})
+
+
+@dataclass(frozen=True)
+class Stands:
+    """What a name rests on: rivals elsewhere, rivals at its place and the form of the law, and the fit without it."""
+
+    where: Ground
+    law: Ground
+    size: Ground
+
+    @property
+    def sure(self) -> bool:
+        """Whether all three stand."""
+        return self.where.stands and self.law.stands and self.size.stands
+
+    def to_json(self) -> Document:
+        """``stands`` of a finding."""
+        return {"where": self.where.to_json(), "law": self.law.to_json(), "size": self.size.to_json()}
+
+
+@dataclass(frozen=True)
+class Left:
+    """What a channel shows beside the extended rig: ``rms`` in ``unit`` (SI), as a share of the motion, in floors."""
+
+    rms: float
+    unit: str
+    of_motion: float
+    floors: float
+
+
+@dataclass(frozen=True)
+class Explained:
+    """How much of the mismatch the extended rig explains, of what judges.
+
+    free_running, compared : shares of the nominal rig's mean square error above the floor, simulated by the commands
+    alone and as the rigs are compared; None where the nominal one leaves noise or nothing stays finite.
+    left : per channel. enough : whether that is what the user called enough; None where nothing was called so.
+    beats_a_constant : whether one of the two simulations leaves less than the signals' own variance; not in
+    ``diagnosis.json``.
+    """
+
+    free_running: float | None
+    compared: float | None
+    left: dict[str, Left]
+    enough: bool | None = None
+    beats_a_constant: bool = True
+
+    def to_json(self) -> Document:
+        """``explained`` of ``diagnosis.json``."""
+        row: Document = json_able(self)
+        return {name: value for name, value in row.items() if name != "beats_a_constant"}
+
+
+@dataclass(frozen=True)
 class Finding:
     """One effect that the rig lacks.
 
@@ -78,8 +152,8 @@ class Finding:
     ----------
     location : an element or ``sensor_<name>``. effect : its name in the catalogue.
     parameters : by name. also_fits : what cannot be told from it. when : where in time it matters, one clause.
-    instead : the second best, if one explains a part. sentence : what a person would say. confidence : ``partial``
-    where something is left that may belong to it: the place is right, the law may be another one.
+    instead : the second best, if one explains a part. sentence : what a person would say. stands : what the name rests
+    on. confidence : ``sure`` where place, law and size stand; else what is open is in ``stands`` and ``also_fits``.
     """
 
     location: str
@@ -90,10 +164,12 @@ class Finding:
     instead: Instead | None
     sentence: str
     confidence: Confidence = "sure"
+    stands: Stands | None = None
 
     def to_json(self) -> Document:
         """A row of ``findings``."""
-        row: Document = json_able(self)
+        row: Document = json_able(replace(self, stands=None))
+        row["stands"] = self.stands.to_json() if self.stands else None
         return row | {"also_fits": [other.to_json() for other in self.also_fits]}
 
 
@@ -296,6 +372,7 @@ class LawShown:
     state_label, effort_label : e.g. ``speed of motor bearing`` and ``missing torque``. state_unit, effort_unit : SI.
     law_state, law_effort : (M,) the law, empty where there is none; its ends meet where it is a loop.
     state, recovered, error : (K,) points with the standard error of the effort; empty where none were recovered.
+    share : of the recovered effort that the law explains, NaN where there is no law.
     """
 
     location: str
@@ -309,6 +386,7 @@ class LawShown:
     state: Floats = field(default_factory=_none)
     recovered: Floats = field(default_factory=_none)
     error: Floats = field(default_factory=_none)
+    share: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -353,7 +431,8 @@ class Diagnosis:
     Attributes
     ----------
     verdict : one of the four. summary : two or three sentences. findings : the effects that the rig lacks.
-    recalibrated : parameter -> how far it had to move. fit, free_running : errors of the models.
+    recalibrated : parameter -> how far it had to move. fit, free_running : errors of the models. explained : how much
+    of the mismatch the extended rig explains, and what is left.
     candidates : the bank, best first. located : where what nothing explains sits. checks : tests of the result.
     limits : how large what was not found could still be. next_experiment : what to record or measure next.
     notes : what its reader said of the recording, and how it was used.
@@ -374,6 +453,7 @@ class Diagnosis:
     nominal: Rig
     extended: Rig
     free_running: FreeRunning | None = None
+    explained: Explained | None = None
     checks: tuple[Check, ...] = ()
     limits: tuple[Limit, ...] = ()
     units: dict[str, str] = field(default_factory=dict)
@@ -393,6 +473,7 @@ class Diagnosis:
         document: Document = {name: json_able(getattr(self, name)) for name in names}
         document["findings"] = [finding.to_json() for finding in self.findings]
         document["recalibrated"] = {name: row.to_json() for name, row in self.recalibrated.items()}
+        document["explained"] = self.explained.to_json() if self.explained else None
         document["located"] = json_able(self.located.to_json()) if self.located else None
         document["checks"] = [check.to_json() for check in self.checks]
         document["limits"] = [limit.to_json() for limit in self.limits]

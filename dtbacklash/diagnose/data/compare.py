@@ -71,6 +71,12 @@ class Record:
         """Number of samples."""
         return len(self.u)
 
+    @property
+    def used(self) -> Mask:
+        """(N,) mask of the samples that are fitted to or held out."""
+        used: Mask = self.train | self.held
+        return used
+
 
 @dataclass(frozen=True)
 class Block:

@@ -58,6 +58,20 @@ class Evidence:
         moving = PlacesInMotion(rig, blocks, records)
         return cls(rig, records, blocks, noise, noise_floor(rig, blocks, records, noise), stretch, moving)
 
+    def pulled_for(self, rig: Rig) -> "Evidence":
+        """The same with the pull that a rig needs to follow its recording, where that is weaker.
+
+        Under the pull that the nominal rig needs, a channel is followed whatever the model does.
+        """
+        step = self.records[0].sample_time_s
+        channels = tuple(c for c in self.nominal.sensors if any(c in b.channels for b in self.blocks))
+        plain = cut(self.nominal, channels, step, self.blocks[0].tempo / step)
+        needed = [guided(rig, block, self.records) for block in plain]
+        blocks = [new if new.pull < old.pull else old for new, old in zip(needed, self.blocks, strict=True)]
+        if blocks == self.blocks:
+            return self
+        return replace(self, blocks=blocks, floor=noise_floor(self.nominal, blocks, self.records, self.noise))
+
     @property
     def correlated(self) -> float:
         """Number of consecutive samples that count as one, of a residual far above the floor."""

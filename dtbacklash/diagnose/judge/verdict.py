@@ -7,20 +7,26 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.evidence import Evidence, Residuals
 from dtbacklash.diagnose.fit.comparison import other_formulations
-from dtbacklash.diagnose.fit.free import Errors, Key, apply, as_given, nominal_free, standing, tolerances_away
+from dtbacklash.diagnose.fit.free import Errors, Key, apply, nominal_free, standing, tolerances_away
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.judge.free_form import Recovered
-from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Confidence, Verdict
+from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Explained, Verdict
 from dtbacklash.diagnose.search.model import Model
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 
 #: parameter of the rig, or place.effect.parameter of an effect that it has -> (value, standard error)
 Moved = dict[str, tuple[float, float]]
+#: what is left is small beside what was missing where it is less than this share of its mean square
+LEFT_SMALL = 0.25
+#: a channel shows the mismatch where it has this share of the largest mean square, in floors
+SHOWS = 0.01
+#: other formulations of the laws leave no more than so many floors, mean square
+FORMULATION_MAX = 3.0
 
 
 @dataclass(frozen=True)
-class Left:
+class BlockLeft:
     """What the last fit leaves of one block.
 
     share : of the recalibrated model's excess over the floor, in the worst channel; 0 where noise is left.
@@ -33,16 +39,36 @@ class Left:
     formulation: float
 
 
-def decide(left: dict[str, Left], depends: bool, model: Model, moved: Moved) -> Verdict:
-    """The verdict. left : per block. depends : whether what is left depends on a state, see :func:`depends_on`."""
-    if depends or any(block.real for block in left.values()):
+def decide(
+    model: Model, left: dict[str, BlockLeft], depends: bool, sure: bool, explained: Explained, moved: Moved
+) -> Verdict:
+    """The verdict.
+
+    left : per block. depends : whether what is left depends on a state, see :func:`depends_on`. sure : whether a
+    finding is. explained : how much of the mismatch is.
+    """
+    if not explained.beats_a_constant:
         return UNEXPLAINED
-    if model.keys:
-        return MISSING
-    return PARAMETERS if moved else CONSISTENT
+    noise = not depends and not any(block.real for block in left.values())
+    if explained.enough or noise:
+        return MISSING if model.keys else PARAMETERS if moved else CONSISTENT
+    small = _share_left(model) < LEFT_SMALL
+    return MISSING if sure and small else UNEXPLAINED
 
 
-def remaining(model: Model, left_out: dict[Key, Residuals], white: set[str], coloured: set[str]) -> dict[str, Left]:
+def _share_left(model: Model) -> float:
+    """Share of the recalibrated rig's excess over the floor that is left of what judges, in the worst channel."""
+    evidence = model.evidence
+    before, after = (evidence.mean_square(f.residuals, "held") for f in (model.nominal, model.fitted))
+    rows = [(a - 1.0, b - 1.0) for name in before for a, b in zip(after[name], before[name], strict=True)]
+    most = max(b for _, b in rows)
+    # a channel that hardly shows the mismatch does not say how much of it is left
+    return max(max(a, 0.0) / b if b > 0.0 else 0.0 for a, b in rows if b >= SHOWS * most) if most > 0.0 else 0.0
+
+
+def remaining(
+    model: Model, left_out: dict[Key, Residuals], white: set[str], coloured: set[str]
+) -> dict[str, BlockLeft]:
     """Per block, what the last fit leaves.
 
     left_out : per effect of the rig, what is left without it. white : the channels of which white noise is left; a
@@ -66,14 +92,15 @@ def remaining(model: Model, left_out: dict[Key, Residuals], white: set[str], col
         also = rules.formulation_deviations * model.formulations.get(name, np.zeros(len(channels[name])))
         parts = {part: other[part][name] + also for part in ("train", "held")}
         formulation = np.where(once, np.maximum(parts["train"], parts["held"]), parts["held"])
+        formulation = np.minimum(formulation, FORMULATION_MAX)
         noisy = np.array([c in white for c in channels[name]]) & (last[1][name] < rules.noise_part_floors)
         real = above & (after > formulation) & ~noisy
         share = float(np.max(np.where(above, after / np.maximum(before, 1e-9), 0.0)))
-        left[name] = Left(share, bool(real.any()), float(formulation.max()))
+        left[name] = BlockLeft(share, bool(real.any()), float(formulation.max()))
     return left
 
 
-def depends_on(form: Recovered | None, left: dict[str, Left]) -> bool:
+def depends_on(form: Recovered | None, left: dict[str, BlockLeft]) -> bool:
     """Whether what is left depends on a state: an effort over it, with no law assumed, beats nothing on unseen data.
 
     By more than another formulation of the rig's laws would.
@@ -82,60 +109,26 @@ def depends_on(form: Recovered | None, left: dict[str, Left]) -> bool:
     return form is not None and form.t > settings().depends_errors and form.fall > least
 
 
-def confidence(model: Model, key: Key, left_out: Residuals, rest: Recovered | None, unexplained: bool) -> Confidence:
-    """How sure a finding is where something is left: its name stands if what is left lies elsewhere and is small.
-
-    Findings near what is left count as left: they stand in for it.
-
-    Where a wrong value of a parameter would explain as much, no finding is sure.
-
-    rest : where what is left lies; None where nothing shows that. unexplained : whether anything is left.
-    """
-    evidence = model.evidence
-    rules = settings()
-    if not unexplained:
-        return "sure" if model.could_be is None else "partial"
-    # what shows itself nowhere may be here
-    if rest is None or not rest.shown or rest.place in _near(evidence.nominal, key[0]):
-        return "partial"
-    unknown = evidence.mean_square(_without_stand_ins(model, rest), "held")
-    without = evidence.mean_square(left_out, "held")
-    worth = max(
-        float(np.max((without[n] - 1.0) / np.maximum(unknown[n] - 1.0, rules.noise_floors - 1.0))) for n in unknown
-    )
-    return "sure" if worth > rules.stands_out_ratio else "partial"
-
-
-def _without_stand_ins(model: Model, rest: Recovered) -> Residuals:
-    """What is left without the findings near the rest, which stand in for the same unknown physics."""
-    evidence = model.evidence
-    rig, places = model.fitted.rig, set[str]()
-    for key in model.keys:
-        if rest.place in _near(evidence.nominal, key[0]):
-            rig, places = as_given(evidence.nominal, rig, key), places | {key[0]}
-    return evidence.residuals(rig, model.fitted.residuals, places) if places else model.fitted.residuals
-
-
-def _near(rig: Rig, place: str) -> set[str]:
+def near(rig: Rig, place: str) -> set[str]:
     """The place, its neighbours, and all that drives it or is driven by it: any effort there moves it alike.
 
     A sensor is where what it measures is.
     """
     if place.startswith(SENSOR_PREFIX):
-        return {place} | _near(rig, rig.sensors[place.removeprefix(SENSOR_PREFIX)].of)
+        return {place} | near(rig, rig.sensors[place.removeprefix(SENSOR_PREFIX)].of)
     ends = {
         e.name: {n for to in e.neighbours.values() for n in ([to] if isinstance(to, str) else to)}
         for e in rig.elements.values()
     }
-    near = {place, *ends.get(place, ()), *(name for name, to in ends.items() if place in to)}
+    found = {place, *ends.get(place, ()), *(name for name, to in ends.items() if place in to)}
     driving = {e.neighbours["drives"]: e.name for e in rig.elements.values() if "drives" in e.neighbours}
     driven = {drives: to for to, drives in driving.items()}
     for way in (driving, driven):
         end = place
         while end in way:
             end = way[end]
-            near.add(end)
-    return near
+            found.add(end)
+    return found
 
 
 def _squares(evidence: Evidence, fitted: Fit) -> tuple[dict[str, Floats], dict[str, Floats]]:

@@ -7,21 +7,23 @@ from dtbacklash.diagnose.data.evidence import Evidence, Residuals
 from dtbacklash.diagnose.fit.errors import in_floors
 from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.judge.free_form import Recovered
+from dtbacklash.diagnose.judge.law_points import EFFORTS
 from dtbacklash.diagnose.result import Curve, LawShown, Shown
-from dtbacklash.diagnose.say.law_points import EFFORTS, law_shown
 from dtbacklash.diagnose.search.model import Model
 from dtbacklash.diagnose.words import place_in_words
 
 
-def shown(model: Model, left_out: dict[Key, Residuals], rest: Recovered | None) -> Shown:
+def shown(
+    model: Model, left_out: dict[Key, Residuals], laws: list[LawShown], rest: Recovered | None
+) -> Shown:  # fmt: skip
     """Everything that is drawn.
 
     Parameters
     ----------
-    left_out : per finding, what remains without it. rest : the effort that explains most of what no law explains.
+    left_out : per finding, what remains without it. laws : of the findings.
+    rest : the effort that explains most of what no law explains.
     """
-    listed = [law_shown(model.evidence, model.fitted, key, left_out[key]) for key in model.keys]
-    laws = [law for law in listed if law is not None]
+    laws = [*laws]
     # where a block is driven by what is imposed on it, an effort may show nowhere: there is nothing to draw then
     if rest is not None and rest.shown and np.any(rest.effort):
         laws.append(_unexplained(rest))

@@ -16,11 +16,13 @@ from dtbacklash.diagnose.fit.free import (
 )
 from dtbacklash.diagnose.fit.intervals import NORMAL95
 from dtbacklash.diagnose.judge.free_form import Recovered
-from dtbacklash.diagnose.judge.verdict import Left, Moved, confidence
+from dtbacklash.diagnose.judge.stands import Rival
+from dtbacklash.diagnose.judge.verdict import BlockLeft, Moved
 from dtbacklash.diagnose.result import (
     UNEXPLAINED,
     Alternative,
     Candidate,
+    Confidence,
     Finding,
     Instead,
     Interval,
@@ -28,9 +30,10 @@ from dtbacklash.diagnose.result import (
     ParameterEstimate,
     Recalibrated,
     Rest,
+    Stands,
     Verdict,
 )
-from dtbacklash.diagnose.say.sentences import as_well_said, less, quantity, unsure, when
+from dtbacklash.diagnose.say.sentences import as_well_said, less, open_said, quantity, when
 from dtbacklash.diagnose.search.model import Log, Model, WrongValue, rescaled
 from dtbacklash.diagnose.search.objections import unseen
 from dtbacklash.diagnose.words import all_in_words, named_in_words, place_in_words
@@ -57,10 +60,12 @@ def without_known(model: Model) -> dict[Key, Residuals]:
 
 
 def finding(
-    model: Model, key: Key, errors: Errors, left_out: Residuals, rest: Recovered | None,
-    verdict: Verdict,
-) -> Finding:  # fmt: skip
-    """What is said of one effect; ``left_out`` : what remains without it. rest : what is left, if that shows."""
+    model: Model, key: Key, errors: Errors, left_out: Residuals, rivals: list[Rival], grounds: Stands
+) -> Finding:
+    """What is said of one effect.
+
+    left_out : what remains without it. rivals : that were fitted in its place. grounds : what its name rests on.
+    """
     evidence = model.evidence
     place, name = key
     entry = find(evidence.nominal.kind_at(place), name, place)
@@ -81,13 +86,11 @@ def finding(
     said = entry.said(silent).format(location=place_in_words(place), **shown)
     if gone:
         said = f"{named_in_words(name, place)} is not there, or too small to be seen."
-    sure = confidence(model, key, left_out, rest, verdict == UNEXPLAINED)
+    sure: Confidence = "sure" if grounds.sure and model.could_be is None else "partial"
     sentence = said[:1].upper() + said[1:] + _instead_of_known(evidence.nominal, key)
-    if verdict == UNEXPLAINED:
-        sentence += unsure(sure, key, rest)
     return Finding(
-        place, name, parameters, _also_fits(model, key), when(model, left_out), instead,
-        sentence + less(instead), sure,
+        place, name, parameters, _also_fits(model, key, rivals), when(model, left_out), instead,
+        sentence + open_said(grounds) + less(instead), sure, grounds,
     )  # fmt: skip
 
 
@@ -110,9 +113,10 @@ def _instead_of_known(nominal: Rig, key: Key) -> str:
     return f" The nominal rig has it with {said}; the recording differs from that by more than the tolerance."
 
 
-def _also_fits(model: Model, key: Key) -> tuple[Alternative, ...]:
-    """What this recording cannot tell from a finding: fits that are as good."""
-    others = tuple(Alternative(*t.key, t.reason) for t in model.about(key).rivals)
+def _also_fits(model: Model, key: Key, rivals: list[Rival]) -> tuple[Alternative, ...]:
+    """What this recording cannot tell from a finding: rivals that are not beaten, and what no recording tells."""
+    others = tuple(Alternative(*t.key, t.reason) for t in model.about(key).rivals if t.reason)
+    others += tuple(Alternative(*r.key) for r in rivals if not r.behind.clear)
     return others if model.could_be is None else (*others, _wrong_value(model.could_be))
 
 
@@ -165,7 +169,7 @@ def _around(value: float, error: float) -> Interval:
     return value - NORMAL95 * error, value + NORMAL95 * error
 
 
-def located(left: dict[str, Left], verdict: Verdict, rest: Recovered | None) -> Located | None:
+def located(left: dict[str, BlockLeft], verdict: Verdict, rest: Recovered | None) -> Located | None:
     """Where what nothing explains sits: the block, and the place and state whose effort explains most of it.
 
     left : per block.

@@ -1,5 +1,6 @@
 """The sentences of a diagnosis."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,16 +10,16 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.candidates import TREMOR
 from dtbacklash.diagnose.data.compare import Record
 from dtbacklash.diagnose.data.evidence import Evidence, Residuals
-from dtbacklash.diagnose.judge.free_form import Recovered
 from dtbacklash.diagnose.result import (
     CONSISTENT,
     PARAMETERS,
     UNEXPLAINED,
-    Confidence,
+    Explained,
     Finding,
     Instead,
     Located,
     Recalibrated,
+    Stands,
     Verdict,
 )
 from dtbacklash.diagnose.search.model import Model, WrongValue
@@ -51,18 +52,16 @@ def less(instead: Instead | None) -> str:
             f"with {times} times the error; it is not needed in addition.")  # fmt: skip
 
 
-def unsure(confidence: Confidence, key: tuple[str, str], rest: Recovered | None) -> str:
-    """What has to be said of a name that does not stand for sure."""
-    if confidence == "sure":
-        return ""
-    if rest is None or not rest.shown:
-        return " It may be only part of the truth: more than noise is left, and nothing shows where."
-    what, place = name_in_words(key[1]), place_in_words(key[0])
-    if rest.place == key[0]:
-        return (f" It acts like {what}, but the law is another one: what is left depends on the {rest.state} of the "
-                f"{place}.")  # fmt: skip
-    left = place_in_words(rest.place)
-    return f" It may be only part of the truth: what is left at the {left} is too close to it, or too large beside it."
+def open_said(grounds: Stands) -> str:
+    """What of a name the recording leaves open; empty where it stands."""
+    if not grounds.size.stands:
+        return " The recording hardly needs it: it may not be there."
+    said = []
+    if not grounds.where.stands:
+        said.append("where it acts")
+    if not grounds.law.stands:
+        said.append("which law it is")
+    return f" The recording leaves open {' and '.join(said)}." if said else ""
 
 
 def when(model: Model, left_out: Residuals) -> str:
@@ -150,6 +149,36 @@ def summary(
         parts.append(f"{said} is real{where}, but nothing in the catalogue was found that explains it"
                      f"{'' if located.shown else ', and nothing shows where it lies'}.")  # fmt: skip
     return " ".join(parts)
+
+
+def explained_said(much: Explained, findings: bool) -> str:
+    """How much of the mismatch is explained, and what is left; empty where nothing was missing.
+
+    findings : whether physics was found; else what is explained is explained by recalibration.
+    """
+    shares = [
+        f"{_percent(share)} {how}"
+        for share, how in (
+            (much.compared, "as the rigs are compared"),
+            (much.free_running, "simulated by the commands"),
+        )
+        if share is not None and share > 0.0
+    ]
+    left = [
+        f"{channel} {quantity(row.rms, row.unit)} ({100 * row.of_motion:.2g} % of its motion, {row.floors:.2g} floors)"
+        for channel, row in much.left.items()
+    ]
+    by = "The extended rig" if findings else "The recalibrated rig"
+    said = f"{by} explains {' and '.join(shares)} of the mismatch. " if shares else ""
+    if much.enough is not None:
+        left.append("which is what was called enough" if much.enough else "more than what was called enough")
+    return f"{said}Left: {', '.join(left)}."
+
+
+def _percent(share: float) -> str:
+    """A share in percent, with as many digits as tell it from all."""
+    digits = max(0, math.ceil(-math.log10(max(1.0 - share, 1e-4))) - 2) if share < 1.0 else 0
+    return f"{100 * share:.{digits}f} %"
 
 
 def limits_said(effects: list[str], parameters: list[str]) -> str:

@@ -48,7 +48,10 @@ def _against_rivals(model: Model, log: Log, key: Key, most: int) -> Model:
     evidence, without, named = model.evidence, fit_without(model, log, key), model.about(key)
     former = [t for t in named.tried if t.key not in (*model.keys, *log.refused)]
     trials = _in_place(model, log, without, sorted(former, key=lambda t: t.held_out)[:most])
-    named = replace(named, rivals=(), lesser=lesser(model, key, without, model.fitted, trials))
+    others = tuple(t for t in named.tried if t.key not in {trial.key for trial in trials})
+    named = replace(
+        named, rivals=(), tried=(*trials, *others), lesser=lesser(model, key, without, model.fitted, trials)
+    )
     for trial in trials:
         if same(evidence, model.fitted, trial.fitted):
             named = replace(named, rivals=(*named.rivals, trial))

@@ -10,7 +10,7 @@ from dtbacklash.diagnose.data.compare import Block
 from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.data.floor import noise_floor
 from dtbacklash.diagnose.data.pull import observer_gains
-from dtbacklash.diagnose.fit.comparison import rises, worst
+from dtbacklash.diagnose.fit.comparison import rises
 from dtbacklash.diagnose.fit.free import penalty_of
 from dtbacklash.diagnose.fit.intervals import Linear, polished
 from dtbacklash.diagnose.fit.problem import Fit, weights_for
@@ -51,7 +51,8 @@ def refit_slowly(model: Model) -> tuple[Model, Evidence, Fit, Linear]:
     Returns
     -------
     The model; the evidence and the fit from which the intervals are taken, and what that is about where it ended. The
-    model's own evidence and fit where what drifts slowly would spoil what was found.
+    model's own evidence and fit where its fit by what drifts slowly leaves more: what is said is said of the fit that
+    was compared. A body that friction holds stops elsewhere after the smallest error, and nothing brings it back.
     """
     evidence = model.evidence
     slow = slow_evidence(evidence)
@@ -60,18 +61,7 @@ def refit_slowly(model: Model) -> tuple[Model, Evidence, Fit, Linear]:
         effects = [(key, start.effects[key]) for key in model.keys]
         fitted, about = polished(slow, refit_with(slow, start, effects, rounds=ON))
         seen = _seen_by(evidence, fitted)
-        if not _spoils(evidence, model.fitted, seen):
+        if not rises(evidence, model.fitted.residuals, seen.residuals):
             return replace(model, fitted=seen), slow, fitted, about
     fitted, about = polished(evidence, model.fitted)
     return replace(model, fitted=fitted), evidence, fitted, about
-
-
-def _spoils(evidence: Evidence, before: Fit, after: Fit) -> bool:
-    """Whether the slow fit leaves more of what judges, where hardly more than noise was left without it.
-
-    A body that friction holds stops elsewhere after the smallest error, and nothing brings it back: its drift then
-    reflects that error and not the parameters. Where much is unexplained anyway, drift is the better guide to what the
-    model does on its own.
-    """
-    complete = worst(evidence, before) <= settings().nearly_noise_floors
-    return complete and rises(evidence, before.residuals, after.residuals)

@@ -89,10 +89,19 @@ def law_shown(evidence: Evidence, fitted: Fit, key: Key, left_out: Residuals) ->
     size = max(float(np.ptp(law[1])) or float(np.abs(law[1]).max()), usual)
     useful = points[2] < USELESS * size
     label = "time" if drawing.state == "time" else f"{drawing.state} of {place_in_words(place)}"
+    state, effort, errors = (p[useful] for p in points)
     return LawShown(
         place, name, label, drawing.effort_label or EFFORTS.get(unit, "missing effort"), state_unit,
-        drawing.effort_unit or unit, *law, *(p[useful] for p in points),
+        drawing.effort_unit or unit, *law, state, effort, errors, _share(points, deviation, error),
     )  # fmt: skip
+
+
+def _share(points: tuple[Floats, Floats, Floats], deviation: Floats, error: Floats) -> float:
+    """Share of the effort of free form that the law explains; deviations as large as their errors do not count."""
+    weights = 1.0 / np.maximum(error, 1e-9 * float(np.max(error, initial=1e-300))) ** 2
+    efforts = points[1][: len(deviation)]  # of a loop, on the way up
+    beside = max(float(weights @ deviation**2) - len(deviation), 0.0)
+    return 1.0 - beside / max(float(weights @ efforts**2), 1e-300)
 
 
 def _seen(evidence: Evidence, fitted: Fit, left_out: Residuals, name: str) -> float:

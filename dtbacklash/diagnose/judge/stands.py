@@ -1,0 +1,109 @@
+"""Whether a name stands: its effect is needed, and neither another place nor another law does as well in its stead.
+
+Every statement is one comparison (:func:`.comparison.lead`) of two fits that have ended, to the same samples under the
+same pull: the model, and the model with a rival in the place of the effect, with everything else fitted anew. The law
+also has to have the form of an effort of free form over its own state.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from dtbacklash.diagnose.fit.comparison import Lead, lead
+from dtbacklash.diagnose.fit.free import Key
+from dtbacklash.diagnose.fit.problem import Fit
+from dtbacklash.diagnose.fit.refit import ON
+from dtbacklash.diagnose.judge.verdict import near
+from dtbacklash.diagnose.propose.locate import Score
+from dtbacklash.diagnose.result import Alternative, Ground, LawShown, Stands
+from dtbacklash.diagnose.search.leave_out import refit_with
+from dtbacklash.diagnose.search.model import Log, Model
+from dtbacklash.diagnose.spread import spread
+from dtbacklash.errors import UserError
+from dtbacklash.physics.effects.declare import Values
+
+#: so many rivals at the place, and elsewhere, are fitted in the place of an effect: the best when it was found
+RIVALS = 2
+#: a law explains this share of the effort of free form over its state
+FORM = 0.9
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another effect in the place of a named one: its fit, and what the model leads it by."""
+
+    key: Key
+    fitted: Fit
+    behind: Lead
+
+
+def stands(model: Model, key: Key, law: LawShown | None, rivals: list[Rival]) -> Stands:
+    """What a name rests on.
+
+    law : with the effort of free form; None where it has no state. rivals : that were fitted in its place.
+    """
+    share = law.share if law is not None else None
+    elsewhere, here = (_against([r for r in rivals if (r.key[0] == key[0]) is there]) for there in (False, True))
+    formed = share is None or share >= FORM
+    law_ground = Ground(here.stands and formed, here.ratio, here.t, here.agree, here.against, share)
+    without = refit_with(model.evidence, model.fitted, [], key, ON) if len(model.named) > 1 else model.nominal
+    needed = lead(model.evidence, without, model.fitted)
+    return Stands(elsewhere, law_ground, Ground(needed.clear, needed.ratio, needed.t, needed.agree))
+
+
+def _against(rivals: list[Rival]) -> Ground:
+    """The ground of the closest of some rivals."""
+    if not rivals:
+        return Ground(True)
+    close = min(rivals, key=lambda r: (r.behind.clear, r.behind.ratio))
+    behind = close.behind
+    return Ground(behind.clear, behind.ratio, behind.t, behind.agree, Alternative(*close.key))
+
+
+def rivals_of(model: Model, log: Log, key: Key) -> list[Rival]:
+    """The effects that came nearest to a named one, and its law at its neighbours, fitted in its place."""
+    starts = dict(_starts(model, log, key))
+    fits = spread(lambda other: _in_place(model, key, other, starts[other]), starts)
+    return [
+        Rival(other, fitted, lead(model.evidence, fitted, model.fitted))
+        for other, fitted in zip(starts, fits, strict=True) if fitted is not None
+    ]  # fmt: skip
+
+
+def _starts(model: Model, log: Log, key: Key) -> Iterable[tuple[Key, tuple[Values, Fit | None]]]:
+    """Rival -> values and fit from which its fit begins."""
+    named = model.about(key)
+    tried = sorted((*named.tried, *named.rivals), key=lambda t: t.held_out)
+    for there in (True, False):
+        group = [t for t in tried if (t.key[0] == key[0]) is there and t.key not in model.keys and not t.reason]
+        chosen = {t.key: t for t in reversed(group)}  # the best of each
+        for trial in sorted(chosen.values(), key=lambda t: t.held_out)[:RIVALS]:
+            values = trial.fitted.rig.effect(*trial.key)
+            if values is not None:
+                yield trial.key, (values, trial.fitted)
+    for score in _neighbours(model, log, key):
+        same_kind = score.candidate.effect.kind == model.evidence.nominal.kind_at(key[0])
+        values = (model.fitted.rig.effect(*key) if same_kind else None) or score.values
+        yield score.candidate.key, (values, None)
+
+
+def _neighbours(model: Model, log: Log, key: Key) -> list[Score]:
+    """The law at the places beside its own, as the first bank had it; those that were tried are looked at anyway."""
+    rig = model.evidence.nominal
+    beside = set[str]().union(*(near(rig, place) for place in near(rig, key[0]))) - {key[0]}
+    tried = {t.key for t in model.about(key).tried}
+    return [
+        s for s in log.scores
+        if s.candidate.key[1] == key[1] and s.candidate.key[0] in beside
+        and s.candidate.key not in tried | {*model.keys}
+    ]  # fmt: skip
+
+
+def _in_place(model: Model, key: Key, other: Key, start: tuple[Values, Fit | None]) -> Fit | None:
+    """The fit with another effect in the place of a named one; None if such a rig cannot be."""
+    values, beside = start
+    try:
+        return refit_with(
+            model.evidence, model.fitted, [(other, values)], key, ON, near=beside.rig if beside is not None else None
+        )
+    except UserError:
+        return None
