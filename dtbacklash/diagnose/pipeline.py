@@ -35,7 +35,7 @@ from dtbacklash.diagnose.search.friction_by_direction import call_by_direction
 from dtbacklash.diagnose.search.grow import search, silent
 from dtbacklash.diagnose.search.leave_out import drop
 from dtbacklash.diagnose.search.model import Log, Model
-from dtbacklash.diagnose.search.objections import insignificant, objections, raises_the_error, spoils_the_free_run
+from dtbacklash.diagnose.search.objections import insignificant, raises_the_error, spoils_the_free_run
 from dtbacklash.diagnose.search.parts import divided, for_judgement, refitted
 from dtbacklash.diagnose.search.simpler_law import call_by_its_limit
 from dtbacklash.diagnose.search.slow_pull import refit_slowly
@@ -91,10 +91,6 @@ def _with_errors(model: Model, log: Log) -> tuple[Model, Errors]:
         model = drop(model, log, key, "the held-out error rises with it")
     while True:
         model, slow, fitted, about = refit_slowly(model)
-        if out_of_sight := objections(model.evidence, model.fitted.rig, model.keys):
-            key, why = out_of_sight.popitem()
-            model = drop(model, log, key, f"fitted to all, {why}")
-            continue
         errors = standard_errors(slow, fitted, about)
         key = insignificant(model.evidence, fitted.rig, model.keys, errors)
         if key is None:
@@ -179,7 +175,7 @@ def _diagnosis(model: Model, log: Log, errors: Errors, smooth: bool) -> Diagnosi
         fit=table,
         candidates=candidates(model, log),
         located=where,
-        next_experiment=next_experiment(model, rest),
+        next_experiment=next_experiment(model, rest, rivals),
         nominal=given,
         extended=with_errors(believed(model.fitted.rig, wrong), errors),
         free_running=free,

@@ -8,7 +8,7 @@ also has to have the form of an effort of free form over its own state.
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from dtbacklash.diagnose.fit.comparison import Lead, lead
+from dtbacklash.diagnose.fit.comparison import TOLD, Lead, lead
 from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import ON
@@ -46,7 +46,7 @@ def stands(model: Model, key: Key, law: LawShown | None, rivals: list[Rival]) ->
     formed = share is None or share >= FORM
     law_ground = Ground(here.stands and formed, here.ratio, here.t, here.agree, here.against, share)
     without = refit_with(model.evidence, model.fitted, [], key, ON) if len(model.named) > 1 else model.nominal
-    needed = lead(model.evidence, without, model.fitted)
+    needed = lead(model.evidence, without, model.fitted, TOLD, "used")
     return Stands(elsewhere, law_ground, Ground(needed.clear, needed.ratio, needed.t, needed.agree))
 
 
@@ -64,7 +64,7 @@ def rivals_of(model: Model, log: Log, key: Key) -> list[Rival]:
     starts = dict(_starts(model, log, key))
     fits = spread(lambda other: _in_place(model, key, other, starts[other]), starts)
     return [
-        Rival(other, fitted, lead(model.evidence, fitted, model.fitted))
+        Rival(other, fitted, lead(model.evidence, fitted, model.fitted, TOLD, "used"))
         for other, fitted in zip(starts, fits, strict=True) if fitted is not None
     ]  # fmt: skip
 
@@ -72,9 +72,9 @@ def rivals_of(model: Model, log: Log, key: Key) -> list[Rival]:
 def _starts(model: Model, log: Log, key: Key) -> Iterable[tuple[Key, tuple[Values, Fit | None]]]:
     """Rival -> values and fit from which its fit begins."""
     named = model.about(key)
-    tried = sorted((*named.tried, *named.rivals), key=lambda t: t.held_out)
+    tried = sorted(named.tried, key=lambda t: t.held_out)
     for there in (True, False):
-        group = [t for t in tried if (t.key[0] == key[0]) is there and t.key not in model.keys and not t.reason]
+        group = [t for t in tried if (t.key[0] == key[0]) is there and t.key not in model.keys]
         chosen = {t.key: t for t in reversed(group)}  # the best of each
         for trial in sorted(chosen.values(), key=lambda t: t.held_out)[:RIVALS]:
             values = trial.fitted.rig.effect(*trial.key)

@@ -21,8 +21,6 @@ Moved = dict[str, tuple[float, float]]
 LEFT_SMALL = 0.25
 #: a channel shows the mismatch where it has this share of the largest mean square, in floors
 SHOWS = 0.01
-#: other formulations of the laws leave no more than so many floors, mean square
-FORMULATION_MAX = 3.0
 
 
 @dataclass(frozen=True)
@@ -92,7 +90,6 @@ def remaining(
         also = rules.formulation_deviations * model.formulations.get(name, np.zeros(len(channels[name])))
         parts = {part: other[part][name] + also for part in ("train", "held")}
         formulation = np.where(once, np.maximum(parts["train"], parts["held"]), parts["held"])
-        formulation = np.minimum(formulation, FORMULATION_MAX)
         noisy = np.array([c in white for c in channels[name]]) & (last[1][name] < rules.noise_part_floors)
         real = above & (after > formulation) & ~noisy
         share = float(np.max(np.where(above, after / np.maximum(before, 1e-9), 0.0)))

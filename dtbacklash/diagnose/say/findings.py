@@ -2,7 +2,7 @@
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.evidence import Residuals
-from dtbacklash.diagnose.fit.comparison import held_loss, rises
+from dtbacklash.diagnose.fit.comparison import lead_of
 from dtbacklash.diagnose.fit.free import (
     Errors,
     Free,
@@ -80,7 +80,7 @@ def finding(
         if gone and p.neutral is not None:
             ends = min(ends[0], p.neutral), max(ends[1], p.neutral)
         parameters[p.name] = ParameterEstimate(value, unit_at(evidence.nominal, place, p.unit), ends)
-    instead = _instead(model, key)
+    instead = _instead(model, key, rivals)
     shown = {n: quantity(p.value, p.unit) for n, p in parameters.items()}
     silent = idle | unseen(evidence, model.fitted.rig, key, errors)
     said = entry.said(silent).format(location=place_in_words(place), **shown)
@@ -100,7 +100,7 @@ def _is_not_there(model: Model, key: Key) -> bool:
     if evidence.nominal.effect(*key) is None:
         return False
     here, rig = model.fitted.residuals, taken_out(model.fitted.rig, key)
-    return not rises(evidence, here, evidence.residuals(rig, here, {key[0]}))
+    return not lead_of(evidence, evidence.residuals(rig, here, {key[0]}), here).clear
 
 
 def _instead_of_known(nominal: Rig, key: Key) -> str:
@@ -115,7 +115,7 @@ def _instead_of_known(nominal: Rig, key: Key) -> str:
 
 def _also_fits(model: Model, key: Key, rivals: list[Rival]) -> tuple[Alternative, ...]:
     """What this recording cannot tell from a finding: rivals that are not beaten, and what no recording tells."""
-    others = tuple(Alternative(*t.key, t.reason) for t in model.about(key).rivals if t.reason)
+    others = tuple(Alternative(*t.key, t.reason) for t in model.about(key).alike)
     others += tuple(Alternative(*r.key) for r in rivals if not r.behind.clear)
     return others if model.could_be is None else (*others, _wrong_value(model.could_be))
 
@@ -127,17 +127,16 @@ def _wrong_value(as_well: WrongValue) -> Alternative:
     return Alternative(place, as_well.name, as_well_said(as_well))
 
 
-def _instead(model: Model, key: Key) -> Instead | None:
-    """What would be named if an effect were not in the catalogue."""
-    evidence = model.evidence
-    trial = model.about(key).lesser
-    if trial is None or trial.key in model.keys:
+def _instead(model: Model, key: Key, rivals: list[Rival]) -> Instead | None:
+    """What would be named if an effect were not in the catalogue: the closest of the laws there that are beaten."""
+    here = [r for r in rivals if r.key[0] == key[0] and r.behind.clear]
+    if not here:
         return None
-    place, name = trial.key
-    size = find(evidence.nominal.kind_at(place), name, place).size
-    values = trial.fitted.rig.effect(place, name) or {}
-    worse = held_loss(evidence, trial.fitted) / held_loss(evidence, model.fitted)
-    return Instead(place, name, values.get(size.name, size.neutral or 0.0), size.unit, worse)
+    close = min(here, key=lambda r: r.behind.ratio)
+    place, name = close.key
+    size = find(model.evidence.nominal.kind_at(place), name, place).size
+    values = close.fitted.rig.effect(place, name) or {}
+    return Instead(place, name, values.get(size.name, size.neutral or 0.0), size.unit, close.behind.ratio)
 
 
 def recalibrated(rig: Rig, moved: Moved, beyond: WrongValue | None) -> dict[str, Recalibrated]:

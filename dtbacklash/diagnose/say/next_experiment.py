@@ -4,7 +4,9 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.evidence import Evidence
+from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.judge.free_form import Recovered
+from dtbacklash.diagnose.judge.stands import Rival
 from dtbacklash.diagnose.search.model import Model
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.words import all_in_words, place_in_words
@@ -13,10 +15,10 @@ from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
 
 
-def next_experiment(model: Model, rest: Recovered | None = None) -> str:
+def next_experiment(model: Model, rest: Recovered | None, rivals: dict[Key, list[Rival]]) -> str:
     """A sentence, from simulations of a finding and its rival: in which sensor, or at which amplitude, they differ.
 
-    ``rest`` : what nothing explains, if anything is left.
+    rest : what nothing explains, if anything is left. rivals : per finding, that were fitted in its place.
     """
     evidence = model.evidence
     if rest is not None:
@@ -32,15 +34,16 @@ def next_experiment(model: Model, rest: Recovered | None = None) -> str:
         return f"To tell what was found from a wrong value of `{name}`, measure `{name}` by itself."
     if (wrong := model.wrong_value) is not None and wrong.instead_of:
         return f"To tell `{wrong.name}` from {all_in_words(wrong.instead_of)}, measure it by itself."
-    pairs = [(key, t) for key in model.keys for t in model.about(key).rivals]
+    pairs = [(key, t.key, t.fitted, t.reason) for key in model.keys for t in model.about(key).alike]
+    pairs += [(key, r.key, r.fitted, "") for key in model.keys for r in rivals[key] if not r.behind.clear]
     if not pairs:
         return "Nothing is ambiguous in this recording; a second recording would confirm it."
     # what any recording can tell comes first
-    key, trial = min(pairs, key=lambda pair: bool(pair[1].reason))
-    first, second = model.fitted.rig, trial.fitted.rig
-    what = f"{name_in_words(key[1])} ({key[0]}) from {name_in_words(trial.key[1])} ({trial.key[0]})"
-    if trial.reason:
-        return f"No recording tells {what}: {trial.reason}."
+    key, other, beside, reason = min(pairs, key=lambda pair: bool(pair[3]))
+    first, second = model.fitted.rig, beside.rig
+    what = f"{name_in_words(key[1])} ({key[0]}) from {name_in_words(other[1])} ({other[0]})"
+    if reason:
+        return f"No recording tells {what}: {reason}."
     recorded = _recorded(evidence)
     here = _differences(evidence, first, second, 1.0)
     hidden = {n: d for n, d in here.items() if n not in recorded}

@@ -7,7 +7,7 @@ starts it tells the right one only roughly. So a full fit also tries the neighbo
 import numpy as np
 
 from dtbacklash.diagnose.data.evidence import Evidence
-from dtbacklash.diagnose.fit.comparison import earns, held_loss, merit
+from dtbacklash.diagnose.fit.comparison import held_loss, lead, merit
 from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import FULL, QUICK, Rounds
@@ -33,7 +33,7 @@ def finish(evidence: Evidence, current: Fit, trial: Trial, near: bool = False, r
     fitted = refit_with(
         evidence, current, [(trial.key, values)], near=trial.fitted.rig if near else None, rounds=rounds
     )
-    if rounds is FULL and earns(evidence, current, fitted, current):
+    if rounds is FULL and lead(evidence, current, fitted).clear:
         fitted = in_the_best_valley(evidence, current, trial.key, fitted)
     return Trial(trial.key, trial.score, fitted, held_loss(evidence, fitted))
 

@@ -8,7 +8,7 @@ rival that fits as well.
 
 from dataclasses import replace
 
-from dtbacklash.diagnose.fit.comparison import earns, held_loss, nearly, same
+from dtbacklash.diagnose.fit.comparison import held_loss, lead
 from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.search.leave_out import refit_with
@@ -26,7 +26,7 @@ def call_by_direction(model: Model, log: Log) -> Model:
         if alias is None or not _is_friction(nominal, model.fitted.rig, key, alias):
             continue
         fitted = _fitted(model, key, alias)
-        if nearly(model.evidence, model.fitted, fitted):
+        if not lead(model.evidence, fitted, model.fitted).clear:
             model = _renamed(model, log, key, alias, fitted)
     return model
 
@@ -63,7 +63,7 @@ def _fitted(model: Model, key: Key, alias: Alias) -> Fit:
         return renamed
     start = entry.start_values(evidence.moving(key[0]))[0][entry.size.name]
     both = refit_with(evidence, renamed, [(other, {**there, entry.size.name: start})])
-    return both if earns(evidence, renamed, both, model.nominal) else renamed
+    return both if lead(evidence, renamed, both).clear else renamed
 
 
 def _renamed(model: Model, log: Log, key: Key, alias: Alias, fitted: Fit) -> Model:
@@ -73,15 +73,15 @@ def _renamed(model: Model, log: Log, key: Key, alias: Alias, fitted: Fit) -> Mod
     """
     evidence, before, other = model.evidence, model.fitted, (key[0], alias.effect)
     former, joined = model.about(key), model.about(other) if other in model.keys else None
-    rivals = (*former.rivals, *(joined.rivals if joined else ()))
-    rivals = tuple(t for t in rivals if t.key not in (key, other))
+    alike = (*former.alike, *(joined.alike if joined else ()))
+    alike = tuple(t for t in alike if t.key not in (key, other))
     tried = [trial for trial, _ in log.trials if trial.key == key]
-    if tried and joined is None and same(evidence, fitted, before):
+    if tried and joined is None and not lead(evidence, before, fitted).clear:
         left = held_loss(evidence, before)
-        rivals = (*rivals, replace(tried[-1], fitted=before, held_out=left, reason=alias.reason))
+        alike = (*alike, replace(tried[-1], fitted=before, held_out=left, reason=alias.reason))
     for trial in tried:
         log.verdicts.append((trial, f"is called {name_in_words(alias.effect)}: {alias.reason}"))
     if joined is None:
-        return model.instead(fitted, key, Named(other, rivals, former.tried))
-    known = replace(joined, rivals=rivals, tried=former.tried + joined.tried)
+        return model.instead(fitted, key, Named(other, former.tried, alike))
+    known = replace(joined, alike=alike, tried=former.tried + joined.tried)
     return model.instead(fitted, other, known).minus(fitted, key)

@@ -14,7 +14,7 @@ import numpy as np
 from dtbacklash.diagnose.data.candidates import candidates
 from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.approach import approached
-from dtbacklash.diagnose.fit.comparison import earns, merit, paired, same, worst
+from dtbacklash.diagnose.fit.comparison import formulations, lead, merit, worst
 from dtbacklash.diagnose.fit.free import (
     Key,
     all_free,
@@ -30,10 +30,8 @@ from dtbacklash.diagnose.propose.locate import Bank, Score, bank
 from dtbacklash.diagnose.search.attempts import attempt, best_of_each, finish
 from dtbacklash.diagnose.search.leave_out import eliminate, refit_with
 from dtbacklash.diagnose.search.model import Asked, Log, Model, Named, Trial
-from dtbacklash.diagnose.search.objections import objection
 from dtbacklash.diagnose.search.order import (
     apart,
-    hopeful,
     is_named_already,
     promising,
     runners_up,
@@ -41,7 +39,7 @@ from dtbacklash.diagnose.search.order import (
     simplest_first,
     twins,
 )
-from dtbacklash.diagnose.search.rivals import lesser, reconsider
+from dtbacklash.diagnose.search.rivals import reconsider
 from dtbacklash.diagnose.search.wrong_value import explains_alone, own_parameter, wrong_value_instead
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.spread import spread
@@ -136,7 +134,7 @@ def _release(model: Model) -> Model | None:
     for key in dict.fromkeys((f.place, f.effect) for f in known if at_limit(f, standing(f, rig))):
         trials = [refit_with(evidence, model.fitted, [(key, values)]) for values in _let_go(rig, key)]
         trial = min(trials, key=lambda t: merit(evidence, t))
-        if earns(evidence, model.fitted, trial, model.nominal):
+        if lead(evidence, model.fitted, trial).clear:
             return model.plus(trial, Named(key))
     return None
 
@@ -200,9 +198,10 @@ def _add(model: Model, log: Log, most: int) -> Model | None:
     trials += spread(partial(attempt, evidence, current), siblings(evidence, scores, trials))
     trials = [replace(trial, beside=len(model.named)) for trial in trials]
     log.tried(evidence, trials)
+    allowed = formulations(evidence, current)
     for group in apart(evidence, trials):
         for trial in simplest_first(evidence, group):
-            if earns(evidence, current, trial.fitted, model.nominal) and _believed(model, log, trial):
+            if lead(evidence, current, trial.fitted, allowed=allowed).clear:
                 return _take(model, log, trial, group)
     # in noise no two effects hide each other
     several = len(model.named) + 2 <= most and worst(evidence, current) > rules.noise_floors
@@ -218,7 +217,7 @@ def _finished(model: Model, log: Log, trials: list[Trial]) -> list[Trial]:
         t
         for t in trials[: rules.full_fits]
         if t.held_out < far * trials[0].held_out
-        and hopeful(evidence, current, t.fitted)
+        and merit(evidence, t.fitted) < merit(evidence, current)
         and not is_named_already(model, t)
     ]
     full = [partial(finish, evidence, current, t, near=True) for t in near]
@@ -246,9 +245,7 @@ def _take(model: Model, log: Log, trial: Trial, group: list[Trial]) -> Model:
     """The model with what was tried; ``group`` : what was tried beside it."""
     log.verdicts.append((trial, "added"))
     tried = tuple(t for t in group if t is not trial)
-    rivals = tuple(t for t in tried if same(model.evidence, trial.fitted, t.fitted))
-    less = lesser(model, trial.key, model.fitted, trial.fitted, group)
-    return model.plus(trial.fitted, Named(trial.key, rivals, tried, less))
+    return model.plus(trial.fitted, Named(trial.key, tried))
 
 
 def _add_pair(model: Model, log: Log, trials: list[Trial]) -> Model | None:
@@ -258,12 +255,7 @@ def _add_pair(model: Model, log: Log, trials: list[Trial]) -> Model | None:
     better, and those to the other side worse. Each is tried without the other in the end.
     """
     rules, evidence, current = settings(), model.evidence, model.fitted
-    able = [
-        t
-        for t in sorted(trials, key=lambda t: merit(evidence, t.fitted))
-        if paired(evidence, current, t.fitted)[0] > rules.earn_excess_share
-        and not objection(evidence, t.fitted.rig, t.key)
-    ]
+    able = [t for t in sorted(trials, key=lambda t: merit(evidence, t.fitted)) if lead(evidence, current, t.fitted).far]
     for first in able[: rules.pair_firsts]:
         scores = _bank_about(model, log, first.fitted)[1]
         quick = spread(partial(attempt, evidence, first.fitted), promising(evidence, scores)[: rules.quick_fits])
@@ -272,15 +264,6 @@ def _add_pair(model: Model, log: Log, trials: list[Trial]) -> Model | None:
         beside = [replace(trial, beside=len(model.named) + 1) for trial in beside]
         log.tried(evidence, beside)
         for second in simplest_first(evidence, sorted(beside, key=lambda t: merit(evidence, t.fitted))):
-            sure = earns(evidence, first.fitted, second.fitted, model.nominal)
-            if sure and earns(evidence, current, second.fitted, model.nominal) and _believed(model, log, second):
+            if lead(evidence, first.fitted, second.fitted).clear and lead(evidence, current, second.fitted).clear:
                 return _take(_take(model, log, first, trials), log, second, beside)
     return None
-
-
-def _believed(model: Model, log: Log, trial: Trial) -> bool:
-    """Whether nothing speaks against a trial; else it is refused, and not tried again."""
-    why = objection(model.evidence, trial.fitted.rig, trial.key)
-    if why:
-        log.refuse(trial.key, f"fits, but {why}", trial)
-    return not why

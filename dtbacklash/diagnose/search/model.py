@@ -63,14 +63,12 @@ class WrongValue:
 class Named:
     """An effect that the model has.
 
-    rivals : fits as good, in its place. tried : what was fitted beside it when it was added.
-    lesser : the simplest at its place that would be named if this effect were not there, but explains less.
+    tried : what was fitted in its place. alike : what no recording can tell from it.
     """
 
     key: Key
-    rivals: tuple[Trial, ...] = ()
     tried: tuple[Trial, ...] = ()
-    lesser: Trial | None = None
+    alike: tuple[Trial, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -132,13 +130,7 @@ class Model:
             nominal=_rescaled(self.nominal, before, evidence),
             fitted=_rescaled(self.fitted, before, evidence),
             named=tuple(
-                replace(
-                    n,
-                    rivals=tuple(map(seen, n.rivals)),
-                    tried=tuple(map(seen, n.tried)),
-                    lesser=n.lesser and seen(n.lesser),
-                )
-                for n in self.named
+                replace(n, tried=tuple(map(seen, n.tried)), alike=tuple(map(seen, n.alike))) for n in self.named
             ),
         )
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.evidence import Evidence, Residuals
-from dtbacklash.diagnose.fit.comparison import rises, worst
+from dtbacklash.diagnose.fit.comparison import lead_of, worst
 from dtbacklash.diagnose.fit.errors import free_squares
 from dtbacklash.diagnose.fit.free import Errors, Key, as_given, known_free
 from dtbacklash.diagnose.fit.problem import Fit
@@ -21,23 +21,6 @@ from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Parameter
 from dtbacklash.physics.rig import Rig
-
-
-def objection(evidence: Evidence, rig: Rig, key: Key) -> str:
-    """Why an effect is not believed: a parameter is at a bound of what these recordings can show. Else empty."""
-    values, bounds = rig.effect(*key) or {}, evidence.bounds(key)
-    for name, ends in bounds.items():
-        # what is zero from the beginning is no bound
-        reached = [end for end in ends if end != 0.0 and abs(values[name] - end) <= settings().bound_share * abs(end)]
-        if reached:
-            return f"its {name.replace('_', ' ')} stands where this recording does not show it any more"
-    return ""
-
-
-def objections(evidence: Evidence, rig: Rig, order: tuple[Key, ...]) -> dict[Key, str]:
-    """The effects that are not believed after the last fit, each with its reason."""
-    reasons = {key: objection(evidence, rig, key) for key in order}
-    return {key: why for key, why in reasons.items() if why}
 
 
 def spoils_the_free_run(evidence: Evidence, nominal: Fit, fitted: Fit, order: tuple[Key, ...]) -> Key | None:
@@ -68,7 +51,7 @@ def _predicts(evidence: Evidence, nominal: Fit, fitted: Fit) -> bool:
         return False
     slower = slow_evidence(evidence, settings().pull_agrees_ratio)
     before, after = (slower.rms(slower.residuals(rig)) ** 2 for rig in (nominal.rig, fitted.rig))
-    return slower is not evidence and after < (1.0 - settings().decisive_share) * before
+    return slower is not evidence and after < 0.5 * before
 
 
 def _holds_slowly(evidence: Evidence, nominal: Fit, fitted: Fit, order: tuple[Key, ...]) -> bool:
@@ -132,12 +115,12 @@ def raises_the_error(evidence: Evidence, nominal: Fit, fitted: Fit, order: tuple
 
     The effect that was added last, if all together leave more than the recalibrated rig does.
     """
-    if order and rises(evidence, nominal.residuals, fitted.residuals):
+    if order and lead_of(evidence, fitted.residuals, nominal.residuals).clear:
         return order[-1]
     without = {}
     for key in order:
         residuals = evidence.residuals(as_given(evidence.nominal, fitted.rig, key), fitted.residuals, {key[0]})
-        if rises(evidence, residuals, fitted.residuals):
+        if lead_of(evidence, fitted.residuals, residuals).clear:
             without[key] = evidence.rms(residuals)
     return min(without, key=lambda k: without[k], default=None)
 

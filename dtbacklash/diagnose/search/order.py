@@ -7,9 +7,8 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.compare import places_of
 from dtbacklash.diagnose.data.evidence import Evidence
-from dtbacklash.diagnose.fit.comparison import merit, nearly, paired
+from dtbacklash.diagnose.fit.comparison import lead, merit
 from dtbacklash.diagnose.fit.free import Key
-from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.propose.locate import Score
 from dtbacklash.diagnose.search.model import Log, Model, Trial
 from dtbacklash.diagnose.search.simpler_law import has_become
@@ -20,7 +19,7 @@ def promising(evidence: Evidence, scores: list[Score]) -> list[Score]:
     """The scores that promise as much as an effect has to earn."""
     samples = sum(int(r.train.sum()) for r in evidence.records)
     rules = settings()
-    floors = rules.gain_floor_share * rules.earn_floors * samples
+    floors = rules.gain_floor_share * samples
     return [s for s in scores if s.gain > max(rules.gain_min, floors * s.lightest)]
 
 
@@ -80,15 +79,6 @@ def siblings(evidence: Evidence, scores: list[Score], trials: list[Trial]) -> li
     ]  # fmt: skip
 
 
-def hopeful(evidence: Evidence, before: Fit, quick: Fit) -> bool:
-    """Whether a quick fit comes close to what an effect has to earn."""
-    rules = settings()
-    share, floor, _ = paired(evidence, before, quick)
-    relief = before.penalty - quick.penalty
-    promised = share > rules.hope_share * rules.earn_excess_share and floor > rules.hope_share * rules.earn_floors
-    return promised or relief > rules.hope_share * rules.earn_penalty
-
-
 def apart(evidence: Evidence, trials: list[Trial]) -> list[list[Trial]]:
     """All trials; then, for the case that none of them earns its place, those that share no block with the best.
 
@@ -106,7 +96,7 @@ def simplest_first(evidence: Evidence, trials: list[Trial]) -> list[Trial]:
     if not ranked:
         return []
     best = ranked[0]
-    equal = [t for t in ranked if t is best or nearly(evidence, best.fitted, t.fitted)]
+    equal = [t for t in ranked if t is best or not lead(evidence, t.fitted, best.fitted).clear]
     return sorted(equal, key=lambda t: (len(t.score.candidate.effect.parameters), merit(evidence, t.fitted)))
 
 

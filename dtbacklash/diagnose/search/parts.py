@@ -13,7 +13,7 @@ from dtbacklash.diagnose.data.evidence import Evidence, stretch_of
 from dtbacklash.diagnose.fit.free import all_free
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import ON, fit
-from dtbacklash.diagnose.search.model import Model, Trial
+from dtbacklash.diagnose.search.model import Model
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.errors import UserError
 
@@ -92,12 +92,5 @@ def refitted(model: Model, evidence: Evidence) -> Model:
         return fit(evidence, before.rig, *all_free(evidence, before.rig), rounds=ON)
 
     nominal = again(model.nominal)
-    fitted, named = again(model.fitted) if model.named else nominal, model.named
-    if [r.samples for r in evidence.records] != [r.samples for r in model.evidence.records]:
-        named = tuple(replace(n, lesser=n.lesser and _seen_by(evidence, n.lesser)) for n in named)
-    return replace(model, evidence=evidence, nominal=nominal, fitted=fitted, named=named)
-
-
-def _seen_by(evidence: Evidence, trial: Trial) -> Trial:
-    """A trial as other recordings see it."""
-    return replace(trial, fitted=replace(trial.fitted, residuals=evidence.residuals(trial.fitted.rig)))
+    fitted = again(model.fitted) if model.named else nominal
+    return replace(model, evidence=evidence, nominal=nominal, fitted=fitted)

@@ -1,37 +1,21 @@
 """Named effects are tried against their rivals once more when others have joined: each may hide another one."""
 
-from collections.abc import Iterable
 from dataclasses import replace
 from functools import partial
 
 from dtbacklash.diagnose.data.evidence import Evidence
-from dtbacklash.diagnose.fit.comparison import earns, held_loss, merit, nearly, same
+from dtbacklash.diagnose.fit.comparison import held_loss, lead
 from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import QUICK
 from dtbacklash.diagnose.search.attempts import best_of_each, finish
 from dtbacklash.diagnose.search.leave_out import borne, fit_without
 from dtbacklash.diagnose.search.model import Log, Model, Trial
-from dtbacklash.diagnose.search.objections import objection
 from dtbacklash.diagnose.search.order import meet
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig
-
-
-def lesser(model: Model, key: Key, without: Fit, chosen: Fit, trials: Iterable[Trial]) -> Trial | None:
-    """The simplest of the trials at the place of ``key`` that earn a place ``without`` it, but explain less."""
-    evidence = model.evidence
-    less = [
-        t
-        for t in trials
-        if t.key != key
-        and t.key[0] == key[0]
-        and not same(evidence, chosen, t.fitted)
-        and earns(evidence, without, t.fitted, model.nominal)
-    ]
-    return min(less, key=lambda t: (len(t.score.candidate.effect.parameters), merit(evidence, t.fitted)), default=None)
 
 
 def reconsider(model: Model, log: Log, keys: tuple[Key, ...], rivals: int) -> Model:
@@ -49,21 +33,15 @@ def _against_rivals(model: Model, log: Log, key: Key, most: int) -> Model:
     former = [t for t in named.tried if t.key not in (*model.keys, *log.refused)]
     trials = _in_place(model, log, without, sorted(former, key=lambda t: t.held_out)[:most])
     others = tuple(t for t in named.tried if t.key not in {trial.key for trial in trials})
-    named = replace(
-        named, rivals=(), tried=(*trials, *others), lesser=lesser(model, key, without, model.fitted, trials)
-    )
+    others = tuple(t for t in named.tried if t.key not in {trial.key for trial in trials})
+    named = replace(named, tried=(*trials, *others))
     for trial in trials:
-        if same(evidence, model.fitted, trial.fitted):
-            named = replace(named, rivals=(*named.rivals, trial))
         fewer = _count(evidence, trial.key) < _count(evidence, named.key)
-        simpler = fewer and nearly(evidence, model.fitted, trial.fitted)
-        better = merit(evidence, trial.fitted) < merit(evidence, model.fitted)
-        better = better and not nearly(evidence, trial.fitted, model.fitted)
-        if (simpler or better) and not objection(evidence, trial.fitted.rig, trial.key):
+        simpler = fewer and not lead(evidence, trial.fitted, model.fitted).clear
+        if simpler or lead(evidence, model.fitted, trial.fitted).clear:
             log.tried(evidence, [trial])
             log.verdicts.append((trial, f"took the place of {named.key[1]}"))
-            others = tuple(t for t in named.rivals if t is not trial)
-            former_key, named = named.key, replace(named, key=trial.key, rivals=others, lesser=None)
+            former_key, named = named.key, replace(named, key=trial.key)
             model = model.instead(trial.fitted, former_key, named)
     return model.instead(model.fitted, named.key, named)
 

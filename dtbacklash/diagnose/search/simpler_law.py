@@ -70,8 +70,6 @@ def _more(evidence: Evidence, fitted: Fit, trial: Fit, key: Key) -> dict[str, Fl
 def _renamed(model: Model, log: Log, key: Key, limit: str, fitted: Fit) -> Model:
     """The model with the simpler law in the place of a finding, which then fits as well."""
     former, simpler, before = model.about(key), (key[0], limit), model.fitted
-    rivals = tuple(t for t in former.rivals if t.key != simpler)
     score = next((s for s in log.scores if s.candidate.key == key), None)
-    if score is not None:
-        rivals = (*rivals, Trial(key, score, before, model.evidence.rms(before.residuals)))
-    return model.instead(fitted, key, Named(simpler, rivals, former.tried))
+    more = () if score is None else (Trial(key, score, before, model.evidence.rms(before.residuals)),)
+    return model.instead(fitted, key, Named(simpler, (*more, *former.tried), former.alike))

@@ -10,7 +10,7 @@ from dtbacklash.diagnose.data.compare import Block
 from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.data.floor import noise_floor
 from dtbacklash.diagnose.data.pull import observer_gains
-from dtbacklash.diagnose.fit.comparison import rises
+from dtbacklash.diagnose.fit.comparison import lead_of
 from dtbacklash.diagnose.fit.free import penalty_of
 from dtbacklash.diagnose.fit.intervals import Linear, polished
 from dtbacklash.diagnose.fit.problem import Fit, weights_for
@@ -61,7 +61,7 @@ def refit_slowly(model: Model) -> tuple[Model, Evidence, Fit, Linear]:
         effects = [(key, start.effects[key]) for key in model.keys]
         fitted, about = polished(slow, refit_with(slow, start, effects, rounds=ON))
         seen = _seen_by(evidence, fitted)
-        if not rises(evidence, model.fitted.residuals, seen.residuals):
+        if not lead_of(evidence, seen.residuals, model.fitted.residuals).clear:
             return replace(model, fitted=seen), slow, fitted, about
     fitted, about = polished(evidence, model.fitted)
     return replace(model, fitted=fitted), evidence, fitted, about

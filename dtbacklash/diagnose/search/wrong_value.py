@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from dtbacklash.diagnose.data.evidence import Evidence
-from dtbacklash.diagnose.fit.comparison import earns, held_loss, is_noise, merit, same, worst
+from dtbacklash.diagnose.fit.comparison import held_loss, is_noise, lead, merit, worst
 from dtbacklash.diagnose.fit.free import (
     Key,
     all_free,
@@ -65,7 +65,7 @@ def _beyond_instead(model: Model, log: Log, recalibrate: Callable[[Evidence], Fi
         return replace(
             model, evidence=trial.evidence, nominal=trial.fitted, fitted=trial.fitted, named=(), wrong_value=trial
         )
-    if model.named and same(trial.evidence, model.fitted, trial.fitted):
+    if model.named and not lead(trial.evidence, trial.fitted, model.fitted).clear:
         return replace(model, could_be=trial)
     return model
 
@@ -116,7 +116,7 @@ def _own_instead(model: Model, log: Log) -> Model:
             continue
         if _does_no_worse(model, own, before):
             return _with_own(model, log, own, (left_out,) if left_out else model.keys)
-        if left_out is None and model.named and same(own.evidence, model.fitted, own.fitted):
+        if left_out is None and model.named and not lead(own.evidence, own.fitted, model.fitted).clear:
             model = replace(model, could_be=own)
     return model
 
@@ -125,7 +125,7 @@ def _with_own(model: Model, log: Log, own: WrongValue, gone: tuple[Key, ...]) ->
     """The model with an element's own parameter in the place of some effects."""
     for key in gone:
         log.refuse(key, "one element's own parameter does as well")
-    if same(own.evidence, own.fitted, model.fitted):
+    if not lead(own.evidence, model.fitted, own.fitted).clear:
         own = replace(own, instead_of=gone)
     model = replace(model.minus(own.fitted, *gone), evidence=own.evidence, wrong_value=own, could_be=None)
     known = own.evidence.nominal
@@ -165,12 +165,7 @@ def _does_no_worse(model: Model, own: WrongValue, before: Fit) -> bool:
     rules, evidence = settings(), own.evidence
     if merit(evidence, own.fitted) < merit(model.evidence, model.fitted) + rules.earn_penalty:
         return True
-    if not earns(model.evidence, own.fitted, model.fitted, model.nominal):
-        return True
-    at_first, by_effects, by_own = (held_loss(evidence, f) ** 2 for f in (before, model.fitted, own.fitted))
-    nearly_all = at_first - by_own > (1.0 - rules.same_loss_share) * (at_first - by_effects)
-    fitted = max(float(squares.max()) for squares in evidence.mean_square(own.fitted.residuals, "train").values())
-    return nearly_all and fitted < rules.noise_floors
+    return not lead(model.evidence, own.fitted, model.fitted).clear
 
 
 def _finished(own: WrongValue) -> WrongValue | None:
