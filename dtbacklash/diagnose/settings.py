@@ -239,8 +239,7 @@ class DiagnoseSettings:
         12.0, "a signature that promises less is chance: the best of fifty seldom reaches it", unit="-2 log-likelihood",
         above=0)
     gain_floor_share: float = setting(
-        0.5, "a signature has to promise this share of what an effect has to earn in units of the floor", unit="share",
-        above=0)
+        0.0075, "a signature has to promise as much a sample: less is chance", unit="floors, mean square", above=0)
     gain_weight_ratio: float = setting(
         20.0, "where the residual is not noise, samples count so much more towards that than their weight says",
         unit="ratio", above=0)
