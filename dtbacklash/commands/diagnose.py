@@ -50,7 +50,7 @@ def do(config: DiagnoseConfig, folder: Path, command: str, tell: Tell | None) ->
         train, held_out = read(config, rig)
         for note in notes_of(train, held_out, settings().held_out_share):
             log.info(note)
-        diagnosis = run_diagnosis(train, held_out, rig, jobs, say)
+        diagnosis = run_diagnosis(train, held_out, rig, jobs, say, config.enough)
         say(1.0, "drawing the report")
         page.write(diagnosis, scratch)
     named = [f"{one.location}.{one.effect or 'unexplained'}" for one in diagnosis.findings]
@@ -79,11 +79,13 @@ def read(config: DiagnoseConfig, rig: Rig) -> tuple[Recording, Recording | None]
     return read_pair(source, config.validation, path=how.path, rig=rig, **units)
 
 
-def run_diagnosis(train: Recording, held_out: Recording | None, rig: Rig, jobs: int, tell: Tell) -> Diagnosis:
+def run_diagnosis(
+    train: Recording, held_out: Recording | None, rig: Rig, jobs: int, tell: Tell, enough: dict[str, str]
+) -> Diagnosis:
     """Diagnose; ``tell`` is told the share done, and what is being done."""
     from dtbacklash.diagnose import diagnose
 
-    return diagnose(train, rig, held_out, progress=lambda text, share: tell(share, text), jobs=jobs)
+    return diagnose(train, rig, held_out, progress=lambda text, share: tell(share, text), jobs=jobs, enough=enough)
 
 
 def with_rig(words: list[str]) -> list[str]:

@@ -47,6 +47,10 @@ class DiagnoseConfig:
         "the structure, the last 15 % judge it)",
         path=INPUT,
     )
+    enough: dict[str, str] = setting(
+        dict, "what is good enough, per channel, e.g. enough={x2: 0.05 mm} or a share of its motion (2 %): such a rest "
+        "is accepted", word="enough"
+    )  # fmt: skip
     jobs: int | None = setting(
         None, "threads that share the work (default: one for each core)", at_least=1, at_most=JOBS_MAX
     )

@@ -20,7 +20,7 @@ from dtbacklash.diagnose.fit.refit import QUICK, fit
 from dtbacklash.diagnose.inspect.fault import faulty, mended, not_finite
 from dtbacklash.diagnose.inspect.inspection import inspect
 from dtbacklash.diagnose.judge.checks import all_checks, at_bounds, at_tolerances, coloured, whiteness
-from dtbacklash.diagnose.judge.explained import explained
+from dtbacklash.diagnose.judge.explained import Enough, explained
 from dtbacklash.diagnose.judge.free_form import free_forms
 from dtbacklash.diagnose.judge.law_points import law_shown
 from dtbacklash.diagnose.judge.limits import limits
@@ -48,15 +48,16 @@ from dtbacklash.physics.rig import Rig
 
 
 def diagnose_records(
-    rig: Rig, records: list[Record], progress: Callable[[str, float], None] | None = None, jobs: int | None = None
-) -> Diagnosis:
+    rig: Rig, records: list[Record], progress: Callable[[str, float], None] | None = None, jobs: int | None = None,
+    enough: Enough | None = None,
+) -> Diagnosis:  # fmt: skip
     """Diagnose recordings on a rig.
 
     Parameters
     ----------
     rig : the nominal rig; effects that it has already have tolerances, and are recalibrated as its parameters are.
     records : with masks of the samples to fit and to judge on. progress : called with a text and a share, 0 to 1.
-    jobs : threads; None leaves what joblib has been told, else one.
+    jobs : threads; None leaves what joblib has been told, else one. enough : a rest that the user accepts.
 
     Raises
     ------
@@ -78,7 +79,7 @@ def diagnose_records(
             evidence = whole(model.evidence, records, smooth).pulled_for(model.fitted.rig)
             model = refitted(model, for_judgement(evidence))
             model, errors = _with_errors(model, log)
-            return mended(_diagnosis(model, log, errors, smooth), inspected)
+            return mended(_diagnosis(model, log, errors, smooth, enough or {}), inspected)
         except np.linalg.LinAlgError as error:
             return faulty(rig, inspected, not_finite(rig, inspected, error))
 
@@ -138,7 +139,7 @@ def _searched(readings: list[Evidence], say: Callable[[str, float], None]) -> tu
     return model, log, True
 
 
-def _diagnosis(model: Model, log: Log, errors: Errors, smooth: bool) -> Diagnosis:
+def _diagnosis(model: Model, log: Log, errors: Errors, smooth: bool, enough: Enough) -> Diagnosis:
     """What a finished search says; ``errors`` : standard errors of the last fit's parameters."""
     evidence, wrong = model.evidence, model.wrong_value
     given = believed(evidence.nominal, wrong)
@@ -155,7 +156,7 @@ def _diagnosis(model: Model, log: Log, errors: Errors, smooth: bool) -> Diagnosi
     form = max(forms, key=lambda f: f.t, default=None)
     free = free_running(evidence, model.nominal, model.fitted)
     table = fit_table(evidence, model.nominal, model.fitted)
-    much = explained(evidence, model.fitted, table, free, {})
+    much = explained(evidence, model.fitted, table, free, enough)
     laws = {key: law_shown(evidence, model.fitted, key, left_out[key]) for key in model.keys}
     rivals = {key: rivals_of(model, log, key) for key in model.keys}
     grounds = {key: stands(model, key, laws[key], rivals[key]) for key in model.keys}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -187,6 +188,7 @@ def diagnose(
     validation: Recording | str | Path | None = None,
     *,
     held_out: float | None = None,
+    enough: Mapping[str, str | float] | None = None,
     jobs: int | None = None,
     progress: ShowProgress = False,
 ) -> Found:
@@ -199,6 +201,8 @@ def diagnose(
     validation : the recording to choose and to judge on; without it the share ``held_out`` of the recording does.
     held_out : above 0 and below 1; None: as the settings say. Five eighths of it choose the structure, by turns with
         what is fitted to; the rest, which is the recording's last, judges it.
+    enough : channel -> what is good enough there, as ``0.05 mm`` or as a share of its motion (``2 %``): such a rest is
+        accepted, and said.
     jobs : threads that share the work; None: one for each core.
     progress : True shows a bar; a function is called with the share done, 0 to 1, and what is being done.
 
@@ -216,7 +220,8 @@ def diagnose(
         raise UserError("held_out", held_out, "must be above 0 and below 1")
     with shown(progress, "diagnosing") as tell:
         said = None if tell is None else lambda text, share: tell(share, text)
-        return Found(search(fitted, nominal, judged, held_out, said, jobs or os.cpu_count() or 1))
+        cores = jobs or os.cpu_count() or 1
+        return Found(search(fitted, nominal, judged, held_out, said, cores, enough=enough))
 
 
 def _loaded(
