@@ -33,9 +33,9 @@ from dtbacklash.diagnose.say.next_experiment import next_experiment
 from dtbacklash.diagnose.say.sentences import beyond_said, explained_said, limits_said, summary
 from dtbacklash.diagnose.search.friction_by_direction import call_by_direction
 from dtbacklash.diagnose.search.grow import search, silent
-from dtbacklash.diagnose.search.leave_out import drop
+from dtbacklash.diagnose.search.leave_out import drop, eliminate
 from dtbacklash.diagnose.search.model import Log, Model
-from dtbacklash.diagnose.search.objections import insignificant, raises_the_error, spoils_the_free_run
+from dtbacklash.diagnose.search.objections import raises_the_error, spoils_the_free_run
 from dtbacklash.diagnose.search.parts import divided, for_judgement, refitted
 from dtbacklash.diagnose.search.simpler_law import call_by_its_limit
 from dtbacklash.diagnose.search.slow_pull import refit_slowly
@@ -92,11 +92,12 @@ def _with_errors(model: Model, log: Log) -> tuple[Model, Errors]:
         model = drop(model, log, key, "the held-out error rises with it")
     while True:
         model, slow, fitted, about = refit_slowly(model)
-        errors = standard_errors(slow, fitted, about)
-        key = insignificant(model.evidence, fitted.rig, model.keys, errors)
-        if key is None:
-            return model, errors
-        model = drop(model, log, key, "its interval holds what does nothing")
+        less = eliminate(model, log, "used")
+        if less.keys == model.keys:
+            return less, standard_errors(slow, fitted, about)
+        for key in set(model.keys) - set(less.keys):
+            log.refuse(key, "taken back: fitted to all, the rest does as well without it")
+        model = less
 
 
 def _readings(rig: Rig, records: list[Record]) -> list[Evidence]:
@@ -158,8 +159,8 @@ def _diagnosis(model: Model, log: Log, errors: Errors, smooth: bool, enough: Eno
     table = fit_table(evidence, model.nominal, model.fitted)
     much = explained(evidence, model.fitted, table, free, enough)
     laws = {key: law_shown(evidence, model.fitted, key, left_out[key]) for key in model.keys}
-    rivals = {key: rivals_of(model, log, key) for key in model.keys}
-    grounds = {key: stands(model, key, laws[key], rivals[key]) for key in model.keys}
+    rivals = {key: rivals_of(model, log, key, laws[key]) for key in model.keys}
+    grounds = {key: stands(model, log, key, laws[key], rivals[key]) for key in model.keys}
     sure = model.could_be is None and any(ground.sure for ground in grounds.values())
     verdict = decide(model, left, depends_on(form, left), sure, much, moved)
     rest = max(forms, key=lambda f: f.share, default=None) if real or verdict == UNEXPLAINED else None

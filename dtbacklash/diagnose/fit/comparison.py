@@ -12,6 +12,7 @@ which the catalogue declares; what they would leave is no lead.
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import t as student
@@ -24,11 +25,23 @@ from dtbacklash.diagnose.fit.refit import objective
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.catalogue import find
 
-#: stretches over which two fits are compared, standard errors of their mean, and the share of them that agree
-STRETCHES, ERRORS, AGREE = 12, 3.0, 0.75
-#: a model from which nothing is missing needs no lead beyond its error. Where all that is left is missing physics, the
-#: other one has to leave so many times its mean square: to earn a place, and to be told from a name
-EARNS, TOLD = 1.25, 1.7
+#: stretches over which two fits are compared, and the share of them that has to agree
+STRETCHES, AGREE = 12, 0.75
+
+
+class Bar(NamedTuple):
+    """How far one fit has to lead another one.
+
+    errors : mean of the stretches in standard errors. ratio : a model from which nothing is missing needs no lead beyond
+    its error; where all that is left is missing physics, the other one has to leave so many times its mean square.
+    """
+
+    errors: float
+    ratio: float
+
+
+#: to earn a place among what is looked at further, and to be told from a name
+EARNS, TOLD = Bar(2.0, 1.25), Bar(3.0, 1.7)
 #: two fits are compared where they differ: in stretches with this share of the usual difference
 ACTS = 0.1
 #: other formulations of the laws leave no more than so many floors, mean square
@@ -44,17 +57,14 @@ class Lead:
     ratio : of the rms that they leave, in the channel that shows it best. t : mean over its standard error, of all
     channels together, with what parameters and priors cost. agree : share of the stretches in which the two differ.
     far : whether the lead is beyond what the part that both of them lack, or another formulation, could turn round.
+    clear : whether it is also beyond chance, and nearly everywhere.
     """
 
     ratio: float
     t: float
     agree: float
     far: bool
-
-    @property
-    def clear(self) -> bool:
-        """Whether the lead is beyond chance, nearly everywhere, and far enough."""
-        return self.far and self.t > ERRORS and self.agree >= AGREE
+    clear: bool
 
 
 #: per block, (channels,) mean square, in units of the floor's
@@ -65,21 +75,21 @@ def lead(
     evidence: Evidence,
     behind: Fit,
     ahead: Fit,
-    needed: float = EARNS,
+    bar: Bar = EARNS,
     part: str = "held",
     allowed: Squares | None = None,
 ) -> Lead:
     """By how much ``ahead`` leaves less than ``behind`` of a part of the recordings; both have to have ended.
 
-    needed : see :data:`EARNS`. allowed : what other formulations of the laws of ``behind`` leave.
+    bar : that the lead has to reach. allowed : what other formulations of the laws of ``behind`` leave.
     """
     more = parameters_of(evidence, ahead) - parameters_of(evidence, behind)
     relief = behind.penalty - ahead.penalty
-    return lead_of(evidence, behind.residuals, ahead.residuals, needed, part, allowed, (more, relief))
+    return lead_of(evidence, behind.residuals, ahead.residuals, bar, part, allowed, (more, relief))
 
 
 def lead_of(
-    evidence: Evidence, behind: Residuals, ahead: Residuals, needed: float = EARNS, part: str = "held",
+    evidence: Evidence, behind: Residuals, ahead: Residuals, bar: Bar = EARNS, part: str = "held",
     allowed: Squares | None = None, cost: tuple[int, float] = (0, 0.0),
 ) -> Lead:  # fmt: skip
     """The same of what two fits leave. cost : how many more parameters the second has, and how much less its prior."""
@@ -99,7 +109,7 @@ def lead_of(
         slack.append(np.maximum(COUNTS * passed[block.name] + known, exact))
         acts += _means((first - second) ** 2, length).sum(axis=0)
     if not before or acts.max(initial=0.0) == 0.0:
-        return Lead(1.0, 0.0, 0.0, False)
+        return Lead(1.0, 0.0, 0.0, False, False)
     floor, where = np.concatenate(floors)[:, None], acts >= ACTS * acts.mean()
     a, b = (np.concatenate(rows)[:, where] for rows in (before, after))
     ratios = np.log((a + floor) / (b + floor))
@@ -109,10 +119,12 @@ def lead_of(
     price = (cost[1] - cost[0] * np.log(counts)) / counts
     total = ratios.sum(axis=0) + float(price.mean())
     t = float(in_errors(total)) if len(total) > 2 else _in_errors_of_noise(evidence, behind, ahead, part)
-    beyond = ratios.mean(axis=1) + price - np.log(1.0 + (needed - 1.0) * missing)
+    beyond = ratios.mean(axis=1) + price - np.log(1.0 + (bar.ratio - 1.0) * missing)
     far = bool(np.any((beyond > 0.0) & (fall + price > np.concatenate(slack))))
     best = int(np.argmax(beyond))
-    return Lead(math.exp(0.5 * float(ratios[best].mean())), t, float(np.mean(total > 0.0)), far)
+    agree = float(np.mean(total > 0.0))
+    clear = far and t > bar.errors and agree >= AGREE
+    return Lead(math.exp(0.5 * float(ratios[best].mean())), t, agree, far, clear)
 
 
 def parameters_of(evidence: Evidence, fitted: Fit) -> int:

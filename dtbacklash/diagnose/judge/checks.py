@@ -12,7 +12,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.compare import Block, residual
 from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.data.floor import synthetic
-from dtbacklash.diagnose.fit.comparison import ERRORS, lead
+from dtbacklash.diagnose.fit.comparison import EARNS, lead
 from dtbacklash.diagnose.fit.free import Errors, Key, nominal_free, standing, stands_at_limit, tolerances_away
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.judge.free_form import Recovered
@@ -182,7 +182,7 @@ def _recalibration(model: Model) -> Check:
 def _earned(model: Model) -> Check:
     t = lead(model.evidence, model.nominal, model.fitted).t
     return _above(
-        "the findings lower the held-out error", t, ERRORS,
+        "the findings lower the held-out error", t, EARNS.errors,
         "fall of the loss between recalibrated and extended, in standard errors over stretches of the held-out part",
         PAIRED,
     )  # fmt: skip

@@ -15,10 +15,12 @@ from dtbacklash.diagnose.fit.refit import ON
 from dtbacklash.diagnose.judge.verdict import near
 from dtbacklash.diagnose.propose.locate import Score
 from dtbacklash.diagnose.result import Alternative, Ground, LawShown, Stands
-from dtbacklash.diagnose.search.leave_out import refit_with
+from dtbacklash.diagnose.search.leave_out import fit_without, refit_with
 from dtbacklash.diagnose.search.model import Log, Model
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.errors import UserError
+from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.drawing import drawing_of
 from dtbacklash.physics.effects.declare import Values
 
 #: so many rivals at the place, and elsewhere, are fitted in the place of an effect: the best when it was found
@@ -36,16 +38,17 @@ class Rival:
     behind: Lead
 
 
-def stands(model: Model, key: Key, law: LawShown | None, rivals: list[Rival]) -> Stands:
+def stands(model: Model, log: Log, key: Key, law: LawShown | None, rivals: list[Rival]) -> Stands:
     """What a name rests on.
 
     law : with the effort of free form; None where it has no state. rivals : that were fitted in its place.
     """
     share = law.share if law is not None else None
-    elsewhere, here = (_against([r for r in rivals if (r.key[0] == key[0]) is there]) for there in (False, True))
+    elsewhere = _against([r for r in rivals if r.key[0] != key[0]])
+    here = _against([r for r in rivals if r.key[0] == key[0]])
     formed = share is None or share >= FORM
     law_ground = Ground(here.stands and formed, here.ratio, here.t, here.agree, here.against, share)
-    without = refit_with(model.evidence, model.fitted, [], key, ON) if len(model.named) > 1 else model.nominal
+    without = fit_without(model, log, key) if len(model.named) > 1 else model.nominal
     needed = lead(model.evidence, without, model.fitted, TOLD, "used")
     return Stands(elsewhere, law_ground, Ground(needed.clear, needed.ratio, needed.t, needed.agree))
 
@@ -59,14 +62,31 @@ def _against(rivals: list[Rival]) -> Ground:
     return Ground(behind.clear, behind.ratio, behind.t, behind.agree, Alternative(*close.key))
 
 
-def rivals_of(model: Model, log: Log, key: Key) -> list[Rival]:
-    """The effects that came nearest to a named one, and its law at its neighbours, fitted in its place."""
+def rivals_of(model: Model, log: Log, key: Key, law: LawShown | None) -> list[Rival]:
+    """The effects that came nearest to a named one, and its law at its neighbours, fitted in its place.
+
+    A law with more parameters that comes out as the named one is not a rival.
+    """
     starts = dict(_starts(model, log, key))
     fits = spread(lambda other: _in_place(model, key, other, starts[other]), starts)
-    return [
+    rivals = [
         Rival(other, fitted, lead(model.evidence, fitted, model.fitted, TOLD, "used"))
         for other, fitted in zip(starts, fits, strict=True) if fitted is not None
     ]  # fmt: skip
+    return [r for r in rivals if r.behind.clear or not _is_the_same_law(model, key, r, law)]
+
+
+def _is_the_same_law(model: Model, key: Key, rival: Rival, law: LawShown | None) -> bool:
+    """Whether a law with more parameters has the efforts of the named one wherever the recording went."""
+    place, rig = key[0], model.fitted.rig
+    one, other = (find(rig.kind_at(k[0]), k[1], k[0]) for k in (key, rival.key))
+    mine, its, values = drawing_of(one), drawing_of(other), rival.fitted.rig.effect(*rival.key)
+    if law is None or mine is None or its is None or values is None or rival.key[0] != place:
+        return False
+    if mine.state != its.state or "loop" in (mine.shape, its.shape) or len(other.parameters) <= len(one.parameters):
+        return False
+    apart = its.effort(values, rig.elements[place].values, law.law_state) - law.law_effort
+    return float(apart @ apart) <= (1.0 - FORM) * float(law.law_effort @ law.law_effort)
 
 
 def _starts(model: Model, log: Log, key: Key) -> Iterable[tuple[Key, tuple[Values, Fit | None]]]:

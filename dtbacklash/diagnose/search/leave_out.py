@@ -80,14 +80,14 @@ def drop(model: Model, log: Log, key: Key, why: str) -> Model:
     return replace(model, nominal=best, fitted=best, could_be=None)
 
 
-def eliminate(model: Model, log: Log) -> Model:
-    """Take out what does not earn its place beside the others, or alone."""
+def eliminate(model: Model, log: Log, part: str = "held") -> Model:
+    """Take out what does not earn its place in a part of the recordings, beside the others or alone."""
     model = _recalibrated_again(model, log)
     for key in model.keys:
         if borne(model, key):
             continue
         without = fit_without(model, log, key)
-        if not lead(model.evidence, without, model.fitted).clear:
+        if not lead(model.evidence, without, model.fitted, part=part).clear:
             model = _recalibrated_again(model.minus(without, key), log)
     return model if model.named else replace(model, fitted=model.nominal)
 

@@ -125,17 +125,6 @@ def raises_the_error(evidence: Evidence, nominal: Fit, fitted: Fit, order: tuple
     return min(without, key=lambda k: without[k], default=None)
 
 
-def insignificant(evidence: Evidence, rig: Rig, order: tuple[Key, ...], errors: Errors) -> Key | None:
-    """The effect whose amplitude is closest to zero in its standard errors, if zero cannot be excluded; else None.
-
-    Effects of the nominal rig are not asked: that such an effect does nothing is a finding, too.
-    """
-    new = [key for key in order if evidence.nominal.effect(*key) is None]
-    away = {key: float(np.nan_to_num(distance(evidence, rig, key, errors))) for key in new}
-    worst = min(away, key=lambda k: away[k], default=None)
-    return worst if worst is not None and away[worst] < settings().away_errors else None
-
-
 def distance(evidence: Evidence, rig: Rig, key: Key, errors: Errors) -> float:
     """Distance of an effect from where it does nothing, in standard errors; NaN where that is not known.
 
