@@ -32,8 +32,9 @@ STRETCHES, AGREE = 12, 0.75
 class Bar(NamedTuple):
     """How far one fit has to lead another one.
 
-    errors : mean of the stretches in standard errors. ratio : a model from which nothing is missing needs no lead beyond
-    its error; where all that is left is missing physics, the other one has to leave so many times its mean square.
+    errors : mean of the stretches in standard errors. ratio : a model from which nothing is missing needs no lead
+    beyond its error; where all that is left is missing physics, the other one has to leave so many times its mean
+    square.
     """
 
     errors: float

@@ -169,7 +169,7 @@ def explained_said(much: Explained, findings: bool) -> str:
         for channel, row in much.left.items()
     ]
     by = "The extended rig" if findings else "The recalibrated rig"
-    said = f"{by} explains {' and '.join(shares)} of the mismatch. " if shares else ""
+    said = f"{by} explains of the mismatch {' and '.join(shares)}. " if shares else ""
     if much.enough is not None:
         left.append("which is what was called enough" if much.enough else "more than what was called enough")
     return f"{said}Left: {', '.join(left)}."
@@ -177,7 +177,9 @@ def explained_said(much: Explained, findings: bool) -> str:
 
 def _percent(share: float) -> str:
     """A share in percent, with as many digits as tell it from all."""
-    digits = max(0, math.ceil(-math.log10(max(1.0 - share, 1e-4))) - 2) if share < 1.0 else 0
+    if share > 0.9999:
+        return "over 99.99 %"
+    digits = max(0, math.ceil(-math.log10(1.0 - share)) - 1)
     return f"{100 * share:.{digits}f} %"
 
 
