@@ -128,6 +128,12 @@ def lead_of(
     return Lead(math.exp(0.5 * float(ratios[best].mean())), t, agree, far, clear)
 
 
+def alike(evidence: Evidence, best: Fit, other: Fit) -> bool:
+    """Whether the recordings can hardly tell two fits: the better one leads neither clearly nor by much."""
+    ahead = lead(evidence, other, best)
+    return not ahead.clear and ahead.ratio < math.sqrt(EARNS.ratio)
+
+
 def parameters_of(evidence: Evidence, fitted: Fit) -> int:
     """How many parameters a fit's effects have beside the nominal rig's."""
     rig = evidence.nominal

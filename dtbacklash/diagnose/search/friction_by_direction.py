@@ -8,7 +8,7 @@ rival that fits as well.
 
 from dataclasses import replace
 
-from dtbacklash.diagnose.fit.comparison import held_loss, lead
+from dtbacklash.diagnose.fit.comparison import alike, held_loss, lead
 from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.search.leave_out import refit_with
@@ -26,7 +26,7 @@ def call_by_direction(model: Model, log: Log) -> Model:
         if alias is None or not _is_friction(nominal, model.fitted.rig, key, alias):
             continue
         fitted = _fitted(model, key, alias)
-        if not lead(model.evidence, fitted, model.fitted).clear:
+        if alike(model.evidence, model.fitted, fitted):
             model = _renamed(model, log, key, alias, fitted)
     return model
 
@@ -76,7 +76,7 @@ def _renamed(model: Model, log: Log, key: Key, alias: Alias, fitted: Fit) -> Mod
     alike = (*former.alike, *(joined.alike if joined else ()))
     alike = tuple(t for t in alike if t.key not in (key, other))
     tried = [trial for trial, _ in log.trials if trial.key == key]
-    if tried and joined is None and not lead(evidence, before, fitted).clear:
+    if tried and joined is None and alike(evidence, fitted, before):
         left = held_loss(evidence, before)
         alike = (*alike, replace(tried[-1], fitted=before, held_out=left, reason=alias.reason))
     for trial in tried:

@@ -7,7 +7,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.compare import places_of
 from dtbacklash.diagnose.data.evidence import Evidence
-from dtbacklash.diagnose.fit.comparison import lead, merit
+from dtbacklash.diagnose.fit.comparison import alike, merit
 from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.propose.locate import Score
 from dtbacklash.diagnose.search.model import Log, Model, Trial
@@ -96,7 +96,7 @@ def simplest_first(evidence: Evidence, trials: list[Trial]) -> list[Trial]:
     if not ranked:
         return []
     best = ranked[0]
-    equal = [t for t in ranked if t is best or not lead(evidence, t.fitted, best.fitted).clear]
+    equal = [t for t in ranked if t is best or alike(evidence, best.fitted, t.fitted)]
     return sorted(equal, key=lambda t: (len(t.score.candidate.effect.parameters), merit(evidence, t.fitted)))
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from dtbacklash.diagnose.data.evidence import Evidence
-from dtbacklash.diagnose.fit.comparison import held_loss, is_noise, lead, merit, worst
+from dtbacklash.diagnose.fit.comparison import alike, held_loss, is_noise, lead, merit, worst
 from dtbacklash.diagnose.fit.free import (
     Key,
     all_free,
@@ -65,7 +65,7 @@ def _beyond_instead(model: Model, log: Log, recalibrate: Callable[[Evidence], Fi
         return replace(
             model, evidence=trial.evidence, nominal=trial.fitted, fitted=trial.fitted, named=(), wrong_value=trial
         )
-    if model.named and not lead(trial.evidence, trial.fitted, model.fitted).clear:
+    if model.named and alike(trial.evidence, model.fitted, trial.fitted):
         return replace(model, could_be=trial)
     return model
 
@@ -116,7 +116,7 @@ def _own_instead(model: Model, log: Log) -> Model:
             continue
         if _does_no_worse(model, own, before):
             return _with_own(model, log, own, (left_out,) if left_out else model.keys)
-        if left_out is None and model.named and not lead(own.evidence, own.fitted, model.fitted).clear:
+        if left_out is None and model.named and alike(own.evidence, model.fitted, own.fitted):
             model = replace(model, could_be=own)
     return model
 
@@ -125,7 +125,7 @@ def _with_own(model: Model, log: Log, own: WrongValue, gone: tuple[Key, ...]) ->
     """The model with an element's own parameter in the place of some effects."""
     for key in gone:
         log.refuse(key, "one element's own parameter does as well")
-    if not lead(own.evidence, model.fitted, own.fitted).clear:
+    if alike(own.evidence, own.fitted, model.fitted):
         own = replace(own, instead_of=gone)
     model = replace(model.minus(own.fitted, *gone), evidence=own.evidence, wrong_value=own, could_be=None)
     known = own.evidence.nominal
