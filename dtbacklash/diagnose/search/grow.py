@@ -7,7 +7,6 @@ and each is tried without in the end.
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from operator import call
 
 import numpy as np
 
@@ -17,8 +16,6 @@ from dtbacklash.diagnose.fit.approach import approached
 from dtbacklash.diagnose.fit.comparison import formulations, lead, merit, worst
 from dtbacklash.diagnose.fit.free import (
     Key,
-    all_free,
-    apply,
     at_limit,
     nominal_free,
     standing,
@@ -26,18 +23,15 @@ from dtbacklash.diagnose.fit.free import (
 )
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import fit
-from dtbacklash.diagnose.propose.locate import Bank, Score, bank
-from dtbacklash.diagnose.search.attempts import attempt, best_of_each, finish
+from dtbacklash.diagnose.propose.locate import Score, bank
+from dtbacklash.diagnose.search.attempts import attempt, finish
 from dtbacklash.diagnose.search.leave_out import eliminate, refit_with
 from dtbacklash.diagnose.search.model import Asked, Log, Model, Named, Trial
 from dtbacklash.diagnose.search.order import (
     apart,
     is_named_already,
     promising,
-    runners_up,
-    siblings,
     simplest_first,
-    twins,
 )
 from dtbacklash.diagnose.search.rivals import reconsider
 from dtbacklash.diagnose.search.wrong_value import explains_alone, own_parameter, wrong_value_instead
@@ -116,11 +110,10 @@ def _add_all(model: Model, log: Log, most: int, say: Callable[[str, float], None
     while len(model.named) < most:
         model = _with_lower_floor(model)
         say(f"looking for effect {len(model.named) + 1}", 0.1 + 0.2 * len(model.named))
-        larger = _release(model) or _add(model, log, most)
+        larger = _release(model) or _add(model, log)
         if larger is None:
             break
-        model = reconsider(larger, log, larger.keys[:-1], settings().swap_rivals)
-        model = _from_the_middle(model)
+        model = larger
     return model
 
 
@@ -146,20 +139,6 @@ def _let_go(rig: Rig, key: Key) -> list[Values]:
     return [values] if gone == values else [values, gone]
 
 
-def _from_the_middle(model: Model) -> Model:
-    """Fit once more from the nominal parameters where some were led astray before the effects were known."""
-    evidence = model.evidence
-    if not _astray(evidence, model.fitted):
-        return model
-    known = nominal_free(evidence.nominal, rig=model.fitted.rig)
-    middle = apply(model.fitted.rig, known, np.zeros(len(known)))
-    free, x = all_free(evidence, middle)
-    if worst(evidence, model.fitted) > settings().nearly_noise_floors:
-        x = approached(evidence, middle, free, x)
-    again = fit(evidence, middle, free, x)
-    return replace(model, fitted=again) if merit(evidence, again) < merit(evidence, model.fitted) else model
-
-
 def _with_lower_floor(model: Model) -> Model:
     """Lower the floor where what the last fit leaves shows that there is less noise."""
     evidence = model.evidence.quieter(model.fitted.residuals)
@@ -176,26 +155,19 @@ def _with_lower_floor(model: Model) -> Model:
 
 def scores_about(model: Model, log: Log) -> list[Score]:
     """The bank about the last fit, without what has been refused."""
-    signatures, scores = _bank_about(model, log, model.fitted)
-    log.banks.append(Asked(model.evidence, scores, signatures.residual))
+    evidence = model.evidence
+    listed = candidates(model.fitted.rig, evidence.blocks, evidence.moving)
+    signatures, scores = bank(evidence, model.fitted, [c for c in listed if c.key not in log.refused])
+    log.banks.append(Asked(evidence, scores, signatures.residual))
     return scores
 
 
-def _bank_about(model: Model, log: Log, fitted: Fit) -> tuple[Bank, list[Score]]:
-    evidence = model.evidence
-    listed = candidates(fitted.rig, evidence.blocks, evidence.moving)
-    return bank(evidence, fitted, [c for c in listed if c.key not in log.refused])
-
-
-def _add(model: Model, log: Log, most: int) -> Model | None:
-    """The model with the best candidate that earns its place, or two; None if there is none."""
+def _add(model: Model, log: Log) -> Model | None:
+    """The model with the best candidate that earns its place; None if there is none."""
     rules, evidence, current = settings(), model.evidence, model.fitted
-    scores = scores_about(model, log)
-    trials = spread(partial(attempt, evidence, current), promising(evidence, scores)[: rules.quick_fits])
-    trials = _and_from_the_middle(model, log, trials)
-    trials += spread(partial(attempt, evidence, current), twins(evidence, scores, trials))
-    trials = _finished(model, log, sorted(trials, key=lambda t: merit(evidence, t.fitted)))
-    trials += spread(partial(attempt, evidence, current), siblings(evidence, scores, trials))
+    scores = promising(evidence, scores_about(model, log))[: rules.quick_fits]
+    trials = spread(partial(attempt, evidence, current), scores)
+    trials = _finished(model, sorted(trials, key=lambda t: merit(evidence, t.fitted)))
     trials = [replace(trial, beside=len(model.named)) for trial in trials]
     log.tried(evidence, trials)
     allowed = formulations(evidence, current)
@@ -203,13 +175,11 @@ def _add(model: Model, log: Log, most: int) -> Model | None:
         for trial in simplest_first(evidence, group):
             if lead(evidence, current, trial.fitted, allowed=allowed).clear:
                 return _take(model, log, trial, group)
-    # in noise no two effects hide each other
-    several = len(model.named) + 2 <= most and worst(evidence, current) > rules.noise_floors
-    return _add_pair(model, log, trials) if several else None
+    return None
 
 
-def _finished(model: Model, log: Log, trials: list[Trial]) -> list[Trial]:
-    """The trials, the best first, of which those that come near are fitted in full; and runners-up of the last time."""
+def _finished(model: Model, trials: list[Trial]) -> list[Trial]:
+    """The trials, the best first, of which those that come near are fitted in full."""
     rules, evidence, current = settings(), model.evidence, model.fitted
     is_close = bool(trials) and trials[0].held_out < rules.close_floors
     far = rules.hopeless_ratio_noise if is_close else rules.hopeless_ratio
@@ -220,25 +190,8 @@ def _finished(model: Model, log: Log, trials: list[Trial]) -> list[Trial]:
         and merit(evidence, t.fitted) < merit(evidence, current)
         and not is_named_already(model, t)
     ]
-    full = [partial(finish, evidence, current, t, near=True) for t in near]
-    full += [partial(finish, evidence, current, t) for t in runners_up(model, log, near)]
-    finished = spread(call, full)
+    finished = spread(partial(finish, evidence, current, near=True), near)
     return [*finished, *(t for t in trials if t.key not in {f.key for f in finished})]
-
-
-def _and_from_the_middle(model: Model, log: Log, trials: list[Trial]) -> list[Trial]:
-    """The same with trials that begin at the nominal parameters, where those of the last fit were led astray.
-
-    Missing physics leads them there, and from there its own law may find no way back. The better trial of each counts.
-    """
-    evidence, current = model.evidence, model.fitted
-    if not _astray(evidence, current) or worst(evidence, current) < settings().nearly_noise_floors:
-        return trials
-    known = nominal_free(evidence.nominal, rig=current.rig)
-    middle = fit(evidence, apply(current.rig, known, np.zeros(len(known))), [])
-    scores = promising(evidence, _bank_about(model, log, middle)[1])[: settings().quick_fits]
-    again = spread(partial(attempt, evidence, current, near=middle.rig), scores)
-    return best_of_each(evidence, [*trials, *again])
 
 
 def _take(model: Model, log: Log, trial: Trial, group: list[Trial]) -> Model:
@@ -246,24 +199,3 @@ def _take(model: Model, log: Log, trial: Trial, group: list[Trial]) -> Model:
     log.verdicts.append((trial, "added"))
     tried = tuple(t for t in group if t is not trial)
     return model.plus(trial.fitted, Named(trial.key, tried))
-
-
-def _add_pair(model: Model, log: Log, trials: list[Trial]) -> Model | None:
-    """The model with two effects of which the first takes away enough, but not surely: the second hides that.
-
-    Friction that differs by direction and is not known to does: with the one half of it the moves to the one side fit
-    better, and those to the other side worse. Each is tried without the other in the end.
-    """
-    rules, evidence, current = settings(), model.evidence, model.fitted
-    able = [t for t in sorted(trials, key=lambda t: merit(evidence, t.fitted)) if lead(evidence, current, t.fitted).far]
-    for first in able[: rules.pair_firsts]:
-        scores = _bank_about(model, log, first.fitted)[1]
-        quick = spread(partial(attempt, evidence, first.fitted), promising(evidence, scores)[: rules.quick_fits])
-        quick.sort(key=lambda t: merit(evidence, t.fitted))
-        beside = spread(partial(finish, evidence, first.fitted, near=True), quick[: rules.full_fits])
-        beside = [replace(trial, beside=len(model.named) + 1) for trial in beside]
-        log.tried(evidence, beside)
-        for second in simplest_first(evidence, sorted(beside, key=lambda t: merit(evidence, t.fitted))):
-            if lead(evidence, first.fitted, second.fitted).clear and lead(evidence, current, second.fitted).clear:
-                return _take(_take(model, log, first, trials), log, second, beside)
-    return None

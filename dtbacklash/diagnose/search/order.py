@@ -1,16 +1,11 @@
 """Which candidates are worth a fit, and the order in which fits are asked whether they earn their place."""
 
-from dataclasses import replace
-
-import numpy as np
-
-from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.compare import places_of
 from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.comparison import alike, merit
 from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.propose.locate import Score
-from dtbacklash.diagnose.search.model import Log, Model, Trial
+from dtbacklash.diagnose.search.model import Model, Trial
 from dtbacklash.diagnose.search.simpler_law import has_become
 from dtbacklash.diagnose.settings import settings
 
@@ -23,29 +18,6 @@ def promising(evidence: Evidence, scores: list[Score]) -> list[Score]:
     return [s for s in scores if s.gain > max(rules.gain_min, floors * s.lightest)]
 
 
-def twins(evidence: Evidence, scores: list[Score], trials: list[Trial]) -> list[Score]:
-    """Candidates not tried yet whose signatures are almost parallel to that of the best trial."""
-    rules = settings()
-    best = min(trials, key=lambda t: merit(evidence, t.fitted), default=None)
-    if best is None:
-        return []
-    known, mine = {t.key for t in trials}, best.score.signature
-    near = [s for s in scores if s.candidate.key not in known and abs(_cosine(s.signature, mine)) > rules.twin_cosine]
-    return near[: rules.twins_max]
-
-
-def runners_up(model: Model, log: Log, trials: list[Trial]) -> list[Trial]:
-    """The best trials that were not chosen when the last effect was added, starting from the values fitted then.
-
-    Two large effects each stand in for the other: the first one added takes more than its share, and about that fit
-    the signature of the second shows nothing.
-    """
-    known = {t.key for t in trials} | set(model.keys) | set(log.refused)
-    former = [t for t in model.named[-1].tried if t.key not in known] if model.named else []
-    former = [t for t in former if not is_named_already(model, t)]
-    return sorted(former, key=lambda t: t.held_out)[: settings().runners_up]
-
-
 def is_named_already(model: Model, trial: Trial) -> bool:
     """Whether a trial's law has reached the limit that is a law named at its place, or the other way round.
 
@@ -55,28 +27,6 @@ def is_named_already(model: Model, trial: Trial) -> bool:
     there = {effect for at, effect in model.keys if at == place}
     became = {has_become(evidence, model.fitted, (place, effect)) for effect in there}
     return has_become(evidence, trial.fitted, trial.key) in there or name in became
-
-
-def _cosine(a: Floats, b: Floats) -> float:
-    return float(a @ b) / max(float(np.sqrt((a @ a) * (b @ b))), 1e-300)
-
-
-def siblings(evidence: Evidence, scores: list[Score], trials: list[Trial]) -> list[Score]:
-    """The best trial's effect at the other places that take it, starting from the values fitted here.
-
-    Only where more than noise is left: the grid may lead a narrow resonance or a stop that is seldom hit to the wrong
-    place first.
-    """
-    best = min(trials, key=lambda t: merit(evidence, t.fitted), default=None)
-    values = best.fitted.rig.effect(*best.key) if best else None
-    if best is None or values is None or best.held_out < settings().close_floors:
-        return []
-    known = {t.key for t in trials}
-    return [
-        replace(s, values=values) for s in scores
-        if s.candidate.key[1] == best.key[1] and s.candidate.key not in known
-        and s.candidate.effect.kind == best.score.candidate.effect.kind
-    ]  # fmt: skip
 
 
 def apart(evidence: Evidence, trials: list[Trial]) -> list[list[Trial]]:
