@@ -54,7 +54,7 @@ class Found:
         """The effects that the rig lacks, a row a parameter.
 
         Columns ``location, effect, confidence, parameter, value, unit, low, high, also_fits, sentence``: ``confidence``
-        is ``sure`` or ``partial`` (the place and a part of the truth, but not a law to rely on); ``low`` and ``high``
+        is ``sure`` or ``partial`` (place, law or size are open, see ``also_fits``); ``low`` and ``high``
         are the ends of the 95 % interval, in ``unit`` (SI); ``also_fits`` is a tuple of (location, effect) that this
         recording cannot tell from it. The size of an effect is its first parameter.
         """

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Diagnosis, Finding
-from dtbacklash.diagnose.words import named_in_words, place_in_words
+from dtbacklash.diagnose.words import named_in_words, other_in_words, place_in_words
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import SENSOR_PREFIX
 from dtbacklash.report.kit.intervals import interval
@@ -31,7 +31,7 @@ def heading(diagnosis: Diagnosis) -> str:
 
 
 def partial(finding: Finding) -> str:
-    """What is put behind the name of a finding that is a part of the truth at best."""
+    """What is put behind the name of a finding of which something is open."""
     return " (partial)" if finding.confidence == "partial" else ""
 
 
@@ -121,17 +121,27 @@ def _how_much(diagnosis: Diagnosis) -> str:
 
 
 def _how_sure(diagnosis: Diagnosis) -> str:
-    parts = []
-    doubtful = [name_in_words(f.effect) for f in diagnosis.findings if f.confidence == "partial"]
-    if doubtful:
-        verb = "is a part" if len(doubtful) == 1 else "are parts"
-        parts.append(f"{capital(listed(doubtful))} {verb} of the truth at best: do not rely on its law or its value.")
+    parts = [_grounds(f) for f in diagnosis.findings]
     if diagnosis.findings or diagnosis.recalibrated:
         parts.append("The intervals are 95 % confidence intervals.")
     failed = [c.check for c in diagnosis.checks if not c.passed]
     if diagnosis.checks:
         parts.append(checks_said(len(diagnosis.checks), failed))
     return " ".join(parts)
+
+
+def _grounds(finding: Finding) -> str:
+    """What a name rests on, in figures."""
+    said = f"{capital(named_in_words(finding.effect, finding.location))} is {finding.confidence}"
+    grounds = finding.stands
+    if grounds is None or grounds.size.ratio is None:
+        return f"{said}."
+    rivals = [g for g in (grounds.where, grounds.law) if g.against is not None and g.ratio is not None]
+    close = min(rivals, key=lambda g: g.ratio or 0.0, default=None)
+    said += f": without it {number(grounds.size.ratio)} times as much (rms) is left"
+    if close is None or close.against is None or close.ratio is None:
+        return f"{said}."
+    return f"{said}, with {other_in_words(close.against)} in its place {number(close.ratio)} times."
 
 
 def checks_said(count: int, failed: list[str]) -> str:
