@@ -157,11 +157,8 @@ def explained_said(much: Explained, findings: bool) -> str:
     findings : whether physics was found; else what is explained is explained by recalibration.
     """
     shares = [
-        f"{_percent(share)} {how}"
-        for share, how in (
-            (much.compared, "as the rigs are compared"),
-            (much.free_running, "simulated by the commands"),
-        )
+        f"{_percent(share)} of the mismatch {how}"
+        for share, how in ((much.compared, "as compared"), (much.free_running, "simulated freely"))
         if share is not None and share > 0.0
     ]
     left = [
@@ -169,7 +166,7 @@ def explained_said(much: Explained, findings: bool) -> str:
         for channel, row in much.left.items()
     ]
     by = "The extended rig" if findings else "The recalibrated rig"
-    said = f"{by} explains of the mismatch {' and '.join(shares)}. " if shares else ""
+    said = f"{by} explains {' and '.join(shares)}. " if shares else ""
     if much.enough is not None:
         left.append("which is what was called enough" if much.enough else "more than what was called enough")
     return f"{said}Left: {', '.join(left)}."
