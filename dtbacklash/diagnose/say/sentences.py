@@ -9,6 +9,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.candidates import TREMOR
 from dtbacklash.diagnose.data.compare import Record
 from dtbacklash.diagnose.data.evidence import Evidence, Residuals
+from dtbacklash.diagnose.data.several import Several, source_of
 from dtbacklash.diagnose.judge.free_form import Recovered
 from dtbacklash.diagnose.result import (
     CONSISTENT,
@@ -186,11 +187,6 @@ def as_well_said(as_well: WrongValue) -> str:
     return f"{value} alone, {as_well.tolerances:.1f} of its tolerances from nominal"
 
 
-def source_of(recording: Recording) -> str:
-    """The name of a recording and, after a colon, of its part."""
-    return f"{recording.name}:{recording.part}" if recording.part else recording.name
-
-
 def notes_of(recording: Recording, validation: Recording | None, share: float) -> tuple[str, ...]:
     """What the reader said, and which data are fitted to and which are held out: the last ``share``, or others."""
     judges = settings().judging_share * share
@@ -205,6 +201,42 @@ def notes_of(recording: Recording, validation: Recording | None, share: float) -
     return *recording.notes, *other, f"{_span('Fitted to', recording)}; {_span('chosen and judged on', validation)}."
 
 
-def _span(what: str, r: Recording) -> str:
+def notes_of_several(several: Several, share: float) -> tuple[str, ...]:
+    """What the reader said of each recording, which data are fitted to and held out, and what they share."""
+    said = [f"{n}: {note}" for r, n in zip(several.recordings, several.names, strict=True) for note in r.notes]
+    alone = [n for n, judges in zip(several.names, several.judges, strict=True) if judges]
+    spans = [
+        _span("Chosen and judged on" if judges else "Fitted to", r, n) + "."
+        for r, n, judges in zip(several.recordings, several.names, several.judges, strict=True)
+    ]
+    judges = settings().judging_share * share
+    parts = (
+        f"{' and '.join(alone)} {'chooses' if len(alone) == 1 else 'choose'} the structure and "
+        f"{'judges' if len(alone) == 1 else 'judge'} it alone."
+        if alone else
+        f"Of each recording {100 * (1 - share):.0f} % are fitted to, {100 * (share - judges):.0f} % choose the "
+        f"structure, by turns, and the last {100 * judges:.0f} % judge it."
+    )  # fmt: skip
+    steps = {r.sample_time_s for r in several.recordings}
+    rates = () if len(steps) == 1 else (
+        "The recordings have several sample times: each is simulated at its own. Scans for start values take those "
+        "with the sample time at which most is fitted.",
+    )  # fmt: skip
+    shared = ("The recordings share the rig's physics and parameters; first states, and the zeros of positions after "
+              "the first recording, are free.")  # fmt: skip
+    return *said, *several.notes, *spans, parts, shared, *rates
+
+
+def units_of(several: Several) -> dict[str, str]:
+    """Channel -> the unit that was read, of each recording where they differ."""
+    found = {}
+    for channel in dict.fromkeys(c for r in several.recordings for c in r.assumed_units):
+        said = {n: r.assumed_units.get(channel, "") for r, n in zip(several.recordings, several.names, strict=True)}
+        alike = len(set(said.values())) == 1
+        found[channel] = next(iter(said.values())) if alike else "; ".join(f"{n}: {u}" for n, u in said.items() if u)
+    return found
+
+
+def _span(what: str, r: Recording, name: str = "") -> str:
     stretches = f" in {len(r.stretches)} stretches" if len(r.stretches) > 1 else ""
-    return f"{what} {source_of(r)}, {r.t_s[0]:.6g} to {r.t_s[-1]:.6g} s ({r.samples} samples{stretches})"
+    return f"{what} {name or source_of(r)}, {r.t_s[0]:.6g} to {r.t_s[-1]:.6g} s ({r.samples} samples{stretches})"
