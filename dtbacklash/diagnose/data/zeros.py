@@ -17,10 +17,10 @@ from dtbacklash.diagnose.data.pull import cut, zero_channels
 from dtbacklash.diagnose.data.tempo import tempo_rad_s
 from dtbacklash.physics.rig import Rig
 
-#: a zero counts as shown if taking it off leaves less than this share of the mean residual
+#: a zero counts as shown if taking off the mean residual leaves less than this share of it
 LEFT = 0.5
-#: how often the mean residual is taken off: it also changes where the simulation begins
-TIMES = 3
+#: how often what is then left is taken off as well: a zero also changes where the simulation begins
+TIMES = 2
 
 
 def aligned(rig: Rig, records: list[Record]) -> list[Record]:
@@ -47,11 +47,16 @@ def aligned(rig: Rig, records: list[Record]) -> list[Record]:
 
 def _zero(rig: Rig, block: Block, records: list[Record], names: tuple[str, ...]) -> Floats:
     """(names,) what has to be taken off a recording for the mean residual to vanish; 0 where nothing makes it."""
-    zero, before = np.zeros(len(names)), np.full(len(names), np.inf)
+
+    def left(zero: Floats) -> Floats:
+        return _mean(rig, block, [_counted_from(r, names, zero) for r in records], names)
+
+    zero = first = left(np.zeros(len(names)))
+    shown = np.ones(len(names), dtype=bool)
     for _ in range(TIMES):
-        left = _mean(rig, block, [_counted_from(r, names, zero) for r in records], names)
-        shown = np.abs(left) <= LEFT * before
-        zero, before = np.where(shown, zero + left, 0.0), np.where(shown, np.abs(left), 0.0)
+        more = left(zero)
+        shown &= np.abs(more) <= LEFT * np.abs(first)
+        zero = np.where(shown, zero + more, 0.0)
     return zero
 
 
