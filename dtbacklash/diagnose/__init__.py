@@ -9,7 +9,7 @@ from dtbacklash.diagnose.data.several import Several, source_of
 from dtbacklash.diagnose.pipeline import diagnose_records
 from dtbacklash.diagnose.result import Diagnosis
 from dtbacklash.diagnose.say.error_names import names_the_recording
-from dtbacklash.diagnose.say.sentences import notes_of, notes_of_several, units_of
+from dtbacklash.diagnose.say.sentences import notes_of, notes_of_several, units_of, zeros_said
 from dtbacklash.diagnose.search.parts import check_parts
 from dtbacklash.diagnose.settings import settings as in_force
 from dtbacklash.physics.rig import Rig
@@ -63,11 +63,11 @@ def diagnose(
     records, left_out = long_enough(rig, several.records(rig, held_out))
     check_parts(records, ("validation", several.judging) if several.judging else ("held_out", held_out))
     found = diagnose_records(rig, records, progress, jobs)
-    notes = *notes_of_several(several, held_out), *left_out, *found.notes
-    return replace(
-        found, source=", ".join(several.names), notes=notes, units=units_of(several) if units is None else dict(units),
-        recordings=tuple(several.used(records, found.recordings)),
-    )  # fmt: skip
+    used = tuple(several.used(records, found.recordings))
+    zeros = zeros_said(used, found.work.floor if found.work else {})
+    notes = *notes_of_several(several, held_out), *left_out, *zeros, *found.notes
+    read = units_of(several) if units is None else dict(units)
+    return replace(found, source=", ".join(several.names), notes=notes, units=read, recordings=used)
 
 
 def _one(

@@ -20,6 +20,7 @@ from dtbacklash.diagnose.result import (
     Instead,
     Located,
     Recalibrated,
+    RecordingUsed,
     Verdict,
 )
 from dtbacklash.diagnose.search.model import Model, WrongValue
@@ -30,6 +31,8 @@ from dtbacklash.recording.model import Recording
 
 #: a mismatch that lies within one of these times of an event is said to lie there, s
 NEAR_S = (0.05, 0.1, 0.2, 0.3)
+#: a zero that is off by more than so many noise floors is said to be another one
+OTHER_ZERO = 10.0
 #: a second best that leaves more than this many times the error explains nothing
 WORTH_SAYING = 10.0
 
@@ -225,6 +228,16 @@ def notes_of_several(several: Several, share: float) -> tuple[str, ...]:
     shared = ("The recordings share the rig's physics and parameters; first states, and the zeros of positions after "
               "the first recording, are free.")  # fmt: skip
     return *said, *several.notes, *spans, parts, shared, *rates
+
+
+def zeros_said(recordings: Sequence[RecordingUsed], floor: dict[str, float]) -> tuple[str, ...]:
+    """Which zeros of further recordings lie elsewhere than those of the first, by more than ``OTHER_ZERO`` floors."""
+    return tuple(
+        f"{one.name} counts {channel} from another zero than {recordings[0].name}: "
+        f"{quantity(float(zero['value']), str(zero['unit']))} off, which is taken off."
+        for one in recordings for channel, zero in one.zeros.items()
+        if abs(float(zero["value"])) > OTHER_ZERO * floor.get(channel, 0.0)
+    )  # fmt: skip
 
 
 def units_of(several: Several) -> dict[str, str]:
