@@ -203,7 +203,9 @@ def sweep_name(words: list[str], command: str = "run") -> str:
 
 def file_name(source: str | None) -> str:
     """The name of a file (of several the first) without folder and suffixes, with signs that every disk takes."""
-    first = (source or "").strip("[]").partition(",")[0]
+    first = source or ""
+    if first.startswith("[") and first.endswith("]"):
+        first = first[1:-1].partition(",")[0].strip(" '\"")
     stem = Path(first).name.partition(".")[0].strip("*?") or "recording"
     return "".join(sign if sign.isalnum() or sign in "-_" else "_" for sign in stem)[:60]
 

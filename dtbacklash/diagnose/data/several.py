@@ -22,7 +22,7 @@ def names_of(recordings: Sequence[Recording]) -> list[str]:
     """What each is called: its name, with the folder of its file where two have the same, and else with its number."""
     names = [source_of(r) for r in recordings]
     for longer in (
-        [f"{r.source.parent.name}/{n}" if r.source else n for r, n in zip(recordings, names, strict=True)],
+        [f"{r.source.resolve().parent.name}/{n}" if r.source else n for r, n in zip(recordings, names, strict=True)],
         [f"{n} ({k})" for k, n in enumerate(names, 1)],
     ):
         count = Counter(names)
