@@ -115,12 +115,16 @@ def with_rig(words: list[str]) -> list[str]:
 
 
 def _first(source: str) -> str:
-    """The first of several recordings."""
+    """The first of several recordings; what is written where it means none, as reading it says what is wrong."""
     if not any(sign in source for sign in "[*?"):
         return source
+    from dtbacklash.errors import UserError
     from dtbacklash.recording import sources_of
 
-    return sources_of(source)[0]
+    try:
+        return sources_of(source)[0]
+    except UserError:
+        return source
 
 
 def show(diagnosis: Diagnosis, config: DiagnoseConfig, folder: Path) -> int:
