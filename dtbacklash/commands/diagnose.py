@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+from collections.abc import Iterable
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -37,8 +38,6 @@ def do(config: DiagnoseConfig, folder: Path, command: str, tell: Tell | None) ->
 
     A job of a sweep, which nobody watches, works on one thread unless ``jobs`` says otherwise.
     """
-    from dtbacklash.diagnose.say.sentences import notes_of
-    from dtbacklash.diagnose.settings import settings
     from dtbacklash.physics.rig import build_rig
     from dtbacklash.report.diagnosis import page
 
@@ -48,7 +47,7 @@ def do(config: DiagnoseConfig, folder: Path, command: str, tell: Tell | None) ->
         rig = build_rig(config.rig)
         say(0.0, "reading the recording")
         train, held_out = read(config, rig)
-        for note in notes_of(train, held_out, settings().held_out_share):
+        for note in _notes(train, held_out):
             log.info(note)
         diagnosis = run_diagnosis(train, held_out, rig, jobs, say, config.enough)
         say(1.0, "drawing the report")
@@ -67,21 +66,32 @@ def _silent(share: float, text: str = "") -> None:
     """Tell nobody."""
 
 
-def read(config: DiagnoseConfig, rig: Rig) -> tuple[Recording, Recording | None]:
-    """The recording, and the one to judge on if there is one: else the diagnosis holds out the recording's end."""
-    from dtbacklash.recording import read_pair, read_recording
+def read(
+    config: DiagnoseConfig, rig: Rig
+) -> tuple[Recording | list[Recording], Recording | list[Recording] | int | None]:
+    """The recordings, and what is to judge if something is: else the diagnosis holds out the recordings' ends."""
+    from dtbacklash.recording import read_together
 
     source, how = config.recording.source, config.recording
     assert source is not None
-    units: dict[str, Any] = {"units": how.units, "trust_units": how.trust_units}
-    if config.validation is None:
-        return read_recording(source, path=how.path, rig=rig, **units), None
-    return read_pair(source, config.validation, path=how.path, rig=rig, **units)
+    return read_together(
+        source, config.validation, path=how.path, rig=rig, units=how.units, trust_units=how.trust_units
+    )
+
+
+def _notes(train: Recording | list[Recording], held_out: Recording | list[Recording] | int | None) -> Iterable[str]:
+    from dtbacklash.diagnose.say.sentences import notes_of
+    from dtbacklash.diagnose.settings import settings
+
+    if isinstance(train, list) or isinstance(held_out, (list, int)):
+        return [f"{r.name}: {note}" for r in ([train] if not isinstance(train, list) else train) for note in r.notes]
+    return notes_of(train, held_out, settings().held_out_share)
 
 
 def run_diagnosis(
-    train: Recording, held_out: Recording | None, rig: Rig, jobs: int, tell: Tell, enough: dict[str, str]
-) -> Diagnosis:
+    train: Recording | list[Recording], held_out: Recording | list[Recording] | int | None, rig: Rig, jobs: int,
+    tell: Tell, enough: dict[str, str],
+) -> Diagnosis:  # fmt: skip
     """Diagnose; ``tell`` is told the share done, and what is being done."""
     from dtbacklash.diagnose import diagnose
 
@@ -94,7 +104,7 @@ def with_rig(words: list[str]) -> list[str]:
     source = given.get("recording") or given.get("recording.source")
     if "rig" in given or not source:
         return words
-    source = unquoted(source)
+    source = _first(unquoted(source))
     name = source.partition(":")[0]
     if not name.endswith((".yaml", ".yml")) and (Path(source).is_file() or name not in recordings()):
         return words
@@ -102,6 +112,19 @@ def with_rig(words: list[str]) -> list[str]:
 
     rig = load_mapping(name).rig
     return [*words, f"rig={quoted(rig)}"] if rig else words
+
+
+def _first(source: str) -> str:
+    """The first of several recordings; what is written where it means none, as reading it says what is wrong."""
+    if not any(sign in source for sign in "[*?"):
+        return source
+    from dtbacklash.errors import UserError
+    from dtbacklash.recording import sources_of
+
+    try:
+        return sources_of(source)[0]
+    except UserError:
+        return source
 
 
 def show(diagnosis: Diagnosis, config: DiagnoseConfig, folder: Path) -> int:
@@ -122,11 +145,11 @@ def show(diagnosis: Diagnosis, config: DiagnoseConfig, folder: Path) -> int:
 
 def fingerprint(config: DiagnoseConfig) -> str:
     """A hash of all that decides the diagnosis: settings but the number of threads, the files, the code."""
-    from dtbacklash.recording import locate
+    from dtbacklash.recording import locate, sources_of
 
-    files = [config.validation, config.recording.path]
-    if config.recording.source:
-        files.append(str(locate.resolve(config.recording.source, config.recording.path)[0]))
+    files = [*(sources_of(config.validation, "validation") if config.validation else []), config.recording.path]
+    for source in sources_of(config.recording.source) if config.recording.source else []:
+        files.append(str(locate.resolve(source, config.recording.path)[0]))
     return settings_hash(replace(config, jobs=None), files)
 
 

@@ -179,8 +179,8 @@ def quoted(text: str) -> str:
 
 
 def _at_commas(value: str) -> list[str]:
-    """Split at commas that stand outside of quotes."""
-    return re.findall(r"(?:'[^']*'|\"[^\"]*\"|[^,])+", value)
+    """Split at commas that stand outside of quotes and of a list's brackets."""
+    return re.findall(r"(?:'[^']*'|\"[^\"]*\"|\[[^\]]*\]|[^,])+", value)
 
 
 def _unquoted(text: str) -> str:
@@ -202,8 +202,11 @@ def sweep_name(words: list[str], command: str = "run") -> str:
 
 
 def file_name(source: str | None) -> str:
-    """The name of a file without its folder and its suffixes, with signs that every disk takes."""
-    stem = Path(source or "").name.partition(".")[0] or "recording"
+    """The name of a file (of several the first) without folder and suffixes, with signs that every disk takes."""
+    first = source or ""
+    if first.startswith("[") and first.endswith("]"):
+        first = first[1:-1].partition(",")[0].strip(" '\"")
+    stem = Path(first).name.partition(".")[0].strip("*?") or "recording"
     return "".join(sign if sign.isalnum() or sign in "-_" else "_" for sign in stem)[:60]
 
 

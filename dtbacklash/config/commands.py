@@ -23,7 +23,8 @@ class RecordingInConfig:
     source: str | None = setting(
         None,
         "FILE: CSV, Parquet, .mat, .npz, also gzip, with the columns t, u and the rig's sensors; or NAME[:PART]: a "
-        "recording that has a mapping (`dtb recordings` lists them, conf/recording adds to them)",
+        "recording that has a mapping (`dtb recordings` lists them, conf/recording adds to them); several together: "
+        "[a.csv,b.csv] or a pattern, 'data/*.csv'",
         word="recording", path=INPUT, shown="FILE",
     )  # fmt: skip
     path: str | None = setting(
@@ -37,14 +38,14 @@ class RecordingInConfig:
 
 @dataclass
 class DiagnoseConfig:
-    """One recording, compared with one rig."""
+    """One recording, or several together, compared with one rig."""
 
     rig: RigConfig = field(default_factory=RigConfig)
     recording: RecordingInConfig = field(default_factory=RecordingInConfig)
     validation: str | None = setting(
         None,
-        "FILE or NAME[:PART]: the recording to choose and to judge on (default: 40 % of the recording; 25 % choose "
-        "the structure, the last 15 % judge it)",
+        "FILE or NAME[:PART]: the recording to choose and to judge on (default: 40 % of each recording; 25 % choose "
+        "the structure, the last 15 % judge it); of several recordings, the number (from 1) or name of one",
         path=INPUT,
     )
     enough: dict[str, str] = setting(

@@ -115,6 +115,7 @@ DIAGNOSE = Grammar(
         "dtb diagnose recording=bench.csv rig=lead_screw rig.parameters.k.value=9500",
         "dtb diagnose recording=emps",
         "dtb diagnose recording=silverbox validation=silverbox:arrow -v",
+        "dtb diagnose recording=[slow.csv,fast.csv] rig=my_rig.yaml",
         "dtb diagnose -m recording=a.csv,b.csv",
     ),
     """\

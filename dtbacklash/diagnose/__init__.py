@@ -1,15 +1,16 @@
 """Diagnosis: where a recording and the simulation differ, what physics is missing, and whether it fits better."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from dtbacklash.diagnose.data.compare import Record
 from dtbacklash.diagnose.data.records import long_enough, records_of
-from dtbacklash.diagnose.judge.explained import read_enough
+from dtbacklash.diagnose.data.several import Several, source_of
+from dtbacklash.diagnose.judge.explained import Enough, read_enough
 from dtbacklash.diagnose.pipeline import diagnose_records
 from dtbacklash.diagnose.result import Diagnosis
 from dtbacklash.diagnose.say.error_names import names_the_recording
-from dtbacklash.diagnose.say.sentences import notes_of, source_of
+from dtbacklash.diagnose.say.sentences import notes_of, notes_of_several, units_of, zeros_said
 from dtbacklash.diagnose.search.parts import check_parts
 from dtbacklash.diagnose.settings import settings as in_force
 from dtbacklash.physics.rig import Rig
@@ -18,46 +19,75 @@ from dtbacklash.recording.validation import check_alike, check_apart
 
 __all__ = ["Diagnosis", "Record", "diagnose", "diagnose_records", "records_of"]
 
+#: what judges: another recording, or several; or which of several recordings (number from 1, name) does
+Validation = Recording | Sequence[Recording] | str | int
+
 
 @names_the_recording
 def diagnose(
-    recording: Recording,
+    recording: Recording | Sequence[Recording],
     rig: Rig,
-    validation: Recording | None = None,
+    validation: Validation | None = None,
     held_out: float | None = None,
     progress: Callable[[str, float], None] | None = None,
     jobs: int | None = None,
     units: dict[str, str] | None = None,
     enough: Mapping[str, object] | None = None,
 ) -> Diagnosis:
-    """Diagnose a recording on a rig.
+    """Diagnose a recording, or several together, on a rig.
 
     Parameters
     ----------
     recording, validation : to fit, and to choose and judge on; without the second the last share ``held_out`` of the
-        first does so (None: as the settings say). What chooses is fitted to in the end, and what judges comes last.
+        first, or of each of several, does so (None: as the settings say). What chooses is fitted to in the end, and
+        what judges comes last. Of several, ``validation`` may be the number (from 1) or the name of one.
     rig : the nominal rig. progress : called with what is being done and a share, 0 to 1.
     jobs : threads that share the work; None leaves what ``joblib.parallel_config`` says, else one.
     units : channel -> the unit that was read, and who says so, for the report; None: as the recording has it.
     enough : channel -> what is good enough, see :func:`.explained.read_enough`.
 
+    Several recordings share the rig's physics and parameters. Each has its own sample time, first state, and zeros of
+    its position sensors (but the first, which has the rig's); channels that not all have are not used.
+
     Raises
     ------
-    UserError : no channel of the rig was recorded, an integrating part not measured, nothing was commanded, too little
-        is left to fit to or to judge on, or the validation repeats the recording, lacks one of its channels, or has
-        another sample time.
+    UserError : no channel of the rig was recorded, or is common to all; an integrating part not measured, nothing was
+        commanded, too little is left to fit to or to judge on; the validation repeats the recording, is none of
+        several, or, of one recording, lacks one of its channels or has another sample time.
     """
     accepted = read_enough(enough or {}, rig)
     held_out = in_force().held_out_share if held_out is None else held_out
+    if not isinstance(recording, Recording) and len(recording) == 1:
+        recording = recording[0]
+    if isinstance(recording, Recording) and (validation is None or isinstance(validation, Recording)):
+        return _one(recording, rig, validation, held_out, progress, jobs, units, accepted)
+    recordings = [recording] if isinstance(recording, Recording) else recording
+    others = [validation] if isinstance(validation, Recording) else validation
+    several = Several.of(recordings, others, rig)
+    records, left_out = long_enough(rig, several.records(rig, held_out))
+    check_parts(records, ("validation", several.judging) if several.judging else ("held_out", held_out))
+    found = diagnose_records(rig, records, progress, jobs, accepted)
+    used = tuple(several.used(records, found.recordings))
+    zeros = zeros_said(used, found.work.floor if found.work else {})
+    notes = *notes_of_several(several, held_out), *left_out, *zeros, *found.notes
+    read = units_of(several) if units is None else dict(units)
+    return replace(found, source=", ".join(several.names), notes=notes, units=read, recordings=used)
+
+
+def _one(
+    recording: Recording, rig: Rig, validation: Recording | None, held_out: float,
+    progress: Callable[[str, float], None] | None, jobs: int | None, units: dict[str, str] | None, enough: Enough,
+) -> Diagnosis:  # fmt: skip
+    """The diagnosis of one recording."""
     if validation is None:
         records = records_of(recording, rig, True, True, held_out)
     else:
         check_alike(recording, validation, rig.sensors)
         check_apart(recording, validation)
-        records = records_of(recording, rig, True, False) + records_of(validation, rig, False, True)
+        records = records_of(recording, rig, True, False) + records_of(validation, rig, False, True, number=1)
     records, left_out = long_enough(rig, records)
     check_parts(records, ("held_out", held_out) if validation is None else ("validation", validation.name))
-    found = diagnose_records(rig, records, progress, jobs, accepted)
+    found = diagnose_records(rig, records, progress, jobs, enough)
     notes = *notes_of(recording, validation, held_out), *left_out
     read = recording.assumed_units if units is None else units
     return replace(found, source=source_of(recording), notes=(*notes, *found.notes), units=dict(read))

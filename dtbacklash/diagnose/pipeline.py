@@ -12,8 +12,9 @@ from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.data.floor import channel_noise
 from dtbacklash.diagnose.data.tempo import tempo_rad_s
 from dtbacklash.diagnose.data.windows import portion, whole
+from dtbacklash.diagnose.data.zeros import aligned
 from dtbacklash.diagnose.fit.comparison import held_loss, merit, worst
-from dtbacklash.diagnose.fit.errors import fit_table, free_running
+from dtbacklash.diagnose.fit.errors import each_recording, fit_table, free_running
 from dtbacklash.diagnose.fit.free import Errors, all_free, as_given, nominal_free, with_errors, with_priors
 from dtbacklash.diagnose.fit.intervals import standard_errors
 from dtbacklash.diagnose.fit.refit import QUICK, fit
@@ -72,7 +73,8 @@ def diagnose_records(
         if inspected.fault is not None:
             return faulty(rig, inspected, inspected.fault)
         try:
-            known, records = with_priors(rig), divided(inspected.records)
+            known = with_priors(rig)
+            records = aligned(known, divided(inspected.records))
             model, log, smooth = _searched(_readings(known, records), say)
             model = call_by_direction(call_by_its_limit(model, log), log)
             say("fitting to all and judging", 0.95)
@@ -175,6 +177,7 @@ def _diagnosis(model: Model, log: Log, errors: Errors, smooth: bool, enough: Eno
         findings=findings,
         recalibrated=values,
         fit=table,
+        recordings=each_recording(evidence, model.nominal, model.fitted),
         candidates=candidates(model, log),
         located=where,
         next_experiment=next_experiment(model, rest, rivals),

@@ -217,6 +217,33 @@ class FitTable:
 
 
 @dataclass(frozen=True)
+class RecordingUsed:
+    """One of several recordings that were diagnosed together.
+
+    Attributes
+    ----------
+    name : of the recording. samples : that it has. sample_time_s : between two of them.
+    fitted, judged : samples that were fitted to, and that judged. held_out : errors of the models on what judged,
+        normalised by the recording's own standard deviations; None where nothing of it judged.
+    zeros : position channel -> its zero against that of the first recording, in ``unit`` (SI), as the nominal rig shows
+        it.
+    """
+
+    name: str
+    samples: int
+    sample_time_s: float
+    fitted: int
+    judged: int
+    held_out: ModelErrors | None = None
+    zeros: dict[str, dict[str, float | str]] = field(default_factory=dict)
+
+    def to_json(self) -> Document:
+        """A row of ``recordings``; ``zeros`` where there are any."""
+        row: Document = json_able(self)
+        return row if self.zeros else {name: value for name, value in row.items() if name != "zeros"}
+
+
+@dataclass(frozen=True)
 class FreeRunning:
     """The same errors with nothing measured coming to help: from the commands and the first sample alone.
 
@@ -437,6 +464,7 @@ class Diagnosis:
     limits : how large what was not found could still be. next_experiment : what to record or measure next.
     notes : what its reader said of the recording, and how it was used.
     units : channel -> unit that was read, and whether that was assumed. source : name of the recording.
+    recordings : where several were diagnosed together, what was used of each, in their order.
     fault : of wiring, a sensor or the sampling, because of which no physics was looked for; else empty.
     settings : that were in force.
     nominal : the rig as it was given. extended : recalibrated, with what was found. shown, work : for the report.
@@ -461,6 +489,7 @@ class Diagnosis:
     source: str = "recording"
     shown: Shown = field(default_factory=Shown)
     work: Work | None = None
+    recordings: tuple[RecordingUsed, ...] = ()
     fault: str = ""
     settings: DiagnoseSettings = field(default_factory=settings)
 
@@ -478,4 +507,6 @@ class Diagnosis:
         document["checks"] = [check.to_json() for check in self.checks]
         document["limits"] = [limit.to_json() for limit in self.limits]
         document["settings"] = self.settings.to_json()
+        if self.recordings:
+            document["recordings"] = [recording.to_json() for recording in self.recordings]
         return document

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,9 +14,9 @@ import pandas as pd
 
 from dtbacklash.errors import UserError
 from dtbacklash.face.progress import ShowProgress, shown
-from dtbacklash.face.recordings import read_recording
 from dtbacklash.face.rigs import RigLike, load_rig
 from dtbacklash.recording import Recording
+from dtbacklash.recording.several import Source
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -94,6 +94,20 @@ class Found:
         return pd.DataFrame(
             {part: {**asdict(errors), "noise_floor": fit.noise_floor} for part, errors in parts.items()}, dtype=float
         )
+
+    @cached_property
+    def recordings(self) -> pd.DataFrame:
+        """What was used of each of several recordings, a row each; empty of one.
+
+        Columns ``name, samples, sample_time_s, fitted, judged, nominal, recalibrated, extended``: samples that were
+        fitted to and that judged, and the models' normalised rms errors on the latter (1).
+        """
+        columns = ["name", "samples", "sample_time_s", "fitted", "judged", "nominal", "recalibrated", "extended"]
+        rows = []
+        for one in self.diagnosis.recordings:
+            errors = asdict(one.held_out) if one.held_out else {}
+            rows.append({**{name: getattr(one, name) for name in columns[:5]}, **errors})
+        return pd.DataFrame(rows, columns=columns)
 
     @cached_property
     def candidates(self) -> pd.DataFrame:
@@ -183,9 +197,9 @@ class Found:
 
 
 def diagnose(
-    recording: Recording | str | Path,
+    recording: Source | Sequence[Source],
     rig: RigLike | None = None,
-    validation: Recording | str | Path | None = None,
+    validation: Source | Sequence[Source] | int | None = None,
     *,
     held_out: float | None = None,
     enough: Mapping[str, str | float] | None = None,
@@ -196,9 +210,12 @@ def diagnose(
 
     Parameters
     ----------
-    recording : a recording, or what :func:`read_recording` reads.
-    rig : the nominal rig; default: that of the recording's mapping, else ``lead_screw``.
-    validation : the recording to choose and to judge on; without it the share ``held_out`` of the recording does.
+    recording : a recording, or what :func:`read_recording` reads; or several together: a list of them, or a pattern
+        (``"data/*.csv"``). Several share the rig's physics and parameters; first states, and the zeros of positions
+        after the first recording, are free; lengths and sample times may differ.
+    rig : the nominal rig; default: that of the (first) recording's mapping, else ``lead_screw``.
+    validation : the recording to choose and to judge on; without it the share ``held_out`` of each recording does. Of
+        several recordings the number (from 1), the name or the file of one leaves that one out to judge.
     held_out : above 0 and below 1; None: as the settings say. Five eighths of it choose the structure, by turns with
         what is fitted to; the rest, which is the recording's last, judges it.
     enough : channel -> what is good enough there, as ``0.05 mm`` or as a share of its motion (``2 %``): such a rest is
@@ -208,14 +225,15 @@ def diagnose(
 
     Raises
     ------
-    UserError : no channel of the rig was recorded, an integrating part not measured, nothing was commanded, too little
-        is left to fit to or to judge on, or the validation repeats the recording, lacks one of its channels, or has
-        another sample time.
+    UserError : no channel of the rig was recorded, or is common to several recordings; an integrating part not
+        measured, nothing was commanded, too little is left to fit to or to judge on; the validation repeats the
+        recording, or, of one recording, lacks one of its channels or has another sample time.
     """
     from dtbacklash.diagnose import diagnose as search
+    from dtbacklash.recording import read_together
 
     nominal = load_rig(rig if rig is not None else _usual_rig(recording))
-    fitted, judged = _loaded(recording, validation, nominal)
+    fitted, judged = read_together(recording, validation, rig=nominal)
     if held_out is not None and not 0.0 < held_out < 1.0:
         raise UserError("held_out", held_out, "must be above 0 and below 1")
     with shown(progress, "diagnosing") as tell:
@@ -224,28 +242,15 @@ def diagnose(
         return Found(search(fitted, nominal, judged, held_out, said, cores, enough=enough))
 
 
-def _loaded(
-    recording: Recording | str | Path, validation: Recording | str | Path | None, rig: Rig
-) -> tuple[Recording, Recording | None]:
-    """Both recordings; a validation that is read is one of the recording's mapping, if it has one."""
-    from dtbacklash.recording import read_pair
+def _usual_rig(recording: Source | Sequence[Source]) -> str:
+    """The rig that the (first) recording's mapping names, if it has one."""
+    from dtbacklash.recording import mapping_of, sources_of
 
-    if isinstance(recording, Recording) or isinstance(validation, Recording) or validation is None:
-        return _read(recording, rig), None if validation is None else _read(validation, rig)
-    return read_pair(recording, validation, rig=rig)
-
-
-def _read(recording: Recording | str | Path, rig: Rig) -> Recording:
-    return recording if isinstance(recording, Recording) else read_recording(recording, rig)
-
-
-def _usual_rig(recording: Recording | str | Path) -> str:
-    """The rig that the recording's mapping names, if it has one."""
-    from dtbacklash.recording import mapping_of
-
+    if not isinstance(recording, (Recording, str, Path)):
+        return _usual_rig(recording[0]) if len(recording) else DEFAULT_RIG
     if isinstance(recording, Recording):
         return recording.rig or DEFAULT_RIG
-    mapping = mapping_of(str(recording))
+    mapping = mapping_of(sources_of(str(recording))[0])
     return (mapping.rig if mapping else None) or DEFAULT_RIG
 
 

@@ -11,7 +11,8 @@ from hydra.core.global_hydra import GlobalHydra
 
 from dtbacklash import cli
 from dtbacklash.commands import diagnose as command
-from dtbacklash.diagnose.say.sentences import notes_of, source_of
+from dtbacklash.diagnose.data.several import source_of
+from dtbacklash.diagnose.say.sentences import notes_of
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.errors import UserError
 

@@ -73,14 +73,17 @@ def _possible(rig: Rig, place: str, effect: Effect) -> bool:
 
 
 class PlacesInMotion:
-    """How each place of a rig moves in the recordings: measured, or simulated where it is not measured."""
+    """How each place of a rig moves in the recordings: measured, or simulated where it is not measured.
+
+    All are interpolated to the shortest sample time: it only says in which ranges things are looked for.
+    """
 
     def __init__(self, rig: Rig, blocks: list[Block], records: list[Record]) -> None:
-        self.rig, self.step_s = rig, records[0].sample_time_s
+        self.rig, self.step_s = rig, min(r.sample_time_s for r in records)
         fitted = [r for r in records if r.train.any()] or records[:1]
-        each = [positions(rig, blocks, r) for r in fitted]
+        each = [{body: _at_step(q, r, self.step_s) for body, q in positions(rig, blocks, r).items()} for r in fitted]
         self.where = {body: np.concatenate([at[body] for at in each]) for body in each[0]}
-        self.command = np.concatenate([r.u for r in records])
+        self.command = np.concatenate([_at_step(r.u, r, self.step_s) for r in records])
         frequencies = natural_frequencies_hz(rig)
         modes = (float(frequencies.min()), float(frequencies.max())) if len(frequencies) else (0.0, 0.0)
         screw = rig.only("screw")
@@ -144,6 +147,14 @@ class PlacesInMotion:
         if circuit and circuit.neighbours["drives"] == name:
             force = max(force, circuit.values["torque_constant"] / circuit.values["resistance"] * usual)
         return force
+
+
+def _at_step(values: Floats, record: Record, step_s: float) -> Floats:
+    """A signal of a record, interpolated to another sample time."""
+    if record.sample_time_s == step_s:
+        return values
+    times = record.sample_time_s * np.arange(len(values))
+    return np.interp(np.arange(0.0, times[-1] + step_s, step_s), times, values)
 
 
 def positions(rig: Rig, blocks: list[Block], record: Record) -> dict[str, Floats]:

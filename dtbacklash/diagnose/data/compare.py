@@ -53,7 +53,9 @@ class Record:
     u : (N,) command, V. y : channel -> (N,) measured, SI. train, held, judge : (N,) masks of the samples that are
     fitted to, that are held out to choose between models, and that only judge the last model. from_s : time of its
     first sample since the recording began, s. begins : None where it begins at rest. stands : position channel ->
-    position at the first sample, SI, where the noise is averaged out.
+    position at the first sample, SI, where the noise is averaged out. recording : the number of the recording that it
+    is or belongs to, from 0. own_zero : whether the positions of that recording are counted from zeros of its own
+    (:mod:`.zeros`); zero : position channel -> what was taken off for that, SI.
     """
 
     sample_time_s: float
@@ -65,6 +67,9 @@ class Record:
     begins: Beginning | None = None
     judge: Mask = field(default_factory=lambda: np.zeros(0, dtype=bool))
     stands: dict[str, float] = field(default_factory=dict)
+    recording: int = 0
+    own_zero: bool = False
+    zero: dict[str, float] = field(default_factory=dict)
 
     @property
     def samples(self) -> int:
@@ -78,6 +83,19 @@ class Record:
         return used
 
 
+def longest_step_s(records: list[Record]) -> float:
+    """The longest sample time of the records, s, to which what a block has per sample refers."""
+    return max(r.sample_time_s for r in records)
+
+
+def usual_step_s(records: list[Record]) -> float:
+    """The sample time at which most is fitted to, s: what needs one rate takes the records that have it."""
+    counts: dict[float, int] = {}
+    for r in records:
+        counts[r.sample_time_s] = counts.get(r.sample_time_s, 0) + int(r.train.sum())
+    return max(counts, key=lambda step: counts[step])
+
+
 @dataclass(frozen=True)
 class Block:
     """A part of the rig between two measured signals.
@@ -87,6 +105,8 @@ class Block:
     name : ``motor``, ``structure`` or ``rig``. channels : the sensors whose residuals it has.
     tempo : how fast it moves, rad per sample. imposed : the sensor that drives it instead of the command.
     pulled : the sensor towards which it is pulled. gains : per sample, on its position and velocity.
+    step_s : the sample that tempo and gains are per, s; 0: that of whatever is simulated.
+    zeros : position channels whose zero is free in each recording that has its own (:mod:`.zeros`).
     """
 
     name: str
@@ -95,6 +115,16 @@ class Block:
     imposed: str | None = None
     pulled: str | None = None
     gains: tuple[float, float] = (0.0, 0.0)
+    step_s: float = 0.0
+    zeros: tuple[str, ...] = ()
+
+    def at(self, sample_time_s: float) -> "Block":
+        """The same per sample of another length: as fast, and pulled as fast, in seconds."""
+        if self.step_s in (0.0, sample_time_s):
+            return self
+        ratio = sample_time_s / self.step_s
+        gains = ratio * self.gains[0], ratio * self.gains[1]
+        return replace(self, tempo=ratio * self.tempo, gains=gains, step_s=sample_time_s)
 
     @property
     def pull(self) -> float:
@@ -184,7 +214,7 @@ def _drive(rig: Rig, block: Block, record: Record, plant: Plant) -> Floats:
 
 def predict(rig: Rig, block: Block, record: Record, steps: Steps = "fine") -> Floats:
     """(N, channels) prediction of the block's channels, SI; each sample before the measurement pulls it."""
-    part = part_of(rig, block)
+    part, block = part_of(rig, block), block.at(record.sample_time_s)
     substeps = _substeps(part, block, record)
     coarse = max(ROUGH[0], (substeps or SUBSTEPS_FORCED) // COARSER), COARSE_LEVELS
     fewer = {"fine": None, "coarse": coarse, "rough": ROUGH}[steps]

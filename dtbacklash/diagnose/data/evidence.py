@@ -6,10 +6,10 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.candidates import PlacesInMotion
-from dtbacklash.diagnose.data.compare import Block, Record, Steps, places_of, residual
+from dtbacklash.diagnose.data.compare import Block, Record, Steps, longest_step_s, places_of, residual
 from dtbacklash.diagnose.data.floor import Noise, channel_noise, noise_floor
 from dtbacklash.diagnose.data.in_motion import with_start
-from dtbacklash.diagnose.data.pull import cut, guided
+from dtbacklash.diagnose.data.pull import cut, guided, zero_channels
 from dtbacklash.diagnose.data.tempo import tempo_rad_s
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.catalogue import find
@@ -23,9 +23,19 @@ RUNAWAY = 1e9
 Residuals = dict[str, list[Floats]]
 
 
+def by_recording(records: list[Record]) -> list[list[Record]]:
+    """The records of each recording together, in their order."""
+    found: dict[int, list[Record]] = {}
+    for record in records:
+        found.setdefault(record.recording, []).append(record)
+    return list(found.values())
+
+
 def stretch_of(records: list[Record]) -> int:
-    """Number of samples of a stretch, over which losses are compared."""
-    return max(20, sum(int(r.held.sum()) for r in records) // settings().paired_stretches)
+    """Number of samples of a stretch, over which losses are compared; of the longest sample time among the records."""
+    longest = longest_step_s(records)
+    held = sum(int(r.held.sum()) * (r.sample_time_s / longest) for r in records)
+    return max(20, int(held) // settings().paired_stretches)
 
 
 def _finite(residuals: Floats) -> Floats:
@@ -51,7 +61,10 @@ class Evidence:
         """Cut the rig and measure the floor; tempo (rad/s) and noise are estimated from the records if not given."""
         channels = tuple(n for n in rig.sensors if all(n in r.y for r in records))
         tempo = tempo_rad_s(rig, records) if tempo is None else tempo
-        blocks = [guided(rig, b, records) for b in cut(rig, channels, records[0].sample_time_s, tempo)]
+        step = longest_step_s(records)
+        blocks = [guided(rig, b, records) for b in cut(rig, channels, step, tempo)]
+        if any(r.own_zero for r in records):
+            blocks = [replace(b, zeros=zero_channels(rig, b, step)) for b in blocks]
         records = [with_start(rig, blocks, r) for r in records]
         stretch = stretch_of(records)
         noise = channel_noise(records) if noise is None else noise
@@ -74,8 +87,17 @@ class Evidence:
 
     @property
     def correlated(self) -> float:
-        """Number of consecutive samples that count as one, of a residual far above the floor."""
-        return max(1.0, settings().correlated_ratio / self.blocks[0].tempo)
+        """Number of consecutive samples that count as one, of a residual far above the floor.
+
+        Of recordings of several sample times, their mean: all samples together count as often as each for itself.
+        """
+        samples: dict[float, int] = {}
+        for r in self.records:
+            samples[r.sample_time_s] = samples.get(r.sample_time_s, 0) + r.samples
+        each = {s: max(1.0, settings().correlated_ratio / self.blocks[0].at(s).tempo) for s in samples}
+        if len(each) == 1:
+            return next(iter(each.values()))
+        return sum(samples.values()) / sum(n / each[s] for s, n in samples.items())
 
     def bounds(self, key: tuple[str, str]) -> Bounds:
         """Parameter -> (low, high) within which these recordings can show an effect (place, name)."""
@@ -137,7 +159,28 @@ class Evidence:
             else:
                 scale = self.floor[block.name]
                 with np.errstate(over="ignore", invalid="ignore"):  # the simulation may diverge
-                    found[block.name] = [_finite(residual(rig, block, r, steps) / scale) for r in self.records]
+                    left = [_finite(residual(rig, block, r, steps) / scale) for r in self.records]
+                found[block.name] = self.without_zeros(block, left)
+        return found
+
+    def without_zeros(self, block: Block, each: list[Floats]) -> list[Floats]:
+        """Per record, (N, channels, ...) residuals or responses of a block without what a free zero explains.
+
+        The zero is linear and has no prior, so that the fit to all that is used of its recording is their mean
+        (variable projection: Golub & Pereyra, SIAM J. Numer. Anal. 10 (1973) 413).
+        """
+        columns = [block.channels.index(c) for c in block.zeros]
+        if not columns or not any(r.own_zero for r in self.records):
+            return each
+        found = list(each)
+        for number in {r.recording for r in self.records if r.own_zero}:
+            own = [k for k, r in enumerate(self.records) if r.recording == number]
+            used = [self.records[k].train | self.records[k].held for k in own]
+            if any(u.any() for u in used):
+                mean = np.concatenate([each[k][u][:, columns] for k, u in zip(own, used, strict=True)]).mean(axis=0)
+                for k in own:
+                    found[k] = each[k].copy()
+                    found[k][:, columns] -= mean
         return found
 
     def rows(self, residuals: Residuals, name: str, part: str) -> Floats:
@@ -160,8 +203,29 @@ class Evidence:
         return float(np.sqrt(np.mean(np.concatenate(list(self.mean_square(residuals, part).values())))))
 
     def stretches(self, residuals: Residuals, name: str, part: str = "held") -> Floats:
-        """(channels, stretches) mean squares over stretches of a part, in units of the floor's."""
+        """(channels, stretches) mean squares over stretches of a part, in units of the floor's.
+
+        A stretch lies within one recording and is as long in each, in seconds; a recording of less than one is one.
+        """
         squares = self.rows(residuals, name, part) ** 2
-        whole = squares.shape[1] // self.stretch * self.stretch
-        means: Floats = squares[:, :whole].reshape(len(squares), -1, self.stretch).mean(axis=2)
-        return means
+        means, first = [], 0
+        for _, samples, stretch in self._stretches_of(part):
+            whole = squares[:, first : first + samples // stretch * stretch]
+            means.append(whole.reshape(len(squares), -1, stretch).mean(axis=2))
+            first += samples
+        return means[0] if len(means) == 1 else np.concatenate([np.zeros((len(squares), 0)), *means], axis=1)
+
+    def recordings_of_stretches(self, part: str = "held") -> np.ndarray:
+        """(stretches,) for each stretch of :meth:`stretches` the number of its recording."""
+        each = [np.full(samples // stretch, number) for number, samples, stretch in self._stretches_of(part)]
+        return np.concatenate([np.zeros(0, dtype=int), *each])
+
+    def _stretches_of(self, part: str) -> list[tuple[int, int, int]]:
+        """Of each recording that has any of a part: number, samples of the part, and samples of a stretch."""
+        found, longest, recordings = [], longest_step_s(self.records), by_recording(self.records)
+        for records in recordings:
+            samples = sum(int(getattr(r, part).sum()) for r in records)
+            stretch = round(self.stretch * (longest / records[0].sample_time_s))
+            if samples:
+                found.append((records[0].recording, samples, min(stretch, samples) if len(recordings) > 1 else stretch))
+        return found

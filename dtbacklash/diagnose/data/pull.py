@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dtbacklash.diagnose.data.compare import Block, Record, part_of, poles_of, residual
+from dtbacklash.diagnose.data.compare import Block, Record, longest_step_s, part_of, poles_of, residual
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.errors import UserError
 from dtbacklash.physics.assembly import compile_plant
@@ -35,9 +35,9 @@ def cut(rig: Rig, channels: tuple[str, ...], sample_time_s: float, tempo_rad_s: 
     motor_side = [n for n in known if rig.elements[rig.sensors[n].of].trait.motor_side]
     others = tuple(n for n in known if n not in motor_side)
     if angle and rig.only("screw"):
-        blocks = [_pulled(Block("motor", tuple(motor_side), tempo), rig, sample_time_s)]
-        return blocks + ([Block("structure", others, tempo, imposed=angle)] if others else [])
-    return [_pulled(Block("rig", known, tempo), rig, sample_time_s)]
+        blocks = [_pulled(Block("motor", tuple(motor_side), tempo, step_s=sample_time_s), rig, sample_time_s)]
+        return blocks + ([Block("structure", others, tempo, imposed=angle, step_s=sample_time_s)] if others else [])
+    return [_pulled(Block("rig", known, tempo, step_s=sample_time_s), rig, sample_time_s)]
 
 
 def _angle_sensor(rig: Rig, known: tuple[str, ...]) -> str | None:
@@ -88,7 +88,8 @@ def guided(rig: Rig, block: Block, records: list[Record]) -> Block:
     names = [n for n in block.channels if rig.sensors[n].quantity == "position"]
     if block.imposed or not names:
         return block
-    step, fastest = records[0].sample_time_s, rules.pull_per_sample_max / records[0].sample_time_s
+    step = longest_step_s(records)
+    fastest = rules.pull_per_sample_max / step
     swing = natural_frequencies_hz(rig)
     b = 0.5 * max(2.0 * np.pi * float(swing.min()) if len(swing) else 0.0, _bandwidth(block) / step)
     while b < fastest and _astray(rig, block, records) > rules.pull_error_share_max:
@@ -111,7 +112,18 @@ def _astray(rig: Rig, block: Block, records: list[Record]) -> float:
 
 def _integrators(rig: Rig, block: Block, sample_time_s: float) -> int:
     plant = compile_plant(part_of(rig, block), sample_time_s, imposed=block.imposed is not None)
-    return int(np.sum(np.abs(poles_of(plant)) < settings().integrator_ratio * block.tempo / sample_time_s))
+    slowest = settings().integrator_ratio * block.at(sample_time_s).tempo / sample_time_s
+    return int(np.sum(np.abs(poles_of(plant)) < slowest))
+
+
+def zero_channels(rig: Rig, block: Block, sample_time_s: float) -> tuple[str, ...]:
+    """The position channels of a block that show where their zero is: each but one that the block integrates to.
+
+    A free body begins where it is measured, wherever the sensor's zero is; what is tied to the ground, to an imposed
+    angle or to another measured body does not.
+    """
+    free = block.pulled if _integrators(rig, block, sample_time_s) else None
+    return tuple(c for c in block.channels if rig.sensors[c].quantity == "position" and c != free)
 
 
 def position_unknown(rig: Rig, block: Block, sample_time_s: float) -> bool:

@@ -6,7 +6,8 @@ import numpy as np
 from scipy.signal import lfilter, ss2tf
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.data.compare import Block
+from dtbacklash.diagnose.data.compare import Block, Record
+from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.kernel import plant as pl
 from dtbacklash.physics.kernel.plant import Plant
 from dtbacklash.physics.rig import Rig
@@ -41,6 +42,15 @@ def transfer(part: Rig, block: Block, plant: Plant, columns: dict[int, float], t
             gain[where + plant.n_bodies] = thin * block.gains[1]
         A = A - A @ np.outer(gain, row)
     return ss2tf(A, np.asarray(B)[:, None], C, np.zeros((len(C), 1)))
+
+
+def transfers(part: Rig, block: Block, records: list[Record], columns: dict[int, float]) -> list[Response]:
+    """The same for each record, at its own sample time."""
+    found: dict[float, Response] = {}
+    for step in {r.sample_time_s for r in records}:
+        plant = compile_plant(part, step, 1, 2, block.imposed is not None)
+        found[step] = transfer(part, block.at(step), plant, columns)
+    return [found[r.sample_time_s] for r in records]
 
 
 def wave_responses(waves: Floats, shape: int, paths: list[Path], response: Response, every: int) -> Floats:

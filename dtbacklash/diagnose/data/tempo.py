@@ -25,17 +25,17 @@ CONSTANT = 1e-9
 
 def tempo_rad_s(rig: Rig, records: list[Record]) -> float:
     """Geometric mean of the command's and the speeds' median frequencies; of several speeds, their geometric mean."""
-    step, noise = records[0].sample_time_s, channel_noise(records)
+    steps, noise = [r.sample_time_s for r in records], channel_noise(records)
     moving = []
     for name, sensor in rig.sensors.items():
         if sensor.quantity in ("position", "velocity") and all(name in r.y for r in records):
             seen, sigma = [r.y[name] for r in records], noise[name][0]
-            shown = (_speeds(seen, sigma), 0.0) if sensor.quantity == "position" else (seen, sigma)
-            moving.append(_median(*shown, step))
-    speed, command = _mean(moving), _median([r.u for r in records], 0.0, step)
+            shown = (_speeds(seen, sigma, steps), 0.0) if sensor.quantity == "position" else (seen, sigma)
+            moving.append(_median(*shown, steps))
+    speed, command = _mean(moving), _median([r.u for r in records], 0.0, steps)
     if speed and command:
         command = float(np.clip(command, speed / FOLLOWED, speed * FOLLOWED))
-    return _mean([command, speed]) or 2.0 * np.pi / (step * max(r.samples for r in records))
+    return _mean([command, speed]) or 2.0 * np.pi / max(r.sample_time_s * r.samples for r in records)
 
 
 def _mean(rates: list[float]) -> float:
@@ -44,11 +44,15 @@ def _mean(rates: list[float]) -> float:
     return float(np.exp(np.mean(np.log(known)))) if known else 0.0
 
 
-def _speeds(positions: list[Floats], noise: float) -> list[Floats]:
-    """Differences of positions over the fewest samples that show a motion; empty where there is only noise."""
-    width = 1
+def _speeds(positions: list[Floats], noise: float, steps_s: list[float]) -> list[Floats]:
+    """Differences of positions over the shortest time that shows a motion; empty where there is only noise.
+
+    The time is a number of the longest samples: of shorter ones it takes more. A position that is shorter is empty.
+    """
+    width, longest = 1, max(steps_s)
     while width <= max(map(len, positions)) // PIECES:
-        steps = [p[width:] - p[:-width] for p in positions if len(p) > width]
+        widths = [round(width * longest / step) for step in steps_s]
+        steps = [p[w:] - p[:-w] for p, w in zip(positions, widths, strict=True)]
         if np.mean(np.concatenate(steps) ** 2) >= (FAR * noise) ** 2:
             return steps
         width *= 2
@@ -60,10 +64,10 @@ def is_constant(values: Floats) -> bool:
     return bool(np.std(values) <= CONSTANT * np.max(np.abs(values)))
 
 
-def _median(signals: list[Floats], noise: float, step_s: float) -> float:
+def _median(signals: list[Floats], noise: float, steps_s: list[float]) -> float:
     """Frequency below which half the power of the signals without their noise lies, rad/s; 0 without any."""
     rates, weights = [], []
-    for values in signals:
+    for values, step_s in zip(signals, steps_s[: len(signals)], strict=True):
         if len(values) < 2 or is_constant(values):
             continue
         hz, density = periodogram(detrend(values), 1.0 / step_s, "hann", detrend=False)

@@ -10,7 +10,7 @@ import numpy as np
 from dtbacklash.diagnose.data.candidates import PlacesInMotion
 from dtbacklash.diagnose.data.command import held_equivalent
 from dtbacklash.diagnose.data.compare import Record
-from dtbacklash.diagnose.data.evidence import Evidence, stretch_of
+from dtbacklash.diagnose.data.evidence import Evidence, by_recording, stretch_of
 from dtbacklash.diagnose.data.in_motion import with_start
 from dtbacklash.diagnose.data.records import slowest_decay_of
 from dtbacklash.diagnose.settings import settings
@@ -32,13 +32,16 @@ def portion(rig: Rig, records: list[Record]) -> list[Record]:
         return records
     if total <= rules.search_samples_max:
         return [_without_judging_end(r) for r in records if r.train.any() or r.held.any()]
-    shortest = rules.search_window_decays / slowest_decay_of(rig, records) / records[0].sample_time_s
+    shortest_s = rules.search_window_decays / slowest_decay_of(rig, records)
     chosen: list[Record] = []
-    for part, count in counts.items():
-        budget = count * rules.search_samples_max // total
-        windows = int(np.clip(budget / shortest, 1, rules.search_windows))
-        pieces = [(r, a, b) for r in records for a, b in runs(getattr(r, part))]
-        chosen += _windows(pieces, windows, budget // windows, part == "train")
+    for part in counts:
+        for together in by_recording(records):
+            pieces = [(r, a, b) for r in together for a, b in runs(getattr(r, part))]
+            budget = sum(b - a for _, a, b in pieces) * rules.search_samples_max // total
+            if budget == 0:
+                continue
+            windows = int(np.clip(budget / (shortest_s / together[0].sample_time_s), 1, rules.search_windows))
+            chosen += _windows(pieces, windows, budget // windows, part == "train")
     return chosen
 
 
@@ -84,4 +87,5 @@ def cut_off(record: Record, a: int, b: int) -> Record:
     return Record(
         record.sample_time_s, record.u[a:b], {c: v[a:b] for c, v in record.y.items()}, record.train[a:b],
         record.held[a:b], record.from_s + a * record.sample_time_s, judge=np.zeros(b - a, dtype=bool),
+        recording=record.recording, own_zero=record.own_zero, zero=record.zero,
     )  # fmt: skip

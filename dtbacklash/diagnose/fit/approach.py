@@ -13,7 +13,7 @@ import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.data.compare import Block, Record, part_of, poles_of
+from dtbacklash.diagnose.data.compare import Block, Record, part_of, poles_of, usual_step_s
 from dtbacklash.diagnose.data.evidence import Evidence, Residuals
 from dtbacklash.diagnose.data.tempo import is_constant
 from dtbacklash.diagnose.fit.free import Free
@@ -100,18 +100,21 @@ def approached(evidence: Evidence, base: Rig, free: list[Free], x: Floats) -> Fl
 
 
 def _beginning(evidence: Evidence, samples: int) -> Evidence:
-    """The first samples of each record that has training samples and a changing input there."""
+    """The first samples of each record of the usual rate that has training samples and a changing input there."""
+    step = usual_step_s(evidence.records)
     records = [
         replace(r, u=r.u[:samples], y={c: seen[:samples] for c, seen in r.y.items()}, train=r.train[:samples],
                 held=r.held[:samples], judge=r.judge[:samples])
         for r in evidence.records
-        if r.train[:samples].any() and not any(is_constant(_driven(b, r)[:samples]) for b in evidence.blocks)
+        if r.sample_time_s == step and r.train[:samples].any()
+        and not any(is_constant(_driven(b, r)[:samples]) for b in evidence.blocks)
     ]  # fmt: skip
     return replace(evidence, records=records)
 
 
 def _stages(evidence: Evidence, rig: Rig) -> list[Stage]:
-    poles = np.concatenate([_ringing(rig, block, evidence.records[0].sample_time_s) for block in evidence.blocks])
+    step = usual_step_s(evidence.records)
+    poles = np.concatenate([_ringing(rig, block, step) for block in evidence.blocks])
     poles = poles[np.argsort(poles.imag)]
     longest = max(r.samples for r in evidence.records)
     stages: list[Stage] = []

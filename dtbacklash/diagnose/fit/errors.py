@@ -1,12 +1,14 @@
 """Errors of the nominal, recalibrated and extended rig: with the pull towards the measurement, and without it."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.compare import Block, residual
-from dtbacklash.diagnose.data.evidence import Evidence
+from dtbacklash.diagnose.data.evidence import Evidence, Residuals, by_recording
 from dtbacklash.diagnose.fit.problem import Fit
-from dtbacklash.diagnose.result import FitTable, FreeRunning, ModelErrors
+from dtbacklash.diagnose.result import FitTable, FreeRunning, ModelErrors, RecordingUsed
 from dtbacklash.physics.rig import Rig
 
 
@@ -24,6 +26,34 @@ def fit_table(evidence: Evidence, nominal: Fit, fitted: Fit) -> FitTable:
         parts[part] = ModelErrors(*errors)
     floor = float(np.sqrt(np.mean(np.concatenate(list(scale.values())) ** 2)))
     return FitTable("nrmse", tuple(_channels(evidence)), parts["train"], parts["held"], floor)
+
+
+def each_recording(evidence: Evidence, nominal: Fit, fitted: Fit) -> tuple[RecordingUsed, ...]:
+    """What was used of each of several recordings, and the held-out errors there; empty for one and its validation."""
+    if not any(r.own_zero for r in evidence.records):
+        return ()
+    fits = (evidence.residuals(evidence.nominal), nominal.residuals, fitted.residuals)
+    found = []
+    for own in by_recording(evidence.records):
+        judged, number = sum(int(r.held.sum()) for r in own), own[0].recording
+        errors = ModelErrors(*(_held_error(evidence, e, number) for e in fits)) if judged else None
+        found.append(RecordingUsed(
+            str(number + 1), sum(r.samples for r in own), own[0].sample_time_s,
+            sum(int(r.train.sum()) for r in own), judged, errors,
+            {c: {"value": v, "unit": evidence.nominal.sensors[c].unit} for c, v in own[0].zero.items()},
+        ))  # fmt: skip
+    return tuple(found)
+
+
+def _held_error(evidence: Evidence, residuals: Residuals, number: int) -> float:
+    """Normalised rms over the channels of what judges in one recording."""
+    own, squares = [k for k, r in enumerate(evidence.records) if r.recording == number], []
+    for block in evidence.blocks:
+        left = np.concatenate([residuals[block.name][k][evidence.records[k].held] for k in own])
+        moved = [np.concatenate([evidence.records[k].y[c] for k in own]) for c in block.channels]
+        sizes = np.maximum([np.std(values) for values in moved], 1e-300)
+        squares.append(np.mean((left * evidence.floor[block.name] / sizes) ** 2, axis=0))
+    return float(np.sqrt(np.mean(np.concatenate(squares))))
 
 
 def in_floors(evidence: Evidence, nominal: Fit, fitted: Fit) -> dict[str, ModelErrors]:
@@ -66,7 +96,8 @@ def _error(squares: Floats) -> float | None:
 def _whole(evidence: Evidence) -> Block:
     """The rig in one block with all channels; it begins where the measurement does and is not pulled."""
     begins = next((b.imposed or b.pulled for b in evidence.blocks if b.imposed or b.pulled), None)
-    return Block("rig", tuple(_channels(evidence)), evidence.blocks[0].tempo, pulled=begins, gains=(0.0, 0.0))
+    channels = tuple(_channels(evidence))
+    return replace(evidence.blocks[0], name="rig", channels=channels, imposed=None, pulled=begins, gains=(0.0, 0.0))
 
 
 def _channels(evidence: Evidence) -> list[str]:

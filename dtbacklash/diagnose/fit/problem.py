@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.data.compare import Steps, places_of
+from dtbacklash.diagnose.data.compare import Steps, longest_step_s, places_of
 from dtbacklash.diagnose.data.evidence import Evidence, Residuals
 from dtbacklash.diagnose.fit.free import Effects, Free, apply, effects_of_rig, penalty_of
 from dtbacklash.physics.catalogue import find
@@ -216,7 +216,7 @@ class Problem:
         """Step of a delay: many of the ticks to which it is rounded."""
         f = self.free[j]
         slope = abs(f.value(x)) if f.log else f.scale
-        least = DELAY_STEP_SAMPLES * self.evidence.records[0].sample_time_s / max(slope, 1e-300)
+        least = DELAY_STEP_SAMPLES * longest_step_s(self.evidence.records) / max(slope, 1e-300)
         wide = float(np.clip(least, DELAY_STEP_LEAST, DELAY_STEP_MAX))
         return -wide if x + wide > f.limits()[1] else wide
 

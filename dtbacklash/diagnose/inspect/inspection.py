@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dtbacklash.diagnose.data.compare import Block, Record
+from dtbacklash.diagnose.data.compare import Block, Record, longest_step_s
 from dtbacklash.diagnose.data.pull import cut
 from dtbacklash.diagnose.data.tempo import tempo_rad_s
 from dtbacklash.diagnose.inspect import samples
@@ -182,7 +182,7 @@ def _spikes(name: str, found: Inspected) -> None:
         "judged", TUKEY,
     ))  # fmt: skip
     if total:
-        _take_out(name, masks, found, 0)
+        _take_out(name, masks, found, 0.0)
         first = next(
             r.from_s + r.sample_time_s * int(np.flatnonzero(m)[0])
             for r, m in zip(found.records, masks, strict=True) if m.any()
@@ -235,8 +235,8 @@ def _bridge(
     rules, before = settings(), found.records
     share = _share(masks)
     blocks = _blocks(rig, _channels(rig, before), before)
-    pull = max((b.pull for b in blocks if b.pulled == name), default=0.0)
-    _take_out(name, masks, found, round(rules.clipped_decays / pull) if pull > 0.0 else 0)
+    pull = max((b.pull / b.step_s for b in blocks if b.pulled == name), default=0.0)
+    _take_out(name, masks, found, rules.clipped_decays / pull if pull > 0.0 else 0.0)
     # a few bridged samples drive what lies behind them nearly as it was driven
     drives = share >= CLIPPED_SHARE and any(b.imposed == name for b in blocks)
     if share <= rules.clipped_share_max and _enough(before, found.records) and not drives:
@@ -251,11 +251,11 @@ def _share(masks: list[np.ndarray]) -> float:
     return float(np.mean(np.concatenate(masks)))
 
 
-def _take_out(name: str, masks: list[np.ndarray], found: Inspected, after: int) -> None:
-    """Bridge samples of a channel, and neither fit nor judge on them and on so many samples after."""
+def _take_out(name: str, masks: list[np.ndarray], found: Inspected, after_s: float) -> None:
+    """Bridge samples of a channel, and neither fit nor judge on them and for so many seconds after."""
     records = []
     for record, mask in zip(found.records, masks, strict=True):
-        taken = np.cumsum(mask)
+        taken, after = np.cumsum(mask), round(after_s / record.sample_time_s)
         near = taken > np.concatenate([np.zeros(min(2 + after, len(mask)), taken.dtype), taken[: -2 - after]])
         y = {**record.y, name: samples.bridged(record.y[name], mask)}
         records.append(replace(record, y=y, train=record.train & ~near, held=record.held & ~near))
@@ -263,7 +263,7 @@ def _take_out(name: str, masks: list[np.ndarray], found: Inspected, after: int) 
 
 
 def _blocks(rig: Rig, channels: tuple[str, ...], records: list[Record]) -> list[Block]:
-    return cut(rig, channels, records[0].sample_time_s, tempo_rad_s(rig, records))
+    return cut(rig, channels, longest_step_s(records), tempo_rad_s(rig, records))
 
 
 def _enough(before: list[Record], after: list[Record], expected: float = 1.0) -> bool:
@@ -331,7 +331,7 @@ def _miswired(rig: Rig, wired: list[tuple[list[Reversal], Rewiring | None]], rew
 def _too_slow(rig: Rig, found: Inspected, slowest: Carried) -> Fault | None:
     if slowest.enough or slowest.frequency_hz is None:
         return None
-    step = found.records[0].sample_time_s
+    step = longest_step_s(found.records)
     wanted = settings().mode_samples_min * slowest.frequency_hz
     last = _channels(rig, found.records)[-1]
     return Fault(

@@ -15,11 +15,11 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.candidates import positions
 from dtbacklash.diagnose.data.compare import Block, Record, part_of, places_of, true_angle
 from dtbacklash.diagnose.data.evidence import Evidence, Residuals
-from dtbacklash.diagnose.data.responses import transfer
+from dtbacklash.diagnose.data.responses import Response, transfers
 from dtbacklash.diagnose.fit.comparison import in_errors
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.settings import settings
-from dtbacklash.physics.assembly import compile_plant, state_names
+from dtbacklash.physics.assembly import state_names
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.kernel import plant as pl
 from dtbacklash.physics.kinds import AXES
@@ -86,25 +86,23 @@ class _Lens:
         unit, columns = path
         records = self.evidence.records
         states = [states_of(self.rig, place, block, r, p) for r, p in zip(records, self.positions, strict=True)]
-        plant = compile_plant(part, records[0].sample_time_s, 1, 2, block.imposed is not None)
-        response = transfer(part, block, plant, columns)
+        responses = transfers(part, block, records, columns)
         found = []
         for name, (_, state_unit) in states[0].items():
             values = [s[name][0] for s in states]
             knots = knots_over(np.concatenate(values))
             if knots is not None:
-                found.append(self._regress(block, place, (name, state_unit, unit), values, knots, response))
+                found.append(self._regress(block, place, (name, state_unit, unit), values, knots, responses))
         return found
 
     def _regress(
         self, block: Block, place: str, names: tuple[str, str, str], values: list[Floats], knots: Floats,
-        response: tuple[Floats, Floats],
+        responses: list[Response],
     ) -> Recovered:  # fmt: skip
         scale = self.evidence.floor[block.name]
-        numerators, denominator = response
         hats = np.eye(len(knots))
         waves: Residuals = {block.name: []}
-        for v in values:
+        for v, (numerators, denominator) in zip(values, responses, strict=True):
             # (samples, channels, knots) in units of the floor; one knot after the other, for the memory that it takes
             reached = np.empty((len(v), len(scale), len(knots)))
             for k, hat in enumerate(hats):
@@ -112,6 +110,7 @@ class _Lens:
                 for c, row in enumerate(numerators):
                     reached[:, c, k] = lfilter(row, denominator, shape) / scale[c]
             waves[block.name].append(reached)
+        waves[block.name] = self.evidence.without_zeros(block, waves[block.name])
         root = np.sqrt(self.base.weights[block.name])
 
         def rows(of: list[Floats], part: str) -> Floats:

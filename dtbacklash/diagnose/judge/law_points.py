@@ -14,14 +14,13 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.candidates import positions
 from dtbacklash.diagnose.data.compare import Block, part_of, places_of
 from dtbacklash.diagnose.data.evidence import Evidence, Residuals
-from dtbacklash.diagnose.data.responses import transfer
+from dtbacklash.diagnose.data.responses import Response, transfers
 from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.judge.free_form import knots_over, path_of, states_of
 from dtbacklash.diagnose.result import LawShown
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.words import place_in_words
-from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.drawing import Drawing, drawing_of, law_curve
 
@@ -39,13 +38,13 @@ EFFORTS = {"N m": "missing torque", "N": "missing force", "V": "missing voltage"
 
 @dataclass(frozen=True)
 class _Sight:
-    """One block's view of an effort: (N,) coordinate of the hats and (N,) factor of each recording, knots, response."""
+    """One block's view of an effort: (N,) coordinate of the hats, (N,) factor, response of each record, and knots."""
 
     block: Block
     along: list[Floats]
     factor: list[Floats]
     knots: Floats
-    response: tuple[Floats, Floats]
+    responses: list[Response]
 
 
 def law_shown(evidence: Evidence, fitted: Fit, key: Key, left_out: Residuals) -> LawShown | None:
@@ -147,8 +146,7 @@ def _sight(
     if knots is None:
         return None
     part = part_of(fitted.rig, block)
-    plant = compile_plant(part, evidence.records[0].sample_time_s, 1, 2, block.imposed is not None)
-    return _Sight(block, along, factor, knots, transfer(part, block, plant, columns))
+    return _Sight(block, along, factor, knots, transfers(part, block, evidence.records, columns))
 
 
 def travel(values: Floats, least: float) -> tuple[Floats, Floats]:
@@ -172,11 +170,10 @@ def _deviation(evidence: Evidence, fitted: Fit, sight: _Sight) -> tuple[Floats, 
     """(K,) heights of the hats beside the law, and their standard errors."""
     name = sight.block.name
     scale, root = evidence.floor[name], np.sqrt(fitted.weights[name])
-    numerators, denominator = sight.response
     hats = np.eye(len(sight.knots))
     columns, left = [], []
-    for record, along, factor, residual in zip(
-        evidence.records, sight.along, sight.factor, fitted.residuals[name], strict=True
+    for record, along, factor, residual, (numerators, denominator) in zip(
+        evidence.records, sight.along, sight.factor, fitted.residuals[name], sight.responses, strict=True
     ):
         shapes = np.array([factor * np.interp(along, sight.knots, h) for h in hats])
         reached = np.array(

@@ -3,7 +3,7 @@
 import numpy as np
 
 from dtbacklash.diagnose.data.candidates import Candidate
-from dtbacklash.diagnose.data.compare import Block
+from dtbacklash.diagnose.data.compare import Block, usual_step_s
 from dtbacklash.diagnose.propose.projection import Projection
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.effects.declare import Values
@@ -23,18 +23,18 @@ def delay_grid(candidate: Candidate, projection: Projection) -> list[Values]:
     low = np.r_[np.inf, left, np.inf]
     valleys = np.flatnonzero((left <= low[:-2]) & (left <= low[2:]))
     best = valleys[np.argsort(left[valleys])][: rules.scanned_starts]
-    sample, size = projection.evidence.records[0].sample_time_s, candidate.effect.size
+    sample, size = usual_step_s(projection.evidence.records), candidate.effect.size
     return [{size.name: float(min(shifts[k] * sample, size.high))} for k in best]
 
 
 def _sum_of_squares(projection: Projection, block: Block, channel: str, shift: float) -> float:
-    """Sum of a channel's squared training residuals with its prediction ``shift`` samples later."""
+    """Sum of a channel's squared training residuals with its prediction ``shift`` samples of the usual rate later."""
     column, total = block.channels.index(channel), 0.0
-    floor = projection.evidence.floor[block.name][column]
+    floor, step = projection.evidence.floor[block.name][column], usual_step_s(projection.evidence.records)
     for record, residuals in zip(projection.evidence.records, projection.fitted.residuals[block.name], strict=True):
         at = np.arange(record.samples)
         measured = record.y[channel]
         shown = measured - residuals[:, column] * floor
-        late = np.interp(at - shift, at, shown)
+        late = np.interp(at - shift * (step / record.sample_time_s), at, shown)
         total += float(np.sum((measured - late)[record.train] ** 2))
     return total

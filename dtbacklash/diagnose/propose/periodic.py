@@ -10,7 +10,7 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.candidates import Candidate
-from dtbacklash.diagnose.data.compare import Block, Record, part_of, places_of, true_angle
+from dtbacklash.diagnose.data.compare import Block, Record, part_of, places_of, true_angle, usual_step_s
 from dtbacklash.diagnose.data.responses import Path, transfer, wave_responses
 from dtbacklash.diagnose.propose.projection import Projection
 from dtbacklash.diagnose.propose.wave_spectrum import Passage, likely_waves
@@ -48,17 +48,20 @@ def wave_grid(candidate: Candidate, projection: Projection) -> list[Values]:
 def _scan(candidate: Candidate, projection: Projection, block: Block) -> list[tuple[float, float, float]]:
     """(wave number, amplitude, phase) of the best wave numbers."""
     records, part = projection.evidence.records, part_of(projection.rig, block)
+    step = usual_step_s(records)  # all waves are filtered at one rate
+    numbers = [k for k, r in enumerate(records) if r.sample_time_s == step]
+    block = block.at(step)
     every = _every(block)
-    fine = compile_plant(part, records[0].sample_time_s, 1, 2, block.imposed is not None)
-    coarse = compile_plant(part, every * records[0].sample_time_s, 1, 2, block.imposed is not None)
-    paths = [_path(candidate, projection, block, fine, number) for number in range(len(records))]
+    fine = compile_plant(part, step, 1, 2, block.imposed is not None)
+    coarse = compile_plant(part, every * step, 1, 2, block.imposed is not None)
+    paths = [_path(candidate, projection, block, fine, number) for number in numbers]
     response = transfer(part, block, coarse, {_channel(candidate, block, part, coarse): 1.0}, every)
     start, width = _place_of_rows(projection, block)
     channels, count = len(block.channels), projection.q_rows.shape[1]
-    thinned = [_thinned(r, every) for r in records]
+    thinned = [_thinned(records[k], every) for k in numbers]
     chosen = np.concatenate([mask for _, mask in thinned])
     ends = np.cumsum([0, *(int(r.train.sum()) for r in records)])
-    at = np.concatenate([number + end for (number, _), end in zip(thinned, ends, strict=False)])
+    at = np.concatenate([index + ends[k] for (index, _), k in zip(thinned, numbers, strict=True)])
     q = projection.q_rows[start : start + width].reshape(channels, width // channels, count)[:, at]
     e = projection.residual[start : start + width].reshape(channels, -1)[:, at]
     scale = (np.sqrt(projection.weights[block.name]) / projection.evidence.floor[block.name])[:, None, None]

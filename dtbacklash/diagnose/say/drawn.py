@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from dtbacklash.diagnose.data.compare import Record, predict
-from dtbacklash.diagnose.data.evidence import Evidence, Residuals
+from dtbacklash.diagnose.data.compare import predict
+from dtbacklash.diagnose.data.evidence import Evidence, Residuals, by_recording
 from dtbacklash.diagnose.fit.errors import in_floors
 from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.judge.free_form import Recovered
@@ -67,14 +67,8 @@ def _log_excess(evidence: Evidence, residuals: Residuals) -> float:
 def _curves(model: Model) -> list[Curve]:
     """Measured, nominal and extended, a channel and a recording each, at the scale of the comparison."""
     evidence = model.evidence
-    recordings: list[list[Record]] = []
-    for record in evidence.records:  # a later stretch belongs to the recording of the one before it
-        if record.from_s > 0.0 and recordings:
-            recordings[-1].append(record)
-        else:
-            recordings.append([record])
     curves = []
-    for number, stretches in enumerate(recordings):
+    for number, stretches in enumerate(by_recording(evidence.records)):
         clocks = [r.from_s + np.arange(r.samples, dtype=np.float64) * r.sample_time_s for r in stretches]
         t_s = np.concatenate(clocks)
         held = np.flatnonzero(np.concatenate([r.held for r in stretches]))

@@ -10,6 +10,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.candidates import TREMOR
 from dtbacklash.diagnose.data.compare import Record
 from dtbacklash.diagnose.data.evidence import Evidence, Residuals
+from dtbacklash.diagnose.data.several import Several, source_of
 from dtbacklash.diagnose.result import (
     CONSISTENT,
     PARAMETERS,
@@ -19,6 +20,7 @@ from dtbacklash.diagnose.result import (
     Instead,
     Located,
     Recalibrated,
+    RecordingUsed,
     Stands,
     Verdict,
 )
@@ -30,6 +32,8 @@ from dtbacklash.recording.model import Recording
 
 #: a mismatch that lies within one of these times of an event is said to lie there, s
 NEAR_S = (0.05, 0.1, 0.2, 0.3)
+#: a zero that is off by more than so many noise floors is said to be another one
+OTHER_ZERO = 10.0
 #: a second best that leaves more than this many times the error explains nothing
 WORTH_SAYING = 10.0
 
@@ -214,11 +218,6 @@ def as_well_said(as_well: WrongValue) -> str:
     return f"{value} alone, {as_well.tolerances:.1f} of its tolerances from nominal"
 
 
-def source_of(recording: Recording) -> str:
-    """The name of a recording and, after a colon, of its part."""
-    return f"{recording.name}:{recording.part}" if recording.part else recording.name
-
-
 def notes_of(recording: Recording, validation: Recording | None, share: float) -> tuple[str, ...]:
     """What the reader said, and which data are fitted to and which are held out: the last ``share``, or others."""
     judges = settings().judging_share * share
@@ -233,6 +232,52 @@ def notes_of(recording: Recording, validation: Recording | None, share: float) -
     return *recording.notes, *other, f"{_span('Fitted to', recording)}; {_span('chosen and judged on', validation)}."
 
 
-def _span(what: str, r: Recording) -> str:
+def notes_of_several(several: Several, share: float) -> tuple[str, ...]:
+    """What the reader said of each recording, which data are fitted to and held out, and what they share."""
+    said = [f"{n}: {note}" for r, n in zip(several.recordings, several.names, strict=True) for note in r.notes]
+    alone = [n for n, judges in zip(several.names, several.judges, strict=True) if judges]
+    spans = [
+        _span("Chosen and judged on" if judges else "Fitted to", r, n) + "."
+        for r, n, judges in zip(several.recordings, several.names, several.judges, strict=True)
+    ]
+    judges = settings().judging_share * share
+    parts = (
+        f"{' and '.join(alone)} {'chooses' if len(alone) == 1 else 'choose'} the structure and "
+        f"{'judges' if len(alone) == 1 else 'judge'} it alone."
+        if alone else
+        f"Of each recording {100 * (1 - share):.0f} % are fitted to, {100 * (share - judges):.0f} % choose the "
+        f"structure, by turns, and the last {100 * judges:.0f} % judge it."
+    )  # fmt: skip
+    steps = {r.sample_time_s for r in several.recordings}
+    rates = () if len(steps) == 1 else (
+        "The recordings have several sample times: each is simulated at its own. Scans for start values take those "
+        "with the sample time at which most is fitted.",
+    )  # fmt: skip
+    shared = ("The recordings share the rig's physics and parameters; first states, and the zeros of positions after "
+              "the first recording, are free.")  # fmt: skip
+    return *said, *several.notes, *spans, parts, shared, *rates
+
+
+def zeros_said(recordings: Sequence[RecordingUsed], floor: dict[str, float]) -> tuple[str, ...]:
+    """Which zeros of further recordings lie elsewhere than those of the first, by more than ``OTHER_ZERO`` floors."""
+    return tuple(
+        f"{one.name} counts {channel} from another zero than {recordings[0].name}: "
+        f"{quantity(float(zero['value']), str(zero['unit']))} off, which is taken off."
+        for one in recordings for channel, zero in one.zeros.items()
+        if abs(float(zero["value"])) > OTHER_ZERO * floor.get(channel, 0.0)
+    )  # fmt: skip
+
+
+def units_of(several: Several) -> dict[str, str]:
+    """Channel -> the unit that was read, of each recording where they differ."""
+    found = {}
+    for channel in dict.fromkeys(c for r in several.recordings for c in r.assumed_units):
+        said = {n: r.assumed_units.get(channel, "") for r, n in zip(several.recordings, several.names, strict=True)}
+        alike = len(set(said.values())) == 1
+        found[channel] = next(iter(said.values())) if alike else "; ".join(f"{n}: {u}" for n, u in said.items() if u)
+    return found
+
+
+def _span(what: str, r: Recording, name: str = "") -> str:
     stretches = f" in {len(r.stretches)} stretches" if len(r.stretches) > 1 else ""
-    return f"{what} {source_of(r)}, {r.t_s[0]:.6g} to {r.t_s[-1]:.6g} s ({r.samples} samples{stretches})"
+    return f"{what} {name or source_of(r)}, {r.t_s[0]:.6g} to {r.t_s[-1]:.6g} s ({r.samples} samples{stretches})"

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from dtbacklash.diagnose.data.compare import Record
-from dtbacklash.diagnose.data.evidence import Evidence, stretch_of
+from dtbacklash.diagnose.data.compare import Record, longest_step_s
+from dtbacklash.diagnose.data.evidence import Evidence, by_recording, stretch_of
 from dtbacklash.diagnose.fit.free import all_free
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import ON, fit
@@ -22,7 +22,11 @@ PART_SAMPLES_MIN = 10
 
 
 def marked(records: list[Record]) -> list[Record]:
-    """The recordings with the last of what is held out marked: it judges."""
+    """The recordings with the last of what is held out of each marked: it judges."""
+    return [r for own in by_recording(records) for r in _marked(own)]
+
+
+def _marked(records: list[Record]) -> list[Record]:
     held = np.concatenate([r.held for r in records])
     at = np.flatnonzero(held)
     last = np.zeros(len(held), dtype=bool)
@@ -57,8 +61,13 @@ def divided(records: list[Record]) -> list[Record]:
     Stretches to fit and to choose by take turns: a limit that only one of them reached could not be fitted and chosen.
     """
     kept = [replace(r, held=r.held & ~r.judge) for r in marked(records)]
-    turns = sum(int(r.held.sum()) for r in kept) // (settings().turn_stretches * stretch_of(kept))
-    return [_by_turns(r, int(np.clip(turns, 1, settings().turns_max))) for r in kept]
+    least = settings().turn_stretches * stretch_of(kept)
+    taking_turns: list[Record] = []
+    for own in by_recording(kept):
+        shortest = least * round(longest_step_s(kept) / own[0].sample_time_s)
+        turns = sum(int(r.held.sum()) for r in own) // shortest
+        taking_turns += [_by_turns(r, int(np.clip(turns, 1, settings().turns_max))) for r in own]
+    return taking_turns
 
 
 def _by_turns(record: Record, turns: int) -> Record:

@@ -27,8 +27,7 @@ def slow_evidence(evidence: Evidence, times: float | None = None) -> Evidence:
     """
     if not any(b.gains[1] > 0.0 for b in evidence.blocks):
         return evidence
-    step = evidence.records[0].sample_time_s
-    blocks = [_slowly(b, step, times) if b.gains[1] > 0.0 else b for b in evidence.blocks]
+    blocks = [_slowly(b, b.step_s, times) if b.gains[1] > 0.0 else b for b in evidence.blocks]
     return replace(
         evidence, blocks=blocks, floor=noise_floor(evidence.nominal, blocks, evidence.records, evidence.noise)
     )

@@ -53,7 +53,7 @@ def methods(diagnosis: Diagnosis) -> tuple[str, list[str]]:
     total = work.fitted + work.judged
     pieces = "cut at the measured angle" if len(work.blocks) > 1 else "in one piece"
     told = [
-        f"The recording, {total} samples of {interval(work.sample_time_s, None, 's')}, was compared with the rig "
+        f"{_recorded(diagnosis, total, work.sample_time_s)} compared with the rig "
         f"{diagnosis.nominal.config.name}, {pieces}: {_blocks(work)}"
         + (f" {cite(OBSERVER)}." if any(pulled for _, _, pulled in work.blocks) else ".")
     ]
@@ -82,6 +82,15 @@ def methods(diagnosis: Diagnosis) -> tuple[str, list[str]]:
             f"leaves {cite(LATENT)}."
         )
     return " ".join(told), cite.works
+
+
+def _recorded(diagnosis: Diagnosis, total: int, sample_time_s: float) -> str:
+    """What was compared, with its verb."""
+    steps = sorted({one.sample_time_s for one in diagnosis.recordings} or {sample_time_s})
+    of = f"{total} samples of {listed([interval(step, None, 's') for step in steps])}"
+    if not diagnosis.recordings:
+        return f"The recording, {of}, was"
+    return f"{len(diagnosis.recordings)} recordings, together {of}, each at its own rate, were"
 
 
 def _blocks(work: Work) -> str:

@@ -77,6 +77,7 @@ def write(diagnosis: Diagnosis, folder: Path) -> None:
         figures=figures,
         part=_explained(diagnosis),
         notes=diagnosis.notes,
+        recordings=_recordings(diagnosis, best),
         methods=text,
         works=works,
         command="dtb run rig=rig.yaml" + ("" if diagnosis.extended.only("gear") else " controller=open_loop"),
@@ -155,6 +156,21 @@ def _fit(diagnosis: Diagnosis, best: str) -> dict[str, Any]:
         [channel, *(number(getattr(errors, c)) for c in columns)] for channel, errors in diagnosis.shown.floors.items()
     ]
     return {"metric": fit.metric, "heads": [f"{c}#" for c in columns], "rows": rows, "floors": floors}
+
+
+def _recordings(diagnosis: Diagnosis, best: str) -> dict[str, Any]:
+    """A row of each of several recordings: samples, sample time, held-out errors of the models, zeros."""
+    columns = MODELS if best == "extended" else MODELS[:2]
+    rows = []
+    for k, one in enumerate(diagnosis.recordings, 1):
+        errors = [error_text(getattr(one.held_out, c), diagnosis.fit.metric) if one.held_out else "-" for c in columns]
+        zeros = [f"{c} {interval(float(z['value']), None, str(z['unit']))}" for c, z in one.zeros.items()]
+        step = interval(one.sample_time_s, None, "s")
+        rows.append([str(k), one.name, str(one.samples), step, *errors, ", ".join(zeros) or "-"])
+    return {
+        "heads": ["no.", "recording", "samples#", "sample time#", *(f"{c}#" for c in columns), "zeros"],
+        "rows": rows,
+    }
 
 
 def _free_text(value: float | None) -> str:

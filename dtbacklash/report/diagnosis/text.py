@@ -6,7 +6,7 @@ from rich.text import Text
 
 from dtbacklash.diagnose.result import Diagnosis, Finding, Recalibrated
 from dtbacklash.diagnose.words import named_in_words, other_in_words
-from dtbacklash.report.diagnosis.words import capital, checks_said, heading, partial
+from dtbacklash.report.diagnosis.words import capital, checks_said, error_text, heading, partial
 from dtbacklash.report.kit.intervals import interval
 
 
@@ -27,6 +27,12 @@ def lines(diagnosis: Diagnosis) -> list[Text]:
         value = interval(row.value, row.ci95, row.unit, plain=True, size=row.nominal)
         told.append(Text(f"  {name} = {value} (nominal {nominal})"))
         told += _alike(row)
+    if diagnosis.recordings:
+        told += [Text(), Text("Held-out error of each recording, nominal and in the end:")]
+    for one in diagnosis.recordings:
+        if one.held_out:
+            ends = (error_text(e, diagnosis.fit.metric) for e in (one.held_out.nominal, one.held_out.extended))
+            told.append(Text(f"  {one.name}: {', '.join(ends)}"))
     if diagnosis.checks:
         failed = [c.check for c in diagnosis.checks if not c.passed]
         told += [Text(), Text(checks_said(len(diagnosis.checks), failed))]

@@ -37,6 +37,9 @@ STRANGE = [
         (DIAGNOSE, ["recording.units.q3=mm"], ["++recording.units.q3=mm"]),
         (DIAGNOSE, ["-m", "recording=a.csv,b.csv"], ["-m", "recording.source=a.csv,b.csv"]),
         (DIAGNOSE, ["-m", "recording='a, b.csv',c.csv"], ["-m", "recording.source='a, b.csv',c.csv"]),
+        (DIAGNOSE, ["recording=[a.csv,b.csv]"], ["recording.source='[a.csv,b.csv]'"]),
+        (DIAGNOSE, ["recording=data/*.csv", "validation=2"], ["recording.source='data/*.csv'", "validation=2"]),
+        (DIAGNOSE, ["-m", "recording=[a.csv,b.csv],c.csv"], ["-m", "recording.source='[a.csv,b.csv]',c.csv"]),
         (DIAGNOSE, ["-m", "recording=glob(*)"], ["-m", "recording.source=glob(*)"]),
         (PROVE, ["--quick", "docs=null"], ["quick=true", "docs=null"]),
     ],
@@ -115,3 +118,6 @@ def test_the_name_of_a_recording_is_a_file_name():
     assert application.file_name("data/bench 1.csv.gz") == "bench_1"
     assert application.file_name("silverbox:arrow") == "silverbox_arrow"
     assert application.file_name(None) == "recording"
+    assert application.file_name("[data/a.csv,data/b.csv]") == "a"
+    assert application.file_name("data/*.csv") == "recording"
+    assert application.file_name("data/run*.csv") == "run"

@@ -12,7 +12,7 @@ import pytest
 from page_reader import Reader
 
 from dtbacklash.config.compose import compose
-from dtbacklash.diagnose.result import Alternative
+from dtbacklash.diagnose.result import Alternative, ModelErrors, RecordingUsed
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import build_rig
 from dtbacklash.physics.rig_file import rig_yaml
@@ -131,6 +131,34 @@ def test_the_rig_runs_from_its_file(written):
     command = re.search(r"dtb run rig=rig.yaml(?: controller=open_loop)?", text)
     words = [w.replace("rig.yaml", str(folder / "rig.yaml")) for w in command.group().split()[2:]]
     assert compose(*words).rig.name == made.nominal.config.name  # what the page says is accepted as it stands
+
+
+def test_several_recordings_have_a_row_each(tmp_path):
+    zeros = {"q3": {"value": 2e-3, "unit": "m"}}
+    used = (
+        RecordingUsed("a.csv", 900, 1e-3, 700, 200, ModelErrors(0.5, 0.4, 0.01)),
+        RecordingUsed("b.csv", 500, 2e-3, 500, 0, None, zeros),
+    )
+    made = replace(diagnosed.missing(), recordings=used, source="a.csv, b.csv")
+    diagnosis_page.write(made, tmp_path)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "Recordings a.csv, b.csv, compared" in page
+    rows = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in re.findall(r"<tr>.*?</tr>", page) if ".csv</td>" in row]
+    assert rows == [
+        ["1", "a.csv", "900", "1 ms", "50 %", "40 %", "1 %", "-"],
+        ["2", "b.csv", "500", "2 ms", "-", "-", "-", "q3 2 mm"],
+    ]
+    told = [str(line) for line in lines(made)]
+    assert "  a.csv: 50 %, 1 %" in told
+    assert "2 recordings, together" in methods(made)[0]
+    found = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))["recordings"]
+    assert "zeros" not in found[0]
+    assert found[1]["zeros"] == zeros
+    assert found[1]["held_out"] is None
+
+
+def test_one_recording_has_no_list_of_recordings():
+    assert "recordings" not in diagnosed.missing().to_json()
 
 
 def test_verdicts_in_words():

@@ -65,6 +65,17 @@ def test_windows_are_as_long_as_the_rig_remembers(oscillator):
     assert len(few) < len(many)
 
 
+def test_each_of_several_recordings_is_looked_at_in_both_parts(oscillator):
+    short = recorded(oscillator, 6.0)
+    records = divided([recorded(oscillator, 40.0), replace(short, recording=1, own_zero=True)])
+    with using(looking_at(20000, search_window_decays=1.0)):
+        windows = portion(oscillator, records)
+    assert sum(r.samples for r in windows) <= 20000
+    for part in ("train", "held"):
+        assert {r.recording for r in windows if getattr(r, part).any()} == {0, 1}
+    assert all(r.own_zero == (r.recording == 1) for r in windows)
+
+
 @pytest.mark.check
 def test_the_search_takes_a_part_and_the_fit_and_the_judgement_all(oscillator):
     stiffer = oscillator.with_effect("spring", "cubic_stiffness", {"k3": 2e6})

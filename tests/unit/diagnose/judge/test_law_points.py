@@ -6,9 +6,9 @@ import pytest
 from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.free import nominal_free
 from dtbacklash.diagnose.fit.refit import fit
+from dtbacklash.diagnose.judge.law_points import law_shown, travel
 from dtbacklash.diagnose.say.drawn import shown
 from dtbacklash.diagnose.say.findings import without
-from dtbacklash.diagnose.judge.law_points import law_shown, travel
 from dtbacklash.diagnose.search.leave_out import refit_with
 from dtbacklash.diagnose.search.model import Model, Named
 

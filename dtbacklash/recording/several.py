@@ -1,0 +1,120 @@
+"""Several recordings from what a person writes: a list ``[a.csv,b.csv]``, a pattern ``data/*.csv``, or one of them."""
+
+from __future__ import annotations
+
+import glob
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from dtbacklash.errors import UserError
+from dtbacklash.recording.mapping import mapping_of
+from dtbacklash.recording.model import Recording
+from dtbacklash.recording.read import read_pair, read_recording
+
+#: what is read: a path, a pattern, a list of them in brackets, the name of a mapping; or a recording that has been read
+Source = str | Path | Recording
+
+
+def sources_of(source: str, key: str = "recording") -> list[str]:
+    """The single sources that are meant by a list, a pattern or a single source; files of a pattern by their names.
+
+    Raises
+    ------
+    UserError : with the ``key``: a pattern that no file has, an empty list.
+    """
+    if Path(source).expanduser().is_file():
+        return [source]
+    if source.startswith("[") and source.endswith("]"):
+        parts = [part.strip() for part in re.findall(r"(?:'[^']*'|\"[^\"]*\"|[^,])+", source[1:-1])]
+        found = [one for part in parts if part for one in sources_of(part.strip("'\""), key)]
+        if not found:
+            raise UserError(key, source, "lists no recording; write [a.csv,b.csv]")
+        return found
+    if any(sign in source for sign in "*?["):
+        files = sorted(f for f in glob.glob(str(Path(source).expanduser()), recursive=True) if Path(f).is_file())
+        if not files:
+            raise UserError(key, source, "no file has such a name")
+        return files
+    return [source]
+
+
+def read_together(
+    recording: Source | Sequence[Source], validation: Source | Sequence[Source] | int | None, **how: Any
+) -> tuple[Recording | list[Recording], Recording | list[Recording] | int | None]:
+    """Read what is diagnosed together, and what judges.
+
+    Parameters
+    ----------
+    recording : one or several. validation : others; or the number (from 1), name or file of one of several, whose
+        number is then given back. how : as for :func:`.read_recording`; it holds for all.
+
+    Raises
+    ------
+    UserError : as :func:`.read_recording`, naming the file; a path of a mapping's file for several recordings.
+    """
+    sources = _listed(recording, "recording")
+    if isinstance(validation, int):
+        return [_read(s, "recording", how) for s in sources], validation
+    judging = [] if validation is None else _listed(validation, "validation")
+    if len(sources) == 1 and len(judging) < 2:
+        return _one(sources[0], judging[0] if judging else None, how)
+    if how.get("path") is not None:
+        raise UserError("recording.path", how["path"], "is the file of one recording, and several are given")
+    among = _among(sources, judging[0]) if len(judging) == 1 else None
+    recordings = [_read(s, "recording", how) for s in sources]
+    if validation is None or among is not None:
+        return recordings, among
+    return recordings, [_read(s, "validation", how) for s in judging]
+
+
+def _listed(given: Source | Sequence[Source], key: str) -> list[Source]:
+    """One by one."""
+    several = [given] if isinstance(given, (str, Path, Recording)) else list(given)
+    if not several:
+        raise UserError(key, "[]", "give at least one recording")
+    return [one for s in several for one in (sources_of(s, key) if isinstance(s, str) else [s])]
+
+
+def _one(source: Source, validation: Source | None, how: dict[str, Any]) -> tuple[Recording, Recording | None]:
+    """One recording; a validation that is read is one of its mapping, if it has one."""
+    if isinstance(source, Recording) or isinstance(validation, Recording) or validation is None:
+        read = _read(source, "recording", how)
+        return read, None if validation is None else _read(validation, "validation", how)
+    return read_pair(source, validation, **how)
+
+
+def _read(source: Source, key: str, how: dict[str, Any]) -> Recording:
+    if isinstance(source, Recording):
+        return source
+    try:
+        return read_recording(source, **how)
+    except UserError as error:
+        if key == "recording" or error.key != "recording":
+            raise
+        raise UserError(key, error.value, error.allowed) from error
+
+
+def _among(sources: list[Source], validation: Source) -> int | None:
+    """The number, from 1, of the one of several sources that a validation names; None where it is another one."""
+    text = str(validation)
+    if isinstance(validation, Recording):
+        return None
+    if text.isdecimal() and not Path(text).is_file():
+        return int(text)
+    here = Path(text).expanduser()
+    for number, source in enumerate(sources, 1):
+        if isinstance(source, Recording):
+            names = {source.name}
+            file = source.source
+        else:
+            names, file = {str(source)}, Path(source).expanduser()
+            if mapping_of(str(source)) is None:
+                names.add(file.name)
+        if here.is_file() and file is not None and file.is_file():
+            if here.samefile(file):
+                return number
+        elif text in names:
+            return number
+    return None
