@@ -77,6 +77,7 @@ class Ground:
     stands : whether the lead is clear. against : the best rival, None where there is none or where the effect is left
     out. ratio : of the rms that the two leave. t : the lead in standard errors. agree : share of the stretches.
     share : of the effort of free form that the law explains; of a law alone, None where it is not drawn over a state.
+    recordings : the ratio in each recording, where there are several: the name stands in those where it is above 1.
     """
 
     stands: bool
@@ -85,11 +86,13 @@ class Ground:
     agree: float | None = None
     against: Alternative | None = None
     share: float | None = None
+    recordings: tuple[float, ...] = ()
 
     def to_json(self) -> Document:
         """A part of ``stands``."""
         row: Document = json_able({name: getattr(self, name) for name in ("stands", "ratio", "t", "agree")})
         row |= {"share": json_able(self.share)} if self.share is not None else {}
+        row |= {"recordings": json_able(list(self.recordings))} if self.recordings else {}
         return row | ({"against": self.against.to_json()} if self.against else {})
 
 

@@ -42,6 +42,15 @@ def _finite(residuals: Floats) -> Floats:
     return np.clip(np.nan_to_num(residuals, nan=RUNAWAY, posinf=RUNAWAY, neginf=-RUNAWAY), -RUNAWAY, RUNAWAY)
 
 
+def _cut(rig: Rig, pulled: Rig, channels: tuple[str, ...], records: list[Record], tempo_rad_s: float) -> list[Block]:
+    """The blocks of a rig, with the pull that the rig ``pulled`` needs."""
+    step = longest_step_s(records)
+    blocks = [guided(pulled, b, records) for b in cut(rig, channels, step, tempo_rad_s)]
+    if any(r.own_zero for r in records):
+        blocks = [replace(b, zeros=zero_channels(rig, b, step)) for b in blocks]
+    return blocks
+
+
 @dataclass
 class Evidence:
     """Recordings, the blocks into which the rig is cut, and the noise floor of every channel."""
@@ -61,10 +70,7 @@ class Evidence:
         """Cut the rig and measure the floor; tempo (rad/s) and noise are estimated from the records if not given."""
         channels = tuple(n for n in rig.sensors if all(n in r.y for r in records))
         tempo = tempo_rad_s(rig, records) if tempo is None else tempo
-        step = longest_step_s(records)
-        blocks = [guided(rig, b, records) for b in cut(rig, channels, step, tempo)]
-        if any(r.own_zero for r in records):
-            blocks = [replace(b, zeros=zero_channels(rig, b, step)) for b in blocks]
+        blocks = _cut(rig, rig, channels, records, tempo)
         records = [with_start(rig, blocks, r) for r in records]
         stretch = stretch_of(records)
         noise = channel_noise(records) if noise is None else noise
@@ -76,10 +82,9 @@ class Evidence:
 
         Under the pull that the nominal rig needs, a channel is followed whatever the model does.
         """
-        step = self.records[0].sample_time_s
         channels = tuple(c for c in self.nominal.sensors if any(c in b.channels for b in self.blocks))
-        plain = cut(self.nominal, channels, step, self.blocks[0].tempo / step)
-        needed = [guided(rig, block, self.records) for block in plain]
+        tempo = self.blocks[0].tempo / longest_step_s(self.records)
+        needed = _cut(self.nominal, rig, channels, self.records, tempo)
         blocks = [new if new.pull < old.pull else old for new, old in zip(needed, self.blocks, strict=True)]
         if blocks == self.blocks:
             return self
@@ -207,13 +212,16 @@ class Evidence:
 
         A stretch lies within one recording and is as long in each, in seconds; a recording of less than one is one.
         """
-        squares = self.rows(residuals, name, part) ** 2
+        return self.means(self.rows(residuals, name, part) ** 2, part)
+
+    def means(self, rows: Floats, part: str) -> Floats:
+        """(channels, stretches) means of (channels, samples) of a part over its stretches."""
         means, first = [], 0
         for _, samples, stretch in self._stretches_of(part):
-            whole = squares[:, first : first + samples // stretch * stretch]
-            means.append(whole.reshape(len(squares), -1, stretch).mean(axis=2))
+            whole = rows[:, first : first + samples // stretch * stretch]
+            means.append(whole.reshape(len(rows), -1, stretch).mean(axis=2))
             first += samples
-        return means[0] if len(means) == 1 else np.concatenate([np.zeros((len(squares), 0)), *means], axis=1)
+        return means[0] if len(means) == 1 else np.concatenate([np.zeros((len(rows), 0)), *means], axis=1)
 
     def recordings_of_stretches(self, part: str = "held") -> np.ndarray:
         """(stretches,) for each stretch of :meth:`stretches` the number of its recording."""
@@ -223,9 +231,10 @@ class Evidence:
     def _stretches_of(self, part: str) -> list[tuple[int, int, int]]:
         """Of each recording that has any of a part: number, samples of the part, and samples of a stretch."""
         found, longest, recordings = [], longest_step_s(self.records), by_recording(self.records)
+        of_held = self.stretch if part != "used" else stretch_of([replace(r, held=r.used) for r in self.records])
         for records in recordings:
             samples = sum(int(getattr(r, part).sum()) for r in records)
-            stretch = round(self.stretch * (longest / records[0].sample_time_s))
+            stretch = round(of_held * (longest / records[0].sample_time_s))
             if samples:
                 found.append((records[0].recording, samples, min(stretch, samples) if len(recordings) > 1 else stretch))
         return found

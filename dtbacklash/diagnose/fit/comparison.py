@@ -25,8 +25,8 @@ from dtbacklash.diagnose.fit.refit import objective
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.catalogue import find
 
-#: stretches over which two fits are compared, and the share of them that has to agree
-STRETCHES, AGREE = 12, 0.75
+#: share of the stretches that has to agree
+AGREE = 0.75
 
 
 class Bar(NamedTuple):
@@ -95,20 +95,19 @@ def lead_of(
 ) -> Lead:  # fmt: skip
     """The same of what two fits leave. cost : how many more parameters the second has, and how much less its prior."""
     samples = sum(int(getattr(r, part).sum()) for r in evidence.records)
-    length = max(samples // STRETCHES, 1)
-    least, passed = evidence.least(), evidence.passed()
-    floors, before, after, slack, acts = [], [], [], [], np.zeros(samples // length)
+    least, passed, acts = evidence.least(), evidence.passed(), np.zeros(1)
+    floors, before, after, slack = [], [], [], []
     for block in evidence.blocks:
         if ahead[block.name] is behind[block.name]:
             continue
         first, second = (evidence.rows(left, block.name, part) for left in (behind, ahead))
         floors.append(least[block.name])
-        before.append(_means(first**2, length))
-        after.append(_means(second**2, length))
+        before.append(evidence.means(first**2, part))
+        after.append(evidence.means(second**2, part))
         exact = np.where(least[block.name] > 1.0, least[block.name], 0.0)
         known = allowed[block.name] if allowed else 0.0
         slack.append(np.maximum(COUNTS * passed[block.name] + known, exact))
-        acts += _means((first - second) ** 2, length).sum(axis=0)
+        acts = acts + evidence.means((first - second) ** 2, part).sum(axis=0)
     if not before or acts.max(initial=0.0) == 0.0:
         return Lead(1.0, 0.0, 0.0, False, False)
     floor, where = np.concatenate(floors)[:, None], acts >= ACTS * acts.mean()
@@ -128,6 +127,18 @@ def lead_of(
     return Lead(math.exp(0.5 * float(ratios[best].mean())), t, agree, far, clear)
 
 
+def ratio_in_each(evidence: Evidence, behind: Fit, ahead: Fit) -> tuple[float, ...]:
+    """Of each recording the ratio of the rms that two fits leave there, as :attr:`Lead.ratio`."""
+    number, found = evidence.recordings_of_stretches("used"), []
+    a, b = (
+        np.concatenate([evidence.stretches(f.residuals, block.name, "used") for block in evidence.blocks]) + 1.0
+        for f in (behind, ahead)
+    )
+    for one in np.unique(number):
+        found.append(float(np.exp(0.5 * np.log(a / b)[:, number == one].mean(axis=1).max())))
+    return tuple(found)
+
+
 def alike(evidence: Evidence, best: Fit, other: Fit) -> bool:
     """Whether the recordings can hardly tell two fits: the better one leads neither clearly nor by much."""
     ahead = lead(evidence, other, best)
@@ -141,13 +152,6 @@ def parameters_of(evidence: Evidence, fitted: Fit) -> int:
         len(find(rig.kind_at(place), name, place).parameters) for place, name in fitted.effects
         if not is_known(fitted.rig, (place, name))
     )  # fmt: skip
-
-
-def _means(rows: Floats, length: int) -> Floats:
-    """(channels, stretches) means of (channels, samples) over stretches of a length."""
-    whole = rows.shape[1] // length * length
-    means: Floats = rows[:, :whole].reshape(len(rows), -1, length).mean(axis=2)
-    return means
 
 
 def _in_errors_of_noise(evidence: Evidence, behind: Residuals, ahead: Residuals, part: str) -> float:
@@ -179,7 +183,7 @@ def in_errors(differences: Floats) -> Floats:
     The mean of few stretches in units of its own spread is large by chance: it becomes what is as unlikely, by
     Student's distribution, of as many stretches as are usual. 0 of fewer than two.
     """
-    count, usual = differences.shape[-1], STRETCHES
+    count, usual = differences.shape[-1], settings().paired_stretches
     if count < 2:
         return np.zeros(differences.shape[:-1])
     t: Floats = differences.mean(axis=-1) / (differences.std(axis=-1, ddof=1) / np.sqrt(count) + 1e-12)
