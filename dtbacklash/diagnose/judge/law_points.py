@@ -5,6 +5,7 @@ the output through the block's linear dynamics and is fitted to what the extende
 the points would leave it. The state is that of the extended rig's motion, so that law and points share their axes.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,7 +97,12 @@ def law_shown(evidence: Evidence, fitted: Fit, key: Key, left_out: Residuals) ->
 
 
 def _share(points: tuple[Floats, Floats, Floats], deviation: Floats, error: Floats) -> float:
-    """Share of the effort of free form that the law explains; deviations as large as their errors do not count."""
+    """Share of the effort of free form that the law explains; deviations as large as their errors do not count.
+
+    NaN where no effort of free form reaches what was recorded.
+    """
+    if not np.any(error > 0.0):
+        return math.nan
     weights = 1.0 / np.maximum(error, 1e-9 * float(np.max(error, initial=1e-300))) ** 2
     efforts = points[1][: len(deviation)]  # of a loop, on the way up
     beside = max(float(weights @ deviation**2) - len(deviation), 0.0)

@@ -5,6 +5,7 @@ same pull: the model, and the model with a rival in the place of the effect, wit
 also has to have the form of an effort of free form over its own state.
 """
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -43,7 +44,7 @@ def stands(model: Model, log: Log, key: Key, law: LawShown | None, rivals: list[
 
     law : with the effort of free form; None where it has no state. rivals : that were fitted in its place.
     """
-    share = law.share if law is not None else None
+    share = law.share if law is not None and math.isfinite(law.share) else None
     elsewhere = _against([r for r in rivals if r.key[0] != key[0]])
     here = _against([r for r in rivals if r.key[0] == key[0]])
     formed = share is None or share >= FORM
