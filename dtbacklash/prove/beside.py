@@ -1,7 +1,7 @@
 """The small things of a lifelike recording: what a real machine has beside the one thing that is hidden.
 
 Three to ten of them, of the catalogue and outside of it. Their sizes are scaled together, so that what is hidden is at
-least five times as large as all of them, and leaves some 10 to 300 noise floors if nothing else is modelled.
+least five times as large as all of them, and these are ``LEFT`` at the same command.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from dtbacklash.prove.simulator.rig import Run
 #: how many there are, and the share of them that is of the catalogue
 COUNT, LISTED = (3, 10), 0.5
 #: mean square of what they change together at the same command, in units of the noise's: of that a diagnosis, which
-#: may pull its simulation towards the recording, sees a fifth to all. Its rms as a share of what is hidden, and at most
+#: may pull its simulation towards the recording, sees a part. Its rms as a share of what is hidden, and at most
 LEFT, SHARE, SHARE_MOST = (40.0, 500.0), (0.01, 0.03), 0.2
 #: the smallest beside the largest; each is sized within a factor, and left out where the rig shows less than a share
 SPREAD, NEAR, SHOWN = 0.2, 2.0, 0.3
