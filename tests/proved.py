@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -48,7 +49,8 @@ def finding(key: tuple[str, str], *rivals: tuple[str, str], off: float = 0.0, wi
         for name, v in VALUES[key].items()
     }
     also = [{"location": p, "effect": e} for p, e in rivals]
-    return {"location": key[0], "effect": key[1], "parameters": parameters, "also_fits": also, "sentence": ""}
+    return {"location": key[0], "effect": key[1], "parameters": parameters, "also_fits": also, "sentence": "",
+            "confidence": "sure"}  # fmt: skip
 
 
 def diagnosis(*findings: dict[str, Any], verdict: str = "", located: str = "", **recalibrated: Any) -> dict[str, Any]:
@@ -82,6 +84,13 @@ def perfect(kind: str, *keys: tuple[str, str], seed: int = 10_000, size: float =
     else:
         found = diagnosis(*(finding(key) for key in keys))
     return case(f"case{seed}", secret(kind, *keys, seed=seed, size=size), found, seen, 10.0)
+
+
+def lifelike(one: rules.Case, *findings: dict[str, Any], **more: Any) -> rules.Case:
+    """The case beside a small cogging, with another diagnosis."""
+    small = [{"location": COGGING[0], "effect": COGGING[1], "parameters": {}, "visibility": 4.0}]
+    told = one.secret | {"machine": "lifelike", "beside": small, "beside_visibility": 4.0}
+    return replace(one, secret=told, diagnosis=diagnosis(*findings, **more))
 
 
 #: kind of each element of the rig of these cases

@@ -62,7 +62,7 @@ def make(config: ConcealConfig, folder: Path, tell: Tell | None = None) -> tuple
                 tell(j / config.n)
             case = conceal(
                 config.seed + j, rig, scratch, kind=config.kind, effect=config.effect, instruments=config.instruments,
-                key_file=key, called=name or f"../{rigs.FILE}",
+                key_file=key, called=name or f"../{rigs.FILE}", machine=config.machine,
             )  # fmt: skip
             names.append(case.name)
         if name is None:

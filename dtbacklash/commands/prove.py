@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     from dtbacklash.prove.score import Score
 
 MARK = "score.json"
-FIGURES = ("strict", "within_ambiguity", "nothing_found", "parameters_told", "unknown_admitted")
+FIGURES = (
+    "strict", "within_ambiguity", "nothing_found", "parameters_told", "unknown_admitted", "main_named", "sure_right",
+)  # fmt: skip
 
 
 def do(config: ProveConfig, folder: Path, command: str, tell: Tell | None) -> tuple[Any, dict[str, Any]]:
@@ -45,7 +47,7 @@ def do(config: ProveConfig, folder: Path, command: str, tell: Tell | None) -> tu
         run.claim(plan)
         _write_rig(config, plan)
         score = prove(plan, by, tell or _silent, _command(config), docs)
-    shares = {name: score.figure(name) for name in FIGURES}
+    shares = {f.name: f for f in score.figures if f.name in FIGURES}
     return (plan, score), {name: share.right / share.of if share.of else None for name, share in shares.items()}
 
 
@@ -126,12 +128,12 @@ def _plan(config: ProveConfig, out: Path) -> Plan:
         chosen = name if _rig_is_chosen() else None  # else each case names its own
         return Plan(out, chosen, folder=Path(config.folder).absolute(), key=key)
     if config.rigs:
-        return _plan_of_several(config, out)
+        return replace(_plan_of_several(config, out), machine=config.machine)
     nominal = build_rig(config.rig)
     check_concealable(nominal)
     every = range(config.seed, config.seed + config.n)
     seeds = quick_seeds(nominal, config.quick_count()) if config.quick else tuple(every)
-    return Plan(out, name, seeds)
+    return Plan(out, name, seeds, machine=config.machine)
 
 
 def _with_known(plan: Plan, config: ProveConfig) -> Plan:
@@ -193,6 +195,7 @@ def _command(config: ProveConfig) -> str:
         kept = [f"'rigs=[{','.join(f'{name}:{n}' for name, n in config.counts().items())}]'", f"seed={config.seed}"]
     else:
         kept = [f"n={config.n}", f"seed={config.seed}"]
+    kept += [] if config.machine == "clean" else [f"machine={config.machine}"]
     return " ".join(["dtb prove", *kept, *([] if config.rig.name == "lead_screw" else [f"rig={config.rig.name}"])])
 
 

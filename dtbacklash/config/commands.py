@@ -13,6 +13,8 @@ JOBS_MAX = 256
 #: what a recording may hide, and the sensors that it may have
 KINDS = ("nothing", "parameters", "single", "several", "unknown")
 INSTRUMENTS = ("minimal", "rich")
+#: what there is beside that: nothing, or what a real machine has besides
+MACHINES = ("clean", "lifelike")
 COUNT_MAX, SEED_MAX = 100_000, 2**53
 
 
@@ -76,6 +78,10 @@ class ConcealConfig:
     instruments: str | None = setting(
         None, "minimal: only the sensors that the loop needs; rich: every sensor of the rig; null: drawn",
         choices=INSTRUMENTS,
+    )  # fmt: skip
+    machine: str = setting(
+        MACHINES[0], "lifelike: three to ten small things beside what is hidden, of the catalogue and outside of it",
+        choices=MACHINES,
     )  # fmt: skip
     key: str | None = setting(
         None, "file of the key (default: beside the folder, FOLDER.key); an existing key is used again", path=OUTPUT

@@ -134,12 +134,14 @@ CONCEAL = Grammar(
     "excitation, noise, counts, instruments and duration are drawn from the seed. Another integrator than the\n"
     "diagnosis has makes them, with other formulations where a law is not smooth. The rig: any that dtb diagnose\n"
     "takes. A motor with a gear and a screw moves in the project's loop; any other in open loop, or in a PID loop on\n"
-    "the position of the body that is driven, with commands, noise and counts in the rig's own scales.",
+    "the position of the body that is driven, with commands, noise and counts in the rig's own scales.\n"
+    "machine=lifelike adds three to ten small things, of the catalogue and outside of it, as a real machine has them.",
     "outputs/<date>/<time>_conceal",
     (
         "dtb conceal out=hidden n=5 seed=7",
         "dtb conceal out=play seed=3 effect=gear.backlash instruments=rich",
         "dtb conceal out=swing n=3 rig=pendulum effect=disk.gravity",
+        "dtb conceal out=real n=10 rig=pendulum machine=lifelike",
     ),
     """\
 Each recording gets a folder with a name that tells nothing:
@@ -160,6 +162,7 @@ PROVE = Grammar(
         "dtb prove n=20 seed=10000",
         "dtb prove n=500 seed=10000 jobs=8 out=proof docs=docs",
         "dtb prove rig=two_mass_stage n=20 seed=10000",
+        "dtb prove machine=lifelike n=20 seed=10000",
         "dtb prove 'rigs=[lead_screw:500,pendulum:75,oscillator:75]' seed=30000",
         "dtb prove folder=bench backend=dask scheduler=tcp://cluster:8786",
         "dtb prove --quick",

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from dtbacklash.config.commands import COUNT_MAX, JOBS_MAX, SEED_MAX
+from dtbacklash.config.commands import COUNT_MAX, JOBS_MAX, MACHINES, SEED_MAX
 from dtbacklash.config.rig import RigConfig
 from dtbacklash.config.setting import INPUT, OUTPUT, check, setting
 from dtbacklash.errors import UserError
@@ -28,6 +28,10 @@ class ProveConfig:
     seed: int = setting(
         SEED, "seed of the first; scoring seeds begin at 10000, the tool is tuned on those below", at_least=0,
         at_most=SEED_MAX,
+    )  # fmt: skip
+    machine: str = setting(
+        MACHINES[0], "lifelike: small things beside what is hidden, as dtb conceal machine=lifelike makes them",
+        choices=MACHINES,
     )  # fmt: skip
     folder: str | None = setting(None, "recordings that dtb conceal made, instead of n and seed", path=INPUT)
     key: str | None = setting(None, "what opens their seals (default: FOLDER.key)", path=INPUT)
@@ -52,13 +56,14 @@ class ProveConfig:
         chosen: dict[str, tuple[object, object]] = {
             "n": (self.n, COUNT), "seed": (self.seed, SEED), "folder": (self.folder, None), "key": (self.key, None),
             "docs": (self.docs, None), "rigs": (self.rigs, []), "known": (self.known, None),
+            "machine": (self.machine, MACHINES[0]),
         }  # fmt: skip
         for key, (value, default) in chosen.items():
             if value == default:
                 continue
             if self.quick and not (key == "n" and value in QUICK):
                 raise UserError(key, value, "does not go with --quick")
-            if self.folder is not None and key in ("n", "seed", "rigs", "known"):
+            if self.folder is not None and key in ("n", "seed", "rigs", "known", "machine"):
                 raise UserError(key, value, "does not go with folder")
         if self.key is not None and self.folder is None:
             raise UserError("key", self.key, "belongs to folder=FOLDER")
@@ -86,12 +91,15 @@ class ProveConfig:
         return found
 
 
-def folder_name(quick: bool, folder: str | None, rig: str, seed: int, n: int, rigs: Sequence[str] = ()) -> str:
+def folder_name(
+    quick: bool, folder: str | None, rig: str, seed: int, n: int, rigs: Sequence[str] = (), machine: str = MACHINES[0]
+) -> str:
     """The folder of a proof, unless the user names one: the same proof finds its folder again."""
+    prove = "prove" if machine == MACHINES[0] else f"prove_{machine}"
     if folder is not None:
         return f"prove_{Path(folder).name}"
     if rigs:
         names = "_".join(Path(word.partition(":")[0]).stem for word in rigs)
-        return f"prove_{names}_{seed}"
+        return f"{prove}_{names}_{seed}"
     few = f"_{n}" if n == QUICK[0] else ""
-    return f"prove_quick_{rig}{few}" if quick else f"prove_{rig}_{seed}_{n}"
+    return f"prove_quick_{rig}{few}" if quick else f"{prove}_{rig}_{seed}_{n}"

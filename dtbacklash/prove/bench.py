@@ -14,7 +14,7 @@ from dtbacklash.physics.rig import Rig
 from dtbacklash.prove import excitation, motion, tuning
 from dtbacklash.prove.secret import Secret
 from dtbacklash.prove.simulator.given import Loop, Unknown
-from dtbacklash.prove.simulator.rig import Run, simulate_other
+from dtbacklash.prove.simulator.rig import Run, roles, simulate_other
 
 #: bandwidth of the weak loop that keeps two open-loop runs together when they are compared, rad/s
 WEAK_RAD_S = 15.0
@@ -37,39 +37,51 @@ class Bench:
     secret: Secret
     plain: Run | None = None
 
-    def loop(self, unknown: Unknown | None = None) -> Loop:
-        """The signals of the excitation, with a disturbance where that is what is hidden."""
+    def loop(self, *unknown: Unknown) -> Loop:
+        """The signals of the excitation, with a course in time for each law that the catalogue lacks."""
         move, duration_s, step_s = self.secret.excitation, self.secret.duration_s, self.secret.sample_time_s
         t_s = motion.times(duration_s, step_s)
-        force = np.zeros(len(t_s))
-        if unknown is not None and unknown.name == "disturbance":
-            force = excitation.disturbance(move["seed"], duration_s, step_s)
+        courses = [excitation.course_of(one.name, one.seed or move["seed"], t_s) for one in unknown]
+        force = np.column_stack(courses) if courses else np.zeros(len(t_s))
         return (motion if "pid" in move else excitation).loop_of(move, t_s, force)
 
-    def quiet(self, rig: Rig, unknown: Unknown | None = None) -> Run:
-        """A run without noise and counts; in open loop a weak loop holds it to the motion of the plain run."""
-        loop = self.loop(unknown)
-        if self.plain is not None and not loop.closed:
+    def quiet(self, rig: Rig, *unknown: Unknown) -> Run:
+        """A run without noise and counts; in open loop a weak loop holds it to the motion of the plain run.
+
+        A lifelike rig is held so in any case: at the same command, as a diagnosis compares it.
+        """
+        loop = self.loop(*unknown)
+        if self.plain is not None and (self.secret.machine == "lifelike" or not loop.closed):
             loop = self._held(loop, rig, self.plain)
-        return simulate_other(rig, loop, self.secret.sample_time_s, None, unknown)
+        return simulate_other(rig, loop, self.secret.sample_time_s, None, *unknown)
+
+    def real(self, rig: Rig, *unknown: Unknown) -> Run:
+        """A run without noise and counts, moved as in the recording."""
+        return replace(self, plain=None).quiet(rig, *unknown)
 
     def _held(self, loop: Loop, rig: Rig, plain: Run) -> Loop:
+        """The loop that holds a rig to a run: by what the sensor showed, where the run may hide an error of it."""
+        lifelike = self.secret.machine == "lifelike"
         if tuning.in_cascade(rig):
             screw, circuit = rig.only("screw"), rig.only("motor_circuit")
             assert screw is not None
             assert circuit is not None
-            course = plain.states[:, 2] * screw.values["lead"]
+            shown = list(rig.sensors)[roles(rig)[0]]
+            course = (plain.truth[shown] if lifelike else plain.states[:, 2]) * screw.values["lead"]
             weak: dict[str, Any] = {"gain": WEAK_RAD_S * circuit.values["emf_constant"]}
         else:
             plant = tuning.plant_of(rig)
             if plant.grounded or not plant.sensor:
-                return loop  # it holds its place, or nothing can hold it
-            course = plain.states[:, 2 + plain.bodies.index(plant.driven)]
+                # it holds its place, or nothing can hold it
+                return replace(loop, closed=False, reference=plain.u, dither=np.zeros(len(plain.u)))
+            at = 2 + plain.bodies.index(plant.driven)
+            course = plain.truth[plant.sensor] if lifelike else plain.states[:, at]
             slower = tuning.MODE_SHARE * 2.0 * math.pi * float(plant.modes_hz.min(initial=math.inf))
             weak = {**tuning.pid(plant, min(WEAK_RAD_S, slower)), "integral": 0.0, "pid": plant.sensor}
         return replace(
-            loop, closed=True, reference=course, dither=loop.reference, filter_rad_s=math.inf, limit=math.inf, **weak
-        )
+            loop, **{"closed": True, "integral": 0.0, "reference": course, "dither": plain.u, "filter_rad_s": math.inf,
+                     "limit": math.inf, **weak}
+        )  # fmt: skip
 
     def seen(self, changed: Run, plain: Run) -> float:
         """How much two runs differ in the channel that shows it most, in units of its noise."""
@@ -82,13 +94,13 @@ class Bench:
             for c in self.secret.channels
         )
 
-    def wild(self, rig: Rig, run: Run, unknown: Unknown | None = None) -> bool:
+    def wild(self, rig: Rig, run: Run, *unknown: Unknown) -> bool:
         """Whether a rig with what is hidden no longer works: it runs away in open loop, or its loop oscillates."""
         assert self.plain is not None
         if tuning.in_cascade(rig):
             return False  # it turns slowly and holds its place
-        if not self.loop().closed:
-            run = simulate_other(rig, self.loop(unknown), self.secret.sample_time_s, None, unknown)
+        if not self.loop().closed or self.secret.machine == "lifelike":
+            run = self.real(rig, *unknown)
         if run.diverged or rms(run.u) > WILD_COMMAND * rms(self.plain.u):
             return True
         return any(float(np.ptp(run.truth[c])) > WILD_SIGNAL * float(np.ptp(self.plain.truth[c])) for c in run.truth)

@@ -46,6 +46,7 @@ def conceal(
     key_file: Path | str | None = None,
     keep: bool = False,
     called: str | None = None,
+    machine: str = "clean",
 ) -> Path:
     """Make one concealed recording.
 
@@ -53,7 +54,7 @@ def conceal(
     ----------
     seed : the same seed and key give the same case and recording.
     rig_name : a rig's name or file, or the rig itself. folder : where the case's folder is made.
-    kind, effect, instruments : choices that are otherwise drawn, see :func:`.draw.draw`.
+    kind, effect, instruments : choices that are otherwise drawn; they and ``machine``: see :func:`.draw.draw`.
     key_file : made if there is none. Default: ``<folder>.key``. keep : return an existing case instead of refusing it.
     called : the rig's name or file (relative to the case) in the public files. Default: the rig's name.
 
@@ -73,12 +74,12 @@ def conceal(
     check_concealable(rig)
     check_choices(rig, kind, effect, instruments)
     key = seal.read_or_make_key(key_file)
-    case = folder / case_id(seed, rig, key, kind, effect, instruments)
+    case = folder / case_id(seed, rig, key, kind, effect, instruments, machine)
     if case.exists():
         if keep:
             return case
         raise UserError("seed", seed, f"its recording is there already: {case}")
-    secret = draw(seed, rig, kind, effect, instruments)
+    secret = draw(seed, rig, kind, effect, instruments, machine)
     if called is not None or isinstance(rig_name, str):
         secret = replace(secret, rig=called or str(rig_name))
     write_case(case, secret, rig, key)
@@ -86,10 +87,12 @@ def conceal(
 
 
 def case_id(
-    seed: int, rig: Rig, key: bytes, kind: str | None = None, effect: str | None = None, instruments: str | None = None
-) -> str:
+    seed: int, rig: Rig, key: bytes, kind: str | None = None, effect: str | None = None,
+    instruments: str | None = None, machine: str = "clean",
+) -> str:  # fmt: skip
     """The name of a case, which tells nothing about the seed without the key."""
-    words = json.dumps([seed, rig.config.name, kind, effect, instruments])
+    more = [] if machine == "clean" else [machine]
+    words = json.dumps([seed, rig.config.name, kind, effect, instruments, *more])
     return hmac.new(key, words.encode(), hashlib.sha256).hexdigest()[:12]
 
 

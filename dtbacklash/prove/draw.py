@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Callable
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -13,9 +14,9 @@ from dtbacklash.arrays import Floats
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import CATALOGUE, effects_of
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
-from dtbacklash.prove import excitation, motion, sizes, tuning
+from dtbacklash.prove import beside, excitation, motion, sizes, tuning
 from dtbacklash.prove.bench import Bench, errors_in_cascade, errors_of
-from dtbacklash.prove.secret import INSTRUMENTS, KINDS, Secret, with_effects
+from dtbacklash.prove.secret import INSTRUMENTS, KINDS, MACHINES, Secret, with_effects
 from dtbacklash.prove.simulator.given import Errors, Loop, Unknown
 from dtbacklash.prove.simulator.machine import carried_mass
 from dtbacklash.prove.simulator.rig import EFFECTS, Run, check_concealable, simulate_other
@@ -25,6 +26,8 @@ from dtbacklash.prove.unlisted import DESCRIPTIONS, unknown_entries, unknown_ran
 SHARES = {"nothing": 0.10, "parameters": 0.12, "single": 0.43, "several": 0.20, "unknown": 0.15}
 #: visibility of a hidden effect in units of the noise, drawn evenly in logarithms
 VISIBILITY = (1.0, 300.0)
+#: the same beside small things, and the factor within which it is reached
+LIFELIKE, NEAR_LIFELIKE = (300.0, 2000.0), 1.5
 #: wrong parameters are off by this many tolerances, the others by at most SLIGHT
 WRONG, SLIGHT = (0.7, 2.0), 1.0
 DURATION_S = (20, 30)
@@ -36,6 +39,8 @@ NOISE_STREAM, KIND_STREAM = 10**6, 2 * 10**6
 #: each entry of the catalogue has streams of its own, which end in one of these and the hash of its name: a new entry
 #: changes only the recordings in which it is hidden
 PICK_STREAM, SHAPE_STREAM = 1, 2
+#: the stream of the small things of a lifelike recording ends so
+BESIDE_STREAM = 3
 Stream = tuple[int, ...]
 
 
@@ -47,14 +52,16 @@ def entries(rig: Rig) -> list[tuple[str, str]]:
 
 
 def draw(
-    seed: int, rig: Rig, kind: str | None = None, effect: str | None = None, instruments: str | None = None
-) -> Secret:
+    seed: int, rig: Rig, kind: str | None = None, effect: str | None = None, instruments: str | None = None,
+    machine: str = MACHINES[0],
+) -> Secret:  # fmt: skip
     """Draw what one recording hides; the same seed and choices give the same secret to the last bit.
 
     Parameters
     ----------
     rig : the nominal rig. kind : one of KINDS. effect : ``location.effect``, which is then hidden alone.
-    instruments : ``minimal`` (the loop's sensors) or ``rich`` (all). None: drawn.
+    instruments : ``minimal`` (the loop's sensors) or ``rich`` (all). None: drawn. machine : ``lifelike`` has small
+    things beside that, see :mod:`.beside`; but for these it moves as the ``clean`` one of the same seed.
 
     Raises
     ------
@@ -64,7 +71,7 @@ def draw(
     wanted = check_choices(rig, kind, effect, instruments)
     hidden = wanted[0] or draw_kind(seed, rig)
     for attempt in range(ATTEMPTS):
-        secret = _draw(stream_of(seed, attempt, rig), rig, hidden, *wanted[1:])
+        secret = _draw(stream_of(seed, attempt, rig), rig, hidden, *wanted[1:], machine)
         if secret is not None and (wanted[1] is not None or _is_seen(secret)):
             return secret
     allowed = f"nothing of `{effect or hidden}` could be hidden in it so that it shows and the loop is stable"
@@ -121,7 +128,7 @@ def check_choices(
 
 
 def _draw(
-    stream: Stream, nominal: Rig, kind: str, chosen: tuple[str, str] | None, instruments: str | None
+    stream: Stream, nominal: Rig, kind: str, chosen: tuple[str, str] | None, instruments: str | None, machine: str
 ) -> Secret | None:
     """One attempt; None if the loop did not stay finite."""
     rng, cascade = np.random.default_rng(stream), tuning.in_cascade(nominal)
@@ -137,6 +144,7 @@ def _draw(
     secret = Secret(
         seed=stream[0], rig=nominal.config.name, kind=kind, parameters=_parameters(rng, nominal, kind),
         excitation=move, instruments=instruments, channels=channels, duration_s=duration_s, sample_time_s=step_s,
+        machine=machine,
     )  # fmt: skip
     bench = Bench(secret.true_rig(nominal), secret)
     plain = bench.quiet(bench.rig)
@@ -148,11 +156,15 @@ def _draw(
     bench = replace(bench, secret=secret, plain=plain)
     if secret.parameters:
         secret.visibility["parameters"] = bench.seen(plain, bench.quiet(nominal))
+    found: Secret | None = secret
     if kind == "unknown":
-        return _with_unknown(stream, bench, plain)
-    if kind in ("single", "several"):
-        return _with_hidden_effects(rng, stream, bench, plain, chosen)
-    return secret
+        found = _with_unknown(stream, bench, plain)
+    elif kind in ("single", "several"):
+        found = _with_hidden_effects(rng, stream, bench, plain, chosen)
+    if found is None or machine == MACHINES[0]:
+        return found
+    listed = entries(with_effects(bench.rig, found.effects))
+    return beside.with_small_things(np.random.default_rng([*stream, BESIDE_STREAM]), listed, bench.rig, found)
 
 
 def _parameters(rng: Generator, rig: Rig, kind: str) -> dict[str, float]:
@@ -169,8 +181,13 @@ def _parameters(rng: Generator, rig: Rig, kind: str) -> dict[str, float]:
     return {name: known[name].value * (1.0 + known[name].tolerance * by) for name, by in chosen.items()}
 
 
-def _target(rng: Generator) -> float:
-    return float(np.exp(rng.uniform(*np.log(VISIBILITY))))
+def _strength_for(
+    rng: Generator, bench: Bench, visibility: Callable[[float], float], guess: float, most: float
+) -> float:
+    """The strength at which a hidden effect is as visible as is drawn."""
+    clean = bench.secret.machine == MACHINES[0]
+    target = float(np.exp(rng.uniform(*np.log(VISIBILITY if clean else LIFELIKE))))
+    return sizes.strength_for(visibility, target, guess, most, sizes.NEAR if clean else NEAR_LIFELIKE)
 
 
 def _with_hidden_effects(
@@ -245,7 +262,7 @@ def _sized(rng: Generator, bench: Bench, plain: Run, place: str, name: str, movi
     def visibility(strength: float) -> float:
         return bench.seen(bench.quiet(bench.rig.with_effect(place, name, shape.values(strength))), plain)
 
-    return shape.values(sizes.strength_for(visibility, _target(rng), shape.guess, shape.most))
+    return shape.values(_strength_for(rng, bench, visibility, shape.guess, shape.most))
 
 
 def _with_unknown(stream: Stream, bench: Bench, plain: Run) -> Secret | None:
@@ -257,7 +274,7 @@ def _with_unknown(stream: Stream, bench: Bench, plain: Run) -> Secret | None:
     def visibility(strength: float) -> float:
         return bench.seen(bench.quiet(bench.rig, Unknown(place, name, strength, scale)), plain)
 
-    hidden = Unknown(place, name, sizes.strength_for(visibility, _target(rng), guess, most), scale)
+    hidden = Unknown(place, name, _strength_for(rng, bench, visibility, guess, most), scale)
     run = bench.quiet(bench.rig, hidden)
     seen = bench.seen(run, plain)
     if not math.isfinite(seen) or bench.wild(bench.rig, run, hidden):
@@ -268,10 +285,8 @@ def _with_unknown(stream: Stream, bench: Bench, plain: Run) -> Secret | None:
 
 def record(secret: Secret, nominal: Rig) -> tuple[Loop, Run]:
     """Make the recording of a secret: the rig as it truly is, its sensors with noise and counts."""
-    told = {k: v for k, v in (secret.unknown or {}).items() if k != "description"}
-    unknown = Unknown(**told) if told else None
-    loop = Bench(nominal, secret).loop(unknown)
+    loop = Bench(nominal, secret).loop(*secret.laws)
     shape = len(loop.reference), len(nominal.sensors)
     draws: Floats = np.random.default_rng(stream_of(secret.seed, NOISE_STREAM, nominal)).standard_normal(shape)
     errors = Errors(secret.noise, secret.resolution, draws)
-    return loop, simulate_other(secret.true_rig(nominal), loop, secret.sample_time_s, errors, unknown)
+    return loop, simulate_other(secret.true_rig(nominal), loop, secret.sample_time_s, errors, *secret.laws)

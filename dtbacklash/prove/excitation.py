@@ -17,6 +17,8 @@ SHARE_OPEN_LOOP = 0.12
 #: bandwidth of the loop around the motor's angle, rad/s, and how far its gain is drawn from it
 INNER_RAD_S = 150.0
 MULTISINE_LINES = 24
+#: band of a coloured force, Hz; of a slow drift, periods in the recording; how far friction wanders, as a share of it
+COLOURED_HZ, SLOW_PERIODS, WANDERING = (0.3, 12.0), (0.3, 4.0), 0.5
 
 
 def turn_m(rig: Rig) -> float:
@@ -87,6 +89,23 @@ def disturbance(seed: int, duration_s: float, sample_time_s: float) -> Floats:
         inside = (t_s >= start) & (t_s < start + length)
         course = course + 2.0 * rng.choice([-1.0, 1.0]) * inside * np.sin(np.pi * (t_s - start) / length) ** 2
     return np.asarray(course / np.sqrt(np.mean(course**2)))
+
+
+def course_of(law: str, seed: int, t_s: Floats) -> Floats:
+    """(N+1,) the course in time of a law that the catalogue lacks, rms about 1; zeros for a law that has none."""
+    duration_s, step_s = float(t_s[-1]), float(t_s[1] - t_s[0])
+    if law == "disturbance":
+        return disturbance(seed, duration_s, step_s)
+    rng = np.random.default_rng([seed, 2])
+    if law == "clock_jitter":
+        return rng.standard_normal(len(t_s))
+    if law == "coloured_force":
+        return multisine(rng, t_s, *COLOURED_HZ)
+    if law not in ("gain_drift", "reading_drift", "wandering_friction"):
+        return np.zeros(len(t_s))
+    slow = multisine(rng, t_s, SLOW_PERIODS[0] / duration_s, SLOW_PERIODS[1] / duration_s)
+    slow = (slow - slow.mean()) / slow.std()
+    return np.maximum(1.0 + WANDERING * slow, 0.1) if law == "wandering_friction" else slow
 
 
 def multisine(rng: Generator, t_s: Floats, f_min_hz: float, f_max_hz: float) -> Floats:

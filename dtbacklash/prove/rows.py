@@ -41,6 +41,9 @@ def _case_row(case: Case) -> dict[str, Any]:
         "visibility_min": min(seen), "intervals": len(effects), "intervals_hold": sum(effects),
         "recalibrated": len(nominal), "recalibrated_hold": sum(nominal),
         **{f"held_out_{model}": held.get(model) for model in ("nominal", "recalibrated", "extended", "oracle")},
+        **({"beside": len(case.secret["beside"]), "beside_visibility": case.secret["beside_visibility"],
+            "explained": rules.explained(case, "extended"), "explained_oracle": rules.explained(case, "oracle")}
+           if case.lifelike else {}),
         "wall_s": case.wall_s, "cpu_s": case.cpu_s, "error": case.error,
     }  # fmt: skip
 

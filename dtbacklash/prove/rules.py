@@ -62,6 +62,18 @@ class Case:
         return [(e["location"], e["effect"]) for e in self.secret["effects"]]
 
     @property
+    def lifelike(self) -> bool:
+        """Whether there are small things beside what was hidden."""
+        return self.secret.get("machine") == "lifelike"
+
+    @property
+    def beside(self) -> set[Key]:
+        """(location, effect) that name one of the small things rightly."""
+        small = self.secret.get("beside", [])
+        listed = {(s["location"], s["effect"]) for s in small if "effect" in s}
+        return listed | {(p, e) for s in small for p, e in s.get("akin", [])}
+
+    @property
     def findings(self) -> list[dict[str, Any]]:
         """The findings that name an effect."""
         return [f for f in (self.diagnosis or {}).get("findings", []) if f.get("effect")]
@@ -153,18 +165,36 @@ def unknown_admitted(case: Case) -> bool:
 
 
 def unknown_unnamed(case: Case) -> bool:
-    """Physics that the catalogue lacks gets no name, not even one at the right place; partial findings are no names."""
+    """Physics that the catalogue lacks gets no sure name, not even one at the right place."""
     return case.diagnosis is not None and not sure(case)
 
 
 def sure(case: Case) -> set[int]:
-    """Indices of the findings to rely on: all, or with the verdict ``unexplained`` those that are called sure."""
-    return {j for j, f in enumerate(case.findings) if case.verdict != "unexplained" or f.get("confidence") == "sure"}
+    """Indices of the findings to rely on: those that are called sure, whatever the verdict."""
+    return {j for j, f in enumerate(case.findings) if f.get("confidence") == "sure"}
+
+
+def right_names(case: Case) -> set[int]:
+    """Indices of the findings whose (location, effect) is hidden, or is one of the small things beside it."""
+    return {j for j, name in enumerate(case.named) if name in case.hidden or name in case.beside}
 
 
 def no_false_name(case: Case) -> bool:
-    """Each sure finding is hidden, or in its stated ambiguity, one to one; what is missed is no false name."""
-    return case.diagnosis is not None and sure(case) <= set(matches(case).values())
+    """Each sure finding is hidden, or in its stated ambiguity, one to one; what is missed is no false name.
+
+    In a lifelike case it may be one of the small things as well.
+    """
+    return case.diagnosis is not None and sure(case) <= set(matches(case).values()) | right_names(case)
+
+
+def main_named(case: Case) -> bool:
+    """Each hidden effect is a finding or in a finding's ``also_fits``, one to one, whatever else was found."""
+    return case.diagnosis is not None and len(matches(case)) == len(case.hidden)
+
+
+def main_sure(case: Case) -> bool:
+    """The same, and these findings are called sure."""
+    return main_named(case) and set(matches(case).values()) <= sure(case)
 
 
 def beaten(case: Case) -> bool:
@@ -188,7 +218,9 @@ def clear(case: Case) -> bool:
 
 
 def right(case: Case) -> bool:
-    """Whether the diagnosis is right by the strict rule of its kind."""
+    """Whether the diagnosis is right by the strict rule of its kind; beside small things by that of the main effect."""
+    if case.lifelike:
+        return main_named(case) and no_false_name(case)
     if case.kind in ("nothing", "parameters"):
         return no_physics(case)
     return unknown_admitted(case) and unknown_unnamed(case) if case.kind == "unknown" else strict(case)
@@ -245,6 +277,14 @@ def nominal_intervals(case: Case) -> list[bool]:
         return []
     truth = case.secret["parameters"]
     return [holds(there["ci95"], truth.get(name, there["nominal"])) for name, there in case.recalibrated.items()]
+
+
+def explained(case: Case, model: str) -> float:
+    """Share of the recalibrated rig's held-out mean square that a model takes: the ``extended`` or the ``oracle``'s."""
+    losses = case.oracle.get("held_out", {})
+    if losses.get(model) is None:
+        return 0.0
+    return 1.0 - (float(losses[model]) / float(losses["recalibrated"])) ** 2
 
 
 def error_ratio(case: Case) -> float:

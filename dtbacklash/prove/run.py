@@ -34,6 +34,7 @@ class Plan:
     seeds : of the recordings to conceal, or empty. rigs : several rigs, each with its number of seeds.
     folder : of recordings that are concealed already, instead of seeds. key : the file that opens their seals.
     known : cases that the same code has finished; those with one of the seeds are scored as they are.
+    machine : ``clean`` or ``lifelike``, see :func:`.draw.draw`.
     """
 
     out: Path
@@ -43,10 +44,15 @@ class Plan:
     key: Path | None = None
     rigs: tuple[tuple[str, int], ...] = ()
     known: tuple[Case, ...] = ()
+    machine: str = "clean"
 
     def counts(self) -> tuple[tuple[str, int], ...]:
         """(rig, number of its seeds)."""
         return self.rigs or ((str(self.rig), len(self.seeds)),)
+
+    def alike(self) -> list[Case]:
+        """The known cases of the same machine."""
+        return [c for c in self.known if c.secret.get("machine", "clean") == self.machine]
 
     @property
     def concealed(self) -> Path:
@@ -77,6 +83,8 @@ def claim(plan: Plan) -> None:
         "concealed_by": sources.digest(work.CONCEALED_BY) if plan.folder is None else "",
         "files": {name: hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in sorted(files)},
     }  # fmt: skip
+    if plan.machine != "clean":
+        wanted["machine"] = plan.machine
     file = plan.out / PLAN
     if plan.out.exists() and not plan.out.is_dir():
         raise UserError("out", plan.out, "is a file; give a folder")
@@ -101,14 +109,14 @@ def conceal_missing(plan: Plan, by: Backend, tell: Tell) -> list[Path]:
     from dtbacklash.prove import conceal, seal
 
     key = seal.read_or_make_key(plan.key_file)
-    jobs, finished = [], {(c.rig, c.secret["seed"]) for c in plan.known}
+    jobs, finished = [], {(c.rig, c.secret["seed"]) for c in plan.alike()}
     for name, count in plan.counts():
         rig = conceal.nominal_rig(name)
         for seed in plan.seeds[:count]:
             if (rig.config.name, seed) in finished:
                 continue
-            case = plan.concealed / conceal.case_id(seed, rig, key)
-            jobs.append(work.Concealing(case, seed, name, plan.key_file))
+            case = plan.concealed / conceal.case_id(seed, rig, key, machine=plan.machine)
+            jobs.append(work.Concealing(case, seed, name, plan.key_file, plan.machine))
     engine.complete(jobs, by, tell, "concealing", "recordings")
     return [job.record for job in jobs]
 
@@ -207,5 +215,5 @@ def gather(plan: Plan, cases: Sequence[Path], secrets: dict[str, dict[str, Any]]
     if not plan.known:
         return gathered
     wanted = {nominal(name).config.name: plan.seeds[:count] for name, count in plan.counts()}
-    gathered += [c for c in plan.known if c.secret["seed"] in wanted.get(c.rig, ())]
+    gathered += [c for c in plan.alike() if c.secret["seed"] in wanted.get(c.rig, ())]
     return sorted(gathered, key=lambda case: list(wanted).index(case.rig))

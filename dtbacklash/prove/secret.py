@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
-from dtbacklash.config.commands import INSTRUMENTS, KINDS
+from dtbacklash.config.commands import INSTRUMENTS, KINDS, MACHINES
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
+from dtbacklash.prove.simulator.given import Unknown
 
-__all__ = ["INSTRUMENTS", "KINDS", "Secret"]
+__all__ = ["INSTRUMENTS", "KINDS", "MACHINES", "Secret"]
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,9 @@ class Secret:
     noise, resolution : sensor -> standard deviation, size of a count, SI.
     visibility : ``location.name`` (and ``parameters``) -> rms change of the recorded signal that shows it most, in
         units of that sensor's noise and counts: two runs without noise are compared, see :meth:`.bench.Bench.quiet`.
+    machine : ``clean`` or ``lifelike``. beside : the small things of a lifelike one, as in ``effects`` or ``unknown``,
+        each with its ``visibility``, and what the catalogue lacks with ``akin``: [location, effect] that name it, too.
+    beside_visibility : of all small things together, beside what is hidden.
     """
 
     seed: int
@@ -45,6 +50,9 @@ class Secret:
     duration_s: float = 30.0
     sample_time_s: float = 1e-3
     visibility: dict[str, float] = field(default_factory=dict)
+    machine: str = MACHINES[0]
+    beside: list[dict[str, Any]] = field(default_factory=list)
+    beside_visibility: float = 0.0
 
     def to_json(self) -> str:
         """The record as JSON, keys in a fixed order, floats with all their digits."""
@@ -52,7 +60,7 @@ class Secret:
 
     @classmethod
     def from_json(cls, text: str) -> Secret:
-        """Read what :meth:`to_json` wrote.
+        """Read what :meth:`to_json` wrote, or did before it had all of these fields.
 
         Raises
         ------
@@ -61,16 +69,21 @@ class Secret:
         try:
             data = json.loads(text)
             known = {f.name for f in fields(cls)}
-            if not isinstance(data, dict) or set(data) != known or data["kind"] not in KINDS:
+            if not isinstance(data, dict) or not {"seed", "rig"} <= set(data) <= known or data["kind"] not in KINDS:
                 raise ValueError
-        except (ValueError, RecursionError):
+        except (ValueError, KeyError, RecursionError):
             raise UserError("secret", text[:40], "what `dtb conceal` has sealed") from None
         return cls(**data)
 
     def true_rig(self, nominal: Rig) -> Rig:
-        """The nominal rig with the true parameters and the hidden effects of the catalogue."""
+        """The nominal rig with the true parameters and all effects of the catalogue, hidden and small."""
         rig = nominal.with_parameters(self.parameters) if self.parameters else nominal
-        return with_effects(rig, self.effects)
+        return with_effects(rig, [*self.effects, *(thing for thing in self.beside if "effect" in thing)])
+
+    @property
+    def laws(self) -> tuple[Unknown, ...]:
+        """What acts that the catalogue lacks: first what is hidden, then the small things."""
+        return laws([*([self.unknown] if self.unknown else []), *self.beside])
 
 
 def with_effects(rig: Rig, effects: list[dict[str, Any]]) -> Rig:
@@ -78,3 +91,9 @@ def with_effects(rig: Rig, effects: list[dict[str, Any]]) -> Rig:
     for effect in effects:
         rig = rig.with_effect(effect["location"], effect["effect"], effect["parameters"])
     return rig
+
+
+def laws(things: Sequence[dict[str, Any]]) -> tuple[Unknown, ...]:
+    """Those of the things that are no effects of the catalogue."""
+    known = {f.name for f in fields(Unknown)}
+    return tuple(Unknown(**{k: v for k, v in thing.items() if k in known}) for thing in things if "effect" not in thing)

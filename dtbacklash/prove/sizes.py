@@ -127,7 +127,9 @@ def _borne(rig: Rig, run: Run) -> list[tuple[str, Floats, Floats]]:
     return found
 
 
-def strength_for(visibility: Callable[[float], float], target: float, guess: float, most: float) -> float:
+def strength_for(
+    visibility: Callable[[float], float], target: float, guess: float, most: float, near: float = NEAR
+) -> float:
     """The strength at which an effect has the visibility ``target``, or the largest that is allowed.
 
     A secant search in logarithms between bounds. A loop that diverges counts as infinitely visible.
@@ -136,7 +138,7 @@ def strength_for(visibility: Callable[[float], float], target: float, guess: flo
     strength, slope, last = min(guess, most), 1.0, None
     for _ in range(TRIALS):
         seen = visibility(strength)
-        if target / NEAR <= seen <= target * NEAR or (seen < target and strength >= most):
+        if target / near <= seen <= target * near or (seen < target and strength >= most):
             return strength
         low, high = (max(low, strength), high) if seen < target else (low, min(high, strength))
         if math.isinf(seen):

@@ -19,7 +19,7 @@ from dtbacklash.prove.seal import PUBLIC, RECORDING
 CONCEALED_BY = (
     *(
         f"prove/{n}.py" for n in
-        ("bench", "conceal", "draw", "excitation", "motion", "secret", "sizes", "tuning", "unlisted")
+        ("beside", "bench", "conceal", "draw", "excitation", "motion", "secret", "sizes", "tuning", "unlisted")
     ),
     "prove/simulator", "physics/catalogue.py", "physics/effects", "physics/rig.py", "conf/rig",
 )  # fmt: skip
@@ -90,6 +90,7 @@ class Concealing(Job):
     seed: int
     rig: str
     key_file: Path
+    machine: str = "clean"
 
     def done(self) -> bool:
         return self.record.exists()
@@ -97,7 +98,7 @@ class Concealing(Job):
     def work(self) -> None:
         from dtbacklash.prove.conceal import conceal
 
-        conceal(self.seed, self.rig, self.record.parent, key_file=self.key_file, keep=True)
+        conceal(self.seed, self.rig, self.record.parent, key_file=self.key_file, keep=True, machine=self.machine)
 
     def died(self, error: Exception | None) -> None:
         raise error or Failure("seed", self.seed, f"no recording came of it: {DEATH}")

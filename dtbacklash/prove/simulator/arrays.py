@@ -19,10 +19,11 @@ F_COULOMB, F_STRIBECK, F_SPEED, F_BRISTLE, F_DAMPING, N_FRICTION = range(6)
 Y_INDEX, Y_GAIN, Y_OFFSET, Y_DELAY, Y_NOISE, Y_COUNT, Y_LINK, N_SENSOR = range(8)
 #: `sensor[:, Y_INDEX]` of a sensor on the mass that a rigid screw carries: position, velocity; of the force of Y_LINK
 BASE_POSITION, BASE_VELOCITY, LINK_FORCE = -1, -2, -3
-# entries of `unknown`, and the kinds of physics that the catalogue does not have
-U_KIND, U_PLACE, U_SIZE, U_SCALE, N_UNKNOWN = range(5)
-(NO_UNKNOWN, POSITION_DAMPING, DISTURBANCE, DIRECTIONAL_TORQUE, ROOT_SPRING, SPEED_STIFFENING, ANGULAR_PLAY,
- POSITION_MASS) = range(8)  # fmt: skip
+# columns of `unknown` (U_PLACE: the body, link or sensor), and the kinds of physics that the catalogue does not have
+U_KIND, U_PLACE, U_SIZE, U_SCALE, U_WAVE, U_PHASE, U_SECOND, U_SHIFT, N_UNKNOWN = range(9)
+(POSITION_DAMPING, DISTURBANCE, DIRECTIONAL_TORQUE, ROOT_SPRING, SPEED_STIFFENING, ANGULAR_PLAY, POSITION_MASS,
+ COLOURED_FORCE, DOUBLE_RIPPLE, WANDERING_FRICTION, CREEP, POSITION_GAIN, GAIN_DRIFT, ECCENTRICITY, INTERPOLATION,
+ CURVED_SCALE, READING_DRIFT, CLOCK_JITTER) = range(18)  # fmt: skip
 # entries of `control` and values of C_MODE; C_RATE: gain on the rate; C_CORNER: its filter, per sample
 C_MODE, C_GAIN, C_FILTER, C_INTEGRAL, C_LIMIT, C_RATE, C_CORNER, N_CONTROL = range(8)
 OPEN, CASCADE, PID = range(3)
@@ -36,7 +37,7 @@ class Machine(NamedTuple):
     """A rig with ``nb`` bodies, of which the first is the motor's rotor.
 
     inertia (nb,), body (nb, N_BODY), link (nl, N_LINK), link_ends (nl, 2), friction (nf, N_FRICTION), friction_ends
-    (nf, 2), drive (N_DRIVE,), sensor (ns, N_SENSOR), unknown (N_UNKNOWN,). The state is
+    (nf, 2), drive (N_DRIVE,), sensor (ns, N_SENSOR), unknown (nu, N_UNKNOWN). The state is
     [current, screw's angle, positions (nb), velocities (nb)].
     """
 
@@ -54,7 +55,10 @@ class Machine(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """State and work space; ``bristle`` and ``yielding`` hold (state, displacement) in turn."""
+    """State and work space; ``bristle`` and ``yielding`` hold (state, displacement) in turn.
+
+    course (3, nu): what physics beyond the catalogue does by a course of its own, now, and at both ends of a step.
+    """
 
     x: Floats
     start: Floats
@@ -67,13 +71,14 @@ class Memory(NamedTuple):
     yielding_start: Floats
     scalar: Floats
     control: Floats
+    course: Floats
 
 
 class Signals(NamedTuple):
-    """(N+1,) reference (m, or V in open loop), added voltage, disturbance; (N+1, ns) noise in SI; (2,) roles."""
+    """(N+1,) reference (m, or V in open loop), added voltage; (N+1, nu) courses; (N+1, ns) noise; (2,) roles."""
 
     reference: Floats
     dither: Floats
-    disturbance: Floats
+    courses: Floats
     noise: Floats
     roles: Ints

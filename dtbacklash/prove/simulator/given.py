@@ -11,20 +11,27 @@ from dtbacklash.prove.simulator import arrays as col
 class Unknown:
     """Physics that the catalogue lacks; its kind is the constant of :mod:`.arrays` with its name in capitals.
 
-    scale : the typical size of the state that it depends on.
+    scale : the typical size of the state that it depends on, or the second ripple's share of the first.
+    wave, phase, second, shift : wave number and phase of a ripple, and of a second one. seed : of its course.
     """
 
     location: str
     name: str
     size: float
-    scale: float
+    scale: float = 1.0
+    wave: float = 0.0
+    phase: float = 0.0
+    second: float = 0.0
+    shift: float = 0.0
+    seed: int = 0
 
 
 @dataclass(frozen=True)
 class Loop:
     """What drives the rig: open loop (V), or closed loop on a reference (m, rad) by a controller of :mod:`.step`.
 
-    reference, dither, disturbance : (N+1,). filter_rad_s : of the prefilter. limit : V.
+    reference, dither : (N+1,). disturbance : the same, or (N+1, number of unknown laws). filter_rad_s : of the
+    prefilter. limit : V.
     gain, integral : of a cascade in V/rad and 1/s; of a PID in V and V/s per unit of the sensor ``pid``. rate : V s per
     unit. corner_rad_s : of the filter of the rate.
     """

@@ -1,4 +1,6 @@
-"""The concealing simulator's laws with corners or memory, formulated otherwise than in :mod:`dtbacklash.physics`."""
+"""The concealing simulator's laws with corners or memory, formulated otherwise than in :mod:`dtbacklash.physics`; and
+those that the catalogue does not have, a row of ``U`` each (see :mod:`.arrays`).
+"""
 
 # mypy: disallow-untyped-defs=False
 # compiled: numba infers the types, annotations would only repeat the docstrings
@@ -70,3 +72,92 @@ def held_stretch(s, lost):
     """What is left of a stretch behind a lost motion, half of it to each side, with rounded corners."""
     half, w = 0.5 * lost, KNEE * lost
     return w * (softplus((s - half) / w) - softplus((-s - half) / w))
+
+
+@inlined
+def gap_beyond(U, gap, theta):
+    """Half-gap of a gear whose play depends on the angle of the screw, rad."""
+    for r in range(U.shape[0]):
+        if U[r, col.U_KIND] == col.ANGULAR_PLAY:
+            gap = gap + U[r, col.U_SIZE] * (1.0 + 0.9 * math.sin(theta * U[r, col.U_SCALE]))
+    return gap
+
+
+@inlined
+def link_beyond(U, force, j, k, s, rate):
+    """Force of link ``j`` of stiffness ``k``, with what the catalogue does not have."""
+    for r in range(U.shape[0]):
+        if U[r, col.U_PLACE] != j:
+            continue
+        if U[r, col.U_KIND] == col.ROOT_SPRING:
+            x0 = U[r, col.U_SCALE]
+            force += U[r, col.U_SIZE] * k * s * math.sqrt(x0) / (s * s + (0.02 * x0) ** 2) ** 0.25
+        elif U[r, col.U_KIND] == col.SPEED_STIFFENING:
+            force += U[r, col.U_SIZE] * k * s * abs(rate) / U[r, col.U_SCALE]
+    return force
+
+
+@inlined
+def body_beyond(U, effort, j, inertia, q, v, course):
+    """Effort on body ``j``, with what the catalogue does not have."""
+    for r in range(U.shape[0]):
+        if U[r, col.U_PLACE] != j:
+            continue
+        kind, size, scale = U[r, col.U_KIND], U[r, col.U_SIZE], U[r, col.U_SCALE]
+        if kind == col.POSITION_DAMPING:
+            effort -= size * (q / scale) ** 2 * v
+        elif kind in (col.DISTURBANCE, col.COLOURED_FORCE):
+            effort += size * course[0, r]
+        elif kind == col.POSITION_MASS:
+            effort -= 0.5 * inertia * size / scale * v * v
+        elif kind == col.WANDERING_FRICTION:
+            effort -= size * course[0, r] * v / math.sqrt(v * v + scale * scale)
+        elif kind == col.DOUBLE_RIPPLE:
+            first = math.sin(U[r, col.U_WAVE] * q + U[r, col.U_PHASE])
+            effort += size * (first + scale * math.sin(U[r, col.U_SECOND] * q + U[r, col.U_SHIFT]))
+    return effort
+
+
+@inlined
+def inertia_beyond(U, inertia, j, q):
+    """Inertia of body ``j`` where it changes with the position."""
+    for r in range(U.shape[0]):
+        if U[r, col.U_KIND] == col.POSITION_MASS and U[r, col.U_PLACE] == j:
+            inertia *= max(0.1, 1.0 + U[r, col.U_SIZE] * q / U[r, col.U_SCALE])
+    return inertia
+
+
+@inlined
+def drive_beyond(U, effort, made, q, v, course):
+    """Effort of a drive whose gain depends on direction, position or time; ``made`` : without that."""
+    for r in range(U.shape[0]):
+        kind, size = U[r, col.U_KIND], U[r, col.U_SIZE]
+        if kind == col.DIRECTIONAL_TORQUE:
+            effort += made * size * math.tanh(v / U[r, col.U_SCALE])
+        elif kind == col.POSITION_GAIN:
+            effort += made * size * math.tanh(q / U[r, col.U_SCALE])
+        elif kind == col.GAIN_DRIFT:
+            effort += made * size * course[0, r]
+    return effort
+
+
+@inlined
+def reading_beyond(U, y, rate, s, courses, k):
+    """What sensor ``s`` reads in sample ``k`` instead of ``y``, which changes at ``rate``: errors of scale and clock.
+
+    A scale that ripples over the reading (an eccentric disk, interpolation) is right at zero, where it starts.
+    """
+    read = y
+    for r in range(U.shape[0]):
+        kind, size = U[r, col.U_KIND], U[r, col.U_SIZE]
+        if kind == col.CLOCK_JITTER:
+            read += rate * size * courses[k, r]
+        elif U[r, col.U_PLACE] != s:
+            continue
+        elif kind in (col.ECCENTRICITY, col.INTERPOLATION):
+            read += size * (math.sin(U[r, col.U_WAVE] * y + U[r, col.U_PHASE]) - math.sin(U[r, col.U_PHASE]))
+        elif kind == col.CURVED_SCALE:
+            read += size * y * y / U[r, col.U_SCALE]
+        elif kind == col.READING_DRIFT:
+            read += size * courses[k, r]
+    return read

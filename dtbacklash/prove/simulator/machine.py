@@ -65,7 +65,7 @@ def carried_mass(rig: Rig) -> str | None:
     return screw.neighbours.get("carries") if screw else None
 
 
-def machine(rig: Rig, sample_time_s: float, errors: Errors, unknown: Unknown | None = None) -> Machine:
+def machine(rig: Rig, sample_time_s: float, errors: Errors, *unknown: Unknown) -> Machine:
     """The arrays of a rig for one sampling time."""
     net = _bodies(rig)
     links = _links(rig, net)
@@ -73,12 +73,14 @@ def machine(rig: Rig, sample_time_s: float, errors: Errors, unknown: Unknown | N
     least = STEPS_BRAKE if any("friction" in e.values for e in rig.bodies()) else STEPS_MIN
     substeps = max(least, _substeps(net, drive, sample_time_s))
     _frictions(rig, net, substeps / sample_time_s)
+    _creep(net, unknown)
     body = np.array([_body_row(rig, name) for name in net.names])
     return Machine(
         sample_time=sample_time_s, substeps=substeps, inertia=np.array(net.inertia), body=body,
         link=np.array(net.link).reshape(-1, col.N_LINK), link_ends=_ends(net.link_ends),
         friction=np.array(net.friction).reshape(-1, col.N_FRICTION), friction_ends=_ends(net.friction_ends),
-        drive=drive, sensor=_sensors(rig, net, links, errors), unknown=_unknown(unknown, net, links),
+        drive=drive, sensor=_sensors(rig, net, links, errors),
+        unknown=np.array([_unknown(one, rig, net, links) for one in unknown]).reshape(-1, col.N_UNKNOWN),
     )  # fmt: skip
 
 
@@ -189,6 +191,14 @@ def _bristle(net: _Net, a: int, b: int, levels: tuple[float, float], speed: floa
     net.friction_ends.append((a, b))
 
 
+def _creep(net: _Net, unknown: tuple[Unknown, ...]) -> None:
+    """Add the bristles of what creeps before it slides: so soft that they give way by a part of the motion."""
+    for one in unknown:
+        if one.name == "creep":
+            net.friction.append([one.size, 0.0, 1.0, one.size / one.scale, 0.0])
+            net.friction_ends.append((col.GROUND, net.end(one.location)))
+
+
 def _body_row(rig: Rig, name: str) -> Floats:
     row, there = np.zeros(col.N_BODY), rig.effects.get(name, {})
     row[col.B_VISCOUS] = there.get("viscous_friction", {}).get("coefficient", 0.0)
@@ -261,8 +271,9 @@ def _sensors(rig: Rig, net: _Net, links: dict[str, int], errors: Errors) -> Floa
     return rows
 
 
-def _unknown(unknown: Unknown | None, net: _Net, links: dict[str, int]) -> Floats:
-    if unknown is None:
-        return np.array([col.NO_UNKNOWN, -1.0, 0.0, 1.0])
-    place = links.get(unknown.location, net.names.index(unknown.location) if unknown.location in net.names else -1)
-    return np.array([getattr(col, unknown.name.upper()), place, unknown.size, unknown.scale])
+def _unknown(unknown: Unknown, rig: Rig, net: _Net, links: dict[str, int]) -> list[float]:
+    """The row of a law that the catalogue does not have; its place is a link, a body, a sensor, or -1."""
+    places = {SENSOR_PREFIX + name: j for j, name in enumerate(rig.sensors)}
+    places |= {name: j for j, name in enumerate(net.names)} | links
+    row = [float(getattr(col, unknown.name.upper())), places.get(unknown.location, -1.0), unknown.size, unknown.scale]
+    return [*row, unknown.wave, unknown.phase, unknown.second, unknown.shift]

@@ -71,9 +71,7 @@ def check_concealable(rig: Rig) -> None:
         raise UserError("rig.sensors", "(none)", "to conceal, at least one sensor")
 
 
-def simulate_other(
-    rig: Rig, loop: Loop, sample_time_s: float, errors: Errors | None = None, unknown: Unknown | None = None
-) -> Run:
+def simulate_other(rig: Rig, loop: Loop, sample_time_s: float, errors: Errors | None = None, *unknown: Unknown) -> Run:
     """Simulate a rig from rest by the concealing simulator; deterministic to the last bit.
 
     Raises
@@ -82,13 +80,14 @@ def simulate_other(
     """
     check_concealable(rig)
     errors = errors or Errors()
-    m = machine(rig, sample_time_s, errors, unknown)
+    m = machine(rig, sample_time_s, errors, *unknown)
     n, sensors, size = len(loop.reference), len(rig.sensors), 2 + 2 * len(m.inertia)
     bristles = 2 * len(m.friction)
     memory = Memory(
         x=np.zeros(size), start=np.zeros(size), trial=np.zeros(size), total=np.zeros(size), rates=np.zeros(size),
         force=np.zeros(len(m.inertia)), bristle=np.zeros(bristles), bristle_start=np.zeros(bristles),
         yielding_start=np.zeros(2 * len(m.link)), scalar=np.zeros(col.N_SCALAR), control=np.zeros(col.N_HELD),
+        course=np.zeros((3, len(unknown))),
     )  # fmt: skip
     control = np.zeros(col.N_CONTROL)
     control[col.C_MODE], control[col.C_GAIN], control[col.C_LIMIT] = loop.mode, loop.gain, loop.limit
@@ -97,7 +96,8 @@ def simulate_other(
     control[col.C_RATE], control[col.C_CORNER] = loop.rate, -math.expm1(-loop.corner_rad_s * sample_time_s)
     looked_at = (0, 0) if not loop.closed else (list(rig.sensors).index(loop.pid),) * 2 if loop.pid else roles(rig)
     noise = np.zeros((n, sensors)) if errors.draws is None else errors.draws
-    signals = Signals(loop.reference, loop.dither, loop.disturbance, noise, np.array(looked_at, dtype=np.int64))
+    courses = np.broadcast_to(loop.disturbance.reshape(n, -1), (n, len(unknown))).copy()
+    signals = Signals(loop.reference, loop.dither, courses, noise, np.array(looked_at, dtype=np.int64))
     late = float(m.sensor[:, col.Y_DELAY].max(initial=0.0))
     history = np.zeros((2 + math.ceil(late / sample_time_s * m.substeps + 1e-9), sensors))
     u, truth, seen, states = np.zeros(n), np.zeros((n, sensors)), np.zeros((n, sensors)), np.zeros((n, size))

@@ -18,8 +18,14 @@ from dtbacklash.compiled import compiled, inlined
 from dtbacklash.prove.simulator import arrays as col
 from dtbacklash.prove.simulator.laws import (
     KNEE,
+    body_beyond,
     bristle_after,
+    drive_beyond,
+    gap_beyond,
     held_stretch,
+    inertia_beyond,
+    link_beyond,
+    reading_beyond,
     softplus,
     voltage,
     yielded_after,
@@ -44,19 +50,11 @@ def _of(x, first, base, end):
 
 
 @inlined
-def _gap(M, theta_d):
-    """Half-gap of the gear at the screw's angle, rad."""
-    if M.unknown[col.U_KIND] == col.ANGULAR_PLAY:
-        return M.drive[col.D_GAP] + M.unknown[col.U_SIZE] * (1.0 + 0.9 * math.sin(theta_d * M.unknown[col.U_SCALE]))
-    return M.drive[col.D_GAP]
-
-
-@inlined
 def _screw(M, S, x, dx):
     """Motion of the screw's output: the teeth push it through spring and damper, else it holds its place."""
     D, nb = M.drive, M.inertia.shape[0]
     theta, omega = x[2], x[2 + nb]
-    gap = _gap(M, x[1])
+    gap = gap_beyond(M.unknown, D[col.D_GAP], x[1])
     angle, rate, contact = theta, omega, 1.0
     if gap > 0.0:
         angle, rate, contact = x[1], 0.0, 0.0
@@ -126,13 +124,7 @@ def _link_force(M, S, j, stretch, rate, t):
     if row[col.L_FORCE] != 0.0:
         z, before = S.yielding_start[2 * j], S.yielding_start[2 * j + 1]
         force += row[col.L_FORCE] * yielded_after(z, stretch - before, row[col.L_YIELD])
-    if M.unknown[col.U_PLACE] == j:
-        if M.unknown[col.U_KIND] == col.ROOT_SPRING:
-            x0 = M.unknown[col.U_SCALE]
-            force += M.unknown[col.U_SIZE] * row[col.L_K] * s * math.sqrt(x0) / (s * s + (0.02 * x0) ** 2) ** 0.25
-        elif M.unknown[col.U_KIND] == col.SPEED_STIFFENING:
-            force += M.unknown[col.U_SIZE] * row[col.L_K] * s * abs(rate) / M.unknown[col.U_SCALE]
-    return force
+    return link_beyond(M.unknown, force, j, row[col.L_K], s, rate)
 
 
 @inlined
@@ -164,7 +156,7 @@ def _frictions(M, S, x):
 
 
 @inlined
-def _bodies(M, S, x, shove):
+def _bodies(M, S, x):
     """Efforts on single bodies."""
     nb = M.inertia.shape[0]
     for j in range(nb):
@@ -178,14 +170,7 @@ def _bodies(M, S, x, shove):
             effort += row[col.B_WEIGHT] * (
                 math.sin(q) * math.cos(row[col.B_ANGLE]) + math.cos(q) * math.sin(row[col.B_ANGLE])
             )
-        if M.unknown[col.U_PLACE] == j:
-            if M.unknown[col.U_KIND] == col.POSITION_DAMPING:
-                effort -= M.unknown[col.U_SIZE] * (q / M.unknown[col.U_SCALE]) ** 2 * v
-            elif M.unknown[col.U_KIND] == col.DISTURBANCE:
-                effort += M.unknown[col.U_SIZE] * shove
-            elif M.unknown[col.U_KIND] == col.POSITION_MASS:
-                effort -= 0.5 * M.inertia[j] * M.unknown[col.U_SIZE] / M.unknown[col.U_SCALE] * v * v
-        S.force[j] += effort
+        S.force[j] += body_beyond(M.unknown, effort, j, M.inertia[j], q, v, S.course)
 
 
 @inlined
@@ -200,20 +185,18 @@ def _effort(M, S, x, volt, angle, omega, dx):
         dx[0] = (volt - D[col.D_R] * (1.0 + S.scalar[col.S_HEAT]) * i - D[col.D_KB] * omega) / D[col.D_L]
         made = D[col.D_KT] * i
         effort = made * (1.0 + D[col.D_RIPPLE] * math.sin(D[col.D_PERIODS] * angle + D[col.D_PHASE]))
-    if M.unknown[col.U_KIND] == col.DIRECTIONAL_TORQUE:
-        effort += made * M.unknown[col.U_SIZE] * math.tanh(omega / M.unknown[col.U_SCALE])
-    return effort
+    return drive_beyond(M.unknown, effort, made, angle, omega, S.course)
 
 
 @compiled
-def _derivative(M, S, x, t, volt, shove, dx):
+def _derivative(M, S, x, t, volt, dx):
     """Time derivative of the state."""
     D, nb = M.drive, M.inertia.shape[0]
     for j in range(nb):
         S.force[j] = 0.0
     _base(M, S, x, t, dx)
     on_base = _links(M, S, x, t) + _frictions(M, S, x)
-    _bodies(M, S, x, shove)
+    _bodies(M, S, x)
     driven = int(D[col.D_BODY])
     if driven >= 0:
         S.force[driven] += _effort(M, S, x, volt, x[2 + driven], x[2 + nb + driven], dx)
@@ -222,14 +205,13 @@ def _derivative(M, S, x, t, volt, shove, dx):
         if j == 0 and D[col.D_SHARE] != 0.0 and S.scalar[col.S_CONTACT] > 0.0:
             S.force[0] += D[col.D_SHARE] * D[col.D_LEAD] * on_base
             inertia += D[col.D_SHARE] * D[col.D_LEAD] ** 2 * D[col.D_BASE_MASS]
-        if M.unknown[col.U_KIND] == col.POSITION_MASS and M.unknown[col.U_PLACE] == j:
-            inertia *= max(0.1, 1.0 + M.unknown[col.U_SIZE] * x[2 + j] / M.unknown[col.U_SCALE])
+        inertia = inertia_beyond(M.unknown, inertia, j, x[2 + j])
         dx[2 + j] = x[2 + nb + j]
         dx[2 + nb + j] = S.force[j] / inertia
 
 
 @compiled
-def _advance(M, S, t, h, volt, shove0, shove1):
+def _advance(M, S, t, h, volt):
     """One step: four stages, then the memory of bristles, yielding links and the warm winding."""
     n = S.x.shape[0]
     D = M.drive
@@ -239,7 +221,9 @@ def _advance(M, S, t, h, volt, shove0, shove1):
         S.total[i] = S.x[i]
     for stage in range(4):
         c = _STAGE[stage]
-        _derivative(M, S, S.trial, t + c * h, volt, shove0 + c * (shove1 - shove0), S.rates)
+        for r in range(S.course.shape[1]):
+            S.course[0, r] = S.course[1, r] + c * (S.course[2, r] - S.course[1, r])
+        _derivative(M, S, S.trial, t + c * h, volt, S.rates)
         c = _STAGE[stage + 1] * h if stage < 3 else 0.0
         for i in range(n):
             S.total[i] += h * _WEIGHT[stage] * S.rates[i]
@@ -249,7 +233,7 @@ def _advance(M, S, t, h, volt, shove0, shove1):
     if D[col.D_HEAT] > 0.0:
         target = D[col.D_HEAT] * D[col.D_R] * 0.5 * (S.start[0] ** 2 + S.x[0] ** 2)
         S.scalar[col.S_HEAT] = target + (S.scalar[col.S_HEAT] - target) * math.exp(-h / D[col.D_TAU])
-    if _gap(M, S.x[1]) == 0.0:
+    if gap_beyond(M.unknown, D[col.D_GAP], S.x[1]) == 0.0:
         S.x[1] = S.x[2]
     _keep(M, S, t + h)
 
@@ -293,6 +277,18 @@ def _show(M, history, newest, s):
     if part > 0.0:
         value += part * (history[(newest - whole - 1) % length, s] - value)
     return row[col.Y_GAIN] * value + row[col.Y_OFFSET]
+
+
+@inlined
+def _read(M, history, newest, s, courses, k):
+    """What sensor ``s`` shows in sample ``k``, with what the catalogue does not have."""
+    y = _show(M, history, newest, s)
+    if M.unknown.shape[0] == 0:
+        return y
+    length, h = history.shape[0], M.sample_time / M.substeps
+    last = newest - int(M.sensor[s, col.Y_DELAY] / h)
+    rate = M.sensor[s, col.Y_GAIN] * (history[last % length, s] - history[(last - 1) % length, s]) / h
+    return reading_beyond(M.unknown, y, rate, s, courses, k)
 
 
 @inlined
@@ -341,7 +337,7 @@ def run_machine(M, S, C, signals, history, u, truth, seen, states):
     for k in range(u.shape[0]):
         for s in range(sensors):
             row = M.sensor[s]
-            truth[k, s] = _show(M, history, newest, s)
+            truth[k, s] = _read(M, history, newest, s, signals.courses, k)
             seen[k, s] = truth[k, s] + row[col.Y_NOISE] * signals.noise[k, s]
             if row[col.Y_COUNT] > 0.0:
                 seen[k, s] = row[col.Y_COUNT] * math.floor(seen[k, s] / row[col.Y_COUNT] + 0.5)
@@ -354,12 +350,13 @@ def run_machine(M, S, C, signals, history, u, truth, seen, states):
             break
         if M.drive[col.D_TRAVEL] != 0.0:
             _impose(M, S, u, signals, k)
-        before, after = signals.disturbance[k], signals.disturbance[k + 1]
         for j in range(M.substeps):
             begin, end = j / M.substeps, (j + 1) / M.substeps
             volt = voltage(M.drive, u, k, begin, end, M.sample_time)
-            shove0, shove1 = before + begin * (after - before), before + end * (after - before)
-            _advance(M, S, (k + begin) * M.sample_time, h, volt, shove0, shove1)
+            for r in range(S.course.shape[1]):
+                before, after = signals.courses[k, r], signals.courses[k + 1, r]
+                S.course[1, r], S.course[2, r] = before + begin * (after - before), before + end * (after - before)
+            _advance(M, S, (k + begin) * M.sample_time, h, volt)
             newest = (newest + 1) % history.shape[0]
             for s in range(sensors):
                 history[newest, s] = _look(M, S, s, (k + end) * M.sample_time)

@@ -14,8 +14,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from dtbacklash.prove.reliability import FAMILIES
 from dtbacklash.prove.rows import error_ratio
-from dtbacklash.prove.score import FAMILIES, RATIO_MAX, UNKNOWN, Bin, Score
+from dtbacklash.prove.score import RATIO_MAX, UNKNOWN, Bin, Score
 from dtbacklash.prove.score import Figure as Share
 from dtbacklash.report.kit.axes import label_decades, logarithmic
 from dtbacklash.report.kit.style import INK, MUTED, SERIES, new_figure, styled

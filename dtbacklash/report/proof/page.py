@@ -20,7 +20,7 @@ from dtbacklash.report.kit.citations import SHARES
 from dtbacklash.report.kit.page import embedded, render
 from dtbacklash.report.proof.confusion import confusion_figure
 from dtbacklash.report.proof.figures import errors_figure, shares_figure, visibility_figure
-from dtbacklash.report.proof.text import figure_row, markdown, quantity_row, rig_rows, which_seeds
+from dtbacklash.report.proof.text import figure_row, markdown, quantity_row, reliability_rows, rig_rows, which_seeds
 
 CAPTIONS = {
     "shares": "Every share of the score with its 95 % interval (Wilson), beside the range of its bar.",
@@ -67,7 +67,7 @@ def page(score: Score, rows: pd.DataFrame, figures: dict[str, Path]) -> str:
         "proof.html.j2", score=score, seeds=which_seeds(score), command=score.notes.get("command", ""),
         met=met, barred=barred,
         shares=[figure_row(f) for f in score.figures], rigs=rig_rows(score),
-        quantities=[quantity_row(q) for q in score.quantities],
+        quantities=[quantity_row(q) for q in score.quantities], reliability=reliability_rows(score),
         figures=[(name, embedded(path), CAPTIONS[name]) for name, path in figures.items()], wrong=wrong,
         sources=SHARES,
     )  # fmt: skip

@@ -59,6 +59,16 @@ def quantity_row(q: Quantity) -> list[str]:
     return [q.what, number(q.median), number(q.ninety), "" if q.unit == "1" else q.unit, str(q.of), bar, met]
 
 
+def reliability_rows(score: Score) -> list[list[str]]:
+    """How many of the names of a confidence are right, in all and by part of the rig."""
+    rows = []
+    for r in score.reliability:
+        low, high = r.interval
+        share, interval = percent(r.right / r.of), f"{100 * low:.1f} to {100 * high:.1f} %"
+        rows.append([r.confidence, r.family, share, f"{r.right}/{r.of}", interval])
+    return rows
+
+
 def which_seeds(score: Score) -> str:
     """One sentence: which seeds were scored, and whether the tool may have been tuned on them."""
     if score.seeds is None:
@@ -80,15 +90,18 @@ def markdown(score: Score) -> str:
     failed = f" Diagnoses that failed, and count as wrong: {score.failed or 'none'}."
     if score.oracle_failed:
         failed += f" Cases that are not clear because the oracle itself failed: {score.oracle_failed}."
+    small = f" ({score.lifelike} lifelike, with small things beside what is hidden)" if score.lifelike else ""
     command = score.notes.get("command")
     return "\n".join([
         *([f"```sh\n{command}\n```\n"] if command else []),
-        f"{score.cases} recordings: {kinds}. {which_seeds(score)}{failed}\n",
+        f"{score.cases} recordings{small}: {kinds}. {which_seeds(score)}{failed}\n",
         table(("figure", "share", "count", "95 % interval", "bar", "", "over all sizes"),
               map(figure_row, score.figures)),
         *([table(("rig", "figure", "share", "count", "95 % interval", "bar", "", "over all sizes"), rig_rows(score))]
           if score.rigs else []),
         table(("figure", "median", "90 % quantile", "unit", "cases", "bar", ""), map(quantity_row, score.quantities)),
+        *([table(("confidence", "part of the rig", "names that are right", "count", "95 % interval"),
+                 reliability_rows(score))] if score.reliability else []),
     ])  # fmt: skip
 
 

@@ -47,6 +47,7 @@ def test_strict_and_within_the_stated_ambiguity(hidden, found, strict, within):
         (diagnosis(finding(CUBIC) | {"confidence": "partial"}, verdict="unexplained"), True, True),
         (diagnosis(finding(CUBIC) | {"confidence": "sure"}, verdict="unexplained"), False, False),  # that is a name
         (diagnosis(finding(CUBIC)), False, False),  # the right place, but a law of the catalogue
+        (diagnosis(finding(CUBIC) | {"confidence": "partial"}), True, True),  # no name to rely on, whatever the verdict
         (diagnosis(finding(COULOMB)), False, False),
         (diagnosis(), True, False),  # given no name, but not admitted either
         (None, False, False),
@@ -81,8 +82,8 @@ def test_a_false_name_is_one_that_pairs_with_nothing_hidden(kind, hidden, found,
     assert rules.no_false_name(case(kind, hidden, *found)) == without
     unsure = [one | {"confidence": "partial"} for one in found]
     assert rules.no_false_name(case(kind, hidden, *unsure, verdict="unexplained"))
-    surely = [one | {"confidence": "sure"} for one in found]
-    assert rules.no_false_name(case(kind, hidden, *surely, verdict="unexplained")) == without
+    assert rules.no_false_name(case(kind, hidden, *unsure))
+    assert rules.no_false_name(case(kind, hidden, *found, verdict="unexplained")) == without
 
 
 def test_a_diagnosis_that_failed_says_nothing_true():
@@ -212,3 +213,53 @@ def test_a_parameter_that_takes_an_effects_place_and_says_so_is_within_the_ambig
     assert not rules.strict(judged)
     assert not rules.within_ambiguity(replace(judged, diagnosis={**said, "findings": [finding(DEAD_ZONE)]}))
     assert not rules.within_ambiguity(replace(judged, secret=secret("several", COULOMB, COGGING)))
+
+
+def lifelike(kind, hidden, *findings, beside=(COGGING,), akin=()):
+    """A case with small things of the catalogue, and one outside of it."""
+    small = [{"location": p, "effect": e, "parameters": {}, "visibility": 5.0} for p, e in beside]
+    small.append({"location": "mass_3", "name": "creep", "visibility": 5.0, "akin": [list(key) for key in akin]})
+    told = secret(kind, *hidden) | {"machine": "lifelike", "beside": small, "beside_visibility": 7.0}
+    return replace(case(kind, hidden, *findings), secret=told)
+
+
+PARTIAL = {"confidence": "partial"}
+HELD = ("mass_3", "ground_friction")
+
+
+@pytest.mark.parametrize(
+    ("found", "named", "surely", "without_false"),
+    [
+        ([finding(COULOMB)], True, True, True),
+        ([finding(COULOMB), finding(COGGING)], True, True, True),  # a small thing is right, too
+        ([finding(COULOMB) | PARTIAL, finding(COGGING)], True, False, True),
+        ([finding(DEAD_ZONE, COULOMB)], True, True, True),
+        ([finding(COGGING)], False, False, True),
+        ([finding(COULOMB), finding(CUBIC)], True, True, False),
+        ([finding(COULOMB), finding(CUBIC) | PARTIAL], True, True, True),
+        ([finding(COULOMB), finding(COULOMB) | {"location": HELD[0], "effect": HELD[1]}], True, True, True),
+        ([], False, False, True),
+    ],
+)
+def test_beside_small_things_the_main_one_is_named(found, named, surely, without_false):
+    judged = lifelike("single", [COULOMB], *found, akin=[HELD])
+    assert (rules.main_named(judged), rules.main_sure(judged)) == (named, surely)
+    assert rules.no_false_name(judged) is without_false
+    assert rules.right(judged) is (named and without_false)
+    assert not rules.main_named(replace(judged, diagnosis=None))
+
+
+def test_the_right_names_are_those_that_are_there():
+    judged = lifelike("single", [COULOMB], finding(CUBIC), finding(COGGING), finding(COULOMB), finding(BACKLASH))
+    assert rules.right_names(judged) == {1, 2}
+    assert rules.right_names(lifelike("nothing", [], finding(COGGING))) == {0}
+    assert rules.right_names(case("single", [COULOMB], finding(COGGING))) == set()
+
+
+def test_what_is_explained_is_a_share_of_the_recalibrated_mean_square():
+    judged = lifelike("single", [COULOMB], finding(COULOMB))
+    judged.oracle["held_out"] = {"recalibrated": 20.0, "extended": 4.0, "oracle": 2.0}
+    assert rules.explained(judged, "extended") == pytest.approx(0.96)
+    assert rules.explained(judged, "oracle") == pytest.approx(0.99)
+    judged.oracle["held_out"]["extended"] = None
+    assert rules.explained(judged, "extended") == 0.0

@@ -192,3 +192,15 @@ def test_no_figure_of_the_comparison_is_typed_by_hand(tmp_path):
     assert "--n 1 --seed 7" in made
     assert made.startswith("before\n")
     assert made.endswith("\nafter\n")
+
+
+def test_lifelike_recordings_have_a_page_of_their_own(tmp_path):
+    keys = [COULOMB, CUBIC]
+    many = [proved.lifelike(perfect("single", key, seed=j), finding(key)) for j, key in enumerate(keys)]
+    made = score([*many, proved.lifelike(perfect("nothing", seed=2), finding(CUBIC) | {"confidence": "partial"})])
+    proof_page.write(made, many, tmp_path)
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "Reliability of names" in text
+    assert "<td>partial</td><td>structure</td>" in text
+    assert "exactly the hidden effects" not in text
+    assert overlapping(shares_figure(made)) == []

@@ -1,0 +1,155 @@
+"""The small things of a lifelike recording: as large together as they may be, and the clean recording without them."""
+
+import hashlib
+import math
+
+import numpy as np
+import pytest
+
+from dtbacklash.errors import UserError
+from dtbacklash.prove import beside
+from dtbacklash.prove.bench import rms
+from dtbacklash.prove.conceal import csv_gz, nominal_rig, recording_table
+from dtbacklash.prove.draw import draw, record
+from dtbacklash.prove.secret import Secret
+from dtbacklash.prove.simulator.given import Loop, Unknown
+from dtbacklash.prove.simulator.rig import simulate_other
+
+STEP_S = 1e-3
+#: SHA-256 of clean recordings of 3 s, from before there were lifelike ones
+CLEAN = {
+    ("lead_screw", 11, "unknown"): "271641f1642c92b1e7f81dee9c0c7a1feb4a1ee8fd689d5da7a5759668a9c3dd",
+    ("pendulum", 3, "single"): "e02e719998c52633ba1ebf9ba17ea84c3f734f8ee61b1f8bdb87dd20c6d349f3",
+    ("two_mass_stage", 3, "unknown"): "a6d28075e82662e72eced5504c4b5bd07e0ba0840db2a12b5453da07d4b14670",
+}
+
+
+@pytest.mark.parametrize(("name", "seed", "kind"), CLEAN)
+def test_clean_recordings_are_as_they_were_to_the_last_bit(name, seed, kind, short):
+    rig = nominal_rig(name)
+    secret = draw(seed, rig, kind=kind)
+    assert (secret.machine, secret.beside) == ("clean", [])
+    table = csv_gz(recording_table(secret, rig, *record(secret, rig)))
+    assert hashlib.sha256(table).hexdigest() == CLEAN[name, seed, kind]
+
+
+@pytest.mark.parametrize(
+    ("name", "seed", "kind"),
+    [
+        ("lead_screw", 1, "single"), ("two_mass_stage", 2, "single"), ("oscillator", 3, "several"),
+        ("pendulum", 4, "unknown"), ("rotary_drive", 5, "single"), ("emps", 6, "single"), ("silverbox", 7, "nothing"),
+        ("brfd", 8, "single"), ("disk", 9, "parameters"), ("anticogging", 10, "single"),
+    ],
+)  # fmt: skip
+def test_what_is_hidden_is_the_main_thing(name, seed, kind, short):
+    rig = nominal_rig(name)
+    secret = draw(seed, rig, kind=kind, machine="lifelike")
+    assert secret.kind == kind
+    assert 3 <= len(secret.beside) <= 10
+    assert 40.0 / 1.2**2 <= secret.beside_visibility**2 <= 500.0 * 1.2**2
+    main = [v for n, v in secret.visibility.items() if n != "parameters"]
+    assert all(v >= 5.0 * secret.beside_visibility for v in main)
+    assert len(main) == {"single": 1, "unknown": 1, "several": len(secret.effects)}.get(kind, 0)
+    places = [(thing["location"], thing.get("effect") or thing["name"]) for thing in secret.beside]
+    assert len(set(places)) == len(places)
+    assert not set(places) & {(e["location"], e["effect"]) for e in secret.effects}
+    again = Secret.from_json(secret.to_json())
+    run, same = record(secret, rig)[1], record(again, rig)[1]
+    assert not run.diverged
+    assert all(np.array_equal(run.seen[channel], same.seen[channel]) for channel in secret.channels)
+
+
+def test_small_things_are_of_the_catalogue_and_outside_of_it(short):
+    rig = nominal_rig("pendulum")
+    drawn = [thing for seed in (1, 2, 3) for thing in draw(seed, rig, machine="lifelike").beside]
+    assert any("effect" in thing for thing in drawn)
+    lacking = [thing for thing in drawn if "effect" not in thing]
+    assert lacking
+    assert all(thing["description"].startswith(beside.DESCRIPTIONS[thing["name"]]) for thing in lacking)
+
+
+def test_a_secret_of_before_there_were_small_things_is_read():
+    told = {"seed": 1, "rig": "pendulum", "kind": "nothing"}
+    secret = Secret.from_json(str(told).replace("'", '"'))
+    assert (secret.machine, secret.beside, secret.laws) == ("clean", [], ())
+    with pytest.raises(UserError, match="sealed"):
+        Secret.from_json('{"seed": 1, "rig": "pendulum", "kind": "nothing", "other": 1}')
+
+
+def moved(rig, *laws, courses=0.0, n=2000):
+    """Runs of a rig under two sines, with and without these laws."""
+    t_s = STEP_S * np.arange(n)
+    u, none = np.sin(23.0 * t_s) + 0.5 * np.sin(7.0 * t_s), np.zeros(n)
+    loop = Loop(False, u, none, none + courses)
+    return simulate_other(rig, loop, STEP_S, None, *laws), simulate_other(rig, loop, STEP_S)
+
+
+@pytest.mark.parametrize(
+    ("law", "error"),
+    [
+        (Unknown("sensor_theta", "eccentricity", 0.01, wave=1.0, phase=0.4),
+         lambda y: 0.01 * (np.sin(y + 0.4) - math.sin(0.4))),
+        (Unknown("sensor_theta", "interpolation", 1e-4, wave=300.0), lambda y: 1e-4 * np.sin(300.0 * y)),
+        (Unknown("sensor_theta", "curved_scale", 0.02, 0.5), lambda y: 0.02 * y**2 / 0.5),
+        (Unknown("sensor_theta", "reading_drift", 0.02), lambda y: 0.02 * np.cos(STEP_S * np.arange(len(y)))),
+    ],
+)  # fmt: skip
+def test_an_error_of_a_scale_is_what_its_name_says(law, error):
+    run, plain = moved(nominal_rig("pendulum"), law, courses=np.cos(STEP_S * np.arange(2000)))
+    y = plain.truth["theta"]
+    assert run.truth["theta"] - y == pytest.approx(error(y), abs=1e-12)
+    assert np.array_equal(run.truth["omega"], plain.truth["omega"])
+
+
+def test_a_clock_that_jitters_samples_all_channels_at_another_time():
+    early = 2e-4 * np.random.default_rng(0).standard_normal(2000)
+    run, plain = moved(nominal_rig("pendulum"), Unknown("clock", "clock_jitter", 2e-4), courses=early / 2e-4)
+    for sensor in ("theta", "omega"):
+        rate = np.gradient(plain.truth[sensor], STEP_S)
+        error = run.truth[sensor] - plain.truth[sensor]
+        assert rms((error - rate * early)[2:-2]) < 0.05 * rms(error)
+
+
+@pytest.mark.parametrize(
+    ("name", "law"),
+    [
+        ("two_mass_stage", Unknown("motor", "position_gain", 1.0, 0.1)),
+        ("two_mass_stage", Unknown("motor", "gain_drift", 1.0)),
+        ("two_mass_stage", Unknown("table", "coloured_force", 1.0)),
+        ("two_mass_stage", Unknown("table", "wandering_friction", 1.0, 0.01)),
+        ("pendulum", Unknown("disk", "double_ripple", 1.0, 0.5, 3.0, 0.1, 20.0, 0.7)),
+    ],
+)
+def test_a_small_law_acts_in_proportion_to_its_size(name, law):
+    rig = nominal_rig(name)
+    course = 1.0 + 0.3 * np.sin(STEP_S * np.arange(2000))
+    sensor = next(iter(rig.sensors))
+    changed = []
+    for size in (0.0, 1e-4, 2e-4):
+        run, plain = moved(rig, Unknown(**{**vars(law), "size": size}), courses=course)
+        changed.append(rms(run.truth[sensor] - plain.truth[sensor]))
+    assert changed[0] < 1e-200
+    assert changed[1] > 1e-12
+    assert changed[2] / changed[1] == pytest.approx(2.0, rel=0.05)
+
+
+def test_creep_gives_way_like_a_spring_and_then_slides():
+    """A force of 1 N holds a mass that creeps by 1 mm until it slides against 1 N (a spring of 1 N/mm at first)."""
+    rig = nominal_rig("two_mass_stage")
+    law, n = Unknown("carriage", "creep", 1.0, 1e-3), 4000
+    none = np.zeros(n)
+    loops = [Loop(False, none + force / 12.0, none, none) for force in (0.2, 3.0)]
+    held, slid = (simulate_other(rig, loop, STEP_S, None, law).truth["x_c"] for loop in loops)
+    assert np.abs(held).max() < 1e-3
+    at, t_s = 2e-3, STEP_S * n
+    assert slid[-1] == pytest.approx((3.0 - 1.0) / 6.5 * 0.5 * t_s**2, rel=0.1)
+    assert slid[-1] > at
+
+
+def test_a_friction_or_a_play_is_a_right_name_for_one_that_the_catalogue_lacks():
+    rig = nominal_rig("oscillator")
+    assert beside.akin(rig, "mass", "creep") == [
+        ("mass", "ground_friction"), ("spring", "hysteresis"), ("spring", "dry_friction"),
+    ]  # fmt: skip
+    assert beside.akin(nominal_rig("lead_screw"), "gear", "angular_play") == [("gear", "backlash")]
+    assert beside.akin(rig, "mass", "coloured_force") == []
