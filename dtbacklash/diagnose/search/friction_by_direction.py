@@ -73,15 +73,15 @@ def _renamed(model: Model, log: Log, key: Key, alias: Alias, fitted: Fit) -> Mod
     """
     evidence, before, other = model.evidence, model.fitted, (key[0], alias.effect)
     former, joined = model.about(key), model.about(other) if other in model.keys else None
-    alike = (*former.alike, *(joined.alike if joined else ()))
-    alike = tuple(t for t in alike if t.key not in (key, other))
+    twins = (*former.alike, *(joined.alike if joined else ()))
+    twins = tuple(t for t in twins if t.key not in (key, other))
     tried = [trial for trial, _ in log.trials if trial.key == key]
     if tried and joined is None and alike(evidence, fitted, before):
         left = held_loss(evidence, before)
-        alike = (*alike, replace(tried[-1], fitted=before, held_out=left, reason=alias.reason))
+        twins = (*twins, replace(tried[-1], fitted=before, held_out=left, reason=alias.reason))
     for trial in tried:
         log.verdicts.append((trial, f"is called {name_in_words(alias.effect)}: {alias.reason}"))
     if joined is None:
-        return model.instead(fitted, key, Named(other, former.tried, alike))
-    known = replace(joined, alike=alike, tried=former.tried + joined.tried)
+        return model.instead(fitted, key, Named(other, former.tried, twins))
+    known = replace(joined, alike=twins, tried=former.tried + joined.tried)
     return model.instead(fitted, other, known).minus(fitted, key)
