@@ -256,9 +256,6 @@ class DiagnoseSettings:
     swap_rivals: int = setting(
         2, "rivals that an effect is tried against when another one has joined", unit="candidates", at_least=1)
     final_rivals: int = setting(4, "rivals that it is tried against in the end", unit="candidates", at_least=1)
-    hope_share: float = setting(
-        0.25, "a quick fit that has gained less of what has to be earned is not finished", unit="share", above=0,
-        at_most=1)
     close_floors: float = setting(1.1, "a fit that leaves less leaves noise only", unit="floors, rms", at_least=1)
     hopeless_ratio_noise: float = setting(
         1.5, "a quick fit that leaves so much more than the best, which leaves noise, is not finished", unit="ratio",
@@ -267,40 +264,12 @@ class DiagnoseSettings:
         4.0, "the same where the best leaves more than noise: others may still overtake it", unit="ratio", at_least=1)
 
     # what an effect has to earn
-    earn_errors: float = setting(
-        2.0, "the held-out loss has to fall by so much in the paired test", unit="standard errors", above=0)
-    earn_excess_share: float = setting(
-        0.2, "an effect has to take away this much of the excess over the floor: less mends another one's form",
-        unit="share", above=0, below=1)
-    earn_floors: float = setting(
-        0.015, "and this much in units of the floor: less is chance", unit="floors, mean square", above=0)
-    earn_counts_share: float = setting(
-        0.25, "of what an encoder's counts pass on to a channel this much may be fitted by chance", unit="share",
-        above=0, below=1)
-    earn_seldom_errors: float = setting(
-        5.0, "what happens seldom falls in few stretches: where it leaves noise, it is sure from here on, as the best "
-        "of fifty is by chance once in seventy thousand recordings",
-        unit="standard errors of noise", above=0)
     earn_penalty: float = setting(
         15.0, "so much less of the prior's penalty makes up for no gain: parameters come back from four tolerances",
         unit="-2 log-likelihood", above=0)
-    earn_penalty_loss_share: float = setting(
-        0.05, "then the held-out excess may grow by so much at most", unit="share", above=0)
-    minor_share: float = setting(
-        2e-3, "less than this of the nominal mismatch mends the form of an effect that was named", unit="share",
-        above=0)
-    decisive_share: float = setting(
-        0.5, "what takes away more than this of what is left is decisive, whatever else is left beside it",
-        unit="share", above=0, at_most=1)
     nearly_noise_floors: float = setting(
-        2.0, "unless less than this is left then", unit="floors, mean square", at_least=1)
-    negligible_share: float = setting(
-        1e-5, "less than this of it is believed only if it is more than other formulations of what was found leave",
-        unit="share", above=0)
-    same_loss_share: float = setting(
-        0.02, "two fits are the same where their held-out losses differ by less", unit="share", above=0)
-    same_uncertain_share: float = setting(
-        0.1, "or by less than this, and not significantly", unit="share", above=0)
+        2.0, "a fit that leaves less in every channel leaves hardly more than noise", unit="floors, mean square",
+        at_least=1)
     merit_train_weight: float = setting(
         0.5, "of the fitted part's loss beside the choosing part's in ranking fits: it was fitted to",
         unit="ratio", at_least=0)
@@ -338,9 +307,6 @@ class DiagnoseSettings:
         unit="standard errors", above=0)
     depends_floors: float = setting(
         0.03, "and by so much in size: less matters to nobody", unit="floors, mean square", above=0)
-    stands_out_ratio: float = setting(
-        25.0, "a finding is sure beside what is left where without it so much more would be left",
-        unit="ratio of mean squares", above=1)
     located_share: float = setting(
         0.05, "an effort that explains less of what is left does not show where it acts",
         unit="share of what is left", above=0, below=1)

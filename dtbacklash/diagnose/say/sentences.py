@@ -156,7 +156,7 @@ def summary(
 
 
 def explained_said(much: Explained, findings: bool) -> str:
-    """How much of the mismatch is explained, and what is left; empty where nothing was missing.
+    """How much of the mismatch is explained, and what is left.
 
     findings : whether physics was found; else what is explained is explained by recalibration.
     """

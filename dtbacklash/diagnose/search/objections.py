@@ -1,7 +1,6 @@
 """What speaks against a named effect although it fits held-out data.
 
-One of its parameters lies outside the range that the recording can show; the free simulation is worse with it; the
-held-out error rises with it; or its interval includes zero.
+The free simulation is worse with it, or the held-out error rises with it.
 """
 
 import math

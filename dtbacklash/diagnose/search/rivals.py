@@ -33,7 +33,6 @@ def _against_rivals(model: Model, log: Log, key: Key, most: int) -> Model:
     former = [t for t in named.tried if t.key not in (*model.keys, *log.refused)]
     trials = _in_place(model, log, without, sorted(former, key=lambda t: t.held_out)[:most])
     others = tuple(t for t in named.tried if t.key not in {trial.key for trial in trials})
-    others = tuple(t for t in named.tried if t.key not in {trial.key for trial in trials})
     named = replace(named, tried=(*trials, *others))
     for trial in trials:
         fewer = _count(evidence, trial.key) < _count(evidence, named.key)

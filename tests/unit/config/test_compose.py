@@ -14,7 +14,9 @@ from hydra.core.global_hydra import GlobalHydra
 from omegaconf import OmegaConf
 
 import dtbacklash
-from dtbacklash.config.compose import compose
+from dtbacklash.config.commands import DiagnoseConfig
+from dtbacklash.config.compose import compose, compose_for
+from dtbacklash.config.grammar import DIAGNOSE
 from dtbacklash.errors import UserError
 
 LEAD_SCREW = Path(dtbacklash.__file__).parent / "conf" / "rig" / "lead_screw.yaml"
@@ -102,3 +104,9 @@ def test_inside_an_application_of_hydra(mine):
     answer = subprocess.run(words, capture_output=True, text=True, cwd=mine, check=False)
     assert answer.returncode == 0, answer.stderr
     assert answer.stdout.split() == ["app", "app", "2001"]
+
+
+@pytest.mark.parametrize(("written", "read"), [("0.05 mm", "0.05 mm"), ("2 %", "2 %"), ("0.02", "0.02")])
+def test_what_is_enough_is_read_as_it_is_written(written, read):
+    config = compose_for(DIAGNOSE, DiagnoseConfig, "recording.source=bench.csv", f"enough={{q3: {written}}}")
+    assert config.enough == {"q3": read}

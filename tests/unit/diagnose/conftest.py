@@ -47,6 +47,16 @@ def rig() -> Rig:
     return build_rig(compose("rig=lead_screw").rig)
 
 
+@pytest.fixture(scope="session")
+def carriage() -> Rig:
+    elements = {
+        "amplifier": {"kind": "amplifier", "drives": "motor"},
+        "motor": {"kind": "actuator", "gain": "g", "drives": "carriage"},
+        "carriage": {"kind": "carriage", "mass": "M"},
+    }
+    return cases.rig(elements, {"x": {"of": "carriage", "quantity": "position"}}, g=35.0, M=95.0)
+
+
 def record_of(case: cases.Case) -> tuple[Rig, Record]:
     u, channels = case.frame["u"].to_numpy(), {n: case.frame[n].to_numpy() for n in case.frame if n in case.rig.sensors}
     train = np.arange(len(u)) < 0.7 * len(u)

@@ -9,15 +9,27 @@ import numpy as np
 import pytest
 
 from dtbacklash.diagnose.judge.free_form import Recovered
-from dtbacklash.diagnose.judge.verdict import Left
-from dtbacklash.diagnose.result import UNEXPLAINED, Candidate, FreeRunning, Instead, Located, ModelErrors
+from dtbacklash.diagnose.judge.verdict import BlockLeft
+from dtbacklash.diagnose.result import (
+    UNEXPLAINED,
+    Alternative,
+    Candidate,
+    Explained,
+    FreeRunning,
+    Ground,
+    Instead,
+    Left,
+    Located,
+    ModelErrors,
+    Stands,
+)
 from dtbacklash.diagnose.say.findings import located
 from dtbacklash.diagnose.say.save import save
 from dtbacklash.diagnose.say.sentences import summary
 
 KEYS = [
     "verdict", "summary", "findings", "recalibrated", "fit", "free_running", "candidates", "located", "checks",
-    "limits", "units", "next_experiment", "notes", "settings",
+    "limits", "units", "next_experiment", "notes", "explained", "settings",
 ]  # fmt: skip
 
 
@@ -42,10 +54,36 @@ def test_findings_and_parameters_are_what_they_always_were():
         "instead": {"location": "gear", "effect": "backlash", "value": 0.1, "unit": "rad", "times_the_error": 2.5},
         "sentence": "Dry (Coulomb) friction of 0.02 N m acts at the motor bearing.",
         "confidence": "sure",
+        "stands": None,
     }
     assert made.to_json()["recalibrated"]["k"] == {
         "nominal": 10000.0, "value": 9020.0, "unit": "N/m", "ci95": [9001.0, 9039.0],
     }  # fmt: skip
+
+
+def test_what_a_name_rests_on_and_what_is_left_stand_in_the_document():
+    made = diagnosed.missing()
+    grounds = Stands(
+        Ground(False, 1.1, 2.0, 0.5, Alternative("gear", "backlash")), Ground(True, share=0.97), Ground(True)
+    )
+    much = Explained(None, 0.97, {"q3": Left(1e-6, "m", 0.01, 2.0)}, True)
+    document = replace(made, findings=(replace(made.findings[0], stands=grounds),), explained=much).to_json()
+    none = {"stands": True, "ratio": None, "t": None, "agree": None}
+    rival = {"location": "gear", "effect": "backlash"}
+    assert document["findings"][0]["stands"] == {
+        "where": {"stands": False, "ratio": 1.1, "t": 2.0, "agree": 0.5, "against": rival},
+        "law": {**none, "share": 0.97},
+        "size": none,
+    }
+    assert document["explained"] == {
+        "free_running": None, "compared": 0.97, "enough": True,
+        "left": {"q3": {"rms": 1e-6, "unit": "m", "of_motion": 0.01, "floors": 2.0}},
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("open_one", ["where", "law", "size", ""])
+def test_a_name_is_sure_where_place_law_and_size_stand(open_one):
+    assert Stands(*(Ground(part != open_one) for part in ("where", "law", "size"))).sure == (not open_one)
 
 
 def test_a_check_says_pass_as_other_tools_do():
@@ -74,7 +112,7 @@ def test_where_nothing_explains_what_is_left_no_place_is_said():
 def test_a_place_is_shown_by_an_effort_that_counts_and_is_significant(share, t, shown):
     knots = np.arange(3.0)
     rest = Recovered("motor_bearing", "speed", "rad/s", "N m", knots, knots, knots, share, 0.0, t)
-    there = located({"motor": Left(0.5, True, 0.0)}, UNEXPLAINED, rest)
+    there = located({"motor": BlockLeft(0.5, True, 0.0)}, UNEXPLAINED, rest)
     assert there.location == ("motor_bearing" if shown else "motor")
     assert there.shown == shown
 

@@ -69,10 +69,10 @@ def test_backlash_is_a_loop_with_points_on_both_branches(rig):
 
 def test_the_evidence_adds_up_and_noise_has_none(rig):
     model = found(rig, ("motor_bearing", "coulomb_friction"), {"torque": 0.02})
-    assert shown(model, without(model), None).evidence == {"motor_bearing": 1.0}
+    assert shown(model, without(model), [], None).evidence == {"motor_bearing": 1.0}
     quiet = Evidence.gather(rig, [recorded(rig, seconds=8.0)])
     nominal = fit(quiet, rig, nominal_free(rig))
-    assert shown(Model(quiet, nominal, nominal), {}, None).evidence == {}
+    assert shown(Model(quiet, nominal, nominal), {}, [], None).evidence == {}
 
 
 def test_travel_starts_anew_at_each_reversal():

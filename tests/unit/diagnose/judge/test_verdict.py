@@ -1,6 +1,6 @@
-"""How sure a finding is beside what nothing explains."""
+"""The verdict, from what is left and how sure the names are; and which parameters had to move."""
 
-from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,66 +10,64 @@ from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.free import nominal_free
 from dtbacklash.diagnose.fit.intervals import standard_errors
 from dtbacklash.diagnose.fit.refit import fit
-from dtbacklash.diagnose.judge.free_form import Recovered
-from dtbacklash.diagnose.judge.verdict import confidence, moved_parameters
-from dtbacklash.diagnose.say.findings import without
-from dtbacklash.diagnose.search.model import Model, Named
+from dtbacklash.diagnose.judge.verdict import BlockLeft, decide, moved_parameters, near
+from dtbacklash.diagnose.result import Explained
 
-SPRING, FORCE = ("foot", "cubic_stiffness"), ("tip", "constant_force")
-NONE = np.zeros(0)
-
-
-def left_over(place: str, share: float, t: float) -> Recovered:
-    return Recovered(place, "stretch", "m", "N", NONE, NONE, NONE, share, t=t)
+#: mean squares in floors: without and with what was found; more than noise is left of 100
+BEFORE, SMALL, LARGE, NOISE = 101.0, 11.0, 51.0, 1.0
+KEYS, MOVED = (("gear", "backlash"),), {"k": (1.0, 0.1)}
 
 
-@pytest.fixture(scope="module")
-def found() -> Model:
-    """A large cubic spring at the foot and a small force on the tip, which are both there."""
+def verdict(
+    keys=(), moved=None, after=NOISE, sure=False, enough=None, beats=True, depends=False, other=(1.0, 1.0)
+) -> str:  # fmt: skip
+    """Of a block with two channels; other : mean squares of the second, before and after."""
+    squares = [{"rig": np.array(pair)} for pair in ((BEFORE, other[0]), (after, other[1]))]
+    nominal, fitted = (SimpleNamespace(residuals=each) for each in squares)
+    evidence = SimpleNamespace(mean_square=lambda residuals, part: residuals)
+    model = SimpleNamespace(keys=keys, nominal=nominal, fitted=fitted, evidence=evidence)
+    left = {"rig": BlockLeft((after - 1.0) / (BEFORE - 1.0), after > NOISE, 0.0)}
+    return decide(model, left, depends, sure, Explained(None, None, {}, enough, beats), moved or {})
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({}, "consistent"),
+        ({"moved": MOVED}, "parameters"),
+        ({"keys": KEYS, "sure": True}, "missing_physics"),
+        ({"keys": KEYS, "moved": MOVED}, "missing_physics"),  # several names would do, and one of them is needed
+        ({"keys": KEYS, "sure": True, "after": SMALL}, "missing_physics"),
+        ({"keys": KEYS, "sure": True, "after": LARGE}, "unexplained"),
+        ({"keys": KEYS, "after": SMALL}, "unexplained"),
+        ({"moved": MOVED, "after": SMALL}, "unexplained"),
+        ({"after": LARGE}, "unexplained"),
+        # what is left depends on a state: it is no noise, however small
+        ({"depends": True}, "unexplained"),
+        ({"keys": KEYS, "sure": True, "depends": True}, "missing_physics"),
+        # what the user accepts
+        ({"after": LARGE, "enough": True}, "consistent"),
+        ({"moved": MOVED, "after": LARGE, "enough": True}, "parameters"),
+        ({"keys": KEYS, "after": LARGE, "enough": True}, "missing_physics"),
+        ({"after": LARGE, "enough": False}, "unexplained"),
+        ({"enough": False}, "consistent"),
+        # not even a constant is beaten
+        ({"keys": KEYS, "sure": True, "after": SMALL, "beats": False}, "unexplained"),
+        ({"enough": True, "beats": False}, "unexplained"),
+        # the worst channel counts, of those that show the mismatch
+        ({"keys": KEYS, "sure": True, "after": SMALL, "other": (3.0, 2.5)}, "unexplained"),
+        ({"keys": KEYS, "sure": True, "after": SMALL, "other": (1.5, 1.4)}, "missing_physics"),
+    ],
+)
+def test_the_verdict(given, expected):
+    assert verdict(**given) == expected
+
+
+def test_a_place_is_near_what_moves_it_and_a_sensor_where_it_measures():
     rig = known(blade())
-    truth = rig.with_effect(*SPRING, {"k3": 2e9}).with_effect(*FORCE, {"force": 0.3})
-    evidence = Evidence.gather(rig, [recorded(truth, 31, 4000)])
-    return Model(evidence, fit(evidence, rig, []), fit(evidence, truth, []), (Named(SPRING), Named(FORCE)))
-
-
-def said(found: Model, rest: Recovered | None, unexplained: bool = True) -> str:
-    return confidence(found, FORCE, without(found)[FORCE], rest, unexplained)
-
-
-def test_a_finding_is_sure_beside_a_small_rest_elsewhere(found):
-    alone = Model(found.evidence, found.nominal, found.fitted, (Named(FORCE),))
-    assert said(alone, left_over("frame", 0.3, 10.0)) == "sure"
-
-
-@pytest.mark.parametrize(("share", "t"), [(0.01, 10.0), (0.3, 1.0)], ids=["explains nothing", "not significant"])
-def test_no_finding_is_sure_beside_a_rest_that_shows_nowhere(found, share, t):
-    alone = Model(found.evidence, found.nominal, found.fitted, (Named(FORCE),))
-    assert said(alone, left_over("frame", share, t)) == "partial"
-
-
-def test_findings_near_the_rest_count_as_left(found):
-    """What stands in for unknown physics at the foot explains far more than the force at the tip does."""
-    assert said(found, left_over("frame", 0.3, 10.0)) == "partial"
-
-
-def test_where_noise_is_left_every_finding_is_sure_and_where_nothing_can_be_looked_at_none(found):
-    assert said(found, None, unexplained=False) == "sure"
-    assert said(found, None) == "partial"
-
-
-@pytest.mark.parametrize("place", ["tip", "blade"])
-def test_a_finding_near_the_rest_is_a_part(found, place):
-    alone = Model(found.evidence, found.nominal, found.fitted, (Named(FORCE),))
-    assert said(alone, left_over(place, 0.3, 10.0)) == "partial"
-
-
-@pytest.mark.parametrize(("place", "sure"), [("tip", "partial"), ("foot", "sure")])
-def test_a_sensor_is_where_what_it_measures_is(found, place, sure):
-    key = ("sensor_x_2", "offset")
-    rig = found.evidence.nominal.with_effect(*key, {"offset": 0.05})
-    there = Model(found.evidence, found.nominal, replace(found.nominal, rig=rig), (Named(key),))
-    left_out = {name: [r + 1e4 for r in rows] for name, rows in there.fitted.residuals.items()}
-    assert confidence(there, key, left_out, left_over(place, 0.3, 10.0), True) == sure
+    assert near(rig, "tip") == {"tip", "blade"}
+    assert near(rig, "frame") == {"frame", "foot", "blade", "shaker", "amplifier"}
+    assert near(rig, "sensor_x_2") == {"sensor_x_2", "tip", "blade"}
 
 
 def test_a_trifle_of_a_tolerance_that_was_needed_is_said():

@@ -1,10 +1,12 @@
-"""When a finding matters: by what moves, never by what only looks like it."""
+"""What is said: when a finding matters, what of a name is open, and how much is explained."""
 
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
-from dtbacklash.diagnose.say.sentences import _when_it_moves
+from dtbacklash.diagnose.result import Explained, Ground, Left, Stands
+from dtbacklash.diagnose.say.sentences import _when_it_moves, explained_said, open_said
 
 from ..conftest import STEP_S
 
@@ -25,3 +27,43 @@ def test_reversals_are_those_of_what_moves_whatever_was_recorded_first(rig):
 
 def test_of_a_current_alone_no_reversal_is_said(rig):
     assert said(rig, ("i_m",)) == ""
+
+
+@pytest.mark.parametrize(
+    ("where", "law", "size", "expected"),
+    [
+        (True, True, True, ""),
+        (False, True, True, " The recording leaves open where it acts."),
+        (True, False, True, " The recording leaves open which law it is."),
+        (False, False, True, " The recording leaves open where it acts and which law it is."),
+        (True, False, False, " The recording hardly needs it: it may not be there."),
+    ],
+)
+def test_what_of_a_name_is_open_is_said(where, law, size, expected):
+    assert open_said(Stands(Ground(where), Ground(law), Ground(size))) == expected
+
+
+LEFT = {"q3": Left(5e-5, "m", 0.021, 12.3)}
+OF, REST = "explains of the mismatch", "Left: q3 0.05 mm (2.1 % of its motion, 12 floors)"
+
+
+@pytest.mark.parametrize(
+    ("much", "findings", "expected"),
+    [
+        (
+            Explained(0.5, 0.9731, LEFT), True,
+            f"The extended rig {OF} 97.3 % as the rigs are compared and 50 % simulated by the commands. {REST}.",
+        ),
+        (
+            Explained(-3.0, 0.99995, LEFT), False,
+            f"The recalibrated rig {OF} over 99.99 % as the rigs are compared. {REST}.",
+        ),
+        (
+            Explained(None, 0.9991, LEFT, True), True,
+            f"The extended rig {OF} 99.910 % as the rigs are compared. {REST}, which is what was called enough.",
+        ),
+        (Explained(None, None, LEFT, False), True, f"{REST}, more than what was called enough."),
+    ],
+)  # fmt: skip
+def test_how_much_is_explained_is_said(much, findings, expected):
+    assert explained_said(much, findings) == expected

@@ -10,7 +10,7 @@ from numba import njit
 from dtbacklash.config.rig import ParameterConfig, RigConfig
 from dtbacklash.diagnose import Record, diagnose_records
 from dtbacklash.diagnose.result import Alternative, Diagnosis
-from dtbacklash.diagnose.search.objections import distance, insignificant, unseen
+from dtbacklash.diagnose.search.objections import distance, unseen
 from dtbacklash.physics.effects.body import SAME_AS_LOAD
 from dtbacklash.physics.rig import Rig, build_rig
 
@@ -121,8 +121,6 @@ def test_one_of_two_differences_is_enough_and_the_other_is_not_spoken_of(slide):
     evidence = SimpleNamespace(records=[], nominal=slide)
     sure, unsure = (*ASYMMETRIC, "coulomb_difference"), (*ASYMMETRIC, "viscous_difference")
     assert distance(evidence, rig, ASYMMETRIC, {sure: 0.1, unsure: 1.0}) == pytest.approx(20.0)
-    assert insignificant(evidence, rig, [ASYMMETRIC], {sure: 0.1, unsure: 1.0}) is None
     assert unseen(evidence, rig, ASYMMETRIC, {sure: 0.1, unsure: 1.0}) == {"viscous_difference"}
-    assert insignificant(evidence, rig, [ASYMMETRIC], {sure: 3.0, unsure: 1.0}) == ASYMMETRIC
     assert unseen(evidence, rig, ASYMMETRIC, {sure: 3.0, unsure: 1.0}) == set()
     assert math.isnan(distance(evidence, rig, ASYMMETRIC, {}))
