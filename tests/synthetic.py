@@ -40,14 +40,8 @@ def estimates_table(rejected: bool = True) -> pd.DataFrame:
     if rejected:
         rows.loc[[3, 6], "accepted"] = False
         rows.loc[[3, 6], "t_applied_s"] = np.nan
-        rows.loc[3, ["gap_deg", "reason"]] = [
-            432.1,
-            "432.1 deg lies outside the physical bounds [0, 180] deg",
-        ]
-        rows.loc[6, ["gap_deg", "reason"]] = [
-            71.0,
-            "no contact on the left side in the buffer <b>& so on</b>",
-        ]
+        rows.loc[3, ["gap_deg", "reason"]] = [432.1, "432.1 deg lies outside the physical bounds [0, 180] deg"]
+        rows.loc[6, ["gap_deg", "reason"]] = [71.0, "no contact on the left side in the buffer <b>& so on</b>"]
     return rows
 
 
@@ -186,15 +180,7 @@ def claims_table() -> pd.DataFrame:
             True,
             "one digit in the paper: half a unit of it",
         ),
-        (
-            "largest lag of the play is 2θ_b",
-            "3.1, Fig. 7",
-            "40°",
-            40.0,
-            "±0.01°",
-            True,
-            "exact by construction",
-        ),
+        ("largest lag of the play is 2θ_b", "3.1, Fig. 7", "40°", 40.0, "±0.01°", True, "exact by construction"),
         (
             "estimates are unbiased",
             "4.1, Fig. 13",

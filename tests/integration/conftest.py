@@ -110,13 +110,7 @@ def process(tmp_path):
 
     def call(*words, timeout=300, **extra):
         command = [sys.executable, "-m", "dtbacklash.cli", *map(str, words)]
-        options = {
-            "cwd": tmp_path,
-            "capture_output": True,
-            "text": True,
-            "timeout": timeout,
-            "env": os.environ | extra,
-        }
+        options = {"cwd": tmp_path, "capture_output": True, "text": True, "timeout": timeout, "env": os.environ | extra}
         return subprocess.run(command, check=False, **options)
 
     return call

@@ -16,6 +16,7 @@ FILES = {"profile": "t_s,gap_deg\n0,0\n300,90\n", "reference": "t_s,r_mm\n0,0\n0
 #: what makes a choice short; the paper's controllers are for its kind of rig, and the twin needs a full buffer
 SHORT = ("duration_s=1.2", "twin.buffer=200", "twin.settle=100")
 CHOICES = [(group, option) for group in RUN.groups for option in packaged_options(group)]
+CHOICES.remove(("experiment", "close_the_loop"))  # has a test of its own, with a recording that says something
 
 
 @pytest.mark.parametrize(("group", "option"), CHOICES, ids=[f"{g}-{o}" for g, o in CHOICES])

@@ -117,10 +117,7 @@ def test_a_rig_from_a_file_replaces_the_packaged_one(dtb, scenario, tmp_path, wh
 
 
 def test_a_users_conf_folder_extends_ours_and_wins(dtb, tmp_path):
-    for group, text in {
-        "profile": "kind: constant\nstart_deg: 12\nend_deg: 12\n",
-        "controller": "name: imc\n",
-    }.items():
+    for group, text in {"profile": "kind: constant\nstart_deg: 12\nend_deg: 12\n", "controller": "name: imc\n"}.items():
         (tmp_path / "conf" / group).mkdir(parents=True)
         (tmp_path / "conf" / group / "mine.yaml").write_text(text)
     (tmp_path / "conf" / "twin").mkdir()

@@ -6,7 +6,6 @@ import pytest
 
 pytest.importorskip("pythonfmu")
 
-from dtbacklash.errors import UserError
 from dtbacklash.face.rigs import load_rig
 from dtbacklash.fmu.interface import Export
 from dtbacklash.fmu.slave import CONTENT, RigSlave
@@ -93,15 +92,6 @@ def test_parameters_count_until_the_initialization_ends(tmp_path):
     assert abs(get(soft, "q3_mm") - get(stiff, "q3_mm")) > 0.01
     with pytest.raises(ValueError, match="k=10000: is fixed; set it before the initialization ends"):
         put(soft, parameters__k=1e4)
-
-
-def test_a_wrong_parameter_is_told(tmp_path, capsys):
-    made = make(tmp_path)
-    put(made, parameters__m=-1.0)
-    with pytest.raises(UserError):
-        begin(made)
-    said = "lead_screw.fmu: rig.parameters.m.value=-1.0: above 0 kg, as rig.elements.mass_1.mass needs it\n"
-    assert capsys.readouterr().err == said
 
 
 def test_an_output_cannot_be_set(slave):
