@@ -37,10 +37,8 @@ def test_a_rig_that_is_no_file_and_changes_on_top_of_it():
     rig = yaml.safe_load(LEAD_SCREW.read_text()) | {"name": "mine"}
     config = compose("rig.parameters.k.value=9000", rig=rig)
     assert (config.rig.name, config.rig.parameters["k"].value, config.rig.parameters["m"].value) == (
-        "mine",
-        9000.0,
-        5.2,
-    )
+        "mine", 9000.0, 5.2,
+    )  # fmt: skip
     assert not [name for name in ConfigStore.instance().repo.get("rig", {}) if "given" in name]
     with pytest.raises(UserError, match="foo"):
         compose(rig=rig | {"foo": 1})

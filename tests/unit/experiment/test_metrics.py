@@ -95,12 +95,10 @@ def test_peak_voltage_is_the_largest_in_size():
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
-        (([0, 1], [0, 1], [0, 1], 0.0), "target"),
-        (([0, 1], [0, 1, 2], [0, 1], 1.0), "length"),
-        (([], [], [], 1.0), "length"),
-        (([0, 1], [0, 1], [0, 1], math.nan), "target"),
+        (([0, 1], [0, 1], [0, 1], 0.0), "target"), (([0, 1], [0, 1, 2], [0, 1], 1.0), "length"),
+        (([], [], [], 1.0), "length"), (([0, 1], [0, 1], [0, 1], math.nan), "target"),
     ],
-)
+)  # fmt: skip
 def test_arguments_without_meaning_are_refused(arguments, word):
     with pytest.raises(ValueError, match=word):
         step_metrics(*arguments)

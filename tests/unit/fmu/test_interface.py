@@ -60,16 +60,12 @@ def test_parameters_change_the_rig_and_wrong_ones_are_refused():
 @pytest.mark.parametrize(
     ("unit", "base"),
     [
-        ("kg m^2", {"kg": 1, "m": 2}),
-        ("N m/A", {"kg": 1, "m": 2, "s": -2, "A": -1}),
-        ("V s/rad", {"kg": 1, "m": 2, "s": -2, "A": -1, "rad": -1}),
-        ("H", {"kg": 1, "m": 2, "s": -2, "A": -2}),
-        ("mm", {"m": 1, "factor": 1e-3}),
-        ("deg", {"rad": 1, "factor": math.pi / 180}),
-        ("1/W", {"kg": -1, "m": -2, "s": 3}),
-        ("furlong", None),
+        ("kg m^2", {"kg": 1, "m": 2}), ("N m/A", {"kg": 1, "m": 2, "s": -2, "A": -1}),
+        ("V s/rad", {"kg": 1, "m": 2, "s": -2, "A": -1, "rad": -1}), ("H", {"kg": 1, "m": 2, "s": -2, "A": -2}),
+        ("mm", {"m": 1, "factor": 1e-3}), ("deg", {"rad": 1, "factor": math.pi / 180}),
+        ("1/W", {"kg": -1, "m": -2, "s": 3}), ("furlong", None),
     ],
-)
+)  # fmt: skip
 def test_units_are_known_by_the_base_units(unit, base):
     assert base_unit(unit) == base
 

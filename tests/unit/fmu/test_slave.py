@@ -52,14 +52,11 @@ def test_it_is_at_rest_and_moves_by_its_command(slave):
 @pytest.mark.parametrize(
     ("t_s", "h_s", "message"),
     [
-        (0.0, 0.0015, "must be a multiple of the sample time 0.001 s"),
-        (0.0, 0.0, "must be a multiple"),
-        (0.0, -0.001, "must be a multiple"),
-        (0.0, math.nan, "cannot convert float NaN"),
-        (0.002, 0.001, "must be 0 s, where the last step has ended"),
-        (math.nan, 0.001, "must be 0 s"),
+        (0.0, 0.0015, "must be a multiple of the sample time 0.001 s"), (0.0, 0.0, "must be a multiple"),
+        (0.0, -0.001, "must be a multiple"), (0.0, math.nan, "cannot convert float NaN"),
+        (0.002, 0.001, "must be 0 s, where the last step has ended"), (math.nan, 0.001, "must be 0 s"),
     ],
-)
+)  # fmt: skip
 def test_a_step_that_cannot_be_is_refused_and_told(slave, capsys, t_s, h_s, message):
     with pytest.raises(ValueError, match=message):
         slave.do_step(t_s, h_s)

@@ -21,7 +21,7 @@ from dtbacklash.report.diagnosis.rig_drawing import draw_rig
 from dtbacklash.report.diagnosis.text import lines
 from dtbacklash.report.diagnosis.words import answers, capital, heading, percents
 from dtbacklash.report.kit import tables
-from dtbacklash.report.kit.intervals import interval, scaled, unit_in_signs
+from dtbacklash.report.kit.intervals import interval, scaled
 
 
 @pytest.fixture(scope="module", params=list(diagnosed.EACH))
@@ -221,11 +221,6 @@ def test_values_to_be_compared_share_their_unit():
 )  # fmt: skip
 def test_prefixes(unit, size, found):
     assert scaled(unit, size) == found
-
-
-def test_units_in_signs():
-    assert unit_in_signs("N s^2/m^2") == "N s²/m²"
-    assert unit_in_signs("ohm") == "Ω"
 
 
 def test_the_terminal_says_the_same_in_letters_that_it_has():
