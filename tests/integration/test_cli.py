@@ -44,7 +44,7 @@ def test_help_does_not_load_the_libraries(dtb):
         assert f"'{heavy}'" not in loaded
 
 
-@pytest.mark.check
+@pytest.mark.nightly
 def test_a_second_run_loads_no_library_that_designs(tmp_path):
     code = (
         "import sys; from dtbacklash import cli; cli.main(['run', 'duration_s=2', 'figures=false', 'out=run']); "

@@ -25,7 +25,7 @@ from dtbacklash.twin.gap.observer import TwinModel
 
 Experiment = Callable[..., Any]
 TRUE_DEG = 50.0
-CASES = 250
+CASES = 120
 
 
 @pytest.fixture(scope="module")
