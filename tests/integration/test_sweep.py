@@ -15,7 +15,7 @@ import pytest
 import dtbacklash
 from dtbacklash.errors import Diverged
 
-pytestmark = pytest.mark.check
+pytestmark = [pytest.mark.check, pytest.mark.usefixtures("undrawn")]
 
 # the launcher that stays in this process, where the stand-in is; the real launchers have their own tests
 HERE = "hydra/launcher=basic"
