@@ -7,7 +7,7 @@ PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: run test check check-more nightly prove lint format typecheck paper bench docs references site gallery lock clean
+.PHONY: run warm test check check-more nightly prove lint format typecheck paper bench docs references site gallery lock clean
 
 run: $(READY)
 	$(BIN)/dtb run controller=nimc_twin
@@ -18,6 +18,10 @@ TEST := $(BIN)/python -m pytest -n 2 --dist loadscope
 
 test: $(READY)
 	$(TEST)
+
+# compile what the tests need, once; they do it themselves where it is missing
+warm: $(READY)
+	cd "$$(mktemp -d)" && $(CURDIR)/$(BIN)/python $(CURDIR)/tests/warm.py > /dev/null
 
 # what a change has to pass, all that CI runs
 check: lint typecheck site test check-more

@@ -30,6 +30,15 @@ def pytest_configure(config: pytest.Config) -> None:
             warm(Path(folder))
 
 
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are files of one pixel, for tests of all else: drawing would take most of their time."""
+    from matplotlib.figure import Figure
+    from PIL import Image
+
+    monkeypatch.setattr(Figure, "savefig", lambda self, path, **_: Image.new("RGB", (1, 1)).save(path, format="PNG"))
+
+
 #: what a file's tests share: made by the file itself, or for each file by a conftest
 SHARED = re.compile(r'scope="module"|\b(broker|served|clean|machine_recordings)\b')
 

@@ -127,6 +127,7 @@ def friction_law(effect: str = "coulomb_friction", torque: float = 0.02) -> LawS
     return LawShown(*labels, *law_curve(drawing, {"torque": torque}, {}, (-8.0, 8.0)), speed, recovered, error)
 
 
+@functools.cache
 def missing() -> Diagnosis:
     """Coulomb friction and backlash on the lead-screw rig."""
     nominal = rig("lead_screw")
@@ -160,6 +161,7 @@ def missing() -> Diagnosis:
     )  # fmt: skip
 
 
+@functools.cache
 def drifting() -> Diagnosis:
     """EMPS without friction: the nominal model leaves the picture; three findings at one element."""
     nominal = rig("emps")
@@ -188,6 +190,7 @@ def drifting() -> Diagnosis:
     )  # fmt: skip
 
 
+@functools.cache
 def parameters() -> Diagnosis:
     """A stiffness that is 10 % off."""
     nominal = rig("lead_screw")
@@ -200,6 +203,7 @@ def parameters() -> Diagnosis:
     )  # fmt: skip
 
 
+@functools.cache
 def consistent() -> Diagnosis:
     """Nothing but noise."""
     nominal = rig("lead_screw")
@@ -210,6 +214,7 @@ def consistent() -> Diagnosis:
     )  # fmt: skip
 
 
+@functools.cache
 def unexplained() -> Diagnosis:
     """A mismatch at the bearing that no law of the catalogue fits."""
     nominal = rig("lead_screw")

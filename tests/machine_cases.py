@@ -118,32 +118,20 @@ def _small() -> Iterator[Case]:
         nominal = stage(grounded)
         yield _seen(f"stage, {word}, plain", nominal, own, m.multisine(t, 1.0, 20.0), 1e-6, ends)
         yield _seen(
-            f"stage, {word}, friction",
-            nominal,
-            replace(own, coulomb=5.0, viscous=8.0),
-            m.multisine(t, 1.5, 20.0),
-            1e-6,
-            ends,
-        )
+            f"stage, {word}, friction", nominal, replace(own, coulomb=5.0, viscous=8.0), m.multisine(t, 1.5, 20.0),
+            1e-6, ends,
+        )  # fmt: skip
         yield _seen(
             f"stage, {word}, play", nominal, replace(own, gap=1e-3, coulomb=2.0), m.multisine(t, 2.0, 6.0), 1e-6, ends
         )
         yield _seen(
-            f"stage, {word}, only the far end",
-            nominal,
-            replace(own, far_coulomb=6.0),
-            m.multisine(t, 2.0, 20.0),
-            1e-6,
+            f"stage, {word}, only the far end", nominal, replace(own, far_coulomb=6.0), m.multisine(t, 2.0, 20.0), 1e-6,
             {"x2": ("position", 1)},
-        )
+        )  # fmt: skip
     yield _seen(
-        "stage, PID",
-        stage(False),
-        replace(two, coulomb=4.0, pid=(600.0, 600.0, 25.0), limit=20.0),
-        m.smooth(t, m.steps(t, 0.02, 1.0), 0.3),
-        1e-6,
-        ends,
-    )
+        "stage, PID", stage(False), replace(two, coulomb=4.0, pid=(600.0, 600.0, 25.0), limit=20.0),
+        m.smooth(t, m.steps(t, 0.02, 1.0), 0.3), 1e-6, ends,
+    )  # fmt: skip
     drive = m.Machine((2e-4,), gain=0.025, emf=0.05)
     look = {"theta": ("position", 0), "i": ("current", 0)}
     yield _seen("motor, plain", motor(), drive, m.multisine(t, 3.0, 8.0), 1e-4, look)
@@ -153,21 +141,13 @@ def _small() -> Iterator[Case]:
     yield _seen("motor, pendulum", motor(), replace(drive, pendulum=0.1), m.multisine(t, 3.0, 3.0), 1e-4, look)
     yield _seen("motor, hoist", motor(), replace(drive, load=-0.06, coulomb=0.01), m.multisine(t, 3.0, 3.0), 1e-4, look)
     yield _seen(
-        "motor, PID",
-        motor(),
-        replace(drive, coulomb=0.02, pid=(6.0, 3.0, 0.2), limit=12.0),
-        m.smooth(t, m.steps(t, 6.0, 1.5), 0.5),
-        1e-4,
-        look,
-    )
+        "motor, PID", motor(), replace(drive, coulomb=0.02, pid=(6.0, 3.0, 0.2), limit=12.0),
+        m.smooth(t, m.steps(t, 6.0, 1.5), 0.5), 1e-4, look,
+    )  # fmt: skip
     yield _seen(
-        "motor, angle alone",
-        motor(),
-        replace(drive, coulomb=0.05),
-        m.square(t, 5.0, 0.9),
-        1e-4,
+        "motor, angle alone", motor(), replace(drive, coulomb=0.05), m.square(t, 5.0, 0.9), 1e-4,
         {"theta": ("position", 0)},
-    )
+    )  # fmt: skip
 
 
 def _screw() -> Iterator[Case]:

@@ -15,15 +15,11 @@ BACKLASH = ("gear", "backlash")
 CUBIC = ("link_1", "cubic_stiffness")
 COGGING = ("motor_bearing", "cogging")
 VALUES: dict[tuple[str, str], dict[str, float]] = {
-    COULOMB: {"torque": 0.02},
-    DEAD_ZONE: {"half_width": 0.2},
-    BACKLASH: {"half_gap": 0.35},
-    CUBIC: {"k3": 1e10},
-    COGGING: {"torque": 0.01, "periods": 24.0, "phase": 3.1},
-    ("link_2", "cubic_stiffness"): {"k3": 1e10},
+    COULOMB: {"torque": 0.02}, DEAD_ZONE: {"half_width": 0.2}, BACKLASH: {"half_gap": 0.35}, CUBIC: {"k3": 1e10},
+    COGGING: {"torque": 0.01, "periods": 24.0, "phase": 3.1}, ("link_2", "cubic_stiffness"): {"k3": 1e10},
     ("sensor_q3", "delay"): {"time": 1e-3},
     ("mass_2", "absorber"): {"mass": 0.3, "frequency": 12.0, "damping_ratio": 0.05},
-}
+}  # fmt: skip
 
 
 def secret(kind: str, *keys: tuple[str, str], seed: int = 10_000, size: float = 30.0, **more: Any) -> dict[str, Any]:

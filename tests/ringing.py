@@ -19,10 +19,7 @@ ELEMENTS = {
     "blade": {"kind": "link", "between": ["frame", "tip"], "stiffness": "k_2", "damping": "c_2"},
     "tip": {"kind": "mass", "mass": "m_2"},
 }
-SENSORS = {
-    "x_1": {"of": "frame", "quantity": "position"},
-    "x_2": {"of": "tip", "quantity": "position"},
-}
+SENSORS = {"x_1": {"of": "frame", "quantity": "position"}, "x_2": {"of": "tip", "quantity": "position"}}
 
 
 UNITS = {"g": "N/V", "m_1": "kg", "k_1": "N/m", "c_1": "N s/m", "m_2": "kg", "k_2": "N/m", "c_2": "N s/m"}

@@ -36,29 +36,12 @@ def pretend(config, progress=None):
     r_mm = signals.reference(config.reference, t_s, config.seed)
     gap = signals.gap_profile(config.profile, t_s)
     names = [
-        "t_s",
-        "r_mm",
-        "q3_mm",
-        "u_v",
-        "theta_m_rad",
-        "theta_d_rad",
-        "gap_deg",
-        "gap_hat_deg",
-        "eps_mm",
-        "novelty_mm",
-    ]
+        "t_s", "r_mm", "q3_mm", "u_v", "theta_m_rad", "theta_d_rad", "gap_deg", "gap_hat_deg", "eps_mm", "novelty_mm",
+    ]  # fmt: skip
     columns = [t_s, r_mm, r_mm, r_mm, r_mm, r_mm, gap, gap, 0 * gap, 0 * gap]
     heads = [
-        "t_event_s",
-        "t_applied_s",
-        "gap_deg",
-        "true_gap_deg",
-        "accepted",
-        "reason",
-        "cost",
-        "evaluations",
-        "wall_s",
-    ]
+        "t_event_s", "t_applied_s", "gap_deg", "true_gap_deg", "accepted", "reason", "cost", "evaluations", "wall_s",
+    ]  # fmt: skip
     summary = {
         "controller": config.controller.name, "n_moves": 1, "n_estimations": 0, "n_attempts": 0,
         "n_accepted": 0, "settles": True, "advice": [], "tracking_rms_mm": 0.0, "signals": SIGNALS,
@@ -110,13 +93,7 @@ def process(tmp_path):
 
     def call(*words, timeout=300, **extra):
         command = [sys.executable, "-m", "dtbacklash.cli", *map(str, words)]
-        options = {
-            "cwd": tmp_path,
-            "capture_output": True,
-            "text": True,
-            "timeout": timeout,
-            "env": os.environ | extra,
-        }
+        options = {"cwd": tmp_path, "capture_output": True, "text": True, "timeout": timeout, "env": os.environ | extra}
         return subprocess.run(command, check=False, **options)
 
     return call

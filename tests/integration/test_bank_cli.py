@@ -117,6 +117,7 @@ def test_the_command_refuses_a_change_in_one_line_and_leaves_nothing(command, tm
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.nightly
 def test_the_model_is_taken_up_on_the_side_of_the_gap_where_the_motor_lies(tmp_path):
     """Far from zero, after a move down: the sign of the angle says nothing of the side."""
     (tmp_path / "r.csv").write_text("t_s,r_mm\n0,3\n15,2\n30,3\n45,2\n60,2\n")
@@ -131,6 +132,7 @@ def test_the_model_is_taken_up_on_the_side_of_the_gap_where_the_motor_lies(tmp_p
     assert max(overshoot[2:]) < 2.0
 
 
+@pytest.mark.nightly
 def test_of_a_machine_that_is_as_believed_nothing_is_named_without_any_noise():
     run = run_scenario(compose(
         "controller=nimc_twin", "twin.on_alarm=bank", "profile=constant", "profile.start_deg=30",

@@ -3,9 +3,9 @@
 import json
 import os
 import re
+import resource
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pandas as pd
@@ -17,23 +17,23 @@ from dtbacklash.compiled import cache_folder
 RUN_FILES = {"summary.json", "metrics.csv", "estimates.csv", "trace.parquet", "report.html"}
 
 
-def test_help_and_version_are_quick_and_import_nothing_heavy(process):
+def test_help_and_version_are_quick(process):
     answer = process("--help")  # the first call may have to compile bytecode
-    assert seconds("-m", "dtbacklash.cli", "--help") < 5.0 * seconds("-c", "import argparse")
-    assert "run" in answer.stdout
     assert answer.returncode == 0
+    assert "run" in answer.stdout
     assert process("--version").stdout == f"dtb {dtbacklash.__version__}\n"
     assert process("run", "--help").stdout.startswith("usage: dtb run")
+    # by turns, and processor time: neither is longer where others use the machine
+    took = [(processor_s("-m", "dtbacklash.cli", "--help"), processor_s("-c", "import argparse")) for _ in range(5)]
+    assert min(ours for ours, _ in took) < 5.0 * min(plain for _, plain in took)
 
 
-def seconds(*words):
-    """The shortest of five calls of Python [s]."""
-    took = []
-    for _ in range(5):
-        begin = time.perf_counter()
-        subprocess.run([sys.executable, *words], capture_output=True, check=True)
-        took.append(time.perf_counter() - begin)
-    return min(took)
+def processor_s(*words):
+    """Processor time of a call of Python [s]."""
+    begin = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run([sys.executable, *words], capture_output=True, check=True)
+    end = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return end.ru_utime + end.ru_stime - begin.ru_utime - begin.ru_stime
 
 
 def test_help_does_not_load_the_libraries(dtb):
@@ -44,7 +44,7 @@ def test_help_does_not_load_the_libraries(dtb):
         assert f"'{heavy}'" not in loaded
 
 
-@pytest.mark.check
+@pytest.mark.nightly
 def test_a_second_run_loads_no_library_that_designs(tmp_path):
     code = (
         "import sys; from dtbacklash import cli; cli.main(['run', 'duration_s=2', 'figures=false', 'out=run']); "
@@ -117,10 +117,7 @@ def test_a_rig_from_a_file_replaces_the_packaged_one(dtb, scenario, tmp_path, wh
 
 
 def test_a_users_conf_folder_extends_ours_and_wins(dtb, tmp_path):
-    for group, text in {
-        "profile": "kind: constant\nstart_deg: 12\nend_deg: 12\n",
-        "controller": "name: imc\n",
-    }.items():
+    for group, text in {"profile": "kind: constant\nstart_deg: 12\nend_deg: 12\n", "controller": "name: imc\n"}.items():
         (tmp_path / "conf" / group).mkdir(parents=True)
         (tmp_path / "conf" / group / "mine.yaml").write_text(text)
     (tmp_path / "conf" / "twin").mkdir()

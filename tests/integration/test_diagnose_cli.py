@@ -20,7 +20,7 @@ pytestmark = pytest.mark.check
 
 
 @pytest.fixture
-def asked(monkeypatch):
+def asked(monkeypatch, undrawn):
     """What reached the diagnosis; it answers with a made-up one."""
     seen = {}
     made_up = diagnosed.missing()

@@ -54,6 +54,7 @@ def test_a_turned_sensor_is_told_instead_of_physics(process, tmp_path, table):
     assert (tmp_path / "turned" / "figures" / "curve_q3.png").is_file()
 
 
+@pytest.mark.nightly
 def test_swapped_sensors_are_told_instead_of_physics(process, tmp_path, table):
     swapped = table.assign(**{"q2 [mm]": table["q3 [mm]"], "q3 [mm]": table["q2 [mm]"]})
     document, said, _ = diagnosed(process, tmp_path, swapped, "swapped")

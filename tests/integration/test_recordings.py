@@ -105,23 +105,6 @@ def test_help(capsys):
     assert "fetch NAME" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("suffix", ["csv", "parquet"])
-def test_what_a_run_saves_is_read_back(suffix, tmp_path):
-    from dtbacklash.face.run_files import simulate_and_write
-
-    file = tmp_path / f"seen.{suffix}"
-    config = compose(
-        "controller=nimc_fixed", "profile=constant", "profile.start_deg=50", "duration_s=3", "sensors=encoder",
-        "figures=false", f"recording.save={file}",
-    )  # fmt: skip
-    result = simulate_and_write(config, tmp_path / "run", "dtb run ...")
-    recording = read_recording(file, rig=result.rig)
-    assert set(recording.channels) == {"r", "u", *config.rig.sensors}
-    assert recording.sample_time_s == pytest.approx(1e-3, rel=1e-9)
-    for name, values in recording.channels.items():
-        assert np.allclose(values, result.seen[name], rtol=1e-12, atol=0)
-
-
 def rig_of(name: str):
     from dtbacklash.physics.rig import build_rig
 

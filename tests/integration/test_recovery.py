@@ -36,10 +36,7 @@ MISSED = {
         ("motor_bearing", "stribeck_friction"),
         "large",
     ): "named, but bristles creep before they slip: 1.6 floors are left",
-    (
-        ("motor_bearing", "cogging"),
-        "large",
-    ): "snapping from tooth to tooth, the simulation falls into another one",
+    (("motor_bearing", "cogging"), "large"): "snapping from tooth to tooth, the simulation falls into another one",
     (
         ("link_1", "dry_friction"),
         "small",
@@ -66,12 +63,9 @@ def recorded(
     return secret, Record(secret.sample_time_s, np.ascontiguousarray(run.u), measured, train, ~train)
 
 
-#: what every change is tried on, one for each place and kind of law; the rest is for the night
-EVERY_CHANGE = {
-    ("amplifier.dead_zone", "large"), ("motor_bearing.coulomb_friction", "small"), ("gear.backlash", "large"),
-    ("link_1.hysteresis", "large"), ("link_2.backlash", "small"),
-    ("mass_2.absorber", "large"), ("sensor_q3.delay", "small"),
-}  # fmt: skip
+#: what every change is tried on beside the recordings of the quick proof, which hold a dead zone, a delay, cogging, a
+#: compliance and an offset, and tests/unit/face, which finds Coulomb friction; the rest is for the night
+EVERY_CHANGE = {("gear.backlash", "large"), ("link_1.hysteresis", "large")}
 
 
 def cases() -> list[object]:

@@ -30,7 +30,7 @@ pytestmark = pytest.mark.check
     [
         (),
         ("controller=nimc_novelty", "twin.delay_s=0.5"),
-        ("optimizer=differential_evolution", "seed=7", "sensors=encoder"),
+        pytest.param(("optimizer=differential_evolution", "seed=7", "sensors=encoder"), marks=pytest.mark.nightly),
         ("twin.guard=false",),
         ("model=lead_screw", "model.effects.link_1.cubic_stiffness.k3=2e9", "sensors=encoder"),
     ],
@@ -109,7 +109,7 @@ def test_another_model_comes_over_the_network_too(broker: Broker, served: Served
     words = (
         "experiment=aging", "profile=constant", "profile.start_deg=20", "profile.end_deg=20", "figures=false",
         "controller.gap_hat_deg=20", "reference.period_s=32", "changes=[{at_s:10,parameters:{k:7000}}]",
-        "duration_s=40", "twin.indexes=[frequency,structure]",
+        "duration_s=24", "twin.indexes=[frequency,structure]",
     )  # fmt: skip
     plain, config = network.run(compose(*words)), compose(*words)
     there = broker.config().twin

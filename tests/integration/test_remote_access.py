@@ -178,11 +178,8 @@ def test_no_key_and_no_password_is_ever_written(broker: Broker, served: Served, 
     secrets = [word for file in broker.folder.glob("*.yaml") for word in file.read_text().split() if len(word) > 30]
     assert len(secrets) == 2 * len(list(broker.folder.glob("*.yaml")))
     there = [
-        "twin=remote",
-        f"twin.broker={broker.address}",
-        "twin.machine=press",
-        f"twin.credentials={broker.of('press')}",
-    ]
+        "twin=remote", f"twin.broker={broker.address}", "twin.machine=press", f"twin.credentials={broker.of('press')}",
+    ]  # fmt: skip
     command = [sys.executable, "-m", "dtbacklash.cli", "run", "-v", *there, *network.SCENARIO, "out=run"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=120)
     assert "3 of 3 estimates accepted" in done.stdout

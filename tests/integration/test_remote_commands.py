@@ -27,10 +27,8 @@ def test_the_three_terminals_of_the_docs_reproduce_figure_13(tmp_path: Path) -> 
     assert all(line in text for line in EXAMPLE)
     port = network.free_port()
     added = (
-        [f"port={port}"],
-        [f"broker=127.0.0.1:{port}"],
-        [f"twin.broker=127.0.0.1:{port}", "figures=false", "out=run"],
-    )
+        [f"port={port}"], [f"broker=127.0.0.1:{port}"], [f"twin.broker=127.0.0.1:{port}", "figures=false", "out=run"],
+    )  # fmt: skip
     head = [sys.executable, "-m", "dtbacklash.cli"]
     terminals = [[*head, *line.split()[1:], *more] for line, more in zip(EXAMPLE, added, strict=True)]
     running: list[subprocess.Popen[str]] = []

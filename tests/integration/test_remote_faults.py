@@ -10,6 +10,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import network
@@ -22,6 +23,7 @@ from dtbacklash.experiment.run import run_scenario
 from dtbacklash.remote.belief import described
 from dtbacklash.remote.client import RemoteTwin
 from dtbacklash.remote.messages import RequestMessage
+from dtbacklash.twin.link.service import Request
 
 pytestmark = pytest.mark.check
 
@@ -126,13 +128,24 @@ def test_a_twin_that_comes_later_gets_the_request(
     network.same(plain, result)
 
 
-def test_the_twin_is_killed_while_it_estimates_and_started_again(broker: Broker, tmp_path: Path) -> None:
+def test_the_twin_is_killed_while_it_estimates_and_started_again(
+    broker: Broker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Its processes end with it; the request is lost; the next ones are answered by the new twin."""
     first = Served(broker, folder=tmp_path).ready()
     workers = network.children(first.process.pid)
     for pid in workers:
         os.kill(pid, signal.SIGSTOP)  # an estimate that does not end
     again: list[Served] = []
+    ask, asked = RemoteTwin.ask, []
+
+    def patient(self: RemoteTwin, request: Request) -> None:
+        """The first request is given up soon; the second one is asked when the new twin is there."""
+        asked.append(request)
+        self.settings = replace(self.settings, timeout_s=5.0 if len(asked) == 1 else network.PATIENCE_S)
+        if len(asked) == 2:
+            killer.join()
+        ask(self, request)
 
     def kill() -> None:
         wait_for(lambda: _busy(broker))
@@ -141,19 +154,20 @@ def test_the_twin_is_killed_while_it_estimates_and_started_again(broker: Broker,
         for pid in workers:
             os.kill(pid, signal.SIGCONT)
         again.append(Served(broker, folder=tmp_path))
+        again[0].ready()
 
+    monkeypatch.setattr(RemoteTwin, "ask", patient)
     killer = threading.Thread(target=kill)
     killer.start()
     try:
-        result = network.run(broker.config(timeout_s=9.0))
-        killer.join()
+        result = network.run(broker.config())
         assert list(result.estimates["accepted"]) == [False, True, True]
         assert "request 1" not in first.text()
         assert "request 2: accepted" in again[0].text()
         assert workers
-        wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers), 10)
+        wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))
         network.under_control(result)
-        network.told(result, tmp_path / "run", "no answer within 9 s")
+        network.told(result, tmp_path / "run", "no answer within 5 s")
     finally:
         for one in (first, *again):
             one.end()

@@ -44,16 +44,14 @@ def test_people_see_millimetres_with_the_bits_of_a_factor_of_a_thousand():
 @pytest.mark.parametrize(
     ("name", "unit"),
     [
-        ("step_mm", "mm"),
-        ("delay_s", "s"),
-        ("observer_pole_rad_s", "rad/s"),
-        ("k_theta_v_per_rad", "V/rad"),
+        ("step_mm", "mm"), ("delay_s", "s"), ("observer_pole_rad_s", "rad/s"), ("k_theta_v_per_rad", "V/rad"),
         ("seed", ""),
     ],
-)
+)  # fmt: skip
 def test_the_unit_of_a_setting_by_its_name(name, unit):
     assert units.by_suffix(name) == unit
 
 
 def test_units_in_signs():
     assert units.in_signs("N s^2/m^2") == "N s²/m²"
+    assert units.in_signs("ohm") == "Ω"

@@ -8,18 +8,8 @@ from dtbacklash.config.grammar import DIAGNOSE, GRAMMARS, PROVE, RUN
 from dtbacklash.errors import UserError
 
 STRANGE = [
-    "a b.csv",
-    "ä.csv",
-    "it's.csv",
-    "a,b.csv",
-    "a=b.csv",
-    "(1).csv",
-    "a:b",
-    "x\\y.csv",
-    "100%.csv",
-    "$1.csv",
-    "null",
-]
+    "a b.csv", "ä.csv", "it's.csv", "a,b.csv", "a=b.csv", "(1).csv", "a:b", "x\\y.csv", "100%.csv", "$1.csv", "null",
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -53,11 +53,7 @@ REFUSED = [
     (run.RunConfig, {"duration_s": 0.9}, "twin.buffer"),
     (run.RunConfig, {"controller": run.ControllerConfig(gap_hat_deg=200.0)}, "controller.gap_hat_deg"),
     (run.RunConfig, {"sensors": run.SensorsConfig(noise={"q9_mm": 1.0})}, "sensors.noise.q9_mm"),
-    (
-        run.RunConfig,
-        {"reference": run.ReferenceConfig(kind="multisine", f_max_hz=501.0)},
-        "reference.f_max_hz",
-    ),
+    (run.RunConfig, {"reference": run.ReferenceConfig(kind="multisine", f_max_hz=501.0)}, "reference.f_max_hz"),
 ]
 
 

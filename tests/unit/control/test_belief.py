@@ -29,12 +29,10 @@ def response(system, inputs: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(
     "words",
     [
-        (),
-        ("rig.effects.screw.compliance.compliance=1e-5",),
-        ("rig.effects.mass_3.viscous_friction.coefficient=20",),
+        (), ("rig.effects.screw.compliance.compliance=1e-5",), ("rig.effects.mass_3.viscous_friction.coefficient=20",),
         ("rig.effects.screw.compliance.compliance=2e-6", "rig.effects.mass_2.viscous_friction.coefficient=5"),
     ],
-)
+)  # fmt: skip
 def test_the_linear_structure_is_what_the_simulation_does(words):
     machine = rig(*words)
     t = np.arange(4000) * STEP_S

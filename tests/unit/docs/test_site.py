@@ -16,6 +16,13 @@ FETCHED = re.compile(r'<(?:script|img|iframe|link)\b[^>]*\b(?:src|href)="(?:http
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site that `make site` has built since the pages changed; else built here."""
+    built = ROOT / "build" / "site"
+    pages = [ROOT / "mkdocs.yml", *ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.*")]
+    if (built / "index.html").is_file() and (built / "index.html").stat().st_mtime > max(
+        p.stat().st_mtime for p in pages
+    ):
+        return built
     folder = tmp_path_factory.mktemp("site")
     words = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
     environment = os.environ | {"NO_MKDOCS_2_WARNING": "1"}

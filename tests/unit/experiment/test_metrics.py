@@ -52,10 +52,7 @@ def test_second_order_overshoot_is_that_of_the_textbook(zeta, sign):
 
 @seeded
 @given(
-    scale=st.floats(0.01, 100),
-    offset=st.floats(-10, 10),
-    shift=st.floats(0, 1000),
-    sign=st.sampled_from([-1.0, 1.0]),
+    scale=st.floats(0.01, 100), offset=st.floats(-10, 10), shift=st.floats(0, 1000), sign=st.sampled_from([-1.0, 1.0])
 )
 def test_metrics_do_not_depend_on_the_size_place_and_time_of_the_move(scale, offset, shift, sign):
     t = np.arange(0, 3, T_S)
@@ -98,12 +95,10 @@ def test_peak_voltage_is_the_largest_in_size():
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
-        (([0, 1], [0, 1], [0, 1], 0.0), "target"),
-        (([0, 1], [0, 1, 2], [0, 1], 1.0), "length"),
-        (([], [], [], 1.0), "length"),
-        (([0, 1], [0, 1], [0, 1], math.nan), "target"),
+        (([0, 1], [0, 1], [0, 1], 0.0), "target"), (([0, 1], [0, 1, 2], [0, 1], 1.0), "length"),
+        (([], [], [], 1.0), "length"), (([0, 1], [0, 1], [0, 1], math.nan), "target"),
     ],
-)
+)  # fmt: skip
 def test_arguments_without_meaning_are_refused(arguments, word):
     with pytest.raises(ValueError, match=word):
         step_metrics(*arguments)
@@ -185,10 +180,7 @@ def test_a_move_that_does_not_settle_before_the_next_is_nan():
 
 
 @seeded
-@given(
-    values=st.lists(st.integers(-5, 5), min_size=1, max_size=8),
-    hold=st.integers(110, 300),
-)
+@given(values=st.lists(st.integers(-5, 5), min_size=1, max_size=8), hold=st.integers(110, 300))
 def test_every_change_of_a_staircase_is_found(values, hold):
     r = np.repeat(np.array(values, dtype=float), hold)
     expected = sum(a != b for a, b in zip([0, *values], values, strict=False))

@@ -3,7 +3,7 @@
 import gc
 import sys
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -93,16 +93,17 @@ def test_the_process_is_left_as_it_was():
 
 @dataclass
 class Slow(LocalTwin):
-    """A twin whose answers come 0.2 s after they were asked for, or later."""
+    """A twin whose answers are there at the twentieth look after they were asked for; the loop looks every 10 ms."""
 
-    asked_s: list[float] = field(default_factory=list)
+    looks: int = 0
 
     def ask(self, request):
-        self.asked_s.append(time.perf_counter())
+        self.looks = 0
         super().ask(request)
 
     def replies(self):
-        return super().replies() if self.asked_s and time.perf_counter() > self.asked_s[-1] + 0.2 else []
+        self.looks += 1
+        return super().replies() if self.looks > 20 else []
 
 
 def test_a_late_answer_counts_when_it_is_there_and_is_told():
@@ -113,7 +114,7 @@ def test_a_late_answer_counts_when_it_is_there_and_is_told():
     assert (unheard["reason"], unheard["accepted"]) == ("the run ended before an answer", False)
     (late,) = result.summary["pace"]["late_answers"]
     assert late["t_event_s"] == row["t_event_s"] == 0.5
-    assert late["late_s"] >= 0.19
+    assert late["late_s"] == pytest.approx(0.2, abs=0.011)
     assert row["t_applied_s"] == pytest.approx(0.8 + late["late_s"])
     known = result.trace["gap_hat_deg"] > 0.0
     assert result.trace["t_s"][known].min() == pytest.approx(row["t_applied_s"])

@@ -128,10 +128,7 @@ WRONG = {
     "decimal comma": ("t_s,gap_deg\n0,0,1,5\n200,0,2,5\n", "readable"),
     "one cell too many": ("t_s,gap_deg\n0,1\n200,2,5\n", "readable"),
     "ragged": ("t_s,gap_deg\n0,0,0,0\n1\n2,3,4,5,6,7\n", ""),
-    "hole": (
-        "t_s,gap_deg\n" + "".join(f"{t},1\n" for t in range(201) if not 50 < t < 60),
-        "hole from 50 to 60 s",
-    ),
+    "hole": ("t_s,gap_deg\n" + "".join(f"{t},1\n" for t in range(201) if not 50 < t < 60), "hole from 50 to 60 s"),
 }
 
 

@@ -1,8 +1,13 @@
-"""A diagnosis in Python; the search itself is tested elsewhere."""
+"""A diagnosis in Python, that of the page's examples; the search itself is tested elsewhere."""
 
+import contextlib
+import io
 import json
+import re
 from dataclasses import replace
+from pathlib import Path
 
+import matplotlib as mpl
 import pandas as pd
 import pytest
 from matplotlib.figure import Figure
@@ -12,19 +17,46 @@ from dtbacklash.face.diagnose import Found
 
 pytestmark = pytest.mark.check
 
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "python.md"
+BLOCKS = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
 MOTION = ("controller=open_loop", "reference=multisine", "reference.rms_mm=2", "reference.f_max_hz=10",
           "profile=constant", "profile.start_deg=0", "sensors=encoder", "duration_s=15")  # fmt: skip
 
 
 @pytest.fixture(scope="module")
-def found():
-    told = []
-    effect = "rig.effects.motor_bearing.coulomb_friction.torque=0.02"
-    recording = dtb.run(*MOTION, effect).recording
-    result = dtb.diagnose(recording, "lead_screw", jobs=2, progress=lambda share, what: told.append((share, what)))
+def examples(tmp_path_factory):
+    """Every example of the page on Python, in its order, as a reader would type them: (names, printed, folder)."""
+    folder, printed, told = tmp_path_factory.mktemp("examples"), io.StringIO(), []
+    before = dict(mpl.rcParams)
+    plain, watched = "dtb.diagnose(recording, rig)", "dtb.diagnose(recording, rig, progress=tell)"
+    names = {"tell": lambda share, what: told.append((share, what))}
+    assert len(BLOCKS) >= 7
+    assert sum(plain in block for block in BLOCKS) == 1
+    with contextlib.chdir(folder), contextlib.redirect_stdout(printed):
+        for number, block in enumerate(BLOCKS):
+            code = block.replace(plain, watched)
+            exec(compile(code, f"{PAGE.name}, example {number + 1}", "exec"), names)
+    assert dict(mpl.rcParams) == before
     assert all(0.0 <= share <= 1.0 and isinstance(what, str) for share, what in told)
     assert len({what for _, what in told}) > 1
-    return result
+    return names, printed.getvalue(), folder
+
+
+@pytest.fixture
+def found(examples):
+    return examples[0]["found"]
+
+
+def test_the_examples_run(examples):
+    names, printed, folder = examples
+    for said in ("Moves of the reference", "controller.internal_model=inner_loop takes it out.", "missing_physics"):
+        assert said in printed
+    written = {"summary.json", "metrics.csv", "estimates.csv", "trace.parquet", "report.html", "figures"}
+    assert {path.name for path in (folder / "my_run").iterdir()} == written
+    found = {path.name for path in (folder / "found").iterdir()}
+    assert found == {"diagnosis.json", "rig.yaml", "report.html", "figures"}
+    assert not names["drifting"].summary["settles"]
+    assert names["again"].summary["settles"]
 
 
 def test_tables(found):

@@ -63,7 +63,7 @@ def changed(code: str) -> dict[str, list]:
     return json.loads(answer.stdout.splitlines()[-1])
 
 
-@pytest.mark.check
+@pytest.mark.nightly
 def test_the_snapshot_sees_changes():
     code = (
         "import matplotlib, numba; numba.config.CACHE_DIR = 'x'; matplotlib.rcParams['font.size'] = 3; "

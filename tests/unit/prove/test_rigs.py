@@ -19,16 +19,8 @@ from dtbacklash.prove.unlisted import unknown_entries
 
 STEP_S = 1e-3
 OTHERS = (
-    "two_mass_stage",
-    "rotary_drive",
-    "pendulum",
-    "oscillator",
-    "emps",
-    "silverbox",
-    "brfd",
-    "disk",
-    "anticogging",
-)
+    "two_mass_stage", "rotary_drive", "pendulum", "oscillator", "emps", "silverbox", "brfd", "disk", "anticogging",
+)  # fmt: skip
 #: of a recording of 3 s on lead_screw, by seed and kind: a hidden size, and the sums of the command and of q3 [V, m]
 AS_EVER = {
     (4, "single"): (0.026388185360544637, 81.36586731934824, 0.05158590000000002),

@@ -60,13 +60,10 @@ def test_without_a_rig_a_column_is_a_channel_by_its_unit():
 @pytest.mark.parametrize(
     "index",
     [
-        pd.Index,
-        lambda t: pd.Index(1e3 * t, name="t [ms]"),
-        lambda t: pd.Index(t, name="time"),
-        lambda t: pd.to_timedelta(t, unit="s"),
-        lambda t: pd.Timestamp("2024-01-02") + pd.to_timedelta(t, unit="s"),
+        pd.Index, lambda t: pd.Index(1e3 * t, name="t [ms]"), lambda t: pd.Index(t, name="time"),
+        lambda t: pd.to_timedelta(t, unit="s"), lambda t: pd.Timestamp("2024-01-02") + pd.to_timedelta(t, unit="s"),
     ],
-)
+)  # fmt: skip
 def test_the_time_may_be_the_index(index, frame):
     there = frame.drop(columns="t").set_index(index(frame.t.to_numpy()))
     recording = Recording.from_frame(there)

@@ -36,15 +36,6 @@ def test_a_run_writes_what_the_rig_declares(words, unit, tmp_path):
     assert recording.assumed_units["q3"] == recording.assumed_units["r"] == said
 
 
-def test_in_open_loop_the_reference_is_the_command(tmp_path):
-    file = tmp_path / "seen.csv"
-    config = compose("controller=open_loop", "reference=multisine", "duration_s=3", "profile=constant", "figures=false",
-                     f"recording.save={file}")  # fmt: skip
-    recording = read_recording(file, rig=simulate_and_write(config, tmp_path / "run", "dtb run ...").rig)
-    assert recording.units["r"] == "V"
-    assert np.array_equal(recording.channels["r"], recording.channels["u"])
-
-
 def test_a_concealed_recording_is_read_back_in_si(tmp_path):
     rig = build_rig(compose("rig=lead_screw", "rig.sensors.q3.recorded_in=um").rig)
     case = conceal(3, rig, tmp_path / "hidden", kind="nothing", instruments="minimal")

@@ -56,10 +56,8 @@ def test_models_that_ran_away_are_noted_and_flatten_nothing(far):
 def test_residuals_are_measured_minus_model_each_in_its_own_scale():
     figure = curve_figure(curve(extended=np.sin(9 * np.arange(2000) * 1e-3) - 2e-6))
     assert [ax.get_ylabel() for ax in figure.axes[::2]] == [
-        "q3 [m]",
-        "measured \N{MINUS SIGN}\nnominal [m]",
-        "measured \N{MINUS SIGN}\nextended [µm]",
-    ]
+        "q3 [m]", "measured \N{MINUS SIGN}\nnominal [m]", "measured \N{MINUS SIGN}\nextended [µm]",
+    ]  # fmt: skip
     assert figure.axes[4].lines[0].get_ydata() == pytest.approx(2.0, rel=1e-6)
 
 

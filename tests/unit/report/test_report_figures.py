@@ -1,6 +1,5 @@
 """Figures: what is drawn is what was given, nothing global is touched, files are small and repeatable."""
 
-import matplotlib
 import numpy as np
 import pytest
 import synthetic
@@ -167,9 +166,3 @@ def test_a_long_trace_makes_a_small_sharp_and_repeatable_file(trace, estimates, 
     assert first.read_bytes() == second.read_bytes()
     with Image.open(first) as image:
         assert image.width >= 1200
-
-
-def test_drawing_leaves_the_settings_of_matplotlib_alone(trace, estimates, tmp_path):
-    before = dict(matplotlib.rcParams)
-    style.save(figures.gap_scenario(trace, estimates), tmp_path / "a.png")
-    assert dict(matplotlib.rcParams) == before

@@ -42,11 +42,7 @@ def written(result, tmp_path_factory):
 
 
 def test_a_run_gets_its_figures_and_one_self_contained_page(written):
-    assert sorted(p.name for p in written.rglob("*") if p.is_file()) == [
-        "moves.png",
-        "overview.png",
-        "report.html",
-    ]
+    assert sorted(p.name for p in written.rglob("*") if p.is_file()) == ["moves.png", "overview.png", "report.html"]
     _, addresses = read(written / "report.html")
     assert len(addresses) == 2
     assert all(address.startswith("data:image/png;base64,") for address in addresses)

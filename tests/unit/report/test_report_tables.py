@@ -32,11 +32,9 @@ def moves():
 def everything(moves):
     sweep = synthetic.sweep_table(AXES)
     return [
-        tables.moves(moves),
-        tables.estimates(synthetic.estimates_table()),
-        tables.sweep(sweep, list(AXES)),
+        tables.moves(moves), tables.estimates(synthetic.estimates_table()), tables.sweep(sweep, list(AXES)),
         tables.claims(synthetic.claims_table()),
-    ]
+    ]  # fmt: skip
 
 
 def test_every_table_fits_into_a_hundred_columns_without_control_codes(moves):

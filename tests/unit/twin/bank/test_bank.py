@@ -70,7 +70,7 @@ def test_one_change_is_named_with_its_size_and_the_gap(changed, kind, place, val
     assert again.belief.rig.effects == said.belief.rig.effects
 
 
-@pytest.mark.parametrize(("gap_deg", "verdict"), [(GAP_DEG, "gap"), (OLD_DEG, "nothing")])
+@pytest.mark.parametrize(("gap_deg", "verdict"), [(GAP_DEG, "gap"), pytest.param(OLD_DEG, "nothing", marks=nightly)])
 @pytest.mark.check
 def test_a_gap_alone_is_a_gap_alone(gap_deg, verdict):
     said = diagnose_buffer(NOMINAL, buffer(gap_deg=gap_deg), math.radians(OLD_DEG))

@@ -25,7 +25,7 @@ from dtbacklash.twin.gap.observer import TwinModel
 
 Experiment = Callable[..., Any]
 TRUE_DEG = 50.0
-CASES = 250
+CASES = 120
 
 
 @pytest.fixture(scope="module")
@@ -107,11 +107,7 @@ def test_a_point_beside_the_valley(change: Problem) -> None:
     wrong = np.radians(TRUE_DEG + 3.0)
     cost, start = profile(change, np.array([wrong]))
     estimate = replace(
-        estimated(change),
-        gap_rad=wrong,
-        fit_gap_rad=wrong,
-        theta_d0_rad=float(start[0]),
-        cost_m2=float(cost[0]),
+        estimated(change), gap_rad=wrong, fit_gap_rad=wrong, theta_d0_rad=float(start[0]), cost_m2=float(cost[0])
     )
     attempt = Guard(change, 0.0).judged(estimate)
     error_deg = np.degrees(attempt.estimate.gap_rad) - TRUE_DEG

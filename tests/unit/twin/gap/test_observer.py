@@ -50,9 +50,7 @@ def test_play_with_growth_refers_to_the_middle_of_the_buffer() -> None:
     assert theta_m[60:] - theta_d[60:] == pytest.approx(1.0 + 0.01 * (np.arange(60, 101) - 50))
 
 
-def test_output_error_is_that_of_an_observer_with_the_wanted_poles(
-    paper_structure: StructureParameters,
-) -> None:
+def test_output_error_is_that_of_an_observer_with_the_wanted_poles(paper_structure: StructureParameters) -> None:
     """Against a Luenberger observer whose gain python-control places, simulated ten times finer."""
     system, fine, n = design.structure_ss(paper_structure), 10, 1500
     gain = np.reshape(control.acker(system.A.T, system.C.T, [-40.0] * 4), (4, 1))

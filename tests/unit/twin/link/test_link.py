@@ -81,11 +81,7 @@ def test_a_delay_is_rounded_to_samples() -> None:
 
 
 def test_wrong_values_are_refused() -> None:
-    for buffer, delay_s, key in (
-        (0, 1.0, "buffer=0"),
-        (10, -1.0, "delay_s=-1"),
-        (10, float("nan"), "delay_s=nan"),
-    ):
+    for buffer, delay_s, key in ((0, 1.0, "buffer=0"), (10, -1.0, "delay_s=-1"), (10, float("nan"), "delay_s=nan")):
         with pytest.raises(UserError, match=key):
             TwinLink(buffer=buffer, delay_s=delay_s, sample_time_s=1e-3)
     with pytest.raises(ValueError, match=r"0\.\.50"):
