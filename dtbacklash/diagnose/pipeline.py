@@ -47,6 +47,10 @@ from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig
 
+#: a command is read as smooth where that leaves less than this of what holding it leaves: held is the rule (share of
+#: the mean square)
+SMOOTH_COMMAND_SHARE = 0.7
+
 
 def diagnose_records(
     rig: Rig, records: list[Record], progress: Callable[[str, float], None] | None = None, jobs: int | None = None,
@@ -114,7 +118,7 @@ def _readings(rig: Rig, records: list[Record]) -> list[Evidence]:
         fitted = fit(evidence, rig, nominal_free(rig), rounds=QUICK)
         squares = evidence.mean_square(fitted.residuals, "train")
         losses.append(sum(float(np.sum(v * held.floor[n] ** 2)) for n, v in squares.items()))
-    return [held, smooth] if losses[1] < settings().smooth_command_share * losses[0] else [held]
+    return [held, smooth] if losses[1] < SMOOTH_COMMAND_SHARE * losses[0] else [held]
 
 
 def _searched(readings: list[Evidence], say: Callable[[str, float], None]) -> tuple[Model, Log, bool]:

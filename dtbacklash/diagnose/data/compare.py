@@ -26,6 +26,11 @@ from dtbacklash.physics.kernel.sample import sense
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, build_rig
 from dtbacklash.physics.simulate import rig_half_gap
 
+#: the first state is fitted until what it adds has died out to a twentieth (slowest decays)
+BEGINNING_DECAYS = 3.0
+#: and as long where an integrator runs freely: its first speed counts to the end (1/tempo)
+BEGINNING_INTEGRATING_RATIO = 25.0
+
 #: a contact is located to sample_time/substeps/2**EVENT_LEVELS
 EVENT_LEVELS = 10
 #: substeps and event levels of a rough simulation
@@ -309,9 +314,9 @@ def _at_rest(plant: Plant, seen: dict[int, float]) -> Floats:
 def _launch(part: Rig, plant: Plant, block: Block, record: Record, theta: Floats, begins: Beginning) -> Launch:
     """The data to which the first state of a block is fitted, where the recording begins in motion."""
     rules = settings()
-    moving = rules.beginning_decays / slowest_decay(plant, block)
+    moving = BEGINNING_DECAYS / slowest_decay(plant, block)
     if block.pulled and block.gains[0] == 0.0:
-        moving = max(moving, rules.beginning_integrating_ratio / block.tempo * record.sample_time_s)
+        moving = max(moving, BEGINNING_INTEGRATING_RATIO / block.tempo * record.sample_time_s)
     n = min(record.samples, max(rules.beginning_samples_min, round(moving / record.sample_time_s)))
     names = state_names(part, block.imposed is not None)
     owners = {b: b for b in part.elements} | {b: host[0] for b, host in hidden_bodies(part).items()}

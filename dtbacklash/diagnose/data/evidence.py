@@ -17,6 +17,13 @@ from dtbacklash.physics.effects.declare import Bounds
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.channels import runs
 
+#: what linear motion between samples leaves where a sensor is exact (share of the signal)
+METHOD_ERROR_SHARE = 2e-4
+#: a channel's noise is corrected where a residual shows less than this of it: its estimate scatters (ratio)
+QUIETER_RATIO = 0.8
+#: a residual far above the floor is correlated so long: it counts once, or it would overrule every prior (1/tempo)
+CORRELATED_RATIO = 0.5
+
 #: largest residual, in floors: the simulation diverged
 RUNAWAY = 1e9
 
@@ -99,7 +106,7 @@ class Evidence:
         samples: dict[float, int] = {}
         for r in self.records:
             samples[r.sample_time_s] = samples.get(r.sample_time_s, 0) + r.samples
-        each = {s: max(1.0, settings().correlated_ratio / self.blocks[0].at(s).tempo) for s in samples}
+        each = {s: max(1.0, CORRELATED_RATIO / self.blocks[0].at(s).tempo) for s in samples}
         if len(each) == 1:
             return next(iter(each.values()))
         return sum(samples.values()) / sum(n / each[s] for s, n in samples.items())
@@ -113,7 +120,7 @@ class Evidence:
         left = {c: [e[:, j] * self.floor[b.name][j] for e in residuals[b.name]]
                 for b in self.blocks for j, c in enumerate(b.channels)}  # fmt: skip
         noise = channel_noise(self.records, left)
-        ratio = settings().quieter_ratio
+        ratio = QUIETER_RATIO
         noise = {c: noise[c] if noise[c][0] < ratio * old[0] else old for c, old in self.noise.items()}
         if noise == self.noise:
             return self
@@ -130,7 +137,7 @@ class Evidence:
         for block in self.blocks:
             sizes = np.array([np.mean([np.std(r.y[c]) for r in self.records]) for c in block.channels])
             exact = np.array([self.noise[c][0] for c in block.channels]) <= 1.05 * rules.numerical_error_share * sizes
-            method = (rules.method_error_share * sizes / self.floor[block.name]) ** 2
+            method = (METHOD_ERROR_SHARE * sizes / self.floor[block.name]) ** 2
             counts = exact & (block.imposed is not None)
             least[block.name] = np.where(counts, np.maximum(method, 1.0), 1.0)
         return least

@@ -18,6 +18,17 @@ from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.kernel import plant as pl
 from dtbacklash.physics.kernel.plant import Plant, State, new_state
 
+#: a smooth curve pictures a beginning where it leaves so much noise at most (ratio)
+BEGINNING_NOISE_RATIO = 1.1
+#: and the scatter of what it leaves, of which few samples have much (standard errors)
+BEGINNING_SCATTER = 2.0
+#: where no curve is fair, a first speed is one from this share of the fastest (share)
+BEGINNING_SPEED_SHARE = 0.5
+#: a hidden body near its resonance moves so much further than its host: its first state's prior (ratio)
+BEGINNING_HIDDEN_RATIO = 10.0
+#: a memory's first value lies within so much of what it comes to: its prior (ratio)
+BEGINNING_MEMORY_RATIO = 10.0
+
 #: numbers of samples of a channel's beginning to which a polynomial is fitted
 WINDOWS = (6, 8, 12, 24, 48, 96)
 #: the same for a beginning at rest
@@ -66,9 +77,8 @@ def _basis(samples: int, powers: tuple[int, ...]) -> Floats:
 
 def _fits(squares: float, samples: int, noise: float) -> bool:
     """Whether a polynomial leaves only noise."""
-    rules = settings()
     free = samples - len(MOVING)
-    ratio = rules.beginning_noise_ratio + rules.beginning_scatter / math.sqrt(2.0 * free)
+    ratio = BEGINNING_NOISE_RATIO + BEGINNING_SCATTER / math.sqrt(2.0 * free)
     return squares <= free * (ratio * noise) ** 2
 
 
@@ -92,7 +102,7 @@ def moves(values: Floats, noise: float, speed: bool) -> bool:
             return _fits(moving, n, noise) and resting - moving > rules.beginning_squares * noise**2
     first = values[: WINDOWS[0]]
     return abs(local(first, 1.0)[1]) > max(
-        rules.beginning_speed_share * float(np.abs(np.diff(first)).max()), math.sqrt(rules.beginning_squares) * noise
+        BEGINNING_SPEED_SHARE * float(np.abs(np.diff(first)).max()), math.sqrt(rules.beginning_squares) * noise
     )
 
 
@@ -305,7 +315,7 @@ class Launch:
         plant = self.plant
         spread = np.zeros(len(guess))
         for j, (body, (element, _)) in enumerate(self.bodies.items()):
-            more = 1.0 if body == element else settings().beginning_hidden_ratio
+            more = 1.0 if body == element else BEGINNING_HIDDEN_RATIO
             size = self.begins.sizes.get(element, (0.0, 0.0))
             spread[plant.position + j], spread[plant.position + plant.n_bodies + j] = more * size[0], more * size[1]
         if plant.current >= 0:
@@ -314,7 +324,7 @@ class Launch:
         if memories.start < memories.stop:
             after = self.state(guess)
             run(after, len(self.measured))
-            spread[memories] = settings().beginning_memory_ratio * np.abs(np.nan_to_num(after.x[memories]))
+            spread[memories] = BEGINNING_MEMORY_RATIO * np.abs(np.nan_to_num(after.x[memories]))
         # where the load acts back on the motor, its position in the play is one of the three in `fitted`
         if plant.imposed or plant.screw[pl.S_SHARE] == 0.0:
             spread[-1] = self.half_gap

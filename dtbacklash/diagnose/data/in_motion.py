@@ -13,6 +13,10 @@ from dtbacklash.physics.assembly import state_names
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
 
+#: a first state explains a beginning of which rest leaves so many times more; missing physics goes on (ratio of
+#: squares)
+BEGINNING_RATIO = 25.0
+
 
 def with_start(rig: Rig, blocks: list[Block], record: Record) -> Record:
     """The record with its positions at rest, or, if it begins in motion, with the data to fit its first states.
@@ -45,7 +49,7 @@ def _explains(rig: Rig, block: Block, record: Record, moving: Record, noise: dic
     sigma = np.array([noise[c] for c in block.channels])
     with np.errstate(over="ignore", invalid="ignore"):
         still, fitted = (float(np.sum((residual(rig, block, r)[:first] / sigma) ** 2)) for r in (record, moving))
-    return still > rules.beginning_ratio * fitted + rules.beginning_squares
+    return still > BEGINNING_RATIO * fitted + rules.beginning_squares
 
 
 def _sizes(rig: Rig, record: Record, window: dict[str, int]) -> dict[str, tuple[float, float]]:

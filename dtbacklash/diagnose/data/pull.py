@@ -14,6 +14,10 @@ from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.bodies import natural_frequencies_hz
 from dtbacklash.physics.rig import Rig
 
+#: a simulation further off is pulled faster: laws would be evaluated along a motion that never was (share of the
+#: motion)
+PULL_ERROR_SHARE_MAX = 0.2
+
 
 def observer_gains(bandwidth_rad_s: float, step_s: float) -> tuple[float, float]:
     """Gains per sample on position and velocity, of a critically damped observer of two integrators."""
@@ -92,7 +96,7 @@ def guided(rig: Rig, block: Block, records: list[Record]) -> Block:
     fastest = rules.pull_per_sample_max / step
     swing = natural_frequencies_hz(rig)
     b = 0.5 * max(2.0 * np.pi * float(swing.min()) if len(swing) else 0.0, _bandwidth(block) / step)
-    while b < fastest and _astray(rig, block, records) > rules.pull_error_share_max:
+    while b < fastest and _astray(rig, block, records) > PULL_ERROR_SHARE_MAX:
         b = min(2.0 * b, fastest)
         block = replace(block, pulled=block.pulled or names[0], gains=observer_gains(b, step))
     return block

@@ -10,6 +10,9 @@ from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.model import Recording
 
+#: a shorter stretch beside others shows mostly the state in which it began (slowest decays)
+STRETCH_DECAYS_MIN = 1.0
+
 
 def records_of(
     recording: Recording, rig: Rig, train: bool, held: bool, share: float | None = None, number: int = 0
@@ -48,7 +51,7 @@ def long_enough(rig: Rig, records: list[Record]) -> tuple[list[Record], tuple[st
     slowest = slowest_decay_of(rig, records)
 
     def least(step: float) -> int:
-        return max(settings().beginning_samples_min, round(settings().stretch_decays_min / slowest / step))
+        return max(settings().beginning_samples_min, round(STRETCH_DECAYS_MIN / slowest / step))
 
     short = [r for r in stretches if r.samples < least(r.sample_time_s)]
     kept = [r for r in records if not any(r is s for s in short)]

@@ -17,6 +17,9 @@ from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.channels import runs
 
+#: so many windows of what is fitted to, and of what chooses: what changes with time shows in several (windows)
+SEARCH_WINDOWS = 4
+
 #: a recording of fewer samples is used whole
 CUT_FROM = 5000
 #: a record, the first sample of a run in it, and the one after its last
@@ -40,7 +43,7 @@ def portion(rig: Rig, records: list[Record]) -> list[Record]:
             budget = sum(b - a for _, a, b in pieces) * rules.search_samples_max // total
             if budget == 0:
                 continue
-            windows = int(np.clip(budget / (shortest_s / together[0].sample_time_s), 1, rules.search_windows))
+            windows = int(np.clip(budget / (shortest_s / together[0].sample_time_s), 1, SEARCH_WINDOWS))
             chosen += _windows(pieces, windows, budget // windows, part == "train")
     return chosen
 

@@ -25,6 +25,9 @@ from dtbacklash.diagnose.fit.refit import objective
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.catalogue import find
 
+#: of the fitted part's loss beside the choosing part's in ranking fits: it was fitted to (ratio)
+MERIT_TRAIN_WEIGHT = 0.5
+
 #: share of the stretches that has to agree
 AGREE = 0.75
 
@@ -209,7 +212,7 @@ def is_noise(evidence: Evidence, fitted: Fit) -> bool:
 
 def merit(evidence: Evidence, trial_fit: Fit) -> float:
     """What the best of several fits is least in: minus twice the held-out log-likelihood, and the prior's penalty."""
-    weight = settings().merit_train_weight
+    weight = MERIT_TRAIN_WEIGHT
     return objective(evidence, trial_fit, "held") + weight * objective(evidence, trial_fit, "train")
 
 

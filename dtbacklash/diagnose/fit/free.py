@@ -18,6 +18,16 @@ from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import SENSOR_UNIT, Bounds, Parameter, Role
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, build_rig
 
+#: a known effect's parameter nearer to its bound has no room left, and is looked for freely (tolerances)
+TOLERANCE_ROOM = 0.3
+#: of an effect of the nominal rig whose own is not given: what one knows of a friction, roughly (share (an angle:
+#: rad))
+EFFECT_TOLERANCE = 0.3
+#: what was found is known no better, from one recording to the next (share)
+FOUND_TOLERANCE_MIN = 1e-3
+#: nor worse, or it would not have been named (share)
+FOUND_TOLERANCE_MAX = 0.5
+
 #: least value of a nominal parameter in a fit, relative to its nominal value
 LEAST_SHARE = 1e-3
 #: a parameter that is beyond its tolerance gets a tolerance so many times wider, and at most this
@@ -76,7 +86,7 @@ def with_priors(rig: Rig) -> Rig:
     for (place, name), values in effects_of_rig(rig).items():
         known = rig.tolerances.get(place, {}).get(name, {})
         entry = find(rig.kind_at(place), name, place)
-        usual = {p.name: 0.0 if p.role is Role.WAVE else settings().effect_tolerance for p in entry.parameters}
+        usual = {p.name: 0.0 if p.role is Role.WAVE else EFFECT_TOLERANCE for p in entry.parameters}
         rig = rig.with_effect(
             place, name, {p: {"value": v, "tolerance": known.get(p, usual[p])} for p, v in values.items()}
         )
@@ -98,7 +108,7 @@ def widened(tolerance: float) -> float:
 
 def with_errors(rig: Rig, errors: Errors) -> Rig:
     """The rig with the standard errors of found effects as tolerances, so that it can be the next nominal rig."""
-    least, most = settings().found_tolerance_min, settings().found_tolerance_max
+    least, most = FOUND_TOLERANCE_MIN, FOUND_TOLERANCE_MAX
     for key, values in effects_of_rig(rig).items():
         if is_known(rig, key):
             continue
@@ -179,9 +189,9 @@ def tolerances_away(nominal: Rig, rig: Rig) -> dict[str, float]:
 
 
 def at_limit(free: Free, x: float) -> bool:
-    """Whether a known parameter is within ``tolerance_room`` of one of its bounds."""
+    """Whether a known parameter is within TOLERANCE_ROOM of one of its bounds."""
     low, high = free.limits()
-    return free.prior and not low + settings().tolerance_room < x < high - settings().tolerance_room
+    return free.prior and not low + TOLERANCE_ROOM < x < high - TOLERANCE_ROOM
 
 
 def stands_at_limit(free: Free, x: float) -> bool:

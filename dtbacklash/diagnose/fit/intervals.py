@@ -15,8 +15,12 @@ from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.free import Errors, all_free
 from dtbacklash.diagnose.fit.problem import Fit, Problem, inside, limits_of
 from dtbacklash.diagnose.fit.scaling import unseen_scalings
-from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.catalogue import find
+
+#: the score's scatter is taken over as many of the stretches that judge: it is correlated for longer (stretches)
+ERROR_STRETCHES = 2
+#: over at least as many groups, or the scatter is not known itself (groups)
+ERROR_GROUPS_MIN = 16
 
 #: steps to both sides along a direction that the recording hardly determines: in tolerances, or as logarithms
 WIDE = (0.05, 0.3)
@@ -170,7 +174,7 @@ def _inverse(jacobian: Floats) -> Floats:
 def group_sums(evidence: Evidence, scores: Floats) -> Floats:
     """(groups, columns) sums over stretches of the training part of (rows, columns), channel after channel."""
     samples = sum(int(r.train.sum()) for r in evidence.records)
-    length = max(2, min(settings().error_stretches * evidence.stretch, samples // settings().error_groups_min))
+    length = max(2, min(ERROR_STRETCHES * evidence.stretch, samples // ERROR_GROUPS_MIN))
     contributions = scores.reshape(-1, samples, scores.shape[1]).sum(axis=0)
     whole = samples // length * length
     sums: Floats = contributions[:whole].reshape(-1, length, scores.shape[1]).sum(axis=1)

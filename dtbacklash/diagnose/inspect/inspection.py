@@ -16,6 +16,15 @@ from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 from dtbacklash.recording.channels import CLIPPED_SHARE
 
+#: a channel clipped more often can neither be mended nor left out (share of samples)
+CLIPPED_SHARE_MAX = 0.25
+#: after so long a simulation has forgotten a bridge towards which it was pulled (time constants of the pull)
+CLIPPED_DECAYS = 15.0
+#: of the samples to fit to and to judge on, this much has to remain (share)
+INSPECTED_SHARE_MIN = 0.5
+#: a channel of fewer readings is left out: some stretches of twenty have to remain to choose by (readings)
+HELD_READINGS_MIN = 500
+
 TUKEY = "running median: Tukey, Exploratory Data Analysis (1977)"
 EFFORT = "balance of effort, docs/diagnosis.md"
 COHERENCE = "Welch's coherence; its level: Carter, Knapp and Nuttall, IEEE Trans. Audio Electroacoust. 21 (1973) 337"
@@ -148,7 +157,7 @@ def _seldom(rig: Rig, name: str, found: Inspected) -> None:
     if every == 1.0:
         return
     readings = sum(len(r.u) if m is None else int(m.sum()) for r, m in zip(found.records, masks, strict=True))
-    if readings < settings().held_readings_min:
+    if readings < HELD_READINGS_MIN:
         what = f"{name} is read {readings} times in all"
         fault = Fault(
             SENSOR_PREFIX + name, what, "it repeats each reading for many samples",
@@ -232,14 +241,14 @@ def _bridge(
 
     said : what happens, a clause. known_by : how it is known, a clause. mend : what to do, a sentence.
     """
-    rules, before = settings(), found.records
+    _rules, before = settings(), found.records
     share = _share(masks)
     blocks = _blocks(rig, _channels(rig, before), before)
     pull = max((b.pull / b.step_s for b in blocks if b.pulled == name), default=0.0)
-    _take_out(name, masks, found, rules.clipped_decays / pull if pull > 0.0 else 0.0)
+    _take_out(name, masks, found, CLIPPED_DECAYS / pull if pull > 0.0 else 0.0)
     # a few bridged samples drive what lies behind them nearly as it was driven
     drives = share >= CLIPPED_SHARE and any(b.imposed == name for b in blocks)
-    if share <= rules.clipped_share_max and _enough(before, found.records) and not drives:
+    if share <= CLIPPED_SHARE_MAX and _enough(before, found.records) and not drives:
         found.notes.append(f"{said}: bridged, and neither fitted nor judged.")
     elif found.fault is None:
         why = "and what lies behind it is driven by it in the simulation" if drives else "too often to leave that out"
@@ -272,7 +281,7 @@ def _enough(before: list[Record], after: list[Record], expected: float = 1.0) ->
     def count(records: list[Record], part: str) -> int:
         return sum(int(getattr(r, part).sum()) for r in records)
 
-    least = settings().inspected_share_min * expected
+    least = INSPECTED_SHARE_MIN * expected
     return all(count(after, part) >= least * count(before, part) for part in ("train", "held"))
 
 

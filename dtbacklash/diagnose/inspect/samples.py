@@ -13,6 +13,33 @@ from dtbacklash.diagnose.data.floor import quantum, sensor_noise, white_noise
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.recording.channels import clipped, runs
 
+#: the median's window: most of it lies beside the longest spike (samples)
+SPIKE_WINDOW_SAMPLES = 7
+#: an encoder jitters by fewer counts than a spike has (counts)
+SPIKE_COUNTS = 5.0
+#: a spike is so much further off the cubic through its neighbours than usual; a turning point is not (ratio)
+SPIKE_ROUGHNESS = 3.0
+#: what is more frequent is a signal's own way and no spike (share of samples)
+SPIKES_SHARE_MAX = 0.01
+#: a signal jumps where its step is so much larger than the rms of its steps (ratio)
+JUMP_RATIO = 3.0
+#: so long after a jump of the command a current may answer like a spike (samples)
+JUMP_ANSWER_SAMPLES = 20
+#: a channel that changes more often at two samples in a row is read at every sample (share of changes)
+HELD_TOGETHER_SHARE = 0.01
+#: and one that changes by fewer counts may move slowly over them (counts)
+HELD_COUNTS = 3.0
+#: fewer equal readings are no pattern (samples)
+HUNG_SAMPLES_MIN = 5
+#: where readings repeat more often than this, a sensor's counts are coarse and it does not hang (share of samples)
+HUNG_REPEATS_SHARE = 0.05
+#: how seldom equal readings by chance may be taken for a sensor that hangs (probability)
+HUNG_CHANCE = 1e-3
+#: with fewer, noise is coherent by chance (stretches)
+COHERENCE_STRETCHES_MIN = 16
+#: how seldom noise alone may be taken for a signal (probability)
+COHERENCE_CHANCE = 1e-3
+
 #: the slope beside a gap is that of a parabola through as many samples
 SLOPE_SAMPLES = 12
 
@@ -27,23 +54,23 @@ def spikes(values: Floats, u: Floats) -> np.ndarray:
     rules = settings()
     away, free = _away(values), ~_after_jumps(u)
     # many spikes would pass for what is usual: that is asked where all that stand off furthest are bridged
-    most = 1.0 - rules.spike_window_samples * rules.spikes_share_max
+    most = 1.0 - SPIKE_WINDOW_SAMPLES * SPIKES_SHARE_MAX
     bridge = np.zeros(len(values), dtype=bool)
     for start, stop in runs((away > _least(values, away, most)) & free):
         bridge[_furthest(away, start, stop)[: rules.spike_samples_max]] = True
     bare = _straight(values, bridge)
     least = _least(values, _away(bare), rules.spike_usual_share)
-    bent = rules.spike_roughness * float(np.quantile(_roughness(bare), rules.spike_usual_share))
+    bent = SPIKE_ROUGHNESS * float(np.quantile(_roughness(bare), rules.spike_usual_share))
     found = np.zeros(len(values), dtype=bool)
     for start, stop in runs((away > least) & free):
         found[_alone(values, _furthest(away, start, stop), least)] = True
     found &= _roughness(values) > bent
-    return found if found.mean() <= rules.spikes_share_max else np.zeros(len(values), dtype=bool)
+    return found if found.mean() <= SPIKES_SHARE_MAX else np.zeros(len(values), dtype=bool)
 
 
 def _away(values: Floats) -> Floats:
     """(N,) how far each sample is off the median of its neighbours."""
-    off: Floats = np.abs(values - median_filter(values, settings().spike_window_samples, mode="nearest"))
+    off: Floats = np.abs(values - median_filter(values, SPIKE_WINDOW_SAMPLES, mode="nearest"))
     return off
 
 
@@ -56,7 +83,7 @@ def _roughness(values: Floats) -> Floats:
 def _least(values: Floats, away: Floats, usual: float) -> float:
     """How far off its median a sample has to be: beyond what is usual (a quantile), an encoder's jitter, and noise."""
     rules = settings()
-    counts = rules.spike_counts * quantum(values)
+    counts = SPIKE_COUNTS * quantum(values)
     return max(rules.spike_ratio * float(np.quantile(away, usual)), counts, rules.spike_ratio * _noise(values))
 
 
@@ -75,8 +102,8 @@ def _straight(values: Floats, missing: np.ndarray) -> Floats:
 def _alone(values: Floats, furthest: np.ndarray, least: float) -> np.ndarray:
     """As few of the samples that are furthest off as leave none of them so far off once these are bridged; or none."""
     rules = settings()
-    first = max(int(furthest.min()) - rules.spike_window_samples, 0)
-    near = values[first : int(furthest.max()) + rules.spike_window_samples + 1]
+    first = max(int(furthest.min()) - SPIKE_WINDOW_SAMPLES, 0)
+    near = values[first : int(furthest.max()) + SPIKE_WINDOW_SAMPLES + 1]
     for count in range(1, rules.spike_samples_max + 1):
         missing = np.zeros(len(near), dtype=bool)
         missing[furthest[:count] - first] = True
@@ -102,13 +129,13 @@ def _after_jumps(u: Floats) -> np.ndarray:
     steps = np.abs(np.diff(u, prepend=u[0]))
     jumps = steps > jump(steps)
     jumps[0] = True
-    near: np.ndarray = np.convolve(jumps, np.ones(settings().jump_answer_samples), "full")[: len(u)] > 0.5
+    near: np.ndarray = np.convolve(jumps, np.ones(JUMP_ANSWER_SAMPLES), "full")[: len(u)] > 0.5
     return near
 
 
 def jump(steps: Floats) -> float:
     """The size from which on a step from one sample to the next is a jump. steps : all of a signal."""
-    return settings().jump_ratio * float(np.sqrt(np.mean(steps**2)))
+    return JUMP_RATIO * float(np.sqrt(np.mean(steps**2)))
 
 
 def _noise(values: Floats) -> float:
@@ -178,8 +205,8 @@ def noise_alone(values: Floats, others: Mapping[str, Floats]) -> float:
     share = min(white_noise(values) ** 2 / variance, 1.0) if len(values) >= 64 else 0.0
     if share < rules.dead_noise_share:
         return share
-    length = max(32, min(1024, len(values) // rules.coherence_stretches_min))
-    chance = rules.coherence_chance / (length // 2 + 1) / max(len(others), 1)
+    length = max(32, min(1024, len(values) // COHERENCE_STRETCHES_MIN))
+    chance = COHERENCE_CHANCE / (length // 2 + 1) / max(len(others), 1)
     level = 1.0 - chance ** (1.0 / max(len(values) // length - 1, 1))
     moving = (other for other in others.values() if np.ptp(other) > 0.0)
     alive = any(np.max(coherence(values, other, nperseg=length)[1]) > level for other in moving)
@@ -197,13 +224,12 @@ def fresh(values: Floats) -> np.ndarray | None:
 
     Such a reading changes by several counts at a time, and still never at two samples in a row.
     """
-    rules = settings()
     steps = np.diff(values)
     changed = np.flatnonzero(steps) + 1
     gaps = np.diff(changed)
-    if len(changed) < CHANGES_MIN or float(np.mean(gaps == 1)) > rules.held_together_share:
+    if len(changed) < CHANGES_MIN or float(np.mean(gaps == 1)) > HELD_TOGETHER_SHARE:
         return None
-    if float(np.median(np.abs(steps[changed - 1]))) < rules.held_counts * quantum(values):
+    if float(np.median(np.abs(steps[changed - 1]))) < HELD_COUNTS * quantum(values):
         return None  # it moves slowly over the counts of its sensor
     found = np.zeros(len(values), dtype=bool)
     found[changed] = True
@@ -231,20 +257,20 @@ def hung(values: Floats) -> np.ndarray:
     holds does not jump on: it sets off and goes on, as all that has mass. What repeats often anyway (a coarse encoder)
     is no fault.
     """
-    rules, steps = settings(), np.diff(values)
+    _rules, steps = settings(), np.diff(values)
     same = np.concatenate([[False], steps == 0.0])
     found = np.zeros(len(values), dtype=bool)
-    long = [(a, b) for a, b in runs(same) if b - a >= rules.hung_samples_min]
+    long = [(a, b) for a, b in runs(same) if b - a >= HUNG_SAMPLES_MIN]
     often = (same.sum() - sum(b - a for a, b in long)) / len(values)
-    if not long or often > rules.hung_repeats_share:
+    if not long or often > HUNG_REPEATS_SHARE:
         return found
-    least = math.log(rules.hung_chance / len(values)) / math.log(max(often, 1.0 / len(values)))
+    least = math.log(HUNG_CHANCE / len(values)) / math.log(max(often, 1.0 / len(values)))
     sizes = np.abs(steps)
-    far = max(jump(steps), rules.held_counts * quantum(values))
+    far = max(jump(steps), HELD_COUNTS * quantum(values))
     for a, b in long:
         if b - a < least or b == len(values):
             continue
         beside = max(sizes[max(a - 1 - BESIDE, 0) : a - 1].max(initial=0.0), sizes[b : b + BESIDE].max(initial=0.0))
-        if sizes[b - 1] > max(far, rules.jump_ratio * beside):
+        if sizes[b - 1] > max(far, JUMP_RATIO * beside):
             found[a:b] = True
     return found

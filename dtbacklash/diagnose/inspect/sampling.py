@@ -19,6 +19,9 @@ from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.recording.plausible import plain_rig
 
+#: from this share of its frequency on, power belongs to a mode: damping widens it (share)
+MODE_BAND_SHARE = 0.7
+
 #: samples that are looked at
 SAMPLES_MAX = 20_000
 #: steps of a sample in which the nominal rig is simulated
@@ -53,9 +56,7 @@ def carried(rig: Rig, record: Record) -> Carried:
         return nothing
     noise = {name: sensor_noise(record.y[name])[0] for name in shown}
     for frequency in sorted(fast, reverse=True):
-        if any(
-            _rms_above(v, rules.mode_band_share * frequency, step / FINE) > noise[name] for name, v in shown.items()
-        ):
+        if any(_rms_above(v, MODE_BAND_SHARE * frequency, step / FINE) > noise[name] for name, v in shown.items()):
             return Carried(frequency, 1.0 / (frequency * step))
     slow = [float(f) for f in modes if float(f) not in fast]
     return Carried(max(slow), 1.0 / (max(slow) * step)) if slow else nothing

@@ -32,6 +32,9 @@ from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.command import HELD
 from dtbacklash.recording.plausible import balance, busiest, driver, plain_rig, scale_of
 
+#: two rewirings mend alike where their sums of reversals differ by less (share of effort)
+REWIRING_SHARE = 0.1
+
 #: factors on the speed of the rig's modes
 PACES = (0.5, 0.7, 1.4, 2.0)
 #: of the part of a recording that is looked at, where the command moves most
@@ -130,7 +133,7 @@ class Bench:
         left = {s: self._left(turned(channels, (s,))) for s in signals}
         best = min(left, key=lambda s: (left[s], s == "u"))
         if left[best] < math.inf:
-            alike = sorted((s for s in signals if left[s] < left[best] + rules.rewiring_share), key=lambda s: s == "u")
+            alike = sorted((s for s in signals if left[s] < left[best] + REWIRING_SHARE), key=lambda s: s == "u")
             return Rewiring((alike[0],), None, tuple(alike[1:]))  # one sensor alone: rather it than the command
         for pair in self.pairs(channels):
             back = swapped(channels, pair)

@@ -26,6 +26,13 @@ from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Effect, Parameter, Role, name_in_words
 from dtbacklash.physics.rig import Rig
 
+#: a residual that exceeds the threshold of the test for whiteness so many times has a structure (ratio)
+COLOURED_RATIO = 5.0
+#: a residual may be so much more coloured than a true model's, of which one simulation tells roughly (ratio)
+WHITE_RATIO = 3.0
+#: the held-out mean square may be so much larger than the fitted part's by chance (ratio)
+OVERFITTED_RATIO = 1.2
+
 FLOOR = "noise floor from the recording itself and a simulated one"
 LJUNG_BOX = (
     "Ljung and Box, Biometrika 65 (1978) 297; threshold by simulation: Besag and Diggle, Applied Statistics 26 (1977) "
@@ -88,7 +95,7 @@ def _noise(model: Model) -> list[Check]:
 def whiteness(evidence: Evidence, fitted: Fit) -> dict[str, Check]:
     """Channel -> whether what is left of its held-out part is white; none of a sensor that is exact."""
     rows: dict[str, Check] = {}
-    colour = settings().white_ratio
+    colour = WHITE_RATIO
     for block in evidence.blocks:
         here = evidence.rows(fitted.residuals, block.name, "held")
         # a short recording is asked for fewer
@@ -110,7 +117,7 @@ def whiteness(evidence: Evidence, fitted: Fit) -> dict[str, Check]:
 
 def coloured(white: dict[str, Check]) -> set[str]:
     """The channels of which far more structure is left than of a simulated truth."""
-    ratio = settings().coloured_ratio
+    ratio = COLOURED_RATIO
     return {c for c, row in white.items() if row.statistic is not None and row.statistic > ratio * row.threshold}
 
 
@@ -163,7 +170,7 @@ def _generalises(model: Model) -> Check:
     }
     worst = max(ratios, key=lambda c: ratios[c])
     return _below(
-        "held-out data fit as well as those fitted to", ratios[worst], settings().overfitted_ratio,
+        "held-out data fit as well as those fitted to", ratios[worst], OVERFITTED_RATIO,
         f"ratio of the mean squares in the worst channel ({worst}); more is fitted by chance or changes with time",
         HELD_OUT,
     )  # fmt: skip

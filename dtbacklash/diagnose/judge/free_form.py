@@ -25,6 +25,13 @@ from dtbacklash.physics.kernel import plant as pl
 from dtbacklash.physics.kinds import AXES
 from dtbacklash.physics.rig import Rig
 
+#: an effort that explains less of what is left does not show where it acts (share of what is left)
+LOCATED_SHARE = 0.05
+#: hats over a state: enough for friction's corner, few enough for their noise (hats)
+RECOVERED_KNOTS = 25
+#: outermost values, beyond the outermost hats, that a spike would have moved (share)
+RECOVERED_TAIL_SHARE = 0.002
+
 
 @dataclass(frozen=True)
 class Recovered:
@@ -54,7 +61,7 @@ class Recovered:
     @property
     def shown(self) -> bool:
         """Whether it shows where the missing effort acts: it explains a part of what is left, and significantly."""
-        return self.share >= settings().located_share and self.t > settings().depends_errors
+        return self.share >= LOCATED_SHARE and self.t > settings().depends_errors
 
 
 def free_forms(
@@ -207,7 +214,7 @@ def _rate(q: Floats, step: float) -> Floats:
 
 def knots_over(values: Floats) -> Floats | None:
     """Places of the hats: half of them even over the range, half of them where the state mostly is."""
-    tails, half = settings().recovered_tail_share, settings().recovered_knots // 2 + 1
+    tails, half = RECOVERED_TAIL_SHARE, RECOVERED_KNOTS // 2 + 1
     low, high = np.quantile(values, (tails, 1.0 - tails))
     if not high > low:
         return None

@@ -17,8 +17,11 @@ from dtbacklash.diagnose.fit.intervals import NORMAL95, group_sums
 from dtbacklash.diagnose.propose.locate import Score
 from dtbacklash.diagnose.result import Limit
 from dtbacklash.diagnose.search.model import Log, Model
-from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.effects.declare import Parameter
+
+#: of a signature that is left beside what the parameters can do, less is the simulation's own error (share of the
+#: norm)
+LIMIT_KEPT_SHARE = 3e-3
 
 #: further from the size of its signature than this, a law is not taken to be proportional to its size
 EXTRAPOLATED_MAX = 30.0
@@ -37,7 +40,7 @@ def _limit(evidence: Evidence, score: Score, residual: Floats) -> Limit:
     place, name = score.candidate.key
     size = score.candidate.effect.size
     unit = unit_at(evidence.nominal, place, size.unit)
-    share, error = share_along(evidence, score.signature, residual, settings().limit_kept_share * score.whole)
+    share, error = share_along(evidence, score.signature, residual, LIMIT_KEPT_SHARE * score.whole)
     at = score.made_at[size.name]
     others = {name: value for name, value in score.made_at.items() if name != size.name}
     if size.neutral == 0.0:

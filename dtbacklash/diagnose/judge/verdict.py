@@ -15,6 +15,15 @@ from dtbacklash.diagnose.search.model import Model
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 
+#: such a residual is more than noise from here on (floors, mean square)
+COLOURED_FLOORS = 1.05
+#: the same of the part of a recording where it is larger (floors, mean square)
+NOISE_PART_FLOORS = 2.0
+#: a parameter that moved by less has not (share of its tolerance)
+MOVED_SHARE = 0.2
+#: nor one by less than this: it follows another along a direction that cannot be seen (standard errors)
+MOVED_ERRORS = 0.7
+
 #: parameter of the rig, or place.effect.parameter of an effect that it has -> (value, standard error)
 Moved = dict[str, tuple[float, float]]
 #: what is left is small beside what was missing where it is less than this share of its mean square
@@ -80,17 +89,17 @@ def remaining(
     channels = {block.name: block.channels for block in evidence.blocks}
     other = {part: other_formulations(evidence, model.fitted, left_out, part) for part in ("train", "held")}
     for name in least:
-        most = np.where([c in coloured for c in channels[name]], rules.coloured_floors, rules.noise_floors)
+        most = np.where([c in coloured for c in channels[name]], COLOURED_FLOORS, rules.noise_floors)
         quiet = last[0][name] < most * least[name]
         # what happens in one part only has not been explained either: then that part counts
-        once = quiet & (last[1][name] > rules.noise_part_floors * least[name])
+        once = quiet & (last[1][name] > NOISE_PART_FLOORS * least[name])
         after = np.where(once, last[1][name], last[0][name]) - 1.0
         before = np.where(once, first[1][name], first[0][name]) - 1.0
         above = ~quiet | once
         also = rules.formulation_deviations * model.formulations.get(name, np.zeros(len(channels[name])))
         parts = {part: other[part][name] + also for part in ("train", "held")}
         formulation = np.where(once, np.maximum(parts["train"], parts["held"]), parts["held"])
-        noisy = np.array([c in white for c in channels[name]]) & (last[1][name] < rules.noise_part_floors)
+        noisy = np.array([c in white for c in channels[name]]) & (last[1][name] < NOISE_PART_FLOORS)
         real = above & (after > formulation) & ~noisy
         share = float(np.max(np.where(above, after / np.maximum(before, 1e-9), 0.0)))
         left[name] = BlockLeft(share, bool(real.any()), float(formulation.max()))
@@ -150,8 +159,8 @@ def moved_parameters(evidence: Evidence, given: Rig, fitted: Fit, errors: Errors
             clearly[f.title] = abs(x) * f.scale / max(error, 1e-300)
     away = tolerances_away(given, fitted.rig)
     # where all that moved did so by a trifle of its tolerance, that trifle was needed
-    moved = [name for name in values if away[name] > settings().moved_share] or list(values)
-    least = min(settings().moved_errors, max((clearly[name] for name in moved), default=0.0))
+    moved = [name for name in values if away[name] > MOVED_SHARE] or list(values)
+    least = min(MOVED_ERRORS, max((clearly[name] for name in moved), default=0.0))
     return {name: values[name] for name in moved if clearly[name] >= least}
 
 

@@ -9,11 +9,14 @@ from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.effects.declare import Values
 from dtbacklash.physics.rig import SENSOR_PREFIX
 
+#: delays are tried as finely: a fit has a valley each sample (samples)
+DELAY_STEP_SAMPLES = 0.5
+
 
 def delay_grid(candidate: Candidate, projection: Projection) -> list[Values]:
     """The best few start values of a sensor's delay; empty for another candidate."""
     rules = settings()
-    step = rules.delay_step_samples
+    step = DELAY_STEP_SAMPLES
     channel = candidate.place.removeprefix(SENSOR_PREFIX)
     block = next((b for b in projection.evidence.blocks if channel in b.channels), None)
     if not candidate.effect.is_delay or candidate.place == channel or block is None:

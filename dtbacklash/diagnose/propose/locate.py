@@ -23,6 +23,22 @@ from dtbacklash.errors import UserError
 from dtbacklash.physics.effects.declare import Values
 from dtbacklash.physics.rig import Rig
 
+#: a size is changed by so much at once: laws are not linear in it (ratio)
+SIGNATURE_GROWTH_MAX = 30.0
+#: a size is brought to that of the residual so often (times)
+SIGNATURE_GROWTHS = 3
+#: a signature within this of the residual's size is not made again (ratio)
+SIGNATURE_SIZE_BAND = 3.0
+#: a size is made smaller so often where the simulation runs away (times)
+SIGNATURE_SHRINKS = 6
+#: and by so much (ratio)
+SIGNATURE_SHRINK_RATIO = 0.1
+#: twice the size is the better start of a fit if it explains so many times as much: from a play that is far too
+#: small no way leads to a wide one (ratio)
+SIGNATURE_GROWN_GAIN = 1.02
+#: where the residual is not noise, samples count so much more towards that than their weight says (ratio)
+GAIN_WEIGHT_RATIO = 20.0
+
 #: parameters' values -> simulated signature of one candidate; None: it cannot be simulated
 Made = dict[tuple[tuple[str, float], ...], Floats | None]
 
@@ -86,24 +102,24 @@ class Bank(Projection):
         return best
 
     def _score(self, candidate: Candidate, values: Values, made: Made) -> Score | None:
-        rules = settings()
+        settings()
         size = candidate.effect.size
         signature, values = self._tame(candidate, values, made)
         if signature is None:
             return None
         projected = self.project(signature)
-        for _ in range(rules.signature_growths if size.neutral == 0.0 else 0):
+        for _ in range(SIGNATURE_GROWTHS if size.neutral == 0.0 else 0):
             factor = self._wanted(projected, size.low)
             if not factor:
                 return None
             value = float(np.clip(values[size.name] * factor, size.low, size.high))
-            if 1.0 / rules.signature_size_band < factor < rules.signature_size_band or value == values[size.name]:
+            if 1.0 / SIGNATURE_SIZE_BAND < factor < SIGNATURE_SIZE_BAND or value == values[size.name]:
                 break
             again, values = self._tame(candidate, {**values, size.name: value}, made)
             if again is None:
                 return None
             signature, projected = again, self.project(again)
-            if abs(factor) < rules.signature_growth_max:
+            if abs(factor) < SIGNATURE_GROWTH_MAX:
                 break
         return self._grown(candidate, self._rate(candidate, values, signature, projected), made)
 
@@ -118,7 +134,7 @@ class Bank(Projection):
             values = {**score.made_at, size.name: 2.0 * score.made_at[size.name]}
             signature = self.signature(candidate, values, made) if abs(values[size.name]) < high else None
             larger = None if signature is None else self._rate(candidate, values, signature, self.project(signature))
-            if larger is None or larger.gain < settings().signature_grown_gain * score.gain:
+            if larger is None or larger.gain < SIGNATURE_GROWN_GAIN * score.gain:
                 break
             score = larger
         return score
@@ -127,10 +143,10 @@ class Bank(Projection):
         """The signature and the values, with a smaller size where the simulation diverges (a softening spring)."""
         size = candidate.effect.size
         signature = self.signature(candidate, values, made)
-        for _ in range(settings().signature_shrinks if size.neutral == 0.0 else 0):
+        for _ in range(SIGNATURE_SHRINKS if size.neutral == 0.0 else 0):
             if signature is not None and signature @ signature < 1e6 * max(self.total, 1.0):
                 break
-            values = {**values, size.name: settings().signature_shrink_ratio * values[size.name]}
+            values = {**values, size.name: SIGNATURE_SHRINK_RATIO * values[size.name]}
             signature = self.signature(candidate, values, made)
         return signature, values
 
@@ -144,7 +160,7 @@ class Bank(Projection):
         factor = np.sign(factor) * max(abs(factor), 0.1 * most)
         if factor < 0.0 <= low:
             factor = 0.1 * most  # wrong sign at this size, but perhaps not at another
-        return float(np.clip(factor, -settings().signature_growth_max, settings().signature_growth_max))
+        return float(np.clip(factor, -SIGNATURE_GROWTH_MAX, SIGNATURE_GROWTH_MAX))
 
     def _rate(self, candidate: Candidate, values: Values, signature: Floats, projected: Floats) -> Score | None:
         norm = float(projected @ projected)
@@ -163,7 +179,7 @@ class Bank(Projection):
         gain = self._gain(self.residual - share * projected)
         names = blocks_touched(self.rig, self.evidence.blocks, candidate.place)
         lightest = min(float(self.weights[n].min()) for n in names)
-        whole, weight = float(np.linalg.norm(signature)), min(lightest * settings().gain_weight_ratio, 1.0)
+        whole, weight = float(np.linalg.norm(signature)), min(lightest * GAIN_WEIGHT_RATIO, 1.0)
         return Score(candidate, start, gain, projected, whole, weight, values)
 
     def _gain(self, rest: Floats) -> float:

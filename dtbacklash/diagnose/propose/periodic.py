@@ -22,6 +22,13 @@ from dtbacklash.physics.kernel import plant as pl
 from dtbacklash.physics.kernel.plant import Plant
 from dtbacklash.physics.rig import Rig
 
+#: wave numbers are this far apart over the travel, so that none slips through (cycles)
+WAVE_STEP_SHARE = 0.5
+#: where the travel tells more apart, so many of the likeliest wave numbers are regressed (count)
+WAVES_MAX = 150
+#: every so many samples are enough to choose a wave number (samples)
+WAVE_EVERY_SAMPLES = 5
+
 #: wave numbers per batch, to limit the memory
 BATCH = 25
 
@@ -67,13 +74,13 @@ def _scan(candidate: Candidate, projection: Projection, block: Block) -> list[tu
     scale = (np.sqrt(projection.weights[block.name]) / projection.evidence.floor[block.name])[:, None, None]
     rated = []
     waves = _waves(candidate, paths, projection.evidence.bounds(candidate.key))
-    if len(waves) > settings().waves_max:
+    if len(waves) > WAVES_MAX:
         rows = np.zeros((channels, len(chosen)))
         rows[:, chosen] = e
         each = np.split(rows, np.cumsum([len(mask) for _, mask in thinned])[:-1], axis=1)
         passages = [Passage(path, row) for path, row in zip(paths, each, strict=True)]
         weighted = response[0] * scale[:, :, 0], response[1]
-        waves = likely_waves(waves, passages, weighted, every, settings().waves_max)
+        waves = likely_waves(waves, passages, weighted, every, WAVES_MAX)
     for some in np.array_split(waves, max(1, math.ceil(len(waves) / BATCH))):
         with np.errstate(over="ignore", invalid="ignore"):  # a simulated path may diverge
             S, C = (wave_responses(some, shape, paths, response, every)[:, :, chosen] * scale for shape in (0, 1))
@@ -88,7 +95,7 @@ def _scan(candidate: Candidate, projection: Projection, block: Block) -> list[tu
 def _every(block: Block) -> int:
     """Number of samples that are averaged to one; fewer where the pull would be unstable with the slower rate."""
     most = settings().pull_per_sample_max / block.pull if block.pull > 0.0 else math.inf
-    return int(np.clip(most, 1, settings().wave_every_samples))
+    return int(np.clip(most, 1, WAVE_EVERY_SAMPLES))
 
 
 def _thinned(record: Record, every: int) -> tuple[np.ndarray, np.ndarray]:
@@ -154,7 +161,7 @@ def _waves(candidate: Candidate, paths: list[Path], bounds: Bounds) -> Floats:
     travel = max(float(np.ptp(q)) for q, _, _ in paths)
     if travel <= 0.0:
         return np.zeros(0)
-    step = settings().wave_step_share * math.pi / travel
+    step = WAVE_STEP_SHARE * math.pi / travel
     least, fastest = bounds.get(wave.name, (wave.low, wave.high))
     most = min(wave.high, fastest, max(60.0 * wave.typical / 24.0, 6.0 * wave.typical))
     low = max(wave.low, least, 2.0 * step)

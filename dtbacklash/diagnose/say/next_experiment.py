@@ -8,11 +8,13 @@ from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.judge.free_form import Recovered
 from dtbacklash.diagnose.judge.stands import Rival
 from dtbacklash.diagnose.search.model import Model
-from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.words import all_in_words, place_in_words
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
+
+#: an experiment that makes two models differ by less is not advised (share of the signal)
+TOLD_APART_SHARE = 0.01
 
 
 def next_experiment(model: Model, rest: Recovered | None, rivals: dict[Key, list[Rival]]) -> str:
@@ -49,7 +51,7 @@ def next_experiment(model: Model, rest: Recovered | None, rivals: dict[Key, list
     hidden = {n: d for n, d in here.items() if n not in recorded}
     if hidden:
         best = max(hidden, key=lambda n: hidden[n])
-        if hidden[best] > settings().told_apart_share:
+        if hidden[best] > TOLD_APART_SHARE:
             return (f"To tell {what}, record {best} as well: there the two differ by {100 * hidden[best]:.0f} % of the "
                     "signal.")  # fmt: skip
     ranked = {}
@@ -57,7 +59,7 @@ def next_experiment(model: Model, rest: Recovered | None, rivals: dict[Key, list
         differences = _differences(evidence, first, second, factor)
         ranked[factor] = max((d for n, d in differences.items() if n in recorded), default=0.0)
     factor = max(ranked, key=lambda f: ranked[f])
-    if ranked[factor] > settings().told_apart_share:
+    if ranked[factor] > TOLD_APART_SHARE:
         return (f"To tell {what}, record once more with the command {factor:g} times as large: the two then differ by "
                 f"{100 * ranked[factor]:.0f} % of the signal.")  # fmt: skip
     return f"Neither another sensor of this rig nor another amplitude tells {what}."

@@ -41,6 +41,15 @@ from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Values
 from dtbacklash.physics.rig import Rig
 
+#: one recording does not carry more (effects)
+EFFECTS_MAX = 4
+#: the best of the quick fits that are fitted in full (candidates)
+FULL_FITS = 3
+#: rivals that it is tried against in the end (candidates)
+FINAL_RIVALS = 4
+#: a quick fit that leaves so much more than the best, which leaves noise, is not finished (ratio)
+HOPELESS_RATIO_NOISE = 1.5
+
 #: where all that was found only led out of a wrong recalibration, the search begins once more from the right one
 ATTEMPTS = 2
 #: of an effect that the rig has and the machine may not have, this share is left where its fit begins
@@ -66,7 +75,7 @@ def search(evidence: Evidence, say: Callable[[str, float], None] = silent) -> tu
         model = _explain(model, log, 1, say)
         if model.wrong_value is not None or not model.named:
             return model, log
-    return _explain(model, log, settings().effects_max, say), log
+    return _explain(model, log, EFFECTS_MAX, say), log
 
 
 def _explain(model: Model, log: Log, most: int, say: Callable[[str, float], None]) -> Model:
@@ -85,7 +94,7 @@ def _explain(model: Model, log: Log, most: int, say: Callable[[str, float], None
     model = replace(model, could_be=None)
     if len(model.named) > 1:
         say("what else would fit", 0.9)
-        model = reconsider(model, log, model.keys, settings().final_rivals)
+        model = reconsider(model, log, model.keys, FINAL_RIVALS)
     return wrong_value_instead(model, log, _recalibrated)
 
 
@@ -182,10 +191,10 @@ def _finished(model: Model, trials: list[Trial]) -> list[Trial]:
     """The trials, the best first, of which those that come near are fitted in full."""
     rules, evidence, current = settings(), model.evidence, model.fitted
     is_close = bool(trials) and trials[0].held_out < rules.close_floors
-    far = rules.hopeless_ratio_noise if is_close else rules.hopeless_ratio
+    far = HOPELESS_RATIO_NOISE if is_close else rules.hopeless_ratio
     near = [
         t
-        for t in trials[: rules.full_fits]
+        for t in trials[:FULL_FITS]
         if t.held_out < far * trials[0].held_out
         and merit(evidence, t.fitted) < merit(evidence, current)
         and not is_named_already(model, t)

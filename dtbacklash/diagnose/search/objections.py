@@ -21,6 +21,14 @@ from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Parameter
 from dtbacklash.physics.rig import Rig
 
+#: so many times slower a pull has to agree, where a free run says nothing (ratio)
+PULL_AGREES_RATIO = 3.0
+#: a law may make the free simulation worse by so much by chance: it drifts (ratio of mean squares)
+FREE_WORSE_RATIO = 1.2
+#: a run that noise or another formulation turns elsewhere, by this share of its error, judges no law (share of the
+#: error)
+REPEATED_SHARE = 0.5
+
 
 def spoils_the_free_run(evidence: Evidence, nominal: Fit, fitted: Fit, order: tuple[Key, ...]) -> Key | None:
     """The effect whose removal improves the free simulation most, if that is worse with all effects than with none.
@@ -31,7 +39,7 @@ def spoils_the_free_run(evidence: Evidence, nominal: Fit, fitted: Fit, order: tu
     if not order or not any(b.pulled and b.gains[0] > 0.0 for b in evidence.blocks):
         return None  # where nothing is pulled, the comparison is a free simulation itself
     with_all = free_error(evidence, fitted.rig)
-    if with_all <= settings().free_worse_ratio * free_error(evidence, nominal.rig):
+    if with_all <= FREE_WORSE_RATIO * free_error(evidence, nominal.rig):
         return None
     if _predicts(evidence, nominal, fitted) or _holds_slowly(evidence, nominal, fitted, order):
         return None
@@ -48,7 +56,7 @@ def _predicts(evidence: Evidence, nominal: Fit, fitted: Fit) -> bool:
     """
     if worst(evidence, fitted) > settings().nearly_noise_floors:
         return False
-    slower = slow_evidence(evidence, settings().pull_agrees_ratio)
+    slower = slow_evidence(evidence, PULL_AGREES_RATIO)
     before, after = (slower.rms(slower.residuals(rig)) ** 2 for rig in (nominal.rig, fitted.rig))
     return slower is not evidence and after < 0.5 * before
 
@@ -65,7 +73,7 @@ def _holds_slowly(evidence: Evidence, nominal: Fit, fitted: Fit, order: tuple[Ke
     if slow is evidence:
         return False
     before, after = (fit(slow, rig, *known_free(slow, rig), rounds=ON) for rig in (nominal.rig, fitted.rig))
-    holds = slow.rms(after.residuals) ** 2 <= settings().free_worse_ratio * slow.rms(before.residuals) ** 2
+    holds = slow.rms(after.residuals) ** 2 <= FREE_WORSE_RATIO * slow.rms(before.residuals) ** 2
     return holds or not _repeats(slow, after, order)
 
 
@@ -96,7 +104,7 @@ def _repeats(evidence: Evidence, fitted: Fit, order: tuple[Key, ...]) -> bool:
             there - here - more
             for there, here, more in zip(again[block.name], fitted.residuals[block.name], added, strict=True)
         ]
-    return evidence.rms(apart) < settings().repeated_share * evidence.rms(fitted.residuals)
+    return evidence.rms(apart) < REPEATED_SHARE * evidence.rms(fitted.residuals)
 
 
 def free_error(evidence: Evidence, rig: Rig) -> float:

@@ -9,12 +9,15 @@ from dtbacklash.diagnose.search.model import Model, Trial
 from dtbacklash.diagnose.search.simpler_law import has_become
 from dtbacklash.diagnose.settings import settings
 
+#: a signature has to promise as much a sample: less is chance (floors, mean square)
+GAIN_FLOOR_SHARE = 0.0075
+
 
 def promising(evidence: Evidence, scores: list[Score]) -> list[Score]:
     """The scores that promise as much as an effect has to earn."""
     samples = sum(int(r.train.sum()) for r in evidence.records)
     rules = settings()
-    floors = rules.gain_floor_share * samples
+    floors = GAIN_FLOOR_SHARE * samples
     return [s for s in scores if s.gain > max(rules.gain_min, floors * s.lightest)]
 
 

@@ -17,6 +17,9 @@ from dtbacklash.diagnose.search.model import Model
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.errors import UserError
 
+#: what chooses at a turn lasts so long at least: what is near what was fitted to flatters (stretches)
+TURN_STRETCHES = 3
+
 #: of fewer samples no mean square says anything
 PART_SAMPLES_MIN = 10
 
@@ -61,7 +64,7 @@ def divided(records: list[Record]) -> list[Record]:
     Stretches to fit and to choose by take turns: a limit that only one of them reached could not be fitted and chosen.
     """
     kept = [replace(r, held=r.held & ~r.judge) for r in marked(records)]
-    least = settings().turn_stretches * stretch_of(kept)
+    least = TURN_STRETCHES * stretch_of(kept)
     taking_turns: list[Record] = []
     for own in by_recording(kept):
         shortest = least * round(longest_step_s(kept) / own[0].sample_time_s)

@@ -14,8 +14,14 @@ from dtbacklash.diagnose.fit.free import Key, as_given
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.search.leave_out import refit_with
 from dtbacklash.diagnose.search.model import Log, Model, Named, Trial
-from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.catalogue import find
+
+#: a law whose width is below this share of its spring's stretch has become the sharp one (share of the stretch)
+SHARP_STRETCH_SHARE = 0.03
+#: the law that another one has become may explain so much less of what that one explains (share)
+LIMIT_LESS_SHARE = 0.25
+#: and so much of the floor, which is the floor's own uncertainty (floors, mean square)
+LIMIT_LESS_FLOORS = 0.03
 
 
 def has_become(evidence: Evidence, fitted: Fit, key: Key) -> str:
@@ -27,7 +33,7 @@ def has_become(evidence: Evidence, fitted: Fit, key: Key) -> str:
     if not limit or values is None or stretch is None:
         return ""
     span = float(np.quantile(np.abs(stretch - np.mean(stretch)), 0.95))
-    return limit if values[parameter] < settings().sharp_stretch_share * span else ""
+    return limit if values[parameter] < SHARP_STRETCH_SHARE * span else ""
 
 
 def call_by_its_limit(model: Model, log: Log) -> Model:
@@ -53,14 +59,13 @@ def call_by_its_limit(model: Model, log: Log) -> Model:
 
 def _more(evidence: Evidence, fitted: Fit, trial: Fit, key: Key) -> dict[str, Floats] | None:
     """Per block, (channels,) mean square that the limit leaves more, in units of the floor's; None if that is much."""
-    rules = settings()
     without = evidence.residuals(as_given(evidence.nominal, fitted.rig, key), fitted.residuals, {key[0]})
     more = {block.name: np.zeros(len(block.channels)) for block in evidence.blocks}
     for part in ("train", "held"):
         before, after, gone = (evidence.mean_square(r, part) for r in (fitted.residuals, trial.residuals, without))
         for name, most in more.items():
             rise = after[name] - before[name]
-            allowed = rules.limit_less_share * np.maximum(gone[name] - before[name], 0.0) + rules.limit_less_floors
+            allowed = LIMIT_LESS_SHARE * np.maximum(gone[name] - before[name], 0.0) + LIMIT_LESS_FLOORS
             if np.any(rise > allowed):
                 return None
             more[name] = np.maximum(most, rise)

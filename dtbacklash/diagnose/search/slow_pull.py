@@ -17,7 +17,9 @@ from dtbacklash.diagnose.fit.problem import Fit, weights_for
 from dtbacklash.diagnose.fit.refit import ON
 from dtbacklash.diagnose.search.leave_out import refit_with
 from dtbacklash.diagnose.search.model import Model
-from dtbacklash.diagnose.settings import settings
+
+#: bandwidth of the last fit where the pull moves position and speed: prediction lives at low frequencies (tempos)
+PULL_SLOW_RATIO = 0.05
 
 
 def slow_evidence(evidence: Evidence, times: float | None = None) -> Evidence:
@@ -34,7 +36,7 @@ def slow_evidence(evidence: Evidence, times: float | None = None) -> Evidence:
 
 
 def _slowly(block: Block, step_s: float, times: float | None) -> Block:
-    bandwidth = settings().pull_slow_ratio * block.tempo if times is None else block.pull / times
+    bandwidth = PULL_SLOW_RATIO * block.tempo if times is None else block.pull / times
     return replace(block, gains=observer_gains(bandwidth / step_s, step_s))
 
 

@@ -29,6 +29,10 @@ from dtbacklash.diagnose.search.model import Log, Model, WrongValue
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.rig import Rig, build_rig
 
+#: so much less of the prior's penalty makes up for no gain: parameters come back from four tolerances (-2 log-
+#: likelihood)
+EARN_PENALTY = 15.0
+
 #: a quick fit that leaves more of the nominal rig's loss than this has not begun to explain it
 BEGUN = 0.5
 #: parameter, element, field
@@ -59,7 +63,7 @@ def _beyond_instead(model: Model, log: Log, recalibrate: Callable[[Evidence], Fi
     trial = _beyond_tolerance(model, recalibrate)
     if trial is None:
         return model
-    if merit(trial.evidence, trial.fitted) + settings().earn_penalty < merit(model.evidence, model.fitted):
+    if merit(trial.evidence, trial.fitted) + EARN_PENALTY < merit(model.evidence, model.fitted):
         for key in model.keys:
             log.refuse(key, f"`{trial.name}`, beyond its tolerance, does better alone")
         return replace(
@@ -151,7 +155,7 @@ def own_parameter(evidence: Evidence, before: Fit, likely: float = 1.0) -> Wrong
         return None
     # of two elements that share it either one may have its own: the one that leaves the shared value where it was
     others = [_finished(looks[use]) for use in ranked[1:] if use[0] == ranked[0][0]]
-    most = merit(best.evidence, best.fitted) + settings().earn_penalty
+    most = merit(best.evidence, best.fitted) + EARN_PENALTY
     alike = [own for own in others if own is not None and merit(own.evidence, own.fitted) < most]
     return min([best, *alike], key=lambda own: tolerances_away(evidence.nominal, own.fitted.rig)[ranked[0][0]])
 
@@ -162,8 +166,8 @@ def _does_no_worse(model: Model, own: WrongValue, before: Fit) -> bool:
     It is known to be there, and they are not: where it explains all but a trifle, and leaves noise of what was fitted
     to as well, the rest may be how a machine differs from any simulation.
     """
-    rules, evidence = settings(), own.evidence
-    if merit(evidence, own.fitted) < merit(model.evidence, model.fitted) + rules.earn_penalty:
+    _rules, evidence = settings(), own.evidence
+    if merit(evidence, own.fitted) < merit(model.evidence, model.fitted) + EARN_PENALTY:
         return True
     return not lead(model.evidence, own.fitted, model.fitted).clear
 
