@@ -46,8 +46,11 @@ class Bar(NamedTuple):
 
 #: to earn a place among what is looked at further, and to be told from a name
 EARNS, TOLD = Bar(2.0, 1.25), Bar(3.0, 1.7)
-#: two fits are compared where they differ: in stretches with this share of the usual difference
+#: two fits are compared where they differ: in stretches with this share of the usual difference, relative to what is left
 ACTS = 0.1
+#: what happens in one or two stretches has to lead by so many errors of the noise: of fifty candidates one does by chance
+#: once in seventy thousand recordings
+SELDOM = 5.0
 #: other formulations of the laws leave no more than so many floors, mean square
 FORMULATION_MAX = 3.0
 #: of what an encoder's counts pass on to a channel this much may be fitted by chance
@@ -110,23 +113,24 @@ def lead_of(
         exact = np.where(least[block.name] > 1.0, least[block.name], 0.0)
         known = allowed[block.name] if allowed else 0.0
         slack.append(np.maximum(COUNTS * passed[block.name] + known, exact))
-        acts = acts + evidence.means((first - second) ** 2, part).sum(axis=0)
+        both = before[-1] + after[-1] + floors[-1][:, None]
+        acts = acts + (evidence.means((first - second) ** 2, part) / both).sum(axis=0)
     if not before or acts.max(initial=0.0) == 0.0:
         return Lead(1.0, 0.0, 0.0, False, False)
     floor, where = np.concatenate(floors)[:, None], acts >= ACTS * acts.mean()
     a, b = (np.concatenate(rows)[:, where] for rows in (before, after))
     ratios = np.log((a + floor) / (b + floor))
-    rest, fall = b.mean(axis=1) - floor[:, 0], (a - b).mean(axis=1)
-    missing = np.maximum(rest, 0.0) / (rest + 2.0 * floor[:, 0])
-    counts = samples / (1.0 + missing * (evidence.correlated - 1.0))
+    missing = np.maximum(b - floor, 0.0) / (b + floor)
+    counts = samples / (1.0 + missing.mean(axis=1) * (evidence.correlated - 1.0))
     price = (cost[1] - cost[0] * np.log(counts)) / counts
     total = ratios.sum(axis=0) + float(price.mean())
-    t = float(in_errors(total)) if len(total) > 2 else _in_errors_of_noise(evidence, behind, ahead, part)
-    beyond = ratios.mean(axis=1) + price - np.log(1.0 + (bar.ratio - 1.0) * missing)
-    far = bool(np.any((beyond > 0.0) & (fall + price > np.concatenate(slack))))
+    seldom = len(total) <= 2
+    t = _in_errors_of_noise(evidence, behind, ahead, part) if seldom else float(in_errors(total))
+    beyond = (ratios - np.log(1.0 + (bar.ratio - 1.0) * missing)).mean(axis=1) + price
+    far = bool(np.any((beyond > 0.0) & ((a - b).mean(axis=1) + price > np.concatenate(slack))))
     best = int(np.argmax(beyond))
     agree = float(np.mean(total > 0.0))
-    clear = far and t > bar.errors and agree >= AGREE
+    clear = far and t > (SELDOM if seldom else bar.errors) and agree >= AGREE
     return Lead(math.exp(0.5 * float(ratios[best].mean())), t, agree, far, clear)
 
 

@@ -94,7 +94,7 @@ def test_one_that_is_not_needed_has_no_size(dry):
     assert not grounds.sure
 
 
-@pytest.mark.parametrize(("share", "formed"), [(0.95, True), (0.79, False), (float("nan"), False)])
+@pytest.mark.parametrize(("share", "formed"), [(0.95, True), (0.79, False), (float("nan"), True)])
 def test_a_law_has_the_form_of_the_free_effort(dry, share, formed):
     law = LawShown(*DRY, "", "", "", "", share=share)
     assert stands(dry, Log(), DRY, law, []).law.stands == formed

@@ -44,7 +44,7 @@ def test_what_of_a_name_is_open_is_said(where, law, size, expected):
 
 
 LEFT = {"q3": Left(5e-5, "m", 0.021, 12.3)}
-OF, REST = "explains of the mismatch", "Left: q3 0.05 mm (2.1 % of its motion, 12 floors)"
+REST = "Left: q3 0.05 mm (2.1 % of its motion, 12 floors)"
 
 
 @pytest.mark.parametrize(
@@ -52,15 +52,15 @@ OF, REST = "explains of the mismatch", "Left: q3 0.05 mm (2.1 % of its motion, 1
     [
         (
             Explained(0.5, 0.9731, LEFT), True,
-            f"The extended rig {OF} 97.3 % as the rigs are compared and 50 % simulated by the commands. {REST}.",
+            f"The extended rig explains 97.3 % of the mismatch as compared and 50 % of the mismatch simulated freely. {REST}.",
         ),
         (
             Explained(-3.0, 0.99995, LEFT), False,
-            f"The recalibrated rig {OF} over 99.99 % as the rigs are compared. {REST}.",
+            f"The recalibrated rig explains over 99.99 % of the mismatch as compared. {REST}.",
         ),
         (
             Explained(None, 0.9991, LEFT, True), True,
-            f"The extended rig {OF} 99.910 % as the rigs are compared. {REST}, which is what was called enough.",
+            f"The extended rig explains 99.910 % of the mismatch as compared. {REST}, which is what was called enough.",
         ),
         (Explained(None, None, LEFT, False), True, f"{REST}, more than what was called enough."),
     ],

@@ -33,22 +33,8 @@ def recalibrated() -> Model:
 
 def trial(model: Model, key: tuple[str, str]) -> Trial:
     """A quick fit of the best value in the bank."""
-    _, scores = grow._bank_about(model, Log(), model.fitted)
-    score = next(s for s in scores if s.candidate.key == key)
+    score = next(s for s in grow.scores_about(model, Log()) if s.candidate.key == key)
     return attempts.attempt(model.evidence, model.fitted, score)
-
-
-def test_quick_fits_begin_from_the_middle_too_where_parameters_are_astray(recalibrated):
-    model = recalibrated
-    stuck = replace(trial(model, STIFFENING), fitted=model.fitted, held_out=held_loss(model.evidence, model.fitted))
-    better = {t.key: t for t in grow._and_from_the_middle(model, Log(), [stuck])}
-    assert better[STIFFENING].held_out < 0.5 * stuck.held_out
-
-
-def test_from_where_nothing_is_astray_they_do_not(recalibrated):
-    model = recalibrated
-    nominal = fit(model.evidence, model.evidence.nominal, [])
-    assert grow._and_from_the_middle(replace(model, fitted=nominal), Log(), []) == []
 
 
 def test_a_rival_that_leaves_far_more_at_a_glance_is_not_finished(recalibrated, monkeypatch):

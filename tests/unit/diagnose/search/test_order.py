@@ -7,8 +7,8 @@ from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import fit
-from dtbacklash.diagnose.search.model import Log, Model, Named, Trial
-from dtbacklash.diagnose.search.order import is_named_already, runners_up
+from dtbacklash.diagnose.search.model import Model, Named, Trial
+from dtbacklash.diagnose.search.order import is_named_already
 from dtbacklash.physics.rig import Rig, build_rig
 
 from ..fit.test_refit import shaken
@@ -47,18 +47,6 @@ def tried(evidence: Evidence, key: Key, values: dict[str, float]) -> Trial:
 def search(evidence: Evidence, key: Key, values: dict[str, float], former: list[Trial]) -> Model:
     nominal = fitted(evidence)
     return Model(evidence, nominal, fitted(evidence, (key, values)), (Named(key, tried=tuple(former)),))
-
-
-def test_a_hysteresis_that_has_become_the_dry_friction_found_is_no_runner_up(evidence):
-    former = [tried(evidence, *yields(evidence, SHARP)), tried(evidence, HARDENS, {"k3": 1e6})]
-    model = search(evidence, DRY, {"force": 0.5}, former)
-    assert [t.key for t in runners_up(model, Log(), [])] == [HARDENS]
-
-
-def test_one_that_yields_within_the_motion_is(evidence):
-    former = [tried(evidence, *yields(evidence, SOFT)), tried(evidence, HARDENS, {"k3": 1e6})]
-    model = search(evidence, DRY, {"force": 0.5}, former)
-    assert {t.key for t in runners_up(model, Log(), [])} == {HARDENS, BOUC_WEN}
 
 
 @pytest.mark.parametrize(("share", "already"), [(SHARP, True), (SOFT, False)])
