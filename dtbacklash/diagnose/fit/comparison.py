@@ -46,10 +46,11 @@ class Bar(NamedTuple):
 
 #: to earn a place among what is looked at further, and to be told from a name
 EARNS, TOLD = Bar(2.0, 1.25), Bar(3.0, 1.7)
-#: two fits are compared where they differ: in stretches with this share of the usual difference, relative to what is left
-ACTS = 0.1
-#: what happens in one or two stretches has to lead by so many errors of the noise: of fifty candidates one does by chance
-#: once in seventy thousand recordings
+#: two fits are compared where they differ: in stretches with this share of their usual rms difference, relative to
+#: what they leave
+ACTS = 0.2
+#: what happens in one or two stretches has to lead by so many errors of the noise: of fifty candidates one does so by
+#: chance once in seventy thousand recordings
 SELDOM = 5.0
 #: other formulations of the laws leave no more than so many floors, mean square
 FORMULATION_MAX = 3.0
@@ -114,7 +115,7 @@ def lead_of(
         known = allowed[block.name] if allowed else 0.0
         slack.append(np.maximum(COUNTS * passed[block.name] + known, exact))
         both = before[-1] + after[-1] + floors[-1][:, None]
-        acts = acts + (evidence.means((first - second) ** 2, part) / both).sum(axis=0)
+        acts = acts + np.sqrt(evidence.means((first - second) ** 2, part) / both).sum(axis=0)
     if not before or acts.max(initial=0.0) == 0.0:
         return Lead(1.0, 0.0, 0.0, False, False)
     floor, where = np.concatenate(floors)[:, None], acts >= ACTS * acts.mean()

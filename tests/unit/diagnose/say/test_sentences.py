@@ -52,7 +52,8 @@ REST = "Left: q3 0.05 mm (2.1 % of its motion, 12 floors)"
     [
         (
             Explained(0.5, 0.9731, LEFT), True,
-            f"The extended rig explains 97.3 % of the mismatch as compared and 50 % of the mismatch simulated freely. {REST}.",
+            "The extended rig explains 97.3 % of the mismatch as compared and 50 % of the mismatch simulated freely. "
+            f"{REST}.",
         ),
         (
             Explained(-3.0, 0.99995, LEFT), False,
