@@ -1,6 +1,7 @@
 """How much of the mismatch the extended rig explains, what it leaves, and whether that is enough."""
 
 import math
+import re
 from collections.abc import Mapping
 
 import numpy as np
@@ -28,15 +29,16 @@ def read_enough(given: Mapping[str, object], rig: Rig) -> Enough:
         key = f"enough.{channel}"
         if channel not in rig.sensors:
             raise UserError(key, value, f"no such channel; choose one of {', '.join(rig.sensors)}")
-        number, _, written = str(value).strip().partition(" ")
-        unit = units.find(written.strip()) if written and written.strip() != "%" else None
         wanted = rig.sensors[channel].unit
         allowed = f"a number above 0 with a unit of {wanted} ({', '.join(units.of_kind(wanted))}), or a share like 2 %"
+        parts = re.fullmatch(r"\s*([-+.\deE]+)\s*(.*?)\s*", str(value))
+        written = parts[2] if parts else "?"
+        unit = units.find(written)
         try:
-            size = float(number)
+            size = float(parts[1]) if parts else math.nan
         except ValueError:
             raise UserError(key, value, allowed) from None
-        share = written.strip() in ("", "%")
+        share = written in ("", "%")
         if not (math.isfinite(size) and size > 0.0) or (not share and (unit is None or unit.si != wanted)):
             raise UserError(key, value, allowed)
         factor = (0.01 if written else 1.0) if share else unit.factor if unit else 1.0

@@ -16,7 +16,8 @@ SIZE, FLOOR = 1e-3, 0.05
     ("channel", "given", "read"),
     [
         ("q3", "0.05 mm", (5e-5, False)), ("q3", "2e-6 m", (2e-6, False)), ("theta_m", "1 deg", (np.pi / 180, False)),
-        ("q3", "2 %", (0.02, True)), ("q3", 0.02, (0.02, True)), ("q3", " 0.02 ", (0.02, True)),
+        ("q3", "2 %", (0.02, True)), ("q3", "2%", (0.02, True)),
+        ("q3", "0.05mm", (5e-5, False)), ("q3", 0.02, (0.02, True)), ("q3", " 0.02 ", (0.02, True)),
     ],
 )  # fmt: skip
 def test_enough_is_read_in_its_unit_or_as_a_share(rig, channel, given, read):
