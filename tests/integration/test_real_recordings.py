@@ -1,7 +1,7 @@
 """The public recordings diagnosed: what is named, how large, and how well the extended rig predicts unseen data.
 
-Their sensors are better than any catalogue of laws: more than noise is left of most of them, and the verdict then is
-``unexplained``, with findings that are sure or partial. Parts of the records, so that each takes a minute at most;
+Their sensors are better than any catalogue of laws: more than noise is left of all of them, beside names that are sure
+or open. Parts of the records, so that each takes a minute at most;
 docs/real-recordings.md has the figures of them all.
 """
 
@@ -73,10 +73,10 @@ def test_emps_has_viscous_coulomb_and_asymmetric_friction() -> None:
     recording = read_recording("emps", rig=rig)
     found = diagnose(recording.section(0, 12000), rig)
     parameters = named(found)
-    # ten times the encoder's noise is left, at what drives the carriage: friction that is not quite Coulomb's, a ripple
+    # ten times the encoder's noise is left, a thousandth of the mismatch: friction that is not quite Coulomb's, a ripple
     # of the screw
-    assert found.verdict == "unexplained"
-    assert set(confidence(found).values()) == {"partial"}
+    assert found.verdict == "missing_physics"
+    assert confidence(found)["carriage", "viscous_friction"] == "sure"
     assert set(parameters) == {
         ("carriage", "viscous_friction"), ("carriage", "coulomb_friction"), ("carriage", "asymmetric_friction"),
     }  # fmt: skip
@@ -98,7 +98,8 @@ def test_silverbox_has_a_cubic_spring_and_the_arrow_is_predicted() -> None:
     found = diagnose(train, rig, arrow.section(32000, 40000))
     parameters = named(found)
     # the oscillator is an electronic circuit, measured to one part in ten thousand: thirty times that is left
-    assert found.verdict == "unexplained"
+    assert found.verdict == "missing_physics"
+    assert confidence(found)["link_1", "cubic_stiffness"] == "sure"
     assert ("link_1", "cubic_stiffness") in parameters
     assert ("link_1", "bumper") not in parameters
     assert 3.7 < parameters["link_1", "cubic_stiffness"]["k3"]["value"] < 4.1

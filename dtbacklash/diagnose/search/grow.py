@@ -115,15 +115,35 @@ def _astray(evidence: Evidence, fitted: Fit) -> bool:
 
 
 def _add_all(model: Model, log: Log, most: int, say: Callable[[str, float], None]) -> Model:
-    """Add effects until none earns its place."""
+    """Add effects until none earns its place.
+
+    Of two that hide each other none may (one half of a friction that differs by direction makes the moves to one side
+    fit better and those to the other worse): where none does, and more than noise is left, the best that takes away
+    enough is added on trial. Without another one that earns its place beside it, it is taken back in the end.
+    """
+    on_trial = False
     while len(model.named) < most:
         model = _with_lower_floor(model)
         say(f"looking for effect {len(model.named) + 1}", 0.1 + 0.2 * len(model.named))
         larger = _release(model) or _add(model, log)
+        if larger is None and not on_trial and len(model.named) + 2 <= most:
+            larger, on_trial = _on_trial(model, log), True
+        elif larger is not None:
+            on_trial = False
         if larger is None:
             break
         model = larger
     return model
+
+
+def _on_trial(model: Model, log: Log) -> Model | None:
+    """The model with the best of what was tried last, if more than noise is left and it takes away enough of it."""
+    evidence = model.evidence
+    trials = [t for t, of in log.trials if of is evidence and t.beside == len(model.named) and t.key not in model.keys]
+    best = next(iter(simplest_first(evidence, trials)), None)
+    if best is None or worst(evidence, model.fitted) <= settings().noise_floors:
+        return None
+    return _take(model, log, best, trials) if lead(evidence, model.fitted, best.fitted).far else None
 
 
 def _release(model: Model) -> Model | None:
