@@ -147,10 +147,10 @@ def ratio_in_each(evidence: Evidence, behind: Fit, ahead: Fit) -> tuple[float, .
     return tuple(found)
 
 
-def alike(evidence: Evidence, best: Fit, other: Fit) -> bool:
+def alike(evidence: Evidence, best: Fit, other: Fit, bar: Bar = EARNS) -> bool:
     """Whether the recordings can hardly tell two fits: the better one leads neither clearly nor by much."""
-    ahead = lead(evidence, other, best)
-    return not ahead.clear and ahead.ratio < math.sqrt(EARNS.ratio)
+    ahead = lead(evidence, other, best, bar)
+    return not ahead.clear and ahead.ratio < math.sqrt(bar.ratio)
 
 
 def parameters_of(evidence: Evidence, fitted: Fit) -> int:

@@ -2,7 +2,7 @@
 
 from dtbacklash.diagnose.data.compare import places_of
 from dtbacklash.diagnose.data.evidence import Evidence
-from dtbacklash.diagnose.fit.comparison import alike, merit
+from dtbacklash.diagnose.fit.comparison import TOLD, alike, merit
 from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.propose.locate import Score
 from dtbacklash.diagnose.search.model import Model, Trial
@@ -49,7 +49,7 @@ def simplest_first(evidence: Evidence, trials: list[Trial]) -> list[Trial]:
     if not ranked:
         return []
     best = ranked[0]
-    equal = [t for t in ranked if t is best or alike(evidence, best.fitted, t.fitted)]
+    equal = [t for t in ranked if t is best or alike(evidence, best.fitted, t.fitted, TOLD)]
     return sorted(equal, key=lambda t: (len(t.score.candidate.effect.parameters), merit(evidence, t.fitted)))
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 from functools import partial
 
 from dtbacklash.diagnose.data.evidence import Evidence
-from dtbacklash.diagnose.fit.comparison import alike, held_loss, lead
+from dtbacklash.diagnose.fit.comparison import TOLD, alike, held_loss, lead
 from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import QUICK
@@ -36,7 +36,7 @@ def _against_rivals(model: Model, log: Log, key: Key, most: int) -> Model:
     named = replace(named, tried=(*trials, *others))
     for trial in trials:
         fewer = _count(evidence, trial.key) < _count(evidence, named.key)
-        simpler = fewer and alike(evidence, model.fitted, trial.fitted)
+        simpler = fewer and alike(evidence, model.fitted, trial.fitted, TOLD)
         if simpler or lead(evidence, model.fitted, trial.fitted).clear:
             log.tried(evidence, [trial])
             log.verdicts.append((trial, f"took the place of {named.key[1]}"))
