@@ -25,8 +25,8 @@ def asked(monkeypatch, undrawn):
     seen = {}
     made_up = diagnosed.missing()
 
-    def pretend(train, held_out, rig, jobs, progress):
-        seen.update(train=train, held_out=held_out, rig=rig, jobs=jobs)
+    def pretend(train, held_out, rig, jobs, progress, enough):
+        seen.update(train=train, held_out=held_out, rig=rig, jobs=jobs, enough=enough)
         for fraction, text in ((0.0, "comparing"), (0.2, "comparing"), (0.5, "naming")):
             progress(fraction, text)
         return replace(made_up, source=source_of(train), notes=notes_of(train, held_out, settings().held_out_share))
@@ -191,7 +191,7 @@ def test_verbose_says_what_it_is_doing_once_each_and_leaves_logging_alone(dtb):
         (["recording=bench.csv", "rig.effects.gear.rust.size=1"], "rig.effects.gear.rust=rust: an element of kind"),
         (["recording=bench.csv", "jobs=-1"], "jobs=-1: must be at least 1 and at most 256"),
         (["recording=bench.csv", "validation=gone.csv"], "validation=gone.csv: no such file"),
-        (["recording=bench.csv", "colour=red"], "colour=red: no such setting; choose one of jobs, out, recording"),
+        (["recording=bench.csv", "colour=red"], "colour=red: no such setting; choose one of enough, jobs, out"),
         (["recording=bench.csv", "-x"], "option=-x: choose one of"),
         (["bench.csv"], "argument=bench.csv: write key=value"),
         (["recording=bench.csv", "out=bench.csv"], "out="),

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from dtbacklash.diagnose.fit.comparison import TOLD, Lead, lead, ratio_in_each
+from dtbacklash.diagnose.fit.comparison import TOLD, Lead, formulations, lead, ratio_in_each
 from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import ON
@@ -50,7 +50,8 @@ def stands(model: Model, log: Log, key: Key, law: LawShown | None, rivals: list[
     formed = share is None or share >= FORM
     law_ground = Ground(here.stands and formed, here.ratio, here.t, here.agree, here.against, share)
     without = fit_without(model, log, key) if len(model.named) > 1 else model.nominal
-    needed = lead(model.evidence, without, model.fitted, TOLD, "used")
+    allowed = formulations(model.evidence, without)
+    needed = lead(model.evidence, without, model.fitted, TOLD, "used", allowed)
     each = ratio_in_each(model.evidence, without, model.fitted)
     size = Ground(needed.clear, needed.ratio, needed.t, needed.agree, recordings=each if len(each) > 1 else ())
     return Stands(elsewhere, law_ground, size)

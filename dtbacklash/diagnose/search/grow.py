@@ -143,7 +143,9 @@ def _on_trial(model: Model, log: Log) -> Model | None:
     best = next(iter(simplest_first(evidence, trials)), None)
     if best is None or worst(evidence, model.fitted) <= settings().noise_floors:
         return None
-    return _take(model, log, best, trials) if lead(evidence, model.fitted, best.fitted).far else None
+    allowed = formulations(evidence, model.fitted)
+    far = lead(evidence, model.fitted, best.fitted, allowed=allowed).far
+    return _take(model, log, best, trials) if far else None
 
 
 def _release(model: Model) -> Model | None:

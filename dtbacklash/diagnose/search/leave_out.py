@@ -6,7 +6,7 @@ import numpy as np
 
 from dtbacklash.diagnose.data.compare import places_of
 from dtbacklash.diagnose.data.evidence import Evidence
-from dtbacklash.diagnose.fit.comparison import lead, merit
+from dtbacklash.diagnose.fit.comparison import formulations, lead, merit
 from dtbacklash.diagnose.fit.free import (
     Key,
     all_free,
@@ -87,7 +87,8 @@ def eliminate(model: Model, log: Log, part: str = "held") -> Model:
         if borne(model, key):
             continue
         without = fit_without(model, log, key)
-        if not lead(model.evidence, without, model.fitted, part=part).clear:
+        allowed = formulations(model.evidence, without)
+        if not lead(model.evidence, without, model.fitted, part=part, allowed=allowed).clear:
             model = _recalibrated_again(model.minus(without, key), log)
     return model if model.named else replace(model, fitted=model.nominal)
 
