@@ -33,6 +33,8 @@ from dtbacklash.physics.rig import Rig, build_rig
 #: likelihood)
 EARN_PENALTY = 15.0
 
+#: one wrong value that explains this share of what effects do, and leaves noise, is likelier than they are
+NEARLY_ALL = 0.98
 #: a quick fit that leaves more of the nominal rig's loss than this has not begun to explain it
 BEGUN = 0.5
 #: parameter, element, field
@@ -169,7 +171,12 @@ def _does_no_worse(model: Model, own: WrongValue, before: Fit) -> bool:
     _rules, evidence = settings(), own.evidence
     if merit(evidence, own.fitted) < merit(model.evidence, model.fitted) + EARN_PENALTY:
         return True
-    return not lead(model.evidence, own.fitted, model.fitted).clear
+    if not lead(model.evidence, own.fitted, model.fitted).clear:
+        return True
+    at_first, by_effects, by_own = (held_loss(evidence, f) ** 2 for f in (before, model.fitted, own.fitted))
+    nearly_all = at_first - by_own > NEARLY_ALL * (at_first - by_effects)
+    fitted = max(float(squares.max()) for squares in evidence.mean_square(own.fitted.residuals, "train").values())
+    return nearly_all and fitted < settings().noise_floors
 
 
 def _finished(own: WrongValue) -> WrongValue | None:
