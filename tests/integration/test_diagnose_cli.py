@@ -118,11 +118,11 @@ def test_the_rig_of_a_mapping_is_taken_unless_another_is_chosen(dtb):
 def test_units_and_trust_reach_the_reader(dtb, monkeypatch):
     seen = {}
 
-    def read(source, **how):
+    def read(source, validation, **how):
         seen.update(how, source=source)
         raise UserError("recording", source, "enough")
 
-    monkeypatch.setattr("dtbacklash.recording.read_recording", read)
+    monkeypatch.setattr("dtbacklash.recording.read_together", read)
     dtb("recording=bench.csv", "units={q3: m, theta_m: deg}", "recording.trust_units=true")
     assert seen["units"] == {"q3": "m", "theta_m": "deg"}
     assert seen["trust_units"] is True
