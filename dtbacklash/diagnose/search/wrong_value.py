@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from dtbacklash.diagnose.data.evidence import Evidence
-from dtbacklash.diagnose.fit.comparison import alike, held_loss, is_noise, lead, merit, worst
+from dtbacklash.diagnose.fit.comparison import alike, held_loss, is_noise, lead, lead_of, merit, worst
 from dtbacklash.diagnose.fit.free import (
     Key,
     all_free,
@@ -131,7 +131,7 @@ def _with_own(model: Model, log: Log, own: WrongValue, gone: tuple[Key, ...]) ->
     """The model with an element's own parameter in the place of some effects."""
     for key in gone:
         log.refuse(key, "one element's own parameter does as well")
-    if alike(own.evidence, own.fitted, model.fitted):
+    if not lead_of(own.evidence, model.fitted.residuals, own.fitted.residuals).clear:
         own = replace(own, instead_of=gone)
     model = replace(model.minus(own.fitted, *gone), evidence=own.evidence, wrong_value=own, could_be=None)
     known = own.evidence.nominal
