@@ -13,7 +13,6 @@ from dtbacklash.diagnose.fit.comparison import TOLD, Lead, formulations, lead, r
 from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import ON
-from dtbacklash.diagnose.judge.verdict import near
 from dtbacklash.diagnose.propose.locate import Score
 from dtbacklash.diagnose.result import Alternative, Ground, LawShown, Stands
 from dtbacklash.diagnose.search.leave_out import fit_without, refit_with
@@ -67,7 +66,7 @@ def _against(rivals: list[Rival]) -> Ground:
 
 
 def rivals_of(model: Model, log: Log, key: Key, law: LawShown | None) -> list[Rival]:
-    """The effects that came nearest to a named one, and its law at its neighbours, fitted in its place.
+    """The effects that came nearest to a named one, and its law at other places, fitted in its place.
 
     A law with more parameters that comes out as the named one is not a rival.
     """
@@ -104,20 +103,19 @@ def _starts(model: Model, log: Log, key: Key) -> Iterable[tuple[Key, tuple[Value
             values = trial.fitted.rig.effect(*trial.key)
             if values is not None:
                 yield trial.key, (values, trial.fitted)
-    for score in _neighbours(model, log, key):
-        same_kind = score.candidate.effect.kind == model.evidence.nominal.kind_at(key[0])
-        values = (model.fitted.rig.effect(*key) if same_kind else None) or score.values
+    for score in _elsewhere(model, log, key):
+        values = model.fitted.rig.effect(*key) or {}
+        alike = {p.name for p in score.candidate.effect.parameters} == set(values)
+        values = values if alike else score.values
         yield score.candidate.key, (values, None)
 
 
-def _neighbours(model: Model, log: Log, key: Key) -> list[Score]:
-    """The law at the places beside its own, as the first bank had it; those that were tried are looked at anyway."""
-    rig = model.evidence.nominal
-    beside = set[str]().union(*(near(rig, place) for place in near(rig, key[0]))) - {key[0]}
+def _elsewhere(model: Model, log: Log, key: Key) -> list[Score]:
+    """The same law at all other places, as the first bank had it; those that were tried are looked at anyway."""
     tried = {t.key for t in model.about(key).tried}
     return [
         s for s in log.scores
-        if s.candidate.key[1] == key[1] and s.candidate.key[0] in beside
+        if s.candidate.key[1] == key[1] and s.candidate.key[0] != key[0]
         and s.candidate.key not in tried | {*model.keys}
     ]  # fmt: skip
 
