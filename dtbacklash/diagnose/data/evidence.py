@@ -187,7 +187,7 @@ class Evidence:
         found = list(each)
         for number in {r.recording for r in self.records if r.own_zero}:
             own = [k for k, r in enumerate(self.records) if r.recording == number]
-            used = [self.records[k].train | self.records[k].held for k in own]
+            used = [self.records[k].used for k in own]
             if any(u.any() for u in used):
                 mean = np.concatenate([each[k][u][:, columns] for k, u in zip(own, used, strict=True)]).mean(axis=0)
                 for k in own:

@@ -50,7 +50,7 @@ def portion(rig: Rig, records: list[Record]) -> list[Record]:
 
 def _without_judging_end(record: Record) -> Record:
     """The record up to its last training or held-out sample."""
-    end = int(np.flatnonzero(record.train | record.held)[-1]) + 1
+    end = int(np.flatnonzero(record.used)[-1]) + 1
     return record if end == record.samples else cut_off(record, 0, end)
 
 

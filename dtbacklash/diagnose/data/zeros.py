@@ -64,7 +64,7 @@ def _mean(rig: Rig, block: Block, records: list[Record], names: tuple[str, ...])
     """(names,) mean residual of what is used of a recording; 0 where it does not stay finite."""
     columns = [block.channels.index(n) for n in names]
     with np.errstate(over="ignore", invalid="ignore"):
-        each = [residual(rig, block, r, "coarse")[r.train | r.held][:, columns] for r in records]
+        each = [residual(rig, block, r, "coarse")[r.used][:, columns] for r in records]
         mean: Floats = np.concatenate(each).mean(axis=0) if sum(map(len, each)) else np.zeros(len(names))
     return np.nan_to_num(mean, nan=0.0, posinf=0.0, neginf=0.0)
 

@@ -13,7 +13,7 @@ from dtbacklash.diagnose.judge.free_form import Recovered
 from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Explained, Verdict
 from dtbacklash.diagnose.search.model import Model
 from dtbacklash.diagnose.settings import settings
-from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
+from dtbacklash.physics.rig import Rig
 
 #: such a residual is more than noise from here on (floors, mean square)
 COLOURED_FLOORS = 1.05
@@ -113,28 +113,6 @@ def depends_on(form: Recovered | None, left: dict[str, BlockLeft]) -> bool:
     """
     least = max(settings().depends_floors, *(block.formulation for block in left.values()))
     return form is not None and form.t > settings().depends_errors and form.fall > least
-
-
-def near(rig: Rig, place: str) -> set[str]:
-    """The place, its neighbours, and all that drives it or is driven by it: any effort there moves it alike.
-
-    A sensor is where what it measures is.
-    """
-    if place.startswith(SENSOR_PREFIX):
-        return {place} | near(rig, rig.sensors[place.removeprefix(SENSOR_PREFIX)].of)
-    ends = {
-        e.name: {n for to in e.neighbours.values() for n in ([to] if isinstance(to, str) else to)}
-        for e in rig.elements.values()
-    }
-    found = {place, *ends.get(place, ()), *(name for name, to in ends.items() if place in to)}
-    driving = {e.neighbours["drives"]: e.name for e in rig.elements.values() if "drives" in e.neighbours}
-    driven = {drives: to for to, drives in driving.items()}
-    for way in (driving, driven):
-        end = place
-        while end in way:
-            end = way[end]
-            found.add(end)
-    return found
 
 
 def _squares(evidence: Evidence, fitted: Fit) -> tuple[dict[str, Floats], dict[str, Floats]]:

@@ -16,12 +16,11 @@ from dtbacklash.diagnose.search.leave_out import refit_with
 from dtbacklash.diagnose.search.model import Trial
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Role
-from dtbacklash.physics.rig import Rig
 
 
-def attempt(evidence: Evidence, current: Fit, score: Score, near: Rig | None = None) -> Trial:
-    """A quick fit. ``near`` : a rig in whose parameters it begins, if not in those of ``current``."""
-    fitted = refit_with(evidence, current, [(score.candidate.key, score.values)], rounds=QUICK, near=near)
+def attempt(evidence: Evidence, current: Fit, score: Score) -> Trial:
+    """A quick fit, from where ``current`` stands."""
+    fitted = refit_with(evidence, current, [(score.candidate.key, score.values)], rounds=QUICK)
     return Trial(score.candidate.key, score, fitted, held_loss(evidence, fitted))
 
 

@@ -75,13 +75,13 @@ def divided(records: list[Record]) -> list[Record]:
 
 def _by_turns(record: Record, turns: int) -> Record:
     """A record with as many samples that train and as many that are held out, by turns."""
-    at = np.flatnonzero(record.train | record.held)
+    at = np.flatnonzero(record.used)
     count = int(record.held.sum())
     if turns == 1 or count in (0, len(at)):
         return record
     held = np.zeros(record.samples, dtype=bool)
     held[at[np.arange(len(at)) * turns % len(at) >= len(at) - count]] = True
-    return replace(record, train=(record.train | record.held) & ~held, held=held)
+    return replace(record, train=record.used & ~held, held=held)
 
 
 def judging(evidence: Evidence) -> Evidence:
@@ -93,7 +93,7 @@ def judging(evidence: Evidence) -> Evidence:
 
 def for_judgement(evidence: Evidence) -> Evidence:
     """The same with all that fitted or chose to be fitted to, and what judges held out."""
-    records = [replace(r, train=r.train | r.held, held=r.judge, judge=np.zeros_like(r.judge)) for r in evidence.records]
+    records = [replace(r, train=r.used, held=r.judge, judge=np.zeros_like(r.judge)) for r in evidence.records]
     return replace(evidence, records=records, stretch=stretch_of(records))
 
 

@@ -28,7 +28,7 @@ def reconsider(model: Model, log: Log, keys: tuple[Key, ...], rivals: int) -> Mo
 
 
 def _against_rivals(model: Model, log: Log, key: Key, most: int) -> Model:
-    """The model with the best of its rivals in the place of an effect, and with those that fit as well noted."""
+    """The model with a rival in the place of an effect where it leads, or is simpler and fits as well."""
     evidence, without, named = model.evidence, fit_without(model, log, key), model.about(key)
     former = [t for t in named.tried if t.key not in (*model.keys, *log.refused)]
     trials = _in_place(model, log, without, sorted(former, key=lambda t: t.held_out)[:most])

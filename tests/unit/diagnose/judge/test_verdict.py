@@ -10,7 +10,7 @@ from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.free import nominal_free
 from dtbacklash.diagnose.fit.intervals import standard_errors
 from dtbacklash.diagnose.fit.refit import fit
-from dtbacklash.diagnose.judge.verdict import BlockLeft, decide, moved_parameters, near
+from dtbacklash.diagnose.judge.verdict import BlockLeft, decide, moved_parameters
 from dtbacklash.diagnose.result import Explained
 
 #: mean squares in floors: without and with what was found; more than noise is left of 100
@@ -61,13 +61,6 @@ def verdict(
 )
 def test_the_verdict(given, expected):
     assert verdict(**given) == expected
-
-
-def test_a_place_is_near_what_moves_it_and_a_sensor_where_it_measures():
-    rig = known(blade())
-    assert near(rig, "tip") == {"tip", "blade"}
-    assert near(rig, "frame") == {"frame", "foot", "blade", "shaker", "amplifier"}
-    assert near(rig, "sensor_x_2") == {"sensor_x_2", "tip", "blade"}
 
 
 def test_a_trifle_of_a_tolerance_that_was_needed_is_said():
