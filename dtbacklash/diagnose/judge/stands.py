@@ -6,14 +6,13 @@ also has to have the form of an effort of free form over its own state.
 """
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
-from dtbacklash.diagnose.fit.comparison import TOLD, Lead, formulations, lead, ratio_in_each
+from dtbacklash.diagnose.fit.comparison import TOLD, Lead, formulations, lead, merit, ratio_in_each
 from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import ON
-from dtbacklash.diagnose.propose.locate import Score
 from dtbacklash.diagnose.result import Alternative, Ground, LawShown, Stands
 from dtbacklash.diagnose.search.leave_out import fit_without, refit_with
 from dtbacklash.diagnose.search.model import Log, Model
@@ -22,11 +21,19 @@ from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.drawing import drawing_of
 from dtbacklash.physics.effects.declare import Values
+from dtbacklash.physics.rig import Rig
 
 #: so many rivals at the place, and elsewhere, are fitted in the place of an effect: the best when it was found
 RIVALS = 2
 #: a law explains this share of the effort of free form over its state
 FORM = 0.9
+
+
+class Start(NamedTuple):
+    """Where the fit of a rival begins: its values, and the rig in whose nominal parameters; None: the model's."""
+
+    values: Values
+    near: Rig | None = None
 
 
 @dataclass(frozen=True)
@@ -70,7 +77,7 @@ def rivals_of(model: Model, log: Log, key: Key, law: LawShown | None) -> list[Ri
 
     A law with more parameters that comes out as the named one is not a rival.
     """
-    starts = dict(_starts(model, log, key))
+    starts = _starts(model, log, key)
     fits = spread(lambda other: _in_place(model, key, other, starts[other]), starts)
     rivals = [
         Rival(other, fitted, lead(model.evidence, fitted, model.fitted, TOLD, "used"))
@@ -92,40 +99,29 @@ def _is_the_same_law(model: Model, key: Key, rival: Rival, law: LawShown | None)
     return float(apart @ apart) <= (1.0 - FORM) * float(law.law_effort @ law.law_effort)
 
 
-def _starts(model: Model, log: Log, key: Key) -> Iterable[tuple[Key, tuple[Values, Fit | None]]]:
-    """Rival -> values and fit from which its fit begins."""
-    named = model.about(key)
-    tried = sorted(named.tried, key=lambda t: t.held_out)
+def _starts(model: Model, log: Log, key: Key) -> dict[Key, list[Start]]:
+    """Rival -> where its fits begin: as it was tried, and the same law elsewhere also with the values of the named."""
+    tried, mine = sorted(model.about(key).tried, key=lambda t: t.held_out), model.fitted.rig.effect(*key) or {}
+    starts: dict[Key, list[Start]] = {}
     for there in (True, False):
         group = [t for t in tried if (t.key[0] == key[0]) is there and t.key not in model.keys]
         chosen = {t.key: t for t in reversed(group)}  # the best of each
         for trial in sorted(chosen.values(), key=lambda t: t.held_out)[:RIVALS]:
-            values = trial.fitted.rig.effect(*trial.key)
-            if values is not None:
-                yield trial.key, (values, trial.fitted)
-    for score in _elsewhere(model, log, key):
-        values = model.fitted.rig.effect(*key) or {}
-        alike = {p.name for p in score.candidate.effect.parameters} == set(values)
-        values = values if alike else score.values
-        yield score.candidate.key, (values, None)
+            if values := trial.fitted.rig.effect(*trial.key):
+                starts[trial.key] = [Start(values, trial.fitted.rig)]
+    for score in log.scores:
+        other = score.candidate.key
+        if other[1] == key[1] and other[0] != key[0] and other not in model.keys:
+            alike = {p.name for p in score.candidate.effect.parameters} == set(mine)
+            starts.setdefault(other, []).append(Start(mine if alike else score.values))
+    return starts
 
 
-def _elsewhere(model: Model, log: Log, key: Key) -> list[Score]:
-    """The same law at all other places, as the first bank had it; those that were tried are looked at anyway."""
-    tried = {t.key for t in model.about(key).tried}
-    return [
-        s for s in log.scores
-        if s.candidate.key[1] == key[1] and s.candidate.key[0] != key[0]
-        and s.candidate.key not in tried | {*model.keys}
-    ]  # fmt: skip
-
-
-def _in_place(model: Model, key: Key, other: Key, start: tuple[Values, Fit | None]) -> Fit | None:
-    """The fit with another effect in the place of a named one; None if such a rig cannot be."""
-    values, beside = start
+def _in_place(model: Model, key: Key, other: Key, starts: list[Start]) -> Fit | None:
+    """The best fit with another effect in the place of a named one; None if such a rig cannot be."""
+    evidence = model.evidence
     try:
-        return refit_with(
-            model.evidence, model.fitted, [(other, values)], key, ON, near=beside.rig if beside is not None else None
-        )
+        fits = [refit_with(evidence, model.fitted, [(other, s.values)], key, ON, near=s.near) for s in starts]
     except UserError:
         return None
+    return min(fits, key=lambda f: merit(evidence, f))
