@@ -36,7 +36,7 @@ from dtbacklash.diagnose.search.friction_by_direction import call_by_direction
 from dtbacklash.diagnose.search.grow import search, silent
 from dtbacklash.diagnose.search.leave_out import drop, eliminate
 from dtbacklash.diagnose.search.model import Log, Model
-from dtbacklash.diagnose.search.objections import raises_the_error, spoils_the_free_run
+from dtbacklash.diagnose.search.objections import hands_back, raises_the_error
 from dtbacklash.diagnose.search.parts import divided, for_judgement, refitted
 from dtbacklash.diagnose.search.simpler_law import call_by_its_limit
 from dtbacklash.diagnose.search.slow_pull import refit_slowly
@@ -92,8 +92,8 @@ def diagnose_records(
 
 def _with_errors(model: Model, log: Log) -> tuple[Model, Errors]:
     """The model without what does not stand its trial, and the standard errors of its last fit."""
-    while key := spoils_the_free_run(model.evidence, model.nominal, model.fitted, model.keys):
-        model = drop(model, log, key, "simulated freely, the rig is further from the recording with it than without")
+    while key := hands_back(model.evidence, model.nominal, model.fitted, model.keys):
+        model = drop(model, log, key, "less guided by the measurement, the rig is further from the recording with it")
     while key := raises_the_error(model.evidence, model.nominal, model.fitted, model.keys):
         model = drop(model, log, key, "the held-out error rises with it")
     while True:

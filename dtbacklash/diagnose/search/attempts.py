@@ -7,21 +7,40 @@ starts it tells the right one only roughly. So a full fit also tries the neighbo
 import numpy as np
 
 from dtbacklash.diagnose.data.evidence import Evidence
-from dtbacklash.diagnose.fit.comparison import held_loss, lead, merit
+from dtbacklash.diagnose.fit.comparison import held_loss, lead, merit, worst
 from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import FULL, QUICK, Rounds
 from dtbacklash.diagnose.propose.locate import Score
 from dtbacklash.diagnose.search.leave_out import refit_with
 from dtbacklash.diagnose.search.model import Trial
+from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.catalogue import find
-from dtbacklash.physics.effects.declare import Role
+from dtbacklash.physics.effects.declare import Role, Values
+from dtbacklash.physics.rig import Rig
+
+#: where a fit begins anew, an effect has this share of what the bank gives it: it grows with what it takes over
+WEAK = 0.1
 
 
 def attempt(evidence: Evidence, current: Fit, score: Score) -> Trial:
-    """A quick fit, from where ``current`` stands."""
-    fitted = refit_with(evidence, current, [(score.candidate.key, score.values)], rounds=QUICK)
-    return Trial(score.candidate.key, score, fitted, held_loss(evidence, fitted))
+    """The best quick fit: from where ``current`` stands and, where it leaves more than noise, from the nominal rig.
+
+    Parameters make up for what is missing as well as they can, and from there the way to the truth may be barred.
+    """
+    key, values = score.candidate.key, score.values
+    fits = [refit_with(evidence, current, [(key, values)], rounds=QUICK)]
+    if worst(evidence, current) > settings().nearly_noise_floors:
+        weak = weakened(current.rig, key, values, WEAK)
+        fits.append(refit_with(evidence, current, [(key, weak)], rounds=QUICK, near=evidence.nominal))
+    fitted = min(fits, key=lambda f: merit(evidence, f))
+    return Trial(key, score, fitted, held_loss(evidence, fitted))
+
+
+def weakened(rig: Rig, key: Key, values: Values, share: float) -> Values:
+    """The values of an effect with a share of its amplitudes."""
+    amplitudes = find(rig.kind_at(key[0]), key[1], key[0]).amplitudes
+    return {**values, **{p.name: share * values[p.name] for p in amplitudes if p.neutral == 0.0}}
 
 
 def finish(evidence: Evidence, current: Fit, trial: Trial, near: bool = False, rounds: Rounds = FULL) -> Trial:

@@ -24,7 +24,7 @@ from dtbacklash.diagnose.fit.free import (
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import fit
 from dtbacklash.diagnose.propose.locate import Score, bank
-from dtbacklash.diagnose.search.attempts import attempt, finish
+from dtbacklash.diagnose.search.attempts import attempt, finish, weakened
 from dtbacklash.diagnose.search.leave_out import eliminate, refit_with
 from dtbacklash.diagnose.search.model import Asked, Log, Model, Named, Trial
 from dtbacklash.diagnose.search.order import (
@@ -37,7 +37,6 @@ from dtbacklash.diagnose.search.rivals import reconsider
 from dtbacklash.diagnose.search.wrong_value import explains_alone, own_parameter, wrong_value_instead
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.diagnose.spread import spread
-from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Values
 from dtbacklash.physics.rig import Rig
 
@@ -165,8 +164,8 @@ def _release(model: Model) -> Model | None:
 
 def _let_go(rig: Rig, key: Key) -> list[Values]:
     """Where the fit of an effect begins that is let go: where it stands, and near nothing: it may not be there."""
-    values, entry = rig.effects[key[0]][key[1]], find(rig.kind_at(key[0]), key[1], key[0])
-    gone = {**values, **{p.name: ALMOST_GONE * values[p.name] for p in entry.amplitudes if p.neutral == 0.0}}
+    values = rig.effects[key[0]][key[1]]
+    gone = weakened(rig, key, values, ALMOST_GONE)
     return [values] if gone == values else [values, gone]
 
 
