@@ -22,11 +22,11 @@ from dtbacklash.diagnose.fit.free import (
     tolerances_away,
 )
 from dtbacklash.diagnose.fit.problem import Fit
-from dtbacklash.diagnose.fit.refit import fit
+from dtbacklash.diagnose.fit.refit import ON, fit
 from dtbacklash.diagnose.propose.locate import Score, bank
 from dtbacklash.diagnose.search.attempts import attempt, finish, weakened
 from dtbacklash.diagnose.search.leave_out import eliminate, refit_with
-from dtbacklash.diagnose.search.model import Asked, Log, Model, Named, Trial
+from dtbacklash.diagnose.search.model import Asked, Log, Model, Named, Trial, seen_by
 from dtbacklash.diagnose.search.order import (
     apart,
     is_named_already,
@@ -122,7 +122,7 @@ def _add_all(model: Model, log: Log, most: int, say: Callable[[str, float], None
     """
     on_trial = False
     while len(model.named) < most:
-        model = _with_lower_floor(model)
+        model = _with_lower_floor(_with_weaker_pull(model, log))
         say(f"looking for effect {len(model.named) + 1}", 0.1 + 0.2 * len(model.named))
         larger = _release(model) or _add(model, log)
         if larger is None and not on_trial and len(model.named) + 2 <= most:
@@ -167,6 +167,21 @@ def _let_go(rig: Rig, key: Key) -> list[Values]:
     values = rig.effects[key[0]][key[1]]
     gone = weakened(rig, key, values, ALMOST_GONE)
     return [values] if gone == values else [values, gone]
+
+
+def _with_weaker_pull(model: Model, log: Log) -> Model:
+    """Weaken the pull as far as what was found bears it, and try its rivals once more there.
+
+    Under the pull that the nominal rig needs, what is measured is followed whatever the model does.
+    """
+    evidence = model.evidence.pulled_for(model.fitted.rig)
+    if not model.named or evidence is model.evidence:
+        return model
+    nominal = fit(evidence, evidence.nominal, model.nominal.free, model.nominal.x)
+    effects = [(key, model.fitted.effects[key]) for key in model.keys]
+    fitted = refit_with(evidence, seen_by(evidence, model.fitted), effects, rounds=ON)
+    model = replace(model, evidence=evidence, nominal=nominal, fitted=fitted)
+    return reconsider(model, log, model.keys, FINAL_RIVALS, alone=True)
 
 
 def _with_lower_floor(model: Model) -> Model:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.comparison import held_loss
-from dtbacklash.diagnose.fit.free import Key, tolerances_away, with_tolerance
+from dtbacklash.diagnose.fit.free import Key, penalty_of, tolerances_away, with_tolerance
 from dtbacklash.diagnose.fit.problem import Fit, weights_for
 from dtbacklash.diagnose.propose.locate import Score
 
@@ -133,6 +133,13 @@ class Model:
                 replace(n, tried=tuple(map(seen, n.tried)), alike=tuple(map(seen, n.alike))) for n in self.named
             ),
         )
+
+
+def seen_by(evidence: Evidence, fitted: Fit) -> Fit:
+    """A fit as other evidence of the same recordings, with another pull, sees it."""
+    residuals = evidence.residuals(fitted.rig)
+    penalty = penalty_of(fitted.rig, evidence.nominal)
+    return replace(fitted, residuals=residuals, penalty=penalty, weights=weights_for(evidence, residuals))
 
 
 def _rescaled(fitted: Fit, before: Evidence, after: Evidence) -> Fit:

@@ -18,11 +18,14 @@ from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig
 
 
-def reconsider(model: Model, log: Log, keys: tuple[Key, ...], rivals: int) -> Model:
-    """Try effects against the best ``rivals`` of their time, now that others have joined."""
+def reconsider(model: Model, log: Log, keys: tuple[Key, ...], rivals: int, alone: bool = False) -> Model:
+    """Try effects against the best ``rivals`` of their time, now that others have joined.
+
+    alone : also one that is alone in its blocks; else what was tried when it was added stands.
+    """
     for key in keys:
-        # alone in its blocks, what was tried when it was added stands
-        if any(meet(model.evidence, key, other) for other in model.keys if other != key) and not borne(model, key):
+        joined = alone or any(meet(model.evidence, key, other) for other in model.keys if other != key)
+        if joined and not borne(model, key):
             model = _against_rivals(model, log, key, rivals)
     return model
 

@@ -11,12 +11,11 @@ from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.data.floor import noise_floor
 from dtbacklash.diagnose.data.pull import observer_gains
 from dtbacklash.diagnose.fit.comparison import lead_of
-from dtbacklash.diagnose.fit.free import penalty_of
 from dtbacklash.diagnose.fit.intervals import Linear, polished
-from dtbacklash.diagnose.fit.problem import Fit, weights_for
+from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import ON
 from dtbacklash.diagnose.search.leave_out import refit_with
-from dtbacklash.diagnose.search.model import Model
+from dtbacklash.diagnose.search.model import Model, seen_by
 
 #: bandwidth of the last fit where the pull moves position and speed: prediction lives at low frequencies (tempos)
 PULL_SLOW_RATIO = 0.05
@@ -40,12 +39,6 @@ def _slowly(block: Block, step_s: float, times: float | None) -> Block:
     return replace(block, gains=observer_gains(bandwidth / step_s, step_s))
 
 
-def _seen_by(evidence: Evidence, fitted: Fit) -> Fit:
-    residuals = evidence.residuals(fitted.rig)
-    penalty = penalty_of(fitted.rig, evidence.nominal)
-    return replace(fitted, residuals=residuals, penalty=penalty, weights=weights_for(evidence, residuals))
-
-
 def refit_slowly(model: Model) -> tuple[Model, Evidence, Fit, Linear]:
     """Refit what was found with the slow pull, and polish it; the model takes over its parameters.
 
@@ -58,10 +51,10 @@ def refit_slowly(model: Model) -> tuple[Model, Evidence, Fit, Linear]:
     evidence = model.evidence
     slow = slow_evidence(evidence)
     if slow is not evidence and model.named:
-        start = _seen_by(slow, model.fitted)
+        start = seen_by(slow, model.fitted)
         effects = [(key, start.effects[key]) for key in model.keys]
         fitted, about = polished(slow, refit_with(slow, start, effects, rounds=ON))
-        seen = _seen_by(evidence, fitted)
+        seen = seen_by(evidence, fitted)
         if not lead_of(evidence, seen.residuals, model.fitted.residuals).clear:
             return replace(model, fitted=seen), slow, fitted, about
     fitted, about = polished(evidence, model.fitted)
