@@ -70,7 +70,7 @@ def search(evidence: Evidence, say: Callable[[str, float], None] = silent) -> tu
     say("recalibrating the nominal rig", 0.02)
     nominal, log = _recalibrated(evidence), Log()
     model = Model(evidence, nominal, nominal)
-    if explains_alone(model, _recalibrated) or own_parameter(evidence, nominal, OWN_LIKELY):
+    if explains_alone(model, log, _recalibrated) or own_parameter(evidence, nominal, OWN_LIKELY):
         model = _explain(model, log, 1, say)
         if model.wrong_value is not None or not model.named:
             return model, log
@@ -94,7 +94,7 @@ def _explain(model: Model, log: Log, most: int, say: Callable[[str, float], None
     if len(model.named) > 1:
         say("what else would fit", 0.9)
         model = reconsider(model, log, model.keys, FINAL_RIVALS)
-    return wrong_value_instead(model, log, _recalibrated)
+    return wrong_value_instead(model, log)
 
 
 def _recalibrated(evidence: Evidence) -> Fit:

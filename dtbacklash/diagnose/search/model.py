@@ -158,12 +158,14 @@ class Log:
     """What a search has tried. Entries are added and never changed.
 
     banks : each bank that was asked, in order. trials : each with the evidence that it was fitted to, and what was said
-    of trials. refused : what fits and is not believed, and why; the last word on an effect counts.
+    of trials. wrong_values : parameters that were let go beyond their tolerances. refused : what fits and is not
+    believed, and why; the last word on an effect counts.
     """
 
     banks: list[Asked] = field(default_factory=list)
     trials: list[tuple[Trial, Evidence]] = field(default_factory=list)
     verdicts: list[tuple[Trial, str]] = field(default_factory=list)
+    wrong_values: list[WrongValue] = field(default_factory=list)
     refused: dict[Key, str] = field(default_factory=dict)
     _left_out: list[tuple[Fit, Key, Fit]] = field(default_factory=list)
     _in_place: list[tuple[Fit, Trial]] = field(default_factory=list)

@@ -15,8 +15,6 @@ from dtbacklash.diagnose.fit.free import (
     all_free,
     known_free,
     nominal_free,
-    standing,
-    stands_at_limit,
     tolerances_away,
     widened,
     with_tolerance,
@@ -43,31 +41,35 @@ Use = tuple[str, str, str]
 STEP = 0.1
 
 
-def explains_alone(model: Model, recalibrate: Callable[[Evidence], Fit]) -> bool:
+def explains_alone(model: Model, log: Log, recalibrate: Callable[[Evidence], Fit]) -> bool:
     """Whether one parameter, beyond its tolerance, leaves nothing but noise where the nominal rig leaves more.
 
     Then no two effects are looked for: a conspiracy of them is less likely than one wrong number.
+
+    recalibrate : fits the nominal rig of an evidence.
     """
     if is_noise(model.evidence, model.fitted):
         return False
-    trial = _beyond_tolerance(model, recalibrate)
-    return trial is not None and is_noise(trial.evidence, trial.fitted)
+    log.wrong_values += _beyond_tolerance(model, recalibrate)
+    best = _best(log.wrong_values)
+    return best is not None and is_noise(best.evidence, best.fitted)
 
 
-def wrong_value_instead(model: Model, log: Log, recalibrate: Callable[[Evidence], Fit]) -> Model:
+def wrong_value_instead(model: Model, log: Log) -> Model:
     """Let one wrong value take the place of effects where that does no worse; one that fits as well is noted."""
-    model = _beyond_instead(model, log, recalibrate)
+    model = _beyond_instead(model, log)
     return model if model.wrong_value is not None else _own_instead(model, log)
 
 
-def _beyond_instead(model: Model, log: Log, recalibrate: Callable[[Evidence], Fit]) -> Model:
+def _beyond_instead(model: Model, log: Log) -> Model:
     """Let one parameter go beyond its tolerance where that does better than all effects, or than several parameters."""
-    trial = _beyond_tolerance(model, recalibrate)
+    trial = _best([_seen_anew(model.evidence, trial) for trial in log.wrong_values])
     if trial is None:
         return model
     if merit(trial.evidence, trial.fitted) + EARN_PENALTY < merit(model.evidence, model.fitted):
         for key in model.keys:
             log.refuse(key, f"`{trial.name}`, beyond its tolerance, does better alone")
+        trial = _as_well(trial, model)
         return replace(
             model, evidence=trial.evidence, nominal=trial.fitted, fitted=trial.fitted, named=(), wrong_value=trial
         )
@@ -76,36 +78,45 @@ def _beyond_instead(model: Model, log: Log, recalibrate: Callable[[Evidence], Fi
     return model
 
 
-def _beyond_tolerance(model: Model, recalibrate: Callable[[Evidence], Fit]) -> WrongValue | None:
-    """The parameter at its limit that alone, let go further, leaves little more than noise; None if there is none.
-
-    recalibrate : fits the nominal rig of an evidence.
-    """
+def _beyond_tolerance(model: Model, recalibrate: Callable[[Evidence], Fit]) -> list[WrongValue]:
+    """The parameters that alone, let go beyond their tolerances, do not leave far more than noise."""
     nominal, trials = model.evidence.nominal, []
-    parameters = nominal.config.parameters
-    for f in nominal_free(nominal, rig=model.nominal.rig):
-        name = f.name
-        if not f.effect and stands_at_limit(f, standing(f, model.nominal.rig)):
-            wide = widened(parameters[name].tolerance)
-            if wide <= parameters[name].tolerance:
-                continue  # nobody claimed to know it
-            evidence = replace(model.evidence, nominal=with_tolerance(nominal, name, wide))
-            if _hopeless(model, evidence):
-                continue
-            trials.append(WrongValue(name, parameters[name].tolerance, evidence, recalibrate(evidence)))
+    for name in (f.name for f in nominal_free(nominal) if not f.effect):
+        parameter = nominal.config.parameters[name]
+        wide = widened(parameter.tolerance)
+        if wide <= parameter.tolerance:
+            continue  # nobody claimed to know it
+        evidence = replace(model.evidence, nominal=with_tolerance(nominal, name, wide))
+        if not _hopeless(model, evidence):
+            trials.append(WrongValue(name, parameter.tolerance, evidence, recalibrate(evidence)))
+    return trials
+
+
+def _best(trials: list[WrongValue]) -> WrongValue | None:
+    """The likeliest of those that leave little more than noise; None if there is none."""
     able = [trial for trial in trials if worst(trial.evidence, trial.fitted) < settings().nearly_noise_floors]
     return min(able, key=lambda trial: merit(trial.evidence, trial.fitted), default=None)
 
 
+def _seen_anew(evidence: Evidence, trial: WrongValue) -> WrongValue:
+    """The same about evidence whose floor or pull is another one, fitted from where it ended."""
+    known = trial.evidence.nominal
+    if evidence.floor is trial.evidence.floor and evidence.blocks is trial.evidence.blocks:
+        return trial
+    evidence = replace(evidence, nominal=known)
+    return replace(trial, evidence=evidence, fitted=fit(evidence, known, *known_free(evidence, trial.fitted.rig)))
+
+
 def _hopeless(model: Model, evidence: Evidence) -> bool:
-    """Whether a quick fit leaves far more than noise, or than the model does, and most of it."""
-    rules = settings()
-    quick = fit(evidence, evidence.nominal, *known_free(evidence, model.nominal.rig), rounds=QUICK)
+    """Whether quick fits, from the nominal rig and from its fit, leave far more than noise, or than the model does."""
+    rules, nominal = settings(), evidence.nominal
+    starts = (known_free(evidence, rig) for rig in (nominal, model.nominal.rig))
+    left = min(held_loss(evidence, fit(evidence, nominal, *start, rounds=QUICK)) for start in starts)
     if worst(model.evidence, model.fitted) > rules.nearly_noise_floors:
         most = max(BEGUN * held_loss(model.evidence, model.nominal), rules.hopeless_ratio)
     else:
         most = rules.hopeless_ratio * max(held_loss(model.evidence, model.fitted), 1.0)
-    return held_loss(evidence, quick) > most
+    return left > most
 
 
 def _own_instead(model: Model, log: Log) -> Model:
@@ -131,11 +142,16 @@ def _with_own(model: Model, log: Log, own: WrongValue, gone: tuple[Key, ...]) ->
     """The model with an element's own parameter in the place of some effects."""
     for key in gone:
         log.refuse(key, "one element's own parameter does as well")
-    if not lead_of(own.evidence, model.fitted.residuals, own.fitted.residuals).clear:
-        own = replace(own, instead_of=gone)
+    own = _as_well(own, model, gone)
     model = replace(model.minus(own.fitted, *gone), evidence=own.evidence, wrong_value=own, could_be=None)
     known = own.evidence.nominal
     return replace(model, nominal=fit(own.evidence, known, nominal_free(known)) if model.named else own.fitted)
+
+
+def _as_well(wrong: WrongValue, model: Model, gone: tuple[Key, ...] | None = None) -> WrongValue:
+    """With the effects whose place it takes noted, where they explain no less."""
+    ahead = lead_of(wrong.evidence, model.fitted.residuals, wrong.fitted.residuals).clear
+    return wrong if ahead else replace(wrong, instead_of=model.keys if gone is None else gone)
 
 
 def own_parameter(evidence: Evidence, before: Fit, likely: float = 1.0) -> WrongValue | None:

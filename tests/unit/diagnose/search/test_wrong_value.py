@@ -42,12 +42,12 @@ def test_a_damping_that_was_guessed_is_found_however_wrong_it_is(factor):
 
 
 @pytest.mark.nightly
-def test_a_damper_to_the_ground_is_viscous_friction_and_both_are_said():
+def test_a_damper_to_the_ground_does_what_viscous_friction_does_and_both_are_said():
     truth = blade(c_1=4.0 * known(blade()).config.parameters["c_1"].value)
     found = diagnose_records(known(blade()), [recorded(truth, 15)])
-    (finding,) = found.findings
-    assert (finding.location, finding.effect, finding.confidence) == ("frame", "viscous_friction", "partial")
-    assert ("foot", "c_1") in [(other.location, other.effect) for other in finding.also_fits]
+    assert (found.verdict, found.findings) == ("parameters", ())
+    assert [(o.location, o.effect) for o in found.recalibrated["c_1"].also_fits] == [("frame", "viscous_friction")]
+    assert "Viscous friction at the frame would explain no less than `c_1`." in found.summary
 
 
 @pytest.mark.check
