@@ -11,7 +11,7 @@ from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.comparison import lead_of
 from dtbacklash.diagnose.fit.free import Errors, Key, as_given
 from dtbacklash.diagnose.fit.problem import Fit
-from dtbacklash.diagnose.search.slow_pull import slow_evidence
+from dtbacklash.diagnose.search.slow_pull import slower
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Parameter
@@ -27,15 +27,15 @@ def hands_back(evidence: Evidence, nominal: Fit, fitted: Fit, order: tuple[Key, 
     A law that only hands the measurement back fails under a third of the pull that it was fitted with. It is judged
     among all of them, since what is missing beside it may spoil the run of a law that is right.
     """
-    slower = slow_evidence(evidence, PULL_AGREES_RATIO)
-    if not order or slower is evidence:
+    slow = slower(evidence, PULL_AGREES_RATIO)
+    if not order or slow is evidence:
         return None  # where nothing is pulled, the comparison is a free simulation itself
-    with_all = slower.residuals(fitted.rig)
-    if not lead_of(slower, with_all, slower.residuals(nominal.rig)).clear:
+    with_all = slow.residuals(fitted.rig)
+    if not lead_of(slow, with_all, slow.residuals(nominal.rig)).clear:
         return None
-    without = {key: slower.rms(slower.residuals(as_given(evidence.nominal, fitted.rig, key))) for key in order}
+    without = {key: slow.rms(slow.residuals(as_given(evidence.nominal, fitted.rig, key))) for key in order}
     best = min(without, key=lambda k: without[k])
-    return best if without[best] < slower.rms(with_all) else None
+    return best if without[best] < slow.rms(with_all) else None
 
 
 def raises_the_error(evidence: Evidence, nominal: Fit, fitted: Fit, order: tuple[Key, ...]) -> Key | None:

@@ -21,22 +21,28 @@ from dtbacklash.diagnose.search.model import Model, seen_by
 PULL_SLOW_RATIO = 0.05
 
 
-def slow_evidence(evidence: Evidence, times: float | None = None) -> Evidence:
-    """The same recordings with a slow pull where it moves position and speed; itself where none does.
+def slow_evidence(evidence: Evidence) -> Evidence:
+    """The same recordings with the last fit's pull where that moves position and speed; else itself."""
+    blocks = [
+        replace(b, gains=observer_gains(PULL_SLOW_RATIO * b.tempo / b.step_s, b.step_s)) if b.gains[1] > 0.0 else b
+        for b in evidence.blocks
+    ]
+    return _pulled_by(evidence, blocks)
 
-    times : so many times slower than it is; None: as slow as in the last fit.
-    """
-    if not any(b.gains[1] > 0.0 for b in evidence.blocks):
-        return evidence
-    blocks = [_slowly(b, b.step_s, times) if b.gains[1] > 0.0 else b for b in evidence.blocks]
-    return replace(
-        evidence, blocks=blocks, floor=noise_floor(evidence.nominal, blocks, evidence.records, evidence.noise)
+
+def slower(evidence: Evidence, times: float) -> Evidence:
+    """The same recordings, pulled so many times slower; itself where nothing is pulled."""
+    return _pulled_by(
+        evidence, [replace(b, gains=(b.gains[0] / times, b.gains[1] / times**2)) for b in evidence.blocks]
     )
 
 
-def _slowly(block: Block, step_s: float, times: float | None) -> Block:
-    bandwidth = PULL_SLOW_RATIO * block.tempo if times is None else block.pull / times
-    return replace(block, gains=observer_gains(bandwidth / step_s, step_s))
+def _pulled_by(evidence: Evidence, blocks: list[Block]) -> Evidence:
+    if blocks == evidence.blocks:
+        return evidence
+    return replace(
+        evidence, blocks=blocks, floor=noise_floor(evidence.nominal, blocks, evidence.records, evidence.noise)
+    )
 
 
 def refit_slowly(model: Model) -> tuple[Model, Evidence, Fit, Linear]:

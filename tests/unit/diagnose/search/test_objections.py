@@ -11,7 +11,7 @@ from dtbacklash.diagnose import Record, diagnose_records
 from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.free import nominal_free
 from dtbacklash.diagnose.fit.refit import fit
-from dtbacklash.diagnose.search.objections import raises_the_error, spoils_the_free_run
+from dtbacklash.diagnose.search.objections import hands_back, raises_the_error
 from dtbacklash.diagnose.search.parts import divided, for_judgement, marked
 from dtbacklash.physics.catalogue import CATALOGUE
 from dtbacklash.physics.effects.declare import Place
@@ -76,7 +76,7 @@ def test_what_a_command_drives_has_no_error_of_the_method(carriage):
     assert evidence.least()["rig"].tolist() == [1.0]
 
 
-def test_a_drive_that_is_switched_off_spoils_the_free_run(carriage):
+def test_a_drive_that_is_switched_off_hands_the_measurement_back(carriage):
     u = m.multisine(m.times(10.0), 1.0, 5.0, 3)
     x, _, _ = m.record(m.Machine((95.0,), gain=35.0, viscous=60.0), u, 1e-6, 3)
     evidence = Evidence.gather(carriage, divided([record(x, u, "x")]))
@@ -84,9 +84,9 @@ def test_a_drive_that_is_switched_off_spoils_the_free_run(carriage):
     right = fit(evidence, carriage.with_effect("carriage", "viscous_friction", {"coefficient": 60.0}), [])
     off = fit(evidence, right.rig.with_effect(*key, {"half_width": 1e2}), [])
     both = [("carriage", "viscous_friction"), key]
-    assert spoils_the_free_run(evidence, right, off, both) == key
+    assert hands_back(evidence, right, off, both) == key
     nominal = fit(evidence, carriage, nominal_free(carriage))
-    assert spoils_the_free_run(evidence, nominal, right, both[:1]) is None
+    assert hands_back(evidence, nominal, right, both[:1]) is None
 
 
 @pytest.mark.check
