@@ -22,7 +22,7 @@ PREFILTERS = {
     "none": "no dynamical prefilter",
 }
 INTERNAL_MODELS = {
-    "auto": "a complete model of the inner loop where the model has friction or a load or the reference is held, else bare",
+    "auto": "a complete model of the inner loop where there is friction or a load or the reference is held, else bare",
     "bare": "the internal model is driven by the voltage (the paper's form)",
     "measured": "the internal model is driven by the measured motor angle",
     "inner_loop": "the internal model is that of the closed inner loop",

@@ -61,7 +61,8 @@ class ControllerConfig:
     internal_model: str = setting(
         "auto", "what drives the model of the structure: u, theta_m, a model of the inner loop (`inverse`: with an "
         "inverse of the backlash); `exact` (imc): G1 G2 sampled as one; `auto`: inverse where the reference is held; "
-        "else, where the model holds friction or a load, inner_loop (with a fixed estimate inverse), else bare; see theory.md", choices=INTERNAL_MODELS,
+        "else, where the model holds friction or a load, inner_loop (with a fixed estimate inverse), else bare; see "
+        "theory.md", choices=INTERNAL_MODELS,
     )  # fmt: skip
     crossing: str = setting(
         "run", "with `inverse`, what a jump of the reference does while the motor crosses the gap", choices=CROSSINGS
