@@ -92,13 +92,15 @@ def cycle(design: ControllerDesign, form: str, tau_r_s: float) -> tuple[float, f
     ``inverse`` the loop on the angle stays closed in the gap, and 1 + (1 - N) G F (1 + 1/(tau_r s)) = 0.
     """
     omega = np.geomspace(2.0, 300.0, 800)
+    at: Response = 1j * omega.astype(np.complex128)
     share = np.linspace(0.02, 0.995, 400)
     n = play_gain(share)[:, None]
     w, s, g1 = (response(m, omega, design.sample_time_s) for m in (design.prefilter, design.structure,
                                                                    design.motor_position))  # fmt: skip
     servo = design.k_theta_v_per_rad * g1
+    balance: Response
     if form == "inverse":
-        balance: Response = 1.0 + (1.0 - n) * servo / (1.0 + servo) * w * s * (1.0 + 1.0 / (tau_r_s * 1j * omega))
+        balance = 1.0 + (1.0 - n) * servo / (1.0 + servo) * w * s * (1.0 + 1.0 / (tau_r_s * at))
     else:
         balance = 1.0 + servo * (n + w * s * (1.0 - n))
     i, j = np.unravel_index(np.abs(balance).argmin(), balance.shape)
