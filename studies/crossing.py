@@ -34,7 +34,7 @@ WAYS: dict[str, tuple[str, str, float, bool, str]] = {
     "inner_loop": ("inner_loop", "run", 0.0, True, "`inner_loop`"),
     "run": ("inverse", "run", 0.0, True, "`inverse`, reference runs on"),
     "held": ("inverse", "hold", 0.0, True, "`inverse`, reference held"),
-    "new": ("inverse", "hold", 20.0, True, "the same, gap grows on: the default"),
+    "new": ("inverse", "hold", 20.0, True, "the same, gap grows on"),
 }
 
 
