@@ -26,6 +26,7 @@ from studies import (
     bank,
     campaign,
     close_the_loop,
+    crossing,
     diagnosis,
     gallery,
     guard,
@@ -83,6 +84,12 @@ def _wrong_models(options: argparse.Namespace) -> Result:
     table = wrong_models.run_wrong_models(options.n, options.seed)
     table.to_csv(options.out / "wrong_models_cases.csv", index=False)
     return wrong_models.wrong_model_rows(table), wrong_models.wrong_model_words(table, options.seed)
+
+
+def _crossing(options: argparse.Namespace) -> Result:
+    table = crossing.run_crossing(options.n, options.seed)
+    table.to_csv(options.out / "crossing_cases.csv", index=False)
+    return crossing.crossing_rows(table), crossing.crossing_words(table, options.seed)
 
 
 def _alternatives(options: argparse.Namespace) -> Result:
@@ -169,6 +176,9 @@ STUDIES = {
     "wrong_models": Study(
         "The twin in loops of 100 s whose model is wrong; from estimations on: of the estimates",
         _wrong_models, 1000, 1, asked=True,
+    ),
+    "crossing": Study(
+        "The twin's controller beside the paper's on random machines, lives of 100 s", _crossing, 1000, 1, asked=True
     ),
     "remote": Study(
         "Machines on one twin over a broker (extra remote, Mosquitto), all on this computer; the buffers of Figure 13",

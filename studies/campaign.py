@@ -194,8 +194,8 @@ def _run(
     detector = bench.detector
     why = loop.run_segment(
         bench.plant, memory.plant, bench.controller, memory.controller, memory.detector,
-        (detector.sos, detector.cos_step, detector.sin_step), signals, traces, (0, 1), first, stop, gap,
-        (1.0, math.inf), 0.0,
+        (detector.sos, detector.cos_step, detector.sin_step), signals, traces, (0, 1), first, stop,
+        loop.GapInForce(gap), (1.0, math.inf), 0.0,
     )[1]  # fmt: skip
     return bool(why == loop.RAN)
 

@@ -90,6 +90,6 @@ def ours(scenario: Scenario) -> Floats:
         loop.run_segment(
             scenario.plant, state, scenario.controller, control_state, memory,
             (detector.sos, detector.cos_step, detector.sin_step), signals, traces, (0, 1), int(first), int(stop),
-            float(scenario.gap_hat_rad[first]), (1.0, np.inf), 0.0,
+            loop.GapInForce(float(scenario.gap_hat_rad[first])), (1.0, np.inf), 0.0,
         )  # fmt: skip
     return traces.truth[:, 1]

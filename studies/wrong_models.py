@@ -151,7 +151,7 @@ class _Answering:
 
 
 def _exact(_request: Request, _problem: Problem, true_rad: float, _config: RunConfig) -> list[Attempt]:
-    estimate = Estimate(true_rad, true_rad, 0.0, 0.0, 0.0, 0.0, 0, True, "", 0.0)
+    estimate = Estimate(true_rad, true_rad, 0.0, 0.0, 0.0, 0.0, math.inf, 0, True, "", 0.0)
     return [Attempt(estimate, Verdict(True, "exact"), true_rad)]
 
 

@@ -22,12 +22,16 @@ PREFILTERS = {
     "none": "no dynamical prefilter",
 }
 INTERNAL_MODELS = {
-    "auto": "a complete model of the inner loop where the model has friction or a load on the motor, else bare",
+    "auto": "a complete model of the inner loop where there is friction or a load or the reference is held, else bare",
     "bare": "the internal model is driven by the voltage (the paper's form)",
     "measured": "the internal model is driven by the measured motor angle",
     "inner_loop": "the internal model is that of the closed inner loop",
     "inverse": "the internal model is that of the closed inner loop with an inverse of the backlash",
     "exact": "the internal model is motor and structure, sampled as one",
+}
+CROSSINGS = {
+    "hold": "a reference that jumps is held back until the motor has crossed the gap, at {crossing_v} V",
+    "run": "the reference goes on while the motor crosses the gap",
 }
 BELIEFS = {
     "model": "the rig of `model=`",

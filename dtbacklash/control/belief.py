@@ -118,14 +118,16 @@ def bending(rig: Rig) -> list[tuple[str, str]]:
     return found
 
 
-def on_the_motor(rig: Rig) -> list[tuple[str, str]]:
-    """(effect, place) of the effects between voltage and measured angle; delays only limit the gain."""
+def on_the_motor(rig: Rig, delays: bool = False) -> list[tuple[str, str]]:
+    """(effect, place) of the effects between voltage and angle; delays, which only limit the gain, if asked for."""
     rotor = rig.motor_rotor()
     sensors = [SENSOR_PREFIX + s.name for s in rig.sensors.values() if rotor is not None and s.of == rotor.name]
     found = []
     for place, there in rig.effects.items():
         driving = rig.kind_at(place) in ("amplifier", "motor_circuit", "rotor") or place in sensors[:1]
-        found += [(name, place) for name in there if (driving and name != "delay") or name == "load_reaction"]
+        found += [
+            (name, place) for name in there if (driving and (delays or name != "delay")) or name == "load_reaction"
+        ]
     return found
 
 
@@ -166,13 +168,16 @@ def settled(config: RunConfig, beliefs: Beliefs) -> RunConfig:
     """The configuration with each ``auto`` replaced by a choice, and the design's half-gap as the first one.
 
     An integrating model of the motor would drift where something acts on the motor that it does not have. Among the
-    complete models, only ``inverse`` settles with a fixed estimate that is too large; a twin meets a growing gap from
-    below, where ``inner_loop`` overshoots less. A linear twin is blind to effects behind the gear.
+    complete models, only ``inverse`` settles with a fixed estimate that is too large, and only it can hold the
+    reference; else a twin meets a growing gap from below, where ``inner_loop`` overshoots less. A linear twin is blind
+    to effects behind the gear.
     """
     controller, twin = config.controller, config.twin
     if controller.internal_model == "auto":
         complete = "inner_loop" if controller.reconfigure != "never" else "inverse"
         form = complete if beliefs.design.drifts() else "bare"
+        if controller.structure == "nimc" and controller.crossing == "hold":
+            form = "inverse"
         controller = replace(controller, internal_model=form)
     if controller.gap_hat_deg is None:
         controller = replace(controller, gap_hat_deg=math.degrees(beliefs.design.half_gap_rad))

@@ -73,7 +73,7 @@ def handed_over(before: Controller, state: ControllerState, after: Controller, r
     new.w[:] = w_unit * (theta_ref - after.wd * asked) / float(after.wc @ w_unit)
     new.w_r[:] = w_unit * rest.reference
     ahead = float(after.wc @ new.w_r) + after.wd * rest.reference
-    new.inverse[:] = side, ahead, rest.gap_rad
+    new.inverse[:] = side, ahead, rest.gap_rad, rest.reference, 0.0
     new.angle[0] = rest.theta_m
     return new
 

@@ -17,7 +17,8 @@ What drives the model of the structure is ``controller.internal_model``:
 - ``inverse``: the same, and for NIMC the inner loop acts on the motor's angle throughout,
   ``u = K_theta (theta_ref + b - theta_m)``. The inverse of the backlash, b with |b| <= gap, moves by CROSSING_RATIO
   times what the prefilter makes of the reference alone, and by (theta_ref - theta_d^)/tau_r a second. What comes back
-  by the prediction error crosses the gap that slowly only; see docs/theory.md.
+  by the prediction error crosses the gap that slowly only; see docs/theory.md. With ``controller.crossing=hold`` a
+  reference that jumps is held back until b has brought the motor to the other side of the gap.
 - ``auto`` stands for one of them until it is known what is believed of the rig (:func:`.belief.settled`).
 """
 
@@ -41,8 +42,11 @@ _MODELS = {"bare": BARE, "measured": MEASURED, "inner_loop": INNER_LOOP, "exact"
 #: how far the inverse of the backlash moves for each radian that the reference asks of the screw: at 1 the gap is
 #: crossed too late, at 10 an estimate that is too large overshoots most (``python -m studies nimc_forms``)
 CROSSING_RATIO = 3.0
-#: a gap below this, rad, is crossed as if it were this large: with no gap, too, the side that pushed is known
+#: a gap below this, rad, is crossed as if it were this large: with no gap, too, the side that pushed is known. A
+#: reference that moves the screw by less than this in a sample does not jump
 SMALL_GAP_RAD = 0.01
+#: a held reference is let go when this share of the voltage that crosses the gap is left: the motor has all but arrived
+ARRIVED = 0.15
 
 
 class Controller(NamedTuple):
@@ -52,6 +56,8 @@ class Controller(NamedTuple):
     whether there is any.
     crossing_ratio, crossing_rate : of the inverse of the backlash, rad/rad and 1/s, to the reference and to the error.
     w_rest, s_rest : states of the prefilter and of the structure at rest, for one rad of the screw.
+    crossing_step : rad a sample by which b crosses while the reference is held back; 0: it is never. arriving :
+    samples that the motor takes to follow b to its end. jump : m, a change of the reference that is no jump.
     """
 
     structure: int
@@ -73,6 +79,9 @@ class Controller(NamedTuple):
     crossing_rate: float
     w_rest: Floats
     s_rest: Floats
+    crossing_step: float
+    arriving: int
+    jump: float
 
 
 class ControllerState(NamedTuple):
@@ -80,8 +89,9 @@ class ControllerState(NamedTuple):
 
     theta_d : (2,) the screw behind the model's motor (or, with `measured`, behind the measured one), and the screw
         behind the measured motor, on which the loop acts with `inner_loop`. angle : (1,) the measured angle before.
-    w_r : the prefilter, driven by the reference alone. inverse : (3,) the inverse of the backlash as a share
-        of the gap, W r, and the gap that the model is in, rad.
+    w_r : the prefilter, driven by the reference alone. inverse : (5,) the inverse of the backlash as a share
+        of the gap, W r, the gap that the model is in, rad, the reference that is let through, m, and the samples for
+        which the next one is held back after b has arrived.
     """
 
     w: Floats
@@ -103,16 +113,23 @@ def build_controller(
     if design is None:
         none, row = np.zeros((0, 0)), np.zeros(0)
         return Controller(structure, model, 0.0, none, row, row, 0.0, np.zeros((3, 3)), np.zeros(3), none, row,
-                          row, 1.0, False, known, 0.0, 0.0, row, row)  # fmt: skip
+                          row, 1.0, False, known, 0.0, 0.0, row, row, 0.0, 0, 0.0)  # fmt: skip
     W, M = design.prefilter, design.motor_position
     S = design.plant if model == EXACT else design.structure
     flat = [np.ascontiguousarray(a, dtype=float).ravel() for a in (W.B, W.C, M.B, S.B, S.C)]
     wb, wc, mb, sb, sc = flat
     s_rest = np.linalg.solve(np.eye(len(sb)) - S.A, sb) if model == INVERSE else np.zeros(len(sb))
     w_rest = np.linalg.solve(np.eye(len(wb)) - W.A, wb) * float(sc @ s_rest)
+    step, arriving = 0.0, 0
+    if model == INVERSE and config.crossing == "hold":
+        # rad a sample for each volt, at a steady speed; the servo's lag is the inverse of what its gain makes of that
+        speed = float(np.linalg.solve(np.eye(2) - M.A[:2, :2], mb[:2])[1]) * design.sample_time_s
+        step = config.crossing_v * speed
+        arriving = math.ceil(-math.log(ARRIVED) / (design.k_theta_v_per_rad * speed))
     return Controller(
         structure, model, design.k_theta_v_per_rad, W.A, wb, wc, float(W.D[0, 0]), M.A, mb, S.A, sb, sc,
         design.sample_time_s, bool(np.any(known)), known, CROSSING_RATIO, 1.0 / config.tau_r_s, w_rest, s_rest,
+        step, arriving, SMALL_GAP_RAD * float(sc @ s_rest),
     )  # fmt: skip
 
 
@@ -120,7 +137,7 @@ def new_controller_state(controller: Controller) -> ControllerState:
     """The controller at rest."""
     sizes = len(controller.wb), len(controller.mb), len(controller.sb)
     w, m, s = (np.zeros(n) for n in sizes)
-    return ControllerState(w, m, s, np.zeros(2), np.zeros(max(*sizes, 1)), np.zeros(1), w.copy(), np.zeros(3))
+    return ControllerState(w, m, s, np.zeros(2), np.zeros(max(*sizes, 1)), np.zeros(1), w.copy(), np.zeros(5))
 
 
 @inlined
@@ -161,13 +178,24 @@ def feed_forward(C, X, theta_m):
 
 
 @inlined
+def _grow(X, growth):
+    """The gap that `inverse` is in grows by ``growth``, rad: nothing moves, so that b stays and its share shrinks."""
+    if growth == 0.0:
+        return
+    before = X.inverse[2]
+    X.inverse[2] = max(before + growth, 0.0)
+    if X.inverse[2] > 0.0:
+        X.inverse[0] = min(max(X.inverse[0] * before / X.inverse[2], -1.0), 1.0)
+
+
+@inlined
 def _reseat(C, X, gap):
     """Move the model of `inverse` to a new estimate of the gap, rad, without a jump of the voltage.
 
     Where the motor lay in the old gap, as a share of it, it lies in the new one: a tooth that pushed still touches. The
     screw behind it, the structure and theta_ref move by what b gains, as constants, which rings nothing.
     """
-    if C.model != INVERSE or gap == X.inverse[2]:
+    if gap == X.inverse[2]:
         return
     gained = X.inverse[0] * (gap - X.inverse[2])
     X.inverse[2] = gap
@@ -176,6 +204,37 @@ def _reseat(C, X, gap):
         X.s[i] -= gained * C.s_rest[i]
     for i in range(X.w.shape[0]):
         X.w[i] -= gained * C.w_rest[i]
+
+
+@inlined
+def _held(C, X, r, gap):
+    """The reference that is let through, m: while a jump waits for the motor to cross the gap, the one before it.
+
+    The side to which the motor has to go follows from the jump alone, so no feedback passes here.
+    """
+    jump = r - X.inverse[3]
+    if C.crossing_step > 0.0 and gap > SMALL_GAP_RAD and abs(jump) > C.jump:
+        side = 1.0 if jump > 0.0 else -1.0
+        left = (1.0 - X.inverse[0] * side) * gap
+        X.inverse[0] += side * min(left, C.crossing_step) / gap
+        if left > C.crossing_step:
+            X.inverse[4] = C.arriving
+            return X.inverse[3]
+        if X.inverse[4] > 0.0:
+            X.inverse[4] -= 1.0
+            return X.inverse[3]
+    X.inverse[3], X.inverse[4] = r, 0.0
+    return r
+
+
+@inlined
+def _taken_in(C, X, r, gap, growth):
+    """The model of `inverse` takes the present gap; returns the reference that is let through, m."""
+    if C.model != INVERSE:
+        return r
+    _grow(X, growth)
+    _reseat(C, X, gap)
+    return _held(C, X, r, gap)
 
 
 @inlined
@@ -188,13 +247,14 @@ def _inverse(C, X, r, error, gap):
     ahead = _output(C.wc, X.w_r) + C.wd * r
     _advance_model(C.wa, C.wb, r, X.w_r, X.spare)
     moved = C.crossing_ratio * (ahead - X.inverse[1]) + C.crossing_rate * C.sample_time * error
-    X.inverse[0] = min(max(X.inverse[0] + moved / max(gap, SMALL_GAP_RAD), -1.0), 1.0)
+    if X.inverse[4] == 0.0:  # else it is on its way, or waits there
+        X.inverse[0] = min(max(X.inverse[0] + moved / max(gap, SMALL_GAP_RAD), -1.0), 1.0)
     X.inverse[1] = ahead
     return X.inverse[0] * gap
 
 
 @inlined
-def control_step(C, X, r, theta_m, q3, gap_hat):
+def control_step(C, X, r, theta_m, q3, gap_hat, growth=0.0):
     """One sample of the controller: measurements in, voltage and prediction error out; its states move on.
 
     What is fed forward is added to the voltage behind the internal model, which does not know of the torques that it
@@ -203,12 +263,13 @@ def control_step(C, X, r, theta_m, q3, gap_hat):
     Parameters
     ----------
     r, q3 : m (in open loop r is the command itself, V). theta_m : rad. gap_hat : estimated half-gap, rad.
+    growth : by how much of it the gap has grown since the sample before, rad; the rest of its change is a new estimate.
     """
     if C.structure == OPEN_LOOP:
         return r, 0.0
     gap = gap_hat if C.structure == NIMC else 0.0
     forward = feed_forward(C, X, theta_m) if C.forwards else 0.0
-    _reseat(C, X, gap)
+    r = _taken_in(C, X, r, gap, growth)
     eps = q3 - predict(C, X)
     error = r - eps
     theta_ref = _output(C.wc, X.w) + C.wd * error

@@ -13,7 +13,9 @@ import pandas as pd
 from dtbacklash.config.run import RunConfig
 from dtbacklash.control.belief import on_the_motor
 from dtbacklash.control.design import ControllerDesign, largest_gain
+from dtbacklash.control.margins import Margins, margins
 from dtbacklash.experiment.sensors import column, roles, trace_factor
+from dtbacklash.kept import kept
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 
@@ -39,20 +41,44 @@ def settles(moves: pd.DataFrame) -> bool | None:
 def advice(
     config: RunConfig, rig: Rig, design: ControllerDesign | None, trace: pd.DataFrame, moves: pd.DataFrame
 ) -> list[str]:
-    """Sentences for a run that does not settle, the first of which says so; none where it does.
+    """Sentences for a run that does not settle, the first of which says so; where it does, of its delay alone.
 
     design : of the controller, None in open loop. trace, moves : of the run, as in :class:`.result.RunResult`.
     """
+    late = list(_late(config, rig, design))
     if design is None or settles(moves) is not False:
-        return []
+        return late
     restless = moves[moves["settling_time_s"].isna()]
     said = [f"{len(restless)} of {len(moves)} moves never settle within {100 * BAND:g} %."]
     at = trace.iloc[np.searchsorted(trace["t_s"], restless["t_s"] - 1e-9)]
     holds = _holds(trace, moves)[restless.index]
     return [
-        *said, *causes(config, rig, design), *_too_short(config, design, at, holds), *_too_fine(config, rig, restless),
-        *_false_output(rig), *_surplus(config, at),
+        *said, *late, *causes(config, rig, design), *_too_short(config, design, at, holds),
+        *_too_fine(config, rig, restless), *_false_output(rig), *_surplus(config, at),
     ]  # fmt: skip
+
+
+def margins_for(config: RunConfig, design: ControllerDesign | None) -> Margins | None:
+    """The margins of a run's controller; None in open loop. ``config``: with its internal model settled."""
+    if design is None:
+        return None
+    c = config.controller
+    return kept(margins, design, c.internal_model, c.tau_r_s, c.structure == "nimc")
+
+
+def rig_delay_s(rig: Rig) -> float:
+    """The delays between the command and the measured angle, s."""
+    places = [place for name, place in on_the_motor(rig, delays=True) if name == "delay"]
+    return sum(rig.effects[place]["delay"]["time"] for place in places)
+
+
+def _late(config: RunConfig, rig: Rig, design: ControllerDesign | None) -> Iterator[str]:
+    found, delay_s = margins_for(config, design), rig_delay_s(rig) if design else 0.0
+    if found is not None and found.delay_s is not None and found.delay_s < 2.0 * delay_s:
+        yield (
+            f"The design's delay margin of {1e3 * found.delay_s:.3g} ms is below twice the rig's delay of "
+            f"{1e3 * delay_s:.3g} ms: a smaller controller.k_theta_v_per_rad leaves more."
+        )
 
 
 def causes(config: RunConfig, rig: Rig, design: ControllerDesign) -> list[str]:
@@ -89,9 +115,7 @@ def _unmodelled(config: RunConfig, rig: Rig) -> Iterator[str]:
     model = config.controller.internal_model
     if not found or model in ("inner_loop", "inverse"):
         return
-    # a twin meets a gap that grows from below, a fixed estimate may be too large
-    fixed = config.controller.structure == "nimc" and config.controller.reconfigure == "never"
-    better = "inverse" if fixed else "inner_loop"
+    better = "inverse" if config.controller.structure == "nimc" else "inner_loop"
     how = {
         "measured": "cannot see the voltage that it needs, so an error stays",
         "bare": "integrates the voltage without it, and drifts",

@@ -13,6 +13,7 @@ from dtbacklash.arrays import Floats, Ints
 from dtbacklash.config.run import OptimizerConfig, RunConfig, TwinConfig
 from dtbacklash.control.belief import Belief
 from dtbacklash.errors import UserError
+from dtbacklash.experiment.loop import GapInForce
 from dtbacklash.experiment.sensors import roles as roles_of
 from dtbacklash.experiment.watch import Watcher
 from dtbacklash.twin.gap.guard import Attempt
@@ -31,6 +32,8 @@ from dtbacklash.twin.link.service import (
     TwinService,
 )
 
+#: the gap in force grows at most so many times as fast as it grew between the last two answers
+AHEAD = 2.0
 #: samples between two looks for an answer that has not come
 LOOK = 10
 #: at rest: samples of a stretch, how far the means of two may differ (rad, m), and how many times that a stretch spans
@@ -119,8 +122,10 @@ class Estimation:
     """The twin and its link to the controller, from the first sample to the last.
 
     changes : samples at which the reference changes. seen : (N+1, sensors) what the sensors show, filled by the loop;
-    roles : which of them are theta_m and q3. gap : (N+1,) the true half-gap, rad, for the table only. gap_hat : the
-    half-gap that the controller believes in, rad. service : who estimates; None where the twin is never asked.
+    roles : which of them are theta_m and q3. gap : (N+1,) the true half-gap, rad, for the table only. in_force :
+    the half-gap that the controller believes in; it grows until sample ``grows_until``.
+    before_it : the middle of the last accepted buffer, and its answer. service : who estimates; None where the twin is
+    never asked.
     asked : event -> the buffer of a request that nothing has come of yet, and the sample at which it was sent.
     rejected : the last estimate was, so that the twin is asked again for as long as the novelty index is high.
     wall_s : that the loop has stood still for the twin. late : answers that came after they were due. u : (N+1,) the
@@ -134,9 +139,11 @@ class Estimation:
     seen: Floats
     roles: tuple[int, int]
     gap: Floats
-    link: TwinLink[Answer]
+    link: TwinLink[tuple[Answer, int]]
     service: TwinService | None
-    gap_hat: float
+    in_force: GapInForce
+    grows_until: int = 0
+    before_it: tuple[int, Answer] | None = None
     asked: dict[int, tuple[FullBuffer, int]] = field(default_factory=dict)
     rejected: bool = False
     rows: list[EstimateRow] = field(default_factory=list)
@@ -167,14 +174,14 @@ class Estimation:
         first = math.radians(config.controller.gap_hat_deg or 0.0)
         bank = config.twin.on_alarm == "bank"
         length = config.twin.bank_buffer if bank else config.twin.buffer
-        link: TwinLink[Answer] = TwinLink(length, config.twin.delay_s, config.sample_time_s)
+        link: TwinLink[tuple[Answer, int]] = TwinLink(length, config.twin.delay_s, config.sample_time_s)
         if config.controller.reconfigure == "never":
             service = None
         elif service is None:
             if config.twin.where != "local":
                 raise UserError("twin.where", config.twin.where, "a twin elsewhere is for dtb run and dtbacklash.run")
             service = LocalTwin(answering(config, belief))
-        return cls(config, changes, seen, roles, gap, link, service, first, belief=belief)
+        return cls(config, changes, seen, roles, gap, link, service, GapInForce(first), belief=belief)
 
     def warm_up(self) -> None:
         """Make ready what an estimate needs."""
@@ -196,20 +203,39 @@ class Estimation:
         if self.waiting is not None:
             found += [k + LOOK, *self._next_change(k)]
         due = self.link.next_sample()
+        found += [self.grows_until] if self.in_force.growth and self.grows_until > k else []
         return found if due is None else [*found, max(due, k + 1)]
 
     def before(self, k: int) -> None:
         """Do what is due before sample k: open or send buffers, put answers in force."""
+        if self.in_force.growth and k >= self.grows_until:
+            self.in_force = GapInForce(self.in_force.at(k), 0.0, k)
         self._exchange(k)
-        for answer in self.link.arrived(k):
+        for answer, middle in self.link.arrived(k):
             if answer.belief is not None:
                 self.waiting, self._came_s = answer, k * self.config.sample_time_s
             elif self.waiting is None:
-                self.gap_hat = answer.gap_rad
+                self._put_in_force(answer, middle, k)
         if self.config.controller.reconfigure == "reference_change":
             at = np.searchsorted(self.changes, k)
             if at < self.changes.size and self.changes[at] == k:
                 self.link.open(k, self._begin(k))
+
+    def _put_in_force(self, answer: Answer, middle: int, k: int) -> None:
+        """The gap of an answer at sample k: that in the ``middle`` of its buffer, and what it has grown since."""
+        step_s = self.config.sample_time_s
+        earlier, self.before_it = self.before_it, (middle, answer)
+        since = None if earlier is None else ((middle - earlier[0]) * step_s, earlier[1])
+        growth, until = growth_ahead(answer, since) * step_s, middle + round(self.config.twin.growth_s / step_s)
+        if growth > 0.0:
+            room = math.radians(self.config.twin.gap_max_deg) - answer.gap_rad
+            until = min(until, middle + math.floor(room / growth))
+        if growth == 0.0 or until <= middle:
+            self.in_force = GapInForce(answer.gap_rad, 0.0, k)
+            return
+        self.grows_until = until
+        now = GapInForce(answer.gap_rad, growth, middle).at(min(k, until))
+        self.in_force = GapInForce(now, growth if until > k else 0.0, k)
 
     def alarm(self, k: int) -> None:
         """The novelty index has risen above its threshold before sample k.
@@ -246,7 +272,8 @@ class Estimation:
         if not (held or at_rest(self.seen, self.roles, self.changes, k)):
             return None
         self.waiting = None
-        self.gap_hat, self.belief = answer.gap_rad, answer.belief
+        self.in_force = GapInForce(answer.gap_rad, 0.0, k)
+        self.belief = answer.belief
         for row in self.rows:
             if row.get("found") == answer.found and row["t_applied_s"] == self._came_s:
                 row["t_applied_s"] = k * self.config.sample_time_s
@@ -277,7 +304,7 @@ class Estimation:
         if (full := self.link.full_buffer(k)) is not None:
             theta_m, q3 = (self.seen[full.first : full.stop, role] for role in self.roles)
             self.asked[full.event] = full, k
-            request = Request(full.event, full.first, theta_m, q3, self.gap_hat, self.config.seed)
+            request = Request(full.event, full.first, theta_m, q3, self.in_force.at(k), self.config.seed)
             if self.u is not None and self.config.twin.on_alarm == "bank":
                 moved = self._last_change(full.event + 1)
                 request = replace(request, u=self.u[full.first : full.stop], moved=moved, believed=self.belief)
@@ -297,7 +324,7 @@ class Estimation:
             return
         applied = math.nan
         if answer.accepted:
-            due = self.link.send(sent, answer)
+            due = self.link.send(sent, (answer, (full.first + full.stop) // 2))
             applied = max(due, k) * self.config.sample_time_s
             if due < k:
                 late_s = (k - due) * self.config.sample_time_s
@@ -343,6 +370,28 @@ class Estimation:
         }
         row: EstimateRow = {**known, **said}  # type: ignore[typeddict-item]
         return row
+
+
+def growth_ahead(answer: Answer, earlier: tuple[float, Answer] | None) -> float:
+    """How fast the gap in force goes on growing after an answer, rad/s: what its buffer and the answers both show.
+
+    The growth within the buffer says what will be, but dry friction looks like it; that since the answer before, whose
+    buffer lies so many seconds ``earlier``, says what has been. Each counts less a standard error, and the gap is taken
+    to grow at most AHEAD times as fast as it did. Without an answer before it does not grow.
+    """
+    if earlier is None or earlier[0] <= 0.0 or not (answer.guarded and earlier[1].guarded):
+        return 0.0
+    now, then = answer.chosen.estimate, earlier[1].chosen.estimate
+    shown = _less(now.growth_rad_s, now.growth_std_rad_s)
+    been = _less((now.gap_rad - then.gap_rad) / earlier[0], math.hypot(now.std_rad, then.std_rad) / earlier[0])
+    if shown * been <= 0.0:
+        return 0.0
+    return math.copysign(min(abs(shown), AHEAD * abs(been)), shown)
+
+
+def _less(value: float, std: float) -> float:
+    """A value nearer to 0 by its standard error; 0 where it has none."""
+    return math.copysign(max(abs(value) - std, 0.0), value) if math.isfinite(std) else 0.0
 
 
 def at_rest(seen: Floats, roles: tuple[int, int], changes: Ints, k: int) -> bool:

@@ -38,6 +38,18 @@ class Traces(NamedTuple):
     seen: Floats
 
 
+class GapInForce(NamedTuple):
+    """The believed half-gap: ``gap`` rad at sample ``since``, growing by ``growth`` a sample."""
+
+    gap: float
+    growth: float = 0.0
+    since: int = 0
+
+    def at(self, k: int) -> float:
+        """The half-gap at sample k, rad."""
+        return max(self.gap + self.growth * (k - self.since), 0.0)
+
+
 @inlined
 def _measure(P, S, signals, k, rate, traces):
     """What the sensors show at sample k, with noise and counts; the truth goes beside it."""
@@ -53,14 +65,15 @@ def _measure(P, S, signals, k, rate, traces):
 
 
 @compiled
-def run_segment(P, S, C, X, detector, oscillator, signals, traces, roles, first, stop, gap_hat, limits, before):
+def run_segment(P, S, C, X, detector, oscillator, signals, traces, roles, first, stop, in_force, limits, before):
     """Run the samples ``first <= k < stop``.
 
     Parameters
     ----------
     roles : sensors (index or -1) that show theta_m and q3. oscillator : (sos, cos_step, sin_step) of the lock-in filter
-        and ``detector`` its state. gap_hat : rad. limits : |q3| that counts as diverged, m, and the novelty that ends
-        the segment, m (inf for never). before : novelty before the first sample, m; it has to rise through its limit.
+        and ``detector`` its state. in_force : :class:`GapInForce`. limits : |q3| that counts as diverged, m, and the
+        novelty that ends the segment, m (inf for never). before : novelty before the first sample, m; it has to rise
+        through its limit.
 
     Returns
     -------
@@ -72,8 +85,9 @@ def run_segment(P, S, C, X, detector, oscillator, signals, traces, roles, first,
         _measure(P, S, signals, k, rate, traces)
         theta_m = traces.seen[k, roles[0]] if roles[0] >= 0 else 0.0
         q3 = traces.seen[k, roles[1]] if roles[1] >= 0 else 0.0
-        u, eps = control_step(C, X, signals.reference[k], theta_m, q3, gap_hat)
-        traces.u[k], traces.eps[k], traces.gap_hat[k] = u, eps, gap_hat
+        believed = max(in_force.gap + in_force.growth * (k - in_force.since), 0.0)
+        u, eps = control_step(C, X, signals.reference[k], theta_m, q3, believed, in_force.growth)
+        traces.u[k], traces.eps[k], traces.gap_hat[k] = u, eps, believed
         traces.theta_d[k] = screw_angle(P, S, signals.gap[k]) if P.rotor >= 0 else 0.0
         level = novelty_step(detector, oscillator[0], oscillator[1], oscillator[2], eps)
         traces.novelty[k] = level

@@ -12,7 +12,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.config.run import RunConfig
 from dtbacklash.control.design import ControllerDesign
 from dtbacklash.experiment import loop, metrics
-from dtbacklash.experiment.advice import advice, settles
+from dtbacklash.experiment.advice import advice, margins_for, settles
 from dtbacklash.experiment.sensors import column, trace_factor
 from dtbacklash.experiment.watch import Watcher
 from dtbacklash.physics.rig import Rig
@@ -87,6 +87,7 @@ def collect(
     seen |= {name: np.ascontiguousarray(traces.seen[:, j]) for j, name in enumerate(rig.sensors)}
     if watcher is not None:
         trace = trace.assign(**watcher.columns())
+    margins = margins_for(config, design)
     moves = metrics.move_table(trace if closed else trace.iloc[:0])  # in open loop r is no target of q3
     summary = {
         "controller": config.controller.name,
@@ -103,6 +104,7 @@ def collect(
         "signals": _signals(rig, trace, roles),
         "seconds_simulated": float(trace["t_s"].iloc[-1]),
         "advice": advice(config, rig, design, trace, moves),
+        "margins": None if margins is None else margins.as_dict(),
         "moves": moves.to_dict("records"),
         "estimates": estimates.to_dict("records"),
         "wall_s": asdict(walls),

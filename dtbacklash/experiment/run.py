@@ -88,26 +88,26 @@ class _Machine:
         return design
 
     def run(
-        self, inputs: loop.Signals, traces: loop.Traces, which: tuple[int, int], first: int, stop: int, gap_hat: float,
-        limits: tuple[float, float], before: float,
+        self, inputs: loop.Signals, traces: loop.Traces, which: tuple[int, int], first: int, stop: int,
+        in_force: loop.GapInForce, limits: tuple[float, float], before: float,
     ) -> tuple[int, int]:  # fmt: skip
         """Run the samples ``first <= k < stop``: see :func:`.loop.run_segment`; in real time each at its instant."""
 
         def advance(begin: int, end: int, level: float) -> tuple[int, int]:
-            return self._advance(inputs, traces, which, begin, end, gap_hat, limits, level)
+            return self._advance(inputs, traces, which, begin, end, in_force, limits, level)
 
         if self.clock is None:
             return advance(first, stop, before)
         return self.clock.run(advance, traces.novelty, first, stop, before)
 
     def _advance(
-        self, inputs: loop.Signals, traces: loop.Traces, which: tuple[int, int], first: int, stop: int, gap_hat: float,
-        limits: tuple[float, float], before: float,
+        self, inputs: loop.Signals, traces: loop.Traces, which: tuple[int, int], first: int, stop: int,
+        in_force: loop.GapInForce, limits: tuple[float, float], before: float,
     ) -> tuple[int, int]:  # fmt: skip
         oscillator = (self.detector.sos, self.detector.cos_step, self.detector.sin_step)
         common = (
             self.plant, self.state, self.controller, self.control_state, self.detector_state, oscillator, inputs,
-            traces, which, first, stop, gap_hat, limits, before,
+            traces, which, first, stop, in_force, limits, before,
         )  # fmt: skip
         if self.watcher is None:
             return loop.run_segment(*common)
@@ -155,7 +155,9 @@ def run_scenario(
             progress(0.0)  # all checks are done: from here on compiled code runs
         twin.u = traces.u
         twin.warm_up()
-        machine.run(inputs, traces, which, 0, 0, 0.0, (math.inf, math.inf), 0.0)  # no sample: loads, or compiles
+        machine.run(
+            inputs, traces, which, 0, 0, loop.GapInForce(0.0), (math.inf, math.inf), 0.0
+        )  # no sample: loads, or compiles
         if config.pace == "real":
             machine.clock = RealTime.of(config.samples, config.sample_time_s)
             until_done.enter_context(undisturbed())
@@ -254,7 +256,7 @@ def _segments(
             _, rig, after = aged.pop(0)
             machine.plant, machine.state = after, aged_state(machine.plant, machine.state, after)
         twin.before(k)
-        old_gap = twin.gap_hat
+        old_gap = twin.in_force.at(k)
         if (answer := twin.taken_up(k)) is not None:
             design = machine.take_up(asked, answer, old_gap, traces, inputs, which, k)
             twin.watcher = machine.watcher
@@ -262,7 +264,7 @@ def _segments(
         listening = twin.listening
         limits = (limit_m, threshold_m if listening else math.inf)
         before = traces.novelty[k - 1] if k > 0 and not twin.rejected else 0.0
-        k, why = machine.run(inputs, traces, which, k, stop, twin.gap_hat, limits, before)
+        k, why = machine.run(inputs, traces, which, k, stop, twin.in_force, limits, before)
         if why == loop.DIVERGED:
             what = f"|q3| above solver.divergence_mm={config.solver.divergence_mm:g} mm"
             said = " ".join(causes(config, rig, design)) if design else ""

@@ -105,7 +105,7 @@ class Watcher:
 
 @compiled
 def run_watched(
-    P, S, C, X, detector, oscillator, signals, traces, roles, first, stop, gap_hat, limits, before,
+    P, S, C, X, detector, oscillator, signals, traces, roles, first, stop, in_force, limits, before,
     W, Z, values, index_limits, hysteresis,
 ):  # fmt: skip
     """:func:`.loop.run_segment` with the indexes beside it; it also ends where one of them rises above its limit.
@@ -115,14 +115,14 @@ def run_watched(
     k = first
     while k < stop:
         after, why = run_segment(
-            P, S, C, X, detector, oscillator, signals, traces, roles, k, k + 1, gap_hat, limits, before
+            P, S, C, X, detector, oscillator, signals, traces, roles, k, k + 1, in_force, limits, before
         )
         if after == k:
             return k, why
         shown = detector.shape[0] - 2
         index_step(
             W, Z, detector[shown], detector[shown + 1], traces.seen[k, roles[0]], traces.seen[k, roles[1]],
-            traces.u[k], gap_hat, values[k],
+            traces.u[k], traces.gap_hat[k], values[k],
         )  # fmt: skip
         before = traces.novelty[k]
         k = after

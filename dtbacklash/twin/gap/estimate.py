@@ -48,7 +48,7 @@ class Estimate:
     gap_rad: half gap in the middle of the buffer. fit_gap_rad, theta_d0_rad: the minimiser of eq. (18),
     which takes the gap as constant; cost_m2: the mean square error there. std_rad: standard error of
     gap_rad (inf where the data do not determine it). growth_rad_s: growth of the gap within the buffer, 0
-    where the data show none.
+    where the data show none; growth_std_rad_s: its standard error (inf where the data do not determine it).
     """
 
     gap_rad: float
@@ -57,6 +57,7 @@ class Estimate:
     cost_m2: float
     std_rad: float
     growth_rad_s: float
+    growth_std_rad_s: float
     evaluations: int
     converged: bool
     message: str
@@ -273,7 +274,7 @@ def estimate_gap(
     # a gap cannot shrink below zero: there a step downwards is no step, and the cost may have a corner
     move = max(float(step[0]), -fit_gap)
     stationary = bool(np.isfinite(variances[0])) and abs(move) < np.radians(STATIONARY_DEG)
-    growth, shift = _growth(problem, rows, fit_gap, theta_d0)
+    growth, growth_std, shift = _growth(problem, rows, fit_gap, theta_d0)
     return Estimate(
         gap_rad=max(fit_gap + shift, 0.0),
         fit_gap_rad=fit_gap,
@@ -281,6 +282,7 @@ def estimate_gap(
         cost_m2=float(np.mean(rows[0] ** 2)),
         std_rad=float(np.sqrt(variances[0] * problem.noise_m2(rows[0]))),
         growth_rad_s=growth,
+        growth_std_rad_s=growth_std,
         evaluations=counted.count,
         converged=success or stationary,
         message=message,
@@ -304,22 +306,23 @@ def linear_step(problem: Problem, rows: Array) -> tuple[Array, Array]:
     return step, variances
 
 
-def _growth(problem: Problem, rows: Array, gap: float, theta_d0: float) -> tuple[float, float]:
-    """Growth of the gap within the buffer [rad/s] and the shift of the estimate to the middle of it [rad].
+def _growth(problem: Problem, rows: Array, gap: float, theta_d0: float) -> tuple[float, float, float]:
+    """Growth of the gap within the buffer [rad/s], its standard error, and the estimate's shift to the middle [rad].
 
     Eq. (18) takes the gap as constant and so finds the gap of the samples it weighs most, which lie after the
     middle: where the gap grows it would be biased. One more parameter, fitted by two linear steps, takes
-    the bias out. Where the data do not show growth clearly the answer is (0, 0), the paper's estimate.
+    the bias out. Where the data do not show growth clearly the answer is 0, inf and 0, the paper's estimate.
     """
     x = np.array([gap, theta_d0, 0.0])
     refined = rows
     for _ in range(2):
         x = x + linear_step(problem, refined)[0]
         if x[0] < 0.0:
-            return 0.0, 0.0
+            return 0.0, np.inf, 0.0
         refined = problem.rows(*x)
     gain = float(np.sum(rows[0] ** 2) - np.sum(refined[0] ** 2))
     significant = gain > GROWTH_SIGNIFICANCE * problem.noise_m2(refined[0])
     if not significant or abs(x[0] - gap) > np.radians(GROWTH_SHIFT_MAX_DEG):
-        return 0.0, 0.0
-    return float(x[2]), float(x[0] - gap)
+        return 0.0, np.inf, 0.0
+    std = np.sqrt(linear_step(problem, refined)[1][2] * problem.noise_m2(refined[0]))
+    return float(x[2]), float(std), float(x[0] - gap)

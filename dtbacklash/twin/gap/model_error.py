@@ -90,13 +90,13 @@ def explained(problem: Problem, estimate: Estimate, tolerances: Tolerances) -> E
         return Explanation(problem, estimate, estimate.cost_m2, False)
     fit = _Fit(problem, tolerances)
     first = [estimate.gap_rad, estimate.theta_d0_rad, estimate.growth_rad_s]
-    x, variance, converged = fit.solve(np.append(first, np.zeros(fit.deviations.size - 3)))
+    x, covariance, converged = fit.solve(np.append(first, np.zeros(fit.deviations.size - 3)))
     error = fit.error(x)
     mean_square = float(np.mean(error**2))
     deviation = float(np.sum((x / fit.deviations) ** 2)) * problem.noise_m2(error) / problem.counted
     better = replace(
         estimate, gap_rad=float(x[0]), theta_d0_rad=float(x[1]), growth_rad_s=float(x[2]), cost_m2=mean_square,
-        std_rad=float(np.sqrt(variance)), converged=converged,
+        std_rad=_std(covariance[0, 0]), growth_std_rad_s=_std(covariance[2, 2]), converged=converged,
         message=estimate.message if converged else f"no end of the fit with model error in {STEPS} steps",
     )  # fmt: skip
     return Explanation(fit.with_model(x), better, mean_square + deviation, True)
@@ -109,24 +109,30 @@ def _grown(problem: Problem, estimate: Estimate) -> tuple[Estimate, Array]:
     the gap: the fit also begins where the structure at rest says that the screw is.
     """
     first = np.array([estimate.gap_rad, estimate.theta_d0_rad, estimate.growth_rad_s])
-    best, rows, variance = first, problem.rows(*first), np.inf
+    best, rows, variances = first, problem.rows(*first), np.full(3, np.inf)
     for rest in (estimate.theta_d0_rad, problem.rest_rad):
         found, left, spread = _descended(problem, np.array([first[0], rest, first[2]]))
         if np.mean(left[0] ** 2) < np.mean(rows[0] ** 2):
-            best, rows, variance = found, left, spread
+            best, rows, variances = found, left, spread
         if np.mean(rows[0] ** 2) <= problem.floor_m2:
             break
     if not np.mean(rows[0] ** 2) <= problem.floor_m2:
         return estimate, problem.rows(*first)[0]
+    std, _, growth_std = np.sqrt(variances * problem.noise_m2(rows[0]))
     better = replace(
         estimate, gap_rad=float(best[0]), theta_d0_rad=float(best[1]), growth_rad_s=float(best[2]), converged=True,
-        std_rad=float(np.sqrt(variance * problem.noise_m2(rows[0]))),
+        std_rad=float(std), growth_std_rad_s=float(growth_std),
     )  # fmt: skip
     return better, rows[0]
 
 
-def _descended(problem: Problem, x: Array) -> tuple[Array, Array, float]:
-    """Gap, start and growth (3,) where Gauss-Newton ends; the rows there, and the gap's variance per noise."""
+def _std(variance: float) -> float:
+    """The standard error of a variance; inf where the data do not see what it is of."""
+    return float(np.sqrt(variance)) if variance > 0.0 else np.inf
+
+
+def _descended(problem: Problem, x: Array) -> tuple[Array, Array, Array]:
+    """Gap, start and growth (3,) where Gauss-Newton ends; the rows there, and their variances per noise (3,)."""
     rows = problem.rows(*x)
     step, variances = linear_step(problem, rows)
     for _ in range(STEPS):
@@ -140,7 +146,7 @@ def _descended(problem: Problem, x: Array) -> tuple[Array, Array, float]:
             break
         x, rows = moved, trial
         step, variances = linear_step(problem, rows)
-    return x, rows, float(variances[0])
+    return x, rows, variances
 
 
 class _Fit:
@@ -207,11 +213,8 @@ class _Fit:
             derivatives.append((self.coefficients(psi) - v) @ regressors / (DIFFERENCE * deviation))
         return v @ regressors, np.array(derivatives)
 
-    def solve(self, x: Array) -> tuple[Array, float, bool]:
-        """The best x from a first one, the variance of its gap [rad^2], and whether it is stationary.
-
-        The variance is inf where the data do not see the gap.
-        """
+    def solve(self, x: Array) -> tuple[Array, Array, bool]:
+        """The best x from a first one, its covariance as :meth:`covariance`, and whether its gap is stationary."""
         prior = 1.0 / self.deviations**2
         error, jacobian = self.linearised(x)
         for _ in range(STEPS):
@@ -233,9 +236,8 @@ class _Fit:
                 break
         noise = self.problem.noise_m2(error)
         covariance = self.covariance(jacobian, noise)
-        variance = float(covariance[0, 0]) if covariance[0, 0] > 0.0 else np.inf
         step = -(covariance @ (jacobian @ error / noise + prior * x))[0]
-        return x, variance, bool(abs(max(step, -x[0])) < STATIONARY * np.sqrt(variance))
+        return x, covariance, bool(abs(max(step, -x[0])) < STATIONARY * _std(covariance[0, 0]))
 
     def covariance(self, jacobian: Array, noise: float) -> Array:
         """Of x; rows and columns of zeros for what neither data nor prior knows (theta_d0 after a contact)."""

@@ -89,6 +89,8 @@ def test_design_and_twin_may_believe_different_things():
     ("words", "form", "method"),
     [
         ((), "bare", "linear"),
+        (("controller.crossing=hold",), "inverse", "linear"),
+        (("controller=imc", "controller.crossing=hold"), "bare", "linear"),
         (("rig.effects.motor_bearing.coulomb_friction.torque=0.02",), "bare", "linear"),
         ((MODEL, "model.effects.motor_bearing.coulomb_friction.torque=0.02"), "inner_loop", "linear"),
         (

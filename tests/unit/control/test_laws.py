@@ -1,5 +1,7 @@
 """The internal models of the controller in the loop: what oscillates in a gap that is not there, and what does not."""
 
+from dataclasses import replace
+
 import control
 import numpy as np
 import pandas as pd
@@ -16,6 +18,7 @@ from dtbacklash.physics.rig import build_rig
 CONFIG = compose("controller=nimc_fixed", "controller.internal_model=inverse")
 RIG = build_rig(CONFIG.rig)
 MOTOR, STRUCTURE = motor_parameters(RIG), structure_parameters(RIG)
+DESIGN = design_for(CONFIG, beliefs_of(CONFIG).design)
 K_THETA, TAU_R = CONFIG.controller.k_theta_v_per_rad, CONFIG.controller.tau_r_s
 FRICTION = "rig.effects.motor_bearing.coulomb_friction.torque"
 BASE = ("profile=constant", "reference.period_s=10", "duration_s=20")
@@ -132,3 +135,51 @@ def test_the_reference_crosses_the_gap_by_the_stated_ratio() -> None:
     moved = small / STRUCTURE.pitch_m_per_rad
     assert state.inverse[0] * gap > CROSSING_RATIO * moved  # and what the integral added
     assert state.inverse[1] == pytest.approx(moved, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("true_deg", "believed_deg", "overshoot_pct", "settling_s"),
+    [(100, 100, 0.15, 0.85), (50, 50, 0.15, 0.85), (5, 5, 0.1, 0.85), (0, 0, 0.01, 0.81), (100, 97, 0.4, 0.95),
+     (100, 103, 0.6, 1.0), (100, 90, 1.7, 1.5), (100, 110, 2.3, 1.7)],
+)  # fmt: skip
+def test_a_held_reference_moves_as_without_a_gap(true_deg, believed_deg, overshoot_pct, settling_s) -> None:
+    words = (f"profile.start_deg={true_deg}", f"controller.gap_hat_deg={believed_deg}", "duration_s=30")
+    moves = run_scenario(
+        compose(
+            "controller=nimc_fixed", "profile=constant", "reference.period_s=20", "controller.crossing=hold", *words
+        )
+    ).moves
+    assert moves["overshoot_pct"].max() < overshoot_pct
+    assert moves["settling_time_s"].max(skipna=False) < settling_s
+    assert moves["peak_voltage_v"].max() < 12.5
+
+
+def test_the_main_scenario_meets_its_bars() -> None:
+    moves = run_scenario(compose("experiment=held")).moves
+    assert moves["overshoot_pct"].max() <= 0.8
+    assert moves["settling_time_s"].max(skipna=False) <= 1.0
+    assert moves["peak_voltage_v"].max() <= 15.0
+
+
+def test_a_gap_that_grows_moves_nothing_and_a_new_estimate_keeps_the_share() -> None:
+    controller = build_controller(CONFIG.controller, DESIGN)
+    state = new_controller_state(controller)
+    control_step(controller, state, 0.0, 0.0, 0.0, 0.5)
+    state.inverse[0] = 0.8
+    u, _ = control_step(controller, state, 0.0, 0.4, 0.0, 0.6, 0.1)
+    assert state.inverse[0] * 0.6 == pytest.approx(0.8 * 0.5, abs=1e-3)
+    assert (u, state.theta_d[0]) == (pytest.approx(0.0, abs=0.01), 0.0)
+    control_step(controller, state, 0.0, 0.4, 0.0, 1.2)
+    assert state.inverse[0] == pytest.approx(2 / 3, abs=2e-3)
+    assert state.theta_d[0] == pytest.approx(-0.4, abs=2e-3)
+
+
+def test_a_reference_without_jumps_is_not_held() -> None:
+    found = []
+    for how in ("hold", "run"):
+        settings = compose("controller=nimc_fixed", f"controller.crossing={how}").controller
+        controller = build_controller(replace(settings, internal_model="inverse"), DESIGN)
+        state = new_controller_state(controller)
+        reference = 1e-3 * np.sin(2 * np.pi * 0.3 * np.arange(4000) * 1e-3)
+        found.append([control_step(controller, state, r, float(state.m[2]), 0.0, 0.8)[0] for r in reference])
+    assert found[0] == found[1]

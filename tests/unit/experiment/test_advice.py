@@ -13,20 +13,23 @@ from dtbacklash.experiment.run import run_scenario
 NO_GAP = ("profile=constant", "profile.start_deg=0")
 SETTING = re.compile(r"(?<![(\w])((?:controller|reference|sensors|duration_s)[\w.]*=[\w.-]*\w)")
 
+BARE = "controller=imc controller.internal_model=bare"
+
 #: words of a run that does not settle, what is said of it
 CASES = [
-    ("controller=imc rig.effects.motor_bearing.coulomb_friction.torque=0.05", "Coulomb friction at motor_bearing"),
-    ("controller=imc rig.effects.motor_bearing.viscous_friction.coefficient=0.001", "viscous friction"),
-    ("controller=imc rig.effects.amplifier.dead_zone.half_width=0.2", "dead zone at amplifier"),
-    ("controller=imc rig.effects.amplifier.saturation.limit=3", "saturation at amplifier"),
-    ("controller=imc rig.effects.sensor_theta_m.gain_error.relative=0.02", "gain error at sensor_theta_m"),
+    (f"{BARE} rig.effects.motor_bearing.coulomb_friction.torque=0.05", "Coulomb friction at motor_bearing"),
+    (f"{BARE} rig.effects.motor_bearing.viscous_friction.coefficient=0.001", "viscous friction"),
+    (f"{BARE} rig.effects.amplifier.dead_zone.half_width=0.2", "dead zone at amplifier"),
+    (f"{BARE} rig.effects.amplifier.saturation.limit=3", "saturation at amplifier"),
+    (f"{BARE} rig.effects.sensor_theta_m.gain_error.relative=0.02", "gain error at sensor_theta_m"),
     (
         "controller=imc controller.internal_model=measured rig.effects.motor_bearing.coulomb_friction.torque=0.05",
         r"\(measured\) cannot see",
     ),
     ("controller=nimc_fixed controller.internal_model=inner_loop", "larger \\(50 deg\\) than it is \\(0 deg\\)"),
     (
-        "controller=nimc_fixed controller.gap_hat_deg=0 rig.effects.motor_bearing.constant_load.torque=0.05 "
+        "controller=nimc_fixed controller.internal_model=bare controller.gap_hat_deg=0 "
+        "rig.effects.motor_bearing.constant_load.torque=0.05 "
         "profile.start_deg=30",
         "internal_model=inverse takes it out",
     ),

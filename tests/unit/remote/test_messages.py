@@ -36,7 +36,7 @@ def _request(theta_m: list[float], q3: list[float], present_rad: float = 0.25) -
 
 
 def _answer(numbers: list[float], accepted: bool = True, guarded: bool = True) -> AnswerMessage:
-    estimate = Estimate(*numbers[:6], 17, True, "fine", 0.125)
+    estimate = Estimate(*numbers[:7], 17, True, "fine", 0.125)
     attempt = Attempt(estimate, Verdict(accepted, "better"), numbers[6])
     return AnswerMessage(
         "press", Ticket(RUN, 3), Ticket(RUN, 7), DIGEST, Answer((attempt,), guarded, 0.5)
