@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from nominal import nominal_rig
 
 from dtbacklash.config.compose import compose
 from dtbacklash.errors import UserError
@@ -58,7 +59,7 @@ def test_a_sensor_declares_a_unit_of_its_own_kind(tmp_path):
 
 def test_a_rig_file_is_data(tmp_path, monkeypatch):
     monkeypatch.setenv("SECRET", "in the environment")
-    text = rig_yaml(build_rig(compose("rig=lead_screw").rig))
+    text = rig_yaml(nominal_rig("lead_screw"))
     file = tmp_path / "mine.yaml"
     file.write_text(text.replace("DC motor", "${oc.env:SECRET}"))
     with pytest.raises(UserError, match=r"mine.yaml: holds .* is not resolved in a file"):

@@ -8,6 +8,7 @@ from io import StringIO
 
 import diagnosed
 import pytest
+from nominal import nominal_rig
 from page_reader import Reader
 
 from dtbacklash.config.compose import compose
@@ -215,7 +216,7 @@ def test_percentages_add_up_and_nothing_is_painted_where_there_is_no_evidence():
     assert sorted(thirds.values()) == ["33 %", "33 %", "34 %"]
     assert percents({"a": 0.998, "b": 0.002}) == {"a": "100 %", "b": "< 1 %"}
     assert percents({}) == {}
-    rig = diagnosed.rig("lead_screw")
+    rig = nominal_rig("lead_screw")
     words = [text.get_text() for text in draw_rig(rig, {}, []).axes[0].texts]
     assert not any("%" in word for word in words)
     words = [text.get_text() for text in draw_rig(rig, {"gear": 0.6, "sensor_q3": 0.4}, []).axes[0].texts]

@@ -9,6 +9,7 @@ import numpy as np
 import proved
 import pytest
 from drawn import overlapping
+from nominal import nominal_rig
 from proved import COULOMB, CUBIC, case, diagnosis, finding, oracle, perfect, secret
 
 from dtbacklash.errors import UserError
@@ -58,11 +59,9 @@ def test_the_confusion_is_coloured_by_what_the_tool_stated():
 
 
 def test_the_labels_of_the_whole_catalogue_do_not_touch():
-    from dtbacklash.config.compose import compose
-    from dtbacklash.physics.rig import build_rig
     from dtbacklash.prove.draw import entries
 
-    names = [" ".join(key) for key in entries(build_rig(compose("rig=lead_screw").rig))]
+    names = [" ".join(key) for key in entries(nominal_rig("lead_screw"))]
     cells = [Cell(name, name, 1, 1, name, name) for name in names]
     figure = confusion_figure(Score(1, 0, 0, {}, {}, None, [], [], [], cells))
     assert overlapping(figure, rotated=False) == []
