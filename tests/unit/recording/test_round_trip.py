@@ -37,7 +37,8 @@ def test_a_run_writes_what_the_rig_declares(words, unit, tmp_path):
     assert recording.assumed_units["q3"] == recording.assumed_units["r"] == said
 
 
-def test_a_concealed_recording_is_read_back_in_si(tmp_path):
+def test_a_concealed_recording_is_read_back_in_si(tmp_path, monkeypatch):
+    monkeypatch.setattr("dtbacklash.prove.draw.DURATION_S", (3, 3))
     rig = build_rig(compose("rig=lead_screw", "rig.sensors.q3.recorded_in=um").rig)
     case = conceal(3, rig, tmp_path / "hidden", kind="nothing", instruments="minimal")
     _, run = record(open_seal(case, tmp_path / "hidden.key"), rig)
