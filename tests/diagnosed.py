@@ -4,8 +4,8 @@ import functools
 from dataclasses import replace
 
 import numpy as np
+from nominal import nominal_rig
 
-from dtbacklash.config.compose import compose
 from dtbacklash.diagnose.result import (
     Alternative,
     Candidate,
@@ -32,13 +32,6 @@ from dtbacklash.physics.simulate import simulate
 
 STEP_S = 1e-3
 NOISE = {"theta_m": 2e-4, "q3": 5e-7, "qm": 2e-5}
-
-
-@functools.cache
-def rig(name: str) -> Rig:
-    from dtbacklash.physics.rig import build_rig
-
-    return build_rig(compose("controller=open_loop", f"rig={name}").rig)
 
 
 def command(duration_s: float, amplitude_v: float, seed: int = 1) -> np.ndarray:
@@ -130,7 +123,7 @@ def friction_law(effect: str = "coulomb_friction", torque: float = 0.02) -> LawS
 @functools.cache
 def missing() -> Diagnosis:
     """Coulomb friction and backlash on the lead-screw rig."""
-    nominal = rig("lead_screw")
+    nominal = nominal_rig("lead_screw")
     truth = nominal.with_effect("motor_bearing", "coulomb_friction", {"torque": 0.02})
     truth = truth.with_effect("gear", "backlash", {"half_gap": 0.349})
     u = command(30.0, 3.0)
@@ -164,7 +157,7 @@ def missing() -> Diagnosis:
 @functools.cache
 def drifting() -> Diagnosis:
     """EMPS without friction: the nominal model leaves the picture; three findings at one element."""
-    nominal = rig("emps")
+    nominal = nominal_rig("emps")
     truth = nominal.with_effect("carriage", "coulomb_friction", {"force": 20.3})
     truth = truth.with_effect("carriage", "viscous_friction", {"coefficient": 203.5})
     truth = truth.with_effect("carriage", "constant_force", {"force": -3.16})
@@ -193,7 +186,7 @@ def drifting() -> Diagnosis:
 @functools.cache
 def parameters() -> Diagnosis:
     """A stiffness that is 10 % off."""
-    nominal = rig("lead_screw")
+    nominal = nominal_rig("lead_screw")
     truth = nominal.with_parameters({"k": 9020.0})
     return made(
         "parameters", "The links are 10 % softer than stated. Nothing else is needed to explain the recording.",
@@ -206,7 +199,7 @@ def parameters() -> Diagnosis:
 @functools.cache
 def consistent() -> Diagnosis:
     """Nothing but noise."""
-    nominal = rig("lead_screw")
+    nominal = nominal_rig("lead_screw")
     return made(
         "consistent", "What the nominal model leaves unexplained is the sensors' noise.", (0.00041, None, None),
         (nominal, nominal), Shown({}, curves(nominal, nominal, nominal, command(12.0, 3.0))),
@@ -217,7 +210,7 @@ def consistent() -> Diagnosis:
 @functools.cache
 def unexplained() -> Diagnosis:
     """A mismatch at the bearing that no law of the catalogue fits."""
-    nominal = rig("lead_screw")
+    nominal = nominal_rig("lead_screw")
     truth = nominal.with_effect("motor_bearing", "cogging", {"torque": 0.01, "periods": 3.0, "phase": 0.0})
     law = friction_law("")
     points = tuple(zip(law.state.tolist(), law.recovered.tolist(), law.error.tolist(), strict=True))

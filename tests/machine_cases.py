@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import machines as m
 import numpy as np
 import pandas as pd
+from nominal import nominal_rig
 
 from dtbacklash.config.rig import ParameterConfig, RigConfig
 from dtbacklash.physics.rig import Rig, build_rig
@@ -156,7 +157,7 @@ def _screw() -> Iterator[Case]:
     from dtbacklash.experiment.run import run_scenario
     from dtbacklash.physics.simulate import simulate
 
-    nominal = build_rig(compose("rig=lead_screw").rig)
+    nominal = nominal_rig("lead_screw")
     t = m.times(12.0)
     u = m.multisine(t, 3.0, 8.0)
     stalling = nominal.with_effect("motor_bearing", "coulomb_friction", {"torque": 0.15})

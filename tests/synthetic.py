@@ -115,7 +115,6 @@ def sweep_table(axes: dict[str, list], seed: int = 0) -> pd.DataFrame:
     table = index.to_frame(index=False)
     random = np.random.default_rng(seed)
     n = len(table)
-    table.insert(0, "job", range(n))
     table["status"] = "done"
     table["overshoot_pct_max"] = random.gamma(2.0, 2.0, n)
     table["settling_time_s_max"] = 0.8 + random.gamma(2.0, 0.4, n)

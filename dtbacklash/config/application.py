@@ -8,6 +8,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -212,11 +213,16 @@ def file_name(source: str | None) -> str:
 
 def register() -> None:
     """Make the schemas and the resolvers known to Hydra."""
-    for grammar in (GRAMMARS | FILES).values():
-        ConfigStore.instance().store(name=f"{grammar.name}_schema", node=grammar.schema)
+    _register_schemas(ConfigStore.instance())
     OmegaConf.register_new_resolver("dtb_sweep_name", sweep_name, replace=True)
     OmegaConf.register_new_resolver("dtb_file_name", file_name, replace=True)
     OmegaConf.register_new_resolver("dtb_proof_name", folder_name, replace=True)
+
+
+@cache
+def _register_schemas(store: ConfigStore) -> None:
+    for grammar in (GRAMMARS | FILES).values():
+        store.store(name=f"{grammar.name}_schema", node=grammar.schema)
 
 
 def call(task: Task, program: str, config_name: str, words: Sequence[str]) -> None:

@@ -5,9 +5,8 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from nominal import nominal_rig
 
-from dtbacklash.config.compose import compose
-from dtbacklash.physics.rig import build_rig
 from dtbacklash.physics.simulate import simulate
 
 pytestmark = pytest.mark.check
@@ -18,7 +17,7 @@ STEP_S = 1e-3
 @pytest.fixture(scope="module")
 def table() -> pd.DataFrame:
     """What the sensors of the paper's rig show of a motor with dry friction."""
-    rig = build_rig(compose("rig=lead_screw").rig).with_effect("motor_bearing", "coulomb_friction", {"torque": 0.03})
+    rig = nominal_rig("lead_screw").with_effect("motor_bearing", "coulomb_friction", {"torque": 0.03})
     t = STEP_S * np.arange(8001)
     random = np.random.default_rng(1)
     u = sum(

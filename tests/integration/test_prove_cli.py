@@ -9,6 +9,7 @@ import pandas as pd
 import proved
 import pytest
 from hydra.core.global_hydra import GlobalHydra
+from nominal import nominal_rig
 
 from dtbacklash import cli
 from dtbacklash.errors import UserError
@@ -20,7 +21,7 @@ from dtbacklash.report.proof.page import BEGIN, END
 
 pytestmark = pytest.mark.check
 
-LEAD_SCREW = conceal.nominal_rig("lead_screw")
+LEAD_SCREW = nominal_rig("lead_screw")
 FILES = [
     "confusion.csv", "figures/confusion.png", "figures/errors.png", "figures/shares.png", "figures/visibility.png",
     "plan.json", "report.html", "score.csv", "score.json", "table.md",
@@ -31,7 +32,7 @@ FILES = [
 def concealed(tmp_path_factory):
     """Two sealed recordings of six seconds: nothing, and backlash."""
     folder = tmp_path_factory.mktemp("given") / "bench"
-    rig = conceal.nominal_rig("lead_screw")
+    rig = nominal_rig("lead_screw")
     key = seal.read_or_make_key(seal.key_path(folder))
     for name, kind, effect in (("a1", "nothing", None), ("b2", "single", "gear.backlash")):
         secret = draw(3, rig, kind, effect, "minimal")

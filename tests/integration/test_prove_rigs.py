@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+from nominal import nominal_rig
 
 from dtbacklash.campaign.backends import Workers
 from dtbacklash.prove import conceal, run, seal
@@ -23,7 +24,7 @@ HIDDEN = {
 )
 def test_a_rig_is_concealed_diagnosed_and_scored(name, tmp_path, monkeypatch):
     monkeypatch.setattr(drawing, "DURATION_S", (6, 6))
-    rig, folder = conceal.nominal_rig(name), tmp_path / "bench"
+    rig, folder = nominal_rig(name), tmp_path / "bench"
     key = seal.read_or_make_key(seal.key_path(folder))
     secret = draw(5, rig, "single", HIDDEN[name], "minimal")
     conceal.write_case(folder / "a", replace(secret, rig=name), rig, key)

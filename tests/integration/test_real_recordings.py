@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from nominal import nominal_rig
 
 from dtbacklash import cli
-from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Diagnosis, diagnose
 from dtbacklash.diagnose.data.command import held_equivalent
 from dtbacklash.diagnose.result import Alternative
-from dtbacklash.physics.rig import Rig, build_rig
+from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.rig_file import rig_yaml
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.recording import Recording, read_recording
@@ -44,7 +44,7 @@ def _public():
 
 
 def nominal(name: str) -> Rig:
-    return build_rig(compose(f"rig={name}", "controller=open_loop").rig)
+    return nominal_rig(name)
 
 
 def named(found: Diagnosis) -> dict[tuple[str, str], dict[str, dict]]:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from nominal import nominal_rig
 
 from dtbacklash import cli
-from dtbacklash.config.compose import compose
 from dtbacklash.recording import mapping_names, read_recording, refined
 
 FOLDER = os.environ.get("DTB_RECORDINGS", "")
@@ -106,9 +106,8 @@ def test_help(capsys):
 
 
 def rig_of(name: str):
-    from dtbacklash.physics.rig import build_rig
 
-    return build_rig(compose("controller=open_loop", f"rig={name}").rig)
+    return nominal_rig(name)
 
 
 def rms_mm(values: np.ndarray) -> float:

@@ -9,16 +9,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from nominal import nominal_rig
 
-from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Record, diagnose_records
-from dtbacklash.physics.rig import build_rig
 from dtbacklash.prove import draw as drawing
 from dtbacklash.prove.secret import Secret
 
 pytestmark = pytest.mark.check
 
-RIG = build_rig(compose("controller=open_loop", "rig=lead_screw").rig)
+RIG = nominal_rig("lead_screw")
 #: shorter than what `dtb prove` records, so that all of them take minutes and not an hour
 DURATION_S = (12.0, 12.0)
 #: how much an effect may change the recorded signals, in units of the sensors' noise

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
+from nominal import nominal_rig
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from dtbacklash.physics.catalogue import CATALOGUE
 from dtbacklash.physics.rig import Rig
-from dtbacklash.prove.conceal import nominal_rig
 
 from . import rigs
 

@@ -19,8 +19,6 @@ from rich.text import Text
 from dtbacklash.report.kit.numbers import fixed, number
 
 WIDTH = 100
-#: what the status of a job that came to its end may be
-FINISHED = {"ok", "done", "finished", "completed", "success", "cached", "skipped"}
 
 Cell = Callable[[Any], str]
 
@@ -109,7 +107,7 @@ def beliefs(frame: pd.DataFrame) -> Table:
 
 def sweep(frame: pd.DataFrame, axes: list[str]) -> Table:
     """The jobs of a sweep: the swept keys `axes`, then what came out; below it the errors of failed jobs."""
-    failed = failed_jobs(frame)
+    failed = frame["status"] != "done"
     shown = frame.assign(outcome=["FAILED" if bad else "ok" for bad in failed])
     figures: list[tuple[str, str, Cell, bool]] = [
         ("overshoot_pct_max", "over-\nshoot [%]", decimals(2), True),
@@ -118,24 +116,14 @@ def sweep(frame: pd.DataFrame, axes: list[str]) -> Table:
         ("n_estimations", "esti-\nmates", decimals(0), True),
     ]
     if not any(name in frame for name, *_ in figures):  # of another command than `dtb run`
-        others = [str(name) for name in frame if name not in {"job", "folder", *axes, "status", "error"}]
+        others = [str(name) for name in frame if name not in {"folder", *axes, "status", "error"}]
         figures = [(name, name.replace("_", "\n"), plain_cell, True) for name in others]
     table = fill(blank("Sweep"), shown, [
-        ("job", "job", plain_cell, True), *((name, name, plain_cell, False) for name in axes),
-        *figures, ("outcome", "", plain_cell, False),
+        *((name, name, plain_cell, False) for name in axes), *figures, ("outcome", "", plain_cell, False),
     ])  # fmt: skip
-    if failed.any() and "error" in frame:
-        names = frame["job"] if "job" in frame else pd.Series(frame.index, index=frame.index)
-        table.caption = notes(f"job {names[i]}: {frame['error'][i]}" for i in frame.index[failed])
+    if failed.any():
+        table.caption = notes(f"job {i}: {frame['error'][i]}" for i in frame.index[failed])
     return table
-
-
-def failed_jobs(frame: pd.DataFrame) -> pd.Series:
-    """Boolean, one a row of a sweep: the job did not finish. Without a column `status`, one without any figure."""
-    if "status" in frame:
-        return ~frame["status"].astype(str).str.lower().isin(FINISHED)
-    figures = [name for name in ("overshoot_pct_max", "settling_time_s_max", "n_estimations") if name in frame]
-    return frame[figures].isna().all(axis=1)
 
 
 def claims(frame: pd.DataFrame) -> Table:
@@ -148,7 +136,7 @@ def claims(frame: pd.DataFrame) -> Table:
         ("tolerance", "tolerance", plain_cell, True),
     ])  # fmt: skip
     bad = frame[~frame["pass"].astype(bool)]
-    if len(bad) and "reason" in bad:
+    if len(bad):
         pairs = zip(bad["claim"], bad["reason"], strict=True)
         table.caption = notes(f"FAIL {claim}: {reason}" for claim, reason in pairs)
     return table

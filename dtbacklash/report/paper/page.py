@@ -16,8 +16,8 @@ def write(claims: pd.DataFrame, figures: dict[str, Path], folder: Path) -> None:
     """Write `report.html` into `folder`.
 
     Args:
-        claims: columns `claim, section, paper, ours, tolerance, pass`, and `reason` (why this
-            tolerance, or why the claim fails) if there is one.
+        claims: columns `claim, section, paper, ours, tolerance, pass` and `reason` (why this tolerance, or why the
+            claim fails).
         figures: name -> PNG in the order to be shown. A name that ends in the number of one of the paper's
             figures gets that caption, any other is its own caption.
         folder: an existing folder.
@@ -25,7 +25,6 @@ def write(claims: pd.DataFrame, figures: dict[str, Path], folder: Path) -> None:
     rows = claims.rename(columns={"pass": "passed"}).to_dict("records")
     for row in rows:
         row |= {name: powers(number(row[name], 4)) for name in ("paper", "ours", "tolerance")}
-        row["reason"] = row.get("reason") if isinstance(row.get("reason"), str) else ""
     page = render(
         "paper.html.j2",
         claims=rows,

@@ -19,7 +19,6 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
 from dtbacklash.report.kit.style import INK, MARKERS, MUTED, SERIES, new_figure, save, styled
-from dtbacklash.report.kit.tables import failed_jobs
 
 PANELS = {
     "overshoot_pct_max": "largest\novershoot [%]",
@@ -50,8 +49,7 @@ def draw(table: pd.DataFrame, axes: list[str], path: Path) -> Path:
 
     Args:
         table: one row a job. Columns: the swept keys, `overshoot_pct_max`, `settling_time_s_max` (NaN: not
-            settled), `n_estimations`, and `status` (what is not "done", "ok", ... counts as failed; without
-            this column a job without any figure does).
+            settled), `n_estimations`, and `status` (what is not "done" has failed).
         axes: names of the swept keys, in the order to be read; may be empty.
         path: PNG to write.
     """
@@ -64,7 +62,7 @@ def sweep_figure(table: pd.DataFrame, axes: list[str]) -> Figure:
     table = table.reset_index(drop=True).copy()
     for name in PANELS:
         table[name] = pd.to_numeric(table[name], errors="coerce").astype(float) if name in table else np.nan
-    table["_failed"] = failed_jobs(table)
+    table["_failed"] = table["status"] != "done"
     axes = [name for name in axes if name in table]
     varying = [name for name in axes if table[name].astype(str).nunique() > 1] or axes[:1]
     layout = _layout(table, varying) if varying else None

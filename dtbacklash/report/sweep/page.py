@@ -12,11 +12,10 @@ import pandas as pd
 from dtbacklash.files import write_text
 from dtbacklash.report.kit.numbers import number
 from dtbacklash.report.kit.page import Shown, embedded, render
-from dtbacklash.report.kit.tables import failed_jobs
 from dtbacklash.report.sweep.figure import PANELS, draw
 
 #: columns of the table that are no result
-KEPT_BACK = ("job", "folder", "status", "error")
+KEPT_BACK = ("folder", "status", "error")
 HEADINGS = {
     "overshoot_pct_max": "largest overshoot [%]",
     "settling_time_s_max": "longest settling time [s]",
@@ -53,7 +52,7 @@ def write(folder: Path, table: pd.DataFrame, axes: list[str]) -> None:
             links if there is a report.
         axes: names of the swept keys, in the order to be read; may be empty.
     """
-    failed = failed_jobs(table)
+    failed = table["status"] != "done"
     axes = [name for name in axes if name in table]
     columns = _columns(table, axes)
     jobs = [_job(folder, row, columns, bad) for row, bad in zip(table.to_dict("records"), failed, strict=True)]

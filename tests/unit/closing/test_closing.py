@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from nominal import nominal_rig
 
 from dtbacklash.closing import COLUMNS, VARIANTS, compare, record, recording_of, table
 from dtbacklash.config.compose import compose
@@ -17,7 +18,7 @@ TRUE = ("rig.parameters.k.value=8000", "rig.effects.motor_bearing.coulomb_fricti
 @pytest.fixture(scope="module")
 def runs():
     config = compose(*WORDS, *TRUE)
-    return compare(config, build_rig(compose().rig), build_rig(config.rig))
+    return compare(config, nominal_rig(), build_rig(config.rig))
 
 
 def test_what_is_found_is_as_good_as_the_truth(runs):
@@ -38,7 +39,7 @@ def test_a_loop_that_diverged_has_no_figures(runs):
 
 def test_the_machine_is_recorded_in_a_loop_that_believes_in_its_nominal_rig():
     config = compose(*WORDS, *TRUE)
-    run = record(config, build_rig(compose().rig))
+    run = record(config, nominal_rig())
     recording = recording_of(run)
     assert run.rig.effects == build_rig(config.rig).effects
     assert {"u", "r", "theta_m", "q3"} <= set(recording.channels)
@@ -49,7 +50,7 @@ def test_the_machine_is_recorded_in_a_loop_that_believes_in_its_nominal_rig():
 def test_the_machine_is_recorded_before_it_changes():
     """A change of the loop may come after the end of the recording, which is shorter."""
     config = compose(*WORDS, "changes=[{at_s:10,parameters:{k:7000}},{at_s:50,parameters:{k:6000}}]")
-    nominal = build_rig(compose().rig)
+    nominal = nominal_rig()
     changed, plain = record(config, nominal), record(compose(*WORDS), nominal)
     assert config.duration_s > changed.t_s[-1]
     assert np.array_equal(changed.trace["q3_mm"], plain.trace["q3_mm"])

@@ -1,5 +1,6 @@
 """Every option in ``conf`` can be chosen, and the conf folder of the plain clone is the packaged one."""
 
+from itertools import zip_longest
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,20 @@ from dtbacklash.config.load import load
 from dtbacklash.config.run import RunConfig
 
 FILES = {"profile": "t_s,gap_deg\n0,0\n300,90\n", "reference": "t_s,r_mm\n0,0\n300,1\n"}
-CHOICES = [(group, option) for group in RUN.groups for option in options(group)]
+#: groups whose options are chosen side by side; tests/integration/test_choices.py runs each option alone
+TOGETHER = (
+    ("experiment",), ("rig",), ("controller",),
+    ("model", "profile", "reference", "twin", "optimizer", "sensors", "solver"),
+)  # fmt: skip
+
+
+def rows():
+    """Choices of options, so that each option of each group is in one of them."""
+    assert sorted(name for groups in TOGETHER for name in groups) == sorted(RUN.groups)
+    return [
+        {group: option for group, option in zip(groups, row, strict=True) if option}
+        for groups in TOGETHER for row in zip_longest(*map(options, groups))
+    ]  # fmt: skip
 
 
 @pytest.fixture
@@ -26,20 +40,21 @@ def hydra_ready():
     GlobalHydra.instance().clear()
 
 
-@pytest.mark.parametrize(("group", "option"), CHOICES)
-def test_every_option_gives_a_valid_configuration(hydra_ready, tmp_path, group, option):
-    words = [f"{group}={option}"]
-    if group == "rig" and option != "lead_screw":
+@pytest.mark.parametrize("row", rows(), ids=lambda row: ",".join(row.values()))
+def test_every_option_gives_a_valid_configuration(hydra_ready, tmp_path, row):
+    words = [f"{group}={option}" for group, option in row.items()]
+    if row.get("rig", "lead_screw") != "lead_screw":
         words.append("controller=open_loop")  # the paper's controllers are for its kind of rig
-    if option == "csv":
-        file = tmp_path / "signal.csv"
-        file.write_text(FILES[group])
-        words.append(f"{group}.path={file}")
+    for group, content in FILES.items():
+        if row.get(group) == "csv":
+            (tmp_path / f"{group}.csv").write_text(content)
+            words.append(f"{group}.path={tmp_path / group}.csv")
     config = load(compose("run", overrides=words), RunConfig)
-    if group in ("profile", "reference"):
-        assert getattr(config, group).kind == option
-    if group in ("controller", "optimizer"):
-        assert getattr(config, group).name == option
+    for group, option in row.items():
+        if group in ("profile", "reference"):
+            assert getattr(config, group).kind == option
+        if group in ("controller", "optimizer", "rig", "model"):
+            assert getattr(config, group).name == option
 
 
 def test_defaults_of_the_files_and_of_the_schema_agree(hydra_ready):

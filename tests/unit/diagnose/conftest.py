@@ -7,10 +7,10 @@ from dataclasses import replace
 import machine_cases as cases
 import numpy as np
 import pytest
+from nominal import nominal_rig
 
-from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Record
-from dtbacklash.physics.rig import Rig, build_rig
+from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
 
 STEP_S = 1e-3
@@ -44,7 +44,7 @@ def recorded(rig: Rig, seconds: float = 12.0, seed: int = 1, u: np.ndarray | Non
 
 @pytest.fixture(scope="session")
 def rig() -> Rig:
-    return build_rig(compose("rig=lead_screw").rig)
+    return nominal_rig("lead_screw")
 
 
 @pytest.fixture(scope="session")

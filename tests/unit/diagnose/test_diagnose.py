@@ -4,15 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from nominal import nominal_rig
 
-from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Record, diagnose, diagnose_records
 from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.free import nominal_free
 from dtbacklash.diagnose.fit.refit import fit
 from dtbacklash.diagnose.settings import settings
 from dtbacklash.errors import UserError
-from dtbacklash.physics.rig import build_rig
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.recording.model import Recording
 
@@ -107,7 +106,7 @@ def test_a_recording_s_units_notes_and_name_stand_in_the_result(rig):
 @pytest.mark.nightly
 def test_gravity_is_found_however_slowly_the_disk_is_sampled(step_s):
     """The regression over wave numbers works on means of samples: with too many in one its pull is not stable."""
-    disk = build_rig(compose("rig=pendulum").rig)
+    disk = nominal_rig("pendulum")
     rng, n = np.random.default_rng(5), round(12.0 / step_s)
     u = np.repeat(rng.normal(0.0, 0.6, n // round(0.2 / step_s) + 1), round(0.2 / step_s))[: n + 1]
     heavy = disk.with_effect("disk", "gravity", {"torque": 0.15, "phase": 0.4})

@@ -2,15 +2,15 @@
 
 import numpy as np
 import pytest
+from nominal import nominal_rig
 
-from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import pipeline
 from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.free import Key, nominal_free
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import fit
 from dtbacklash.diagnose.search.model import Log, Model, Named
-from dtbacklash.physics.rig import Rig, build_rig
+from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
 
 from .conftest import STEP_S, Record, command
@@ -21,7 +21,7 @@ LATE: Key = ("sensor_x", "delay")
 
 @pytest.fixture(scope="module")
 def oscillator() -> Rig:
-    return build_rig(compose("rig=oscillator").rig)
+    return nominal_rig("oscillator")
 
 
 @pytest.fixture(scope="module")

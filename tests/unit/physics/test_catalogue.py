@@ -27,6 +27,8 @@ PLACE = Place(
 @pytest.mark.parametrize("key", CATALOGUE, ids=".".join)
 def test_every_effect_has_a_slot_starts_and_a_concealed_size(key):
     effect = CATALOGUE[key]
+    assert (effect.kind, effect.name) == key
+    assert catalogue.effects_of(effect.kind)[effect.name] is effect
     assert catalogue.kind_named(effect.kind).takes(effect.slot)
     assert effect.size.role in (Role.SIZE, Role.TIME)
     assert [p.role for p in effect.parameters[1:]].count(Role.SIZE) == 0

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from nominal import nominal_rig
 from reference import rigs
 
 from dtbacklash.config.compose import compose
@@ -90,7 +91,7 @@ def test_friction_behind_a_motor_that_is_shaken_is_that_of_the_whole_rig(up_to_h
 
 
 def machine() -> Rig:
-    return build_rig(compose("rig=brfd", "controller=open_loop").rig)
+    return nominal_rig("brfd")
 
 
 def sweep(amplitude_mm: float) -> np.ndarray:

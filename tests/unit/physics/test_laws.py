@@ -93,16 +93,6 @@ def test_friction_by_direction_is_its_mean_and_half_the_difference(rate: float, 
     assert mean + body.asymmetric_friction(rate, viscous, levels) == pytest.approx(by_direction, abs=1e-9)
 
 
-@given(st.floats(-1.0, 1.0), st.floats(-10.0, 10.0), positive)
-def test_bouc_wen_never_leaves_its_bounds(z: float, change: float, displacement: float) -> None:
-    """Unloading is elastic as far as to zero; beyond, the variable comes to its bound and stays there."""
-    after = spring.bouc_wen_after(z, change, displacement)
-    assert -1.0 <= after <= 1.0
-    assert (after - z) * change >= 0.0
-    if z * change <= 0.0 and abs(change) <= abs(z) * displacement:
-        assert after == pytest.approx(z + change / displacement, abs=1e-12)
-
-
 @given(st.floats(-1e-3, 1e-3), st.floats(-1e-3, 1e-3), positive)
 def test_the_bumper_only_pushes(stretch: float, clearance: float, stiffness: float) -> None:
     force = spring.bumper(stretch, stiffness, clearance)

@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
+from nominal import nominal_rig
 
-from dtbacklash.config.compose import compose
-from dtbacklash.physics.rig import build_rig
 from dtbacklash.prove import draw as drawing
 
 STEP_S = 1e-3
@@ -12,7 +11,7 @@ STEP_S = 1e-3
 
 @pytest.fixture(scope="session")
 def lead_screw():
-    return build_rig(compose("controller=open_loop", "rig=lead_screw").rig)
+    return nominal_rig("lead_screw")
 
 
 @pytest.fixture

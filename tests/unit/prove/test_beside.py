@@ -1,44 +1,50 @@
 """The small things of a lifelike recording: as large together as they may be, and the clean recording without them."""
 
-import hashlib
 import math
 
 import numpy as np
 import pytest
+from nominal import nominal_rig
 
 from dtbacklash.errors import UserError
 from dtbacklash.prove import beside
 from dtbacklash.prove.bench import rms
-from dtbacklash.prove.conceal import csv_gz, nominal_rig, recording_table
 from dtbacklash.prove.draw import draw, record
 from dtbacklash.prove.secret import Secret
 from dtbacklash.prove.simulator.given import Loop, Unknown
 from dtbacklash.prove.simulator.rig import simulate_other
 
 STEP_S = 1e-3
-#: SHA-256 of clean recordings of 3 s, from before there were lifelike ones
+#: of clean recordings of 3 s, from before there were lifelike ones: a hidden size, and the sums of |command| and of the
+#: first channel's size; another processor may give another last digit
 CLEAN = {
-    ("lead_screw", 11, "unknown"): "271641f1642c92b1e7f81dee9c0c7a1feb4a1ee8fd689d5da7a5759668a9c3dd",
-    ("pendulum", 3, "single"): "e02e719998c52633ba1ebf9ba17ea84c3f734f8ee61b1f8bdb87dd20c6d349f3",
-    ("two_mass_stage", 3, "unknown"): "a6d28075e82662e72eced5504c4b5bd07e0ba0840db2a12b5453da07d4b14670",
+    ("lead_screw", 4, "single"): (0.026388185360544637, 1673.3832068089582, 1954.0276790707906),
+    ("lead_screw", 11, "unknown"): (0.0012399591251422099, 887.4092649549775, 2628.279730501197),
+    ("pendulum", 3, "single"): (0.02351026104239837, 1869.681389110438, 369.8090038455038),
+    ("two_mass_stage", 3, "unknown"): (0.06433257512635895, 4019.7640013362234, 146.5764257526994),
 }
 
 
 @pytest.mark.parametrize(("name", "seed", "kind"), CLEAN)
-def test_clean_recordings_are_as_they_were_to_the_last_bit(name, seed, kind, short):
+def test_clean_recordings_are_as_they_were(name, seed, kind, short):
     rig = nominal_rig(name)
     secret = draw(seed, rig, kind=kind)
     assert (secret.machine, secret.beside) == ("clean", [])
-    table = csv_gz(recording_table(secret, rig, *record(secret, rig)))
-    assert hashlib.sha256(table).hexdigest() == CLEAN[name, seed, kind]
+    size = secret.unknown["size"] if secret.unknown else next(iter(secret.effects[0]["parameters"].values()))
+    _, run = record(secret, rig)
+    sums = (float(np.abs(values).sum()) for values in (run.u, run.seen[secret.channels[0]]))
+    assert (size, *sums) == pytest.approx(CLEAN[name, seed, kind], rel=1e-9)
 
 
 @pytest.mark.parametrize(
     ("name", "seed", "kind"),
     [
         ("lead_screw", 1, "single"), ("two_mass_stage", 2, "single"), ("oscillator", 3, "several"),
-        ("pendulum", 4, "unknown"), ("rotary_drive", 5, "single"), ("emps", 6, "single"), ("silverbox", 7, "nothing"),
-        ("brfd", 8, "single"), ("disk", 9, "parameters"), ("anticogging", 10, "single"),
+        ("pendulum", 4, "unknown"),
+        *(pytest.param(*one, marks=pytest.mark.nightly) for one in (
+            ("rotary_drive", 5, "single"), ("emps", 6, "single"), ("silverbox", 7, "nothing"), ("brfd", 8, "single"),
+            ("disk", 9, "parameters"), ("anticogging", 10, "single"),
+        )),
     ],
 )  # fmt: skip
 def test_what_is_hidden_is_the_main_thing(name, seed, kind, short):
@@ -53,19 +59,13 @@ def test_what_is_hidden_is_the_main_thing(name, seed, kind, short):
     places = [(thing["location"], thing.get("effect") or thing["name"]) for thing in secret.beside]
     assert len(set(places)) == len(places)
     assert not set(places) & {(e["location"], e["effect"]) for e in secret.effects}
+    lacking = [thing for thing in secret.beside if "effect" not in thing]
+    assert 0 < len(lacking) < len(secret.beside)  # of the catalogue, and outside of it
+    assert all(thing["description"].startswith(beside.DESCRIPTIONS[thing["name"]]) for thing in lacking)
     again = Secret.from_json(secret.to_json())
     run, same = record(secret, rig)[1], record(again, rig)[1]
     assert not run.diverged
     assert all(np.array_equal(run.seen[channel], same.seen[channel]) for channel in secret.channels)
-
-
-def test_small_things_are_of_the_catalogue_and_outside_of_it(short):
-    rig = nominal_rig("pendulum")
-    drawn = [thing for seed in (1, 2, 3) for thing in draw(seed, rig, machine="lifelike").beside]
-    assert any("effect" in thing for thing in drawn)
-    lacking = [thing for thing in drawn if "effect" not in thing]
-    assert lacking
-    assert all(thing["description"].startswith(beside.DESCRIPTIONS[thing["name"]]) for thing in lacking)
 
 
 def test_a_secret_of_before_there_were_small_things_is_read():
@@ -108,29 +108,6 @@ def test_a_clock_that_jitters_samples_all_channels_at_another_time():
         rate = np.gradient(plain.truth[sensor], STEP_S)
         error = run.truth[sensor] - plain.truth[sensor]
         assert rms((error - rate * early)[2:-2]) < 0.05 * rms(error)
-
-
-@pytest.mark.parametrize(
-    ("name", "law"),
-    [
-        ("two_mass_stage", Unknown("motor", "position_gain", 1.0, 0.1)),
-        ("two_mass_stage", Unknown("motor", "gain_drift", 1.0)),
-        ("two_mass_stage", Unknown("table", "coloured_force", 1.0)),
-        ("two_mass_stage", Unknown("table", "wandering_friction", 1.0, 0.01)),
-        ("pendulum", Unknown("disk", "double_ripple", 1.0, 0.5, 3.0, 0.1, 20.0, 0.7)),
-    ],
-)
-def test_a_small_law_acts_in_proportion_to_its_size(name, law):
-    rig = nominal_rig(name)
-    course = 1.0 + 0.3 * np.sin(STEP_S * np.arange(2000))
-    sensor = next(iter(rig.sensors))
-    changed = []
-    for size in (0.0, 1e-4, 2e-4):
-        run, plain = moved(rig, Unknown(**{**vars(law), "size": size}), courses=course)
-        changed.append(rms(run.truth[sensor] - plain.truth[sensor]))
-    assert changed[0] < 1e-200
-    assert changed[1] > 1e-12
-    assert changed[2] / changed[1] == pytest.approx(2.0, rel=0.05)
 
 
 def test_creep_gives_way_like_a_spring_and_then_slides():

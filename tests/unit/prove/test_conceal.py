@@ -1,14 +1,11 @@
 """Concealed recordings on disk: complete, telling nothing, and out of the diagnosis' reach."""
 
-import ast
 import gzip
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-import dtbacklash
 from dtbacklash.errors import UserError
 from dtbacklash.prove import conceal as concealing
 from dtbacklash.prove import seal
@@ -98,36 +95,3 @@ def test_nothing_is_left_when_it_fails_half_way(lead_screw, folder, monkeypatch)
     with pytest.raises(UserError, match="cannot be written: the disk is full"):
         conceal(5, lead_screw, folder, kind="nothing")
     assert list(folder.iterdir()) == []
-
-
-def imports(path: Path) -> set[str]:
-    """The modules that a file imports, anywhere in it."""
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
-    return found
-
-
-@pytest.mark.parametrize("room", ["diagnose", "recording", "physics", "config", "control", "compiled.py"])
-def test_the_diagnosis_cannot_reach_the_proof(room):
-    package = Path(dtbacklash.__file__).parent
-    files = [package / room] if room.endswith(".py") else sorted((package / room).rglob("*.py"))
-    assert files
-    for file in files:
-        assert not [name for name in imports(file) if name.startswith("dtbacklash.prove")], file
-    assert "dtbacklash.prove.draw" in imports(package / "prove" / "conceal.py")  # the search finds such imports
-
-
-def test_the_concealing_simulator_has_no_law_of_the_other():
-    """The simulator shares the description of rigs and nothing else; what draws reads declarations only."""
-    package = Path(dtbacklash.__file__).parent / "prove"
-
-    def shared(*names):
-        found = set().union(*(imports(package / f"{name}.py") for name in names))
-        return {m.split(".")[2] for m in found if m.startswith("dtbacklash.physics.")}
-
-    assert shared("simulator/step", "simulator/rig", "simulator/arrays") == {"rig"}
-    assert shared("excitation", "sizes", "draw") == {"rig", "catalogue", "bodies", "effects", "kinds"}

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from nominal import nominal_rig
 
-from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Record
 from dtbacklash.diagnose.data.evidence import Evidence
-from dtbacklash.physics.rig import Rig, build_rig
+from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.prove.oracle import Seen, described, look, rebuilt
 
@@ -19,7 +19,7 @@ BACKLASH = {"location": "gear", "effect": "backlash", "parameters": {"half_gap":
 
 @pytest.fixture(scope="module")
 def rig() -> Rig:
-    return build_rig(compose("rig=lead_screw").rig)
+    return nominal_rig("lead_screw")
 
 
 def evidence(nominal: Rig, truth: Rig) -> Evidence:
@@ -133,7 +133,7 @@ def test_the_true_law_beats_the_catalogue_or_does_not():
     """A spring that stiffens with its rate is none of the catalogue's; too small to be seen, it beats nothing."""
     from dtbacklash.prove.simulator.given import Unknown
 
-    rig = build_rig(compose("rig=oscillator").rig)
+    rig = nominal_rig("oscillator")
     large, small = (seen_of_unknown(rig, Unknown("spring", "speed_stiffening", s, 0.1)) for s in (0.3, 1e-7))
     assert large["unlisted_clear"]
     ((best, figures),) = large["seen"].items()

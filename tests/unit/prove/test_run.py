@@ -1,7 +1,5 @@
 """The course of a proof, with made-up recordings and stand-ins for the diagnosis and the oracle."""
 
-import os
-import signal
 from importlib.util import find_spec
 
 import proved
@@ -37,12 +35,6 @@ def diagnose(folder, rig_name):
 def oracle(folder, rig_name, secret, extended):
     assert secret["kind"] == "single"
     return proved.oracle(COULOMB, extended=1.0 if extended else None)
-
-
-def killed(folder, rig_name):
-    if folder.name == "case1":
-        os.kill(os.getpid(), signal.SIGKILL)
-    return diagnose(folder, rig_name)
 
 
 @pytest.fixture
@@ -142,11 +134,13 @@ def test_the_seals_stay_shut_until_every_case_is_diagnosed(plan, monkeypatch):
     assert opened == []
 
 
-def test_a_worker_that_dies_twice_is_a_failed_diagnosis(plan):
-    cases = run.given_cases(plan)
-    run.diagnose_missing(plan, cases, TWO, silent, killed)
-    entries = [read_json(plan.target(case)) for case in cases]
-    assert [entry["error"] for entry in entries] == ["", "its worker died", "RuntimeError: no luck at all", ""]
+def test_what_a_worker_died_of_is_a_failed_diagnosis(plan):
+    """That it comes to this is the engine's affair: tests/unit/campaign/test_engine.py."""
+    case = run.given_cases(plan)[1]
+    job = work.Diagnosing(plan.target(case), case, "lead_screw", diagnose)
+    job.died(None)
+    assert job.done()
+    assert (read_json(job.record)["error"], read_json(job.record)["diagnosis"]) == ("its worker died", None)
 
 
 def test_an_oracle_that_fails_leaves_its_reason(plan):

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
+from nominal import nominal_rig
 
-from dtbacklash.config.compose import compose
 from dtbacklash.physics.catalogue import effects_of
 from dtbacklash.physics.rig import build_rig
 from dtbacklash.physics.simulate import simulate
@@ -13,7 +13,6 @@ from dtbacklash.prove.draw import entries
 from dtbacklash.prove.simulator.given import Errors, Loop, Unknown
 from dtbacklash.prove.simulator.laws import bristle_after, softplus, yielded_after
 from dtbacklash.prove.simulator.rig import simulate_other
-from dtbacklash.prove.unlisted import DESCRIPTIONS
 
 STEP_S = 1e-3
 #: what counts as noise of a sensor, SI
@@ -31,7 +30,7 @@ SIZES = {
     "absorber": {"mass": 0.5, "frequency": 9.0, "damping_ratio": 0.05},
 }  # fmt: skip
 LINK_PLAY = {"lost_motion": 2e-5}
-RIG = build_rig(compose("controller=open_loop", "rig=lead_screw").rig)
+RIG = nominal_rig("lead_screw")
 
 
 def open_loop(u):
@@ -121,29 +120,6 @@ def test_an_unstable_loop_is_noticed(lead_screw):
     loop = Loop(True, none + 1e-3, none, none, gain=1e6, filter_rad_s=50.0, limit=math.inf)
     run = simulate_other(lead_screw.with_effect("amplifier", "delay", {"time": 0.006}), loop, STEP_S)
     assert run.diverged
-
-
-@pytest.mark.parametrize(
-    ("place", "name"),
-    [
-        ("mass_2", "position_damping"), ("mass_3", "disturbance"), ("motor_bearing", "disturbance"),
-        ("motor_circuit", "directional_torque"), ("link_1", "root_spring"), ("link_2", "speed_stiffening"),
-        ("gear", "angular_play"), ("mass_3", "position_mass"),
-    ],
-)  # fmt: skip
-def test_unknown_physics_acts_in_proportion_to_its_size(lead_screw, command, place, name):
-    assert name in DESCRIPTIONS
-    loop = Loop(False, command[:1500], np.zeros(1500), np.sin(np.arange(1500) / 50.0))
-    plain = simulate_other(lead_screw, loop, STEP_S)
-    scale = {"position_damping": 1e-3, "position_mass": 1e-2, "root_spring": 1e-4, "speed_stiffening": 1e-3}.get(
-        name, 1.0
-    )
-    changes = []
-    for size in (0.0, 1e-4, 2e-4):
-        run = simulate_other(lead_screw, loop, STEP_S, None, Unknown(place, name, size, scale))
-        changes.append(max(rms(run.truth[n] - plain.truth[n]) / NOISE[n] for n in NOISE))
-    assert changes[0] == 0.0
-    assert changes[2] / changes[1] == pytest.approx(2.0, rel=0.1)
 
 
 def test_a_mass_that_changes_with_the_position_keeps_its_energy():

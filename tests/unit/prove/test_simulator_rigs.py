@@ -1,19 +1,22 @@
-"""The concealing simulator on rigs without a screw: against the diagnosis' own, and against the tests' reference."""
+"""The concealing simulator on rigs without a screw, and what only it has: laws that the catalogue lacks."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from nominal import nominal_rig
 from reference.cases import OTHER_RIGS, problems, three_tones
 from reference.store import stored
 
 from dtbacklash.physics.catalogue import effects_of
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.prove.bench import rms
-from dtbacklash.prove.conceal import nominal_rig
 from dtbacklash.prove.draw import entries
-from dtbacklash.prove.simulator.given import Loop
+from dtbacklash.prove.simulator.given import Loop, Unknown
 from dtbacklash.prove.simulator.laws import held_stretch
 from dtbacklash.prove.simulator.rig import simulate_other
 from dtbacklash.prove.sizes import motion_of
+from dtbacklash.prove.unlisted import DESCRIPTIONS, unknown_entries
 
 STEP_S, SECONDS = 1e-3, 1.0
 RIGS = ("two_mass_stage", "rotary_drive", "pendulum", "oscillator")
@@ -81,3 +84,36 @@ def test_what_is_held_behind_a_lost_motion():
     assert held_stretch(0.3, 0.2) == pytest.approx(0.2, abs=1e-6)
     assert held_stretch(-0.3, 0.2) == pytest.approx(-0.2, abs=1e-6)
     assert held_stretch(0.05, 0.2) == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "law"),
+    [
+        ("lead_screw", Unknown("motor_bearing", "disturbance", 1.0)),
+        ("lead_screw", Unknown("motor_circuit", "directional_torque", 1.0)),
+        ("lead_screw", Unknown("gear", "angular_play", 1.0)),
+        ("pendulum", Unknown("disk", "position_damping", 1.0)),
+        ("two_mass_stage", Unknown("motor", "directional_torque", 1.0)),
+        ("rotary_drive", Unknown("shaft", "root_spring", 1.0)),
+        ("oscillator", Unknown("mass", "position_mass", 1.0)),
+        ("brfd", Unknown("joint", "speed_stiffening", 1.0)),
+        ("emps", Unknown("carriage", "disturbance", 1.0)),
+        ("two_mass_stage", Unknown("motor", "position_gain", 1.0, 0.1)),
+        ("two_mass_stage", Unknown("motor", "gain_drift", 1.0)),
+        ("two_mass_stage", Unknown("table", "coloured_force", 1.0)),
+        ("two_mass_stage", Unknown("table", "wandering_friction", 1.0, 0.01)),
+        ("pendulum", Unknown("disk", "double_ripple", 1.0, 0.5, 3.0, 0.1, 20.0, 0.7)),
+    ],
+    ids=lambda one: one if isinstance(one, str) else f"{one.location}.{one.name}",
+)
+def test_physics_that_the_catalogue_lacks_acts_in_proportion_to_its_size(name, law):
+    rig, u = nominal_rig(name), three_tones(SECONDS)
+    assert law.name not in DESCRIPTIONS or (law.location, law.name) in unknown_entries(rig)
+    course = 1.0 + 0.3 * np.sin(9.0 * STEP_S * np.arange(len(u)))
+    loop = Loop(False, u, np.zeros(len(u)), course)
+    plain = simulate_other(rig, loop, STEP_S)
+    changed = [simulate_other(rig, loop, STEP_S, None, replace(law, size=size)) for size in (0.0, 1e-4, 2e-4)]
+    none, one, two = (max(rms(run.truth[s] - plain.truth[s]) for s in rig.sensors) for run in changed)
+    assert none < 1e-200
+    assert one > 1e-12
+    assert two / one == pytest.approx(2.0, rel=0.1)

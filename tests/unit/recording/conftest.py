@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from nominal import nominal_rig
 
 from dtbacklash.errors import UserError
 from dtbacklash.recording import read_recording
@@ -59,7 +60,5 @@ def refusal():
 @pytest.fixture(scope="session")
 def lead_screw():
     """The shipped rig, whose positions are recorded in mm."""
-    from dtbacklash.config.compose import compose
-    from dtbacklash.physics.rig import build_rig
 
-    return build_rig(compose("rig=lead_screw").rig)
+    return nominal_rig("lead_screw")

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from nominal import nominal_rig
 
 from dtbacklash.config.compose import compose
 from dtbacklash.errors import UserError
@@ -36,7 +37,8 @@ def test_a_run_writes_what_the_rig_declares(words, unit, tmp_path):
     assert recording.assumed_units["q3"] == recording.assumed_units["r"] == said
 
 
-def test_a_concealed_recording_is_read_back_in_si(tmp_path):
+def test_a_concealed_recording_is_read_back_in_si(tmp_path, monkeypatch):
+    monkeypatch.setattr("dtbacklash.prove.draw.DURATION_S", (3, 3))
     rig = build_rig(compose("rig=lead_screw", "rig.sensors.q3.recorded_in=um").rig)
     case = conceal(3, rig, tmp_path / "hidden", kind="nothing", instruments="minimal")
     _, run = record(open_seal(case, tmp_path / "hidden.key"), rig)
@@ -58,7 +60,7 @@ def test_a_sensor_declares_a_unit_of_its_own_kind(tmp_path):
 
 def test_a_rig_file_is_data(tmp_path, monkeypatch):
     monkeypatch.setenv("SECRET", "in the environment")
-    text = rig_yaml(build_rig(compose("rig=lead_screw").rig))
+    text = rig_yaml(nominal_rig("lead_screw"))
     file = tmp_path / "mine.yaml"
     file.write_text(text.replace("DC motor", "${oc.env:SECRET}"))
     with pytest.raises(UserError, match=r"mine.yaml: holds .* is not resolved in a file"):

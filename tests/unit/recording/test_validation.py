@@ -3,9 +3,8 @@
 import numpy as np
 import pandas as pd
 import pytest
+from nominal import nominal_rig
 
-from dtbacklash.config.compose import compose
-from dtbacklash.physics.rig import build_rig
 from dtbacklash.recording import Recording
 from dtbacklash.recording.validation import shared_rows
 
@@ -21,7 +20,7 @@ def moved(seed: int, samples: int = 2000) -> pd.DataFrame:
 
 
 def read(frame: pd.DataFrame) -> Recording:
-    return Recording.from_frame(frame, rig=build_rig(compose("rig=pendulum").rig))
+    return Recording.from_frame(frame, rig=nominal_rig("pendulum"))
 
 
 @pytest.mark.parametrize("change", ["none", "rounded", "one channel by a billionth"])

@@ -5,6 +5,7 @@ from dataclasses import replace
 import diagnosed
 import numpy as np
 import pytest
+from nominal import nominal_rig
 
 from dtbacklash.diagnose.result import Curve, LawShown
 from dtbacklash.physics.catalogue import find
@@ -113,7 +114,7 @@ def test_every_kind_of_element_has_a_glyph():
 
 def long_chain(masses=9):
     """A force on a row of masses."""
-    config = diagnosed.rig("silverbox").config
+    config = nominal_rig("silverbox").config
     elements = dict(config.elements)
     for k in range(2, masses + 1):
         elements[f"mass_{k}"] = {"kind": "mass", "mass": "m"}
@@ -137,7 +138,7 @@ def test_labels_do_not_touch_each_other():
     size = "\n20.00 ± 0.05 mN m"
     places = ["motor_bearing", "gear", "mass_3", "sensor_q3", "motor_bearing"]
     labels = [(place, "constant force" + size) for place in places]
-    figure = draw_rig(diagnosed.rig("lead_screw"), {}, labels)
+    figure = draw_rig(nominal_rig("lead_screw"), {}, labels)
     figure.canvas.draw()
     boxes = [t.get_bbox_patch().get_window_extent() for t in figure.axes[0].texts if t.get_bbox_patch() is not None]
     assert len(boxes) == 5
@@ -147,7 +148,7 @@ def test_labels_do_not_touch_each_other():
 
 def test_the_width_of_a_label_is_enough_for_its_box():
     text = "viscous friction\n0.3490 ± 0.0009 mN m s/rad"
-    figure = draw_rig(diagnosed.rig("lead_screw"), {}, [("screw", text)])
+    figure = draw_rig(nominal_rig("lead_screw"), {}, [("screw", text)])
     figure.canvas.draw()
     (box,) = (t.get_bbox_patch().get_window_extent() for t in figure.axes[0].texts if t.get_bbox_patch() is not None)
     assert box.width / figure.dpi <= label_width(text)
@@ -157,4 +158,4 @@ def test_a_chain_follows_its_neighbours_in_whatever_order_it_was_written():
     rig = long_chain(4)
     walk = ["amplifier", "source", "mass_1", "link_1", "link_2", "mass_2", "link_3", "mass_3", "link_4", "mass_4"]
     assert chain(rig) == walk
-    assert chain(diagnosed.rig("lead_screw")) == list(diagnosed.rig("lead_screw").elements)
+    assert chain(nominal_rig("lead_screw")) == list(nominal_rig("lead_screw").elements)

@@ -10,7 +10,6 @@ from page_reader import Reader
 from dtbacklash.config import choices
 from dtbacklash.config.compose import compose
 from dtbacklash.config.run import ReferenceConfig, RunConfig
-from dtbacklash.errors import UserError
 from dtbacklash.experiment.metrics import move_table
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.report.paper import page as paper_page
@@ -160,13 +159,6 @@ def test_every_choice_of_the_schema_has_its_words_and_its_methods(section, name,
     assert not any(re.search(r"[{}]|\bNone\b|\bnan\b", text) for text in told)
 
 
-def test_what_can_be_chosen_is_what_has_words():
-    """A choice without a meaning is refused by the schema, and so cannot reach a page."""
-    for section, name, found in (("profile", "kind", choices.PROFILES), ("reference", "kind", choices.REFERENCES)):
-        with pytest.raises(UserError, match=", ".join(found)):
-            configured(None, section, name, "something else")
-
-
 @pytest.mark.parametrize("kind", ["square", "step", "staircase", "multisine"])
 def test_a_reference_has_its_offset_in_its_unit(kind):
     config = RunConfig(reference=ReferenceConfig(kind=kind, offset_mm=0.25))
@@ -246,8 +238,3 @@ def test_the_paper_page_lists_every_claim_and_figure(written, tmp_path):
     assert "Figure 14 NIMC reconfigured" in text
     assert "what wear does" in text
     assert "<script>alert(1)</script>" in text  # as text: a tag would not be in the text
-
-
-def test_claims_without_reasons_still_make_a_page(tmp_path):
-    paper_page.write(synthetic.claims_table().drop(columns="reason"), {}, tmp_path)
-    assert "47.12" in read(tmp_path / "report.html")[0]

@@ -9,6 +9,7 @@ import numpy as np
 import proved
 import pytest
 from drawn import overlapping
+from nominal import nominal_rig
 from proved import COULOMB, CUBIC, case, diagnosis, finding, oracle, perfect, secret
 
 from dtbacklash.errors import UserError
@@ -58,11 +59,9 @@ def test_the_confusion_is_coloured_by_what_the_tool_stated():
 
 
 def test_the_labels_of_the_whole_catalogue_do_not_touch():
-    from dtbacklash.config.compose import compose
-    from dtbacklash.physics.rig import build_rig
     from dtbacklash.prove.draw import entries
 
-    names = [" ".join(key) for key in entries(build_rig(compose("rig=lead_screw").rig))]
+    names = [" ".join(key) for key in entries(nominal_rig("lead_screw"))]
     cells = [Cell(name, name, 1, 1, name, name) for name in names]
     figure = confusion_figure(Score(1, 0, 0, {}, {}, None, [], [], [], cells))
     assert overlapping(figure, rotated=False) == []
@@ -111,7 +110,7 @@ def test_all_files_are_written_and_the_page_stands_alone(found, cases, tmp_path)
 
 
 @pytest.mark.parametrize("rigs", [("lead_screw",), ("lead_screw", "pendulum")])
-def test_every_bar_of_the_page_is_coloured_by_whether_it_is_met(cases, tmp_path, rigs):
+def test_every_bar_of_the_page_is_coloured_by_whether_it_is_met(cases, tmp_path, undrawn, rigs):
     found = score([
         replace(c, rig=rigs[k % len(rigs)], diagnosis=None if k < 60 else c.diagnosis) for k, c in enumerate(cases)
     ])  # fmt: skip
@@ -125,7 +124,7 @@ def test_every_bar_of_the_page_is_coloured_by_whether_it_is_met(cases, tmp_path,
     assert "**" not in page
 
 
-def test_the_page_lists_what_went_wrong(tmp_path):
+def test_the_page_lists_what_went_wrong(tmp_path, undrawn):
     wrong = case("a", secret("single", CUBIC, seed=10_007), diagnosis(finding(COULOMB)), oracle(CUBIC), 3.0)
     few = [perfect("nothing"), wrong]
     proof_page.write(score(few), few, tmp_path)
@@ -186,7 +185,7 @@ def test_no_figure_of_the_comparison_is_typed_by_hand(tmp_path):
     assert made.endswith("\nafter\n")
 
 
-def test_lifelike_recordings_have_a_page_of_their_own(tmp_path):
+def test_lifelike_recordings_have_a_page_of_their_own(tmp_path, undrawn):
     keys = [COULOMB, CUBIC]
     many = [proved.lifelike(perfect("single", key, seed=j), finding(key)) for j, key in enumerate(keys)]
     made = score([*many, proved.lifelike(perfect("nothing", seed=2), finding(CUBIC) | {"confidence": "partial"})])

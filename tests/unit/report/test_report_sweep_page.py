@@ -18,7 +18,7 @@ def written(folder, table, axes):
 
 
 def test_every_job_has_its_row_and_leads_to_its_own_page(tmp_path):
-    table = synthetic.sweep_table(AXES).drop(columns="job")
+    table = synthetic.sweep_table(AXES)
     table["folder"] = [
         f"delay={d},controller={c} #1" for c, d in zip(table.controller, table["twin.delay_s"], strict=True)
     ]

@@ -69,7 +69,7 @@ def test_a_failed_job_and_a_failed_claim_are_told_with_their_reason():
 
 
 def test_columns_that_a_table_does_not_have_are_left_out():
-    short = synthetic.sweep_table(AXES)[["controller", "overshoot_pct_max"]]
+    short = synthetic.sweep_table(AXES)[["controller", "overshoot_pct_max", "status", "error"]]
     text = printed(tables.sweep(short, ["controller"]))
     assert "settling" not in text
     assert "nimc_novelty" in text

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 import ringing
+from nominal import nominal_rig
 
-from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Record
 from dtbacklash.diagnose.data.command import held_equivalent
 from dtbacklash.diagnose.data.compare import predict, residual, true_angle
@@ -10,7 +10,6 @@ from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.data.floor import quantum, white_noise
 from dtbacklash.diagnose.data.pull import cut
 from dtbacklash.errors import UserError
-from dtbacklash.physics.rig import build_rig
 from dtbacklash.physics.simulate import simulate
 
 from ..conftest import COUNTS, STEP_S, TEMPO_RAD_S, command, recorded
@@ -75,7 +74,7 @@ def test_held_equivalent_leads_by_half_a_sample(omega):
 
 def test_a_sensor_that_is_modelled_to_read_too_much_is_pulled_no_faster():
     """Ten times the reading of a tenth of the motion is the same machine: what it leaves must not be less."""
-    disk = build_rig(compose("rig=pendulum").rig)
+    disk = nominal_rig("pendulum")
     rubbing = disk.with_effect("disk", "coulomb_friction", {"torque": 0.1})
     u = command(6.0, 1)
     y = {"theta": simulate(rubbing, u[:-1], STEP_S).sensors["theta"]}

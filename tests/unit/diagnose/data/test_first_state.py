@@ -7,8 +7,8 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from nominal import nominal_rig
 
-from dtbacklash.config.compose import compose
 from dtbacklash.config.rig import ParameterConfig, RigConfig
 from dtbacklash.diagnose import Record, diagnose, diagnose_records, records_of
 from dtbacklash.diagnose.data.compare import predict, residual
@@ -236,7 +236,7 @@ def test_a_counted_position_stands_where_its_first_counts_say():
 
 def test_what_is_not_measured_begins_where_no_spring_pulls_it():
     """A stage that stands off its zero: its table is not seen, and is no 5 mm away from the carriage."""
-    stage = build_rig(compose("rig=two_mass_stage").rig)
+    stage = nominal_rig("two_mass_stage")
     u, away = command(4.0, 3), 5e-3
     seen = simulate(stage, u[:-1], STEP_S).sensors["x_c"] + away
     mask = np.arange(len(u)) < 0.7 * len(u)

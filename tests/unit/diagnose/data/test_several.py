@@ -5,18 +5,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from nominal import nominal_rig
 
-from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import diagnose
 from dtbacklash.diagnose.data.several import Several, names_of
 from dtbacklash.errors import UserError
-from dtbacklash.physics.rig import build_rig
 from dtbacklash.recording import Recording
 
 
 @pytest.fixture(scope="module")
 def rig():
-    return build_rig(compose("rig=oscillator").rig)
+    return nominal_rig("oscillator")
 
 
 def recording(name: str, seed: int, channels: str = "xv", samples: int = 400, folder: str = "bench") -> Recording:

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from nominal import nominal_rig
 
-from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Record, diagnose_records
 from dtbacklash.diagnose.data.windows import portion
 from dtbacklash.diagnose.search.parts import divided
 from dtbacklash.diagnose.settings import DiagnoseSettings, settings, using
-from dtbacklash.physics.rig import Rig, build_rig
+from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
 
 from ..conftest import STEP_S, command
@@ -18,7 +18,7 @@ from ..conftest import STEP_S, command
 
 @pytest.fixture(scope="module")
 def oscillator() -> Rig:
-    return build_rig(compose("rig=oscillator").rig)
+    return nominal_rig("oscillator")
 
 
 def recorded(rig: Rig, seconds: float, from_s: float = 0.0) -> Record:

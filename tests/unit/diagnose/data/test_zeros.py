@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from nominal import nominal_rig
 
-from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Record
 from dtbacklash.diagnose.data.pull import cut, zero_channels
 from dtbacklash.diagnose.data.tempo import tempo_rad_s
 from dtbacklash.diagnose.data.zeros import aligned
-from dtbacklash.physics.rig import Rig, build_rig
+from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
 
 from ..conftest import STEP_S, command
@@ -29,7 +29,7 @@ def recorded(rig: Rig, number: int, step_s: float, channels: tuple[str, ...], **
 
 @pytest.mark.parametrize("name", ["oscillator", "lead_screw"])
 def test_the_channels_that_show_their_zero(name):
-    rig = build_rig(compose(f"rig={name}").rig)
+    rig = nominal_rig(name)
     channels = ("theta_m", "q3") if name == "lead_screw" else ("x", "v")
     records = [recorded(rig, 0, STEP_S, channels)]
     shown = {c for b in cut(rig, channels, STEP_S, tempo_rad_s(rig, records)) for c in zero_channels(rig, b, STEP_S)}
@@ -38,7 +38,7 @@ def test_the_channels_that_show_their_zero(name):
 
 @pytest.mark.parametrize("step_s", [STEP_S, 2 * STEP_S])
 def test_a_spring_to_the_ground_shows_the_zero(step_s):
-    rig = build_rig(compose("rig=oscillator").rig)
+    rig = nominal_rig("oscillator")
     first, second = recorded(rig, 0, STEP_S, ("x",)), recorded(rig, 1, step_s, ("x",), x=0.02)
     same, moved = aligned(rig, [first, second])
     assert same is first
@@ -47,7 +47,7 @@ def test_a_spring_to_the_ground_shows_the_zero(step_s):
 
 
 def test_an_imposed_angle_shows_the_zero_of_what_it_drives():
-    rig = build_rig(compose("rig=lead_screw").rig)
+    rig = nominal_rig("lead_screw")
     channels = "theta_m", "q3"
     records = [
         recorded(rig, 0, STEP_S, channels, q3=1e-4),  # what is the same in both is no zero of the second
@@ -60,6 +60,6 @@ def test_an_imposed_angle_shows_the_zero_of_what_it_drives():
 
 
 def test_one_recording_and_what_judges_it_keep_their_zeros():
-    rig = build_rig(compose("rig=oscillator").rig)
+    rig = nominal_rig("oscillator")
     records = [replace(recorded(rig, n, STEP_S, ("x",), x=0.01 * n), own_zero=False) for n in (0, 1)]
     assert aligned(rig, records) is records

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from nominal import nominal_rig
 
-from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Record
 from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.free import all_free, apply, nominal_free, standing
@@ -16,7 +16,6 @@ from dtbacklash.diagnose.search.grow import scores_about
 from dtbacklash.diagnose.search.leave_out import refit_with
 from dtbacklash.diagnose.search.model import Log, Model
 from dtbacklash.physics.effects.declare import FORMULATION_ERROR
-from dtbacklash.physics.rig import build_rig
 from dtbacklash.physics.simulate import simulate
 
 from ..conftest import STEP_S, command, recorded
@@ -48,7 +47,7 @@ def test_a_torque_is_known_as_well_as_the_torque_constant(rig):
 @pytest.mark.parametrize(("force", "speed"), [(1.0, 0.01), (2.0, 0.01), (1.0, 0.002)])
 def test_friction_with_a_corner_does_not_make_a_mass_known_that_only_its_prior_knows(force, speed):
     """By differences of single parameters the force and the masses were known three times better than they can be."""
-    stage, there = build_rig(compose("rig=two_mass_stage").rig), {"force": force, "speed": speed}
+    stage, there = nominal_rig("two_mass_stage"), {"force": force, "speed": speed}
     truth = stage.with_effect("carriage", "stribeck_friction", there)
     u, rng = 2.0 / force * command(6.0, 1), np.random.default_rng(1)
     shown = simulate(truth, u[:-1], STEP_S).sensors

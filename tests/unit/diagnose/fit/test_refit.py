@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from nominal import nominal_rig
 
-from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Record
 from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.free import effect_free, nominal_free
 from dtbacklash.diagnose.fit.problem import Problem
 from dtbacklash.diagnose.fit.refit import QUICK, fit
-from dtbacklash.physics.rig import Rig, build_rig
+from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
 
 from ..conftest import recorded
@@ -61,7 +61,7 @@ def test_a_fit_finds_what_is_twice_as_large_as_where_it_begins(evidence):
 @pytest.mark.parametrize("times", [3.0, 30.0])
 def test_a_fit_comes_back_from_far_too_large_an_effect(times):
     """Its parameters are off as well, since they have stood in for the law: the trust region has to shrink in both."""
-    rig, stiffening = build_rig(compose("rig=oscillator").rig), {"k3": 2e6}
+    rig, stiffening = nominal_rig("oscillator"), {"k3": 2e6}
     evidence = Evidence.gather(rig, [shaken(rig.with_effect("spring", "cubic_stiffness", stiffening))])
     began = {"k3": times * stiffening["k3"]}
     base = fit(evidence, rig, nominal_free(rig)).rig.with_effect("spring", "cubic_stiffness", began)

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
+from nominal import nominal_rig
 
-from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Record, diagnose_records
 from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.free import effect_free, nominal_free
 from dtbacklash.diagnose.fit.problem import Problem
 from dtbacklash.diagnose.fit.refit import fit
-from dtbacklash.physics.rig import Rig, build_rig
+from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
 
 STEP_S = 1.0 / 60.0
@@ -22,7 +22,7 @@ SAME = {"ground_friction": {"ground_friction", "dry_friction"}, "cubic_stiffness
 
 @pytest.fixture(scope="module")
 def oscillator() -> Rig:
-    return build_rig(compose("rig=oscillator").rig)
+    return nominal_rig("oscillator")
 
 
 def recorded(truth: Rig, samples: int, seed: int) -> Record:

@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
+from nominal import nominal_rig
 
-from dtbacklash.config.compose import compose
 from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.free import nominal_free
 from dtbacklash.diagnose.fit.refit import fit
 from dtbacklash.diagnose.search.grow import scores_about
 from dtbacklash.diagnose.search.model import Log, Model
-from dtbacklash.physics.rig import build_rig
 from dtbacklash.physics.simulate import simulate
 
 from ..conftest import STEP_S, Record, command
@@ -18,7 +17,7 @@ from ..conftest import STEP_S, Record, command
 @pytest.mark.parametrize("lost_motion", [0.02, 0.4])
 def test_a_play_is_begun_with_at_a_size_from_which_there_is_a_way(lost_motion):
     """The stretch of the nominal shaft, from which the search begins, is far below the wider play."""
-    rig = build_rig(compose("rig=rotary_drive").rig)
+    rig = nominal_rig("rotary_drive")
     u = command(6.0, 4)
     shown = simulate(rig.with_effect("shaft", "backlash", {"lost_motion": lost_motion}), u[:-1], STEP_S).sensors
     noise = np.random.default_rng(4).normal(0.0, 1e-5, len(u))

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
+from nominal import nominal_rig
 from scipy.signal import lfilter
 
-from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Record, diagnose_records
 from dtbacklash.diagnose.propose.wave_spectrum import Passage, likely_waves
-from dtbacklash.physics.rig import build_rig
 from dtbacklash.physics.simulate import simulate
 
 from ..conftest import STEP_S
@@ -51,7 +50,7 @@ def test_of_noise_as_large_no_short_wave_makes_more(highest):
 @pytest.mark.nightly
 def test_cogs_along_a_long_travel_are_found_on_a_free_carriage():
     """Its grid of wave numbers was too wide for the travel: an effect of any size was found by luck."""
-    stage, rng = build_rig(compose("rig=two_mass_stage").rig), np.random.default_rng(4)
+    stage, rng = nominal_rig("two_mass_stage"), np.random.default_rng(4)
     t = np.arange(16_001) * STEP_S
     u = 1.5 * np.sin(2.0 * np.pi * (0.8 + 0.3 * t) * t) * np.minimum(t, 1.0)
     cogs = {"force": 0.4, "wave_number": 23.7, "phase": 0.4}

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from nominal import nominal_rig
 
-from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Record
 from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.free import nominal_free
@@ -13,7 +13,7 @@ from dtbacklash.diagnose.search.parts import divided
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.kernel.plant import new_state
 from dtbacklash.physics.kernel.sample import advance, sense
-from dtbacklash.physics.rig import Rig, build_rig
+from dtbacklash.physics.rig import Rig
 
 STEP_S, NOISE = 1e-3, 5e-6
 KEY = ("carriage", "cogging")
@@ -22,7 +22,7 @@ RIPPLE = {"force": 2.0, "wave_number": 420.0, "phase": 0.4}
 
 @pytest.fixture(scope="module")
 def stage() -> Rig:
-    return build_rig(compose("rig=two_mass_stage").rig)
+    return nominal_rig("two_mass_stage")
 
 
 @pytest.fixture(scope="module")

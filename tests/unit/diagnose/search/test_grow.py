@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import pytest
+from nominal import nominal_rig
 
-from dtbacklash.config.compose import compose
 from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.comparison import held_loss
 from dtbacklash.diagnose.fit.free import nominal_free
@@ -13,7 +13,6 @@ from dtbacklash.diagnose.search import attempts, grow
 from dtbacklash.diagnose.search.model import Log, Model, Trial
 from dtbacklash.diagnose.search.rivals import _in_place
 from dtbacklash.diagnose.settings import settings
-from dtbacklash.physics.rig import build_rig
 
 from ..fit.test_refit import shaken
 
@@ -25,7 +24,7 @@ CLOSE, HOPELESS = STIFFENING, ("spring", "quadratic_damping")
 @pytest.fixture(scope="module")
 def recalibrated() -> Model:
     """Of an oscillator whose spring hardens: what the parameters can do for that, which leads them astray."""
-    rig = build_rig(compose("rig=oscillator").rig)
+    rig = nominal_rig("oscillator")
     evidence = Evidence.gather(rig, [shaken(rig.with_effect(*STIFFENING, {"k3": 2e6}))])
     fitted = fit(evidence, rig, nominal_free(rig))
     return Model(evidence, fitted, fitted)

@@ -1,15 +1,15 @@
 """What is proposed for a fit: not the same law twice."""
 
 import pytest
+from nominal import nominal_rig
 
-from dtbacklash.config.compose import compose
 from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import fit
 from dtbacklash.diagnose.search.model import Model, Named, Trial
 from dtbacklash.diagnose.search.order import is_named_already
-from dtbacklash.physics.rig import Rig, build_rig
+from dtbacklash.physics.rig import Rig
 
 from ..fit.test_refit import shaken
 
@@ -20,7 +20,7 @@ SHARP, SOFT = 1e-6, 0.3
 
 @pytest.fixture(scope="module")
 def rig() -> Rig:
-    return build_rig(compose("rig=oscillator").rig)
+    return nominal_rig("oscillator")
 
 
 @pytest.fixture(scope="module")

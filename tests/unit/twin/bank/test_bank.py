@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from nominal import nominal_rig
 
 from dtbacklash.config.compose import compose
 from dtbacklash.control.belief import Belief, Beliefs
@@ -14,7 +15,7 @@ from dtbacklash.physics.rig import build_rig
 from dtbacklash.twin.bank.bank import Buffer, diagnose_buffer
 
 GAP_DEG, OLD_DEG = 40.0, 25.0
-NOMINAL = Belief(build_rig(compose().rig))
+NOMINAL = Belief(nominal_rig())
 
 
 @cache

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from nominal import nominal_rig
 
 from dtbacklash.config.compose import compose
 from dtbacklash.control.belief import Belief, Beliefs
@@ -15,7 +16,7 @@ from dtbacklash.twin.bank.equation import motor_equation, torque_record
 
 ALL = "twin.indexes=[frequency,motor,structure]"
 BASE = ("figures=false", "profile=constant", "profile.start_deg=0", "duration_s=30", "sensors=encoder")
-NOMINAL = Belief(build_rig(compose().rig))
+NOMINAL = Belief(nominal_rig())
 
 
 def watched(*overrides: str, believed: Belief = NOMINAL) -> RunResult:
