@@ -11,7 +11,7 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.compare import Steps, longest_step_s, places_of
-from dtbacklash.diagnose.data.evidence import Evidence, Residuals
+from dtbacklash.diagnose.data.evidence import RUNAWAY, Evidence, Residuals
 from dtbacklash.diagnose.fit.free import Effects, Free, apply, effects_of_rig, penalty_of
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Role
@@ -167,7 +167,7 @@ class Problem:
                 continue
             if self._late(f):
                 step = self._late_step(j, x[j])
-                columns[:, j] = (self._moved(x, j, step, here) - start) / step
+                columns[:, j] = (self._moved(x, j, step, here)[0] - start) / step
             else:
                 both = self.steps == "fine"
                 columns[:, j] = self._difference(x, j, (coarse, rows), "coarse", both)(self._step(j))
@@ -180,6 +180,8 @@ class Problem:
     ) -> Callable[[float], Floats]:
         """A function step -> column, by a difference to both sides if wanted and within the limits, else to one.
 
+        A side on which the simulation runs away, as that of a spring that softens too much, says nothing of the slope.
+
         at : residuals and rows at x.
         """
         here, rows = at
@@ -187,10 +189,16 @@ class Problem:
 
         def column(step: float) -> Floats:
             sides = [side for side in (1.0, -1.0) if low <= x[j] + side * step <= high] or [1.0]
-            ends = [self._moved(x, j, side * step, here, steps) for side in sides[: 2 if both else 1]]
+            ends: list[tuple[float, Floats]] = []
+            for side in sides:
+                end, bounded = self._moved(x, j, side * step, here, steps)
+                if bounded or (side == sides[-1] and not ends):
+                    ends.append((side * step, end))
+                if ends and not both:
+                    break
             if len(ends) == 2:
-                return (ends[0] - ends[1]) / (2.0 * step)
-            return (ends[0] - rows) / (sides[0] * step)
+                return (ends[0][1] - ends[1][1]) / (2.0 * step)
+            return (ends[0][1] - rows) / ends[0][0]
 
         return column
 
@@ -224,12 +232,13 @@ class Problem:
         """Whether the parameter is a delay, which is rounded to ticks of a substep."""
         return bool(free.effect) and find(self.base.kind_at(free.place), free.effect, free.place).is_delay
 
-    def _moved(self, x: Floats, j: int, step: float, here: Residuals, steps: Steps = "fine") -> Floats:
-        """The rows with one parameter moved."""
+    def _moved(self, x: Floats, j: int, step: float, here: Residuals, steps: Steps = "fine") -> tuple[Floats, bool]:
+        """The rows with one parameter moved, and whether the simulation stays bounded."""
         at = x.copy()
         at[j] += step
         there = self.evidence.residuals(apply(self.base, self.free, at), here, set(self.free[j].places), steps)
-        return self.stack(there, at)
+        bounded = all(np.abs(rows).max() < RUNAWAY for name in self.touched for rows in there[name])
+        return self.stack(there, at), bounded
 
 
 def _suited(column: Callable[[float], Floats], step: float) -> Floats:
