@@ -15,7 +15,7 @@ from dtbacklash.diagnose.data.windows import portion, whole
 from dtbacklash.diagnose.data.zeros import aligned
 from dtbacklash.diagnose.fit.comparison import held_loss, merit, worst
 from dtbacklash.diagnose.fit.errors import each_recording, fit_table, free_running
-from dtbacklash.diagnose.fit.free import Errors, all_free, as_given, nominal_free, with_errors, with_priors
+from dtbacklash.diagnose.fit.free import Errors, Key, all_free, as_given, nominal_free, with_errors, with_priors
 from dtbacklash.diagnose.fit.intervals import standard_errors
 from dtbacklash.diagnose.fit.refit import QUICK, fit
 from dtbacklash.diagnose.inspect.fault import faulty, mended, not_finite
@@ -25,7 +25,7 @@ from dtbacklash.diagnose.judge.explained import Enough, explained
 from dtbacklash.diagnose.judge.free_form import free_forms
 from dtbacklash.diagnose.judge.law_points import law_shown
 from dtbacklash.diagnose.judge.limits import limits
-from dtbacklash.diagnose.judge.stands import rivals_of, stands
+from dtbacklash.diagnose.judge.stands import Rival, leader, rivals_of, stands
 from dtbacklash.diagnose.judge.verdict import decide, depends_on, moved_parameters, remaining
 from dtbacklash.diagnose.result import UNEXPLAINED, Diagnosis, Work
 from dtbacklash.diagnose.say.drawn import shown
@@ -85,7 +85,16 @@ def diagnose_records(
             evidence = whole(model.evidence, records, smooth).pulled_for(model.fitted.rig)
             model = refitted(model, for_judgement(evidence))
             model, errors = _with_errors(model, log)
-            return mended(_diagnosis(model, log, errors, smooth, enough or {}), inspected)
+            rivals, tried = _rivals(model, log), {model.keys}
+            while (ahead := leader(model, rivals)) is not None:
+                key, rival = ahead
+                other = model.instead(rival.fitted, key, replace(model.about(key), key=rival.key))
+                if other.keys in tried:
+                    break
+                tried.add(other.keys)
+                model, errors = _with_errors(other, log)
+                rivals = _rivals(model, log)
+            return mended(_diagnosis(model, log, errors, rivals, smooth, enough or {}), inspected)
         except np.linalg.LinAlgError as error:
             return faulty(rig, inspected, not_finite(rig, inspected, error))
 
@@ -146,7 +155,15 @@ def _searched(readings: list[Evidence], say: Callable[[str, float], None]) -> tu
     return model, log, True
 
 
-def _diagnosis(model: Model, log: Log, errors: Errors, smooth: bool, enough: Enough) -> Diagnosis:
+def _rivals(model: Model, log: Log) -> dict[Key, list[Rival]]:
+    """Of each named effect the rivals that were fitted in its place."""
+    laws = {key: law_shown(model.evidence, model.fitted, key, left) for key, left in without(model).items()}
+    return {key: rivals_of(model, log, key, laws[key]) for key in model.keys}
+
+
+def _diagnosis(
+    model: Model, log: Log, errors: Errors, rivals: dict[Key, list[Rival]], smooth: bool, enough: Enough
+) -> Diagnosis:
     """What a finished search says; ``errors`` : standard errors of the last fit's parameters."""
     evidence, wrong = model.evidence, model.wrong_value
     given = believed(evidence.nominal, wrong)
@@ -165,7 +182,6 @@ def _diagnosis(model: Model, log: Log, errors: Errors, smooth: bool, enough: Eno
     table = fit_table(evidence, model.nominal, model.fitted)
     much = explained(evidence, model.fitted, table, free, enough)
     laws = {key: law_shown(evidence, model.fitted, key, left_out[key]) for key in model.keys}
-    rivals = {key: rivals_of(model, log, key, laws[key]) for key in model.keys}
     grounds = {key: stands(model, log, key, laws[key], rivals[key]) for key in model.keys}
     sure = model.could_be is None and any(ground.sure for ground in grounds.values())
     verdict = decide(model, left, depends_on(form, left), sure, much, moved)

@@ -72,6 +72,15 @@ def _against(rivals: list[Rival]) -> Ground:
     return Ground(behind.clear, behind.ratio, behind.t, behind.agree, Alternative(*close.key))
 
 
+def leader(model: Model, rivals: dict[Key, list[Rival]]) -> tuple[Key, Rival] | None:
+    """The named effect and the rival in whose place clearly less is left; None if there is none."""
+    ahead = [
+        (key, rival) for key, group in rivals.items() for rival in group
+        if not rival.behind.clear and lead(model.evidence, model.fitted, rival.fitted, part="used").clear
+    ]  # fmt: skip
+    return min(ahead, key=lambda pair: merit(model.evidence, pair[1].fitted), default=None)
+
+
 def rivals_of(model: Model, log: Log, key: Key, law: LawShown | None) -> list[Rival]:
     """The effects that came nearest to a named one, and its law at other places, fitted in its place.
 
