@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -21,6 +22,7 @@ FORMATS = "CSV, Parquet, MATLAB .mat, NumPy .npz or JSON, gzipped or not"
 BYTES_MAX = 4 << 30  # of an unpacked file; beyond this the memory, not the reader, is the limit
 COLUMNS_MAX = 256  # a matrix wider than this is not one column a channel
 
+_JSON = re.compile(rb"(\xef\xbb\xbf)?\s*[\[{]\s*[\[{}\]\"\d.-]")
 _GZIP = b"\x1f\x8b"
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 
@@ -114,7 +116,7 @@ def _reader(content: bytes, name: str) -> tuple[str, Callable[[bytes], Table]]:
         return "MATLAB 5", _matlab5
     if head.startswith(b"PK\x03\x04"):
         return "NumPy .npz", _npz
-    if head.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] in (b"{", b"["):
+    if _JSON.match(head):
         return "JSON", _json
     if b"\0" in head or name.lower().removesuffix(".gz").endswith((".mat", ".parquet", ".npz", ".npy")):
         raise Refused(f"is not a recording that can be read: {FORMATS}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import re
 
@@ -82,7 +83,12 @@ def _decoded(content: bytes) -> str:
 
 
 def _fields(line: str, delimiter: str) -> list[str]:
-    fields = line.split() if delimiter == _SPACE else line.split(delimiter)
+    if delimiter == _SPACE:
+        fields = line.split()
+    elif '"' in line:  # a quoted head may hold the delimiter
+        fields = next(csv.reader([line], delimiter=delimiter), [])
+    else:
+        fields = line.split(delimiter)
     return [field.strip().strip("\"'").strip() for field in fields]
 
 
