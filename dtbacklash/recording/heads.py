@@ -62,6 +62,11 @@ def unit_of(text: str, written: str, si: tuple[str, ...]) -> str:
     return ""
 
 
+def bare(text: str) -> str:
+    """The head without what stands in brackets, whatever that is: ``Zeit [hh:mm:ss]`` of time stamps is ``Zeit``."""
+    return _BRACKET.sub("", text).strip()
+
+
 def _known(text: str) -> str:
     """The unit written so, with ``_`` for a bar or a blank, or empty."""
     for written in (text, text.replace("_", "/"), text.replace("_", " ")):

@@ -23,7 +23,7 @@ from dtbacklash.recording.refusal import Refused
 from dtbacklash.recording.tables import Table
 
 TIME, COMMAND, REFERENCE = "t", "u", "r"
-TIMES = ("time", "timestamp")  # other names of the column t
+TIMES = ("time", "timestamp", "zeit", "zeitstempel", "uhrzeit", "datetime")  # other names of the column t
 ASSUMED, DECLARED, HEADER, GIVEN, MAPPED = "assumed", "declared by the rig", "header", "given", "mapping"
 
 #: SI units of names that every recording may have, and of sensors by the habit of their names where there is no rig
@@ -45,6 +45,7 @@ class Picked:
     units: dict[str, str] = field(default_factory=dict)
     assumed: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    heads: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -146,7 +147,7 @@ def plain(table: Table, rig: Rig | None, given: Dict[str, str]) -> Picked:
     UserError : ``units`` names a channel or a unit that is not known.
     """
     names = _Names(rig, given)
-    picked = Picked(sample_time_s=table.constants.get("dt"))
+    picked = Picked(sample_time_s=table.constants.get("dt"), heads=table.heads)
     raw: dict[str, Floats] = {}
     taken: dict[str, str] = {}
     unused = []
@@ -209,7 +210,7 @@ def mapped(table: Table, mapping: Mapping, part: str, rig: Rig | None, given: Di
     rows = slice(*mapping.parts[part]) if part else slice(None)
     if part and mapping.parts[part][1] > table.rows:
         raise Refused(f"has {table.rows} rows, and the part {part} ends at row {mapping.parts[part][1]}")
-    picked = Picked(sample_time_s=mapping.sample_time_s, notes=list(mapping.notes))
+    picked = Picked(sample_time_s=mapping.sample_time_s, notes=list(mapping.notes), heads=table.heads)
     for name, channel in {**({TIME: mapping.time} if mapping.time else {}), **mapping.channels}.items():
         column = _find(table, channel.column, mapping)
         values = table.columns[column][rows]
@@ -251,16 +252,20 @@ def _find(table: Table, name: str, mapping: Mapping) -> str:
 def check_present(picked: Picked, rig: Rig | None) -> None:
     """Refuse a recording without the command or without a sensor (raises Refused)."""
     names = list(picked.channels)
-    has = "it has " + ", ".join(names) if names else "it has none of the names t, u, theta_m, q3, ..."
+    shown = picked.heads or names
+    has = "the file has " + ", ".join(shown[:12]) + (", ..." if len(shown) > 12 else "")
     if rig is None:
         has += "; without a rig a column needs a unit: x1 [mm]"
+    else:
+        has += f"; {rig.config.name} wants {COMMAND} and some of {', '.join(rig.sensors)}: "
+        has += "rename the columns or write a mapping"
     if COMMAND not in picked.channels:
         raise Refused(f"lacks the column {COMMAND} (the command); {has}")
     sensors = [name for name in names if name not in (COMMAND, REFERENCE)]
     if rig is not None:
         sensors = [name for name in sensors if name in rig.sensors]
         if not sensors:
-            raise Refused(f"holds none of the sensors of {rig.config.name} ({', '.join(rig.sensors)}); {has}")
+            raise Refused(f"holds none of the sensors of {rig.config.name}; {has}")
     if not sensors:
         raise Refused(f"lacks a measured channel beside the command; {has}")
 
