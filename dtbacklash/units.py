@@ -20,16 +20,18 @@ class Unit(NamedTuple):
 UNITS: dict[str, Unit] = {
     name: Unit(si, factor)
     for si, written in {
-        "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "min": 60.0},
-        "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9, "in": 0.0254},
+        "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9, "min": 60.0, "sec": 1.0},
+        "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "nm": 1e-9,
+              "in": 0.0254, "inch": 0.0254},
         "m/s": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "um/s": 1e-6, "µm/s": 1e-6, "μm/s": 1e-6, "in/s": 0.0254},
         "rad": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "°": math.pi / 180, "rev": 2 * math.pi},
         "rad/s": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": math.pi / 180, "°/s": math.pi / 180,
-                  "rev/s": 2 * math.pi, "rpm": math.pi / 30},
+                  "rev/s": 2 * math.pi, "rpm": math.pi / 30, "1/min": math.pi / 30, "min^-1": math.pi / 30,
+                  "U/min": math.pi / 30},
         "V": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "µV": 1e-6, "μV": 1e-6, "kV": 1e3},
         "A": {"A": 1.0, "mA": 1e-3, "uA": 1e-6, "µA": 1e-6, "μA": 1e-6},
         "N": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "lb": 4.4482216152605, "kip": 4448.2216152605},
-        "N m": {"N m": 1.0, "Nm": 1.0, "mNm": 1e-3, "mN m": 1e-3},
+        "N m": {"N m": 1.0, "Nm": 1.0, "mNm": 1e-3, "mN m": 1e-3, "Ncm": 1e-2, "N cm": 1e-2},
     }.items()
     for name, factor in written.items()
 }  # fmt: skip

@@ -75,7 +75,13 @@ def read(
     source, how = config.recording.source, config.recording
     assert source is not None
     return read_together(
-        source, config.validation, path=how.path, rig=rig, units=how.units, trust_units=how.trust_units
+        source,
+        config.validation,
+        path=how.path,
+        rig=rig,
+        units=how.units,
+        trust_units=how.trust_units,
+        sample_time_s=how.sample_time_s,
     )
 
 

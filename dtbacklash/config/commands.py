@@ -35,6 +35,7 @@ class RecordingInConfig:
     units: dict[str, str] = setting(
         dict, "units of columns whose file does not say them, e.g. units={q3: mm, theta_m: deg}", word="units"
     )
+    sample_time_s: float | None = setting(None, "time between two samples of a file without times", above=0)
     trust_units: bool = setting(False, "true: take the units as given, without asking whether they are plausible")
 
 

@@ -74,7 +74,7 @@ def _check_sizes(name: str, values: Floats) -> None:
     what = "the time" if name == "t" else f"channel {name}"
     if 0.0 < float(np.nanmax(values, initial=-np.inf) - np.nanmin(values, initial=np.inf)) < CHANGE_MIN:
         raise Refused(f"{what} never changes by more than {CHANGE_MIN:g}")
-    large = np.flatnonzero(np.isfinite(values) & (np.abs(values) > VALUE_MAX))
+    large = np.flatnonzero(np.abs(values) > VALUE_MAX)  # an inf is no missing value
     if len(large):
         times = f", and {len(large) - 1} more like it" if len(large) > 1 else ""
         raise Refused(f"{what} is {values[large[0]]:.3g} (SI) in row {large[0] + 1} of the numbers{times}")
@@ -94,7 +94,7 @@ def _grid(picked: Picked, sample_time_s: float | None) -> timebase.Grid:
         if not 0.0 < step < np.inf:
             raise Refused(f"has the sample time {step:g} s: it must be positive")
         return timebase.constant_step(len(next(iter(picked.channels.values()))), step)
-    raise Refused("has no time column: add a column t [s], or give the sample time")
+    raise Refused("has no time column: add a column t [s], or give recording.sample_time_s=SECONDS")
 
 
 def _on_grid(

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dtbacklash.recording.pick import TIME
+from dtbacklash.recording import heads as heads_of
+from dtbacklash.recording.pick import TIME, TIMES
 from dtbacklash.recording.refusal import Refused
 from dtbacklash.recording.tables import Table, from_arrays
 
@@ -44,7 +45,7 @@ def frame_table(frame: pd.DataFrame) -> Table:
 
 
 def _is_time(head: str) -> bool:
-    return head.strip().lower().partition("_")[0].partition("[")[0].partition("(")[0].strip() in (TIME, "time")
+    return any(reading.name.lower() in (TIME, *TIMES) for reading in heads_of.readings(head))
 
 
 def _times(index: pd.Index) -> Floats:

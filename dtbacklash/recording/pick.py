@@ -1,7 +1,7 @@
 """Which columns are channels, and in which units they are.
 
-A column is known by its name (``q3``) or by its name with a unit (``q3 [mm]``, ``q3 (mm)``, ``q3_mm``). Its unit is, in
-this order: what ``units=`` says, what the mapping says, what the header says, what the rig's sensor declares
+A column is known by its name (``q3``) or by its name with a unit (``q3 [mm]``, ``q3_mm``; see :mod:`.heads`). Its unit
+is, in this order: what ``units=`` says, what the mapping says, what the header says, what the rig's sensor declares
 (``recorded_in``), SI. Nothing else is assumed, for any rig.
 """
 
@@ -17,18 +17,18 @@ from dtbacklash import units
 from dtbacklash.arrays import Floats
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
+from dtbacklash.recording import heads
 from dtbacklash.recording.mapping import Channel, Mapping
 from dtbacklash.recording.refusal import Refused
 from dtbacklash.recording.tables import Table
 
 TIME, COMMAND, REFERENCE = "t", "u", "r"
-TIMES = ("time", "timestamp")  # other names of the column t
+TIMES = ("time", "timestamp", "zeit", "zeitstempel", "uhrzeit", "datetime")  # other names of the column t
 ASSUMED, DECLARED, HEADER, GIVEN, MAPPED = "assumed", "declared by the rig", "header", "given", "mapping"
 
 #: SI units of names that every recording may have, and of sensors by the habit of their names where there is no rig
 ALWAYS = {TIME: "s", REFERENCE: "m", COMMAND: "V"}
 _HABITS = ((re.compile(r"q(\d*|[a-z])"), "m"), (re.compile(r"theta(_[a-z])?"), "rad"), (re.compile(r"i(_[a-z])?"), "A"))
-_BRACKET = re.compile(r"\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 
 
 @dataclass
@@ -45,6 +45,7 @@ class Picked:
     units: dict[str, str] = field(default_factory=dict)
     assumed: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    heads: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -84,22 +85,14 @@ class _Names:
 
     def parse(self, label: str, written: str) -> _Column | None:
         """Read the head of a column; ``written`` is its unit where a line of its own states it."""
-        label = label.strip()
-        bracket = _BRACKET.search(label)
-        if bracket:
-            label, written = label[: bracket.start()].strip(), bracket.group(1)
-        # a whole name first: theta_m and i_m are channels, not lengths
-        channel = self.find(label)
-        if channel:
-            return _Column(channel, written)
-        for words in (2, 1) if not written else ():
-            name, *ends = label.rsplit("_", words)
-            unit = next((text for text in ("/".join(ends), " ".join(ends)) if units.find(text)), None)
-            if unit and len(ends) == words:
-                channel = self.find(name) or (None if self.rig else name or None)
-                if channel:
-                    return _Column(channel, unit)
-        return _Column(label, written) if written and not self.rig and label and units.find(written) else None
+        for head in heads.readings(label, written):
+            unit, last = head.unit or written, head.name.rpartition(".")[2].strip()
+            channel = self.find(head.name) or self.find(last)
+            if channel:
+                return _Column(channel, unit)
+            if not self.rig and last and units.find(unit) and head.between != heads.BLANK:
+                return _Column(last, unit)
+        return None
 
     def si(self, channel: str, written: str = "") -> tuple[str, ...]:
         """The SI units that a channel may have; the first is what it has if nothing is said."""
@@ -126,6 +119,10 @@ class _Names:
         said = [(self.given.get(channel, ""), GIVEN), (written, who), (self.declared(channel), DECLARED)]
         text, who = next(((text, who) for text, who in said if text), (self.si(channel)[0], ASSUMED))
         unit = units.find(text)
+        if not text:
+            raise Refused(
+                f"nothing says the unit of column {column}; write {column} [UNIT], or give units={channel}: UNIT"
+            )
         if unit is None:
             raise Refused(f"column {column} is in {text}, which is no known unit; give units={channel}: UNIT")
         wanted = self.si(channel, text)
@@ -150,14 +147,14 @@ def plain(table: Table, rig: Rig | None, given: Dict[str, str]) -> Picked:
     UserError : ``units`` names a channel or a unit that is not known.
     """
     names = _Names(rig, given)
-    picked = Picked(sample_time_s=table.constants.get("dt"))
+    picked = Picked(sample_time_s=table.constants.get("dt"), heads=table.heads)
     raw: dict[str, Floats] = {}
     taken: dict[str, str] = {}
     unused = []
-    heads = {column: names.parse(column.rpartition(".")[2], table.units.get(column, "")) for column in table.heads}
-    timed = [column for column, head in heads.items() if head and head.channel == TIME]
+    found = {column: names.parse(column, table.units.get(column, "")) for column in table.heads}
+    timed = [column for column, head in found.items() if head and head.channel == TIME]
     plain_time = [column for column in timed if not column.rpartition(".")[2].lower().startswith(TIMES)]
-    for column, head in heads.items():
+    for column, head in found.items():
         if head is None or (column in timed and plain_time and column not in plain_time):
             unused.append(column)
             continue
@@ -203,7 +200,9 @@ def _is_command(raw: dict[str, Floats], picked: Picked) -> bool:
 
 def mapped(table: Table, mapping: Mapping, part: str, rig: Rig | None, given: Dict[str, str]) -> Picked:
     """Channels by a mapping, cut to one of its parts (raises Refused and UserError, see :func:`plain`)."""
-    names = _Names(rig, {name: unit for name, unit in given.items() if rig is None or name in mapping.channels})
+    names = _Names(
+        rig, {name: unit for name, unit in given.items() if rig is None or name in (TIME, *mapping.channels)}
+    )
     absent = [name for name in given if name not in mapping.channels and not (name == TIME and mapping.time)]
     if absent:
         allowed = f"no such channel; the mapping {mapping.name} has {', '.join(mapping.channels)}"
@@ -211,18 +210,21 @@ def mapped(table: Table, mapping: Mapping, part: str, rig: Rig | None, given: Di
     rows = slice(*mapping.parts[part]) if part else slice(None)
     if part and mapping.parts[part][1] > table.rows:
         raise Refused(f"has {table.rows} rows, and the part {part} ends at row {mapping.parts[part][1]}")
-    picked = Picked(sample_time_s=mapping.sample_time_s, notes=list(mapping.notes))
+    picked = Picked(sample_time_s=mapping.sample_time_s, notes=list(mapping.notes), heads=table.heads)
     for name, channel in {**({TIME: mapping.time} if mapping.time else {}), **mapping.channels}.items():
         column = _find(table, channel.column, mapping)
         values = table.columns[column][rows]
         if channel.si:  # a factor straight to SI, in a unit of the mapping's own
             unit, picked.assumed[name] = units.Unit(channel.si, 1.0), f"{channel.si} ({MAPPED})"
         else:
-            written = names.parse(column.rpartition(".")[2], table.units.get(column, ""))
-            head = written.written if written else ""
+            head = heads.unit_of(column, table.units.get(column, ""), names.si(name))
             said, who = (channel.unit, MAPPED) if channel.unit else (head, HEADER)
             unit, picked.assumed[name] = names.settle(column, name, said, who)
             picked.notes += names.overruled(name, said, who)
+            if channel.unit and head and units.find(head) != units.find(channel.unit) and name not in given:
+                picked.notes.append(
+                    f"Channel {name} is read in {channel.unit}, as the mapping says, though the header says {head}."
+                )
         values = _scaled(values, channel, unit.factor)
         if name == TIME:
             picked.t_s = values
@@ -250,16 +252,20 @@ def _find(table: Table, name: str, mapping: Mapping) -> str:
 def check_present(picked: Picked, rig: Rig | None) -> None:
     """Refuse a recording without the command or without a sensor (raises Refused)."""
     names = list(picked.channels)
-    has = "it has " + ", ".join(names) if names else "it has none of the names t, u, theta_m, q3, ..."
+    shown = picked.heads or names
+    has = "the file has " + ", ".join(shown[:12]) + (", ..." if len(shown) > 12 else "")
     if rig is None:
         has += "; without a rig a column needs a unit: x1 [mm]"
+    else:
+        has += f"; {rig.config.name} wants {COMMAND} and some of {', '.join(rig.sensors)}: "
+        has += "rename the columns or write a mapping"
     if COMMAND not in picked.channels:
         raise Refused(f"lacks the column {COMMAND} (the command); {has}")
     sensors = [name for name in names if name not in (COMMAND, REFERENCE)]
     if rig is not None:
         sensors = [name for name in sensors if name in rig.sensors]
         if not sensors:
-            raise Refused(f"holds none of the sensors of {rig.config.name} ({', '.join(rig.sensors)}); {has}")
+            raise Refused(f"holds none of the sensors of {rig.config.name}; {has}")
     if not sensors:
         raise Refused(f"lacks a measured channel beside the command; {has}")
 

@@ -16,7 +16,8 @@ no physics that is missing moves it by a factor 20. On the recordings of the tes
 (friction near stalling, loads as large as the drive, play, PID loops) it lies between 0.3 and 3.
 
 The channel is refused only if s lies near a unit's factor (within a factor 4 of 1000, 2.2 of 57.3), and the motion
-accounts for at least a quarter of what the n_j leave of the command; or if a rig that comes to rest by itself moves
+accounts for at least a quarter of what the n_j leave of the command; near the smaller factors of rpm, revolutions and
+inches (within a factor 1.25) only if it accounts for nearly all of that; or if a rig that comes to rest by itself moves
 hundreds of times as much as the command can make it, all the time. A recording without such evidence passes; then the
 note about what was assumed is all there is. That is so where friction or a stop takes all of the command at almost
 every time, where what is missing is nonlinear to a degree that the linear rig predicts nothing of the motion, where
@@ -35,6 +36,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from dtbacklash import units
 from dtbacklash.arrays import Floats
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Element, Rig, Sensor, build_rig
@@ -42,18 +44,24 @@ from dtbacklash.physics.simulate import simulate
 from dtbacklash.recording.command import stepped
 from dtbacklash.recording.refusal import Refused
 
-DEGREE = 180 / math.pi
-#: SI unit -> factor between what was recorded and what it was read as -> what may have been mistaken
-FACTORS: dict[str, dict[float, str]] = {
-    "m": {1e3: "mm read as m", 1e-3: "m read as mm", 1e6: "um read as m", 1e-6: "m read as um"},
-    "m/s": {1e3: "mm/s read as m/s", 1e-3: "m/s read as mm/s"},
-    "rad": {DEGREE: "degrees read as rad", 1 / DEGREE: "rad read as degrees", 1e3: "mrad read as rad"},
-    "rad/s": {DEGREE: "deg/s read as rad/s", 1 / DEGREE: "rad/s read as deg/s"},
-    "A": {1e3: "mA read as A", 1e-3: "A read as mA"},
-    "N": {1e3: "N read as kN", 1e-3: "kN read as N"},
+#: SI unit -> units that are mistaken for one another; the first is SI
+MISTAKEN = {
+    "m": ("m", "mm", "um", "in"),
+    "m/s": ("m/s", "mm/s", "in/s"),
+    "rad": ("rad", "deg", "mrad", "rev"),
+    "rad/s": ("rad/s", "deg/s", "rpm"),
+    "A": ("A", "mA"),
+    "N": ("N", "kN"),
+}
+#: SI unit -> factors between what was recorded and what it was read as
+FACTORS: dict[str, tuple[float, ...]] = {
+    si: tuple(factor for other in others for factor in (units.per_si(other), 1 / units.per_si(other)))
+    for si, (_, *others) in MISTAKEN.items()
 }
 NEAR = 0.2  # power of a unit's factor: as far from it s may lie
 SHARE = 0.25  # of what the command leaves that the motion has to account for
+SMALL = 50.0  # smaller factors come nearer to what missing physics makes of s: they need a plainer motion
+SHARE_SMALL, REACH_SMALL = 0.85, 1.25
 SUSTAINED = 300.0  # times what the command can do, at all times
 SAMPLES_MAX = 60_000  # of the part that is looked at: where the command moves most
 BLOCKS = (200, 600, 2000)  # means over so many parts of the recording
@@ -103,9 +111,10 @@ def check_units(
         if factor is None:
             continue
         size = f"{factor:.4g} too large" if factor > 1 else f"{1 / factor:.4g} too small"
-        mistake = FACTORS[rig.sensors[name].unit][factor]
+        said = assumed.get(name, rig.sensors[name].unit)
+        mistake = _mistake(rig.sensors[name].unit, said.partition(" (")[0], factor)
         raise Refused(
-            f"channel {name} looks to be in a wrong unit: it was read in {assumed.get(name, rig.sensors[name].unit)}, "
+            f"channel {name} looks to be in a wrong unit: it was read in {said}, "
             f"and its values are about a factor {size} for what the command u does to this rig (as with {mistake}); "
             f"give recording.units.{name}=UNIT, or recording.trust_units=true if they are right"
         )
@@ -113,13 +122,21 @@ def check_units(
 
 def mistaken(unit: str, scale: Scale) -> float | None:
     """The factor of the wrong unit that a scale shows, or None."""
-    for factor in FACTORS.get(unit, {}):
-        reach = NEAR * abs(math.log(factor))
-        if scale.share > SHARE and scale.factor > 0.0 and abs(math.log(scale.factor / factor)) < reach:
+    for factor in FACTORS.get(unit, ()):
+        size = abs(math.log(factor))
+        share, reach = (SHARE, NEAR * size) if size > math.log(SMALL) else (SHARE_SMALL, math.log(REACH_SMALL))
+        if scale.share > share and scale.factor > 0.0 and abs(math.log(scale.factor / factor)) < reach:
             return factor
         if factor > 1.0 and scale.sustained > SUSTAINED and abs(math.log(scale.sustained / factor)) < reach:
             return factor
     return None
+
+
+def _mistake(si: str, read: str, factor: float) -> str:
+    """What may have been mistaken: ``mm read as m``."""
+    per_read = (units.find(read) or units.UNITS[si]).factor
+    other = min(units.of_kind(si), key=lambda unit: abs(math.log(units.per_si(unit) * per_read / factor)))
+    return f"{other} read as {read}"
 
 
 def scales(rig: Rig, channels: dict[str, Floats], sample_time_s: float, command: str) -> dict[str, Scale]:

@@ -1,9 +1,11 @@
-"""From a file's bytes to named columns: CSV, Parquet, MATLAB, NumPy, JSON, each also gzipped."""
+"""From a file's bytes to named columns: CSV, Excel, Parquet, MATLAB, NumPy, JSON, each also gzipped."""
 
 from __future__ import annotations
 
 import io
 import json
+import re
+import zipfile
 import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -14,13 +16,14 @@ from typing import Any
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.recording import text
+from dtbacklash.recording import heads, stamps, text
 from dtbacklash.recording.refusal import Refused
 
-FORMATS = "CSV, Parquet, MATLAB .mat, NumPy .npz or JSON, gzipped or not"
+FORMATS = "CSV, Excel .xlsx, Parquet, MATLAB .mat, NumPy .npz or JSON, gzipped or not"
 BYTES_MAX = 4 << 30  # of an unpacked file; beyond this the memory, not the reader, is the limit
 COLUMNS_MAX = 256  # a matrix wider than this is not one column a channel
 
+_JSON = re.compile(rb"(\xef\xbb\xbf)?\s*[\[{]\s*[\[{}\]\"\d.-]")
 _GZIP = b"\x1f\x8b"
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 
@@ -113,17 +116,37 @@ def _reader(content: bytes, name: str) -> tuple[str, Callable[[bytes], Table]]:
     if head.startswith(b"MATLAB 5.0 MAT-file"):
         return "MATLAB 5", _matlab5
     if head.startswith(b"PK\x03\x04"):
-        return "NumPy .npz", _npz
-    if head.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] in (b"{", b"["):
+        return ("Excel", _excel) if _is_excel(content) else ("NumPy .npz", _npz)
+    if text.is_utf16(head):
+        return "CSV", _csv
+    if _JSON.match(head):
         return "JSON", _json
     if b"\0" in head or name.lower().removesuffix(".gz").endswith((".mat", ".parquet", ".npz", ".npy")):
         raise Refused(f"is not a recording that can be read: {FORMATS}")
     return "CSV", _csv
 
 
+def _is_excel(content: bytes) -> bool:
+    try:
+        return "xl/workbook.xml" in zipfile.ZipFile(io.BytesIO(content)).namelist()
+    except zipfile.BadZipFile:
+        return False
+
+
 def _csv(content: bytes) -> Table:
-    names, written, columns = text.read(content)
-    return Table(columns, dict(zip(names, written, strict=True)))
+    found = text.read(content)
+    return Table(found.columns, found.units, unusable=found.unusable)
+
+
+def _excel(content: bytes) -> Table:
+    """The first sheet, read as the text that it shows: heads, a line of units and remarks as in a CSV."""
+    import pandas as pd
+
+    try:
+        sheet = pd.read_excel(io.BytesIO(content), header=None, dtype=object)
+    except ImportError:
+        raise Refused("is an Excel file, which needs openpyxl: pip install dtbacklash[excel]") from None
+    return _csv(sheet.to_csv(sep="\t", header=False, index=False).encode())
 
 
 def _parquet(content: bytes) -> Table:
@@ -131,14 +154,17 @@ def _parquet(content: bytes) -> Table:
     from pyarrow import parquet
 
     table = parquet.read_table(io.BytesIO(content))
-    found, unusable = {}, {}
+    found, unusable, others = dict[str, Floats](), dict[str, str](), dict[str, object]()
     for name, column in zip(table.column_names, table.columns, strict=True):
         kind = column.type
         if pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_decimal(kind):
             found[name] = np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=float)
-        else:
+        elif pa.types.is_dictionary(kind) or pa.types.is_nested(kind) or pa.types.is_boolean(kind):
             unusable[name] = "holds no numbers"
-    return Table(found, unusable=unusable)
+        else:
+            others[name] = column.to_pandas().to_numpy()
+    told = from_arrays(others, whole=True)
+    return Table(found | told.columns, told.units, unusable=unusable | told.unusable)
 
 
 def _matlab5(content: bytes) -> Table:
@@ -211,9 +237,13 @@ def from_arrays(arrays: Mapping[str, object], whole: bool = False) -> Table:
     """
     columns: dict[str, Floats] = {}
     table = Table({})
-    for name, value in arrays.items():
+    for head, value in arrays.items():
+        clock, name = _clock(value), head
+        if clock is not None:
+            name = heads.bare(head)
+            table.units[name] = "s"
         try:
-            array = _real(value)
+            array = _real(value) if clock is None else clock
         except Refused as refusal:
             table.unusable[name] = str(refusal)
             continue
@@ -233,6 +263,15 @@ def from_arrays(arrays: Mapping[str, object], whole: bool = False) -> Table:
         else:
             table.unusable[name] = f"has {len(column)} values, and the others {length}"
     return table
+
+
+def _clock(value: object) -> Floats | None:
+    """The seconds of time stamps, as dates or as text, from the first one on; None for anything else."""
+    kind = getattr(np.asarray(value), "dtype", np.dtype(object)).kind
+    try:
+        return stamps.seconds(value) if kind in "mMUO" and np.ndim(np.asarray(value)) == 1 else None
+    except (TypeError, ValueError):
+        return None
 
 
 def _real(value: object) -> Floats:

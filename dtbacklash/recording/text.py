@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import re
+from collections import Counter
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
 
 from dtbacklash import units
 from dtbacklash.arrays import Floats
+from dtbacklash.recording import heads, stamps
 from dtbacklash.recording.refusal import Refused
 
+NUMBER, STAMP, TEXT = "number", "stamp", "text"
 COMMENTS = ("#", "%", "//")
 HEAD_LINES = 400  # a preamble longer than this is not looked for
 _SPACE = r"\s+"
@@ -29,16 +34,21 @@ DIALECTS = (
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?|[+-]?(nan|inf|infinity)|na|n/a|null", re.IGNORECASE)
 
 
-def read(content: bytes) -> tuple[list[str], list[str], dict[str, Floats]]:
-    """Read a text table.
+@dataclass
+class Text:
+    """A text table: its columns, the units of those that state one, and why others are no numbers."""
 
-    Returns
-    -------
-    names of the columns, their units where a line states them (else empty), and the columns.
+    columns: dict[str, Floats] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    unusable: dict[str, str] = field(default_factory=dict)
+
+
+def read(content: bytes) -> Text:
+    """Read a text table; a column of time stamps becomes seconds from the first row on.
 
     Raises
     ------
-    Refused : no table of numbers, no header, text among the numbers, lines of different lengths.
+    Refused : no table of numbers, no header, lines of different lengths.
     """
     whole = _decoded(content)
     lines = whole.split("\n", HEAD_LINES)[:HEAD_LINES]
@@ -52,27 +62,45 @@ def read(content: bytes) -> tuple[list[str], list[str], dict[str, Floats]]:
         frame = pd.read_csv(
             io.StringIO(body), sep=delimiter, decimal=decimal, header=None, names=range(width),
             index_col=False, comment="#" if "#" in whole[: len(whole) - len(body)] else None,
-            low_memory=False,
+            low_memory=False, skipinitialspace=True,
         )  # fmt: skip
     except pd.errors.ParserError as error:
         reason = str(error).split("C error: ")[-1].strip()
         raise Refused(f"has lines of different lengths ({reason}; lines counted from line {first + 1})") from error
-    columns, kept, kept_units = {}, [], []
+    found = Text()
     for j, name in enumerate(names):
-        values = _numbers(frame[j], name, first)
-        if not name or name in columns:
-            if name:
-                raise Refused(f"has two columns named {name}")
+        if not name:
             continue
-        columns[name] = values
-        kept.append(name)
-        kept_units.append(written[j])
-    return kept, kept_units, columns
+        if name in found.columns or name in found.unusable:
+            raise Refused(f"has two columns named {name}")
+        values = _numbers(frame[j])
+        if isinstance(values, str):
+            clock = stamps.seconds(frame[j])
+            if clock is None:
+                found.unusable[name] = values
+                continue
+            label = heads.bare(name)
+            found.columns[label], found.units[label] = clock, "s"
+            continue
+        found.columns[name] = values
+        if written[j]:
+            found.units[name] = written[j]
+    return found
+
+
+def is_utf16(head: bytes) -> bool:
+    """Whether a file begins as text of two bytes a sign."""
+    zeros = [head[side::2].count(0) / max(1, len(head[side::2])) for side in (0, 1)]
+    return head.startswith((b"\xff\xfe", b"\xfe\xff")) or (max(zeros) > 0.8 and min(zeros) < 0.05)
 
 
 def _decoded(content: bytes) -> str:
     try:
-        whole = content.decode("utf-8-sig")
+        if is_utf16(content[:512]):
+            order = "" if content[:1] in (b"\xff", b"\xfe") else "-be" if content[:1] == b"\0" else "-le"
+            whole = content.decode(f"utf-16{order}")
+        else:
+            whole = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         whole = content.decode("latin-1")  # old instruments write µ and ° so
     odd = sum(1 for sign in whole[:4096] if not (sign.isprintable() or sign in "\t\r\n\f"))
@@ -82,7 +110,12 @@ def _decoded(content: bytes) -> str:
 
 
 def _fields(line: str, delimiter: str) -> list[str]:
-    fields = line.split() if delimiter == _SPACE else line.split(delimiter)
+    if delimiter == _SPACE:
+        fields = line.split()
+    elif '"' in line:  # a quoted head may hold the delimiter
+        fields = next(csv.reader([line], delimiter=delimiter), [])
+    else:
+        fields = line.split(delimiter)
     return [field.strip().strip("\"'").strip() for field in fields]
 
 
@@ -97,21 +130,38 @@ def _skipped(line: str) -> bool:
 
 
 def _dialect(lines: list[str]) -> tuple[str, str, int]:
-    """Delimiter, decimal sign and the index of the first line of numbers."""
+    """Delimiter, decimal sign and the index of the first line of numbers.
+
+    Columns of numbers and of time stamps are those that hold them in most lines; there may be texts beside them.
+    """
     best: tuple[int, str, str, int] | None = None
     for delimiter, decimal in DIALECTS:
-        for index, line in enumerate(lines):
-            if _skipped(line):
-                continue
-            fields = _fields(line, delimiter)
-            filled = [field for field in fields if field]
-            if len(filled) >= 2 and all(_is_number(field, decimal) for field in filled):
-                if best is None or len(fields) > best[0]:
-                    best = (len(fields), delimiter, decimal, index)
+        split = {k: _fields(line, delimiter) for k, line in enumerate(lines) if not _skipped(line)}
+        width = Counter(len(fields) for fields in split.values() if len(fields) > 1).most_common(1)
+        rows = [fields for fields in split.values() if width and len(fields) == width[0][0]]
+        kinds = [_kind([fields[j] for fields in rows], decimal) for j in range(width[0][0] if rows else 0)]
+        good = [j for j, kind in enumerate(kinds) if kind in (NUMBER, STAMP)]
+        score = len(good) - kinds.count(TEXT)
+        if len(good) < 2 or NUMBER not in kinds or (best is not None and score <= best[0]):
+            continue
+        for k, fields in split.items():
+            meant = [_kind([fields[j]], decimal) for j in good if j < len(fields)]
+            if 2 * sum(kind in (NUMBER, STAMP) for kind in meant) > len(good) and len(fields) >= len(kinds) - 1:
+                best = (score, delimiter, decimal, k)
                 break
     if best is None:
         raise Refused("holds no table of numbers with at least two columns")
     return best[1], best[2], best[3]
+
+
+def _kind(fields: list[str], decimal: str) -> str:
+    """What most of the filled fields are; empty where none is filled."""
+    filled = [field for field in fields if field]
+    if not filled:
+        return ""
+    if 2 * sum(_is_number(field, decimal) for field in filled) > len(filled):
+        return NUMBER
+    return STAMP if 2 * sum(stamps.STAMP.fullmatch(field) is not None for field in filled) > len(filled) else TEXT
 
 
 def _header(lines: list[str], delimiter: str, width: int) -> tuple[list[str], list[str]]:
@@ -135,7 +185,8 @@ def _header(lines: list[str], delimiter: str, width: int) -> tuple[list[str], li
     return candidates[-1], [""] * width
 
 
-def _numbers(column: pd.Series, name: str, first: int) -> Floats:
+def _numbers(column: pd.Series) -> Floats | str:
+    """The numbers of a column, or a phrase that says what it holds instead."""
     if column.dtype != object and pd.api.types.is_numeric_dtype(column):
         return column.to_numpy(dtype=float)
     strings = column.astype("string").str.strip()
@@ -143,8 +194,6 @@ def _numbers(column: pd.Series, name: str, first: int) -> Floats:
     missing = strings.isna() | strings.str.lower().isin(["", "nan", "na", "n/a", "null", "none", "-"])
     bad = np.flatnonzero((numbers.isna() & ~missing).to_numpy(dtype=bool))
     if len(bad):
-        raise Refused(
-            f"column {name or '(unnamed)'} holds text ({str(column.iloc[bad[0]])[:30]!r}) in row {bad[0] + 1} of the "
-            f"numbers, {len(bad)} time{'s' if len(bad) > 1 else ''}"
-        )
+        times = f"{len(bad)} time{'s' if len(bad) > 1 else ''}"
+        return f"holds text ({str(column.iloc[bad[0]])[:30]!r}) in row {bad[0] + 1} of the numbers, {times}"
     return numbers.to_numpy(dtype=float, na_value=np.nan)

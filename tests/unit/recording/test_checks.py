@@ -44,7 +44,7 @@ REFUSED = {
     "time in ms": (lambda f: f.assign(t=f.t * 1e3), "is it in ms, or a row number?"),
     "time in us": (lambda f: f.assign(t=f.t * 1e6), "is it in ms, or a row number?"),
     "too short": (lambda f: f[:99], "is too short: 99 samples, at least 100"),
-    "no command": (lambda f: f.drop(columns="u"), "lacks the column u (the command); it has r, theta_m, q3"),
+    "no command": (lambda f: f.drop(columns="u"), "lacks the column u (the command); the file has t, r, theta_m, q3"),
     "no sensor": (lambda f: f[["t", "r", "u"]], "lacks a measured channel"),
     "dropouts": (lambda f: f.assign(q3=f.q3.mask((f.index // 200) % 5 > 2)),
                  "the channels have values at the same time, in stretches without holes, in 60 % of the rows only"),
@@ -190,7 +190,7 @@ def test_without_a_time_column_the_step_must_be_given(frame, save, refusal):
 def test_short_runs_of_nan_are_interpolated(frame, save):
     spoilt = frame.copy()
     spoilt.loc[100:104, "q3"] = np.nan
-    spoilt.loc[2000, "q3"] = np.inf
+    spoilt.loc[2000, "q3"] = np.nan
     recording = read_recording(save(spoilt))
     note(recording, "Channel q3: 6 missing values interpolated, at most 5 in a row")
     assert np.abs(recording.channels["q3"] - frame.q3).max() < 1e-3 * np.ptp(recording.channels["q3"])

@@ -1,0 +1,82 @@
+"""A lab's files: time stamps, texts beside numbers, remarks, UTF-16, Excel; and what is said where they do not fit."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from dtbacklash.errors import UserError
+from dtbacklash.recording import Recording, read_recording, stamps
+
+N = 300
+K = np.arange(N)
+U, X = np.sin(0.05 * K), np.cos(0.03 * K)
+START = pd.Timestamp("2026-03-01 23:59:59.900")
+TIMES = pd.Series(START + pd.to_timedelta(K, unit="ms"))
+STAMPS = {
+    "iso": TIMES.dt.strftime("%Y-%m-%dT%H:%M:%S.%f"), "zone": TIMES.dt.strftime("%Y-%m-%d %H:%M:%S.%f+01:00"),
+    "german": TIMES.dt.strftime("%d.%m.%Y %H:%M:%S,%f"), "clock": TIMES.dt.strftime("%H:%M:%S,%f"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", STAMPS)
+def test_time_stamps_across_midnight_are_seconds(kind, tmp_path):
+    frame = pd.DataFrame({"Zeit [hh:mm:ss]": STAMPS[kind], "u": U, "x [mm]": X})
+    frame.to_csv(tmp_path / "a.csv", sep=";", decimal=",", index=False)
+    found = read_recording(tmp_path / "a.csv")
+    assert found.sample_time_s == pytest.approx(1e-3)
+    assert found.t_s[0] == 0.0
+    assert np.allclose(found.channels["x"], 1e-3 * X)
+
+
+def test_dates_of_pandas_and_texts_in_a_frame():
+    for times in (TIMES, TIMES.dt.tz_localize("UTC"), STAMPS["german"]):
+        found = Recording.from_frame(pd.DataFrame({"Zeit": times, "u": U, "x [mm]": X, "state": ["on"] * N}))
+        assert found.sample_time_s == pytest.approx(1e-3)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "utf-16-le", "utf-16-be"])
+def test_texts_and_a_remark_in_the_first_row(encoding, tmp_path):
+    remark = ["Probe 3, neu", *[""] * (N - 1)]
+    frame = pd.DataFrame({"t [ms]": K, "state": ["läuft"] * N, "u": U, "Weg": X, "remark": remark})
+    frame.to_csv(tmp_path / "a.csv", sep=";", decimal=",", index=False, encoding=encoding)
+    mapping = {"files": ["a.csv"], "time": "t [ms]", "channels": {"u": "u", "x": {"column": "Weg", "unit": "mm"}}}
+    (tmp_path / "lab.yaml").write_text(yaml.safe_dump(mapping))
+    found = read_recording(str(tmp_path / "lab.yaml"))
+    assert found.samples == N
+    assert np.allclose(found.channels["u"], U)
+    assert np.allclose(found.channels["x"], 1e-3 * X)
+
+
+def test_an_excel_file(tmp_path):
+    pytest.importorskip("openpyxl")
+    frame = pd.DataFrame({"Zeit": TIMES, "u": U, "x [mm]": X, "remark": ["new", *[None] * (N - 1)]})
+    frame.to_excel(tmp_path / "a.xlsx", index=False)
+    found = read_recording(tmp_path / "a.xlsx")
+    assert found.sample_time_s == pytest.approx(1e-3)
+    assert np.allclose(found.channels["x"], 1e-3 * X)
+
+
+def test_the_sample_time_may_be_given(tmp_path):
+    pd.DataFrame({"u": U, "x [mm]": X}).to_csv(tmp_path / "a.csv", index=False)
+    assert read_recording(tmp_path / "a.csv", sample_time_s=0.002).sample_time_s == 0.002
+    with pytest.raises(UserError, match=r"recording\.sample_time_s=SECONDS"):
+        read_recording(tmp_path / "a.csv")
+
+
+def test_a_message_says_what_the_file_has_and_what_this_rig_wants(lead_screw, tmp_path):
+    pd.DataFrame({"t": 1e-3 * K, "u": U, "Laser": X}).to_csv(tmp_path / "a.csv", index=False)
+    with pytest.raises(UserError, match=r"the file has t, u, Laser; lead_screw wants u and some of theta_m"):
+        read_recording(tmp_path / "a.csv", rig=lead_screw)
+
+
+def test_an_infinite_value_is_not_a_missing_one():
+    x = X.copy()
+    x[7] = np.inf
+    with pytest.raises(UserError, match="channel x is inf"):
+        Recording.from_frame(pd.DataFrame({"t": 1e-3 * K, "u": U, "x [mm]": x}))
+
+
+def test_what_is_no_stamp():
+    assert stamps.seconds(["on", "off"]) is None
+    assert stamps.seconds(["10:00:00", "off"]) is None
