@@ -56,7 +56,7 @@ def read(content: bytes) -> Text:
     width = len(_fields(lines[first], delimiter))
     names, written = _header(lines[:first], delimiter, width)
     if not any(names):
-        raise Refused("has no header: name the columns in the first line, e.g. t,u,q3")
+        raise Refused("has no header: name the columns in the first line: the time, u, and the sensors of the rig")
     body = whole.split("\n", first)[first] if first else whole
     try:
         frame = pd.read_csv(

@@ -70,6 +70,13 @@ def test_a_message_says_what_the_file_has_and_what_this_rig_wants(lead_screw, tm
         read_recording(tmp_path / "a.csv", rig=lead_screw)
 
 
+def test_a_file_without_a_header_names_no_channel_of_another_rig(tmp_path):
+    pd.DataFrame({"t": 1e-3 * K, "u": U, "x": X}).to_csv(tmp_path / "a.csv", index=False, header=False)
+    with pytest.raises(UserError, match="has no header: name the columns") as error:
+        read_recording(tmp_path / "a.csv")
+    assert "q3" not in str(error.value)
+
+
 def test_an_infinite_value_is_not_a_missing_one():
     x = X.copy()
     x[7] = np.inf
