@@ -41,7 +41,7 @@ def test_a_slow_fit_is_taken_where_the_fit_that_was_compared_does_not_lead_it(
     monkeypatch.setattr(slow_pull, "slow_evidence", replace)
     monkeypatch.setattr(slow_pull, "refit_with", lambda *args, **how: slowly)
     monkeypatch.setattr(slow_pull, "polished", lambda given, fitted: (fitted, None))
-    monkeypatch.setattr(slow_pull, "_seen_by", lambda given, fitted: fitted)
+    monkeypatch.setattr(slow_pull, "seen_by", lambda given, fitted: fitted)
     rig = evidence.nominal.with_effect("motor_bearing", "coulomb_friction", {"torque": 0.02})
     model = Model(evidence, compared, replace(compared, rig=rig), (Named(("motor_bearing", "coulomb_friction")),))
     found, seen, fitted, _ = slow_pull.refit_slowly(model)
