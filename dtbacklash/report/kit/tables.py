@@ -121,7 +121,7 @@ def sweep(frame: pd.DataFrame, axes: list[str]) -> Table:
     table = fill(blank("Sweep"), shown, [
         *((name, name, plain_cell, False) for name in axes), *figures, ("outcome", "", plain_cell, False),
     ])  # fmt: skip
-    if failed.any():
+    if failed.any() and "error" in frame:
         table.caption = notes(f"job {i}: {frame['error'][i]}" for i in frame.index[failed])
     return table
 
