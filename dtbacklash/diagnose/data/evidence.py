@@ -85,14 +85,14 @@ class Evidence:
         return cls(rig, records, blocks, noise, noise_floor(rig, blocks, records, noise), stretch, moving)
 
     def pulled_for(self, rig: Rig) -> "Evidence":
-        """The same with the pull that a rig needs to follow its recording, where that is weaker.
+        """The same with the pull that a rig needs to follow these records, or that the nominal rig needs, if weaker.
 
         Under the pull that the nominal rig needs, a channel is followed whatever the model does.
         """
         channels = tuple(c for c in self.nominal.sensors if any(c in b.channels for b in self.blocks))
         tempo = self.blocks[0].tempo / longest_step_s(self.records)
-        needed = _cut(self.nominal, rig, channels, self.records, tempo)
-        blocks = [new if new.pull < old.pull else old for new, old in zip(needed, self.blocks, strict=True)]
+        usual, needed = (_cut(self.nominal, pulled, channels, self.records, tempo) for pulled in (self.nominal, rig))
+        blocks = [new if new.pull < old.pull else old for new, old in zip(needed, usual, strict=True)]
         if blocks == self.blocks:
             return self
         return replace(self, blocks=blocks, floor=noise_floor(self.nominal, blocks, self.records, self.noise))
