@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 PATIENCE_S = 2.0  # what is quicker needs no progress bar
-LINE_EVERY_S = 10.0  # outside of a terminal
 WIDTH_ELSEWHERE = 120
 
 log = logging.getLogger("dtbacklash.progress")
@@ -37,8 +36,8 @@ def progress(what: str, compiles: bool = True) -> Iterator[Tell]:
     """Give a function of the fraction done and of what is being done.
 
     In a terminal a bar with the time left appears on stderr after 2 s, by itself: what is silent for long is seen to
-    work. Elsewhere, as in a log, a line every 10 s. With ``-v`` there are lines of every step instead. ``compiles``:
-    whether the compiled code is needed, which may have to be made first.
+    work. With ``-v`` there are lines instead. ``compiles``: whether the compiled code is needed, which may have to be
+    made first.
     """
     console = Console(stderr=True)
     verbose = log.isEnabledFor(logging.INFO)
@@ -48,13 +47,6 @@ def progress(what: str, compiles: bool = True) -> Iterator[Tell]:
     patience = threading.Timer(PATIENCE_S, bar.start)
     patience.daemon = True
     told: list[str] = []
-    ended = threading.Event()
-
-    def say_now_and_then() -> None:
-        while not ended.wait(LINE_EVERY_S):
-            task = bar.tasks[number]
-            left = f", about {task.time_remaining:.0f} s left" if task.time_remaining else ""
-            print(f"dtb: {task.description}, {task.percentage:.0f} %{left}", file=sys.stderr, flush=True)
 
     def tell(share: float, text: str = "") -> None:
         if compiles and not told:
@@ -68,12 +60,9 @@ def progress(what: str, compiles: bool = True) -> Iterator[Tell]:
 
     if console.is_terminal and not verbose:
         patience.start()
-    elif not verbose:
-        threading.Thread(target=say_now_and_then, daemon=True).start()
     try:
         yield tell
     finally:
-        ended.set()
         patience.cancel()
         if patience.is_alive():
             patience.join()
