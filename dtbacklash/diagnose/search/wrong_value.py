@@ -69,7 +69,7 @@ def _beyond_instead(model: Model, log: Log) -> Model:
     if merit(trial.evidence, trial.fitted) + EARN_PENALTY < merit(model.evidence, model.fitted):
         for key in model.keys:
             log.refuse(key, f"`{trial.name}`, beyond its tolerance, does better alone")
-        trial = _as_well(trial, model)
+        trial = _as_well(trial, model, model.keys)
         return replace(
             model, evidence=trial.evidence, nominal=trial.fitted, fitted=trial.fitted, named=(), wrong_value=trial
         )
@@ -148,10 +148,10 @@ def _with_own(model: Model, log: Log, own: WrongValue, gone: tuple[Key, ...]) ->
     return replace(model, nominal=fit(own.evidence, known, nominal_free(known)) if model.named else own.fitted)
 
 
-def _as_well(wrong: WrongValue, model: Model, gone: tuple[Key, ...] | None = None) -> WrongValue:
+def _as_well(wrong: WrongValue, model: Model, gone: tuple[Key, ...]) -> WrongValue:
     """With the effects whose place it takes noted, where they explain no less."""
     ahead = lead_of(wrong.evidence, model.fitted.residuals, wrong.fitted.residuals).clear
-    return wrong if ahead else replace(wrong, instead_of=model.keys if gone is None else gone)
+    return wrong if ahead else replace(wrong, instead_of=gone)
 
 
 def own_parameter(evidence: Evidence, before: Fit, likely: float = 1.0) -> WrongValue | None:
