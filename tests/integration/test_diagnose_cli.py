@@ -11,6 +11,7 @@ from hydra.core.global_hydra import GlobalHydra
 
 from dtbacklash import cli
 from dtbacklash.commands import diagnose as command
+from dtbacklash.compiled import cache_folder
 from dtbacklash.diagnose.data.several import source_of
 from dtbacklash.diagnose.say.sentences import notes_of
 from dtbacklash.diagnose.settings import settings
@@ -40,6 +41,7 @@ def dtb(tmp_path, tmp_path_factory, monkeypatch, capsys, asked):
     """Run ``dtb`` here in an empty folder that holds bench.csv: words -> (exit code, stdout, stderr)."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("DTB_RECORDINGS", raising=False)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache_folder()))  # compiled code stays where it is
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
     monkeypatch.setattr("dtbacklash.compiled.is_cold", lambda function: False)
     t = np.arange(4000) * 1e-3
