@@ -20,7 +20,6 @@ from rich.table import Table
 
 from dtbacklash.files import write_json
 from studies import (
-    ablation,
     aging,
     alternatives,
     bank,
@@ -126,15 +125,6 @@ def _bank(options: argparse.Namespace) -> Result:
     return rows, words
 
 
-def _ablation(options: argparse.Namespace) -> Result:
-    # with --docs it goes on from the committed results
-    kept = options.docs / ablation.ROWS if options.docs else options.out / "ablation.json"
-    rows = ablation.ablation_rows(options.n, options.settings, options.minutes, kept)
-    if options.docs:
-        ablation.write_docs(kept, options.docs)
-    return rows, []
-
-
 def _nimc_forms(options: argparse.Namespace) -> Result:
     grid = nimc_forms.run_grid(lambda said: console.print(said, style="dim"))
     grid.to_csv(options.out / "nimc_forms_runs.csv", index=False)
@@ -154,9 +144,6 @@ STUDIES = {
     "alternatives": Study(
         "Beside the diagnosis, on concealed recordings: PySINDy on the residual, NARX by sysidentpy (extra compare)",
         _alternatives, 5, 10_000, asked=True,
-    ),
-    "ablation": Study(
-        "Each setting of the diagnosis halved and doubled, on concealed recordings", _ablation, 3, asked=True
     ),
     "nimc_forms": Study(
         "The forms of the internal model: wrong estimates of the gap, friction, sensors; the worst run", _nimc_forms
@@ -233,8 +220,6 @@ def _options(words: list[str]) -> argparse.Namespace:
     parser.add_argument("--seed", type=int, help=f"of the first case (default: {defaults('seed')})")
     parser.add_argument("--out", type=Path, default=Path("outputs/studies"), help="folder of the results")
     parser.add_argument("--docs", type=Path, help="folder of the docs, where the study's tables are made anew")
-    parser.add_argument("--settings", nargs="*", default=[], help="ablation: these settings first and alone")
-    parser.add_argument("--minutes", type=float, default=600.0, help="ablation: stop then; a repeated run goes on")
     options = parser.parse_args(words)
     if unknown := [name for name in options.names if name not in STUDIES]:
         parser.error(f"no study {unknown[0]!r}; choose of " + ", ".join([*STUDIES, *PAGES]))

@@ -15,19 +15,22 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from dtbacklash.closing import COLUMNS, VARIANTS, compare, table
 from dtbacklash.config.compose import compose
 from dtbacklash.control.belief import Belief, Beliefs, settled
-from dtbacklash.diagnose import diagnose_records
+from dtbacklash.diagnose import Record, diagnose_records
 from dtbacklash.files import json_able, write_json, write_text
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.prove import draw as drawing
 from dtbacklash.prove.secret import Secret
 from dtbacklash.report.kit.markdown import between
 from dtbacklash.report.kit.markdown import table as markdown_table
-from studies.ablation import record_of
 from studies.measure import Row
 
+#: of a recording, the first part is fitted to
+FITTED_SHARE = 0.7
 PAGE, ROWS = "closing.md", "proof/closing.json"
 BEGIN, END = "<!-- concealed: begin, made by python -m studies close_the_loop -->", "<!-- concealed: end -->"
 KNOWN_BEGIN, KNOWN_END = BEGIN.replace("concealed", "known"), END.replace("concealed", "known")
@@ -89,9 +92,17 @@ def closing_rows(seed: int, kept: Path) -> list[Row]:
     ]  # fmt: skip
 
 
+def _recorded(secret: Secret, rig: Rig) -> Record:
+    """What the concealing simulator records of a secret, its first ``FITTED_SHARE`` to be fitted to."""
+    _, run = drawing.record(secret, rig)
+    measured = {c: np.ascontiguousarray(run.seen[c]) for c in secret.channels}
+    train = np.arange(len(run.u)) < round(FITTED_SHARE * len(run.u))
+    return Record(secret.sample_time_s, np.ascontiguousarray(run.u), measured, train, ~train)
+
+
 def _closed(rig: Rig, sort: str, first: int) -> dict[str, Any]:
     secret = _drawn(rig, sort, first)
-    diagnosis = diagnose_records(rig, [record_of(secret, rig)], jobs=2)
+    diagnosis = diagnose_records(rig, [_recorded(secret, rig)], jobs=2)
     config = compose("controller=nimc_twin", "sensors=encoder", "figures=false")
     true = secret.true_rig(rig)
     rows = table(compare(replace(config, rig=true.config), rig, diagnosis.extended)).to_dict("records")

@@ -87,11 +87,11 @@ def read(
 
 def _notes(train: Recording | list[Recording], held_out: Recording | list[Recording] | int | None) -> Iterable[str]:
     from dtbacklash.diagnose.say.sentences import notes_of
-    from dtbacklash.diagnose.settings import settings
+    from dtbacklash.diagnose.settings import SETTINGS
 
     if isinstance(train, list) or isinstance(held_out, (list, int)):
         return [f"{r.name}: {note}" for r in ([train] if not isinstance(train, list) else train) for note in r.notes]
-    return notes_of(train, held_out, settings().held_out_share)
+    return notes_of(train, held_out, SETTINGS.held_out_share)
 
 
 def run_diagnosis(

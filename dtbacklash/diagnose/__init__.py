@@ -12,7 +12,7 @@ from dtbacklash.diagnose.result import Diagnosis
 from dtbacklash.diagnose.say.error_names import names_the_recording
 from dtbacklash.diagnose.say.sentences import notes_of, notes_of_several, units_of, zeros_said
 from dtbacklash.diagnose.search.parts import check_parts
-from dtbacklash.diagnose.settings import settings as in_force
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.model import Recording
 from dtbacklash.recording.validation import check_alike, check_apart
@@ -56,7 +56,7 @@ def diagnose(
         several, or, of one recording, lacks one of its channels or has another sample time.
     """
     accepted = read_enough(enough or {}, rig)
-    held_out = in_force().held_out_share if held_out is None else held_out
+    held_out = SETTINGS.held_out_share if held_out is None else held_out
     if not isinstance(recording, Recording) and len(recording) == 1:
         recording = recording[0]
     if isinstance(recording, Recording) and (validation is None or isinstance(validation, Recording)):

@@ -41,7 +41,7 @@ from dtbacklash.diagnose.search.parts import divided, for_judgement, refitted
 from dtbacklash.diagnose.search.simpler_law import call_by_its_limit
 from dtbacklash.diagnose.search.slow_pull import refit_slowly
 from dtbacklash.diagnose.search.wrong_value import believed
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.diagnose.spread import on_cores
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find
@@ -144,12 +144,12 @@ def _searched(readings: list[Evidence], say: Callable[[str, float], None]) -> tu
         if find(rig.kind_at(key[0]), key[1], key[0]).is_delay:
             rig = as_given(held.nominal, rig, key)
     same_laws = fit(held, rig, *all_free(held, rig))
-    near = settings().hopeless_ratio * max(held_loss(model.evidence, model.fitted), settings().close_floors)
+    near = SETTINGS.hopeless_ratio * max(held_loss(model.evidence, model.fitted), SETTINGS.close_floors)
     if held_loss(held, same_laws) > near:
         return model, log, True
     again, log_again = search(held, say)
     fewer = (len(again.named), merit(held, again.fitted)) <= (len(model.named), merit(model.evidence, model.fitted))
-    most = settings().noise_floors * max(worst(model.evidence, model.fitted), 1.0)
+    most = SETTINGS.noise_floors * max(worst(model.evidence, model.fitted), 1.0)
     if fewer and worst(held, again.fitted) <= most:
         return again, log_again, False
     return model, log, True

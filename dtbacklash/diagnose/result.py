@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.settings import DiagnoseSettings, settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.files import json_able
 from dtbacklash.physics.rig import Rig
 
@@ -469,7 +469,6 @@ class Diagnosis:
     units : channel -> unit that was read, and whether that was assumed. source : name of the recording.
     recordings : where several were diagnosed together, what was used of each, in their order.
     fault : of wiring, a sensor or the sampling, because of which no physics was looked for; else empty.
-    settings : that were in force.
     nominal : the rig as it was given. extended : recalibrated, with what was found. shown, work : for the report.
     """
 
@@ -494,7 +493,6 @@ class Diagnosis:
     work: Work | None = None
     recordings: tuple[RecordingUsed, ...] = ()
     fault: str = ""
-    settings: DiagnoseSettings = field(default_factory=settings)
 
     def to_json(self) -> Document:
         """The content of ``diagnosis.json``: plain data, null for what is not finite."""
@@ -509,7 +507,7 @@ class Diagnosis:
         document["located"] = json_able(self.located.to_json()) if self.located else None
         document["checks"] = [check.to_json() for check in self.checks]
         document["limits"] = [limit.to_json() for limit in self.limits]
-        document["settings"] = self.settings.to_json()
+        document["settings"] = SETTINGS.to_json()
         if self.recordings:
             document["recordings"] = [recording.to_json() for recording in self.recordings]
         return document

@@ -10,23 +10,14 @@ from typing import TypeVar
 
 from joblib import Parallel, delayed, parallel_config
 
-from dtbacklash.diagnose.settings import DiagnoseSettings, settings, using
-
 T = TypeVar("T")
 R = TypeVar("R")
 
 
 def spread(function: Callable[[T], R], items: Iterable[T]) -> list[R]:
     """The function's value at every item, in their order; one after the other unless joblib has been told of jobs."""
-    chosen = settings()
-    results: list[R] = Parallel()(delayed(_with)(chosen, function, item) for item in items)
+    results: list[R] = Parallel()(delayed(function)(item) for item in items)
     return results
-
-
-def _with(chosen: DiagnoseSettings, function: Callable[[T], R], item: T) -> R:
-    """The function's value with the caller's settings, which a process elsewhere does not know."""
-    with using(chosen):
-        return function(item)
 
 
 def on_cores(jobs: int | None) -> AbstractContextManager[object]:

@@ -14,7 +14,7 @@ from dtbacklash.commands import diagnose as command
 from dtbacklash.compiled import cache_folder
 from dtbacklash.diagnose.data.several import source_of
 from dtbacklash.diagnose.say.sentences import notes_of
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.errors import UserError
 
 pytestmark = pytest.mark.check
@@ -30,7 +30,7 @@ def asked(monkeypatch, undrawn):
         seen.update(train=train, held_out=held_out, rig=rig, jobs=jobs, enough=enough)
         for fraction, text in ((0.0, "comparing"), (0.2, "comparing"), (0.5, "naming")):
             progress(fraction, text)
-        return replace(made_up, source=source_of(train), notes=notes_of(train, held_out, settings().held_out_share))
+        return replace(made_up, source=source_of(train), notes=notes_of(train, held_out, SETTINGS.held_out_share))
 
     monkeypatch.setattr(command, "run_diagnosis", pretend)
     return seen

@@ -15,7 +15,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.first_state import Beginning, Launch
 from dtbacklash.diagnose.data.track import track
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.physics.assembly import SUBSTEPS_FORCED, compile_plant, state_names
 from dtbacklash.physics.bodies import hidden_bodies
 from dtbacklash.physics.effects import slots
@@ -145,7 +145,7 @@ def poles_of(plant: Plant) -> np.ndarray:
 def slowest_decay(plant: Plant, block: Block) -> float:
     """Decay rate of the block's slowest pole that does not integrate, or of its pull, 1/s."""
     tempo = block.tempo / plant.sample_time
-    least = settings().integrator_ratio * tempo
+    least = SETTINGS.integrator_ratio * tempo
     decays = [max(-float(p.real), least) for p in poles_of(plant) if abs(p) > least]
     if block.pull > 0.0:
         decays.append(block.pull / plant.sample_time)
@@ -313,11 +313,10 @@ def _at_rest(plant: Plant, seen: dict[int, float]) -> Floats:
 
 def _launch(part: Rig, plant: Plant, block: Block, record: Record, theta: Floats, begins: Beginning) -> Launch:
     """The data to which the first state of a block is fitted, where the recording begins in motion."""
-    rules = settings()
     moving = BEGINNING_DECAYS / slowest_decay(plant, block)
     if block.pulled and block.gains[0] == 0.0:
         moving = max(moving, BEGINNING_INTEGRATING_RATIO / block.tempo * record.sample_time_s)
-    n = min(record.samples, max(rules.beginning_samples_min, round(moving / record.sample_time_s)))
+    n = min(record.samples, max(SETTINGS.beginning_samples_min, round(moving / record.sample_time_s)))
     names = state_names(part, block.imposed is not None)
     owners = {b: b for b in part.elements} | {b: host[0] for b, host in hidden_bodies(part).items()}
     columns = [j for j, c in enumerate(block.channels) if c in begins.noise]
@@ -334,7 +333,7 @@ def _launch(part: Rig, plant: Plant, block: Block, record: Record, theta: Floats
         plant, {b: (owners[b], part.elements[owners[b]].trait.axis) for b in names}, rig_half_gap(part),
         theta[:n] if plant.imposed else None, record.u[:n], float(np.std(record.u)),
         seen["position"], seen["velocity"], np.column_stack([record.y[c][:n] for c in channels]), columns,
-        np.array([begins.noise[c] for c in channels]), begins, min(rules.delay_reach_samples, n // 2) if late else 0,
+        np.array([begins.noise[c] for c in channels]), begins, min(SETTINGS.delay_reach_samples, n // 2) if late else 0,
     )  # fmt: skip
 
 

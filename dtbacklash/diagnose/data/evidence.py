@@ -11,7 +11,7 @@ from dtbacklash.diagnose.data.floor import Noise, channel_noise, noise_floor
 from dtbacklash.diagnose.data.in_motion import with_start
 from dtbacklash.diagnose.data.pull import cut, guided, zero_channels
 from dtbacklash.diagnose.data.tempo import tempo_rad_s
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Bounds
 from dtbacklash.physics.rig import Rig
@@ -42,7 +42,7 @@ def stretch_of(records: list[Record]) -> int:
     """Number of samples of a stretch, over which losses are compared; of the longest sample time among the records."""
     longest = longest_step_s(records)
     held = sum(int(r.held.sum()) * (r.sample_time_s / longest) for r in records)
-    return max(20, int(held) // settings().paired_stretches)
+    return max(20, int(held) // SETTINGS.paired_stretches)
 
 
 def _finite(residuals: Floats) -> Floats:
@@ -132,11 +132,11 @@ class Evidence:
         More than 1 for a sensor without noise in a block that a measured angle drives: the angle is known at the
         samples only, and its course between them leaves a small share of the signal.
         """
-        rules = settings()
         least = {}
         for block in self.blocks:
             sizes = np.array([np.mean([np.std(r.y[c]) for r in self.records]) for c in block.channels])
-            exact = np.array([self.noise[c][0] for c in block.channels]) <= 1.05 * rules.numerical_error_share * sizes
+            noise = np.array([self.noise[c][0] for c in block.channels])
+            exact = noise <= 1.05 * SETTINGS.numerical_error_share * sizes
             method = (METHOD_ERROR_SHARE * sizes / self.floor[block.name]) ** 2
             counts = exact & (block.imposed is not None)
             least[block.name] = np.where(counts, np.maximum(method, 1.0), 1.0)

@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.physics.kernel import plant as pl
 from dtbacklash.physics.kernel.plant import Plant, State, new_state
 
@@ -93,16 +93,15 @@ def moves(values: Floats, noise: float, speed: bool) -> bool:
 
     The longest beginning that a polynomial fits down to the noise decides, whether the polynomial starts at rest.
     """
-    rules = settings()
     if speed:
-        return abs(local(values[: window_of(values, noise)], 1.0)[0]) ** 2 > rules.beginning_squares * noise**2
+        return abs(local(values[: window_of(values, noise)], 1.0)[0]) ** 2 > SETTINGS.beginning_squares * noise**2
     for n in reversed(WINDOWS):
         moving, resting = (_polynomial(values[:n], powers)[1] for powers in (MOVING, RESTING))
         if _fits(min(moving, resting), n, noise):
-            return _fits(moving, n, noise) and resting - moving > rules.beginning_squares * noise**2
+            return _fits(moving, n, noise) and resting - moving > SETTINGS.beginning_squares * noise**2
     first = values[: WINDOWS[0]]
     return abs(local(first, 1.0)[1]) > max(
-        BEGINNING_SPEED_SHARE * float(np.abs(np.diff(first)).max()), math.sqrt(rules.beginning_squares) * noise
+        BEGINNING_SPEED_SHARE * float(np.abs(np.diff(first)).max()), math.sqrt(SETTINGS.beginning_squares) * noise
     )
 
 

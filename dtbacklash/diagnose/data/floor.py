@@ -6,7 +6,7 @@ from scipy.signal import welch
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.compare import Block, Record, residual
 from dtbacklash.diagnose.data.first_state import stands
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
 
@@ -22,7 +22,7 @@ Noise = dict[str, tuple[float, float]]
 def quantum(values: Floats) -> float:
     """Size of a count, in the channel's unit; 0 if the channel is not counted."""
     levels = np.unique(values)
-    if len(levels) < 3 or len(levels) > settings().counted_share * len(values):
+    if len(levels) < 3 or len(levels) > SETTINGS.counted_share * len(values):
         return 0.0
     steps = np.diff(levels)
     step = float(np.quantile(steps, 0.1))
@@ -58,7 +58,7 @@ def white_noise(values: Floats) -> float:
 def sensor_noise(values: Floats) -> tuple[float, float]:
     """(standard deviation, size of a count) of a channel's noise, in its unit."""
     count = quantum(values)
-    least = max(count / np.sqrt(12.0), settings().numerical_error_share * float(np.std(values)))
+    least = max(count / np.sqrt(12.0), SETTINGS.numerical_error_share * float(np.std(values)))
     return max(white_noise(values), least), count
 
 
@@ -75,7 +75,7 @@ def channel_noise(records: list[Record], residuals: dict[str, list[Floats]] | No
         if residuals and name in residuals:
             left = float(np.sqrt(np.mean([white_noise(e) ** 2 for e in residuals[name]])))
             size = float(np.mean([np.std(r.y[name]) for r in records]))
-            sigma = min(sigma, max(left, count / np.sqrt(12.0), settings().numerical_error_share * size))
+            sigma = min(sigma, max(left, count / np.sqrt(12.0), SETTINGS.numerical_error_share * size))
         noise[name] = sigma, count
     return noise
 

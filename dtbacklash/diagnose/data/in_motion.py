@@ -8,7 +8,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.compare import Block, Record, residual
 from dtbacklash.diagnose.data.first_state import Beginning, moves, stands, window_of
 from dtbacklash.diagnose.data.floor import sensor_noise
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.physics.assembly import state_names
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
@@ -28,7 +28,7 @@ def with_start(rig: Rig, blocks: list[Block], record: Record) -> Record:
     at_rest = {n: stands(record.y[n], noise[n]) for n in shown if rig.sensors[n].quantity == "position"}
     record = replace(record, stands=at_rest)
     window = {n: window_of(record.y[n], noise[n]) for n in shown}
-    known = np.arange(record.samples) >= settings().delay_reach_samples
+    known = np.arange(record.samples) >= SETTINGS.delay_reach_samples
     moving = replace(
         record, train=record.train & known, held=record.held & known, judge=record.judge & known[: len(record.judge)],
         begins=Beginning(noise, window, _sizes(rig, record, window)),
@@ -44,12 +44,11 @@ def _explains(rig: Rig, block: Block, record: Record, moving: Record, noise: dic
     So a motion shows in bodies that are not measured, or that reverse just then. Missing physics lasts longer, and no
     first state removes it.
     """
-    rules = settings()
-    first = rules.beginning_samples_min
+    first = SETTINGS.beginning_samples_min
     sigma = np.array([noise[c] for c in block.channels])
     with np.errstate(over="ignore", invalid="ignore"):
         still, fitted = (float(np.sum((residual(rig, block, r)[:first] / sigma) ** 2)) for r in (record, moving))
-    return still > BEGINNING_RATIO * fitted + rules.beginning_squares
+    return still > BEGINNING_RATIO * fitted + SETTINGS.beginning_squares
 
 
 def _sizes(rig: Rig, record: Record, window: dict[str, int]) -> dict[str, tuple[float, float]]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from dtbacklash.diagnose.data.compare import Block, Record, longest_step_s, part_of, poles_of, residual
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.errors import UserError
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.bodies import natural_frequencies_hz
@@ -77,7 +77,7 @@ def _pulled(block: Block, rig: Rig, sample_time_s: float) -> Block:
 
 def _bandwidth(block: Block) -> float:
     """Bandwidth of the pull, rad per sample."""
-    return min(settings().pull_ratio * block.tempo, settings().pull_per_sample_max)
+    return min(SETTINGS.pull_ratio * block.tempo, SETTINGS.pull_per_sample_max)
 
 
 def guided(rig: Rig, block: Block, records: list[Record]) -> Block:
@@ -88,12 +88,11 @@ def guided(rig: Rig, block: Block, records: list[Record]) -> Block:
     doubled until the nominal rig follows the recorded positions and speeds. A block that follows without a pull, or
     that a measured angle drives, stays as it is.
     """
-    rules = settings()
     names = [n for n in block.channels if rig.sensors[n].quantity == "position"]
     if block.imposed or not names:
         return block
     step = longest_step_s(records)
-    fastest = rules.pull_per_sample_max / step
+    fastest = SETTINGS.pull_per_sample_max / step
     swing = natural_frequencies_hz(rig)
     b = 0.5 * max(2.0 * np.pi * float(swing.min()) if len(swing) else 0.0, _bandwidth(block) / step)
     while b < fastest and _astray(rig, block, records) > PULL_ERROR_SHARE_MAX:
@@ -116,7 +115,7 @@ def _astray(rig: Rig, block: Block, records: list[Record]) -> float:
 
 def _integrators(rig: Rig, block: Block, sample_time_s: float) -> int:
     plant = compile_plant(part_of(rig, block), sample_time_s, imposed=block.imposed is not None)
-    slowest = settings().integrator_ratio * block.at(sample_time_s).tempo / sample_time_s
+    slowest = SETTINGS.integrator_ratio * block.at(sample_time_s).tempo / sample_time_s
     return int(np.sum(np.abs(poles_of(plant)) < slowest))
 
 

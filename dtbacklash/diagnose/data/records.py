@@ -5,7 +5,7 @@ import numpy as np
 from dtbacklash.diagnose.data.compare import Record, longest_step_s, part_of, slowest_decay
 from dtbacklash.diagnose.data.pull import cut
 from dtbacklash.diagnose.data.tempo import tempo_rad_s
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.model import Recording
@@ -22,7 +22,7 @@ def records_of(
     share : None: as in the settings. number : of the recording.
     """
     n = recording.samples
-    share = settings().held_out_share if share is None else share
+    share = SETTINGS.held_out_share if share is None else share
     cut_at = n - round(share * n) if train and held else n * train
     mask = np.arange(n) < cut_at
     columns = {c: np.ascontiguousarray(v, dtype=float) for c, v in recording.channels.items()}
@@ -51,7 +51,7 @@ def long_enough(rig: Rig, records: list[Record]) -> tuple[list[Record], tuple[st
     slowest = slowest_decay_of(rig, records)
 
     def least(step: float) -> int:
-        return max(settings().beginning_samples_min, round(STRETCH_DECAYS_MIN / slowest / step))
+        return max(SETTINGS.beginning_samples_min, round(STRETCH_DECAYS_MIN / slowest / step))
 
     short = [r for r in stretches if r.samples < least(r.sample_time_s)]
     kept = [r for r in records if not any(r is s for s in short)]

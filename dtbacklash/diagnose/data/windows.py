@@ -13,7 +13,7 @@ from dtbacklash.diagnose.data.compare import Record
 from dtbacklash.diagnose.data.evidence import Evidence, by_recording, stretch_of
 from dtbacklash.diagnose.data.in_motion import with_start
 from dtbacklash.diagnose.data.records import slowest_decay_of
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.channels import runs
 
@@ -28,19 +28,18 @@ Run = tuple[Record, int, int]
 
 def portion(rig: Rig, records: list[Record]) -> list[Record]:
     """The records, or windows of them where they have more samples than a search needs; no mask may overlap."""
-    rules = settings()
     counts = {part: sum(int(getattr(r, part).sum()) for r in records) for part in ("train", "held")}
     total = sum(counts.values())
     if total <= CUT_FROM:
         return records
-    if total <= rules.search_samples_max:
+    if total <= SETTINGS.search_samples_max:
         return [_without_judging_end(r) for r in records if r.train.any() or r.held.any()]
-    shortest_s = rules.search_window_decays / slowest_decay_of(rig, records)
+    shortest_s = SETTINGS.search_window_decays / slowest_decay_of(rig, records)
     chosen: list[Record] = []
     for part in counts:
         for together in by_recording(records):
             pieces = [(r, a, b) for r in together for a, b in runs(getattr(r, part))]
-            budget = sum(b - a for _, a, b in pieces) * rules.search_samples_max // total
+            budget = sum(b - a for _, a, b in pieces) * SETTINGS.search_samples_max // total
             if budget == 0:
                 continue
             windows = int(np.clip(budget / (shortest_s / together[0].sample_time_s), 1, SEARCH_WINDOWS))

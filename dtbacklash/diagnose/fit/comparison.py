@@ -22,7 +22,7 @@ from dtbacklash.diagnose.data.evidence import Evidence, Residuals
 from dtbacklash.diagnose.fit.free import effects_of_rig, is_known, taken_out
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import objective
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.physics.catalogue import find
 
 #: of the fitted part's loss beside the choosing part's in ranking fits: it was fitted to (ratio)
@@ -191,7 +191,7 @@ def in_errors(differences: Floats) -> Floats:
     The mean of few stretches in units of its own spread is large by chance: it becomes what is as unlikely, by
     Student's distribution, of as many stretches as are usual. 0 of fewer than two.
     """
-    count, usual = differences.shape[-1], settings().paired_stretches
+    count, usual = differences.shape[-1], SETTINGS.paired_stretches
     if count < 2:
         return np.zeros(differences.shape[:-1])
     t: Floats = differences.mean(axis=-1) / (differences.std(axis=-1, ddof=1) / np.sqrt(count) + 1e-12)
@@ -212,7 +212,7 @@ def worst(evidence: Evidence, fitted: Fit, heard: dict[str, list[int]] | None = 
 def is_noise(evidence: Evidence, fitted: Fit) -> bool:
     """Whether a fit leaves nothing but noise of what is held out."""
     squares, least = evidence.mean_square(fitted.residuals, "held"), evidence.least()
-    return all(bool(np.all(squares[n] < settings().noise_floors * least[n])) for n in squares)
+    return all(bool(np.all(squares[n] < SETTINGS.noise_floors * least[n])) for n in squares)
 
 
 def merit(evidence: Evidence, trial_fit: Fit) -> float:
@@ -232,7 +232,7 @@ def other_formulations(
     total = {name: np.zeros(len(squares)) for name, squares in here.items()}
     for (place, effect), residuals in left_out.items():
         error = find(evidence.nominal.kind_at(place), effect, place).formulation_error
-        share = (settings().formulation_deviations * error) ** 2
+        share = (SETTINGS.formulation_deviations * error) ** 2
         for name, squares in evidence.mean_square(residuals, part).items():
             total[name] += share * np.maximum(squares - here[name], 0.0)
     return {name: np.minimum(squares, FORMULATION_MAX) for name, squares in total.items()}

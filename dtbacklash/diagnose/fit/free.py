@@ -12,7 +12,7 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.evidence import Evidence
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import SENSOR_UNIT, Bounds, Parameter, Role
@@ -143,7 +143,7 @@ def nominal_free(nominal: Rig, places: set[str] | None = None, rig: Rig | None =
 
     rig : effects of the nominal rig that this rig does not have are left out.
     """
-    most = settings().tolerances_max
+    most = SETTINGS.tolerances_max
     free = []
     for name, p in nominal.config.parameters.items():
         users = frozenset(e for e, spec in nominal.config.elements.items() if name in spec.values())
@@ -197,7 +197,7 @@ def at_limit(free: Free, x: float) -> bool:
 def stands_at_limit(free: Free, x: float) -> bool:
     """Whether a known parameter is at one of its bounds, but for the share ``bound_share``."""
     low, high = free.limits()
-    share = settings().bound_share
+    share = SETTINGS.bound_share
     return free.prior and not (1.0 - share) * low < x < (1.0 - share) * high
 
 

@@ -10,7 +10,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.evidence import Evidence, Residuals
 from dtbacklash.diagnose.fit.free import Free
 from dtbacklash.diagnose.fit.problem import Fit, Problem, inside, limits_of
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 
@@ -72,7 +72,7 @@ def _worth_another(problem: Problem, before: tuple[Residuals, Floats], after: tu
     """Whether a round has gained enough for another one: see WORTH_A_ROUND and BY_CHANCE."""
     evidence = problem.evidence
     first, second = (_left(problem, residuals) for residuals, _ in (before, after))
-    if second > settings().nearly_noise_floors:
+    if second > SETTINGS.nearly_noise_floors:
         return second < (1.0 - WORTH_A_ROUND) * first
     gains = [likelihood(evidence, residuals) + float(x[problem.prior] @ x[problem.prior])
              for residuals, x in (before, after)]  # fmt: skip

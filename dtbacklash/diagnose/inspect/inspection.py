@@ -11,7 +11,7 @@ from dtbacklash.diagnose.inspect import samples
 from dtbacklash.diagnose.inspect.sampling import Carried, carried
 from dtbacklash.diagnose.inspect.wiring import Reversal, Rewiring, wiring
 from dtbacklash.diagnose.result import Check
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 from dtbacklash.recording.channels import CLIPPED_SHARE
@@ -101,12 +101,12 @@ def _dead(rig: Rig, found: Inspected) -> None:
         others = {"u": record.u, **{n: v for n, v in record.y.items() if n != name}}
         shares[name] = samples.noise_alone(record.y[name], others)
         found.checks.append(_row(
-            f"{name} shows more than noise", shares[name], settings().dead_noise_share,
+            f"{name} shows more than noise", shares[name], SETTINGS.dead_noise_share,
             "share of its variance that is white noise and coherent with neither the command nor another channel, in "
             "the stretch in which it varies most; more: its sensor is dead or disconnected, or nothing moves there",
             COHERENCE,
         ))  # fmt: skip
-    dead = [n for n, share in shares.items() if share >= settings().dead_noise_share]
+    dead = [n for n, share in shares.items() if share >= SETTINGS.dead_noise_share]
     if not dead:
         return
     what = f"{_listed(dead)} {'shows' if len(dead) == 1 else 'show'} nothing but noise"
@@ -182,12 +182,12 @@ def _seldom(rig: Rig, name: str, found: Inspected) -> None:
 
 
 def _spikes(name: str, found: Inspected) -> None:
-    rules, masks = settings(), [samples.spikes(r.y[name], r.u) for r in found.records]
+    masks = [samples.spikes(r.y[name], r.u) for r in found.records]
     total = sum(int(m.sum()) for m in masks)
     found.checks.append(_row(
         f"{name} is free of spikes", float(total), 1.0,
-        f"number of samples further off the median of their neighbours than {rules.spike_ratio:g} times all but "
-        f"{100 * (1.0 - rules.spike_usual_share):.2g} % of the others; they are bridged, and neither fitted nor "
+        f"number of samples further off the median of their neighbours than {SETTINGS.spike_ratio:g} times all but "
+        f"{100 * (1.0 - SETTINGS.spike_usual_share):.2g} % of the others; they are bridged, and neither fitted nor "
         "judged", TUKEY,
     ))  # fmt: skip
     if total:
@@ -241,7 +241,7 @@ def _bridge(
 
     said : what happens, a clause. known_by : how it is known, a clause. mend : what to do, a sentence.
     """
-    _rules, before = settings(), found.records
+    before = found.records
     share = _share(masks)
     blocks = _blocks(rig, _channels(rig, before), before)
     pull = max((b.pull / b.step_s for b in blocks if b.pulled == name), default=0.0)
@@ -290,7 +290,7 @@ def _wiring_rows(found: Inspected, each: list[list[Reversal]]) -> None:
     for reversal in (r for reversals in each for r in reversals):
         worst[reversal.names] = max(reversal.value, worst.get(reversal.names, -1.0))
     for names, value in worst.items():
-        one, most = len(names) == 1, settings().reversal_share
+        one, most = len(names) == 1, SETTINGS.reversal_share
         found.checks.append(_row(
             f"polarity of {names[0]}" if one else f"{names[0]} and {names[1]} are in their places", value, most,
             f"share of the effort that {'a channel' if one else 'the difference of two'} accounts for with its sign "
@@ -306,7 +306,7 @@ def _sampling_row(found: Inspected, slowest: Carried) -> None:
     )
     statistic = slowest.per_period
     found.checks.append(Check(
-        "the sampling carries the rig's modes", statistic, ">", settings().mode_samples_min, slowest.enough,
+        "the sampling carries the rig's modes", statistic, ">", SETTINGS.mode_samples_min, slowest.enough,
         f"samples per period of the rig's modes ({which}); with fewer what happens between the samples is not recorded",
         SAMPLED,
     ))  # fmt: skip
@@ -314,7 +314,7 @@ def _sampling_row(found: Inspected, slowest: Carried) -> None:
 
 def _miswired(rig: Rig, wired: list[tuple[list[Reversal], Rewiring | None]], rewiring: Rewiring) -> Fault:
     reversals = next(found for found, mending in wired if mending is rewiring)
-    wrong = [r for r in reversals if r.value > settings().reversal_share]
+    wrong = [r for r in reversals if r.value > SETTINGS.reversal_share]
     best = max(wrong, key=lambda r: r.turned)
     if rewiring.swapped:
         a, b = rewiring.swapped
@@ -341,7 +341,7 @@ def _too_slow(rig: Rig, found: Inspected, slowest: Carried) -> Fault | None:
     if slowest.enough or slowest.frequency_hz is None:
         return None
     step = longest_step_s(found.records)
-    wanted = settings().mode_samples_min * slowest.frequency_hz
+    wanted = SETTINGS.mode_samples_min * slowest.frequency_hz
     last = _channels(rig, found.records)[-1]
     return Fault(
         SENSOR_PREFIX + last, f"The sampling ({1.0 / step:.4g} Hz) is too slow for this rig",

@@ -10,7 +10,7 @@ from scipy.signal import coherence
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.floor import quantum, sensor_noise, white_noise
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.recording.channels import clipped, runs
 
 #: the median's window: most of it lies beside the longest spike (samples)
@@ -51,16 +51,15 @@ def spikes(values: Floats, u: Floats) -> np.ndarray:
     follows a jump of the command ``u`` (N,) or the beginning: a current does. Of a signal that moves a spike shifts the
     medians of its neighbours too: it is one if none of them stands out once it is bridged.
     """
-    rules = settings()
     away, free = _away(values), ~_after_jumps(u)
     # many spikes would pass for what is usual: that is asked where all that stand off furthest are bridged
     most = 1.0 - SPIKE_WINDOW_SAMPLES * SPIKES_SHARE_MAX
     bridge = np.zeros(len(values), dtype=bool)
     for start, stop in runs((away > _least(values, away, most)) & free):
-        bridge[_furthest(away, start, stop)[: rules.spike_samples_max]] = True
+        bridge[_furthest(away, start, stop)[: SETTINGS.spike_samples_max]] = True
     bare = _straight(values, bridge)
-    least = _least(values, _away(bare), rules.spike_usual_share)
-    bent = SPIKE_ROUGHNESS * float(np.quantile(_roughness(bare), rules.spike_usual_share))
+    least = _least(values, _away(bare), SETTINGS.spike_usual_share)
+    bent = SPIKE_ROUGHNESS * float(np.quantile(_roughness(bare), SETTINGS.spike_usual_share))
     found = np.zeros(len(values), dtype=bool)
     for start, stop in runs((away > least) & free):
         found[_alone(values, _furthest(away, start, stop), least)] = True
@@ -82,9 +81,8 @@ def _roughness(values: Floats) -> Floats:
 
 def _least(values: Floats, away: Floats, usual: float) -> float:
     """How far off its median a sample has to be: beyond what is usual (a quantile), an encoder's jitter, and noise."""
-    rules = settings()
     counts = SPIKE_COUNTS * quantum(values)
-    return max(rules.spike_ratio * float(np.quantile(away, usual)), counts, rules.spike_ratio * _noise(values))
+    return max(SETTINGS.spike_ratio * float(np.quantile(away, usual)), counts, SETTINGS.spike_ratio * _noise(values))
 
 
 def _furthest(away: Floats, start: int, stop: int) -> np.ndarray:
@@ -101,10 +99,9 @@ def _straight(values: Floats, missing: np.ndarray) -> Floats:
 
 def _alone(values: Floats, furthest: np.ndarray, least: float) -> np.ndarray:
     """As few of the samples that are furthest off as leave none of them so far off once these are bridged; or none."""
-    rules = settings()
     first = max(int(furthest.min()) - SPIKE_WINDOW_SAMPLES, 0)
     near = values[first : int(furthest.max()) + SPIKE_WINDOW_SAMPLES + 1]
-    for count in range(1, rules.spike_samples_max + 1):
+    for count in range(1, SETTINGS.spike_samples_max + 1):
         missing = np.zeros(len(near), dtype=bool)
         missing[furthest[:count] - first] = True
         if np.all(_away(_straight(near, missing))[furthest - first] <= least):
@@ -167,7 +164,7 @@ def bridged(values: Floats, missing: np.ndarray) -> Floats:
             continue
         ends = [before[-1], after[0]]
         slopes = [_slope(before, values, before[-1]), _slope(after, values, after[0])]
-        if stop - start <= settings().spike_samples_max:  # noise in the slopes would be more than what a line misses
+        if stop - start <= SETTINGS.spike_samples_max:  # noise in the slopes would be more than what a line misses
             slopes = [(values[ends[1]] - values[ends[0]]) / (ends[1] - ends[0])] * 2
         found[start:stop] = CubicHermiteSpline(ends, values[ends], slopes)(np.arange(start, stop))
     count = quantum(values[~missing])
@@ -198,12 +195,11 @@ def noise_alone(values: Floats, others: Mapping[str, Floats]) -> float:
     -------
     0 to 1, and 1 for a constant.
     """
-    rules = settings()
     variance = float(np.var(values))
     if variance == 0.0:
         return 1.0
     share = min(white_noise(values) ** 2 / variance, 1.0) if len(values) >= 64 else 0.0
-    if share < rules.dead_noise_share:
+    if share < SETTINGS.dead_noise_share:
         return share
     length = max(32, min(1024, len(values) // COHERENCE_STRETCHES_MIN))
     chance = COHERENCE_CHANCE / (length // 2 + 1) / max(len(others), 1)
@@ -257,7 +253,7 @@ def hung(values: Floats) -> np.ndarray:
     holds does not jump on: it sets off and goes on, as all that has mass. What repeats often anyway (a coarse encoder)
     is no fault.
     """
-    _rules, steps = settings(), np.diff(values)
+    steps = np.diff(values)
     same = np.concatenate([[False], steps == 0.0])
     found = np.zeros(len(values), dtype=bool)
     long = [(a, b) for a, b in runs(same) if b - a >= HUNG_SAMPLES_MIN]

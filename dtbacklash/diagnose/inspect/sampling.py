@@ -12,7 +12,7 @@ from scipy.signal import welch
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.compare import Record
 from dtbacklash.diagnose.data.floor import sensor_noise
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.errors import UserError
 from dtbacklash.physics.bodies import natural_frequencies_hz
 from dtbacklash.physics.rig import Rig
@@ -38,16 +38,15 @@ class Carried:
     @property
     def enough(self) -> bool:
         """Whether the sampling carries it."""
-        return self.per_period >= settings().mode_samples_min
+        return self.per_period >= SETTINGS.mode_samples_min
 
 
 def carried(rig: Rig, record: Record) -> Carried:
     """The fastest of the rig's modes that its recorded channels show, against the sampling."""
-    rules = settings()
     step = record.sample_time_s
-    nothing = Carried(None, 2.0 * rules.mode_samples_min)
+    nothing = Carried(None, 2.0 * SETTINGS.mode_samples_min)
     modes = natural_frequencies_hz(rig)
-    fast = [float(f) for f in modes if f * step * rules.mode_samples_min > 1.0]
+    fast = [float(f) for f in modes if f * step * SETTINGS.mode_samples_min > 1.0]
     if not fast:
         return Carried(float(modes.max()), 1.0 / (float(modes.max()) * step)) if len(modes) else nothing
     try:

@@ -26,7 +26,7 @@ from itertools import combinations
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.compare import Record
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.command import HELD
@@ -78,7 +78,7 @@ def wiring(rig: Rig, record: Record) -> tuple[list[Reversal], Rewiring | None]:
     channels = {"u": record.u[part], **{n: v[part] for n, v in record.y.items() if n in rig.sensors}}
     bench = Bench(plain_rig(rig), record.sample_time_s)
     found = bench.reversals(channels)
-    if not any(r.value > settings().reversal_share for r in found):
+    if not any(r.value > SETTINGS.reversal_share for r in found):
         return found, None
     return found, bench.mended(channels, found)
 
@@ -110,7 +110,7 @@ class Bench:
         first, second = self._share(names, channels), self._share(names, other)
         if first is None or second is None:
             return None
-        if second - first > settings().reversal_share:
+        if second - first > SETTINGS.reversal_share:
             first = max(first, *(self._share(names, channels, pace) or 0.0 for pace in PACES))
         return Reversal(names, first, second)
 
@@ -123,8 +123,7 @@ class Bench:
 
     def mended(self, channels: Channels, found: list[Reversal]) -> Rewiring:
         """The fewest changes after which no reversal is left: one sign, one swap, one swap and a sign, two signs."""
-        rules = settings()
-        reversed_ = {r.names for r in found if r.value > rules.reversal_share}
+        reversed_ = {r.names for r in found if r.value > SETTINGS.reversal_share}
         wrong = {names[0] for names in reversed_ if len(names) == 1}
         if not wrong:
             (a, b) = next(iter(reversed_))
@@ -147,7 +146,7 @@ class Bench:
     def _left(self, channels: Channels) -> float:
         """The sum of the reversals of the channels, which is low where all are right; infinite if one is wrong."""
         found = [r.value for r in self.reversals(channels)]
-        return math.inf if any(value > settings().reversal_share for value in found) else sum(found)
+        return math.inf if any(value > SETTINGS.reversal_share for value in found) else sum(found)
 
 
 def turned(channels: Channels, names: tuple[str, ...]) -> Channels:

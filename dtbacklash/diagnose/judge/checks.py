@@ -20,7 +20,7 @@ from dtbacklash.diagnose.result import Check, FreeRunning
 from dtbacklash.diagnose.search.model import Model
 from dtbacklash.diagnose.search.objections import distance, distances
 from dtbacklash.diagnose.search.wrong_value import believed
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.diagnose.words import place_in_words
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Effect, Parameter, Role, name_in_words
@@ -81,7 +81,7 @@ def _above(check: str, statistic: float, threshold: float, comment: str, source:
 def _noise(model: Model) -> list[Check]:
     evidence = model.evidence
     squares, least = evidence.mean_square(model.fitted.residuals, "held"), evidence.least()
-    floors = settings().noise_floors
+    floors = SETTINGS.noise_floors
     return [
         _below(
             f"residual of {channel} is noise", float(squares[b.name][j]), floors * float(least[b.name][j]),
@@ -99,7 +99,7 @@ def whiteness(evidence: Evidence, fitted: Fit) -> dict[str, Check]:
     for block in evidence.blocks:
         here = evidence.rows(fitted.residuals, block.name, "held")
         # a short recording is asked for fewer
-        lags = min(settings().white_lags, max(1, here.shape[1] // SAMPLES_PER_LAG))
+        lags = min(SETTINGS.white_lags, max(1, here.shape[1] // SAMPLES_PER_LAG))
         truth = _of_a_truth(evidence, fitted.rig, block)
         for j, channel in enumerate(block.channels):
             if evidence.least()[block.name][j] > 1.0:  # an exact sensor: what is left is the method's own error
@@ -154,9 +154,9 @@ def _of_a_truth(evidence: Evidence, rig: Rig, block: Block) -> Floats | None:
 def _stateless(form: Recovered | None) -> list[Check]:
     if form is None:
         return []
-    t = form.t if form.fall > settings().depends_floors else min(form.t, 0.0)
+    t = form.t if form.fall > SETTINGS.depends_floors else min(form.t, 0.0)
     return [_below(
-        "what is left depends on no state", t, settings().depends_errors,
+        "what is left depends on no state", t, SETTINGS.depends_errors,
         f"fall of the held-out loss by an effort of free form over the {form.state} of {place_in_words(form.place)}, "
         "the best of the states, in standard errors over stretches; more: the law is another one, or one is missing",
         PAIRED,
@@ -179,7 +179,7 @@ def _generalises(model: Model) -> Check:
 def _recalibration(model: Model) -> Check:
     evidence = model.evidence
     nominal = evidence.rms(evidence.residuals(evidence.nominal))
-    recalibrated, most = evidence.rms(model.nominal.residuals), math.sqrt(settings().needed_ratio)
+    recalibrated, most = evidence.rms(model.nominal.residuals), math.sqrt(SETTINGS.needed_ratio)
     return _below(
         "recalibrated no worse than nominal", recalibrated / nominal, most,
         "ratio of the held-out rms errors, both without new physics; more is fitted by chance", HELD_OUT,
@@ -209,7 +209,7 @@ def _away_from_nothing(model: Model, key: Key, errors: Errors) -> Check:
     named = max(away, key=lambda name: np.nan_to_num(away[name], nan=-1.0), default=size.name)
     meaning = "does nothing" if math.isfinite(size.neutral or 0.0) else "is never reached"
     return _above(
-        f"{_named(key)} is not zero", distance(evidence, model.fitted.rig, key, errors), settings().away_errors,
+        f"{_named(key)} is not zero", distance(evidence, model.fitted.rig, key, errors), SETTINGS.away_errors,
         f"distance of `{named}` from where it {meaning}, in standard errors; less could be nothing at all", WALD,
     )  # fmt: skip
 
@@ -249,17 +249,17 @@ def _at_bound(p: Parameter, value: float, shown: tuple[float, float] | None) -> 
     if least == 0.0:
         low = p.role is not Role.SIZE and value <= 1e-6 * p.typical
     else:
-        low = value <= least + settings().bound_share * abs(least)
-    return low or value >= most - settings().bound_share * abs(most)
+        low = value <= least + SETTINGS.bound_share * abs(least)
+    return low or value >= most - SETTINGS.bound_share * abs(most)
 
 
 def _inside_tolerances(nominal: Rig, rig: Rig) -> Check | None:
-    away, most = tolerances_away(nominal, rig), settings().tolerances_max
+    away, most = tolerances_away(nominal, rig), SETTINGS.tolerances_max
     if not away:
         return None
     worst = max(away, key=lambda n: away[n])
     return _below(
-        "the rig's parameters are inside their tolerances", away[worst], (1.0 - settings().bound_share) * most,
+        "the rig's parameters are inside their tolerances", away[worst], (1.0 - SETTINGS.bound_share) * most,
         f"the furthest from nominal (`{worst}`), in tolerances; {most:g} is as far as a fit may go, and "
         "there it stands in for missing physics", PRIOR,
     )  # fmt: skip
@@ -269,7 +269,7 @@ def _free(free: FreeRunning) -> Check:
     nominal, extended = free.held_out.nominal, free.held_out.extended
     ratio = math.nan if extended is None else 0.0 if nominal is None else extended / nominal if nominal else 1.0
     return _below(
-        "on its own it simulates no worse than nominal", ratio, settings().needed_ratio,
+        "on its own it simulates no worse than nominal", ratio, SETTINGS.needed_ratio,
         "held-out error of the extended rig over that of the nominal one, both simulated by the commands alone; more "
         "would be a model that only follows the measurement", FREE,
     )  # fmt: skip

@@ -18,7 +18,7 @@ from dtbacklash.diagnose.data.evidence import Evidence, Residuals
 from dtbacklash.diagnose.data.responses import Response, transfers
 from dtbacklash.diagnose.fit.comparison import in_errors
 from dtbacklash.diagnose.fit.problem import Fit
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.physics.assembly import state_names
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.kernel import plant as pl
@@ -61,7 +61,7 @@ class Recovered:
     @property
     def shown(self) -> bool:
         """Whether it shows where the missing effort acts: it explains a part of what is left, and significantly."""
-        return self.share >= LOCATED_SHARE and self.t > settings().depends_errors
+        return self.share >= LOCATED_SHARE and self.t > SETTINGS.depends_errors
 
 
 def free_forms(
@@ -127,7 +127,7 @@ class _Lens:
 
         left, x = self.base.residuals[block.name], rows(waves[block.name], "train")
         power = np.mean(np.sum(x**2, axis=0))
-        bend = np.diff(np.eye(len(knots)), 2, axis=0) * np.sqrt(settings().recovered_smoothing * power)
+        bend = np.diff(np.eye(len(knots)), 2, axis=0) * np.sqrt(SETTINGS.recovered_smoothing * power)
         gram = np.linalg.pinv(x.T @ x + bend.T @ bend + 1e-12 * np.mean(np.sum(x**2, axis=0)) * np.eye(len(knots)))
         y = rows(left, "train")
         heights = gram @ (x.T @ y)

@@ -20,7 +20,7 @@ from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.judge.free_form import knots_over, path_of, states_of
 from dtbacklash.diagnose.result import LawShown
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.diagnose.words import place_in_words
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.drawing import Drawing, drawing_of, law_curve
@@ -190,7 +190,7 @@ def _deviation(evidence: Evidence, fitted: Fit, sight: _Sight) -> tuple[Floats, 
         left.append((residual[record.train] * root).T.ravel())
     x, y = np.concatenate(columns), np.concatenate(left)
     power = float(np.mean(np.sum(x**2, axis=0)))
-    bend = np.diff(hats, 2, axis=0) * np.sqrt(settings().recovered_smoothing * power)
+    bend = np.diff(hats, 2, axis=0) * np.sqrt(SETTINGS.recovered_smoothing * power)
     gram = np.linalg.pinv(x.T @ x + bend.T @ bend + 1e-12 * power * hats)
     heights: Floats = gram @ (x.T @ y)
     # the weights count a residual that is not noise as fewer samples than were taken: its scatter is in them

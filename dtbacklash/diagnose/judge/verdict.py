@@ -12,7 +12,7 @@ from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.judge.free_form import Recovered
 from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Explained, Verdict
 from dtbacklash.diagnose.search.model import Model
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.physics.rig import Rig
 
 #: such a residual is more than noise from here on (floors, mean square)
@@ -83,20 +83,19 @@ def remaining(
     left that no noise would; of that a little is more than noise.
     """
     evidence = model.evidence
-    rules = settings()
     first, last = _squares(evidence, model.nominal), _squares(evidence, model.fitted)
     least, left = evidence.least(), {}
     channels = {block.name: block.channels for block in evidence.blocks}
     other = {part: other_formulations(evidence, model.fitted, left_out, part) for part in ("train", "held")}
     for name in least:
-        most = np.where([c in coloured for c in channels[name]], COLOURED_FLOORS, rules.noise_floors)
+        most = np.where([c in coloured for c in channels[name]], COLOURED_FLOORS, SETTINGS.noise_floors)
         quiet = last[0][name] < most * least[name]
         # what happens in one part only has not been explained either: then that part counts
         once = quiet & (last[1][name] > NOISE_PART_FLOORS * least[name])
         after = np.where(once, last[1][name], last[0][name]) - 1.0
         before = np.where(once, first[1][name], first[0][name]) - 1.0
         above = ~quiet | once
-        also = rules.formulation_deviations * model.formulations.get(name, np.zeros(len(channels[name])))
+        also = SETTINGS.formulation_deviations * model.formulations.get(name, np.zeros(len(channels[name])))
         parts = {part: other[part][name] + also for part in ("train", "held")}
         formulation = np.where(once, np.maximum(parts["train"], parts["held"]), parts["held"])
         noisy = np.array([c in white for c in channels[name]]) & (last[1][name] < NOISE_PART_FLOORS)
@@ -111,8 +110,8 @@ def depends_on(form: Recovered | None, left: dict[str, BlockLeft]) -> bool:
 
     By more than another formulation of the rig's laws would.
     """
-    least = max(settings().depends_floors, *(block.formulation for block in left.values()))
-    return form is not None and form.t > settings().depends_errors and form.fall > least
+    least = max(SETTINGS.depends_floors, *(block.formulation for block in left.values()))
+    return form is not None and form.t > SETTINGS.depends_errors and form.fall > least
 
 
 def _squares(evidence: Evidence, fitted: Fit) -> tuple[dict[str, Floats], dict[str, Floats]]:
@@ -147,7 +146,7 @@ def _needed(evidence: Evidence, fitted: Fit) -> bool:
     nominal = evidence.mean_square(evidence.residuals(_uncalibrated(evidence, fitted)), "held")
     here = evidence.mean_square(fitted.residuals, "held")
     # what lies below the floor is noise either way
-    return any(bool(np.any(nominal[n] > settings().needed_ratio * np.maximum(here[n], 1.0))) for n in here)
+    return any(bool(np.any(nominal[n] > SETTINGS.needed_ratio * np.maximum(here[n], 1.0))) for n in here)
 
 
 def _uncalibrated(evidence: Evidence, fitted: Fit) -> Rig:

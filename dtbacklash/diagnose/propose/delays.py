@@ -5,7 +5,7 @@ import numpy as np
 from dtbacklash.diagnose.data.candidates import Candidate
 from dtbacklash.diagnose.data.compare import Block, usual_step_s
 from dtbacklash.diagnose.propose.projection import Projection
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.physics.effects.declare import Values
 from dtbacklash.physics.rig import SENSOR_PREFIX
 
@@ -15,17 +15,16 @@ DELAY_STEP_SAMPLES = 0.5
 
 def delay_grid(candidate: Candidate, projection: Projection) -> list[Values]:
     """The best few start values of a sensor's delay; empty for another candidate."""
-    rules = settings()
     step = DELAY_STEP_SAMPLES
     channel = candidate.place.removeprefix(SENSOR_PREFIX)
     block = next((b for b in projection.evidence.blocks if channel in b.channels), None)
     if not candidate.effect.is_delay or candidate.place == channel or block is None:
         return []
-    shifts = np.arange(step, rules.delay_reach_samples + step, step)
+    shifts = np.arange(step, SETTINGS.delay_reach_samples + step, step)
     left = np.array([_sum_of_squares(projection, block, channel, shift) for shift in shifts])
     low = np.r_[np.inf, left, np.inf]
     valleys = np.flatnonzero((left <= low[:-2]) & (left <= low[2:]))
-    best = valleys[np.argsort(left[valleys])][: rules.scanned_starts]
+    best = valleys[np.argsort(left[valleys])][: SETTINGS.scanned_starts]
     sample, size = usual_step_s(projection.evidence.records), candidate.effect.size
     return [{size.name: float(min(shifts[k] * sample, size.high))} for k in best]
 

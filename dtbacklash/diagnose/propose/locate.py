@@ -17,7 +17,7 @@ from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.propose.delays import delay_grid
 from dtbacklash.diagnose.propose.periodic import wave_grid
 from dtbacklash.diagnose.propose.projection import Projection
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.errors import UserError
 from dtbacklash.physics.effects.declare import Values
@@ -102,7 +102,6 @@ class Bank(Projection):
         return best
 
     def _score(self, candidate: Candidate, values: Values, made: Made) -> Score | None:
-        settings()
         size = candidate.effect.size
         signature, values = self._tame(candidate, values, made)
         if signature is None:
@@ -130,7 +129,7 @@ class Bank(Projection):
         """
         size = candidate.effect.size
         high = self.evidence.bounds(candidate.key).get(size.name, (size.low, size.high))[1]
-        while score is not None and size.neutral == 0.0 and score.gain > settings().gain_min:
+        while score is not None and size.neutral == 0.0 and score.gain > SETTINGS.gain_min:
             values = {**score.made_at, size.name: 2.0 * score.made_at[size.name]}
             signature = self.signature(candidate, values, made) if abs(values[size.name]) < high else None
             larger = None if signature is None else self._rate(candidate, values, signature, self.project(signature))

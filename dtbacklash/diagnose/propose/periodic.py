@@ -14,7 +14,7 @@ from dtbacklash.diagnose.data.compare import Block, Record, part_of, places_of, 
 from dtbacklash.diagnose.data.responses import Path, transfer, wave_responses
 from dtbacklash.diagnose.propose.projection import Projection
 from dtbacklash.diagnose.propose.wave_spectrum import Passage, likely_waves
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.physics.assembly import compile_plant, state_names
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Bounds, Role, Values
@@ -89,12 +89,12 @@ def _scan(candidate: Candidate, projection: Projection, block: Block) -> list[tu
     for _, n, amplitude, phase in sorted(rated, reverse=True):
         if all(abs(n - other[0]) > 0.05 * n for other in best):
             best.append((n, amplitude, phase))
-    return best[: settings().scanned_starts]
+    return best[: SETTINGS.scanned_starts]
 
 
 def _every(block: Block) -> int:
     """Number of samples that are averaged to one; fewer where the pull would be unstable with the slower rate."""
-    most = settings().pull_per_sample_max / block.pull if block.pull > 0.0 else math.inf
+    most = SETTINGS.pull_per_sample_max / block.pull if block.pull > 0.0 else math.inf
     return int(np.clip(most, 1, WAVE_EVERY_SAMPLES))
 
 

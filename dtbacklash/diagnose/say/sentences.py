@@ -25,7 +25,7 @@ from dtbacklash.diagnose.result import (
     Verdict,
 )
 from dtbacklash.diagnose.search.model import Model, WrongValue
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.diagnose.words import all_in_words, other_in_words, place_in_words
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.recording.model import Recording
@@ -202,7 +202,7 @@ def beyond_said(beyond: WrongValue | None) -> str:
     if beyond is None:
         return ""
     said = []
-    if beyond.tolerances > settings().tolerances_max:
+    if beyond.tolerances > SETTINGS.tolerances_max:
         said.append(f"`{beyond.name}` is {beyond.tolerances:.1f} of its tolerances from nominal: the rig's value is "
                     "wrong, or its tolerance.")  # fmt: skip
     if beyond.instead_of:
@@ -220,7 +220,7 @@ def as_well_said(as_well: WrongValue) -> str:
 
 def notes_of(recording: Recording, validation: Recording | None, share: float) -> tuple[str, ...]:
     """What the reader said, and which data are fitted to and which are held out: the last ``share``, or others."""
-    judges = settings().judging_share * share
+    judges = SETTINGS.judging_share * share
     chooses = share - judges
     if validation is None:
         return (
@@ -240,7 +240,7 @@ def notes_of_several(several: Several, share: float) -> tuple[str, ...]:
         _span("Chosen and judged on" if judges else "Fitted to", r, n) + "."
         for r, n, judges in zip(several.recordings, several.names, several.judges, strict=True)
     ]
-    judges = settings().judging_share * share
+    judges = SETTINGS.judging_share * share
     parts = (
         f"{' and '.join(alone)} {'chooses' if len(alone) == 1 else 'choose'} the structure and "
         f"{'judges' if len(alone) == 1 else 'judge'} it alone."

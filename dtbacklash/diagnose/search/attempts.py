@@ -14,7 +14,7 @@ from dtbacklash.diagnose.fit.refit import FULL, QUICK, Rounds
 from dtbacklash.diagnose.propose.locate import Score
 from dtbacklash.diagnose.search.leave_out import refit_with
 from dtbacklash.diagnose.search.model import Trial
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Role, Values
 from dtbacklash.physics.rig import Rig
@@ -30,7 +30,7 @@ def attempt(evidence: Evidence, current: Fit, score: Score) -> Trial:
     """
     key, values = score.candidate.key, score.values
     fits = [refit_with(evidence, current, [(key, values)], rounds=QUICK)]
-    if worst(evidence, current) > settings().nearly_noise_floors:
+    if worst(evidence, current) > SETTINGS.nearly_noise_floors:
         weak = weakened(current.rig, key, values, WEAK)
         fits.append(refit_with(evidence, current, [(key, weak)], rounds=QUICK, near=evidence.nominal))
     fitted = min(fits, key=lambda f: merit(evidence, f))

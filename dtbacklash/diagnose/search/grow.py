@@ -35,7 +35,7 @@ from dtbacklash.diagnose.search.order import (
 )
 from dtbacklash.diagnose.search.rivals import reconsider
 from dtbacklash.diagnose.search.wrong_value import explains_alone, own_parameter, wrong_value_instead
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.physics.effects.declare import Values
 from dtbacklash.physics.rig import Rig
@@ -101,7 +101,7 @@ def _recalibrated(evidence: Evidence) -> Fit:
     """The fit of the nominal rig's own parameters."""
     rig, free = evidence.nominal, nominal_free(evidence.nominal)
     direct = fit(evidence, rig, free)
-    if not _astray(evidence, direct) or worst(evidence, direct) < settings().nearly_noise_floors:
+    if not _astray(evidence, direct) or worst(evidence, direct) < SETTINGS.nearly_noise_floors:
         return direct
     led = fit(evidence, rig, free, approached(evidence, rig, free, np.zeros(len(free))))
     return min(direct, led, key=lambda f: merit(evidence, f))
@@ -110,7 +110,7 @@ def _recalibrated(evidence: Evidence) -> Fit:
 def _astray(evidence: Evidence, fitted: Fit) -> bool:
     """Whether a nominal parameter is so far from nominal that it may have been led there by something else."""
     away = tolerances_away(evidence.nominal, fitted.rig)
-    return max(away.values(), default=0.0) >= settings().astray_tolerances
+    return max(away.values(), default=0.0) >= SETTINGS.astray_tolerances
 
 
 def _add_all(model: Model, log: Log, most: int, say: Callable[[str, float], None]) -> Model:
@@ -140,7 +140,7 @@ def _on_trial(model: Model, log: Log) -> Model | None:
     evidence = model.evidence
     trials = [t for t, of in log.trials if of is evidence and t.beside == len(model.named) and t.key not in model.keys]
     best = next(iter(simplest_first(evidence, trials)), None)
-    if best is None or worst(evidence, model.fitted) <= settings().noise_floors:
+    if best is None or worst(evidence, model.fitted) <= SETTINGS.noise_floors:
         return None
     allowed = formulations(evidence, model.fitted)
     far = lead(evidence, model.fitted, best.fitted, allowed=allowed).far
@@ -209,8 +209,8 @@ def scores_about(model: Model, log: Log) -> list[Score]:
 
 def _add(model: Model, log: Log) -> Model | None:
     """The model with the best candidate that earns its place; None if there is none."""
-    rules, evidence, current = settings(), model.evidence, model.fitted
-    scores = promising(evidence, scores_about(model, log))[: rules.quick_fits]
+    evidence, current = model.evidence, model.fitted
+    scores = promising(evidence, scores_about(model, log))[: SETTINGS.quick_fits]
     trials = spread(partial(attempt, evidence, current), scores)
     trials = _finished(model, sorted(trials, key=lambda t: merit(evidence, t.fitted)))
     trials = [replace(trial, beside=len(model.named)) for trial in trials]
@@ -225,9 +225,9 @@ def _add(model: Model, log: Log) -> Model | None:
 
 def _finished(model: Model, trials: list[Trial]) -> list[Trial]:
     """The trials, the best first, of which those that come near are fitted in full."""
-    rules, evidence, current = settings(), model.evidence, model.fitted
-    is_close = bool(trials) and trials[0].held_out < rules.close_floors
-    far = HOPELESS_RATIO_NOISE if is_close else rules.hopeless_ratio
+    evidence, current = model.evidence, model.fitted
+    is_close = bool(trials) and trials[0].held_out < SETTINGS.close_floors
+    far = HOPELESS_RATIO_NOISE if is_close else SETTINGS.hopeless_ratio
     near = [
         t
         for t in trials[:FULL_FITS]

@@ -12,7 +12,7 @@ from dtbacklash.diagnose.fit.comparison import lead_of
 from dtbacklash.diagnose.fit.free import Errors, Key, as_given
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.search.slow_pull import slower
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Parameter
 from dtbacklash.physics.rig import Rig
@@ -77,7 +77,7 @@ def distances(evidence: Evidence, rig: Rig, key: Key, errors: Errors) -> dict[st
 def unseen(evidence: Evidence, rig: Rig, key: Key, errors: Errors) -> set[str]:
     """The amplitudes of an effect whose intervals include zero, beside at least one whose interval does not."""
     away = distances(evidence, rig, key, errors)
-    seen = {name for name, d in away.items() if d >= settings().away_errors}
+    seen = {name for name, d in away.items() if d >= SETTINGS.away_errors}
     return set(away) - seen if seen else set()
 
 

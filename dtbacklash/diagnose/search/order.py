@@ -7,7 +7,7 @@ from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.propose.locate import Score
 from dtbacklash.diagnose.search.model import Model, Trial
 from dtbacklash.diagnose.search.simpler_law import has_become
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 
 #: a signature has to promise as much a sample: less is chance (floors, mean square)
 GAIN_FLOOR_SHARE = 0.0075
@@ -16,9 +16,8 @@ GAIN_FLOOR_SHARE = 0.0075
 def promising(evidence: Evidence, scores: list[Score]) -> list[Score]:
     """The scores that promise as much as an effect has to earn."""
     samples = sum(int(r.train.sum()) for r in evidence.records)
-    rules = settings()
     floors = GAIN_FLOOR_SHARE * samples
-    return [s for s in scores if s.gain > max(rules.gain_min, floors * s.lightest)]
+    return [s for s in scores if s.gain > max(SETTINGS.gain_min, floors * s.lightest)]
 
 
 def is_named_already(model: Model, trial: Trial) -> bool:

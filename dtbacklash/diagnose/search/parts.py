@@ -14,7 +14,7 @@ from dtbacklash.diagnose.fit.free import all_free
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import ON, fit
 from dtbacklash.diagnose.search.model import Model
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.errors import UserError
 
 #: what chooses at a turn lasts so long at least: what is near what was fitted to flatters (stretches)
@@ -33,7 +33,7 @@ def _marked(records: list[Record]) -> list[Record]:
     held = np.concatenate([r.held for r in records])
     at = np.flatnonzero(held)
     last = np.zeros(len(held), dtype=bool)
-    last[at[len(at) - round(settings().judging_share * len(at)) :]] = True
+    last[at[len(at) - round(SETTINGS.judging_share * len(at)) :]] = True
     parts = np.split(last, np.cumsum([r.samples for r in records])[:-1])
     return [replace(r, judge=judge) for r, judge in zip(records, parts, strict=True)]
 
@@ -69,7 +69,7 @@ def divided(records: list[Record]) -> list[Record]:
     for own in by_recording(kept):
         shortest = least * round(longest_step_s(kept) / own[0].sample_time_s)
         turns = sum(int(r.held.sum()) for r in own) // shortest
-        taking_turns += [_by_turns(r, int(np.clip(turns, 1, settings().turns_max))) for r in own]
+        taking_turns += [_by_turns(r, int(np.clip(turns, 1, SETTINGS.turns_max))) for r in own]
     return taking_turns
 
 

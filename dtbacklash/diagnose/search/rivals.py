@@ -12,7 +12,7 @@ from dtbacklash.diagnose.search.attempts import best_of_each, finish
 from dtbacklash.diagnose.search.leave_out import borne, fit_without
 from dtbacklash.diagnose.search.model import Log, Model, Trial
 from dtbacklash.diagnose.search.order import meet
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig
@@ -54,7 +54,7 @@ def _in_place(model: Model, log: Log, without: Fit, rivals: list[Trial]) -> list
     What has been fitted beside the same effects before is not fitted again.
     """
     evidence, made = model.evidence, log.in_place(without)
-    most = settings().hopeless_ratio * max(held_loss(evidence, model.fitted), settings().close_floors)
+    most = SETTINGS.hopeless_ratio * max(held_loss(evidence, model.fitted), SETTINGS.close_floors)
     starts = [(t, rig) for t in rivals if t.key not in made for rig in _starts(evidence, without, t, most)]
     looks = spread(lambda start: finish(evidence, replace(without, rig=start[1]), start[0], rounds=QUICK), starts)
     quick = best_of_each(evidence, looks)

@@ -24,7 +24,7 @@ from dtbacklash.diagnose.fit.refit import QUICK, fit
 from dtbacklash.diagnose.propose.projection import Projection
 from dtbacklash.diagnose.search.leave_out import fit_without
 from dtbacklash.diagnose.search.model import Log, Model, WrongValue
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.physics.rig import Rig, build_rig
 
 #: so much less of the prior's penalty makes up for no gain: parameters come back from four tolerances (-2 log-
@@ -94,7 +94,7 @@ def _beyond_tolerance(model: Model, recalibrate: Callable[[Evidence], Fit]) -> l
 
 def _best(trials: list[WrongValue]) -> WrongValue | None:
     """The likeliest of those that leave little more than noise; None if there is none."""
-    able = [trial for trial in trials if worst(trial.evidence, trial.fitted) < settings().nearly_noise_floors]
+    able = [trial for trial in trials if worst(trial.evidence, trial.fitted) < SETTINGS.nearly_noise_floors]
     return min(able, key=lambda trial: merit(trial.evidence, trial.fitted), default=None)
 
 
@@ -109,13 +109,13 @@ def _seen_anew(evidence: Evidence, trial: WrongValue) -> WrongValue:
 
 def _hopeless(model: Model, evidence: Evidence) -> bool:
     """Whether quick fits, from the nominal rig and from its fit, leave far more than noise, or than the model does."""
-    rules, nominal = settings(), evidence.nominal
+    nominal = evidence.nominal
     starts = (known_free(evidence, rig) for rig in (nominal, model.nominal.rig))
     left = min(held_loss(evidence, fit(evidence, nominal, *start, rounds=QUICK)) for start in starts)
-    if worst(model.evidence, model.fitted) > rules.nearly_noise_floors:
-        most = max(BEGUN * held_loss(model.evidence, model.nominal), rules.hopeless_ratio)
+    if worst(model.evidence, model.fitted) > SETTINGS.nearly_noise_floors:
+        most = max(BEGUN * held_loss(model.evidence, model.nominal), SETTINGS.hopeless_ratio)
     else:
-        most = rules.hopeless_ratio * max(held_loss(model.evidence, model.fitted), 1.0)
+        most = SETTINGS.hopeless_ratio * max(held_loss(model.evidence, model.fitted), 1.0)
     return left > most
 
 
@@ -184,7 +184,7 @@ def _does_no_worse(model: Model, own: WrongValue, before: Fit) -> bool:
     It is known to be there, and they are not: where it explains all but a trifle, and leaves noise of what was fitted
     to as well, the rest may be how a machine differs from any simulation.
     """
-    _rules, evidence = settings(), own.evidence
+    evidence = own.evidence
     if merit(evidence, own.fitted) < merit(model.evidence, model.fitted) + EARN_PENALTY:
         return True
     if not lead(model.evidence, own.fitted, model.fitted).clear:
@@ -192,7 +192,7 @@ def _does_no_worse(model: Model, own: WrongValue, before: Fit) -> bool:
     at_first, by_effects, by_own = (held_loss(evidence, f) ** 2 for f in (before, model.fitted, own.fitted))
     nearly_all = at_first - by_own > NEARLY_ALL * (at_first - by_effects)
     fitted = max(float(squares.max()) for squares in evidence.mean_square(own.fitted.residuals, "train").values())
-    return nearly_all and fitted < settings().noise_floors
+    return nearly_all and fitted < SETTINGS.noise_floors
 
 
 def _finished(own: WrongValue) -> WrongValue | None:
@@ -227,7 +227,7 @@ def _promising(evidence: Evidence, before: Fit, likely: float) -> list[Use]:
         gain = float(column @ projection.residual) ** 2 / max(float(column @ column), 1e-300)
         left[use] = projection.total - gain
     hopeful = [use for use in left if left[use] <= likely * projection.total]
-    return sorted(hopeful, key=lambda use: left[use])[: settings().quick_fits]
+    return sorted(hopeful, key=lambda use: left[use])[: SETTINGS.quick_fits]
 
 
 def shared(rig: Rig) -> list[Use]:

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from dtbacklash import units
 from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Diagnosis, Finding, Recalibrated
 from dtbacklash.diagnose.say.save import save
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.diagnose.words import named_in_words, other_in_words, place_in_words
 from dtbacklash.files import json_text
 from dtbacklash.physics.effects.declare import name_in_words
@@ -81,7 +82,7 @@ def write(diagnosis: Diagnosis, folder: Path) -> None:
         methods=text,
         works=works,
         command="dtb run rig=rig.yaml" + ("" if diagnosis.extended.only("gear") else " controller=open_loop"),
-        settings=diagnosis.settings.to_json(),
+        settings=SETTINGS.to_json(),
         json=json_text(diagnosis.to_json()),
         rig_yaml=rig_yaml(diagnosis.extended),
     )

@@ -10,7 +10,7 @@ from dtbacklash.diagnose import Record, diagnose, diagnose_records
 from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.free import nominal_free
 from dtbacklash.diagnose.fit.refit import fit
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.errors import UserError
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.recording.model import Recording
@@ -69,7 +69,7 @@ def test_parameters_stay_within_their_tolerances(rig):
     fitted = fit(evidence, rig, nominal_free(rig))
     for name, p in rig.config.parameters.items():
         away = abs(fitted.rig.config.parameters[name].value / p.value - 1.0)
-        assert away <= settings().tolerances_max * p.tolerance + 1e-9
+        assert away <= SETTINGS.tolerances_max * p.tolerance + 1e-9
 
 
 def test_the_progress_is_told(rig):

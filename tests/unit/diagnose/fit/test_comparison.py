@@ -26,12 +26,12 @@ from dtbacklash.diagnose.propose.locate import Bank
 from dtbacklash.diagnose.search.leave_out import borne, eliminate, refit_with
 from dtbacklash.diagnose.search.model import Log, Model, Named, Trial
 from dtbacklash.diagnose.search.order import apart
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 
 from ..conftest import recorded
 
 NOISE = 1.0
-STRETCHES = settings().paired_stretches
+STRETCHES = SETTINGS.paired_stretches
 EVERYWHERE = [1.0] * STRETCHES
 
 

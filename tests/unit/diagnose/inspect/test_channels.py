@@ -8,7 +8,7 @@ import pytest
 from dtbacklash.diagnose import Record, diagnose_records
 from dtbacklash.diagnose.inspect import samples
 from dtbacklash.diagnose.inspect.inspection import inspect
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 
 from ..conftest import STEP_S, failed, with_
 from .test_repeats import held
@@ -35,8 +35,8 @@ def test_a_current_that_follows_a_white_command_is_alive():
     random = np.random.default_rng(9)
     u = random.standard_normal(8000)
     i = u / 2.0 + 0.05 * random.standard_normal(8000)
-    assert samples.noise_alone(i, {"u": u}) < settings().dead_noise_share
-    assert samples.noise_alone(i, {"u": random.standard_normal(8000)}) > settings().dead_noise_share
+    assert samples.noise_alone(i, {"u": u}) < SETTINGS.dead_noise_share
+    assert samples.noise_alone(i, {"u": random.standard_normal(8000)}) > SETTINGS.dead_noise_share
 
 
 @pytest.mark.parametrize(("channel", "size"), [("q3", 2e-3), ("theta_m", 20.0)])

@@ -13,7 +13,7 @@ from dtbacklash.diagnose import Record, diagnose, diagnose_records
 from dtbacklash.diagnose.inspect.inspection import inspect
 from dtbacklash.diagnose.inspect.wiring import wiring
 from dtbacklash.diagnose.say.sentences import limits_said
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.recording import Recording
@@ -102,7 +102,7 @@ def test_a_turned_sensor_ends_in_no_physics(rig, clean):
     assert "scale: -1" in document["next_experiment"]
     row = next(c for c in document["checks"] if c["check"] == "polarity of q3")
     assert not row["pass"]
-    assert row["statistic"] > settings().reversal_share
+    assert row["statistic"] > SETTINGS.reversal_share
     assert {c.name for c in found.shown.curves} == {"theta_m", "q3"}
 
 

@@ -11,7 +11,7 @@ from dtbacklash.diagnose.fit.refit import fit
 from dtbacklash.diagnose.judge.checks import all_checks, coloured, ljung_box, whiteness
 from dtbacklash.diagnose.search.leave_out import refit_with
 from dtbacklash.diagnose.search.model import Model, Named
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 
 from ..conftest import recorded
 
@@ -19,7 +19,7 @@ COULOMB = ("motor_bearing", "coulomb_friction")
 
 
 def test_ljung_box_of_white_noise_has_its_distribution_and_colour_shows():
-    rng, lags = np.random.default_rng(1), settings().white_lags
+    rng, lags = np.random.default_rng(1), SETTINGS.white_lags
     values = [ljung_box(rng.standard_normal(3000), lags) for _ in range(200)]
     assert np.mean(values) == pytest.approx(lags, rel=0.1)
     assert np.mean(np.array(values) > chi2.ppf(0.95, lags)) == pytest.approx(0.05, abs=0.04)

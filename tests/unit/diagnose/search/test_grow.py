@@ -12,7 +12,7 @@ from dtbacklash.diagnose.fit.refit import FULL, QUICK, fit
 from dtbacklash.diagnose.search import attempts, grow
 from dtbacklash.diagnose.search.model import Log, Model, Trial
 from dtbacklash.diagnose.search.rivals import _in_place
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 
 from ..fit.test_refit import shaken
 
@@ -52,7 +52,7 @@ def test_a_rival_that_leaves_far_more_at_a_glance_is_not_finished(recalibrated, 
     assert set(fitted) == {(CLOSE, QUICK), (HOPELESS, QUICK), (CLOSE, FULL)}
     left = {t.key: t.held_out for t in ended}
     assert left[CLOSE] == pytest.approx(held_loss(model.evidence, chosen), rel=0.02)
-    assert left[HOPELESS] > settings().hopeless_ratio * left[CLOSE]
+    assert left[HOPELESS] > SETTINGS.hopeless_ratio * left[CLOSE]
     fitted.clear()
     again = _in_place(beside, log, model.fitted, rivals)
     assert not fitted

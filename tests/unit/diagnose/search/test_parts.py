@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from dtbacklash.diagnose import Record
 from dtbacklash.diagnose.data.evidence import by_recording, stretch_of
 from dtbacklash.diagnose.search.parts import divided, for_judgement, marked
-from dtbacklash.diagnose.settings import settings
+from dtbacklash.diagnose.settings import SETTINGS
 
 #: (samples, sample time) of a recording, and into how many stretches a gap cuts it
 LENGTHS = st.lists(
@@ -40,7 +40,7 @@ def test_each_recording_is_fitted_chosen_by_and_judged_with_its_end(lengths):
     for (samples, _, _), own in zip(lengths, by_recording(records), strict=True):
         train, held, judge = (joined(own, part) for part in ("train", "held", "judge"))
         assert np.all(train.astype(int) + held + judge == 1)  # every sample has one purpose
-        judging = round(settings().judging_share * (~(np.arange(samples) < 0.6 * samples)).sum())
+        judging = round(SETTINGS.judging_share * (~(np.arange(samples) < 0.6 * samples)).sum())
         assert judge.sum() == judging
         assert judge[samples - judging :].all()
         assert train.sum() == pytest.approx(0.6 * samples, abs=10)  # each turn is whole samples
