@@ -1,14 +1,14 @@
 """From recordings to a diagnosis: read the command, search, judge, and put together what is said and shown."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from dtbacklash.diagnose.data.command import held_equivalent
 from dtbacklash.diagnose.data.compare import Record
-from dtbacklash.diagnose.data.evidence import Evidence
+from dtbacklash.diagnose.data.evidence import Evidence, Residuals
 from dtbacklash.diagnose.data.floor import channel_noise
 from dtbacklash.diagnose.data.tempo import tempo_rad_s
 from dtbacklash.diagnose.data.windows import portion, whole
@@ -27,7 +27,7 @@ from dtbacklash.diagnose.judge.law_points import law_shown
 from dtbacklash.diagnose.judge.limits import limits
 from dtbacklash.diagnose.judge.stands import Rival, leader, rivals_of, stands
 from dtbacklash.diagnose.judge.verdict import decide, depends_on, moved_parameters, remaining
-from dtbacklash.diagnose.result import UNEXPLAINED, Diagnosis, Work
+from dtbacklash.diagnose.result import UNEXPLAINED, Diagnosis, LawShown, Work
 from dtbacklash.diagnose.say.drawn import shown
 from dtbacklash.diagnose.say.findings import candidates, finding, located, recalibrated, without, without_known
 from dtbacklash.diagnose.say.next_experiment import next_experiment
@@ -83,20 +83,42 @@ def diagnose_records(
             model = call_by_direction(call_by_its_limit(model, log), log)
             say("fitting to all and judging", 0.95)
             evidence = whole(model.evidence, records, smooth).pulled_for(model.fitted.rig)
-            model = refitted(model, for_judgement(evidence))
-            model, errors = _with_errors(model, log)
-            rivals, tried = _rivals(model, log), {model.keys}
-            while (ahead := leader(model, rivals)) is not None:
-                key, rival = ahead
-                other = model.instead(rival.fitted, key, replace(model.about(key), key=rival.key))
-                if other.keys in tried:
-                    break
-                tried.add(other.keys)
-                model, errors = _with_errors(other, log)
-                rivals = _rivals(model, log)
-            return mended(_diagnosis(model, log, errors, rivals, smooth, enough or {}), inspected)
+            judged = _without_leaders(_judged(refitted(model, for_judgement(evidence)), log), log)
+            return mended(_diagnosis(judged, log, smooth, enough or {}), inspected)
         except np.linalg.LinAlgError as error:
             return faulty(rig, inspected, not_finite(rig, inspected, error))
+
+
+@dataclass(frozen=True)
+class Judged:
+    """The last model, the errors of its fit, and per named effect: what is left without it, its law, its rivals."""
+
+    model: Model
+    errors: Errors
+    left_out: dict[Key, Residuals]
+    laws: dict[Key, LawShown | None]
+    rivals: dict[Key, list[Rival]]
+
+
+def _judged(model: Model, log: Log) -> Judged:
+    """The model without what does not stand its trial, beside the rivals of what does."""
+    model, errors = _with_errors(model, log)
+    left_out = without(model)
+    laws = {key: law_shown(model.evidence, model.fitted, key, left_out[key]) for key in model.keys}
+    return Judged(model, errors, left_out, laws, {key: rivals_of(model, log, key, laws[key]) for key in model.keys})
+
+
+def _without_leaders(judged: Judged, log: Log) -> Judged:
+    """The same with each rival that clearly leads in the place of what it leads."""
+    tried = {judged.model.keys}
+    while (ahead := leader(judged.model, judged.rivals)) is not None:
+        model, (key, rival) = judged.model, ahead
+        model = model.instead(rival.fitted, key, replace(model.about(key), key=rival.key))
+        if model.keys in tried:
+            break
+        tried.add(model.keys)
+        judged = _judged(model, log)
+    return judged
 
 
 def _with_errors(model: Model, log: Log) -> tuple[Model, Errors]:
@@ -155,20 +177,12 @@ def _searched(readings: list[Evidence], say: Callable[[str, float], None]) -> tu
     return model, log, True
 
 
-def _rivals(model: Model, log: Log) -> dict[Key, list[Rival]]:
-    """Of each named effect the rivals that were fitted in its place."""
-    laws = {key: law_shown(model.evidence, model.fitted, key, left) for key, left in without(model).items()}
-    return {key: rivals_of(model, log, key, laws[key]) for key in model.keys}
-
-
-def _diagnosis(
-    model: Model, log: Log, errors: Errors, rivals: dict[Key, list[Rival]], smooth: bool, enough: Enough
-) -> Diagnosis:
-    """What a finished search says; ``errors`` : standard errors of the last fit's parameters."""
+def _diagnosis(judged: Judged, log: Log, smooth: bool, enough: Enough) -> Diagnosis:
+    """What a finished search says."""
+    model, errors, left_out, rivals = judged.model, judged.errors, judged.left_out, judged.rivals
     evidence, wrong = model.evidence, model.wrong_value
     given = believed(evidence.nominal, wrong)
     moved = moved_parameters(evidence, given, model.fitted, errors)
-    left_out = without(model)
     white = whiteness(evidence, model.fitted)
     # a law that the rig has already has other formulations, too
     left = remaining(
@@ -181,8 +195,7 @@ def _diagnosis(
     free = free_running(evidence, model.nominal, model.fitted)
     table = fit_table(evidence, model.nominal, model.fitted)
     much = explained(evidence, model.fitted, table, free, enough)
-    laws = {key: law_shown(evidence, model.fitted, key, left_out[key]) for key in model.keys}
-    grounds = {key: stands(model, log, key, laws[key], rivals[key]) for key in model.keys}
+    grounds = {key: stands(model, log, key, judged.laws[key], rivals[key]) for key in model.keys}
     sure = model.could_be is None and any(ground.sure for ground in grounds.values())
     verdict = decide(model, left, depends_on(form, left), sure, much, moved)
     rest = max(forms, key=lambda f: f.share, default=None) if real or verdict == UNEXPLAINED else None
@@ -210,7 +223,7 @@ def _diagnosis(
         notes=("The command is a measured signal: it passes smoothly through its samples instead of being held.",)
         if smooth
         else (),
-        shown=shown(model, left_out, [law for law in laws.values() if law is not None], rest),
+        shown=shown(model, left_out, [law for law in judged.laws.values() if law is not None], rest),
         work=_work(evidence, log, smooth),
     )
 
