@@ -74,12 +74,17 @@ def free_running(evidence: Evidence, nominal: Fit, fitted: Fit) -> FreeRunning:
     return FreeRunning(ModelErrors(*train), ModelErrors(*held))
 
 
+def free_errors(evidence: Evidence, rig: Rig) -> list[Floats]:
+    """Per record, (N, channels) measured minus simulated freely from its first state, SI."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return [residual(rig, _whole(evidence), r) for r in evidence.records]
+
+
 def free_squares(evidence: Evidence, rig: Rig) -> dict[str, Floats]:
     """Per part, (channels,) mean square of the free simulation's error, relative to the signal's variance."""
-    block = _whole(evidence)
-    sizes = _sizes(evidence, block)
+    sizes = _sizes(evidence, _whole(evidence))
     with np.errstate(over="ignore", invalid="ignore"):
-        errors = [residual(rig, block, r) / sizes for r in evidence.records]
+        errors = [e / sizes for e in free_errors(evidence, rig)]
         parts = {
             part: [e[getattr(r, part)] for e, r in zip(errors, evidence.records, strict=True)]
             for part in ("train", "held")
