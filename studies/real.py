@@ -12,7 +12,7 @@ import shlex
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -114,22 +114,25 @@ def diagnosed(case: Case) -> dict[str, Any]:
         raise UserError("recording", case.recording, f"cannot be diagnosed: {found.diagnosis.fault}")
     share = work.judged / (work.fitted + work.judged)
     sizes = {name: (float(fitted.channels[name].std()), fitted.units[name]) for name in said["fit"]["channels"]}
-    parts = {part: predicted(found.rig, said, part) for part in case.predicts}
+    parts = {part: predicted(found.rig, said, part, work.smooth) for part in case.predicts}
     return summary(said, sizes, share) | {"samples": fitted.samples, "seconds": round(seconds, 1), "predicted": parts}
 
 
-def predicted(rig: Rig, said: dict[str, Any], part: str) -> dict[str, Any]:
+def predicted(rig: Rig, said: dict[str, Any], part: str, smooth: bool) -> dict[str, Any]:
     """The error of the extended rig on a part that it has never seen, by the command alone.
 
     Its interval is that of rigs whose parameters are drawn from their intervals, each on its own: what they have in
-    common is not known here, so that it is rather too wide.
+    common is not known here, so that it is rather too wide. smooth : as the diagnosis read the command.
     """
     from dtbacklash.diagnose import records_of
+    from dtbacklash.diagnose.data.command import held_equivalent
     from dtbacklash.diagnose.data.evidence import Evidence
     from dtbacklash.diagnose.fit.errors import free_errors
     from dtbacklash.recording import read_recording
 
-    evidence, rng = Evidence.gather(rig, records_of(read_recording(part, rig=rig), rig, False, True)), default_rng(1)
+    records = records_of(read_recording(part, rig=rig), rig, False, True)
+    records = [replace(r, u=held_equivalent(r.u)) for r in records] if smooth else records
+    evidence, rng = Evidence.gather(rig, records), default_rng(1)
     (channel,) = evidence.blocks[0].channels
 
     def error(of: Rig) -> float:

@@ -109,6 +109,11 @@ class Rig:
         places = [*self.elements, *(SENSOR_PREFIX + s for s in self.sensors)]
         raise UserError(f"rig.effects.{location}", location, f"unknown location; known: {', '.join(places)}")
 
+    def takes(self, location: str) -> dict[str, Effect]:
+        """The effects that a location takes, by name."""
+        known, sensor = catalogue.effects_of(self.kind_at(location)), location.removeprefix(SENSOR_PREFIX)
+        return {n: e for n, e in known.items() if not e.of_unit or self.sensors[sensor].unit == e.of_unit}
+
     def effect(self, location: str, name: str) -> dict[str, float] | None:
         """The parameters of an effect that is switched on, else None."""
         return self.effects.get(location, {}).get(name)
@@ -166,6 +171,8 @@ def build_rig(config: RigConfig) -> Rig:
         for name, leaves in there.items():
             key = f"rig.effects.{location}.{name}"
             effect = catalogue.find(kind, name, key)
+            if name not in rig.takes(location):
+                raise UserError(key, name, f"needs a sensor whose unit is {effect.of_unit}")
             filled = effect.complete(leaves, key)
             if effect.is_neutral(filled):
                 continue

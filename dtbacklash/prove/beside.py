@@ -46,7 +46,6 @@ DESCRIPTIONS = unlisted.DESCRIPTIONS | {
     "creep": "a dry friction that gives way elastically long before it slides",
     "position_gain": "a torque or force constant that depends on the position",
     "gain_drift": "a torque or force constant that drifts slowly",
-    "eccentricity": "an encoder's disk off centre, an error once a turn",
     "interpolation": "an encoder's interpolation error, periodic in its reading",
     "curved_scale": "a scale whose gain depends on the position",
     "reading_drift": "a reading that drifts slowly",
@@ -71,7 +70,6 @@ def small_laws(rig: Rig, channels: Sequence[str]) -> list[tuple[str, str]]:
         found.append((place, "reading_drift"))
         if sensor.quantity == "position":
             found += [(place, "interpolation"), (place, "curved_scale")]
-            found += [(place, "eccentricity")] if sensor.unit == "rad" else []
     return found
 
 
@@ -190,7 +188,7 @@ def _excluded(rig: Rig, place: str, name: str, taken: list[tuple[str, str]]) -> 
 
 
 def _listed(rng: Generator, secret: Secret, rig: Rig, moving: sizes.Motion, place: str, name: str) -> _Range:
-    shape = effects_of(rig.kind_at(place))[name].draw_shape(rng, moving.at(place))
+    shape = rig.takes(place)[name].draw_shape(rng, moving.at(place))
 
     def made(strength: float) -> dict[str, Any]:
         return {"location": place, "effect": name, "parameters": shape.values(strength)}
@@ -243,8 +241,6 @@ def _of_sensor(
     if name == "interpolation":
         period = max(shown / float(rng.uniform(5.0, 40.0)), 8.0 * secret.resolution[sensor])
         return replace(law, wave=2.0 * math.pi / period), 0.01 * period, 0.1 * period
-    if name == "eccentricity":
-        law = replace(law, wave=1.0)
     return replace(law, scale=shown), *((1e-3, 0.1) if name == "curved_scale" else (1e-3 * shown, 0.1 * shown))
 
 

@@ -12,7 +12,7 @@ from numpy.random import Generator
 
 from dtbacklash.arrays import Floats
 from dtbacklash.errors import UserError
-from dtbacklash.physics.catalogue import CATALOGUE, effects_of
+from dtbacklash.physics.catalogue import CATALOGUE
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 from dtbacklash.prove import beside, excitation, motion, sizes, tuning
 from dtbacklash.prove.bench import Bench, errors_in_cascade, errors_of
@@ -48,7 +48,7 @@ def entries(rig: Rig) -> list[tuple[str, str]]:
     """(location, effect) of the catalogue wherever the rig takes it and does not have it yet."""
     carried = carried_mass(rig)
     places = [name for name in rig.elements if name != carried] + [SENSOR_PREFIX + name for name in rig.sensors]
-    return [(p, e) for p in places for e in effects_of(rig.kind_at(p)) if e in EFFECTS and rig.effect(p, e) is None]
+    return [(p, e) for p in places for e in rig.takes(p) if e in EFFECTS and rig.effect(p, e) is None]
 
 
 def draw(
@@ -256,7 +256,7 @@ def _with_needed_sensors(picked: list[tuple[str, str]], bench: Bench) -> Bench:
 
 def _sized(rng: Generator, bench: Bench, plain: Run, place: str, name: str, moving: sizes.Motion) -> dict[str, float]:
     """The parameters of an effect, of a size at which its visibility is the drawn one."""
-    effect = effects_of(bench.rig.kind_at(place))[name]
+    effect = bench.rig.takes(place)[name]
     shape = effect.draw_shape(rng, moving.at(place))
 
     def visibility(strength: float) -> float:

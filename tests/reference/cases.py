@@ -103,6 +103,7 @@ CASES: dict[tuple[str, str], Case] = {
     ("sensor", "delay"): Case((*SENSORS, "sensor_i_m")),
     ("sensor", "gain_error"): Case(SENSORS),
     ("sensor", "offset"): Case(SENSORS, {"offset": 0.01}),
+    ("sensor", "eccentricity"): Case(("sensor_theta_m",), {"amplitude": 0.05, "phase": 0.7}),
     ("carriage", "coulomb_friction"): CARRIAGE,
     ("carriage", "stribeck_friction"): CARRIAGE,
     ("carriage", "viscous_friction"): Case(("carriage",), {"coefficient": 200.0}, size_v=3.0, rig="carriage"),

@@ -55,8 +55,18 @@ def key_of(problem: Problem) -> str:
 def solved(problem: Problem) -> Kept:
     """Integrated now; seconds to a minute."""
     truth = solve(problem.rig, problem.u, SAMPLE_TIME_S, problem.gap, rtol=problem.rtol, atol=problem.atol)
-    channels = truth.sensors | {"theta_d": truth.theta_d_rad}
+    channels = {name: read(problem, name, values) for name, values in truth.sensors.items()}
+    channels |= {"theta_d": truth.theta_d_rad}
     return Kept({name: channels[name] for name in problem.channels or problem.rig.sensors}, truth.events)
+
+
+def read(problem: Problem, name: str, angle: Array) -> Array:
+    """What an encoder shows whose disk is off centre: the phase of a point on a circle about another centre."""
+    there = problem.rig.effects.get(f"sensor_{name}", {}).get("eccentricity")
+    if there is None:
+        return angle
+    shift = there["amplitude"] * np.imag(np.exp(1j * there["phase"]) * (np.exp(1j * angle) - 1.0))
+    return np.asarray(angle + shift)
 
 
 def quantum(problem: Problem, values: Array) -> float:

@@ -9,7 +9,6 @@ from dtbacklash.diagnose.data.compare import Block, Record, places_of, predict
 from dtbacklash.diagnose.data.pull import position_unknown
 from dtbacklash.errors import UserError
 from dtbacklash.physics.bodies import natural_frequencies_hz
-from dtbacklash.physics.catalogue import effects_of
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Bounds, Effect, Place, Values
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, build_rig
@@ -41,7 +40,7 @@ def candidates(rig: Rig, blocks: list[Block], moving: "PlacesInMotion") -> list[
     for place in [*rig.elements, *sorted(p for p in places if p.startswith(SENSOR_PREFIX))]:
         if place not in channels | places:
             continue
-        for effect in effects_of(rig.kind_at(place)).values():
+        for effect in rig.takes(place).values():
             if place in unseen and _depends_on_position(effect):
                 continue
             possible = rig.effect(place, effect.name) is None and _possible(rig, place, effect)

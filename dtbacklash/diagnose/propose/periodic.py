@@ -36,7 +36,7 @@ BATCH = 25
 def wave_grid(candidate: Candidate, projection: Projection) -> list[Values]:
     """The best few start values of a periodic effect; empty for another candidate."""
     wave, angle = candidate.effect.of_role(Role.WAVE), candidate.effect.of_role(Role.ANGLE)
-    if angle is None:
+    if angle is None or isinstance(candidate.effect.slot, slots.Reading):
         return []
     driven = isinstance(candidate.effect.slot, slots.Lead)  # by the measured angle
     blocks = [b for b in projection.evidence.blocks if (b.imposed is not None) == driven]

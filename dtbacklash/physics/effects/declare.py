@@ -175,6 +175,7 @@ class Effect:
     sentence_without : (parameter, sentence): what a report says instead where this parameter does nothing.
     excludes : effects that are not concealed together with it.
     visible : what a recording can show of its parameters, see :meth:`bounds_at`.
+    of_unit : the SI unit of the sensors that take it; empty: of all.
     """
 
     name: str
@@ -194,6 +195,7 @@ class Effect:
     sentence_without: tuple[tuple[str, str], ...] = ()
     excludes: tuple[str, ...] = ()
     visible: Callable[[Place], Bounds] = lambda place: {}
+    of_unit: str = ""
 
     @property
     def size(self) -> Parameter:

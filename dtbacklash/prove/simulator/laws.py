@@ -145,7 +145,7 @@ def drive_beyond(U, effort, made, q, v, course):
 def reading_beyond(U, y, rate, s, courses, k):
     """What sensor ``s`` reads in sample ``k`` instead of ``y``, which changes at ``rate``: errors of scale and clock.
 
-    A scale that ripples over the reading (an eccentric disk, interpolation) is right at zero, where it starts.
+    A scale that ripples over the reading is right at zero, where it starts.
     """
     read = y
     for r in range(U.shape[0]):
@@ -154,7 +154,7 @@ def reading_beyond(U, y, rate, s, courses, k):
             read += rate * size * courses[k, r]
         elif U[r, col.U_PLACE] != s:
             continue
-        elif kind in (col.ECCENTRICITY, col.INTERPOLATION):
+        elif kind == col.INTERPOLATION:
             read += size * (math.sin(U[r, col.U_WAVE] * y + U[r, col.U_PHASE]) - math.sin(U[r, col.U_PHASE]))
         elif kind == col.CURVED_SCALE:
             read += size * y * y / U[r, col.U_SCALE]

@@ -266,6 +266,8 @@ def _sensors(rig: Rig, net: _Net, links: dict[str, int], errors: Errors) -> Floa
         there = rig.effects.get(SENSOR_PREFIX + name, {})
         row[col.Y_GAIN] = 1.0 + there.get("gain_error", {}).get("relative", 0.0)
         row[col.Y_OFFSET] = there.get("offset", {}).get("offset", 0.0)
+        off_centre = there.get("eccentricity", {})
+        row[col.Y_OFF_CENTRE], row[col.Y_PHASE] = off_centre.get("amplitude", 0.0), off_centre.get("phase", 0.0)
         row[col.Y_DELAY] = there.get("delay", {}).get("time", 0.0)
         row[col.Y_NOISE], row[col.Y_COUNT] = errors.noise.get(name, 0.0), errors.resolution.get(name, 0.0)
     return rows

@@ -24,6 +24,7 @@ EFFECTS = frozenset((
     "coulomb_friction", "ground_friction", "stribeck_friction", "viscous_friction", "asymmetric_friction", "cogging",
     "constant_load", "constant_force", "gravity", "absorber", "backlash", "compliance", "pitch_error",
     "load_reaction", "cubic_stiffness", "quadratic_damping", "dry_friction", "hysteresis", "bumper", "stiffness_drift",
+    "eccentricity",
 ))  # fmt: skip
 
 

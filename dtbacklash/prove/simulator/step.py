@@ -268,7 +268,7 @@ def _look(M, S, s, t):
 
 @compiled
 def _show(M, history, newest, s):
-    """What sensor ``s`` shows: its value Y_DELAY ago, between two entries of the ring, scaled and shifted."""
+    """What sensor ``s`` shows: its value Y_DELAY ago, between two entries of the ring, with its errors."""
     row, length = M.sensor[s], history.shape[0]
     back = row[col.Y_DELAY] / (M.sample_time / M.substeps)
     whole = int(back)
@@ -276,7 +276,9 @@ def _show(M, history, newest, s):
     value = history[(newest - whole) % length, s]
     if part > 0.0:
         value += part * (history[(newest - whole - 1) % length, s] - value)
-    return row[col.Y_GAIN] * value + row[col.Y_OFFSET]
+    # a disk off centre by a share e of its radius shows the angle of a point on a circle about another centre
+    wobble = row[col.Y_OFF_CENTRE] * (math.sin(value + row[col.Y_PHASE]) - math.sin(row[col.Y_PHASE]))
+    return row[col.Y_GAIN] * (value + wobble) + row[col.Y_OFFSET]
 
 
 @inlined

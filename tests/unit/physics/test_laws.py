@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dtbacklash.physics.effects import body, drive, periodic, spring
+from dtbacklash.physics.effects import body, drive, periodic, sensor, spring
 from dtbacklash.physics.effects.play import play
 
 angles = st.floats(-100.0, 100.0)
@@ -123,3 +124,11 @@ def test_the_cubic_spring_is_odd(stretch: float, k3: float) -> None:
     assert spring.cubic_stiffness(-stretch, k3) == -spring.cubic_stiffness(stretch, k3)
     assert spring.cubic_stiffness(stretch, k3) == pytest.approx(k3 * stretch**3)
     assert spring.stiffness_drift(stretch, 2.0, k3, 0.5) == pytest.approx(k3 * stretch)
+
+
+@given(st.lists(angles, min_size=1), st.floats(0.0, 0.05), st.floats(-3.1, 3.1))
+def test_an_eccentric_encoder_is_right_at_zero_and_can_be_undone(turned, amplitude, phase) -> None:
+    shown = np.array([sensor.eccentric(a, amplitude, phase) for a in turned])
+    assert sensor.eccentric(0.0, amplitude, phase) == 0.0
+    assert np.abs(shown - turned).max() <= 2.0 * amplitude + 1e-12
+    assert sensor.centred(shown, amplitude, phase) == pytest.approx(turned, abs=2.0 * amplitude**5 + 1e-9)

@@ -13,7 +13,7 @@ from dtbacklash.physics.simulate import Response, simulate
 SAMPLE_TIME_S, SAMPLES = 1e-3, 800
 PLACES = {
     "amplifier": "amplifier", "motor_circuit": "motor_circuit", "rotor": "motor_bearing", "gear": "gear",
-    "screw": "screw", "link": "link_2", "mass": "mass_2", "sensor": "sensor_q3", "carriage": "carriage",
+    "screw": "screw", "link": "link_2", "mass": "mass_2", "sensor": "sensor_theta_m", "carriage": "carriage",
     "coupling": "joint", "brake": "band", "shaft": "shaft",
 }  # fmt: skip
 RIGS = {"carriage": rigs.carriage, "coupling": rigs.damper, "brake": rigs.damper, "shaft": rigs.two_inertias}

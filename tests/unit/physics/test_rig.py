@@ -131,6 +131,13 @@ EFFECTS: list[tuple[str, str, dict[str, float], str, str]] = [
     ("mass_9", "ground_friction", {"force": 1.0}, "rig.effects.mass_9", "unknown location; known: amplifier"),
     ("sensor_q9", "offset", {"offset": 1.0}, "rig.effects.sensor_q9", "sensor_q3"),
     ("q3", "offset", {"offset": 1.0}, "rig.effects.q3", "sensor_q3"),
+    (
+        "sensor_q3",
+        "eccentricity",
+        {"amplitude": 0.01},
+        "rig.effects.sensor_q3.eccentricity",
+        "a sensor whose unit is rad",
+    ),
     ("gear", "slop", {"half_gap": 1.0}, "rig.effects.gear.slop=slop", "`gear` takes backlash"),
     ("gear", "cubic_stiffness", {"k3": 1.0}, "rig.effects.gear.cubic_stiffness", "`gear` takes backlash"),
     ("gear", "backlash", {"gap": 0.3}, "rig.effects.gear.backlash.gap=0.3", "unknown parameter; known: half_gap"),

@@ -1,7 +1,5 @@
 """The small things of a lifelike recording: as large together as they may be, and the clean recording without them."""
 
-import math
-
 import numpy as np
 import pytest
 from nominal import nominal_rig
@@ -87,8 +85,6 @@ def moved(rig, *laws, courses=0.0, n=2000):
 @pytest.mark.parametrize(
     ("law", "error"),
     [
-        (Unknown("sensor_theta", "eccentricity", 0.01, wave=1.0, phase=0.4),
-         lambda y: 0.01 * (np.sin(y + 0.4) - math.sin(0.4))),
         (Unknown("sensor_theta", "interpolation", 1e-4, wave=300.0), lambda y: 1e-4 * np.sin(300.0 * y)),
         (Unknown("sensor_theta", "curved_scale", 0.02, 0.5), lambda y: 0.02 * y**2 / 0.5),
         (Unknown("sensor_theta", "reading_drift", 0.02), lambda y: 0.02 * np.cos(STEP_S * np.arange(len(y)))),
