@@ -30,6 +30,7 @@ WRONG = {
     "twin.buffer=1000000": "must not be longer than the run (200000 samples)",
     "twin.guard=perhaps": "must be true or false", "sensors.noise.q3_mm=abc": "must be a number",
     "sensors.noise.q9_mm=1": "lead_screw has theta_m, q3", "rig.parameters.zz.value=3": "the rig has no such parameter",
+    "rig.parameters.m=9": ("rig.parameters.m=9", "write rig.parameters.m.value=9"),
     "rig.parameters.m.value=abc": "must be a number", "rig.effects.gear=3": "a mapping",
     "profile=csv": ("profile.path=", "columns t_s,gap_deg"), "reference=csv": ("reference.path=", "columns t_s,r_mm"),
     "sample_time_s=0.0003": ("duration_s=", "whole number of samples"), "seed=-1": "must be at least 0",
