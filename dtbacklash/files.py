@@ -252,7 +252,8 @@ def run_folder(
 
     Raises
     ------
-    UserError : the folder holds something else, or cannot be written. Failure : the disk is full.
+    UserError : the folder holds something else, another run is being written there, or it cannot be written.
+    Failure : the disk is full.
     """
     folder = folder.absolute()
     if not folder.name:
@@ -262,7 +263,10 @@ def run_folder(
     try:
         _check_replaceable(folder, key, mark, known)
         scratch.mkdir(parents=True)
-        yield scratch
+        with _held(scratch, [one for one in leftovers(folder) if one != scratch]) as alone:
+            if not alone:
+                raise UserError(key, folder, "another run is being written there; give each a folder of its own")
+            yield scratch
         _move_into_place(scratch, folder)
     except OSError as error:
         if error.errno not in ENVIRONMENT + PLACE:
@@ -272,6 +276,40 @@ def run_folder(
         shutil.rmtree(scratch, ignore_errors=True)
         if not (folder / mark).exists():
             forget_empty(folder)
+
+
+@contextmanager
+def _held(scratch: Path, others: list[Path]) -> Iterator[bool]:
+    """Lock a folder; gives whether nobody holds one of the others. A lock ends with its process, however that ends."""
+    try:
+        import fcntl
+    except ImportError:  # not everywhere
+        yield True
+        return
+
+    def locked(folder: Path) -> int:
+        number = os.open(folder, os.O_RDONLY)
+        try:
+            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
+                os.close(number)
+                raise
+        return number  # a file system without locks tells nothing
+
+    mine = locked(scratch)
+    try:
+        alone = True
+        for other in others:
+            try:
+                os.close(locked(other))
+            except BlockingIOError:
+                alone = False
+            except OSError:  # it has just gone
+                continue
+        yield alone
+    finally:
+        os.close(mine)
 
 
 def _check_replaceable(folder: Path, key: str, mark: str, known: frozenset[str]) -> None:

@@ -6,6 +6,7 @@ Inside, everything is SI. A unit is written as in ``V s/rad``: factors with blan
 from __future__ import annotations
 
 import math
+import re
 from typing import NamedTuple
 
 
@@ -36,6 +37,18 @@ UNITS: dict[str, Unit] = {
     for name, factor in written.items()
 }  # fmt: skip
 
+#: what only stands beside or below other units
+PARTS: dict[str, Unit] = {
+    name: Unit(si, factor)
+    for si, written in {
+        "kg": {"kg": 1.0, "g": 1e-3, "t": 1e3},
+        "ohm": {"ohm": 1.0, "Ohm": 1.0, "mohm": 1e-3, "kohm": 1e3, "Ω": 1.0},
+        "H": {"H": 1.0, "mH": 1e-3, "uH": 1e-6, "µH": 1e-6, "μH": 1e-6},
+        "Hz": {"Hz": 1.0, "kHz": 1e3},
+    }.items()
+    for name, factor in written.items()
+}
+
 #: SI unit -> the unit in which traces, settings and sentences give it; the others are given in SI
 SHOWN: dict[str, str] = {"m": "mm", "m/s": "mm/s"}
 
@@ -57,6 +70,27 @@ _LOWER = {name.lower(): unit for name, unit in reversed(UNITS.items())}
 def find(written: str) -> Unit | None:
     """Return the SI unit and the factor of a unit as written, or None if it is unknown; capitals matter in doubt."""
     return UNITS.get(written) or _LOWER.get(written.lower())
+
+
+def composed(written: str) -> Unit | None:
+    """The SI unit and the factor of a unit made of several: of ``kg cm^2`` they are ``kg m^2`` and 1e-4.
+
+    Each part of it is replaced by its SI unit in its place; None where a part is unknown.
+    """
+    factor, parts = 1.0, []
+    for part in re.split(r"([ /*]+)", written.strip()):
+        if not part.strip(" /*"):
+            parts.append(part)
+            continue
+        name, raised, power = part.partition("^")
+        unit = find(part) or PARTS.get(name) or find(name)
+        if unit is None or (raised and not power.lstrip("-").isdigit()):
+            return None
+        raised_to = int(power) if raised and find(part) is None else 1
+        under = sum("/" in one for one in parts) % 2
+        factor *= unit.factor ** (-raised_to if under else raised_to)
+        parts.append(unit.si + (f"^{power}" if raised and find(part) is None else ""))
+    return Unit("".join(parts).replace("*", " "), factor)
 
 
 def of_kind(si: str) -> list[str]:

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 PATIENCE_S = 2.0  # what is quicker needs no progress bar
+LINE_EVERY_S = 10.0  # outside of a terminal
+SINCE_THE_BEGINNING_S = 1e6  # the time left is judged by all that is done, as stages of minutes report seldom
 WIDTH_ELSEWHERE = 120
 
 log = logging.getLogger("dtbacklash.progress")
@@ -36,17 +38,26 @@ def progress(what: str, compiles: bool = True) -> Iterator[Tell]:
     """Give a function of the fraction done and of what is being done.
 
     In a terminal a bar with the time left appears on stderr after 2 s, by itself: what is silent for long is seen to
-    work. With ``-v`` there are lines instead. ``compiles``: whether the compiled code is needed, which may have to be
-    made first.
+    work. Elsewhere, as in a log, a line every 10 s. With ``-v`` there are lines of every step instead. ``compiles``:
+    whether the compiled code is needed, which may have to be made first.
     """
     console = Console(stderr=True)
     verbose = log.isEnabledFor(logging.INFO)
     columns = "{task.description}", BarColumn(), "{task.percentage:3.0f} %", TimeElapsedColumn(), "left:"
-    bar = Progress(*columns, TimeRemainingColumn(), console=console, transient=True)
+    bar = Progress(
+        *columns, TimeRemainingColumn(), console=console, transient=True, speed_estimate_period=SINCE_THE_BEGINNING_S
+    )
     number = bar.add_task(what, total=1.0)
     patience = threading.Timer(PATIENCE_S, bar.start)
     patience.daemon = True
     told: list[str] = []
+    ended = threading.Event()
+
+    def say_now_and_then() -> None:
+        while not ended.wait(LINE_EVERY_S):
+            task = bar.tasks[number]
+            left = f", about {_rough(task.time_remaining)} left" if task.time_remaining else ""
+            print(f"dtb: {task.description}, {task.percentage:.0f} %{left}", file=sys.stderr, flush=True)
 
     def tell(share: float, text: str = "") -> None:
         if compiles and not told:
@@ -60,14 +71,21 @@ def progress(what: str, compiles: bool = True) -> Iterator[Tell]:
 
     if console.is_terminal and not verbose:
         patience.start()
+    elif not verbose:
+        threading.Thread(target=say_now_and_then, daemon=True).start()
     try:
         yield tell
     finally:
+        ended.set()
         patience.cancel()
         if patience.is_alive():
             patience.join()
         if bar.live.is_started:  # else it would end with an empty line
             bar.stop()
+
+
+def _rough(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
 
 
 def announce_compilation() -> None:

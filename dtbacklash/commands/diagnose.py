@@ -139,12 +139,16 @@ def show(diagnosis: Diagnosis, config: DiagnoseConfig, folder: Path) -> int:
 
     from dtbacklash.commands.console import shown_path, stdout_console
     from dtbacklash.report.diagnosis.text import lines
+    from dtbacklash.report.diagnosis.words import next_command
     from dtbacklash.report.kit import tables
 
     console = stdout_console()
     for line in lines(diagnosis):
         tables.show(line)
     tables.show("", tables.fit(asdict(diagnosis.fit)), "")
+    if diagnosis.fault is None:
+        run = next_command(diagnosis, shown_path(folder / "rig.yaml"))
+        console.print(escape(f"To simulate what was found: {run}"), soft_wrap=True)
     console.print(escape(shown_path(folder / "report.html")), soft_wrap=True)
     return 0
 

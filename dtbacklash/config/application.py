@@ -24,7 +24,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from dtbacklash import files
 from dtbacklash.config.grammar import FILES, FOLDER_WORD, GRAMMARS, RUN_FOLDER, SWEEP_FOLDER, VERBOSE, Grammar
-from dtbacklash.config.groups import NO_RECORDING, RIGS, options
+from dtbacklash.config.groups import NO_RECORDING, RIGS, SUFFIXES, options
 from dtbacklash.config.prove import folder_name
 from dtbacklash.config.setting import INPUT
 from dtbacklash.errors import UserError
@@ -123,7 +123,7 @@ def _override(grammar: Grammar, key: str, value: str, written: str, sweeps: bool
     if key in (*grammar.groups, LAUNCHER):
         if value in ("", "null"):
             raise UserError(key, value, "choose one of " + ", ".join(options(key)))
-        return [f"{key}={paths(key, value, sweeps) if key in RIGS else value}"]
+        return [f"{key}={_rigs(key, value, sweeps) if key in RIGS else value}"]
     if key in grammar.settings and grammar.settings[key].is_mapping:
         return [f"++{key}.{name}={quoted(text)}" for name, text in _pairs(written, value).items()]
     kind = grammar.path_kind(key)
@@ -134,6 +134,19 @@ def _override(grammar: Grammar, key: str, value: str, written: str, sweeps: bool
     if key.startswith(grammar.open_mappings):
         return [f"++{key}={value}"]
     return [f"{key}={value}"]
+
+
+def _rigs(key: str, value: str, sweeps: bool) -> str:
+    """Names of rigs and paths of their files; Hydra would take a name with ``.yaml`` behind it for the name."""
+    found = paths(key, value, sweeps)
+    for name in [] if _FUNCTION.match(value) else map(_unquoted, _at_commas(found)):
+        file = Path(name.replace("\\'", "'").replace("\\\\", "\\"))
+        if file.suffix in SUFFIXES and not file.is_file():
+            known = ", ".join(options(key))
+            meant = f"the rig that comes with dtb is {key}={file.stem}" if name == file.name and file.stem in options(
+                key) else f"choose one of {known}, or the path of a YAML file"  # fmt: skip
+            raise UserError(key, name, f"no such file; {meant}")
+    return found
 
 
 def _pairs(key: str, value: str) -> dict[str, str]:

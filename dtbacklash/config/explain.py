@@ -127,6 +127,8 @@ def _bad_setting(error: OmegaConfBaseException, words: Sequence[str], grammar: G
         # `foo.bar=1` is reported in the name of foo; show what was written
         written = next((w.partition("=")[0] for w in words if w.startswith(key + ".")), key)
         return UserError(written, value_of(written, words) or value, unknown_key(written, grammar))
+    if re.fullmatch(r"(rig|model)\.parameters\.[^.]+", key) and value_of(key, words) is not None:
+        return UserError(key, value, f"a parameter has a value and a tolerance: write {key}.value={value}")
     if "is not a subclass of ParameterConfig" in first_line:
         return UserError(key, value, "the rig has no such parameter; `--cfg job` shows those that it has")
     if isinstance(error, ValidationError):

@@ -7,9 +7,10 @@ form; what an element needs and which effects it takes stand in :mod:`dtbacklash
 
 import math
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
+from dtbacklash import units
 from dtbacklash.config.setting import setting
 from dtbacklash.errors import UserError
 
@@ -28,11 +29,34 @@ def finite(key: str, value: float, allowed: str = "a finite number") -> float:
     return number
 
 
+def in_si(key: str, value: object, unit: str = "") -> tuple[float, str]:
+    """A value and its unit in SI: of a number with the unit beside it, or of a text such as ``0.5 N/mm``.
+
+    Raises
+    ------
+    UserError : no finite number, a unit that is unknown or said twice.
+    """
+    number, written = value, unit
+    if isinstance(value, str):
+        number, _, written = value.strip().partition(" ")
+        if written and unit:
+            raise UserError(key, value, f"gives its unit twice (unit: {unit})")
+        written = written or unit
+    size = finite(key, number, "must be a finite number, SI, or with its unit as in 0.5 N/mm")
+    found = units.composed(written) if written else units.Unit("", 1.0)
+    if found is None:
+        raise UserError(key, value, f"the unit {written} is unknown; written as in N/mm, kg cm^2, mm/rev, N m/A")
+    return size * found.factor, found.si
+
+
 @dataclass
 class ParameterConfig:
-    """One physical parameter of a rig: its nominal value, in SI, and how far from it the truth may lie."""
+    """One physical parameter of a rig: its nominal value, and how far from it the truth may lie.
 
-    value: float
+    value : in SI, or a text with a unit such as ``0.5 N/mm``; a rig has it in SI.
+    """
+
+    value: Any
     unit: str = ""
     tolerance: float = 0.1  # relative, one standard deviation of the prior
     description: str = ""
@@ -42,7 +66,8 @@ class ParameterConfig:
 class RigConfig:
     """A rig as its YAML file states it.
 
-    Elements refer to parameters by name, so that two links may share one stiffness ``k``.
+    Elements refer to parameters by name, so that two links may share one stiffness ``k``. A number in a parameter's
+    place, ``mass: 2.5`` or ``stiffness: 0.5 N/mm``, becomes a parameter of its own (``link_1_stiffness``).
     """
 
     name: str = setting("rig", "name of the rig, for reports")
@@ -61,17 +86,30 @@ class RigConfig:
     )
 
     def __post_init__(self) -> None:
-        for name, parameter in self.parameters.items():
-            key = f"rig.parameters.{name}"
-            finite(f"{key}.value", parameter.value)
-            _check_tolerance(f"{key}.tolerance", parameter.tolerance)
         for name, element in self.elements.items():
             if not isinstance(element, dict) or "kind" not in element:
                 raise UserError(f"rig.elements.{name}", element, "a mapping with at least `kind`")
+            self._name_numbers(name, element)
+        for name, parameter in self.parameters.items():
+            key = f"rig.parameters.{name}"
+            value, unit = in_si(f"{key}.value", parameter.value, parameter.unit)
+            _check_tolerance(f"{key}.tolerance", parameter.tolerance)
+            self.parameters = {**self.parameters, name: replace(parameter, value=value, unit=unit)}
         for name, sensor in self.sensors.items():
             if not isinstance(sensor, dict) or not {"of", "quantity"} <= set(sensor):
                 raise UserError(f"rig.sensors.{name}", sensor, "a mapping with `of` and `quantity`")
         self._check_effects()
+
+    def _name_numbers(self, element: str, fields: dict[str, Any]) -> None:
+        """Make parameters of the numbers that stand in an element."""
+        for field, value in fields.items():
+            if is_number(value) or (isinstance(value, str) and value[:1].isdigit()):
+                name = f"{element}_{field}"
+                if name in self.parameters:
+                    raise UserError(f"rig.elements.{element}.{field}", value, f"there is a parameter {name} already")
+                parameter = ParameterConfig(value, description=f"{field} of {element}")
+                self.parameters = {**self.parameters, name: parameter}
+                self.elements = {**self.elements, element: {**self.elements[element], field: name}}
 
     def _check_effects(self) -> None:
         for location, effects in self.effects.items():

@@ -197,7 +197,9 @@ def design_for(config: RunConfig, belief: Belief) -> ControllerDesign | None:
     if c.structure == "open_loop":
         return None
     if c.structure == "nimc" and rig.only("gear") is None:
-        raise UserError("controller", c.name, f"needs a rig with a gear; {rig.config.name} has none")
+        raise UserError(
+            "controller", c.name, f"needs a rig with a gear; {rig.config.name} has none: give controller=open_loop"
+        )
     linear = belief.linear(tuple(c.compensate))
     frequency = kept(dominant_frequency, linear.structure)
     if frequency * config.sample_time_s >= math.pi:

@@ -40,6 +40,11 @@ __all__ = ["RunResult", "run_scenario", "true_half_gap"]
 CHUNK = 5000
 #: for how long a new detector of novelty sees the present error before it counts, s
 SETTLED_S = 3.0
+#: a carriage in open loop may run away; beyond so many times ``solver.divergence_mm`` it is a mistake
+OPEN_LOOP_RATIO = 1e3
+#: no sensor shows more (SI)
+SANE = 1e9
+RUNS_AWAY = "the machine runs away: look at its parameters and at the size of the reference"
 
 
 @dataclass
@@ -246,8 +251,7 @@ def _segments(
     """
     asked, config = configs
     aged = list(machine.aged)
-    # in open loop there is nothing that could be unstable by choice: a carriage may well run away
-    limit_m = config.solver.divergence_mm * 1e-3 if design else math.inf
+    limit_m = config.solver.divergence_mm * 1e-3 * (1.0 if design else OPEN_LOOP_RATIO)
     threshold_m = config.twin.novelty_threshold_mm * 1e-3
     chunk = CHUNK if machine.clock is None else machine.clock.chunk
     k, n = 0, inputs.gap.size
@@ -264,10 +268,12 @@ def _segments(
         listening = twin.listening
         limits = (limit_m, threshold_m if listening else math.inf)
         before = traces.novelty[k - 1] if k > 0 and not twin.rejected else 0.0
+        before_k = k
         k, why = machine.run(inputs, traces, which, k, stop, twin.in_force, limits, before)
         if why == loop.DIVERGED:
-            what = f"|q3| above solver.divergence_mm={config.solver.divergence_mm:g} mm"
-            said = " ".join(causes(config, rig, design)) if design else ""
+            far = f"{OPEN_LOOP_RATIO:g} times " if design is None else ""
+            what = f"|q3| above {far}solver.divergence_mm={config.solver.divergence_mm:g} mm"
+            said = " ".join(causes(config, rig, design)) if design else RUNS_AWAY
             raise Diverged("controller", config.controller.name, k * config.sample_time_s, what, said)
         if why == loop.NOVELTY:
             twin.alarm(k)
@@ -275,5 +281,8 @@ def _segments(
             twin.alarmed(k, machine.watcher.raised(k - 1, why))
         if listening:
             twin.rejected = False
+        if not np.all(np.abs(traces.truth[before_k:k]) < SANE):
+            what = f"a sensor above {SANE:g} (SI)"
+            raise Diverged("controller", config.controller.name, k * config.sample_time_s, what, RUNS_AWAY)
         if progress:
             progress(k / n)

@@ -126,7 +126,7 @@ class Run:
 def run(
     *overrides: str, rig: RigLike | None = None, model: RigLike | None = None, progress: ShowProgress = False
 ) -> Run:
-    """Simulate a controller on a rig while its backlash grows: ``dtb run`` without files.
+    """Simulate a controller on a rig while its backlash grows: ``dtb run`` without files but ``recording.save=``.
 
     Parameters
     ----------
@@ -143,8 +143,10 @@ def run(
     config = composed(list(overrides), rig, model)
     if config.task != "run":
         raise UserError("task", config.task, "is for the command line: dtb run experiment=close_the_loop")
-    from dtbacklash.face.run_files import command_of, simulate
+    from dtbacklash.face.run_files import command_of, save_recording, simulate
 
     with shown(progress, "simulating") as tell:
         tick = None if tell is None else lambda share: tell(share, "simulating")
-        return Run(simulate(config, command_of(overrides, rig, model), tick))
+        result = simulate(config, command_of(overrides, rig, model), tick)
+    save_recording(result)
+    return Run(result)

@@ -96,7 +96,7 @@ def simulate_and_write(
     with run_folder(folder) as scratch:  # before the work: a folder that holds something else is told at once
         result = simulate(config, command, progress)
         write(result, scratch)
-        _save_recording(result)
+        save_recording(result)
     return result
 
 
@@ -163,7 +163,7 @@ def recording_columns(result: RunResult) -> pd.DataFrame:
     return pd.DataFrame({"t": result.t_s, **columns})
 
 
-def _save_recording(result: RunResult) -> None:
+def save_recording(result: RunResult) -> None:
     """Write what the sensors saw to ``recording.save``, by way of a hidden neighbour."""
     wanted = result.config.recording.save
     if wanted is None:

@@ -23,6 +23,11 @@ note about what was assumed is all there is. That is so where friction or a stop
 every time, where what is missing is nonlinear to a degree that the linear rig predicts nothing of the motion, where
 an encoder shows a few counts, and where somebody else than the command moved the machine.
 
+Two channels of unlike quantities that have changed places are found the same way (:func:`places`): each is held against
+the command alone, with its own column and with the other's. The share that a motion accounts for knows no scale, so it
+does not matter in which unit a column in the wrong place was read. On 29 pairs of the tests' recordings the mean of the
+two shares is larger by 0.57 to 1 with the columns in their places.
+
 Two relations need no mechanics. A current: u = R i + L i' + k_B omega. A position behind a screw whose motor's angle
 is recorded: the angle drives the structure in place of the command, and a play of any width may lie between.
 """
@@ -32,6 +37,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping as Dict
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -63,6 +69,8 @@ SHARE = 0.25  # of what the command leaves that the motion has to account for
 SMALL = 50.0  # smaller factors come nearer to what missing physics makes of s: they need a plainer motion
 SHARE_SMALL, REACH_SMALL = 0.85, 1.25
 SUSTAINED = 300.0  # times what the command can do, at all times
+EXCHANGED = 0.5  # share of effort by which two columns have to agree better with the command the other way round
+SAMPLES_PLACES = 20_000  # of the part that is looked at for that
 SAMPLES_MAX = 60_000  # of the part that is looked at: where the command moves most
 BLOCKS = (200, 600, 2000)  # means over so many parts of the recording
 NOTHING = 1e-6  # of the effort: what remains of it without the motion says nothing below this
@@ -110,6 +118,14 @@ def check_units(
         factor = mistaken(rig.sensors[name].unit, scale)
         if factor is None:
             continue
+        for pair in unlike(rig, channels):
+            if name in pair and places(rig, pair, channels, sample_time_s, command).exchanged:
+                a, b = pair
+                raise Refused(
+                    f"channels {a} and {b} look to have changed places: only the other way round they are what the "
+                    "command u does to this rig; swap them in the file or in its mapping, or give "
+                    "recording.trust_units=true if they are right"
+                )
         size = f"{factor:.4g} too large" if factor > 1 else f"{1 / factor:.4g} too small"
         said = assumed.get(name, rig.sensors[name].unit)
         mistake = _mistake(rig.sensors[name].unit, said.partition(" (")[0], factor)
@@ -130,6 +146,48 @@ def mistaken(unit: str, scale: Scale) -> float | None:
         if factor > 1.0 and scale.sustained > SUSTAINED and abs(math.log(scale.sustained / factor)) < reach:
             return factor
     return None
+
+
+@dataclass(frozen=True)
+class Places:
+    """Mean share of the command's effort that two channels account for: as recorded, with their columns exchanged."""
+
+    straight: float
+    turned: float
+
+    @property
+    def exchanged(self) -> bool:
+        """Whether only the exchanged columns are what the command does to the rig."""
+        return self.turned - self.straight > EXCHANGED
+
+
+def unlike(rig: Rig, channels: Dict[str, Floats]) -> list[tuple[str, str]]:
+    """Recorded pairs of motions of two quantities or units."""
+    moving = [s for s in rig.sensors.values() if s.name in channels and s.quantity != "current"]
+    return [(a.name, b.name) for a, b in combinations(moving, 2) if (a.quantity, a.unit) != (b.quantity, b.unit)]
+
+
+def places(
+    rig: Rig, pair: tuple[str, str], channels: Dict[str, Floats], sample_time_s: float, command: str, pace: float = 1.0
+) -> Places:
+    """How well two channels and their exchange agree with the command; 0 and 0 where nothing can be compared.
+
+    pace : factor on the speed of the rig's modes.
+    """
+    part = busiest(channels["u"], SAMPLES_PLACES)
+    u, (a, b) = channels["u"][part], (channels[name][part] for name in pair)
+
+    def share(columns: tuple[Floats, Floats]) -> float:
+        each = (
+            balance(plain_rig(rig), (name,), {"u": u, name: values}, pace * sample_time_s, command)
+            for name, values in zip(pair, columns, strict=True)
+        )
+        return sum(scale_of(question).share for question in each if question is not None) / 2
+
+    try:
+        return Places(share((a, b)), share((b, a)))
+    except UserError:  # a rig that cannot be simulated says nothing
+        return Places(0.0, 0.0)
 
 
 def _mistake(si: str, read: str, factor: float) -> str:

@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 from hydra.core.global_hydra import GlobalHydra
 from network import Broker, Puppet, Served
+from told import without_progress
 from warm import warm
 
 from dtbacklash import cli
@@ -74,7 +75,7 @@ def dtb(tmp_path, monkeypatch, capsys, scenario):
         GlobalHydra.instance().clear()
         code = cli.main([str(word) for word in words])
         out, err = capsys.readouterr()
-        return code, out, err
+        return code, out, without_progress(err)
 
     yield call
     GlobalHydra.instance().clear()
@@ -94,7 +95,9 @@ def process(tmp_path):
     def call(*words, timeout=300, **extra):
         command = [sys.executable, "-m", "dtbacklash.cli", *map(str, words)]
         options = {"cwd": tmp_path, "capture_output": True, "text": True, "timeout": timeout, "env": os.environ | extra}
-        return subprocess.run(command, check=False, **options)
+        done = subprocess.run(command, check=False, **options)
+        done.stderr = without_progress(done.stderr)
+        return done
 
     return call
 

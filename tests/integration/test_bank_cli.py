@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from hydra.core.global_hydra import GlobalHydra
+from told import without_progress
 
 from dtbacklash import cli
 from dtbacklash.config.compose import compose
@@ -65,7 +66,8 @@ def command(tmp_path, monkeypatch, capsys):
     def call(*words):
         GlobalHydra.instance().clear()
         code = cli.main(["run", *words])
-        return code, *capsys.readouterr()
+        out, err = capsys.readouterr()
+        return code, out, without_progress(err)
 
     yield call
     GlobalHydra.instance().clear()

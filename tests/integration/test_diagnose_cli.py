@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from hydra.core.global_hydra import GlobalHydra
+from told import without_progress
 
 from dtbacklash import cli
 from dtbacklash.commands import diagnose as command
@@ -53,7 +54,7 @@ def dtb(tmp_path, tmp_path_factory, monkeypatch, capsys, asked):
         GlobalHydra.instance().clear()
         code = cli.main(["diagnose", *map(str, words)])
         out, err = capsys.readouterr()
-        return code, out, err
+        return code, out, without_progress(err)
 
     yield call
     GlobalHydra.instance().clear()

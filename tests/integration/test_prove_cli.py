@@ -10,6 +10,7 @@ import proved
 import pytest
 from hydra.core.global_hydra import GlobalHydra
 from nominal import nominal_rig
+from told import without_progress
 
 from dtbacklash import cli
 from dtbacklash.errors import UserError
@@ -52,7 +53,7 @@ def dtb(tmp_path, monkeypatch, capsys, concealed):
         GlobalHydra.instance().clear()
         code = cli.main(["prove", *map(str, words)])
         out, err = capsys.readouterr()
-        return code, out, err
+        return code, out, without_progress(err)
 
     yield call
     GlobalHydra.instance().clear()

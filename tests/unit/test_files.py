@@ -159,6 +159,16 @@ def test_two_processes_that_exchange_the_same_folder_leave_a_whole_one(tmp_path,
     assert listing(tmp_path) == ["run", "run/figures", "run/figures/a.png", "run/summary.json"]
 
 
+def test_of_two_runs_that_write_one_folder_at_once_the_second_is_refused(tmp_path):
+    (tmp_path / ".run.0123abcd.partial").mkdir()  # of a run that was killed
+    with run_folder(tmp_path / "run") as scratch:
+        with pytest.raises(UserError, match="another run is being written there"), run_folder(tmp_path / "run"):
+            pass
+        (scratch / "summary.json").write_text("first")
+    write_run(tmp_path / "run", "second")
+    assert (tmp_path / "run" / "summary.json").read_text() == "second"
+
+
 def test_a_file_is_whole_or_as_it_was(tmp_path, monkeypatch):
     target = tmp_path / "new" / "a.json"
     files.write_json(target, {"old": 1})

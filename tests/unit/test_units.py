@@ -55,3 +55,19 @@ def test_the_unit_of_a_setting_by_its_name(name, unit):
 def test_units_in_signs():
     assert units.in_signs("N s^2/m^2") == "N s²/m²"
     assert units.in_signs("ohm") == "Ω"
+
+
+@pytest.mark.parametrize(("written", "si", "factor"), [
+    ("N/mm", "N/m", 1e3), ("kg cm^2", "kg m^2", 1e-4), ("g mm^2", "kg m^2", 1e-9), ("mm/rev", "m/rad", 5e-4 / math.pi),
+    ("rpm", "rad/s", math.pi / 30), ("N s/mm", "N s/m", 1e3), ("mN m/A", "N m/A", 1e-3), ("mH", "H", 1e-3),
+    ("N m s/rad", "N m s/rad", 1.0), ("V s/rad", "V s/rad", 1.0), ("N m/deg", "N m/rad", 180 / math.pi),
+])  # fmt: skip
+def test_a_unit_made_of_several_is_taken_apart(written, si, factor):
+    found = units.composed(written)
+    assert found.si == si
+    assert found.factor == pytest.approx(factor, rel=1e-12)
+
+
+@pytest.mark.parametrize("written", ["lbs", "N/furlong", "kg^x"])
+def test_an_unknown_part_makes_an_unknown_unit(written):
+    assert units.composed(written) is None

@@ -286,15 +286,18 @@ def _enough(before: list[Record], after: list[Record], expected: float = 1.0) ->
 
 
 def _wiring_rows(found: Inspected, each: list[list[Reversal]]) -> None:
-    worst: dict[tuple[str, ...], float] = {}
+    worst: dict[tuple[str, ...], Reversal] = {}
     for reversal in (r for reversals in each for r in reversals):
-        worst[reversal.names] = max(reversal.value, worst.get(reversal.names, -1.0))
-    for names, value in worst.items():
+        worst[reversal.names] = max(reversal, worst.get(reversal.names, reversal), key=lambda r: r.value)
+    for names, reversal in worst.items():
         one, most = len(names) == 1, SETTINGS.reversal_share
+        which = "two channels account for, exchanged," if reversal.unlike else (
+            f"{'a channel' if one else 'the difference of two'} accounts for with its sign turned round,"
+        )  # fmt: skip
         found.checks.append(_row(
-            f"polarity of {names[0]}" if one else f"{names[0]} and {names[1]} are in their places", value, most,
-            f"share of the effort that {'a channel' if one else 'the difference of two'} accounts for with its sign "
-            "turned round, less that as recorded; missing physics takes effort away but turns no sign", EFFORT,
+            f"polarity of {names[0]}" if one else f"{names[0]} and {names[1]} are in their places", reversal.value,
+            most, f"share of the effort that {which} less that as recorded; missing physics takes effort away but "
+            "turns no sign", EFFORT,
         ))  # fmt: skip
 
 
@@ -330,6 +333,8 @@ def _miswired(rig: Rig, wired: list[tuple[list[Reversal], Rewiring | None]], rew
     if rewiring.turned:
         mend += f" ({rewiring.turned[0]}: {{column: {rewiring.turned[0]}, scale: -1}} in a mapping)"
     shown = best.names[0] if len(best.names) == 1 else f"the difference of {best.names[0]} and {best.names[1]}"
+    if best.unlike:
+        shown = f"each of {_listed(list(best.names))}"
     why = (f"{how}, {shown} accounts for {100 * best.turned:.0f} % of what the command does to the nominal rig, as "
            f"recorded for {100 * best.straight:.0f} %")  # fmt: skip
     amplifier = rig.only("amplifier")

@@ -11,7 +11,8 @@ falls towards 0. It does not make the machine go the other way: the share of the
 is near -1 on a clean recording, near 0 where friction leaves nothing of the rig's own, and near 1 where the sign is
 wrong. A swap of two channels turns the sign of their difference, so it has the same statistic. Near a resonance a
 wrong mass turns the phase: the largest share as recorded over rigs whose modes are up to twice as fast or half as
-fast counts.
+fast counts. Two channels of unlike quantities have no difference: there the mean of the two shares is compared
+(``places`` of :mod:`dtbacklash.recording.plausible`).
 
 Of 431 reversals on drawn machines that are wired right (friction near stalling, loads as large as the drive, play as
 wide as the motion, masses off by half, PID loops) two exceed 0.05, and the largest is 0.34 (a single tone between two
@@ -30,7 +31,7 @@ from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.command import HELD
-from dtbacklash.recording.plausible import balance, busiest, driver, plain_rig, scale_of
+from dtbacklash.recording.plausible import balance, busiest, driver, places, plain_rig, scale_of, unlike
 
 #: two rewirings mend alike where their sums of reversals differ by less (share of effort)
 REWIRING_SHARE = 0.1
@@ -46,11 +47,15 @@ Pair = tuple[str, str]
 
 @dataclass(frozen=True)
 class Reversal:
-    """Shares of the effort that a channel, or the difference of two, accounts for as recorded and turned round."""
+    """Shares of the effort that a channel, or the difference of two, accounts for as recorded and turned round.
+
+    unlike : two channels of which no difference can be taken; the mean of their shares.
+    """
 
     names: tuple[str, ...]
     straight: float
     turned: float
+    unlike: bool = False
 
     @property
     def value(self) -> float:
@@ -68,7 +73,7 @@ class Rewiring:
 
 
 def wiring(rig: Rig, record: Record) -> tuple[list[Reversal], Rewiring | None]:
-    """The reversal of every channel and of every pair of the same quantity, and what would mend those found.
+    """The reversal of every channel and of every pair, and what would mend those found.
 
     Returns
     -------
@@ -77,10 +82,24 @@ def wiring(rig: Rig, record: Record) -> tuple[list[Reversal], Rewiring | None]:
     part = busiest(record.u, SAMPLES_MAX)
     channels = {"u": record.u[part], **{n: v[part] for n, v in record.y.items() if n in rig.sensors}}
     bench = Bench(plain_rig(rig), record.sample_time_s)
-    found = bench.reversals(channels)
+    exchanges = [_exchange(rig, pair, channels, record.sample_time_s) for pair in unlike(rig, channels)]
+    found = [*exchanges, *bench.reversals(channels)]
+    most = max(exchanges, key=lambda r: r.value, default=None)
+    if most is not None and most.value > SETTINGS.reversal_share:
+        a, b = most.names
+        return found, Rewiring((), (a, b))
     if not any(r.value > SETTINGS.reversal_share for r in found):
         return found, None
     return found, bench.mended(channels, found)
+
+
+def _exchange(rig: Rig, pair: Pair, channels: Channels, step_s: float) -> Reversal:
+    """The reversal of two channels of unlike quantities."""
+    found = places(rig, pair, channels, step_s, HELD)
+    straight = found.straight
+    if found.exchanged:
+        straight = max(straight, *(places(rig, pair, channels, step_s, HELD, pace).straight for pace in PACES))
+    return Reversal(pair, straight, found.turned, unlike=True)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,16 @@ from dtbacklash.physics.rig_file import rig_yaml
 from dtbacklash.report.diagnosis.figures import curve_figure, law_figure
 from dtbacklash.report.diagnosis.methods import methods
 from dtbacklash.report.diagnosis.rig_drawing import draw_rig
-from dtbacklash.report.diagnosis.words import answers, better_model, capital, error_text, heading, labels, partial
+from dtbacklash.report.diagnosis.words import (
+    answers,
+    better_model,
+    capital,
+    error_text,
+    heading,
+    labels,
+    next_command,
+    partial,
+)
 from dtbacklash.report.kit.intervals import degrees, interval
 from dtbacklash.report.kit.numbers import number
 from dtbacklash.report.kit.page import embedded, render
@@ -81,7 +90,7 @@ def write(diagnosis: Diagnosis, folder: Path) -> None:
         recordings=_recordings(diagnosis, best),
         methods=text,
         works=works,
-        command="dtb run rig=rig.yaml" + ("" if diagnosis.extended.only("gear") else " controller=open_loop"),
+        command=next_command(diagnosis, "rig.yaml"),
         settings=SETTINGS.to_json(),
         json=json_text(diagnosis.to_json()),
         rig_yaml=rig_yaml(diagnosis.extended),

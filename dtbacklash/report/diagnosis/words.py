@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Collection
 
 from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Diagnosis, Finding
@@ -10,6 +11,12 @@ from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import SENSOR_PREFIX
 from dtbacklash.report.kit.intervals import interval
 from dtbacklash.report.kit.numbers import number
+
+
+def next_command(diagnosis: Diagnosis, file: str) -> str:
+    """The command that runs the rig that was found, complete: without a gear no controller but the open loop fits."""
+    closed = diagnosis.extended.only("gear") is not None
+    return shlex.join(["dtb", "run", f"rig={file}", *([] if closed else ["controller=open_loop"])])
 
 
 def heading(diagnosis: Diagnosis) -> str:

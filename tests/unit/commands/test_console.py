@@ -43,6 +43,14 @@ def test_elsewhere_there_is_no_bar(capsys, monkeypatch):
     assert capsys.readouterr().err == ""
 
 
+def test_elsewhere_a_line_now_and_then_says_what_is_done(capsys, monkeypatch):
+    monkeypatch.setattr(console, "LINE_EVERY_S", 0.05)
+    with console.progress("reading", compiles=False) as tell:
+        tell(0.25, "two million rows")
+        time.sleep(0.2)
+    assert capsys.readouterr().err.startswith("dtb: reading: two million rows, 25 %")
+
+
 def test_with_v_each_stage_is_a_line_once(terminal, caplog):
     with caplog.at_level(logging.INFO, "dtbacklash"), console.progress("diagnosing", compiles=False) as tell:
         for share, text in ((0.0, "comparing"), (0.2, "comparing"), (0.5, "naming")):

@@ -64,9 +64,19 @@ def test_a_comma_without_quotes_is_a_path_if_there_is_such_a_file(tmp_path, monk
     assert application.overrides(DIAGNOSE, ["recording=a,b.csv"]) == ["recording.source='a,b.csv'"]
 
 
-def test_a_home_folder_is_found(monkeypatch):
-    monkeypatch.setenv("HOME", "/someone")
-    assert application.overrides(RUN, ["rig=~/my.yaml"]) == ["rig=/someone/my.yaml"]
+def test_a_home_folder_is_found(monkeypatch, tmp_path):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / "my.yaml").touch()
+    assert application.overrides(RUN, ["rig=~/my.yaml"]) == [f"rig={tmp_path}/my.yaml"]
+
+
+def test_a_file_that_is_not_there_is_not_the_rig_of_its_name(monkeypatch, tmp_path):
+    """Hydra takes ``oscillator.yaml`` for the option ``oscillator``."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UserError, match=r"rig=oscillator.yaml: no such file; the rig that comes with dtb is rig=osc"):
+        application.overrides(RUN, ["rig=oscillator.yaml"])
+    (tmp_path / "oscillator.yaml").touch()
+    assert application.overrides(RUN, ["rig=oscillator.yaml"]) == ["rig=oscillator.yaml"]
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,10 @@ from dtbacklash.errors import UserError
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("rig=emps", "controller=nimc_fixed"), "controller=nimc_fixed: needs a rig with a gear; emps has none"),
+        (
+            ("rig=emps", "controller=nimc_fixed"),
+            "controller=nimc_fixed: needs a rig with a gear; emps has none: give controller=open_loop",
+        ),
         (("rig=emps", "controller=imc"), "rig=emps: this controller needs a rig with a motor"),
         (("rig.parameters.k.value=0",), "rig.parameters.k.value=0.0: above 0 N/m: link_1 drives mass_2"),
     ],

@@ -118,8 +118,15 @@ def test_a_late_answer_counts_when_it_is_there_and_is_told():
     assert row["t_applied_s"] == pytest.approx(0.8 + late["late_s"])
     known = result.trace["gap_hat_deg"] > 0.0
     assert result.trace["t_s"][known].min() == pytest.approx(row["t_applied_s"])
-    assert len(pace_in_words(result.summary)) == 2
-    assert "s late" in pace_in_words(result.summary)[1]
+    assert sum("s late" in line for line in pace_in_words(result.summary)) == 1
+
+
+@pytest.mark.parametrize(("missed", "said"), [(5, False), (500, True)])
+def test_a_run_that_misses_its_deadlines_ends_with_saying_so(missed, said):
+    clock = RealTime.of(1000, 1e-3)
+    clock.done_s[:] = np.where(np.arange(1001) < missed, 2e-3, 5e-4)
+    *_, last = pace_in_words({"pace": clock.summary() | {"late_answers": []}})
+    assert last.startswith(f"this was no real time: {100 * missed / 1001:.3g} % of the deadlines were missed") == said
 
 
 def test_a_twin_that_is_called_by_hand_starts_no_process(monkeypatch):

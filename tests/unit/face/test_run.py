@@ -47,6 +47,18 @@ def test_it_prints_what_the_command_line_prints(result, tmp_path, monkeypatch, c
     assert repr(result) == "<Run: nimc_twin on lead_screw, 45001 samples, 3 moves>"
 
 
+def test_a_recording_that_is_asked_for_is_written(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run = dtb.run("controller=imc", "duration_s=6", "recording.save=x.csv")
+    assert len(pd.read_csv("x.csv")) == len(run.trace)
+    assert [path.name for path in tmp_path.iterdir()] == ["x.csv"]
+
+
+def test_a_machine_that_runs_away_in_open_loop_is_no_result():
+    with pytest.raises(dtb.Diverged, match=r"above 1000 times solver.divergence_mm=1000 mm.*the machine runs away"):
+        dtb.run("controller=open_loop", "profile=constant", "rig.parameters.k.value=1e20", "duration_s=6")
+
+
 def test_tables_figures_and_recording(result):
     assert isinstance(result.trace, pd.DataFrame)
     assert isinstance(result.plot(), Figure)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ Change = Callable[[RigConfig], Any]
 def changed(change: Change) -> RigConfig:
     config = copy.deepcopy(rigs.lead_screw().config)
     change(config)
-    return config
+    return replace(config)  # the schema looks at it again
 
 
 def element(name: str, **fields: Any) -> Change:
@@ -62,7 +63,9 @@ REFUSED: list[tuple[Change, str, str]] = [
     (element("link_1", damp="k"), "rig.elements.link_1.damp=k", "; a link has stiffness"),
     (element("amplifier", gain="k"), "rig.elements.amplifier.gain=k", "; an amplifier has drives"),
     (element("link_1", stiffness="kk"), "rig.elements.link_1.stiffness=kk", "the name of one of the rig's parameters"),
-    (element("link_1", stiffness=1e4), "rig.elements.link_1.stiffness=10000.0", "the name of one of"),
+    (element("link_1", stiffness=-1.0), "rig.parameters.link_1_stiffness.value=-1.0", "above 0 N/m"),
+    (element("link_1", stiffness="5 N"), "rig.parameters.link_1_stiffness.unit=N", "N/m, as rig.elements.link_1"),
+    (element("link_1", stiffness="5 lbs"), "rig.parameters.link_1_stiffness.value=5 lbs", "the unit lbs is unknown"),
     (drop("link_1", "stiffness"), "rig.elements.link_1.stiffness=(missing)", "N/m"),
     (drop("link_1", "between"), "rig.elements.link_1.between=(missing)", "another element"),
     (drop("motor_circuit", "drives"), "rig.elements.motor_circuit.drives=(missing)", "another element"),
@@ -79,8 +82,9 @@ REFUSED: list[tuple[Change, str, str]] = [
     (parameter("m", value=0.0, unit="kg"), "rig.parameters.m.value=0.0", "above 0 kg"),
     (parameter("m", value=-5.2, unit="kg"), "rig.parameters.m.value=-5.2", "above 0 kg"),
     (parameter("k", value=-1.0, unit="N/m"), "rig.parameters.k.value=-1.0", "above 0 N/m"),
-    (parameter("m", value=5.2, unit="g"), "rig.parameters.m.unit=g", "kg, as rig.elements.mass_1.mass needs it"),
-    (parameter("R", value=12.0, unit="kohm"), "rig.parameters.R.unit=kohm", "ohm"),
+    (parameter("m", value=5.2, unit="mm"), "rig.parameters.m.unit=m", "kg, as rig.elements.mass_1.mass needs it"),
+    (parameter("m", value="5.2 kg", unit="kg"), "rig.parameters.m.value=5.2 kg", "gives its unit twice"),
+    (parameter("R", value=12.0, unit="rpm"), "rig.parameters.R.unit=rad/s", "ohm"),
     (sensor(of="mass_7"), "rig.sensors.q3.of=mass_7", "mass_3"),
     (sensor(of="gear"), "rig.sensors.q3.of=gear", "mass_3"),
     (sensor(recorded_in="deg"), "rig.sensors.q3.recorded_in=deg", "a unit of m: m, cm, mm"),
@@ -93,9 +97,8 @@ REFUSED: list[tuple[Change, str, str]] = [
 
 @pytest.mark.parametrize(("change", "key", "allowed"), REFUSED, ids=[key for _, key, _ in REFUSED])
 def test_what_a_description_may_not_say(change: Change, key: str, allowed: str) -> None:
-    config = changed(change)
     with pytest.raises(UserError) as error:
-        build_rig(config)
+        build_rig(changed(change))
     line = str(error.value)
     assert line.startswith(key)
     assert allowed in line
@@ -109,7 +112,7 @@ SCHEMA: list[tuple[dict[str, Any], str]] = [
     ({"sensors": {"q": "mass_1"}}, "rig.sensors.q=mass_1"),
     ({"parameters": {"m": ParameterConfig(math.nan)}}, "rig.parameters.m.value=nan"),
     ({"parameters": {"m": ParameterConfig(math.inf)}}, "rig.parameters.m.value=inf"),
-    ({"parameters": {"m": ParameterConfig("5 kg")}}, "rig.parameters.m.value=5 kg"),
+    ({"parameters": {"m": ParameterConfig("five kg")}}, "rig.parameters.m.value=five"),
     ({"parameters": {"m": ParameterConfig(1.0, tolerance=10.5)}}, "rig.parameters.m.tolerance=10.5"),
     ({"parameters": {"m": ParameterConfig(1.0, tolerance=-0.1)}}, "rig.parameters.m.tolerance=-0.1"),
     ({"effects": {"gear": 3}}, "rig.effects.gear=3"),
@@ -272,3 +275,18 @@ def test_a_chain_settles_where_the_springs_say(n: int) -> None:
     rig = chain(n, 1.0, 1e4, 100.0)
     q = simulate(rig, np.full(4000, 3.0), 1e-3).sensors["q"]
     assert q[-1] == pytest.approx(3.0 * n / 1e4, rel=1e-9)
+
+
+def test_numbers_and_units_may_stand_in_the_elements() -> None:
+    config = rigs.lead_screw().config
+    elements = {name: dict(spec) for name, spec in config.elements.items()}
+    elements["mass_2"]["mass"] = 2.5
+    elements["link_1"]["stiffness"] = "0.5 N/mm"
+    parameters = {**config.parameters, "J": replace(config.parameters["J"], value="0.05 kg cm^2", unit="")}
+    rig = build_rig(replace(config, elements=elements, parameters=parameters))
+    assert rig.elements["mass_2"].values["mass"] == 2.5
+    assert rig.elements["link_1"].values["stiffness"] == 500.0
+    assert rig.elements["motor_bearing"].values["inertia"] == pytest.approx(5e-6)
+    assert rig.config.parameters["link_1_stiffness"].unit == "N/m"
+    assert elements["mass_2"]["mass"] == 2.5  # what was given stays as it was
+    assert build_rig(rig.config).elements == rig.elements

@@ -8,7 +8,8 @@ import pytest
 
 from dtbacklash.errors import UserError
 from dtbacklash.recording import Recording, read_recording
-from dtbacklash.recording.plausible import FACTORS, Scale, mistaken, scales
+from dtbacklash.recording.plausible import FACTORS, Scale, check_units, mistaken, scales
+from dtbacklash.recording.refusal import Refused
 
 #: what people mistake, in both directions
 WRONG = {unit: [f for f in all_ if 50 < max(f, 1 / f) < 1e4] for unit, all_ in FACTORS.items()}
@@ -41,6 +42,14 @@ def test_what_missing_physics_does_to_the_factor(recorded):
     assert len(told) > 60
     assert min(told) > 0.25
     assert max(told) < 2.0
+
+
+def test_columns_that_have_changed_places_are_not_called_a_wrong_unit(recorded):
+    """An angle read as metres looks like micrometres; the columns the other way round need no such factor."""
+    case, channels, _ = next(found for found in recorded if found[0].name == "screw, friction")
+    swapped = {"u": channels["u"], "theta_m": channels["q3"], "q3": channels["theta_m"]}
+    with pytest.raises(Refused, match="channels theta_m and q3 look to have changed places"):
+        check_units(case.rig, swapped, 1e-3, "held", {})
 
 
 def test_wrong_units_are_noticed_in_both_directions(recorded):

@@ -19,7 +19,7 @@ from dtbacklash.report.diagnosis import page as diagnosis_page
 from dtbacklash.report.diagnosis.methods import methods
 from dtbacklash.report.diagnosis.rig_drawing import draw_rig
 from dtbacklash.report.diagnosis.text import lines
-from dtbacklash.report.diagnosis.words import answers, capital, heading, percents
+from dtbacklash.report.diagnosis.words import answers, capital, heading, next_command, percents
 from dtbacklash.report.kit import tables
 from dtbacklash.report.kit.intervals import interval, scaled
 
@@ -45,6 +45,12 @@ def page_of(tmp_path, undrawn):
         return (tmp_path / "report.html").read_text(encoding="utf-8")
 
     return write
+
+
+@pytest.mark.parametrize(("rig", "more"), [("lead_screw", ""), ("emps", " controller=open_loop")])
+def test_the_next_command_is_complete(rig, more):
+    made = replace(next(iter(diagnosed.EACH.values()))(), extended=nominal_rig(rig))
+    assert next_command(made, "my found/rig.yaml") == f"dtb run 'rig=my found/rig.yaml'{more}"
 
 
 def test_all_files_are_there_and_the_page_needs_none_of_them(written):

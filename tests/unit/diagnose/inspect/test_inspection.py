@@ -92,6 +92,21 @@ def test_swapped_sensors_are_named(machine_recordings, name):
     assert (found.turned, found.swapped) == ((), (a, b))
 
 
+@pytest.mark.parametrize("name", [
+    "screw, friction",
+    pytest.param("screw, play as wide as the motion", marks=pytest.mark.check),
+    pytest.param("screw, closed loop", marks=pytest.mark.check),
+])  # fmt: skip
+def test_swapped_columns_of_an_angle_and_a_position_are_named_whatever_their_units(machine_recordings, name):
+    rig, record = machine_recordings[name]
+    swapped = with_(record, theta_m=1e3 * record.y["q3"], q3=1e-3 * record.y["theta_m"])
+    found = inspect(rig, [swapped])
+    assert found.fault is not None
+    assert found.fault.what == "theta_m and q3 have changed places"
+    assert found.fault.mend.startswith("Swap theta_m and q3 in the recording (or in its mapping)")
+    assert "theta_m and q3 are in their places" in failed(found)
+
+
 def test_a_turned_sensor_ends_in_no_physics(rig, clean):
     found = diagnose_records(rig, [with_(clean, q3=-clean.y["q3"])])
     document = found.to_json()
