@@ -16,6 +16,7 @@ from dtbacklash.control.belief import Belief, Beliefs, beliefs_of, design_for, s
 from dtbacklash.control.design import ControllerDesign
 from dtbacklash.control.handover import Rest, handed_over
 from dtbacklash.control.laws import Controller, ControllerState, build_controller, new_controller_state
+from dtbacklash.control.margins import DesignedLoop
 from dtbacklash.errors import Diverged, UserError
 from dtbacklash.experiment import loop, signals
 from dtbacklash.experiment.advice import causes
@@ -165,7 +166,8 @@ def run_scenario(
         _segments((asked, config), rig, design, machine, inputs, traces, which, twin, progress)
     end = time.perf_counter()
     walls = Walls(end - ready - twin.wall_s, twin.wall_s, spent(), end - started)
-    result = collect(config, rig, design, inputs, traces, which, twin.table(), walls, machine.watcher)
+    designed = DesignedLoop.of(config, design, beliefs.design) if design is not None else None
+    result = collect(config, rig, designed, inputs, traces, which, twin.table(), walls, machine.watcher)
     if machine.clock is not None:
         result.summary["pace"] = machine.clock.summary() | {"late_answers": twin.late}
     return result
