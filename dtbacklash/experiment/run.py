@@ -21,8 +21,9 @@ from dtbacklash.errors import Diverged, UserError
 from dtbacklash.experiment import loop, signals
 from dtbacklash.experiment.advice import causes
 from dtbacklash.experiment.aging import aged_rigs, aged_state
-from dtbacklash.experiment.estimation import AT_REST, Estimation, answering
+from dtbacklash.experiment.estimation import Estimation, answering
 from dtbacklash.experiment.pace import RealTime, undisturbed
+from dtbacklash.experiment.rest import AT_REST
 from dtbacklash.experiment.result import RunResult, Walls, collect
 from dtbacklash.experiment.sensors import roles, sensor_errors
 from dtbacklash.experiment.watch import ALARM, Watcher, run_watched
