@@ -145,6 +145,11 @@ class Curves:
     @cached_property
     def controller(self) -> tuple[Response, Response]:
         """H_theta and H_q: measured angle and output -> voltage."""
+        if (law := self.of.design.law) is not None:
+            a, b = law.A + np.outer(law.E, law.C), law.B + np.outer(law.E, law.D)  # within the limit of the voltage
+            angle, output = (SampledModel(a, b[:, j : j + 1], law.C[None, :], law.D[None, j : j + 1]) for j in (1, 2))
+            step = self.of.design.sample_time_s
+            return response(angle, self.omega, step), response(output, self.omega, step)
         g1, k, (w, f) = self.plant[0], self.of.design.k_theta_v_per_rad, self.filtered
         if self.of.form == "measured":
             return -k * (1.0 - f), -k * w

@@ -76,6 +76,8 @@ def _late(rig: Rig, designed: DesignedLoop) -> Iterator[str]:
 
 def causes(config: RunConfig, rig: Rig, design: ControllerDesign) -> list[str]:
     """The causes that the configuration alone shows; also for a loop that diverged."""
+    if design.law is not None:  # a PID or an LQG has neither an internal model nor a prefilter
+        return []
     return [*_gain(config, rig, design), *_unmodelled(config, rig), *_prefilter(config)]
 
 
@@ -132,7 +134,7 @@ def _holds(trace: pd.DataFrame, moves: pd.DataFrame) -> pd.Series:
 
 def _too_short(config: RunConfig, design: ControllerDesign, at: pd.DataFrame, holds: pd.Series) -> Iterator[str]:
     """The reference goes on before a move can have arrived. at : the trace where these moves begin."""
-    if config.controller.prefilter != "reduced":
+    if config.controller.prefilter != "reduced" or design.law is not None:
         return
     tau_s = config.controller.tau_r_s
     needed = np.full(len(at), MOVE_TIME_CONSTANTS * tau_s)
