@@ -25,6 +25,7 @@ from studies import (
     bank,
     campaign,
     close_the_loop,
+    controllers,
     crossing,
     diagnosis,
     gallery,
@@ -89,6 +90,15 @@ def _crossing(options: argparse.Namespace) -> Result:
     table = crossing.run_crossing(options.n, options.seed)
     table.to_csv(options.out / "crossing_cases.csv", index=False)
     return crossing.crossing_rows(table), crossing.crossing_words(table, options.seed)
+
+
+def _controllers(options: argparse.Namespace) -> Result:
+    moves = controllers.run_controllers()
+    moves.to_csv(options.out / "controllers_moves.csv", index=False)
+    rows = controllers.controller_rows(moves)
+    if options.docs:
+        controllers.write_docs(moves, rows, options.docs)
+    return rows, []
 
 
 def _alternatives(options: argparse.Namespace) -> Result:
@@ -163,6 +173,9 @@ STUDIES = {
     "wrong_models": Study(
         "The twin in loops of 100 s whose model is wrong; from estimations on: of the estimates",
         _wrong_models, 1000, 1, asked=True,
+    ),
+    "controllers": Study(
+        "The paper's controllers beside a PID and an LQG: main scenario, encoder, at most 12 V", _controllers
     ),
     "crossing": Study(
         "The twin's controller beside the paper's on random machines, lives of 100 s", _crossing, 1000, 1, asked=True

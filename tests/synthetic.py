@@ -88,7 +88,7 @@ def run_result(**changes: object) -> SimpleNamespace:
         "wall_s": {"simulate": 0.05, "estimate": 0.1, "total": 0.6}, "seed": 0,
         "versions": {"dtbacklash": "0.1.0", "python": "3.11.6", "numpy": "2.4.6"},
     }  # fmt: skip
-    return SimpleNamespace(config=config(**changes), trace=trace, estimates=estimates, summary=summary)
+    return SimpleNamespace(config=config(**changes), trace=trace, estimates=estimates, summary=summary, design=None)
 
 
 def step_response(overshoot: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -19,7 +19,7 @@ from dtbacklash.errors import UserError
 SHELLS = ("bash", "zsh")
 OPTIONS = ("--help", "--cfg", "-m", "-v")
 #: the word that follows a command which is no application
-SECOND = {"recordings": ("fetch",), EXPORT.name: ("fmu",), "twin": tuple(PARTS)}
+SECOND = {"recordings": ("fetch",), EXPORT.name: ("fmu", "controller"), "twin": tuple(PARTS)}
 SCRIPT = """\
 # completion of dtb; made by `dtb --install-completion`
 _dtb_completion() {
@@ -97,6 +97,8 @@ def answers(line: str) -> list[str]:
         return _beginning(word, SECOND[command])
     if command == "twin":
         return _of_the_twin(rest, word)
+    if command == EXPORT.name and rest[0] == "controller":
+        return answers(" ".join(["dtb", "run", *rest[1:], word]))
     if command in FILES:
         rest = rest[1:]
     elif command not in GRAMMARS:

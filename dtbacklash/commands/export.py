@@ -1,13 +1,16 @@
-"""``dtb export fmu``: a rig as an FMU, for other simulation tools."""
+"""``dtb export``: a rig as an FMU, for other simulation tools, or a controller as C99, for a machine."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from pathlib import Path
 
 from dtbacklash.config.grammar import EXPORT
 from dtbacklash.errors import UserError
 
-FMU = "fmu"
+FMU, CONTROLLER = "fmu", "controller"
+C_SUFFIX = ".c"
 
 
 def main(words: Sequence[str]) -> int:
@@ -17,17 +20,48 @@ def main(words: Sequence[str]) -> int:
     ------
     UserError : whatever the user got wrong.
     """
-    if not words or words[0] != FMU:
-        raise UserError("argument", words[0] if words else "(missing)", "write dtb export fmu")
+    if not words or words[0] not in (FMU, CONTROLLER):
+        allowed = "write dtb export fmu, or dtb export controller"
+        raise UserError("argument", words[0] if words else "(missing)", allowed)
+    program = f"dtb export {words[0]}"
     option = next((word for word in words if word.startswith("-")), None)
     if option is not None:
-        raise UserError("option", option, "dtb export fmu takes --help, and settings as key=value")
+        raise UserError("option", option, f"{program} takes --help, and settings as key=value")
     hydra = next((word for word in words if word.lstrip("+~").startswith("hydra")), None)
     if hydra is not None:
         key, _, value = hydra.partition("=")
-        raise UserError(key, value, "no such setting; dtb export fmu --help lists them")
-    _export(words[1:])
+        raise UserError(key, value, f"no such setting; {program} --help lists them")
+    (_export if words[0] == FMU else _export_controller)(words[1:])
     return 0
+
+
+def _export_controller(words: Sequence[str]) -> None:
+    from dtbacklash.commands.console import shown_path
+    from dtbacklash.config.compose import compose
+    from dtbacklash.control.belief import beliefs_of, design_for, settled
+    from dtbacklash.control.c99 import c_source
+    from dtbacklash.control.laws import build_controller
+    from dtbacklash.files import written
+    from dtbacklash.version import __version__
+
+    out = [word.partition("=")[2] for word in words if word.startswith("out=")]
+    config = compose(*(word for word in words if not word.startswith("out=")))
+    beliefs = beliefs_of(config)
+    config, c = settled(config, beliefs), config.controller
+    design = design_for(config, beliefs.design)
+    if design is None:
+        raise UserError("controller", c.name, "open loop has no controller to export")
+    forward = beliefs.design.feed_forward(tuple(c.compensate))
+    first_deg = config.controller.gap_hat_deg or 0.0
+    about = f"{c.name} for {beliefs.design.rig.config.name}, made by dtbacklash {__version__}: " + " ".join(words)
+    path = Path(out[-1] if out else c.name + C_SUFFIX)
+    if path.suffix != C_SUFFIX:
+        raise UserError("out", str(path), f"must end in {C_SUFFIX}")
+    text = c_source(build_controller(config.controller, design, forward), math.radians(first_deg), about)
+    with written(path.absolute(), "out", str(path), parents=False) as whole:
+        whole.write_text(text, encoding="utf-8")
+    print("one sample: controller_step(&c, r, y), with y = (measured angle rad, measured output m); in V")
+    print(shown_path(path))
 
 
 def _export(words: Sequence[str]) -> None:

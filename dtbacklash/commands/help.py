@@ -22,12 +22,26 @@ A recording is looked for in the folder $DTB_RECORDINGS (also in its subfolder N
 cache."""
 
 
+CONTROLLER = """usage: dtb export controller [out=FILE.c] [group=option ...] [key=value ...]
+
+Writes the designed controller as C99 without dependencies: its matrices, the play, the prefilter, and one function,
+controller_step(&c, r, y), which does to the last digits but rounding what the controller of dtb run does. The gap in
+force is a field that a twin may set. The settings are those of dtb run (dtb run --help).
+
+examples:
+  dtb export controller out=controller.c
+  dtb export controller experiment=held model=found/rig.yaml
+  dtb export controller controller=lqg controller.limit_v=12"""
+
+
 def of_command(name: str, words: Sequence[str]) -> str:
     """The help of the command ``name``; ``words`` : what stands behind it, of which one may name a part."""
     if name == "recordings":
         return RECORDINGS
     if name == "twin":
         return of_the_twin(words[0]) if words[0] in PARTS else _twin()
+    if name == EXPORT.name and words[:1] == ["controller"]:
+        return CONTROLLER
     return text((GRAMMARS | FILES)[name])
 
 

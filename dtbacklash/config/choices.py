@@ -10,6 +10,8 @@ from __future__ import annotations
 STRUCTURES = {
     "imc": "linear internal model control: its model knows no backlash",
     "nimc": "nonlinear internal model control: its model contains the backlash",
+    "pid": "a PID controller of the output over the motor's inner loop, tuned by IMC rules for the dominant mode",
+    "lqg": "LQG control: a Kalman filter of motor and structure, and LQ feedback with an integral of the error",
     "open_loop": "no controller: the command drives the rig's input itself",
 }
 TRIGGERS = {

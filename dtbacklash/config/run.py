@@ -47,7 +47,9 @@ class ControllerConfig:
 
     name: str = setting("nimc_twin", "name in results; the option's file sets it")
     structure: str = setting(
-        "nimc", "linear IMC, IMC with a model of the backlash, or the reference as the rig's input", choices=STRUCTURES
+        "nimc",
+        "linear IMC, IMC with a model of the backlash, a PID, an LQG, or the reference as the rig's input",
+        choices=STRUCTURES,
     )
     reconfigure: str = setting(
         "reference_change", "when the twin is asked: never, at a reference change, when the novelty index rises",
@@ -68,6 +70,10 @@ class ControllerConfig:
         "run", "with `inverse`, what a jump of the reference does while the motor crosses the gap", choices=CROSSINGS
     )
     crossing_v: float = setting(12.0, "`hold`: steady voltage that crosses the gap, at most", above=0, unit="V")
+    limit_v: float | None = setting(
+        None, "at which the controller limits its voltage, and its model the model's; null: that of the model's "
+        "amplifier, else none", above=0, unit="V",
+    )  # fmt: skip
     design_from: str = setting("model", "what it is designed for", choices=BELIEFS)
     compensate: list[str] = setting(
         lambda: list(COMPENSATED), "effects of the model's motor that the voltage compensates; never Coulomb "

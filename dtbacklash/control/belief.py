@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from dtbacklash.config.rig import RigConfig, of_the_model
 from dtbacklash.config.run import RunConfig
-from dtbacklash.control.chain import motor_parameters, structure_parameters
+from dtbacklash.control.chain import driven_chain, motor_parameters, structure_parameters
 from dtbacklash.control.design import (
     ControllerDesign,
     MotorParameters,
@@ -20,6 +20,7 @@ from dtbacklash.control.design import (
     design_controller,
     dominant_frequency,
 )
+from dtbacklash.control.rivals import lqg_law, pid_law
 from dtbacklash.errors import UserError
 from dtbacklash.kept import kept
 from dtbacklash.physics.catalogue import find
@@ -96,6 +97,24 @@ class Belief:
             viscous_v_s_per_rad=per_torque * viscous.get("coefficient", 0.0),
             load_v=per_torque * there.get("constant_load", {}).get("torque", 0.0),
         )
+
+    def delays_s(self) -> tuple[float, float, float]:
+        """The believed delays of the command, of the motor's sensor and of the output's, s."""
+        amplifier, rotor = self.rig.only("amplifier"), self.rig.motor_rotor()
+        chain = driven_chain(self.rig)[0]
+        sensors = self.rig.sensors.values()
+        shows = [next((s.name for s in sensors if one and s.of == one.name), "") for one in (rotor, chain[-1])]
+        places = [amplifier.name if amplifier else "", *(SENSOR_PREFIX + name for name in shows)]
+        command, angle, output = (
+            self.rig.effects.get(place, {}).get("delay", {}).get("time", 0.0) for place in places
+        )  # fmt: skip
+        return command, angle, output
+
+    def limit_v(self) -> float | None:
+        """The believed limit of the amplifier's voltage; None if there is none."""
+        amplifier = self.rig.only("amplifier")
+        there = self.rig.effects.get(amplifier.name, {}) if amplifier else {}
+        return there["saturation"]["limit"] if "saturation" in there else None
 
     def drifts(self) -> bool:
         """Whether an effect between voltage and measured angle makes an integrating motor model drift."""
@@ -181,6 +200,8 @@ def settled(config: RunConfig, beliefs: Beliefs) -> RunConfig:
         controller = replace(controller, internal_model=form)
     if controller.gap_hat_deg is None:
         controller = replace(controller, gap_hat_deg=math.degrees(beliefs.design.half_gap_rad))
+    if controller.limit_v is None:
+        controller = replace(controller, limit_v=beliefs.design.limit_v())
     if twin.method == "auto":
         twin = replace(twin, method="simulate" if beliefs.twin.bends() else "linear")
     return replace(config, controller=controller, twin=twin)
@@ -205,7 +226,13 @@ def design_for(config: RunConfig, belief: Belief) -> ControllerDesign | None:
     if frequency * config.sample_time_s >= math.pi:
         allowed = f"sampling above twice the dominant mode's {frequency / (2 * math.pi):.3g} Hz"
         raise UserError("sample_time_s", config.sample_time_s, allowed)
-    return kept(
+    design = kept(
         design_controller,
         linear.motor, linear.structure, c.k_theta_v_per_rad, c.prefilter, c.tau_r_s, config.sample_time_s,
     )  # fmt: skip
+    law = None
+    if c.structure == "pid":
+        law = kept(pid_law, linear.structure, c.k_theta_v_per_rad, c.tau_r_s, config.sample_time_s)
+    elif c.structure == "lqg":
+        law = kept(lqg_law, linear.motor, linear.structure, c.tau_r_s, config.sample_time_s)
+    return replace(design, delays_s=belief.delays_s(), law=law)

@@ -102,6 +102,20 @@ class SampledModel:
 
 
 @dataclass(frozen=True)
+class LinearLaw:
+    """x[k+1] = A x + B y + E u, u = limited(C x + D y), with y = (r m, theta_m rad, q3 m) and u in V.
+
+    Shapes (n, n), (n, 3), (n,), (3,), (n,).
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    E: Array
+
+
+@dataclass(frozen=True)
 class ControllerDesign:
     """All sampled-data models that the controllers need (zero-order hold at ``sample_time_s``).
 
@@ -110,6 +124,8 @@ class ControllerDesign:
     structure: G2, theta_d [rad] -> position of the last mass [m].
     plant: G1 G2 sampled as one, u [V] -> position of the last mass [m].
     dominant_frequency_rad_s: damped frequency omega_d of the structure's dominant mode.
+    delays_s: those that are known: of the command, of the measured angle, of the measured output, s.
+    law: the whole controller, where it is none of the paper's (:mod:`.rivals`).
     """
 
     prefilter: SampledModel
@@ -119,6 +135,8 @@ class ControllerDesign:
     k_theta_v_per_rad: float
     sample_time_s: float
     dominant_frequency_rad_s: float
+    delays_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    law: LinearLaw | None = None
 
 
 def motor_tf(motor: MotorParameters) -> control.TransferFunction:

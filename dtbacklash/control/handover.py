@@ -75,6 +75,8 @@ def handed_over(before: Controller, state: ControllerState, after: Controller, r
     ahead = float(after.wc @ new.w_r) + after.wd * rest.reference
     new.inverse[:] = side, ahead, rest.gap_rad, rest.reference, 0.0
     new.angle[0] = rest.theta_m
+    new.lines[1] = new.m[2] if after.model == INVERSE else screw
+    new.lines[2] = gain * screw
     return new
 
 

@@ -1,4 +1,4 @@
-"""The sampled controllers, compiled: linear IMC, nonlinear IMC and open loop, one control step a sample.
+"""The sampled controllers, compiled: linear IMC, nonlinear IMC, linear laws and open loop, one control step a sample.
 
 Block diagrams: the paper's Figures 3 (IMC) and 9 (NIMC). The prediction error ``eps = q3 - q3^`` is taken from the
 reference, the prefilter W turns the rest into ``theta_ref``, and the inner loop sets the voltage:
@@ -20,6 +20,9 @@ What drives the model of the structure is ``controller.internal_model``:
   by the prediction error crosses the gap that slowly only; see docs/theory.md. With ``controller.crossing=hold`` a
   reference that jumps is held back until b has brought the motor to the other side of the gap.
 - ``auto`` stands for one of them until it is known what is believed of the rig (:func:`.belief.settled`).
+
+What is known of the machine is in the model as well: the voltage is limited as the amplifier limits it, and delays of
+the command and of both sensors pass lines of the same length. PID and LQG are a :class:`.design.LinearLaw`.
 """
 
 import math
@@ -32,12 +35,12 @@ from dtbacklash.arrays import Floats
 from dtbacklash.compiled import inlined
 from dtbacklash.config.run import ControllerConfig
 from dtbacklash.control.belief import FeedForward
-from dtbacklash.control.design import ControllerDesign
+from dtbacklash.control.design import ControllerDesign, LinearLaw
 from dtbacklash.physics.effects.play import play
 
-IMC, NIMC, OPEN_LOOP = 0, 1, 2
+IMC, NIMC, OPEN_LOOP, LINEAR = 0, 1, 2, 3
 BARE, MEASURED, INNER_LOOP, EXACT, INVERSE = 0, 1, 2, 3, 4
-_STRUCTURES = {"imc": IMC, "nimc": NIMC, "open_loop": OPEN_LOOP}
+_STRUCTURES = {"imc": IMC, "nimc": NIMC, "open_loop": OPEN_LOOP, "pid": LINEAR, "lqg": LINEAR}
 _MODELS = {"bare": BARE, "measured": MEASURED, "inner_loop": INNER_LOOP, "exact": EXACT, "inverse": INVERSE}
 #: how far the inverse of the backlash moves for each radian that the reference asks of the screw: at 1 the gap is
 #: crossed too late, at 10 an estimate that is too large overshoots most (``python -m studies nimc_forms``)
@@ -58,6 +61,8 @@ class Controller(NamedTuple):
     w_rest, s_rest : states of the prefilter and of the structure at rest, for one rad of the screw.
     crossing_step : rad a sample by which b crosses while the reference is held back; 0: it is never. arriving :
     samples that the motor takes to follow b to its end. jump : m, a change of the reference that is no jump.
+    limit : V, of the voltage. late : (3,) samples by which command, measured angle and measured output come late.
+    la, lb, lc, ld, le : the matrices of a :class:`.design.LinearLaw`.
     """
 
     structure: int
@@ -82,6 +87,13 @@ class Controller(NamedTuple):
     crossing_step: float
     arriving: int
     jump: float
+    limit: float
+    late: Floats
+    la: Floats
+    lb: Floats
+    lc: Floats
+    ld: Floats
+    le: Floats
 
 
 class ControllerState(NamedTuple):
@@ -91,7 +103,8 @@ class ControllerState(NamedTuple):
         behind the measured motor, on which the loop acts with `inner_loop`. angle : (1,) the measured angle before.
     w_r : the prefilter, driven by the reference alone. inverse : (5,) the inverse of the backlash as a share
         of the gap, W r, the gap that the model is in, rad, the reference that is let through, m, and the samples for
-        which the next one is held back after b has arrived.
+        which the next one is held back after b has arrived. lines : (3, n) what is on its way through the delays of
+        the model, the latest first. law : (n,) of a linear law.
     """
 
     w: Floats
@@ -102,6 +115,8 @@ class ControllerState(NamedTuple):
     angle: Floats
     w_r: Floats
     inverse: Floats
+    lines: Floats
+    law: Floats
 
 
 def build_controller(
@@ -109,11 +124,14 @@ def build_controller(
 ) -> Controller:
     """Arrays of the compiled controller; ``design`` may be None in open loop. forward : None for none."""
     known = np.array(astuple(forward or FeedForward()))
+    limit = math.inf if config.limit_v is None else config.limit_v
+    law = (design.law if design else None) or LinearLaw(*(np.zeros(n) for n in ((0, 0), (0, 3), 0, 3, 0)))
     structure, model = _STRUCTURES[config.structure], _MODELS[config.internal_model]
     if design is None:
         none, row = np.zeros((0, 0)), np.zeros(0)
         return Controller(structure, model, 0.0, none, row, row, 0.0, np.zeros((3, 3)), np.zeros(3), none, row,
-                          row, 1.0, False, known, 0.0, 0.0, row, row, 0.0, 0, 0.0)  # fmt: skip
+                          row, 1.0, False, known, 0.0, 0.0, row, row, 0.0, 0, 0.0, math.inf, np.zeros(3), law.A, law.B,
+                          law.C, law.D, law.E)  # fmt: skip
     W, M = design.prefilter, design.motor_position
     S = design.plant if model == EXACT else design.structure
     flat = [np.ascontiguousarray(a, dtype=float).ravel() for a in (W.B, W.C, M.B, S.B, S.C)]
@@ -129,7 +147,8 @@ def build_controller(
     return Controller(
         structure, model, design.k_theta_v_per_rad, W.A, wb, wc, float(W.D[0, 0]), M.A, mb, S.A, sb, sc,
         design.sample_time_s, bool(np.any(known)), known, CROSSING_RATIO, 1.0 / config.tau_r_s, w_rest, s_rest,
-        step, arriving, SMALL_GAP_RAD * float(sc @ s_rest),
+        step, arriving, SMALL_GAP_RAD * float(sc @ s_rest), limit, np.array(design.delays_s) / design.sample_time_s,
+        law.A, law.B, law.C, law.D, law.E,
     )  # fmt: skip
 
 
@@ -137,7 +156,9 @@ def new_controller_state(controller: Controller) -> ControllerState:
     """The controller at rest."""
     sizes = len(controller.wb), len(controller.mb), len(controller.sb)
     w, m, s = (np.zeros(n) for n in sizes)
-    return ControllerState(w, m, s, np.zeros(2), np.zeros(max(*sizes, 1)), np.zeros(1), w.copy(), np.zeros(5))
+    law, lines = np.zeros(len(controller.lc)), np.zeros((3, math.ceil(controller.late.max()) + 2))
+    spare = np.zeros(max(*sizes, law.size, 1))
+    return ControllerState(w, m, s, np.zeros(2), spare, np.zeros(1), w.copy(), np.zeros(5), lines, law)
 
 
 @inlined
@@ -162,9 +183,42 @@ def _output(C, x):
 
 
 @inlined
-def predict(C, X):
-    """The predicted output q3^, m, at the present sample."""
-    return _output(C.sc, X.s)
+def _late(line, samples, value):
+    """The value that was given ``samples`` calls ago, linearly between two; line : the latest values, newest first."""
+    if samples <= 0.0:
+        return value
+    for i in range(line.shape[0] - 1, 0, -1):
+        line[i] = line[i - 1]
+    line[0] = value
+    whole = int(samples)
+    share = samples - whole
+    return (1.0 - share) * line[whole] + share * line[whole + 1]
+
+
+@inlined
+def _limited(C, u):
+    return min(max(u, -C.limit), C.limit)
+
+
+@inlined
+def _predict(C, X):
+    """The predicted output q3^, m, as the sensor shows it at the present sample."""
+    return _late(X.lines[2], C.late[2], _output(C.sc, X.s))
+
+
+@inlined
+def _linear(C, X, r, theta_m, q3, forward):
+    """One sample of a linear law; returns the voltage."""
+    x = X.law
+    u = _limited(C, _output(C.lc, x) + C.ld[0] * r + C.ld[1] * theta_m + C.ld[2] * q3 + forward)
+    for i in range(x.shape[0]):
+        total = C.lb[i, 0] * r + C.lb[i, 1] * theta_m + C.lb[i, 2] * q3 + C.le[i] * (u - forward)
+        for j in range(x.shape[0]):
+            total += C.la[i, j] * x[j]
+        X.spare[i] = total
+    for i in range(x.shape[0]):
+        x[i] = X.spare[i]
+    return u
 
 
 @inlined
@@ -202,6 +256,8 @@ def _reseat(C, X, gap):
     X.theta_d[0] -= gained
     for i in range(X.s.shape[0]):
         X.s[i] -= gained * C.s_rest[i]
+    for i in range(X.lines.shape[1]):
+        X.lines[2, i] -= gained * _output(C.sc, C.s_rest)
     for i in range(X.w.shape[0]):
         X.w[i] -= gained * C.w_rest[i]
 
@@ -269,15 +325,17 @@ def control_step(C, X, r, theta_m, q3, gap_hat, growth=0.0):
         return r, 0.0
     gap = gap_hat if C.structure == NIMC else 0.0
     forward = feed_forward(C, X, theta_m) if C.forwards else 0.0
+    if C.structure == LINEAR:
+        return _linear(C, X, r, theta_m, q3, forward), 0.0
     r = _taken_in(C, X, r, gap, growth)
-    eps = q3 - predict(C, X)
+    eps = q3 - _predict(C, X)
     error = r - eps
     theta_ref = _output(C.wc, X.w) + C.wd * error
     _advance_model(C.wa, C.wb, error, X.w, X.spare)
     if C.model == EXACT:
-        u = C.gain * (theta_ref - theta_m)
-        _advance_model(C.sa, C.sb, u, X.s, X.spare)
-        return u + forward, eps
+        u = _limited(C, C.gain * (theta_ref - theta_m) + forward)
+        _advance_model(C.sa, C.sb, _late(X.lines[0], C.late[0], u - forward), X.s, X.spare)
+        return u, eps
     if C.model == BARE:
         theta_d = X.theta_d[0] if C.structure == NIMC else X.m[2]
     elif C.model == MEASURED:
@@ -293,16 +351,16 @@ def control_step(C, X, r, theta_m, q3, gap_hat, growth=0.0):
         # the inner loop acts on the screw's angle; the complete model has its own, so the loop takes the measured one
         X.theta_d[1] = play(X.theta_d[1], theta_m, gap)
         feedback = X.theta_d[1] if C.model == INNER_LOOP else theta_d
-    u = C.gain * (theta_ref - feedback)
+    u = _limited(C, C.gain * (theta_ref - feedback) + forward)
     _advance_model(C.sa, C.sb, theta_d, X.s, X.spare)
     if C.model == BARE:
         if C.structure == NIMC:  # Eqs (16)-(17) with the sampled sG1's speed, integrated forward
             z, omega = theta_m - X.theta_d[0], X.m[1]
             if (omega > 0.0 and z >= gap) or (omega < 0.0 and z <= -gap):
                 X.theta_d[0] += omega * C.sample_time
-        _advance_model(C.ma, C.mb, u, X.m, X.spare)
-    elif C.model == INNER_LOOP:
-        _advance_model(C.ma, C.mb, C.gain * (theta_ref - theta_d), X.m, X.spare)
-    elif C.model == INVERSE:
-        _advance_model(C.ma, C.mb, C.gain * (theta_ref + X.inverse[0] * gap - X.m[2]), X.m, X.spare)
-    return u + forward, eps
+        _advance_model(C.ma, C.mb, _late(X.lines[0], C.late[0], u - forward), X.m, X.spare)
+    elif C.model in (INNER_LOOP, INVERSE):
+        ahead, own = (X.inverse[0] * gap, X.m[2]) if C.model == INVERSE else (0.0, theta_d)
+        own_u = _limited(C, C.gain * (theta_ref + ahead - _late(X.lines[1], C.late[1], own)))
+        _advance_model(C.ma, C.mb, _late(X.lines[0], C.late[0], own_u), X.m, X.spare)
+    return u, eps

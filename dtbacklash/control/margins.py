@@ -1,24 +1,29 @@
-"""How far a design is from instability: margins, sensitivity, robustness, and cycles in a gap that is not there.
+"""How far a design is from instability: margins, sensitivity, robustness, and cycles in a play.
 
-The loop is cut at the voltage, with the motor in contact, so that the loop transfer function is that of everything from
-a voltage to the voltage that it brings about. With W the prefilter, S the structure, G1 the motor, K the gain of the
-inner loop and G = K G1 / (1 + K G1) the loop closed over the angle, all sampled (theory.md, "Margins"):
+The loop is cut at the voltage, with the motor in contact. A controller answers the measured angle and output by
+``u = H_theta theta_m + H_q q3``, so that L = -(H_theta G1 + H_q G1 S). With W the prefilter, S the structure, G1 the
+motor, K the gain of the inner loop, F = W S and G = K G1 / (1 + K G1), all sampled (theory.md, "Margins"):
 
-- ``measured``: the model is driven by what the plant is driven by, and cancels it: L = K G1;
-- ``bare``, ``exact``: L = K (1 + W S) G1 / (1 - K W S G1);
-- ``inner_loop``, ``inverse``: L = K G1 (1 + W S / (1 - W S G)).
+- ``measured``: H_theta = -K (1 - F), H_q = -K W: the model moves as the plant does, and L = K G1;
+- ``bare``, ``exact``: H_theta = -K / (1 - K F G1), H_q = -K W / (1 - K F G1);
+- ``inner_loop``, ``inverse``: H_theta = -K, H_q = -K W / (1 - F G).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dtbacklash.control.design import ControllerDesign, SampledModel
+from dtbacklash.config.run import RunConfig
+from dtbacklash.control.belief import Belief, Linear
+from dtbacklash.control.design import ControllerDesign, SampledModel, motor_ss, sampled, structure_ss
+from dtbacklash.kept import kept
 
+Reals = NDArray[np.float64]
 Response = NDArray[np.complex128]
 
 #: points of the grid of frequencies, from LOWEST_RAD_S to the Nyquist frequency
@@ -33,8 +38,10 @@ class Margins:
 
     gain : factor on the loop's gain, above 1, that makes it unstable. phase_deg, delay_s : phase and delay that do.
     ms : largest sensitivity, the inverse of the distance of the Nyquist curve from -1. crossover_rad_s : where the
-    smallest delay margin lies. cycle_share, cycle_rad_s : amplitude of the motor over the believed half-gap and
-    frequency of the cycle that the describing function of the play predicts where there is no gap.
+    smallest delay margin lies. small_gain : largest share of the distance from -1 by which the parameters' tolerances
+    move the Nyquist curve: below 1, the small-gain theorem says that it stays stable. cycle_share, cycle_rad_s :
+    amplitude of the motor over the half-gap and frequency of the cycle that the describing function of the play
+    predicts.
     """
 
     gain: float | None
@@ -42,6 +49,7 @@ class Margins:
     delay_s: float | None
     ms: float
     crossover_rad_s: float | None
+    small_gain: float
     cycle_share: float | None
     cycle_rad_s: float | None
 
@@ -50,12 +58,12 @@ class Margins:
         return asdict(self)
 
 
-def frequencies(sample_time_s: float) -> NDArray[np.float64]:
+def frequencies(sample_time_s: float) -> Reals:
     """(POINTS,) rad/s."""
     return np.geomspace(LOWEST_RAD_S, 0.999 * math.pi / sample_time_s, POINTS)
 
 
-def response(model: SampledModel, omega: NDArray[np.float64], sample_time_s: float) -> Response:
+def response(model: SampledModel, omega: Reals, sample_time_s: float) -> Response:
     """Frequency response (n,) of a sampled model of one input and one output."""
     found = np.full(omega.size, complex(model.D[0, 0]))
     if model.order:
@@ -64,64 +72,162 @@ def response(model: SampledModel, omega: NDArray[np.float64], sample_time_s: flo
     return found
 
 
-def loop_transfer(design: ControllerDesign, form: str, omega: NDArray[np.float64]) -> Response:
-    """L(exp(i omega T)), (n,), cut at the voltage; form : the internal model."""
-    w, s, g1 = (response(m, omega, design.sample_time_s) for m in (design.prefilter, design.structure,
-                                                                   design.motor_position))  # fmt: skip
-    k = design.k_theta_v_per_rad
-    f = w * s
-    if form == "measured":
-        return k * g1
-    if form in ("bare", "exact"):
-        return k * (1.0 + f) * g1 / (1.0 - k * f * g1)
-    closed = k * g1 / (1.0 + k * g1)
-    return k * g1 * (1.0 + f / (1.0 - f * closed))
-
-
-def play_gain(share: NDArray[np.float64]) -> Response:
+def play_gain(share: Reals) -> Response:
     """Describing function of the play, its output over a sine; share : half-gap over amplitude, 0 to 1."""
     x = 1.0 - 2.0 * share
     real = 0.5 + (np.arcsin(x) + x * np.sqrt(1.0 - x**2)) / np.pi
     return np.asarray(real - 4j * share * (1.0 - share) / np.pi)
 
 
-def cycle(design: ControllerDesign, form: str, tau_r_s: float) -> tuple[float, float] | None:
-    """Amplitude over the believed half-gap, and rad/s, of the cycle where there is no gap; None: none is predicted.
+def varied(belief: Belief, compensated: tuple[str, ...]) -> tuple[tuple[Linear, Linear], ...]:
+    """The linear part of a belief with one parameter of its rig one tolerance below and above, for each of them."""
+    nominal, found = belief.linear(compensated), []
+    for name, parameter in belief.rig.config.parameters.items():
+        shares = (1.0 - min(parameter.tolerance, 0.5), 1.0 + parameter.tolerance)
+        low, high = (
+            Belief(belief.rig.with_parameters({name: parameter.value * x})).linear(compensated) for x in shares
+        )
+        if low != nominal or high != nominal:
+            found.append((low, high))
+    return tuple(found)
 
-    The output follows the motor by all that the believed play N leaves: 1 + K G1 (N + F (1 - N)) = 0, F = W S. With
-    ``inverse`` the loop on the angle stays closed in the gap, and 1 + (1 - N) G F (1 + 1/(tau_r s)) = 0.
+
+@dataclass(frozen=True)
+class DesignedLoop:
+    """A designed controller with what it controls; ``result.design`` of a run.
+
+    form : the internal model. tau_r_s : time constant of the prefilter. models_gap : whether its model has the play;
+    else the machine has it. variations : see :func:`varied`.
     """
-    omega = np.geomspace(2.0, 300.0, 800)
-    at: Response = 1j * omega.astype(np.complex128)
+
+    design: ControllerDesign
+    form: str
+    tau_r_s: float
+    models_gap: bool
+    variations: tuple[tuple[Linear, Linear], ...]
+
+    @classmethod
+    def of(cls, config: RunConfig, design: ControllerDesign, belief: Belief) -> DesignedLoop:
+        """That of a run whose ``auto`` is settled."""
+        c = config.controller
+        return cls(design, c.internal_model, c.tau_r_s, c.structure == "nimc", varied(belief, tuple(c.compensate)))
+
+    def margins(self) -> Margins:
+        """Gain, phase and delay margin, sensitivity, the small-gain bound under the tolerances, and the cycle."""
+        return kept(margins, self)
+
+    def curves(self) -> Curves:
+        """The same as frequency responses."""
+        return Curves(self, frequencies(self.design.sample_time_s))
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Frequency responses of a loop at ``omega`` (n,) rad/s; each (n,)."""
+
+    of: DesignedLoop
+    omega: Reals
+
+    @cached_property
+    def plant(self) -> tuple[Response, Response]:
+        """G1 and S: voltage -> motor's angle, screw's angle -> output."""
+        d = self.of.design
+        return response(d.motor_position, self.omega, d.sample_time_s), response(
+            d.structure, self.omega, d.sample_time_s
+        )
+
+    @cached_property
+    def filtered(self) -> tuple[Response, Response]:
+        """W, and F = W S."""
+        w = response(self.of.design.prefilter, self.omega, self.of.design.sample_time_s)
+        return w, w * self.plant[1]
+
+    @cached_property
+    def controller(self) -> tuple[Response, Response]:
+        """H_theta and H_q: measured angle and output -> voltage."""
+        if (law := self.of.design.law) is not None:
+            a, b = law.A + np.outer(law.E, law.C), law.B + np.outer(law.E, law.D)  # within the limit of the voltage
+            angle, output = (SampledModel(a, b[:, j : j + 1], law.C[None, :], law.D[None, j : j + 1]) for j in (1, 2))
+            step = self.of.design.sample_time_s
+            return response(angle, self.omega, step), response(output, self.omega, step)
+        g1, k, (w, f) = self.plant[0], self.of.design.k_theta_v_per_rad, self.filtered
+        if self.of.form == "measured":
+            return -k * (1.0 - f), -k * w
+        if self.of.form in ("bare", "exact"):
+            own = 1.0 / (1.0 - k * f * g1)
+            return -k * own, -k * w * own
+        return np.full_like(w, -k), -k * w / (1.0 - f * k * g1 / (1.0 + k * g1))
+
+    @cached_property
+    def loop(self) -> Response:
+        """L, cut at the voltage."""
+        return self._around(*self.plant)
+
+    @cached_property
+    def sensitivity(self) -> Reals:
+        """|1 / (1 + L)|."""
+        return np.asarray(1.0 / np.abs(1.0 + self.loop))
+
+    @cached_property
+    def moved(self) -> Reals:
+        """How far the tolerances move L at most, over its distance from -1: the sum over the parameters, each alone."""
+        step = self.of.design.sample_time_s
+        total = np.zeros(self.omega.size)
+        for both in self.of.variations:
+            g1_s = [
+                (response(sampled(motor_ss(one.motor)[1, 0], step), self.omega, step),
+                 response(sampled(structure_ss(one.structure), step), self.omega, step)) for one in both
+            ]  # fmt: skip
+            total += np.max([np.abs(self._around(*pair) - self.loop) for pair in g1_s], axis=0)
+        return total * self.sensitivity
+
+    @cached_property
+    def around_the_play(self) -> Response:
+        """What closes the loop over the play, X: a cycle is where X = -1/(1 - N), or -1/N if the play is the machine's.
+
+        Of a believed play that is not there, the output follows the motor by all that it leaves: 1 + K G1 (N +
+        F (1 - N)) = 0; with ``inverse`` the loop on the angle stays closed in it:
+        1 + (1 - N) G F (1 + 1/(tau_r s)) = 0.
+        """
+        g1, s = self.plant
+        if not self.of.models_gap:
+            to_angle, to_output = self.controller
+            return -to_output * g1 * s / (1.0 - to_angle * g1)
+        servo, f = self.of.design.k_theta_v_per_rad * g1, self.filtered[1]
+        if self.of.form == "inverse":
+            return servo / (1.0 + servo) * f * (1.0 + 1.0 / (self.of.tau_r_s * 1j * self.omega))
+        return servo / (1.0 + servo) * (f - 1.0)
+
+    def play(self, share: Reals) -> Response:
+        """1 - N, or N, at each half-gap over amplitude."""
+        return 1.0 - play_gain(share) if self.of.models_gap else play_gain(share)
+
+    def _around(self, g1: Response, s: Response) -> Response:
+        to_angle, to_output = self.controller
+        return -(to_angle + to_output * s) * g1
+
+
+def cycle(of: DesignedLoop) -> tuple[float, float] | None:
+    """Amplitude over the half-gap, and rad/s, of the cycle that the play's describing function predicts, or None."""
+    at = Curves(of, np.geomspace(2.0, 300.0, 800))
     share = np.linspace(0.02, 0.995, 400)
-    n = play_gain(share)[:, None]
-    w, s, g1 = (response(m, omega, design.sample_time_s) for m in (design.prefilter, design.structure,
-                                                                   design.motor_position))  # fmt: skip
-    servo = design.k_theta_v_per_rad * g1
-    balance: Response
-    if form == "inverse":
-        balance = 1.0 + (1.0 - n) * servo / (1.0 + servo) * w * s * (1.0 + 1.0 / (tau_r_s * at))
-    else:
-        balance = 1.0 + servo * (n + w * s * (1.0 - n))
+    balance = 1.0 + at.play(share)[:, None] * at.around_the_play
     i, j = np.unravel_index(np.abs(balance).argmin(), balance.shape)
     if abs(balance[i, j]) > BALANCED:
         return None
-    return float(1.0 / share[i]), float(omega[j])
+    return float(1.0 / share[i]), float(at.omega[j])
 
 
-def crossings(values: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+def crossings(values: Reals) -> tuple[NDArray[np.intp], Reals]:
     """Where values (n,) on the grid pass 0: the point before, and the share of the way to the next, linearly."""
     at = np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0)
     return at, values[at] / (values[at] - values[at + 1])
 
 
-def margins(design: ControllerDesign, form: str, tau_r_s: float, gap: bool = True) -> Margins:
-    """Margins of a design with an internal model of this form; gap : whether its model has one.
-
-    Of all crossings of the loop's frequency response the nearest counts.
-    """
-    omega = frequencies(design.sample_time_s)
-    loop = loop_transfer(design, form, omega)
+def margins(of: DesignedLoop) -> Margins:
+    """Margins of a design. Of all crossings of the loop's frequency response the nearest counts."""
+    curves = of.curves()
+    omega, loop = curves.omega, curves.loop
     at, share = crossings(loop.imag)
     real = loop.real[at] * (1.0 - share) + loop.real[at + 1] * share
     gains = -1.0 / real[(real < 0.0) & (real > -1.0)]
@@ -130,13 +236,14 @@ def margins(design: ControllerDesign, form: str, tau_r_s: float, gap: bool = Tru
     angle = np.unwrap(np.angle(loop))
     phases = angle[at] * (1.0 - share) + angle[at + 1] * share + np.pi
     delays = np.mod(phases, 2.0 * np.pi) / where
-    swings = cycle(design, form, tau_r_s) if gap else None
+    swings = cycle(of)
     return Margins(
         gain=float(gains.min()) if gains.size else None,
         phase_deg=float(np.degrees(np.abs(np.angle(np.exp(1j * phases)))).min()) if phases.size else None,
         delay_s=float(delays.min()) if delays.size else None,
-        ms=float(np.max(1.0 / np.abs(1.0 + loop))),
+        ms=float(np.max(curves.sensitivity)),
         crossover_rad_s=float(where[delays.argmin()]) if delays.size else None,
+        small_gain=float(np.max(curves.moved)),
         cycle_share=None if swings is None else swings[0],
         cycle_rad_s=None if swings is None else swings[1],
     )

@@ -13,9 +13,8 @@ import pandas as pd
 from dtbacklash.config.run import RunConfig
 from dtbacklash.control.belief import on_the_motor
 from dtbacklash.control.design import ControllerDesign, largest_gain
-from dtbacklash.control.margins import Margins, margins
+from dtbacklash.control.margins import DesignedLoop
 from dtbacklash.experiment.sensors import column, roles, trace_factor
-from dtbacklash.kept import kept
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 
@@ -39,14 +38,16 @@ def settles(moves: pd.DataFrame) -> bool | None:
 
 
 def advice(
-    config: RunConfig, rig: Rig, design: ControllerDesign | None, trace: pd.DataFrame, moves: pd.DataFrame
+    config: RunConfig, rig: Rig, designed: DesignedLoop | None, trace: pd.DataFrame, moves: pd.DataFrame
 ) -> list[str]:
     """Sentences for a run that does not settle, the first of which says so; where it does, of its delay alone.
 
-    design : of the controller, None in open loop. trace, moves : of the run, as in :class:`.result.RunResult`.
+    designed : the controller, None in open loop. trace, moves : of the run, as in :class:`.result.RunResult`.
     """
-    late = list(_late(config, rig, design))
-    if design is None or settles(moves) is not False:
+    if designed is None:
+        return []
+    late, design = list(_late(rig, designed)), designed.design
+    if settles(moves) is not False:
         return late
     restless = moves[moves["settling_time_s"].isna()]
     said = [f"{len(restless)} of {len(moves)} moves never settle within {100 * BAND:g} %."]
@@ -58,23 +59,15 @@ def advice(
     ]  # fmt: skip
 
 
-def margins_for(config: RunConfig, design: ControllerDesign | None) -> Margins | None:
-    """The margins of a run's controller; None in open loop. ``config``: with its internal model settled."""
-    if design is None:
-        return None
-    c = config.controller
-    return kept(margins, design, c.internal_model, c.tau_r_s, c.structure == "nimc")
-
-
 def rig_delay_s(rig: Rig) -> float:
     """The delays between the command and the measured angle, s."""
     places = [place for name, place in on_the_motor(rig, delays=True) if name == "delay"]
     return sum(rig.effects[place]["delay"]["time"] for place in places)
 
 
-def _late(config: RunConfig, rig: Rig, design: ControllerDesign | None) -> Iterator[str]:
-    found, delay_s = margins_for(config, design), rig_delay_s(rig) if design else 0.0
-    if found is not None and found.delay_s is not None and found.delay_s < 2.0 * delay_s:
+def _late(rig: Rig, designed: DesignedLoop) -> Iterator[str]:
+    found, delay_s = designed.margins(), rig_delay_s(rig)
+    if found.delay_s is not None and found.delay_s < 2.0 * delay_s:
         yield (
             f"The design's delay margin of {1e3 * found.delay_s:.3g} ms is below twice the rig's delay of "
             f"{1e3 * delay_s:.3g} ms: a smaller controller.k_theta_v_per_rad leaves more."
@@ -83,6 +76,8 @@ def _late(config: RunConfig, rig: Rig, design: ControllerDesign | None) -> Itera
 
 def causes(config: RunConfig, rig: Rig, design: ControllerDesign) -> list[str]:
     """The causes that the configuration alone shows; also for a loop that diverged."""
+    if design.law is not None:  # a PID or an LQG has neither an internal model nor a prefilter
+        return []
     return [*_gain(config, rig, design), *_unmodelled(config, rig), *_prefilter(config)]
 
 
@@ -139,7 +134,7 @@ def _holds(trace: pd.DataFrame, moves: pd.DataFrame) -> pd.Series:
 
 def _too_short(config: RunConfig, design: ControllerDesign, at: pd.DataFrame, holds: pd.Series) -> Iterator[str]:
     """The reference goes on before a move can have arrived. at : the trace where these moves begin."""
-    if config.controller.prefilter != "reduced":
+    if config.controller.prefilter != "reduced" or design.law is not None:
         return
     tau_s = config.controller.tau_r_s
     needed = np.full(len(at), MOVE_TIME_CONSTANTS * tau_s)

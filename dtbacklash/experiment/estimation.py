@@ -14,6 +14,7 @@ from dtbacklash.config.run import OptimizerConfig, RunConfig, TwinConfig
 from dtbacklash.control.belief import Belief
 from dtbacklash.errors import UserError
 from dtbacklash.experiment.loop import GapInForce
+from dtbacklash.experiment.rest import AT_REST, JUDGED_AFTER_S, STRETCH_S, at_rest, cycles
 from dtbacklash.experiment.sensors import roles as roles_of
 from dtbacklash.experiment.watch import Watcher
 from dtbacklash.twin.gap.guard import Attempt
@@ -36,8 +37,6 @@ from dtbacklash.twin.link.service import (
 AHEAD = 2.0
 #: samples between two looks for an answer that has not come
 LOOK = 10
-#: at rest: samples of a stretch, how far the means of two may differ (rad, m), and how many times that a stretch spans
-AT_REST, STILL, SWINGS = 250, (0.03, 2e-6), 10.0
 
 
 class EstimateRow(TypedDict):
@@ -131,7 +130,8 @@ class Estimation:
     wall_s : that the loop has stood still for the twin. late : answers that came after they were due. u : (N+1,) the
     command, filled by the loop; asked for by the bank. belief : what is believed now. waiting : an answer with another
     model, until the loop is at rest. last_move : sample of the last change of the reference of which the bank was asked
-    by an alarm.
+    by an alarm. rested : the last gap with which the loop came to rest, rad. new_since : sample since which another
+    one is in force that is not judged yet, or -1.
     """
 
     config: RunConfig
@@ -154,6 +154,8 @@ class Estimation:
     belief: Belief | None = None
     waiting: Answer | None = None
     last_move: int = -1
+    rested: float = 0.0
+    new_since: int = -1
     _came_s: float = math.nan
 
     @classmethod
@@ -181,7 +183,7 @@ class Estimation:
             if config.twin.where != "local":
                 raise UserError("twin.where", config.twin.where, "a twin elsewhere is for dtb run and dtbacklash.run")
             service = LocalTwin(answering(config, belief))
-        return cls(config, changes, seen, roles, gap, link, service, GapInForce(first), belief=belief)
+        return cls(config, changes, seen, roles, gap, link, service, GapInForce(first), belief=belief, rested=first)
 
     def warm_up(self) -> None:
         """Make ready what an estimate needs."""
@@ -203,6 +205,7 @@ class Estimation:
         if self.waiting is not None:
             found += [k + LOOK, *self._next_change(k)]
         due = self.link.next_sample()
+        found += [] if self.new_since < 0 else [max(self._judged_at(k + 1), k + 1)]
         found += [self.grows_until] if self.in_force.growth and self.grows_until > k else []
         return found if due is None else [*found, max(due, k + 1)]
 
@@ -210,6 +213,8 @@ class Estimation:
         """Do what is due before sample k: open or send buffers, put answers in force."""
         if self.in_force.growth and k >= self.grows_until:
             self.in_force = GapInForce(self.in_force.at(k), 0.0, k)
+        if self.new_since >= 0 and k >= self._judged_at(k):
+            self._judge(k)
         self._exchange(k)
         for answer, middle in self.link.arrived(k):
             if answer.belief is not None:
@@ -223,7 +228,7 @@ class Estimation:
 
     def _put_in_force(self, answer: Answer, middle: int, k: int) -> None:
         """The gap of an answer at sample k: that in the ``middle`` of its buffer, and what it has grown since."""
-        step_s = self.config.sample_time_s
+        step_s, self.new_since = self.config.sample_time_s, k
         earlier, self.before_it = self.before_it, (middle, answer)
         since = None if earlier is None else ((middle - earlier[0]) * step_s, earlier[1])
         growth, until = growth_ahead(answer, since) * step_s, middle + round(self.config.twin.growth_s / step_s)
@@ -236,6 +241,21 @@ class Estimation:
         self.grows_until = until
         now = GapInForce(answer.gap_rad, growth, middle).at(min(k, until))
         self.in_force = GapInForce(now, growth if until > k else 0.0, k)
+
+    def _judged_at(self, k: int) -> int:
+        """The sample from which on a new gap may be judged, if the reference does not change again."""
+        return max(self.new_since, self._last_change(k)) + round(JUDGED_AFTER_S / self.config.sample_time_s)
+
+    def _judge(self, k: int) -> None:
+        """Keep the gap in force as one that rests, or go back to the last such one if the loop goes round in it."""
+        self.new_since, gap = -1, self.in_force.at(k)
+        stretch = round(STRETCH_S / self.config.sample_time_s)
+        if not cycles(self.seen[k - 2 * stretch : k, self.roles[0]], gap):
+            self.rested = gap
+            return
+        self.in_force, self.before_it = GapInForce(self.rested, 0.0, k), None
+        row = next(row for row in reversed(self.rows) if row["accepted"])
+        row["reason"] += f"; taken back at {k * self.config.sample_time_s:.2f} s: the loop went round in that gap"
 
     def alarm(self, k: int) -> None:
         """The novelty index has risen above its threshold before sample k.
@@ -392,18 +412,3 @@ def growth_ahead(answer: Answer, earlier: tuple[float, Answer] | None) -> float:
 def _less(value: float, std: float) -> float:
     """A value nearer to 0 by its standard error; 0 where it has none."""
     return math.copysign(max(abs(value) - std, 0.0), value) if math.isfinite(std) else 0.0
-
-
-def at_rest(seen: Floats, roles: tuple[int, int], changes: Ints, k: int) -> bool:
-    """Whether the loop is at rest before sample k: its reference has not changed for a while, and nothing moves.
-
-    Nothing moves: the means of the last two stretches of AT_REST samples differ by no more than STILL (rad, m). The
-    motor may creep in its gap.
-    """
-    if k < 2 * AT_REST or bool(np.any((changes > k - 2 * AT_REST) & (changes <= k))):
-        return False
-    for role, still in zip(roles, STILL, strict=True):
-        before, now = seen[k - 2 * AT_REST : k - AT_REST, role], seen[k - AT_REST : k, role]
-        if abs(float(np.mean(now) - np.mean(before))) > still or float(np.ptp(now)) > SWINGS * still:
-            return False
-    return True

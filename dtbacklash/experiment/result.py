@@ -10,9 +10,9 @@ import pandas as pd
 from dtbacklash import units
 from dtbacklash.arrays import Floats
 from dtbacklash.config.run import RunConfig
-from dtbacklash.control.design import ControllerDesign
+from dtbacklash.control.margins import DesignedLoop
 from dtbacklash.experiment import loop, metrics
-from dtbacklash.experiment.advice import advice, margins_for, settles
+from dtbacklash.experiment.advice import advice, settles
 from dtbacklash.experiment.sensors import column, trace_factor
 from dtbacklash.experiment.watch import Watcher
 from dtbacklash.physics.rig import Rig
@@ -30,6 +30,7 @@ class RunResult:
         command ``u`` (V), and each sensor of the rig with its noise and counts.
     moves : a row a move, see :func:`dtbacklash.experiment.metrics.move_table`.
     estimates : a row an attempt of the twin. summary : JSON-able figures of the run.
+    design : the controller with what it was designed for, at the start; None in open loop.
     """
 
     config: RunConfig
@@ -39,6 +40,7 @@ class RunResult:
     moves: pd.DataFrame
     estimates: pd.DataFrame
     summary: dict[str, Any]
+    design: DesignedLoop | None = None
 
     @property
     def t_s(self) -> Floats:
@@ -69,7 +71,7 @@ class Walls:
 def collect(
     config: RunConfig,
     rig: Rig,
-    design: ControllerDesign | None,
+    design: DesignedLoop | None,
     signals: loop.Signals,
     traces: loop.Traces,
     roles: tuple[int, int],
@@ -79,7 +81,7 @@ def collect(
 ) -> RunResult:
     """Tables and summary of a finished run.
 
-    design : of the controller, None in open loop. roles : the sensors (index or -1) that show theta_m and q3.
+    design : the controller, None in open loop. roles : the sensors (index or -1) that show theta_m and q3.
     """
     closed = config.controller.structure != "open_loop"
     trace = _trace(config, rig, signals, traces, roles)
@@ -87,7 +89,6 @@ def collect(
     seen |= {name: np.ascontiguousarray(traces.seen[:, j]) for j, name in enumerate(rig.sensors)}
     if watcher is not None:
         trace = trace.assign(**watcher.columns())
-    margins = margins_for(config, design)
     moves = metrics.move_table(trace if closed else trace.iloc[:0])  # in open loop r is no target of q3
     summary = {
         "controller": config.controller.name,
@@ -104,14 +105,14 @@ def collect(
         "signals": _signals(rig, trace, roles),
         "seconds_simulated": float(trace["t_s"].iloc[-1]),
         "advice": advice(config, rig, design, trace, moves),
-        "margins": None if margins is None else margins.as_dict(),
+        "margins": None if design is None else design.margins().as_dict(),
         "moves": moves.to_dict("records"),
         "estimates": estimates.to_dict("records"),
         "wall_s": asdict(walls),
     }
     if watcher is not None:
         summary["alarms"] = watcher.alarms
-    return RunResult(config, rig, trace, seen, moves, estimates, summary)
+    return RunResult(config, rig, trace, seen, moves, estimates, summary, design)
 
 
 def _signals(rig: Rig, trace: pd.DataFrame, roles: tuple[int, int]) -> list[dict[str, Any]]:

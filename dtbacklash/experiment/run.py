@@ -16,12 +16,14 @@ from dtbacklash.control.belief import Belief, Beliefs, beliefs_of, design_for, s
 from dtbacklash.control.design import ControllerDesign
 from dtbacklash.control.handover import Rest, handed_over
 from dtbacklash.control.laws import Controller, ControllerState, build_controller, new_controller_state
+from dtbacklash.control.margins import DesignedLoop
 from dtbacklash.errors import Diverged, UserError
 from dtbacklash.experiment import loop, signals
 from dtbacklash.experiment.advice import causes
 from dtbacklash.experiment.aging import aged_rigs, aged_state
-from dtbacklash.experiment.estimation import AT_REST, Estimation, answering
+from dtbacklash.experiment.estimation import Estimation, answering
 from dtbacklash.experiment.pace import RealTime, undisturbed
+from dtbacklash.experiment.rest import AT_REST
 from dtbacklash.experiment.result import RunResult, Walls, collect
 from dtbacklash.experiment.sensors import roles, sensor_errors
 from dtbacklash.experiment.watch import ALARM, Watcher, run_watched
@@ -170,7 +172,8 @@ def run_scenario(
         _segments((asked, config), rig, design, machine, inputs, traces, which, twin, progress)
     end = time.perf_counter()
     walls = Walls(end - ready - twin.wall_s, twin.wall_s, spent(), end - started)
-    result = collect(config, rig, design, inputs, traces, which, twin.table(), walls, machine.watcher)
+    designed = DesignedLoop.of(config, design, beliefs.design) if design is not None else None
+    result = collect(config, rig, designed, inputs, traces, which, twin.table(), walls, machine.watcher)
     if machine.clock is not None:
         result.summary["pace"] = machine.clock.summary() | {"late_answers": twin.late}
     return result

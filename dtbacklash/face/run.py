@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from dtbacklash.config.run import RunConfig
+    from dtbacklash.control.margins import DesignedLoop
     from dtbacklash.experiment.run import RunResult
     from dtbacklash.physics.rig import Rig
     from dtbacklash.recording import Recording
@@ -73,6 +74,11 @@ class Run:
     def rig(self) -> Rig:
         """The rig that was simulated."""
         return self.data.rig
+
+    @property
+    def design(self) -> DesignedLoop | None:
+        """The controller with what it was designed for, with ``margins()`` and ``curves()``; None in open loop."""
+        return self.data.design
 
     @property
     def recording(self) -> Recording:

@@ -10,6 +10,15 @@ from dtbacklash.report.kit.intervals import interval
 from dtbacklash.report.kit.numbers import number
 from dtbacklash.report.run.words import has_gear, is_open
 
+#: structure -> how it is made
+RIVALS = {
+    "pid": "The controller is a PID of the output over a proportional loop of the motor, tuned by the IMC rules for an "
+    "underdamped second order (Rivera, Morari and Skogestad, Ind. Eng. Chem. Process Des. Dev. 25, 1986), with the "
+    "time constant of the paper's reference model, a filter of a tenth of the derivative time, and back-calculation.",
+    "lqg": "The controller is a Kalman filter of motor and structure with linear-quadratic feedback of its state and "
+    "of the integral of the error; the weights follow Bryson's rule (Bryson and Ho, Applied Optimal Control, 1975).",
+}
+
 
 def methods(config: RunConfig) -> list[str]:
     """The paragraphs, in the order to be read."""
@@ -62,6 +71,9 @@ def _sources(config: RunConfig) -> list[str]:
 
 def _controller(config: RunConfig) -> str:
     c = config.controller
+    sampled = f"sampled every {number(1e3 * config.sample_time_s)} ms"
+    if c.structure in RIVALS:
+        return f"{RIVALS[c.structure]} It is designed from the rig's nominal parameters and {sampled}."
     text = (
         f"The controller is that of {PAPER}, Section 2.2: an internal model runs beside the rig, its prediction error"
     )
@@ -74,7 +86,6 @@ def _controller(config: RunConfig) -> str:
     if c.structure == "nimc":
         gap, where = ("estimated", "Section 3.3") if c.reconfigure == "never" else ("twin's", "Sections 3.3 and 4")
         text += f". The inner loop is closed over the screw, which a play with the {gap} gap gives (its {where})"
-    sampled = f"sampled every {number(1e3 * config.sample_time_s)} ms"
     return f"{text}. It is designed from the rig's nominal parameters and {sampled}."
 
 
@@ -103,7 +114,7 @@ def _readings(config: RunConfig) -> list[str]:
     """The readings of the paper that this run depends on; all of them: docs/theory.md."""
     found = []
     c = config.controller
-    if c.structure != "open_loop" and c.prefilter == "reduced":
+    if c.structure in ("imc", "nimc") and c.prefilter == "reduced":
         found.append(
             "the reduced model keeps the steady state (balanced residualisation), and its minimum-phase factor is "
             "inverted"

@@ -13,6 +13,7 @@ from dtbacklash.report.kit.intervals import scaled, unit_in_signs
 from dtbacklash.report.kit.numbers import number
 from dtbacklash.report.kit.page import Shown, embedded, render
 from dtbacklash.report.kit.style import save
+from dtbacklash.report.run import loop as loop_page
 from dtbacklash.report.run.methods import methods
 from dtbacklash.report.run.overview import moves_overlay, open_overview, run_overview
 from dtbacklash.report.run.text import alarms, indexes_drawn, network, pace_in_words
@@ -40,7 +41,7 @@ def write(result: Any, moves: pd.DataFrame, folder: Path) -> None:
     """Write `figures/*.png` (unless `config.figures` is false) and `report.html` into `folder`.
 
     Args:
-        result: a `RunResult`: `config`, `trace`, `estimates`, `summary`. Of the summary the page uses
+        result: a `RunResult`: `config`, `trace`, `estimates`, `summary`, `design`. Of the summary the page uses
             `tracking_rms_mm`, `peak_voltage_v`, `signals`, `n_accepted`, `n_attempts` and, where they are there,
             `command` (repeats the run), `versions`, `seed` and `wall_s`.
         moves: `metrics.move_table` of the trace.
@@ -65,7 +66,13 @@ def write(result: Any, moves: pd.DataFrame, folder: Path) -> None:
         alarms=alarms(result.summary),
         pace=pace_in_words(result.summary),
         network=network(result.summary),
-        figures=[Shown(embedded(path), *_caption(name, result.config, len(moves))) for name, path in figures.items()],
+        figures=[
+            Shown(embedded(path), *_caption(name, result.config, len(moves)))
+            for name, path in figures.items()
+            if name != "loop"
+        ],
+        margins=loop_page.rows(result.design) if result.design else [],
+        loop=Shown(embedded(figures["loop"]), *loop_page.CAPTION) if "loop" in figures else None,
         methods=methods(result.config),
         command=result.summary.get("command"),
         config=as_yaml(result.config),
@@ -110,6 +117,8 @@ def _draw(result: Any, moves: pd.DataFrame, folder: Path) -> dict[str, Path]:
     figures = {"overview": overview(result, moves)}
     if len(moves):
         figures["moves"] = moves_overlay(result.trace, moves)
+    if result.design is not None:
+        figures["loop"] = loop_page.loop_figure(result.design)
     return {name: save(figure, folder / f"{name}.png") for name, figure in figures.items()}
 
 

@@ -106,12 +106,12 @@ def effect_sentences(rig: RigConfig) -> list[str]:
 
 def _controller(c: ControllerConfig) -> str:
     parts = [choices.STRUCTURES[c.structure]]
-    if c.structure != "open_loop":
-        parts += [
-            f"inner gain {number(c.k_theta_v_per_rad)} V/rad",
-            in_words(choices.PREFILTERS[c.prefilter], c),
-            choices.INTERNAL_MODELS[c.internal_model],
-        ]
+    if c.structure in ("imc", "nimc", "pid"):
+        parts.append(f"inner gain {number(c.k_theta_v_per_rad)} V/rad")
+    if c.structure in ("imc", "nimc"):
+        parts += [in_words(choices.PREFILTERS[c.prefilter], c), choices.INTERNAL_MODELS[c.internal_model]]
+    if c.structure != "open_loop" and c.limit_v is not None:
+        parts.append(f"its voltage is limited to {number(c.limit_v)} V")
     if c.structure == "nimc":
         verb = "stays at" if c.reconfigure == "never" else "starts at"
         parts.append(f"its gap estimate {verb} {number(c.gap_hat_deg)}°")

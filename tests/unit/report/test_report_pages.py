@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 import synthetic
+from drawn import overlapping
 from page_reader import Reader
 
 from dtbacklash.config import choices
@@ -14,6 +15,7 @@ from dtbacklash.experiment.metrics import move_table
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.report.paper import page as paper_page
 from dtbacklash.report.run import page as run_report
+from dtbacklash.report.run.loop import loop_figure
 from dtbacklash.report.run.methods import methods
 from dtbacklash.report.run.overview import open_overview
 from dtbacklash.report.run.words import describe, effect_sentences, plain
@@ -49,6 +51,16 @@ def test_a_run_gets_its_figures_and_one_self_contained_page(written):
     assert "http" not in page
     assert "@import" not in page
     assert (written / "report.html").stat().st_size < 700_000
+
+
+def test_a_closed_loop_shows_its_margins(tmp_path):
+    run = run_scenario(compose("controller=nimc_twin", "controller.internal_model=inner_loop", "duration_s=3"))
+    run_report.write(run, move_table(run.trace), tmp_path)
+    text, addresses = read(tmp_path / "report.html")
+    assert "gain margin 14.3" in text
+    assert "limit cycle 1.2 half-gaps at 42.1 rad/s" in text
+    assert len(addresses) == 3
+    assert overlapping(loop_figure(run.design)) == []
 
 
 def test_what_happened_comes_first_and_how_it_was_made_is_folded(written):

@@ -1,0 +1,159 @@
+/* The law: dtbacklash/control/laws.py, line by line. C99, no library but math.h, no memory that is asked for. */
+
+#define IMC 0
+#define NIMC 1
+#define LINEAR 3
+#define BARE 0
+#define MEASURED 1
+#define INNER_LOOP 2
+#define EXACT 3
+#define INVERSE 4
+
+typedef struct {
+    double half_gap; /* believed, rad: may be set before any step */
+    double growth;   /* of it since the step before, rad: the rest of its change is a new estimate */
+    double w[NW], m[NM], s[NS], w_r[NW], law[NL], lines[3][NLINE];
+    double screw, screw_measured, angle, share, ahead, gap, through, waits;
+} controller;
+
+/* At rest at 0. */
+void controller_reset(controller *c) {
+    memset(c, 0, sizeof *c);
+    c->half_gap = FIRST_HALF_GAP;
+}
+
+static double clip(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
+
+static double play(double screw, double motor, double gap) {
+    double pushed = screw > motor - gap ? screw : motor - gap;
+    return pushed < motor + gap ? pushed : motor + gap;
+}
+
+static double sum(double total, const double *C, const double *x, int n) {
+    for (int i = 0; i < n; i++) total += C[i] * x[i];
+    return total;
+}
+
+static double output(const double *C, const double *x, int n) { return sum(0.0, C, x, n); }
+
+/* x = A x + B u */
+static void advance(const double *A, const double *B, double u, double *x, int n) {
+    double next[NMAX];
+    for (int i = 0; i < n; i++) next[i] = sum(B[i] * u, A + i * n, x, n);
+    memcpy(x, next, (size_t)n * sizeof *x);
+}
+
+static double late(double *line, double samples, double value) {
+    if (samples <= 0.0) return value;
+    memmove(line + 1, line, (NLINE - 1) * sizeof *line);
+    line[0] = value;
+    int whole = (int)samples;
+    double share = samples - whole;
+    return (1.0 - share) * line[whole] + share * line[whole + 1];
+}
+
+static double feed_forward(controller *c, double theta_m) {
+    double speed = MODEL == MEASURED || MODEL == EXACT ? (theta_m - c->angle) / SAMPLE_TIME : c->m[1];
+    c->angle = theta_m;
+    return FORWARD[3] * speed - FORWARD[0] * sin(FORWARD[1] * theta_m + FORWARD[2]) - FORWARD[4];
+}
+
+/* A gap that grows moves nothing; a new estimate moves the screw behind the motor, and all that follows it. */
+static void take_gap(controller *c, double gap) {
+    if (c->growth != 0.0) {
+        double before = c->gap;
+        c->gap = before + c->growth > 0.0 ? before + c->growth : 0.0;
+        if (c->gap > 0.0) c->share = clip(c->share * before / c->gap, -1.0, 1.0);
+    }
+    if (gap == c->gap) return;
+    double gained = c->share * (gap - c->gap);
+    c->gap = gap;
+    c->screw -= gained;
+    for (int i = 0; i < NS; i++) c->s[i] -= gained * S_REST[i];
+    for (int i = 0; i < NLINE; i++) c->lines[2][i] -= gained * output(SC, S_REST, NS);
+    for (int i = 0; i < NW; i++) c->w[i] -= gained * W_REST[i];
+}
+
+/* The reference that is let through while the motor crosses the gap, m. */
+static double held(controller *c, double r, double gap) {
+    double jump = r - c->through;
+    if (CROSSING_STEP > 0.0 && gap > SMALL_GAP && fabs(jump) > JUMP) {
+        double side = jump > 0.0 ? 1.0 : -1.0, left = (1.0 - c->share * side) * gap;
+        c->share += side * (left < CROSSING_STEP ? left : CROSSING_STEP) / gap;
+        if (left > CROSSING_STEP) {
+            c->waits = ARRIVING;
+            return c->through;
+        }
+        if (c->waits > 0.0) {
+            c->waits -= 1.0;
+            return c->through;
+        }
+    }
+    c->through = r;
+    c->waits = 0.0;
+    return r;
+}
+
+static double inverse(controller *c, double r, double error, double gap) {
+    double ahead = output(WC, c->w_r, NW) + WD * r;
+    advance(&WA[0][0], WB, r, c->w_r, NW);
+    double moved = CROSSING_RATIO * (ahead - c->ahead) + CROSSING_RATE * SAMPLE_TIME * error;
+    if (c->waits == 0.0) c->share = clip(c->share + moved / (gap > SMALL_GAP ? gap : SMALL_GAP), -1.0, 1.0);
+    c->ahead = ahead;
+    return c->share * gap;
+}
+
+static double linear(controller *c, const double y[3], double forward) {
+    double u = clip(output(LC, c->law, NL) + output(LD, y, 3) + forward, -LIMIT, LIMIT), next[NMAX];
+    for (int i = 0; i < NL; i++)
+        next[i] = output(LA[i], c->law, NL) + output(LB[i], y, 3) + LE[i] * (u - forward);
+    memcpy(c->law, next, sizeof c->law);
+    return u;
+}
+
+/* One sample: reference m, y = (measured angle rad, measured output m); returns the voltage, V. */
+double controller_step(controller *c, double r, const double y[2]) {
+    double theta_m = y[0], q3 = y[1], gap = STRUCTURE == NIMC ? c->half_gap : 0.0;
+    double forward = FORWARDS ? feed_forward(c, theta_m) : 0.0;
+    if (STRUCTURE == LINEAR) {
+        double all[3] = {r, theta_m, q3};
+        return linear(c, all, forward);
+    }
+    if (MODEL == INVERSE) {
+        take_gap(c, gap);
+        r = held(c, r, gap);
+    }
+    double error = r - (q3 - late(c->lines[2], LATE[2], output(SC, c->s, NS)));
+    double theta_ref = output(WC, c->w, NW) + WD * error;
+    advance(&WA[0][0], WB, error, c->w, NW);
+    if (MODEL == EXACT) {
+        double u = clip(GAIN * (theta_ref - theta_m) + forward, -LIMIT, LIMIT);
+        advance(&SA[0][0], SB, late(c->lines[0], LATE[0], u - forward), c->s, NS);
+        return u;
+    }
+    double screw = c->m[2];
+    if (!(MODEL == BARE && STRUCTURE == IMC)) {
+        if (MODEL != BARE) c->screw = play(c->screw, MODEL == MEASURED ? theta_m : c->m[2], gap);
+        screw = c->screw;
+    }
+    double feedback = theta_m;
+    if (MODEL == INVERSE) {
+        feedback = theta_m - inverse(c, r, theta_ref - screw, gap);
+    } else if (STRUCTURE == NIMC) {
+        c->screw_measured = play(c->screw_measured, theta_m, gap);
+        feedback = MODEL == INNER_LOOP ? c->screw_measured : screw;
+    }
+    double u = clip(GAIN * (theta_ref - feedback) + forward, -LIMIT, LIMIT);
+    advance(&SA[0][0], SB, screw, c->s, NS);
+    if (MODEL == BARE) {
+        double z = theta_m - c->screw, omega = c->m[1];
+        if (STRUCTURE == NIMC && ((omega > 0.0 && z >= gap) || (omega < 0.0 && z <= -gap)))
+            c->screw += omega * SAMPLE_TIME;
+        advance(&MA[0][0], MB, late(c->lines[0], LATE[0], u - forward), c->m, NM);
+    } else if (MODEL == INNER_LOOP || MODEL == INVERSE) {
+        double ahead = MODEL == INVERSE ? c->share * gap : 0.0, own = MODEL == INVERSE ? c->m[2] : screw;
+        double own_u = clip(GAIN * (theta_ref + ahead - late(c->lines[1], LATE[1], own)), -LIMIT, LIMIT);
+        advance(&MA[0][0], MB, late(c->lines[0], LATE[0], own_u), c->m, NM);
+    }
+    return u;
+}
