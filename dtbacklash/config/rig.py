@@ -18,7 +18,7 @@ from dtbacklash.errors import UserError
 TOLERANCE_MAX = 10.0
 
 
-def finite(key: str, value: float, allowed: str = "a finite number") -> float:
+def finite(key: str, value: Any, allowed: str = "a finite number") -> float:
     """Return ``value`` as a float or refuse it in the name of ``key``."""
     try:
         number = float(value)
@@ -36,7 +36,8 @@ def in_si(key: str, value: object, unit: str = "") -> tuple[float, str]:
     ------
     UserError : no finite number, a unit that is unknown or said twice.
     """
-    number, written = value, unit
+    number: Any = value
+    written = unit
     if isinstance(value, str):
         number, _, written = value.strip().partition(" ")
         if written and unit:
