@@ -38,7 +38,7 @@ def do(config: ProveConfig, folder: Path, command: str, tell: Tell | None) -> tu
     if docs is not None:
         from dtbacklash.report.proof.page import check_docs
 
-        check_docs(docs)
+        check_docs(docs, config.machine)
     if plan.folder is not None:
         run.check_given(plan)
     if tell is not None:
@@ -74,7 +74,7 @@ def prove(plan: Plan, by: Workers, tell: Tell, command: str = "", docs: Path | N
     result = score(answered, {"command": command} if command else {})
     proof_page.write(result, answered, plan.out)
     if docs is not None:
-        proof_page.write_docs(result, answered, docs)
+        proof_page.write_docs(result, answered, docs, plan.machine)
     return result
 
 

@@ -32,7 +32,9 @@ CAPTIONS = {
 }
 #: the block of the docs between these lines is made from score.json
 BEGIN, END = "<!-- score: begin, made by dtb prove docs=docs -->", "<!-- score: end -->"
-DOCS_PAGE, DOCS_DATA, DOCS_IMAGES = "proof.md", "proof", "images"
+#: machine -> the docs' page of its score, without `.md`, and the folder of its data
+DOCS = {"clean": "proof", "lifelike": "proof_lifelike"}
+DOCS_IMAGES = "images"
 
 
 def write(score: Score, cases: Sequence[Case], folder: Path) -> None:
@@ -73,45 +75,46 @@ def page(score: Score, rows: pd.DataFrame, figures: dict[str, Path]) -> str:
     )  # fmt: skip
 
 
-def docs_block(score: Score) -> str:
+def docs_block(score: Score, machine: str) -> str:
     """What stands between ``BEGIN`` and ``END`` in the docs' page: the table and the figures, nothing typed by hand."""
     images = [
-        f"![{name}]({DOCS_IMAGES}/proof_{name}.png)\n\n{caption}\n" for name, caption in CAPTIONS.items()
+        f"![{name}]({DOCS_IMAGES}/{DOCS[machine]}_{name}.png)\n\n{caption}\n" for name, caption in CAPTIONS.items()
     ]  # fmt: skip
     return "\n".join([BEGIN, "", markdown(score), *images, END])
 
 
-def write_docs(score: Score, cases: Sequence[Case], folder: Path) -> None:
-    """Bring a score into the docs: the block of ``proof.md``, the figures, and the data that they are made from.
+def write_docs(score: Score, cases: Sequence[Case], folder: Path, machine: str) -> None:
+    """Bring a score into the docs: the block of the machine's page, the figures, and the data that they are made from.
 
     Raises
     ------
-    UserError : the folder has no ``proof.md`` with the two lines between which the block stands.
+    UserError : the folder has no such page with the two lines between which the block stands.
     """
-    check_docs(folder)
-    rows = case_rows(cases)
-    write_text(folder / DOCS_DATA / "score.csv", rows.to_csv(index=False))
-    write_json(folder / DOCS_DATA / "score.json", score.to_json())
-    known.save(cases, folder / DOCS_DATA / known.FILE)
-    _fill_docs(score, rows, folder)
+    check_docs(folder, machine)
+    rows, data = case_rows(cases), folder / DOCS[machine]
+    write_text(data / "score.csv", rows.to_csv(index=False))
+    write_json(data / "score.json", score.to_json())
+    known.save(cases, data / known.FILE)
+    _fill_docs(score, rows, folder, machine)
 
 
 def redraw_docs(folder: Path) -> None:
-    """Make block and figures anew from the score that a folder of docs holds, after a change of how they look.
+    """Make blocks and figures anew from the scores that a folder of docs holds, after a change of how they look.
 
     ``python -m dtbacklash.report.proof docs``
     """
-    check_docs(folder)
-    score = Score.from_json(read_json(folder / DOCS_DATA / "score.json"))
-    _fill_docs(score, pd.read_csv(folder / DOCS_DATA / "score.csv"), folder)
+    for machine, name in DOCS.items():
+        if document := read_json(folder / name / "score.json"):
+            check_docs(folder, machine)
+            _fill_docs(Score.from_json(document), pd.read_csv(folder / name / "score.csv"), folder, machine)
 
 
-def _fill_docs(score: Score, rows: pd.DataFrame, folder: Path) -> None:
-    for image in draw(score, rows, folder / DOCS_IMAGES, "proof_").values():
+def _fill_docs(score: Score, rows: pd.DataFrame, folder: Path, machine: str) -> None:
+    for image in draw(score, rows, folder / DOCS_IMAGES, f"{DOCS[machine]}_").values():
         _lighten(image)
-    page_file = folder / DOCS_PAGE
+    page_file = folder / f"{DOCS[machine]}.md"
     text = page_file.read_text(encoding="utf-8")
-    write_text(page_file, text.split(BEGIN)[0] + docs_block(score) + text.split(END)[1])
+    write_text(page_file, text.split(BEGIN)[0] + docs_block(score, machine) + text.split(END)[1])
 
 
 def _lighten(path: Path) -> None:
@@ -120,9 +123,9 @@ def _lighten(path: Path) -> None:
         image.convert("RGB").quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
 
 
-def check_docs(folder: Path) -> None:
+def check_docs(folder: Path, machine: str) -> None:
     """Refuse a folder of docs that has no place for the score, before hours are spent; errors: ``write_docs``."""
-    page_file = folder / DOCS_PAGE
+    page_file = folder / f"{DOCS[machine]}.md"
     text = page_file.read_text(encoding="utf-8") if page_file.is_file() else ""
     if text.count(BEGIN) != 1 or text.count(END) != 1:
-        raise UserError("docs", folder, f"needs a {DOCS_PAGE} with the lines {BEGIN} and {END}")
+        raise UserError("docs", folder, f"needs a {page_file.name} with the lines {BEGIN} and {END}")

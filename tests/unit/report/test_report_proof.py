@@ -135,14 +135,16 @@ def test_the_page_lists_what_went_wrong(tmp_path, undrawn):
 
 
 @pytest.mark.check
-def test_the_score_comes_into_the_docs_which_are_redrawn_from_it_alone(found, cases, tmp_path):
-    (tmp_path / "proof.md").write_text(f"before\n\n{proof_page.BEGIN}\n{proof_page.END}\n\nafter\n", encoding="utf-8")
-    proof_page.write_docs(found, cases, tmp_path)
-    text = (tmp_path / "proof.md").read_text(encoding="utf-8")
-    assert text == f"before\n\n{proof_page.docs_block(found)}\n\nafter\n"
-    images = [tmp_path / "images" / f"proof_{name}.png" for name in proof_page.CAPTIONS]
+@pytest.mark.parametrize("machine", proof_page.DOCS)
+def test_the_score_comes_into_the_docs_which_are_redrawn_from_it_alone(found, cases, tmp_path, machine):
+    name = proof_page.DOCS[machine]
+    (tmp_path / f"{name}.md").write_text(f"before\n\n{proof_page.BEGIN}\n{proof_page.END}\n\nafter\n", encoding="utf-8")
+    proof_page.write_docs(found, cases, tmp_path, machine)
+    text = (tmp_path / f"{name}.md").read_text(encoding="utf-8")
+    assert text == f"before\n\n{proof_page.docs_block(found, machine)}\n\nafter\n"
+    images = [tmp_path / "images" / f"{name}_{figure}.png" for figure in proof_page.CAPTIONS]
     assert max(image.stat().st_size for image in images) < 200_000
-    assert Score.from_json(read_json(tmp_path / "proof" / "score.json")).figures == found.figures
+    assert Score.from_json(read_json(tmp_path / name / "score.json")).figures == found.figures
     made = {path: path.read_bytes() for path in tmp_path.rglob("*.*") if path.is_file()}
     for image in images:
         image.unlink()
@@ -153,16 +155,21 @@ def test_the_score_comes_into_the_docs_which_are_redrawn_from_it_alone(found, ca
 def test_docs_without_a_place_for_the_score_are_refused(tmp_path):
     (tmp_path / "proof.md").write_text("no marks", encoding="utf-8")
     with pytest.raises(UserError, match=r"docs=.*needs a proof.md"):
-        proof_page.check_docs(tmp_path)
+        proof_page.check_docs(tmp_path, "clean")
 
 
-def test_no_figure_of_the_docs_is_typed_by_hand():
+@pytest.mark.parametrize("machine", proof_page.DOCS)
+def test_no_figure_of_the_docs_is_typed_by_hand(machine):
     """What stands between the marks is what the committed score.json says, or nothing where there is none."""
-    proof_page.check_docs(DOCS)
-    text = (DOCS / "proof.md").read_text(encoding="utf-8")
+    proof_page.check_docs(DOCS, machine)
+    text = (DOCS / f"{proof_page.DOCS[machine]}.md").read_text(encoding="utf-8")
     block = proof_page.BEGIN + text.split(proof_page.BEGIN)[1].split(proof_page.END)[0] + proof_page.END
-    document = read_json(DOCS / "proof" / "score.json")
-    made = proof_page.docs_block(Score.from_json(document)) if document else f"{proof_page.BEGIN}\n{proof_page.END}"
+    document = read_json(DOCS / proof_page.DOCS[machine] / "score.json")
+    made = (
+        proof_page.docs_block(Score.from_json(document), machine)
+        if document
+        else f"{proof_page.BEGIN}\n{proof_page.END}"
+    )
     assert block == made
 
 
