@@ -18,7 +18,7 @@ from dtbacklash.errors import UserError
 TOLERANCE_MAX = 10.0
 
 
-def finite(key: str, value: float, allowed: str = "a finite number") -> float:
+def finite(key: str, value: Any, allowed: str = "a finite number") -> float:
     """Return ``value`` as a float or refuse it in the name of ``key``."""
     try:
         number = float(value)
