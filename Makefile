@@ -75,7 +75,7 @@ bench: $(READY)
 # The lock holds for every Python and every platform; `make lock` after a change of the dependencies. Without the extras
 # `compare`: what only a benchmark needs does not hold back everything else.
 lock: $(READY)
-	$(BIN)/uv pip compile pyproject.toml --no-config --extra dev --extra docs --extra dask --extra fmu --extra matlab --extra remote --extra submitit --universal --python-version 3.11 \
+	$(BIN)/uv pip compile pyproject.toml --no-config --extra dev --extra docs --extra dask --extra excel --extra fmu --extra matlab --extra remote --extra submitit --universal --python-version 3.11 \
 		--fork-strategy fewest --generate-hashes --no-annotate --no-emit-index-url --no-header \
 		--upgrade --quiet --output-file requirements.lock
 

@@ -17,11 +17,12 @@ from dtbacklash.version import __version__
 
 #: what asks for help, behind a command or in its place
 HELP = ("-h", "--help", "help")
-#: command -> what it does; all but three are applications of Hydra
+#: command -> what it does; all but four are applications of Hydra
 COMMANDS = {
     **{name: grammar.summary for name, grammar in GRAMMARS.items()},
     EXPORT.name: EXPORT.summary,
     "recordings": "list the public recordings that have a mapping, and fetch them",
+    "rig": "a rig of your own: write one to begin with, and check one",
     "twin": "the digital twin over a network: serve it, its status, a broker, access rights",
 }
 

@@ -11,7 +11,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from dtbacklash.config.grammar import EXPORT, FILES, FOLDER_WORD, GRAMMARS, Grammar
-from dtbacklash.config.groups import recordings
+from dtbacklash.config.groups import options, recordings
+from dtbacklash.config.new_rigs import MACHINES
 from dtbacklash.config.setting import declared
 from dtbacklash.config.twin import PARTS
 from dtbacklash.errors import UserError
@@ -19,7 +20,7 @@ from dtbacklash.errors import UserError
 SHELLS = ("bash", "zsh")
 OPTIONS = ("--help", "--cfg", "-m", "-v")
 #: the word that follows a command which is no application
-SECOND = {"recordings": ("fetch",), EXPORT.name: ("fmu", "controller"), "twin": tuple(PARTS)}
+SECOND = {"recordings": ("fetch",), EXPORT.name: ("fmu", "controller"), "rig": ("new", "check"), "twin": tuple(PARTS)}
 SCRIPT = """\
 # completion of dtb; made by `dtb --install-completion`
 _dtb_completion() {
@@ -95,6 +96,8 @@ def answers(line: str) -> list[str]:
     command, rest = given[1], given[2:]
     if command in SECOND and not rest:
         return _beginning(word, SECOND[command])
+    if command == "rig":
+        return _beginning(word, MACHINES if rest == ["new"] else options("rig") if rest == ["check"] else ())
     if command == "twin":
         return _of_the_twin(rest, word)
     if command == EXPORT.name and rest[0] == "controller":

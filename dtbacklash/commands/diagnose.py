@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterable
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from dtbacklash import files
 from dtbacklash.campaign.application import Application
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from dtbacklash.commands.console import Tell
     from dtbacklash.diagnose import Diagnosis
+    from dtbacklash.diagnose.search.grow import Depth
     from dtbacklash.physics.rig import Rig
     from dtbacklash.recording import Recording
 
@@ -49,7 +50,7 @@ def do(config: DiagnoseConfig, folder: Path, command: str, tell: Tell | None) ->
         train, held_out = read(config, rig)
         for note in _notes(train, held_out):
             log.info(note)
-        diagnosis = run_diagnosis(train, held_out, rig, jobs, say, config.enough)
+        diagnosis = run_diagnosis(train, held_out, rig, jobs, say, config)
         say(1.0, "drawing the report")
         page.write(diagnosis, scratch)
     named = [f"{one.location}.{one.effect or 'unexplained'}" for one in diagnosis.findings]
@@ -96,12 +97,15 @@ def _notes(train: Recording | list[Recording], held_out: Recording | list[Record
 
 def run_diagnosis(
     train: Recording | list[Recording], held_out: Recording | list[Recording] | int | None, rig: Rig, jobs: int,
-    tell: Tell, enough: dict[str, str],
+    tell: Tell, config: DiagnoseConfig,
 ) -> Diagnosis:  # fmt: skip
     """Diagnose; ``tell`` is told the share done, and what is being done."""
     from dtbacklash.diagnose import diagnose
 
-    return diagnose(train, rig, held_out, progress=lambda text, share: tell(share, text), jobs=jobs, enough=enough)
+    said, depth = config.enough, cast("Depth", config.search)
+    return diagnose(
+        train, rig, held_out, progress=lambda text, share: tell(share, text), jobs=jobs, enough=said, depth=depth
+    )
 
 
 def with_rig(words: list[str]) -> list[str]:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from dtbacklash.config.grammar import COMMON, EXPORT, FILES, GRAMMARS, Grammar
 from dtbacklash.config.groups import GROUPS, LAUNCHERS, options
+from dtbacklash.config.new_rigs import MACHINES
 from dtbacklash.config.setting import Declared, declared
 from dtbacklash.config.twin import EXAMPLE, PARTS
 
@@ -20,6 +21,14 @@ to cite them. fetch downloads the files of one of them from their public source 
 
 A recording is looked for in the folder $DTB_RECORDINGS (also in its subfolder NAME), then in the download
 cache."""
+
+RIG = """\
+usage: dtb rig new MACHINE FILE.yaml
+       dtb rig check NAME|FILE.yaml [rig.KEY=VALUE ...]
+
+new writes a commented rig that runs, to be changed: {machines}.
+check lists its elements, parameters in SI, modes, the columns of a recording, and what a diagnosis can name
+where."""
 
 
 CONTROLLER = """usage: dtb export controller [out=FILE.c] [group=option ...] [key=value ...]
@@ -38,6 +47,8 @@ def of_command(name: str, words: Sequence[str]) -> str:
     """The help of the command ``name``; ``words`` : what stands behind it, of which one may name a part."""
     if name == "recordings":
         return RECORDINGS
+    if name == "rig":
+        return RIG.format(machines=", ".join(MACHINES))
     if name == "twin":
         return of_the_twin(words[0]) if words[0] in PARTS else _twin()
     if name == EXPORT.name and words[:1] == ["controller"]:

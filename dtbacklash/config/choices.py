@@ -61,6 +61,12 @@ TASKS = {
     "run": "one run",
     "close_the_loop": "record, diagnose, and run with what was found",
 }
+#: how much `dtb diagnose` looks for
+SEARCHES = {
+    "full": "everything that is missing, each name against its rivals",
+    "quick": "what is large, in a fraction of the time; no name is sure",
+    "none": "nothing: the rig is calibrated as it is, with intervals, correlations and blind directions",
+}
 PACES = {
     "free": "as fast as it goes",
     "real": "in real time against the wall clock, with the twin in a process of its own",

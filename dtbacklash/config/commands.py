@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from dtbacklash.config.choices import SEARCHES
 from dtbacklash.config.groups import recordings
 from dtbacklash.config.rig import RigConfig
 from dtbacklash.config.setting import INPUT, OUTPUT, check, number, setting
@@ -55,6 +56,11 @@ class DiagnoseConfig:
         dict, "what is good enough, per channel, e.g. enough={x2: 0.05 mm} or a share of its motion (2 %): such a rest "
         "is accepted", word="enough"
     )  # fmt: skip
+    search: str = setting(
+        "full",
+        "how much is looked for: everything; quick: what is large; none: the rig is calibrated as it is",
+        choices=tuple(SEARCHES),
+    )
     jobs: int | None = setting(
         None, "threads that share the work (default: one for each core)", at_least=1, at_most=JOBS_MAX
     )

@@ -13,11 +13,11 @@ from dtbacklash.diagnose.data.floor import channel_noise
 from dtbacklash.diagnose.data.tempo import tempo_rad_s
 from dtbacklash.diagnose.data.windows import portion, whole
 from dtbacklash.diagnose.data.zeros import aligned
+from dtbacklash.diagnose.fit import refit
 from dtbacklash.diagnose.fit.comparison import held_loss, merit, worst
 from dtbacklash.diagnose.fit.errors import each_recording, fit_table, free_running
 from dtbacklash.diagnose.fit.free import Errors, Key, all_free, as_given, nominal_free, with_errors, with_priors
-from dtbacklash.diagnose.fit.intervals import standard_errors
-from dtbacklash.diagnose.fit.refit import QUICK, fit
+from dtbacklash.diagnose.fit.intervals import Linear, standard_errors
 from dtbacklash.diagnose.inspect.fault import faulty, mended, not_finite
 from dtbacklash.diagnose.inspect.inspection import inspect
 from dtbacklash.diagnose.judge.checks import all_checks, at_bounds, at_tolerances, coloured, whiteness
@@ -28,12 +28,13 @@ from dtbacklash.diagnose.judge.limits import limits
 from dtbacklash.diagnose.judge.stands import Rival, leader, rivals_of, stands
 from dtbacklash.diagnose.judge.verdict import decide, depends_on, moved_parameters, remaining
 from dtbacklash.diagnose.result import UNEXPLAINED, Diagnosis, LawShown, Work
+from dtbacklash.diagnose.say.calibration import calibration
 from dtbacklash.diagnose.say.drawn import shown
 from dtbacklash.diagnose.say.findings import candidates, finding, located, recalibrated, without, without_known
 from dtbacklash.diagnose.say.next_experiment import next_experiment
 from dtbacklash.diagnose.say.sentences import beyond_said, explained_said, limits_said, summary
 from dtbacklash.diagnose.search.friction_by_direction import call_by_direction
-from dtbacklash.diagnose.search.grow import search, silent
+from dtbacklash.diagnose.search.grow import FULL, NONE, QUICK, Depth, search, silent
 from dtbacklash.diagnose.search.leave_out import drop, eliminate
 from dtbacklash.diagnose.search.model import Log, Model
 from dtbacklash.diagnose.search.objections import hands_back, raises_the_error
@@ -51,10 +52,17 @@ from dtbacklash.physics.rig import Rig
 #: the mean square)
 SMOOTH_COMMAND_SHARE = 0.7
 
+SMOOTH = "The command is a measured signal: it passes smoothly through its samples instead of being held."
+SEARCHED: dict[Depth, str] = {
+    NONE: "No physics was looked for (search=none): the rig was calibrated as it is.",
+    QUICK: "Only what is large was looked for (search=quick), and nothing was tried in its place: no name is sure.",
+    FULL: "",
+}
+
 
 def diagnose_records(
     rig: Rig, records: list[Record], progress: Callable[[str, float], None] | None = None, jobs: int | None = None,
-    enough: Enough | None = None,
+    enough: Enough | None = None, depth: Depth = FULL,
 ) -> Diagnosis:  # fmt: skip
     """Diagnose recordings on a rig.
 
@@ -63,6 +71,7 @@ def diagnose_records(
     rig : the nominal rig; effects that it has already have tolerances, and are recalibrated as its parameters are.
     records : with masks of the samples to fit and to judge on. progress : called with a text and a share, 0 to 1.
     jobs : threads; None leaves what joblib has been told, else one. enough : a rest that the user accepts.
+    depth : how much is looked for.
 
     Raises
     ------
@@ -79,12 +88,13 @@ def diagnose_records(
         try:
             known = with_priors(rig)
             records = aligned(known, divided(inspected.records))
-            model, log, smooth = _searched(_readings(known, records), say)
-            model = call_by_direction(call_by_its_limit(model, log), log)
+            model, log, smooth = _searched(_readings(known, records), say, depth)
+            if depth == FULL:
+                model = call_by_direction(call_by_its_limit(model, log), log)
             say("fitting to all and judging", 0.95)
             evidence = whole(model.evidence, records, smooth).pulled_for(model.fitted.rig)
-            judged = _without_leaders(_judged(refitted(model, for_judgement(evidence)), log), log)
-            return mended(_diagnosis(judged, log, smooth, enough or {}), inspected)
+            judged = _without_leaders(_judged(refitted(model, for_judgement(evidence)), log, depth), log, depth)
+            return mended(_diagnosis(judged, log, smooth, enough or {}, depth), inspected)
         except np.linalg.LinAlgError as error:
             return faulty(rig, inspected, not_finite(rig, inspected, error))
 
@@ -94,21 +104,23 @@ class Judged:
     """The last model, the errors of its fit, and per named effect: what is left without it, its law, its rivals."""
 
     model: Model
+    about: Linear
     errors: Errors
     left_out: dict[Key, Residuals]
     laws: dict[Key, LawShown | None]
     rivals: dict[Key, list[Rival]]
 
 
-def _judged(model: Model, log: Log) -> Judged:
-    """The model without what does not stand its trial, beside the rivals of what does."""
-    model, errors = _with_errors(model, log)
+def _judged(model: Model, log: Log, depth: Depth) -> Judged:
+    """The model without what does not stand its trial, beside the rivals of what does; a quick search fits none."""
+    model, about, errors = _with_errors(model, log)
     left_out = without(model)
     laws = {key: law_shown(model.evidence, model.fitted, key, left_out[key]) for key in model.keys}
-    return Judged(model, errors, left_out, laws, {key: rivals_of(model, log, key, laws[key]) for key in model.keys})
+    rivals = {key: rivals_of(model, log, key, laws[key]) if depth == FULL else [] for key in model.keys}
+    return Judged(model, about, errors, left_out, laws, rivals)
 
 
-def _without_leaders(judged: Judged, log: Log) -> Judged:
+def _without_leaders(judged: Judged, log: Log, depth: Depth) -> Judged:
     """The same with each rival that clearly leads in the place of what it leads."""
     tried = {judged.model.keys}
     while (ahead := leader(judged.model, judged.rivals)) is not None:
@@ -117,12 +129,12 @@ def _without_leaders(judged: Judged, log: Log) -> Judged:
         if model.keys in tried:
             break
         tried.add(model.keys)
-        judged = _judged(model, log)
+        judged = _judged(model, log, depth)
     return judged
 
 
-def _with_errors(model: Model, log: Log) -> tuple[Model, Errors]:
-    """The model without what does not stand its trial, and the standard errors of its last fit."""
+def _with_errors(model: Model, log: Log) -> tuple[Model, Linear, Errors]:
+    """The model without what does not stand its trial; its last fit's problem, linearised, and its standard errors."""
     while key := hands_back(model.evidence, model.nominal, model.fitted, model.keys):
         model = drop(model, log, key, "less guided by the measurement, the rig is further from the recording with it")
     while key := raises_the_error(model.evidence, model.nominal, model.fitted, model.keys):
@@ -131,7 +143,7 @@ def _with_errors(model: Model, log: Log) -> tuple[Model, Errors]:
         model, slow, fitted, about = refit_slowly(model)
         less = eliminate(model, log, "used")
         if less.keys == model.keys:
-            return less, standard_errors(slow, fitted, about)
+            return less, about, standard_errors(slow, fitted, about)
         for key in set(model.keys) - set(less.keys):
             log.refuse(key, "taken back: fitted to all, the rest does as well without it")
         model = less
@@ -146,26 +158,26 @@ def _readings(rig: Rig, records: list[Record]) -> list[Evidence]:
     smooth = Evidence.gather(rig, [replace(r, u=held_equivalent(r.u)) for r in records], tempo, noise)
     losses = []
     for evidence in (held, smooth):
-        fitted = fit(evidence, rig, nominal_free(rig), rounds=QUICK)
+        fitted = refit.fit(evidence, rig, nominal_free(rig), rounds=refit.QUICK)
         squares = evidence.mean_square(fitted.residuals, "train")
         losses.append(sum(float(np.sum(v * held.floor[n] ** 2)) for n, v in squares.items()))
     return [held, smooth] if losses[1] < SMOOTH_COMMAND_SHARE * losses[0] else [held]
 
 
-def _searched(readings: list[Evidence], say: Callable[[str, float], None]) -> tuple[Model, Log, bool]:
+def _searched(readings: list[Evidence], say: Callable[[str, float], None], depth: Depth) -> tuple[Model, Log, bool]:
     """The search about the reading of the command that needs the fewest effects, and whether that is the smooth one.
 
     Missing physics may make the smooth reading fit better, and a delay of half a sample undo it: where what was found
     with it, but for delays, nearly fits the held one, that is searched as well. The held one is the rule.
     """
-    model, log = search(readings[-1], say)
-    if len(readings) == 1:
-        return model, log, False
+    model, log = search(readings[-1], say, depth)
+    if len(readings) == 1 or depth != FULL:
+        return model, log, len(readings) > 1
     held, rig = readings[0], model.fitted.rig
     for key in model.keys:
         if find(rig.kind_at(key[0]), key[1], key[0]).is_delay:
             rig = as_given(held.nominal, rig, key)
-    same_laws = fit(held, rig, *all_free(held, rig))
+    same_laws = refit.fit(held, rig, *all_free(held, rig))
     near = SETTINGS.hopeless_ratio * max(held_loss(model.evidence, model.fitted), SETTINGS.close_floors)
     if held_loss(held, same_laws) > near:
         return model, log, True
@@ -177,7 +189,7 @@ def _searched(readings: list[Evidence], say: Callable[[str, float], None]) -> tu
     return model, log, True
 
 
-def _diagnosis(judged: Judged, log: Log, smooth: bool, enough: Enough) -> Diagnosis:
+def _diagnosis(judged: Judged, log: Log, smooth: bool, enough: Enough, depth: Depth) -> Diagnosis:
     """What a finished search says."""
     model, errors, left_out, rivals = judged.model, judged.errors, judged.left_out, judged.rivals
     evidence, wrong = model.evidence, model.wrong_value
@@ -196,14 +208,16 @@ def _diagnosis(judged: Judged, log: Log, smooth: bool, enough: Enough) -> Diagno
     table = fit_table(evidence, model.nominal, model.fitted)
     much = explained(evidence, model.fitted, table, free, enough)
     grounds = {key: stands(model, log, key, judged.laws[key], rivals[key]) for key in model.keys}
-    sure = model.could_be is None and any(ground.sure for ground in grounds.values())
+    sure = depth == FULL and model.could_be is None and any(ground.sure for ground in grounds.values())
     verdict = decide(model, left, depends_on(form, left), sure, much, moved)
     rest = max(forms, key=lambda f: f.share, default=None) if real or verdict == UNEXPLAINED else None
     findings = tuple(finding(model, key, errors, left_out[key], rivals[key], grounds[key]) for key in model.keys)
+    if depth != FULL:  # nothing was tried in their places
+        findings = tuple(replace(one, confidence="partial") for one in findings)
     values, where = recalibrated(evidence.nominal, moved, wrong), located(left, verdict, rest)
     at_limits = limits_said(at_bounds(model), at_tolerances(evidence.nominal, model.fitted.rig))
     rest_said = explained_said(much, bool(findings))
-    said = summary(verdict, findings, values, where, wrong), rest_said, at_limits, beyond_said(wrong)
+    said = SEARCHED[depth], summary(verdict, findings, values, where, wrong), rest_said, at_limits, beyond_said(wrong)
     return Diagnosis(
         verdict=verdict,
         summary=" ".join(filter(None, said)),
@@ -220,11 +234,10 @@ def _diagnosis(judged: Judged, log: Log, smooth: bool, enough: Enough) -> Diagno
         explained=much,
         checks=all_checks(model, errors, free, form, white),
         limits=limits(model, log),
-        notes=("The command is a measured signal: it passes smoothly through its samples instead of being held.",)
-        if smooth
-        else (),
+        notes=(SMOOTH,) if smooth else (),
         shown=shown(model, left_out, [law for law in judged.laws.values() if law is not None], rest),
         work=_work(evidence, log, smooth),
+        calibration=calibration(model.fitted.rig, judged.about, errors),
     )
 
 

@@ -5,7 +5,7 @@ Everything here is plain data in SI: the report draws it, Python reads it, and n
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -193,6 +193,38 @@ class Recalibrated:
         """A row of ``recalibrated``; ``also_fits`` where there is any."""
         row: Document = {name: json_able(getattr(self, name)) for name in ("nominal", "value", "unit", "ci95")}
         return row | ({"also_fits": [other.to_json() for other in self.also_fits]} if self.also_fits else {})
+
+
+@dataclass(frozen=True)
+class Blind:
+    """A direction in which the recording determines the parameters less than their tolerances do.
+
+    parameters : name -> relative change along it, of those that take part. tolerances : the error that the data alone
+    leave along it. sentence : the same in words.
+    """
+
+    parameters: dict[str, float]
+    tolerances: float
+    sentence: str
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """All known parameters of the rig as fitted, whether they had to move or not.
+
+    parameters : by name, with 95 % intervals that what was believed beforehand narrows. correlation : of their errors,
+    name -> name -> -1 to 1. blind : directions, the blindest first.
+    """
+
+    parameters: dict[str, Recalibrated]
+    correlation: dict[str, dict[str, float]]
+    blind: tuple[Blind, ...]
+
+    def to_json(self) -> Document:
+        """``calibration`` of ``diagnosis.json``."""
+        rows = {name: row.to_json() for name, row in self.parameters.items()}
+        blind = [json_able(asdict(one)) for one in self.blind]
+        return {"parameters": rows, "correlation": json_able(self.correlation), "blind": blind}
 
 
 @dataclass(frozen=True)
@@ -469,6 +501,7 @@ class Diagnosis:
     units : channel -> unit that was read, and whether that was assumed. source : name of the recording.
     recordings : where several were diagnosed together, what was used of each, in their order.
     fault : of wiring, a sensor or the sampling, because of which no physics was looked for; else empty.
+    calibration : of all known parameters, where the recording was diagnosed.
     nominal : the rig as it was given. extended : recalibrated, with what was found. shown, work : for the report.
     """
 
@@ -493,6 +526,7 @@ class Diagnosis:
     work: Work | None = None
     recordings: tuple[RecordingUsed, ...] = ()
     fault: str = ""
+    calibration: Calibration | None = None
 
     def to_json(self) -> Document:
         """The content of ``diagnosis.json``: plain data, null for what is not finite."""
@@ -507,6 +541,7 @@ class Diagnosis:
         document["located"] = json_able(self.located.to_json()) if self.located else None
         document["checks"] = [check.to_json() for check in self.checks]
         document["limits"] = [limit.to_json() for limit in self.limits]
+        document["calibration"] = self.calibration.to_json() if self.calibration else None
         document["settings"] = SETTINGS.to_json()
         if self.recordings:
             document["recordings"] = [recording.to_json() for recording in self.recordings]

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from dtbacklash.diagnose.result import Alternative, Diagnosis
+    from dtbacklash.diagnose.search.grow import Depth
     from dtbacklash.physics.rig import Rig
 
 DEFAULT_RIG = "lead_screw"
@@ -108,6 +109,25 @@ class Found:
             errors = asdict(one.held_out) if one.held_out else {}
             rows.append({**{name: getattr(one, name) for name in columns[:5]}, **errors})
         return pd.DataFrame(rows, columns=columns)
+
+    @cached_property
+    def calibration(self) -> pd.DataFrame:
+        """The fitted parameters, a row each, moved or not, with the correlations of their errors.
+
+        Columns ``nominal, value, unit, low, high`` (95 % interval, SI), then a column for each parameter with its
+        correlation, -1 to 1. ``attrs["blind"]``: what this recording does not notice, in sentences.
+        """
+        found = self.diagnosis.calibration
+        if found is None:
+            return pd.DataFrame(columns=["nominal", "value", "unit", "low", "high"])
+        rows = {
+            name: {"nominal": p.nominal, "value": p.value, "unit": p.unit, "low": p.ci95[0], "high": p.ci95[1],
+                   **found.correlation[name]}
+            for name, p in found.parameters.items()
+        }  # fmt: skip
+        table = pd.DataFrame.from_dict(rows, orient="index")
+        table.attrs["blind"] = [one.sentence for one in found.blind]
+        return table
 
     @cached_property
     def candidates(self) -> pd.DataFrame:
@@ -203,6 +223,7 @@ def diagnose(
     *,
     held_out: float | None = None,
     enough: Mapping[str, str | float] | None = None,
+    search: Depth = "full",
     jobs: int | None = None,
     progress: ShowProgress = False,
 ) -> Found:
@@ -220,6 +241,8 @@ def diagnose(
         what is fitted to; the rest, which is the recording's last, judges it.
     enough : channel -> what is good enough there, as ``0.05 mm`` or as a share of its motion (``2 %``): such a rest is
         accepted, and said.
+    search : ``full`` looks for everything; ``quick`` names what is large, without rivals; ``none`` names nothing: the
+        rig is calibrated as it is, with intervals, correlations and blind directions (:attr:`Found.calibration`).
     jobs : threads that share the work; None: one for each core.
     progress : True shows a bar; a function is called with the share done, 0 to 1, and what is being done.
 
@@ -229,17 +252,20 @@ def diagnose(
         measured, nothing was commanded, too little is left to fit to or to judge on; the validation repeats the
         recording, or, of one recording, lacks one of its channels or has another sample time.
     """
-    from dtbacklash.diagnose import diagnose as search
+    from dtbacklash.config.choices import SEARCHES
+    from dtbacklash.diagnose import diagnose as compare
     from dtbacklash.recording import read_together
 
     nominal = load_rig(rig if rig is not None else _usual_rig(recording))
     fitted, judged = read_together(recording, validation, rig=nominal)
     if held_out is not None and not 0.0 < held_out < 1.0:
         raise UserError("held_out", held_out, "must be above 0 and below 1")
+    if search not in SEARCHES:
+        raise UserError("search", search, f"choose one of {', '.join(SEARCHES)}")
     with shown(progress, "diagnosing") as tell:
         said = None if tell is None else lambda text, share: tell(share, text)
         cores = jobs or os.cpu_count() or 1
-        return Found(search(fitted, nominal, judged, held_out, said, cores, enough=enough))
+        return Found(compare(fitted, nominal, judged, held_out, said, cores, enough=enough, depth=search))
 
 
 def _usual_rig(recording: Source | Sequence[Source]) -> str:

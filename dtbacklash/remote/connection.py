@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 import secrets
 import socket
+import ssl
+import sys
 import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -146,7 +148,7 @@ class Connection:
         self._tell()
 
     def _on_connect_fail(self, _client: mqtt.Client, _data: Any) -> None:
-        self.problem = "it cannot be reached"
+        self.problem = why_not(sys.exc_info()[1])  # paho calls this while it handles the error
         self.connected.clear()
         self.answered.set()
         self._tell()
@@ -174,6 +176,21 @@ class Connection:
     def _tell(self) -> None:
         if self._changed is not None:
             self._changed()
+
+
+def why_not(error: BaseException | None) -> str:
+    """Why a broker cannot be reached, in words."""
+    if isinstance(error, ssl.SSLCertVerificationError):
+        return f"its certificate does not hold: {error.verify_message}"
+    if isinstance(error, ssl.SSLError):
+        return f"it does not speak TLS as the credentials want it: {(error.reason or str(error)).lower()}"
+    if isinstance(error, socket.gaierror):
+        return "there is no such host"
+    if isinstance(error, ConnectionRefusedError):
+        return "nothing listens there (connection refused)"
+    if isinstance(error, TimeoutError):
+        return f"it does not answer within {CONNECT_S:g} s"
+    return (getattr(error, "strerror", None) or str(error or "it cannot be reached")).lower()
 
 
 def address(text: str, key: str) -> tuple[str, int]:

@@ -208,11 +208,14 @@ _FORMS: dict[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
 def _attempt_out(attempt: Attempt) -> Document:
     parts = (attempt.estimate, attempt.verdict)
     found = {one.name: _FORMS[str(one.type)][0](getattr(part, one.name)) for part in parts for one in fields(part)}
-    return found | {"applied_rad": _number_out(attempt.applied_rad)}
+    # it is the one number that a controller takes: a number, or null where there is none
+    return found | {"applied_rad": attempt.applied_rad if math.isfinite(attempt.applied_rad) else None}
 
 
 def _attempt_in(said: Document) -> Attempt:
     def part(kind: type) -> dict[str, Any]:
         return {one.name: _FORMS[str(one.type)][1](said[one.name]) for one in fields(kind)}
 
-    return Attempt(Estimate(**part(Estimate)), Verdict(**part(Verdict)), _number_in(said["applied_rad"]))
+    applied = said["applied_rad"]
+    applied_rad = math.nan if applied is None else _number_in(applied)
+    return Attempt(Estimate(**part(Estimate)), Verdict(**part(Verdict)), applied_rad)

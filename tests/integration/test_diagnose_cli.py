@@ -27,8 +27,8 @@ def asked(monkeypatch, undrawn):
     seen = {}
     made_up = diagnosed.missing()
 
-    def pretend(train, held_out, rig, jobs, progress, enough):
-        seen.update(train=train, held_out=held_out, rig=rig, jobs=jobs, enough=enough)
+    def pretend(train, held_out, rig, jobs, progress, config):
+        seen.update(train=train, held_out=held_out, rig=rig, jobs=jobs, enough=config.enough, search=config.search)
         for fraction, text in ((0.0, "comparing"), (0.2, "comparing"), (0.5, "naming")):
             progress(fraction, text)
         return replace(made_up, source=source_of(train), notes=notes_of(train, held_out, SETTINGS.held_out_share))

@@ -66,7 +66,7 @@ def polished(evidence: Evidence, fitted: Fit) -> tuple[Fit, Linear]:
     problem = about.problem
     if not problem.free:
         return fitted, about
-    x = inside(about.x - _inverse(about.jacobian) @ (about.jacobian.T @ about.rows), limits_of(problem.free))
+    x = inside(about.x - inverse(about.jacobian) @ (about.jacobian.T @ about.rows), limits_of(problem.free))
     rows = problem.stack(problem.residuals(x), x)
     if not np.isfinite(rows).all() or rows @ rows >= about.rows @ about.rows:
         return fitted, about
@@ -163,7 +163,7 @@ def _decomposed(jacobian: Floats) -> tuple[Floats, Floats, Floats]:
     return norms, sizes, directions
 
 
-def _inverse(jacobian: Floats) -> Floats:
+def inverse(jacobian: Floats) -> Floats:
     """Inverse of J'J by the singular values of J, whose columns differ by many decades."""
     norms, sizes, directions = _decomposed(jacobian)
     scaled = directions.T / np.maximum(sizes, 1e-12 * sizes[0]) / norms[:, None]
@@ -184,7 +184,7 @@ def group_sums(evidence: Evidence, scores: Floats) -> Floats:
 def _covariance(evidence: Evidence, problem: Problem, jacobian: Floats, rows: Floats) -> Floats:
     priors = int(problem.prior.sum())
     data, e = jacobian[: len(jacobian) - priors], rows[: len(rows) - priors]
-    bread = _inverse(jacobian)
+    bread = inverse(jacobian)
     sums = group_sums(evidence, data * e[:, None])
     prior_part = jacobian[len(jacobian) - priors :]
     groups = len(sums)

@@ -145,7 +145,7 @@ def recalibrated(rig: Rig, moved: Moved, beyond: WrongValue | None) -> dict[str,
     taken = {} if beyond is None else {beyond.name: _as_good(beyond.instead_of)}
     return {
         name: Recalibrated(
-            known[name].centre, value, _unit_of(rig, known[name]), _around(value, error), taken.get(name, ())
+            known[name].centre, value, unit_of(rig, known[name]), around(value, error), taken.get(name, ())
         )
         for name, (value, error) in moved.items()
     }
@@ -157,14 +157,16 @@ def _as_good(keys: tuple[Key, ...]) -> tuple[Alternative, ...]:
     return tuple(Alternative(*key, f"with {rest}" if rest else "") for key, rest in others.items())
 
 
-def _unit_of(rig: Rig, free: Free) -> str:
+def unit_of(rig: Rig, free: Free) -> str:
+    """The unit of a free parameter."""
     if not free.effect:
         return rig.config.parameters[free.name].unit
     entry = find(rig.kind_at(free.place), free.effect, free.place)
     return unit_at(rig, free.place, next(p.unit for p in entry.parameters if p.name == free.name))
 
 
-def _around(value: float, error: float) -> Interval:
+def around(value: float, error: float) -> Interval:
+    """The 95 % interval of a value with a standard error."""
     return value - NORMAL95 * error, value + NORMAL95 * error
 
 

@@ -7,6 +7,7 @@ and each is tried without in the end.
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Literal
 
 import numpy as np
 
@@ -40,6 +41,13 @@ from dtbacklash.diagnose.spread import spread
 from dtbacklash.physics.effects.declare import Values
 from dtbacklash.physics.rig import Rig
 
+#: how much is looked for: nothing (the rig is calibrated as it is), what is large, everything
+Depth = Literal["none", "quick", "full"]
+NONE: Depth = "none"
+QUICK: Depth = "quick"
+FULL: Depth = "full"
+#: a quick search names at most so many (effects)
+QUICK_EFFECTS = 2
 #: one recording does not carry more (effects)
 EFFECTS_MAX = 4
 #: the best of the quick fits that are fitted in full (candidates)
@@ -61,7 +69,7 @@ def silent(text: str, share: float) -> None:
     """What to call with a text and a share, 0 to 1, where nobody asked for progress."""
 
 
-def search(evidence: Evidence, say: Callable[[str, float], None] = silent) -> tuple[Model, Log]:
+def search(evidence: Evidence, say: Callable[[str, float], None] = silent, depth: Depth = FULL) -> tuple[Model, Log]:
     """Find the effects that the recording needs, one after the other.
 
     Where one wrong number alone leaves nothing but noise, one effect is held against it first, and more are looked for
@@ -70,11 +78,26 @@ def search(evidence: Evidence, say: Callable[[str, float], None] = silent) -> tu
     say("recalibrating the nominal rig", 0.02)
     nominal, log = _recalibrated(evidence), Log()
     model = Model(evidence, nominal, nominal)
+    if depth == NONE:
+        return model, log
+    if depth == QUICK:
+        return _add_quickly(model, log, say), log
     if explains_alone(model, log, _recalibrated) or own_parameter(evidence, nominal, OWN_LIKELY):
         model = _explain(model, log, 1, say)
         if model.wrong_value is not None or not model.named:
             return model, log
     return _explain(model, log, EFFECTS_MAX, say), log
+
+
+def _add_quickly(model: Model, log: Log, say: Callable[[str, float], None]) -> Model:
+    """Add the effects that stand out among quick fits, and try nothing else."""
+    for number in range(QUICK_EFFECTS):
+        say(f"looking for effect {number + 1}", 0.2 + 0.3 * number)
+        larger = _add(model, log, thorough=False)
+        if larger is None:
+            break
+        model = larger
+    return model
 
 
 def _explain(model: Model, log: Log, most: int, say: Callable[[str, float], None]) -> Model:
@@ -207,12 +230,16 @@ def scores_about(model: Model, log: Log) -> list[Score]:
     return scores
 
 
-def _add(model: Model, log: Log) -> Model | None:
-    """The model with the best candidate that earns its place; None if there is none."""
+def _add(model: Model, log: Log, thorough: bool = True) -> Model | None:
+    """The model with the best candidate that earns its place; None if there is none.
+
+    thorough : whether those that come near are fitted in full.
+    """
     evidence, current = model.evidence, model.fitted
     scores = promising(evidence, scores_about(model, log))[: SETTINGS.quick_fits]
     trials = spread(partial(attempt, evidence, current), scores)
-    trials = _finished(model, sorted(trials, key=lambda t: merit(evidence, t.fitted)))
+    trials = sorted(trials, key=lambda t: merit(evidence, t.fitted))
+    trials = _finished(model, trials) if thorough else trials
     trials = [replace(trial, beside=len(model.named)) for trial in trials]
     log.tried(evidence, trials)
     allowed = formulations(evidence, current)

@@ -72,6 +72,7 @@ def write(diagnosis: Diagnosis, folder: Path) -> None:
         answers=answers(diagnosis),
         findings=[_finding(f) for f in diagnosis.findings],
         recalibrated=[_recalibrated(n, r, diagnosis.nominal) for n, r in diagnosis.recalibrated.items()],
+        calibration=_calibration(diagnosis),
         fit=_fit(diagnosis, best),
         verdict=diagnosis.verdict,
         rig_is="nominal rig, fitted within its tolerances," if diagnosis.verdict == CONSISTENT else f"{best} rig",
@@ -149,6 +150,19 @@ def _recalibrated(name: str, row: Recalibrated, rig: Rig) -> dict[str, Any]:
         f"± {number(100 * known.tolerance)} %" if known else "-",
     ]
     return {"name": name, "cells": cells, "also": [other_in_words(a) for a in row.also_fits]}
+
+
+def _calibration(diagnosis: Diagnosis) -> dict[str, Any] | None:
+    """All parameters, their correlations, and the blind directions in words."""
+    found = diagnosis.calibration
+    if found is None or not found.parameters:
+        return None
+    return {
+        "rows": [_recalibrated(name, row, diagnosis.nominal)["cells"] for name, row in found.parameters.items()],
+        "heads": ["correlation", *(f"{name}#" for name in found.correlation)],
+        "correlation": [[name, *(f"{value:.2f}" for value in row.values())] for name, row in found.correlation.items()],
+        "blind": [one.sentence for one in found.blind],
+    }
 
 
 def _fit(diagnosis: Diagnosis, best: str) -> dict[str, Any]:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from rich.text import Text
 
-from dtbacklash.diagnose.result import Diagnosis, Finding, Recalibrated
+from dtbacklash.diagnose.result import Calibration, Diagnosis, Finding, Recalibrated
 from dtbacklash.diagnose.words import named_in_words, other_in_words
 from dtbacklash.report.diagnosis.words import capital, checks_said, error_text, heading, partial
 from dtbacklash.report.kit.intervals import interval
+
+#: a correlation of a parameter with another is told from here on
+TOLD_CORRELATION = 0.5
 
 
 def lines(diagnosis: Diagnosis) -> list[Text]:
@@ -27,6 +30,8 @@ def lines(diagnosis: Diagnosis) -> list[Text]:
         value = interval(row.value, row.ci95, row.unit, plain=True, size=row.nominal)
         told.append(Text(f"  {name} = {value} (nominal {nominal})"))
         told += _alike(row)
+    if diagnosis.calibration:
+        told += _calibrated(diagnosis.calibration, not diagnosis.findings)
     if diagnosis.recordings:
         told += [Text(), Text("Held-out error of each recording, nominal and in the end:")]
     for one in diagnosis.recordings:
@@ -41,6 +46,23 @@ def lines(diagnosis: Diagnosis) -> list[Text]:
         told += [Text(), Text(f"Units: {read}.")]
     if diagnosis.next_experiment:
         told += [Text(), Text(f"To record next: {diagnosis.next_experiment}".replace("`", ""))]
+    return told
+
+
+def _calibrated(found: Calibration, rows: bool) -> list[Text]:
+    """The parameters with their intervals and largest correlations (where nothing was found), the blind directions."""
+    told = [Text(), Text("Parameters (95 % intervals):")] if rows and found.parameters else []
+    for name, row in found.parameters.items() if rows else ():
+        other, most = max(
+            ((n, c) for n, c in found.correlation[name].items() if n != name), key=lambda one: abs(one[1]),
+            default=("", 0.0),
+        )  # fmt: skip
+        value = interval(row.value, row.ci95, row.unit, plain=True, size=row.nominal)
+        with_other = f", correlation {most:+.2f} with {other}" if abs(most) >= TOLD_CORRELATION else ""
+        told.append(Text(f"  {name} = {value}{with_other}"))
+    if found.blind:
+        told += [Text(), Text("What this recording does not tell beyond the tolerances:")]
+        told += [Text("  " + one.sentence.replace("`", "")) for one in found.blind]
     return told
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import logging
+import socket
+import ssl
 import sys
 
 import pytest
 
 from dtbacklash.errors import UserError
-from dtbacklash.remote.connection import Connection
+from dtbacklash.remote.connection import Connection, why_not
 from dtbacklash.remote.credentials import Credentials
 
 
@@ -34,3 +36,19 @@ def test_a_password_that_goes_unencrypted_is_told(host: str, told: int, caplog: 
 def test_certificates_that_cannot_be_read_are_one_line() -> None:
     with pytest.raises(UserError, match=r"credentials=nowhere\.pem: no certificates"):
         _connection("127.0.0.1", Credentials(ca_file="nowhere.pem"))
+
+
+@pytest.mark.parametrize(("error", "said"), [
+    (socket.gaierror(-2, "Name or service not known"), "there is no such host"),
+    (ConnectionRefusedError(111, "Connection refused"), "nothing listens there (connection refused)"),
+    (TimeoutError("timed out"), "it does not answer within 5 s"),
+    (OSError(113, "No route to host"), "no route to host"),
+])  # fmt: skip
+def test_why_a_broker_cannot_be_reached_is_said(error: OSError, said: str) -> None:
+    assert why_not(error) == said
+
+
+def test_a_certificate_that_has_expired_is_said() -> None:
+    error = ssl.SSLCertVerificationError(1, "certificate verify failed")
+    error.verify_message = "certificate has expired"
+    assert why_not(error) == "its certificate does not hold: certificate has expired"

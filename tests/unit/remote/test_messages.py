@@ -37,7 +37,7 @@ def _request(theta_m: list[float], q3: list[float], present_rad: float = 0.25) -
 
 def _answer(numbers: list[float], accepted: bool = True, guarded: bool = True) -> AnswerMessage:
     estimate = Estimate(*numbers[:7], 17, True, "fine", 0.125)
-    attempt = Attempt(estimate, Verdict(accepted, "better"), numbers[6])
+    attempt = Attempt(estimate, Verdict(accepted, "better"), numbers[6] if math.isfinite(numbers[6]) else math.nan)
     return AnswerMessage(
         "press", Ticket(RUN, 3), Ticket(RUN, 7), DIGEST, Answer((attempt,), guarded, 0.5)
     )  # fmt: skip
@@ -68,6 +68,15 @@ def test_an_answer_keeps_its_bits(numbers: list[float], accepted: bool) -> None:
     assert got.answer is not None
     assert repr(got.answer) == repr(sent.answer)  # NaN is not equal to itself
     assert (got.machine, got.ticket, got.to, got.sha256) == ("press", sent.ticket, sent.to, DIGEST)
+
+
+def test_the_gap_for_the_controller_is_a_number_or_null() -> None:
+    for gap, said in ((0.5, 0.5), (math.nan, None), (math.inf, None)):
+        sent = _answer([gap] * 7)
+        assert json.loads(sent.dumped())["attempts"][0]["applied_rad"] == said
+        got = AnswerMessage.parsed(sent.dumped()).answer
+        assert got is not None
+        assert got.attempts[0].applied_rad == gap or math.isnan(got.attempts[0].applied_rad)
 
 
 def test_a_refusal_says_why() -> None:

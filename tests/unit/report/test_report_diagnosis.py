@@ -12,7 +12,7 @@ from nominal import nominal_rig
 from page_reader import Reader
 
 from dtbacklash.config.compose import compose
-from dtbacklash.diagnose.result import Alternative, ModelErrors, RecordingUsed
+from dtbacklash.diagnose.result import Alternative, Blind, Calibration, ModelErrors, Recalibrated, RecordingUsed
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import build_rig
 from dtbacklash.report.diagnosis import page as diagnosis_page
@@ -51,6 +51,18 @@ def page_of(tmp_path, undrawn):
 def test_the_next_command_is_complete(rig, more):
     made = replace(next(iter(diagnosed.EACH.values()))(), extended=nominal_rig(rig))
     assert next_command(made, "my found/rig.yaml") == f"dtb run 'rig=my found/rig.yaml'{more}"
+
+
+def test_the_page_has_the_correlations_and_the_blind_directions(page_of):
+    rows = {name: Recalibrated(1.0, 1.1, "kg", (1.0, 1.2)) for name in ("m", "k")}
+    blind = Blind({"m": 1.0, "k": 1.0}, 9.0, "`m` and `k` can grow alike: the recording does not notice.")
+    found = Calibration(rows, {"m": {"m": 1.0, "k": 0.97}, "k": {"m": 0.97, "k": 1.0}}, (blind,))
+    made = replace(next(iter(diagnosed.EACH.values()))(), calibration=found)
+    page = page_of(made)
+    assert "<code>m</code> and <code>k</code> can grow alike" in page
+    assert "0.97" in page
+    assert made.to_json()["calibration"]["blind"][0]["tolerances"] == 9.0
+    assert any("m and k can grow alike" in str(line) for line in lines(made))
 
 
 def test_all_files_are_there_and_the_page_needs_none_of_them(written):

@@ -1,0 +1,103 @@
+"""``dtb rig``: a rig of one's own. ``new`` writes a file to begin with, ``check`` says what is in one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from dtbacklash.commands.help import of_command
+from dtbacklash.config.new_rigs import MACHINES, text
+from dtbacklash.errors import UserError
+
+if TYPE_CHECKING:
+    from dtbacklash.physics.rig import Rig
+
+PARTS = ("new", "check")
+#: of a plant that is only looked at, s
+STEP_S = 1e-4
+
+
+def main(words: Sequence[str]) -> int:
+    """Run ``dtb rig``; returns the exit code."""
+    if not words:
+        print(of_command("rig", ["--help"]))
+        return 0
+    part, *rest = words
+    if part not in PARTS:
+        raise UserError("rig", part, "choose one of " + ", ".join(PARTS))
+    if part == "new":
+        _new(rest)
+    else:
+        for line in check(rest):
+            print(line)
+    return 0
+
+
+def _new(words: list[str]) -> None:
+    if len(words) != 2:
+        raise UserError("argument", " ".join(words) or "(missing)", "write dtb rig new MACHINE FILE.yaml")
+    machine, file = words
+    if machine not in MACHINES:
+        raise UserError("machine", machine, "choose one of " + ", ".join(MACHINES))
+    target = Path(file).expanduser()
+    if target.suffix not in (".yaml", ".yml"):
+        raise UserError("file", file, "must end in .yaml")
+    if target.exists():
+        raise UserError("file", file, "is there already; give another name, or remove it first")
+    from dtbacklash.files import write_text
+
+    write_text(target.absolute(), text(machine, target.stem, file), "file", file)
+    print(f"{file}: {MACHINES[machine][0]}; change its numbers, then dtb rig check {file}")
+
+
+def check(words: Sequence[str]) -> list[str]:
+    """What there is to say of the rig that is named by the words ``NAME|FILE [rig.KEY=VALUE ...]``, in lines."""
+    if not words:
+        raise UserError("argument", "(missing)", "write dtb rig check FILE.yaml")
+    from dtbacklash.face.rigs import load_rig
+    from dtbacklash.report.diagnosis.rig_drawing import chain
+
+    rig = load_rig(words[0], *words[1:])
+    lines = [f"{rig.config.name}: {rig.config.description}", "  " + " - ".join(chain(rig)), "", "parameters (SI):"]
+    for name, p in rig.config.parameters.items():
+        users = [place for place, spec in rig.config.elements.items() if name in spec.values()]
+        where = f"of {', '.join(users)}" if users else "used by no element"
+        lines.append(f"  {name} = {p.value:.6g} {p.unit}".rstrip() + f" +/- {100 * p.tolerance:.3g} %, {where}")
+    lines += ["", "modes:", *(f"  {mode}" for mode in modes(rig))]
+    lines += ["", "recorded columns: t [s], u [V], " + ", ".join(
+        f"{s.name} [{s.recorded_in or s.unit}] ({s.quantity} of {s.of})" for s in rig.sensors.values())]  # fmt: skip
+    lines += ["", "what a diagnosis can name, and where:"]
+    lines += [f"  {place}: {', '.join(names)}" for place, names in nameable(rig).items()]
+    more = "" if rig.only("gear") else " controller=open_loop"
+    return [*lines, "", f"dtb run rig={words[0]}{more}"]
+
+
+def modes(rig: Rig) -> list[str]:
+    """The poles of the rig without its effects, slowest first, in words."""
+    from dtbacklash.diagnose.data.compare import poles_of
+    from dtbacklash.physics.assembly import compile_plant
+    from dtbacklash.recording.plausible import plain_rig
+
+    poles = sorted(poles_of(compile_plant(plain_rig(rig), STEP_S)), key=abs)
+    fastest, told, free = max(map(abs, poles), default=0.0), [], 0
+    for pole in poles:
+        size = abs(pole)
+        if size <= 1e-6 * fastest:
+            free += 1
+        elif pole.imag > 1e-6 * size:
+            told.append(f"{size / 6.283185307179586:.3g} Hz, damping {100 * -pole.real / size:.2g} %")
+        elif abs(pole.imag) <= 1e-6 * size:
+            told.append(f"time constant {1 / size:.3g} s")
+    loose = ["free to drift: hold it by a loop, or record it briefly"] if free else []
+    return [*loose, *told] or ["none: what is recorded follows the command at once"]
+
+
+def nameable(rig: Rig) -> dict[str, list[str]]:
+    """Place -> the effects that a diagnosis can name there."""
+    from dtbacklash.physics.catalogue import effects_of
+    from dtbacklash.physics.rig import SENSOR_PREFIX
+
+    places = [*rig.elements, *(SENSOR_PREFIX + name for name in rig.sensors)]
+    found = {place: list(effects_of(rig.kind_at(place))) for place in places}
+    return {place: names for place, names in found.items() if names}

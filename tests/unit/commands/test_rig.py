@@ -1,0 +1,51 @@
+"""``dtb rig``: what it writes runs, and what it says of a rig is true."""
+
+import re
+
+import pytest
+
+from dtbacklash import cli
+from dtbacklash.config.new_rigs import MACHINES
+from dtbacklash.face.rigs import load_rig
+
+
+@pytest.mark.parametrize("machine", MACHINES)
+def test_a_new_rig_is_one_and_is_told_in_full(machine, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["rig", "new", machine, "mine.yaml"]) == 0
+    assert cli.main(["rig", "new", machine, "mine.yaml"]) == 2
+    capsys.readouterr()
+    assert cli.main(["rig", "check", "mine.yaml"]) == 0
+    said = capsys.readouterr().out
+    rig = load_rig("mine.yaml")
+    assert all(f"  {name} = " in said for name in rig.config.parameters)
+    assert all(name in said for name in rig.sensors)
+    assert "coulomb_friction" in said or "ground_friction" in said
+    more = "" if rig.only("gear") else " controller=open_loop"
+    assert said.endswith(f"dtb run rig=mine.yaml{more}\n")
+    assert f"#   dtb run rig=mine.yaml{more}\n" in (tmp_path / "mine.yaml").read_text()
+
+
+def test_the_mode_of_an_oscillator(tmp_path, monkeypatch, capsys):
+    """sqrt(900/0.8)/2 pi = 5.34 Hz; 1.2/(2 sqrt(900 0.8)) = 2.2 %."""
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["rig", "new", "oscillator", "mine.yaml"]) == 0
+    capsys.readouterr()
+    assert cli.main(["rig", "check", "mine.yaml", "rig.parameters.k_f.value=3"]) == 0
+    said = capsys.readouterr().out
+    assert "  5.34 Hz, damping 2.2 %" in said
+    assert re.search(r"k_f = 3 \+/- 2 %, of shaker", said)
+
+
+@pytest.mark.parametrize(("words", "said"), [
+    (["nw"], "rig=nw: choose one of new, check"), (["new", "screw"], "argument=screw: write dtb rig new MACHINE FILE"),
+    (["new", "car", "x.yaml"], "machine=car: choose one of screw, belt"), (["new", "belt", "x.yml.txt"], "must end in"),
+    (["check", "nothing.yaml"], "rig=nothing.yaml: no such file"), (["check"], "write dtb rig check FILE.yaml"),
+])  # fmt: skip
+def test_a_mistake_is_one_line(words, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["rig", *words]) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
