@@ -42,7 +42,7 @@ class Entries:
         """Add the next place of a slot with the effects that act there; ``constant`` : a level of friction beside."""
         ordered = sorted(effects, key=lambda pair: getattr(pair[0].slot, "stage", 0))
         number = len(self._places[slot])
-        there = [(dispatch.CODES[e.kind, e.name], number, list(values.values())) for e, values in ordered]
+        there = [(dispatch.code_of(e), number, list(values.values())) for e, values in ordered]
         if constant:
             there.insert(0, (dispatch.PLAIN_FRICTION, number, [constant]))
         self._places[slot].append(there)
@@ -52,7 +52,7 @@ class Entries:
         there = []
         for effect, values in effects:
             memory = self._first_memory + len(self.decays)
-            there.append((dispatch.CODES[effect.kind, effect.name], memory, list(values.values())))
+            there.append((dispatch.code_of(effect), memory, list(values.values())))
             decay = getattr(effect.slot, "decay", None)
             self.decays.append(1.0 / values[decay] if decay else 0.0)
         self._places[slot].append(there)
@@ -140,6 +140,7 @@ def _entries(parts: Parts, circuit: Element | None, first_aux: int) -> Entries:
     entries = Entries(first_aux)
     for name in parts.bodies.names:
         entries.place(pl.BODY_EFFORT, rig.active(name, slots.BodyEffort))
+        entries.remember(pl.BODY_MEMORY, rig.active(name, slots.BodyMemory))
     for element in parts.springs:
         entries.place(pl.LINK, rig.active(element.name, slots.SpringPlay))
         entries.place(pl.LINK, rig.active(element.name, slots.SpringForce))

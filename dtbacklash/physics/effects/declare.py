@@ -175,6 +175,7 @@ class Effect:
     sentence_without : (parameter, sentence): what a report says instead where this parameter does nothing.
     excludes : effects that are not concealed together with it.
     visible : what a recording can show of its parameters, see :meth:`bounds_at`.
+    declared : of a law that a user wrote, its declaration, see :mod:`dtbacklash.physics.own_laws`.
     """
 
     name: str
@@ -194,6 +195,7 @@ class Effect:
     sentence_without: tuple[tuple[str, str], ...] = ()
     excludes: tuple[str, ...] = ()
     visible: Callable[[Place], Bounds] = lambda place: {}
+    declared: Mapping[str, Any] | None = None
 
     @property
     def size(self) -> Parameter:

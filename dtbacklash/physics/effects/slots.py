@@ -72,6 +72,19 @@ class BodyEffort(Slot):
 
 
 @dataclass(frozen=True)
+class BodyMemory(Slot):
+    """An effort on a single body that depends on a state of its own, ``memory``, which begins at 0.
+
+    effort : as of :class:`BodyEffort`. rate : of the memory, 1/s times its unit.
+    """
+
+    effort: Law
+    rate: Law
+    states: ClassVar = ("memory", "position", "velocity", "time")
+    on: ClassVar = (BODY,)
+
+
+@dataclass(frozen=True)
 class BodyDamping(Slot):
     """A viscous damping of a body against the ground; it is linear and becomes part of the exact plant."""
 
