@@ -21,11 +21,26 @@ to cite them. fetch downloads the files of one of them from their public source 
 A recording is looked for in the folder $DTB_RECORDINGS (also in its subfolder NAME), then in the download
 cache."""
 
+EFFECTS = """\
+usage: dtb effects [NAME] [rig=RIG]
+
+Lists the physics that a rig may have beside its linear model: by kind of element its effects, each with its law and its
+parameters [SI]; with rig= only what that rig takes, with the places. NAME shows one effect in detail.
+
+Laws of one's own are listed as well: those of conf/effect/*.yaml here, of the rig's file, and of installed packages.
+
+examples:
+  dtb effects
+  dtb effects coulomb_friction
+  dtb effects rig=lead_screw"""
+
 
 def of_command(name: str, words: Sequence[str]) -> str:
     """The help of the command ``name``; ``words`` : what stands behind it, of which one may name a part."""
     if name == "recordings":
         return RECORDINGS
+    if name == "effects":
+        return EFFECTS
     if name == "twin":
         return of_the_twin(words[0]) if words[0] in PARTS else _twin()
     return text((GRAMMARS | FILES)[name])
