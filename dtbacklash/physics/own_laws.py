@@ -24,7 +24,6 @@ from dtbacklash.errors import UserError
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Effect, Parameter, Place, Role, Values, name_in_words
 from dtbacklash.physics.effects.formula import Formula
-from dtbacklash.physics.kernel.plant import LAW_PARAMETERS
 from dtbacklash.physics.kinds import AXES, KINDS, LINEAR, Kind
 
 #: where an installed package names its laws
@@ -48,7 +47,7 @@ _BRACES = re.compile(r"\{([^{}]*)\}")
 TEXT_MAX = 500
 
 #: dimension of a state, by the axis of a body or spring, or of all others
-_STATES: Final = {
+_STATES: Final[dict[str, str | int]] = {
     "time": "s", "slip_speed": 1, "velocity": 1, "position": 0, "stretch": 0, "stretch_rate": 1, "direction": "1",
     "command": "V", "current": "A",
 }  # fmt: skip
@@ -158,10 +157,13 @@ def _kinds(said: object, key: str) -> list[Kind]:
 
 def _parameters(said: object, kind: Kind, key: str) -> tuple[tuple[Parameter, ...], list[Values]]:
     """The parameters of a declaration, and the sets of values at which a search starts."""
-    if not isinstance(said, Mapping) or not 0 < len(said) <= LAW_PARAMETERS:
-        allowed = f"a mapping name -> {{unit, low, high, start, neutral, role}} of 1 to {LAW_PARAMETERS} parameters"
+    if not isinstance(said, Mapping) or not 0 < len(said) <= slots.LAW_PARAMETERS:
+        allowed = (
+            f"a mapping name -> {{unit, low, high, start, neutral, role}} of 1 to {slots.LAW_PARAMETERS} parameters"
+        )
         raise UserError(key, said if said is not None else "(missing)", allowed)
-    made, starts = [], []
+    made: list[Parameter] = []
+    starts: list[list[tuple[str, float]]] = []
     for name, leaf in said.items():
         parameter, values = _parameter(name, leaf, kind, f"{key}.{name}", first=not made)
         made.append(parameter)
@@ -293,7 +295,7 @@ class _Declared:
     def effect(self, starts: list[Values], texts: Mapping[str, str]) -> Effect:
         """The effect, with its laws compiled on demand; refused where it is not finite or does not vanish."""
         made = [formula.function() for formula in self._formulas()]
-        slot: slots.Slot = self.slot_kind(*made)  # type: ignore[call-arg]
+        slot: slots.Slot = self.slot_kind(*made)
         self._try(slot)
         size = self.parameters[0].name
         named = name_in_words(self.name)
@@ -313,7 +315,8 @@ class _Declared:
         for formula, law in zip(self._formulas(), slot.laws().values(), strict=True):
             function = slots.plain_function(law)
             for values, idle in ((typical, False), (neutral, True)):
-                given = {name: states[name] if name in states else np.float64(values[name]) for name in formula.names}
+                tried: dict[str, Any] = {name: np.float64(value) for name, value in values.items()}
+                given = {name: (states | tried)[name] for name in formula.names}
                 with np.errstate(all="ignore"):
                     gave = np.broadcast_to(function(*given.values()), len(states["_"]))
                 wrong = ~np.isfinite(gave)

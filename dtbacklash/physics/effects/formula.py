@@ -165,8 +165,8 @@ class Formula:
 
     def _dimension(self, node: ast.expr, known: Mapping[str, units.Dimension | None]) -> units.Dimension | None:
         if isinstance(node, ast.Constant):
-            whole = node.value != 0.0 and float(node.value).is_integer()
-            return units.NUMBER if whole or node.value == math.pi else None
+            value = _value(node)
+            return units.NUMBER if (value != 0.0 and value.is_integer()) or value == math.pi else None
         if isinstance(node, ast.Name):
             return known.get(node.id)
         if isinstance(node, ast.UnaryOp):
@@ -195,7 +195,7 @@ class Formula:
             exponent = node.right.operand if isinstance(node.right, ast.UnaryOp) else node.right
             if isinstance(exponent, ast.Constant):
                 sign = -1.0 if isinstance(node.right, ast.UnaryOp) and isinstance(node.right.op, ast.USub) else 1.0
-                return units.power(left, sign * exponent.value)
+                return units.power(left, sign * _value(exponent))
             if right not in (None, units.NUMBER):
                 raise UserError(self.key, _shown(node), f"an exponent is a number, not {units.of_dimension(right)}")
             return units.NUMBER if left == units.NUMBER else None
@@ -208,6 +208,12 @@ class Formula:
                 two = f"{units.of_dimension(told[0])} and {units.of_dimension(one)}"
                 raise UserError(self.key, _shown(node), f"{two} cannot be added or compared")
         return told[0] if told else None
+
+
+def _value(node: ast.Constant) -> float:
+    """The number that a checked tree holds there."""
+    assert isinstance(node.value, float)
+    return node.value
 
 
 def _shown(node: ast.expr) -> str:

@@ -18,8 +18,7 @@ from dtbacklash.compiled import inlined, kept, law
 from dtbacklash.physics import catalogue
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Effect
-from dtbacklash.physics.effects.slots import Law, Slot, arguments
-from dtbacklash.physics.kernel.plant import LAW_PARAMETERS
+from dtbacklash.physics.effects.slots import LAW_PARAMETERS, Law, Slot, arguments
 
 Call = tuple[Law, tuple[str | int, ...]]
 #: kind, name and declaration of an effect

@@ -36,8 +36,6 @@ BASE_POSITION, BASE_VELOCITY, LINK_FORCE = -1, -2, -3
 BODY_EFFORT, BODY_MEMORY, LINK, FRICTION, READING, COMMAND, WINDING, MOTOR_TORQUE, LEAD, N_SLOTS = range(10)
 #: a link has three places that follow one another: its play, its forces, and those with a memory
 PLAYS, FORCES, MEMORIES, PER_LINK = range(4)
-#: parameters that a law has at most
-LAW_PARAMETERS = 6
 
 
 class Plant(NamedTuple):
@@ -56,7 +54,7 @@ class Plant(NamedTuple):
     slot: Ints  # (N_SLOTS,) index in `first` of a slot's first place
     first: Ints  # the laws at a place: entries first[place] to first[place + 1] - 1
     law: Ints  # (entries, 2) code of the law in its slot, or its address; index in x of its memory, else of its place
-    law_p: Floats  # (entries, LAW_PARAMETERS) its parameters
+    law_p: Floats  # (entries, slots.LAW_PARAMETERS) its parameters
     link: Floats
     link_ends: Ints
     friction_ends: Ints
