@@ -21,6 +21,7 @@ HELP = ("-h", "--help", "help")
 COMMANDS = {
     **{name: grammar.summary for name, grammar in GRAMMARS.items()},
     EXPORT.name: EXPORT.summary,
+    "effects": "list the physics that there is: laws, units, where they may act",
     "recordings": "list the public recordings that have a mapping, and fetch them",
     "rig": "a rig of your own: write one to begin with, and check one",
     "twin": "the digital twin over a network: serve it, its status, a broker, access rights",

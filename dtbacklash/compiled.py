@@ -23,6 +23,7 @@ from numba.core import event, sigutils
 from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
+from numba.core.extending import _Intrinsic
 from numba.core.serialize import dumps
 from numba.core.types.containers import BaseTuple
 
@@ -30,7 +31,7 @@ from dtbacklash import files
 from dtbacklash.errors import UserError
 
 #: of these only the names count: their versions are part of each key, or of Python's
-LIBRARIES = ("builtins", "cmath", "math", "numba", "numpy", "operator")
+LIBRARIES = ("builtins", "cmath", "llvmlite", "math", "numba", "numpy", "operator")
 CONSTANTS = (bool, int, float, complex, str, bytes, type(None), np.generic, np.dtype)
 
 
@@ -98,6 +99,7 @@ def _value(value: Any, names: list[str] | tuple[str, ...], reached: list[Any]) -
         return str(value.dtype), value.shape, value.tobytes()
     if (getattr(value, "__module__", None) or "").partition(".")[0] in LIBRARIES and not isinstance(value, Dispatcher):
         return value.__module__, getattr(value, "__qualname__", type(value).__name__)
+    value = value._defn if isinstance(value, _Intrinsic) else value
     if isinstance(value, (Dispatcher, FunctionType)):
         if not any(one is value for one in reached):
             reached.append(value)

@@ -35,7 +35,9 @@ def digest(parts: tuple[str, ...] = (".",)) -> str:
     return _digest(parts, frozenset(_foreign))
 
 
-def note_foreign(function: Callable[..., Any]) -> None:
-    """Let a function from outside the package count as a part of the code."""
-    if PACKAGE not in Path(inspect.getfile(function)).parents:
+def note_foreign(function: Callable[..., Any] | str) -> None:
+    """Let a function from outside the package, or a text that stands for one, count as a part of the code."""
+    if isinstance(function, str):
+        _foreign.add(function)
+    elif PACKAGE not in Path(inspect.getfile(function)).parents:
         _foreign.add(inspect.getsource(function))

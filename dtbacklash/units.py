@@ -146,3 +146,58 @@ def in_signs(unit: str) -> str:
 def _digits(text: str) -> int:
     """How many characters of the beginning are an exponent."""
     return len(text) - len(text.lstrip("-0123456789"))
+
+
+#: exponents of kg, m, s and A
+Dimension = tuple[float, float, float, float]
+NUMBER: Dimension = (0.0, 0.0, 0.0, 0.0)
+#: what a unit of a law's parameter is made of -> its dimension; an angle is a number
+SI_DIMENSIONS: dict[str, Dimension] = {
+    "1": NUMBER, "rad": NUMBER, "rev": NUMBER, "kg": (1, 0, 0, 0), "m": (0, 1, 0, 0), "s": (0, 0, 1, 0),
+    "A": (0, 0, 0, 1), "N": (1, 1, -2, 0), "V": (1, 2, -3, -1), "W": (1, 2, -3, 0), "J": (1, 2, -2, 0),
+    "ohm": (1, 2, -3, -2), "H": (1, 2, -2, -2), "Hz": (0, 0, -1, 0),
+}  # fmt: skip
+
+
+def dimension_of(unit: str) -> Dimension | None:
+    """The dimension of a unit that is made of SI units, as ``N s^2/m^2``; None where it is not."""
+    above, _, below = unit.partition("/")
+    total: Dimension | None = NUMBER
+    for sign, part in ((1.0, above.split()), (-1.0, below.split())):
+        if not part and (sign > 0.0 or "/" in unit):
+            return None
+        for factor in part:
+            name, raised, exponent = factor.partition("^")
+            plain = exponent.removeprefix("-")
+            if name not in SI_DIMENSIONS or (raised and not (plain.isascii() and plain.isdigit() and len(plain) == 1)):
+                return None
+            total = times(total, power(SI_DIMENSIONS[name], sign * (float(exponent) if raised else 1.0)))
+    return total
+
+
+def times(one: Dimension | None, other: Dimension | None) -> Dimension | None:
+    """The dimension of a product; None where one is not known."""
+    if one is None or other is None:
+        return None
+    kg, m, s, ampere = (a + b for a, b in zip(one, other, strict=True))
+    return kg, m, s, ampere
+
+
+def power(one: Dimension | None, exponent: float) -> Dimension | None:
+    """The dimension of a power; None where it is not known."""
+    if one is None:
+        return None
+    kg, m, s, ampere = (a * exponent + 0.0 for a in one)
+    return kg, m, s, ampere
+
+
+def of_dimension(one: Dimension | None) -> str:
+    """A dimension in kg, m, s and A, for an error; that of a force is ``N``."""
+    named = {power(dimension, 1.0): name for name, dimension in reversed(SI_DIMENSIONS.items())}
+    if one is None or one in named:
+        return named.get(one, "?")
+    sides: list[str] = []
+    for sign in (1.0, -1.0):
+        parts = [(name, sign * a) for name, a in zip(("kg", "m", "s", "A"), one, strict=True) if sign * a > 0.0]
+        sides.append(" ".join(name if a == 1.0 else f"{name}^{a:g}" for name, a in parts))
+    return (sides[0] or "1") + (f"/{sides[1]}" if sides[1] else "")

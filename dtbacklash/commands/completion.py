@@ -20,7 +20,10 @@ from dtbacklash.errors import UserError
 SHELLS = ("bash", "zsh")
 OPTIONS = ("--help", "--cfg", "-m", "-v")
 #: the word that follows a command which is no application
-SECOND = {"recordings": ("fetch",), EXPORT.name: ("fmu", "controller"), "rig": ("new", "check"), "twin": tuple(PARTS)}
+SECOND = {
+    "effects": ("rig=",), "recordings": ("fetch",), EXPORT.name: ("fmu", "controller"), "rig": ("new", "check"),
+    "twin": tuple(PARTS),
+}  # fmt: skip
 SCRIPT = """\
 # completion of dtb; made by `dtb --install-completion`
 _dtb_completion() {
@@ -105,7 +108,7 @@ def answers(line: str) -> list[str]:
     if command in FILES:
         rest = rest[1:]
     elif command not in GRAMMARS:
-        return _beginning(word, recordings() if command in SECOND else ())
+        return _beginning(word, recordings() if command == "recordings" else ())
     grammar = (GRAMMARS | FILES)[command]
     own = _own(grammar, word)
     return own if own is not None else sorted({*_short(grammar, word), *_by_hydra(grammar, rest, word)})

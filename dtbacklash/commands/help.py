@@ -42,6 +42,19 @@ examples:
   dtb export controller experiment=held model=found/rig.yaml
   dtb export controller controller=lqg controller.limit_v=12"""
 
+EFFECTS = """\
+usage: dtb effects [NAME] [rig=RIG]
+
+Lists the physics that a rig may have beside its linear model: by kind of element its effects, each with its law and its
+parameters [SI]; with rig= only what that rig takes, with the places. NAME shows one effect in detail.
+
+Laws of one's own are listed as well: those of conf/effect/*.yaml here, of the rig's file, and of installed packages.
+
+examples:
+  dtb effects
+  dtb effects coulomb_friction
+  dtb effects rig=lead_screw"""
+
 
 def of_command(name: str, words: Sequence[str]) -> str:
     """The help of the command ``name``; ``words`` : what stands behind it, of which one may name a part."""
@@ -49,6 +62,8 @@ def of_command(name: str, words: Sequence[str]) -> str:
         return RECORDINGS
     if name == "rig":
         return RIG.format(machines=", ".join(MACHINES))
+    if name == "effects":
+        return EFFECTS
     if name == "twin":
         return of_the_twin(words[0]) if words[0] in PARTS else _twin()
     if name == EXPORT.name and words[:1] == ["controller"]:

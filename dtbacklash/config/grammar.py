@@ -14,7 +14,8 @@ from dtbacklash.config.groups import RIGS
 from dtbacklash.config.setting import OUTPUT, Declared, Setting, declared
 
 #: mappings with free keys: Hydra wants `++` to add to them, which nobody should have to know
-OPEN_MAPPINGS = tuple(f"{group}.{part}." for group in RIGS for part in ("effects", "parameters", "elements", "sensors"))
+OPEN_PARTS = ("effects", "laws", "parameters", "elements", "sensors")
+OPEN_MAPPINGS = tuple(f"{group}.{part}." for group in RIGS for part in OPEN_PARTS)
 #: settings of Hydra that are paths, and the word for both
 RUN_FOLDER, SWEEP_FOLDER, FOLDER_WORD = "hydra.run.dir", "hydra.sweep.dir", "out"
 JOBS_KEY = "hydra.launcher.n_jobs"

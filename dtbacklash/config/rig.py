@@ -82,6 +82,7 @@ class RigConfig:
     effects: dict[str, Any] = setting(
         dict, "element -> effect -> parameter -> value, or {value, tolerance} as above; see effects.md", unit="SI"
     )
+    laws: dict[str, Any] = setting(dict, "laws of one's own: name -> acts_on, law, parameters, ...; see own_laws.md")
     sensors: dict[str, Any] = setting(
         dict, "name -> of (element), quantity, recorded_in (unit of its column in recordings; SI); see below"
     )

@@ -8,6 +8,7 @@ from dtbacklash.arrays import Floats, Ints
 from dtbacklash.physics.bodies import Parts, take_apart
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Effect, Values
+from dtbacklash.physics.effects.slots import LAW_PARAMETERS
 from dtbacklash.physics.kernel import dispatch
 from dtbacklash.physics.kernel import plant as pl
 from dtbacklash.physics.kernel.exponential import discretise
@@ -42,7 +43,7 @@ class Entries:
         """Add the next place of a slot with the effects that act there; ``constant`` : a level of friction beside."""
         ordered = sorted(effects, key=lambda pair: getattr(pair[0].slot, "stage", 0))
         number = len(self._places[slot])
-        there = [(dispatch.CODES[e.kind, e.name], number, list(values.values())) for e, values in ordered]
+        there = [(dispatch.code_of(e), number, list(values.values())) for e, values in ordered]
         if constant:
             there.insert(0, (dispatch.PLAIN_FRICTION, number, [constant]))
         self._places[slot].append(there)
@@ -52,7 +53,7 @@ class Entries:
         there = []
         for effect, values in effects:
             memory = self._first_memory + len(self.decays)
-            there.append((dispatch.CODES[effect.kind, effect.name], memory, list(values.values())))
+            there.append((dispatch.code_of(effect), memory, list(values.values())))
             decay = getattr(effect.slot, "decay", None)
             self.decays.append(1.0 / values[decay] if decay else 0.0)
         self._places[slot].append(there)
@@ -65,12 +66,12 @@ class Entries:
             for there in self._places[slot]:
                 for code, memory, values in there:
                     laws.append((code, memory))
-                    parameters.append(values + [0.0] * (pl.LAW_PARAMETERS - len(values)))
+                    parameters.append(values + [0.0] * (LAW_PARAMETERS - len(values)))
                 first.append(len(laws))
         return (
             np.array(slots, dtype=np.int64), np.array(first, dtype=np.int64),
             np.array(laws, dtype=np.int64).reshape(-1, 2),
-            np.array(parameters, dtype=float).reshape(-1, pl.LAW_PARAMETERS),
+            np.array(parameters, dtype=float).reshape(-1, LAW_PARAMETERS),
         )  # fmt: skip
 
 
@@ -140,6 +141,7 @@ def _entries(parts: Parts, circuit: Element | None, first_aux: int) -> Entries:
     entries = Entries(first_aux)
     for name in parts.bodies.names:
         entries.place(pl.BODY_EFFORT, rig.active(name, slots.BodyEffort))
+        entries.remember(pl.BODY_MEMORY, rig.active(name, slots.BodyMemory))
     for element in parts.springs:
         entries.place(pl.LINK, rig.active(element.name, slots.SpringPlay))
         entries.place(pl.LINK, rig.active(element.name, slots.SpringForce))

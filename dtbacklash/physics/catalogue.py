@@ -1,21 +1,30 @@
 """The catalogue: every physical effect that this tool knows, gathered from :mod:`dtbacklash.physics.effects`.
 
-Simulation, diagnosis, concealed recordings, docs, drawings and the checks of a rig's YAML all read it. Register your
-own effect by :func:`register` before anything is simulated.
+Simulation, diagnosis, concealed recordings, docs, drawings and the checks of a rig's YAML all read it. An effect of
+one's own is added by :func:`register`, at any time.
 """
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
 from dtbacklash import sources
 from dtbacklash.errors import UserError
+from dtbacklash.physics import own_laws
 from dtbacklash.physics.effects import body, drive, sensor, spring, transmission
 from dtbacklash.physics.effects.declare import Effect, Role
 from dtbacklash.physics.effects.slots import plain_function
 from dtbacklash.physics.kinds import KINDS, SENSOR, Kind
 
-CATALOGUE: dict[tuple[str, str], Effect] = {}
+#: where a user keeps laws of his own, below the current directory
+OWN = Path("conf") / "effect"
+#: so many of them a process knows at most: a twin gets them from machines
+OWN_MAX = 1000
 
-_closed: list[str] = []
+CATALOGUE: dict[tuple[str, str], Effect] = {}
 
 
 def kind_named(name: str) -> Kind:
@@ -34,7 +43,7 @@ def register(effect: Effect) -> None:
     Raises
     ------
     UserError : it acts nowhere (no such kind, a slot that the kind has not), its law asks for what there is not, its
-        first parameter does not switch it off, it is there already, or the simulation has been compiled without it.
+        first parameter does not switch it off, or it is there already.
     """
     key = f"effect {effect.name}"
     if effect.kind not in KINDS and effect.kind != SENSOR.name:
@@ -50,16 +59,37 @@ def register(effect: Effect) -> None:
     effect.slot.check(effect)
     if (effect.kind, effect.name) in CATALOGUE:
         raise UserError(key, effect.kind, "is in the catalogue already")
-    if _closed:
-        raise UserError(key, effect.kind, "register it before the simulation is imported, which compiles all laws")
-    for law in effect.slot.laws().values():
+    if effect.declared is not None:
+        sources.note_foreign(f"{effect.kind}.{effect.name}: {json.dumps(effect.declared, sort_keys=True)}")
+    for law in effect.slot.laws().values() if effect.declared is None else ():
         sources.note_foreign(plain_function(law))
     CATALOGUE[effect.kind, effect.name] = effect
 
 
-def close() -> None:
-    """The laws are being compiled: nothing can be registered any more."""
-    _closed.append("closed")
+def declare(laws: Mapping[str, Any], key: str) -> None:
+    """Add laws that a user wrote, name -> declaration; what is there already with the same declaration stays.
+
+    Raises
+    ------
+    UserError : one is no law, or another effect has its name; ``key`` is the dotted name for it.
+    """
+    for name, given in laws.items():
+        mine = f"{key}.{name}"
+        said = own_laws.packaged(name, mine) if given == own_laws.PACKAGED_LAW else given
+        known = [effect for (_, other), effect in CATALOGUE.items() if other == name]
+        if known and all(effect.declared is not None and effect.declared == said for effect in known):
+            continue
+        if len(CATALOGUE) > len(SHIPPED) + OWN_MAX:
+            raise UserError(mine, name, f"at most {OWN_MAX} laws of one's own in a process")
+        if known:
+            raise UserError(mine, name, f"a name that no effect has; there is {name} already: {known[0].law}")
+        for effect in own_laws.effects_of_declaration(name, said, mine):
+            register(effect)
+
+
+def declarations(names: set[str]) -> dict[str, Any]:
+    """The declarations of those of these effects that users wrote."""
+    return {name: dict(e.declared) for (_, name), e in CATALOGUE.items() if name in names and e.declared is not None}
 
 
 def effects_of(kind: str) -> dict[str, Effect]:
@@ -77,3 +107,11 @@ def find(kind: str, name: str, key: str) -> Effect:
 
 for _effect in (*drive.EFFECTS, *body.EFFECTS, *transmission.EFFECTS, *spring.EFFECTS, *sensor.EFFECTS):
     register(_effect)
+
+#: what comes with the package: its laws are compiled into the simulation
+SHIPPED = dict(CATALOGUE)
+
+for _effect in own_laws.installed():
+    register(_effect)
+for _name, _said in own_laws.folder_declarations(OWN) if not (OWN.parent / "__init__.py").exists() else ():
+    declare({_name: _said}, str(OWN))

@@ -64,6 +64,20 @@ class Rig:
     sensors: dict[str, Sensor]
     tolerances: Effects = field(default_factory=dict)
 
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """In another process: its own laws have to be known there as well."""
+        self.__dict__.update(state)
+        catalogue.declare(self.laws(), "rig.laws")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """With the laws that a user wrote, wherever they stand."""
+        return self.__dict__ | {"config": replace(self.config, laws=self.laws())}
+
+    def laws(self) -> dict[str, Any]:
+        """The declarations of the laws that a user wrote: those of its file, and those that it has as effects."""
+        used = {name for there in self.effects.values() for name in there}
+        return {**self.config.laws, **catalogue.declarations(used)}
+
     def of_kind(self, kind: str) -> list[Element]:
         """All elements of a kind, in order."""
         return [e for e in self.elements.values() if e.kind == kind]
@@ -159,6 +173,7 @@ def build_rig(config: RigConfig) -> Rig:
     ------
     UserError : an unknown kind, field, parameter, neighbour, effect or sensor; a value out of bounds.
     """
+    catalogue.declare(config.laws, "rig.laws")
     elements = {name: _element(name, spec, config.parameters) for name, spec in config.elements.items()}
     _check_neighbours(elements)
     _check_gain(elements, config)

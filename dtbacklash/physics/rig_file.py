@@ -12,7 +12,7 @@ from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig, build_rig
 
 #: the sections of a rig's file below its name and description
-SECTIONS = ("parameters", "elements", "effects", "sensors")
+SECTIONS = ("parameters", "elements", "effects", "laws", "sensors")
 
 
 def rig_content(rig: Rig) -> dict[str, Any]:
@@ -22,9 +22,9 @@ def rig_content(rig: Rig) -> dict[str, Any]:
     content: dict[str, Any] = plain_numbers({
         "name": config.name, "description": config.description,
         "parameters": {name: asdict(parameter) for name, parameter in config.parameters.items()},
-        "elements": config.elements, "effects": effects, "sensors": config.sensors,
+        "elements": config.elements, "effects": effects, "laws": rig.laws(), "sensors": config.sensors,
     })  # fmt: skip
-    return content
+    return content if content["laws"] else {name: one for name, one in content.items() if name != "laws"}
 
 
 def rig_of(content: Mapping[str, Any]) -> Rig:
@@ -50,6 +50,7 @@ def rig_yaml(rig: Rig) -> str:
     texts = [
         yaml.safe_dump({name: content[name]}, sort_keys=False, default_flow_style=None, width=160, allow_unicode=True)
         for name in SECTIONS
+        if name in content
     ]
     header = yaml.safe_dump(head, sort_keys=False, allow_unicode=True)
     return "# Values are SI; `tolerance` is relative, one standard deviation.\n" + "\n".join([header, *texts])

@@ -1,8 +1,7 @@
 """An effect of one's own, whole in this one file: simulated, located, named, refitted, listed in the docs, drawn.
 
-The effect is an off-centre weight on a rotor. The catalogue has it too, as ``gravity``: that entry is taken out first.
-What is compiled is fixed when the simulation is imported, so that the story runs in a process of its own: this file as
-a program.
+The effect is an off-centre weight on a rotor. The catalogue has it too, as ``gravity``: that entry is taken out first,
+so that the story runs in a process of its own: this file as a program.
 """
 
 import json

@@ -176,6 +176,7 @@ class Effect:
     excludes : effects that are not concealed together with it.
     visible : what a recording can show of its parameters, see :meth:`bounds_at`.
     of_unit : the SI unit of the sensors that take it; empty: of all.
+    declared : of a law that a user wrote, its declaration, see :mod:`dtbacklash.physics.own_laws`.
     """
 
     name: str
@@ -196,6 +197,7 @@ class Effect:
     excludes: tuple[str, ...] = ()
     visible: Callable[[Place], Bounds] = lambda place: {}
     of_unit: str = ""
+    declared: Mapping[str, Any] | None = None
 
     @property
     def size(self) -> Parameter:

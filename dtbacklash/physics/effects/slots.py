@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 #: a compiled law: numba's dispatcher around a function of floats
 Law = Callable[..., Any]
 
+#: parameters that a law has at most
+LAW_PARAMETERS = 6
+
 #: what an effect acts on: a body, a spring between two bodies, the amplifier, the motor's winding, the gear, the screw,
 #: a sensor. An element's kind says which of these it is.
 BODY, SLIDING_BODY, SPRING, AMPLIFIER, WINDING, GEAR, SCREW, SENSOR = (
@@ -68,6 +71,19 @@ class BodyEffort(Slot):
 
     law: Law
     states: ClassVar = ("position", "velocity", "time")
+    on: ClassVar = (BODY,)
+
+
+@dataclass(frozen=True)
+class BodyMemory(Slot):
+    """An effort on a single body that depends on a state of its own, ``memory``, which begins at 0.
+
+    effort : as of :class:`BodyEffort`. rate : of the memory, 1/s times its unit.
+    """
+
+    effort: Law
+    rate: Law
+    states: ClassVar = ("memory", "position", "velocity", "time")
     on: ClassVar = (BODY,)
 
 

@@ -1,23 +1,33 @@
 """From the catalogue to compiled code: one function a slot, which calls the law that an entry's code stands for.
 
 numba compiles a call of functions that are known when it compiles; the functions here are therefore written out, as
-chains of comparisons, when this module is imported. A law that no effect of the rig uses costs nothing.
+chains of comparisons over the effects that come with the package, when this module is imported. A law that no effect of
+the rig uses costs nothing. A law that somebody else has registered is compiled by itself, when a rig first uses it; its
+code is the address of what numba has made of it, so that nothing else is compiled again.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from dtbacklash.compiled import inlined, law
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+
+from dtbacklash.compiled import inlined, kept, law
 from dtbacklash.physics import catalogue
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Effect
-from dtbacklash.physics.effects.slots import Law, Slot, arguments
+from dtbacklash.physics.effects.slots import LAW_PARAMETERS, Law, Slot, arguments
 
 Call = tuple[Law, tuple[str | int, ...]]
+#: kind, name and declaration of an effect
+Name = tuple[str, str, Any]
 
-#: (kind, effect) -> the code of its laws in the functions of its slot
+#: (kind, effect) -> the code of its laws in the functions of its slot, for what comes with the package
 CODES: dict[tuple[str, str], int] = {}
+#: address -> what others have registered and a rig has used, with the compiled function that stands there
+ADDRESSES: dict[int, tuple[Effect, Any]] = {}
 
 #: the law of dry friction whose level is its only parameter: that of a kind that is held by friction of itself
 PLAIN_FRICTION = 0
@@ -26,6 +36,22 @@ PLAIN_FRICTION = 0
 @law
 def _itself(value):
     return value
+
+
+@intrinsic
+def _at_address(typingctx, address, given):
+    """Call the function of floats at an address, with the numbers of a tuple; it gives a float."""
+
+    def generate(context, builder, signature, values):
+        double, many = ir.DoubleType(), len(signature.args[1])
+        kind = ir.FunctionType(double, [double] * many)
+        floats = [
+            context.cast(builder, builder.extract_value(values[1], i), kind_given, types.float64)
+            for i, kind_given in enumerate(signature.args[1])
+        ]
+        return builder.call(builder.inttoptr(values[0], kind.as_pointer()), floats)
+
+    return types.float64(types.int64, given), generate
 
 
 def _calls(effect: Effect) -> dict[str, Call]:
@@ -38,31 +64,89 @@ def _calls(effect: Effect) -> dict[str, Call]:
 def _listed(slot: type[Slot]) -> list[dict[str, Call]]:
     """The different laws in a slot, by code."""
     listed = [_calls(PLAIN)] if slot is slots.Contact else []
-    for key, effect in catalogue.CATALOGUE.items():
+    for effect in catalogue.SHIPPED.values():
         if isinstance(effect.slot, slot):
             calls = _calls(effect)
             if calls not in listed:
                 listed.append(calls)
-            CODES[key] = listed.index(calls)
+            CODES[effect.kind, effect.name] = listed.index(calls)
     return listed
+
+
+def _fields(slot: type[Slot]) -> list[str]:
+    """The fields of a slot that a step calls, in the order in which a law at an address knows them."""
+    return [name for name, kind in slot.__annotations__.items() if kind in ("Law", "str")]
+
+
+def _space(**functions: Any) -> dict[str, Any]:
+    """What a function that is written out sees; compiled code that is kept names the module that it is loaded with."""
+    return {"__name__": __name__, **functions}
 
 
 def _written(name: str, slot: type[Slot], field: str) -> Any:
     """The compiled function of one field of a slot: (code, states, p, e) -> the value of the law of entry e, or 0."""
-    lines = [f"def {name}(code, {', '.join(slot.states)}, p, e):"]
-    space: dict[str, Any] = {}
+    states = ", ".join(slot.states)
+    lines = [f"def {name}(code, {states}, p, e):"]
+    space = _space(_at_address=_at_address)
     for code, calls in enumerate(_listed(slot)):
         space[f"law_{code}"], names = calls[field]
         given = ", ".join(f"p[e, {n}]" if isinstance(n, int) else n for n in names)
         lines += [f"    if code == {code}:", f"        return law_{code}({given})"]
-    lines.append("    return 0.0")
+    rest = ", ".join(f"p[e, {n}]" for n in range(LAW_PARAMETERS))
+    lines.append(f"    return _at_address(code, ({_fields(slot).index(field)}.0, {states}, {rest}))")
     exec(compile("\n".join(lines), f"<laws of {name}>", "exec"), space)
     return inlined(space[name])
 
 
-PLAIN = catalogue.CATALOGUE["rotor", "coulomb_friction"]
-catalogue.close()
+def code_of(effect: Effect) -> int:
+    """What stands for the laws of an effect in a plant: a number, or an address that holds in this process."""
+    key = effect.kind, effect.name
+    if catalogue.SHIPPED.get(key) is effect:
+        return CODES[key]
+    for address, (other, _) in list(ADDRESSES.items()):  # another thread may add one
+        if other is effect:
+            return address
+    states = effect.slot.states
+    lines = [f"def at_address(field, {', '.join([*states, *(f'p{n}' for n in range(LAW_PARAMETERS))])}):"]
+    space = _space()
+    for field, (function, names) in _calls(effect).items():
+        space[f"law_{field}"] = function
+        given = ", ".join(f"p{n}" if isinstance(n, int) else n for n in names)
+        lines += [f"    if field == {_fields(type(effect.slot)).index(field)}.0:"]
+        lines += [f"        return float(law_{field}({given}))"]
+    lines.append("    return 0.0")
+    exec(compile("\n".join(lines), f"<law of {effect.name}>", "exec"), space)
+    function = kept(_nrt=False)(space["at_address"])
+    kinds = (types.float64,) * (1 + len(states) + LAW_PARAMETERS)
+    function.compile(kinds)
+    made = function.overloads[kinds]
+    address = int(made.library.get_pointer_to_function(made.fndesc.llvm_cfunc_wrapper_name))
+    ADDRESSES[address] = effect, function
+    return address
+
+
+def named(codes: Any) -> dict[int, Name]:
+    """Those of some entries' laws that stand at addresses, by a name that another process understands."""
+    found = {}
+    for entry, code in enumerate(codes):
+        if int(code) in ADDRESSES:
+            effect = ADDRESSES[int(code)][0]
+            found[entry] = effect.kind, effect.name, effect.declared
+    return found
+
+
+def code_named(name: Name) -> int:
+    """The code of a law that :func:`named` has named; declared here where it is not known yet."""
+    kind, effect, declared = name
+    if declared is not None:
+        catalogue.declare({effect: declared}, "rig.laws")
+    return code_of(catalogue.find(kind, effect, "rig.effects"))
+
+
+PLAIN = catalogue.SHIPPED["rotor", "coulomb_friction"]
 body_effort = _written("body_effort", slots.BodyEffort, "law")
+remembered_effort = _written("remembered_effort", slots.BodyMemory, "effort")
+memory_rate = _written("memory_rate", slots.BodyMemory, "rate")
 friction_level = _written("friction_level", slots.Contact, "level")
 spring_force = _written("spring_force", slots.SpringForce, "law")
 spring_stretch = _written("spring_stretch", slots.SpringPlay, "law")

@@ -124,6 +124,11 @@ def body_forces(P, x, w, t):
         i = P.law[e, 1]
         q, v = x[P.position + i], x[P.position + P.n_bodies + i]
         w[pl.CH_F + i] += dispatch.body_effort(P.law[e, 0], q, v, t, P.law_p, e)
+    place = P.slot[pl.BODY_MEMORY]
+    for i in range(P.n_bodies):
+        q, v = x[P.position + i], x[P.position + P.n_bodies + i]
+        for e in range(P.first[place + i], P.first[place + i + 1]):
+            w[pl.CH_F + i] += dispatch.remembered_effort(P.law[e, 0], x[P.law[e, 1]], q, v, t, P.law_p, e)
 
 
 @inlined

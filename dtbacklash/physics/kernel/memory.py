@@ -1,9 +1,11 @@
-"""Springs that remember: their memory after a step's stretch, and the force that goes with it at the step's end.
+"""What remembers: memories after a step, and the force of a spring that goes with its own at the step's end.
 
 A memory follows the stretch in closed form, however small its reach is beside a step's motion. A spring that yields
 within micrometres is stiff until it does: the force at the end of a step is solved for together with the stretch to
-which it leads, which no step is too long for.
+which it leads, which no step is too long for. The memory of a body's law follows its rate.
 """
+
+import math
 
 from dtbacklash.compiled import compiled, inlined
 from dtbacklash.physics.kernel import dispatch
@@ -20,12 +22,47 @@ def _stretch(P, x, j, angle):
     return stretch_of(P, x, j, base_motion(P, x, 0, angle, 0.0)[0] if P.has_base else 0.0, 0.0)[0]
 
 
-@inlined
-def remember(P, S, angle, angle_end):
-    """Set the memories at the step's end, in ``S.xn`` and ``S.xp``, by the stretch from ``S.x`` to ``S.xn``.
+@compiled
+def _advanced(code, z, q0, v0, q1, v1, t, h, p, e):
+    """A body's memory after a step of ``h`` seconds from ``q0``, ``v0`` to ``q1``, ``v1``.
 
-    angle, angle_end : theta_d at the step's start and end, rad.
+    Exponential time differencing with the rate's slope by the memory in the middle, and a rate that goes linearly from
+    what it is at the start to what it is at the end (Cox & Matthews, J. Comput. Phys. 176 (2002) 430): exact where the
+    rate is linear in the memory and in such a motion, and stable however fast the memory falls.
     """
+    first = dispatch.memory_rate(code, z, q0, v0, t, p, e)
+    last = dispatch.memory_rate(code, z, q1, v1, t + h, p, e)
+    near = 1e-4 * (abs(z) + h * max(abs(first), abs(last)))
+    if near == 0.0:
+        return z
+    q, v, middle = 0.5 * (q0 + q1), 0.5 * (v0 + v1), t + 0.5 * h
+    above = dispatch.memory_rate(code, z + near, q, v, middle, p, e)
+    below = dispatch.memory_rate(code, z - near, q, v, middle, p, e)
+    a = min(0.5 * h * (above - below) / near, 30.0)
+    if abs(a) < 1e-4:
+        return z + h * (first * (0.5 + a / 3.0) + last * (0.5 + a / 6.0))
+    held = math.expm1(a) / a
+    return z + h * (held * first + (held - 1.0) / a * (last - first))
+
+
+@inlined
+def _bodies_remember(P, S, t, h):
+    place = P.slot[pl.BODY_MEMORY]
+    for i in range(P.n_bodies):
+        q, v = P.position + i, P.position + P.n_bodies + i
+        for e in range(P.first[place + i], P.first[place + i + 1]):
+            m = P.law[e, 1]
+            S.xn[m] = _advanced(P.law[e, 0], S.x[m], S.x[q], S.x[v], S.xn[q], S.xn[v], t, h, P.law_p, e)
+            S.xp[m] = S.xn[m]
+
+
+@inlined
+def remember(P, S, angle, angle_end, t, h):
+    """Set the memories at the step's end, in ``S.xn`` and ``S.xp``, by the motion from ``S.x`` to ``S.xn``.
+
+    angle, angle_end : theta_d at the step's start and end, rad. t : time at its start, s. h : its length, s.
+    """
+    _bodies_remember(P, S, t, h)
     for j in range(P.link.shape[0]):
         place = P.slot[pl.LINK] + pl.PER_LINK * j + pl.MEMORIES
         if P.first[place] < P.first[place + 1]:

@@ -5,7 +5,7 @@ channels ``w``: the voltage, the base's extra position and velocity, an effort o
 auxiliary state. ``A`` and ``G`` come in two versions: gear out of contact, and in contact.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,11 +33,9 @@ Y_INDEX, Y_LINK, N_SENSOR = range(3)
 BASE_POSITION, BASE_VELOCITY, LINK_FORCE = -1, -2, -3
 
 # slots of the laws: what acts at body j, link j, contact j, sensor j; and at the amplifier, winding and screw (j = 0)
-BODY_EFFORT, LINK, FRICTION, READING, COMMAND, WINDING, MOTOR_TORQUE, LEAD, N_SLOTS = range(9)
+BODY_EFFORT, BODY_MEMORY, LINK, FRICTION, READING, COMMAND, WINDING, MOTOR_TORQUE, LEAD, N_SLOTS = range(10)
 #: a link has three places that follow one another: its play, its forces, and those with a memory
 PLAYS, FORCES, MEMORIES, PER_LINK = range(4)
-#: parameters that a law has at most
-LAW_PARAMETERS = 6
 
 
 class Plant(NamedTuple):
@@ -55,8 +53,8 @@ class Plant(NamedTuple):
     G: Floats
     slot: Ints  # (N_SLOTS,) index in `first` of a slot's first place
     first: Ints  # the laws at a place: entries first[place] to first[place + 1] - 1
-    law: Ints  # (entries, 2) code of the law in its slot; index in x of its memory, else number of its place
-    law_p: Floats  # (entries, LAW_PARAMETERS) its parameters
+    law: Ints  # (entries, 2) code of the law in its slot, or its address; index in x of its memory, else of its place
+    law_p: Floats  # (entries, slots.LAW_PARAMETERS) its parameters
     link: Floats
     link_ends: Ints
     friction_ends: Ints
@@ -78,6 +76,22 @@ class Plant(NamedTuple):
     forced: bool  # something besides the voltage and the gear acts
     delay_whole: int  # the amplifier's delay: whole samples,
     delay_ticks: int  # and ticks (sample_time/substeps/2**(levels-1))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """What is pickled names the laws at addresses, which hold in this process alone."""
+        from dtbacklash.physics.kernel import dispatch
+
+        return _again, (tuple(self), dispatch.named(self.law[:, 0]))
+
+
+def _again(values: tuple[Any, ...], named: dict[int, Any]) -> "Plant":
+    """A plant of another process, with the addresses of its laws in this one."""
+    from dtbacklash.physics.kernel import dispatch
+
+    plant = Plant(*values)
+    for entry, name in named.items():
+        plant.law[entry, 0] = dispatch.code_named(name)
+    return plant
 
 
 class State(NamedTuple):

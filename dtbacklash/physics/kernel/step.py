@@ -237,9 +237,9 @@ def _forced_step(P, S, level, h, t, contact, gap, gap_rate, given):
     if not P.imposed and mode != pl.FREE:
         angle = S.xn[P.position + P.rotor] - (0 if mode == pl.RIGID else mode * (gap + gap_rate * h))
         rate = rate_of_screw(P, S.xn, mode, gap_rate)
-    remember(P, S, start, angle)
+    remember(P, S, start, angle, t, h)
     add_forces(P, S.xn, S.mode, S.w1, contact, t + h, angle, rate)
     _ramp(P, S, level, contact, channels)
     settle_memories(P, S, level, contact, start, angle)
     _hold(P, S, level, contact, angle, gap_rate)
-    remember(P, S, start, angle)
+    remember(P, S, start, angle, t, h)

@@ -20,6 +20,7 @@ from dtbacklash.control.belief import bending
 from dtbacklash.errors import UserError
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.bodies import Bodies, Parts, take_apart
+from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.kernel import dispatch
 from dtbacklash.physics.kernel import plant as pl
 from dtbacklash.physics.kernel.forces import base_motion
@@ -106,7 +107,7 @@ class Driven:
     def with_law(self, place: str, effect: str, values: tuple[float, ...]) -> Driven:
         """The same with other parameters of an effect that it has, one of BESIDE."""
         plant = self.plant
-        code = dispatch.CODES[self.parts.rig.kind_at(place), effect]
+        code = dispatch.code_of(find(self.parts.rig.kind_at(place), effect, place))
         if effect == "hysteresis":
             spring = [e.name for e in self.parts.springs].index(place)
             at = plant.slot[pl.LINK] + pl.PER_LINK * spring + pl.MEMORIES

@@ -1,0 +1,65 @@
+"""The example of docs/own_laws.md, as a user types it: a law in a folder is listed, simulated, named, and travels."""
+
+import json
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from dtbacklash import yaml_files
+
+pytestmark = pytest.mark.check
+
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "own_laws.md").read_text(encoding="utf-8")
+LAW = re.findall(r"```yaml\n(.*?)```", PAGE, flags=re.DOTALL)[0]
+COMMANDS = re.findall(r"```sh\n(.*?)```", PAGE, flags=re.DOTALL)[0].splitlines()
+TRUE = 0.01
+
+
+def dtb(folder, command):
+    """A command of the page, in a process of its own; gives what it prints."""
+    words = [sys.executable, "-m", "dtbacklash.cli", *shlex.split(command)[1:]]
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False, timeout=1800)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def typed(tmp_path_factory):
+    """The folder after all commands but the last, and what they printed."""
+    folder = tmp_path_factory.mktemp("own")
+    (folder / "conf" / "effect").mkdir(parents=True)
+    (folder / "conf" / "effect" / "air_drag.yaml").write_text(LAW)
+    assert len(COMMANDS) == 4
+    return folder, [dtb(folder, command) for command in COMMANDS[:3]]
+
+
+def test_it_is_listed_with_its_law(typed):
+    assert "law     -drag * abs(v) * v" in typed[1][0]
+
+
+def test_it_is_named_with_its_size(typed):
+    found = json.loads((typed[0] / "found" / "diagnosis.json").read_text())
+    assert found["verdict"] == "missing_physics"
+    (finding,) = found["findings"]
+    assert (finding["location"], finding["effect"], finding["confidence"]) == ("disk", "air_drag", "sure")
+    low, high = finding["parameters"]["drag"]["ci95"]
+    assert low < TRUE < high < 1.1 * TRUE
+    assert finding["parameters"]["drag"]["unit"] == "N m s^2/rad^2"
+    assert finding["sentence"].startswith("The air drags on the disk with")
+
+
+def test_its_law_is_drawn(typed):
+    assert list((typed[0] / "found" / "figures").glob("law_1_disk.png"))
+
+
+def test_the_extended_rig_has_the_law_with_it(typed, tmp_path):
+    file = typed[0] / "found" / "rig.yaml"
+    assert yaml_files.read(file.read_bytes())["laws"] == {"air_drag": yaml_files.read(LAW)}
+    (tmp_path / "found").mkdir()
+    (tmp_path / "found" / "rig.yaml").write_bytes(file.read_bytes())
+    dtb(tmp_path, COMMANDS[3] + " out=again figures=false")  # in a folder that knows nothing of it
+    assert (tmp_path / "again" / "summary.json").is_file()

@@ -1,0 +1,104 @@
+"""``dtb effects``: what there is, with law, unit and place; one in detail; mistakes in one line."""
+
+import subprocess
+import sys
+
+import pytest
+
+from dtbacklash import cli
+from dtbacklash.config.groups import PACKAGED
+from dtbacklash.physics.catalogue import CATALOGUE
+
+DRAG = """\
+acts_on: [carriage, mass]
+law: -drag*abs(v)*v
+parameters: {drag: {unit: N s^2/m^2, low: 0, start: 5}}
+"""
+
+
+def answer(capsys, *words):
+    code = cli.main(["effects", *words])
+    return code, *capsys.readouterr()
+
+
+def test_all_effects_are_listed_by_kind_with_laws_and_units(capsys):
+    code, out, err = answer(capsys)
+    assert (code, err) == (0, "")
+    kind, listed = "", set()
+    of_kinds, asked_for = out.split("of the package, where a rig asks for it (rig.laws.NAME=packaged):\n")
+    assert "dahl_friction        -level*z, z' = (v - abs(v)*z)/reach  (rotor, carriage, mass)" in asked_for
+    for line in of_kinds.splitlines():
+        kind = line if line and not line.startswith(" ") else kind
+        listed |= {(kind, line.split()[0])} if line.startswith("   ") else set()
+    assert listed == set(CATALOGUE)
+    assert "cubic_stiffness" in out
+    assert "(force [N], speed [m/s])" in out
+
+
+def test_a_rig_is_listed_with_its_places(capsys):
+    code, out, _ = answer(capsys, "rig=two_mass_stage")
+    assert code == 0
+    assert "carriage (carriage)\n" in out
+    assert "mass (table)\n" in out
+    assert "sensor (sensor_x_c, sensor_x_t)\n" in out
+    assert "gear" not in out
+
+
+def test_one_effect_in_detail(capsys):
+    _, out, _ = answer(capsys, "stribeck_friction", "rig=emps")
+    assert out.startswith("stribeck_friction at carriage (carriage)\n  law     -force exp(-(v/speed)^2) sign(v)\n")
+    assert "    speed [m/s]                  1e-09 to 100000, usually 0.02, shape\n" in out
+    assert "rotor" not in out
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (("nothing",), "effects=nothing: choose one of absorber"),
+        (("gravity", "rig=emps"), "effects=gravity: choose one of"),
+        (("--all",), "option=--all: dtb effects takes"), (("a", "b"), "argument=a b: write dtb effects [NAME]"),
+        (("rug=emps",), "rug=emps: no such setting"), (("rig=nowhere",), "rig=nowhere: choose one of"),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_one_line(capsys, words, line):
+    code, out, err = answer(capsys, *words)
+    assert (code, out) == (2, "")
+    assert err.startswith(f"dtb: error: {line}")
+    assert err.count("\n") == 1
+
+
+def test_a_wrong_law_in_a_rigs_file_is_one_line(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    text = (PACKAGED / "rig" / "emps.yaml").read_text()
+    law = "{acts_on: carriage, law: drag.real*v, parameters: {drag: {start: 1}}}"
+    (tmp_path / "mine.yaml").write_text(f"{text}\nlaws:\n  tank: {law}\n")
+    code, out, err = answer(capsys, "rig=mine.yaml")
+    assert (code, out) == (2, "")
+    assert err.startswith("dtb: error: rig.laws.tank.law=drag.real: an attribute is not allowed; numbers, names")
+    assert err.count("\n") == 1
+
+
+def test_help_names_the_folder(capsys):
+    _, out, _ = answer(capsys, "--help")
+    assert "usage: dtb effects [NAME] [rig=RIG]" in out
+    assert "conf/effect/*.yaml" in out
+
+
+def in_folder(folder, *words):
+    done = subprocess.run([sys.executable, "-m", "dtbacklash.cli", *words], cwd=folder, capture_output=True, text=True,
+                          check=False, timeout=300)  # fmt: skip
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_the_laws_of_a_folder_are_listed_and_a_wrong_one_is_named(tmp_path):
+    (tmp_path / "conf" / "effect").mkdir(parents=True)
+    file = tmp_path / "conf" / "effect" / "tank.yaml"
+    file.write_text(DRAG)
+    code, out, err = in_folder(tmp_path, "effects", "rig=emps")
+    assert (code, err) == (0, "")
+    assert " * tank                 -drag * abs(v) * v  (drag [N s^2/m^2])\n" in out
+    file.write_text(DRAG.replace("abs(v)", "open(v)"))
+    code, out, err = in_folder(tmp_path, "effects")
+    assert (code, out) == (2, "")
+    assert err.startswith("dtb: error: conf/effect.tank.law=open(): is no function here; choose one of abs")
+    assert err.count("\n") == 1
