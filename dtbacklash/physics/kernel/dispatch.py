@@ -50,10 +50,10 @@ def _listed(slot: type[Slot]) -> list[dict[str, Call]]:
 def _written(name: str, slot: type[Slot], field: str) -> Any:
     """The compiled function of one field of a slot: (code, states, p, e) -> the value of the law of entry e, or 0."""
     lines = [f"def {name}(code, {', '.join(slot.states)}, p, e):"]
-    space: dict[str, Any] = {}
+    space: dict[str, Any] = {"__name__": __name__}  # by which kept code finds its module again
     for code, calls in enumerate(_listed(slot)):
         space[f"law_{code}"], names = calls[field]
-        given = ", ".join(f"p[e, {n}]" if isinstance(n, int) else n for n in names)
+        given = ", ".join(f"p[e, {n}]" if isinstance(n, int) else "p[e]" if n == slots.ROW else n for n in names)
         lines += [f"    if code == {code}:", f"        return law_{code}({given})"]
     lines.append("    return 0.0")
     exec(compile("\n".join(lines), f"<laws of {name}>", "exec"), space)

@@ -37,7 +37,7 @@ BODY_EFFORT, LINK, FRICTION, READING, COMMAND, WINDING, MOTOR_TORQUE, LEAD, N_SL
 #: a link has three places that follow one another: its play, its forces, and those with a memory
 PLAYS, FORCES, MEMORIES, PER_LINK = range(4)
 #: parameters that a law has at most
-LAW_PARAMETERS = 6
+LAW_PARAMETERS = 19
 
 
 class Plant(NamedTuple):
