@@ -94,7 +94,7 @@ def test_a_page_without_a_place_for_the_tables_is_refused_before_the_work(tmp_pa
 
 
 def test_a_diagnosis_that_is_not_there_is_refused():
-    with pytest.raises(SystemExit, match="no diagnosis 'nope'; choose of emps, silverbox"):
+    with pytest.raises(SystemExit, match="no diagnosis 'nope'; choose of emps, emps_half, silverbox"):
         real.main(["docs", "nope"])
 
 
