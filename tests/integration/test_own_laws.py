@@ -63,3 +63,18 @@ def test_the_extended_rig_has_the_law_with_it(typed, tmp_path):
     (tmp_path / "found" / "rig.yaml").write_bytes(file.read_bytes())
     dtb(tmp_path, COMMANDS[3] + " out=again figures=false")  # in a folder that knows nothing of it
     assert (tmp_path / "again" / "summary.json").is_file()
+
+
+@pytest.mark.nightly
+def test_presliding_is_named_where_the_rig_asks_for_it(tmp_path):
+    law, true = "rig.laws.dahl_friction=packaged", {"level": 0.03, "reach": 0.02}
+    hidden = " ".join(f"rig.effects.disk.dahl_friction.{name}={value}" for name, value in true.items())
+    made = COMMANDS[1].replace("rig.effects.disk.air_drag.drag=0.01", f"{law} {hidden}")
+    assert made != COMMANDS[1]
+    dtb(tmp_path, made + " figures=false")
+    dtb(tmp_path, f"dtb diagnose recording=fan.csv rig=pendulum {law} out=found")
+    (finding,) = json.loads((tmp_path / "found" / "diagnosis.json").read_text())["findings"]
+    assert (finding["location"], finding["effect"], finding["confidence"]) == ("disk", "dahl_friction", "sure")
+    for name, value in true.items():
+        low, high = finding["parameters"][name]["ci95"]
+        assert low < value < high < 1.1 * value

@@ -326,5 +326,5 @@ class Effect:
 
 def name_in_words(name: str) -> str:
     """A name of the vocabulary as words: ``coulomb_friction`` is ``Coulomb friction``."""
-    proper = {"coulomb": "Coulomb", "stribeck": "Stribeck"}
+    proper = {"coulomb": "Coulomb", "dahl": "Dahl", "stribeck": "Stribeck"}
     return " ".join(proper.get(word, word) for word in name.split("_"))
