@@ -150,7 +150,7 @@ def show(diagnosis: Diagnosis, config: DiagnoseConfig, folder: Path) -> int:
     for line in lines(diagnosis):
         tables.show(line)
     tables.show("", tables.fit(asdict(diagnosis.fit)), "")
-    if diagnosis.fault is None:
+    if not diagnosis.fault:
         run = next_command(diagnosis, shown_path(folder / "rig.yaml"))
         console.print(escape(f"To simulate what was found: {run}"), soft_wrap=True)
     console.print(escape(shown_path(folder / "report.html")), soft_wrap=True)
