@@ -1,12 +1,13 @@
 """The experiments behind the paper's figures, run once and handed to the figures and the claims."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.config.compose import compose
+from dtbacklash.config.run import RunConfig
 from dtbacklash.control.belief import beliefs_of, design_for
 from dtbacklash.control.design import ControllerDesign, MotorParameters, StructureParameters
 from dtbacklash.experiment.run import RunResult, run_scenario
@@ -19,8 +20,11 @@ _GAP_100 = ("profile=constant", "profile.start_deg=100", "duration_s=60")
 #: novelty threshold, so that the raw amplitude passes it now and then
 NOISE_MM = 0.05
 
-#: N on mass_3: the disturbance of section 1
-FORCE_N = 1.0
+#: the disturbances of section 1: N on mass_3, at the output, and N m on the motor, at the input
+FORCE_N, TORQUE_N_M = 1.0, 0.02
+
+#: the experiments in which the structure loads the motor by its masses alone: nothing holds mass 1 to the ground
+INERTIAL = ("load", "load_inner_loop")
 
 #: figure or experiment -> the words of `dtb run` that make it
 SCENARIOS: dict[str, tuple[str, ...]] = {
@@ -32,6 +36,7 @@ SCENARIOS: dict[str, tuple[str, ...]] = {
     "fig14": ("experiment=fig14",),
     # section 1 and 2.1: a disturbance, and the structure's load on the motor
     "force": ("experiment=fig6", f"rig.effects.mass_3.constant_force.force={FORCE_N}", "duration_s=20"),
+    "torque": ("experiment=fig6", f"rig.effects.motor_bearing.constant_load.torque={TORQUE_N_M}", "duration_s=20"),
     "load": ("experiment=fig6", "rig.effects.screw.load_reaction.share=1"),
     "load_inner_loop": ("experiment=fig6", "rig.effects.screw.load_reaction.share=1",
                         "controller.internal_model=inner_loop"),
@@ -89,13 +94,22 @@ def run_experiments(progress: Callable[[float], None] | None = None) -> Experime
     tell = progress or (lambda share: None)
     tell(0.0)
     for name, words in SCENARIOS.items():
-        runs[name] = run_scenario(compose(*words))
+        runs[name] = run_scenario(configured(name, words))
         tell(len(runs) / len(SCENARIOS))
     config = runs["fig13"].config
     belief = beliefs_of(config).design
     design, linear = design_for(config, belief), belief.linear()
     assert design is not None
     return Experiments(runs, play_under_growing_sine(), design, linear.motor, linear.structure)
+
+
+def configured(name: str, words: tuple[str, ...]) -> RunConfig:
+    """The configuration of an experiment."""
+    config = compose(*words)
+    if name not in INERTIAL:
+        return config
+    base = {key: value for key, value in config.rig.elements["mass_1"].items() if not key.startswith("ground_")}
+    return replace(config, rig=replace(config.rig, elements={**config.rig.elements, "mass_1": base}))
 
 
 def play_under_growing_sine(duration_s: float = 10.0, step_s: float = 1e-3) -> Play:

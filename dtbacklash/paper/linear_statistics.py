@@ -4,7 +4,7 @@ import control
 import numpy as np
 
 from dtbacklash.control.design import inner_loop, prefilter, reduced_structure, structure_tf
-from dtbacklash.paper.experiments import FORCE_N, PLAY_GAP_DEG, Experiments
+from dtbacklash.paper.experiments import FORCE_N, PLAY_GAP_DEG, TORQUE_N_M, Experiments
 
 
 def inner_loop_settling_ms(x: Experiments) -> float:
@@ -62,6 +62,25 @@ def error_left_by_a_force(x: Experiments) -> float:
     return abs(float(end["r_mm"] - end["q3_mm"])) / feedforward_mm
 
 
+def error_left_by_a_torque(x: Experiments) -> float:
+    """Error that a constant torque on the motor leaves, over that of the inner loop without any other feedback."""
+    angle = TORQUE_N_M * x.motor.R / (x.motor.k_T * x.design.k_theta_v_per_rad)
+    return torque_error_mm(x) / (1e3 * x.structure.pitch_m_per_rad * angle)
+
+
+def torque_error_mm(x: Experiments) -> float:
+    """Distance of q3 from the reference 20 s after a constant torque on the motor begins."""
+    end = x.runs["torque"].trace.iloc[-1]
+    return abs(float(end["r_mm"] - end["q3_mm"]))
+
+
+def small_gain_bound(x: Experiments, run: str) -> float:
+    """How far the tolerances of the rig's parameters move the loop at most, over its distance from -1."""
+    designed = x.runs[run].design
+    assert designed is not None
+    return designed.margins().small_gain
+
+
 def share_of_the_mode(x: Experiments) -> float:
     """Share of the power of q3 - r in Fig. 4 that a free decay at the dominant pole explains."""
     trace = x.runs["fig4"].trace
@@ -75,11 +94,6 @@ def share_of_the_mode(x: Experiments) -> float:
 def first_slope_mm_per_s(x: Experiments) -> float:
     """Derivative of q3 in the first sample of Fig. 6."""
     return float(x.q3_mm("fig6")[1] / x.runs["fig6"].config.sample_time_s)
-
-
-def holding_voltage_v(x: Experiments) -> float:
-    """Voltage at the end of Fig. 6 where the structure pushes back and the internal model is the inner loop."""
-    return float(x.runs["load_inner_loop"].trace["u_v"].iloc[-1])
 
 
 def sampling_difference_mm(x: Experiments) -> float:

@@ -16,6 +16,8 @@ import pytest
 from page_reader import table_cells
 
 from dtbacklash import cli
+from dtbacklash.control.belief import Belief, beliefs_of
+from dtbacklash.control.margins import DesignedLoop
 from dtbacklash.docs.pages import claims_table
 from dtbacklash.paper import run_experiments
 from dtbacklash.paper.claims import check, statements
@@ -28,11 +30,12 @@ Spoil = Callable[[Experiments], Experiments]
 #: claims that we cannot reproduce; each has its reason in claims.csv and in the docs
 FAILING = {
     "Fig. 6: derivative of q3 at t = 0",
-    "Fig. 6: what the structure's load on the motor changes, the paper's internal model",
+    "error that a constant torque of 0.02 N m on the motor leaves, over that of the inner loop alone",
     "Fig. 10: overshoot where the estimate is almost exact (move at 80 s)",
     "Fig. 10: overshoot where the estimate is almost exact (move at 120 s)",
     "Fig. 10: settling time where the estimate is almost exact (move at 100 s)",
     "Fig. 10: overshoot where the gap is small (before 60 s)",
+    "NIMC with the exact gap of 100 deg: overshoot",
     "NIMC with the exact gap of 100 deg: settling time",
     "Fig. 13: settling time of a move",
     "Fig. 14: largest overshoot beside Fig. 13's",
@@ -59,7 +62,7 @@ def test_exactly_the_known_claims_fail(paper: tuple[int, str, Path]) -> None:
     claims = pd.read_csv(folder / "claims.csv")
     # neither may another claim fail, nor one of these begin to hold unnoticed
     assert set(claims.loc[~claims["pass"], "claim"]) == FAILING
-    assert claims["pass"].sum() >= 57
+    assert claims["pass"].sum() >= 59
     assert code == 1  # as long as a claim fails
 
 
@@ -137,6 +140,23 @@ def slower(x: Experiments) -> Experiments:
     return x
 
 
+def far_off(x: Experiments) -> Experiments:
+    """The loop of Fig. 8 on a machine whose parameters nobody knows within a third."""
+    run = x.runs["fig8"]
+    rig = beliefs_of(run.config).design.rig
+    wide = {name: replace(one, tolerance=0.5) for name, one in rig.config.parameters.items()}
+    belief = Belief(replace(rig, config=replace(rig.config, parameters=wide)))
+    return with_run(x, "fig8", design=DesignedLoop.of(run.config, run.design.design, belief))
+
+
+def swinging(x: Experiments) -> Experiments:
+    """Figure 13 with an oscillation that grows after its last move."""
+    trace = x.runs["fig13"].trace
+    since = trace["t_s"] - 180.0
+    grows = 0.01 * np.exp(0.5 * since) * np.sin(27.0 * since) * (since > 0)
+    return with_run(x, "fig13", trace=trace.assign(q3_mm=np.where(since > 0, trace["r_mm"] + grows, trace["q3_mm"])))
+
+
 def another_play(x: Experiments) -> Experiments:
     """Figure 7 with a screw that is 2 degrees off from 5 s on."""
     off = np.where(x.play.t_s > 5, 2, 0)
@@ -174,9 +194,19 @@ TURNS: dict[str, tuple[Spoil, str]] = {
         "error that a constant force on mass 3 leaves, over what it is without feedback",
     ),
     "two modes": (instead("fig4", "fig6"), "Fig. 4: share of the transient's power in the dominant mode"),
-    "a structure that is not felt": (  # a claim that is known to fail: it has to be seen when it begins to hold
-        instead("load", "fig6"),
-        "Fig. 6: what the structure's load on the motor changes, the paper's internal model",
+    "no torque": (  # a claim that is known to fail: it has to be seen when it begins to hold
+        instead("torque", "fig6"),
+        "error that a constant torque of 0.02 N m on the motor leaves, over that of the inner loop alone",
+    ),
+    "a structure that is felt": (
+        scaled("load", "trace", "q3_mm", 1.02),
+        "Fig. 6: what the inertia of the structure on the motor changes, the paper's internal model",
+    ),
+    "a model that is far off": (
+        far_off, "small-gain bound: how far the rig's tolerances move the loop of Fig. 8, over its distance from -1",
+    ),
+    "a twin that leaves the loop swinging": (
+        swinging, "Fig. 13: each half oscillation over that one period before, at the last move",
     ),
     "another play": (another_play, "Fig. 7: play operator against (16) and (17), integrated step by step"),
 }  # fmt: skip

@@ -74,7 +74,7 @@ def test_bash_completes_a_command(tmp_path, line, replies):
 
 
 def test_a_command_that_writes_one_file_is_completed_behind_its_second_word():
-    assert completion.answers("dtb export ") == ["fmu"]
+    assert completion.answers("dtb export ") == ["fmu", "controller"]
     assert completion.answers("dtb export fmu rig=lead") == ["rig=lead_screw"]
     assert "out=" in completion.answers("dtb export fmu o")
     assert "sample_time_s=" in completion.answers("dtb export fmu sam")
