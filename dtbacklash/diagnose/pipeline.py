@@ -217,7 +217,8 @@ def _diagnosis(judged: Judged, log: Log, smooth: bool, enough: Enough, depth: De
     values, where = recalibrated(evidence.nominal, moved, wrong), located(left, verdict, rest)
     at_limits = limits_said(at_bounds(model), at_tolerances(evidence.nominal, model.fitted.rig))
     rest_said = explained_said(much, bool(findings))
-    said = SEARCHED[depth], summary(verdict, findings, values, where, wrong), rest_said, at_limits, beyond_said(wrong)
+    found = summary(verdict, findings, values, where if depth != NONE else None, wrong)
+    said = SEARCHED[depth], found, rest_said, at_limits, beyond_said(wrong)
     return Diagnosis(
         verdict=verdict,
         summary=" ".join(filter(None, said)),

@@ -50,7 +50,7 @@ def less(instead: Instead | None) -> str:
         return ""
     what = f"{name_in_words(instead.effect)} ({quantity(instead.value, instead.unit)})"
     worse = instead.times_the_error
-    times = f"{worse:.2g}" if worse < 10.0 else f"{worse:.0f}"
+    times = _two(worse)
     place = place_in_words(instead.location)
     return (f" Without that effect in the catalogue, {what} at the {place} would be named, "
             f"with {times} times the error; it is not needed in addition.")  # fmt: skip
@@ -166,14 +166,19 @@ def explained_said(much: Explained, findings: bool) -> str:
         if share is not None and share > 0.0
     ]
     left = [
-        f"{channel} {quantity(row.rms, row.unit)} ({100 * row.of_motion:.2g} % of its motion, {row.floors:.2g} floors)"
-        for channel, row in much.left.items()
+        f"{c} {quantity(row.rms, row.unit)} ({_two(100 * row.of_motion)} % of its motion, {_two(row.floors)} floors)"
+        for c, row in much.left.items()
     ]
     by = "The extended rig" if findings else "The recalibrated rig"
     said = f"{by} explains {' and '.join(shares)}. " if shares else ""
     if much.enough is not None:
         left.append("which is what was called enough" if much.enough else "more than what was called enough")
     return f"{said}Left: {', '.join(left)}."
+
+
+def _two(value: float) -> str:
+    """Two digits, or all before the point."""
+    return f"{value:.2g}" if value < 10.0 else f"{value:.0f}"
 
 
 def _percent(share: float) -> str:
