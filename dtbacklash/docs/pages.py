@@ -21,8 +21,7 @@ from dtbacklash.config.setting import Declared, declared
 from dtbacklash.config.twin import PARTS
 from dtbacklash.diagnose.settings import DiagnoseSettings
 from dtbacklash.physics.catalogue import CATALOGUE, effects_of
-from dtbacklash.physics.effects.declare import Effect, Parameter, Role
-from dtbacklash.physics.effects.table import KNOTS
+from dtbacklash.physics.effects.declare import Effect, Parameter
 from dtbacklash.physics.kinds import GROUND, KINDS, Kind
 from dtbacklash.report.kit.markdown import table
 
@@ -45,7 +44,7 @@ def effects_page() -> str:
     """Return the text of ``docs/effects.md``: every effect with its law, parameters, units, bounds, source."""
     heads = ("effect", "law", "parameter", "unit", "lowest", "highest", "default", "neutral", "source")
     kinds = [
-        (kind, _where(kind), [_parameter_row(e, p) for e in effects_of(kind).values() for p in e.listed])
+        (kind, _where(kind), [_parameter_row(e, p) for e in effects_of(kind).values() for p in e.parameters])
         for kind in dict.fromkeys(kind for kind, _ in CATALOGUE)
     ]
     return _filled("effects", heads=heads, kinds=kinds)
@@ -145,9 +144,8 @@ def _parameter_row(effect: Effect, parameter: Parameter) -> list[str]:
         default = number(parameter.typical)
     else:
         default = "must be given" if len(effect.amplitudes) == 1 else f"{neutral}; one must be given"
-    name = f"`{parameter.name}`" + (f" to `f{KNOTS}`" if parameter.role is Role.KNOT else "")
     return [
-        f"`{effect.name}`" if first else "", f"`{effect.law}`" if first else "", name, parameter.unit,
+        f"`{effect.name}`" if first else "", f"`{effect.law}`" if first else "", f"`{parameter.name}`", parameter.unit,
         number(parameter.low), number(parameter.high), default, neutral, effect.source if first else "",
     ]  # fmt: skip
 

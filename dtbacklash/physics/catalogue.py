@@ -14,7 +14,7 @@ from typing import Any
 from dtbacklash import sources
 from dtbacklash.errors import UserError
 from dtbacklash.physics import own_laws
-from dtbacklash.physics.effects import body, drive, sensor, spring, table, transmission
+from dtbacklash.physics.effects import body, drive, sensor, spring, transmission
 from dtbacklash.physics.effects.declare import Effect, Role
 from dtbacklash.physics.effects.slots import plain_function
 from dtbacklash.physics.kinds import KINDS, SENSOR, Kind
@@ -51,7 +51,7 @@ def register(effect: Effect) -> None:
     if not kind_named(effect.kind).takes(effect.slot):
         slot = type(effect.slot).__name__
         raise UserError(key, slot, f"acts nowhere: an element of kind `{effect.kind}` has no such slot")
-    if effect.size.neutral is None or effect.size.role not in (Role.SIZE, Role.TIME, Role.KNOT):
+    if effect.size.neutral is None or effect.size.role not in (Role.SIZE, Role.TIME):
         raise UserError(key, effect.size.name, "the first parameter is the size and has a neutral value")
     for parameter in effect.parameters:
         if parameter.name in effect.slot.states:
@@ -105,14 +105,7 @@ def find(kind: str, name: str, key: str) -> Effect:
     return effect
 
 
-for _effect in (
-    *drive.EFFECTS,
-    *body.EFFECTS,
-    *transmission.EFFECTS,
-    *spring.EFFECTS,
-    *sensor.EFFECTS,
-    *table.EFFECTS,
-):
+for _effect in (*drive.EFFECTS, *body.EFFECTS, *transmission.EFFECTS, *spring.EFFECTS, *sensor.EFFECTS):
     register(_effect)
 
 #: what comes with the package: its laws are compiled into the simulation

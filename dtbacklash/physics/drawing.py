@@ -93,13 +93,12 @@ def _called(effect: Effect, law: Law, values: Values, **states: float) -> float:
     """A law at one point, in plain Python."""
     given = list(values.values())
     names = arguments(law, effect.slot.states, effect)
-    known: dict[str, Any] = {**states, slots.ROW: np.array(given)}
-    return float(plain_function(law)(*(known[n] if isinstance(n, str) else given[n] for n in names)))
+    return float(plain_function(law)(*(states[n] if isinstance(n, str) else given[n] for n in names)))
 
 
 def _asks_for(effect: Effect, law: Law) -> set[str]:
     """The states among the arguments of a law."""
-    return {name for name in arguments(law, effect.slot.states, effect) if isinstance(name, str)} - {slots.ROW}
+    return {name for name in arguments(law, effect.slot.states, effect) if isinstance(name, str)}
 
 
 def _along(effect: Effect, law: Law, state: str, **others: float) -> Callable[[Values, Values, Floats], Floats]:

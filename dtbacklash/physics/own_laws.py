@@ -157,9 +157,9 @@ def _kinds(said: object, key: str) -> list[Kind]:
 
 def _parameters(said: object, kind: Kind, key: str) -> tuple[tuple[Parameter, ...], list[Values]]:
     """The parameters of a declaration, and the sets of values at which a search starts."""
-    if not isinstance(said, Mapping) or not 0 < len(said) <= slots.OWN_PARAMETERS:
+    if not isinstance(said, Mapping) or not 0 < len(said) <= slots.LAW_PARAMETERS:
         allowed = (
-            f"a mapping name -> {{unit, low, high, start, neutral, role}} of 1 to {slots.OWN_PARAMETERS} parameters"
+            f"a mapping name -> {{unit, low, high, start, neutral, role}} of 1 to {slots.LAW_PARAMETERS} parameters"
         )
         raise UserError(key, said if said is not None else "(missing)", allowed)
     made: list[Parameter] = []

@@ -11,8 +11,6 @@ from dtbacklash.config.rig import ParameterConfig, RigConfig
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig, build_rig
 
-#: what the names of tables end in
-TABLE = "_table"
 #: the sections of a rig's file below its name and description
 SECTIONS = ("parameters", "elements", "effects", "laws", "sensors")
 
@@ -55,10 +53,7 @@ def rig_yaml(rig: Rig) -> str:
         if name in content
     ]
     header = yaml.safe_dump(head, sort_keys=False, allow_unicode=True)
-    tables = any(name.endswith(TABLE) for there in rig.effects.values() for name in there)
-    beyond = "# A table is constant below `low` and above `high`; `bend` is how far it may bend at a knot.\n"
-    about = "# Values are SI; `tolerance` is relative, one standard deviation.\n" + (beyond if tables else "")
-    return about + "\n".join([header, *texts])
+    return "# Values are SI; `tolerance` is relative, one standard deviation.\n" + "\n".join([header, *texts])
 
 
 def rig_leaves(rig: Rig, place: str, name: str) -> dict[str, Any]:

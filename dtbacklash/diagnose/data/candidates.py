@@ -43,8 +43,7 @@ def candidates(rig: Rig, blocks: list[Block], moving: "PlacesInMotion") -> list[
         for effect in rig.takes(place).values():
             if place in unseen and _depends_on_position(effect):
                 continue
-            possible = not effect.is_table and rig.effect(place, effect.name) is None
-            possible = possible and _possible(rig, place, effect)
+            possible = rig.effect(place, effect.name) is None and _possible(rig, place, effect)
             if possible and effect.is_shown(moving(place)):
                 starts, bounds = effect.start_values(moving(place)), effect.bounds_at(moving(place))
                 listed.append(Candidate(place, effect, [_within(v, bounds) for v in starts]))

@@ -48,8 +48,7 @@ class Role(StrEnum):
 
     SIZE : switches the effect off at its neutral value. WAVE : counts waves over a position, so that the fit has a
     valley for each; it is scanned. ANGLE : a phase, periodic in 2 pi. TIME : a pure delay. FREQUENCY : at which
-    something swings, Hz. KNOT : a value of a table. GIVEN : it says where the others hold, and is never fitted. SHAPE :
-    any other; what can only be positive is fitted in logarithms.
+    something swings, Hz. SHAPE : any other; what can only be positive is fitted in logarithms.
     """
 
     SIZE = "size"
@@ -57,8 +56,6 @@ class Role(StrEnum):
     ANGLE = "angle"
     TIME = "time"
     FREQUENCY = "frequency"
-    KNOT = "knot"
-    GIVEN = "given"
     SHAPE = "shape"
 
 
@@ -180,7 +177,6 @@ class Effect:
     visible : what a recording can show of its parameters, see :meth:`bounds_at`.
     of_unit : the SI unit of the sensors that take it; empty: of all.
     declared : of a law that a user wrote, its declaration, see :mod:`dtbacklash.physics.own_laws`.
-    refuse : values -> (parameter, what is allowed), of values that do not go together, or None.
     """
 
     name: str
@@ -202,7 +198,6 @@ class Effect:
     visible: Callable[[Place], Bounds] = lambda place: {}
     of_unit: str = ""
     declared: Mapping[str, Any] | None = None
-    refuse: Callable[[Values], tuple[str, str] | None] = lambda values: None
 
     @property
     def size(self) -> Parameter:
@@ -213,16 +208,6 @@ class Effect:
     def is_delay(self) -> bool:
         """Whether it makes a signal late, and does nothing else to it."""
         return self.slot.delays
-
-    @property
-    def is_table(self) -> bool:
-        """Whether it is no law but a table of values: nothing that a search or a concealed draw proposes."""
-        return self.size.role is Role.KNOT
-
-    @property
-    def listed(self) -> tuple[Parameter, ...]:
-        """The parameters, of a table's values the first alone: they are alike."""
-        return tuple(p for p in self.parameters if p.role is not Role.KNOT or p is self.size)
 
     @property
     def amplitudes(self) -> tuple[Parameter, ...]:
@@ -268,8 +253,6 @@ class Effect:
             p = known[name]
             if not p.low <= value <= p.high:
                 raise UserError(f"{key}.{name}", value, f"from {p.low:g} to {p.high:g} {p.unit}")
-        if refused := self.refuse(filled):
-            raise UserError(f"{key}.{refused[0]}", filled[refused[0]], refused[1])
         return filled
 
     def start_values(self, place: Place) -> list[Values]:

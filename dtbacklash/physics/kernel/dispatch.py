@@ -18,7 +18,7 @@ from dtbacklash.compiled import inlined, kept, law
 from dtbacklash.physics import catalogue
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Effect
-from dtbacklash.physics.effects.slots import OWN_PARAMETERS, Law, Slot, arguments
+from dtbacklash.physics.effects.slots import LAW_PARAMETERS, Law, Slot, arguments
 
 Call = tuple[Law, tuple[str | int, ...]]
 #: kind, name and declaration of an effect
@@ -90,9 +90,9 @@ def _written(name: str, slot: type[Slot], field: str) -> Any:
     space = _space(_at_address=_at_address)
     for code, calls in enumerate(_listed(slot)):
         space[f"law_{code}"], names = calls[field]
-        given = ", ".join(f"p[e, {n}]" if isinstance(n, int) else "p[e]" if n == slots.ROW else n for n in names)
+        given = ", ".join(f"p[e, {n}]" if isinstance(n, int) else n for n in names)
         lines += [f"    if code == {code}:", f"        return law_{code}({given})"]
-    rest = ", ".join(f"p[e, {n}]" for n in range(OWN_PARAMETERS))
+    rest = ", ".join(f"p[e, {n}]" for n in range(LAW_PARAMETERS))
     lines.append(f"    return _at_address(code, ({_fields(slot).index(field)}.0, {states}, {rest}))")
     exec(compile("\n".join(lines), f"<laws of {name}>", "exec"), space)
     return inlined(space[name])
@@ -107,7 +107,7 @@ def code_of(effect: Effect) -> int:
         if other is effect:
             return address
     states = effect.slot.states
-    lines = [f"def at_address(field, {', '.join([*states, *(f'p{n}' for n in range(OWN_PARAMETERS))])}):"]
+    lines = [f"def at_address(field, {', '.join([*states, *(f'p{n}' for n in range(LAW_PARAMETERS))])}):"]
     space = _space()
     for field, (function, names) in _calls(effect).items():
         space[f"law_{field}"] = function
@@ -117,7 +117,7 @@ def code_of(effect: Effect) -> int:
     lines.append("    return 0.0")
     exec(compile("\n".join(lines), f"<law of {effect.name}>", "exec"), space)
     function = kept(_nrt=False)(space["at_address"])
-    kinds = (types.float64,) * (1 + len(states) + OWN_PARAMETERS)
+    kinds = (types.float64,) * (1 + len(states) + LAW_PARAMETERS)
     function.compile(kinds)
     made = function.overloads[kinds]
     address = int(made.library.get_pointer_to_function(made.fndesc.llvm_cfunc_wrapper_name))
