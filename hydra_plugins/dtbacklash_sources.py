@@ -89,6 +89,10 @@ class UserConfSource(file_config_source.FileConfigSource):
     def scheme() -> str:
         return "userconf"
 
+    def is_group(self, config_path: str) -> bool:
+        # laws of one's own are read where the catalogue is; `effect` is a setting of dtb conceal
+        return config_path != "effect" and super().is_group(config_path)
+
     def load_config(self, config_path: str) -> ConfigResult:
         file = Path(self.path) / self._normalize_file_name(config_path)
         if file.is_file():

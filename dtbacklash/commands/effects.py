@@ -73,11 +73,10 @@ def _all(rig: Rig | None) -> list[str]:
 
 def _packaged() -> list[str]:
     """The laws of the package that a rig has to ask for."""
-    from dtbacklash.config.groups import PACKAGED
-    from dtbacklash.physics.own_laws import ACTS_ON, LAW, MEMORY, folder_declarations
+    from dtbacklash.physics.own_laws import ACTS_ON, LAW, MEMORY, SHIPPED, folder_declarations
 
     lines = ["", "of the package, where a rig asks for it (rig.laws.NAME=packaged):"]
-    for name, said in folder_declarations(PACKAGED / "effect"):
+    for name, said in folder_declarations(SHIPPED):
         kinds = said[ACTS_ON] if isinstance(said[ACTS_ON], list) else [said[ACTS_ON]]
         law = said[LAW] + (f", z' = {said[MEMORY]}" if MEMORY in said else "")
         lines.append(f"   {name:<19}  {law}  ({', '.join(kinds)})")

@@ -82,10 +82,10 @@ class RigConfig:
     effects: dict[str, Any] = setting(
         dict, "element -> effect -> parameter -> value, or {value, tolerance} as above; see effects.md", unit="SI"
     )
-    laws: dict[str, Any] = setting(dict, "laws of one's own: name -> acts_on, law, parameters, ...; see own_laws.md")
     sensors: dict[str, Any] = setting(
         dict, "name -> of (element), quantity, recorded_in (unit of its column in recordings; SI); see below"
     )
+    laws: dict[str, Any] = setting(dict, "laws of one's own: name -> acts_on, law, parameters, ...; see own_laws.md")
 
     def __post_init__(self) -> None:
         for name, element in self.elements.items():

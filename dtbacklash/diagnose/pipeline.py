@@ -164,7 +164,9 @@ def _readings(rig: Rig, records: list[Record]) -> list[Evidence]:
     return [held, smooth] if losses[1] < SMOOTH_COMMAND_SHARE * losses[0] else [held]
 
 
-def _searched(readings: list[Evidence], say: Callable[[str, float], None], depth: Depth) -> tuple[Model, Log, bool]:
+def _searched(
+    readings: list[Evidence], say: Callable[[str, float], None], depth: Depth = FULL
+) -> tuple[Model, Log, bool]:
     """The search about the reading of the command that needs the fewest effects, and whether that is the smooth one.
 
     Missing physics may make the smooth reading fit better, and a delay of half a sample undo it: where what was found

@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 
 from dtbacklash import units, yaml_files
-from dtbacklash.config.groups import PACKAGED, SUFFIXES
+from dtbacklash.config.groups import SUFFIXES
 from dtbacklash.config.rig import is_number
 from dtbacklash.errors import UserError
 from dtbacklash.physics.effects import slots
@@ -34,6 +34,8 @@ KEYS: Final = (ACTS_ON, LAW, PARAMETERS, MEMORY, "source", "sentence")
 PARAMETER_KEYS: Final = ("unit", "low", "high", "start", "neutral", "role")
 #: instead of a declaration: that of the package with this name
 PACKAGED_LAW = "packaged"
+#: the folder of the laws that come with the package
+SHIPPED = Path(__file__).parent / "laws"
 UNKNOWN_SOURCE = "declared by the user"
 ROLES: Final = tuple(role.value for role in Role if role is not Role.TIME)
 #: no parameter of a machine is larger, SI
@@ -94,7 +96,7 @@ def packaged(name: str, key: str) -> Any:
     ------
     UserError : there is none of that name.
     """
-    known = dict(folder_declarations(PACKAGED / "effect"))
+    known = dict(folder_declarations(SHIPPED))
     if name not in known:
         raise UserError(key, PACKAGED_LAW, f"no law of the package has that name; choose one of {', '.join(known)}")
     return known[name]

@@ -18,7 +18,7 @@ from dtbacklash.errors import Diverged
 
 #: word -> what is allowed, or (what the line names, what is allowed) where that is not the key of the word
 WRONG = {
-    "controller=foo": "choose one of imc, nimc_fixed, nimc_novelty, nimc_twin, open_loop",
+    "controller=foo": "choose one of imc, lqg, nimc_fixed, nimc_novelty, nimc_twin, open_loop",
     "profile=foo": "choose one of constant, csv, ramp, s_curve, step, wear", "experiment=foo": "fig13",
     "hydra/launcher=foo": "joblib", "rig=foo": "silverbox, two_mass_stage, or the path of a YAML file",
     "rig=foo.yaml": "no such file", "twin=null": "choose one of cloud", "twin.dely_s=3": "did you mean twin.delay_s?",
@@ -31,7 +31,7 @@ WRONG = {
     "twin.guard=perhaps": "must be true or false", "sensors.noise.q3_mm=abc": "must be a number",
     "sensors.noise.q9_mm=1": "lead_screw has theta_m, q3", "rig.parameters.zz.value=3": "the rig has no such parameter",
     "rig.parameters.m=9": ("rig.parameters.m=9", "write rig.parameters.m.value=9"),
-    "rig.parameters.m.value=abc": "must be a number", "rig.effects.gear=3": "a mapping",
+    "rig.parameters.m.value=abc": "must be a finite number", "rig.effects.gear=3": "a mapping",
     "profile=csv": ("profile.path=", "columns t_s,gap_deg"), "reference=csv": ("reference.path=", "columns t_s,r_mm"),
     "sample_time_s=0.0003": ("duration_s=", "whole number of samples"), "seed=-1": "must be at least 0",
     "seed=${nope}": "nope", "optimizer.name=guess": "choose one of bfgs",
@@ -84,7 +84,7 @@ def test_a_wrong_file_names_the_file_and_the_row(dtb, tmp_path):
         ("name: x\nmass: 3\n", "rig.mass=", "no such setting"),
         ("- 1\n- 2\n", "rig", ""),
         ("3\n", "rig", ""),
-        ("parameters: {m: {value: heavy}}\n", "rig.parameters.m.value=heavy", "must be a number"),
+        ("parameters: {m: {value: heavy}}\n", "rig.parameters.m.value=heavy", "must be a finite number"),
         ("elements: {gear: 3}\n", "rig.elements.gear=3", "a mapping"),
         ("\x00\x01", "rig=mine.yaml", "not valid YAML"),
         ("name: ${oc.env:HOME}\n", "rig=mine.yaml", "is not resolved in a file"),

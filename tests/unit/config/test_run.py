@@ -8,7 +8,8 @@ from dtbacklash.config import run
 from dtbacklash.errors import UserError
 
 REFUSED = [
-    (run.ControllerConfig, {"structure": "pid"}, "controller.structure"),
+    (run.ControllerConfig, {"structure": "pd"}, "controller.structure"),
+    (run.ControllerConfig, {"structure": "pid"}, "controller.reconfigure"),
     (run.ControllerConfig, {"k_theta_v_per_rad": 0.0}, "controller.k_theta_v_per_rad"),
     (run.ControllerConfig, {"k_theta_v_per_rad": math.nan}, "controller.k_theta_v_per_rad"),
     (run.ControllerConfig, {"tau_r_s": -1.0}, "controller.tau_r_s"),

@@ -29,7 +29,7 @@ from dtbacklash.diagnose.say.sentences import summary
 
 KEYS = [
     "verdict", "summary", "findings", "recalibrated", "fit", "free_running", "candidates", "located", "checks",
-    "limits", "units", "next_experiment", "notes", "explained", "settings",
+    "limits", "units", "next_experiment", "notes", "explained", "calibration", "settings",
 ]  # fmt: skip
 
 

@@ -106,7 +106,7 @@ def test_what_differs_from_the_published_file_is_noted(mine, tmp_path):
         ("mine", {"path": "."}, "recording.path=.: is a folder"),
         ("mine", {"path": "log.csv"}, "recording.path=log.csv: is not here"),
         ("mine:best", {}, "recording=mine:best: choose one of train, test"),
-        ("emps:train", {}, "emps has no parts: write recording=emps"),
+        ("disk:train", {}, "disk has no parts: write recording=disk"),
         ("other.yaml", {}, "recording=other.yaml: choose one of anticogging, brfd"),
         ("plain.csv", {"path": "x.csv"}, "recording.path=x.csv: belongs to a mapping"),
         ("mine", {"path": "plain.csv"}, "has no column Volts, which the mapping mine needs; it has a, b"),

@@ -155,7 +155,7 @@ def test_a_last_step_leaves_an_effect_that_it_would_take_away(rig, monkeypatch, 
     with_it = rig.with_effect(*key, {"c2": 1e-3})
     fitted = fit(evidence, with_it, *all_free(evidence, with_it), rounds=QUICK)
     monkeypatch.setattr(
-        "dtbacklash.diagnose.fit.intervals._inverse", lambda jacobian: sign * 1e9 * np.eye(jacobian.shape[1])
+        "dtbacklash.diagnose.fit.intervals.inverse", lambda jacobian: sign * 1e9 * np.eye(jacobian.shape[1])
     )
     tried = []
     plain = Problem.residuals
