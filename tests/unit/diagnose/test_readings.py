@@ -39,7 +39,7 @@ def readings(oscillator) -> list[Evidence]:
 def searching(found: dict[int, Rig], order: dict[int, list[Key]], seen: list[Evidence]):
     """A search that finds the rigs that it is told to."""
 
-    def search(evidence: Evidence, say) -> tuple[Model, Log]:
+    def search(evidence: Evidence, say, depth) -> tuple[Model, Log]:
         seen.append(evidence)
         known = fit(evidence, evidence.nominal, nominal_free(evidence.nominal))
         fitted: Fit = fit(evidence, found[id(evidence)], [])
