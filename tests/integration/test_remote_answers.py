@@ -172,9 +172,9 @@ def _chosen(value: object) -> Callable[[dict], None]:
 
 #: what it is -> (the message, from the right one and what the twin has; the reason in the counters)
 HOSTILE: dict[str, tuple[Callable[[bytes], bytes], str]] = {
-    "NaN, as a word": (lambda p: _with(p, _chosen("nan")), "gap out of bounds"),
+    "NaN, as a word": (lambda p: _with(p, _chosen("nan")), "malformed"),
     "NaN, as Python writes it": (lambda p: _with(p, _chosen(float("nan"))), "malformed"),
-    "infinite": (lambda p: _with(p, _chosen("inf")), "gap out of bounds"),
+    "infinite": (lambda p: _with(p, _chosen("inf")), "malformed"),
     "beyond a double": (lambda p: _with(p, _chosen(0.5)).replace(b"0.5", b"1e999"), "malformed"),
     "a whole number beyond a double": (
         lambda p: _with(p, _chosen(7)).replace(b": 7,", b": 1" + 400 * b"0" + b","), "malformed",
