@@ -190,7 +190,7 @@ def test_verbose_says_what_it_is_doing_once_each_and_leaves_logging_alone(dtb):
         (["recording="], "recording=: give a value"),
         (["recording=bench.csv", "rig=nosuch"], "rig=nosuch: choose one of"),
         (["recording=bench.csv", "rig=emps"], "recording=bench.csv: holds none of the sensors of emps"),
-        (["recording=bench.csv", "rig.parameters.k.value=soft"], "rig.parameters.k.value=soft: must be a finite number"),
+        (["recording=bench.csv", "rig.parameters.k.value=soft"], "rig.parameters.k.value=soft: must be a finite"),
         (["recording=bench.csv", "rig.effects.gear.rust.size=1"], "rig.effects.gear.rust=rust: an element of kind"),
         (["recording=bench.csv", "jobs=-1"], "jobs=-1: must be at least 1 and at most 256"),
         (["recording=bench.csv", "validation=gone.csv"], "validation=gone.csv: no such file"),
