@@ -136,7 +136,7 @@ def test_silverbox_is_nearly_linear_and_a_cubic_spring_predicts_the_arrow(public
 
     rig = rig_of("silverbox")
     train, arrow = read_recording("silverbox", rig=rig), read_recording("silverbox:test", rig=rig)
-    assert (train.samples, arrow.samples, train.command) == (86750, 40475, "band_limited")
+    assert (train.samples, arrow.samples, train.command) == (65062, 40475, "band_limited")
     cubic = rig.with_parameters({"m": 5.3697e-6, "c": 2.2493e-4, "k": 0.98918})
     cubic = cubic.with_effect("link_1", "cubic_stiffness", {"k3": 3.9137})
     for recording, model, offset, low, high in (
