@@ -297,7 +297,11 @@ def _held(scratch: Path, others: list[Path]) -> Iterator[bool]:
                 raise
         return number  # a file system without locks tells nothing
 
-    mine = locked(scratch)
+    try:
+        mine = locked(scratch)
+    except BlockingIOError:  # another run looks at it just now
+        yield False
+        return
     try:
         alone = True
         for other in others:

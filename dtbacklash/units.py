@@ -78,13 +78,15 @@ def composed(written: str) -> Unit | None:
     Each part of it is replaced by its SI unit in its place; None where a part is unknown.
     """
     factor, parts = 1.0, []
+    if written.strip()[-1:] in ("/", "*"):
+        return None
     for part in re.split(r"([ /*]+)", written.strip()):
         if not part.strip(" /*"):
             parts.append(part)
             continue
         name, raised, power = part.partition("^")
         unit = find(part) or PARTS.get(name) or find(name)
-        if unit is None or (raised and not power.lstrip("-").isdigit()):
+        if unit is None or (raised and not re.fullmatch("-?[1-9]", power)):
             return None
         raised_to = int(power) if raised and find(part) is None else 1
         under = sum("/" in one for one in parts) % 2

@@ -55,12 +55,17 @@ def _places(rig: Rig | None) -> dict[str, list[str]]:
     return {kind: there for kind, there in places.items() if there}
 
 
+def _takers(rig: Rig, effect: Effect, places: list[str]) -> list[str]:
+    """Those of the places that take an effect."""
+    return [place for place in places if effect.name in rig.takes(place)]
+
+
 def _all(rig: Rig | None) -> list[str]:
     from dtbacklash.physics.catalogue import effects_of
 
     lines = []
     for kind, places in _places(rig).items():
-        effects = effects_of(kind).values()
+        effects = [e for e in effects_of(kind).values() if rig is None or _takers(rig, e, places)]
         lines += ["", kind + (f" ({', '.join(places)})" if places else "")]
         width = max(len(effect.name) for effect in effects)
         for effect in effects:
@@ -85,15 +90,18 @@ def _packaged() -> list[str]:
 
 def _one(name: str, rig: Rig | None) -> list[str]:
     from dtbacklash.physics.catalogue import CATALOGUE
+    from dtbacklash.physics.own_laws import SHIPPED, folder_declarations
 
     places = _places(rig)
     found = [effect for (kind, other), effect in CATALOGUE.items() if other == name and kind in places]
     if not found:
+        if any(name == shipped for shipped, _ in folder_declarations(SHIPPED)):
+            raise UserError("effects", name, f"a law that a rig has to ask for: rig.laws.{name}=packaged")
         known = sorted({other for kind, other in CATALOGUE if kind in places})
         raise UserError("effects", name, "choose one of " + ", ".join(known))
     lines = []
     for effect in found:
-        there = places[effect.kind]
+        there = places[effect.kind] if rig is None else _takers(rig, effect, places[effect.kind])
         lines += ["", f"{name} at {effect.kind}" + (f" ({', '.join(there)})" if there else ""), *_detail(effect)]
     return lines[1:]
 

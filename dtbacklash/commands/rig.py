@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -48,7 +49,7 @@ def _new(words: list[str]) -> None:
     from dtbacklash.files import write_text
 
     write_text(target.absolute(), text(machine, target.stem, file), "file", file)
-    print(f"{file}: {MACHINES[machine][0]}; change its numbers, then dtb rig check {file}")
+    print(f"{file}: {MACHINES[machine][0]}; change its numbers, then dtb rig check {shlex.quote(file)}")
 
 
 def check(words: Sequence[str]) -> list[str]:
@@ -70,7 +71,7 @@ def check(words: Sequence[str]) -> list[str]:
     lines += ["", "what a diagnosis can name, and where:"]
     lines += [f"  {place}: {', '.join(names)}" for place, names in nameable(rig).items()]
     more = "" if rig.only("gear") else " controller=open_loop"
-    return [*lines, "", f"dtb run rig={words[0]}{more}"]
+    return [*lines, "", f"dtb run {shlex.quote(f'rig={words[0]}')}{more}"]
 
 
 def modes(rig: Rig) -> list[str]:
@@ -95,9 +96,8 @@ def modes(rig: Rig) -> list[str]:
 
 def nameable(rig: Rig) -> dict[str, list[str]]:
     """Place -> the effects that a diagnosis can name there."""
-    from dtbacklash.physics.catalogue import effects_of
     from dtbacklash.physics.rig import SENSOR_PREFIX
 
     places = [*rig.elements, *(SENSOR_PREFIX + name for name in rig.sensors)]
-    found = {place: list(effects_of(rig.kind_at(place))) for place in places}
+    found = {place: list(rig.takes(place)) for place in places}
     return {place: names for place, names in found.items() if names}

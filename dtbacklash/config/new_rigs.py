@@ -1,5 +1,8 @@
 """Rigs to begin with, by what the machine is: text that a user changes. ``dtb rig new`` writes one of them."""
 
+import json
+import shlex
+
 HEAD = """\
 # {about}
 # Change the numbers to those of your machine; written as here (0.5 N/mm, 12 kg cm^2, 2 mm/rev) or plain in SI.
@@ -118,7 +121,7 @@ def text(machine: str, name: str, file: str) -> str:
     about, parameters, elements, sensors = MACHINES[machine]
     more = "" if "kind: gear" in elements else " controller=open_loop"
     return "\n".join([
-        HEAD.format(about=about, file=file, name=name, more=more).rstrip("\n"), "",
+        HEAD.format(about=about, file=shlex.quote(file), name=json.dumps(name), more=more).rstrip("\n"), "",
         "parameters:", parameters.format().rstrip("\n"), "",
         "elements:", elements.rstrip("\n"), "",
         "# what is known beforehand, e.g. rotor: {coulomb_friction: {torque: {value: 0.01, tolerance: 0.3}}}",

@@ -23,7 +23,7 @@ from dtbacklash.config.rig import is_number
 from dtbacklash.errors import UserError
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Effect, Parameter, Place, Role, Values, name_in_words
-from dtbacklash.physics.effects.formula import Formula
+from dtbacklash.physics.effects.formula import FUNCTIONS, Formula
 from dtbacklash.physics.kinds import AXES, KINDS, LINEAR, Kind
 
 #: where an installed package names its laws
@@ -36,6 +36,8 @@ PARAMETER_KEYS: Final = ("unit", "low", "high", "start", "neutral", "role")
 PACKAGED_LAW = "packaged"
 #: the folder of the laws that come with the package
 SHIPPED = Path(__file__).parent / "laws"
+#: what a parameter may not be called
+RESERVED: Final = ("size", "pi", *FUNCTIONS)
 UNKNOWN_SOURCE = "declared by the user"
 ROLES: Final = tuple(role.value for role in Role if role is not Role.TIME)
 #: no parameter of a machine is larger, SI
@@ -188,8 +190,8 @@ def _unit(said: object, kind: Kind, key: str) -> str:
 
 
 def _parameter(name: object, leaf: object, kind: Kind, key: str, first: bool) -> tuple[Parameter, list[float]]:
-    if not isinstance(name, str) or not _NAME.fullmatch(name) or keyword.iskeyword(name) or name in ("size", "pi"):
-        raise UserError(key, name, "a name of at most 40 small letters, digits and _, neither size nor pi")
+    if not isinstance(name, str) or not _NAME.fullmatch(name) or keyword.iskeyword(name) or name in RESERVED:
+        raise UserError(key, name, "a name of at most 40 small letters, digits, _; neither size nor pi nor a function")
     if not isinstance(leaf, Mapping) or "start" not in leaf:
         raise UserError(key, leaf, "a mapping with at least start, e.g. {unit: N, low: 0, high: 100, start: 1}")
     for word in leaf:

@@ -91,6 +91,28 @@ class Formula:
 
     def _checked(self, node: ast.expr, depth: int) -> ast.expr:
         """The node again, made of what is allowed, with the states' long names and numbers as floats."""
+        made = self._made(node, depth)
+        if not isinstance(made, (ast.Name, ast.Constant)) and not self._names_in(made):
+            self._check_number(made)
+        return made
+
+    @staticmethod
+    def _names_in(made: ast.expr) -> bool:
+        """Whether a checked node has the name of a state or a parameter."""
+        return any(isinstance(one, ast.Name) and one.id not in FUNCTIONS for one in ast.walk(made))
+
+    def _check_number(self, made: ast.expr) -> None:
+        """Refuse what has no value although nothing in it varies, such as ``1/0`` and ``(0 - 8)**0.5``."""
+        whole = ast.fix_missing_locations(ast.Expression(made))
+        try:
+            with np.errstate(all="ignore"):
+                value = eval(compile(whole, f"<{self.key}>", "eval"), {"__builtins__": {}, **_MADE_OF})
+        except ArithmeticError:
+            value = math.nan
+        if isinstance(value, complex) or not math.isfinite(value):
+            raise UserError(self.key, _shown(made), "a part without a name that gives a finite number")
+
+    def _made(self, node: ast.expr, depth: int) -> ast.expr:
         if depth > DEPTH_MAX:
             raise UserError(self.key, "(a formula)", f"brackets and operators at most {DEPTH_MAX} deep")
         if isinstance(node, ast.Constant):
