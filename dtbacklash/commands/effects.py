@@ -57,7 +57,7 @@ def _places(rig: Rig | None) -> dict[str, list[str]]:
 
 def _takers(rig: Rig, effect: Effect, places: list[str]) -> list[str]:
     """Those of the places that take an effect."""
-    return [place for place in places if effect.name in rig.takes(place)]
+    return [place for place in places if rig.suits(place, effect)]
 
 
 def _all(rig: Rig | None) -> list[str]:

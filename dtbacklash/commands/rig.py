@@ -96,8 +96,5 @@ def modes(rig: Rig) -> list[str]:
 
 def nameable(rig: Rig) -> dict[str, list[str]]:
     """Place -> the effects that a diagnosis can name there."""
-    from dtbacklash.physics.rig import SENSOR_PREFIX
-
-    places = [*rig.elements, *(SENSOR_PREFIX + name for name in rig.sensors)]
-    found = {place: list(rig.takes(place)) for place in places}
+    found = {place: list(rig.takes(place)) for place in rig.places}
     return {place: names for place, names in found.items() if names}

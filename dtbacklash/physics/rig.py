@@ -120,13 +120,21 @@ class Rig:
             return self.elements[location].kind
         if location.removeprefix(SENSOR_PREFIX) in self.sensors and location.startswith(SENSOR_PREFIX):
             return SENSOR.name
-        places = [*self.elements, *(SENSOR_PREFIX + s for s in self.sensors)]
-        raise UserError(f"rig.effects.{location}", location, f"unknown location; known: {', '.join(places)}")
+        raise UserError(f"rig.effects.{location}", location, f"unknown location; known: {', '.join(self.places)}")
+
+    @property
+    def places(self) -> list[str]:
+        """All locations of the vocabulary: the elements, then ``sensor_<name>``."""
+        return [*self.elements, *(SENSOR_PREFIX + name for name in self.sensors)]
 
     def takes(self, location: str) -> dict[str, Effect]:
         """The effects that a location takes, by name."""
-        known, sensor = catalogue.effects_of(self.kind_at(location)), location.removeprefix(SENSOR_PREFIX)
-        return {n: e for n, e in known.items() if not e.of_unit or self.sensors[sensor].unit == e.of_unit}
+        known = catalogue.effects_of(self.kind_at(location))
+        return {name: effect for name, effect in known.items() if self.suits(location, effect)}
+
+    def suits(self, location: str, effect: Effect) -> bool:
+        """Whether an effect of the kind at a location can act there: some need a sensor of one unit."""
+        return not effect.of_unit or self.sensors[location.removeprefix(SENSOR_PREFIX)].unit == effect.of_unit
 
     def effect(self, location: str, name: str) -> dict[str, float] | None:
         """The parameters of an effect that is switched on, else None."""
@@ -186,7 +194,7 @@ def build_rig(config: RigConfig) -> Rig:
         for name, leaves in there.items():
             key = f"rig.effects.{location}.{name}"
             effect = catalogue.find(kind, name, key)
-            if name not in rig.takes(location):
+            if not rig.suits(location, effect):
                 raise UserError(key, name, f"needs a sensor whose unit is {effect.of_unit}")
             filled = effect.complete(leaves, key)
             if effect.is_neutral(filled):

@@ -47,7 +47,7 @@ Stream = tuple[int, ...]
 def entries(rig: Rig) -> list[tuple[str, str]]:
     """(location, effect) of the catalogue wherever the rig takes it and does not have it yet."""
     carried = carried_mass(rig)
-    places = [name for name in rig.elements if name != carried] + [SENSOR_PREFIX + name for name in rig.sensors]
+    places = [place for place in rig.places if place != carried]
     return [(p, e) for p in places for e in rig.takes(p) if e in EFFECTS and rig.effect(p, e) is None]
 
 

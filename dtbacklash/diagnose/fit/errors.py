@@ -76,8 +76,9 @@ def free_running(evidence: Evidence, nominal: Fit, fitted: Fit) -> FreeRunning:
 
 def free_errors(evidence: Evidence, rig: Rig) -> list[Floats]:
     """Per record, (N, channels) measured minus simulated freely from its first state, SI."""
+    block = _whole(evidence)
     with np.errstate(over="ignore", invalid="ignore"):
-        return [residual(rig, _whole(evidence), r) for r in evidence.records]
+        return [residual(rig, block, r) for r in evidence.records]
 
 
 def free_squares(evidence: Evidence, rig: Rig) -> dict[str, Floats]:

@@ -10,7 +10,6 @@ from nominal import nominal_rig
 from reference import rigs
 from scipy.integrate import solve_ivp
 
-from dtbacklash import sources
 from dtbacklash.physics import catalogue
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.catalogue import CATALOGUE
@@ -21,14 +20,7 @@ from dtbacklash.physics.simulate import simulate, simulate_plant
 STEP_S = 1e-3
 
 
-@pytest.fixture(autouse=True)
-def as_before(monkeypatch):
-    """What a test adds to the catalogue is taken out again."""
-    monkeypatch.setattr(sources, "_foreign", set(sources._foreign))
-    before = dict(CATALOGUE)
-    yield
-    for key in set(CATALOGUE) - set(before):
-        del CATALOGUE[key]
+pytestmark = pytest.mark.usefixtures("as_before")
 
 
 def declared(kind, law, parameters, **more):

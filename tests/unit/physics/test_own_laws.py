@@ -37,18 +37,6 @@ def made(**changes):
     return own_laws.effects_of_declaration("my_drag", said, "rig.laws.my_drag")
 
 
-@pytest.fixture
-def as_before(monkeypatch):
-    """What a test adds to the catalogue is taken out again."""
-    from dtbacklash import sources
-
-    monkeypatch.setattr(sources, "_foreign", set(sources._foreign))
-    before = dict(CATALOGUE)
-    yield
-    for key in set(CATALOGUE) - set(before):
-        del CATALOGUE[key]
-
-
 def test_a_declaration_becomes_an_effect_at_each_kind():
     carriage, mass = made()
     assert [(e.kind, e.name) for e in (carriage, mass)] == [("carriage", "my_drag"), ("mass", "my_drag")]
