@@ -75,10 +75,10 @@ def find(written: str) -> Unit | None:
 def composed(written: str) -> Unit | None:
     """The SI unit and the factor of a unit made of several: of ``kg cm^2`` they are ``kg m^2`` and 1e-4.
 
-    Each part of it is replaced by its SI unit in its place; None where a part is unknown.
+    Each part of it is replaced by its SI unit in its place; None where a part is unknown, or behind a second bar.
     """
     factor, parts = 1.0, []
-    if written.strip()[-1:] in ("/", "*"):
+    if written.strip()[-1:] in ("/", "*") or written.count("/") > 1:
         return None
     for part in re.split(r"([ /*]+)", written.strip()):
         if not part.strip(" /*"):
@@ -89,7 +89,7 @@ def composed(written: str) -> Unit | None:
         if unit is None or (raised and not re.fullmatch("-?[1-9]", power)):
             return None
         raised_to = int(power) if raised and find(part) is None else 1
-        under = sum("/" in one for one in parts) % 2
+        under = any("/" in one for one in parts)
         factor *= unit.factor ** (-raised_to if under else raised_to)
         parts.append(unit.si + (f"^{power}" if raised and find(part) is None else ""))
     return Unit("".join(parts).replace("*", " "), factor)

@@ -68,6 +68,6 @@ def test_a_unit_made_of_several_is_taken_apart(written, si, factor):
     assert found.factor == pytest.approx(factor, rel=1e-12)
 
 
-@pytest.mark.parametrize("written", ["kg^²", "kg mm^999", "kg^--2", "N/", "lbs", "N/furlong", "kg^x"])
+@pytest.mark.parametrize("written", ["kg^²", "kg mm^999", "kg^--2", "N/", "N/s/mm", "lbs", "N/furlong", "kg^x"])
 def test_an_unknown_part_makes_an_unknown_unit(written):
     assert units.composed(written) is None
