@@ -25,14 +25,15 @@ from dtbacklash.diagnose.judge.explained import Enough, explained
 from dtbacklash.diagnose.judge.free_form import free_forms
 from dtbacklash.diagnose.judge.law_points import law_shown
 from dtbacklash.diagnose.judge.limits import limits
+from dtbacklash.diagnose.judge.modelling import Beyond, beyond_names, stood_in
 from dtbacklash.diagnose.judge.stands import Rival, leader, rivals_of, stands
-from dtbacklash.diagnose.judge.verdict import decide, depends_on, moved_parameters, remaining
-from dtbacklash.diagnose.result import UNEXPLAINED, Diagnosis, LawShown, Work
+from dtbacklash.diagnose.judge.verdict import BlockLeft, decide, depends_on, moved_parameters, remaining
+from dtbacklash.diagnose.result import UNEXPLAINED, Check, Diagnosis, LawShown, Work
 from dtbacklash.diagnose.say.calibration import calibration
 from dtbacklash.diagnose.say.drawn import shown
 from dtbacklash.diagnose.say.findings import candidates, finding, located, recalibrated, without, without_known
 from dtbacklash.diagnose.say.next_experiment import next_experiment
-from dtbacklash.diagnose.say.sentences import beyond_said, explained_said, limits_said, summary
+from dtbacklash.diagnose.say.sentences import beyond_said, explained_said, limits_said, modelled_said, summary
 from dtbacklash.diagnose.search.friction_by_direction import call_by_direction
 from dtbacklash.diagnose.search.grow import FULL, NONE, QUICK, Depth, search, silent
 from dtbacklash.diagnose.search.leave_out import drop, eliminate
@@ -94,7 +95,9 @@ def diagnose_records(
             say("fitting to all and judging", 0.95)
             evidence = whole(model.evidence, records, smooth).pulled_for(model.fitted.rig)
             judged = _without_leaders(_judged(refitted(model, for_judgement(evidence)), log, depth), log, depth)
-            return mended(_diagnosis(judged, log, smooth, enough or {}, depth), inspected)
+            say("modelling what is left", 0.97)
+            judged, beyond = _with_table(judged, log, depth)
+            return mended(_diagnosis(judged, beyond, log, smooth, enough or {}, depth), inspected)
         except np.linalg.LinAlgError as error:
             return faulty(rig, inspected, not_finite(rig, inspected, error))
 
@@ -131,6 +134,30 @@ def _without_leaders(judged: Judged, log: Log, depth: Depth) -> Judged:
         tried.add(model.keys)
         judged = _judged(model, log, depth)
     return judged
+
+
+def _with_table(judged: Judged, log: Log, depth: Depth) -> tuple[Judged, Beyond | None]:
+    """What no name explains as a table or formula; without the names in whose place that clearly leaves less."""
+    if depth != FULL or not any(block.real for block in _left(judged)[1].values()):
+        return judged, None
+    beyond = beyond_names(judged.model, log)
+    gone = stood_in(judged.model, beyond) if beyond else []
+    if beyond is None or not gone:
+        return judged, beyond
+    model, kept = judged.model, tuple(key for key in beyond.said.instead_of if key not in gone)
+    for key in gone:
+        if key in model.keys:
+            model = drop(model, log, key, "what is left of the rest as a table, or as a formula, is clearly less")
+    return _judged(model, log, depth), replace(beyond, said=replace(beyond.said, instead_of=kept))
+
+
+def _left(judged: Judged) -> tuple[dict[str, Check], dict[str, BlockLeft]]:
+    """The whiteness of what is left, by channel; and per block what is left."""
+    model = judged.model
+    white = whiteness(model.evidence, model.fitted)
+    # a law that the rig has already has other formulations, too
+    known = judged.left_out | without_known(model)
+    return white, remaining(model, known, {c for c, row in white.items() if row.passed}, coloured(white))
 
 
 def _with_errors(model: Model, log: Log) -> tuple[Model, Linear, Errors]:
@@ -191,23 +218,22 @@ def _searched(
     return model, log, True
 
 
-def _diagnosis(judged: Judged, log: Log, smooth: bool, enough: Enough, depth: Depth) -> Diagnosis:
+def _diagnosis(
+    judged: Judged, beyond: Beyond | None, log: Log, smooth: bool, enough: Enough, depth: Depth
+) -> Diagnosis:
     """What a finished search says."""
     model, errors, left_out, rivals = judged.model, judged.errors, judged.left_out, judged.rivals
     evidence, wrong = model.evidence, model.wrong_value
     given = believed(evidence.nominal, wrong)
     moved = moved_parameters(evidence, given, model.fitted, errors)
-    white = whiteness(evidence, model.fitted)
-    # a law that the rig has already has other formulations, too
-    left = remaining(
-        model, left_out | without_known(model), {c for c, row in white.items() if row.passed}, coloured(white)
-    )
+    white, left = _left(judged)
     real = {name for name, block in left.items() if block.real}
     # where nothing is left, an effort of free form is tried against what was named, at its place
     forms = free_forms(evidence, model.fitted, None if real else {place for place, _ in model.keys}, real or None)
     form = max(forms, key=lambda f: f.t, default=None)
-    free = free_running(evidence, model.nominal, model.fitted)
-    table = fit_table(evidence, model.nominal, model.fitted)
+    modelled = beyond.fitted if beyond else None
+    free = free_running(evidence, model.nominal, model.fitted, modelled)
+    table = fit_table(evidence, model.nominal, model.fitted, modelled)
     much = explained(evidence, model.fitted, table, free, enough)
     grounds = {key: stands(model, log, key, judged.laws[key], rivals[key]) for key in model.keys}
     sure = depth == FULL and model.could_be is None and any(ground.sure for ground in grounds.values())
@@ -220,10 +246,11 @@ def _diagnosis(judged: Judged, log: Log, smooth: bool, enough: Enough, depth: De
     at_limits = limits_said(at_bounds(model), at_tolerances(evidence.nominal, model.fitted.rig))
     rest_said = explained_said(much, bool(findings))
     found = summary(verdict, findings, values, where if depth != NONE else None, wrong)
-    said = SEARCHED[depth], found, rest_said, at_limits, beyond_said(wrong)
+    said = replace(beyond.said, sentence=modelled_said(beyond.said, much)) if beyond else None
+    parts = SEARCHED[depth], found, rest_said, said.sentence if said else "", at_limits, beyond_said(wrong)
     return Diagnosis(
         verdict=verdict,
-        summary=" ".join(filter(None, said)),
+        summary=" ".join(filter(None, parts)),
         findings=findings,
         recalibrated=values,
         fit=table,
@@ -238,9 +265,10 @@ def _diagnosis(judged: Judged, log: Log, smooth: bool, enough: Enough, depth: De
         checks=all_checks(model, errors, free, form, white),
         limits=limits(model, log),
         notes=(SMOOTH,) if smooth else (),
-        shown=shown(model, left_out, [law for law in judged.laws.values() if law is not None], rest),
+        shown=shown(model, left_out, [law for law in judged.laws.values() if law is not None], rest, said),
         work=_work(evidence, log, smooth),
         calibration=calibration(model.fitted.rig, judged.about, errors),
+        modelled=said,
     )
 
 

@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.modelled import Modelled
 from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.files import json_able
 from dtbacklash.physics.rig import Rig
@@ -131,6 +132,7 @@ class Explained:
     free_running, compared : shares of the nominal rig's mean square error above the floor, simulated by the commands
     alone and as the rigs are compared; None where the nominal one leaves noise or nothing stays finite.
     left : per channel. enough : whether that is what the user called enough; None where nothing was called so.
+    modelled : the same two shares with what no name explains as a table or formula; None where nothing is modelled.
     beats_a_constant : whether one of the two simulations leaves less than the signals' own variance; not in
     ``diagnosis.json``.
     """
@@ -140,11 +142,15 @@ class Explained:
     left: dict[str, Left]
     enough: bool | None = None
     beats_a_constant: bool = True
+    modelled: tuple[float | None, float | None] | None = None
 
     def to_json(self) -> Document:
         """``explained`` of ``diagnosis.json``."""
         row: Document = json_able(self)
-        return {name: value for name, value in row.items() if name != "beats_a_constant"}
+        if self.modelled is not None:
+            row["modelled"] = json_able({"free_running": self.modelled[0], "compared": self.modelled[1]})
+        gone = ("beats_a_constant",) if self.modelled is not None else ("beats_a_constant", "modelled")
+        return {name: value for name, value in row.items() if name not in gone}
 
 
 @dataclass(frozen=True)
@@ -229,11 +235,15 @@ class Calibration:
 
 @dataclass(frozen=True)
 class ModelErrors:
-    """An error of the three models, normalised by the signals' standard deviations; None where there is none."""
+    """An error of the models, normalised by the signals' standard deviations; None where there is none.
+
+    modelled : of the extended rig with what no name explains as a table or formula; None where there is none.
+    """
 
     nominal: float | None
     recalibrated: float | None
     extended: float | None
+    modelled: float | None = None
 
 
 @dataclass(frozen=True)
@@ -275,6 +285,8 @@ class RecordingUsed:
     def to_json(self) -> Document:
         """A row of ``recordings``; ``zeros`` where there are any."""
         row: Document = json_able(self)
+        if row["held_out"]:
+            del row["held_out"]["modelled"]
         return row if self.zeros else {name: value for name, value in row.items() if name != "zeros"}
 
 
@@ -502,6 +514,7 @@ class Diagnosis:
     recordings : where several were diagnosed together, what was used of each, in their order.
     fault : of wiring, a sensor or the sampling, because of which no physics was looked for; else empty.
     calibration : of all known parameters, where the recording was diagnosed.
+    modelled : what no name explains, as a table or formula in the rig.
     nominal : the rig as it was given. extended : recalibrated, with what was found. shown, work : for the report.
     """
 
@@ -527,6 +540,12 @@ class Diagnosis:
     recordings: tuple[RecordingUsed, ...] = ()
     fault: str = ""
     calibration: Calibration | None = None
+    modelled: Modelled | None = None
+
+    @property
+    def rig(self) -> Rig:
+        """The extended rig, with what no name explains as a table or formula where that is modelled."""
+        return self.modelled.rig if self.modelled else self.extended
 
     def to_json(self) -> Document:
         """The content of ``diagnosis.json``: plain data, null for what is not finite."""
@@ -543,6 +562,12 @@ class Diagnosis:
         document["limits"] = [limit.to_json() for limit in self.limits]
         document["calibration"] = self.calibration.to_json() if self.calibration else None
         document["settings"] = SETTINGS.to_json()
+        if self.modelled:
+            document["modelled"] = self.modelled.to_json()
+        else:
+            tables = [document[name] for name in ("fit", "free_running") if document[name]]
+            for errors in (table[part] for table in tables for part in ("train", "held_out")):
+                del errors["modelled"]
         if self.recordings:
             document["recordings"] = [recording.to_json() for recording in self.recordings]
         return document

@@ -22,6 +22,7 @@ from dtbacklash.config.twin import PARTS
 from dtbacklash.diagnose.settings import DiagnoseSettings
 from dtbacklash.physics.catalogue import CATALOGUE, effects_of
 from dtbacklash.physics.effects.declare import Effect, Parameter
+from dtbacklash.physics.effects.table import KNOTS
 from dtbacklash.physics.kinds import GROUND, KINDS, Kind
 from dtbacklash.report.kit.markdown import table
 
@@ -44,7 +45,7 @@ def effects_page() -> str:
     """Return the text of ``docs/effects.md``: every effect with its law, parameters, units, bounds, source."""
     heads = ("effect", "law", "parameter", "unit", "lowest", "highest", "default", "neutral", "source")
     kinds = [
-        (kind, _where(kind), [_parameter_row(e, p) for e in effects_of(kind).values() for p in e.parameters])
+        (kind, _where(kind), [_parameter_row(e, p) for e in effects_of(kind).values() for p in e.listed])
         for kind in dict.fromkeys(kind for kind, _ in CATALOGUE)
     ]
     return _filled("effects", heads=heads, kinds=kinds)
@@ -144,8 +145,11 @@ def _parameter_row(effect: Effect, parameter: Parameter) -> list[str]:
         default = number(parameter.typical)
     else:
         default = "must be given" if len(effect.amplitudes) == 1 else f"{neutral}; one must be given"
+    name = f"`{parameter.name}`" + (
+        f" to `{parameter.name[0]}{KNOTS}`" if effect.is_table and parameter.name[1:] == "1" else ""
+    )
     return [
-        f"`{effect.name}`" if first else "", f"`{effect.law}`" if first else "", f"`{parameter.name}`", parameter.unit,
+        f"`{effect.name}`" if first else "", f"`{effect.law}`" if first else "", name, parameter.unit,
         number(parameter.low), number(parameter.high), default, neutral, effect.source if first else "",
     ]  # fmt: skip
 

@@ -8,7 +8,7 @@ from dtbacklash.arrays import Floats, Ints
 from dtbacklash.physics.bodies import Parts, take_apart
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Effect, Values
-from dtbacklash.physics.effects.slots import LAW_PARAMETERS
+from dtbacklash.physics.effects.slots import ROW_PARAMETERS
 from dtbacklash.physics.kernel import dispatch
 from dtbacklash.physics.kernel import plant as pl
 from dtbacklash.physics.kernel.exponential import discretise
@@ -66,12 +66,12 @@ class Entries:
             for there in self._places[slot]:
                 for code, memory, values in there:
                     laws.append((code, memory))
-                    parameters.append(values + [0.0] * (LAW_PARAMETERS - len(values)))
+                    parameters.append(values + [0.0] * (ROW_PARAMETERS - len(values)))
                 first.append(len(laws))
         return (
             np.array(slots, dtype=np.int64), np.array(first, dtype=np.int64),
             np.array(laws, dtype=np.int64).reshape(-1, 2),
-            np.array(parameters, dtype=float).reshape(-1, LAW_PARAMETERS),
+            np.array(parameters, dtype=float).reshape(-1, ROW_PARAMETERS),
         )  # fmt: skip
 
 

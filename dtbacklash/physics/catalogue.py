@@ -7,14 +7,14 @@ one's own is added by :func:`register`, at any time.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from dtbacklash import sources
 from dtbacklash.errors import UserError
 from dtbacklash.physics import own_laws
-from dtbacklash.physics.effects import body, drive, sensor, spring, transmission
+from dtbacklash.physics.effects import body, drive, sensor, spring, table, transmission
 from dtbacklash.physics.effects.declare import Effect, Role
 from dtbacklash.physics.effects.slots import plain_function
 from dtbacklash.physics.kinds import KINDS, SENSOR, Kind
@@ -37,13 +37,19 @@ def kind_named(name: str) -> Kind:
     return SENSOR if name == SENSOR.name else KINDS[name]
 
 
-def register(effect: Effect) -> None:
+#: laws that diagnoses of this process have found
+_FOUND: set[str] = set()
+
+
+def register(effect: Effect, foreign: bool = True) -> None:
     """Add an effect to the catalogue.
 
     Raises
     ------
     UserError : it acts nowhere (no such kind, a slot that the kind has not), its law asks for what there is not, its
         first parameter does not switch it off, or it is there already.
+
+    foreign : whether it comes from outside, so that results depend on it; not a law that a diagnosis has found.
     """
     key = f"effect {effect.name}"
     if effect.kind not in KINDS and effect.kind != SENSOR.name:
@@ -51,7 +57,7 @@ def register(effect: Effect) -> None:
     if not kind_named(effect.kind).takes(effect.slot):
         slot = type(effect.slot).__name__
         raise UserError(key, slot, f"acts nowhere: an element of kind `{effect.kind}` has no such slot")
-    if effect.size.neutral is None or effect.size.role not in (Role.SIZE, Role.TIME):
+    if effect.size.neutral is None or effect.size.role not in (Role.SIZE, Role.TIME, Role.KNOT):
         raise UserError(key, effect.size.name, "the first parameter is the size and has a neutral value")
     for parameter in effect.parameters:
         if parameter.name in effect.slot.states:
@@ -59,14 +65,16 @@ def register(effect: Effect) -> None:
     effect.slot.check(effect)
     if (effect.kind, effect.name) in CATALOGUE:
         raise UserError(key, effect.kind, "is in the catalogue already")
-    if effect.declared is not None:
+    if effect.declared is not None and foreign:
         sources.note_foreign(f"{effect.kind}.{effect.name}: {json.dumps(effect.declared, sort_keys=True)}")
-    for law in effect.slot.laws().values() if effect.declared is None else ():
+    for law in effect.slot.laws().values() if effect.declared is None and foreign else ():
         sources.note_foreign(plain_function(law))
     CATALOGUE[effect.kind, effect.name] = effect
+    if not foreign:
+        _FOUND.add(effect.name)
 
 
-def declare(laws: Mapping[str, Any], key: str) -> None:
+def declare(laws: Mapping[str, Any], key: str, foreign: bool = True) -> None:
     """Add laws that a user wrote, name -> declaration; what is there already with the same declaration stays.
 
     Raises
@@ -78,13 +86,21 @@ def declare(laws: Mapping[str, Any], key: str) -> None:
         said = own_laws.packaged(name, mine) if given == own_laws.PACKAGED_LAW else given
         known = [effect for (_, other), effect in CATALOGUE.items() if other == name]
         if known and all(effect.declared is not None and effect.declared == said for effect in known):
+            _FOUND.difference_update({name} if foreign else ())
             continue
         if len(CATALOGUE) > len(SHIPPED) + OWN_MAX:
             raise UserError(mine, name, f"at most {OWN_MAX} laws of one's own in a process")
         if known:
             raise UserError(mine, name, f"a name that no effect has; there is {name} already: {known[0].law}")
         for effect in own_laws.effects_of_declaration(name, said, mine):
-            register(effect)
+            register(effect, foreign)
+
+
+def withdraw(names: Iterable[str]) -> None:
+    """Forget laws of one's own; a rig that has one of them cannot be built any more."""
+    gone = set(names)
+    for key in [key for key, effect in CATALOGUE.items() if key[1] in gone and effect.declared is not None]:
+        del CATALOGUE[key]
 
 
 def declarations(names: set[str]) -> dict[str, Any]:
@@ -94,7 +110,12 @@ def declarations(names: set[str]) -> dict[str, Any]:
 
 def effects_of(kind: str) -> dict[str, Effect]:
     """The effects that an element of this kind takes, by name."""
-    return {name: effect for (k, name), effect in CATALOGUE.items() if k == kind}
+    return {name: effect for (k, name), effect in list(CATALOGUE.items()) if k == kind}
+
+
+def is_found(effect: Effect) -> bool:
+    """Whether it is a law that a diagnosis of this process has found: no other recording is asked for it."""
+    return effect.name in _FOUND
 
 
 def find(kind: str, name: str, key: str) -> Effect:
@@ -105,7 +126,14 @@ def find(kind: str, name: str, key: str) -> Effect:
     return effect
 
 
-for _effect in (*drive.EFFECTS, *body.EFFECTS, *transmission.EFFECTS, *spring.EFFECTS, *sensor.EFFECTS):
+for _effect in (
+    *drive.EFFECTS,
+    *body.EFFECTS,
+    *transmission.EFFECTS,
+    *spring.EFFECTS,
+    *sensor.EFFECTS,
+    *table.EFFECTS,
+):
     register(_effect)
 
 #: what comes with the package: its laws are compiled into the simulation

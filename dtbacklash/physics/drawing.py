@@ -13,6 +13,7 @@ from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Effect, Role, Values
 from dtbacklash.physics.effects.play import play
 from dtbacklash.physics.effects.slots import Law, arguments, plain_function
+from dtbacklash.physics.effects.table import SHAPES, table_of, weights
 from dtbacklash.physics.kinds import KINDS
 
 #: points of a drawn curve, and of each half of a loop
@@ -59,6 +60,10 @@ class Drawing:
 def drawing_of(effect: Effect) -> Drawing | None:
     """How the law of an effect is drawn; None where it depends on more than one state."""
     slot = effect.slot
+    if effect.is_table:
+        shape = SHAPES[effect.name]
+        return Drawing(shape.over, _tabled, times=shape.times, effort_unit=effect.size.unit if shape.times else "",
+                       effort_label=f"missing effort by {shape.times}" if shape.times else "")  # fmt: skip
     for kind, drawn in _DRAWN.items():
         if isinstance(slot, kind):
             return drawn(effect, slot)
@@ -87,6 +92,23 @@ def law_curve(
         near = 1e-9 * (high - low)
         grid = np.sort(np.concatenate([grid[grid != 0.0], [-near, 0.0, near]]))
     return grid, drawing.effort(values, element, grid)
+
+
+def effort_over(effect: Effect, values: Values, state: str, times: str, grid: Floats) -> Floats:
+    """(M,) efforts of a table, or of a law of one's own, over a state (as drawings name it); ``times`` stands at 1."""
+    if effect.is_table:
+        return _tabled(values, {}, grid)
+    names = {drawn: name for name, drawn in NAMES.items()}
+    others = {name: float(drawn == times) for name, drawn in NAMES.items() if drawn != state}
+    (law,) = effect.slot.laws().values()
+    efforts = _along(effect, law, names[state], **others)(values, {}, grid)
+    return efforts - grid if state == "command" else efforts
+
+
+def _tabled(values: Values, element: Values, grid: Floats) -> Floats:
+    """The values of a table at these states."""
+    knots, efforts = table_of(values)
+    return weights(grid, knots) @ efforts
 
 
 def _called(effect: Effect, law: Law, values: Values, **states: float) -> float:

@@ -39,7 +39,7 @@ SHIPPED = Path(__file__).parent / "laws"
 #: what a parameter may not be called
 RESERVED: Final = ("size", "pi", *FUNCTIONS)
 UNKNOWN_SOURCE = "declared by the user"
-ROLES: Final = tuple(role.value for role in Role if role is not Role.TIME)
+ROLES: Final = tuple(role.value for role in Role if role not in (Role.TIME, Role.KNOT, Role.GIVEN))
 #: no parameter of a machine is larger, SI
 HIGH = 1e9
 #: start values of all parameters together

@@ -11,6 +11,8 @@ from dtbacklash.config.rig import ParameterConfig, RigConfig
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig, build_rig
 
+#: what the names of tables end in
+TABLE = "_table"
 #: the sections of a rig's file below its name and description
 SECTIONS = ("parameters", "elements", "effects", "laws", "sensors")
 
@@ -53,7 +55,10 @@ def rig_yaml(rig: Rig) -> str:
         if name in content
     ]
     header = yaml.safe_dump(head, sort_keys=False, allow_unicode=True)
-    return "# Values are SI; `tolerance` is relative, one standard deviation.\n" + "\n".join([header, *texts])
+    tables = any(name.endswith(TABLE) for there in rig.effects.values() for name in there)
+    beyond = "# A table has the values f1.. at the states x1.., and is constant beyond; `bend` holds its fit back.\n"
+    about = "# Values are SI; `tolerance` is relative, one standard deviation.\n" + (beyond if tables else "")
+    return about + "\n".join([header, *texts])
 
 
 def rig_leaves(rig: Rig, place: str, name: str) -> dict[str, Any]:

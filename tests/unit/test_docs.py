@@ -51,11 +51,11 @@ def test_every_effect_stands_in_its_table_with_units_and_bounds() -> None:
             if line.startswith("| ") and not line.startswith(("| effect", "| ---")):
                 cells = table_cells(line)
                 effect = cells[0] or effect
-                rows[section.split("\n", 1)[0], effect, cells[2]] = cells[3:6]
+                rows[section.split("\n", 1)[0], effect, cells[2].split("`")[0]] = cells[3:6]
     expected = {
         (kind, name, p.name): [p.unit, docs.number(p.low), docs.number(p.high)]
         for (kind, name), effect in CATALOGUE.items()
-        for p in effect.parameters
+        for p in effect.listed
     }
     assert rows == expected
 

@@ -9,6 +9,7 @@ from dtbacklash.diagnose.data.compare import Block, Record, places_of, predict
 from dtbacklash.diagnose.data.pull import position_unknown
 from dtbacklash.errors import UserError
 from dtbacklash.physics.bodies import natural_frequencies_hz
+from dtbacklash.physics.catalogue import is_found
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Bounds, Effect, Place, Values
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, build_rig
@@ -43,7 +44,8 @@ def candidates(rig: Rig, blocks: list[Block], moving: "PlacesInMotion") -> list[
         for effect in rig.takes(place).values():
             if place in unseen and _depends_on_position(effect):
                 continue
-            possible = rig.effect(place, effect.name) is None and _possible(rig, place, effect)
+            possible = not effect.is_table and not is_found(effect) and rig.effect(place, effect.name) is None
+            possible = possible and _possible(rig, place, effect)
             if possible and effect.is_shown(moving(place)):
                 starts, bounds = effect.start_values(moving(place)), effect.bounds_at(moving(place))
                 listed.append(Candidate(place, effect, [_within(v, bounds) for v in starts]))

@@ -157,7 +157,7 @@ def parameters_of(evidence: Evidence, fitted: Fit) -> int:
     """How many parameters a fit's effects have beside the nominal rig's."""
     rig = evidence.nominal
     return sum(
-        len(find(rig.kind_at(place), name, place).parameters) for place, name in fitted.effects
+        find(rig.kind_at(place), name, place).counts for place, name in fitted.effects
         if not is_known(fitted.rig, (place, name))
     )  # fmt: skip
 

@@ -12,9 +12,10 @@ from dtbacklash.diagnose.result import FitTable, FreeRunning, ModelErrors, Recor
 from dtbacklash.physics.rig import Rig
 
 
-def fit_table(evidence: Evidence, nominal: Fit, fitted: Fit) -> FitTable:
-    """Normalised errors of the nominal, the recalibrated and the extended rig, over all channels."""
-    fits = (evidence.residuals(evidence.nominal), nominal.residuals, fitted.residuals)
+def fit_table(evidence: Evidence, nominal: Fit, fitted: Fit, modelled: Fit | None = None) -> FitTable:
+    """Normalised errors of the nominal, the recalibrated, the extended and the modelled rig, over all channels."""
+    fits = [evidence.residuals(evidence.nominal), nominal.residuals, fitted.residuals]
+    fits += [modelled.residuals] if modelled else []
     scale = {b.name: evidence.floor[b.name] / _sizes(evidence, b) for b in evidence.blocks}
     parts = {}
     for part in ("train", "held"):
@@ -66,9 +67,9 @@ def in_floors(evidence: Evidence, nominal: Fit, fitted: Fit) -> dict[str, ModelE
     }  # fmt: skip
 
 
-def free_running(evidence: Evidence, nominal: Fit, fitted: Fit) -> FreeRunning:
-    """Normalised errors of the three rigs, simulated as a whole from their first states by the commands alone."""
-    rigs = (evidence.nominal, nominal.rig, fitted.rig)
+def free_running(evidence: Evidence, nominal: Fit, fitted: Fit, modelled: Fit | None = None) -> FreeRunning:
+    """Normalised errors of the rigs, simulated as a whole from their first states by the commands alone."""
+    rigs = [evidence.nominal, nominal.rig, fitted.rig, *([modelled.rig] if modelled else [])]
     squares = [free_squares(evidence, rig) for rig in rigs]
     train, held = ([_error(s[part]) for s in squares] for part in ("train", "held"))
     return FreeRunning(ModelErrors(*train), ModelErrors(*held))

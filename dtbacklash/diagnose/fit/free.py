@@ -82,11 +82,12 @@ class Free:
 
 
 def with_priors(rig: Rig) -> Rig:
-    """The rig with a tolerance for each parameter of its effects that has none; 0 for wave numbers."""
+    """The rig with a tolerance for each parameter of its effects that has none; 0 for wave numbers and knots."""
     for (place, name), values in effects_of_rig(rig).items():
         known = rig.tolerances.get(place, {}).get(name, {})
         entry = find(rig.kind_at(place), name, place)
-        usual = {p.name: 0.0 if p.role is Role.WAVE else EFFECT_TOLERANCE for p in entry.parameters}
+        exact = (Role.WAVE, Role.GIVEN)
+        usual = {p.name: 0.0 if p.role in exact else EFFECT_TOLERANCE for p in entry.parameters}
         rig = rig.with_effect(
             place, name, {p: {"value": v, "tolerance": known.get(p, usual[p])} for p, v in values.items()}
         )
@@ -117,7 +118,7 @@ def with_errors(rig: Rig, errors: Errors) -> Rig:
             value, error = values[p.name], errors.get((*key, p.name), math.nan)
             relative = error if p.role is Role.ANGLE else error / max(abs(value), 1e-300)
             known = np.clip(relative, least, most) if math.isfinite(relative) else most
-            leaves[p.name] = {"value": value, "tolerance": float(known)}
+            leaves[p.name] = {"value": value, "tolerance": 0.0 if p.role is Role.GIVEN else float(known)}
         rig = rig.with_effect(*key, leaves)
     return rig
 
@@ -245,6 +246,8 @@ def effect_free(
             scale = 1.0
         if p.role is Role.WAVE:
             log, scale = False, 0.02 * start
+        if p.role is Role.KNOT:  # one for all values of a table: one of them may be nearly 0
+            scale = max(abs(values[q.name]) for q in entry.parameters if q.role is Role.KNOT) or scale
         free.append(Free(place, effect, p.name, start, scale, log, low, high, False, places, p.role, p.counted))
     return free
 

@@ -79,7 +79,7 @@ def standard_errors(evidence: Evidence, fitted: Fit, about: Linear | None = None
     free, x = about.problem.free, about.x
     if not free:
         return {}
-    covariance = _covariance(evidence, about.problem, about.jacobian, about.rows)
+    covariance = covariance_of(evidence, about)
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     result = {}
     for f, at, error in zip(free, x, errors, strict=True):
@@ -116,7 +116,7 @@ def _along_the_least_seen(problem: Problem, x: Floats, jacobian: Floats) -> Floa
 
 def _without_scalings(problem: Problem, x: Floats, jacobian: Floats) -> Floats:
     """The Jacobian, exactly zero along the directions of :func:`.scaling.unseen_scalings`."""
-    data = len(jacobian) - int(problem.prior.sum())
+    data = len(jacobian) - problem.priors
     for direction in unseen_scalings(problem.evidence, problem.base, problem.free, x):
         norms = _norms(jacobian)
         unit = direction * norms / np.linalg.norm(direction * norms)
@@ -181,8 +181,13 @@ def group_sums(evidence: Evidence, scores: Floats) -> Floats:
     return sums
 
 
-def _covariance(evidence: Evidence, problem: Problem, jacobian: Floats, rows: Floats) -> Floats:
-    priors = int(problem.prior.sum())
+def covariance_of(evidence: Evidence, about: Linear) -> Floats:
+    """(free, free) covariance of the x of a fit: that of the curvature, as wide as the sandwich where that is wider.
+
+    The sandwich itself has no more directions than there are groups of stretches.
+    """
+    problem, jacobian, rows = about.problem, about.jacobian, about.rows
+    priors = problem.priors
     data, e = jacobian[: len(jacobian) - priors], rows[: len(rows) - priors]
     bread = inverse(jacobian)
     sums = group_sums(evidence, data * e[:, None])
@@ -192,4 +197,7 @@ def _covariance(evidence: Evidence, problem: Problem, jacobian: Floats, rows: Fl
     meat = min(small, 2.0) * sums.T @ sums + prior_part.T @ prior_part
     sandwich = bread @ meat @ bread
     wider = np.maximum(np.diag(sandwich), np.diag(bread))
-    return np.diag(wider)
+    root = np.sqrt(wider / np.maximum(np.diag(bread), 1e-300))
+    covariance: Floats = bread * np.outer(root, root)
+    np.fill_diagonal(covariance, wider)
+    return covariance

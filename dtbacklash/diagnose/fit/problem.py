@@ -15,6 +15,7 @@ from dtbacklash.diagnose.data.evidence import RUNAWAY, Evidence, Residuals
 from dtbacklash.diagnose.fit.free import Effects, Free, apply, effects_of_rig, penalty_of
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Role
+from dtbacklash.physics.effects.table import bends, table_of
 from dtbacklash.physics.rig import Rig
 
 #: columns of the nominal parameters are reused until one of these has moved by so many tolerances
@@ -82,6 +83,7 @@ class Problem:
         self.weights: dict[str, Floats] = {}
         self.steps: Steps = "fine"
         self.prior = np.array([f.prior for f in free])
+        self.bent, self.bent_at_0 = _bends(rig, free)
         self._last: dict[tuple[Steps, bytes], Residuals] = {}
         self._kept: dict[int, Floats] = {}
         self._kept_at = np.zeros(0)
@@ -94,8 +96,13 @@ class Problem:
         if self._kept:
             ratio = np.concatenate([np.sqrt(self.weights[name] / before[name]) for name in self.touched])
             samples = sum(int(r.train.sum()) for r in self.evidence.records)
-            scale = np.concatenate([np.repeat(ratio, samples), np.ones(int(self.prior.sum()))])
+            scale = np.concatenate([np.repeat(ratio, samples), np.ones(self.priors)])
             self._kept = {j: column * scale for j, column in self._kept.items()}
+
+    @property
+    def priors(self) -> int:
+        """How many rows are not data: the priors, and what holds a table straight."""
+        return int(self.prior.sum()) + len(self.bent_at_0)
 
     def finely(self) -> None:
         """Simulate finely from now on, with differences to both sides."""
@@ -128,9 +135,9 @@ class Problem:
         return self.evidence.rows(residuals, name, "train")
 
     def stack(self, residuals: Residuals, x: Floats) -> Floats:
-        """(rows,) whose squares are summed: weighted residuals of the training part, then the priors."""
+        """(rows,) whose squares are summed: weighted residuals of the training part, priors, and bends of tables."""
         data = [(self.data(residuals, name) * np.sqrt(self.weights[name])[:, None]).ravel() for name in self.touched]
-        return np.concatenate([*data, x[self.prior]])
+        return np.concatenate([*data, x[self.prior], self.bent_at_0 + self.bent @ x])
 
     def jacobian(self, x: Floats) -> Floats:
         """(rows, free) by differences; within a round by Broyden's update (Math. Comp. 19 (1965) 577) if it is good."""
@@ -239,6 +246,20 @@ class Problem:
         there = self.evidence.residuals(apply(self.base, self.free, at), here, set(self.free[j].places), steps)
         bounded = all(np.abs(rows).max() < RUNAWAY for name in self.touched for rows in there[name])
         return self.stack(there, at), bounded
+
+
+def _bends(rig: Rig, free: list[Free]) -> tuple[Floats, Floats]:
+    """(rows, free) and (rows,) how each table that is fitted bends, in units of its ``bend``: by x, and at x = 0."""
+    by_x, at_0 = [np.zeros((0, len(free)))], [np.zeros(0)]
+    for place, name in dict.fromkeys((f.place, f.effect) for f in free if f.role is Role.KNOT and not f.prior):
+        values = rig.effects[place][name]
+        knots, efforts = table_of(values)
+        rows = bends(knots) / values["bend"]
+        here = [j for j, f in enumerate(free) if (f.place, f.effect) == (place, name)]
+        wide = np.zeros((len(rows), len(free)))
+        wide[:, here] = rows * [free[j].scale for j in here]
+        by_x, at_0 = [*by_x, wide], [*at_0, rows @ efforts]
+    return np.concatenate(by_x), np.concatenate(at_0)
 
 
 def _suited(column: Callable[[float], Floats], step: float) -> Floats:

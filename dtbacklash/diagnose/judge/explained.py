@@ -64,14 +64,19 @@ def explained(evidence: Evidence, fitted: Fit, table: FitTable, free: FreeRunnin
     met = all(rest <= most for rest, most in asked) if asked else None
     compared = table.held_out.extended
     beats = any(error is not None and error < 1.0 for error in (compared, free.held_out.extended))
-    return Explained(
-        _share(free.held_out, table.noise_floor), _share(table.held_out, table.noise_floor), left, met, beats
-    )
+    floor = table.noise_floor
+    freely, compared = (_share(errors.held_out, errors.held_out.extended, floor) for errors in (free, table))
+    modelled = None
+    if table.held_out.modelled is not None:
+        modelled = (
+            _share(free.held_out, free.held_out.modelled, floor), _share(table.held_out, table.held_out.modelled, floor)
+        )  # fmt: skip
+    return Explained(freely, compared, left, met, beats, modelled)
 
 
-def _share(errors: ModelErrors, floor: float) -> float | None:
-    """Share of the nominal rig's mean square error above the floor that the extended one does not make."""
-    if errors.nominal is None or errors.extended is None or errors.nominal <= floor:
+def _share(errors: ModelErrors, error: float | None, floor: float) -> float | None:
+    """Share of the nominal rig's mean square error above the floor that a rig with this error does not make."""
+    if errors.nominal is None or error is None or errors.nominal <= floor:
         return None
-    before, after = errors.nominal**2 - floor**2, max(errors.extended**2 - floor**2, 0.0)
+    before, after = errors.nominal**2 - floor**2, max(error**2 - floor**2, 0.0)
     return 1.0 - after / before

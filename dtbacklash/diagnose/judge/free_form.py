@@ -6,7 +6,7 @@ explains a mismatch, the place and the state that explain most of it on held-out
 """
 
 from collections.abc import Container, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.signal import lfilter
@@ -20,7 +20,9 @@ from dtbacklash.diagnose.fit.comparison import in_errors
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.physics.assembly import state_names
+from dtbacklash.physics.catalogue import effects_of
 from dtbacklash.physics.effects import slots
+from dtbacklash.physics.effects.table import SHAPES
 from dtbacklash.physics.kernel import plant as pl
 from dtbacklash.physics.kinds import AXES
 from dtbacklash.physics.rig import Rig
@@ -44,7 +46,7 @@ class Recovered:
     knots, effort, error : (K,) state, effort and its standard error.
     share : of the mismatch's mean square on the held-out part that it explains. fall : by which the held-out mean
     square of the channel that shows it best falls, in units of the floor's. t : the fall, in standard errors over
-    stretches.
+    stretches. times : a second state that multiplies it, or empty.
     """
 
     place: str
@@ -57,6 +59,7 @@ class Recovered:
     share: float
     fall: float = 0.0
     t: float = 0.0
+    times: str = ""
 
     @property
     def shown(self) -> bool:
@@ -65,13 +68,15 @@ class Recovered:
 
 
 def free_forms(
-    evidence: Evidence, fitted: Fit, places: Iterable[str] | None = None, blocks: Container[str] | None = None
-) -> list[Recovered]:
+    evidence: Evidence, fitted: Fit, places: Iterable[str] | None = None, blocks: Container[str] | None = None,
+    tables: bool = False,
+) -> list[Recovered]:  # fmt: skip
     """What a fit leaves, as an effort against every state at every place, each on its own.
 
-    places, blocks : where to look, by name; None: everywhere.
+    places, blocks : where to look, by name; None: everywhere. tables : over what a table may be over instead, which
+    may be a state times another one.
     """
-    lens = _Lens(evidence, fitted)
+    lens = _Lens(evidence, fitted, tables)
     listed = fitted.rig.elements if places is None else [p for p in fitted.rig.elements if p in places]
     seen = [block for block in evidence.blocks if blocks is None or block.name in blocks]
     return [r for place in listed for block in seen for r in lens.at(block, place)]
@@ -80,8 +85,8 @@ def free_forms(
 class _Lens:
     """Regressions on what one model leaves."""
 
-    def __init__(self, evidence: Evidence, base: Fit) -> None:
-        self.evidence, self.base, self.rig = evidence, base, base.rig
+    def __init__(self, evidence: Evidence, base: Fit, tables: bool = False) -> None:
+        self.evidence, self.base, self.rig, self.tables = evidence, base, base.rig, tables
         self.positions = [positions(base.rig, evidence.blocks, r) for r in evidence.records]
 
     def at(self, block: Block, place: str) -> list[Recovered]:
@@ -95,25 +100,36 @@ class _Lens:
         states = [states_of(self.rig, place, block, r, p) for r, p in zip(records, self.positions, strict=True)]
         responses = transfers(part, block, records, columns)
         found = []
-        for name, (_, state_unit) in states[0].items():
-            values = [s[name][0] for s in states]
+        for over, times in self._shapes(place, states[0]):
+            values = [s[over][0] for s in states]
+            factors = [s[times][0] if times else np.ones(len(s[over][0])) for s in states]
             knots = knots_over(np.concatenate(values))
             if knots is not None:
-                found.append(self._regress(block, place, (name, state_unit, unit), values, knots, responses))
+                names = over, states[0][over][1], unit
+                found.append(
+                    replace(self._regress(block, place, names, values, factors, knots, responses), times=times)
+                )
         return found
 
+    def _shapes(self, place: str, states: Iterable[str]) -> list[tuple[str, str]]:
+        """(state, state that multiplies or "") over which an effort is looked for at a place."""
+        if not self.tables:
+            return [(name, "") for name in states]
+        here = [SHAPES[name] for name, effect in effects_of(self.rig.kind_at(place)).items() if effect.is_table]
+        return [(shape.over, shape.times) for shape in here]
+
     def _regress(
-        self, block: Block, place: str, names: tuple[str, str, str], values: list[Floats], knots: Floats,
-        responses: list[Response],
+        self, block: Block, place: str, names: tuple[str, str, str], values: list[Floats],
+        factors: list[Floats], knots: Floats, responses: list[Response],
     ) -> Recovered:  # fmt: skip
         scale = self.evidence.floor[block.name]
         hats = np.eye(len(knots))
         waves: Residuals = {block.name: []}
-        for v, (numerators, denominator) in zip(values, responses, strict=True):
+        for v, factor, (numerators, denominator) in zip(values, factors, responses, strict=True):
             # (samples, channels, knots) in units of the floor; one knot after the other, for the memory that it takes
             reached = np.empty((len(v), len(scale), len(knots)))
             for k, hat in enumerate(hats):
-                shape = np.interp(v, knots, hat)
+                shape = factor * np.interp(v, knots, hat)
                 for c, row in enumerate(numerators):
                     reached[:, c, k] = lfilter(row, denominator, shape) / scale[c]
             waves[block.name].append(reached)

@@ -47,7 +47,7 @@ def calibration(rig: Rig, about: Linear, errors: Errors) -> Calibration:
     return Calibration(
         rows,
         {a: dict(zip(titles, map(float, row), strict=True)) for a, row in zip(titles, correlation, strict=True)},
-        tuple(_blind(free, about.jacobian[: len(about.rows) - int(about.problem.prior.sum())])),
+        tuple(_blind(free, about.jacobian[: len(about.rows) - about.problem.priors])),
     )
 
 

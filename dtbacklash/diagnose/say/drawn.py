@@ -8,29 +8,52 @@ from dtbacklash.diagnose.fit.errors import in_floors
 from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.judge.free_form import Recovered
 from dtbacklash.diagnose.judge.law_points import EFFORTS
+from dtbacklash.diagnose.modelled import Modelled
 from dtbacklash.diagnose.result import Curve, LawShown, Shown
 from dtbacklash.diagnose.search.model import Model
 from dtbacklash.diagnose.words import place_in_words
+from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.drawing import POINTS, effort_over
 
 
 def shown(
-    model: Model, left_out: dict[Key, Residuals], laws: list[LawShown], rest: Recovered | None
+    model: Model, left_out: dict[Key, Residuals], laws: list[LawShown], rest: Recovered | None,
+    modelled: Modelled | None = None,
 ) -> Shown:  # fmt: skip
     """Everything that is drawn.
 
     Parameters
     ----------
     left_out : per finding, what remains without it. laws : of the findings.
-    rest : the effort that explains most of what no law explains.
+    rest : the effort that explains most of what no law explains. modelled : that effort as the rig has it.
     """
     laws = [*laws]
+    if modelled is not None:
+        laws.append(_as_modelled(modelled))
     # where a block is driven by what is imposed on it, an effort may show nowhere: there is nothing to draw then
-    if rest is not None and rest.shown and np.any(rest.effort):
+    elif rest is not None and rest.shown and np.any(rest.effort):
         laws.append(_unexplained(rest))
     evidence_at = shares(model, left_out, rest)
     return Shown(
         evidence_at, tuple(_curves(model)), tuple(laws), in_floors(model.evidence, model.nominal, model.fitted)
     )
+
+
+def _as_modelled(modelled: Modelled) -> LawShown:
+    """The table or formula of what no name explains, with the table's values as points."""
+    rig, place = modelled.rig, modelled.location
+    entry, values = find(rig.kind_at(place), modelled.effect, place), rig.effects[place][modelled.effect]
+    state, effort, error = (np.array(column) for column in zip(*modelled.points, strict=True))
+    missing = EFFORTS.get(modelled.unit, "missing effort")
+    grid = np.linspace(state[0], state[-1], POINTS)
+    curve = effort_over(entry, values, modelled.state, modelled.times, grid)
+    if modelled.state == "command":  # drawn as output over input
+        curve, effort = curve + grid, effort + state
+    return LawShown(
+        place, modelled.effect, f"{modelled.state} of {place_in_words(place)}",
+        f"missing effort by {modelled.times}" if modelled.times else missing, modelled.state_unit, modelled.unit,
+        grid, curve, state, effort, error,
+    )  # fmt: skip
 
 
 def _unexplained(rest: Recovered) -> LawShown:

@@ -1,4 +1,4 @@
-"""The files that a diagnosis is: ``diagnosis.json``, and ``rig.yaml``, the extended rig, ready for ``dtb run rig=``."""
+"""The files that a diagnosis is: ``diagnosis.json``, and ``rig.yaml``, the rig with what was found, for ``rig=``."""
 
 from pathlib import Path
 
@@ -15,4 +15,4 @@ def save(diagnosis: Diagnosis, folder: Path) -> None:
     UserError, Failure : the folder cannot be written to, or the disk is full.
     """
     write_json(folder / "diagnosis.json", diagnosis.to_json())
-    write_text(folder / "rig.yaml", rig_yaml(diagnosis.extended))
+    write_text(folder / "rig.yaml", rig_yaml(diagnosis.rig))

@@ -11,6 +11,7 @@ from dtbacklash.diagnose.data.candidates import TREMOR
 from dtbacklash.diagnose.data.compare import Record
 from dtbacklash.diagnose.data.evidence import Evidence, Residuals
 from dtbacklash.diagnose.data.several import Several, source_of
+from dtbacklash.diagnose.modelled import Modelled
 from dtbacklash.diagnose.result import (
     CONSISTENT,
     PARAMETERS,
@@ -174,6 +175,23 @@ def explained_said(much: Explained, findings: bool) -> str:
     if much.enough is not None:
         left.append("which is what was called enough" if much.enough else "more than what was called enough")
     return f"{said}Left: {', '.join(left)}."
+
+
+def modelled_said(modelled: Modelled, much: Explained) -> str:
+    """What no name explains, as the rig has it now: over which state, like which formula, and what that explains."""
+    place, times = place_in_words(modelled.location), f", times the {modelled.times}" if modelled.times else ""
+    gone = f" instead of {all_in_words(modelled.instead_of)}" if modelled.instead_of else ""
+    said = f"Modelled{gone}: an effort at the {place} over the {modelled.state}{times}, "
+    chosen = next((f for f in modelled.formulas if f.chosen), None)
+    others = [f.family for f in modelled.formulas if f.tied and not f.chosen]
+    if chosen is None:
+        said += "as a table; none of the formulas that were tried does as well"
+    else:
+        said += f"like {chosen.family}, {chosen.law}"
+        said += f" (the recording cannot tell it from {' or '.join(others)})" if others else ""
+    if much.modelled and much.modelled[1] is not None and much.modelled[1] > 0.0:
+        said += f". With it the rig explains {_percent(much.modelled[1])} of the mismatch as compared"
+    return said + "."
 
 
 def _two(value: float) -> str:

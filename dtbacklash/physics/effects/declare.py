@@ -48,7 +48,8 @@ class Role(StrEnum):
 
     SIZE : switches the effect off at its neutral value. WAVE : counts waves over a position, so that the fit has a
     valley for each; it is scanned. ANGLE : a phase, periodic in 2 pi. TIME : a pure delay. FREQUENCY : at which
-    something swings, Hz. SHAPE : any other; what can only be positive is fitted in logarithms.
+    something swings, Hz. KNOT : a value of a table. GIVEN : it says where the others hold, and is never fitted. SHAPE :
+    any other; what can only be positive is fitted in logarithms.
     """
 
     SIZE = "size"
@@ -56,6 +57,8 @@ class Role(StrEnum):
     ANGLE = "angle"
     TIME = "time"
     FREQUENCY = "frequency"
+    KNOT = "knot"
+    GIVEN = "given"
     SHAPE = "shape"
 
 
@@ -177,6 +180,7 @@ class Effect:
     visible : what a recording can show of its parameters, see :meth:`bounds_at`.
     of_unit : the SI unit of the sensors that take it; empty: of all.
     declared : of a law that a user wrote, its declaration, see :mod:`dtbacklash.physics.own_laws`.
+    refuse : values -> (parameter, what is allowed), of values that do not go together, or None.
     """
 
     name: str
@@ -198,6 +202,7 @@ class Effect:
     visible: Callable[[Place], Bounds] = lambda place: {}
     of_unit: str = ""
     declared: Mapping[str, Any] | None = None
+    refuse: Callable[[Values], tuple[str, str] | None] = lambda values: None
 
     @property
     def size(self) -> Parameter:
@@ -208,6 +213,21 @@ class Effect:
     def is_delay(self) -> bool:
         """Whether it makes a signal late, and does nothing else to it."""
         return self.slot.delays
+
+    @property
+    def is_table(self) -> bool:
+        """Whether it is no law but a table of values: nothing that a search or a concealed draw proposes."""
+        return self.size.role is Role.KNOT
+
+    @property
+    def listed(self) -> tuple[Parameter, ...]:
+        """The parameters, of a table's values and knots the first alone: they are alike."""
+        return tuple(p for p in self.parameters if p.name[1:] == "1" or not p.name[1:].isdigit() or not self.is_table)
+
+    @property
+    def counts(self) -> int:
+        """How many of its parameters a fit may move."""
+        return sum(p.role is not Role.GIVEN for p in self.parameters)
 
     @property
     def amplitudes(self) -> tuple[Parameter, ...]:
@@ -225,8 +245,10 @@ class Effect:
     def idle(self, values: Values) -> set[str]:
         """The amplitudes that stand at their neutral value beside another one; where all of them do, beside the size.
 
-        A search leaves them there: what is not asked for costs no parameter.
+        A search leaves them there: what is not asked for costs no parameter. Of a table, what is given.
         """
+        if self.is_table:
+            return {p.name for p in self.parameters if p.role is Role.GIVEN}
         still = {p.name for p in self.amplitudes if values.get(p.name, p.neutral) == p.neutral}
         return still - {self.size.name} if self.is_neutral(values) else still
 
@@ -253,6 +275,8 @@ class Effect:
             p = known[name]
             if not p.low <= value <= p.high:
                 raise UserError(f"{key}.{name}", value, f"from {p.low:g} to {p.high:g} {p.unit}")
+        if refused := self.refuse(filled):
+            raise UserError(f"{key}.{refused[0]}", filled[refused[0]], refused[1])
         return filled
 
     def start_values(self, place: Place) -> list[Values]:

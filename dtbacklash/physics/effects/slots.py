@@ -2,8 +2,8 @@
 
 A slot that holds laws names the states that they may ask for. A law is one small compiled function; those of its
 arguments that bear a state's name are given that state, the others are the effect's parameters (by name, ``size``
-for the first, where all of them are such names, else all parameters in their order). A slot without a law names the
-parameter that the linear plant, a delay or the gear takes.
+for the first, where all of them are such names, else all parameters in their order); ``row`` is all parameters in
+their order, as one array. A slot without a law names the parameter that the linear plant, a delay or the gear takes.
 """
 
 from __future__ import annotations
@@ -21,8 +21,10 @@ if TYPE_CHECKING:
 #: a compiled law: numba's dispatcher around a function of floats
 Law = Callable[..., Any]
 
-#: parameters that a law has at most
-LAW_PARAMETERS = 6
+#: parameters that a law of one's own has at most, and what a law is given at most
+LAW_PARAMETERS, ROW_PARAMETERS = 6, 33
+#: the argument of a law that is given all parameters at once
+ROW = "row"
 
 #: what an effect acts on: a body, a spring between two bodies, the amplifier, the motor's winding, the gear, the screw,
 #: a sensor. An element's kind says which of these it is.
@@ -247,13 +249,13 @@ def plain_function(law: Law) -> Callable[..., Any]:
 
 
 def arguments(law: Law, states: tuple[str, ...], effect: Effect) -> list[str | int]:
-    """What each argument of a law is: the name of a state, or the index of a parameter.
+    """What each argument of a law is: the name of a state, ROW, or the index of a parameter.
 
     Raises
     ------
     UserError : the law asks for what is neither.
     """
-    names = list(inspect.signature(plain_function(law)).parameters)
+    names, states = list(inspect.signature(plain_function(law)).parameters), (*states, ROW)
     known = [p.name for p in effect.parameters]
     rest = [name for name in names if name not in states]
     if all(name in known or name == "size" for name in rest):

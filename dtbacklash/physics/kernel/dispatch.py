@@ -90,7 +90,7 @@ def _written(name: str, slot: type[Slot], field: str) -> Any:
     space = _space(_at_address=_at_address)
     for code, calls in enumerate(_listed(slot)):
         space[f"law_{code}"], names = calls[field]
-        given = ", ".join(f"p[e, {n}]" if isinstance(n, int) else n for n in names)
+        given = ", ".join(f"p[e, {n}]" if isinstance(n, int) else "p[e]" if n == slots.ROW else n for n in names)
         lines += [f"    if code == {code}:", f"        return law_{code}({given})"]
     rest = ", ".join(f"p[e, {n}]" for n in range(LAW_PARAMETERS))
     lines.append(f"    return _at_address(code, ({_fields(slot).index(field)}.0, {states}, {rest}))")

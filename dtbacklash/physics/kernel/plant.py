@@ -54,7 +54,7 @@ class Plant(NamedTuple):
     slot: Ints  # (N_SLOTS,) index in `first` of a slot's first place
     first: Ints  # the laws at a place: entries first[place] to first[place + 1] - 1
     law: Ints  # (entries, 2) code of the law in its slot, or its address; index in x of its memory, else of its place
-    law_p: Floats  # (entries, slots.LAW_PARAMETERS) its parameters
+    law_p: Floats  # (entries, slots.ROW_PARAMETERS) its parameters
     link: Floats
     link_ends: Ints
     friction_ends: Ints

@@ -9,6 +9,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from dtbacklash import units
+from dtbacklash.diagnose.modelled import Modelled
 from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Diagnosis, Finding, Recalibrated
 from dtbacklash.diagnose.say.save import save
 from dtbacklash.diagnose.settings import SETTINGS
@@ -25,6 +26,7 @@ from dtbacklash.report.diagnosis.words import (
     better_model,
     capital,
     error_text,
+    formula_rows,
     heading,
     labels,
     next_command,
@@ -42,7 +44,7 @@ BADGES = {
     MISSING: ("missing physics", "warm"),
     UNEXPLAINED: ("unexplained", "bad"),
 }
-MODELS = ("nominal", "recalibrated", "extended")
+MODELS = ("nominal", "recalibrated", "extended", "modelled")
 #: from this many times the signal on, an error is only said to be over it
 BEYOND = 10.0
 
@@ -94,7 +96,8 @@ def write(diagnosis: Diagnosis, folder: Path) -> None:
         command=next_command(diagnosis, "rig.yaml"),
         settings=SETTINGS.to_json(),
         json=json_text(diagnosis.to_json()),
-        rig_yaml=rig_yaml(diagnosis.extended),
+        rig_yaml=rig_yaml(diagnosis.rig),
+        modelled=_modelled(diagnosis.modelled) if diagnosis.modelled else None,
     )
     (folder / "report.html").write_text(page, encoding="utf-8")
 
@@ -168,7 +171,7 @@ def _calibration(diagnosis: Diagnosis) -> dict[str, Any] | None:
 def _fit(diagnosis: Diagnosis, best: str) -> dict[str, Any]:
     """Rows of errors, compared and running freely; columns: the models that there are."""
     fit, free = diagnosis.fit, diagnosis.free_running
-    columns = MODELS if best == "extended" else MODELS[:2]
+    columns = _columns(diagnosis, best)
     floor = error_text(fit.noise_floor, fit.metric)
     rows = [
         [words, *(error_text(getattr(errors, c), fit.metric) for c in columns), floor]
@@ -177,14 +180,33 @@ def _fit(diagnosis: Diagnosis, best: str) -> dict[str, Any]:
     alone = (("fitted to, on its own", free.train), ("held out, on its own", free.held_out)) if free else ()
     rows += [[words, *(_free_text(getattr(errors, c)) for c in columns), ""] for words, errors in alone]
     floors = [
-        [channel, *(number(getattr(errors, c)) for c in columns)] for channel, errors in diagnosis.shown.floors.items()
+        [channel, *(number(getattr(errors, c)) for c in columns if c != "modelled")]
+        for channel, errors in diagnosis.shown.floors.items()
     ]
-    return {"metric": fit.metric, "heads": [f"{c}#" for c in columns], "rows": rows, "floors": floors}
+    heads = [f"{c}#" for c in columns]
+    in_floors = [head for head in heads if head != "modelled#"]
+    return {"metric": fit.metric, "heads": heads, "rows": rows, "floors": floors, "in_floors": in_floors}
+
+
+def _columns(diagnosis: Diagnosis, best: str) -> list[str]:
+    """The models of which there are errors."""
+    there = {"extended": best == "extended", "modelled": diagnosis.modelled is not None}
+    return [model for model in MODELS if there.get(model, True)]
+
+
+def _modelled(modelled: Modelled) -> dict[str, Any]:
+    """What no name explains, as the rig has it: the formulas that were tried, and the table's values."""
+    x_unit, y_unit = (units.in_signs(unit) for unit in (modelled.state_unit, modelled.unit))
+    return {
+        "sentence": modelled.sentence, "effect": name_in_words(modelled.effect), "formulas": formula_rows(modelled),
+        "heads": [f"{modelled.state} [{x_unit}]#", f"value [{y_unit}]#", "standard error#"],
+        "points": [[f"{value:.4g}" for value in row] for row in modelled.points],
+    }  # fmt: skip
 
 
 def _recordings(diagnosis: Diagnosis, best: str) -> dict[str, Any]:
     """A row of each of several recordings: samples, sample time, held-out errors of the models, zeros."""
-    columns = MODELS if best == "extended" else MODELS[:2]
+    columns = MODELS[:3] if best == "extended" else MODELS[:2]
     rows = []
     for k, one in enumerate(diagnosis.recordings, 1):
         errors = [error_text(getattr(one.held_out, c), diagnosis.fit.metric) if one.held_out else "-" for c in columns]

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from rich.text import Text
 
+from dtbacklash.diagnose.modelled import Modelled
 from dtbacklash.diagnose.result import Calibration, Diagnosis, Finding, Recalibrated
 from dtbacklash.diagnose.words import named_in_words, other_in_words
-from dtbacklash.report.diagnosis.words import capital, checks_said, error_text, heading, partial
+from dtbacklash.physics.effects.declare import name_in_words
+from dtbacklash.report.diagnosis.words import capital, checks_said, error_text, formula_rows, heading, partial
 from dtbacklash.report.kit.intervals import interval
 
 #: a correlation of a parameter with another is told from here on
@@ -15,7 +17,7 @@ TOLD_CORRELATION = 0.5
 
 def lines(diagnosis: Diagnosis) -> list[Text]:
     """The verdict, what was found with intervals, what cannot be told apart, which checks fail, what to record next."""
-    said = heading(diagnosis).removeprefix("Missing: ").removeprefix("Unexplained: ")
+    said = heading(diagnosis).removeprefix("Missing: ").removeprefix("Unexplained: ").removeprefix("Unexplained, but ")
     told = [Text(f"{diagnosis.verdict}: {said}", style="bold"), Text(diagnosis.summary.replace("`", ""))]
     for finding in diagnosis.findings:
         title = capital(named_in_words(finding.effect, finding.location))
@@ -23,6 +25,8 @@ def lines(diagnosis: Diagnosis) -> list[Text]:
         for name, p in finding.parameters.items():
             told.append(Text(f"  {name} = {interval(p.value, p.ci95, p.unit, plain=True)}"))
         told += _alike(finding)
+    if diagnosis.modelled:
+        told += _formulas(diagnosis.modelled)
     if diagnosis.recalibrated:
         told += [Text(), Text("Recalibrated (95 % intervals):")]
     for name, row in diagnosis.recalibrated.items():
@@ -46,6 +50,14 @@ def lines(diagnosis: Diagnosis) -> list[Text]:
         told += [Text(), Text(f"Units: {read}.")]
     if diagnosis.next_experiment:
         told += [Text(), Text(f"To record next: {diagnosis.next_experiment}".replace("`", ""))]
+    return told
+
+
+def _formulas(modelled: Modelled) -> list[Text]:
+    """The formulas that were tried in the place of a table."""
+    told = [Text(), Text(f"Modelled as {name_in_words(modelled.effect)}; formulas that were tried:")]
+    for family, law, values, left, said in formula_rows(modelled, plain=True):
+        told.append(Text(f"  {family}, {said}: {law}, {values}; leaves {left} times what the table leaves"))
     return told
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Collection
 
+from dtbacklash.diagnose.modelled import Modelled
 from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Diagnosis, Finding
 from dtbacklash.diagnose.words import named_in_words, other_in_words, place_in_words
 from dtbacklash.physics.effects.declare import name_in_words
@@ -15,7 +16,7 @@ from dtbacklash.report.kit.numbers import number
 
 def next_command(diagnosis: Diagnosis, file: str) -> str:
     """The command that runs the rig that was found, complete: without a gear no controller but the open loop fits."""
-    closed = diagnosis.extended.only("gear") is not None
+    closed = diagnosis.rig.only("gear") is not None
     return shlex.join(["dtb", "run", f"rig={file}", *([] if closed else ["controller=open_loop"])])
 
 
@@ -34,6 +35,9 @@ def heading(diagnosis: Diagnosis) -> str:
     there = diagnosis.located
     where = f" at the {place_in_words(there.location)}" if there and there.shown else ""
     rest = f"beside {listed(named)}, " if named else ""
+    if (found := diagnosis.modelled) is not None:
+        over = f"the {found.state} of {place_in_words(found.location)}"
+        return f"Unexplained, but modelled: {rest}an effort over {over}"
     return f"Unexplained: {rest}more than noise is left{where}"
 
 
@@ -169,12 +173,27 @@ def _does_it_fit(diagnosis: Diagnosis) -> str:
         said = f"On data that it was not fitted to, the nominal model errs by {nominal}"
     else:
         said = f"On data that neither was fitted to, the nominal model errs by {nominal}, the {best} one by {better}"
+    if diagnosis.modelled:
+        said += f", with what is modelled {error_text(fit.held_out.modelled, fit.metric)}"
     said += f"; noise alone gives {floor}."
     if diagnosis.verdict == UNEXPLAINED and diagnosis.shown.floors:  # a noisy channel may hide the one that matters
         left = {c: errors.extended or 0.0 for c, errors in diagnosis.shown.floors.items()}
         worst = max(left, key=lambda c: left[c])
         return f"No. {said} The worst channel is {worst}, where the error is {number(left[worst], 2)} times the noise."
     return said if diagnosis.verdict == UNEXPLAINED else f"Yes. {said}"
+
+
+def formula_rows(modelled: Modelled, plain: bool = False) -> list[list[str]]:
+    """Of each formula: family, law, parameters with intervals, what it leaves beside the table, what is said of it."""
+    rows = []
+    for one in modelled.formulas:
+        values = [
+            f"{name} = {interval(value, (low, high), one.units.get(name, ''), plain=plain)}"
+            for name, (value, low, high) in one.parameters.items()
+        ]
+        said = "chosen" if one.chosen else "cannot be told from the best" if one.tied else "leaves more"
+        rows.append([one.family, one.law, ", ".join(values), number(one.left), said])
+    return rows
 
 
 def _by_place(findings: tuple[Finding, ...]) -> list[str]:

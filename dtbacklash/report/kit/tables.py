@@ -160,7 +160,8 @@ def fit(errors: dict[str, Any]) -> Table:
     return fill(blank("Error of the models" + (" (normalised rms)" if nrmse else "")), frame, [
         ("data", "data", plain_cell, False),
         ("nominal", "nominal", percent, True), ("recalibrated", "recalibrated", percent, True),
-        ("extended", "extended", percent, True), ("noise_floor", "noise floor", percent, True),
+        ("extended", "extended", percent, True), ("modelled", "modelled", percent, True),
+        ("noise_floor", "noise floor", percent, True),
     ])  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from dtbacklash.physics.drawing import drawing_of, law_curve
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.body import GRAVITY
 from dtbacklash.physics.effects.declare import Place, Role
+from dtbacklash.physics.effects.table import KNOTS
 from dtbacklash.physics.kinds import KINDS
 from dtbacklash.physics.simulate import simulate
 
@@ -29,6 +30,9 @@ def test_every_effect_has_a_slot_starts_and_a_concealed_size(key):
     assert (effect.kind, effect.name) == key
     assert catalogue.effects_of(effect.kind)[effect.name] is effect
     assert catalogue.kind_named(effect.kind).takes(effect.slot)
+    if effect.is_table:  # nothing that is searched for or concealed
+        assert [p.role for p in effect.parameters].count(Role.KNOT) == KNOTS
+        return
     assert effect.size.role in (Role.SIZE, Role.TIME)
     assert [p.role for p in effect.parameters[1:]].count(Role.SIZE) == 0
     starts = effect.start_values(PLACE)

@@ -20,7 +20,7 @@ def test_every_law_gives_a_finite_curve(entry, drawing):
     state, effort = law_curve(drawing, values, {"stiffness": 1e4, "damping": 1.0}, (-1.5 * width, 1.5 * width))
     assert len(state) == len(effort) > 100
     assert np.isfinite(effort).all()
-    assert np.ptp(effort) > 0 or drawing.state == "time"
+    assert np.ptp(effort) > 0 or drawing.state == "time" or entry.is_table  # whose values are alike
     assert drawing.wave == "" or drawing.wave in values
 
 
