@@ -45,7 +45,7 @@ def test_other_arguments_and_other_code_make_it_anew(monkeypatch):
     kept(design, 0.7, "a")
     kept(design, np.nextafter(0.7, 1.0), "a")
     kept(design, 0.7, "b")
-    monkeypatch.setattr(keeping, "_state", lambda: ("other code",))
+    monkeypatch.setattr(keeping, "_state", lambda module: ("other code",))
     kept(design, 0.7, "a")
     assert len(made) == 4
 

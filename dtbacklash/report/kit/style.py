@@ -5,6 +5,7 @@ Figures are built on `matplotlib.figure.Figure` without pyplot: no global state,
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
@@ -83,9 +84,29 @@ def legend_above(ax: Axes, columns: int = 4) -> None:
 
 
 @styled
+def png(figure: Figure) -> bytes:
+    """The figure as a PNG.
+
+    `savefig` gives the same bytes, but draws twice: once without ink, for the layout, which lays out by itself.
+    """
+    figure.set_dpi(matplotlib.rcParams["savefig.dpi"])
+    if (layout := figure.get_layout_engine()) is not None:
+        layout.execute(figure)
+        figure.set_layout_engine("none")
+    written, canvas = io.BytesIO(), figure.canvas
+    assert isinstance(canvas, FigureCanvasAgg)
+    # no software version in the file: the same figure is the same bytes
+    canvas.print_png(written, metadata={"Software": None}, pil_kwargs={"compress_level": 4})
+    return written.getvalue()
+
+
 def save(figure: Figure, path: Path) -> Path:
     """Write the figure as PNG (its folder is made if needed) and return the path."""
+    return save_png(png(figure), path)
+
+
+def save_png(content: bytes, path: Path) -> Path:
+    """Write a figure that is drawn already (its folder is made if needed) and return the path."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    # no software version in the file: the same figure is the same bytes
-    figure.savefig(path, format="png", metadata={"Software": None}, pil_kwargs={"compress_level": 4})
+    path.write_bytes(content)
     return path
