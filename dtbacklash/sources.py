@@ -28,7 +28,7 @@ def _digest(parts: tuple[str, ...], foreign: frozenset[str]) -> str:
 
 
 def digest(parts: tuple[str, ...] = (".",)) -> str:
-    """Hash of the Python and YAML files and the style of figures in these parts (files or folders) of the package, 16 hexadecimal digits.
+    """Hash of these parts (files or folders) of the package, 16 hexadecimal digits: code, settings, style of figures.
 
     Laws from outside the package count as a part of each of them.
     """

@@ -6,7 +6,7 @@ Figures are built on `matplotlib.figure.Figure` without pyplot: no global state,
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import wraps
 from pathlib import Path
 from typing import ParamSpec, TypeVar
@@ -15,6 +15,7 @@ import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 INK = "#1f2933"  # text, axes, the truth
 MUTED = "#7b8794"  # thresholds, notes, bands
@@ -65,9 +66,44 @@ def panels(heights: list[float], sharex: bool = True) -> tuple[Figure, list[Axes
     return figure, list(axes)
 
 
+class Layout(ConstrainedLayoutEngine):
+    """matplotlib's, and labels of panels in one line.
+
+    `Figure.align_ylabels` would do the latter, too, but then each panel measures all of them, eight times a figure.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._lines: list[Sequence[Axes]] = []
+
+    def line_up(self, axes: Sequence[Axes]) -> None:
+        """Put the y labels of panels, one below the other, into one line."""
+        self._lines.append(axes)
+
+    def execute(self, fig: Figure) -> None:
+        """Lay out; the labels are lined up once."""
+        super().execute(fig)
+        canvas = fig.canvas
+        assert isinstance(canvas, FigureCanvasAgg)
+        for axes in self._lines:
+            for ax in axes:
+                ax.yaxis.get_tightbbox(canvas.get_renderer())  # puts its label beside its own ticks
+            left = min(ax.yaxis.label.get_position()[0] for ax in axes)
+            for ax in axes:
+                ax.yaxis.set_label_coords((left - ax.bbox.x0) / ax.bbox.width, 0.5)
+        self._lines.clear()
+
+
+def line_up(axes: Sequence[Axes]) -> None:
+    """Put the y labels of a figure's panels, one below the other, into one line."""
+    layout = axes[0].figure.get_layout_engine()
+    assert isinstance(layout, Layout)
+    layout.line_up(axes)
+
+
 def new_figure(height: float, width: float = WIDTH) -> Figure:
     """An empty figure of the house's width; sizes in inch."""
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = Figure(figsize=(width, height), layout=Layout())
     FigureCanvasAgg(figure)
     return figure
 
