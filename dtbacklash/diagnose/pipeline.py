@@ -229,7 +229,7 @@ def _searched(readings: list[Evidence], course: Course, depth: Depth = FULL) -> 
     near = SETTINGS.hopeless_ratio * max(held_loss(model.evidence, model.fitted), SETTINGS.close_floors)
     if held_loss(held, same_laws) > near:
         return model, log, True
-    again, log_again = search(held, Course(), depth)
+    again, log_again = search(held, course.again(), depth)
     fewer = (len(again.named), merit(held, again.fitted)) <= (len(model.named), merit(model.evidence, model.fitted))
     most = SETTINGS.noise_floors * max(worst(model.evidence, model.fitted), 1.0)
     if fewer and worst(held, again.fitted) <= most:
