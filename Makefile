@@ -5,7 +5,11 @@ PYTHON ?= $(shell for p in python3.13 python3.12 python3.11 python3 python; do \
 	$$p -c 'import sys, venv, ensurepip; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' 2>/dev/null \
 	&& echo $$p && break; done)
 BIN := .venv/bin
+# what runs need, and what work on the code needs beside it
 READY := .venv/.ready
+ALL := .venv/.all
+# a complete lock needs no search for what fits, and what nobody imports needs no bytecode
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-compile
 
 .PHONY: run warm test check check-more nightly prove lint format typecheck paper bench docs references site gallery lock clean
 
@@ -16,23 +20,23 @@ run: $(READY)
 # costly stay with one worker and come first (tests/conftest.py).
 TEST := $(BIN)/python -m pytest -n 2 --dist loadscope
 
-test: $(READY)
+test: $(ALL)
 	$(TEST)
 
 # compile what the tests need, once; they do it themselves where it is missing
-warm: $(READY)
+warm: $(ALL)
 	cd "$$(mktemp -d)" && $(CURDIR)/$(BIN)/python $(CURDIR)/tests/warm.py > /dev/null
 
 # what a change has to pass, all that CI runs
 check: lint typecheck site test check-more
 
 # the rest of the tests of a change, and the blind proof on six recordings; fails if the score is below what was reached
-check-more: $(READY)
+check-more: $(ALL)
 	$(TEST) -m "check and not nightly"
 	$(BIN)/dtb prove --quick n=6 out="$$(mktemp -d)/proof"
 
 # campaigns, every diagnosis, the references integrated anew, the blind proof on twenty recordings
-nightly: $(READY) prove
+nightly: $(ALL) prove
 	$(TEST) -m nightly
 
 prove: $(READY)
@@ -41,52 +45,60 @@ prove: $(READY)
 paper: $(READY)
 	$(BIN)/dtb paper
 
-lint: $(READY)
+lint: $(ALL)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-cache
 
-format: $(READY)
+format: $(ALL)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-typecheck: $(READY)
+typecheck: $(ALL)
 	$(BIN)/mypy
 
 # what tests/reference says of its cases, solved anew where the equations or a rig have changed: up to fifteen minutes
-references: $(READY)
+references: $(ALL)
 	cd tests && ../$(BIN)/python -m reference.store
 
 # the tables that are generated from the code: docs/effects.md, docs/configuration.md
-docs: $(READY)
+docs: $(ALL)
 	$(BIN)/python -m dtbacklash.docs
 
 # the docs as a site, in build/site; a link that leads nowhere or a page that the navigation lacks fails it
-site: $(READY)
+site: $(ALL)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 # docs/gallery.md with its figures: conceals and diagnoses a recording for each, minutes
-gallery: $(READY)
+gallery: $(ALL)
 	$(BIN)/python -m studies gallery docs
 
-bench: $(READY)
+bench: $(ALL)
 	$(BIN)/python -m studies
 
-# The lock holds for every Python and every platform; `make lock` after a change of the dependencies. Without the extras
-# `compare`: what only a benchmark needs does not hold back everything else.
-lock: $(READY)
-	$(BIN)/uv pip compile pyproject.toml --no-config --extra dev --extra docs --extra dask --extra excel --extra fmu --extra matlab --extra remote --extra submitit --universal --python-version 3.11 \
-		--fork-strategy fewest --generate-hashes --no-annotate --no-emit-index-url --no-header \
-		--upgrade --quiet --output-file requirements.lock
+# The locks hold for every Python and every platform; `make lock` after a change of the dependencies. Without the extras
+# `compare`: what only a benchmark needs does not hold back everything else. What runs need is a part of the rest.
+COMPILE = $(BIN)/uv pip compile pyproject.toml --no-config --universal --python-version 3.11 --fork-strategy fewest \
+	--generate-hashes --no-annotate --no-emit-index-url --no-header --quiet
+FOR_RUNS := --extra build --extra excel --extra remote
+
+lock: $(ALL)
+	$(COMPILE) $(FOR_RUNS) --extra dask --extra dev --extra docs --extra fmu --extra matlab --extra submitit --upgrade \
+		--output-file requirements-all.lock
+	$(COMPILE) $(FOR_RUNS) --constraint requirements-all.lock --upgrade --output-file requirements.lock
 
 # A half-finished set-up has no stamp and is done again; the project itself is installed in place.
 $(READY): requirements.lock pyproject.toml
 	@test -n "$(PYTHON)" || { echo "make: needs Python 3.11, 3.12 or 3.13 with venv; set PYTHON=..." >&2; exit 1; }
 	@rm -f $(READY)
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	$(INSTALL) --require-hashes -r requirements.lock
+	$(INSTALL) --no-build-isolation -e .
 	@touch $(READY)
+
+$(ALL): requirements-all.lock $(READY)
+	$(INSTALL) --require-hashes -r requirements-all.lock
+	@touch $(ALL)
 
 clean:
 	rm -rf .venv build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -186,6 +186,19 @@ def write_json(path: Path, document: Any, key: str = "out", shown: object = None
     write_text(path, json_text(document), key, shown)
 
 
+def write_parquet(path: Path, table: Any) -> None:
+    """Write the columns of a DataFrame, numbers all of them, where ``path`` is a place that is ours alone.
+
+    Without the index, and without dictionaries of values, which signals do not repeat: a fifth of the time that
+    ``DataFrame.to_parquet`` takes.
+    """
+    import pyarrow
+    from pyarrow.parquet import write_table
+
+    columns = {str(name): table[name].to_numpy() for name in table}
+    write_table(pyarrow.table(columns), path, use_dictionary=False)
+
+
 def read_json(path: Path) -> dict[str, Any]:
     """A JSON document, or ``{}`` if there is none that can be read."""
     try:

@@ -1,4 +1,4 @@
-"""Results kept on disk: designs, whose libraries take a quarter of a run's processor time to load.
+"""Results kept on disk: designs and how they look; their libraries take a quarter of a run's processor time to load.
 
 Importing ``joblib.Memory`` for it would cost every run 70 ms.
 """
@@ -29,7 +29,7 @@ def folder() -> Path:
 
 def kept(make: Callable[..., Result], *arguments: object) -> Result:
     """``make(*arguments)``, or the same result from the disk. ``arguments``: dataclasses, numbers, texts."""
-    words = pickle.dumps((make.__module__, make.__qualname__, arguments, _state()))
+    words = pickle.dumps((make.__module__, make.__qualname__, arguments, _state(make.__module__)))
     file = folder() / f"{hashlib.sha256(words).hexdigest()[:32]}.pickle"
     with suppress(Exception):  # no such file, or one that cannot be read: it is made anew
         found: Result = pickle.loads(file.read_bytes())
@@ -41,7 +41,8 @@ def kept(make: Callable[..., Result], *arguments: object) -> Result:
 
 
 @cache
-def _state() -> tuple[str, ...]:
-    """The code and the libraries that decide a design beside its arguments."""
-    versions = (importlib.metadata.version(name) for name in ("control", "numpy", "scipy"))
-    return (sources.digest(("control", "twin", "kept.py")), *versions)
+def _state(module: str) -> tuple[str, ...]:
+    """The code and the libraries that decide what a function of ``module`` gives beside its arguments."""
+    drawn = module.startswith("dtbacklash.report.")
+    versions = (importlib.metadata.version(name) for name in ("control", "numpy", "scipy", *["matplotlib"] * drawn))
+    return (sources.digest(("control", "twin", "kept.py", *["report"] * drawn)), *versions)

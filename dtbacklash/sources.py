@@ -19,7 +19,7 @@ def _digest(parts: tuple[str, ...], foreign: frozenset[str]) -> str:
     total = hashlib.sha256()
     for part in parts:
         path = PACKAGE / part
-        inside = (file for kind in ("*.py", "*.yaml") for file in path.rglob(kind))
+        inside = (file for kind in ("*.py", "*.yaml", "*.mplstyle") for file in path.rglob(kind))
         for source in [path] if path.is_file() else sorted(inside):
             total.update(source.read_bytes())
     for text in sorted(foreign):
@@ -28,7 +28,7 @@ def _digest(parts: tuple[str, ...], foreign: frozenset[str]) -> str:
 
 
 def digest(parts: tuple[str, ...] = (".",)) -> str:
-    """Hash of the Python and YAML files in these parts (files or folders) of the package, 16 hexadecimal digits.
+    """Hash of these parts (files or folders) of the package, 16 hexadecimal digits: code, settings, style of figures.
 
     Laws from outside the package count as a part of each of them.
     """

@@ -33,10 +33,16 @@ def pytest_configure(config: pytest.Config) -> None:
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures are files of one pixel, for tests of all else: drawing would take most of their time."""
-    from matplotlib.figure import Figure
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from PIL import Image
 
-    monkeypatch.setattr(Figure, "savefig", lambda self, path, **_: Image.new("RGB", (1, 1)).save(path, format="PNG"))
+    from dtbacklash.report.run import page
+
+    def one_pixel(canvas: FigureCanvasAgg, target: object, **_: object) -> None:
+        Image.new("RGB", (1, 1)).save(target, format="PNG")
+
+    monkeypatch.setattr(FigureCanvasAgg, "print_png", one_pixel)
+    monkeypatch.setattr(page, "kept", lambda make, *arguments: make(*arguments))
 
 
 #: what a file's tests share: made by the file itself, or for each file by a conftest

@@ -51,6 +51,7 @@ def progress(what: str, compiles: bool = True) -> Iterator[Tell]:
     patience = threading.Timer(PATIENCE_S, bar.start)
     patience.daemon = True
     told: list[str] = []
+    compiling = False
     ended = threading.Event()
 
     def say_now_and_then() -> None:
@@ -60,9 +61,12 @@ def progress(what: str, compiles: bool = True) -> Iterator[Tell]:
             print(f"dtb: {task.description}, {task.percentage:.0f} %{left}", file=sys.stderr, flush=True)
 
     def tell(share: float, text: str = "") -> None:
+        nonlocal compiling
         if compiles and not told:
-            announce_compilation()
-        bar.update(number, completed=share, description=f"{what}: {text}" if text else what)
+            compiling = announce_compilation()
+        compiling = compiling and share == 0.0
+        doing = f"{what}: {text}" if text else "compiling" if compiling else what
+        bar.update(number, completed=share, description=doing)
         line = text or f"{what}: {10 * int(10 * share)} %"
         if not told or told[-1] != line:
             told.append(line)
@@ -88,13 +92,15 @@ def _rough(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
 
 
-def announce_compilation() -> None:
-    """Say why the first run takes longer than the others."""
+def announce_compilation() -> bool:
+    """Say why the first run takes longer than the others; returns whether it does."""
     from dtbacklash.compiled import is_cold
     from dtbacklash.physics.kernel.sample import advance
 
-    if is_cold(advance):
+    cold = is_cold(advance)
+    if cold:
         print("dtb: compiling the simulation, once on this machine (about 20 s)", file=sys.stderr, flush=True)
+    return cold
 
 
 def stdout_console() -> Console:

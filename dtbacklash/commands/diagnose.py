@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 MARK, TABLE = "diagnosis.json", "diagnose.csv"
 ENTRIES = frozenset({MARK, "report.html", "figures", "rig.yaml"})
+INTERRUPTED = 130  # exit code
 FIGURES = ("verdict", "findings", "held_out_nominal", "held_out_extended", "noise_floor")
 
 log = logging.getLogger("dtbacklash.diagnose")
@@ -50,7 +51,8 @@ def do(config: DiagnoseConfig, folder: Path, command: str, tell: Tell | None) ->
         train, held_out = read(config, rig)
         for note in _notes(train, held_out):
             log.info(note)
-        diagnosis = run_diagnosis(train, held_out, rig, jobs, say, config)
+        keep = config.keep is not None and tell is not None  # a job of a sweep that was stopped is not done
+        diagnosis = run_diagnosis(train, held_out, rig, jobs, say, config, keep)
         say(1.0, "drawing the report")
         page.write(diagnosis, scratch)
     named = [f"{one.location}.{one.effect or 'unexplained'}" for one in diagnosis.findings]
@@ -97,15 +99,16 @@ def _notes(train: Recording | list[Recording], held_out: Recording | list[Record
 
 def run_diagnosis(
     train: Recording | list[Recording], held_out: Recording | list[Recording] | int | None, rig: Rig, jobs: int,
-    tell: Tell, config: DiagnoseConfig,
+    tell: Tell, config: DiagnoseConfig, keep: bool = False,
 ) -> Diagnosis:  # fmt: skip
     """Diagnose; ``tell`` is told the share done, and what is being done."""
     from dtbacklash.diagnose import diagnose
 
     said, depth = config.enough, cast("Depth", config.search)
     return diagnose(
-        train, rig, held_out, progress=lambda text, share: tell(share, text), jobs=jobs, enough=said, depth=depth
-    )
+        train, rig, held_out, progress=lambda text, share: tell(share, text), jobs=jobs, enough=said, depth=depth,
+        keep=keep,
+    )  # fmt: skip
 
 
 def with_rig(words: list[str]) -> list[str]:
@@ -154,17 +157,17 @@ def show(diagnosis: Diagnosis, config: DiagnoseConfig, folder: Path) -> int:
         run = next_command(diagnosis, shown_path(folder / "rig.yaml"))
         console.print(escape(f"To simulate what was found: {run}"), soft_wrap=True)
     console.print(escape(shown_path(folder / "report.html")), soft_wrap=True)
-    return 0
+    return INTERRUPTED if diagnosis.stopped else 0
 
 
 def fingerprint(config: DiagnoseConfig) -> str:
-    """A hash of all that decides the diagnosis: settings but the number of threads, the files, the code."""
+    """A hash of all that decides the diagnosis: settings but those of how it is done, the files, the code."""
     from dtbacklash.recording import locate, sources_of
 
     files = [*(sources_of(config.validation, "validation") if config.validation else []), config.recording.path]
     for source in sources_of(config.recording.source) if config.recording.source else []:
         files.append(str(locate.resolve(source, config.recording.path)[0]))
-    return settings_hash(replace(config, jobs=None), files)
+    return settings_hash(replace(config, jobs=None, keep=None), files)
 
 
 def finish(folder: Path, table: pd.DataFrame, axes: list[str]) -> None:

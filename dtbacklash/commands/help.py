@@ -24,11 +24,11 @@ cache."""
 
 RIG = """\
 usage: dtb rig new MACHINE FILE.yaml
-       dtb rig check NAME|FILE.yaml [rig.KEY=VALUE ...]
+       dtb rig check NAME|FILE.yaml [rig.KEY=VALUE ...] [out=FOLDER]
 
 new writes a commented rig that runs, to be changed: {machines}.
-check lists its elements, parameters in SI, modes, the columns of a recording, and what a diagnosis can name
-where."""
+check draws it (NAME_rig.png, here or in FOLDER) and lists its elements, parameters in SI, modes, the columns of a
+recording, and what a diagnosis can name where."""
 
 
 CONTROLLER = """usage: dtb export controller [out=FILE.c] [group=option ...] [key=value ...]

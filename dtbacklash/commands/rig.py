@@ -1,4 +1,4 @@
-"""``dtb rig``: a rig of one's own. ``new`` writes a file to begin with, ``check`` says what is in one."""
+"""``dtb rig``: a rig of one's own. ``new`` writes a file to begin with, ``check`` draws one and says what is in it."""
 
 from __future__ import annotations
 
@@ -53,13 +53,21 @@ def _new(words: list[str]) -> None:
 
 
 def check(words: Sequence[str]) -> list[str]:
-    """What there is to say of the rig that is named by the words ``NAME|FILE [rig.KEY=VALUE ...]``, in lines."""
+    """Draw the rig that is named by the words ``NAME|FILE [rig.KEY=VALUE ...] [out=FOLDER]``; what is to be said of it.
+
+    The drawing is ``NAME_rig.png`` in the folder, which is this one unless ``out`` says another.
+    """
+    out = [word for word in words if word.startswith("out=")]
+    words = [word for word in words if word not in out]
     if not words:
         raise UserError("argument", "(missing)", "write dtb rig check FILE.yaml")
+    if len(out) > 1:
+        raise UserError("out", out[1].removeprefix("out="), "is given twice")
     from dtbacklash.face.rigs import load_rig
     from dtbacklash.report.diagnosis.rig_drawing import chain
 
     rig = load_rig(words[0], *words[1:])
+    drawing = _drawn(rig, Path(words[0]).stem, "".join(out).removeprefix("out=") if out else ".")
     lines = [f"{rig.config.name}: {rig.config.description}", "  " + " - ".join(chain(rig)), "", "parameters (SI):"]
     for name, p in rig.config.parameters.items():
         users = [place for place, spec in rig.config.elements.items() if name in spec.values()]
@@ -71,7 +79,21 @@ def check(words: Sequence[str]) -> list[str]:
     lines += ["", "what a diagnosis can name, and where:"]
     lines += [f"  {place}: {', '.join(names)}" for place, names in nameable(rig).items()]
     more = "" if rig.only("gear") else " controller=open_loop"
-    return [*lines, "", f"dtb run {shlex.quote(f'rig={words[0]}')}{more}"]
+    return [*lines, "", f"drawn in {drawing}", "", f"dtb run {shlex.quote(f'rig={words[0]}')}{more}"]
+
+
+def _drawn(rig: Rig, name: str, folder: str) -> str:
+    """Draw a rig into a folder; the path of the PNG as it is to be shown."""
+    from dtbacklash.commands.console import shown_path
+    from dtbacklash.files import write_bytes
+    from dtbacklash.report.diagnosis.rig_drawing import draw_rig
+    from dtbacklash.report.kit.style import png
+
+    if not folder:
+        raise UserError("out", "(empty)", "give a folder")
+    target = Path(folder).expanduser().absolute() / f"{name}_rig.png"
+    write_bytes(target, png(draw_rig(rig, {}, [])), "out", folder)
+    return shown_path(target)
 
 
 def modes(rig: Rig) -> list[str]:

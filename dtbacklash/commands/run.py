@@ -44,7 +44,16 @@ def show(result: Any, config: RunConfig, folder: Path) -> int:
         return 0
     console.print_run(result.summary, result.moves, result.estimates, folder)
     sys.stdout.flush()
+    if never_answered(result.summary):
+        print("dtb: the twin has answered none of the requests", file=sys.stderr)
+        return 1
     return 0
+
+
+def never_answered(summary: dict[str, Any]) -> bool:
+    """Whether a run asked a twin at the other end of a network, and in vain each time."""
+    remote = summary.get("remote")
+    return bool(remote and remote["requests"] and not remote["answered"])
 
 
 def finish(folder: Path, table: pd.DataFrame, axes: list[str]) -> None:

@@ -42,6 +42,12 @@ _HUGE = re.compile(r"\d{1000}")
 #: a sweep by one of Hydra's functions
 _FUNCTION = re.compile(r"(choice|glob|range|interval|shuffle|sort|tag)\(.*\)$")
 
+#: part of a rig -> how something in it is chosen on the command line
+OF_A_RIG = {
+    "laws": "dahl_friction=packaged", "parameters": "k.value=9000",
+    "effects": "motor_bearing.coulomb_friction.torque=0.02",
+}  # fmt: skip
+
 Task = Callable[[DictConfig], object]
 
 
@@ -141,6 +147,9 @@ def _rigs(key: str, value: str, sweeps: bool) -> str:
     found = paths(key, value, sweeps)
     for name in [] if _FUNCTION.match(value) else map(_unquoted, _at_commas(found)):
         file = Path(name.replace("\\'", "'").replace("\\\\", "\\"))
+        if file.is_dir() and str(file) not in options(key):
+            inside = ", ".join(sorted(one.name for suffix in SUFFIXES for one in file.glob(f"*{suffix}"))[:10])
+            raise UserError(key, name, f"is a folder; give a rig's file in it ({inside or 'it holds no YAML file'})")
         if file.suffix in SUFFIXES and not file.is_file():
             known = ", ".join(options(key))
             meant = f"the rig that comes with dtb is {key}={file.stem}" if name == file.name and file.stem in options(
@@ -158,7 +167,9 @@ def _pairs(key: str, value: str) -> dict[str, str]:
     except yaml.YAMLError:
         found = None
     if not isinstance(found, dict) or any(isinstance(one, (dict, list)) or one is None for one in found.values()):
-        raise UserError(key, value, f"must be a mapping, e.g. {key}='{{q3: mm}}'")
+        group, _, part = key.partition(".")
+        example = f"{key}.{OF_A_RIG[part]}" if group in RIGS and part in OF_A_RIG else f"{key}='{{q3: mm}}'"
+        raise UserError(key, value, f"must be a mapping, e.g. {example}")
     return {str(name): str(text) for name, text in found.items()}
 
 

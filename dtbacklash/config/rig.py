@@ -6,6 +6,7 @@ form; what an element needs and which effects it takes stand in :mod:`dtbacklash
 """
 
 import math
+import re
 import sys
 from dataclasses import dataclass, replace
 from typing import Any
@@ -16,6 +17,10 @@ from dtbacklash.errors import UserError
 
 #: a relative tolerance, one standard deviation, is at most this: the value may be ten times as large
 TOLERANCE_MAX = 10.0
+
+
+#: a number, maybe with its unit, and no name
+_NUMBER_FIRST = re.compile(r"[-+]?\.?\d")
 
 
 def finite(key: str, value: Any, allowed: str = "a finite number") -> float:
@@ -105,7 +110,7 @@ class RigConfig:
     def _name_numbers(self, element: str, fields: dict[str, Any]) -> None:
         """Make parameters of the numbers that stand in an element."""
         for field, value in fields.items():
-            if is_number(value) or (isinstance(value, str) and value[:1].isdigit()):
+            if is_number(value) or (isinstance(value, str) and _NUMBER_FIRST.match(value)):
                 name = f"{element}_{field}"
                 if name in self.parameters:
                     raise UserError(f"rig.elements.{element}.{field}", value, f"there is a parameter {name} already")

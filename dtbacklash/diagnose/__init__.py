@@ -35,6 +35,7 @@ def diagnose(
     units: dict[str, str] | None = None,
     enough: Mapping[str, object] | None = None,
     depth: Depth = FULL,
+    keep: bool = False,
 ) -> Diagnosis:
     """Diagnose a recording, or several together, on a rig.
 
@@ -48,6 +49,7 @@ def diagnose(
     units : channel -> the unit that was read, and who says so, for the report; None: as the recording has it.
     enough : channel -> what is good enough, see :func:`.explained.read_enough`.
     depth : how much is looked for: ``none`` calibrates the rig as it is, ``quick`` names what is large, ``full`` all.
+    keep : whether Ctrl-C gives what is known so far (:attr:`Diagnosis.stopped`).
 
     Several recordings share the rig's physics and parameters. Each has its own sample time, first state, and zeros of
     its position sensors (but the first, which has the rig's); channels that not all have are not used.
@@ -63,13 +65,13 @@ def diagnose(
     if not isinstance(recording, Recording) and len(recording) == 1:
         recording = recording[0]
     if isinstance(recording, Recording) and (validation is None or isinstance(validation, Recording)):
-        return _one(recording, rig, validation, held_out, progress, jobs, units, accepted, depth)
+        return _one(recording, rig, validation, held_out, progress, jobs, units, accepted, depth, keep)
     recordings = [recording] if isinstance(recording, Recording) else recording
     others = [validation] if isinstance(validation, Recording) else validation
     several = Several.of(recordings, others, rig)
     records, left_out = long_enough(rig, several.records(rig, held_out))
     check_parts(records, ("validation", several.judging) if several.judging else ("held_out", held_out))
-    found = diagnose_records(rig, records, progress, jobs, accepted, depth)
+    found = diagnose_records(rig, records, progress, jobs, accepted, depth, keep)
     used = tuple(several.used(records, found.recordings))
     zeros = zeros_said(used, found.work.floor if found.work else {})
     notes = *notes_of_several(several, held_out), *left_out, *zeros, *found.notes
@@ -80,7 +82,7 @@ def diagnose(
 def _one(
     recording: Recording, rig: Rig, validation: Recording | None, held_out: float,
     progress: Callable[[str, float], None] | None, jobs: int | None, units: dict[str, str] | None, enough: Enough,
-    depth: Depth,
+    depth: Depth, keep: bool,
 ) -> Diagnosis:  # fmt: skip
     """The diagnosis of one recording."""
     if validation is None:
@@ -91,7 +93,7 @@ def _one(
         records = records_of(recording, rig, True, False) + records_of(validation, rig, False, True, number=1)
     records, left_out = long_enough(rig, records)
     check_parts(records, ("held_out", held_out) if validation is None else ("validation", validation.name))
-    found = diagnose_records(rig, records, progress, jobs, enough, depth)
+    found = diagnose_records(rig, records, progress, jobs, enough, depth, keep)
     notes = *notes_of(recording, validation, held_out), *left_out
     read = recording.assumed_units if units is None else units
     return replace(found, source=source_of(recording), notes=(*notes, *found.notes), units=dict(read))

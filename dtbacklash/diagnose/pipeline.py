@@ -34,8 +34,9 @@ from dtbacklash.diagnose.say.drawn import shown
 from dtbacklash.diagnose.say.findings import candidates, finding, located, recalibrated, without, without_known
 from dtbacklash.diagnose.say.next_experiment import next_experiment
 from dtbacklash.diagnose.say.sentences import beyond_said, explained_said, limits_said, modelled_said, summary
+from dtbacklash.diagnose.search.course import Course, silent
 from dtbacklash.diagnose.search.friction_by_direction import call_by_direction
-from dtbacklash.diagnose.search.grow import FULL, NONE, QUICK, Depth, search, silent
+from dtbacklash.diagnose.search.grow import FULL, NONE, QUICK, Depth, search
 from dtbacklash.diagnose.search.leave_out import drop, eliminate
 from dtbacklash.diagnose.search.model import Log, Model
 from dtbacklash.diagnose.search.objections import hands_back, raises_the_error
@@ -53,6 +54,12 @@ from dtbacklash.physics.rig import Rig
 #: the mean square)
 SMOOTH_COMMAND_SHARE = 0.7
 
+#: the share of a diagnosis before what was found is judged, and before what is left is modelled
+JUDGED, MODELLED = 0.8, 0.9
+#: what is said while and after a search is stopped
+ENDING = "stopped: judging what is known so far (Ctrl-C once more ends it)"
+STOPPED = "what was found until then, with nothing tried in its place. More may be missing, and no name is sure."
+TO_THE_END = "Let the diagnosis run to its end, before anything is measured because of it."
 SMOOTH = "The command is a measured signal: it passes smoothly through its samples instead of being held."
 SEARCHED: dict[Depth, str] = {
     NONE: "No physics was looked for (search=none): the rig was calibrated as it is.",
@@ -63,7 +70,7 @@ SEARCHED: dict[Depth, str] = {
 
 def diagnose_records(
     rig: Rig, records: list[Record], progress: Callable[[str, float], None] | None = None, jobs: int | None = None,
-    enough: Enough | None = None, depth: Depth = FULL,
+    enough: Enough | None = None, depth: Depth = FULL, keep: bool = False,
 ) -> Diagnosis:  # fmt: skip
     """Diagnose recordings on a rig.
 
@@ -72,15 +79,17 @@ def diagnose_records(
     rig : the nominal rig; effects that it has already have tolerances, and are recalibrated as its parameters are.
     records : with masks of the samples to fit and to judge on. progress : called with a text and a share, 0 to 1.
     jobs : threads; None leaves what joblib has been told, else one. enough : a rest that the user accepts.
-    depth : how much is looked for.
+    depth : how much is looked for. keep : whether Ctrl-C, once the rig is recalibrated, gives what is known so far,
+        judged as a quick search is; a second one ends it.
 
     Raises
     ------
     UserError : no channel of the rig was recorded, an integrating part not measured, or nothing was commanded.
+    KeyboardInterrupt : it was interrupted, and nothing is to be kept.
     """
     if not any(np.any(r.u[r.train]) for r in records):
         raise UserError("recording", "u", "it is 0 in all that is fitted: record the machine while it is commanded")
-    say = progress or silent
+    course = Course(progress or silent)
     # many short products of long vectors: threads of the linear algebra would cost more than they bring
     with on_cores(jobs), threadpool_limits(1, "blas"):
         inspected = inspect(rig, records)
@@ -89,17 +98,52 @@ def diagnose_records(
         try:
             known = with_priors(rig)
             records = aligned(known, divided(inspected.records))
-            model, log, smooth = _searched(_readings(known, records), say, depth)
-            if depth == FULL:
-                model = call_by_direction(call_by_its_limit(model, log), log)
-            say("fitting to all and judging", 0.95)
-            evidence = whole(model.evidence, records, smooth).pulled_for(model.fitted.rig)
-            judged = _without_leaders(_judged(refitted(model, for_judgement(evidence)), log, depth), log, depth)
-            say("modelling what is left", 0.97)
-            judged, beyond = _with_table(judged, log, depth)
-            return mended(_diagnosis(judged, beyond, log, smooth, enough or {}, depth), inspected)
+            readings = _readings(known, records)
+            try:
+                found = _found(readings, records, course, depth, enough or {})
+            except KeyboardInterrupt:
+                if not keep or course.believed is None:
+                    raise
+                found = _known_so_far(records, course, depth, enough or {})
+            return mended(found, inspected)
         except np.linalg.LinAlgError as error:
             return faulty(rig, inspected, not_finite(rig, inspected, error))
+
+
+def _found(
+    readings: list[Evidence], records: list[Record], course: Course, depth: Depth, enough: Enough
+) -> Diagnosis:  # fmt: skip
+    """Search and judge."""
+    model, log, course.smooth = _searched(readings, course, depth)
+    course.believe(model, log)
+    if depth == FULL:
+        model = call_by_direction(call_by_its_limit(model, log), log)
+        course.believe(model, log)
+    return _concluded(model, log, records, course.smooth, course, depth, enough)
+
+
+def _concluded(
+    model: Model, log: Log, records: list[Record], smooth: bool, course: Course, depth: Depth, enough: Enough,
+    stage: str = "fitting to all and judging",
+) -> Diagnosis:  # fmt: skip
+    """Fit to all, judge, and say it."""
+    course.at(stage, JUDGED, MODELLED)
+    evidence = whole(model.evidence, records, smooth).pulled_for(model.fitted.rig)
+    judged = _without_leaders(_judged(refitted(model, for_judgement(evidence)), log, depth, course), log, depth, course)
+    if depth == FULL:
+        course.at("modelling what is left", MODELLED, 1.0)
+    judged, beyond = _with_table(judged, log, depth, course)
+    return _diagnosis(judged, beyond, log, smooth, enough, depth)
+
+
+def _known_so_far(records: list[Record], course: Course, depth: Depth, enough: Enough) -> Diagnosis:
+    """What is believed where a search was stopped, judged without rivals."""
+    assert course.believed is not None
+    (model, log), stage = course.believed, course.stage
+    found = _concluded(model, log, records, course.smooth, course, depth if depth == NONE else QUICK, enough, ENDING)
+    said = found.summary.removeprefix(SEARCHED[QUICK]).strip()
+    summarised = f"Stopped early ({stage}): {STOPPED} {said}"
+    return replace(found, summary=summarised, stopped=stage, next_experiment=TO_THE_END)
 
 
 @dataclass(frozen=True)
@@ -114,16 +158,19 @@ class Judged:
     rivals: dict[Key, list[Rival]]
 
 
-def _judged(model: Model, log: Log, depth: Depth) -> Judged:
+def _judged(model: Model, log: Log, depth: Depth, course: Course) -> Judged:
     """The model without what does not stand its trial, beside the rivals of what does; a quick search fits none."""
     model, about, errors = _with_errors(model, log)
     left_out = without(model)
     laws = {key: law_shown(model.evidence, model.fitted, key, left_out[key]) for key in model.keys}
-    rivals = {key: rivals_of(model, log, key, laws[key]) if depth == FULL else [] for key in model.keys}
+    rivals: dict[Key, list[Rival]] = {}
+    for n, key in enumerate(model.keys):
+        tell = course.part((0.5 + n) / (0.5 + len(model.keys)), (1.5 + n) / (0.5 + len(model.keys)))
+        rivals[key] = rivals_of(model, log, key, laws[key], tell) if depth == FULL else []
     return Judged(model, about, errors, left_out, laws, rivals)
 
 
-def _without_leaders(judged: Judged, log: Log, depth: Depth) -> Judged:
+def _without_leaders(judged: Judged, log: Log, depth: Depth, course: Course) -> Judged:
     """The same with each rival that clearly leads in the place of what it leads."""
     tried = {judged.model.keys}
     while (ahead := leader(judged.model, judged.rivals)) is not None:
@@ -132,11 +179,11 @@ def _without_leaders(judged: Judged, log: Log, depth: Depth) -> Judged:
         if model.keys in tried:
             break
         tried.add(model.keys)
-        judged = _judged(model, log, depth)
+        judged = _judged(model, log, depth, course)
     return judged
 
 
-def _with_table(judged: Judged, log: Log, depth: Depth) -> tuple[Judged, Beyond | None]:
+def _with_table(judged: Judged, log: Log, depth: Depth, course: Course) -> tuple[Judged, Beyond | None]:
     """What no name explains as a table or formula; without the names in whose place that clearly leaves less."""
     if depth != FULL or not any(block.real for block in _left(judged)[1].values()):
         return judged, None
@@ -148,7 +195,7 @@ def _with_table(judged: Judged, log: Log, depth: Depth) -> tuple[Judged, Beyond 
     for key in gone:
         if key in model.keys:
             model = drop(model, log, key, "what is left of the rest as a table, or as a formula, is clearly less")
-    return _judged(model, log, depth), replace(beyond, said=replace(beyond.said, instead_of=kept))
+    return _judged(model, log, depth, course), replace(beyond, said=replace(beyond.said, instead_of=kept))
 
 
 def _left(judged: Judged) -> tuple[dict[str, Check], dict[str, BlockLeft]]:
@@ -191,15 +238,15 @@ def _readings(rig: Rig, records: list[Record]) -> list[Evidence]:
     return [held, smooth] if losses[1] < SMOOTH_COMMAND_SHARE * losses[0] else [held]
 
 
-def _searched(
-    readings: list[Evidence], say: Callable[[str, float], None], depth: Depth = FULL
-) -> tuple[Model, Log, bool]:
+def _searched(readings: list[Evidence], course: Course, depth: Depth = FULL) -> tuple[Model, Log, bool]:
     """The search about the reading of the command that needs the fewest effects, and whether that is the smooth one.
 
     Missing physics may make the smooth reading fit better, and a delay of half a sample undo it: where what was found
     with it, but for delays, nearly fits the held one, that is searched as well. The held one is the rule.
     """
-    model, log = search(readings[-1], say, depth)
+    course.smooth = len(readings) > 1
+    model, log = search(readings[-1], course, depth)
+    course.believe(model, log)
     if len(readings) == 1 or depth != FULL:
         return model, log, len(readings) > 1
     held, rig = readings[0], model.fitted.rig
@@ -210,7 +257,7 @@ def _searched(
     near = SETTINGS.hopeless_ratio * max(held_loss(model.evidence, model.fitted), SETTINGS.close_floors)
     if held_loss(held, same_laws) > near:
         return model, log, True
-    again, log_again = search(held, say, depth)
+    again, log_again = search(held, course.again(), depth)
     fewer = (len(again.named), merit(held, again.fitted)) <= (len(model.named), merit(model.evidence, model.fitted))
     most = SETTINGS.noise_floors * max(worst(model.evidence, model.fitted), 1.0)
     if fewer and worst(held, again.fitted) <= most:

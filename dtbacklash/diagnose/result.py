@@ -515,6 +515,7 @@ class Diagnosis:
     fault : of wiring, a sensor or the sampling, because of which no physics was looked for; else empty.
     calibration : of all known parameters, where the recording was diagnosed.
     modelled : what no name explains, as a table or formula in the rig.
+    stopped : what was being done when it was stopped, of which this is what was known; else empty.
     nominal : the rig as it was given. extended : recalibrated, with what was found. shown, work : for the report.
     """
 
@@ -541,6 +542,7 @@ class Diagnosis:
     fault: str = ""
     calibration: Calibration | None = None
     modelled: Modelled | None = None
+    stopped: str = ""
 
     @property
     def rig(self) -> Rig:
@@ -553,7 +555,8 @@ class Diagnosis:
             "verdict", "summary", "findings", "recalibrated", "fit", "free_running", "candidates", "located", "checks",
             "limits", "units", "next_experiment", "notes",
         )  # fmt: skip
-        document: Document = {name: json_able(getattr(self, name)) for name in names}
+        document: Document = {"stopped_early": self.stopped} if self.stopped else {}
+        document |= {name: json_able(getattr(self, name)) for name in names}
         document["findings"] = [finding.to_json() for finding in self.findings]
         document["recalibrated"] = {name: row.to_json() for name, row in self.recalibrated.items()}
         document["explained"] = self.explained.to_json() if self.explained else None

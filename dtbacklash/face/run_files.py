@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from dtbacklash.config.load import fingerprint, plain
 from dtbacklash.config.run import RunConfig
-from dtbacklash.files import run_folder, write_json, written
+from dtbacklash.files import run_folder, write_json, write_parquet, written
 from dtbacklash.version import __version__
 
 if TYPE_CHECKING:
@@ -121,7 +121,7 @@ def close_and_write(config: RunConfig, folder: Path, command: str, tell: Tell | 
         found.mkdir()
         diagnosis_page.write(closed.diagnosis, found)
         seen = ["t", *seen_by_the_loop(closed.recorded).channels]
-        recording_columns(closed.recorded)[seen].to_parquet(scratch / "recording.parquet", index=False)
+        write_parquet(scratch / "recording.parquet", recording_columns(closed.recorded)[seen])
         closed.table.to_csv(scratch / "close_the_loop.csv", index=False)
         page.write(closed, config, scratch, command)
         write_json(scratch / "summary.json", closed_summary(config, closed, command))
@@ -147,7 +147,7 @@ def write(result: RunResult, folder: Path) -> None:
     write_json(folder / "summary.json", result.summary)
     result.moves.to_csv(folder / "metrics.csv", index=False)
     result.estimates.to_csv(folder / "estimates.csv", index=False)
-    result.trace.to_parquet(folder / "trace.parquet", index=False)
+    write_parquet(folder / "trace.parquet", result.trace)
     run_report.write(result, result.moves, folder)
 
 
@@ -173,7 +173,7 @@ def save_recording(result: RunResult) -> None:
         if target.suffix.lower() == ".csv":
             recording_columns(result).to_csv(scratch, index=False)
         else:
-            recording_columns(result).to_parquet(scratch, index=False)
+            write_parquet(scratch, recording_columns(result))
 
 
 def command_of(overrides: Sequence[str], rig: object = None, model: object = None) -> str | None:

@@ -79,7 +79,7 @@ def effects_of_declaration(name: str, said: object, key: str) -> list[Effect]:
     if not isinstance(name, str) or not _NAME.fullmatch(name) or keyword.iskeyword(name):
         raise UserError(key, name, "a name of at most 40 small letters, digits and _, beginning with a letter")
     if not isinstance(said, Mapping):
-        raise UserError(key, said, f"a mapping with {ACTS_ON}, {LAW} and {PARAMETERS}")
+        raise UserError(key, said, f"a mapping with {ACTS_ON}, {LAW} and {PARAMETERS}, or {PACKAGED_LAW}")
     for word in said:
         if word not in KEYS:
             raise UserError(f"{key}.{word}", said[word], f"unknown; a law has {', '.join(KEYS)}")

@@ -77,7 +77,8 @@ def _check_sizes(name: str, values: Floats) -> None:
     large = np.flatnonzero(np.abs(values) > VALUE_MAX)  # an inf is no missing value
     if len(large):
         times = f", and {len(large) - 1} more like it" if len(large) > 1 else ""
-        raise Refused(f"{what} is {values[large[0]]:.3g} (SI) in row {large[0] + 1} of the numbers{times}")
+        where = f"(SI) in row {large[0] + 1} of the numbers{times}"
+        raise Refused(f"{what} is {values[large[0]]:.3g} {where}; at most {VALUE_MAX:g} is read")
 
 
 def _grid(picked: Picked, sample_time_s: float | None) -> timebase.Grid:

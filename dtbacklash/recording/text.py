@@ -150,7 +150,10 @@ def _dialect(lines: list[str]) -> tuple[str, str, int]:
                 best = (score, delimiter, decimal, k)
                 break
     if best is None:
-        raise Refused("holds no table of numbers with at least two columns")
+        full = [line for line in lines if not _skipped(line)]
+        alone = len(full) <= 2 and any(sum(_is_number(f, ".") for f in _fields(line, d)) > 1
+                                       for line in full for d, _ in DIALECTS)  # fmt: skip
+        raise Refused("holds one row of numbers" if alone else "holds no table of numbers with at least two columns")
     return best[1], best[2], best[3]
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import socket
 import subprocess
+import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -40,7 +42,8 @@ def run(config: BrokerConfig, say: Say) -> int:
         # as root it would become a user of its own, who may not read the folder
         user = "root" if hasattr(os, "geteuid") and os.geteuid() == 0 else None
         conf.write_text(configuration(folder, config.port, user), encoding="utf-8")
-        process = subprocess.Popen([mosquitto, "-c", str(conf)], start_new_session=True)
+        words = [mosquitto, "-c", str(conf)]
+        process = subprocess.Popen(words, start_new_session=True, preexec_fn=_ends_with_us())  # noqa: PLW1509 (one thread)
         told: list[int] = []
 
         def end(number: int, _frame: object) -> None:
@@ -58,6 +61,23 @@ def run(config: BrokerConfig, say: Say) -> int:
     if told:
         return 0
     raise Failure("broker", f"127.0.0.1:{config.port}", f"Mosquitto has ended by itself, with exit code {code}")
+
+
+def _ends_with_us() -> Callable[[], None] | None:
+    """What a new process does first, to be ended when this one is, even by SIGKILL; None where there is no such thing.
+
+    See prctl(2), PR_SET_PDEATHSIG.
+    """
+    if sys.platform != "linux":
+        return None
+    prctl, us = ctypes.CDLL(None).prctl, os.getpid()
+
+    def promise() -> None:
+        prctl(1, int(signal.SIGTERM), 0, 0, 0)
+        if os.getppid() != us:  # too late
+            os._exit(0)
+
+    return promise
 
 
 def _check_port(port: int) -> None:

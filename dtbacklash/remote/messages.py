@@ -9,7 +9,9 @@ from __future__ import annotations
 import base64
 import binascii
 import hashlib
+import json
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
@@ -29,6 +31,8 @@ from dtbacklash.twin.link.service import Answer, Request
 OUT_OF_BOUNDS = "gap out of bounds"
 #: letters of a text at most
 TEXT = 500
+#: a run, and its largest counter, as the schemas have them
+RUN, LARGEST = re.compile("[0-9a-f]{32}"), 2**53 - 1
 
 
 @dataclass(frozen=True)
@@ -143,6 +147,17 @@ def check_bounds(answer: Answer, gap_max_deg: float) -> None:
     std_rad = answer.chosen.estimate.std_rad
     if answer.guarded and not std_rad >= 0.0:
         raise Refused(OUT_OF_BOUNDS, f"a standard error of {std_rad:g} rad")
+
+
+def claimed_ticket(payload: bytes) -> Ticket:
+    """What a request of a wrong form says of itself; where that cannot be read, a run of zeros and the counter 1."""
+    try:
+        said = json.loads(payload.decode("utf-8"))
+        run, counter = said["run"], said["counter"]
+    except (ValueError, RecursionError, TypeError, KeyError):
+        run, counter = "", 1
+    known = isinstance(run, str) and RUN.fullmatch(run) and type(counter) is int and 1 <= counter <= LARGEST
+    return Ticket(run, counter) if known else Ticket(32 * "0", 1)
 
 
 def digest(payload: bytes) -> str:

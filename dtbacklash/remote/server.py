@@ -18,10 +18,11 @@ from dtbacklash.config.twin import ServeConfig
 from dtbacklash.errors import UserError
 from dtbacklash.remote.connection import Connection
 from dtbacklash.remote.credentials import STATUS, load_credentials
-from dtbacklash.remote.messages import AnswerMessage, RequestMessage, Ticket
+from dtbacklash.remote.messages import AnswerMessage, RequestMessage, Ticket, claimed_ticket, digest
 from dtbacklash.remote.protocol import (
     MALFORMED,
     NAME,
+    OTHER_VERSION,
     REQUESTS,
     VERSION,
     Counters,
@@ -36,6 +37,7 @@ from dtbacklash.remote.protocol import (
 )
 from dtbacklash.remote.statistics import Statistics
 from dtbacklash.remote.workers import FairQueue, Result, Workers
+from dtbacklash.twin.link.service import Answer
 
 BUSY, OVERDUE = "dropped: the twin is busy", "dropped: the machine has stopped waiting"
 #: machines that may wait at a time, runs of machines that are remembered
@@ -154,24 +156,32 @@ class TwinServer:
     # --- in: the network's thread
 
     def _take(self, topic: str, payload: bytes, signature: str | None) -> None:
+        sender: str | None = None
         try:
-            message = self._checked(topic, payload, signature)
+            sender = self._sender(topic, payload, signature)
+            message = self._checked(sender, payload)
         except Exception as error:  # whatever it is: a message must not end the network's thread
             refused = Refused.of(error)
             self.statistics.reject(refused.reason)
             self._say(f"{_printable(topic)}: a message is dropped: {refused}")
+            if sender is not None and refused.reason in (MALFORMED, OTHER_VERSION):
+                self._send(sender, claimed_ticket(payload), digest(payload), None, str(refused))
             return
         self.statistics.count(message.machine, "requests")
         dropped = self.queue.put(message.machine, _Waiting(message, time.monotonic()))
         if dropped is not None:
             self._refuse(dropped.message, BUSY, dropped=True)
 
-    def _checked(self, topic: str, payload: bytes, signature: str | None) -> RequestMessage:
-        """The request in a message that passes all checks; raises Refused."""
+    def _sender(self, topic: str, payload: bytes, signature: str | None) -> str:
+        """The machine that has signed a message; raises Refused."""
         machine = name_in(topic)
         if not NAME.fullmatch(machine):
             raise Refused(MALFORMED, "the name of the machine")
         check_origin("request", self._key.of_machine(machine), topic, payload, signature)
+        return machine
+
+    def _checked(self, machine: str, payload: bytes) -> RequestMessage:
+        """The request in a message of a machine that passes all checks; raises Refused."""
         message = RequestMessage.parsed(payload)
         if message.machine != machine:
             raise Refused(MALFORMED, f"of machine {message.machine}")
@@ -226,10 +236,12 @@ class TwinServer:
     def _answer(self, message: RequestMessage, result: Result, line: str) -> None:
         """Send the answer to a request, or the reason why there is none, and tell a line about it."""
         answer, reason = (None, result) if isinstance(result, str) else (result, "")
-        out = AnswerMessage(message.machine, self._ticket(), message.ticket, message.sha256, answer, reason)
-        key = self._key.of_machine(message.machine)
-        self._connection.publish(answer_topic(message.machine), out.dumped(), key, expires_s=600)
+        self._send(message.machine, message.ticket, message.sha256, answer, reason)
         self._say(f"{message.machine} request {message.ticket.counter}: {line}")
+
+    def _send(self, machine: str, to: Ticket, sha256: str, answer: Answer | None, reason: str) -> None:
+        out = AnswerMessage(machine, self._ticket(), to, sha256, answer, reason)
+        self._connection.publish(answer_topic(machine), out.dumped(), self._key.of_machine(machine), expires_s=600)
 
     def _ticket(self) -> Ticket:
         with self._lock:

@@ -127,12 +127,10 @@ def test_places_that_cannot_be_written(dtb, tmp_path):
 
 
 def test_a_full_disk(dtb, tmp_path, monkeypatch):
-    import pandas as pd
-
-    def full(self, path, **options):
+    def full(table, path, **options):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(pd.DataFrame, "to_parquet", full)
+    monkeypatch.setattr("pyarrow.parquet.write_table", full)
     check(dtb("run", "duration_s=2", "figures=false"), "hydra.run.dir=", "the disk is full", 1)
     words = ("run", "duration_s=2", "figures=false", "recording.save=x.parquet")
     check(dtb(*words), "hydra.run.dir=", "the disk is full", 1)

@@ -1,5 +1,6 @@
 """``dtb diagnose`` from the command line, with a stand-in for the diagnosis itself."""
 
+import json
 import logging
 from dataclasses import replace
 
@@ -27,10 +28,14 @@ def asked(monkeypatch, undrawn):
     seen = {}
     made_up = diagnosed.missing()
 
-    def pretend(train, held_out, rig, jobs, progress, config):
-        seen.update(train=train, held_out=held_out, rig=rig, jobs=jobs, enough=config.enough, search=config.search)
+    def pretend(train, held_out, rig, jobs, progress, config, keep):
+        seen.update(
+            keep=keep, train=train, held_out=held_out, rig=rig, jobs=jobs, enough=config.enough, search=config.search
+        )
         for fraction, text in ((0.0, "comparing"), (0.2, "comparing"), (0.5, "naming")):
             progress(fraction, text)
+        if keep:  # as if Ctrl-C came
+            return replace(made_up, stopped="naming")
         return replace(made_up, source=source_of(train), notes=notes_of(train, held_out, SETTINGS.held_out_share))
 
     monkeypatch.setattr(command, "run_diagnosis", pretend)
@@ -58,6 +63,22 @@ def dtb(tmp_path, tmp_path_factory, monkeypatch, capsys, asked):
 
     yield call
     GlobalHydra.instance().clear()
+
+
+def test_what_was_known_when_it_was_stopped_is_written_and_marked(dtb, asked, tmp_path):
+    code, out, _ = dtb("recording=bench.csv", "out=found", "keep=partial")
+    assert code == 130
+    assert out.startswith("stopped early; so far missing_physics: Coulomb")
+    assert json.loads((tmp_path / "found" / "diagnosis.json").read_text())["stopped_early"] == "naming"
+    assert ">stopped early</div>" in (tmp_path / "found" / "report.html").read_text(encoding="utf-8")
+    code, out, _ = dtb("recording=bench.csv", "out=found")  # takes its place
+    assert code == 0
+    assert "stopped" not in out + (tmp_path / "found" / "diagnosis.json").read_text()
+    code, _, err = dtb("recording=bench.csv", "out=other", "keep=all")
+    assert code == 2
+    assert "keep=all: choose one of partial" in err
+    dtb("-m", "recording=bench.csv", "search=full,quick", "keep=partial", "out=jobs", "hydra/launcher=basic")
+    assert asked["keep"] is False  # a job of a sweep that was stopped is not done
 
 
 def test_it_writes_everything_and_says_what_it_found(dtb, asked, tmp_path, files):
@@ -194,7 +215,7 @@ def test_verbose_says_what_it_is_doing_once_each_and_leaves_logging_alone(dtb):
         (["recording=bench.csv", "rig.effects.gear.rust.size=1"], "rig.effects.gear.rust=rust: an element of kind"),
         (["recording=bench.csv", "jobs=-1"], "jobs=-1: must be at least 1 and at most 256"),
         (["recording=bench.csv", "validation=gone.csv"], "validation=gone.csv: no such file"),
-        (["recording=bench.csv", "colour=red"], "colour=red: no such setting; choose one of enough, jobs, out"),
+        (["recording=bench.csv", "colour=red"], "colour=red: no such setting; choose one of enough, jobs, keep, out"),
         (["recording=bench.csv", "-x"], "option=-x: choose one of"),
         (["bench.csv"], "argument=bench.csv: write key=value"),
         (["recording=bench.csv", "out=bench.csv"], "out="),

@@ -115,3 +115,18 @@ def test_dtb_runs_from_the_wheel_in_an_empty_folder(unpacked: Path, tmp_path: Pa
     assert "nimc_twin" in python("-m", "dtbacklash.cli", "run", "--help")
     assert "lead_screw" in python("-m", "dtbacklash.cli", "run", "--cfg", "job")
     assert "emps" in python("-m", "dtbacklash.cli", "recordings")
+
+
+def pins(name: str) -> set[str]:
+    lines = (ROOT / name).read_text(encoding="utf-8").splitlines()
+    return {line.rstrip(" \\") for line in lines if "==" in line}
+
+
+def test_what_runs_need_is_pinned_as_for_the_tests_and_holds_none_of_their_tools() -> None:
+    runs, everything = pins("requirements.lock"), pins("requirements-all.lock")
+    assert runs < everything
+    names = {line.partition("==")[0] for line in runs}
+    wanted = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = [*wanted["optional-dependencies"]["build"], *wanted["optional-dependencies"]["remote"]]
+    assert {line.partition(">=")[0] for line in [*wanted["dependencies"], *extras]} <= names
+    assert not {"pytest", "mypy", "mkdocs", "cmake", "distributed"} & names

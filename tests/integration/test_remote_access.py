@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import hashlib
 import ipaddress
 import json
 import stat
@@ -68,7 +69,7 @@ class _Talker:
 
 
 def test_hostile_requests_do_not_disturb_the_twin(broker: Broker, served: Served) -> None:
-    """They are counted by what is wrong with them, and the next request is answered."""
+    """They are counted by what is wrong with them, told so where they are signed, and the next request is answered."""
     before = network.settled_status(broker, lambda s: s["online"])["rejected"]
     message = _request(broker)
     talker = _Talker(broker, "press", "press", [answer_topic("press")])
@@ -93,7 +94,12 @@ def test_hostile_requests_do_not_disturb_the_twin(broker: Broker, served: Served
     assert talker.say(topic, good) == ""
     assert talker.say(topic, good) == ""  # once more, as it was
     expected = {reason: len(payloads) for reason, payloads in hostile.items()} | {"wrong signature": 1, "replayed": 1}
-    wait_for(lambda: len(talker.heard) == 1)
+    told = [reason for reason in ("malformed", "wrong version") for _ in hostile[reason]]
+    wait_for(lambda: len(talker.heard) == len(told) + 1)
+    answers = [json.loads(payload) for _, payload in talker.heard]
+    assert sorted(a["reason"].partition(":")[0] for a in answers if a["status"] == "refused") == sorted(told)
+    digests = {hashlib.sha256(one).hexdigest() for reason in ("malformed", "wrong version") for one in hostile[reason]}
+    assert {a["request"]["sha256"] for a in answers if a["status"] == "refused"} == digests
     settled = network.settled_status(broker, lambda s: s["rejected"].get("replayed", 0) > before.get("replayed", 0))
     after = settled["rejected"]
     assert {reason: n - before.get(reason, 0) for reason, n in after.items()} == expected

@@ -95,3 +95,38 @@ def test_the_help_says_what_there_is_and_loads_nothing_heavy() -> None:
     assert "workers=1" in said
     assert all(line in said for line in EXAMPLE)
     assert said.splitlines()[-1] == "[]"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="prctl")
+@pytest.mark.check
+def test_a_broker_that_is_killed_hard_leaves_no_mosquitto(tmp_path: Path) -> None:
+    network.need_mosquitto()
+    words = [sys.executable, "-m", "dtbacklash.cli", "twin", "broker", f"port={network.free_port()}"]
+    with (tmp_path / "log").open("w") as out:
+        ours = subprocess.Popen(words, cwd=tmp_path, stdout=out, stderr=subprocess.STDOUT)
+    try:
+        wait_for(lambda: "Mosquitto on" in (tmp_path / "log").read_text() and network.children(ours.pid, "mosquitto"))
+        (theirs,) = network.children(ours.pid, "mosquitto")
+    finally:
+        ours.kill()
+        ours.wait(10)
+    stat = Path(f"/proc/{theirs}/stat")
+    wait_for(lambda: not stat.exists() or stat.read_text().rsplit(")", 1)[1].split()[0] == "Z", 10)
+
+
+@pytest.mark.check
+def test_a_run_that_no_twin_answers_ends_with_code_1_and_its_files(tmp_path: Path) -> None:
+    """No broker, or a broker and no twin: the loop goes on, all is written, and it is said."""
+    credentials = tmp_path / "machine.yaml"
+    credentials.write_text("user: machine\npassword: x\nkey: machine:" + 64 * "a" + "\n")
+    credentials.chmod(0o600)
+    there = [f"twin.broker=127.0.0.1:{network.free_port()}", "twin.timeout_s=0.5", f"twin.credentials={credentials}"]
+    words = ["run", *network.SCENARIO, "twin=remote", *there, "out=run"]
+    done = subprocess.run(
+        [sys.executable, "-m", "dtbacklash.cli", *words], cwd=tmp_path, capture_output=True, text=True, timeout=300,
+        check=False,
+    )  # fmt: skip
+    assert done.returncode == 1, done.stderr
+    assert "dtb: the twin has answered none of the requests" in done.stderr
+    assert "0 of 3 requests answered" in done.stdout
+    assert (tmp_path / "run" / "summary.json").exists()

@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 import pandas as pd
+import pyarrow.parquet
 import pytest
 
 import dtbacklash
@@ -256,14 +257,14 @@ def test_two_sweeps_into_one_folder_at_once_share_the_jobs(tmp_path):
 
 
 def test_a_disk_that_is_full_from_some_job_on_is_no_wrong_input(dtb, tmp_path, monkeypatch):
-    original = pd.DataFrame.to_parquet
+    original = pyarrow.parquet.write_table
 
-    def full(self, path, **options):
+    def full(table, path, **options):
         if "seed=2" in str(path):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        return original(self, path, **options)
+        return original(table, path, **options)
 
-    monkeypatch.setattr(pd.DataFrame, "to_parquet", full)
+    monkeypatch.setattr("pyarrow.parquet.write_table", full)
     assert dtb("run", "-m", "seed=2,2", *QUICK)[0] == 1
     code, _, err = dtb("run", "-m", "seed=1,2", *QUICK)
     assert code == 1

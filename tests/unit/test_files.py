@@ -7,6 +7,7 @@ import os
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from dtbacklash import files
@@ -242,3 +243,10 @@ def test_what_is_no_document_is_an_empty_one(tmp_path, content):
     if content is not None:
         (tmp_path / "a.json").write_bytes(content)
     assert files.read_json(tmp_path / "a.json") == {}
+
+
+def test_a_table_comes_back_from_parquet_to_the_last_bit(tmp_path):
+    values = np.random.default_rng(1).standard_normal(1000)
+    table = pd.DataFrame({"t_s": np.arange(1000) / 3, "q3_mm": np.where(values > 2, np.nan, values)})
+    files.write_parquet(tmp_path / "a.parquet", table)
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "a.parquet"), table, check_exact=True)

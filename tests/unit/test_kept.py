@@ -45,7 +45,7 @@ def test_other_arguments_and_other_code_make_it_anew(monkeypatch):
     kept(design, 0.7, "a")
     kept(design, np.nextafter(0.7, 1.0), "a")
     kept(design, 0.7, "b")
-    monkeypatch.setattr(keeping, "_state", lambda: ("other code",))
+    monkeypatch.setattr(keeping, "_state", lambda module: ("other code",))
     kept(design, 0.7, "a")
     assert len(made) == 4
 
@@ -69,3 +69,13 @@ def test_an_error_is_no_result():
 
 def test_a_real_design():
     assert kept(dominant_frequency, CHAIN) == kept(dominant_frequency, CHAIN) == dominant_frequency(CHAIN)
+
+
+def test_a_figure_that_is_kept_is_drawn_anew_when_the_look_of_the_house_changes(monkeypatch):
+    design_of, drawn_by = keeping._state("dtbacklash.control.design"), keeping._state("dtbacklash.report.run.loop")
+    assert len(drawn_by) == len(design_of) + 1  # matplotlib's version
+    keeping._state.cache_clear()
+    monkeypatch.setattr(keeping.sources, "digest", "+".join)
+    assert "report" in keeping._state("dtbacklash.report.run.loop")[0]
+    assert "report" not in keeping._state("dtbacklash.control.design")[0]
+    keeping._state.cache_clear()

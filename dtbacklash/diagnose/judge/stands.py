@@ -6,6 +6,7 @@ also has to have the form of an effort of free form over its own state.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -81,13 +82,15 @@ def leader(model: Model, rivals: dict[Key, list[Rival]]) -> tuple[Key, Rival] | 
     return min(ahead, key=lambda pair: merit(model.evidence, pair[1].fitted), default=None)
 
 
-def rivals_of(model: Model, log: Log, key: Key, law: LawShown | None) -> list[Rival]:
+def rivals_of(
+    model: Model, log: Log, key: Key, law: LawShown | None, tell: Callable[[int, int], None] = lambda done, of: None
+) -> list[Rival]:  # fmt: skip
     """The effects that came nearest to a named one, and its law at other places, fitted in its place.
 
-    A law with more parameters that comes out as the named one is not a rival.
+    A law with more parameters that comes out as the named one is not a rival. tell : called with (done, of).
     """
     starts = _starts(model, log, key)
-    fits = spread(lambda other: _in_place(model, key, other, starts[other]), starts)
+    fits = spread(lambda other: _in_place(model, key, other, starts[other]), starts, tell)
     rivals = [
         Rival(other, fitted, lead(model.evidence, fitted, model.fitted, TOLD, "used"))
         for other, fitted in zip(starts, fits, strict=True) if fitted is not None

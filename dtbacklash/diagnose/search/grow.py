@@ -4,7 +4,6 @@ Adding is greedy with a look ahead; what was added first is tried against its ri
 and each is tried without in the end.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Literal
@@ -26,6 +25,7 @@ from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import ON, fit
 from dtbacklash.diagnose.propose.locate import Score, bank
 from dtbacklash.diagnose.search.attempts import attempt, finish, weakened
+from dtbacklash.diagnose.search.course import Course
 from dtbacklash.diagnose.search.leave_out import eliminate, refit_with
 from dtbacklash.diagnose.search.model import Asked, Log, Model, Named, Trial, seen_by
 from dtbacklash.diagnose.search.order import (
@@ -61,62 +61,65 @@ HOPELESS_RATIO_NOISE = 1.5
 ATTEMPTS = 2
 #: of an effect that the rig has and the machine may not have, this share is left where its fit begins
 ALMOST_GONE = 1e-3
+#: shares of a diagnosis: where the first, the second ... effect is looked for, and what comes then
+LOOKED_FOR = (0.1, 0.3, 0.5, 0.6, 0.7)
+TRIED, RECONSIDERED = 0.7, 0.75
 #: before effects are looked for, one element's own parameter is tried where its signature leaves at most this share
 OWN_LIKELY = 0.7
 
 
-def silent(text: str, share: float) -> None:
-    """What to call with a text and a share, 0 to 1, where nobody asked for progress."""
-
-
-def search(evidence: Evidence, say: Callable[[str, float], None] = silent, depth: Depth = FULL) -> tuple[Model, Log]:
+def search(evidence: Evidence, course: Course, depth: Depth = FULL) -> tuple[Model, Log]:
     """Find the effects that the recording needs, one after the other.
 
     Where one wrong number alone leaves nothing but noise, one effect is held against it first, and more are looked for
     only if that fits better: a conspiracy of several is less likely than one wrong number.
     """
-    say("recalibrating the nominal rig", 0.02)
+    course.at("recalibrating the nominal rig", 0.02)
     nominal, log = _recalibrated(evidence), Log()
     model = Model(evidence, nominal, nominal)
+    course.believe(model, log)
     if depth == NONE:
         return model, log
     if depth == QUICK:
-        return _add_quickly(model, log, say), log
+        return _add_quickly(model, log, course), log
     if explains_alone(model, log, _recalibrated) or own_parameter(evidence, nominal, OWN_LIKELY):
-        model = _explain(model, log, 1, say)
+        model = _explain(model, log, 1, course)
         if model.wrong_value is not None or not model.named:
             return model, log
-    return _explain(model, log, EFFECTS_MAX, say), log
+    return _explain(model, log, EFFECTS_MAX, course), log
 
 
-def _add_quickly(model: Model, log: Log, say: Callable[[str, float], None]) -> Model:
+def _add_quickly(model: Model, log: Log, course: Course) -> Model:
     """Add the effects that stand out among quick fits, and try nothing else."""
     for number in range(QUICK_EFFECTS):
-        say(f"looking for effect {number + 1}", 0.2 + 0.3 * number)
-        larger = _add(model, log, thorough=False)
+        course.at(f"looking for effect {number + 1}", 0.2 + 0.3 * number, 0.5 + 0.3 * number)
+        larger = _add(model, log, course, thorough=False)
         if larger is None:
             break
         model = larger
+        course.believe(model, log)
     return model
 
 
-def _explain(model: Model, log: Log, most: int, say: Callable[[str, float], None]) -> Model:
+def _explain(model: Model, log: Log, most: int, course: Course) -> Model:
     """Add up to ``most`` effects that earn their place, take out what is not needed, try one wrong value instead."""
     before = model.keys
     for _ in range(ATTEMPTS):
-        model = _add_all(model, log, most, say)
+        model = _add_all(model, log, most, course)
         if not model.named:
             break
-        say("trying to do without", 0.8)
+        course.at("trying to do without", TRIED)
         model = eliminate(model, log)
+        course.believe(model, log)
         if model.named:
             break
     if before and model.keys == before:
         return model  # nothing has joined since they were judged
     model = replace(model, could_be=None)
     if len(model.named) > 1:
-        say("what else would fit", 0.9)
+        course.at("what else would fit", RECONSIDERED)
         model = reconsider(model, log, model.keys, FINAL_RIVALS)
+        course.believe(model, log)
     return wrong_value_instead(model, log)
 
 
@@ -136,7 +139,7 @@ def _astray(evidence: Evidence, fitted: Fit) -> bool:
     return max(away.values(), default=0.0) >= SETTINGS.astray_tolerances
 
 
-def _add_all(model: Model, log: Log, most: int, say: Callable[[str, float], None]) -> Model:
+def _add_all(model: Model, log: Log, most: int, course: Course) -> Model:
     """Add effects until none earns its place.
 
     Of two that hide each other none may (one half of a friction that differs by direction makes the moves to one side
@@ -145,9 +148,11 @@ def _add_all(model: Model, log: Log, most: int, say: Callable[[str, float], None
     """
     on_trial = False
     while len(model.named) < most:
+        number = len(model.named)
+        course.at(f"looking for effect {number + 1}", LOOKED_FOR[number], LOOKED_FOR[number + 1])
         model = _with_lower_floor(_with_weaker_pull(model, log))
-        say(f"looking for effect {len(model.named) + 1}", 0.1 + 0.2 * len(model.named))
-        larger = _release(model) or _add(model, log)
+        course.believe(model, log)
+        larger = _release(model) or _add(model, log, course)
         if larger is None and not on_trial and len(model.named) + 2 <= most:
             larger, on_trial = _on_trial(model, log), True
         elif larger is not None:
@@ -155,6 +160,7 @@ def _add_all(model: Model, log: Log, most: int, say: Callable[[str, float], None
         if larger is None:
             break
         model = larger
+        course.believe(model, log)
     return model
 
 
@@ -230,16 +236,16 @@ def scores_about(model: Model, log: Log) -> list[Score]:
     return scores
 
 
-def _add(model: Model, log: Log, thorough: bool = True) -> Model | None:
+def _add(model: Model, log: Log, course: Course, thorough: bool = True) -> Model | None:
     """The model with the best candidate that earns its place; None if there is none.
 
     thorough : whether those that come near are fitted in full.
     """
     evidence, current = model.evidence, model.fitted
     scores = promising(evidence, scores_about(model, log))[: SETTINGS.quick_fits]
-    trials = spread(partial(attempt, evidence, current), scores)
+    trials = spread(partial(attempt, evidence, current), scores, course.part(0.1, 0.6))
     trials = sorted(trials, key=lambda t: merit(evidence, t.fitted))
-    trials = _finished(model, trials) if thorough else trials
+    trials = _finished(model, trials, course) if thorough else trials
     trials = [replace(trial, beside=len(model.named)) for trial in trials]
     log.tried(evidence, trials)
     allowed = formulations(evidence, current)
@@ -250,7 +256,7 @@ def _add(model: Model, log: Log, thorough: bool = True) -> Model | None:
     return None
 
 
-def _finished(model: Model, trials: list[Trial]) -> list[Trial]:
+def _finished(model: Model, trials: list[Trial], course: Course) -> list[Trial]:
     """The trials, the best first, of which those that come near are fitted in full."""
     evidence, current = model.evidence, model.fitted
     is_close = bool(trials) and trials[0].held_out < SETTINGS.close_floors
@@ -262,7 +268,7 @@ def _finished(model: Model, trials: list[Trial]) -> list[Trial]:
         and merit(evidence, t.fitted) < merit(evidence, current)
         and not is_named_already(model, t)
     ]
-    finished = spread(partial(finish, evidence, current, near=True), near)
+    finished = spread(partial(finish, evidence, current, near=True), near, course.part(0.6, 1.0))
     return [*finished, *(t for t in trials if t.key not in {f.key for f in finished})]
 
 

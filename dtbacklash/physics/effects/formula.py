@@ -125,19 +125,21 @@ class Formula:
             return ast.BinOp(self._checked(node.left, depth + 1), node.op, self._checked(node.right, depth + 1))
         if isinstance(node, ast.Call):
             return self._call(node, depth)
-        what = "an attribute" if isinstance(node, ast.Attribute) else f"`{type(node).__name__.lower()}`"
-        raise UserError(self.key, _shown(node), f"{what} is not allowed; numbers, names, + - * / **, "
+        raise UserError(self.key, _shown(node), f"{_in_words(node)} is not allowed; numbers, names, + - * / **, "
                         f"{', '.join(FUNCTIONS)}")  # fmt: skip
 
     def _number(self, node: ast.Constant) -> ast.expr:
         value = node.value
         if isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < LARGEST:
             return ast.Constant(float(value))
-        raise UserError(self.key, _shown(node), f"a number below {LARGEST:g}")
+        allowed = f"a number below {LARGEST:g}" if type(value) in (int, float) else "is no number, such as 2.5 or 1e-3"
+        raise UserError(self.key, _shown(node), allowed)
 
     def _named(self, name: str) -> ast.expr:
         if name == "pi":
             return ast.Constant(math.pi)
+        if name in FUNCTIONS and name not in self._parameters:
+            raise UserError(self.key, name, f"is a function: write what it is of in brackets, {name}(...)")
         long = name if name in self._parameters else SHORT.get(name, name)
         if long not in self._states and long not in self._parameters:
             shorts = {long: short for short, long in SHORT.items()}
@@ -230,6 +232,21 @@ class Formula:
                 two = f"{units.of_dimension(told[0])} and {units.of_dimension(one)}"
                 raise UserError(self.key, _shown(node), f"{two} cannot be added or compared")
         return told[0] if told else None
+
+
+#: what people write who think of Python, as they would call it
+_WORDS: Final = {
+    ast.Attribute: "an attribute", ast.IfExp: "a condition (if ... else)", ast.BoolOp: "`and` or `or`",
+    ast.Tuple: "a comma outside of a function's brackets", ast.Starred: "a * with nothing before it",
+    ast.UnaryOp: "`not`",
+}  # fmt: skip
+
+
+def _in_words(node: ast.expr) -> str:
+    """What a part of a formula is that may not stand there; of operators only // gets so far."""
+    if isinstance(node, ast.BinOp):
+        return "the operator //"
+    return _WORDS.get(type(node), "this")
 
 
 def _value(node: ast.Constant) -> float:

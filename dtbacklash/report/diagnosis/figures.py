@@ -15,7 +15,7 @@ from dtbacklash.diagnose.result import Curve, LawShown
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.report.kit.decimate import envelope
 from dtbacklash.report.kit.intervals import scaled, unit_in_signs
-from dtbacklash.report.kit.style import INK, MUTED, new_figure, styled
+from dtbacklash.report.kit.style import INK, MUTED, line_up, new_figure, styled
 
 MEASURED, NOMINAL, EXTENDED = INK, "#0072b2", "#d55e00"
 NOISE = r"noise ($\pm 2 \sigma$)"
@@ -59,7 +59,7 @@ def curve_figure(curve: Curve, model: str = "extended") -> Figure:
     axes[-1, 0].axvspan(*window, fc="none", ec=MUTED, lw=0.9, ls=":")
     axes[0, 0].set_title("the whole record")
     axes[0, 1].set_title("a closer look")
-    figure.align_ylabels(axes[:, 0])
+    line_up(list(axes[:, 0]))
     figure.legend(loc="outside upper left", ncols=5, columnspacing=1.6)
     return figure
 

@@ -69,6 +69,7 @@ def write(diagnosis: Diagnosis, folder: Path) -> None:
         "diagnosis.html.j2",
         title=heading(diagnosis),
         badge=BADGES[diagnosis.verdict],
+        stopped=diagnosis.stopped,
         source=diagnosis.source,
         rig=diagnosis.nominal.config,
         answers=answers(diagnosis),

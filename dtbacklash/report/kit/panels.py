@@ -7,20 +7,19 @@ import math
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from dtbacklash.report.kit.decimate import envelope
-from dtbacklash.report.kit.style import COLOUR, MUTED, legend_above
+from dtbacklash.report.kit.style import COLOUR, MUTED, legend_above, line_up
 
 
-def finish_time_axis(figure: Figure, axes: list[Axes], trace: pd.DataFrame) -> None:
+def finish_time_axis(axes: list[Axes], trace: pd.DataFrame) -> None:
     """One time axis for all panels, labelled under the last."""
     t = trace["t_s"].to_numpy()
     axes[-1].set_xlim(t[0], t[-1])
     axes[-1].set_xlabel("time [s]")
     for ax in axes:
         ax.margins(y=0.08)
-    figure.align_ylabels(axes)
+    line_up(axes)
 
 
 def response_panel(ax: Axes, trace: pd.DataFrame) -> None:

@@ -5,7 +5,8 @@ Figures are built on `matplotlib.figure.Figure` without pyplot: no global state,
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import io
+from collections.abc import Callable, Sequence
 from functools import wraps
 from pathlib import Path
 from typing import ParamSpec, TypeVar
@@ -14,6 +15,7 @@ import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 INK = "#1f2933"  # text, axes, the truth
 MUTED = "#7b8794"  # thresholds, notes, bands
@@ -64,9 +66,44 @@ def panels(heights: list[float], sharex: bool = True) -> tuple[Figure, list[Axes
     return figure, list(axes)
 
 
+class Layout(ConstrainedLayoutEngine):
+    """matplotlib's, and labels of panels in one line.
+
+    `Figure.align_ylabels` would do the latter, too, but then each panel measures all of them, eight times a figure.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._lines: list[Sequence[Axes]] = []
+
+    def line_up(self, axes: Sequence[Axes]) -> None:
+        """Put the y labels of panels, one below the other, into one line."""
+        self._lines.append(axes)
+
+    def execute(self, fig: Figure) -> None:
+        """Lay out; the labels are lined up once."""
+        super().execute(fig)
+        canvas = fig.canvas
+        assert isinstance(canvas, FigureCanvasAgg)
+        for axes in self._lines:
+            for ax in axes:
+                ax.yaxis.get_tightbbox(canvas.get_renderer())  # puts its label beside its own ticks
+            left = min(ax.yaxis.label.get_position()[0] for ax in axes)
+            for ax in axes:
+                ax.yaxis.set_label_coords((left - ax.bbox.x0) / ax.bbox.width, 0.5)
+        self._lines.clear()
+
+
+def line_up(axes: Sequence[Axes]) -> None:
+    """Put the y labels of a figure's panels, one below the other, into one line."""
+    layout = axes[0].figure.get_layout_engine()
+    assert isinstance(layout, Layout)
+    layout.line_up(axes)
+
+
 def new_figure(height: float, width: float = WIDTH) -> Figure:
     """An empty figure of the house's width; sizes in inch."""
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = Figure(figsize=(width, height), layout=Layout())
     FigureCanvasAgg(figure)
     return figure
 
@@ -83,9 +120,29 @@ def legend_above(ax: Axes, columns: int = 4) -> None:
 
 
 @styled
+def png(figure: Figure) -> bytes:
+    """The figure as a PNG.
+
+    `savefig` gives the same bytes, but draws twice: once without ink, for the layout, which lays out by itself.
+    """
+    figure.set_dpi(matplotlib.rcParams["savefig.dpi"])
+    if (layout := figure.get_layout_engine()) is not None:
+        layout.execute(figure)
+        figure.set_layout_engine("none")
+    written, canvas = io.BytesIO(), figure.canvas
+    assert isinstance(canvas, FigureCanvasAgg)
+    # no software version in the file: the same figure is the same bytes
+    canvas.print_png(written, metadata={"Software": None}, pil_kwargs={"compress_level": 4})
+    return written.getvalue()
+
+
 def save(figure: Figure, path: Path) -> Path:
     """Write the figure as PNG (its folder is made if needed) and return the path."""
+    return save_png(png(figure), path)
+
+
+def save_png(content: bytes, path: Path) -> Path:
+    """Write a figure that is drawn already (its folder is made if needed) and return the path."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    # no software version in the file: the same figure is the same bytes
-    figure.savefig(path, format="png", metadata={"Software": None}, pil_kwargs={"compress_level": 4})
+    path.write_bytes(content)
     return path

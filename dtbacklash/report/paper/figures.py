@@ -143,7 +143,7 @@ def gap_scenario(trace: pd.DataFrame, estimates: pd.DataFrame | None = None) -> 
     response_panel(axes[0], trace)
     gap_panel(axes[1], trace, estimates)
     letter(axes, ["reference and output", "backlash gap angle"])
-    finish_time_axis(figure, axes, trace)
+    finish_time_axis(axes, trace)
     return figure
 
 
@@ -161,5 +161,5 @@ def novelty_scenario(trace: pd.DataFrame, estimates: pd.DataFrame | None, thresh
     gap_panel(axes[1], trace, estimates)
     novelty_panel(axes[2], trace, estimates, threshold_mm)
     letter(axes, ["reference and output", "backlash gap angle", r"novelty index $|\hat\eta|$"])
-    finish_time_axis(figure, axes, trace)
+    finish_time_axis(axes, trace)
     return figure

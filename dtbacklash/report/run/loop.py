@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from dtbacklash.control.margins import Curves, DesignedLoop
 from dtbacklash.report.kit.axes import logarithmic
 from dtbacklash.report.kit.numbers import number
-from dtbacklash.report.kit.style import COLOUR, INK, MUTED, SERIES, letter, new_figure, styled
+from dtbacklash.report.kit.style import COLOUR, INK, MUTED, SERIES, letter, new_figure, png, styled
 
 #: frequencies of the figure, rad/s, and how far about the origin the Nyquist curve is looked at
 LOWEST_RAD_S, POINTS, REACH = 0.3, 900, 2.5
@@ -41,6 +41,11 @@ def rows(designed: DesignedLoop) -> list[list[str]]:
 
 def _with_unit(value: float | None, unit: str) -> str:
     return "none" if value is None else f"{number(value)}{unit}"
+
+
+def loop_png(designed: DesignedLoop) -> bytes:
+    """The figure of a loop as a PNG."""
+    return png(loop_figure(designed))
 
 
 @styled

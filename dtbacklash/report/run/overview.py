@@ -87,7 +87,7 @@ def _stacked(chosen: list[Panel], trace: pd.DataFrame) -> Figure:
     for ax, (_, _, draw) in zip(axes, chosen, strict=True):
         draw(ax)
     letter(axes, [title for title, _, _ in chosen])
-    finish_time_axis(figure, axes, trace)
+    finish_time_axis(axes, trace)
     return figure
 
 

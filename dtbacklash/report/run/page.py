@@ -9,10 +9,11 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from dtbacklash.config.run import RunConfig
+from dtbacklash.kept import kept
 from dtbacklash.report.kit.intervals import scaled, unit_in_signs
 from dtbacklash.report.kit.numbers import number
 from dtbacklash.report.kit.page import Shown, embedded, render
-from dtbacklash.report.kit.style import save
+from dtbacklash.report.kit.style import save, save_png
 from dtbacklash.report.run import loop as loop_page
 from dtbacklash.report.run.methods import methods
 from dtbacklash.report.run.overview import moves_overlay, open_overview, run_overview
@@ -114,12 +115,12 @@ def overview(result: Any, moves: pd.DataFrame) -> Figure:
 
 def _draw(result: Any, moves: pd.DataFrame, folder: Path) -> dict[str, Path]:
     """The figures of the run by name."""
-    figures = {"overview": overview(result, moves)}
+    figures = {"overview": save(overview(result, moves), folder / "overview.png")}
     if len(moves):
-        figures["moves"] = moves_overlay(result.trace, moves)
-    if result.design is not None:
-        figures["loop"] = loop_page.loop_figure(result.design)
-    return {name: save(figure, folder / f"{name}.png") for name, figure in figures.items()}
+        figures["moves"] = save(moves_overlay(result.trace, moves), folder / "moves.png")
+    if result.design is not None:  # many runs share a design: what it looks like is drawn once
+        figures["loop"] = save_png(kept(loop_page.loop_png, result.design), folder / "loop.png")
+    return figures
 
 
 def _tiles(result: Any, moves: pd.DataFrame) -> list[tuple[str, str]]:

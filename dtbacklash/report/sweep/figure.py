@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator, NullLocator
 
-from dtbacklash.report.kit.style import INK, MARKERS, MUTED, SERIES, new_figure, save, styled
+from dtbacklash.report.kit.style import INK, MARKERS, MUTED, SERIES, line_up, new_figure, save, styled
 
 PANELS = {
     "overshoot_pct_max": "largest\novershoot [%]",
@@ -114,7 +114,7 @@ def _grid(table: pd.DataFrame, layout: Layout) -> Figure:
     for i, (name, label) in enumerate(PANELS.items()):
         panels[i, 0].set_ylabel(label)
         _scale_values(panels[i, 0].yaxis, table[name])
-    figure.align_ylabels(panels[:, 0])
+    line_up(list(panels[:, 0]))
     _legend(figure, table, layout)
     return figure
 

@@ -134,18 +134,26 @@ def play(theta_m: Array, half_gap: float, theta_d0: float, growth: float) -> Arr
 @compiled_allocating
 def filtered(u: Array, path: Path) -> Array:
     """Response of a path to the samples u, (N,), from rest at u[0]."""
+    out = u.copy()
+    filter_in_place(out, path)
+    return out
+
+
+# element by element: numba takes seconds to compile the assignment of a row
+@compiled_allocating
+def filter_in_place(u: Array, path: Path) -> None:
+    """Samples u, (N,), become the response of a path to them, from rest at u[0]."""
     phi, b, d = path.phi, path.b, path.d
     n = b.size
     state = path.start * u[0]
-    out = np.empty_like(u)
     for k in range(u.size):
-        out[k] = state[0] + d * u[k]
+        now = u[k]
+        u[k] = state[0] + d * now
         for i in range(n):
-            following = b[i] * u[k]
+            following = b[i] * now
             for j in range(i, n):
                 following += phi[i, j] * state[j]
             state[i] = following
-    return out
 
 
 @compiled_allocating
@@ -168,7 +176,8 @@ def cost(
         gap = max(abs(half_gap) + growth * (k - middle), 0.0)
         theta_d = min(max(theta_d, theta_m[k] - gap), theta_m[k] + gap)
         if k == 0:
-            state[:] = path.start * theta_d
+            for i in range(n):
+                state[i] = path.start[i] * theta_d
         if k >= settle:
             error = eps_q[k] + state[0] + d * theta_d
             total += error * error
@@ -214,8 +223,9 @@ def sensitivities(
     rows = np.empty((4, theta_m.size))
     play_sensitivities(theta_m, half_gap, theta_d0, growth, rows)
     for row in range(4):
-        rows[row] = filtered(rows[row], path)
-    rows[0] += eps_q
+        filter_in_place(rows[row], path)
+    for k in range(eps_q.size):
+        rows[0, k] += eps_q[k]
     return rows[:, settle:].copy()
 
 
@@ -238,7 +248,9 @@ def start_sensitivity(theta_m: Array, eps_q: Array, half_gap: float, theta_d0: f
     """Output error and its derivative by theta_d0 alone: rows of (2, N - settle), SI; half_gap >= 0."""
     rows = np.empty((4, theta_m.size))
     play_sensitivities(theta_m, half_gap, theta_d0, 0.0, rows)
+    filter_in_place(rows[0], path)
+    filter_in_place(rows[2], path)
     out = np.empty((2, theta_m.size - settle))
-    out[0] = (filtered(rows[0], path) + eps_q)[settle:]
-    out[1] = filtered(rows[2], path)[settle:]
+    for k in range(settle, theta_m.size):
+        out[0, k - settle], out[1, k - settle] = rows[0, k] + eps_q[k], rows[2, k]
     return out

@@ -72,3 +72,17 @@ def test_an_error_inside_ends_the_bar(terminal):
         time.sleep(0.3)
         raise ZeroDivisionError
     assert "reading" in terminal.getvalue()
+
+
+def test_while_the_simulation_is_compiled_that_is_what_is_said(capsys, monkeypatch):
+    monkeypatch.setattr(console, "LINE_EVERY_S", 0.05)
+    monkeypatch.setattr(console, "announce_compilation", lambda: True)
+    with console.progress("simulating") as tell:
+        tell(0.0)
+        time.sleep(0.2)
+        assert "dtb: compiling, 0 %" in capsys.readouterr().err
+        tell(0.25)
+        time.sleep(0.2)
+    told = capsys.readouterr().err
+    assert "dtb: simulating, 25 %" in told
+    assert "compiling" not in told.partition("simulating, 25 %")[2]

@@ -3,10 +3,12 @@
 import re
 
 import pytest
+from PIL import Image
 
 from dtbacklash import cli
 from dtbacklash.config.new_rigs import MACHINES
 from dtbacklash.face.rigs import load_rig
+from dtbacklash.report.diagnosis.rig_drawing import draw_rig
 
 
 @pytest.mark.parametrize("machine", MACHINES)
@@ -20,6 +22,8 @@ def test_a_new_rig_is_one_and_is_told_in_full(machine, tmp_path, monkeypatch, ca
     rig = load_rig("mine.yaml")
     assert all(f"  {name} = " in said for name in rig.config.parameters)
     assert all(name in said for name in rig.sensors)
+    assert "\ndrawn in mine_rig.png\n" in said
+    assert Image.open(tmp_path / "mine_rig.png").width == 1440
     assert "coulomb_friction" in said or "ground_friction" in said
     more = "" if rig.only("gear") else " controller=open_loop"
     assert said.endswith(f"dtb run rig=mine.yaml{more}\n")
@@ -37,7 +41,19 @@ def test_the_mode_of_an_oscillator(tmp_path, monkeypatch, capsys):
     assert re.search(r"k_f = 3 \+/- 2 %, of shaker", said)
 
 
+def test_the_drawing_goes_into_a_folder_and_shows_every_element_and_sensor(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["rig", "check", "lead_screw", "out=drawn/here"]) == 0
+    assert "drawn in drawn/here/lead_screw_rig.png" in capsys.readouterr().out
+    assert (tmp_path / "drawn" / "here" / "lead_screw_rig.png").read_bytes()[:4] == b"\x89PNG"
+    rig = load_rig("lead_screw")
+    told = {text.get_text().replace("\n", "") for text in draw_rig(rig, {}, []).axes[0].texts}
+    assert {*rig.elements, *rig.sensors} <= told
+
+
 @pytest.mark.parametrize(("words", "said"), [
+    (["check", "lead_screw", "out="], "out=(empty): give a folder"),
+    (["check", "lead_screw", "out=a", "out=b"], "out=b: is given twice"),
     (["nw"], "rig=nw: choose one of new, check"), (["new", "screw"], "argument=screw: write dtb rig new MACHINE FILE"),
     (["new", "car", "x.yaml"], "machine=car: choose one of screw, belt"), (["new", "belt", "x.yml.txt"], "must end in"),
     (["check", "nothing.yaml"], "rig=nothing.yaml: no such file"), (["check"], "write dtb rig check FILE.yaml"),

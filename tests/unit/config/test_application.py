@@ -79,6 +79,17 @@ def test_a_file_that_is_not_there_is_not_the_rig_of_its_name(monkeypatch, tmp_pa
     assert application.overrides(RUN, ["rig=oscillator.yaml"]) == ["rig=oscillator.yaml"]
 
 
+def test_a_folder_is_no_rig_but_may_hold_one(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    for folder in ("rigs", "emps"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "mine.yaml").touch()
+    for word in ("rigs", str(tmp_path / "rigs")):
+        with pytest.raises(UserError, match=r"rigs: is a folder; give a rig's file in it \(mine.yaml\)"):
+            application.overrides(RUN, [f"rig={word}"])
+    assert application.overrides(RUN, ["rig=emps"]) == ["rig=emps"]  # it comes with dtb
+
+
 @pytest.mark.parametrize(
     ("grammar", "words", "line"),
     [
@@ -89,6 +100,8 @@ def test_a_file_that_is_not_there_is_not_the_rig_of_its_name(monkeypatch, tmp_pa
         (RUN, ["--quick"], "option=--quick: choose one of --cfg"),
         (DIAGNOSE, ["recording="], "recording=: give a value"),
         (DIAGNOSE, ["units=mm"], "units=mm: must be a mapping, e.g. units='{q3: mm}'"),
+        (RUN, ["rig.laws=packaged"], "rig.laws=packaged: must be a mapping, e.g. rig.laws.dahl_friction=packaged"),
+        (RUN, ["rig.effects=x"], "rig.effects=x: must be a mapping, e.g. rig.effects.motor_bearing.coulomb_friction."),
         (PROVE, ["n"], "argument=n: write key=value"),
     ],
 )

@@ -79,6 +79,37 @@ def test_the_progress_is_told(rig):
     assert np.all(np.diff(told) >= 0)
 
 
+@pytest.mark.check
+def test_what_is_known_when_it_is_stopped_may_be_kept(rig):
+    """Ctrl-C while the second effect is looked for; a second Ctrl-C, or one before the first fit, leaves nothing."""
+    truth = rig.with_effect("motor_bearing", "coulomb_friction", {"torque": 0.02})
+    records, shares = [recorded(truth, seconds=4.0)], []
+
+    def stopped_at(*stages):
+        waiting = list(stages)
+
+        def tell(text, share):
+            shares.append(share)
+            if waiting and text.startswith(waiting[0]):
+                del waiting[0]
+                raise KeyboardInterrupt
+
+        return tell
+
+    found = diagnose_records(rig, records, stopped_at("looking for effect 2"), keep=True)
+    assert len({share for share in shares if 0.1 < share < 0.3}) >= 5  # each fit counts, not only each stage
+    document = found.to_json()
+    assert document["stopped_early"] == "looking for effect 2"
+    assert [(f["location"], f["effect"], f["confidence"]) for f in document["findings"]] == [
+        ("motor_bearing", "coulomb_friction", "partial")
+    ]
+    assert document["summary"].startswith("Stopped early (looking for effect 2): what was found until then")
+    assert "stopped_early" not in replace(found, stopped="").to_json()
+    for keep, stages in ((False, ["looking"]), (True, ["recalibrating"]), (True, ["looking", "stopped"])):
+        with pytest.raises(KeyboardInterrupt):
+            diagnose_records(rig, records, stopped_at(*stages), keep=keep)
+
+
 def test_a_recording_without_a_command_is_refused(rig):
     record = recorded(rig, seconds=4.0)
     silent = replace(record, u=np.zeros(record.samples))

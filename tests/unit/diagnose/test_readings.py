@@ -9,6 +9,7 @@ from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.free import Key, nominal_free
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import fit
+from dtbacklash.diagnose.search.course import Course
 from dtbacklash.diagnose.search.model import Log, Model, Named
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
@@ -39,7 +40,7 @@ def readings(oscillator) -> list[Evidence]:
 def searching(found: dict[int, Rig], order: dict[int, list[Key]], seen: list[Evidence]):
     """A search that finds the rigs that it is told to."""
 
-    def search(evidence: Evidence, say, depth) -> tuple[Model, Log]:
+    def search(evidence: Evidence, course, depth) -> tuple[Model, Log]:
         seen.append(evidence)
         known = fit(evidence, evidence.nominal, nominal_free(evidence.nominal))
         fitted: Fit = fit(evidence, found[id(evidence)], [])
@@ -55,7 +56,7 @@ def test_a_delay_of_half_a_sample_that_undoes_the_smooth_reading_is_no_finding(o
     found = {id(held): true, id(smooth): late}
     order = {id(held): [FRICTION], id(smooth): [FRICTION, LATE]}
     monkeypatch.setattr(pipeline, "search", searching(found, order, seen))
-    chosen, _, is_smooth = pipeline._searched(readings, lambda text, share: None)
+    chosen, _, is_smooth = pipeline._searched(readings, Course())
     assert (chosen.keys, is_smooth) == ((FRICTION,), False)
     assert len(seen) == 2
     assert held.rms(chosen.fitted.residuals) < 1.1
@@ -66,6 +67,6 @@ def test_a_smooth_reading_that_the_held_one_does_not_come_near_is_not_searched_t
     held, smooth = readings
     true, seen = oscillator.with_effect(*FRICTION, {"coefficient": 3.0}), []
     monkeypatch.setattr(pipeline, "search", searching({id(held): true}, {id(held): [FRICTION]}, seen))
-    chosen, _, is_smooth = pipeline._searched([smooth, held], lambda text, share: None)
+    chosen, _, is_smooth = pipeline._searched([smooth, held], Course())
     assert (chosen.keys, is_smooth) == ((FRICTION,), True)
     assert seen == [held]

@@ -65,6 +65,7 @@ REFUSED: list[tuple[Change, str, str]] = [
     (element("amplifier", gain="k"), "rig.elements.amplifier.gain=k", "; an amplifier has drives"),
     (element("link_1", stiffness="kk"), "rig.elements.link_1.stiffness=kk", "the name of one of the rig's parameters"),
     (element("link_1", stiffness=-1.0), "rig.parameters.link_1_stiffness.value=-1.0", "above 0 N/m"),
+    (element("link_1", stiffness="-1 N/mm"), "rig.parameters.link_1_stiffness.value=-1000.0", "above 0 N/m"),
     (element("link_1", stiffness="5 N"), "rig.parameters.link_1_stiffness.unit=N", "N/m, as rig.elements.link_1"),
     (element("link_1", stiffness="5 lbs"), "rig.parameters.link_1_stiffness.value=5 lbs", "the unit lbs is unknown"),
     (drop("link_1", "stiffness"), "rig.elements.link_1.stiffness=(missing)", "N/m"),

@@ -17,7 +17,7 @@ from dtbacklash.config.run import TwinConfig
 from dtbacklash.control.belief import beliefs_of, settled
 from dtbacklash.experiment import estimation
 from dtbacklash.remote import belief, messages
-from dtbacklash.remote.messages import AnswerMessage, RequestMessage, Ticket, check_bounds
+from dtbacklash.remote.messages import AnswerMessage, RequestMessage, Ticket, check_bounds, claimed_ticket
 from dtbacklash.remote.protocol import LIMITS, Refused, parsed, schema
 from dtbacklash.twin.gap.estimate import Estimate
 from dtbacklash.twin.gap.guard import Attempt, Verdict
@@ -175,3 +175,13 @@ def test_a_message_with_a_changed_byte_is_refused_or_read(data: st.DataObject) -
     payload[data.draw(st.integers(0, len(payload) - 1))] = data.draw(st.integers(0, 255))
     with suppress(Refused):
         AnswerMessage.parsed(bytes(payload))
+
+
+def test_a_request_of_a_wrong_form_is_known_by_what_can_be_read_of_it() -> None:
+    run, unknown = RUN, Ticket(32 * "0", 1)
+    for said in ({}, {"kind": "?"}, {"more": [1.0]}):
+        assert claimed_ticket(json.dumps({"run": run, "counter": 7} | said).encode()) == Ticket(run, 7)
+    for payload in (b"", b"{", b"[]", b"7", b"\xff", 100_000 * b'{"a":'):
+        assert claimed_ticket(payload) == unknown
+    for run_said, counter in ((run, 0), (run, 2**53), (run, True), (run, 1.5), (run, None), ("RUN", 1), (5, 1)):
+        assert claimed_ticket(json.dumps({"run": run_said, "counter": counter}).encode()) == unknown

@@ -1,5 +1,6 @@
 """Figures: what is drawn is what was given, nothing global is touched, files are small and repeatable."""
 
+import matplotlib
 import numpy as np
 import pytest
 import synthetic
@@ -166,3 +167,18 @@ def test_a_long_trace_makes_a_small_sharp_and_repeatable_file(trace, estimates, 
     assert first.read_bytes() == second.read_bytes()
     with Image.open(first) as image:
         assert image.width >= 1200
+
+
+def test_a_png_is_what_savefig_gives_and_the_labels_of_its_panels_stand_in_one_line(trace, estimates, tmp_path):
+    drawn = overview.run_overview(trace, estimates, move_table(trace))
+    content = style.png(drawn)
+    lefts = [ax.yaxis.label.get_window_extent().x0 for ax in drawn.axes]
+    assert lefts == pytest.approx([lefts[0]] * 3, abs=0.01)
+    assert lefts[0] > 0
+    for ax in drawn.axes:
+        assert not any(ax.yaxis.label.get_window_extent().overlaps(text.get_window_extent())
+                       for text in ax.get_yticklabels() if text.get_text())  # fmt: skip
+    with matplotlib.rc_context(style.RC):
+        again = overview.run_overview(trace, estimates, move_table(trace))
+        again.savefig(tmp_path / "a.png", metadata={"Software": None}, pil_kwargs={"compress_level": 4})
+    assert content == (tmp_path / "a.png").read_bytes()
