@@ -15,7 +15,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.comparison import lead, parameters_of
 from dtbacklash.diagnose.fit.free import Key, all_free
-from dtbacklash.diagnose.fit.intervals import ERROR_GROUPS_MIN, Linear, covariance_of, inverse
+from dtbacklash.diagnose.fit.intervals import ERROR_GROUPS_MIN, Linear, covariance_of
 from dtbacklash.diagnose.fit.problem import Fit, Problem
 from dtbacklash.diagnose.fit.refit import FULL, ON, QUICK, Rounds, objective
 from dtbacklash.diagnose.judge.free_form import LOCATED_SHARE, Recovered, free_forms
@@ -161,16 +161,18 @@ def _bend(evidence: Evidence, fitted: Fit, key: Key) -> float:
         total = 0.0
         for fold in range(FOLDS):
             seen = np.arange(len(grams)) % FOLDS != fold
-            root = np.linalg.cholesky(_definite(grams[seen].sum(axis=0) + fixed.T @ fixed)).T
-            step = -inverse(np.asarray(root, dtype=float)) @ (sides[seen].sum(axis=0) + fixed.T @ offset)
+            step = -_solved(grams[seen].sum(axis=0) + fixed.T @ fixed, sides[seen].sum(axis=0) + fixed.T @ offset)
             total += float(np.sum(squares[~seen] + 2.0 * sides[~seen] @ step + (grams[~seen] @ step) @ step))
         left.append(total)
     return size * BENDS[int(np.argmin(left))]
 
 
-def _definite(gram: Floats) -> Floats:
-    """A sum of squares that rounding, or a direction that nothing shows, cannot make singular."""
-    return gram + 1e-12 * np.diag(np.maximum(np.diag(gram), 1e-300))
+def _solved(gram: Floats, side: Floats) -> Floats:
+    """The least solution of the normal equations, whose columns differ by many decades; 0 along what nothing shows."""
+    norms = np.sqrt(np.diag(gram))
+    norms = np.where(norms > 0.0, norms, 1.0)
+    scaled: Floats = np.linalg.lstsq(gram / np.outer(norms, norms), side / norms, rcond=1e-12)[0]
+    return scaled / norms
 
 
 def _by_group(evidence: Evidence, jacobian: Floats, rows: Floats) -> tuple[Floats, Floats, Floats]:
