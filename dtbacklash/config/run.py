@@ -178,6 +178,10 @@ class TwinConfig:
         0.0, "for how long after its buffer the gap in force goes on growing as an answer saw it grow, less its "
         "error; 0: it stays as estimated, as in the paper", at_least=0,
     )  # fmt: skip
+    shading: float = setting(
+        1.0, "standard errors by which an estimate is put in force too small; 0 suits controller.crossing=hold, "
+        "which a gap too large harms no more than one too small", at_least=0, at_most=10,
+    )  # fmt: skip
     estimate_from: str = setting("model", "what the twin takes for the structure", choices=BELIEFS)
     novelty_threshold_mm: float = setting(0.1, "novelty index at which the twin is asked", above=0)
     novelty_filter: str = setting("ellip", "low-pass of the index: elliptic or Chebyshev II", choices=NOVELTY_FILTERS)

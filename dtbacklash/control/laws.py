@@ -50,6 +50,9 @@ CROSSING_RATIO = 3.0
 SMALL_GAP_RAD = 0.01
 #: a held reference is let go when this share of the voltage that crosses the gap is left: the motor has all but arrived
 ARRIVED = 0.15
+#: and when the measured motor is this near to where its model is, rad, or after PATIENCE times as many samples more.
+#: What keeps it away (friction) is made up for at CATCHING times the rate of the servo, by CATCHING_MOST rad at most
+NEAR_RAD, PATIENCE, CATCHING, CATCHING_MOST = 0.01, 4, 0.5, 0.5
 
 
 class Controller(NamedTuple):
@@ -59,8 +62,10 @@ class Controller(NamedTuple):
     whether there is any.
     crossing_ratio, crossing_rate : of the inverse of the backlash, rad/rad and 1/s, to the reference and to the error.
     w_rest, s_rest : states of the prefilter and of the structure at rest, for one rad of the screw.
-    crossing_step : rad a sample by which b crosses while the reference is held back; 0: it is never. arriving :
-    samples that the motor takes to follow b to its end. jump : m, a change of the reference that is no jump.
+    crossing_step : rad a sample by which b crosses while the reference is held back; 0: it is never. arriving,
+    patience : samples that the motor takes to follow b to its end, and for which it is waited for beyond them.
+    catching : share of what keeps the motor from its model that is made up for in a sample.
+    jump : m, a change of the reference that is no jump.
     limit : V, of the voltage. late : (3,) samples by which command, measured angle and measured output come late.
     la, lb, lc, ld, le : the matrices of a :class:`.design.LinearLaw`.
     """
@@ -86,6 +91,8 @@ class Controller(NamedTuple):
     s_rest: Floats
     crossing_step: float
     arriving: int
+    patience: int
+    catching: float
     jump: float
     limit: float
     late: Floats
@@ -103,7 +110,9 @@ class ControllerState(NamedTuple):
         behind the measured motor, on which the loop acts with `inner_loop`. angle : (1,) the measured angle before.
     w_r : the prefilter, driven by the reference alone. inverse : (5,) the inverse of the backlash as a share
         of the gap, W r, the gap that the model is in, rad, the reference that is let through, m, and the samples for
-        which the next one is held back after b has arrived. lines : (3, n) what is on its way through the delays of
+        which the next one is held back after b has arrived. servo : (3,) rad, what the inner loop is given beside b
+        against what keeps the motor from its model while the reference is held; how far the motor was apart from its
+        model before; and how much farther it is now. lines : (3, n) what is on its way through the delays of
         the model, the latest first. law : (n,) of a linear law.
     """
 
@@ -115,6 +124,7 @@ class ControllerState(NamedTuple):
     angle: Floats
     w_r: Floats
     inverse: Floats
+    servo: Floats
     lines: Floats
     law: Floats
 
@@ -130,25 +140,26 @@ def build_controller(
     if design is None:
         none, row = np.zeros((0, 0)), np.zeros(0)
         return Controller(structure, model, 0.0, none, row, row, 0.0, np.zeros((3, 3)), np.zeros(3), none, row,
-                          row, 1.0, False, known, 0.0, 0.0, row, row, 0.0, 0, 0.0, math.inf, np.zeros(3), law.A, law.B,
-                          law.C, law.D, law.E)  # fmt: skip
+                          row, 1.0, False, known, 0.0, 0.0, row, row, 0.0, 0, 0, 0.0, 0.0, math.inf, np.zeros(3),
+                          law.A, law.B, law.C, law.D, law.E)  # fmt: skip
     W, M = design.prefilter, design.motor_position
     S = design.plant if model == EXACT else design.structure
     flat = [np.ascontiguousarray(a, dtype=float).ravel() for a in (W.B, W.C, M.B, S.B, S.C)]
     wb, wc, mb, sb, sc = flat
     s_rest = np.linalg.solve(np.eye(len(sb)) - S.A, sb) if model == INVERSE else np.zeros(len(sb))
     w_rest = np.linalg.solve(np.eye(len(wb)) - W.A, wb) * float(sc @ s_rest)
-    step, arriving = 0.0, 0
+    step, arriving, catching = 0.0, 0, 0.0
     if model == INVERSE and config.crossing == "hold":
         # rad a sample for each volt, at a steady speed; the servo's lag is the inverse of what its gain makes of that
         speed = float(np.linalg.solve(np.eye(2) - M.A[:2, :2], mb[:2])[1]) * design.sample_time_s
-        step = config.crossing_v * speed
-        arriving = math.ceil(-math.log(ARRIVED) / (design.k_theta_v_per_rad * speed))
+        step = min(config.crossing_v, limit) * speed
+        servo = design.k_theta_v_per_rad * speed
+        arriving, catching = math.ceil(-math.log(ARRIVED) / servo), CATCHING * servo
     return Controller(
         structure, model, design.k_theta_v_per_rad, W.A, wb, wc, float(W.D[0, 0]), M.A, mb, S.A, sb, sc,
         design.sample_time_s, bool(np.any(known)), known, CROSSING_RATIO, 1.0 / config.tau_r_s, w_rest, s_rest,
-        step, arriving, SMALL_GAP_RAD * float(sc @ s_rest), limit, np.array(design.delays_s) / design.sample_time_s,
-        law.A, law.B, law.C, law.D, law.E,
+        step, arriving, PATIENCE * arriving, catching, SMALL_GAP_RAD * float(sc @ s_rest), limit,
+        np.array(design.delays_s) / design.sample_time_s, law.A, law.B, law.C, law.D, law.E,
     )  # fmt: skip
 
 
@@ -158,7 +169,7 @@ def new_controller_state(controller: Controller) -> ControllerState:
     w, m, s = (np.zeros(n) for n in sizes)
     law, lines = np.zeros(len(controller.lc)), np.zeros((3, math.ceil(controller.late.max()) + 2))
     spare = np.zeros(max(*sizes, law.size, 1))
-    return ControllerState(w, m, s, np.zeros(2), spare, np.zeros(1), w.copy(), np.zeros(5), lines, law)
+    return ControllerState(w, m, s, np.zeros(2), spare, np.zeros(1), w.copy(), np.zeros(5), np.zeros(3), lines, law)
 
 
 @inlined
@@ -266,7 +277,9 @@ def _reseat(C, X, gap):
 def _held(C, X, r, gap):
     """The reference that is let through, m: while a jump waits for the motor to cross the gap, the one before it.
 
-    The side to which the motor has to go follows from the jump alone, so no feedback passes here.
+    The side to which the motor has to go follows from the jump alone, so no feedback of the output passes here. b is
+    an angle of the motor, and this is measured: friction keeps a servo from its reference, on the other side when it
+    turns round, and the screw would start that much too late.
     """
     jump = r - X.inverse[3]
     if C.crossing_step > 0.0 and gap > SMALL_GAP_RAD and abs(jump) > C.jump:
@@ -274,13 +287,24 @@ def _held(C, X, r, gap):
         left = (1.0 - X.inverse[0] * side) * gap
         X.inverse[0] += side * min(left, C.crossing_step) / gap
         if left > C.crossing_step:
-            X.inverse[4] = C.arriving
+            X.inverse[4] = C.arriving + C.patience
             return X.inverse[3]
         if X.inverse[4] > 0.0:
             X.inverse[4] -= 1.0
-            return X.inverse[3]
+            if X.inverse[4] > C.patience or (X.inverse[4] > 0.0 and abs(X.servo[2]) > NEAR_RAD):
+                return X.inverse[3]
     X.inverse[3], X.inverse[4] = r, 0.0
     return r
+
+
+@inlined
+def _catch_up(C, X, apart):
+    """Make up for what keeps the motor from its model while the reference is held. apart : theta_m less theta_m^."""
+    if X.inverse[4] == 0.0:  # always, with `inner_loop`
+        X.servo[1] = apart
+        return
+    X.servo[2] = X.servo[1] - apart
+    X.servo[0] = min(max(X.servo[0] + C.catching * X.servo[2], -CATCHING_MOST), CATCHING_MOST)
 
 
 @inlined
@@ -346,7 +370,7 @@ def control_step(C, X, r, theta_m, q3, gap_hat, growth=0.0):
         theta_d = X.theta_d[0]
     feedback = theta_m
     if C.model == INVERSE:
-        feedback = theta_m - _inverse(C, X, r, theta_ref - theta_d, gap)
+        feedback = theta_m - _inverse(C, X, r, theta_ref - theta_d, gap) - X.servo[0]
     elif C.structure == NIMC:
         # the inner loop acts on the screw's angle; the complete model has its own, so the loop takes the measured one
         X.theta_d[1] = play(X.theta_d[1], theta_m, gap)
@@ -361,6 +385,8 @@ def control_step(C, X, r, theta_m, q3, gap_hat, growth=0.0):
         _advance_model(C.ma, C.mb, _late(X.lines[0], C.late[0], u - forward), X.m, X.spare)
     elif C.model in (INNER_LOOP, INVERSE):
         ahead, own = (X.inverse[0] * gap, X.m[2]) if C.model == INVERSE else (0.0, theta_d)
-        own_u = _limited(C, C.gain * (theta_ref + ahead - _late(X.lines[1], C.late[1], own)))
+        own = _late(X.lines[1], C.late[1], own)
+        _catch_up(C, X, theta_m - own)
+        own_u = _limited(C, C.gain * (theta_ref + ahead - own))
         _advance_model(C.ma, C.mb, _late(X.lines[0], C.late[0], own_u), X.m, X.spare)
     return u, eps

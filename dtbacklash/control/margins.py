@@ -8,9 +8,9 @@ motor, K the gain of the inner loop, F = W S and G = K G1 / (1 + K G1), all samp
 - ``bare``, ``exact``: H_theta = -K / (1 - K F G1), H_q = -K W / (1 - K F G1);
 - ``inner_loop``, ``inverse``: H_theta = -K, H_q = -K W / (1 - F G).
 
-Delays that the design knows are in the models as in the plant: G1 is with those of the command and of the measured angle, S
-with that of the measured output less that of the angle. Only ``measured`` has none in its F. What is left is the margin
-for a delay that is not known.
+Delays that the design knows are in the models as in the plant: G1 is with those of the command and of the measured
+angle, S with that of the measured output less that of the angle. Only ``measured`` has none in its F. What is left is
+the margin for a delay that is not known.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ class Curves:
 
     @cached_property
     def plant(self) -> tuple[Response, Response]:
-        """G1 and S: voltage -> measured angle of the motor, and from there on to the measured output, with their delays."""
+        """G1 and S with their delays: voltage -> measured angle of the motor, and on to the measured output."""
         d, (motor, structure) = self.of.design, self.late
         return (
             response(d.motor_position, self.omega, d.sample_time_s) * motor,

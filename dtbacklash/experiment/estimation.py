@@ -395,20 +395,21 @@ class Estimation:
 def growth_ahead(answer: Answer, earlier: tuple[float, Answer] | None) -> float:
     """How fast the gap in force goes on growing after an answer, rad/s: what its buffer and the answers both show.
 
-    The growth within the buffer says what will be, but dry friction looks like it; that since the answer before, whose
-    buffer lies so many seconds ``earlier``, says what has been. Each counts less a standard error, and the gap is taken
-    to grow at most AHEAD times as fast as it did. Without an answer before it does not grow.
+    The growth since the answer before, whose buffer lies so many seconds ``earlier``, may double or end: it is the mean
+    and the standard deviation of a prior. The growth within the buffer is the measurement. Dry friction looks like
+    growth within a buffer, so the gap is taken to grow at most AHEAD times as fast as it did for sure. A growth that
+    has slowed goes on slowing: half the time between two answers ago it was the one, now it is the other. Without an
+    answer before, or where the buffer shows no growth, it does not grow.
     """
     if earlier is None or earlier[0] <= 0.0 or not (answer.guarded and earlier[1].guarded):
         return 0.0
     now, then = answer.chosen.estimate, earlier[1].chosen.estimate
-    shown = _less(now.growth_rad_s, now.growth_std_rad_s)
-    been = _less((now.gap_rad - then.gap_rad) / earlier[0], math.hypot(now.std_rad, then.std_rad) / earlier[0])
-    if shown * been <= 0.0:
+    been = (now.gap_rad - then.gap_rad) / earlier[0]
+    been_std = math.hypot(now.std_rad, then.std_rad) / earlier[0]
+    most = AHEAD * max(abs(been) - been_std, 0.0)
+    if not (most > 0.0 and math.isfinite(now.growth_std_rad_s)):
         return 0.0
-    return math.copysign(min(abs(shown), AHEAD * abs(been)), shown)
-
-
-def _less(value: float, std: float) -> float:
-    """A value nearer to 0 by its standard error; 0 where it has none."""
-    return math.copysign(max(abs(value) - std, 0.0), value) if math.isfinite(std) else 0.0
+    prior, seen = been**2 + been_std**2, now.growth_std_rad_s**2
+    ahead = (seen * been + prior * now.growth_rad_s) / (seen + prior)
+    side = math.copysign(1.0, been)
+    return side * max(min(side * ahead, side * (2.0 * now.growth_rad_s - been), most), 0.0)
