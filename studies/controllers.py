@@ -25,8 +25,8 @@ CONTROLLERS = {
     "LQG (integral action)": ("controller=lqg",),
     "IMC": ("controller=imc",),
     "NIMC, fixed gap of 50 degrees": ("controller=nimc_fixed",),
+    "NIMC, twin, the paper's form": ("experiment=fig13",),
     "NIMC, twin": ("controller=nimc_twin",),
-    "NIMC, twin, reference held": ("experiment=held",),
 }
 PAGES, BEGIN, END = ("controller.md",), "<!-- controllers: begin -->", "<!-- controllers: end -->"
 IMAGE = "images/controllers.png"

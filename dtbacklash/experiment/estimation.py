@@ -231,7 +231,10 @@ class Estimation:
         step_s, self.new_since = self.config.sample_time_s, k
         earlier, self.before_it = self.before_it, (middle, answer)
         since = None if earlier is None else ((middle - earlier[0]) * step_s, earlier[1])
-        growth, until = growth_ahead(answer, since) * step_s, middle + round(self.config.twin.growth_s / step_s)
+        growth, until = (
+            growth_ahead(answer, since) * step_s,
+            middle + round((self.config.twin.growth_s or 0.0) / step_s),
+        )
         if growth > 0.0:
             room = math.radians(self.config.twin.gap_max_deg) - answer.gap_rad
             until = min(until, middle + math.floor(room / growth))

@@ -68,8 +68,8 @@ def test_the_compiled_controller_gives_the_voltages_of_the_run(compiled, case):
 
 
 def test_a_gap_that_a_twin_sets_is_taken_as_in_the_run(compiled):
-    words = ("experiment=held", "profile=constant", "profile.start_deg=40", "duration_s=30", "reference.period_s=20",
-             "twin.delay_s=1")  # fmt: skip
+    words = ("controller=nimc_twin", "profile=constant", "profile.start_deg=40", "duration_s=30",
+             "reference.period_s=20", "twin.delay_s=1")  # fmt: skip
     run = run_scenario(compose(*words))
     step, gap = compiled(*words), np.radians(run.trace["gap_hat_deg"].to_numpy())
     u = [step(*one) for one in zip(run.seen["r"], run.seen["theta_m"], run.seen["q3"], gap, strict=True)]

@@ -174,7 +174,7 @@ def test_a_low_limit_of_the_voltage_makes_the_crossing_slower_and_the_move_no_wo
 
 
 def test_the_main_scenario_meets_its_bars() -> None:
-    moves = run_scenario(compose("experiment=held")).moves
+    moves = run_scenario(compose("controller=nimc_twin")).moves
     assert moves["overshoot_pct"].max() <= 0.8
     assert moves["settling_time_s"].max(skipna=False) <= 1.0
     assert moves["peak_voltage_v"].max() <= 15.0
