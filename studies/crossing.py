@@ -19,7 +19,7 @@ from typing import Any
 import pandas as pd
 
 from dtbacklash.config.compose import compose
-from dtbacklash.config.run import RunConfig
+from dtbacklash.config.run import ProfileConfig, RunConfig
 from dtbacklash.control.belief import Belief, Beliefs
 from dtbacklash.errors import Diverged
 from dtbacklash.experiment.run import run_scenario
@@ -27,12 +27,14 @@ from dtbacklash.physics.rig import Rig, build_rig
 from studies.measure import Row
 from studies.wrong_models import LIFE_S, MOVE_S, PROCESSES, REPEATS, SCATTER, WORSE_PCT, random_case
 
-#: way -> internal model, crossing, whether the twin is asked, and in words; the last is the default outside the paper's
+#: way -> internal model, crossing, whether the twin is asked, and in words; `new` is the default outside the paper's
 WAYS: dict[str, tuple[str, str, bool, str]] = {
     "kept": ("inverse", "hold", False, "`inverse`, held, old gap kept"),
     "paper": ("bare", "run", True, "`bare`, the paper's"),
-    "inner_loop": ("inner_loop", "run", True, "`inner_loop`"),
+    "inner_loop": ("inner_loop", "run", True, "`inner_loop`, reference runs on"),
     "new": ("inverse", "hold", True, "`inverse`, held, growing: the default"),
+    "mpc": ("mpc", "run", False, "`controller=mpc`, which knows no gap"),
+    "no_gap": ("imc", "run", False, "`controller=imc` on the machine without its gap"),
 }
 
 
@@ -46,7 +48,12 @@ def live(config: RunConfig, believed: Rig, way: str) -> tuple[float, float, floa
     Infinite where the loop diverges, and the settling time where a move does not settle.
     """
     form, crossing, asks, _ = WAYS[way]
-    controller = replace(config.controller, internal_model=form, crossing=crossing)
+    if form in ("mpc", "imc"):
+        controller = compose(f"controller={form}").controller
+    else:
+        controller = replace(config.controller, internal_model=form, crossing=crossing)
+    if way == "no_gap":
+        config = replace(config, profile=ProfileConfig("constant", end_deg=0.0))
     if not asks:
         controller = replace(controller, reconfigure="never")
     twin = replace(config.twin, **(HELD if crossing == "hold" else {"growth_s": 0.0, "shading": 1.0}))
@@ -97,7 +104,8 @@ def crossing_rows(table: pd.DataFrame) -> list[Row]:
             "settling_median_s": settling.median(), "settling_p90_s": settling.quantile(0.9),
             "unsettled": int((~settling.map(math.isfinite)).sum()), "peak_median_v": table[f"peak_{way}_v"].median(),
         })  # fmt: skip
-    rows[-1]["worse_than_kept"] = int(table["worse"].sum())
+        if way == "new":
+            rows[-1]["worse_than_kept"] = int(table["worse"].sum())
     return rows
 
 

@@ -48,7 +48,7 @@ class ControllerConfig:
     name: str = setting("nimc_twin", "name in results; the option's file sets it")
     structure: str = setting(
         "nimc",
-        "linear IMC, IMC with a model of the backlash, a PID, an LQG, or the reference as the rig's input",
+        "linear IMC, IMC with a model of the backlash, a PID, an LQG, an MPC, or the reference as the rig's input",
         choices=STRUCTURES,
     )
     reconfigure: str = setting(

@@ -20,6 +20,7 @@ from dtbacklash.control.design import (
     design_controller,
     dominant_frequency,
 )
+from dtbacklash.control.predictive import mpc_law
 from dtbacklash.control.rivals import lqg_law, pid_law
 from dtbacklash.errors import UserError
 from dtbacklash.kept import kept
@@ -238,4 +239,6 @@ def design_for(config: RunConfig, belief: Belief) -> ControllerDesign | None:
         law = kept(pid_law, linear.structure, c.k_theta_v_per_rad, c.tau_r_s, config.sample_time_s)
     elif c.structure == "lqg":
         law = kept(lqg_law, linear.motor, linear.structure, c.tau_r_s, config.sample_time_s)
+    elif c.structure == "mpc":
+        law = kept(mpc_law, linear.motor, linear.structure, c.tau_r_s, config.sample_time_s)
     return replace(design, delays_s=belief.delays_s(), law=law)

@@ -12,7 +12,7 @@
 typedef struct {
     double half_gap; /* believed, rad: may be set before any step */
     double growth;   /* of it since the step before, rad: the rest of its change is a new estimate */
-    double w[NW], m[NM], s[NS], w_r[NW], law[NL], lines[3][NLINE];
+    double w[NW], m[NM], s[NS], w_r[NW], law[NL], moves[NP], lines[3][NLINE];
     double screw, screw_measured, angle, share, ahead, gap, through, waits, caught, apart, behind;
 } controller;
 
@@ -113,8 +113,28 @@ static void catch_up(controller *c, double apart) {
     c->caught = clip(c->caught + CATCHING * c->behind, -CATCHING_MOST, CATCHING_MOST);
 }
 
+/* The first of the moves that cost least, by projected fast gradient steps from those of the sample before, V. */
+static double planned(controller *c, double forward) {
+    double ahead[NP], slope[NP], next[NP], changed = 2.0 * FOUND;
+    memcpy(ahead, c->moves, sizeof ahead);
+    for (int i = 0; i < NP; i++) slope[i] = output(LF[i], c->law, NL);
+    for (int k = 0; k < SEARCH_STEPS && changed >= FOUND; k++) {
+        changed = 0.0;
+        for (int i = 0; i < NP; i++) next[i] = ahead[i] - SEARCH[0] * (output(LH[i], ahead, NP) + slope[i]);
+        for (int i = 0; i < NP; i++) {
+            double found = clip(next[i], -LIMIT - forward, LIMIT - forward), by = found - c->moves[i];
+            if (fabs(by) > changed) changed = fabs(by);
+            ahead[i] = found + SEARCH[1] * by;
+            c->moves[i] = found;
+        }
+    }
+    return c->moves[0];
+}
+
 static double linear(controller *c, const double y[3], double forward) {
-    double u = clip(output(LC, c->law, NL) + output(LD, y, 3) + forward, -LIMIT, LIMIT), next[NMAX];
+    double u = PREDICTIVE ? planned(c, forward) + forward
+                          : clip(output(LC, c->law, NL) + output(LD, y, 3) + forward, -LIMIT, LIMIT);
+    double next[NMAX];
     for (int i = 0; i < NL; i++)
         next[i] = output(LA[i], c->law, NL) + output(LB[i], y, 3) + LE[i] * (u - forward);
     memcpy(c->law, next, sizeof c->law);

@@ -22,7 +22,7 @@ What drives the model of the structure is ``controller.internal_model``:
 - ``auto`` stands for one of them until it is known what is believed of the rig (:func:`.belief.settled`).
 
 What is known of the machine is in the model as well: the voltage is limited as the amplifier limits it, and delays of
-the command and of both sensors pass lines of the same length. PID and LQG are a :class:`.design.LinearLaw`.
+the command and of both sensors pass lines of the same length. PID and LQG are a :class:`.linear_law.LinearLaw`.
 """
 
 import math
@@ -35,12 +35,15 @@ from dtbacklash.arrays import Floats
 from dtbacklash.compiled import inlined
 from dtbacklash.config.run import ControllerConfig
 from dtbacklash.control.belief import FeedForward
-from dtbacklash.control.design import ControllerDesign, LinearLaw
+from dtbacklash.control.design import ControllerDesign
+from dtbacklash.control.linear_law import LinearLaw
 from dtbacklash.physics.effects.play import play
 
 IMC, NIMC, OPEN_LOOP, LINEAR = 0, 1, 2, 3
+#: steps towards the moves of a predictive law in a sample, at most, and the change, V, below which none follows
+SEARCH_STEPS, FOUND_V = 60, 1e-9
 BARE, MEASURED, INNER_LOOP, EXACT, INVERSE = 0, 1, 2, 3, 4
-_STRUCTURES = {"imc": IMC, "nimc": NIMC, "open_loop": OPEN_LOOP, "pid": LINEAR, "lqg": LINEAR}
+_STRUCTURES = {"imc": IMC, "nimc": NIMC, "open_loop": OPEN_LOOP, "pid": LINEAR, "lqg": LINEAR, "mpc": LINEAR}
 _MODELS = {"bare": BARE, "measured": MEASURED, "inner_loop": INNER_LOOP, "exact": EXACT, "inverse": INVERSE}
 #: how far the inverse of the backlash moves for each radian that the reference asks of the screw: at 1 the gap is
 #: crossed too late, at 10 an estimate that is too large overshoots most (``python -m studies nimc_forms``)
@@ -67,7 +70,8 @@ class Controller(NamedTuple):
     catching : share of what keeps the motor from its model that is made up for in a sample.
     jump : m, a change of the reference that is no jump.
     limit : V, of the voltage. late : (3,) samples by which command, measured angle and measured output come late.
-    la, lb, lc, ld, le : the matrices of a :class:`.design.LinearLaw`.
+    la, lb, lc, ld, le, lh, lf : the matrices of a :class:`.linear_law.LinearLaw`; search : (2,) length of a
+    step towards its moves, and momentum.
     """
 
     structure: int
@@ -101,6 +105,9 @@ class Controller(NamedTuple):
     lc: Floats
     ld: Floats
     le: Floats
+    lh: Floats
+    lf: Floats
+    search: Floats
 
 
 class ControllerState(NamedTuple):
@@ -113,7 +120,8 @@ class ControllerState(NamedTuple):
         which the next one is held back after b has arrived. servo : (3,) rad, what the inner loop is given beside b
         against what keeps the motor from its model while the reference is held; how far the motor was apart from its
         model before; and how much farther it is now. lines : (3, n) what is on its way through the delays of
-        the model, the latest first. law : (n,) of a linear law.
+        the model, the latest first. law : (n,) of a linear law. moves : (2, m) of a predictive one,
+        V: the last ones, and with the momentum.
     """
 
     w: Floats
@@ -127,6 +135,7 @@ class ControllerState(NamedTuple):
     servo: Floats
     lines: Floats
     law: Floats
+    moves: Floats
 
 
 def build_controller(
@@ -136,12 +145,13 @@ def build_controller(
     known = np.array(astuple(forward or FeedForward()))
     limit = math.inf if config.limit_v is None else config.limit_v
     law = (design.law if design else None) or LinearLaw(*(np.zeros(n) for n in ((0, 0), (0, 3), 0, 3, 0)))
+    laws = law.A, law.B, law.C, law.D, law.E, law.H, law.F, _search(law.H)
     structure, model = _STRUCTURES[config.structure], _MODELS[config.internal_model]
     if design is None:
         none, row = np.zeros((0, 0)), np.zeros(0)
         return Controller(structure, model, 0.0, none, row, row, 0.0, np.zeros((3, 3)), np.zeros(3), none, row,
                           row, 1.0, False, known, 0.0, 0.0, row, row, 0.0, 0, 0, 0.0, 0.0, math.inf, np.zeros(3),
-                          law.A, law.B, law.C, law.D, law.E)  # fmt: skip
+                          *laws)  # fmt: skip
     W, M = design.prefilter, design.motor_position
     S = design.plant if model == EXACT else design.structure
     flat = [np.ascontiguousarray(a, dtype=float).ravel() for a in (W.B, W.C, M.B, S.B, S.C)]
@@ -159,8 +169,17 @@ def build_controller(
         structure, model, design.k_theta_v_per_rad, W.A, wb, wc, float(W.D[0, 0]), M.A, mb, S.A, sb, sc,
         design.sample_time_s, bool(np.any(known)), known, CROSSING_RATIO, 1.0 / config.tau_r_s, w_rest, s_rest,
         step, arriving, PATIENCE * arriving, catching, SMALL_GAP_RAD * float(sc @ s_rest), limit,
-        np.array(design.delays_s) / design.sample_time_s, law.A, law.B, law.C, law.D, law.E,
+        np.array(design.delays_s) / design.sample_time_s, *laws,
     )  # fmt: skip
+
+
+def _search(H: Floats) -> Floats:
+    """(2,) of Nesterov's method with a constant step for a cost between mu and L: 1/L, and the momentum."""
+    if not H.size:
+        return np.zeros(2)
+    curved = np.linalg.eigvalsh(H)
+    low, high = math.sqrt(curved[0]), math.sqrt(curved[-1])
+    return np.array([1.0 / curved[-1], (high - low) / (high + low)])
 
 
 def new_controller_state(controller: Controller) -> ControllerState:
@@ -168,8 +187,9 @@ def new_controller_state(controller: Controller) -> ControllerState:
     sizes = len(controller.wb), len(controller.mb), len(controller.sb)
     w, m, s = (np.zeros(n) for n in sizes)
     law, lines = np.zeros(len(controller.lc)), np.zeros((3, math.ceil(controller.late.max()) + 2))
-    spare = np.zeros(max(*sizes, law.size, 1))
-    return ControllerState(w, m, s, np.zeros(2), spare, np.zeros(1), w.copy(), np.zeros(5), np.zeros(3), lines, law)
+    spare = np.zeros(max(*sizes, law.size, 2 * len(controller.lh), 1))
+    return ControllerState(w, m, s, np.zeros(2), spare, np.zeros(1), w.copy(), np.zeros(5), np.zeros(3), lines, law,
+                           np.zeros((2, len(controller.lh))))  # fmt: skip
 
 
 @inlined
@@ -218,10 +238,35 @@ def _predict(C, X):
 
 
 @inlined
+def _planned(C, X, forward):
+    """The first move of a predictive law, V: projected fast gradient steps from the moves of the sample before."""
+    last, ahead = X.moves[0], X.moves[1]
+    n = last.shape[0]
+    for i in range(n):
+        ahead[i] = last[i]
+        X.spare[i] = _output(C.lf[i], X.law)
+    for _ in range(SEARCH_STEPS):
+        changed = 0.0
+        for i in range(n):
+            X.spare[n + i] = ahead[i] - C.search[0] * (_output(C.lh[i], ahead) + X.spare[i])
+        for i in range(n):
+            found = min(max(X.spare[n + i], -C.limit - forward), C.limit - forward)
+            changed = max(changed, abs(found - last[i]))
+            ahead[i] = found + C.search[1] * (found - last[i])
+            last[i] = found
+        if changed < FOUND_V:
+            break
+    return last[0]
+
+
+@inlined
 def _linear(C, X, r, theta_m, q3, forward):
     """One sample of a linear law; returns the voltage."""
     x = X.law
-    u = _limited(C, _output(C.lc, x) + C.ld[0] * r + C.ld[1] * theta_m + C.ld[2] * q3 + forward)
+    if C.lh.shape[0] > 0:
+        u = _planned(C, X, forward) + forward
+    else:
+        u = _limited(C, _output(C.lc, x) + C.ld[0] * r + C.ld[1] * theta_m + C.ld[2] * q3 + forward)
     for i in range(x.shape[0]):
         total = C.lb[i, 0] * r + C.lb[i, 1] * theta_m + C.lb[i, 2] * q3 + C.le[i] * (u - forward)
         for j in range(x.shape[0]):

@@ -21,13 +21,14 @@ KNOWN = ("model=lead_screw", "+model.effects.amplifier.delay.time=0.0025", "+mod
          "+model.effects.amplifier.saturation.limit=9", "+model.effects.motor_bearing.cogging.torque=0.01",
          "controller.internal_model=inner_loop")  # fmt: skip
 CASES = {
-    "bare": ("controller=nimc_fixed", "controller.gap_hat_deg=30"),
+    "bare": ("controller=nimc_fixed", "controller.gap_hat_deg=30", "controller.internal_model=bare"),
     "linear": ("controller=imc", "controller.internal_model=measured"),
     "exact": ("controller=imc", "controller.internal_model=exact"),
     "held": ("controller=nimc_fixed", "controller.gap_hat_deg=30", "controller.crossing=hold"),
     "known": ("controller=nimc_fixed", "controller.gap_hat_deg=30", *KNOWN),
     "pid": ("controller=pid", "controller.limit_v=12"),
     "lqg": ("controller=lqg", "controller.limit_v=12"),
+    "mpc": ("controller=mpc", "controller.limit_v=3"),
 }
 
 
