@@ -29,7 +29,7 @@ from dtbacklash.twin.bank.whitened import Fit
 EXCESS = 4.5
 #: by how much chi-square has to fall for a change to be believed beside the gap alone, or beside nothing
 WORTH = 30.0
-#: two hypotheses whose chi-squares differ by less explain a buffer equally well
+#: two hypotheses whose chi-squares differ by less explain a buffer equally well; WORTH, if they are much alike
 MARGIN = 14.0
 #: share of its size by which a change's standard error may be uncertain for the change to be believed in
 UNSURE = 0.3
@@ -158,6 +158,10 @@ class Tried:
         return "nothing else" if h is None else f"{h.kind} {h.place}"
 
 
+def _kind(tried: Tried) -> str:
+    return "" if tried.hypothesis is None else tried.hypothesis.kind
+
+
 def _judged(base: Tried, others: list[Tried]) -> tuple[str, list[Tried]]:
     """`base`, `changed`, `ambiguous` or `unknown`, and the hypotheses that this is about."""
     explaining = sorted((t for t in others if t.fit.excess() < EXCESS), key=lambda t: t.fit.chi2)
@@ -165,7 +169,9 @@ def _judged(base: Tried, others: list[Tried]) -> tuple[str, list[Tried]]:
     best = explaining[0] if explaining else None
     if best is None or base.fit.chi2 - best.fit.chi2 < WORTH:
         return ("base", [base]) if simple else ("unknown", [])
-    rivals = [t for t in explaining if t.fit.chi2 - best.fit.chi2 < MARGIN]
+    assert best.hypothesis is not None
+    like = best.hypothesis.like
+    rivals = [t for t in explaining if t.fit.chi2 - best.fit.chi2 < (WORTH if _kind(t) in like else MARGIN)]
     # what more parameters explain no better is the simpler one: a spring with a long memory is a stiffer spring
     fewest = min(t.fit.x.size for t in rivals)
     rivals = [t for t in rivals if t.fit.x.size == fewest]
