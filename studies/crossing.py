@@ -38,10 +38,6 @@ WAYS: dict[str, tuple[str, str, bool, str]] = {
 }
 
 
-#: how an estimate comes into force where the reference is held, as in `conf/twin/cloud.yaml`
-HELD = {"growth_s": 20.0, "shading": 0.5}
-
-
 def live(config: RunConfig, believed: Rig, way: str) -> tuple[float, float, float]:
     """Largest overshoot [% of the move], longest settling time [s] and voltage [V] of the moves after the first answer.
 
@@ -56,8 +52,7 @@ def live(config: RunConfig, believed: Rig, way: str) -> tuple[float, float, floa
         config = replace(config, profile=ProfileConfig("constant", end_deg=0.0))
     if not asks:
         controller = replace(controller, reconfigure="never")
-    twin = replace(config.twin, **(HELD if crossing == "hold" else {"growth_s": 0.0, "shading": 1.0}))
-    config = replace(config, controller=controller, twin=twin)
+    config = replace(config, controller=controller)
     beliefs = Beliefs(Belief(believed), Belief(believed))
     try:
         moves = run_scenario(config, beliefs=beliefs).moves

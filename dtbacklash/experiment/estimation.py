@@ -13,6 +13,7 @@ from dtbacklash.arrays import Floats, Ints
 from dtbacklash.config.run import OptimizerConfig, RunConfig, TwinConfig
 from dtbacklash.control.belief import Belief
 from dtbacklash.errors import UserError
+from dtbacklash.experiment.growth import growth_ahead
 from dtbacklash.experiment.loop import GapInForce
 from dtbacklash.experiment.rest import AT_REST, JUDGED_AFTER_S, STRETCH_S, at_rest, cycles
 from dtbacklash.experiment.sensors import roles as roles_of
@@ -33,8 +34,8 @@ from dtbacklash.twin.link.service import (
     TwinService,
 )
 
-#: the gap in force grows at most so many times as fast as it grew between the last two answers
-AHEAD = 2.0
+#: a gap that was taken back, and what is less than this share below it, is not believed for so many seconds
+LIKE_IT, FORGIVEN_S = 0.1, 60.0
 #: samples between two looks for an answer that has not come
 LOOK = 10
 
@@ -131,7 +132,8 @@ class Estimation:
     command, filled by the loop; asked for by the bank. belief : what is believed now. waiting : an answer with another
     model, until the loop is at rest. last_move : sample of the last change of the reference of which the bank was asked
     by an alarm. rested : the last gap with which the loop came to rest, rad. new_since : sample since which another
-    one is in force that is not judged yet, or -1.
+    one is in force that is not judged yet, or -1. condemned : a gap that was taken back, rad, and the sample until
+    which no gap like it is believed.
     """
 
     config: RunConfig
@@ -156,6 +158,7 @@ class Estimation:
     last_move: int = -1
     rested: float = 0.0
     new_since: int = -1
+    condemned: tuple[float, int] = (math.inf, -1)
     _came_s: float = math.nan
 
     @classmethod
@@ -228,6 +231,11 @@ class Estimation:
 
     def _put_in_force(self, answer: Answer, middle: int, k: int) -> None:
         """The gap of an answer at sample k: that in the ``middle`` of its buffer, and what it has grown since."""
+        if k < self.condemned[1] and answer.gap_rad > (1.0 - LIKE_IT) * self.condemned[0]:
+            row = self._last_accepted()
+            row["t_applied_s"] = row["applied_deg"] = math.nan
+            row["reason"] += f"; not put in force: the loop went round in {math.degrees(self.condemned[0]):.1f} deg"
+            return
         step_s, self.new_since = self.config.sample_time_s, k
         earlier, self.before_it = self.before_it, (middle, answer)
         since = None if earlier is None else ((middle - earlier[0]) * step_s, earlier[1])
@@ -257,8 +265,13 @@ class Estimation:
             self.rested = gap
             return
         self.in_force, self.before_it = GapInForce(self.rested, 0.0, k), None
-        row = next(row for row in reversed(self.rows) if row["accepted"])
-        row["reason"] += f"; taken back at {k * self.config.sample_time_s:.2f} s: the loop went round in that gap"
+        self.condemned = gap, k + round(FORGIVEN_S / self.config.sample_time_s)
+        self._last_accepted()["reason"] += (
+            f"; taken back at {k * self.config.sample_time_s:.2f} s: the loop went round in that gap"
+        )
+
+    def _last_accepted(self) -> EstimateRow:
+        return next(row for row in reversed(self.rows) if row["accepted"])
 
     def alarm(self, k: int) -> None:
         """The novelty index has risen above its threshold before sample k.
@@ -393,26 +406,3 @@ class Estimation:
         }
         row: EstimateRow = {**known, **said}  # type: ignore[typeddict-item]
         return row
-
-
-def growth_ahead(answer: Answer, earlier: tuple[float, Answer] | None) -> float:
-    """How fast the gap in force goes on growing after an answer, rad/s: what its buffer and the answers both show.
-
-    The growth since the answer before, whose buffer lies so many seconds ``earlier``, may double or end: it is the mean
-    and the standard deviation of a prior. The growth within the buffer is the measurement. Dry friction looks like
-    growth within a buffer, so the gap is taken to grow at most AHEAD times as fast as it did for sure. A growth that
-    has slowed goes on slowing: half the time between two answers ago it was the one, now it is the other. Without an
-    answer before, or where the buffer shows no growth, it does not grow.
-    """
-    if earlier is None or earlier[0] <= 0.0 or not (answer.guarded and earlier[1].guarded):
-        return 0.0
-    now, then = answer.chosen.estimate, earlier[1].chosen.estimate
-    been = (now.gap_rad - then.gap_rad) / earlier[0]
-    been_std = math.hypot(now.std_rad, then.std_rad) / earlier[0]
-    most = AHEAD * max(abs(been) - been_std, 0.0)
-    if not (most > 0.0 and math.isfinite(now.growth_std_rad_s)):
-        return 0.0
-    prior, seen = been**2 + been_std**2, now.growth_std_rad_s**2
-    ahead = (seen * been + prior * now.growth_rad_s) / (seen + prior)
-    side = math.copysign(1.0, been)
-    return side * max(min(side * ahead, side * (2.0 * now.growth_rad_s - been), most), 0.0)
