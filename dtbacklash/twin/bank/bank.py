@@ -22,7 +22,7 @@ from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig, Sensor
 from dtbacklash.twin.bank.hypotheses import Hypothesis, Value, of_the_motor, structural
 from dtbacklash.twin.bank.motor import MotorBuffer
-from dtbacklash.twin.bank.structure import COMMON, GAP, StructureBuffer
+from dtbacklash.twin.bank.structure import COMMON, GAP, GROWTH, StructureBuffer
 from dtbacklash.twin.bank.whitened import Fit
 
 #: standard deviations of chi-square that a hypothesis may leave beyond the noise
@@ -69,7 +69,8 @@ class Change:
 class Half:
     """What one half of the machine says.
 
-    verdict : as of :class:`Diagnosis`. names : what explains it equally well. rig : the changed one.
+    verdict : as of :class:`Diagnosis`. names : what explains it equally well. rig : the changed one. growth_rad_s : of
+    the gap within the buffer, with its standard error.
     """
 
     verdict: str
@@ -79,6 +80,8 @@ class Half:
     rig: Rig
     gap_rad: float = math.nan
     gap_std_rad: float = math.inf
+    growth_rad_s: float = 0.0
+    growth_std_rad_s: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -194,14 +197,15 @@ def _structure(belief: Belief, buffer: Buffer, gap_rad: float) -> Half:
     count = explained.count / math.sqrt(12.0)
     gaps = [(abs(float(t.fit.x[0])) * GAP, math.hypot(float(t.fit.std[0]) * GAP, count)) for t in about]
     gap, std = _common(gaps)
+    growth = (float(about[0].fit.x[2]) * GROWTH, float(about[0].fit.std[2]) * GROWTH) if about else (0.0, math.inf)
     if verdict == "base":
         moved = not abs(gap - gap_rad) < max(3.0 * std, math.radians(0.1))
-        return Half("gap" if moved else "nothing", (), (), base.fit.excess(), rig, gap, std)
+        return Half("gap" if moved else "nothing", (), (), base.fit.excess(), rig, gap, std, *growth)
     if verdict != "changed":
         left = min(t.fit.excess() for t in [base, *others])
-        return Half(verdict, (), tuple(t.name for t in about), left, rig, gap, std)
+        return Half(verdict, (), tuple(t.name for t in about), left, rig, gap, std, *growth)
     change, changed = _change(about[0], rig, COMMON)
-    return Half("changed", (change,), (), about[0].fit.excess(), changed, gap, std)
+    return Half("changed", (change,), (), about[0].fit.excess(), changed, gap, std, *growth)
 
 
 def _common(gaps: list[tuple[float, float]]) -> tuple[float, float]:
