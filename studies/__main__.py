@@ -23,6 +23,7 @@ from studies import (
     aging,
     alternatives,
     bank,
+    beliefs,
     campaign,
     close_the_loop,
     controllers,
@@ -96,6 +97,15 @@ def _crossing(options: argparse.Namespace) -> Result:
 def _modelled(options: argparse.Namespace) -> Result:
     rows = modelled.modelled_rows(options.n, options.seed)
     return rows, modelled.modelled_words(rows, options.seed)
+
+
+def _beliefs(options: argparse.Namespace) -> Result:
+    runs = beliefs.run_beliefs()
+    runs.to_csv(options.out / "beliefs_runs.csv", index=False)
+    rows = beliefs.belief_rows(runs)
+    if options.docs:
+        beliefs.write_docs(rows, options.docs)
+    return rows, []
 
 
 def _controllers(options: argparse.Namespace) -> Result:
@@ -185,7 +195,10 @@ STUDIES = {
         _wrong_models, 1000, 1, asked=True,
     ),
     "controllers": Study(
-        "The paper's controllers beside a PID and an LQG: main scenario, encoder, at most 12 V", _controllers
+        "The paper's controllers beside a PID, an LQG and an MPC: main scenario, encoder, at most 12 V", _controllers
+    ),
+    "beliefs": Study(
+        "What is known of a machine, and what its controller does: nominal, by the bank, true", _beliefs, asked=True
     ),
     "crossing": Study(
         "The twin's controller beside the paper's on random machines, lives of 100 s", _crossing, 1000, 1, asked=True

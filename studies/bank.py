@@ -121,6 +121,7 @@ INSIDE: dict[str, Callable[[Generator], Case]] = {
         phase=float(g.uniform(-3.1, 3.1)),
     ),
     "gain": lambda g: _effect("gain", "amplifier", "gain_error", relative=_ratio(g, 0.05, 0.25) - 1.0),
+    "delay": lambda g: _effect("delay", "amplifier", "delay", time=_log(g, 2e-4, 4e-3)),
     "torque constant": lambda g: Case(
         "torque constant", DRIVE, parameters={"k_T": (r := _ratio(g, 0.1, 0.3))}, size=f"{r - 1:+.0%}"
     ),
@@ -173,7 +174,6 @@ OUTSIDE: dict[str, Callable[[Generator], Case]] = {
     "Stribeck friction": lambda g: _effect(
         "Stribeck friction", MOTOR, "stribeck_friction", torque=_log(g, 0.01, 0.04), speed=_log(g, 1.0, 5.0)
     ),
-    "late amplifier": lambda g: _effect("late amplifier", "amplifier", "delay", time=float(g.uniform(1e-3, 4e-3))),
     "warming winding": lambda g: _effect(
         "warming winding", DRIVE, "resistance_heating", gain=_log(g, 5.0, 50.0), time_constant=1.0
     ),

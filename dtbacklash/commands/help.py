@@ -39,7 +39,7 @@ force is a field that a twin may set. The settings are those of dtb run (dtb run
 
 examples:
   dtb export controller out=controller.c
-  dtb export controller experiment=held model=found/rig.yaml
+  dtb export controller model=found/rig.yaml
   dtb export controller controller=lqg controller.limit_v=12"""
 
 EFFECTS = """\

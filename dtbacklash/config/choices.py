@@ -12,6 +12,7 @@ STRUCTURES = {
     "nimc": "nonlinear internal model control: its model contains the backlash",
     "pid": "a PID controller of the output over the motor's inner loop, tuned by IMC rules for the dominant mode",
     "lqg": "LQG control: a Kalman filter of motor and structure, and LQ feedback with an integral of the error",
+    "mpc": "model predictive control: a quadratic program a sample, whose bound is the limit of the voltage",
     "open_loop": "no controller: the command drives the rig's input itself",
 }
 TRIGGERS = {
@@ -24,7 +25,7 @@ PREFILTERS = {
     "none": "no dynamical prefilter",
 }
 INTERNAL_MODELS = {
-    "auto": "a complete model of the inner loop where there is friction or a load or the reference is held, else bare",
+    "auto": "a complete model of the inner loop, with an inverse of the backlash where one is in the model",
     "bare": "the internal model is driven by the voltage (the paper's form)",
     "measured": "the internal model is driven by the measured motor angle",
     "inner_loop": "the internal model is that of the closed inner loop",

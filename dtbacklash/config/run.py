@@ -48,7 +48,7 @@ class ControllerConfig:
     name: str = setting("nimc_twin", "name in results; the option's file sets it")
     structure: str = setting(
         "nimc",
-        "linear IMC, IMC with a model of the backlash, a PID, an LQG, or the reference as the rig's input",
+        "linear IMC, IMC with a model of the backlash, a PID, an LQG, an MPC, or the reference as the rig's input",
         choices=STRUCTURES,
     )
     reconfigure: str = setting(
@@ -62,12 +62,11 @@ class ControllerConfig:
     tau_r_s: float = setting(1.0 / 6.0, "time constant of the reference model", above=0)
     internal_model: str = setting(
         "auto", "what drives the model of the structure: u, theta_m, a model of the inner loop (`inverse`: with an "
-        "inverse of the backlash); `exact` (imc): G1 G2 sampled as one; `auto`: inverse where the reference is held; "
-        "else, where the model holds friction or a load, inner_loop (with a fixed estimate inverse), else bare; see "
-        "theory.md", choices=INTERNAL_MODELS,
+        "inverse of the backlash); `exact` (imc): G1 G2 sampled as one; `auto`: inverse where the reference is held or "
+        "the estimate is fixed, else inner_loop; see theory.md", choices=INTERNAL_MODELS,
     )  # fmt: skip
     crossing: str = setting(
-        "run", "with `inverse`, what a jump of the reference does while the motor crosses the gap", choices=CROSSINGS
+        "hold", "with `inverse`, what a jump of the reference does while the motor crosses the gap", choices=CROSSINGS
     )
     crossing_v: float = setting(12.0, "`hold`: steady voltage that crosses the gap, at most", above=0, unit="V")
     limit_v: float | None = setting(
@@ -174,9 +173,13 @@ class TwinConfig:
         1500, "samples of one diagnosis by the bank", unit="samples", at_least=500, at_most=BANK_MAX
     )
     bank_rest: int = setting(100, "samples of it before the change of the reference", unit="samples", at_least=0)
-    growth_s: float = setting(
-        0.0, "for how long after its buffer the gap in force goes on growing as an answer saw it grow, less its "
-        "error; 0: it stays as estimated, as in the paper", at_least=0,
+    growth_s: float | None = setting(
+        None, "for how long after its buffer the gap in force goes on growing as an answer saw it grow; 0: it stays as "
+        "estimated, as in the paper; null: 20 where the reference is held, else 0", at_least=0, unit="s",
+    )  # fmt: skip
+    shading: float | None = setting(
+        None, "standard errors by which an estimate is put in force too small; null: 0.5 where the reference is held, "
+        "which a gap too large harms no more than one too small, else 1", at_least=0, at_most=10,
     )  # fmt: skip
     estimate_from: str = setting("model", "what the twin takes for the structure", choices=BELIEFS)
     novelty_threshold_mm: float = setting(0.1, "novelty index at which the twin is asked", above=0)

@@ -20,6 +20,7 @@ from dtbacklash.control.design import (
     design_controller,
     dominant_frequency,
 )
+from dtbacklash.control.predictive import mpc_law
 from dtbacklash.control.rivals import lqg_law, pid_law
 from dtbacklash.errors import UserError
 from dtbacklash.kept import kept
@@ -28,6 +29,10 @@ from dtbacklash.physics.effects import slots
 from dtbacklash.physics.kinds import SENSOR
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, build_rig
 from dtbacklash.physics.simulate import rig_half_gap
+
+#: where the reference is held: for how long the gap in force goes on growing, s, and by how many of its standard errors
+#: an estimate is put in force too small (``python -m studies crossing``)
+HELD_GROWTH_S, HELD_SHADING = 20.0, 0.5
 
 
 @dataclass(frozen=True)
@@ -116,10 +121,6 @@ class Belief:
         there = self.rig.effects.get(amplifier.name, {}) if amplifier else {}
         return there["saturation"]["limit"] if "saturation" in there else None
 
-    def drifts(self) -> bool:
-        """Whether an effect between voltage and measured angle makes an integrating motor model drift."""
-        return any(name != "gain_error" for name, _ in on_the_motor(self.rig))
-
     def bends(self) -> bool:
         """Whether it has effects behind the gear that the linear part leaves out."""
         return bool(bending(self.rig))
@@ -184,20 +185,23 @@ def beliefs_of(config: RunConfig) -> Beliefs:
 
 
 def settled(config: RunConfig, beliefs: Beliefs) -> RunConfig:
-    """The configuration with each ``auto`` replaced by a choice, and the design's half-gap as the first one.
+    """The configuration with what it leaves open (``auto``, null) decided, and the design's half-gap as the first one.
 
-    An integrating model of the motor would drift where something acts on the motor that it does not have. Among the
-    complete models, only ``inverse`` settles with a fixed estimate that is too large, and only it can hold the
-    reference; else a twin meets a growing gap from below, where ``inner_loop`` overshoots less. A linear twin is blind
-    to effects behind the gear.
+    An integrating model of the motor drifts where something acts on the motor that it does not have, and a machine
+    always has something: a complete model of the inner loop is the default. Among those only ``inverse`` can hold the
+    reference and settles with a fixed estimate that is too large; without either a twin meets a growing gap from below,
+    where ``inner_loop`` overshoots less. A linear twin is blind to effects behind the gear.
     """
     controller, twin = config.controller, config.twin
+    nimc, fixed = controller.structure == "nimc", controller.reconfigure == "never"
     if controller.internal_model == "auto":
-        complete = "inner_loop" if controller.reconfigure != "never" else "inverse"
-        form = complete if beliefs.design.drifts() else "bare"
-        if controller.structure == "nimc" and controller.crossing == "hold":
-            form = "inverse"
+        form = "inverse" if nimc and (fixed or controller.crossing == "hold") else "inner_loop"
         controller = replace(controller, internal_model=form)
+    held = nimc and controller.internal_model == "inverse" and controller.crossing == "hold"
+    if twin.growth_s is None:
+        twin = replace(twin, growth_s=HELD_GROWTH_S if held else 0.0)
+    if twin.shading is None:
+        twin = replace(twin, shading=HELD_SHADING if held else 1.0)
     if controller.gap_hat_deg is None:
         controller = replace(controller, gap_hat_deg=math.degrees(beliefs.design.half_gap_rad))
     if controller.limit_v is None:
@@ -235,4 +239,6 @@ def design_for(config: RunConfig, belief: Belief) -> ControllerDesign | None:
         law = kept(pid_law, linear.structure, c.k_theta_v_per_rad, c.tau_r_s, config.sample_time_s)
     elif c.structure == "lqg":
         law = kept(lqg_law, linear.motor, linear.structure, c.tau_r_s, config.sample_time_s)
+    elif c.structure == "mpc":
+        law = kept(mpc_law, linear.motor, linear.structure, c.tau_r_s, config.sample_time_s)
     return replace(design, delays_s=belief.delays_s(), law=law)

@@ -8,7 +8,7 @@ from importlib.resources import files
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.control.laws import SMALL_GAP_RAD, Controller
+from dtbacklash.control.laws import CATCHING_MOST, FOUND_V, NEAR_RAD, SEARCH_STEPS, SMALL_GAP_RAD, Controller
 
 HEAD = """/* {about}
  *
@@ -27,21 +27,23 @@ def c_source(controller: Controller, first_half_gap_rad: float, about: str) -> s
     first_half_gap_rad : that it believes in after a reset. about : one line on what it is, for its head.
     """
     C = controller
-    matrices = {"WA": C.wa, "MA": C.ma, "SA": C.sa, "LA": C.la, "LB": C.lb}
+    matrices = {"WA": C.wa, "MA": C.ma, "SA": C.sa, "LA": C.la, "LB": C.lb, "LH": C.lh, "LF": C.lf}
     vectors = {
         "WB": C.wb, "WC": C.wc, "MB": C.mb, "SB": C.sb, "SC": C.sc, "LC": C.lc, "LE": C.le, "S_REST": C.s_rest,
-        "W_REST": C.w_rest, "LD": C.ld, "LATE": C.late, "FORWARD": C.forward,
+        "W_REST": C.w_rest, "LD": C.ld, "LATE": C.late, "FORWARD": C.forward, "SEARCH": C.search,
     }  # fmt: skip
     numbers = {
         "WD": C.wd, "GAIN": C.gain, "LIMIT": C.limit, "SAMPLE_TIME": C.sample_time, "JUMP": C.jump,
         "CROSSING_RATIO": C.crossing_ratio, "CROSSING_RATE": C.crossing_rate, "CROSSING_STEP": C.crossing_step,
-        "SMALL_GAP": SMALL_GAP_RAD, "FIRST_HALF_GAP": first_half_gap_rad,
+        "SMALL_GAP": SMALL_GAP_RAD, "FIRST_HALF_GAP": first_half_gap_rad, "NEAR": NEAR_RAD, "FOUND": FOUND_V,
+        "CATCHING": C.catching, "CATCHING_MOST": CATCHING_MOST,
     }  # fmt: skip
     # C has no empty arrays: what a form does not use has one 0
-    sizes = {"NW": len(C.wb), "NM": len(C.mb), "NS": len(C.sb), "NL": len(C.lc)}
+    sizes = {"NW": len(C.wb), "NM": len(C.mb), "NS": len(C.sb), "NL": len(C.lc), "NP": len(C.lh)}
     sizes = {name: max(size, 1) for name, size in sizes.items()}
     whole = {
-        "STRUCTURE": C.structure, "MODEL": C.model, "FORWARDS": int(C.forwards), "ARRIVING": C.arriving, **sizes,
+        "STRUCTURE": C.structure, "MODEL": C.model, "FORWARDS": int(C.forwards), "ARRIVING": C.arriving,
+        "PATIENCE": C.patience, "PREDICTIVE": int(len(C.lh) > 0), "SEARCH_STEPS": SEARCH_STEPS, **sizes,
         "NMAX": max(sizes.values()), "NLINE": math.ceil(C.late.max()) + 2,
     }  # fmt: skip
     lines = ["enum { " + ", ".join(f"{name} = {value}" for name, value in whole.items()) + " };"]

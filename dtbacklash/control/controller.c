@@ -12,8 +12,8 @@
 typedef struct {
     double half_gap; /* believed, rad: may be set before any step */
     double growth;   /* of it since the step before, rad: the rest of its change is a new estimate */
-    double w[NW], m[NM], s[NS], w_r[NW], law[NL], lines[3][NLINE];
-    double screw, screw_measured, angle, share, ahead, gap, through, waits;
+    double w[NW], m[NM], s[NS], w_r[NW], law[NL], moves[NP], lines[3][NLINE];
+    double screw, screw_measured, angle, share, ahead, gap, through, waits, caught, apart, behind;
 } controller;
 
 /* At rest at 0. */
@@ -81,12 +81,12 @@ static double held(controller *c, double r, double gap) {
         double side = jump > 0.0 ? 1.0 : -1.0, left = (1.0 - c->share * side) * gap;
         c->share += side * (left < CROSSING_STEP ? left : CROSSING_STEP) / gap;
         if (left > CROSSING_STEP) {
-            c->waits = ARRIVING;
+            c->waits = ARRIVING + PATIENCE;
             return c->through;
         }
         if (c->waits > 0.0) {
             c->waits -= 1.0;
-            return c->through;
+            if (c->waits > PATIENCE || (c->waits > 0.0 && fabs(c->behind) > NEAR)) return c->through;
         }
     }
     c->through = r;
@@ -103,8 +103,38 @@ static double inverse(controller *c, double r, double error, double gap) {
     return c->share * gap;
 }
 
+/* What keeps the motor from its model while the reference is held is made up for. */
+static void catch_up(controller *c, double apart) {
+    if (c->waits == 0.0) {
+        c->apart = apart;
+        return;
+    }
+    c->behind = c->apart - apart;
+    c->caught = clip(c->caught + CATCHING * c->behind, -CATCHING_MOST, CATCHING_MOST);
+}
+
+/* The first of the moves that cost least, by projected fast gradient steps from those of the sample before, V. */
+static double planned(controller *c, double forward) {
+    double ahead[NP], slope[NP], next[NP], changed = 2.0 * FOUND;
+    memcpy(ahead, c->moves, sizeof ahead);
+    for (int i = 0; i < NP; i++) slope[i] = output(LF[i], c->law, NL);
+    for (int k = 0; k < SEARCH_STEPS && changed >= FOUND; k++) {
+        changed = 0.0;
+        for (int i = 0; i < NP; i++) next[i] = ahead[i] - SEARCH[0] * (output(LH[i], ahead, NP) + slope[i]);
+        for (int i = 0; i < NP; i++) {
+            double found = clip(next[i], -LIMIT - forward, LIMIT - forward), by = found - c->moves[i];
+            if (fabs(by) > changed) changed = fabs(by);
+            ahead[i] = found + SEARCH[1] * by;
+            c->moves[i] = found;
+        }
+    }
+    return c->moves[0];
+}
+
 static double linear(controller *c, const double y[3], double forward) {
-    double u = clip(output(LC, c->law, NL) + output(LD, y, 3) + forward, -LIMIT, LIMIT), next[NMAX];
+    double u = PREDICTIVE ? planned(c, forward) + forward
+                          : clip(output(LC, c->law, NL) + output(LD, y, 3) + forward, -LIMIT, LIMIT);
+    double next[NMAX];
     for (int i = 0; i < NL; i++)
         next[i] = output(LA[i], c->law, NL) + output(LB[i], y, 3) + LE[i] * (u - forward);
     memcpy(c->law, next, sizeof c->law);
@@ -138,7 +168,7 @@ double controller_step(controller *c, double r, const double y[2]) {
     }
     double feedback = theta_m;
     if (MODEL == INVERSE) {
-        feedback = theta_m - inverse(c, r, theta_ref - screw, gap);
+        feedback = theta_m - inverse(c, r, theta_ref - screw, gap) - c->caught;
     } else if (STRUCTURE == NIMC) {
         c->screw_measured = play(c->screw_measured, theta_m, gap);
         feedback = MODEL == INNER_LOOP ? c->screw_measured : screw;
@@ -152,7 +182,9 @@ double controller_step(controller *c, double r, const double y[2]) {
         advance(&MA[0][0], MB, late(c->lines[0], LATE[0], u - forward), c->m, NM);
     } else if (MODEL == INNER_LOOP || MODEL == INVERSE) {
         double ahead = MODEL == INVERSE ? c->share * gap : 0.0, own = MODEL == INVERSE ? c->m[2] : screw;
-        double own_u = clip(GAIN * (theta_ref + ahead - late(c->lines[1], LATE[1], own)), -LIMIT, LIMIT);
+        own = late(c->lines[1], LATE[1], own);
+        catch_up(c, theta_m - own);
+        double own_u = clip(GAIN * (theta_ref + ahead - own), -LIMIT, LIMIT);
         advance(&MA[0][0], MB, late(c->lines[0], LATE[0], own_u), c->m, NM);
     }
     return u;

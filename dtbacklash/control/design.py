@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
+from dtbacklash.control.linear_law import LinearLaw
 from dtbacklash.errors import UserError
 
 if TYPE_CHECKING:
@@ -99,20 +100,6 @@ class SampledModel:
     def order(self) -> int:
         """Number of states."""
         return int(self.A.shape[0])
-
-
-@dataclass(frozen=True)
-class LinearLaw:
-    """x[k+1] = A x + B y + E u, u = limited(C x + D y), with y = (r m, theta_m rad, q3 m) and u in V.
-
-    Shapes (n, n), (n, 3), (n,), (3,), (n,).
-    """
-
-    A: Array
-    B: Array
-    C: Array
-    D: Array
-    E: Array
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ What drives the model of the structure is ``controller.internal_model``:
 - ``auto`` stands for one of them until it is known what is believed of the rig (:func:`.belief.settled`).
 
 What is known of the machine is in the model as well: the voltage is limited as the amplifier limits it, and delays of
-the command and of both sensors pass lines of the same length. PID and LQG are a :class:`.design.LinearLaw`.
+the command and of both sensors pass lines of the same length. PID and LQG are a :class:`.linear_law.LinearLaw`.
 """
 
 import math
@@ -35,12 +35,15 @@ from dtbacklash.arrays import Floats
 from dtbacklash.compiled import inlined
 from dtbacklash.config.run import ControllerConfig
 from dtbacklash.control.belief import FeedForward
-from dtbacklash.control.design import ControllerDesign, LinearLaw
+from dtbacklash.control.design import ControllerDesign
+from dtbacklash.control.linear_law import LinearLaw
 from dtbacklash.physics.effects.play import play
 
 IMC, NIMC, OPEN_LOOP, LINEAR = 0, 1, 2, 3
+#: steps towards the moves of a predictive law in a sample, at most, and the change, V, below which none follows
+SEARCH_STEPS, FOUND_V = 60, 1e-9
 BARE, MEASURED, INNER_LOOP, EXACT, INVERSE = 0, 1, 2, 3, 4
-_STRUCTURES = {"imc": IMC, "nimc": NIMC, "open_loop": OPEN_LOOP, "pid": LINEAR, "lqg": LINEAR}
+_STRUCTURES = {"imc": IMC, "nimc": NIMC, "open_loop": OPEN_LOOP, "pid": LINEAR, "lqg": LINEAR, "mpc": LINEAR}
 _MODELS = {"bare": BARE, "measured": MEASURED, "inner_loop": INNER_LOOP, "exact": EXACT, "inverse": INVERSE}
 #: how far the inverse of the backlash moves for each radian that the reference asks of the screw: at 1 the gap is
 #: crossed too late, at 10 an estimate that is too large overshoots most (``python -m studies nimc_forms``)
@@ -50,6 +53,9 @@ CROSSING_RATIO = 3.0
 SMALL_GAP_RAD = 0.01
 #: a held reference is let go when this share of the voltage that crosses the gap is left: the motor has all but arrived
 ARRIVED = 0.15
+#: and when the measured motor is this near to where its model is, rad, or after PATIENCE times as many samples more.
+#: What keeps it away (friction) is made up for at CATCHING times the rate of the servo, by CATCHING_MOST rad at most
+NEAR_RAD, PATIENCE, CATCHING, CATCHING_MOST = 0.01, 4, 0.5, 0.5
 
 
 class Controller(NamedTuple):
@@ -59,10 +65,13 @@ class Controller(NamedTuple):
     whether there is any.
     crossing_ratio, crossing_rate : of the inverse of the backlash, rad/rad and 1/s, to the reference and to the error.
     w_rest, s_rest : states of the prefilter and of the structure at rest, for one rad of the screw.
-    crossing_step : rad a sample by which b crosses while the reference is held back; 0: it is never. arriving :
-    samples that the motor takes to follow b to its end. jump : m, a change of the reference that is no jump.
+    crossing_step : rad a sample by which b crosses while the reference is held back; 0: it is never. arriving,
+    patience : samples that the motor takes to follow b to its end, and for which it is waited for beyond them.
+    catching : share of what keeps the motor from its model that is made up for in a sample.
+    jump : m, a change of the reference that is no jump.
     limit : V, of the voltage. late : (3,) samples by which command, measured angle and measured output come late.
-    la, lb, lc, ld, le : the matrices of a :class:`.design.LinearLaw`.
+    la, lb, lc, ld, le, lh, lf : the matrices of a :class:`.linear_law.LinearLaw`; search : (2,) length of a
+    step towards its moves, and momentum.
     """
 
     structure: int
@@ -86,6 +95,8 @@ class Controller(NamedTuple):
     s_rest: Floats
     crossing_step: float
     arriving: int
+    patience: int
+    catching: float
     jump: float
     limit: float
     late: Floats
@@ -94,6 +105,9 @@ class Controller(NamedTuple):
     lc: Floats
     ld: Floats
     le: Floats
+    lh: Floats
+    lf: Floats
+    search: Floats
 
 
 class ControllerState(NamedTuple):
@@ -103,8 +117,11 @@ class ControllerState(NamedTuple):
         behind the measured motor, on which the loop acts with `inner_loop`. angle : (1,) the measured angle before.
     w_r : the prefilter, driven by the reference alone. inverse : (5,) the inverse of the backlash as a share
         of the gap, W r, the gap that the model is in, rad, the reference that is let through, m, and the samples for
-        which the next one is held back after b has arrived. lines : (3, n) what is on its way through the delays of
-        the model, the latest first. law : (n,) of a linear law.
+        which the next one is held back after b has arrived. servo : (3,) rad, what the inner loop is given beside b
+        against what keeps the motor from its model while the reference is held; how far the motor was apart from its
+        model before; and how much farther it is now. lines : (3, n) what is on its way through the delays of
+        the model, the latest first. law : (n,) of a linear law. moves : (2, m) of a predictive one,
+        V: the last ones, and with the momentum.
     """
 
     w: Floats
@@ -115,8 +132,10 @@ class ControllerState(NamedTuple):
     angle: Floats
     w_r: Floats
     inverse: Floats
+    servo: Floats
     lines: Floats
     law: Floats
+    moves: Floats
 
 
 def build_controller(
@@ -126,30 +145,41 @@ def build_controller(
     known = np.array(astuple(forward or FeedForward()))
     limit = math.inf if config.limit_v is None else config.limit_v
     law = (design.law if design else None) or LinearLaw(*(np.zeros(n) for n in ((0, 0), (0, 3), 0, 3, 0)))
+    laws = law.A, law.B, law.C, law.D, law.E, law.H, law.F, _search(law.H)
     structure, model = _STRUCTURES[config.structure], _MODELS[config.internal_model]
     if design is None:
         none, row = np.zeros((0, 0)), np.zeros(0)
         return Controller(structure, model, 0.0, none, row, row, 0.0, np.zeros((3, 3)), np.zeros(3), none, row,
-                          row, 1.0, False, known, 0.0, 0.0, row, row, 0.0, 0, 0.0, math.inf, np.zeros(3), law.A, law.B,
-                          law.C, law.D, law.E)  # fmt: skip
+                          row, 1.0, False, known, 0.0, 0.0, row, row, 0.0, 0, 0, 0.0, 0.0, math.inf, np.zeros(3),
+                          *laws)  # fmt: skip
     W, M = design.prefilter, design.motor_position
     S = design.plant if model == EXACT else design.structure
     flat = [np.ascontiguousarray(a, dtype=float).ravel() for a in (W.B, W.C, M.B, S.B, S.C)]
     wb, wc, mb, sb, sc = flat
     s_rest = np.linalg.solve(np.eye(len(sb)) - S.A, sb) if model == INVERSE else np.zeros(len(sb))
     w_rest = np.linalg.solve(np.eye(len(wb)) - W.A, wb) * float(sc @ s_rest)
-    step, arriving = 0.0, 0
+    step, arriving, catching = 0.0, 0, 0.0
     if model == INVERSE and config.crossing == "hold":
         # rad a sample for each volt, at a steady speed; the servo's lag is the inverse of what its gain makes of that
         speed = float(np.linalg.solve(np.eye(2) - M.A[:2, :2], mb[:2])[1]) * design.sample_time_s
-        step = config.crossing_v * speed
-        arriving = math.ceil(-math.log(ARRIVED) / (design.k_theta_v_per_rad * speed))
+        step = min(config.crossing_v, limit) * speed
+        servo = design.k_theta_v_per_rad * speed
+        arriving, catching = math.ceil(-math.log(ARRIVED) / servo), CATCHING * servo
     return Controller(
         structure, model, design.k_theta_v_per_rad, W.A, wb, wc, float(W.D[0, 0]), M.A, mb, S.A, sb, sc,
         design.sample_time_s, bool(np.any(known)), known, CROSSING_RATIO, 1.0 / config.tau_r_s, w_rest, s_rest,
-        step, arriving, SMALL_GAP_RAD * float(sc @ s_rest), limit, np.array(design.delays_s) / design.sample_time_s,
-        law.A, law.B, law.C, law.D, law.E,
+        step, arriving, PATIENCE * arriving, catching, SMALL_GAP_RAD * float(sc @ s_rest), limit,
+        np.array(design.delays_s) / design.sample_time_s, *laws,
     )  # fmt: skip
+
+
+def _search(H: Floats) -> Floats:
+    """(2,) of Nesterov's method with a constant step for a cost between mu and L: 1/L, and the momentum."""
+    if not H.size:
+        return np.zeros(2)
+    curved = np.linalg.eigvalsh(H)
+    low, high = math.sqrt(curved[0]), math.sqrt(curved[-1])
+    return np.array([1.0 / curved[-1], (high - low) / (high + low)])
 
 
 def new_controller_state(controller: Controller) -> ControllerState:
@@ -157,8 +187,9 @@ def new_controller_state(controller: Controller) -> ControllerState:
     sizes = len(controller.wb), len(controller.mb), len(controller.sb)
     w, m, s = (np.zeros(n) for n in sizes)
     law, lines = np.zeros(len(controller.lc)), np.zeros((3, math.ceil(controller.late.max()) + 2))
-    spare = np.zeros(max(*sizes, law.size, 1))
-    return ControllerState(w, m, s, np.zeros(2), spare, np.zeros(1), w.copy(), np.zeros(5), lines, law)
+    spare = np.zeros(max(*sizes, law.size, 2 * len(controller.lh), 1))
+    return ControllerState(w, m, s, np.zeros(2), spare, np.zeros(1), w.copy(), np.zeros(5), np.zeros(3), lines, law,
+                           np.zeros((2, len(controller.lh))))  # fmt: skip
 
 
 @inlined
@@ -207,10 +238,35 @@ def _predict(C, X):
 
 
 @inlined
+def _planned(C, X, forward):
+    """The first move of a predictive law, V: projected fast gradient steps from the moves of the sample before."""
+    last, ahead = X.moves[0], X.moves[1]
+    n = last.shape[0]
+    for i in range(n):
+        ahead[i] = last[i]
+        X.spare[i] = _output(C.lf[i], X.law)
+    for _ in range(SEARCH_STEPS):
+        changed = 0.0
+        for i in range(n):
+            X.spare[n + i] = ahead[i] - C.search[0] * (_output(C.lh[i], ahead) + X.spare[i])
+        for i in range(n):
+            found = min(max(X.spare[n + i], -C.limit - forward), C.limit - forward)
+            changed = max(changed, abs(found - last[i]))
+            ahead[i] = found + C.search[1] * (found - last[i])
+            last[i] = found
+        if changed < FOUND_V:
+            break
+    return last[0]
+
+
+@inlined
 def _linear(C, X, r, theta_m, q3, forward):
     """One sample of a linear law; returns the voltage."""
     x = X.law
-    u = _limited(C, _output(C.lc, x) + C.ld[0] * r + C.ld[1] * theta_m + C.ld[2] * q3 + forward)
+    if C.lh.shape[0] > 0:
+        u = _planned(C, X, forward) + forward
+    else:
+        u = _limited(C, _output(C.lc, x) + C.ld[0] * r + C.ld[1] * theta_m + C.ld[2] * q3 + forward)
     for i in range(x.shape[0]):
         total = C.lb[i, 0] * r + C.lb[i, 1] * theta_m + C.lb[i, 2] * q3 + C.le[i] * (u - forward)
         for j in range(x.shape[0]):
@@ -266,7 +322,9 @@ def _reseat(C, X, gap):
 def _held(C, X, r, gap):
     """The reference that is let through, m: while a jump waits for the motor to cross the gap, the one before it.
 
-    The side to which the motor has to go follows from the jump alone, so no feedback passes here.
+    The side to which the motor has to go follows from the jump alone, so no feedback of the output passes here. b is
+    an angle of the motor, and this is measured: friction keeps a servo from its reference, on the other side when it
+    turns round, and the screw would start that much too late.
     """
     jump = r - X.inverse[3]
     if C.crossing_step > 0.0 and gap > SMALL_GAP_RAD and abs(jump) > C.jump:
@@ -274,13 +332,24 @@ def _held(C, X, r, gap):
         left = (1.0 - X.inverse[0] * side) * gap
         X.inverse[0] += side * min(left, C.crossing_step) / gap
         if left > C.crossing_step:
-            X.inverse[4] = C.arriving
+            X.inverse[4] = C.arriving + C.patience
             return X.inverse[3]
         if X.inverse[4] > 0.0:
             X.inverse[4] -= 1.0
-            return X.inverse[3]
+            if X.inverse[4] > C.patience or (X.inverse[4] > 0.0 and abs(X.servo[2]) > NEAR_RAD):
+                return X.inverse[3]
     X.inverse[3], X.inverse[4] = r, 0.0
     return r
+
+
+@inlined
+def _catch_up(C, X, apart):
+    """Make up for what keeps the motor from its model while the reference is held. apart : theta_m less theta_m^."""
+    if X.inverse[4] == 0.0:  # always, with `inner_loop`
+        X.servo[1] = apart
+        return
+    X.servo[2] = X.servo[1] - apart
+    X.servo[0] = min(max(X.servo[0] + C.catching * X.servo[2], -CATCHING_MOST), CATCHING_MOST)
 
 
 @inlined
@@ -346,7 +415,7 @@ def control_step(C, X, r, theta_m, q3, gap_hat, growth=0.0):
         theta_d = X.theta_d[0]
     feedback = theta_m
     if C.model == INVERSE:
-        feedback = theta_m - _inverse(C, X, r, theta_ref - theta_d, gap)
+        feedback = theta_m - _inverse(C, X, r, theta_ref - theta_d, gap) - X.servo[0]
     elif C.structure == NIMC:
         # the inner loop acts on the screw's angle; the complete model has its own, so the loop takes the measured one
         X.theta_d[1] = play(X.theta_d[1], theta_m, gap)
@@ -361,6 +430,8 @@ def control_step(C, X, r, theta_m, q3, gap_hat, growth=0.0):
         _advance_model(C.ma, C.mb, _late(X.lines[0], C.late[0], u - forward), X.m, X.spare)
     elif C.model in (INNER_LOOP, INVERSE):
         ahead, own = (X.inverse[0] * gap, X.m[2]) if C.model == INVERSE else (0.0, theta_d)
-        own_u = _limited(C, C.gain * (theta_ref + ahead - _late(X.lines[1], C.late[1], own)))
+        own = _late(X.lines[1], C.late[1], own)
+        _catch_up(C, X, theta_m - own)
+        own_u = _limited(C, C.gain * (theta_ref + ahead - own))
         _advance_model(C.ma, C.mb, _late(X.lines[0], C.late[0], own_u), X.m, X.spare)
     return u, eps

@@ -7,6 +7,10 @@ motor, K the gain of the inner loop, F = W S and G = K G1 / (1 + K G1), all samp
 - ``measured``: H_theta = -K (1 - F), H_q = -K W: the model moves as the plant does, and L = K G1;
 - ``bare``, ``exact``: H_theta = -K / (1 - K F G1), H_q = -K W / (1 - K F G1);
 - ``inner_loop``, ``inverse``: H_theta = -K, H_q = -K W / (1 - F G).
+
+Delays that the design knows are in the models as in the plant: G1 is with those of the command and of the measured
+angle, S with that of the measured output less that of the angle. Only ``measured`` has none in its F. What is left is
+the margin for a delay that is not known.
 """
 
 from __future__ import annotations
@@ -130,11 +134,18 @@ class Curves:
 
     @cached_property
     def plant(self) -> tuple[Response, Response]:
-        """G1 and S: voltage -> motor's angle, screw's angle -> output."""
-        d = self.of.design
-        return response(d.motor_position, self.omega, d.sample_time_s), response(
-            d.structure, self.omega, d.sample_time_s
+        """G1 and S with their delays: voltage -> measured angle of the motor, and on to the measured output."""
+        d, (motor, structure) = self.of.design, self.late
+        return (
+            response(d.motor_position, self.omega, d.sample_time_s) * motor,
+            response(d.structure, self.omega, d.sample_time_s) * structure,
         )
+
+    @cached_property
+    def late(self) -> tuple[Response, Response]:
+        """The known delays in G1 and in S."""
+        command, angle, output = self.of.design.delays_s
+        return np.exp(-1j * self.omega * (command + angle)), np.exp(-1j * self.omega * (output - angle))
 
     @cached_property
     def filtered(self) -> tuple[Response, Response]:
@@ -152,7 +163,7 @@ class Curves:
             return response(angle, self.omega, step), response(output, self.omega, step)
         g1, k, (w, f) = self.plant[0], self.of.design.k_theta_v_per_rad, self.filtered
         if self.of.form == "measured":
-            return -k * (1.0 - f), -k * w
+            return -k * (1.0 - f / self.late[1]), -k * w
         if self.of.form in ("bare", "exact"):
             own = 1.0 / (1.0 - k * f * g1)
             return -k * own, -k * w * own
@@ -175,8 +186,8 @@ class Curves:
         total = np.zeros(self.omega.size)
         for both in self.of.variations:
             g1_s = [
-                (response(sampled(motor_ss(one.motor)[1, 0], step), self.omega, step),
-                 response(sampled(structure_ss(one.structure), step), self.omega, step)) for one in both
+                (self.late[0] * response(sampled(motor_ss(one.motor)[1, 0], step), self.omega, step),
+                 self.late[1] * response(sampled(structure_ss(one.structure), step), self.omega, step)) for one in both
             ]  # fmt: skip
             total += np.max([np.abs(self._around(*pair) - self.loop) for pair in g1_s], axis=0)
         return total * self.sensitivity

@@ -13,13 +13,13 @@ from scipy import linalg
 
 from dtbacklash.control.design import (
     Array,
-    LinearLaw,
     MotorParameters,
     StructureParameters,
     motor_ss,
     reduced_structure,
     structure_ss,
 )
+from dtbacklash.control.linear_law import LinearLaw
 
 #: the derivative's filter over the derivative time, as PID controllers are shipped
 FILTER_SHARE = 0.1
@@ -64,7 +64,7 @@ def lqg_law(motor: MotorParameters, structure: StructureParameters, tau_r_s: flo
     Weights by Bryson's rule from ERROR_M, EFFORT_V and tau_r; noises DISTURBING_V, ANGLE_RAD, OUTPUT_M. The observer is
     driven by the limited voltage, and the integral stops while the voltage is limited (back-calculation).
     """
-    a, b, c = _plant(motor, structure, sample_time_s)
+    a, b, c = plant(motor, structure, sample_time_s)
     n = a.shape[0]
     noise = np.diag([ANGLE_RAD**2, OUTPUT_M**2])
     spread = linalg.solve_discrete_are(a.T, c.T, DISTURBING_V**2 * np.outer(b, b), noise)
@@ -87,7 +87,7 @@ def lqg_law(motor: MotorParameters, structure: StructureParameters, tau_r_s: flo
     return LinearLaw(law_a - np.outer(led_back, law_c), law_b, law_c, law_d, law_e + led_back)
 
 
-def _plant(motor: MotorParameters, structure: StructureParameters, sample_time_s: float) -> tuple[Array, Array, Array]:
+def plant(motor: MotorParameters, structure: StructureParameters, sample_time_s: float) -> tuple[Array, Array, Array]:
     """A (n, n), B (n,), C (2, n): u -> (theta_m, q3), sampled as one with a hold of the voltage."""
     first, second = motor_ss(motor), structure_ss(structure)
     angle = np.asarray(first.C)[1:]

@@ -67,9 +67,11 @@ def rig_delay_s(rig: Rig) -> float:
 
 def _late(rig: Rig, designed: DesignedLoop) -> Iterator[str]:
     found, delay_s = designed.margins(), rig_delay_s(rig)
-    if found.delay_s is not None and found.delay_s < 2.0 * delay_s:
+    known_s = sum(designed.design.delays_s[:2])
+    if found.delay_s is not None and found.delay_s + known_s < 2.0 * delay_s:
+        beyond = f" beyond the {1e3 * known_s:.3g} ms that it knows" if known_s else ""
         yield (
-            f"The design's delay margin of {1e3 * found.delay_s:.3g} ms is below twice the rig's delay of "
+            f"The design's delay margin of {1e3 * found.delay_s:.3g} ms{beyond} is below twice the rig's delay of "
             f"{1e3 * delay_s:.3g} ms: a smaller controller.k_theta_v_per_rad leaves more."
         )
 

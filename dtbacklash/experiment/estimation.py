@@ -13,6 +13,7 @@ from dtbacklash.arrays import Floats, Ints
 from dtbacklash.config.run import OptimizerConfig, RunConfig, TwinConfig
 from dtbacklash.control.belief import Belief
 from dtbacklash.errors import UserError
+from dtbacklash.experiment.growth import growth_ahead
 from dtbacklash.experiment.loop import GapInForce
 from dtbacklash.experiment.rest import AT_REST, JUDGED_AFTER_S, STRETCH_S, at_rest, cycles
 from dtbacklash.experiment.sensors import roles as roles_of
@@ -33,8 +34,8 @@ from dtbacklash.twin.link.service import (
     TwinService,
 )
 
-#: the gap in force grows at most so many times as fast as it grew between the last two answers
-AHEAD = 2.0
+#: a gap that was taken back, and what is less than this share below it, is not believed for so many seconds
+LIKE_IT, FORGIVEN_S = 0.1, 60.0
 #: samples between two looks for an answer that has not come
 LOOK = 10
 
@@ -131,7 +132,8 @@ class Estimation:
     command, filled by the loop; asked for by the bank. belief : what is believed now. waiting : an answer with another
     model, until the loop is at rest. last_move : sample of the last change of the reference of which the bank was asked
     by an alarm. rested : the last gap with which the loop came to rest, rad. new_since : sample since which another
-    one is in force that is not judged yet, or -1.
+    one is in force that is not judged yet, or -1. condemned : a gap that was taken back, rad, and the sample until
+    which no gap like it is believed.
     """
 
     config: RunConfig
@@ -156,6 +158,7 @@ class Estimation:
     last_move: int = -1
     rested: float = 0.0
     new_since: int = -1
+    condemned: tuple[float, int] = (math.inf, -1)
     _came_s: float = math.nan
 
     @classmethod
@@ -228,10 +231,18 @@ class Estimation:
 
     def _put_in_force(self, answer: Answer, middle: int, k: int) -> None:
         """The gap of an answer at sample k: that in the ``middle`` of its buffer, and what it has grown since."""
+        if k < self.condemned[1] and answer.gap_rad > (1.0 - LIKE_IT) * self.condemned[0]:
+            row = self._last_accepted()
+            row["t_applied_s"] = row["applied_deg"] = math.nan
+            row["reason"] += f"; not put in force: the loop went round in {math.degrees(self.condemned[0]):.1f} deg"
+            return
         step_s, self.new_since = self.config.sample_time_s, k
         earlier, self.before_it = self.before_it, (middle, answer)
         since = None if earlier is None else ((middle - earlier[0]) * step_s, earlier[1])
-        growth, until = growth_ahead(answer, since) * step_s, middle + round(self.config.twin.growth_s / step_s)
+        growth, until = (
+            growth_ahead(answer, since) * step_s,
+            middle + round((self.config.twin.growth_s or 0.0) / step_s),
+        )
         if growth > 0.0:
             room = math.radians(self.config.twin.gap_max_deg) - answer.gap_rad
             until = min(until, middle + math.floor(room / growth))
@@ -254,8 +265,13 @@ class Estimation:
             self.rested = gap
             return
         self.in_force, self.before_it = GapInForce(self.rested, 0.0, k), None
-        row = next(row for row in reversed(self.rows) if row["accepted"])
-        row["reason"] += f"; taken back at {k * self.config.sample_time_s:.2f} s: the loop went round in that gap"
+        self.condemned = gap, k + round(FORGIVEN_S / self.config.sample_time_s)
+        self._last_accepted()["reason"] += (
+            f"; taken back at {k * self.config.sample_time_s:.2f} s: the loop went round in that gap"
+        )
+
+    def _last_accepted(self) -> EstimateRow:
+        return next(row for row in reversed(self.rows) if row["accepted"])
 
     def alarm(self, k: int) -> None:
         """The novelty index has risen above its threshold before sample k.
@@ -390,25 +406,3 @@ class Estimation:
         }
         row: EstimateRow = {**known, **said}  # type: ignore[typeddict-item]
         return row
-
-
-def growth_ahead(answer: Answer, earlier: tuple[float, Answer] | None) -> float:
-    """How fast the gap in force goes on growing after an answer, rad/s: what its buffer and the answers both show.
-
-    The growth within the buffer says what will be, but dry friction looks like it; that since the answer before, whose
-    buffer lies so many seconds ``earlier``, says what has been. Each counts less a standard error, and the gap is taken
-    to grow at most AHEAD times as fast as it did. Without an answer before it does not grow.
-    """
-    if earlier is None or earlier[0] <= 0.0 or not (answer.guarded and earlier[1].guarded):
-        return 0.0
-    now, then = answer.chosen.estimate, earlier[1].chosen.estimate
-    shown = _less(now.growth_rad_s, now.growth_std_rad_s)
-    been = _less((now.gap_rad - then.gap_rad) / earlier[0], math.hypot(now.std_rad, then.std_rad) / earlier[0])
-    if shown * been <= 0.0:
-        return 0.0
-    return math.copysign(min(abs(shown), AHEAD * abs(been)), shown)
-
-
-def _less(value: float, std: float) -> float:
-    """A value nearer to 0 by its standard error; 0 where it has none."""
-    return math.copysign(max(abs(value) - std, 0.0), value) if math.isfinite(std) else 0.0

@@ -78,8 +78,9 @@ class _Machine:
         design = design_for(config, belief)
         assert design is not None
         controller, detector = _controlling(config, design, belief)
-        first = max(k - AT_REST, 0)
-        theta_m, q3 = (float(np.mean(traces.seen[first:k, role])) for role in which)
+        # the motor may creep in its gap: its angle is that of the last moment, beyond an encoder's counts
+        first, last = max(k - AT_REST, 0), max(k - AT_REST // 10, 0)
+        theta_m, q3 = (float(np.mean(traces.seen[at:k, role])) for at, role in zip((last, first), which, strict=True))
         # the reference may be about to change: the rest is that of the one in force until now
         here = Rest(inputs.reference[k - 1], theta_m, q3, float(np.mean(traces.u[first:k])), old_gap, answer.gap_rad)
         self.control_state = handed_over(self.controller, self.control_state, controller, here)

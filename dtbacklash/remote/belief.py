@@ -22,7 +22,7 @@ from dtbacklash.twin.link.service import Answering
 OF_THE_MACHINE = (
     "delay_s", "where", "broker", "machine", "timeout_s", "credentials", "estimate_from", "novelty_threshold_mm",
     "novelty_filter", "indexes", "frequency_threshold", "frequency_amplitude_mm", "motor_threshold_n_m",
-    "structure_threshold_mm", "index_hysteresis",
+    "structure_threshold_mm", "index_hysteresis", "growth_s",
 )  # fmt: skip
 
 

@@ -21,13 +21,14 @@ KNOWN = ("model=lead_screw", "+model.effects.amplifier.delay.time=0.0025", "+mod
          "+model.effects.amplifier.saturation.limit=9", "+model.effects.motor_bearing.cogging.torque=0.01",
          "controller.internal_model=inner_loop")  # fmt: skip
 CASES = {
-    "bare": ("controller=nimc_fixed", "controller.gap_hat_deg=30"),
+    "bare": ("controller=nimc_fixed", "controller.gap_hat_deg=30", "controller.internal_model=bare"),
     "linear": ("controller=imc", "controller.internal_model=measured"),
     "exact": ("controller=imc", "controller.internal_model=exact"),
     "held": ("controller=nimc_fixed", "controller.gap_hat_deg=30", "controller.crossing=hold"),
     "known": ("controller=nimc_fixed", "controller.gap_hat_deg=30", *KNOWN),
     "pid": ("controller=pid", "controller.limit_v=12"),
     "lqg": ("controller=lqg", "controller.limit_v=12"),
+    "mpc": ("controller=mpc", "controller.limit_v=3"),
 }
 
 
@@ -68,8 +69,8 @@ def test_the_compiled_controller_gives_the_voltages_of_the_run(compiled, case):
 
 
 def test_a_gap_that_a_twin_sets_is_taken_as_in_the_run(compiled):
-    words = ("experiment=held", "profile=constant", "profile.start_deg=40", "duration_s=30", "reference.period_s=20",
-             "twin.delay_s=1")  # fmt: skip
+    words = ("controller=nimc_twin", "profile=constant", "profile.start_deg=40", "duration_s=30",
+             "reference.period_s=20", "twin.delay_s=1")  # fmt: skip
     run = run_scenario(compose(*words))
     step, gap = compiled(*words), np.radians(run.trace["gap_hat_deg"].to_numpy())
     u = [step(*one) for one in zip(run.seen["r"], run.seen["theta_m"], run.seen["q3"], gap, strict=True)]

@@ -17,6 +17,9 @@ RIVALS = {
     "time constant of the paper's reference model, a filter of a tenth of the derivative time, and back-calculation.",
     "lqg": "The controller is a Kalman filter of motor and structure with linear-quadratic feedback of its state and "
     "of the integral of the error; the weights follow Bryson's rule (Bryson and Ho, Applied Optimal Control, 1975).",
+    "mpc": "The controller is a model predictive one: a Kalman filter of motor, structure and an offset between them, "
+    "and in each sample the moves of the voltage within its limit that cost least, by a projected fast gradient method "
+    "(Richter, Jones and Morari, IEEE Trans. Autom. Control 57, 2012); the weights follow Bryson's rule.",
 }
 
 

@@ -22,14 +22,14 @@ from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig, Sensor
 from dtbacklash.twin.bank.hypotheses import Hypothesis, Value, of_the_motor, structural
 from dtbacklash.twin.bank.motor import MotorBuffer
-from dtbacklash.twin.bank.structure import COMMON, GAP, StructureBuffer
+from dtbacklash.twin.bank.structure import COMMON, GAP, GROWTH, StructureBuffer
 from dtbacklash.twin.bank.whitened import Fit
 
 #: standard deviations of chi-square that a hypothesis may leave beyond the noise
 EXCESS = 4.5
 #: by how much chi-square has to fall for a change to be believed beside the gap alone, or beside nothing
 WORTH = 30.0
-#: two hypotheses whose chi-squares differ by less explain a buffer equally well
+#: two hypotheses whose chi-squares differ by less explain a buffer equally well; WORTH, if they are much alike
 MARGIN = 14.0
 #: share of its size by which a change's standard error may be uncertain for the change to be believed in
 UNSURE = 0.3
@@ -69,7 +69,8 @@ class Change:
 class Half:
     """What one half of the machine says.
 
-    verdict : as of :class:`Diagnosis`. names : what explains it equally well. rig : the changed one.
+    verdict : as of :class:`Diagnosis`. names : what explains it equally well. rig : the changed one. growth_rad_s : of
+    the gap within the buffer, with its standard error.
     """
 
     verdict: str
@@ -79,6 +80,8 @@ class Half:
     rig: Rig
     gap_rad: float = math.nan
     gap_std_rad: float = math.inf
+    growth_rad_s: float = 0.0
+    growth_std_rad_s: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -158,6 +161,10 @@ class Tried:
         return "nothing else" if h is None else f"{h.kind} {h.place}"
 
 
+def _kind(tried: Tried) -> str:
+    return "" if tried.hypothesis is None else tried.hypothesis.kind
+
+
 def _judged(base: Tried, others: list[Tried]) -> tuple[str, list[Tried]]:
     """`base`, `changed`, `ambiguous` or `unknown`, and the hypotheses that this is about."""
     explaining = sorted((t for t in others if t.fit.excess() < EXCESS), key=lambda t: t.fit.chi2)
@@ -165,7 +172,9 @@ def _judged(base: Tried, others: list[Tried]) -> tuple[str, list[Tried]]:
     best = explaining[0] if explaining else None
     if best is None or base.fit.chi2 - best.fit.chi2 < WORTH:
         return ("base", [base]) if simple else ("unknown", [])
-    rivals = [t for t in explaining if t.fit.chi2 - best.fit.chi2 < MARGIN]
+    assert best.hypothesis is not None
+    like = best.hypothesis.like
+    rivals = [t for t in explaining if t.fit.chi2 - best.fit.chi2 < (WORTH if _kind(t) in like else MARGIN)]
     # what more parameters explain no better is the simpler one: a spring with a long memory is a stiffer spring
     fewest = min(t.fit.x.size for t in rivals)
     rivals = [t for t in rivals if t.fit.x.size == fewest]
@@ -188,14 +197,15 @@ def _structure(belief: Belief, buffer: Buffer, gap_rad: float) -> Half:
     count = explained.count / math.sqrt(12.0)
     gaps = [(abs(float(t.fit.x[0])) * GAP, math.hypot(float(t.fit.std[0]) * GAP, count)) for t in about]
     gap, std = _common(gaps)
+    growth = (float(about[0].fit.x[2]) * GROWTH, float(about[0].fit.std[2]) * GROWTH) if about else (0.0, math.inf)
     if verdict == "base":
         moved = not abs(gap - gap_rad) < max(3.0 * std, math.radians(0.1))
-        return Half("gap" if moved else "nothing", (), (), base.fit.excess(), rig, gap, std)
+        return Half("gap" if moved else "nothing", (), (), base.fit.excess(), rig, gap, std, *growth)
     if verdict != "changed":
         left = min(t.fit.excess() for t in [base, *others])
-        return Half(verdict, (), tuple(t.name for t in about), left, rig, gap, std)
+        return Half(verdict, (), tuple(t.name for t in about), left, rig, gap, std, *growth)
     change, changed = _change(about[0], rig, COMMON)
-    return Half("changed", (change,), (), about[0].fit.excess(), changed, gap, std)
+    return Half("changed", (change,), (), about[0].fit.excess(), changed, gap, std, *growth)
 
 
 def _common(gaps: list[tuple[float, float]]) -> tuple[float, float]:

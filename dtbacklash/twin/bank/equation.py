@@ -52,21 +52,34 @@ def motor_equation(belief: Belief, pole_rad_s: float, sample_time_s: float) -> M
 
 
 def difference_equation(motor: MotorParameters, sample_time_s: float) -> tuple[Floats, Floats, Floats]:
-    """(4,) each, the newest sample first: ``sum a theta = sum b u + sum c torque``, voltage and torque held.
+    """(4,) each, the newest sample first: ``sum a theta = sum b u + sum c torque``, voltage and torque held."""
+    sampled = _sampled(motor, sample_time_s)
+    a = np.poly(sampled[:3, :3]).astype(np.float64)
+    by_voltage, by_torque = (_numerator(sampled, sampled[:3, j]) for j in (3, 4))
+    return a, by_voltage, by_torque
 
-    States current, speed, angle; inputs voltage, torque.
-    """
+
+def voltage_in_part(motor: MotorParameters, sample_time_s: float, share: float) -> tuple[Floats, Floats]:
+    """(4,) each: what a voltage gives that is there from this share of the sample on, and one that is until it."""
+    sampled = _sampled(motor, sample_time_s)
+    rest = _sampled(motor, (1.0 - share) * sample_time_s)[:3, 3]
+    return _numerator(sampled, rest), _numerator(sampled, sampled[:3, 3] - rest)
+
+
+def _sampled(motor: MotorParameters, time_s: float) -> Floats:
+    """(5, 5): states current, speed, angle, and the held inputs voltage, torque, after a time."""
     system = np.zeros((5, 5))
     system[0, :2] = -motor.R / motor.L, -motor.k_B / motor.L
     system[1, :2] = motor.k_T / motor.J, -motor.viscous_n_m_s / motor.J
     system[2, 1] = 1.0
     system[0, 3], system[1, 4] = motor.gain / motor.L, 1.0 / motor.J
-    sampled = linalg.expm(system * sample_time_s)
-    A, angle = sampled[:3, :3], np.array([0.0, 0.0, 1.0])
-    a = np.poly(A).astype(np.float64)
-    # a single input and output: numerator = det(zI - A + b c) - det(zI - A)
-    by_voltage, by_torque = (np.poly(A - np.outer(sampled[:3, j], angle)).astype(np.float64) - a for j in (3, 4))
-    return a, by_voltage, by_torque
+    return np.asarray(linalg.expm(system * time_s))
+
+
+def _numerator(sampled: Floats, b: Floats) -> Floats:
+    """(4,) of a single input b (3,) to the angle: det(zI - A + b c) - det(zI - A)."""
+    A = sampled[:3, :3]
+    return np.asarray(np.poly(A - np.outer(b, [0.0, 0.0, 1.0])) - np.poly(A), dtype=np.float64)
 
 
 @inlined

@@ -49,7 +49,7 @@ class Hypothesis:
     starts : from which the fit begins, SI. typical : (n,) sizes by which a parameter that is fitted as it is, and not
     by its logarithm, is measured; 0 for a logarithm. sets : the change. effect : the catalogue's name of an effect that
     is set. periods : of cogging, a radian; its torque is fitted by sine and cosine. twins : what the signals cannot
-    tell from it.
+    tell from it. like : kinds that they can hardly tell from it.
     """
 
     kind: str
@@ -63,6 +63,7 @@ class Hypothesis:
     effect: str = ""
     periods: float = 0.0
     twins: tuple[str, ...] = ()
+    like: tuple[str, ...] = ()
 
     def from_fit(self, x: tuple[float, ...]) -> tuple[float, ...]:
         """Values, SI, of the fit's variables."""
@@ -133,6 +134,10 @@ def of_the_motor(belief: Belief) -> list[Hypothesis]:
     rotor, circuit, amplifier = rig.motor_rotor(), rig.only("motor_circuit"), rig.only("amplifier")
     assert rotor is not None
     assert circuit is not None
+    # a weaker motor follows the voltage later by tenths of a millisecond, as a late one does
+    constant = _parameter(rig, "torque constant", circuit.name, "torque_constant", "N m/A",
+                          twins=(f"the resistance of the {circuit.name} or the inertia of the {rotor.name}, inversely",)
+                          )  # fmt: skip
     found = [
         _effect(rig, "Coulomb friction", rotor.name, "coulomb_friction", ("torque",), ("N m",), [(0.02,)],
                 twins=(f"dead zone of the {amplifier.name}",) if amplifier else ()),
@@ -140,11 +145,13 @@ def of_the_motor(belief: Belief) -> list[Hypothesis]:
                 twins=(f"a larger back-emf constant of the {circuit.name}",
                        "asymmetric friction, if it turned one way")),
         _effect(rig, "constant load", rotor.name, "constant_load", ("torque",), ("N m",), [(0.0,)], (0.01,)),
-        _parameter(rig, "torque constant", circuit.name, "torque_constant", "N m/A",
-                   twins=(f"the resistance of the {circuit.name} or the inertia of the {rotor.name}, inversely",)),
+        replace(constant, like=("delay",)),
     ]  # fmt: skip
     if amplifier:
         found.append(_effect(rig, "gain", amplifier.name, "gain_error", ("relative",), ("1",), [(0.0,)], (0.1,)))
+        late = _effect(rig, "delay", amplifier.name, "delay", ("time",), ("s",), [(4e-4,), (2e-3,)],
+                       twins=(f"a delay of the sensor of the {rotor.name}",))  # fmt: skip
+        found.append(replace(late, like=("torque constant",)))
     return found
 
 

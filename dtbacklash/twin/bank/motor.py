@@ -17,12 +17,12 @@ from dtbacklash.arrays import Floats
 from dtbacklash.control.belief import Belief, on_the_motor
 from dtbacklash.control.chain import motor_parameters
 from dtbacklash.physics.rig import Rig
-from dtbacklash.twin.bank.equation import difference_equation
+from dtbacklash.twin.bank.equation import difference_equation, voltage_in_part
 from dtbacklash.twin.bank.hypotheses import Hypothesis, cogging
 from dtbacklash.twin.bank.whitened import BLOCK, Fit, blocks, count_of, fitted, without_counts
 
 #: effects between voltage and angle that the equation has
-LAWS = ("coulomb_friction", "viscous_friction", "constant_load", "cogging", "gain_error")
+LAWS = ("coulomb_friction", "viscous_friction", "constant_load", "cogging", "gain_error")  # and a delay
 #: faster than this throughout a block and its neighbours, rad/s, the motor moves: noise does not turn it round
 MOVING_RAD_S = 1.0
 #: torque by which the equation itself errs, N m: laws are taken at the samples
@@ -106,19 +106,25 @@ class MotorBuffer:
         return noise**2 * rows @ rows.T + MODEL_N_M**2 * np.eye(len(rows)) + stays
 
     def _driven(self, rig: Rig) -> Floats:
-        """(N - 3,) what the voltage gives in the equation of a rig's motor."""
-        _, b, _ = difference_equation(motor_parameters(rig), self.sample_time_s)
-        return np.convolve(self.u, b, "valid")
+        """(N - 3,) what the voltage gives in the equation of a rig's motor, late by the delay of its amplifier."""
+        amplifier = rig.only("amplifier")
+        there = rig.effects.get(amplifier.name, {}) if amplifier else {}
+        samples = there.get("delay", {}).get("time", 0.0) / self.sample_time_s
+        whole = min(int(samples), self.u.size)
+        # before the buffer the machine is at rest
+        u = np.concatenate([np.full(whole + 1, self.u[0]), self.u[: self.u.size - whole]])
+        after, until = voltage_in_part(motor_parameters(rig), self.sample_time_s, samples - int(samples))
+        return np.convolve(u[1:], after, "valid") + np.convolve(u[:-1], until, "valid")
 
     def torque(self, rig: Rig) -> Floats:
         """(blocks - 1,) torque that is left over beside all but a rig's dry friction, N m."""
-        a, b, by_torque = difference_equation(motor_parameters(rig), self.sample_time_s)
+        a, _, by_torque = difference_equation(motor_parameters(rig), self.sample_time_s)
         there = rig.effects.get(self.rotor, {})
         wave = there.get("cogging", {"torque": 0.0, "periods": 0.0, "phase": 0.0})
         known = there.get("constant_load", {}).get("torque", 0.0) + wave["torque"] * self._wave(
             wave["periods"], wave["phase"]
         )
-        left = np.convolve(self.theta, a, "valid") - np.convolve(self.u, b, "valid")
+        left = np.convolve(self.theta, a, "valid") - self._driven(rig)
         left -= np.convolve(known, by_torque, "valid")
         return self._blocks(left / by_torque.sum())
 

@@ -78,7 +78,7 @@ def _attempt(said: Diagnosis, present_rad: float) -> Attempt:
         low, high = said.gap_rad - 2.0 * said.gap_std_rad, said.gap_rad + 2.0 * said.gap_std_rad
         applied = max(min(max(present_rad, low), high), 0.0)
     estimate = Estimate(
-        said.gap_rad, said.gap_rad, math.nan, math.nan, said.gap_std_rad, 0.0, math.inf,
-        0, True, said.found, said.wall_s,
+        said.gap_rad, said.gap_rad, math.nan, math.nan, said.gap_std_rad, said.halves[0].growth_rad_s,
+        said.halves[0].growth_std_rad_s, 0, True, said.found, said.wall_s,
     )  # fmt: skip
     return Attempt(estimate, Verdict(True, f"the bank: {said.found}"), applied)

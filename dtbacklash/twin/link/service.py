@@ -169,7 +169,8 @@ class Twin:
         problem = self._problem(request)
         rng = np.random.default_rng([request.seed, request.event])
         if self.settings.guard:
-            guard = GuardSettings(gap_max_deg=self.settings.gap_max_deg)
+            shading = 1.0 if self.settings.shading is None else self.settings.shading
+            guard = GuardSettings(gap_max_deg=self.settings.gap_max_deg, shading=shading)
             attempts = guarded_estimates(problem, self.optimizer, request.present_rad, guard, rng=rng)
         else:
             start = default_start(problem, request.present_rad)

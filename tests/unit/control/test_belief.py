@@ -88,18 +88,14 @@ def test_design_and_twin_may_believe_different_things():
 @pytest.mark.parametrize(
     ("words", "form", "method"),
     [
-        ((), "bare", "linear"),
-        (("controller.crossing=hold",), "inverse", "linear"),
-        (("controller=imc", "controller.crossing=hold"), "bare", "linear"),
-        (("rig.effects.motor_bearing.coulomb_friction.torque=0.02",), "bare", "linear"),
-        ((MODEL, "model.effects.motor_bearing.coulomb_friction.torque=0.02"), "inner_loop", "linear"),
-        (
-            (MODEL, "controller=nimc_fixed", "model.effects.motor_bearing.constant_load.torque=0.02"), "inverse",
-            "linear",
-        ),
-        ((MODEL, "model.effects.mass_3.ground_friction.force=0.2"), "bare", "simulate"),
-        ((MODEL, "model.effects.screw.compliance.compliance=1e-6"), "bare", "linear"),
-        ((MODEL, "model.effects.screw.pitch_error.amplitude=1e-5"), "bare", "simulate"),
+        ((), "inverse", "linear"),
+        (("controller.crossing=run",), "inner_loop", "linear"),
+        (("controller=imc",), "inner_loop", "linear"),
+        (("controller=nimc_fixed", "controller.crossing=run"), "inverse", "linear"),
+        (("experiment=fig13",), "bare", "linear"),
+        ((MODEL, "model.effects.mass_3.ground_friction.force=0.2"), "inverse", "simulate"),
+        ((MODEL, "model.effects.screw.compliance.compliance=1e-6"), "inverse", "linear"),
+        ((MODEL, "model.effects.screw.pitch_error.amplitude=1e-5"), "inverse", "simulate"),
         (("controller.internal_model=measured", "twin.method=simulate"), "measured", "simulate"),
     ],
 )  # fmt: skip
@@ -107,6 +103,17 @@ def test_what_is_believed_decides_what_is_left_open(words, form, method):
     config = compose(*words)
     done = settled(config, beliefs_of(config))
     assert (done.controller.internal_model, done.twin.method) == (form, method)
+
+
+@pytest.mark.parametrize(
+    ("words", "growth_s", "shading"),
+    [((), 20.0, 0.5), (("controller.internal_model=inner_loop",), 0.0, 1.0), (("experiment=fig13",), 0.0, 1.0),
+     (("twin.growth_s=7", "twin.shading=2"), 7.0, 2.0)],
+)  # fmt: skip
+def test_where_the_reference_is_held_the_gap_grows_on_and_is_put_in_force_less_lowered(words, growth_s, shading):
+    config = compose(*words)
+    twin = settled(config, beliefs_of(config)).twin
+    assert (twin.growth_s, twin.shading) == (growth_s, shading)
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from dtbacklash.config.compose import compose
-from dtbacklash.control.belief import beliefs_of, design_for
+from dtbacklash.control.belief import Belief, beliefs_of, design_for
 from dtbacklash.control.design import largest_gain, sampled, structure_ss
 from dtbacklash.control.margins import Curves, DesignedLoop, frequencies, margins
+from dtbacklash.errors import Diverged
 from dtbacklash.experiment.run import run_scenario
+from dtbacklash.physics.rig import build_rig
 
 CONFIG = compose("controller=nimc_twin")
 BELIEF = beliefs_of(CONFIG).design
@@ -76,3 +78,22 @@ def test_a_design_says_that_its_delay_margin_is_small(delay_s, said):
     assert result.summary["margins"] == result.design.margins().as_dict()
     assert result.design.margins().delay_s == pytest.approx(9.27e-3, rel=0.01)
     assert any("delay margin of 9.27 ms" in one for one in result.summary["advice"]) is said
+
+
+@pytest.mark.parametrize("form", ["bare", "measured", "inner_loop"])
+def test_a_known_delay_is_counted_in_the_margin(form):
+    """The loop is stable with a further delay below the margin that is left, and not with one above it."""
+    known_s, words = 0.003, ("controller=imc", "profile=constant", "profile.start_deg=0", "duration_s=10",
+                             "reference.period_s=20", f"controller.internal_model={form}")  # fmt: skip
+    delay = "rig.effects.amplifier.delay.time={}"
+
+    def run(delay_s):
+        beliefs = beliefs_of(compose(*words, delay.format(known_s)))
+        belief = Belief(build_rig(compose(*words, delay.format(known_s)).rig))
+        return run_scenario(compose(*words, delay.format(delay_s)), beliefs=replace(beliefs, design=belief))
+
+    left_s = run(known_s).design.margins().delay_s
+    assert left_s == pytest.approx(9.2e-3 - known_s, abs=0.5e-3)
+    assert run(known_s + 0.9 * left_s).moves["settling_time_s"].notna().all()
+    with pytest.raises(Diverged):
+        run(known_s + 1.15 * left_s)

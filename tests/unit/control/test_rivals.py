@@ -36,7 +36,7 @@ def test_the_pid_is_the_sampled_controller_of_its_rules():
 
 def test_the_lqg_feeds_back_the_gain_of_python_control_and_its_loop_is_stable():
     law = rivals.lqg_law(LINEAR.motor, LINEAR.structure, TAU_R, STEP)
-    a, b, c = rivals._plant(LINEAR.motor, LINEAR.structure, STEP)
+    a, b, c = rivals.plant(LINEAR.motor, LINEAR.structure, STEP)
     n = b.size
     wide = np.block([[a, np.zeros((n, 1))], [-STEP * c[1:], np.ones((1, 1))]])
     cost = np.zeros((n + 1, n + 1))

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from dtbacklash.config.compose import compose
-from dtbacklash.experiment.estimation import growth_ahead
+from dtbacklash.experiment.growth import growth_ahead
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.twin.gap.estimate import Estimate
 from dtbacklash.twin.gap.guard import Attempt, Verdict
@@ -22,8 +22,10 @@ def answer(gap: float, growth: float, std: float = 0.0, growth_std: float = 0.0)
     [
         (answer(1.2, 0.012), answer(1.0, 0.0), 0.012),  # 0.01 rad/s since
         (answer(1.2, 0.05), answer(1.0, 0.0), 0.02),  # at most twice that
-        (answer(1.2, 0.012, growth_std=0.004), answer(1.0, 0.0), 0.008),
-        (answer(1.2, 0.012, growth_std=0.02), answer(1.0, 0.0), 0.0),
+        (answer(1.2, 0.012, growth_std=0.004), answer(1.0, 0.0), (0.16 * 0.01 + 0.012) / 1.16),  # weighted
+        (answer(1.2, 0.012, growth_std=0.02), answer(1.0, 0.0), (4.0 * 0.01 + 0.012) / 5.0),
+        (answer(1.2, 0.007), answer(1.0, 0.0), 0.004),  # it has slowed by 0.003 in 10 s, and goes on
+        (answer(1.2, 0.004), answer(1.0, 0.0), 0.0),
         (answer(1.2, 0.05, std=0.1), answer(1.0, 0.0), 0.01),  # 0.01 - 0.005, twice
         (answer(0.9, 0.012), answer(1.0, 0.0), 0.0),
         (answer(0.9, -0.012), answer(1.0, 0.0), -0.01),

@@ -49,6 +49,15 @@ def test_a_gap_in_which_the_loop_goes_round_is_taken_back():
     assert np.ptp(q3[-500:]) < 0.02
 
 
+def test_a_gap_that_was_taken_back_is_not_believed_again():
+    result = run_scenario(compose(*WORDS[:-2], "twin.delay_s=0.5", "duration_s=39"), service=Says(math.radians(60)))
+    believed = result.trace.set_index("t_s")["gap_hat_deg"]
+    assert np.allclose(believed[15.0:], 5.0)
+    assert "taken back" in result.estimates["reason"].iloc[0]
+    assert "not put in force: the loop went round in 60.0 deg" in result.estimates["reason"].iloc[1]
+    assert math.isnan(result.estimates["applied_deg"].iloc[1])
+
+
 def test_a_gap_with_which_it_rests_is_kept():
     result = run_scenario(compose(*WORDS), service=Says(math.radians(6)))
     assert result.trace["gap_hat_deg"].iloc[-1] == pytest.approx(6.0)

@@ -80,7 +80,7 @@ def test_progress_is_silent_unless_asked_for(capsys):
 
 
 def test_advice_is_printed():
-    words = ("controller=imc", "rig.effects.motor_bearing.coulomb_friction.torque=0.05", "duration_s=25")
+    words = ("experiment=fig8", "rig.effects.motor_bearing.coulomb_friction.torque=0.05", "duration_s=25")
     printed = " ".join(str(dtb.run(*words)).split())
     assert "not every move settles" in printed
     assert "controller.internal_model=inner_loop takes it out" in printed

@@ -48,6 +48,8 @@ MORE = [
     (f"{MOTOR}.viscous_friction.coefficient=7e-4", "viscous friction", "motor_bearing", 7e-4),
     (f"{MOTOR}.constant_load.torque=-0.02", "constant load", "motor_bearing", -0.02),
     ("rig.effects.amplifier.gain_error.relative=0.1", "gain", "amplifier", 0.1),
+    ("rig.effects.amplifier.delay.time=1.5e-3", "delay", "amplifier", 1.5e-3),
+    ("rig.parameters.k_T.value=0.64", "torque constant", "motor_circuit", 0.64),
 ]
 CHANGES += [pytest.param(*one, marks=nightly) for one in MORE]
 
@@ -86,7 +88,6 @@ UNKNOWN = [
         "rig.effects.motor_bearing.asymmetric_friction.viscous_difference=5e-4",
         "rig.effects.screw.pitch_error.amplitude=1e-5", "rig.effects.link_2.backlash.lost_motion=1e-5",
         "rig.parameters.m.value=4.5", "rig.effects.mass_2.absorber={mass:0.5,frequency:6}",
-        "rig.effects.amplifier.delay.time=2e-3",
     )),
 ]  # fmt: skip
 
@@ -97,6 +98,14 @@ def test_what_is_not_in_the_bank_is_unknown(changed):
     said = diagnose_buffer(NOMINAL, buffer(changed), math.radians(OLD_DEG))
     assert said.verdict in ("unknown", "ambiguous")
     assert not said.changes
+    assert said.belief.rig == NOMINAL.rig
+
+
+@pytest.mark.parametrize("delay_s", [3.3e-4, pytest.param(2e-4, marks=nightly), pytest.param(7e-4, marks=nightly)])
+@pytest.mark.check
+def test_a_delay_of_tenths_of_a_millisecond_is_no_weaker_motor(delay_s):
+    said = diagnose_buffer(NOMINAL, buffer(f"rig.effects.amplifier.delay.time={delay_s}"), math.radians(OLD_DEG))
+    assert (said.verdict, set(said.names)) == ("ambiguous", {"torque constant motor_circuit", "delay amplifier"})
     assert said.belief.rig == NOMINAL.rig
 
 
