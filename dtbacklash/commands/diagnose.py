@@ -82,6 +82,7 @@ def read(
         rig=rig,
         units=how.units,
         trust_units=how.trust_units,
+        command=how.command,
         sample_time_s=how.sample_time_s,
     )
 

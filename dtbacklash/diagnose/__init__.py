@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from dtbacklash.diagnose.data.compare import Record
+from dtbacklash.diagnose.data.decay import while_it_moves
 from dtbacklash.diagnose.data.records import long_enough, records_of
 from dtbacklash.diagnose.data.several import Several, source_of
 from dtbacklash.diagnose.judge.explained import Enough, read_enough
@@ -54,17 +55,18 @@ def diagnose(
 
     Raises
     ------
-    UserError : no channel of the rig was recorded, or is common to all; an integrating part not measured, nothing was
-        commanded, too little is left to fit to or to judge on; the validation repeats the recording, is none of
+    UserError : no channel of the rig was recorded, or is common to all; an integrating part not measured, too
+        little is left to fit to or to judge on; the validation repeats the recording, is none of
         several, or, of one recording, lacks one of its channels or has another sample time.
     """
     accepted = read_enough(enough or {}, rig)
     held_out = SETTINGS.held_out_share if held_out is None else held_out
-    if not isinstance(recording, Recording) and len(recording) == 1:
-        recording = recording[0]
-    if isinstance(recording, Recording) and (validation is None or isinstance(validation, Recording)):
-        return _one(recording, rig, validation, held_out, progress, jobs, units, accepted, depth)
-    recordings = [recording] if isinstance(recording, Recording) else recording
+    given = [recording] if isinstance(recording, Recording) else recording
+    recordings = [while_it_moves(one, rig) for one in given]
+    if isinstance(validation, Recording):
+        validation = while_it_moves(validation, rig)
+    if len(recordings) == 1 and (validation is None or isinstance(validation, Recording)):
+        return _one(recordings[0], rig, validation, held_out, progress, jobs, units, accepted, depth)
     others = [validation] if isinstance(validation, Recording) else validation
     several = Several.of(recordings, others, rig)
     records, left_out = long_enough(rig, several.records(rig, held_out))

@@ -1,7 +1,5 @@
 """The whole diagnosis on simulated recordings; other integrators and real recordings have tests of their own."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from nominal import nominal_rig
@@ -11,7 +9,6 @@ from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.free import nominal_free
 from dtbacklash.diagnose.fit.refit import fit
 from dtbacklash.diagnose.settings import SETTINGS
-from dtbacklash.errors import UserError
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.recording.model import Recording
 
@@ -77,13 +74,6 @@ def test_the_progress_is_told(rig):
     diagnose_records(rig, [recorded(rig, seconds=4.0)], lambda _, share: told.append(share))
     assert told
     assert np.all(np.diff(told) >= 0)
-
-
-def test_a_recording_without_a_command_is_refused(rig):
-    record = recorded(rig, seconds=4.0)
-    silent = replace(record, u=np.zeros(record.samples))
-    with pytest.raises(UserError, match="it is 0 in all that is fitted"):
-        diagnose_records(rig, [silent])
 
 
 def test_a_recording_s_units_notes_and_name_stand_in_the_result(rig):
