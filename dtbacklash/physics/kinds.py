@@ -6,6 +6,7 @@ for names of kinds. A field names a parameter in the rig's file (value, unit, to
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from dtbacklash.physics.effects import slots
@@ -36,6 +37,8 @@ class Kind:
     part : the part of a machine that it belongs to, one of PARTS. one_of : the groups of which a rig has one element at
         most.
     quantities : what a sensor can show of it -> unit.
+    first : of a spring that turns one motion into another, the kinds at its first end. lever : its values -> how far
+        that end goes per unit of the body there.
     """
 
     name: str
@@ -50,9 +53,20 @@ class Kind:
     part: str = STRUCTURE
     one_of: tuple[str, ...] = ()
     quantities: dict[str, str] = field(default_factory=dict)
+    first: tuple[str, ...] = ()
+    lever: Callable[[dict[str, float]], float] = lambda values: 1.0
+
+    def at_end(self, place: int) -> tuple[str, ...]:
+        """The kinds that may stand at the first end (0) or the second one (1) of a spring."""
+        kinds = self.neighbours["between"]
+        if not self.first or place == 0:
+            return self.first or kinds
+        return tuple(k for k in kinds if k not in self.first) or kinds
 
     def takes(self, slot: slots.Slot) -> bool:
         """Whether an effect in this slot can act at such an element."""
+        if self.first and isinstance(slot, slots.Contact):  # its ends do not move along one line
+            return False
         mine = {self.trait}
         if self.trait == slots.BODY and self.axis == LINEAR:
             mine.add(slots.SLIDING_BODY)
@@ -92,13 +106,31 @@ KINDS: dict[str, Kind] = {
             trait=slots.SPRING, axis=ROTARY, motor_side=True, part=TRANSMISSION,
         ),
         Kind(
-            "gear", {}, {}, {"driven_by": ("rotor",)},
-            "1:1, where the backlash is; its output holds its place (self-locking)",
+            "gear", {}, {"ratio": "1"}, {"driven_by": ("rotor",)},
+            "where the backlash is, seen at the rotor; its output holds its place (self-locking) and turns 1/ratio as "
+            "fast, 1:1 if no ratio is given",
             trait=slots.GEAR, part=TRANSMISSION, one_of=("gear",),
         ),
         Kind(
             "screw", {"lead": "m/rad"}, {}, {"driven_by": ("gear",), "carries": ("mass", "carriage")},
             "turns the angle into the base's position", trait=slots.SCREW, part=TRANSMISSION, one_of=("base",),
+        ),
+        Kind(
+            "gearbox", {"ratio": "1", "stiffness": "N m/rad"}, {"damping": "N m s/rad"}, {"between": ("rotor",)},
+            "the second rotor turns 1/ratio as fast as the first; spring and damper of the teeth, at the second one",
+            trait=slots.SPRING, axis=ROTARY, motor_side=True, part=TRANSMISSION, first=("rotor",),
+            lever=lambda values: 1.0 / values["ratio"],
+        ),
+        *(
+            Kind(
+                name, {"radius": "m", "stiffness": "N/m"}, {"damping": "N s/m"}, {"between": ("rotor", *_SLIDING)},
+                description, trait=slots.SPRING, axis=LINEAR, part=TRANSMISSION, one_of=("base",), first=("rotor",),
+                lever=lambda values: values["radius"],
+            )
+            for name, description in (
+                ("belt", "a pulley of this radius on the first element, a rotor, pulls the second by an elastic belt"),
+                ("rack", "a pinion of this radius on the first element, a rotor, pushes the second by elastic teeth"),
+            )
         ),
         Kind(
             "mass", {"mass": "kg"}, {"ground_stiffness": "N/m", "ground_damping": "N s/m"}, {}, "a lumped mass",

@@ -30,6 +30,11 @@ class Element:
         """What its kind says of it."""
         return KINDS[self.kind]
 
+    @property
+    def lever(self) -> float:
+        """How far a spring's first end goes per unit of the body there: 1, or m/rad of a pulley, or 1/ratio."""
+        return self.trait.lever(self.values)
+
 
 @dataclass(frozen=True)
 class Sensor:
@@ -185,6 +190,7 @@ def build_rig(config: RigConfig) -> Rig:
     elements = {name: _element(name, spec, config.parameters) for name, spec in config.elements.items()}
     _check_neighbours(elements)
     _check_gain(elements, config)
+    _gear_down(elements)
     sensors = {name: _sensor(name, spec, elements) for name, spec in config.sensors.items()}
     rig = Rig(config, elements, {}, sensors)
     effects: Effects = {}
@@ -270,9 +276,10 @@ def _check_neighbour(elements: dict[str, Element], element: Element, role: str, 
     if role == "between" and (not isinstance(names, list) or len(names) != 2 or names[0] == names[1]):
         raise UserError(key, target, "two different bodies, e.g. [mass_1, mass_2] or [ground, mass_1]")
     kinds = element.trait.neighbours[role]
-    for name in names:
-        if role == "between" and name == GROUND:
+    for place, name in enumerate(names):
+        if role == "between" and name == GROUND and not element.trait.first:
             continue
+        kinds = element.trait.at_end(place) if role == "between" else kinds
         fitting = [e.name for e in elements.values() if e.kind in kinds]
         if not isinstance(name, str) or name not in fitting:
             allowed = f"an element of kind {' or '.join(kinds)}: {', '.join(fitting) or 'the rig has none'}"
@@ -310,6 +317,15 @@ def _check_gain(elements: dict[str, Element], config: RigConfig) -> None:
             unit, needed = config.parameters[name].unit, AXES[elements[driven].trait.axis][2] + "/V"
             if unit and unit != needed:
                 raise UserError(f"rig.parameters.{name}.unit", unit, f"{needed}, as {element.name} drives {driven}")
+
+
+def _gear_down(elements: dict[str, Element]) -> None:
+    """Put the gear's ratio into the screw's lead: how far its base goes per radian of the motor."""
+    for element in elements.values():
+        if element.kind == "screw":
+            ratio = elements[element.neighbours["driven_by"]].values.get("ratio", 1.0)
+            values = {**element.values, "lead": element.values["lead"] / ratio}
+            elements[element.name] = replace(element, values=values)
 
 
 def _sensor(name: str, spec: dict[str, Any], elements: dict[str, Element]) -> Sensor:

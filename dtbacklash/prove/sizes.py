@@ -84,7 +84,10 @@ class Motion:
             return max(self.force.values(), default=1.0), EFFORT_MAX
         if name in self.drive:
             return self.drive[name], EFFORT_MAX_DRIVEN
-        pulls = [self.force[link.name] for link in self.rig.links() if name in link.neighbours["between"]]
+        pulls = [
+            self.force[link.name] * (link.lever if link.neighbours["between"][0] == name else 1.0)
+            for link in self.rig.links() if name in link.neighbours["between"]
+        ]  # fmt: skip
         return max(pulls, default=0.0), EFFORT_MAX
 
 
@@ -104,7 +107,7 @@ def motion_of(rig: Rig, run: Run, duration_s: float, highest_hz: float) -> Motio
         found.reach[name] = float(np.abs(q[name]).max())
     for link in rig.links():
         a, b = link.neighbours["between"]
-        s, rate = q[b] - q[a], v[b] - v[a]
+        s, rate = q[b] - link.lever * q[a], v[b] - link.lever * v[a]
         found.stretch[link.name], found.rate[link.name] = rms(s), rms(rate)
         found.reach[link.name] = float(np.abs(s).max())
         force = link.values["stiffness"] * s + link.values.get("damping", 0.0) * rate

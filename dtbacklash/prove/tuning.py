@@ -60,19 +60,24 @@ def plant_of(rig: Rig) -> Plant:
     bodies = take_apart(rig, rig.only("positioner") is not None).bodies
     shown = (n for n, s in rig.sensors.items() if s.of == driven and s.quantity == "position")
     return Plant(
-        driven, per_volt, sum(rig.elements[n].values[rig.elements[n].trait.inertia] for n in _tied(rig, driven)), modes,
+        driven, per_volt, _inertia(rig, driven), modes,
         len(modes) == len(bodies.names), v["resistance"] / v["inductance"] if circuit else math.inf, next(shown, ""),
     )  # fmt: skip
 
 
-def _tied(rig: Rig, start: str) -> list[str]:
-    """The bodies that springs tie to one, and that one."""
-    names = [start] if start else []
-    for name in names:
+def _inertia(rig: Rig, start: str) -> float:
+    """The inertia of a body and of all that springs tie to it, as it feels them through their levers; 0 of none."""
+    moves = {start: 1.0} if start else {}  # how far each goes per unit of the first one
+    waiting = list(moves)
+    for name in waiting:
         for link in rig.links():
-            ends = link.neighbours["between"]
-            names += [n for n in ends if name in ends and n not in names and n != GROUND]
-    return [n for n in names if rig.elements[n].trait.inertia]
+            a, b = link.neighbours["between"]
+            for here, there, ratio in ((a, b, link.lever), (b, a, 1.0 / link.lever)):
+                if here == name and there not in moves and there != GROUND:
+                    moves[there] = ratio * moves[name]
+                    waiting.append(there)
+    bodies = ((rig.elements[name], ratio) for name, ratio in moves.items())
+    return sum(e.values[e.trait.inertia] * ratio**2 for e, ratio in bodies if e.trait.inertia)
 
 
 def in_cascade(rig: Rig) -> bool:

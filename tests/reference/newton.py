@@ -45,6 +45,7 @@ class Link:
     drift: float = 0.0
     z: int = -1  # where its hysteretic variable stands in the state
     play: float = 0.0  # the stretch, side to side, over which the spring does not take hold
+    arm: float = 1.0  # how far its end at a goes per unit of a's motion: a pulley's radius, 1/ratio of teeth
     name: str = ""
 
 
@@ -170,7 +171,7 @@ class Machine:
         for link in self.links:
             force = self._link_force(link, t, x, where, out)
             effort[link.b] -= force
-            effort[link.a] += force
+            effort[link.a] += link.arm * force
         for contact, hold in zip(self.contacts, holding, strict=True):
             force = hold
             if contact.mode:
@@ -206,7 +207,7 @@ class Machine:
 
     def _link_force(self, link: Link, t: float, x: list[float], where: dict, out: list[float]) -> float:
         (qa, va), (qb, vb) = where[link.a], where[link.b]
-        s, rate = qb - qa, vb - va
+        s, rate = qb - link.arm * qa, vb - link.arm * va
         s = math.copysign(max(abs(s) - 0.5 * link.play, 0.0), s)
         force = link.stiffness * (1.0 + link.drift * t) * s + link.damping * rate
         force += link.cubic * s**3 + link.quadratic * abs(rate) * rate
@@ -289,7 +290,7 @@ class Machine:
         """Kinetic energy, and that of the linear springs, J."""
         where = self.ends(t, x)
         total = sum(0.5 * body.inertia * x[body.v] ** 2 for body in self.bodies.values())
-        return total + sum(0.5 * k.stiffness * (where[k.b][0] - where[k.a][0]) ** 2 for k in self.links)
+        return total + sum(0.5 * k.stiffness * (where[k.b][0] - k.arm * where[k.a][0]) ** 2 for k in self.links)
 
 
 def machine(rig: Rig) -> Machine:
@@ -341,7 +342,7 @@ def machine(rig: Rig) -> Machine:
             omega, mass = 2.0 * math.pi * absorber["frequency"], absorber["mass"]
             damping = 2.0 * absorber["damping_ratio"] * omega * mass
             it.links.append(Link(element.name, f"{element.name}'s absorber", omega**2 * mass, damping))
-    for element in (e for e in rig.elements.values() if e.kind in ("link", "coupling", "shaft")):
+    for element in (e for e in rig.elements.values() if "between" in e.neighbours):
         _link(it, rig, element.name)
     if circuit and (heating := rig.effect(circuit.name, "resistance_heating")):
         it.heating = heating["gain"], heating["time_constant"]
@@ -376,6 +377,10 @@ def _link(it: Machine, rig: Rig, name: str) -> None:
     element, effects = rig.elements[name], rig.effects.get(name, {})
     a, b = element.neighbours["between"]
     link = Link(a, b, element.values["stiffness"], element.values.get("damping", 0.0))
+    if element.kind in ("belt", "rack"):
+        link.arm = element.values["radius"]
+    elif element.kind == "gearbox":
+        link.arm = 1.0 / element.values["ratio"]
     link.name, link.play = name, effects.get("backlash", {}).get("lost_motion", 0.0)
     link.cubic = effects.get("cubic_stiffness", {}).get("k3", 0.0)
     link.quadratic = effects.get("quadratic_damping", {}).get("c2", 0.0)

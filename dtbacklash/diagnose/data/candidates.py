@@ -130,7 +130,8 @@ class PlacesInMotion:
         zero = np.zeros(len(self.command))
         ends = self.rig.elements[name].neighbours["between"]
         a, b = (self.where.get(e, zero[: len(next(iter(self.where.values()), zero))]) for e in ends)
-        return b - a, float(np.quantile(np.abs(np.diff(b - a)) / self.step_s, 0.9))
+        stretch = b - self.rig.elements[name].lever * a
+        return stretch, float(np.quantile(np.abs(np.diff(stretch)) / self.step_s, 0.9))
 
     def _force(self, name: str) -> float:
         """The usual size of the largest effort on a body, N or N m: of the springs at it, or the motor."""
@@ -138,7 +139,7 @@ class PlacesInMotion:
         for link in self.rig.links():
             if name in link.neighbours["between"]:
                 pull = link.values["stiffness"] * float(np.quantile(np.abs(self._stretch(link.name)[0]), 0.9))
-                force = max(force, pull)
+                force = max(force, pull * (link.lever if link.neighbours["between"][0] == name else 1.0))
         actuator, circuit = self.rig.only("actuator"), self.rig.only("motor_circuit")
         usual = float(np.std(self.command))
         if actuator and actuator.neighbours["drives"] == name:

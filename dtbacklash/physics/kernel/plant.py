@@ -20,8 +20,8 @@ GROUND, BASE = -1, -2
 # states of the gear; PLUS and MINUS are contacts on that side, RIGID means that there is no gap
 FREE, PLUS, MINUS, RIGID = 0, 1, -1, 2
 
-# columns of `link`
-L_K, L_C, N_LINK = range(3)
+# columns of `link`; the lever is how far its first end goes per unit of the motion of the body there
+L_K, L_C, L_LEVER, N_LINK = range(4)
 # entries of `circuit`
 C_R, C_KT, N_CIRCUIT = range(3)
 # entries of `screw`

@@ -190,7 +190,7 @@ def _turn_contacts(P, S, h, theta_d, gap_rate):
         if S.mode[1 + c] == 0 or not _on_base(P, c):
             continue
         rate = slip_rate(P, S, S.x, c, theta_d, gap_rate)
-        mobility = gained(P.G[contact], P.position + P.n_bodies, P.friction_ends[c, 0], P.friction_ends[c, 1])
+        mobility = gained(P.G[contact], P.position + P.n_bodies, P.friction_ends[c, 0], P.friction_ends[c, 1], 1.0)
         if S.mode[1 + c] * rate < 0.0 and abs(rate) > mobility * h * held_level(P, c, -rate):
             S.mode[1 + c] = 1 if rate > 0.0 else -1
 

@@ -9,7 +9,7 @@ GROUND, BASE = -1, -2
 # columns of `body`
 B_VISCOUS, B_DIFFERENCE, B_LEVELS, B_COGGING, B_WAVE, B_PHASE, B_LOAD, B_WEIGHT, B_ANGLE, N_BODY = range(10)
 # columns of `link`
-(L_K, L_C, L_CUBIC, L_QUADRATIC, L_FORCE, L_YIELD, L_STOP, L_CLEARANCE, L_DRIFT, L_LOST, N_LINK) = range(11)
+(L_K, L_C, L_CUBIC, L_QUADRATIC, L_FORCE, L_YIELD, L_STOP, L_CLEARANCE, L_DRIFT, L_LOST, L_LEVER, N_LINK) = range(12)
 # columns of `friction`
 F_COULOMB, F_STRIBECK, F_SPEED, F_BRISTLE, F_DAMPING, N_FRICTION = range(6)
 # entries of `drive`; D_EFFORT: N or N m per volt of an ideal actuator; D_TRAVEL: m per volt of a positioner

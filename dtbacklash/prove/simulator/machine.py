@@ -39,17 +39,17 @@ class _Net:
             return col.GROUND
         return col.BASE if name == self.base else self.names.index(name)
 
-    def join(self, a: int, b: int, k: float, c: float) -> list[float]:
+    def join(self, a: int, b: int, k: float, c: float, lever: float = 1.0) -> list[float]:
         """Add a spring and a damper from a to b; returns their row, to which effects are added."""
         row = [0.0] * col.N_LINK
-        row[col.L_K], row[col.L_C] = k, c
+        row[col.L_K], row[col.L_C], row[col.L_LEVER] = k, c, lever
         self.link.append(row)
         self.link_ends.append((a, b))
         return row
 
-    def reduced(self, a: int, b: int) -> float:
+    def reduced(self, a: int, b: int, lever: float = 1.0) -> float:
         """The reduced mass of two ends; ground and base do not move."""
-        free = [1.0 / self.inertia[end] for end in (a, b) if end >= 0]
+        free = [arm**2 / self.inertia[end] for end, arm in ((a, lever), (b, 1.0)) if end >= 0]
         return 1.0 / sum(free)
 
 
@@ -143,7 +143,9 @@ def _links(rig: Rig, net: _Net) -> dict[str, int]:
     for element in rig.links():
         a, b = (net.end(name) for name in element.neighbours["between"])
         where[element.name] = len(net.link)
-        row = net.join(a, b, element.values["stiffness"], element.values.get("damping", 0.0))
+        v = element.values
+        lever = v["radius"] if "radius" in v else 1.0 / v.get("ratio", 1.0)
+        row = net.join(a, b, v["stiffness"], v.get("damping", 0.0), lever)
         for name, entries in columns.items():
             if effect := rig.effect(element.name, name):
                 for column, parameter in entries:
@@ -164,7 +166,7 @@ def _substeps(net: _Net, drive: Floats, sample_time_s: float) -> int:
         fastest = float(np.abs(np.linalg.eigvals(circuit)).max())
     for (a, b), row in zip(net.link_ends, net.link, strict=True):
         if max(a, b) >= 0:
-            m = net.reduced(a, b)
+            m = net.reduced(a, b, row[col.L_LEVER])
             fastest = max(fastest, 2.0 * math.sqrt(row[col.L_K] / m), 2.0 * row[col.L_C] / m)
     return math.ceil(fastest * sample_time_s / STEP_RATE)
 

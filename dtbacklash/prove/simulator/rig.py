@@ -17,7 +17,7 @@ from dtbacklash.prove.simulator.step import run_machine
 #: the kinds of element and the effects that this simulator has
 KINDS = (
     "amplifier", "motor_circuit", "actuator", "positioner", "rotor", "gear", "screw", "shaft", "mass", "carriage",
-    "brake", "link", "coupling",
+    "brake", "link", "coupling", "gearbox", "belt", "rack",
 )  # fmt: skip
 EFFECTS = frozenset((
     "saturation", "dead_zone", "delay", "gain_error", "offset", "resistance_heating", "torque_ripple",
