@@ -84,6 +84,17 @@ MACHINES: dict[str, tuple[str, str, str, str]] = {
   i_m: {of: motor, quantity: current}
 """,
     ),
+    "servo": (
+        "a servo that swings an arm: the command is an angle",
+        "  K_p: {{value: 8 N m/rad, tolerance: 0.2, description: effort per angle that is missing}}\n"
+        "  K_d: {{value: 0.25 N m s/rad, tolerance: 0.2, description: effort against the speed}}\n",
+        """\
+  amplifier: {kind: amplifier, drives: servo}
+  servo: {kind: servo, position_gain: K_p, speed_gain: K_d, drives: arm}   # limits: effects speed_limit, effort_limit
+  arm: {kind: rotor, inertia: 0.02 kg m^2}
+""",
+        "  theta: {of: arm, quantity: position, recorded_in: deg}\n",
+    ),
     "pendulum": (
         "a disk or an arm on a torque motor",
         "  k_t: {{value: 0.3 N m/V, tolerance: 0.02, description: torque per volt of the command}}\n",

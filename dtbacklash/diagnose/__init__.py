@@ -10,6 +10,7 @@ from dtbacklash.diagnose.data.several import Several, source_of
 from dtbacklash.diagnose.judge.explained import Enough, read_enough
 from dtbacklash.diagnose.pipeline import diagnose_records
 from dtbacklash.diagnose.result import Diagnosis
+from dtbacklash.diagnose.say.beforehand import beforehand
 from dtbacklash.diagnose.say.error_names import names_the_recording
 from dtbacklash.diagnose.say.sentences import notes_of, notes_of_several, units_of, zeros_said
 from dtbacklash.diagnose.search.grow import FULL, Depth
@@ -74,7 +75,8 @@ def diagnose(
     found = diagnose_records(rig, records, progress, jobs, accepted, depth)
     used = tuple(several.used(records, found.recordings))
     zeros = zeros_said(used, found.work.floor if found.work else {})
-    notes = *notes_of_several(several, held_out), *left_out, *zeros, *found.notes
+    untold = beforehand(rig, several.recordings[0].channels)
+    notes = *notes_of_several(several, held_out), *untold, *left_out, *zeros, *found.notes
     read = units_of(several) if units is None else dict(units)
     return replace(found, source=", ".join(several.names), notes=notes, units=read, recordings=used)
 
@@ -94,6 +96,6 @@ def _one(
     records, left_out = long_enough(rig, records)
     check_parts(records, ("held_out", held_out) if validation is None else ("validation", validation.name))
     found = diagnose_records(rig, records, progress, jobs, enough, depth)
-    notes = *notes_of(recording, validation, held_out), *left_out
+    notes = *notes_of(recording, validation, held_out), *beforehand(rig, recording.channels), *left_out
     read = recording.assumed_units if units is None else units
     return replace(found, source=source_of(recording), notes=(*notes, *found.notes), units=dict(read))

@@ -115,6 +115,9 @@ def take_apart(rig: Rig, imposed: bool) -> Parts:
     for element in rig.links():
         if not (imposed and element.trait.axis != LINEAR):
             _add_spring(parts, element)
+    if rig.servo and rig.servo.neighbours["drives"] in bodies.names:
+        gains = rig.servo.values["position_gain"], rig.servo.values.get("speed_gain", 0.0)
+        bodies.connect(pl.GROUND, bodies.names.index(rig.servo.neighbours["drives"]), *gains)
     for element in rig.elements.values():
         _add_bearing(parts, element)
     _check_base(rig, base)

@@ -14,7 +14,7 @@ from typing import Any
 from dtbacklash import sources
 from dtbacklash.errors import UserError
 from dtbacklash.physics import own_laws
-from dtbacklash.physics.effects import body, drive, sensor, spring, transmission
+from dtbacklash.physics.effects import body, drive, sensor, servo, spring, transmission
 from dtbacklash.physics.effects.declare import Effect, Role
 from dtbacklash.physics.effects.slots import plain_function
 from dtbacklash.physics.kinds import KINDS, SENSOR, Kind
@@ -105,7 +105,7 @@ def find(kind: str, name: str, key: str) -> Effect:
     return effect
 
 
-for _effect in (*drive.EFFECTS, *body.EFFECTS, *transmission.EFFECTS, *spring.EFFECTS, *sensor.EFFECTS):
+for _effect in (*drive.EFFECTS, *body.EFFECTS, *transmission.EFFECTS, *spring.EFFECTS, *servo.EFFECTS, *sensor.EFFECTS):
     register(_effect)
 
 #: what comes with the package: its laws are compiled into the simulation

@@ -75,14 +75,16 @@ class Kind:
 
 #: what a sensor can show of a body
 _MOTION = {axis: {"position": units[0], "velocity": units[1]} for axis, units in AXES.items()}
+#: and of a spring: what it pulls its ends together with
+_EFFORT = {ROTARY: {"torque": "N m"}, LINEAR: {"force": "N"}}
 _SLIDING = ("mass", "carriage", "brake")
 
 KINDS: dict[str, Kind] = {
     kind.name: kind
     for kind in (
         Kind(
-            "amplifier", {}, {}, {"drives": ("motor_circuit", "actuator")},
-            "turns the command into a voltage or, with an actuator, a force or a torque",
+            "amplifier", {}, {}, {"drives": ("motor_circuit", "actuator", "servo", "linear_servo")},
+            "turns the command into a voltage or, with an actuator, a force or a torque; passes on that of a servo",
             trait=slots.AMPLIFIER, motor_side=True, part=DRIVE, one_of=("amplifier",),
         ),
         Kind(
@@ -94,7 +96,17 @@ KINDS: dict[str, Kind] = {
         Kind(
             "actuator", {"gain": ("N/V", "N m/V")}, {}, {"drives": ("rotor", *_SLIDING)},
             "an ideal force or, on a rotor, torque: gain times the command",
-            motor_side=True, part=DRIVE, one_of=("drive",),
+            trait=slots.ACTUATOR, motor_side=True, part=DRIVE, one_of=("drive",),
+        ),
+        *(
+            Kind(
+                name, {"position_gain": f"{AXES[axis][2]}/{AXES[axis][0]}"},
+                {"speed_gain": "N m s/rad" if axis == ROTARY else "N s/m"}, {"drives": driven},
+                f"a drive with a position loop: the command u is a position [{AXES[axis][0]}], the effort "
+                "position_gain (u - q) - speed_gain q'",
+                trait=slots.SERVO, axis=axis, motor_side=True, part=DRIVE, one_of=("drive",),
+            )
+            for name, axis, driven in (("servo", ROTARY, ("rotor",)), ("linear_servo", LINEAR, _SLIDING))
         ),
         Kind(
             "rotor", {"inertia": "kg m^2"}, {}, {}, "an inertia in its bearing; the driven one is the motor's",
@@ -103,7 +115,7 @@ KINDS: dict[str, Kind] = {
         Kind(
             "shaft", {"stiffness": "N m/rad"}, {"damping": "N m s/rad"}, {"between": ("rotor",)},
             "spring and damper in parallel between two rotors, or a rotor and the ground",
-            trait=slots.SPRING, axis=ROTARY, motor_side=True, part=TRANSMISSION,
+            trait=slots.SPRING, axis=ROTARY, motor_side=True, part=TRANSMISSION, quantities=_EFFORT[ROTARY],
         ),
         Kind(
             "gear", {}, {"ratio": "1"}, {"driven_by": ("rotor",)},
@@ -118,14 +130,14 @@ KINDS: dict[str, Kind] = {
         Kind(
             "gearbox", {"ratio": "1", "stiffness": "N m/rad"}, {"damping": "N m s/rad"}, {"between": ("rotor",)},
             "the second rotor turns 1/ratio as fast as the first; spring and damper of the teeth, at the second one",
-            trait=slots.SPRING, axis=ROTARY, motor_side=True, part=TRANSMISSION, first=("rotor",),
-            lever=lambda values: 1.0 / values["ratio"],
+            trait=slots.SPRING, axis=ROTARY, motor_side=True, part=TRANSMISSION, quantities=_EFFORT[ROTARY],
+            first=("rotor",), lever=lambda values: 1.0 / values["ratio"],
         ),
         *(
             Kind(
                 name, {"radius": "m", "stiffness": "N/m"}, {"damping": "N s/m"}, {"between": ("rotor", *_SLIDING)},
-                description, trait=slots.SPRING, axis=LINEAR, part=TRANSMISSION, one_of=("base",), first=("rotor",),
-                lever=lambda values: values["radius"],
+                description, trait=slots.SPRING, axis=LINEAR, part=TRANSMISSION, one_of=("base",),
+                quantities=_EFFORT[LINEAR], first=("rotor",), lever=lambda values: values["radius"],
             )
             for name, description in (
                 ("belt", "a pulley of this radius on the first element, a rotor, pulls the second by an elastic belt"),
@@ -142,7 +154,7 @@ KINDS: dict[str, Kind] = {
         ),
         Kind(
             "link", {"stiffness": "N/m"}, {"damping": "N s/m"}, {"between": _SLIDING}, "spring and damper in parallel",
-            trait=slots.SPRING, axis=LINEAR,
+            trait=slots.SPRING, axis=LINEAR, quantities=_EFFORT[LINEAR],
         ),
         Kind(
             "positioner", {"travel": "m/V"}, {}, {},
@@ -152,7 +164,7 @@ KINDS: dict[str, Kind] = {
         Kind(
             "coupling", {"stiffness": "N/m"}, {"damping": "N s/m"}, {"between": (*_SLIDING, "positioner")},
             "spring and damper in parallel, in whose force there may be play",
-            trait=slots.SPRING, axis=LINEAR, quantities={"force": "N"},
+            trait=slots.SPRING, axis=LINEAR, quantities=_EFFORT[LINEAR],
         ),
         Kind(
             "brake", {"mass": "kg", "friction": "N"}, {}, {}, "a mass held by dry friction of a known level",

@@ -97,7 +97,7 @@ class Rig:
 
     def motor_rotor(self) -> Element | None:
         """The rotor that turns the gear, or else the one that the motor drives; None if the rig has neither."""
-        gear, drive = self.only("gear"), self.only("motor_circuit") or self.only("actuator")
+        gear, drive = self.only("gear"), self.drive
         name = gear.neighbours["driven_by"] if gear else drive.neighbours["drives"] if drive else None
         element = self.elements.get(name) if name else None
         return element if element is not None and element.kind == "rotor" else None
@@ -106,6 +106,21 @@ class Rig:
         """The single element of a kind, or None."""
         found = self.of_kind(kind)
         return found[0] if found else None
+
+    @property
+    def servo(self) -> Element | None:
+        """The drive with a position loop, or None."""
+        return self.only("servo") or self.only("linear_servo")
+
+    @property
+    def drive(self) -> Element | None:
+        """What makes an effort: a motor's winding, an actuator or a servo; None where a positioner moves the rig."""
+        return self.only("motor_circuit") or self.only("actuator") or self.servo
+
+    @property
+    def command_unit(self) -> str:
+        """The SI unit of the command: V, or that of the position that a servo is told."""
+        return AXES[self.servo.trait.axis][0] if self.servo else "V"
 
     def output_sensor(self) -> Sensor | None:
         """The sensor whose target is the reference: the position of the last body that slides, else of the last one."""

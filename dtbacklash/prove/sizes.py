@@ -68,6 +68,9 @@ class Motion:
             return place
         element = self.rig.elements[name]
         place = replace(place, values=element.values, speed=self.velocity.get(name, 0.0))
+        if element.trait.trait == slots.SERVO:
+            driven = element.neighbours["drives"]
+            return replace(place, speed=self.velocity[driven], force=self.drive[driven])
         if element.trait.trait == slots.SPRING:
             s, rate, force = self.stretch[name], self.rate[name], self.force[name]
             return replace(place, span=s, stretch_rate=rate, force=force, force_most=EFFORT_MAX * force)
@@ -113,7 +116,11 @@ def motion_of(rig: Rig, run: Run, duration_s: float, highest_hz: float) -> Motio
         force = link.values["stiffness"] * s + link.values.get("damping", 0.0) * rate
         found.force[link.name] = rms(force)
     if driven := driven_body(rig):
-        found.drive[driven] = tuning.plant_of(rig).per_volt * rms(run.u)
+        per_volt = tuning.plant_of(rig).per_volt
+        effort = per_volt * run.u
+        if rig.servo:
+            effort = per_volt * (run.u - q[driven]) - rig.servo.values.get("speed_gain", 0.0) * v[driven]
+        found.drive[driven] = rms(effort)
     return found
 
 

@@ -100,6 +100,8 @@ class _Names:
         if channel == REFERENCE:
             output = self.rig.output_sensor() if self.rig else None
             return (output.unit if output else "m", "m", "rad", "m/s", "rad/s", "V")
+        if channel == COMMAND and self.rig and self.rig.command_unit != ALWAYS[COMMAND]:
+            return self.rig.command_unit, ALWAYS[COMMAND]  # a volt stands for one
         if channel in ALWAYS:
             return (ALWAYS[channel],)
         if channel in self.sensors:

@@ -116,6 +116,8 @@ class Machine:
     heating: tuple[float, float] | None = None
     driven: str = ""
     gain: float = 0.0
+    lag: float = 0.0  # time constant of the actuator behind its command; what has arrived is the last state
+    servo: dict[str, float] | None = None
     size: int = 0
     amplifier: dict[str, dict[str, float]] = field(default_factory=dict)
     # what changes
@@ -226,9 +228,16 @@ class Machine:
 
     def _drive(self, x: list[float], effort: dict[str, float], out: list[float]) -> None:
         """The motor's torque, or the actuator's force."""
+        if self.servo:
+            effort[self.driven] += self._loop(x[self.bodies[self.driven].q], x[self.bodies[self.driven].v])
+            return
         if self.circuit is None:
+            arrived = self.drive
+            if self.lag:
+                arrived = x[self.size - 1]
+                out[self.size - 1] = (self.drive - arrived) / self.lag
             if self.driven:
-                effort[self.driven] += self.gain * self.drive
+                effort[self.driven] += self.gain * arrived
             return
         body, i = self.bodies[self.driven], x[0]
         resistance = self.circuit["resistance"]
@@ -242,6 +251,17 @@ class Machine:
         effort[self.driven] += (
             self.circuit["torque_constant"] * i * (1.0 + relative * math.sin(periods * x[body.q] + phase))
         )
+
+    def _loop(self, q: float, v: float) -> float:
+        """A position loop asks for a speed, a speed loop for an effort; each up to its limit."""
+        hold, brake = self.servo["position_gain"], self.servo.get("speed_gain", 0.0)
+        if not brake:
+            effort = hold * (self.drive - q)
+        else:
+            asked = hold / brake * (self.drive - q)
+            asked = math.copysign(min(abs(asked), self.servo.get("speed", math.inf)), asked)
+            effort = brake * (asked - v)
+        return math.copysign(min(abs(effort), self.servo.get("effort", math.inf)), effort)
 
     def _react(self, t: float, x: list[float], effort: dict[str, float], out: list[float]) -> None:
         """The rotor carries what hangs on the screw: J w' = T - share d'(theta) (M x1'' - forces on the screw)."""
@@ -318,6 +338,10 @@ def machine(rig: Rig) -> Machine:
             it.ripple = ripple["relative"], ripple["periods"], ripple["phase"]
     elif actuator:
         it.driven, it.gain = actuator.neighbours["drives"], actuator.values["gain"]
+        it.lag = (rig.effect(actuator.name, "lag") or {}).get("time", 0.0)
+    elif servo := rig.servo:
+        limits = list(rig.effects.get(servo.name, {}).values())
+        it.driven, it.servo = servo.neighbours["drives"], {k: v for d in (servo.values, *limits) for k, v in d.items()}
     if rotor:
         it.rotor = rotor.name
     if screw:
@@ -347,6 +371,7 @@ def machine(rig: Rig) -> Machine:
     if circuit and (heating := rig.effect(circuit.name, "resistance_heating")):
         it.heating = heating["gain"], heating["time_constant"]
         it.size += 1
+    it.size += 1 if it.lag else 0
     return it
 
 

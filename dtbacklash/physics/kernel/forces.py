@@ -148,6 +148,20 @@ def circuit_forces(P, x, w):
 
 
 @inlined
+def servo_limits(P, x, w):
+    """What the limits of a servo take off the effort of its loop, which is linear and stands in A and G.
+
+    The position loop asks for a speed, the loop below it for an effort: position_gain (u - q) - speed_gain q'.
+    """
+    q, v = x[P.position + P.limited], x[P.position + P.n_bodies + P.limited]
+    effort = linear = P.circuit[pl.C_POSITION] * (w[pl.CH_V] - q)
+    asked = P.circuit[pl.C_ASKED]
+    effort = min(max(effort, -asked), asked) - P.circuit[pl.C_SPEED] * v
+    largest = P.circuit[pl.C_LARGEST]
+    w[pl.CH_F + P.limited] += min(max(effort, -largest), largest) - (linear - P.circuit[pl.C_SPEED] * v)
+
+
+@inlined
 def friction_level(P, c, slip_speed, direction):
     """Magnitude of dry friction at contact ``c`` at a slip speed >= 0 in a direction, N or N m."""
     place = P.slot[pl.FRICTION] + c
@@ -190,4 +204,6 @@ def add_forces(P, x, mode, w, contact, t, theta_d, theta_d_rate):
     body_forces(P, x, w, t)
     if P.current >= 0:
         circuit_forces(P, x, w)
+    if P.limited >= 0:
+        servo_limits(P, x, w)
     slip_forces(P, x, mode, w, contact, base_rate)

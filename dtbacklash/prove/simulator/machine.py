@@ -55,7 +55,7 @@ class _Net:
 
 def driven_body(rig: Rig) -> str | None:
     """The body that the motor or actuator drives; None where a positioner moves the rig."""
-    drive = rig.only("motor_circuit") or rig.only("actuator")
+    drive = rig.drive
     return drive.neighbours["drives"] if drive else None
 
 
@@ -164,6 +164,11 @@ def _substeps(net: _Net, drive: Floats, sample_time_s: float) -> int:
             [drive[col.D_KT] / net.inertia[driven], 0.0],
         ])  # fmt: skip
         fastest = float(np.abs(np.linalg.eigvals(circuit)).max())
+    if drive[col.D_LAG] > 0.0:
+        fastest = 1.0 / drive[col.D_LAG]
+    if drive[col.D_HOLD] > 0.0:
+        held = net.inertia[int(drive[col.D_BODY])]
+        fastest = max(2.0 * math.sqrt(drive[col.D_HOLD] / held), 2.0 * drive[col.D_BRAKE] / held)
     for (a, b), row in zip(net.link_ends, net.link, strict=True):
         if max(a, b) >= 0:
             m = net.reduced(a, b, row[col.L_LEVER])
@@ -225,6 +230,12 @@ def _drive(rig: Rig, net: _Net) -> Floats:
     row[col.D_BODY] = net.names.index(driven) if driven else -1
     row[col.D_TRAVEL] = positioner.values["travel"] if positioner else 0.0
     row[col.D_EFFORT] = actuator.values["gain"] if actuator else 0.0
+    if actuator:
+        row[col.D_LAG] = (rig.effect(actuator.name, "lag") or {}).get("time", 0.0)
+    if servo := rig.servo:
+        row[[col.D_HOLD, col.D_BRAKE]] = servo.values["position_gain"], servo.values.get("speed_gain", 0.0)
+        row[col.D_FAST] = (rig.effect(servo.name, "speed_limit") or {}).get("speed", math.inf)
+        row[col.D_STRONG] = (rig.effect(servo.name, "effort_limit") or {}).get("effort", math.inf)
     if circuit := rig.only("motor_circuit"):
         _wind(rig, circuit, row)
     gear, screw, amplifier = rig.only("gear"), rig.only("screw"), rig.only("amplifier")
@@ -258,7 +269,7 @@ def _sensors(rig: Rig, net: _Net, links: dict[str, int], errors: Errors) -> Floa
     for row, (name, sensor) in zip(rows, rig.sensors.items(), strict=True):
         if sensor.quantity == "current":
             row[col.Y_INDEX] = 0
-        elif sensor.quantity == "force":
+        elif sensor.quantity in ("force", "torque"):
             row[col.Y_INDEX], row[col.Y_LINK] = col.LINK_FORCE, links[sensor.of]
         elif sensor.of == net.base:
             row[col.Y_INDEX] = col.BASE_POSITION if sensor.quantity == "position" else col.BASE_VELOCITY

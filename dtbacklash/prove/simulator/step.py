@@ -179,9 +179,19 @@ def _bodies(M, S, x):
 def _effort(M, S, x, volt, angle, omega, dx):
     """What the motor, or an ideal actuator, does to the body that it drives, N m or N; and the current's rate."""
     D = M.drive
-    if D[col.D_EFFORT] != 0.0:
+    if D[col.D_EFFORT] != 0.0 and D[col.D_LAG] > 0.0:  # the first state is what has arrived of the command
+        dx[0] = (volt - x[0]) / D[col.D_LAG]
+        effort = made = D[col.D_EFFORT] * x[0]
+    elif D[col.D_EFFORT] != 0.0:
         dx[0] = 0.0
         effort = made = D[col.D_EFFORT] * volt
+    elif D[col.D_HOLD] != 0.0:
+        dx[0] = 0.0
+        wanted = D[col.D_HOLD] * (volt - angle)
+        if D[col.D_BRAKE] > 0.0:
+            fastest = D[col.D_FAST] * D[col.D_BRAKE]
+            wanted = max(-fastest, min(wanted, fastest)) - D[col.D_BRAKE] * omega
+        effort = made = max(-D[col.D_STRONG], min(wanted, D[col.D_STRONG]))
     else:
         i = x[0]
         dx[0] = (volt - D[col.D_R] * (1.0 + S.scalar[col.S_HEAT]) * i - D[col.D_KB] * omega) / D[col.D_L]

@@ -20,7 +20,7 @@ from dtbacklash.prove.sizes import motion_of
 from dtbacklash.prove.unlisted import DESCRIPTIONS, unknown_entries
 
 STEP_S, SECONDS = 1e-3, 1.0
-RIGS = ("two_mass_stage", "rotary_drive", "pendulum", "oscillator", "geared", "racked")
+RIGS = ("two_mass_stage", "rotary_drive", "pendulum", "oscillator", "geared", "racked", "served")
 #: how far two simulations may differ, as a share of what the effect changes: smooth laws, and those with a rest
 SHARE, SHARE_REST = 2e-3, 4e-2
 RESTS = {"coulomb_friction", "stribeck_friction", "dry_friction", "ground_friction"}
