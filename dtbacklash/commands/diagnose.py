@@ -49,7 +49,7 @@ def do(config: DiagnoseConfig, folder: Path, command: str, tell: Tell | None) ->
         rig = build_rig(config.rig)
         say(0.0, "reading the recording")
         train, held_out = read(config, rig)
-        for note in _notes(train, held_out):
+        for note in (*_notes(train, held_out), *_untold(train, rig)):
             log.info(note)
         keep = config.keep is not None and tell is not None  # a job of a sweep that was stopped is not done
         diagnosis = run_diagnosis(train, held_out, rig, jobs, say, config, keep)
@@ -84,6 +84,7 @@ def read(
         rig=rig,
         units=how.units,
         trust_units=how.trust_units,
+        command=how.command,
         sample_time_s=how.sample_time_s,
     )
 
@@ -95,6 +96,13 @@ def _notes(train: Recording | list[Recording], held_out: Recording | list[Record
     if isinstance(train, list) or isinstance(held_out, (list, int)):
         return [f"{r.name}: {note}" for r in ([train] if not isinstance(train, list) else train) for note in r.notes]
     return notes_of(train, held_out, SETTINGS.held_out_share)
+
+
+def _untold(train: Recording | list[Recording], rig: Rig) -> tuple[str, ...]:
+    from dtbacklash.diagnose.say.beforehand import beforehand
+
+    first = train[0] if isinstance(train, list) else train
+    return beforehand(rig, first.channels)
 
 
 def run_diagnosis(

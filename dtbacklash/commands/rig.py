@@ -63,6 +63,7 @@ def check(words: Sequence[str]) -> list[str]:
         raise UserError("argument", "(missing)", "write dtb rig check FILE.yaml")
     if len(out) > 1:
         raise UserError("out", out[1].removeprefix("out="), "is given twice")
+    from dtbacklash.diagnose.say.beforehand import beforehand
     from dtbacklash.face.rigs import load_rig
     from dtbacklash.report.diagnosis.rig_drawing import chain
 
@@ -74,10 +75,12 @@ def check(words: Sequence[str]) -> list[str]:
         where = f"of {', '.join(users)}" if users else "used by no element"
         lines.append(f"  {name} = {p.value:.6g} {p.unit}".rstrip() + f" +/- {100 * p.tolerance:.3g} %, {where}")
     lines += ["", "modes:", *(f"  {mode}" for mode in modes(rig))]
-    lines += ["", "recorded columns: t [s], u [V], " + ", ".join(
+    lines += ["", f"recorded columns: t [s], u [{rig.command_unit}], " + ", ".join(
         f"{s.name} [{s.recorded_in or s.unit}] ({s.quantity} of {s.of})" for s in rig.sensors.values())]  # fmt: skip
     lines += ["", "what a diagnosis can name, and where:"]
     lines += [f"  {place}: {', '.join(names)}" for place, names in nameable(rig).items()]
+    for sentence in beforehand(rig):
+        lines += ["", sentence]
     more = "" if rig.only("gear") else " controller=open_loop"
     return [*lines, "", f"drawn in {drawing}", "", f"dtb run {shlex.quote(f'rig={words[0]}')}{more}"]
 

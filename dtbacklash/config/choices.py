@@ -62,6 +62,12 @@ TASKS = {
     "run": "one run",
     "close_the_loop": "record, diagnose, and run with what was found",
 }
+#: what the command of a recording does between two samples
+COMMANDS = {
+    "held": "each value holds until the next sample, as a controller's does",
+    "band_limited": "a generator's filter makes it smooth",
+    "none": "nothing was commanded: the machine was pushed, or let go (a free decay)",
+}
 #: how much `dtb diagnose` looks for
 SEARCHES = {
     "full": "everything that is missing, each name against its rivals",

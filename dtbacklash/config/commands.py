@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from dtbacklash.config.choices import SEARCHES
+from dtbacklash.config.choices import COMMANDS, SEARCHES
 from dtbacklash.config.groups import recordings
 from dtbacklash.config.rig import RigConfig
 from dtbacklash.config.setting import INPUT, OUTPUT, check, number, setting
@@ -38,6 +38,10 @@ class RecordingInConfig:
     )
     sample_time_s: float | None = setting(None, "time between two samples of a file without times", above=0)
     trust_units: bool = setting(False, "true: take the units as given, without asking whether they are plausible")
+    command: str | None = setting(
+        None, "what the command does between two samples (default: as the mapping says, else held); none: nothing was "
+        "commanded, and a column u is not needed", choices=tuple(COMMANDS),
+    )  # fmt: skip
 
 
 @dataclass

@@ -35,7 +35,7 @@ MACHINES: dict[str, tuple[str, str, str, str]] = {
         MOTOR + "  lead: {{value: 2 mm/rev, tolerance: 0.005, description: of the screw}}\n",
         WINDING
         + """\
-  gear: {kind: gear, driven_by: rotor}   # 1:1; multiply the lead by a ratio
+  gear: {kind: gear, driven_by: rotor, ratio: 1}
   screw: {kind: screw, driven_by: gear, lead: lead, carries: nut}
   nut: {kind: mass, mass: 1.5 kg}
   support: {kind: link, between: [nut, table], stiffness: 20 N/mm, damping: 0.02 N s/mm}
@@ -44,24 +44,16 @@ MACHINES: dict[str, tuple[str, str, str, str]] = {
         "  theta_m: {of: rotor, quantity: position}\n  x: {of: table, quantity: position, recorded_in: mm}\n",
     ),
     "belt": (
-        "linear axis: motor and pulley as a moving mass, a belt, a carriage",
-        """\
-  # seen along the belt, with the pulley's radius r: k_m/r is the force constant, J/r^2 the mass of motor and pulley
-  R: {{value: 1.2 ohm, tolerance: 0.05, description: winding}}
-  L: {{value: 1.5 mH, tolerance: 0.1, description: winding}}
-  k_f: {{value: 4.0, tolerance: 0.03, description: "k_m/r: N/A, and V s/m"}}
+        "linear axis: DC motor, gearbox, a pulley with its belt, a carriage",
+        MOTOR + "  radius: {{value: 15 mm, tolerance: 0.005, description: of the pulley}}\n",
+        WINDING
+        + """\
+  gearbox: {kind: gearbox, between: [rotor, pulley], ratio: 3, stiffness: 200 N m/rad, damping: 0.05 N m s/rad}
+  pulley: {kind: rotor, inertia: 1 kg cm^2}
+  belt: {kind: belt, between: [pulley, carriage], radius: radius, stiffness: 60 N/mm, damping: 0.03 N s/mm}
+  carriage: {kind: carriage, mass: 3 kg}
 """,
-        """\
-  amplifier: {kind: amplifier, drives: motor}
-  motor: {kind: motor_circuit, resistance: R, inductance: L, torque_constant: k_f, emf_constant: k_f, drives: pulley}
-  pulley: {kind: carriage, mass: 0.25 kg}
-  belt: {kind: link, between: [pulley, carriage], stiffness: 60 N/mm, damping: 0.03 N s/mm}
-  carriage: {kind: mass, mass: 3 kg}
-""",
-        """\
-  x_m: {of: pulley, quantity: position, recorded_in: mm}
-  x: {of: carriage, quantity: position, recorded_in: mm}
-""",
+        "  theta_m: {of: rotor, quantity: position}\n  x: {of: carriage, quantity: position, recorded_in: mm}\n",
     ),
     "stage": (
         "linear motor, a free carriage with a table on a flexible support",
@@ -92,6 +84,17 @@ MACHINES: dict[str, tuple[str, str, str, str]] = {
   i_m: {of: motor, quantity: current}
 """,
     ),
+    "servo": (
+        "a servo that swings an arm: the command is an angle",
+        "  K_p: {{value: 8 N m/rad, tolerance: 0.2, description: effort per angle that is missing}}\n"
+        "  K_d: {{value: 0.25 N m s/rad, tolerance: 0.2, description: effort against the speed}}\n",
+        """\
+  amplifier: {kind: amplifier, drives: servo}
+  servo: {kind: servo, position_gain: K_p, speed_gain: K_d, drives: arm}   # limits: effects speed_limit, effort_limit
+  arm: {kind: rotor, inertia: 0.02 kg m^2}
+""",
+        "  theta: {of: arm, quantity: position, recorded_in: deg}\n",
+    ),
     "pendulum": (
         "a disk or an arm on a torque motor",
         "  k_t: {{value: 0.3 N m/V, tolerance: 0.02, description: torque per volt of the command}}\n",
@@ -119,7 +122,7 @@ MACHINES: dict[str, tuple[str, str, str, str]] = {
 def text(machine: str, name: str, file: str) -> str:
     """The YAML text of a rig to begin with."""
     about, parameters, elements, sensors = MACHINES[machine]
-    more = "" if "kind: gear" in elements else " controller=open_loop"
+    more = "" if "kind: gear," in elements else " controller=open_loop"
     return "\n".join([
         HEAD.format(about=about, file=shlex.quote(file), name=json.dumps(name), more=more).rstrip("\n"), "",
         "parameters:", parameters.format().rstrip("\n"), "",

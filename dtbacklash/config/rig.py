@@ -17,6 +17,8 @@ from dtbacklash.errors import UserError
 
 #: a relative tolerance, one standard deviation, is at most this: the value may be ten times as large
 TOLERANCE_MAX = 10.0
+#: fields whose number, where it stands in an element, is known exactly: teeth are counted
+KNOWN = {"ratio": 0.0}
 
 
 #: a number, maybe with its unit, and no name
@@ -114,7 +116,8 @@ class RigConfig:
                 name = f"{element}_{field}"
                 if name in self.parameters:
                     raise UserError(f"rig.elements.{element}.{field}", value, f"there is a parameter {name} already")
-                parameter = ParameterConfig(value, description=f"{field} of {element}")
+                tolerance = KNOWN.get(field, ParameterConfig.tolerance)
+                parameter = ParameterConfig(value, tolerance=tolerance, description=f"{field} of {element}")
                 self.parameters = {**self.parameters, name: parameter}
                 self.elements = {**self.elements, element: {**self.elements[element], field: name}}
 

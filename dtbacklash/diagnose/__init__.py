@@ -4,11 +4,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from dtbacklash.diagnose.data.compare import Record
+from dtbacklash.diagnose.data.decay import while_it_moves
 from dtbacklash.diagnose.data.records import long_enough, records_of
 from dtbacklash.diagnose.data.several import Several, source_of
 from dtbacklash.diagnose.judge.explained import Enough, read_enough
 from dtbacklash.diagnose.pipeline import diagnose_records
 from dtbacklash.diagnose.result import Diagnosis
+from dtbacklash.diagnose.say.beforehand import beforehand
 from dtbacklash.diagnose.say.error_names import names_the_recording
 from dtbacklash.diagnose.say.sentences import notes_of, notes_of_several, units_of, zeros_said
 from dtbacklash.diagnose.search.grow import FULL, Depth
@@ -56,17 +58,18 @@ def diagnose(
 
     Raises
     ------
-    UserError : no channel of the rig was recorded, or is common to all; an integrating part not measured, nothing was
-        commanded, too little is left to fit to or to judge on; the validation repeats the recording, is none of
+    UserError : no channel of the rig was recorded, or is common to all; an integrating part not measured, too
+        little is left to fit to or to judge on; the validation repeats the recording, is none of
         several, or, of one recording, lacks one of its channels or has another sample time.
     """
     accepted = read_enough(enough or {}, rig)
     held_out = SETTINGS.held_out_share if held_out is None else held_out
-    if not isinstance(recording, Recording) and len(recording) == 1:
-        recording = recording[0]
-    if isinstance(recording, Recording) and (validation is None or isinstance(validation, Recording)):
-        return _one(recording, rig, validation, held_out, progress, jobs, units, accepted, depth, keep)
-    recordings = [recording] if isinstance(recording, Recording) else recording
+    given = [recording] if isinstance(recording, Recording) else recording
+    recordings = [while_it_moves(one, rig) for one in given]
+    if isinstance(validation, Recording):
+        validation = while_it_moves(validation, rig)
+    if len(recordings) == 1 and (validation is None or isinstance(validation, Recording)):
+        return _one(recordings[0], rig, validation, held_out, progress, jobs, units, accepted, depth, keep)
     others = [validation] if isinstance(validation, Recording) else validation
     several = Several.of(recordings, others, rig)
     records, left_out = long_enough(rig, several.records(rig, held_out))
@@ -74,7 +77,8 @@ def diagnose(
     found = diagnose_records(rig, records, progress, jobs, accepted, depth, keep)
     used = tuple(several.used(records, found.recordings))
     zeros = zeros_said(used, found.work.floor if found.work else {})
-    notes = *notes_of_several(several, held_out), *left_out, *zeros, *found.notes
+    untold = beforehand(rig, several.recordings[0].channels)
+    notes = *notes_of_several(several, held_out), *untold, *left_out, *zeros, *found.notes
     read = units_of(several) if units is None else dict(units)
     return replace(found, source=", ".join(several.names), notes=notes, units=read, recordings=used)
 
@@ -94,6 +98,6 @@ def _one(
     records, left_out = long_enough(rig, records)
     check_parts(records, ("held_out", held_out) if validation is None else ("validation", validation.name))
     found = diagnose_records(rig, records, progress, jobs, enough, depth, keep)
-    notes = *notes_of(recording, validation, held_out), *left_out
+    notes = *notes_of(recording, validation, held_out), *beforehand(rig, recording.channels), *left_out
     read = recording.assumed_units if units is None else units
     return replace(found, source=source_of(recording), notes=(*notes, *found.notes), units=dict(read))

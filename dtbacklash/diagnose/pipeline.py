@@ -46,7 +46,6 @@ from dtbacklash.diagnose.search.slow_pull import refit_slowly
 from dtbacklash.diagnose.search.wrong_value import believed
 from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.diagnose.spread import on_cores
-from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig
 
@@ -84,11 +83,9 @@ def diagnose_records(
 
     Raises
     ------
-    UserError : no channel of the rig was recorded, an integrating part not measured, or nothing was commanded.
+    UserError : no channel of the rig was recorded, or an integrating part not measured.
     KeyboardInterrupt : it was interrupted, and nothing is to be kept.
     """
-    if not any(np.any(r.u[r.train]) for r in records):
-        raise UserError("recording", "u", "it is 0 in all that is fitted: record the machine while it is commanded")
     course = Course(progress or silent)
     # many short products of long vectors: threads of the linear algebra would cost more than they bring
     with on_cores(jobs), threadpool_limits(1, "blas"):
@@ -227,7 +224,7 @@ def _readings(rig: Rig, records: list[Record]) -> list[Evidence]:
     """What the search looks at, with the command held between its samples; and with it smooth if that fits better."""
     tempo, noise, records = tempo_rad_s(rig, records), channel_noise(records), portion(rig, records)
     held = Evidence.gather(rig, records, tempo, noise)
-    if rig.only("actuator") is None:
+    if rig.only("actuator") is None or not any(np.any(r.u) for r in records):
         return [held]
     smooth = Evidence.gather(rig, [replace(r, u=held_equivalent(r.u)) for r in records], tempo, noise)
     losses = []

@@ -249,7 +249,7 @@ def diagnose(
     Raises
     ------
     UserError : no channel of the rig was recorded, or is common to several recordings; an integrating part not
-        measured, nothing was commanded, too little is left to fit to or to judge on; the validation repeats the
+        measured, too little is left to fit to or to judge on; the validation repeats the
         recording, or, of one recording, lacks one of its channels or has another sample time.
     """
     from dtbacklash.config.choices import SEARCHES

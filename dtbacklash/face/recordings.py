@@ -21,6 +21,7 @@ def read_recording(
     sample_time_s: float | None = None,
     units: Mapping[str, str] | None = None,
     trust_units: bool = False,
+    command: str | None = None,
 ) -> Recording:
     """Read and check a recording: CSV, Parquet, ``.mat``, ``.npz``, also gzipped; or one that has a mapping.
 
@@ -35,6 +36,8 @@ def read_recording(
     units : channel -> unit of its column (``{"q3": "mm"}``), before all that mapping, header and rig say. Where nothing
         is said, SI holds; what each channel was read in stands in ``assumed_units``.
     trust_units : do not compare the channels' sizes with what the rig can do.
+    command : what ``u`` does between two samples: ``held``, ``band_limited``; ``none``: there was none, and a column
+        ``u`` is not needed. None: as the mapping says, else held.
 
     Returns
     -------
@@ -50,5 +53,5 @@ def read_recording(
     known = None if rig is None else load_rig(rig)
     return read(
         source, path=None if path is None else str(path), part=part, rig=known, sample_time_s=sample_time_s,
-        units=units, trust_units=trust_units,
+        units=units, trust_units=trust_units, command=command,
     )  # fmt: skip

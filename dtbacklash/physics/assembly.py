@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from dtbacklash.arrays import Floats, Ints
+from dtbacklash.errors import UserError
 from dtbacklash.physics.bodies import Parts, take_apart
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Effect, Values
@@ -99,11 +100,14 @@ def compile_plant(
     circuit = None if imposed else rig.only("motor_circuit")
     first_aux = (1 if circuit else 0) + 2 * len(parts.bodies.names)
     entries = _entries(parts, circuit, first_aux)
-    if where_forced and entries.forced:
+    servo = _servo_row(rig)
+    limited = servo is not None and not imposed
+    forced = entries.forced or limited
+    if where_forced and forced:
         substeps, event_levels = where_forced
     # a positioner moves smoothly between the samples, whether another law needs more steps or not
     smooth = rig.only("positioner") is not None
-    substeps = substeps or (SUBSTEPS_FORCED if entries.forced or smooth else 1)
+    substeps = substeps or (SUBSTEPS_FORCED if forced or smooth else 1)
     screw = _screw_row(parts)
     A, G = _continuous(parts, circuit, entries.decays, screw)
     E, P1, P2 = discretise(A, G, sample_time_s / substeps, event_levels + 1)
@@ -114,13 +118,14 @@ def compile_plant(
         E=E, P1=P1, P2=P2, A=A, G=G, slot=slot, first=first, law=law, law_p=law_p,
         link=np.array(parts.link, dtype=float).reshape(-1, pl.N_LINK),
         link_ends=_ends(parts.link_ends), friction_ends=_ends([contact.ends for contact in parts.contacts]),
-        circuit=_circuit_row(circuit), screw=screw,
+        circuit=_circuit_row(circuit) if servo is None else servo, screw=screw,
         sensor=_sensor_rows(parts, circuit), sensor_whole=looks[0], sensor_tick=looks[1],
         sample_time=sample_time_s, substeps=substeps, levels=event_levels + 1,
         current=0 if circuit else -1, rotor=parts.rotor,
         driven=parts.bodies.names.index(circuit.neighbours["drives"]) if circuit else -1,
+        limited=parts.bodies.names.index(rig.servo.neighbours["drives"]) if limited and rig.servo else -1,
         n_bodies=len(parts.bodies.names), position=1 if circuit else 0,
-        has_base=_base_drive(rig) is not None, imposed=imposed, forced=entries.forced,
+        has_base=_base_drive(rig) is not None, imposed=imposed, forced=forced,
         delay_whole=delay[0], delay_ticks=delay[1],
     )  # fmt: skip
 
@@ -171,6 +176,26 @@ def _circuit_row(circuit: Element | None) -> Floats:
     return row
 
 
+def _servo_row(rig: Rig) -> Floats | None:
+    """Gains and limits of a servo that has limits; else None.
+
+    Raises
+    ------
+    UserError : a limit of the speed that a servo without speed_gain would ask for.
+    """
+    servo = rig.servo
+    if servo is None:
+        return None
+    fastest = rig.amount(servo.name, slots.SpeedLimit, "speed")
+    largest = rig.amount(servo.name, slots.EffortLimit, "effort")
+    row, speed_gain = np.zeros(pl.N_CIRCUIT), servo.values.get("speed_gain", 0.0)
+    if fastest and not speed_gain:
+        raise UserError(f"rig.effects.{servo.name}.speed_limit", fastest, f"a {servo.kind} with a speed_gain")
+    row[pl.C_POSITION], row[pl.C_SPEED] = servo.values["position_gain"], speed_gain
+    row[pl.C_ASKED], row[pl.C_LARGEST] = speed_gain * fastest or math.inf, largest or math.inf
+    return row if fastest or largest else None
+
+
 def _screw_row(parts: Parts) -> Floats:
     rig, row = parts.rig, np.zeros(pl.N_SCREW)
     screw, rotor = rig.only("screw"), rig.motor_rotor()
@@ -198,9 +223,9 @@ def _sensor_rows(parts: Parts, circuit: Element | None) -> Floats:
     first = 1 if circuit else 0
     for sensor in rig.sensors.values():
         row = np.zeros(pl.N_SENSOR)
-        if sensor.quantity == "force":
-            row[pl.Y_INDEX] = pl.LINK_FORCE
-            row[pl.Y_LINK] = [e.name for e in parts.springs].index(sensor.of)
+        springs = [e.name for e in parts.springs]
+        if sensor.of in springs:
+            row[pl.Y_INDEX], row[pl.Y_LINK] = pl.LINK_FORCE, springs.index(sensor.of)
         elif sensor.of not in names and sensor.of != parts.base and not (circuit and sensor.of == circuit.name):
             row[pl.Y_INDEX] = np.nan  # measures what is imposed: there is nothing to simulate
         elif sensor.quantity == "current":
@@ -225,11 +250,12 @@ def _continuous(parts: Parts, circuit: Element | None, decays: list[float], scre
     """A (2, n, n) and G (2, channels, n), gear free and in contact. ``decays`` : rates at which memories fall, 1/s."""
     b, rig = parts.bodies, parts.rig
     nb, first, n_aux = len(b.names), 1 if circuit else 0, len(decays)
-    n = first + 2 * nb + n_aux
+    drive = rig.drive
+    lag = rig.amount(drive.name, slots.Lag, "time") if drive and not parts.imposed else 0.0
+    n = first + 2 * nb + n_aux + (1 if lag else 0)
     q, v = slice(first, first + nb), slice(first + nb, first + 2 * nb)
     A, G = np.zeros((2, n, n)), np.zeros((2, pl.CH_F + nb + n_aux, n))
     lead, share, r = screw[pl.S_LEAD], screw[pl.S_SHARE], parts.rotor
-    drive = rig.only("actuator")
     for contact in (0, 1):
         inertia = b.inertia.copy()
         K, C = b.K.copy(), b.C.copy()
@@ -260,7 +286,11 @@ def _continuous(parts: Parts, circuit: Element | None, decays: list[float], scre
             G[contact, pl.CH_V, 0] = 1.0 / values["inductance"]
         elif drive and not parts.imposed:
             target = b.names.index(drive.neighbours["drives"])
-            G[contact, pl.CH_V, v.start + target] = drive.values["gain"] / inertia[target]
+            per_volt = drive.values["position_gain" if drive is rig.servo else "gain"] / inertia[target]
+            G[contact, pl.CH_V, v.start + target] = per_volt
+            if lag:  # the last state is what has arrived of the command
+                G[contact, pl.CH_V, v.start + target], A[contact, v.start + target, n - 1] = 0.0, per_volt
+                G[contact, pl.CH_V, n - 1], A[contact, n - 1, n - 1] = 1.0 / lag, -1.0 / lag
         for j, decay in enumerate(decays):
             G[contact, pl.CH_F + nb + j, first + 2 * nb + j] = 1.0
             if math.isfinite(decay):

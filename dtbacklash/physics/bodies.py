@@ -38,15 +38,15 @@ class Bodies:
             return pl.GROUND
         return pl.BASE if name == base else self.names.index(name)
 
-    def connect(self, a: int, b: int, k: float, c: float) -> None:
-        """Put a spring and a damper between two ends."""
-        for one, other in ((a, b), (b, a)):
+    def connect(self, a: int, b: int, k: float, c: float, lever: float = 1.0) -> None:
+        """Put a spring and a damper between two ends; ``lever`` : how far the spring's end goes per unit of end a."""
+        for one, other, own in ((a, b, lever**2), (b, a, 1.0)):
             if one >= 0:
-                self.K[one, one] += k
-                self.C[one, one] += c
+                self.K[one, one] += own * k
+                self.C[one, one] += own * c
                 if other >= 0:
-                    self.K[one, other] -= k
-                    self.C[one, other] -= c
+                    self.K[one, other] -= lever * k
+                    self.C[one, other] -= lever * c
                 elif other == pl.BASE:
                     self.base_k[one] += k
                     self.base_c[one] += c
@@ -115,6 +115,9 @@ def take_apart(rig: Rig, imposed: bool) -> Parts:
     for element in rig.links():
         if not (imposed and element.trait.axis != LINEAR):
             _add_spring(parts, element)
+    if rig.servo and rig.servo.neighbours["drives"] in bodies.names:
+        gains = rig.servo.values["position_gain"], rig.servo.values.get("speed_gain", 0.0)
+        bodies.connect(pl.GROUND, bodies.names.index(rig.servo.neighbours["drives"]), *gains)
     for element in rig.elements.values():
         _add_bearing(parts, element)
     _check_base(rig, base)
@@ -174,7 +177,8 @@ def _add_spring(parts: Parts, element: Element) -> None:
     a, b = (bodies.end(name, parts.base) for name in element.neighbours["between"])
     row = [0.0] * pl.N_LINK
     row[pl.L_K], row[pl.L_C] = element.values["stiffness"], element.values.get("damping", 0.0)
-    bodies.connect(a, b, row[pl.L_K], row[pl.L_C])
+    row[pl.L_LEVER] = element.lever
+    bodies.connect(a, b, row[pl.L_K], row[pl.L_C], element.lever)
     parts.springs.append(element)
     parts.link.append(row)
     parts.link_ends.append((a, b))

@@ -14,7 +14,7 @@ from typing import Any
 from dtbacklash import sources
 from dtbacklash.errors import UserError
 from dtbacklash.physics import own_laws
-from dtbacklash.physics.effects import body, drive, sensor, spring, table, transmission
+from dtbacklash.physics.effects import body, drive, sensor, servo, spring, table, transmission
 from dtbacklash.physics.effects.declare import Effect, Role
 from dtbacklash.physics.effects.slots import plain_function
 from dtbacklash.physics.kinds import KINDS, SENSOR, Kind
@@ -131,6 +131,7 @@ for _effect in (
     *body.EFFECTS,
     *transmission.EFFECTS,
     *spring.EFFECTS,
+    *servo.EFFECTS,
     *sensor.EFFECTS,
     *table.EFFECTS,
 ):

@@ -6,6 +6,7 @@ for names of kinds. A field names a parameter in the rig's file (value, unit, to
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from dtbacklash.physics.effects import slots
@@ -36,6 +37,8 @@ class Kind:
     part : the part of a machine that it belongs to, one of PARTS. one_of : the groups of which a rig has one element at
         most.
     quantities : what a sensor can show of it -> unit.
+    first : of a spring that turns one motion into another, the kinds at its first end. lever : its values -> how far
+        that end goes per unit of the body there.
     """
 
     name: str
@@ -50,9 +53,20 @@ class Kind:
     part: str = STRUCTURE
     one_of: tuple[str, ...] = ()
     quantities: dict[str, str] = field(default_factory=dict)
+    first: tuple[str, ...] = ()
+    lever: Callable[[dict[str, float]], float] = lambda values: 1.0
+
+    def at_end(self, place: int) -> tuple[str, ...]:
+        """The kinds that may stand at the first end (0) or the second one (1) of a spring."""
+        kinds = self.neighbours["between"]
+        if not self.first or place == 0:
+            return self.first or kinds
+        return tuple(k for k in kinds if k not in self.first) or kinds
 
     def takes(self, slot: slots.Slot) -> bool:
         """Whether an effect in this slot can act at such an element."""
+        if self.first and isinstance(slot, slots.Contact):  # its ends do not move along one line
+            return False
         mine = {self.trait}
         if self.trait == slots.BODY and self.axis == LINEAR:
             mine.add(slots.SLIDING_BODY)
@@ -61,14 +75,16 @@ class Kind:
 
 #: what a sensor can show of a body
 _MOTION = {axis: {"position": units[0], "velocity": units[1]} for axis, units in AXES.items()}
+#: and of a spring: what it pulls its ends together with
+_EFFORT = {ROTARY: {"torque": "N m"}, LINEAR: {"force": "N"}}
 _SLIDING = ("mass", "carriage", "brake")
 
 KINDS: dict[str, Kind] = {
     kind.name: kind
     for kind in (
         Kind(
-            "amplifier", {}, {}, {"drives": ("motor_circuit", "actuator")},
-            "turns the command into a voltage or, with an actuator, a force or a torque",
+            "amplifier", {}, {}, {"drives": ("motor_circuit", "actuator", "servo", "linear_servo")},
+            "turns the command into a voltage or, with an actuator, a force or a torque; passes on that of a servo",
             trait=slots.AMPLIFIER, motor_side=True, part=DRIVE, one_of=("amplifier",),
         ),
         Kind(
@@ -80,7 +96,17 @@ KINDS: dict[str, Kind] = {
         Kind(
             "actuator", {"gain": ("N/V", "N m/V")}, {}, {"drives": ("rotor", *_SLIDING)},
             "an ideal force or, on a rotor, torque: gain times the command",
-            motor_side=True, part=DRIVE, one_of=("drive",),
+            trait=slots.ACTUATOR, motor_side=True, part=DRIVE, one_of=("drive",),
+        ),
+        *(
+            Kind(
+                name, {"position_gain": f"{AXES[axis][2]}/{AXES[axis][0]}"},
+                {"speed_gain": "N m s/rad" if axis == ROTARY else "N s/m"}, {"drives": driven},
+                f"a drive with a position loop: the command u is a position [{AXES[axis][0]}], the effort "
+                "position_gain (u - q) - speed_gain q'",
+                trait=slots.SERVO, axis=axis, motor_side=True, part=DRIVE, one_of=("drive",),
+            )
+            for name, axis, driven in (("servo", ROTARY, ("rotor",)), ("linear_servo", LINEAR, _SLIDING))
         ),
         Kind(
             "rotor", {"inertia": "kg m^2"}, {}, {}, "an inertia in its bearing; the driven one is the motor's",
@@ -89,16 +115,34 @@ KINDS: dict[str, Kind] = {
         Kind(
             "shaft", {"stiffness": "N m/rad"}, {"damping": "N m s/rad"}, {"between": ("rotor",)},
             "spring and damper in parallel between two rotors, or a rotor and the ground",
-            trait=slots.SPRING, axis=ROTARY, motor_side=True, part=TRANSMISSION,
+            trait=slots.SPRING, axis=ROTARY, motor_side=True, part=TRANSMISSION, quantities=_EFFORT[ROTARY],
         ),
         Kind(
-            "gear", {}, {}, {"driven_by": ("rotor",)},
-            "1:1, where the backlash is; its output holds its place (self-locking)",
+            "gear", {}, {"ratio": "1"}, {"driven_by": ("rotor",)},
+            "where the backlash is, seen at the rotor; its output holds its place (self-locking) and turns 1/ratio as "
+            "fast, 1:1 if no ratio is given",
             trait=slots.GEAR, part=TRANSMISSION, one_of=("gear",),
         ),
         Kind(
             "screw", {"lead": "m/rad"}, {}, {"driven_by": ("gear",), "carries": ("mass", "carriage")},
             "turns the angle into the base's position", trait=slots.SCREW, part=TRANSMISSION, one_of=("base",),
+        ),
+        Kind(
+            "gearbox", {"ratio": "1", "stiffness": "N m/rad"}, {"damping": "N m s/rad"}, {"between": ("rotor",)},
+            "the second rotor turns 1/ratio as fast as the first; spring and damper of the teeth, at the second one",
+            trait=slots.SPRING, axis=ROTARY, motor_side=True, part=TRANSMISSION, quantities=_EFFORT[ROTARY],
+            first=("rotor",), lever=lambda values: 1.0 / values["ratio"],
+        ),
+        *(
+            Kind(
+                name, {"radius": "m", "stiffness": "N/m"}, {"damping": "N s/m"}, {"between": ("rotor", *_SLIDING)},
+                description, trait=slots.SPRING, axis=LINEAR, part=TRANSMISSION, one_of=("base",),
+                quantities=_EFFORT[LINEAR], first=("rotor",), lever=lambda values: values["radius"],
+            )
+            for name, description in (
+                ("belt", "a pulley of this radius on the first element, a rotor, pulls the second by an elastic belt"),
+                ("rack", "a pinion of this radius on the first element, a rotor, pushes the second by elastic teeth"),
+            )
         ),
         Kind(
             "mass", {"mass": "kg"}, {"ground_stiffness": "N/m", "ground_damping": "N s/m"}, {}, "a lumped mass",
@@ -110,7 +154,7 @@ KINDS: dict[str, Kind] = {
         ),
         Kind(
             "link", {"stiffness": "N/m"}, {"damping": "N s/m"}, {"between": _SLIDING}, "spring and damper in parallel",
-            trait=slots.SPRING, axis=LINEAR,
+            trait=slots.SPRING, axis=LINEAR, quantities=_EFFORT[LINEAR],
         ),
         Kind(
             "positioner", {"travel": "m/V"}, {}, {},
@@ -120,7 +164,7 @@ KINDS: dict[str, Kind] = {
         Kind(
             "coupling", {"stiffness": "N/m"}, {"damping": "N s/m"}, {"between": (*_SLIDING, "positioner")},
             "spring and damper in parallel, in whose force there may be play",
-            trait=slots.SPRING, axis=LINEAR, quantities={"force": "N"},
+            trait=slots.SPRING, axis=LINEAR, quantities=_EFFORT[LINEAR],
         ),
         Kind(
             "brake", {"mass": "kg", "friction": "N"}, {}, {}, "a mass held by dry friction of a known level",

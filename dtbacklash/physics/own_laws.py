@@ -233,9 +233,15 @@ _SLOTS: Final[dict[str, tuple[type[slots.Slot] | None, type[slots.Slot] | None, 
 }
 
 
+def _slots_of(kind: Kind) -> tuple[type[slots.Slot] | None, ...]:
+    """The slots of a kind: with a memory, of a friction, of all others; no friction between unlike motions."""
+    with_memory, of_friction, other = _SLOTS.get(kind.trait, (None, None, None))
+    return with_memory, None if kind.first else of_friction, other
+
+
 def _slot_names(kind: Kind) -> list[type[slots.Slot]]:
     """The slots of a kind that a formula may stand in."""
-    return [slot for slot in _SLOTS.get(kind.trait, ()) if slot is not None]
+    return [slot for slot in _slots_of(kind) if slot is not None]
 
 
 def states_of(kind: Kind) -> list[str]:
@@ -254,7 +260,7 @@ class _Declared:
         for one in names:
             if one in states_of(kind):
                 raise UserError(f"{key}.{PARAMETERS}.{one}", one, f"a name that is no state of a {kind.name}")
-        with_memory, of_friction, other = _SLOTS[kind.trait]
+        with_memory, of_friction, other = _slots_of(kind)
         if MEMORY in said and with_memory is None:
             raise UserError(f"{key}.{MEMORY}", said[MEMORY], f"a {kind.name} has no memory; a body has")
         self.law_key = f"{key}.{LAW}"

@@ -30,6 +30,11 @@ class Element:
         """What its kind says of it."""
         return KINDS[self.kind]
 
+    @property
+    def lever(self) -> float:
+        """How far a spring's first end goes per unit of the body there: 1, or m/rad of a pulley, or 1/ratio."""
+        return self.trait.lever(self.values)
+
 
 @dataclass(frozen=True)
 class Sensor:
@@ -92,7 +97,7 @@ class Rig:
 
     def motor_rotor(self) -> Element | None:
         """The rotor that turns the gear, or else the one that the motor drives; None if the rig has neither."""
-        gear, drive = self.only("gear"), self.only("motor_circuit") or self.only("actuator")
+        gear, drive = self.only("gear"), self.drive
         name = gear.neighbours["driven_by"] if gear else drive.neighbours["drives"] if drive else None
         element = self.elements.get(name) if name else None
         return element if element is not None and element.kind == "rotor" else None
@@ -101,6 +106,21 @@ class Rig:
         """The single element of a kind, or None."""
         found = self.of_kind(kind)
         return found[0] if found else None
+
+    @property
+    def servo(self) -> Element | None:
+        """The drive with a position loop, or None."""
+        return self.only("servo") or self.only("linear_servo")
+
+    @property
+    def drive(self) -> Element | None:
+        """What makes an effort: a motor's winding, an actuator or a servo; None where a positioner moves the rig."""
+        return self.only("motor_circuit") or self.only("actuator") or self.servo
+
+    @property
+    def command_unit(self) -> str:
+        """The SI unit of the command: V, or that of the position that a servo is told."""
+        return AXES[self.servo.trait.axis][0] if self.servo else "V"
 
     def output_sensor(self) -> Sensor | None:
         """The sensor whose target is the reference: the position of the last body that slides, else of the last one."""
@@ -185,6 +205,7 @@ def build_rig(config: RigConfig) -> Rig:
     elements = {name: _element(name, spec, config.parameters) for name, spec in config.elements.items()}
     _check_neighbours(elements)
     _check_gain(elements, config)
+    _gear_down(elements)
     sensors = {name: _sensor(name, spec, elements) for name, spec in config.sensors.items()}
     rig = Rig(config, elements, {}, sensors)
     effects: Effects = {}
@@ -270,9 +291,10 @@ def _check_neighbour(elements: dict[str, Element], element: Element, role: str, 
     if role == "between" and (not isinstance(names, list) or len(names) != 2 or names[0] == names[1]):
         raise UserError(key, target, "two different bodies, e.g. [mass_1, mass_2] or [ground, mass_1]")
     kinds = element.trait.neighbours[role]
-    for name in names:
-        if role == "between" and name == GROUND:
+    for place, name in enumerate(names):
+        if role == "between" and name == GROUND and not element.trait.first:
             continue
+        kinds = element.trait.at_end(place) if role == "between" else kinds
         fitting = [e.name for e in elements.values() if e.kind in kinds]
         if not isinstance(name, str) or name not in fitting:
             allowed = f"an element of kind {' or '.join(kinds)}: {', '.join(fitting) or 'the rig has none'}"
@@ -310,6 +332,15 @@ def _check_gain(elements: dict[str, Element], config: RigConfig) -> None:
             unit, needed = config.parameters[name].unit, AXES[elements[driven].trait.axis][2] + "/V"
             if unit and unit != needed:
                 raise UserError(f"rig.parameters.{name}.unit", unit, f"{needed}, as {element.name} drives {driven}")
+
+
+def _gear_down(elements: dict[str, Element]) -> None:
+    """Put the gear's ratio into the screw's lead: how far its base goes per radian of the motor."""
+    for element in elements.values():
+        if element.kind == "screw":
+            ratio = elements[element.neighbours["driven_by"]].values.get("ratio", 1.0)
+            values = {**element.values, "lead": element.values["lead"] / ratio}
+            elements[element.name] = replace(element, values=values)
 
 
 def _sensor(name: str, spec: dict[str, Any], elements: dict[str, Element]) -> Sensor:

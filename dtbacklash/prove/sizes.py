@@ -68,6 +68,9 @@ class Motion:
             return place
         element = self.rig.elements[name]
         place = replace(place, values=element.values, speed=self.velocity.get(name, 0.0))
+        if element.trait.trait == slots.SERVO:
+            driven = element.neighbours["drives"]
+            return replace(place, speed=self.velocity[driven], force=self.drive[driven])
         if element.trait.trait == slots.SPRING:
             s, rate, force = self.stretch[name], self.rate[name], self.force[name]
             return replace(place, span=s, stretch_rate=rate, force=force, force_most=EFFORT_MAX * force)
@@ -84,7 +87,10 @@ class Motion:
             return max(self.force.values(), default=1.0), EFFORT_MAX
         if name in self.drive:
             return self.drive[name], EFFORT_MAX_DRIVEN
-        pulls = [self.force[link.name] for link in self.rig.links() if name in link.neighbours["between"]]
+        pulls = [
+            self.force[link.name] * (link.lever if link.neighbours["between"][0] == name else 1.0)
+            for link in self.rig.links() if name in link.neighbours["between"]
+        ]  # fmt: skip
         return max(pulls, default=0.0), EFFORT_MAX
 
 
@@ -104,13 +110,17 @@ def motion_of(rig: Rig, run: Run, duration_s: float, highest_hz: float) -> Motio
         found.reach[name] = float(np.abs(q[name]).max())
     for link in rig.links():
         a, b = link.neighbours["between"]
-        s, rate = q[b] - q[a], v[b] - v[a]
+        s, rate = q[b] - link.lever * q[a], v[b] - link.lever * v[a]
         found.stretch[link.name], found.rate[link.name] = rms(s), rms(rate)
         found.reach[link.name] = float(np.abs(s).max())
         force = link.values["stiffness"] * s + link.values.get("damping", 0.0) * rate
         found.force[link.name] = rms(force)
     if driven := driven_body(rig):
-        found.drive[driven] = tuning.plant_of(rig).per_volt * rms(run.u)
+        per_volt = tuning.plant_of(rig).per_volt
+        effort = per_volt * run.u
+        if rig.servo:
+            effort = per_volt * (run.u - q[driven]) - rig.servo.values.get("speed_gain", 0.0) * v[driven]
+        found.drive[driven] = rms(effort)
     return found
 
 

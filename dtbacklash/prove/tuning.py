@@ -33,7 +33,8 @@ class Plant:
     ----------
     driven : the body that is driven, or empty. per_volt : effort on it per volt at rest, N/V or N m/V. inertia : of all
     that springs tie to it, kg or kg m^2. modes_hz : ascending, without rigid motions. grounded : whether springs hold
-    every body in its place. winding_rad_s : the motor's electrical corner; infinite without a winding.
+    every body in its place. held : whether a servo holds the driven body, so that no loop is closed around it.
+    winding_rad_s : the motor's electrical corner; infinite without a winding.
     sensor : of the driven body's position, or empty.
     """
 
@@ -42,6 +43,7 @@ class Plant:
     inertia: float
     modes_hz: Floats
     grounded: bool
+    held: bool
     winding_rad_s: float
     sensor: str
 
@@ -56,23 +58,30 @@ def plant_of(rig: Rig) -> Plant:
     driven, circuit, actuator = driven_body(rig) or "", rig.only("motor_circuit"), rig.only("actuator")
     v = circuit.values if circuit else {}
     per_volt = v["torque_constant"] / v["resistance"] if circuit else actuator.values["gain"] if actuator else 0.0
+    per_volt = rig.servo.values["position_gain"] if rig.servo else per_volt
     modes = natural_frequencies_hz(rig)
     bodies = take_apart(rig, rig.only("positioner") is not None).bodies
     shown = (n for n, s in rig.sensors.items() if s.of == driven and s.quantity == "position")
     return Plant(
-        driven, per_volt, sum(rig.elements[n].values[rig.elements[n].trait.inertia] for n in _tied(rig, driven)), modes,
-        len(modes) == len(bodies.names), v["resistance"] / v["inductance"] if circuit else math.inf, next(shown, ""),
+        driven, per_volt, _inertia(rig, driven), modes,
+        len(modes) == len(bodies.names), rig.servo is not None,
+        v["resistance"] / v["inductance"] if circuit else math.inf, next(shown, ""),
     )  # fmt: skip
 
 
-def _tied(rig: Rig, start: str) -> list[str]:
-    """The bodies that springs tie to one, and that one."""
-    names = [start] if start else []
-    for name in names:
+def _inertia(rig: Rig, start: str) -> float:
+    """The inertia of a body and of all that springs tie to it, as it feels them through their levers; 0 of none."""
+    moves = {start: 1.0} if start else {}  # how far each goes per unit of the first one
+    waiting = list(moves)
+    for name in waiting:
         for link in rig.links():
-            ends = link.neighbours["between"]
-            names += [n for n in ends if name in ends and n not in names and n != GROUND]
-    return [n for n in names if rig.elements[n].trait.inertia]
+            a, b = link.neighbours["between"]
+            for here, there, ratio in ((a, b, link.lever), (b, a, 1.0 / link.lever)):
+                if here == name and there not in moves and there != GROUND:
+                    moves[there] = ratio * moves[name]
+                    waiting.append(there)
+    bodies = ((rig.elements[name], ratio) for name, ratio in moves.items())
+    return sum(e.values[e.trait.inertia] * ratio**2 for e, ratio in bodies if e.trait.inertia)
 
 
 def in_cascade(rig: Rig) -> bool:
@@ -95,7 +104,7 @@ def sample_time_s(rig: Rig) -> float:
 def crossing_rad_s(rng: Generator, plant: Plant, step_s: float) -> float | None:
     """Where a loop around the driven body crosses 0 dB, drawn; None where no sensor or no sampling rate allows one."""
     low = SLOWEST
-    if not plant.sensor or not plant.per_volt:
+    if not plant.sensor or not plant.per_volt or plant.held:
         return None
     if plant.grounded:
         first = 2.0 * math.pi * float(plant.modes_hz.min())

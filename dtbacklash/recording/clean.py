@@ -7,10 +7,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from dtbacklash.arrays import Floats
+from dtbacklash.config.choices import COMMANDS
+from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording import channels as checks
 from dtbacklash.recording import timebase
-from dtbacklash.recording.pick import ASSUMED, COMMAND, REFERENCE, TIME, Picked, check_present, unit_notes
+from dtbacklash.recording.command import NONE
+from dtbacklash.recording.pick import (
+    ASSUMED,
+    COMMAND,
+    REFERENCE,
+    TIME,
+    Picked,
+    check_present,
+    unit_notes,
+    without_command,
+)
 from dtbacklash.recording.plausible import check_units
 from dtbacklash.recording.refusal import CHANGE_MIN, VALUE_MAX, Refused
 
@@ -47,7 +59,12 @@ def clean(
     Raises
     ------
     Refused : a defect that cannot be handled, or a channel in a wrong unit.
+    UserError : no such command.
     """
+    if command not in COMMANDS:
+        raise UserError("recording.command", command, "choose one of " + ", ".join(COMMANDS))
+    if command == NONE:
+        without_command(picked)
     check_present(picked, rig)
     with np.errstate(all="ignore"):  # squares of values like 1e-300 are zero; nothing here depends on them
         for name, column in {"t": picked.t_s, **picked.channels}.items():

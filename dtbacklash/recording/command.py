@@ -1,4 +1,7 @@
-"""What the command does between two samples: a controller holds it, a generator's filter makes it smooth."""
+"""What the command does between two samples: a controller holds it, a generator's filter makes it smooth.
+
+Or there was none: the machine was pushed or let go, and its first state is all that moves it.
+"""
 
 from __future__ import annotations
 
@@ -6,10 +9,9 @@ import numpy as np
 from scipy.signal import resample_poly
 
 from dtbacklash.arrays import Floats
+from dtbacklash.config.choices import COMMANDS
 
-HELD = "held"
-BAND_LIMITED = "band_limited"
-COMMANDS = (HELD, BAND_LIMITED)
+HELD, BAND_LIMITED, NONE = COMMANDS
 
 
 def stepped(u: Floats, command: str, parts: int = 4) -> tuple[Floats, int]:
@@ -21,13 +23,13 @@ def stepped(u: Floats, command: str, parts: int = 4) -> tuple[Floats, int]:
 
     Parameters
     ----------
-    u : (N,) the command at the samples, V. command : ``held`` or ``band_limited``.
+    u : (N,) the command at the samples, V. command : one of COMMANDS.
 
     Returns
     -------
     ((N - 1) * steps,) command, and the steps a sample.
     """
-    if command == HELD:
+    if command != BAND_LIMITED:
         return u[:-1], 1
     fine = resample_poly(u, 2 * parts, 1, window=("kaiser", 8.0))
     return np.ascontiguousarray(fine[1 : 2 * parts * (len(u) - 1) : 2]), parts

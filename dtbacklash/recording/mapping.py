@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from dtbacklash import units, yaml_files
+from dtbacklash.config.choices import COMMANDS
 from dtbacklash.errors import UserError
-from dtbacklash.recording.command import COMMANDS, HELD
+from dtbacklash.recording.command import HELD
 
 SUFFIXES = (".yaml", ".yml")
 NO_MAPPING = "none"  # the option of `dtb run` that says where nothing is saved

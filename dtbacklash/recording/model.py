@@ -43,7 +43,7 @@ class Recording:
     rig : the rig that it was recorded on, where the mapping says so.
     splits : the parts that the mapping names, as half-open ranges of rows of the file.
     part : which of them this is, or empty for the whole file.
-    command : what ``u`` does between two samples: ``held`` or ``band_limited`` (see :mod:`.command`).
+    command : what ``u`` does between two samples: ``held``, ``band_limited``, or ``none`` (see :mod:`.command`).
     stretches : half-open ranges of samples without a gap, in their order; they hold all N. One if nothing is given.
     """
 

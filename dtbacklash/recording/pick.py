@@ -18,6 +18,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording import heads
+from dtbacklash.recording.command import NONE
 from dtbacklash.recording.mapping import Channel, Mapping
 from dtbacklash.recording.refusal import Refused
 from dtbacklash.recording.tables import Table
@@ -99,6 +100,8 @@ class _Names:
         if channel == REFERENCE:
             output = self.rig.output_sensor() if self.rig else None
             return (output.unit if output else "m", "m", "rad", "m/s", "rad/s", "V")
+        if channel == COMMAND and self.rig and self.rig.command_unit != ALWAYS[COMMAND]:
+            return self.rig.command_unit, ALWAYS[COMMAND]  # a volt stands for one
         if channel in ALWAYS:
             return (ALWAYS[channel],)
         if channel in self.sensors:
@@ -249,6 +252,16 @@ def _find(table: Table, name: str, mapping: Mapping) -> str:
     return found
 
 
+def without_command(picked: Picked) -> None:
+    """Make the command of a recording of which its user says that there was none: 0 V (raises Refused)."""
+    u = picked.channels.get(COMMAND)
+    if u is not None and np.nan_to_num(u).any():
+        raise Refused(f"was said to have no command (command={NONE}), and its column {COMMAND} is not 0")
+    if picked.channels and u is None:
+        picked.channels[COMMAND] = np.zeros(len(next(iter(picked.channels.values()))))
+        picked.units[COMMAND], picked.assumed[COMMAND] = "V", "V (no command)"
+
+
 def check_present(picked: Picked, rig: Rig | None) -> None:
     """Refuse a recording without the command or without a sensor (raises Refused)."""
     names = list(picked.channels)
@@ -260,7 +273,9 @@ def check_present(picked: Picked, rig: Rig | None) -> None:
         has += f"; {rig.config.name} wants {COMMAND} and some of {', '.join(rig.sensors)}: "
         has += "rename the columns or write a mapping"
     if COMMAND not in picked.channels:
-        raise Refused(f"lacks the column {COMMAND} (the command); {has}")
+        raise Refused(
+            f"lacks the column {COMMAND} (the command); {has}; or give recording.command=none if there was none"
+        )
     sensors = [name for name in names if name not in (COMMAND, REFERENCE)]
     if rig is not None:
         sensors = [name for name in sensors if name in rig.sensors]

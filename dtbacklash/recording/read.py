@@ -28,6 +28,7 @@ def read_recording(
     sample_time_s: float | None = None,
     units: Dict[str, str] | None = None,
     trust_units: bool = False,
+    command: str | None = None,
 ) -> Recording:
     """Read and check a recording.
 
@@ -42,6 +43,7 @@ def read_recording(
     units : channel -> unit of its column (``{"q3": "mm"}``), before all that mapping, header and rig say. Where
         nothing is said, SI holds. What each channel was read in stands in ``assumed_units``.
     trust_units : do not compare the channels' sizes with what the rig can do (:mod:`.plausible`).
+    command : what ``u`` does between two samples (:mod:`.command`); None: as the mapping says, else held.
 
     Raises
     ------
@@ -53,7 +55,7 @@ def read_recording(
     file, found, asked, key = locate.resolve(str(source), path)
     try:
         wanted = part if part is not None else asked or None
-        return _read(file, found, wanted, rig, sample_time_s, units or {}, trust_units)
+        return _read(file, found, wanted, rig, sample_time_s, units or {}, trust_units, command)
     except Refused as refusal:
         raise UserError(key, file.name if key == "recording.path" else source, str(refusal)) from refusal
 
@@ -68,6 +70,7 @@ def read_pair(
     sample_time_s: float | None = None,
     units: Dict[str, str] | None = None,
     trust_units: bool = False,
+    command: str | None = None,
 ) -> tuple[Recording, Recording]:
     """Read what to fit and what to judge on.
 
@@ -79,8 +82,8 @@ def read_pair(
     UserError : as :func:`read_recording`; for the second recording with the key ``validation``.
     """
     recording = read_recording(
-        source, path=path, rig=rig, sample_time_s=sample_time_s, units=units, trust_units=trust_units
-    )
+        source, path=path, rig=rig, sample_time_s=sample_time_s, units=units, trust_units=trust_units, command=command,
+    )  # fmt: skip
     if validation is None:
         return split(recording, share)
     name = str(source).partition(":")[0]
@@ -89,7 +92,7 @@ def read_pair(
     try:
         held_out = read_recording(
             validation, name if own else None, part="" if own else None, rig=rig, sample_time_s=sample_time_s,
-            units=units, trust_units=trust_units,
+            units=units, trust_units=trust_units, command=command,
         )  # fmt: skip
     except UserError as error:
         raise UserError("validation", validation, error.allowed) from error
@@ -105,6 +108,7 @@ def _read(
     sample_time_s: float | None,
     units: Dict[str, str],
     trust_units: bool,
+    command: str | None,
 ) -> Recording:
     content = load(file)
     table = read_table(content, file.name)
@@ -114,7 +118,7 @@ def _read(
     if mapping is not None and part is None:
         part = "train" if "train" in mapping.parts else ""
     picked = mapped(table, mapping, part or "", rig, units) if mapping else plain(table, rig, units)
-    command = mapping.command if mapping else HELD
+    command = command or (mapping.command if mapping else HELD)
     found = clean(picked, rig, table.notes, command, sample_time_s, trust_units)
     return Recording(
         name=mapping.name if mapping else file.name,

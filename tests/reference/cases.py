@@ -61,6 +61,12 @@ CARRIAGE = Case(("carriage",), size_v=3.0, rig="carriage", companions=ROLLS)
 TURNS = {"rotor_1": {"viscous_friction": {"coefficient": 0.01}}}
 SHAFT = Case(("shaft",), size_v=4.0, rig="two_inertias", companions=TURNS)
 
+GEARED = Case(("belt",), size_v=6.0, rig="geared", companions={"carriage": {"viscous_friction": {"coefficient": 20.0}}})
+#: commands are positions: a fourth of a radian, and 10 mm
+SERVED = Case(("servo",), size_v=0.25, rig="served")
+PUSHED = Case(("drive",), size_v=0.01, rig="served_carriage")
+RACK = replace(GEARED, places=("rack",), rig="racked")
+
 CASES: dict[tuple[str, str], Case] = {
     ("amplifier", "saturation"): Case(("amplifier",)),
     ("amplifier", "dead_zone"): Case(("amplifier",)),
@@ -85,6 +91,20 @@ CASES: dict[tuple[str, str], Case] = {
     ("shaft", "bumper"): replace(SHAFT, values={"stiffness": 5.0, "clearance": 0.01}),
     ("shaft", "stiffness_drift"): replace(SHAFT, values={"rate": 0.05}),
     ("shaft", "backlash"): SHAFT,
+    ("servo", "speed_limit"): replace(SERVED, values={"speed": 4.0}),
+    ("servo", "effort_limit"): replace(SERVED, values={"effort": 1.0}),
+    ("linear_servo", "speed_limit"): replace(PUSHED, values={"speed": 0.1}),
+    ("linear_servo", "effort_limit"): replace(PUSHED, values={"effort": 15.0}),
+    ("actuator", "lag"): Case(("motor",), {"time": 0.01}, size_v=3.0, rig="carriage", companions=ROLLS),
+    ("gearbox", "backlash"): replace(GEARED, places=("teeth",), values={"lost_motion": 0.01}),
+    ("gearbox", "cubic_stiffness"): replace(GEARED, places=("teeth",), values={"k3": 1e6}),
+    ("gearbox", "hysteresis"): replace(GEARED, places=("teeth",), values={"torque": 0.1, "displacement": 2e-3}),
+    ("belt", "backlash"): replace(GEARED, values={"lost_motion": 2e-4}),
+    ("belt", "cubic_stiffness"): replace(GEARED, values={"k3": 1e11}),
+    ("belt", "hysteresis"): replace(GEARED, values={"force": 3.0, "displacement": 1e-4}),
+    ("rack", "backlash"): replace(RACK, values={"lost_motion": 2e-4}),
+    ("rack", "cubic_stiffness"): replace(RACK, values={"k3": 1e11}),
+    ("rack", "hysteresis"): replace(RACK, values={"force": 3.0, "displacement": 1e-4}),
     ("gear", "backlash"): Case(("gear",)),
     ("link", "backlash"): Case(("link_2",), {"lost_motion": 2e-5}),
     ("mass", "viscous_friction"): Case(("mass_2", "mass_3"), {"coefficient": 20.0}),
@@ -146,7 +166,10 @@ def growing_gap() -> Array:
     return np.radians(np.linspace(20.0, 40.0, SAMPLES + 1))
 
 
-RIGS = {"carriage": rigs.carriage, "damper": rigs.damper, "two_inertias": rigs.two_inertias}
+RIGS = {
+    "carriage": rigs.carriage, "damper": rigs.damper, "two_inertias": rigs.two_inertias, "geared": rigs.geared,
+    "racked": lambda: rigs.geared("rack"), "served": rigs.served, "served_carriage": rigs.served_carriage,
+}  # fmt: skip
 
 
 def base_rig(case: Case) -> Rig:

@@ -45,6 +45,7 @@ class Link:
     drift: float = 0.0
     z: int = -1  # where its hysteretic variable stands in the state
     play: float = 0.0  # the stretch, side to side, over which the spring does not take hold
+    arm: float = 1.0  # how far its end at a goes per unit of a's motion: a pulley's radius, 1/ratio of teeth
     name: str = ""
 
 
@@ -115,6 +116,8 @@ class Machine:
     heating: tuple[float, float] | None = None
     driven: str = ""
     gain: float = 0.0
+    lag: float = 0.0  # time constant of the actuator behind its command; what has arrived is the last state
+    servo: dict[str, float] | None = None
     size: int = 0
     amplifier: dict[str, dict[str, float]] = field(default_factory=dict)
     # what changes
@@ -170,7 +173,7 @@ class Machine:
         for link in self.links:
             force = self._link_force(link, t, x, where, out)
             effort[link.b] -= force
-            effort[link.a] += force
+            effort[link.a] += link.arm * force
         for contact, hold in zip(self.contacts, holding, strict=True):
             force = hold
             if contact.mode:
@@ -206,7 +209,7 @@ class Machine:
 
     def _link_force(self, link: Link, t: float, x: list[float], where: dict, out: list[float]) -> float:
         (qa, va), (qb, vb) = where[link.a], where[link.b]
-        s, rate = qb - qa, vb - va
+        s, rate = qb - link.arm * qa, vb - link.arm * va
         s = math.copysign(max(abs(s) - 0.5 * link.play, 0.0), s)
         force = link.stiffness * (1.0 + link.drift * t) * s + link.damping * rate
         force += link.cubic * s**3 + link.quadratic * abs(rate) * rate
@@ -225,9 +228,16 @@ class Machine:
 
     def _drive(self, x: list[float], effort: dict[str, float], out: list[float]) -> None:
         """The motor's torque, or the actuator's force."""
+        if self.servo:
+            effort[self.driven] += self._loop(x[self.bodies[self.driven].q], x[self.bodies[self.driven].v])
+            return
         if self.circuit is None:
+            arrived = self.drive
+            if self.lag:
+                arrived = x[self.size - 1]
+                out[self.size - 1] = (self.drive - arrived) / self.lag
             if self.driven:
-                effort[self.driven] += self.gain * self.drive
+                effort[self.driven] += self.gain * arrived
             return
         body, i = self.bodies[self.driven], x[0]
         resistance = self.circuit["resistance"]
@@ -241,6 +251,17 @@ class Machine:
         effort[self.driven] += (
             self.circuit["torque_constant"] * i * (1.0 + relative * math.sin(periods * x[body.q] + phase))
         )
+
+    def _loop(self, q: float, v: float) -> float:
+        """A position loop asks for a speed, a speed loop for an effort; each up to its limit."""
+        hold, brake = self.servo["position_gain"], self.servo.get("speed_gain", 0.0)
+        if not brake:
+            effort = hold * (self.drive - q)
+        else:
+            asked = hold / brake * (self.drive - q)
+            asked = math.copysign(min(abs(asked), self.servo.get("speed", math.inf)), asked)
+            effort = brake * (asked - v)
+        return math.copysign(min(abs(effort), self.servo.get("effort", math.inf)), effort)
 
     def _react(self, t: float, x: list[float], effort: dict[str, float], out: list[float]) -> None:
         """The rotor carries what hangs on the screw: J w' = T - share d'(theta) (M x1'' - forces on the screw)."""
@@ -289,7 +310,7 @@ class Machine:
         """Kinetic energy, and that of the linear springs, J."""
         where = self.ends(t, x)
         total = sum(0.5 * body.inertia * x[body.v] ** 2 for body in self.bodies.values())
-        return total + sum(0.5 * k.stiffness * (where[k.b][0] - where[k.a][0]) ** 2 for k in self.links)
+        return total + sum(0.5 * k.stiffness * (where[k.b][0] - k.arm * where[k.a][0]) ** 2 for k in self.links)
 
 
 def machine(rig: Rig) -> Machine:
@@ -317,6 +338,10 @@ def machine(rig: Rig) -> Machine:
             it.ripple = ripple["relative"], ripple["periods"], ripple["phase"]
     elif actuator:
         it.driven, it.gain = actuator.neighbours["drives"], actuator.values["gain"]
+        it.lag = (rig.effect(actuator.name, "lag") or {}).get("time", 0.0)
+    elif servo := rig.servo:
+        limits = list(rig.effects.get(servo.name, {}).values())
+        it.driven, it.servo = servo.neighbours["drives"], {k: v for d in (servo.values, *limits) for k, v in d.items()}
     if rotor:
         it.rotor = rotor.name
     if screw:
@@ -341,11 +366,12 @@ def machine(rig: Rig) -> Machine:
             omega, mass = 2.0 * math.pi * absorber["frequency"], absorber["mass"]
             damping = 2.0 * absorber["damping_ratio"] * omega * mass
             it.links.append(Link(element.name, f"{element.name}'s absorber", omega**2 * mass, damping))
-    for element in (e for e in rig.elements.values() if e.kind in ("link", "coupling", "shaft")):
+    for element in (e for e in rig.elements.values() if "between" in e.neighbours):
         _link(it, rig, element.name)
     if circuit and (heating := rig.effect(circuit.name, "resistance_heating")):
         it.heating = heating["gain"], heating["time_constant"]
         it.size += 1
+    it.size += 1 if it.lag else 0
     return it
 
 
@@ -376,6 +402,10 @@ def _link(it: Machine, rig: Rig, name: str) -> None:
     element, effects = rig.elements[name], rig.effects.get(name, {})
     a, b = element.neighbours["between"]
     link = Link(a, b, element.values["stiffness"], element.values.get("damping", 0.0))
+    if element.kind in ("belt", "rack"):
+        link.arm = element.values["radius"]
+    elif element.kind == "gearbox":
+        link.arm = 1.0 / element.values["ratio"]
     link.name, link.play = name, effects.get("backlash", {}).get("lost_motion", 0.0)
     link.cubic = effects.get("cubic_stiffness", {}).get("k3", 0.0)
     link.quadratic = effects.get("quadratic_damping", {}).get("c2", 0.0)

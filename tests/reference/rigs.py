@@ -126,6 +126,91 @@ def two_inertias(damping: float = 0.02) -> Rig:
     )
 
 
+def geared(last: str = "belt") -> Rig:
+    """A torque motor, a gearbox of 4:1, and a pulley with its belt (or a pinion on its rack) that moves a carriage."""
+    return build_rig(
+        RigConfig(
+            name="geared",
+            parameters={
+                "J_1": ParameterConfig(1e-4, "kg m^2"),
+                "J_2": ParameterConfig(5e-4, "kg m^2"),
+                "M": ParameterConfig(2.0, "kg"),
+                "ratio": ParameterConfig(4.0),
+                "radius": ParameterConfig(0.03, "m"),
+                "k_1": ParameterConfig(30.0, "N m/rad"),
+                "c_1": ParameterConfig(0.05, "N m s/rad"),
+                "k_2": ParameterConfig(2e4, "N/m"),
+                "c_2": ParameterConfig(30.0, "N s/m"),
+                "gain": ParameterConfig(0.05, "N m/V"),
+            },
+            elements={
+                "motor": {"kind": "actuator", "gain": "gain", "drives": "rotor"},
+                "rotor": {"kind": "rotor", "inertia": "J_1"},
+                "teeth": {
+                    "kind": "gearbox", "between": ["rotor", "pulley"], "ratio": "ratio", "stiffness": "k_1",
+                    "damping": "c_1",
+                },
+                "pulley": {"kind": "rotor", "inertia": "J_2"},
+                last: {
+                    "kind": last, "between": ["pulley", "carriage"], "radius": "radius", "stiffness": "k_2",
+                    "damping": "c_2",
+                },
+                "carriage": {"kind": "carriage", "mass": "M"},
+            },
+            sensors={
+                "theta": {"of": "rotor", "quantity": "position"},
+                "x": {"of": "carriage", "quantity": "position"},
+            },
+        )
+    )  # fmt: skip
+
+
+def served() -> Rig:
+    """A servo that turns a rotor with a load behind a shaft: its command is an angle, 1 V is 1 rad."""
+    return build_rig(
+        RigConfig(
+            name="served",
+            parameters={
+                "J_1": ParameterConfig(2e-3, "kg m^2"),
+                "J_2": ParameterConfig(1e-3, "kg m^2"),
+                "k": ParameterConfig(40.0, "N m/rad"),
+                "c": ParameterConfig(0.05, "N m s/rad"),
+                "K_p": ParameterConfig(8.0, "N m/rad"),
+                "K_d": ParameterConfig(0.2, "N m s/rad"),
+            },
+            elements={
+                "servo": {"kind": "servo", "position_gain": "K_p", "speed_gain": "K_d", "drives": "rotor"},
+                "rotor": {"kind": "rotor", "inertia": "J_1"},
+                "shaft": {"kind": "shaft", "between": ["rotor", "load"], "stiffness": "k", "damping": "c"},
+                "load": {"kind": "rotor", "inertia": "J_2"},
+            },
+            sensors={
+                "theta": {"of": "rotor", "quantity": "position"},
+                "theta_l": {"of": "load", "quantity": "position"},
+            },
+        )
+    )
+
+
+def served_carriage() -> Rig:
+    """A linear servo that pushes a carriage: its command is a place, 1 V is 1 m."""
+    return build_rig(
+        RigConfig(
+            name="served_carriage",
+            parameters={
+                "M": ParameterConfig(2.0, "kg"),
+                "K_p": ParameterConfig(8000.0, "N/m"),
+                "K_d": ParameterConfig(200.0, "N s/m"),
+            },
+            elements={
+                "drive": {"kind": "linear_servo", "position_gain": "K_p", "speed_gain": "K_d", "drives": "carriage"},
+                "carriage": {"kind": "carriage", "mass": "M"},
+            },
+            sensors={"x": {"of": "carriage", "quantity": "position"}},
+        )
+    )
+
+
 def random_steps(samples: int, hold: int, size: float, seed: int = 1) -> Array:
     """Filtered random steps, each held for ``hold`` samples; (samples,) V."""
     steps = np.random.default_rng(seed).standard_normal(samples // hold + 1)

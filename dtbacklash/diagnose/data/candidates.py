@@ -12,7 +12,7 @@ from dtbacklash.physics.bodies import natural_frequencies_hz
 from dtbacklash.physics.catalogue import is_found
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Bounds, Effect, Place, Values
-from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, build_rig
+from dtbacklash.physics.rig import SENSOR_PREFIX, Element, Rig, build_rig
 
 #: speeds below this share of the fastest count as rest
 TREMOR = 0.02
@@ -84,6 +84,7 @@ class PlacesInMotion:
         fitted = [r for r in records if r.train.any()] or records[:1]
         each = [{body: _at_step(q, r, self.step_s) for body, q in positions(rig, blocks, r).items()} for r in fitted]
         self.where = {body: np.concatenate([at[body] for at in each]) for body in each[0]}
+        self.target = np.concatenate([_at_step(r.u, r, self.step_s) for r in fitted])
         self.command = np.concatenate([_at_step(r.u, r, self.step_s) for r in records])
         frequencies = natural_frequencies_hz(rig)
         modes = (float(frequencies.min()), float(frequencies.max())) if len(frequencies) else (0.0, 0.0)
@@ -111,6 +112,8 @@ class PlacesInMotion:
             return replace(place, stretch=stretch, span=span, stretch_rate=rate, reach=float(np.abs(stretch).max()))
         if element.trait.trait == slots.BODY:
             return replace(place, force=self._force(name))
+        if element.trait.trait == slots.SERVO:
+            return replace(place, force=self._loop_effort(element))
         return place
 
     def lowest(self, name: str) -> float:
@@ -118,9 +121,11 @@ class PlacesInMotion:
         return float(self.where.get(self._moved(name), np.zeros(1)).min())
 
     def _moved(self, name: str) -> str:
-        """The body whose motion counts at an element: the element itself, or the motor's rotor."""
-        is_body = self.rig.elements[name].trait.trait == slots.BODY
-        return name if is_body else getattr(self.rig.motor_rotor(), "name", "")
+        """The body whose motion counts at an element: itself, what a servo drives, or the motor's rotor."""
+        element = self.rig.elements[name]
+        if element.trait.trait == slots.SERVO:
+            return str(element.neighbours["drives"])
+        return name if element.trait.trait == slots.BODY else getattr(self.rig.motor_rotor(), "name", "")
 
     def _speeds(self, name: str) -> Floats:
         """(n,) absolute speeds of a body, m/s or rad/s; a single 0 where its motion is not known."""
@@ -132,7 +137,14 @@ class PlacesInMotion:
         zero = np.zeros(len(self.command))
         ends = self.rig.elements[name].neighbours["between"]
         a, b = (self.where.get(e, zero[: len(next(iter(self.where.values()), zero))]) for e in ends)
-        return b - a, float(np.quantile(np.abs(np.diff(b - a)) / self.step_s, 0.9))
+        stretch = b - self.rig.elements[name].lever * a
+        return stretch, float(np.quantile(np.abs(np.diff(stretch)) / self.step_s, 0.9))
+
+    def _loop_effort(self, servo: Element) -> float:
+        """Nearly the largest effort that a servo's loop asks for, N or N m."""
+        moved = self.where.get(servo.neighbours["drives"], np.zeros(1))
+        asked = self.target - moved if len(moved) == len(self.target) else self.target
+        return servo.values["position_gain"] * float(np.quantile(np.abs(asked), 0.98))
 
     def _force(self, name: str) -> float:
         """The usual size of the largest effort on a body, N or N m: of the springs at it, or the motor."""
@@ -140,8 +152,10 @@ class PlacesInMotion:
         for link in self.rig.links():
             if name in link.neighbours["between"]:
                 pull = link.values["stiffness"] * float(np.quantile(np.abs(self._stretch(link.name)[0]), 0.9))
-                force = max(force, pull)
-        actuator, circuit = self.rig.only("actuator"), self.rig.only("motor_circuit")
+                force = max(force, pull * (link.lever if link.neighbours["between"][0] == name else 1.0))
+        actuator, circuit, servo = self.rig.only("actuator"), self.rig.only("motor_circuit"), self.rig.servo
+        if servo and servo.neighbours["drives"] == name:
+            force = max(force, self._loop_effort(servo))
         usual = float(np.std(self.command))
         if actuator and actuator.neighbours["drives"] == name:
             force = max(force, actuator.values["gain"] * usual)

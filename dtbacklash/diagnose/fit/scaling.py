@@ -20,7 +20,7 @@ POWERS = {"N": 1, "kg": 1, "A": 1, "W": 1, "ohm": -1, "H": -1} | dict.fromkeys(
     ("V", "m", "rad", "rev", "s", "Hz", "1"), 0
 )
 #: measured quantities that grow with the efforts
-EFFORTS = ("current", "force")
+EFFORTS = ("current", "force", "torque")
 
 
 def power(unit: str) -> int | None:

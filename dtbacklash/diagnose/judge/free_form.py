@@ -191,7 +191,7 @@ def path_of(part: Rig, block: Block, place: str) -> tuple[str, dict[int, float]]
         return (unit, {pl.CH_F + bodies.index(place): 1.0}) if place in bodies else None
     if trait == slots.SPRING:
         a, b = element.neighbours["between"]
-        ends = {pl.CH_F + bodies.index(e): sign for e, sign in ((a, 1.0), (b, -1.0)) if e in bodies}
+        ends = {pl.CH_F + bodies.index(e): sign for e, sign in ((a, element.lever), (b, -1.0)) if e in bodies}
         return (AXES[element.trait.axis][2], ends) if ends else None
     if trait in (slots.GEAR, slots.SCREW) and block.imposed:
         return "m", {pl.CH_D: 1.0}
@@ -214,7 +214,7 @@ def states_of(
     if kind.trait == slots.SPRING:
         a, b = rig.elements[place].neighbours["between"]
         zero = np.zeros(record.samples)
-        stretch = at.get(b, zero) - at.get(a, zero)
+        stretch = at.get(b, zero) - rig.elements[place].lever * at.get(a, zero)
         return {"stretch": (stretch, position), "stretch rate": (_rate(stretch, step), velocity), **time}
     q = at.get(place, np.zeros(record.samples))
     return {"speed": (_rate(q, step), velocity), "position": (q, position), **time}

@@ -74,6 +74,8 @@ def _scan(candidate: Candidate, projection: Projection, block: Block) -> list[tu
     scale = (np.sqrt(projection.weights[block.name]) / projection.evidence.floor[block.name])[:, None, None]
     rated = []
     waves = _waves(candidate, paths, projection.evidence.bounds(candidate.key))
+    if not len(waves):  # nothing moves along it
+        return []
     if len(waves) > WAVES_MAX:
         rows = np.zeros((channels, len(chosen)))
         rows[:, chosen] = e
@@ -81,7 +83,7 @@ def _scan(candidate: Candidate, projection: Projection, block: Block) -> list[tu
         passages = [Passage(path, row) for path, row in zip(paths, each, strict=True)]
         weighted = response[0] * scale[:, :, 0], response[1]
         waves = likely_waves(waves, passages, weighted, every, WAVES_MAX)
-    for some in np.array_split(waves, max(1, math.ceil(len(waves) / BATCH))):
+    for some in np.array_split(waves, math.ceil(len(waves) / BATCH)):
         with np.errstate(over="ignore", invalid="ignore"):  # a simulated path may diverge
             S, C = (wave_responses(some, shape, paths, response, every)[:, :, chosen] * scale for shape in (0, 1))
             rated += [row for row in _regress(some, S, C, q, e) if np.isfinite(row).all()]

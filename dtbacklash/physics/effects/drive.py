@@ -6,10 +6,12 @@ from numpy.random import Generator
 from dtbacklash.compiled import law
 from dtbacklash.physics.effects.declare import CORNER_ERROR, INF, Effect, Parameter, Place, Role, Values
 from dtbacklash.physics.effects.periodic import periodic
-from dtbacklash.physics.effects.slots import Command, Late, MotorTorque, WindingMemory
+from dtbacklash.physics.effects.slots import Command, Lag, Late, MotorTorque, WindingMemory
 
 #: a delay is concealed up to this, s, and a gain error up to this share
 DELAY_MAX_S, GAIN_MAX = 6e-3, 0.4
+#: a lag is concealed up to this, s, and its search starts at these, samples
+LAG_MAX_S, LAGS_SAMPLES = 2e-2, (1.0, 5.0, 20.0)
 #: a gain that is off by a factor of ten is a wrong unit, a wrong sensor or none: at these ends it is not believed
 GAIN_ENDS = -0.9, 9.0
 #: where the search for a delay starts, samples: its fit has a valley for every turn of the signal
@@ -58,6 +60,10 @@ def ripple_torque(current, position, torque_constant, relative, periods, phase):
 
 def _delays(place: Place) -> list[Values]:
     return [{"time": n * place.sample_time_s} for n in DELAYS_SAMPLES]
+
+
+def _lags(place: Place) -> list[Values]:
+    return [{"time": n * place.sample_time_s} for n in LAGS_SAMPLES]
 
 
 def _limits(place: Place) -> list[Values]:
@@ -125,6 +131,12 @@ EFFECTS = [
         "v = (1 + relative) u", Command(amplified), "linear",
         "The {location}'s gain is off by {relative}.",
         conceal=lambda place, sign: (GAIN_MAX, 0.02), visible=lambda place: {"relative": GAIN_ENDS},
+    ),
+    Effect(
+        "lag", "actuator", (Parameter("time", "s", 0.0, 10.0, 5e-3, 0.0, role=Role.SIZE),),
+        "effort gain y, time y' = v - y", Lag("time"), "closed current loop as a first-order lag",
+        "The effort of the {location} follows its command with a lag of {time}.",
+        conceal=lambda place, sign: (LAG_MAX_S, 1e-3), starts=_lags,
     ),
     Effect(
         "resistance_heating", "motor_circuit",

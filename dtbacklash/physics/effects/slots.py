@@ -26,10 +26,10 @@ LAW_PARAMETERS, ROW_PARAMETERS = 6, 33
 #: the argument of a law that is given all parameters at once
 ROW = "row"
 
-#: what an effect acts on: a body, a spring between two bodies, the amplifier, the motor's winding, the gear, the screw,
-#: a sensor. An element's kind says which of these it is.
-BODY, SLIDING_BODY, SPRING, AMPLIFIER, WINDING, GEAR, SCREW, SENSOR = (
-    "body", "sliding body", "spring", "amplifier", "winding", "gear", "screw", "sensor",
+#: what an effect acts on: a body, a spring between two bodies, the amplifier, the motor's winding, an ideal actuator, a
+#: drive with a position loop, the gear, the screw, a sensor. An element's kind says which of these it is.
+BODY, SLIDING_BODY, SPRING, AMPLIFIER, WINDING, ACTUATOR, SERVO, GEAR, SCREW, SENSOR = (
+    "body", "sliding body", "spring", "amplifier", "winding", "actuator", "servo", "gear", "screw", "sensor",
 )  # fmt: skip
 
 
@@ -159,6 +159,33 @@ class Late(Slot):
     time: str
     on: ClassVar = (AMPLIFIER, SENSOR)
     delays: ClassVar = True
+
+
+@dataclass(frozen=True)
+class Lag(Slot):
+    """A first-order lag of an actuator's effort behind the command; names the parameter that is its time constant, s.
+
+    It is linear and becomes part of the exact plant.
+    """
+
+    time: str
+    on: ClassVar = (ACTUATOR,)
+
+
+@dataclass(frozen=True)
+class SpeedLimit(Slot):
+    """The largest speed that a servo's position loop asks for; names the parameter, m/s or rad/s."""
+
+    speed: str
+    on: ClassVar = (SERVO,)
+
+
+@dataclass(frozen=True)
+class EffortLimit(Slot):
+    """The largest effort of a servo; names the parameter, N or N m."""
+
+    effort: str
+    on: ClassVar = (SERVO,)
 
 
 @dataclass(frozen=True)

@@ -201,10 +201,15 @@ _ROTARY = {
     "k3": 1e2, "c2": 1e-3, "dry": 0.02, "hysteresis": 0.05, "displacement": 0.01, "stop": 10.0, "clearance": 0.05,
     "lost": 0.02,
 }  # fmt: skip
+#: what a belt, the teeth of a rack or of a gearbox may have
+_DRIVEN = ("backlash", "cubic_stiffness", "hysteresis")
 _LINK = ("cubic_stiffness", "quadratic_damping", "dry_friction", "hysteresis", "bumper", "stiffness_drift")
 
 EFFECTS = [
     *_spring("link", "N", "m", (*_LINK, "backlash"), _LINEAR),
     *_spring("coupling", "N", "m", ("backlash", "cubic_stiffness", "quadratic_damping", "hysteresis"), _LINEAR),
     *_spring("shaft", "N m", "rad", (*_LINK, "backlash"), _ROTARY),
+    *_spring("gearbox", "N m", "rad", _DRIVEN, _ROTARY),
+    *_spring("belt", "N", "m", _DRIVEN, _LINEAR),
+    *_spring("rack", "N", "m", _DRIVEN, _LINEAR),
 ]

@@ -205,7 +205,7 @@ _SLIDING = _units("m", "m/s", "N", "N s/m", "N/m")
 EFFECTS = [
     *_tables(("rotor",), _BODY, _TURNING, BodyEffort),
     *_tables(("carriage", "brake", "mass"), _BODY, _SLIDING, BodyEffort),
-    *_tables(("link", "coupling"), _SPRING, _SLIDING, SpringForce),
-    *_tables(("shaft",), _SPRING, _TURNING, SpringForce),
+    *_tables(("link", "coupling", "belt", "rack"), _SPRING, _SLIDING, SpringForce),
+    *_tables(("shaft", "gearbox"), _SPRING, _TURNING, SpringForce),
     _table("command_table", "amplifier", ("V", "V"), Command(beside_command)),
 ]

@@ -43,10 +43,10 @@ def push(P, w, contact, end, effort):
 
 
 @inlined
-def respond(P, S, R, contact, a, b, effort):
-    """S.xn += the response ``R`` to an effort that pushes end b and pushes end a back."""
+def respond(P, S, R, contact, a, b, lever, effort):
+    """S.xn += the response ``R`` to an effort that pushes end b and, by its lever, pushes end a back."""
     n = S.x.shape[0]
-    for end, sign in ((b, 1.0), (a, -1.0)):
+    for end, sign in ((b, 1.0), (a, -lever)):
         channel, factor = end, sign
         if end == pl.BASE and contact == 1 and P.rotor >= 0:
             channel, factor = P.rotor, sign * P.screw[pl.S_SHARE] * P.screw[pl.S_LEAD]
@@ -61,23 +61,23 @@ def _gained_by(R, first, end):
 
 
 @inlined
-def gained(R, first, a, b):
+def gained(R, first, a, b, lever):
     """What end b gains on end a under a unit effort that pushes them apart, by the response ``R``.
 
-    first : where in the state the bodies' positions (or velocities) begin.
+    first : where in the state the bodies' positions (or velocities) begin. lever : of end a.
     """
-    total = _gained_by(R, first, a) + _gained_by(R, first, b)
+    total = lever * lever * _gained_by(R, first, a) + _gained_by(R, first, b)
     if a >= 0 and b >= 0:
-        total -= 2.0 * R[pl.CH_F + a, first + b]
+        total -= 2.0 * lever * R[pl.CH_F + a, first + b]
     return total
 
 
 @inlined
 def stretch_of(P, x, j, base, base_rate):
     """Stretch of link ``j`` and its rate, m and m/s (or rad and rad/s)."""
-    a, b = P.link_ends[j, 0], P.link_ends[j, 1]
-    s = end_position(P, x, b, base) - end_position(P, x, a, base)
-    return s, end_velocity(P, x, b, base_rate) - end_velocity(P, x, a, base_rate)
+    a, b, lever = P.link_ends[j, 0], P.link_ends[j, 1], P.link[j, pl.L_LEVER]
+    s = end_position(P, x, b, base) - lever * end_position(P, x, a, base)
+    return s, end_velocity(P, x, b, base_rate) - lever * end_velocity(P, x, a, base_rate)
 
 
 @inlined
@@ -113,7 +113,7 @@ def link_forces(P, x, w, contact, t, base, base_rate):
         s, rate = stretch_of(P, x, j, base, base_rate)
         force = force_beside(P, x, j, s, rate, t)
         push(P, w, contact, P.link_ends[j, 1], -force)
-        push(P, w, contact, P.link_ends[j, 0], force)
+        push(P, w, contact, P.link_ends[j, 0], P.link[j, pl.L_LEVER] * force)
 
 
 @inlined
@@ -145,6 +145,20 @@ def circuit_forces(P, x, w):
         w[pl.CH_V] -= dispatch.winding_voltage(P.law[e, 0], memory, i, R, P.law_p, e)
         # the decay is linear and stands in A
         w[memory_channel(P, e)] += dispatch.winding_rate(P.law[e, 0], 0.0, i, R, P.law_p, e)
+
+
+@inlined
+def servo_limits(P, x, w):
+    """What the limits of a servo take off the effort of its loop, which is linear and stands in A and G.
+
+    The position loop asks for a speed, the loop below it for an effort: position_gain (u - q) - speed_gain q'.
+    """
+    q, v = x[P.position + P.limited], x[P.position + P.n_bodies + P.limited]
+    effort = linear = P.circuit[pl.C_POSITION] * (w[pl.CH_V] - q)
+    asked = P.circuit[pl.C_ASKED]
+    effort = min(max(effort, -asked), asked) - P.circuit[pl.C_SPEED] * v
+    largest = P.circuit[pl.C_LARGEST]
+    w[pl.CH_F + P.limited] += min(max(effort, -largest), largest) - (linear - P.circuit[pl.C_SPEED] * v)
 
 
 @inlined
@@ -190,4 +204,6 @@ def add_forces(P, x, mode, w, contact, t, theta_d, theta_d_rate):
     body_forces(P, x, w, t)
     if P.current >= 0:
         circuit_forces(P, x, w)
+    if P.limited >= 0:
+        servo_limits(P, x, w)
     slip_forces(P, x, mode, w, contact, base_rate)

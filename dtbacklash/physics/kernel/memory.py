@@ -84,16 +84,16 @@ def settle_memories(P, S, level, contact, angle, angle_end):
     for j in range(P.link.shape[0]):
         place = P.slot[pl.LINK] + pl.PER_LINK * j + pl.MEMORIES
         if P.first[place] < P.first[place + 1]:
-            a, b = P.link_ends[j, 0], P.link_ends[j, 1]
+            a, b, lever = P.link_ends[j, 0], P.link_ends[j, 1], P.link[j, pl.L_LEVER]
             s = _stretch(P, S.x, j, angle)
-            give = gained(R, P.position, a, b)
+            give = gained(R, P.position, a, b, lever)
             for e in range(P.first[place], P.first[place + 1]):
                 m = P.law[e, 1]
                 change = _stretch(P, S.xn, j, angle_end) - s
                 more = _more(P.law[e, 0], P.law_p, e, S.x[m], change, give, S.xn[m])
-                respond(P, S, R, contact, a, b, -more)
+                respond(P, S, R, contact, a, b, lever, -more)
                 push(P, S.w1, contact, b, -more)
-                push(P, S.w1, contact, a, more)
+                push(P, S.w1, contact, a, lever * more)
 
 
 @compiled

@@ -20,10 +20,10 @@ GROUND, BASE = -1, -2
 # states of the gear; PLUS and MINUS are contacts on that side, RIGID means that there is no gap
 FREE, PLUS, MINUS, RIGID = 0, 1, -1, 2
 
-# columns of `link`
-L_K, L_C, N_LINK = range(3)
-# entries of `circuit`
-C_R, C_KT, N_CIRCUIT = range(3)
+# columns of `link`; the lever is how far its first end goes per unit of the motion of the body there
+L_K, L_C, L_LEVER, N_LINK = range(4)
+# entries of `circuit`: of a winding; or of a servo, with the largest effort that its position loop asks for, and all
+C_R, C_KT, C_POSITION, C_SPEED, C_ASKED, C_LARGEST, N_CIRCUIT = range(7)
 # entries of `screw`
 S_LEAD, S_SHARE, S_BASE_MASS, S_INERTIA, N_SCREW = range(5)
 # columns of `sensor`
@@ -69,6 +69,7 @@ class Plant(NamedTuple):
     current: int  # index of i in x, or -1
     rotor: int  # index of the motor's rotor among the bodies, or -1
     driven: int  # index of the body that the winding drives, or -1
+    limited: int  # index of the body that a servo with limits drives, or -1
     n_bodies: int
     position: int  # index of the first position in x
     has_base: bool  # a screw or a positioner drives the structure
@@ -109,6 +110,7 @@ class State(NamedTuple):
     w1: Floats
     lean: Ints  # (1,) the side on which the motor leans on a load that it cannot move; 0: it does not
     reaction: Floats  # (frictions,) the force that keeps a sticking contact at rest
+    clock: Floats  # (1,) time, s, for what is measured of laws of time
 
 
 def new_state(plant: Plant) -> State:
@@ -131,6 +133,7 @@ def new_state(plant: Plant) -> State:
         w1=np.zeros(channels),
         lean=np.zeros(1, dtype=np.int64),
         reaction=np.zeros(frictions),
+        clock=np.zeros(1),
     )
 
 

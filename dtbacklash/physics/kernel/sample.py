@@ -190,7 +190,7 @@ def _turn_contacts(P, S, h, theta_d, gap_rate):
         if S.mode[1 + c] == 0 or not _on_base(P, c):
             continue
         rate = slip_rate(P, S, S.x, c, theta_d, gap_rate)
-        mobility = gained(P.G[contact], P.position + P.n_bodies, P.friction_ends[c, 0], P.friction_ends[c, 1])
+        mobility = gained(P.G[contact], P.position + P.n_bodies, P.friction_ends[c, 0], P.friction_ends[c, 1], 1.0)
         if S.mode[1 + c] * rate < 0.0 and abs(rate) > mobility * h * held_level(P, c, -rate):
             S.mode[1 + c] = 1 if rate > 0.0 else -1
 
@@ -290,6 +290,7 @@ def advance(P, S, t, u, gap0, gap1, theta, k):
     if P.has_base and not P.imposed:
         settle_gear(P, S, gap0, gap1, gap_rate)
     _steps(P, S, t, gap0, gap_rate, theta, k)
+    S.clock[0] = t + P.sample_time
 
 
 @inlined
@@ -326,6 +327,7 @@ def _steps(P, S, t, gap0, gap_rate, theta, k):
                 voltage = amplify(P, S.commands[P.delay_whole])
             for s in range(P.sensor_tick.shape[0]):
                 if P.sensor_tick[s] == tick:
+                    S.clock[0] = t + tick * tick_s
                     S.caught[s] = read_sensor(P, S, s, gap0 + gap_rate * tick * tick_s, gap_rate)
             end = _next_stop(P, tick, whole)
         level = _level(last, least, end - tick)
@@ -377,7 +379,7 @@ def read_sensor(P, S, s, gap, gap_rate):
     if index == pl.LINK_FORCE:
         j = int(P.sensor[s, pl.Y_LINK])
         stretch, rate = stretch_of(P, S.x, j, base, base_rate)
-        beside = force_beside(P, S.x, j, stretch, rate, 0.0)
+        beside = force_beside(P, S.x, j, stretch, rate, S.clock[0])
         return P.link[j, pl.L_K] * stretch + P.link[j, pl.L_C] * rate + beside
     return base if index == pl.BASE_POSITION else base_rate
 

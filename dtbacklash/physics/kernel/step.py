@@ -122,9 +122,9 @@ def _hold(P, S, level, contact, theta_d, gap_rate):
             if S.mode[1 + c] == 0:
                 a, b = P.friction_ends[c, 0], P.friction_ends[c, 1]
                 rate = slip_rate(P, S, S.xn, c, theta_d, gap_rate)
-                change = -rate / gained(R, P.position + P.n_bodies, a, b)
+                change = -rate / gained(R, P.position + P.n_bodies, a, b, 1.0)
                 S.reaction[c] += change
-                respond(P, S, R, contact, a, b, change)
+                respond(P, S, R, contact, a, b, 1.0, change)
                 worst = max(worst, abs(change) - 1e-12 * abs(S.reaction[c]))
         if worst <= 0.0:
             break

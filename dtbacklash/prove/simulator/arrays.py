@@ -9,12 +9,13 @@ GROUND, BASE = -1, -2
 # columns of `body`
 B_VISCOUS, B_DIFFERENCE, B_LEVELS, B_COGGING, B_WAVE, B_PHASE, B_LOAD, B_WEIGHT, B_ANGLE, N_BODY = range(10)
 # columns of `link`
-(L_K, L_C, L_CUBIC, L_QUADRATIC, L_FORCE, L_YIELD, L_STOP, L_CLEARANCE, L_DRIFT, L_LOST, N_LINK) = range(11)
+(L_K, L_C, L_CUBIC, L_QUADRATIC, L_FORCE, L_YIELD, L_STOP, L_CLEARANCE, L_DRIFT, L_LOST, L_LEVER, N_LINK) = range(12)
 # columns of `friction`
 F_COULOMB, F_STRIBECK, F_SPEED, F_BRISTLE, F_DAMPING, N_FRICTION = range(6)
 # entries of `drive`; D_EFFORT: N or N m per volt of an ideal actuator; D_TRAVEL: m per volt of a positioner
 (D_R, D_L, D_KT, D_KB, D_RIPPLE, D_PERIODS, D_PHASE, D_HEAT, D_TAU, D_LEAD, D_SHARE, D_BASE_MASS, D_PITCH, D_WAVE,
- D_SHIFT, D_GAP, D_GAIN, D_DEAD, D_LIMIT, D_DELAY, D_BODY, D_EFFORT, D_TRAVEL, N_DRIVE) = range(24)  # fmt: skip
+ D_SHIFT, D_GAP, D_GAIN, D_DEAD, D_LIMIT, D_DELAY, D_BODY, D_EFFORT, D_TRAVEL, D_LAG, D_HOLD, D_BRAKE, D_FAST,
+ D_STRONG, N_DRIVE) = range(29)  # fmt: skip
 # columns of `sensor`
 Y_INDEX, Y_GAIN, Y_OFFSET, Y_DELAY, Y_NOISE, Y_COUNT, Y_LINK, Y_OFF_CENTRE, Y_PHASE, N_SENSOR = range(10)
 #: `sensor[:, Y_INDEX]` of a sensor on the mass that a rigid screw carries: position, velocity; of the force of Y_LINK

@@ -39,23 +39,23 @@ class _Net:
             return col.GROUND
         return col.BASE if name == self.base else self.names.index(name)
 
-    def join(self, a: int, b: int, k: float, c: float) -> list[float]:
+    def join(self, a: int, b: int, k: float, c: float, lever: float = 1.0) -> list[float]:
         """Add a spring and a damper from a to b; returns their row, to which effects are added."""
         row = [0.0] * col.N_LINK
-        row[col.L_K], row[col.L_C] = k, c
+        row[col.L_K], row[col.L_C], row[col.L_LEVER] = k, c, lever
         self.link.append(row)
         self.link_ends.append((a, b))
         return row
 
-    def reduced(self, a: int, b: int) -> float:
+    def reduced(self, a: int, b: int, lever: float = 1.0) -> float:
         """The reduced mass of two ends; ground and base do not move."""
-        free = [1.0 / self.inertia[end] for end in (a, b) if end >= 0]
+        free = [arm**2 / self.inertia[end] for end, arm in ((a, lever), (b, 1.0)) if end >= 0]
         return 1.0 / sum(free)
 
 
 def driven_body(rig: Rig) -> str | None:
     """The body that the motor or actuator drives; None where a positioner moves the rig."""
-    drive = rig.only("motor_circuit") or rig.only("actuator")
+    drive = rig.drive
     return drive.neighbours["drives"] if drive else None
 
 
@@ -143,7 +143,9 @@ def _links(rig: Rig, net: _Net) -> dict[str, int]:
     for element in rig.links():
         a, b = (net.end(name) for name in element.neighbours["between"])
         where[element.name] = len(net.link)
-        row = net.join(a, b, element.values["stiffness"], element.values.get("damping", 0.0))
+        v = element.values
+        lever = v["radius"] if "radius" in v else 1.0 / v.get("ratio", 1.0)
+        row = net.join(a, b, v["stiffness"], v.get("damping", 0.0), lever)
         for name, entries in columns.items():
             if effect := rig.effect(element.name, name):
                 for column, parameter in entries:
@@ -162,9 +164,14 @@ def _substeps(net: _Net, drive: Floats, sample_time_s: float) -> int:
             [drive[col.D_KT] / net.inertia[driven], 0.0],
         ])  # fmt: skip
         fastest = float(np.abs(np.linalg.eigvals(circuit)).max())
+    if drive[col.D_LAG] > 0.0:
+        fastest = 1.0 / drive[col.D_LAG]
+    if drive[col.D_HOLD] > 0.0:
+        held = net.inertia[int(drive[col.D_BODY])]
+        fastest = max(2.0 * math.sqrt(drive[col.D_HOLD] / held), 2.0 * drive[col.D_BRAKE] / held)
     for (a, b), row in zip(net.link_ends, net.link, strict=True):
         if max(a, b) >= 0:
-            m = net.reduced(a, b)
+            m = net.reduced(a, b, row[col.L_LEVER])
             fastest = max(fastest, 2.0 * math.sqrt(row[col.L_K] / m), 2.0 * row[col.L_C] / m)
     return math.ceil(fastest * sample_time_s / STEP_RATE)
 
@@ -223,6 +230,12 @@ def _drive(rig: Rig, net: _Net) -> Floats:
     row[col.D_BODY] = net.names.index(driven) if driven else -1
     row[col.D_TRAVEL] = positioner.values["travel"] if positioner else 0.0
     row[col.D_EFFORT] = actuator.values["gain"] if actuator else 0.0
+    if actuator:
+        row[col.D_LAG] = (rig.effect(actuator.name, "lag") or {}).get("time", 0.0)
+    if servo := rig.servo:
+        row[[col.D_HOLD, col.D_BRAKE]] = servo.values["position_gain"], servo.values.get("speed_gain", 0.0)
+        row[col.D_FAST] = (rig.effect(servo.name, "speed_limit") or {}).get("speed", math.inf)
+        row[col.D_STRONG] = (rig.effect(servo.name, "effort_limit") or {}).get("effort", math.inf)
     if circuit := rig.only("motor_circuit"):
         _wind(rig, circuit, row)
     gear, screw, amplifier = rig.only("gear"), rig.only("screw"), rig.only("amplifier")
@@ -256,7 +269,7 @@ def _sensors(rig: Rig, net: _Net, links: dict[str, int], errors: Errors) -> Floa
     for row, (name, sensor) in zip(rows, rig.sensors.items(), strict=True):
         if sensor.quantity == "current":
             row[col.Y_INDEX] = 0
-        elif sensor.quantity == "force":
+        elif sensor.quantity in ("force", "torque"):
             row[col.Y_INDEX], row[col.Y_LINK] = col.LINK_FORCE, links[sensor.of]
         elif sensor.of == net.base:
             row[col.Y_INDEX] = col.BASE_POSITION if sensor.quantity == "position" else col.BASE_VELOCITY

@@ -17,14 +17,14 @@ from dtbacklash.prove.simulator.step import run_machine
 #: the kinds of element and the effects that this simulator has
 KINDS = (
     "amplifier", "motor_circuit", "actuator", "positioner", "rotor", "gear", "screw", "shaft", "mass", "carriage",
-    "brake", "link", "coupling",
+    "brake", "link", "coupling", "gearbox", "belt", "rack", "servo", "linear_servo",
 )  # fmt: skip
 EFFECTS = frozenset((
     "saturation", "dead_zone", "delay", "gain_error", "offset", "resistance_heating", "torque_ripple",
     "coulomb_friction", "ground_friction", "stribeck_friction", "viscous_friction", "asymmetric_friction", "cogging",
     "constant_load", "constant_force", "gravity", "absorber", "backlash", "compliance", "pitch_error",
     "load_reaction", "cubic_stiffness", "quadratic_damping", "dry_friction", "hysteresis", "bumper", "stiffness_drift",
-    "eccentricity",
+    "eccentricity", "lag", "speed_limit", "effort_limit",
 ))  # fmt: skip
 
 
@@ -66,8 +66,9 @@ def check_concealable(rig: Rig) -> None:
             if name not in EFFECTS:
                 allowed = f"to conceal, only effects that the second simulator has: {', '.join(sorted(EFFECTS))}"
                 raise UserError(f"rig.effects.{place}.{name}", there[name], allowed)
-    if not any(rig.only(kind) for kind in ("motor_circuit", "actuator", "positioner")):
-        raise UserError("rig", rig.config.name, "to conceal, a rig that a motor, an actuator or a positioner moves")
+    if not any(rig.only(kind) for kind in ("motor_circuit", "actuator", "servo", "linear_servo", "positioner")):
+        allowed = "to conceal, a rig that a motor, an actuator, a servo or a positioner moves"
+        raise UserError("rig", rig.config.name, allowed)
     if not rig.sensors:
         raise UserError("rig.sensors", "(none)", "to conceal, at least one sensor")
 

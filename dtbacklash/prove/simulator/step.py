@@ -89,12 +89,12 @@ def _base(M, S, x, t, dx):
 
 
 @inlined
-def _pull(S, a, b, force):
-    """Pull two ends together; returns the force on the rigid base, N."""
+def _pull(S, a, b, lever, force):
+    """Pull two ends together, a by its lever; returns the force on the rigid base, N."""
     if b >= 0:
         S.force[b] -= force
     if a >= 0:
-        S.force[a] += force
+        S.force[a] += lever * force
     return (force if a == col.BASE else 0.0) - (force if b == col.BASE else 0.0)
 
 
@@ -103,8 +103,9 @@ def _stretched(M, S, x, j):
     """Stretch of link ``j`` and its rate."""
     nb, a, b = M.inertia.shape[0], M.link_ends[j, 0], M.link_ends[j, 1]
     base, base_rate = S.scalar[col.S_BASE], S.scalar[col.S_BASE_RATE]
-    s = _of(x, 2, base, b) - _of(x, 2, base, a)
-    return s, _of(x, 2 + nb, base_rate, b) - _of(x, 2 + nb, base_rate, a)
+    lever = M.link[j, col.L_LEVER]
+    s = _of(x, 2, base, b) - lever * _of(x, 2, base, a)
+    return s, _of(x, 2 + nb, base_rate, b) - lever * _of(x, 2 + nb, base_rate, a)
 
 
 @inlined
@@ -133,7 +134,8 @@ def _links(M, S, x, t):
     on_base = 0.0
     for j in range(M.link.shape[0]):
         s, rate = _stretched(M, S, x, j)
-        on_base += _pull(S, M.link_ends[j, 0], M.link_ends[j, 1], _link_force(M, S, j, s, rate, t))
+        force = _link_force(M, S, j, s, rate, t)
+        on_base += _pull(S, M.link_ends[j, 0], M.link_ends[j, 1], M.link[j, col.L_LEVER], force)
     return on_base
 
 
@@ -151,7 +153,7 @@ def _frictions(M, S, x):
         S.bristle[2 * c], S.bristle[2 * c + 1] = z, place
         stretching = rate - abs(rate) * z * row[col.F_BRISTLE] / max(level, 1e-300)
         force = row[col.F_BRISTLE] * z + row[col.F_DAMPING] * stretching
-        on_base += _pull(S, a, b, force)
+        on_base += _pull(S, a, b, 1.0, force)
     return on_base
 
 
@@ -177,9 +179,19 @@ def _bodies(M, S, x):
 def _effort(M, S, x, volt, angle, omega, dx):
     """What the motor, or an ideal actuator, does to the body that it drives, N m or N; and the current's rate."""
     D = M.drive
-    if D[col.D_EFFORT] != 0.0:
+    if D[col.D_EFFORT] != 0.0 and D[col.D_LAG] > 0.0:  # the first state is what has arrived of the command
+        dx[0] = (volt - x[0]) / D[col.D_LAG]
+        effort = made = D[col.D_EFFORT] * x[0]
+    elif D[col.D_EFFORT] != 0.0:
         dx[0] = 0.0
         effort = made = D[col.D_EFFORT] * volt
+    elif D[col.D_HOLD] != 0.0:
+        dx[0] = 0.0
+        wanted = D[col.D_HOLD] * (volt - angle)
+        if D[col.D_BRAKE] > 0.0:
+            fastest = D[col.D_FAST] * D[col.D_BRAKE]
+            wanted = max(-fastest, min(wanted, fastest)) - D[col.D_BRAKE] * omega
+        effort = made = max(-D[col.D_STRONG], min(wanted, D[col.D_STRONG]))
     else:
         i = x[0]
         dx[0] = (volt - D[col.D_R] * (1.0 + S.scalar[col.S_HEAT]) * i - D[col.D_KB] * omega) / D[col.D_L]

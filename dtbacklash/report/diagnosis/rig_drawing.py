@@ -59,6 +59,13 @@ def _box(x: float, y: float, bottom: float) -> list[tuple[float, float]]:
     return [(-x, bottom), (x, bottom), (x, y), (-x, y), (-x, bottom)]
 
 
+def _wheel(radius: float, x: float, teeth: int = 8) -> list[tuple[float, float]]:
+    """A toothed wheel about (x, 0.15)."""
+    angle = np.linspace(0, 2 * np.pi, 8 * teeth + 1)
+    radii = np.where((np.arange(8 * teeth + 1) // 4) % 2 == 0, radius, 0.75 * radius)
+    return [(x + float(r * np.cos(a)), 0.15 + float(r * np.sin(a))) for r, a in zip(radii, angle, strict=True)]
+
+
 def _coil() -> list[tuple[float, float]]:
     """A torsion spring between two ends."""
     inner = [(float(x), float(0.42 * np.sin(6 * np.pi * (x + 0.5)))) for x in np.linspace(-0.5, 0.5, 97)]
@@ -73,6 +80,10 @@ GLYPHS: dict[str, list[Line]] = {
         _circle(0.34, 0, -0.4),
     ),
     "actuator": _lines([(-0.7, 0), (0.7, 0)], [(0.3, 0.35), (0.7, 0), (0.3, -0.35)]),
+    "servo": _lines(_circle(0.5, 0.25), [(-0.85, 0.0), (-0.25, 0.0)], [(-0.5, 0.2), (-0.25, 0.0), (-0.5, -0.2)],
+                    [(0.25, 0.0), (0.6, 0.35)], _circle(0.08, 0.25)),
+    "linear_servo": _lines(_box(0.4, 0.3, -0.3), [(-0.85, 0), (-0.4, 0)], [(-0.6, 0.15), (-0.4, 0), (-0.6, -0.15)],
+                           [(-0.7, -0.5), (0.7, -0.5)], [(0.7, -0.6), (0.7, 0.5)]),
     "rotor": _lines(_circle(0.66), _circle(0.14), [(0.14, 0), (0.66, 0)]),
     "gear": _lines(_teeth(), _circle(0.18)),
     "screw": _lines(*_thread()),
@@ -84,6 +95,15 @@ GLYPHS: dict[str, list[Line]] = {
         [(0.25, -0.65), (0.25, -0.15)], [(0.25, -0.4), (0.8, -0.4), (0.8, 0.36)],
     ),
     "carriage": _lines(_box(0.66, 0.42, -0.28), _circle(0.16, -0.36, -0.46), _circle(0.16, 0.36, -0.46)),
+    "gearbox": _lines(_wheel(0.3, -0.5, 6), _wheel(0.55, 0.3, 11)),
+    "belt": _lines(
+        _circle(0.35, -0.45), _circle(0.2, 0.5), [(-0.45, 0.35), (0.5, 0.2)], [(-0.45, -0.35), (0.5, -0.2)],
+        _circle(0.06, -0.45),
+    ),
+    "rack": _lines(
+        _wheel(0.42, 0.0), [(-0.8, -0.7), (0.8, -0.7)],
+        [(-0.8 + 0.1 * k, -0.38 if k % 2 else -0.55) for k in range(17)],
+    ),
     "shaft": _lines(_coil(), [(-0.8, -0.45), (-0.8, 0.45)], [(0.8, -0.45), (0.8, 0.45)]),
     "link": _lines(
         _zigzag(0.26, 0.36), [(-0.8, 0.36), (-0.8, -0.4), (-0.1, -0.4)], [(-0.1, -0.62), (-0.1, -0.18)],

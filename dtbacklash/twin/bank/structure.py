@@ -171,12 +171,12 @@ def _held(plant: Plant) -> list[Held]:
     """Contacts of dry friction, and springs with a memory."""
     n, found = plant.n_bodies, []
 
-    def direction(a: int, b: int) -> Floats:
+    def direction(a: int, b: int, lever: float = 1.0) -> Floats:
         d = np.zeros(n)
         if b >= 0:
             d[b] += 1.0
         if a >= 0:
-            d[a] -= 1.0
+            d[a] -= lever
         return d
 
     for c, (a, b) in enumerate(plant.friction_ends):
@@ -186,7 +186,9 @@ def _held(plant: Plant) -> list[Held]:
     for j, (a, b) in enumerate(plant.link_ends):
         place = plant.slot[pl.LINK] + pl.PER_LINK * j + pl.MEMORIES
         for e in range(plant.first[place], plant.first[place + 1]):
-            found.append(Held(direction(b, a), float(plant.law_p[e, 0]), int(plant.law[e, 1])))
+            found.append(
+                Held(-direction(a, b, plant.link[j, pl.L_LEVER]), float(plant.law_p[e, 0]), int(plant.law[e, 1]))
+            )
     return found
 
 

@@ -11,7 +11,6 @@ from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.free import nominal_free
 from dtbacklash.diagnose.fit.refit import fit
 from dtbacklash.diagnose.settings import SETTINGS
-from dtbacklash.errors import UserError
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.recording.model import Recording
 
@@ -108,13 +107,6 @@ def test_what_is_known_when_it_is_stopped_may_be_kept(rig):
     for keep, stages in ((False, ["looking"]), (True, ["recalibrating"]), (True, ["looking", "stopped"])):
         with pytest.raises(KeyboardInterrupt):
             diagnose_records(rig, records, stopped_at(*stages), keep=keep)
-
-
-def test_a_recording_without_a_command_is_refused(rig):
-    record = recorded(rig, seconds=4.0)
-    silent = replace(record, u=np.zeros(record.samples))
-    with pytest.raises(UserError, match="it is 0 in all that is fitted"):
-        diagnose_records(rig, [silent])
 
 
 def test_a_recording_s_units_notes_and_name_stand_in_the_result(rig):

@@ -141,7 +141,9 @@ def test_a_rig_is_driven_by_one_thing() -> None:
     config = compose("rig=brfd", "controller=open_loop").rig
     config.parameters["gain"] = ParameterConfig(1.0, "N/V")
     config.elements["source"] = {"kind": "actuator", "gain": "gain", "drives": "band"}
-    with pytest.raises(UserError, match="at most one element of kind motor_circuit or actuator or positioner"):
+    with pytest.raises(
+        UserError, match="at most one element of kind motor_circuit or actuator or servo or linear_servo or"
+    ):
         build_rig(config)
 
 

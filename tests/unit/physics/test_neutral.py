@@ -14,9 +14,14 @@ SAMPLE_TIME_S, SAMPLES = 1e-3, 800
 PLACES = {
     "amplifier": "amplifier", "motor_circuit": "motor_circuit", "rotor": "motor_bearing", "gear": "gear",
     "screw": "screw", "link": "link_2", "mass": "mass_2", "sensor": "sensor_theta_m", "carriage": "carriage",
-    "coupling": "joint", "brake": "band", "shaft": "shaft",
+    "coupling": "joint", "brake": "band", "shaft": "shaft", "gearbox": "teeth", "belt": "belt",
+    "rack": "rack", "servo": "servo", "linear_servo": "drive", "actuator": "motor",
 }  # fmt: skip
-RIGS = {"carriage": rigs.carriage, "coupling": rigs.damper, "brake": rigs.damper, "shaft": rigs.two_inertias}
+RIGS = {
+    "carriage": rigs.carriage, "coupling": rigs.damper, "brake": rigs.damper, "shaft": rigs.two_inertias,
+    "servo": rigs.served, "linear_servo": rigs.served_carriage, "actuator": rigs.carriage,
+    "gearbox": rigs.geared, "belt": rigs.geared, "rack": lambda: rigs.geared("rack"),
+}  # fmt: skip
 
 
 def run(rig: Rig) -> Response:

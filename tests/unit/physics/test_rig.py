@@ -221,7 +221,7 @@ def test_with_parameters() -> None:
 def test_find_names_what_an_element_takes() -> None:
     assert find("gear", "backlash", "k").name == "backlash"
     with pytest.raises(UserError, match="takes no effect"):
-        find("actuator", "backlash", "rig.effects.motor.backlash")
+        find("positioner", "backlash", "rig.effects.machine.backlash")
 
 
 @pytest.mark.parametrize(("kind", "name"), CATALOGUE)

@@ -130,7 +130,9 @@ def test_a_fast_rig_is_sampled_faster():
 def test_a_rig_that_nothing_moves_or_shows_is_refused_by_name():
     config = nominal_rig("oscillator").config
     alone = {n: e for n, e in config.elements.items() if n in ("mass", "spring")}
-    with pytest.raises(UserError, match="rig=oscillator: to conceal, a rig that a motor, an actuator or a positioner"):
+    with pytest.raises(
+        UserError, match="rig=oscillator: to conceal, a rig that a motor, an actuator, a servo or a positioner"
+    ):
         check_concealable(build_rig(replace(config, elements=alone)))
     with pytest.raises(UserError, match=r"rig.sensors=\(none\): to conceal, at least one sensor"):
         check_concealable(build_rig(replace(config, sensors={})))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from nominal import nominal_rig
 from reference.cases import OTHER_RIGS, problems, three_tones
+from reference.cases import RIGS as REFERENCE_RIGS
 from reference.store import stored
 
 from dtbacklash.physics.catalogue import effects_of
@@ -19,12 +20,17 @@ from dtbacklash.prove.sizes import motion_of
 from dtbacklash.prove.unlisted import DESCRIPTIONS, unknown_entries
 
 STEP_S, SECONDS = 1e-3, 1.0
-RIGS = ("two_mass_stage", "rotary_drive", "pendulum", "oscillator")
+RIGS = ("two_mass_stage", "rotary_drive", "pendulum", "oscillator", "geared", "racked", "served")
 #: how far two simulations may differ, as a share of what the effect changes: smooth laws, and those with a rest
 SHARE, SHARE_REST = 2e-3, 4e-2
 RESTS = {"coulomb_friction", "stribeck_friction", "dry_friction", "ground_friction"}
 #: of the signal, where a body is held by a brake that the nominal model has
 SHARE_BRAKE = 5e-3
+
+
+def rig_of(name):
+    """A shipped rig, or one of the tests' reference."""
+    return REFERENCE_RIGS[name]() if name in REFERENCE_RIGS else nominal_rig(name)
 
 
 def given(u):
@@ -36,7 +42,7 @@ def plain():
     """Per rig: rig, how it moves, and what its sensors show."""
     found, u = {}, three_tones(SECONDS)
     for name in RIGS:
-        rig = nominal_rig(name)
+        rig = rig_of(name)
         run = simulate_other(rig, given(u), STEP_S)
         found[name] = rig, motion_of(rig, run, SECONDS, 13.0), simulate(rig, u[:-1], STEP_S).sensors
     return found
@@ -44,7 +50,7 @@ def plain():
 
 @pytest.mark.parametrize("name", [*RIGS, "emps", "silverbox"])
 def test_without_effects_both_agree(name):
-    rig, u = nominal_rig(name), three_tones(SECONDS)
+    rig, u = rig_of(name), three_tones(SECONDS)
     run, house = simulate_other(rig, given(u), STEP_S), simulate(rig, u[:-1], STEP_S)
     for sensor in rig.sensors:
         assert rms(run.truth[sensor] - house.sensors[sensor]) < 1e-9 * rms(house.sensors[sensor])
@@ -57,7 +63,7 @@ def test_a_brake_behind_a_coupling_slips_alike():
 
 
 @pytest.mark.parametrize(
-    ("name", "place", "effect"), [(name, *entry) for name in RIGS for entry in entries(nominal_rig(name))]
+    ("name", "place", "effect"), [(name, *entry) for name in RIGS for entry in entries(rig_of(name))]
 )
 def test_every_effect_agrees_to_a_small_share_of_itself(name, place, effect, plain):
     rig, moving, before = plain[name]

@@ -1,0 +1,26 @@
+"""What a recording of a rig cannot tell, whatever is in it: said before a diagnosis, not after."""
+
+from collections.abc import Container
+
+from dtbacklash.physics.rig import Rig
+
+#: quantities that show an effort
+EFFORTS = ("force", "torque", "current")
+
+
+def beforehand(rig: Rig, channels: Container[str] | None = None) -> tuple[str, ...]:
+    """Sentences on what the recorded channels cannot tell apart; none where nothing has to be said.
+
+    channels : that are recorded; None: all sensors of the rig.
+    """
+    servo = rig.servo
+    shown = [s for s in rig.sensors.values() if channels is None or s.name in channels]
+    if servo is None or any(s.quantity in EFFORTS for s in shown):
+        return ()
+    gains = " and ".join(servo.values)
+    return (
+        f"Command and position show the gains of {servo.name} ({gains}), inertias, friction and loads in proportion "
+        "only: all of them can grow alike. Viscous friction of what it drives is the same as more speed_gain, a "
+        "constant load the same as an offset of the command. How large each is comes from the tolerances, or from a "
+        "recorded force.",
+    )
