@@ -174,14 +174,14 @@ def _screw() -> Iterator[Case]:
         seen = simulate(true, u[:-1], m.STEP_S).sensors
         yield Case(f"screw, {name}", nominal, pd.DataFrame({"t": t, "u": u, **{s: seen[s] for s in keep}}))
     for name, words in (
-        ("closed loop", ()),
+        ("closed loop", ("controller.internal_model=bare",)),
         (
             "closed loop, friction",
             ("rig.effects.motor_bearing.coulomb_friction.torque=0.01", "controller.internal_model=inner_loop"),
         ),
     ):
         config = compose("controller=nimc_fixed", "profile=constant", "profile.start_deg=30", "duration_s=20",
-                         "sensors=encoder", "reference=staircase", *words)  # fmt: skip
+                         "sensors=encoder", "reference=staircase", "controller.crossing=run", *words)  # fmt: skip
         result = run_scenario(config)
         frame = pd.DataFrame({"t": result.t_s, **result.seen})
         yield Case(f"screw, {name}", nominal, frame)

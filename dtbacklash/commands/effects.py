@@ -70,7 +70,7 @@ def _all(rig: Rig | None) -> list[str]:
         width = max(len(effect.name) for effect in effects)
         for effect in effects:
             mark = "*" if effect.declared is not None else " "
-            given = ", ".join(_with_unit(p) for p in effect.parameters)
+            given = ", ".join(_with_unit(p) for p in effect.listed)
             lines.append(f" {mark} {effect.name:<{width}}  {effect.law}  ({given})")
     lines += ["", "* a law of one's own; dtb effects NAME shows one effect in detail", *_packaged()]
     return lines[1:]

@@ -21,8 +21,9 @@ SAMPLE_TIME_S = 1e-3
 SHARE = 2e-3
 PLACES = {"gear": ("gear",), "screw": ("screw",), "link": ("link_1", "link_2"), "mass": ("mass_2", "mass_3")}
 EFFECTS = [
-    (place, name) for kind, name in CATALOGUE for place in PLACES.get(kind, ()) if name not in ("load_reaction",)
-]
+    (place, name) for (kind, name), effect in CATALOGUE.items() for place in PLACES.get(kind, ())
+    if name != "load_reaction" and not effect.is_table
+]  # fmt: skip
 
 
 #: at its typical size a play lets go of the masses behind it: they are then too far from what the angle says
