@@ -283,6 +283,7 @@ def _diagnosis(
     sure = depth == FULL and model.could_be is None and any(ground.sure for ground in grounds.values())
     verdict = decide(model, left, depends_on(form, left), sure, much, moved)
     rest = max(forms, key=lambda f: f.share, default=None) if real or verdict == UNEXPLAINED else None
+    rest = beyond.table.form if beyond else rest
     findings = tuple(finding(model, key, errors, left_out[key], rivals[key], grounds[key]) for key in model.keys)
     if depth != FULL:  # nothing was tried in their places
         findings = tuple(replace(one, confidence="partial") for one in findings)

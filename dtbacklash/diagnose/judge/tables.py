@@ -67,7 +67,8 @@ def tabled(model: Model, log: Log) -> Tabled | None:
         return None
     best = _held_back(evidence, min(quick, key=lambda t: price(evidence, t.fitted)))
     best = _without_idle_names(model, best)
-    return best if lead(evidence, model.fitted, best.fitted).clear else None
+    proven = replace(best.form, proven=True, effort_unit=best.units[1])
+    return replace(best, form=proven) if lead(evidence, model.fitted, best.fitted).clear else None
 
 
 def _without_idle_names(model: Model, table: Tabled) -> Tabled:

@@ -17,7 +17,12 @@ TOLD_CORRELATION = 0.5
 
 def lines(diagnosis: Diagnosis) -> list[Text]:
     """The verdict, what was found with intervals, what cannot be told apart, which checks fail, what to record next."""
-    said = heading(diagnosis).removeprefix("Missing: ").removeprefix("Unexplained: ").removeprefix("Unexplained, but ")
+    said = (
+        heading(diagnosis)
+        .removeprefix("Missing: ")
+        .removeprefix("Unexplained: ")
+        .removeprefix("Unexplained, but modelled: ")
+    )
     stopped = "stopped early; so far " if diagnosis.stopped else ""
     told = [Text(f"{stopped}{diagnosis.verdict}: {said}", style="bold"), Text(diagnosis.summary.replace("`", ""))]
     for finding in diagnosis.findings:
