@@ -88,13 +88,14 @@ class Found:
         """Errors of the models: rows ``nominal, recalibrated, extended, noise_floor``, columns ``train, held_out``.
 
         Normalised rms over the channels (rms error by standard deviation, 1); the noise floor is what a true model
-        would leave.
+        would leave. ``modelled`` is a row, too, where what no name explains is modelled.
         """
         fit = self.diagnosis.fit
         parts = {"train": fit.train, "held_out": fit.held_out}
-        return pd.DataFrame(
+        table = pd.DataFrame(
             {part: {**asdict(errors), "noise_floor": fit.noise_floor} for part, errors in parts.items()}, dtype=float
         )
+        return table if self.diagnosis.modelled else table.drop("modelled")
 
     @cached_property
     def recordings(self) -> pd.DataFrame:
@@ -143,8 +144,11 @@ class Found:
 
     @property
     def rig(self) -> Rig:
-        """The rig with what was found: recalibrated, with the missing effects; ``dtb.run(rig=found.rig)`` takes it."""
-        return self.diagnosis.extended
+        """The rig with what was found: recalibrated, with the missing effects, and with what no name explains.
+
+        ``dtb.run(rig=found.rig)`` takes it.
+        """
+        return self.diagnosis.rig
 
     @property
     def next_experiment(self) -> str:
