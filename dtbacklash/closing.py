@@ -75,7 +75,7 @@ def close_the_loop(config: RunConfig, tell: Tell | None = None) -> Closed:
     found = diagnose(
         seen_by_the_loop(recorded), stated, progress=lambda text, share: say(text, 0.05 + 0.75 * share), jobs=2
     )
-    runs = compare(config, stated, found.extended, lambda name, share: say(f"running: {name}", 0.8 + 0.2 * share))
+    runs = compare(config, stated, found.rig, lambda name, share: say(f"running: {name}", 0.8 + 0.2 * share))
     return Closed(recorded, found, runs, table(runs))
 
 

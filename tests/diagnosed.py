@@ -6,25 +6,9 @@ from dataclasses import replace
 import numpy as np
 from nominal import nominal_rig
 
-from dtbacklash.diagnose.result import (
-    Alternative,
-    Candidate,
-    Check,
-    Curve,
-    Diagnosis,
-    Finding,
-    FitTable,
-    FreeRunning,
-    LawShown,
-    Limit,
-    Located,
-    ModelErrors,
-    ParameterEstimate,
-    Recalibrated,
-    Rest,
-    Shown,
-    Work,
-)
+from dtbacklash.diagnose.named import Alternative, Finding, ParameterEstimate, Recalibrated
+from dtbacklash.diagnose.result import Candidate, Check, Diagnosis, Limit, Located, Rest
+from dtbacklash.diagnose.shown import Curve, FitTable, FreeRunning, LawShown, ModelErrors, Shown, Work
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.drawing import drawing_of, law_curve
 from dtbacklash.physics.rig import Rig

@@ -28,7 +28,7 @@ from dtbacklash.diagnose.judge.limits import limits
 from dtbacklash.diagnose.judge.modelling import Beyond, beyond_names, stood_in
 from dtbacklash.diagnose.judge.stands import Rival, leader, rivals_of, stands
 from dtbacklash.diagnose.judge.verdict import BlockLeft, decide, depends_on, moved_parameters, remaining
-from dtbacklash.diagnose.result import UNEXPLAINED, Check, Diagnosis, LawShown, Work
+from dtbacklash.diagnose.result import UNEXPLAINED, Check, Diagnosis
 from dtbacklash.diagnose.say.calibration import calibration
 from dtbacklash.diagnose.say.drawn import shown
 from dtbacklash.diagnose.say.findings import candidates, finding, located, recalibrated, without, without_known
@@ -45,6 +45,7 @@ from dtbacklash.diagnose.search.simpler_law import call_by_its_limit
 from dtbacklash.diagnose.search.slow_pull import refit_slowly
 from dtbacklash.diagnose.search.wrong_value import believed
 from dtbacklash.diagnose.settings import SETTINGS
+from dtbacklash.diagnose.shown import LawShown, Work
 from dtbacklash.diagnose.spread import on_cores
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig

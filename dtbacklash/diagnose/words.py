@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from dtbacklash.diagnose.result import Alternative
+from dtbacklash.diagnose.named import Alternative
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import SENSOR_PREFIX
 

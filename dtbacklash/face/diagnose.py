@@ -21,7 +21,8 @@ from dtbacklash.recording.several import Source
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from dtbacklash.diagnose.result import Alternative, Diagnosis
+    from dtbacklash.diagnose.named import Alternative
+    from dtbacklash.diagnose.result import Diagnosis
     from dtbacklash.diagnose.search.grow import Depth
     from dtbacklash.physics.rig import Rig
 

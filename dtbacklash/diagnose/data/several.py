@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from dtbacklash.diagnose.data.compare import Record
 from dtbacklash.diagnose.data.records import records_of
-from dtbacklash.diagnose.result import RecordingUsed
+from dtbacklash.diagnose.shown import RecordingUsed
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.model import Recording

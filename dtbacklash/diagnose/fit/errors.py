@@ -8,7 +8,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.data.compare import Block, residual
 from dtbacklash.diagnose.data.evidence import Evidence, Residuals, by_recording
 from dtbacklash.diagnose.fit.problem import Fit
-from dtbacklash.diagnose.result import FitTable, FreeRunning, ModelErrors, RecordingUsed
+from dtbacklash.diagnose.shown import FitTable, FreeRunning, ModelErrors, RecordingUsed
 from dtbacklash.physics.rig import Rig
 
 

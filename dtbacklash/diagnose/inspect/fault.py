@@ -9,7 +9,8 @@ from dtbacklash.diagnose.data.floor import sensor_noise
 from dtbacklash.diagnose.data.pull import cut
 from dtbacklash.diagnose.data.tempo import tempo_rad_s
 from dtbacklash.diagnose.inspect.inspection import Fault, Inspected
-from dtbacklash.diagnose.result import UNEXPLAINED, Curve, Diagnosis, FitTable, Located, ModelErrors, Shown
+from dtbacklash.diagnose.result import UNEXPLAINED, Diagnosis, Located
+from dtbacklash.diagnose.shown import Curve, FitTable, ModelErrors, Shown
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 

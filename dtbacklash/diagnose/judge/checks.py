@@ -16,11 +16,12 @@ from dtbacklash.diagnose.fit.comparison import EARNS, lead
 from dtbacklash.diagnose.fit.free import Errors, Key, nominal_free, standing, stands_at_limit, tolerances_away
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.judge.free_form import Recovered
-from dtbacklash.diagnose.result import Check, FreeRunning
+from dtbacklash.diagnose.result import Check
 from dtbacklash.diagnose.search.model import Model
 from dtbacklash.diagnose.search.objections import distance, distances
 from dtbacklash.diagnose.search.wrong_value import believed
 from dtbacklash.diagnose.settings import SETTINGS
+from dtbacklash.diagnose.shown import FreeRunning
 from dtbacklash.diagnose.words import place_in_words
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Effect, Parameter, Role, name_in_words

@@ -9,7 +9,7 @@ import numpy as np
 from dtbacklash import units
 from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.problem import Fit
-from dtbacklash.diagnose.result import Explained, FitTable, FreeRunning, Left, ModelErrors
+from dtbacklash.diagnose.shown import Explained, FitTable, FreeRunning, Left, ModelErrors
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 

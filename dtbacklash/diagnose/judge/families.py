@@ -25,7 +25,7 @@ from dtbacklash.diagnose.fit.intervals import NORMAL95, standard_errors
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import ON
 from dtbacklash.diagnose.judge.tables import Tabled, price
-from dtbacklash.diagnose.modelled import Formula
+from dtbacklash.diagnose.named import Formula
 from dtbacklash.diagnose.search.leave_out import refit_with
 from dtbacklash.errors import UserError
 from dtbacklash.physics import catalogue, own_laws

@@ -19,8 +19,8 @@ from dtbacklash.diagnose.data.responses import Response, transfers
 from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.judge.free_form import knots_over, path_of, states_of
-from dtbacklash.diagnose.result import LawShown
 from dtbacklash.diagnose.settings import SETTINGS
+from dtbacklash.diagnose.shown import LawShown
 from dtbacklash.diagnose.words import place_in_words
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.drawing import Drawing, drawing_of, law_curve

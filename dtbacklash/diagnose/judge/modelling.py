@@ -11,7 +11,7 @@ from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.judge.families import formulas
 from dtbacklash.diagnose.judge.stands import FORM
 from dtbacklash.diagnose.judge.tables import Tabled, covariance_of_values, linearised, tabled
-from dtbacklash.diagnose.modelled import Modelled
+from dtbacklash.diagnose.named import Modelled
 from dtbacklash.diagnose.search.model import Log, Model
 from dtbacklash.diagnose.search.wrong_value import believed
 from dtbacklash.physics.catalogue import find

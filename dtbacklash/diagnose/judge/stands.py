@@ -14,9 +14,10 @@ from dtbacklash.diagnose.fit.comparison import TOLD, Lead, formulations, lead, m
 from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.fit.refit import ON
-from dtbacklash.diagnose.result import Alternative, Ground, LawShown, Stands
+from dtbacklash.diagnose.named import Alternative, Ground, Stands
 from dtbacklash.diagnose.search.leave_out import fit_without, refit_with
 from dtbacklash.diagnose.search.model import Log, Model
+from dtbacklash.diagnose.shown import LawShown
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find

@@ -10,9 +10,10 @@ from dtbacklash.diagnose.fit.comparison import other_formulations
 from dtbacklash.diagnose.fit.free import Errors, Key, apply, nominal_free, standing, tolerances_away
 from dtbacklash.diagnose.fit.problem import Fit
 from dtbacklash.diagnose.judge.free_form import Recovered
-from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Explained, Verdict
+from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Verdict
 from dtbacklash.diagnose.search.model import Model
 from dtbacklash.diagnose.settings import SETTINGS
+from dtbacklash.diagnose.shown import Explained
 from dtbacklash.physics.rig import Rig
 
 #: such a residual is more than noise from here on (floors, mean square)

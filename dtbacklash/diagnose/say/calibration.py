@@ -14,7 +14,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.fit.free import Errors, Free
 from dtbacklash.diagnose.fit.intervals import Linear, inverse
-from dtbacklash.diagnose.result import Blind, Calibration, Recalibrated
+from dtbacklash.diagnose.named import Blind, Calibration, Recalibrated
 from dtbacklash.diagnose.say.findings import around, unit_of
 from dtbacklash.physics.rig import Rig
 

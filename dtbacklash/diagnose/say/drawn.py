@@ -8,9 +8,9 @@ from dtbacklash.diagnose.fit.errors import in_floors
 from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.judge.free_form import Recovered
 from dtbacklash.diagnose.judge.law_points import EFFORTS
-from dtbacklash.diagnose.modelled import Modelled
-from dtbacklash.diagnose.result import Curve, LawShown, Shown
+from dtbacklash.diagnose.named import Modelled
 from dtbacklash.diagnose.search.model import Model
+from dtbacklash.diagnose.shown import Curve, LawShown, Shown
 from dtbacklash.diagnose.words import place_in_words
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.drawing import POINTS, effort_over

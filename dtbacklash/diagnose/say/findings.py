@@ -18,21 +18,17 @@ from dtbacklash.diagnose.fit.intervals import NORMAL95
 from dtbacklash.diagnose.judge.free_form import Recovered
 from dtbacklash.diagnose.judge.stands import Rival
 from dtbacklash.diagnose.judge.verdict import BlockLeft, Moved
-from dtbacklash.diagnose.result import (
-    UNEXPLAINED,
+from dtbacklash.diagnose.named import (
     Alternative,
-    Candidate,
     Confidence,
     Finding,
     Instead,
     Interval,
-    Located,
     ParameterEstimate,
     Recalibrated,
-    Rest,
     Stands,
-    Verdict,
 )
+from dtbacklash.diagnose.result import UNEXPLAINED, Candidate, Located, Rest, Verdict
 from dtbacklash.diagnose.say.sentences import as_well_said, less, open_said, quantity, when
 from dtbacklash.diagnose.search.model import Log, Model, WrongValue, rescaled
 from dtbacklash.diagnose.search.objections import unseen

@@ -11,22 +11,11 @@ from dtbacklash.diagnose.data.candidates import TREMOR
 from dtbacklash.diagnose.data.compare import Record
 from dtbacklash.diagnose.data.evidence import Evidence, Residuals
 from dtbacklash.diagnose.data.several import Several, source_of
-from dtbacklash.diagnose.modelled import Modelled
-from dtbacklash.diagnose.result import (
-    CONSISTENT,
-    PARAMETERS,
-    UNEXPLAINED,
-    Explained,
-    Finding,
-    Instead,
-    Located,
-    Recalibrated,
-    RecordingUsed,
-    Stands,
-    Verdict,
-)
+from dtbacklash.diagnose.named import Finding, Instead, Modelled, Recalibrated, Stands
+from dtbacklash.diagnose.result import CONSISTENT, PARAMETERS, UNEXPLAINED, Located, Verdict
 from dtbacklash.diagnose.search.model import Model, WrongValue
 from dtbacklash.diagnose.settings import SETTINGS
+from dtbacklash.diagnose.shown import Explained, RecordingUsed
 from dtbacklash.diagnose.words import all_in_words, other_in_words, place_in_words
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.recording.model import Recording

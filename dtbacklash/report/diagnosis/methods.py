@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dtbacklash.diagnose.result import Diagnosis, Work
+from dtbacklash.diagnose.result import Diagnosis
+from dtbacklash.diagnose.shown import Work
 from dtbacklash.report.diagnosis.words import listed
 from dtbacklash.report.kit.intervals import interval
 from dtbacklash.report.kit.numbers import number

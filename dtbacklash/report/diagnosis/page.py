@@ -9,8 +9,8 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from dtbacklash import units
-from dtbacklash.diagnose.modelled import Modelled
-from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Diagnosis, Finding, Recalibrated
+from dtbacklash.diagnose.named import Finding, Modelled, Recalibrated
+from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Diagnosis
 from dtbacklash.diagnose.say.save import save
 from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.diagnose.words import named_in_words, other_in_words, place_in_words

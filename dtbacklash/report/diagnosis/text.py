@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from rich.text import Text
 
-from dtbacklash.diagnose.modelled import Modelled
-from dtbacklash.diagnose.result import Calibration, Diagnosis, Finding, Recalibrated
+from dtbacklash.diagnose.named import Calibration, Finding, Modelled, Recalibrated
+from dtbacklash.diagnose.result import Diagnosis
 from dtbacklash.diagnose.words import named_in_words, other_in_words
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.report.diagnosis.words import capital, checks_said, error_text, formula_rows, heading, partial

@@ -5,8 +5,8 @@ from __future__ import annotations
 import shlex
 from collections.abc import Collection
 
-from dtbacklash.diagnose.modelled import Modelled
-from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Diagnosis, Finding
+from dtbacklash.diagnose.named import Finding, Modelled
+from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Diagnosis
 from dtbacklash.diagnose.words import named_in_words, other_in_words, place_in_words
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import SENSOR_PREFIX

@@ -10,22 +10,12 @@ import pytest
 
 from dtbacklash.diagnose.judge.free_form import Recovered
 from dtbacklash.diagnose.judge.verdict import BlockLeft
-from dtbacklash.diagnose.result import (
-    UNEXPLAINED,
-    Alternative,
-    Candidate,
-    Explained,
-    FreeRunning,
-    Ground,
-    Instead,
-    Left,
-    Located,
-    ModelErrors,
-    Stands,
-)
+from dtbacklash.diagnose.named import Alternative, Ground, Instead, Stands
+from dtbacklash.diagnose.result import UNEXPLAINED, Candidate, Located
 from dtbacklash.diagnose.say.findings import located
 from dtbacklash.diagnose.say.save import save
 from dtbacklash.diagnose.say.sentences import summary
+from dtbacklash.diagnose.shown import Explained, FreeRunning, Left, ModelErrors
 
 KEYS = [
     "verdict", "summary", "findings", "recalibrated", "fit", "free_running", "candidates", "located", "checks",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dtbacklash.diagnose.judge.explained import explained, read_enough
-from dtbacklash.diagnose.result import FitTable, FreeRunning, ModelErrors
+from dtbacklash.diagnose.shown import FitTable, FreeRunning, ModelErrors
 from dtbacklash.errors import UserError
 
 SIZE, FLOOR = 1e-3, 0.05

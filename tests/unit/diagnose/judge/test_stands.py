@@ -15,11 +15,12 @@ from dtbacklash.diagnose.fit.free import Key
 from dtbacklash.diagnose.fit.refit import fit
 from dtbacklash.diagnose.judge.law_points import law_shown
 from dtbacklash.diagnose.judge.stands import FORM, Rival, _is_the_same_law, rivals_of, stands
+from dtbacklash.diagnose.named import Alternative, Stands
 from dtbacklash.diagnose.propose.locate import Score
-from dtbacklash.diagnose.result import Alternative, LawShown, Stands
 from dtbacklash.diagnose.say.findings import finding, without
 from dtbacklash.diagnose.search.leave_out import refit_with
 from dtbacklash.diagnose.search.model import Asked, Log, Model, Named, Trial
+from dtbacklash.diagnose.shown import LawShown
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig
 

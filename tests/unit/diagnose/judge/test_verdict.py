@@ -11,7 +11,7 @@ from dtbacklash.diagnose.fit.free import nominal_free
 from dtbacklash.diagnose.fit.intervals import standard_errors
 from dtbacklash.diagnose.fit.refit import fit
 from dtbacklash.diagnose.judge.verdict import BlockLeft, decide, moved_parameters
-from dtbacklash.diagnose.result import Explained
+from dtbacklash.diagnose.shown import Explained
 
 #: mean squares in floors: without and with what was found; more than noise is left of 100
 BEFORE, SMALL, LARGE, NOISE = 101.0, 11.0, 51.0, 1.0

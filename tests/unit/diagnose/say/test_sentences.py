@@ -5,8 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dtbacklash.diagnose.result import Explained, Ground, Left, Stands
+from dtbacklash.diagnose.named import Ground, Stands
 from dtbacklash.diagnose.say.sentences import _when_it_moves, explained_said, open_said
+from dtbacklash.diagnose.shown import Explained, Left
 
 from ..conftest import STEP_S
 

@@ -9,7 +9,8 @@ from numba import njit
 
 from dtbacklash.config.rig import ParameterConfig, RigConfig
 from dtbacklash.diagnose import Record, diagnose_records
-from dtbacklash.diagnose.result import Alternative, Diagnosis
+from dtbacklash.diagnose.named import Alternative
+from dtbacklash.diagnose.result import Diagnosis
 from dtbacklash.diagnose.search.objections import distance, unseen
 from dtbacklash.physics.effects.body import SAME_AS_LOAD
 from dtbacklash.physics.rig import Rig, build_rig
