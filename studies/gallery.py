@@ -85,6 +85,9 @@ EXHIBITS = (
     Exhibit("unknown", "Physics that the catalogue lacks",
             "The mismatch is real, and no effect of the catalogue is it.",
             ("kind=unknown",)),
+    Exhibit("formula", "A law that the catalogue lacks",
+            "No name, but a table of the missing force over a state, and the formula that does as well.",
+            ("kind=unknown", "instruments=rich"), seed=1101),
 )  # fmt: skip
 
 #: (exhibit, empty folder) -> what was hidden; leaves the files of a diagnosis in the folder ``FOUND`` in it
