@@ -105,6 +105,7 @@ def modes(rig: Rig) -> list[str]:
     from dtbacklash.physics.assembly import compile_plant
     from dtbacklash.recording.plausible import plain_rig
 
+    compile_plant(rig, STEP_S)  # effects that do not go with the rig are refused
     poles = sorted(poles_of(compile_plant(plain_rig(rig), STEP_S)), key=abs)
     fastest, told, free = max(map(abs, poles), default=0.0), [], 0
     for pole in poles:

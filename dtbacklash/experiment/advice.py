@@ -70,15 +70,17 @@ def _late(rig: Rig, designed: DesignedLoop) -> Iterator[str]:
     known_s = sum(designed.design.delays_s[:2])
     if found.delay_s is not None and found.delay_s + known_s < 2.0 * delay_s:
         beyond = f" beyond the {1e3 * known_s:.3g} ms that it knows" if known_s else ""
+        # a PID, an LQG and an MPC have no such gain
+        more = ": a smaller controller.k_theta_v_per_rad leaves more" if designed.design.law is None else ""
         yield (
             f"The design's delay margin of {1e3 * found.delay_s:.3g} ms{beyond} is below twice the rig's delay of "
-            f"{1e3 * delay_s:.3g} ms: a smaller controller.k_theta_v_per_rad leaves more."
+            f"{1e3 * delay_s:.3g} ms{more}."
         )
 
 
 def causes(config: RunConfig, rig: Rig, design: ControllerDesign) -> list[str]:
     """The causes that the configuration alone shows; also for a loop that diverged."""
-    if design.law is not None:  # a PID or an LQG has neither an internal model nor a prefilter
+    if design.law is not None:  # a PID, an LQG or an MPC has neither an internal model nor a prefilter
         return []
     return [*_gain(config, rig, design), *_unmodelled(config, rig), *_prefilter(config)]
 

@@ -244,7 +244,10 @@ class Estimation:
             middle + round((self.config.twin.growth_s or 0.0) / step_s),
         )
         if growth > 0.0:
-            room = math.radians(self.config.twin.gap_max_deg) - answer.gap_rad
+            most = math.radians(self.config.twin.gap_max_deg)
+            if k < self.condemned[1]:  # nor may it grow to what the loop went round in
+                most = min(most, (1.0 - LIKE_IT) * self.condemned[0])
+            room = max(most - answer.gap_rad, 0.0)
             until = min(until, middle + math.floor(room / growth))
         if growth == 0.0 or until <= middle:
             self.in_force = GapInForce(answer.gap_rad, 0.0, k)

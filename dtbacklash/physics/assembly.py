@@ -190,7 +190,9 @@ def _servo_row(rig: Rig) -> Floats | None:
     largest = rig.amount(servo.name, slots.EffortLimit, "effort")
     row, speed_gain = np.zeros(pl.N_CIRCUIT), servo.values.get("speed_gain", 0.0)
     if fastest and not speed_gain:
-        raise UserError(f"rig.effects.{servo.name}.speed_limit", fastest, f"a {servo.kind} with a speed_gain")
+        raise UserError(
+            f"rig.effects.{servo.name}.speed_limit.speed", fastest, f"needs a {servo.kind} with a speed_gain"
+        )
     row[pl.C_POSITION], row[pl.C_SPEED] = servo.values["position_gain"], speed_gain
     row[pl.C_ASKED], row[pl.C_LARGEST] = speed_gain * fastest or math.inf, largest or math.inf
     return row if fastest or largest else None

@@ -86,7 +86,6 @@ def declare(laws: Mapping[str, Any], key: str, foreign: bool = True) -> None:
         said = own_laws.packaged(name, mine) if given == own_laws.PACKAGED_LAW else given
         known = [effect for (_, other), effect in CATALOGUE.items() if other == name]
         if known and all(effect.declared is not None and effect.declared == said for effect in known):
-            _FOUND.difference_update({name} if foreign else ())
             continue
         if len(CATALOGUE) > len(SHIPPED) + OWN_MAX:
             raise UserError(mine, name, f"at most {OWN_MAX} laws of one's own in a process")
@@ -99,8 +98,9 @@ def declare(laws: Mapping[str, Any], key: str, foreign: bool = True) -> None:
 def withdraw(names: Iterable[str]) -> None:
     """Forget laws of one's own; a rig that has one of them cannot be built any more."""
     gone = set(names)
-    for key in [key for key, effect in CATALOGUE.items() if key[1] in gone and effect.declared is not None]:
+    for key in [key for key, effect in list(CATALOGUE.items()) if key[1] in gone and effect.declared is not None]:
         del CATALOGUE[key]
+    _FOUND.difference_update(gone)
 
 
 def declarations(names: set[str]) -> dict[str, Any]:
@@ -114,7 +114,7 @@ def effects_of(kind: str) -> dict[str, Effect]:
 
 
 def is_found(effect: Effect) -> bool:
-    """Whether it is a law that a diagnosis of this process has found: no other recording is asked for it."""
+    """Whether it is a law that a diagnosis of this process has found."""
     return effect.name in _FOUND
 
 

@@ -44,7 +44,8 @@ def candidates(rig: Rig, blocks: list[Block], moving: "PlacesInMotion") -> list[
         for effect in rig.takes(place).values():
             if place in unseen and _depends_on_position(effect):
                 continue
-            possible = not effect.is_table and not is_found(effect) and rig.effect(place, effect.name) is None
+            foreign = is_found(effect) and effect.name not in rig.config.laws  # found in another recording
+            possible = not effect.is_table and not foreign and rig.effect(place, effect.name) is None
             possible = possible and _possible(rig, place, effect)
             if possible and effect.is_shown(moving(place)):
                 starts, bounds = effect.start_values(moving(place)), effect.bounds_at(moving(place))

@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dtbacklash.arrays import Floats
+from dtbacklash.config.rig import TOLERANCE_MAX
 from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.settings import SETTINGS
-from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.catalogue import find, is_found
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import SENSOR_UNIT, Bounds, Parameter, Role
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, build_rig
@@ -117,7 +118,9 @@ def with_errors(rig: Rig, errors: Errors) -> Rig:
         for p in entry.parameters:
             value, error = values[p.name], errors.get((*key, p.name), math.nan)
             relative = error if p.role is Role.ANGLE else error / max(abs(value), 1e-300)
-            known = np.clip(relative, least, most) if math.isfinite(relative) else most
+            # a value of a table or of a found formula may be nearly 0, and is no name that has to be known
+            widest = TOLERANCE_MAX if entry.is_table or is_found(entry) else most
+            known = np.clip(relative, least, widest) if math.isfinite(relative) else most
             leaves[p.name] = {"value": value, "tolerance": 0.0 if p.role is Role.GIVEN else float(known)}
         rig = rig.with_effect(*key, leaves)
     return rig

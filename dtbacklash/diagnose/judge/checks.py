@@ -182,7 +182,7 @@ def _recalibration(model: Model) -> Check:
     nominal = evidence.rms(evidence.residuals(evidence.nominal))
     recalibrated, most = evidence.rms(model.nominal.residuals), math.sqrt(SETTINGS.needed_ratio)
     return _below(
-        "recalibrated no worse than nominal", recalibrated / nominal, most,
+        "recalibrated no worse than nominal", recalibrated / max(nominal, 1e-300), most,
         "ratio of the held-out rms errors, both without new physics; more is fitted by chance", HELD_OUT,
     )  # fmt: skip
 

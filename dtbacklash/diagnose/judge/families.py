@@ -79,8 +79,8 @@ FAMILIES = (
     Family("a dead zone", "a*(max(s - w, 0) + min(s + w, 0))", {"a": "value/state", "w": "state"}),
     Family("an exponential", "a + b*exp(min(n*s, 50))", {"a": "value", "b": "value", "n": "waves"}),
     Family("a sine", "a*sin(w*s + p)", {"a": "value", "w": "waves", "p": "angle"}),
-    Family("a sine and its second harmonic", "a*sin(w*s + p) + b*sin(2*w*s + q)",
-           {"a": "value", "b": "value", "w": "waves", "p": "angle", "q": "angle"}),
+    Family("a sine and its second harmonic", "a*sin(w*s + p) + b*sin(2*w*s + r)",
+           {"a": "value", "b": "value", "w": "waves", "p": "angle", "r": "angle"}),
 )  # fmt: skip
 #: the states of tables, as a law of one's own calls them
 STATE = {"speed": "v", "position": "q", "stretch": "s", "stretch rate": "ds", "command": "u"}
@@ -97,7 +97,7 @@ def _words(law: str) -> Iterator[str]:
     yield word
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Near:
     """A family as it was fitted to a table: values and standard errors, and how far from it, with its parameters."""
 
@@ -187,19 +187,27 @@ def formulas(evidence: Evidence, table: Tabled, covariance: Floats) -> tuple[tup
     covariance : (KNOTS, KNOTS) of the table's values.
     """
     nearest = near(*table_of(table.values), covariance)[:REFITTED]
-    names = [TRIED.format(next(_NUMBER)) for _ in nearest]
-    tried = [(one, _in_place(evidence, table, one, name)) for one, name in zip(nearest, names, strict=True)]
+    names = {one: TRIED.format(next(_NUMBER)) for one in nearest}
+    try:
+        return _tried(evidence, table, names)
+    finally:
+        catalogue.withdraw(names.values())
+
+
+def _tried(evidence: Evidence, table: Tabled, names: dict[Near, str]) -> tuple[tuple[Formula, ...], Found | None]:
+    """The families as refitted under these names, and the one that takes the place of the table."""
+    tried = [(one, _in_place(evidence, table, one, name)) for one, name in names.items()]
     made = sorted(((o, f) for o, f in tried if f is not None), key=lambda row: price(evidence, row[1]))
     behind = [lead(evidence, fitted, table.fitted) for _, fitted in made]
     tied = [one is made[0][0] or not lead(evidence, fitted, made[0][1]).clear for one, fitted in made]
     good = [row for row, far, alike in zip(made, behind, tied, strict=True) if alike and not far.clear]
     chosen = min(good, key=lambda row: len(row[0].values), default=None)
-    found = _named(evidence, table, *chosen) if chosen else None
-    rows = [
-        _formula(table, one, fitted, found if chosen and one is chosen[0] else None, far.ratio, alike)
-        for (one, fitted), far, alike in zip(made, behind, tied, strict=True)
-    ]
-    catalogue.withdraw(names)
+    found = _named(evidence, table, *chosen, names[chosen[0]]) if chosen else None
+    rows = []
+    for (one, fitted), far, alike in zip(made, behind, tied, strict=True):
+        mine = found if chosen and one is chosen[0] else None
+        rig, name = (mine.fitted.rig, mine.key[1]) if mine else (fitted.rig, names[one])
+        rows.append(_formula(table, one, rig.effects[table.key[0]][name], mine, far.ratio, alike))
     return tuple(rows), found
 
 
@@ -250,28 +258,26 @@ def _unit(table: Tabled, what: str) -> str:
     return known.get(what, "")
 
 
-def _named(evidence: Evidence, table: Tabled, one: Near, fitted: Fit) -> Found:
-    """A formula under the name that it keeps, with the errors of its parameters."""
+def _named(evidence: Evidence, table: Tabled, one: Near, fitted: Fit, tried: str) -> Found | None:
+    """A formula under the name that it keeps, with its errors; None where the process has too many laws already."""
     said, place = declaration(table, one), table.key[0]
     with _NAMING:
         others = {n for (_, n), effect in list(catalogue.CATALOGUE.items()) if effect.declared != said}
         name = next(n for k in itertools.count(1) if (n := FOUND.format(k)) not in others)
-        catalogue.declare({name: said}, "found", foreign=False)
-    tried = next(n for n in fitted.rig.effects[place] if n.startswith(TRIED.format("")))
+        try:
+            catalogue.declare({name: said}, "found", foreign=False)
+        except UserError:
+            return None
     rig = taken_out(fitted.rig, (place, tried)).with_effect(place, name, fitted.rig.effects[place][tried])
     renamed = replace(fitted, rig=rig)
     return Found((place, name), renamed, standard_errors(evidence, renamed))
 
 
-def _formula(table: Tabled, one: Near, fitted: Fit, found: Found | None, ratio: float, tied: bool) -> Formula:
+def _formula(table: Tabled, one: Near, values: Values, found: Found | None, ratio: float, tied: bool) -> Formula:
     """What is said of a family: its values as refitted, with the refit's errors where it was chosen."""
-    place = table.key[0]
-    rig = found.fitted.rig if found else fitted.rig
-    name = next(n for n in rig.effects[place] if n.startswith((TRIED.format(""), FOUND.format(""))))
-    law = _law(table, one)
     parameters = {}
-    for p, value in rig.effects[place][name].items():
-        error = found.errors.get((place, name, p), np.nan) if found else one.errors[p]
+    for p, value in values.items():
+        error = found.errors.get((*found.key, p), np.nan) if found else one.errors[p]
         parameters[p] = value, value - NORMAL95 * error, value + NORMAL95 * error
     units = {p: unit for p, what in one.family.parameters.items() if (unit := _unit(table, what))}
-    return Formula(one.family.words, law, parameters, units, ratio, tied, found is not None)
+    return Formula(one.family.words, _law(table, one), parameters, units, ratio, tied, found is not None)

@@ -269,6 +269,11 @@ class Effect:
         if not any(p.name in values for p in self.amplitudes):
             needed = " or ".join(f"`{p.name}` [{p.unit}]" for p in self.amplitudes)
             raise UserError(key, dict(values), f"{needed} must be given")
+        missing = (
+            [p.name for p in self.parameters if p.name not in values and p.name != "bend"] if self.is_table else []
+        )
+        if missing:
+            raise UserError(f"{key}.{missing[0]}", "(missing)", "a table has f1 to f16, its values, at x1 to x16")
         usual = {p.name: p.typical if p.neutral is None else p.neutral for p in self.parameters}
         filled = {name: float(values.get(name, value)) for name, value in usual.items()}
         for name, value in filled.items():

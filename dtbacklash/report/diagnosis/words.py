@@ -174,7 +174,8 @@ def _does_it_fit(diagnosis: Diagnosis) -> str:
     else:
         said = f"On data that neither was fitted to, the nominal model errs by {nominal}, the {best} one by {better}"
     if diagnosis.modelled:
-        said += f", with what is modelled {error_text(fit.held_out.modelled, fit.metric)}"
+        modelled = error_text(fit.held_out.modelled, fit.metric)
+        return f"By no name. {said}, and with what is modelled by {modelled}; noise alone gives {floor}."
     said += f"; noise alone gives {floor}."
     if diagnosis.verdict == UNEXPLAINED and diagnosis.shown.floors:  # a noisy channel may hide the one that matters
         left = {c: errors.extended or 0.0 for c, errors in diagnosis.shown.floors.items()}

@@ -229,7 +229,8 @@ def test_bounds_are_inclusive_and_kept(kind: str, name: str) -> None:
     effect = CATALOGUE[kind, name]
     for p in effect.parameters:
         assert p.low <= p.typical <= p.high
-        size = {effect.size.name: effect.size.typical}
+        all_of_it = {q.name: q.typical for q in effect.parameters}
+        size = all_of_it if effect.is_table else {effect.size.name: effect.size.typical}
         for value in () if effect.is_table and p.role is Role.GIVEN else (p.low, p.high):  # its ends stand in order
             assert effect.complete(size | {p.name: value}, "key")[p.name] == value
         for value in (p.low - abs(p.low) - 1.0, p.high + abs(p.high) + 1.0):

@@ -65,7 +65,7 @@ def test_without_a_speed_loop_there_is_no_speed_limit():
     alone = build_rig(replace(config, elements={**config.elements, "servo": servo}))
     limited = alone.with_effect("servo", "effort_limit", {"effort": 0.5})
     assert np.isfinite(simulate(limited, np.ones(50), STEP_S).sensors["theta"]).all()
-    with pytest.raises(UserError, match=r"rig.effects.servo.speed_limit=2.0: a servo with a speed_gain"):
+    with pytest.raises(UserError, match=r"rig.effects.servo.speed_limit.speed=2.0: needs a servo with a speed_gain"):
         simulate(alone.with_effect("servo", "speed_limit", {"speed": 2.0}), np.ones(50), STEP_S)
 
 
