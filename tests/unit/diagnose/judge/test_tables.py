@@ -13,6 +13,7 @@ from dtbacklash.diagnose.judge.modelling import beyond_names, stood_in
 from dtbacklash.diagnose.judge.tables import covariance_of_values, linearised, tabled
 from dtbacklash.diagnose.search.leave_out import refit_with
 from dtbacklash.diagnose.search.model import Log, Model, Named
+from dtbacklash.physics import catalogue
 from dtbacklash.physics.effects.table import KNOTS, VALUES, table_of, table_values
 
 TABLE, STAND_IN = ("tip", "position_damping_table"), ("tip", "viscous_friction")
@@ -37,7 +38,9 @@ def model():
 
 @pytest.fixture(scope="module")
 def beyond(model):
-    return beyond_names(model, Log())
+    found = beyond_names(model, Log())
+    yield found
+    catalogue.withdraw([found.said.effect])  # other tests list the laws of the process
 
 
 def test_the_table_is_found_in_the_place_of_what_stood_in_for_it(model, beyond):
