@@ -1,7 +1,7 @@
 """Model predictive control of motor and structure: a quadratic program a sample, with the voltage as its bound.
 
-The model is that of the LQG (:func:`.rivals.plant`), with two disturbances more. A Kalman filter estimates them, so that
-nothing is left over at rest: a constant offset d between motor and screw, and a constant voltage l that a load or a
+The model is that of the LQG (:func:`.rivals.plant`), with two disturbances more, which a Kalman filter estimates so
+that nothing is left over at rest: a constant offset d between motor and screw, and a constant voltage l that a load or
 friction eats (Muske and Badgwell, J. Process Control 12 (2002) 617). Over MOVES moves of SAMPLES samples each
 
     min  sum (q3 - w)^2/ERROR_M^2 + u^2/EFFORT_V^2  +  z' P z,   |u| <= limit

@@ -199,7 +199,7 @@ def _modelled(modelled: Modelled) -> dict[str, Any]:
     """What no name explains, as the rig has it: the formulas that were tried, and the table's values."""
     x_unit, y_unit = (units.in_signs(unit) for unit in (modelled.state_unit, modelled.unit))
     return {
-        "sentence": modelled.sentence, "effect": name_in_words(modelled.effect), "formulas": formula_rows(modelled),
+        "sentence": modelled.sentence, "effect": modelled.effect, "formulas": formula_rows(modelled),
         "heads": [f"{modelled.state} [{x_unit}]#", f"value [{y_unit}]#", "standard error#"],
         "points": [[f"{value:.4g}" for value in row] for row in modelled.points],
     }  # fmt: skip

@@ -7,7 +7,6 @@ from rich.text import Text
 from dtbacklash.diagnose.named import Calibration, Finding, Modelled, Recalibrated
 from dtbacklash.diagnose.result import Diagnosis
 from dtbacklash.diagnose.words import named_in_words, other_in_words
-from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.report.diagnosis.words import capital, checks_said, error_text, formula_rows, heading, partial
 from dtbacklash.report.kit.intervals import interval
 
@@ -61,7 +60,7 @@ def lines(diagnosis: Diagnosis) -> list[Text]:
 
 def _formulas(modelled: Modelled) -> list[Text]:
     """The formulas that were tried in the place of a table."""
-    told = [Text(), Text(f"Modelled as {name_in_words(modelled.effect)}; formulas that were tried:")]
+    told = [Text(), Text(f"Modelled as {modelled.effect}; formulas that were tried:")]
     for family, law, values, left, said in formula_rows(modelled, plain=True):
         told.append(Text(f"  {family}, {said}: {law}, {values}; leaves {left} times what the table leaves"))
     return told
