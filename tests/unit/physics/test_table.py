@@ -54,6 +54,15 @@ def test_a_table_that_runs_backwards_is_refused():
         rigs.carriage().with_effect("carriage", "speed_table", values)
 
 
+def test_a_table_without_all_its_numbers_is_refused():
+    values = table_values(KNOTS_AT, KNOTS_AT, 0.1)
+    del values["x4"]
+    with pytest.raises(
+        UserError, match=r"speed_table\.x4=\(missing\): a table has f1 to f16, its values, at x1 to x16"
+    ):
+        rigs.carriage().with_effect("carriage", "speed_table", values)
+
+
 def test_a_table_survives_the_rigs_file():
     values = table_values(KNOTS_AT, KNOTS_AT**3, 0.5)
     rig = rigs.carriage().with_effect("carriage", "speed_table", values)

@@ -10,6 +10,7 @@ from dtbacklash.diagnose.judge.families import FAMILIES, TRIED, Near, declaratio
 from dtbacklash.diagnose.judge.tables import Tabled
 from dtbacklash.errors import UserError
 from dtbacklash.physics import catalogue
+from dtbacklash.physics.effects.formula import SHORT
 from dtbacklash.physics.effects.table import KNOTS, table_values, weights
 
 KNOTS_AT = np.sort(np.concatenate([np.linspace(-2.0, 2.0, KNOTS // 2), np.linspace(-0.7, 0.8, KNOTS // 2)]))
@@ -53,6 +54,11 @@ def test_what_the_recording_does_not_tell_costs_a_family_nothing():
     efforts = LAWS["a power"](KNOTS_AT) + 5.0 * KNOTS_AT + 0.01 * np.random.default_rng(6).standard_normal(KNOTS)
     assert near(KNOTS_AT, efforts, 1e-4 * np.eye(KNOTS) + blind)[0].family.words in ("a power", "a cubic polynomial")
     assert near(KNOTS_AT, efforts, 1e-4 * np.eye(KNOTS))[0].family.words != "a power"
+
+
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda one: one.words)
+def test_no_parameter_of_a_family_hides_a_state(family):
+    assert not {*family.parameters} & {*SHORT, *SHORT.values()}
 
 
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda one: one.words)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from ringing import blade, known, recorded
 
+from dtbacklash.diagnose.data.candidates import candidates
 from dtbacklash.diagnose.data.evidence import Evidence
 from dtbacklash.diagnose.fit.free import all_free, nominal_free, with_errors, with_priors
 from dtbacklash.diagnose.fit.intervals import NORMAL95
@@ -70,6 +71,14 @@ def test_a_formula_that_does_as_well_takes_its_place(beyond):
     power = next(one for one in said.formulas if one.family == "an even power")
     value, low, high = power.parameters["n"]
     assert abs(value - 2.0) < 3.0 * (high - low) / (2.0 * NORMAL95) < 0.3
+
+
+def test_what_was_found_is_no_candidate_of_another_recording_nor_of_the_same_one_again(model, beyond):
+    evidence = model.evidence
+    listed = candidates(evidence.nominal, evidence.blocks, evidence.moving)
+    assert ("tip", "viscous_friction") in {one.key for one in listed}
+    assert not {one.key[1] for one in listed} & {beyond.said.effect, TABLE[1]}
+    assert not [name for _, name in catalogue.CATALOGUE if name.startswith("tried_")]
 
 
 def test_where_nothing_is_left_there_is_no_table():
