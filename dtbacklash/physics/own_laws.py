@@ -23,7 +23,7 @@ from dtbacklash.config.rig import is_number
 from dtbacklash.errors import UserError
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Effect, Parameter, Place, Role, Values, name_in_words
-from dtbacklash.physics.effects.formula import FUNCTIONS, Formula
+from dtbacklash.physics.effects.formula import FUNCTIONS, SHORT, Formula
 from dtbacklash.physics.kinds import AXES, KINDS, LINEAR, Kind
 
 #: where an installed package names its laws
@@ -258,7 +258,7 @@ class _Declared:
         self.name, self.kind, self.said, self.key, self.parameters = name, kind, said, key, parameters
         names = [p.name for p in parameters]
         for one in names:
-            if one in states_of(kind):
+            if SHORT.get(one, one) in states_of(kind):
                 raise UserError(f"{key}.{PARAMETERS}.{one}", one, f"a name that is no state of a {kind.name}")
         with_memory, of_friction, other = _slots_of(kind)
         if MEMORY in said and with_memory is None:

@@ -121,6 +121,7 @@ WRONG = [
     ({"parameters": {"a": {"start": []}}}, "a.start=[]"),
     ({"parameters": {"a": {"start": 1, "role": "shape"}}}, "a.role=shape: size, as it is the first"),
     ({"parameters": {**A, "b": {"start": 1, "role": "time"}}}, "b.role=time: wave, angle, frequency, shape"),
+    ({"law": "-a*v*q", "parameters": {**A, "q": {"start": 1}}}, "q=q: a name that is no state of a"),
     ({"parameters": {**A, **{n: {"start": [1, 2, 3, 4]} for n in "bc"}}}, "16 sets of start values: at most 12"),
     ({"acts_on": "link", "z'": "v"}, "z'=v: a link has no memory; a body has"),
 ]  # fmt: skip
