@@ -7,6 +7,7 @@ one that leaves no more than the table takes its place; what the recording canno
 """
 
 import itertools
+import re
 import threading
 import warnings
 from collections.abc import Iterator
@@ -59,8 +60,7 @@ class Family:
 
     def written(self, state: str, times: str, step: float) -> str:
         """The formula in these states."""
-        law = self.law.replace("STEP", f"{step:.3g}")
-        law = "".join(state if word == "s" else word for word in _words(law))
+        law = re.sub(r"\bs\b", state, self.law.replace("STEP", f"{step:.3g}"))
         return f"({law})*{times}" if times else law
 
 
@@ -84,17 +84,6 @@ FAMILIES = (
 )  # fmt: skip
 #: the states of tables, as a law of one's own calls them
 STATE = {"speed": "v", "position": "q", "stretch": "s", "stretch rate": "ds", "command": "u"}
-
-
-def _words(law: str) -> Iterator[str]:
-    """A formula in its names, and what stands between them."""
-    word = ""
-    for sign in law:
-        if word and (sign.isalnum() != word[-1].isalnum()):
-            yield word
-            word = ""
-        word += sign
-    yield word
 
 
 @dataclass(frozen=True, eq=False)

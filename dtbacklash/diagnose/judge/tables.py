@@ -17,7 +17,7 @@ from dtbacklash.diagnose.fit.comparison import lead, parameters_of
 from dtbacklash.diagnose.fit.free import Key, all_free
 from dtbacklash.diagnose.fit.intervals import ERROR_GROUPS_MIN, Linear, covariance_of
 from dtbacklash.diagnose.fit.problem import Fit, Problem
-from dtbacklash.diagnose.fit.refit import FULL, ON, QUICK, Rounds, objective
+from dtbacklash.diagnose.fit.refit import FULL, ON, QUICK, objective
 from dtbacklash.diagnose.judge.free_form import LOCATED_SHARE, Recovered, free_forms
 from dtbacklash.diagnose.search.leave_out import borne, fit_without, refit_with
 from dtbacklash.diagnose.search.model import Log, Model
@@ -62,7 +62,7 @@ def tabled(model: Model, log: Log) -> Tabled | None:
     """The table that leaves least, beside what is named or instead of it; None where none clearly leaves less."""
     evidence = model.evidence
     starts = [start for base in _bases(model, log) for start in _starts(evidence, *base)]
-    quick = [t for t in spread(lambda start: _refitted(evidence, *start, QUICK), starts) if t is not None]
+    quick = [t for t in spread(lambda start: _quickly_fitted(evidence, *start), starts) if t is not None]
     if not quick:
         return None
     best = _held_back(evidence, min(quick, key=lambda t: price(evidence, t.fitted)))
@@ -102,14 +102,14 @@ def _key(base: Fit, form: Recovered) -> Key:
     return form.place, names[0]
 
 
-def _refitted(evidence: Evidence, gone: tuple[Key, ...], base: Fit, form: Recovered, rounds: Rounds) -> Tabled | None:
-    """The table that begins as an effort of free form, refitted; None where no rig can have it."""
+def _quickly_fitted(evidence: Evidence, gone: tuple[Key, ...], base: Fit, form: Recovered) -> Tabled | None:
+    """The table that begins as an effort of free form, fitted quickly; None where no rig can have it."""
     at = np.linspace(0.0, len(form.knots) - 1.0, KNOTS)
     knots = np.interp(at, np.arange(len(form.knots)), form.knots)
     efforts, key = np.interp(knots, form.knots, form.effort), _key(base, form)
     values = table_values(knots, efforts, BEND * float(np.abs(efforts).max()))
     try:
-        return Tabled(key, refit_with(evidence, base, [(key, values)], rounds=rounds), gone, form)
+        return Tabled(key, refit_with(evidence, base, [(key, values)], rounds=QUICK), gone, form)
     except UserError:
         return None
 
