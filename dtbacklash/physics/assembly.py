@@ -6,7 +6,7 @@ import numpy as np
 
 from dtbacklash.arrays import Floats, Ints
 from dtbacklash.errors import UserError
-from dtbacklash.physics.bodies import Parts, take_apart
+from dtbacklash.physics.bodies import FrictionContact, Parts, take_apart
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Effect, Values
 from dtbacklash.physics.effects.slots import ROW_PARAMETERS
@@ -40,14 +40,26 @@ class Entries:
         """Whether something acts beside the linear plant."""
         return any(there for slot, places in self._places.items() if slot not in BESIDE_NOTHING for there in places)
 
-    def place(self, slot: int, effects: Active, constant: float = 0.0) -> None:
-        """Add the next place of a slot with the effects that act there; ``constant`` : a level of friction beside."""
+    @property
+    def loaded(self) -> bool:
+        """Whether a dry friction depends on what its place carries."""
+        return any(load != pl.NOTHING for there in self._places[pl.FRICTION] for _, load, _ in there)
+
+    def place(self, slot: int, effects: Active) -> None:
+        """Add the next place of a slot with the effects that act there."""
         ordered = sorted(effects, key=lambda pair: getattr(pair[0].slot, "stage", 0))
         number = len(self._places[slot])
-        there = [(dispatch.code_of(e), number, list(values.values())) for e, values in ordered]
-        if constant:
-            there.insert(0, (dispatch.PLAIN_FRICTION, number, [constant]))
-        self._places[slot].append(there)
+        self._places[slot].append([(dispatch.code_of(e), number, list(values.values())) for e, values in ordered])
+
+    def rub(self, contact: FrictionContact) -> None:
+        """Add the next friction contact; a law that does not ask for what it carries is not told."""
+        there = [(dispatch.PLAIN_FRICTION, pl.NOTHING, [contact.level])] if contact.level else []
+        for (effect, values), load in zip(contact.effects, contact.loads, strict=True):
+            asks = any(
+                "load" in slots.arguments(law, effect.slot.states, effect) for law in effect.slot.laws().values()
+            )
+            there.append((dispatch.code_of(effect), load if asks else pl.NOTHING, list(values.values())))
+        self._places[pl.FRICTION].append(there)
 
     def remember(self, slot: int, effects: Active) -> None:
         """Add the next place of a slot whose effects have a memory each."""
@@ -100,8 +112,9 @@ def compile_plant(
     circuit = None if imposed else rig.only("motor_circuit")
     first_aux = (1 if circuit else 0) + 2 * len(parts.bodies.names)
     entries = _entries(parts, circuit, first_aux)
-    servo = _servo_row(rig)
-    limited = servo is not None and not imposed
+    drive = None if imposed else rig.drive
+    row = _drive_row(rig, drive)
+    limited = bool(np.isfinite(row[[pl.C_ASKED, pl.C_LARGEST]]).any())
     forced = entries.forced or limited
     if where_forced and forced:
         substeps, event_levels = where_forced
@@ -118,12 +131,12 @@ def compile_plant(
         E=E, P1=P1, P2=P2, A=A, G=G, slot=slot, first=first, law=law, law_p=law_p,
         link=np.array(parts.link, dtype=float).reshape(-1, pl.N_LINK),
         link_ends=_ends(parts.link_ends), friction_ends=_ends([contact.ends for contact in parts.contacts]),
-        circuit=_circuit_row(circuit) if servo is None else servo, screw=screw,
+        circuit=row, screw=screw,
         sensor=_sensor_rows(parts, circuit), sensor_whole=looks[0], sensor_tick=looks[1],
         sample_time=sample_time_s, substeps=substeps, levels=event_levels + 1,
         current=0 if circuit else -1, rotor=parts.rotor,
-        driven=parts.bodies.names.index(circuit.neighbours["drives"]) if circuit else -1,
-        limited=parts.bodies.names.index(rig.servo.neighbours["drives"]) if limited and rig.servo else -1,
+        driven=parts.bodies.names.index(drive.neighbours["drives"]) if drive else -1,
+        limited=limited, lag=A.shape[1] - 1 if _lag(rig, drive) else -1, loaded=entries.loaded,
         n_bodies=len(parts.bodies.names), position=1 if circuit else 0,
         has_base=_base_drive(rig) is not None, imposed=imposed, forced=forced,
         delay_whole=delay[0], delay_ticks=delay[1],
@@ -152,7 +165,7 @@ def _entries(parts: Parts, circuit: Element | None, first_aux: int) -> Entries:
         entries.place(pl.LINK, rig.active(element.name, slots.SpringForce))
         entries.remember(pl.LINK, rig.active(element.name, slots.SpringMemory))
     for contact in parts.contacts:
-        entries.place(pl.FRICTION, contact.effects, constant=contact.level)
+        entries.rub(contact)
     for name in rig.sensors:
         entries.place(pl.READING, rig.active(SENSOR_PREFIX + name, slots.Reading))
     single = (
@@ -169,33 +182,36 @@ def _ends(pairs: list[tuple[int, int]]) -> Ints:
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
-def _circuit_row(circuit: Element | None) -> Floats:
-    row = np.zeros(pl.N_CIRCUIT)
-    if circuit is not None:
-        row[pl.C_R], row[pl.C_KT] = circuit.values["resistance"], circuit.values["torque_constant"]
-    return row
-
-
-def _servo_row(rig: Rig) -> Floats | None:
-    """Gains and limits of a servo that has limits; else None.
+def _drive_row(rig: Rig, drive: Element | None) -> Floats:
+    """What the drive is made of; a servo's limits are infinite where it has none.
 
     Raises
     ------
     UserError : a limit of the speed that a servo without speed_gain would ask for.
     """
-    servo = rig.servo
-    if servo is None:
-        return None
-    fastest = rig.amount(servo.name, slots.SpeedLimit, "speed")
-    largest = rig.amount(servo.name, slots.EffortLimit, "effort")
-    row, speed_gain = np.zeros(pl.N_CIRCUIT), servo.values.get("speed_gain", 0.0)
-    if fastest and not speed_gain:
-        raise UserError(
-            f"rig.effects.{servo.name}.speed_limit.speed", fastest, f"needs a {servo.kind} with a speed_gain"
-        )
-    row[pl.C_POSITION], row[pl.C_SPEED] = servo.values["position_gain"], speed_gain
-    row[pl.C_ASKED], row[pl.C_LARGEST] = speed_gain * fastest or math.inf, largest or math.inf
-    return row if fastest or largest else None
+    row = np.zeros(pl.N_CIRCUIT)
+    row[pl.C_ASKED] = row[pl.C_LARGEST] = math.inf
+    if drive is None:
+        return row
+    columns = {
+        "resistance": pl.C_R, "torque_constant": pl.C_KT, "gain": pl.C_GAIN, "position_gain": pl.C_POSITION,
+        "speed_gain": pl.C_SPEED,
+    }  # fmt: skip
+    for name, column in columns.items():
+        row[column] = drive.values.get(name, 0.0)
+    if drive is rig.servo:
+        fastest = rig.amount(drive.name, slots.SpeedLimit, "speed")
+        if fastest and not row[pl.C_SPEED]:
+            key = f"rig.effects.{drive.name}.speed_limit.speed"
+            raise UserError(key, fastest, f"needs a {drive.kind} with a speed_gain")
+        row[pl.C_ASKED] = row[pl.C_SPEED] * fastest or math.inf
+        row[pl.C_LARGEST] = rig.amount(drive.name, slots.EffortLimit, "effort") or math.inf
+    return row
+
+
+def _lag(rig: Rig, drive: Element | None) -> float:
+    """Time constant of an actuator behind its command, s."""
+    return rig.amount(drive.name, slots.Lag, "time") if drive else 0.0
 
 
 def _screw_row(parts: Parts) -> Floats:
@@ -209,6 +225,7 @@ def _screw_row(parts: Parts) -> Floats:
     row[pl.S_SHARE] = rig.amount(screw.name, slots.Reaction, "share")
     row[pl.S_BASE_MASS] = rig.elements[parts.base].values["mass"] if parts.base else 0.0
     row[pl.S_INERTIA] = rotor.values["inertia"] if rotor else 0.0
+    row[pl.S_BASE_K], row[pl.S_BASE_C] = parts.bodies.at_base, parts.bodies.at_base_c
     return row
 
 
@@ -253,7 +270,7 @@ def _continuous(parts: Parts, circuit: Element | None, decays: list[float], scre
     b, rig = parts.bodies, parts.rig
     nb, first, n_aux = len(b.names), 1 if circuit else 0, len(decays)
     drive = rig.drive
-    lag = rig.amount(drive.name, slots.Lag, "time") if drive and not parts.imposed else 0.0
+    lag = _lag(rig, None if parts.imposed else drive)
     n = first + 2 * nb + n_aux + (1 if lag else 0)
     q, v = slice(first, first + nb), slice(first + nb, first + 2 * nb)
     A, G = np.zeros((2, n, n)), np.zeros((2, pl.CH_F + nb + n_aux, n))

@@ -57,10 +57,15 @@ class Bodies:
 
 @dataclass
 class FrictionContact:
-    """Dry friction between two ends: the effects that make its level, and a level of the element itself, N or N m."""
+    """Dry friction between two ends.
+
+    effects : that make its level. loads : what each of them carries: the index of a spring, DRIVE, SCREW or NOTHING.
+    level : of the element itself, N or N m.
+    """
 
     ends: tuple[int, int]
     effects: list[tuple[Effect, Values]]
+    loads: list[int]
     level: float = 0.0
 
 
@@ -182,8 +187,8 @@ def _add_spring(parts: Parts, element: Element) -> None:
     parts.springs.append(element)
     parts.link.append(row)
     parts.link_ends.append((a, b))
-    if dry := parts.rig.active(element.name, slots.Contact):
-        parts.contacts.append(FrictionContact((a, b), dry))
+    if not element.trait.first and (dry := parts.rig.active(element.name, slots.Contact)):
+        parts.contacts.append(FrictionContact((a, b), dry, [len(parts.link) - 1] * len(dry)))
 
 
 def _add_bearing(parts: Parts, element: Element) -> None:
@@ -193,9 +198,23 @@ def _add_bearing(parts: Parts, element: Element) -> None:
         return
     body = names.index(element.name)
     parts.bodies.C[body, body] += rig.amount(element.name, slots.BodyDamping, "coefficient")
-    dry, level = rig.active(element.name, slots.Contact), element.values.get("friction", 0.0)
-    if dry or level:
-        parts.contacts.append(FrictionContact((pl.GROUND, body), dry, level))
+    drive = rig.drive if rig.drive and rig.drive.neighbours["drives"] == element.name else None
+    sources = [(element.name, pl.DRIVE if drive else pl.NOTHING)]
+    sources += [(drive.name, pl.DRIVE)] if drive else []
+    sources += [
+        (spring.name, j)
+        for j, spring in enumerate(parts.springs)
+        if spring.trait.first and spring.neighbours["between"][0] == element.name
+    ]
+    screw = rig.only("screw")
+    sources += [(screw.name, pl.SCREW)] if screw and body == parts.rotor else []
+    found = [(one, load) for place, load in sources for one in rig.active(place, slots.Contact)]
+    level = element.values.get("friction", 0.0)
+    if found or level:
+        contact = FrictionContact((pl.GROUND, body), [one for one, _ in found], [load for _, load in found], level)
+        # what the screw carries depends on the friction at all other places: it comes last
+        parts.contacts.append(contact)
+        parts.contacts.sort(key=lambda c: pl.SCREW in c.loads)
 
 
 def _check_base(rig: Rig, base: str | None) -> None:

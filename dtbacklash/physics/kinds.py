@@ -65,8 +65,11 @@ class Kind:
 
     def takes(self, slot: slots.Slot) -> bool:
         """Whether an effect in this slot can act at such an element."""
-        if self.first and isinstance(slot, slots.Contact):  # its ends do not move along one line
-            return False
+        passes = isinstance(slot, slots.Passing)
+        if self.trait == slots.SPRING and isinstance(slot, slots.Contact) and passes != bool(self.first):
+            return (
+                False  # friction across a spring needs ends that move along one line, what passes on two kinds of them
+            )
         mine = {self.trait}
         if self.trait == slots.BODY and self.axis == LINEAR:
             mine.add(slots.SLIDING_BODY)

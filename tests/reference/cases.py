@@ -43,13 +43,17 @@ class Problem:
 
 @dataclass(frozen=True)
 class Case:
-    """Where an effect is tried, with what sizes (those not given are the catalogue's typical ones)."""
+    """Where an effect is tried, with what sizes (those not given are the catalogue's typical ones).
+
+    grows : whether a gear's gap grows meanwhile.
+    """
 
     places: tuple[str, ...]
     values: dict[str, float] = field(default_factory=dict)
     size_v: float = 4.0
     rig: str = "lead_screw"
     companions: dict[str, dict[str, dict[str, float]]] = field(default_factory=dict)
+    grows: bool = True
 
 
 SENSORS = ("sensor_q3", "sensor_theta_m")
@@ -96,6 +100,15 @@ CASES: dict[tuple[str, str], Case] = {
     ("linear_servo", "speed_limit"): replace(PUSHED, values={"speed": 0.1}),
     ("linear_servo", "effort_limit"): replace(PUSHED, values={"effort": 15.0}),
     ("actuator", "lag"): Case(("motor",), {"time": 0.01}, size_v=3.0, rig="carriage", companions=ROLLS),
+    ("servo", "load_friction"): replace(SERVED, values={"share": 0.3}),
+    ("linear_servo", "load_friction"): replace(PUSHED, values={"share": 0.3}),
+    ("actuator", "load_friction"): Case(("motor",), {"share": 0.3}, size_v=3.0, rig="carriage", companions=ROLLS),
+    ("motor_circuit", "load_friction"): Case(("motor_circuit",)),
+    ("gearbox", "load_friction"): replace(GEARED, places=("teeth",), values={"share": 0.3}),
+    ("belt", "load_friction"): replace(GEARED, values={"share": 0.3}),
+    ("rack", "load_friction"): replace(RACK, values={"share": 0.3}),
+    # without load, behind a gap that grows, a motor would close and open the gear without end
+    ("screw", "load_friction"): Case(("screw",), {"share": 2.0}, grows=False),
     ("gearbox", "backlash"): replace(GEARED, places=("teeth",), values={"lost_motion": 0.01}),
     ("gearbox", "cubic_stiffness"): replace(GEARED, places=("teeth",), values={"k3": 1e6}),
     ("gearbox", "hysteresis"): replace(GEARED, places=("teeth",), values={"torque": 0.1, "displacement": 2e-3}),
@@ -253,7 +266,10 @@ def places() -> list[tuple[str, str, str]]:
 def _effect(kind: str, name: str, place: str) -> Problem:
     case, without = CASES[kind, name], base_rig(CASES[kind, name])
     values = {p.name: p.typical for p in CATALOGUE[kind, name].parameters} | case.values
-    u, gap = rigs.random_steps(SAMPLES, HOLD, case.size_v), growing_gap() if without.only("gear") else None
+    u, gap = (
+        rigs.random_steps(SAMPLES, HOLD, case.size_v),
+        growing_gap() if without.only("gear") and case.grows else None,
+    )
     return Problem(f"{place} {name}", without.with_effect(place, name, values), u, gap, without)
 
 

@@ -51,7 +51,10 @@ class Link:
 
 @dataclass
 class Contact:
-    """A dry friction between two ends: it sticks (0) or slips in a direction (-1, 1)."""
+    """A dry friction between two ends: it sticks (0) or slips in a direction (-1, 1).
+
+    losses : share of the effort that something passes on at end b, by its name.
+    """
 
     a: str
     b: str
@@ -59,9 +62,11 @@ class Contact:
     stribeck: float = 0.0
     speed: float = 1.0
     mode: int = 0
+    losses: dict[str, float] = field(default_factory=dict)
 
-    def level(self, rate: float) -> float:
-        return self.coulomb + self.stribeck * math.exp(-((rate / self.speed) ** 2))
+    def level(self, rate: float, passed: dict[str, float]) -> float:
+        lost = sum(share * abs(passed[name]) for name, share in self.losses.items())
+        return self.coulomb + self.stribeck * math.exp(-((rate / self.speed) ** 2)) + lost
 
 
 @dataclass
@@ -88,6 +93,7 @@ class Screw:
     pitch: tuple[float, float, float] = (0.0, 0.0, 0.0)
     carried: str | None = None
     carried_mass: float = 0.0
+    name: str = ""
 
     def travel(self, angle: float) -> float:
         amplitude, periods, phase = self.pitch
@@ -115,6 +121,7 @@ class Machine:
     ripple: tuple[float, float, float] = (0.0, 0.0, 0.0)
     heating: tuple[float, float] | None = None
     driven: str = ""
+    driving: str = ""
     gain: float = 0.0
     lag: float = 0.0  # time constant of the actuator behind its command; what has arrived is the last state
     servo: dict[str, float] | None = None
@@ -167,20 +174,51 @@ class Machine:
         """x' with given forces in the contacts that stick (without: those that keep them at rest)."""
         if holding is None:
             holding = self.holding(t, x)
+        passed = self.passed_on(t, x)
+        out = self._rates(t, x, holding, passed)
+        screw = self.screw
+        if not screw or not any(c.mode and screw.name in c.losses for c in self.contacts):
+            return out
+        # what the screw passes on depends on how the base speeds up, and that on the friction: repeated until it stays
+        for _ in range(200):
+            before, passed[screw.name] = passed[screw.name], self._push(t, x, out, holding, passed)
+            if abs(passed[screw.name] - before) <= 1e-15 * abs(before):
+                break
+            out = self._rates(t, x, holding, passed)
+        return out
+
+    def passed_on(self, t: float, x: list[float]) -> dict[str, float]:
+        """The effort that each drive and transmission passes on, at the body that it brakes; the screw at rest."""
+        lossy = {name for contact in self.contacts for name in contact.losses}
+        passed = {k.name: k.arm * self.force_in(k.name, t, x) for k in self.links if k.name in lossy}
+        if self.driving in lossy:
+            effort = dict.fromkeys(self.bodies, 0.0)
+            self._drive(x, effort, [0.0] * self.size)
+            passed[self.driving] = effort[self.driven]
+        if self.screw and self.screw.name in lossy:
+            passed[self.screw.name] = 0.0
+            passed[self.screw.name] = self._push(t, x, [0.0] * self.size, [0.0] * len(self.contacts), passed)
+        return passed
+
+    def _push(self, t: float, x: list[float], out: list[float], holding: list[float], passed: dict) -> float:
+        """Torque by which the screw pushes what it carries, which speeds up as the rates say, N m."""
+        screw, body = self.screw, self.bodies[self.rotor]
+        if self.gear == FREE:
+            return 0.0
+        angle, rate = self.screw_angle(t, x)
+        slope = screw.slope(angle)
+        effort = dict.fromkeys(self.ends(t, x), 0.0)
+        self._connect(t, x, effort, [0.0] * self.size, holding, passed)
+        force = -effort[SCREW]
+        if screw.carried and not self._gives_way():
+            force -= effort[screw.carried]
+            force += screw.carried_mass * (slope * out[body.v] + screw.curvature(angle) * rate**2)
+        return slope * force
+
+    def _rates(self, t: float, x: list[float], holding: list[float], passed: dict[str, float]) -> list[float]:
         out = [0.0] * self.size
-        where = self.ends(t, x)
-        effort = dict.fromkeys(where, 0.0)
-        for link in self.links:
-            force = self._link_force(link, t, x, where, out)
-            effort[link.b] -= force
-            effort[link.a] += link.arm * force
-        for contact, hold in zip(self.contacts, holding, strict=True):
-            force = hold
-            if contact.mode:
-                rate = where[contact.b][1] - where[contact.a][1]
-                force = -contact.mode * contact.level(rate)
-            effort[contact.b] += force
-            effort[contact.a] -= force
+        effort = dict.fromkeys(self.ends(t, x), 0.0)
+        self._connect(t, x, effort, out, holding, passed)
         for name, body in self.bodies.items():
             q, v = x[body.q], x[body.v]
             amplitude, wave, phase = body.cogging
@@ -197,6 +235,23 @@ class Machine:
         if self.resting:
             out[self.bodies[self.rotor].v] = 0.0
         return out
+
+    def _connect(
+        self, t: float, x: list[float], effort: dict, out: list[float], holding: list[float], passed: dict
+    ) -> None:
+        """Efforts of the links and of the friction contacts at their ends."""
+        where = self.ends(t, x)
+        for link in self.links:
+            force = self._link_force(link, t, x, where, out)
+            effort[link.b] -= force
+            effort[link.a] += link.arm * force
+        for contact, hold in zip(self.contacts, holding, strict=True):
+            force = hold
+            if contact.mode:
+                rate = where[contact.b][1] - where[contact.a][1]
+                force = -contact.mode * contact.level(rate, passed)
+            effort[contact.b] += force
+            effort[contact.a] -= force
 
     def leaning(self, t: float, x: list[float], side: int) -> tuple[float, float]:
         """Acceleration of the motor towards ``side`` without the screw, and with it."""
@@ -276,6 +331,10 @@ class Machine:
     def _gives_way(self) -> bool:
         return self.screw.carried in self.bodies
 
+    def most_held(self, t: float, x: list[float], contact: Contact) -> float:
+        """The force that a contact can hold at rest, N or N m."""
+        return contact.level(0.0, self.passed_on(t, x))
+
     def holding(self, t: float, x: list[float]) -> list[float]:
         """The forces (on end b) that leave the contacts that stick without acceleration; 0 where it slips."""
         stuck = [j for j, c in enumerate(self.contacts) if c.mode == 0]
@@ -330,7 +389,7 @@ def machine(rig: Rig) -> Machine:
     for j, (name, value) in enumerate(inertia.items()):
         it.bodies[name] = _body(Body(value, first + j, first + n + j), rig.effects.get(name, {}))
         own = rig.elements[name].values.get("friction", 0.0) if name in rig.elements else 0.0
-        _contact(it, name, rig.effects.get(name, {}), own)
+        _contact(it, name, rig.effects.get(name, {}), own, _losses(rig, name))
     it.size = first + 2 * n
     if circuit:
         it.circuit, it.driven = circuit.values, circuit.neighbours["drives"]
@@ -342,6 +401,7 @@ def machine(rig: Rig) -> Machine:
     elif servo := rig.servo:
         limits = list(rig.effects.get(servo.name, {}).values())
         it.driven, it.servo = servo.neighbours["drives"], {k: v for d in (servo.values, *limits) for k, v in d.items()}
+    it.driving = rig.drive.name if rig.drive else ""
     if rotor:
         it.rotor = rotor.name
     if screw:
@@ -352,6 +412,7 @@ def machine(rig: Rig) -> Machine:
             pitch=(pitch["amplitude"], pitch["periods"], pitch["phase"]) if pitch else (0.0, 0.0, 0.0),
             carried=carried,
             carried_mass=rig.elements[carried].values["mass"] if carried else 0.0,
+            name=screw.name,
         )
         if compliance:  # the axial spring has 2 % of critical damping with the mass that it pushes
             stiffness = 1.0 / compliance["compliance"]
@@ -389,13 +450,27 @@ def _body(body: Body, effects: dict[str, dict[str, float]]) -> Body:
     return body
 
 
-def _contact(it: Machine, name: str, effects: dict[str, dict[str, float]], own: float) -> None:
+def _losses(rig: Rig, body: str) -> dict[str, float]:
+    """What brakes a body by a share of what it passes on: its drive, the screw that it turns, a transmission."""
+    rotor, found = rig.motor_rotor(), {}
+    for name, element in rig.elements.items():
+        first = element.neighbours.get("between", [""])[0] == body
+        turns = element.kind == "screw" and rotor is not None and rotor.name == body
+        drives = element is rig.drive and element.neighbours["drives"] == body
+        if (first or turns or drives) and (loss := rig.effect(name, "load_friction")):
+            found[name] = loss["share"]
+    return found
+
+
+def _contact(
+    it: Machine, name: str, effects: dict[str, dict[str, float]], own: float, losses: dict[str, float]
+) -> None:
     dry = effects.get("coulomb_friction") or effects.get("ground_friction") or {}
     stribeck = effects.get("stribeck_friction", {})
-    if dry or stribeck or own:
+    if dry or stribeck or own or losses:
         coulomb = own + dry.get("torque", dry.get("force", 0.0))
         extra = stribeck.get("torque", stribeck.get("force", 0.0))
-        it.contacts.append(Contact(GROUND, name, coulomb, extra, stribeck.get("speed", 1.0)))
+        it.contacts.append(Contact(GROUND, name, coulomb, extra, stribeck.get("speed", 1.0), losses=losses))
 
 
 def _link(it: Machine, rig: Rig, name: str) -> None:

@@ -65,8 +65,8 @@ class _Run:
             if contact.mode:
                 found.append(lambda t, y, c=contact: c.mode * it.slip(t, self.si(y), c))
             else:
-                found.append(lambda t, y, c=contact, j=j: c.level(0.0) - it.holding(t, self.si(y))[j])
-                found.append(lambda t, y, c=contact, j=j: c.level(0.0) + it.holding(t, self.si(y))[j])
+                found.append(lambda t, y, c=contact, j=j: it.most_held(t, self.si(y), c) - it.holding(t, self.si(y))[j])
+                found.append(lambda t, y, c=contact, j=j: it.most_held(t, self.si(y), c) + it.holding(t, self.si(y))[j])
         for function in found:
             function.terminal, function.direction = True, -1.0
         return found
@@ -156,7 +156,7 @@ class _Run:
         for _ in range(2 * len(it.contacts) + 2):
             forces, changed = it.holding(t, self.si(y)), False
             for contact, force in zip(it.contacts, forces, strict=True):
-                if contact.mode == 0 and abs(force) > contact.level(0.0) * (1.0 + 1e-9):
+                if contact.mode == 0 and abs(force) > it.most_held(t, self.si(y), contact) * (1.0 + 1e-9):
                     contact.mode, changed = (-1 if force > 0.0 else 1), True
             if not changed:
                 break

@@ -101,12 +101,23 @@ class BodyDamping(Slot):
 class Contact(Slot):
     """Dry friction, of a body against the ground or across a spring: the level that it holds against, >= 0.
 
-    The levels of several effects at one place add up. ``slip_speed`` >= 0; ``direction`` is 1 or -1.
+    The levels of several effects at one place add up. ``slip_speed`` >= 0; ``direction`` is 1 or -1; ``load`` is the
+    effort of the drive on the body (0 where none drives it), or the spring's force.
     """
 
     level: Law
-    states: ClassVar = ("slip_speed", "direction")
-    on: ClassVar = (BODY, SPRING)
+    states: ClassVar = ("slip_speed", "direction", "load")
+    on: ClassVar[tuple[str, ...]] = (BODY, SPRING)
+
+
+@dataclass(frozen=True)
+class Passing(Contact):
+    """Dry friction of what passes on an effort: it brakes the body that a drive moves, or that moves a transmission.
+
+    ``load`` : the effort that is passed on, seen at this body.
+    """
+
+    on: ClassVar = (SERVO, ACTUATOR, WINDING, SCREW, SPRING)
 
 
 @dataclass(frozen=True)

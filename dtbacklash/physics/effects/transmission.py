@@ -1,14 +1,18 @@
-"""Effects of gear and screw."""
+"""Effects of gear and screw, and the friction of whatever passes on an effort."""
 
 from numpy.random import Generator
 
 from dtbacklash.compiled import law
-from dtbacklash.physics.effects.declare import Effect, Parameter, Place, Role, Values
+from dtbacklash.physics.effects.declare import REST_ERROR, Effect, Parameter, Place, Role, Values
 from dtbacklash.physics.effects.periodic import periodic, periodic_slope
-from dtbacklash.physics.effects.slots import GearPlay, Lead, Reaction, Yielding
+from dtbacklash.physics.effects.slots import GearPlay, Lead, Passing, Reaction, Yielding
 
 #: largest concealed half-gap, rad
 GAP_MAX = 3.141592653589793
+#: largest share of what it passes on that a drive may lose, as it would not move otherwise, and that a worm may
+LOSS_OF_DRIVE, LOSS_OF_WORM = 0.95, 5.0
+#: where the search for a loss starts, and the largest concealed one
+LOSSES, LOSS_MAX = (0.05, 0.25), 0.5
 
 
 @law
@@ -21,6 +25,23 @@ def pitch_error(angle, amplitude, periods, phase):
 def pitch_slope(angle, amplitude, periods, phase):
     """Derivative of :func:`pitch_error` by the angle. rad -> m/rad."""
     return periodic_slope(angle, amplitude, periods, phase)
+
+
+@law
+def loss(load, share):
+    """Level of a dry friction that grows with the effort that is passed on."""
+    return share * abs(load)
+
+
+def _load_friction(kind: str, most: float) -> Effect:
+    return Effect(
+        "load_friction", kind, (Parameter("share", "1", 0.0, most, 0.1, 0.0, role=Role.SIZE),),
+        "-share |load| sign(v), |.| <= share |load| at v = 0", Passing(loss),
+        "Dohring, Lee, Newman, IEEE Int. Conf. on Robotics and Automation (1993) 430",
+        "Friction takes {share} of the effort that the {location} passes on.",
+        conceal=lambda place, sign: (LOSS_MAX, 0.05), starts=lambda place: [{"share": share} for share in LOSSES],
+        formulation_error=REST_ERROR, excludes=("backlash",) if kind == "screw" else (),
+    )  # fmt: skip
 
 
 def _pitch_draws(rng: Generator, place: Place) -> Values:
@@ -59,4 +80,6 @@ EFFECTS = [
         "The structure pushes back on the motor through the {location} ({share} of the full reaction).",
         conceal=lambda place, sign: (1.0, 0.3), excludes=("backlash",),
     ),
+    *(_load_friction(kind, LOSS_OF_DRIVE) for kind in ("servo", "linear_servo", "actuator", "motor_circuit")),
+    *(_load_friction(kind, LOSS_OF_WORM) for kind in ("gearbox", "belt", "rack", "screw")),
 ]  # fmt: skip

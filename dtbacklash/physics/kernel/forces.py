@@ -1,8 +1,11 @@
 """The forces that act beside the linear plant: every law of the rig's effects, summed into channels."""
 
-from dtbacklash.compiled import inlined
+from dtbacklash.compiled import compiled, inlined
 from dtbacklash.physics.kernel import dispatch
 from dtbacklash.physics.kernel import plant as pl
+
+#: a screw whose friction grows faster than what drives it would jam: what it gives way is not less than this share
+LEAST_YIELD = 0.05
 
 
 @inlined
@@ -98,6 +101,13 @@ def force_beside(P, x, j, s, rate, t):
 
 
 @inlined
+def link_force(P, x, j, base, base_rate, t):
+    """What link ``j`` pulls its ends together with, N or N m."""
+    s, rate = stretch_of(P, x, j, base, base_rate)
+    return P.link[j, pl.L_K] * s + P.link[j, pl.L_C] * rate + force_beside(P, x, j, s, rate, t)
+
+
+@inlined
 def memory_channel(P, e):
     """The channel that is the rate of an entry's memory."""
     return pl.CH_F + P.n_bodies + P.law[e, 1] - (P.position + 2 * P.n_bodies)
@@ -132,13 +142,20 @@ def body_forces(P, x, w, t):
 
 
 @inlined
-def circuit_forces(P, x, w):
-    """What the motor makes beyond its constant, and the voltage that the state of its winding eats."""
-    i = x[P.current]
-    place = P.slot[pl.MOTOR_TORQUE]
+def torque_beside(P, x):
+    """What the motor makes beyond its constant times the current, N m or N."""
+    place, total = P.slot[pl.MOTOR_TORQUE], 0.0
     for e in range(P.first[place], P.first[place + 1]):
         at = x[P.position + P.driven]
-        w[pl.CH_F + P.driven] += dispatch.motor_torque(P.law[e, 0], i, at, P.circuit[pl.C_KT], P.law_p, e)
+        total += dispatch.motor_torque(P.law[e, 0], x[P.current], at, P.circuit[pl.C_KT], P.law_p, e)
+    return total
+
+
+@inlined
+def circuit_forces(P, x, w):
+    """What the motor makes beyond its constant, and the voltage that the state of its winding eats."""
+    w[pl.CH_F + P.driven] += torque_beside(P, x)
+    i = x[P.current]
     place = P.slot[pl.WINDING]
     for e in range(P.first[place], P.first[place + 1]):
         R, memory = P.circuit[pl.C_R], x[P.law[e, 1]]
@@ -148,50 +165,141 @@ def circuit_forces(P, x, w):
 
 
 @inlined
-def servo_limits(P, x, w):
-    """What the limits of a servo take off the effort of its loop, which is linear and stands in A and G.
+def servo_effort(P, x, w):
+    """Effort of a servo, and what it would be without limits.
 
     The position loop asks for a speed, the loop below it for an effort: position_gain (u - q) - speed_gain q'.
     """
-    q, v = x[P.position + P.limited], x[P.position + P.n_bodies + P.limited]
-    effort = linear = P.circuit[pl.C_POSITION] * (w[pl.CH_V] - q)
-    asked = P.circuit[pl.C_ASKED]
-    effort = min(max(effort, -asked), asked) - P.circuit[pl.C_SPEED] * v
-    largest = P.circuit[pl.C_LARGEST]
-    w[pl.CH_F + P.limited] += min(max(effort, -largest), largest) - (linear - P.circuit[pl.C_SPEED] * v)
+    q, v = x[P.position + P.driven], x[P.position + P.n_bodies + P.driven]
+    linear = P.circuit[pl.C_POSITION] * (w[pl.CH_V] - q)
+    damped = P.circuit[pl.C_SPEED] * v
+    asked, largest = P.circuit[pl.C_ASKED], P.circuit[pl.C_LARGEST]
+    effort = min(max(linear, -asked), asked) - damped
+    return min(max(effort, -largest), largest), linear - damped
 
 
 @inlined
-def friction_level(P, c, slip_speed, direction):
+def servo_limits(P, x, w):
+    """What the limits of a servo take off the effort of its loop, which is linear and stands in A and G."""
+    effort, linear = servo_effort(P, x, w)
+    w[pl.CH_F + P.driven] += effort - linear
+
+
+@inlined
+def drive_effort(P, x, w):
+    """What the drive does to the body that it drives, N m or N."""
+    if P.current >= 0:
+        return P.circuit[pl.C_KT] * x[P.current] + torque_beside(P, x)
+    if P.circuit[pl.C_POSITION] != 0.0:
+        return servo_effort(P, x, w)[0]
+    return P.circuit[pl.C_GAIN] * (x[P.lag] if P.lag >= 0 else w[pl.CH_V])
+
+
+@inlined
+def find_loads(P, S, x, w, t, base, base_rate):
+    """What each dry friction carries but for that of the screw, N or N m, into ``S.load``."""
+    place = P.slot[pl.FRICTION]
+    for e in range(P.first[place], P.first[place + P.friction_ends.shape[0]]):
+        carried = P.law[e, 1]
+        if carried == pl.DRIVE:
+            S.load[e] = drive_effort(P, x, w)
+        elif carried >= 0:
+            S.load[e] = P.link[carried, pl.L_LEVER] * link_force(P, x, carried, base, base_rate, t)
+
+
+@inlined
+def force_on_base(P, S, x, t, base, base_rate):
+    """Force of the structure on the screw's base, N."""
+    total, v = -P.screw[pl.S_BASE_K] * base - P.screw[pl.S_BASE_C] * base_rate, P.position + P.n_bodies
+    for i in range(P.n_bodies):
+        inverse = P.G[0, pl.CH_F + i, v + i]
+        total += (P.G[0, pl.CH_D, v + i] * x[P.position + i] + P.G[0, pl.CH_DD, v + i] * x[v + i]) / inverse
+    for j in range(P.link.shape[0]):
+        sign = int(P.link_ends[j, 0] == pl.BASE) - int(P.link_ends[j, 1] == pl.BASE)
+        if sign != 0:
+            s, rate = stretch_of(P, x, j, base, base_rate)
+            total += sign * force_beside(P, x, j, s, rate, t)
+    for c in range(P.friction_ends.shape[0]):
+        a, b = P.friction_ends[c, 0], P.friction_ends[c, 1]
+        sign = int(a == pl.BASE) - int(b == pl.BASE)
+        if sign != 0:
+            direction = S.mode[1 + c]
+            rate = end_velocity(P, x, b, base_rate) - end_velocity(P, x, a, base_rate)
+            sliding = direction * friction_level(P, S, c, abs(rate), direction)
+            total += sign * (sliding if direction != 0 else -S.reaction[c])
+    return total
+
+
+@inlined
+def screw_load(P, S, x, w, contact, c, e, slip_speed, t, base, base_rate):
+    """Torque by which the screw pushes the base, before its friction, N m; entry ``e`` of contact ``c`` depends on it.
+
+    The base's acceleration depends on this friction, ``size |load|``, itself: with a mobility of the rotor ``g``,
+    ``F = F0 - direction size lead^2 mass g |F|``, where ``F0`` is the force without it.
+    """
+    if contact == 0:
+        return 0.0
+    lead, direction = P.screw[pl.S_LEAD], S.mode[1 + c]
+    force = -force_on_base(P, S, x, t, base, base_rate)
+    if direction != 0:
+        mobility = P.G[contact, pl.CH_F + P.rotor, P.position + P.n_bodies + P.rotor]
+        S.load[e] = 0.0
+        others = friction_level(P, S, c, slip_speed, direction)
+        moved = P.screw[pl.S_BASE_MASS] * lead
+        force += moved * (body_acceleration(P, x, w, contact, P.rotor) - direction * others * mobility)
+        by_itself = P.law_p[e, 0] * lead * moved * mobility
+        force /= max(1.0 + direction * (by_itself if force > 0.0 else -by_itself), LEAST_YIELD)
+    return lead * force
+
+
+@compiled
+def body_acceleration(P, x, w, contact, body):
+    """Acceleration of a body under the channels ``w``, m/s^2 or rad/s^2."""
+    i = P.position + P.n_bodies + body
+    total = 0.0
+    for j in range(x.shape[0]):
+        total += P.A[contact, i, j] * x[j]
+    for k in range(w.shape[0]):
+        total += P.G[contact, k, i] * w[k]
+    return total
+
+
+@inlined
+def friction_level(P, S, c, slip_speed, direction):
     """Magnitude of dry friction at contact ``c`` at a slip speed >= 0 in a direction, N or N m."""
     place = P.slot[pl.FRICTION] + c
     level = 0.0
     for e in range(P.first[place], P.first[place + 1]):
-        level += dispatch.friction_level(P.law[e, 0], slip_speed, direction, P.law_p, e)
+        level += dispatch.friction_level(P.law[e, 0], slip_speed, direction, S.load[e], P.law_p, e)
     return level
 
 
 @inlined
-def held_level(P, c, reaction):
+def held_level(P, S, c, reaction):
     """What contact ``c`` can hold against at rest: it would give way against the reaction that holds it."""
-    return friction_level(P, c, 0.0, -1.0 if reaction > 0.0 else 1.0)
+    return friction_level(P, S, c, 0.0, -1.0 if reaction > 0.0 else 1.0)
 
 
 @inlined
-def slip_forces(P, x, mode, w, contact, base_rate):
+def slip_forces(P, S, x, w, contact, t, base, base_rate):
     """Forces of the friction contacts that slip; those that stick are solved for in the step."""
+    place = P.slot[pl.FRICTION]
     for c in range(P.friction_ends.shape[0]):
-        direction = mode[1 + c]
+        direction = S.mode[1 + c]
+        a, b = P.friction_ends[c, 0], P.friction_ends[c, 1]
+        rate = end_velocity(P, x, b, base_rate) - end_velocity(P, x, a, base_rate)
+        if P.loaded:
+            for e in range(P.first[place + c], P.first[place + c + 1]):
+                if P.law[e, 1] == pl.SCREW:
+                    S.load[e] = screw_load(P, S, x, w, contact, c, e, abs(rate), t, base, base_rate)
         if direction != 0:
-            a, b = P.friction_ends[c, 0], P.friction_ends[c, 1]
-            rate = end_velocity(P, x, b, base_rate) - end_velocity(P, x, a, base_rate)
-            level = friction_level(P, c, abs(rate), direction)
+            level = friction_level(P, S, c, abs(rate), direction)
             push(P, w, contact, b, -direction * level)
             push(P, w, contact, a, direction * level)
 
 
 @inlined
-def add_forces(P, x, mode, w, contact, t, theta_d, theta_d_rate):
+def add_forces(P, S, x, w, contact, t, theta_d, theta_d_rate):
     """Add to the channels ``w`` everything that acts beside the linear plant at state ``x`` and time ``t``."""
     base, base_rate = 0.0, 0.0
     if P.has_base:
@@ -204,6 +312,8 @@ def add_forces(P, x, mode, w, contact, t, theta_d, theta_d_rate):
     body_forces(P, x, w, t)
     if P.current >= 0:
         circuit_forces(P, x, w)
-    if P.limited >= 0:
+    if P.limited:
         servo_limits(P, x, w)
-    slip_forces(P, x, mode, w, contact, base_rate)
+    if P.loaded:
+        find_loads(P, S, x, w, t, base, base_rate)
+    slip_forces(P, S, x, w, contact, t, base, base_rate)

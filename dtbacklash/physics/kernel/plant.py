@@ -22,15 +22,19 @@ FREE, PLUS, MINUS, RIGID = 0, 1, -1, 2
 
 # columns of `link`; the lever is how far its first end goes per unit of the motion of the body there
 L_K, L_C, L_LEVER, N_LINK = range(4)
-# entries of `circuit`: of a winding; or of a servo, with the largest effort that its position loop asks for, and all
-C_R, C_KT, C_POSITION, C_SPEED, C_ASKED, C_LARGEST, N_CIRCUIT = range(7)
-# entries of `screw`
-S_LEAD, S_SHARE, S_BASE_MASS, S_INERTIA, N_SCREW = range(5)
+# entries of `circuit`: of a winding; of an actuator; or of a servo, with the largest effort that its position loop asks
+# for, and all
+C_R, C_KT, C_GAIN, C_POSITION, C_SPEED, C_ASKED, C_LARGEST, N_CIRCUIT = range(8)
+# entries of `screw`; the base's stiffness and damping are those that it feels while everything else stands
+S_LEAD, S_SHARE, S_BASE_MASS, S_INERTIA, S_BASE_K, S_BASE_C, N_SCREW = range(7)
 # columns of `sensor`
 Y_INDEX, Y_LINK, N_SENSOR = range(3)
 #: `sensor[:, Y_INDEX]` of a sensor on the base (the mass that a rigid screw carries): position, velocity; and of one
 #: that shows the force of the link `sensor[:, Y_LINK]`
 BASE_POSITION, BASE_VELOCITY, LINK_FORCE = -1, -2, -3
+
+#: what a dry friction carries, where it is no link: the effort of the drive, that of the screw, or nothing that matters
+NOTHING, DRIVE, SCREW = -1, -2, -3
 
 # slots of the laws: what acts at body j, link j, contact j, sensor j; and at the amplifier, winding and screw (j = 0)
 BODY_EFFORT, BODY_MEMORY, LINK, FRICTION, READING, COMMAND, WINDING, MOTOR_TORQUE, LEAD, N_SLOTS = range(10)
@@ -53,7 +57,9 @@ class Plant(NamedTuple):
     G: Floats
     slot: Ints  # (N_SLOTS,) index in `first` of a slot's first place
     first: Ints  # the laws at a place: entries first[place] to first[place + 1] - 1
-    law: Ints  # (entries, 2) code of the law in its slot, or its address; index in x of its memory, else of its place
+    # (entries, 2) code of the law in its slot, or its address; its memory's index in x, what a friction carries, or its
+    # place
+    law: Ints
     law_p: Floats  # (entries, slots.ROW_PARAMETERS) its parameters
     link: Floats
     link_ends: Ints
@@ -68,8 +74,10 @@ class Plant(NamedTuple):
     levels: int
     current: int  # index of i in x, or -1
     rotor: int  # index of the motor's rotor among the bodies, or -1
-    driven: int  # index of the body that the winding drives, or -1
-    limited: int  # index of the body that a servo with limits drives, or -1
+    driven: int  # index of the body that the drive drives, or -1
+    limited: bool  # a servo has limits
+    lag: int  # index in x of what has arrived at an actuator that lags, or -1
+    loaded: bool  # a dry friction depends on what its place carries
     n_bodies: int
     position: int  # index of the first position in x
     has_base: bool  # a screw or a positioner drives the structure
@@ -110,6 +118,7 @@ class State(NamedTuple):
     w1: Floats
     lean: Ints  # (1,) the side on which the motor leans on a load that it cannot move; 0: it does not
     reaction: Floats  # (frictions,) the force that keeps a sticking contact at rest
+    load: Floats  # (entries,) what the place of a dry friction carries
     clock: Floats  # (1,) time, s, for what is measured of laws of time
 
 
@@ -133,6 +142,7 @@ def new_state(plant: Plant) -> State:
         w1=np.zeros(channels),
         lean=np.zeros(1, dtype=np.int64),
         reaction=np.zeros(frictions),
+        load=np.zeros(len(plant.law)),
         clock=np.zeros(1),
     )
 

@@ -9,11 +9,11 @@ from dtbacklash.physics.kernel import plant as pl
 from dtbacklash.physics.kernel.forces import (
     add_forces,
     base_motion,
-    force_beside,
+    body_acceleration,
     gained,
     held_level,
+    link_force,
     push,
-    stretch_of,
 )
 from dtbacklash.physics.kernel.step import MOST_EVENTS, drive_rate, screw_angle, slip_rate, try_step
 
@@ -65,11 +65,11 @@ def _friction_event(P, S, mode, theta_d, gap_rate):
     for c in range(P.friction_ends.shape[0]):
         direction = S.mode[1 + c]
         if direction == 0:
-            if abs(S.reaction[c]) <= held_level(P, c, S.reaction[c]):
+            if abs(S.reaction[c]) <= held_level(P, S, c, S.reaction[c]):
                 # the step's mean is not what is needed at its end: correct it by the acceleration that it leaves
                 acceleration, mobility = _slip_acceleration(P, S.xn, S.w1, c, contact)
                 S.reaction[c] -= acceleration / mobility
-            if abs(S.reaction[c]) > held_level(P, c, S.reaction[c]):
+            if abs(S.reaction[c]) > held_level(P, S, c, S.reaction[c]):
                 found = FRICTION
         elif direction * slip_rate(P, S, S.xn, c, theta_d, gap_rate) < 0.0:
             found = FRICTION
@@ -116,7 +116,7 @@ def switch_gear(P, S, gap, gap_rate):
         S.mode[0] = pl.FREE
         if P.screw[pl.S_SHARE] != 0.0:
             S.w1[pl.CH_D] += P.screw[pl.S_LEAD] * theta_m  # the base's place for the free gear's matrices
-            if mode * _acceleration(P, S.x, S.w1, 0, P.rotor) > 0.0:
+            if mode * body_acceleration(P, S.x, S.w1, 0, P.rotor) > 0.0:
                 S.lean[0] = mode
                 S.x[speed] = mode * gap_rate
 
@@ -124,12 +124,12 @@ def switch_gear(P, S, gap, gap_rate):
 @compiled
 def _leaning_ends(P, S, x):
     """Whether the motor that leans on its load lets go (-1) or overcomes it (+1) at state ``x``; 0: neither."""
-    free = _acceleration(P, x, S.w1, 0, P.rotor)
+    free = body_acceleration(P, x, S.w1, 0, P.rotor)
     if S.lean[0] * free < 0.0:
         return -1
     base = P.screw[pl.S_LEAD] * x[P.position + P.rotor]
     S.w1[pl.CH_D] -= base
-    loaded = _acceleration(P, x, S.w1, 1, P.rotor)
+    loaded = body_acceleration(P, x, S.w1, 1, P.rotor)
     S.w1[pl.CH_D] += base
     return 1 if S.lean[0] * loaded > 0.0 else 0
 
@@ -150,7 +150,7 @@ def switch_friction(P, S, t, gap, gap_rate, voltage):
     theta_d = screw_angle(P, S, gap) if not P.imposed else S.gear[0]
     for c in range(P.friction_ends.shape[0]):
         if S.mode[1 + c] == 0:
-            if abs(S.reaction[c]) > held_level(P, c, S.reaction[c]):
+            if abs(S.reaction[c]) > held_level(P, S, c, S.reaction[c]):
                 S.mode[1 + c] = -1 if S.reaction[c] > 0.0 else 1
             continue
         rate = slip_rate(P, S, S.x, c, theta_d, gap_rate)
@@ -161,9 +161,9 @@ def switch_friction(P, S, t, gap, gap_rate, voltage):
         clear(w)
         w[pl.CH_V] = voltage
         w[pl.CH_D] = P.screw[pl.S_LEAD] * (theta_d - (S.x[P.position + P.rotor] if contact == 1 else 0.0))
-        add_forces(P, S.x, S.mode, w, contact, t, theta_d, 0.0)
+        add_forces(P, S, S.x, w, contact, t, theta_d, 0.0)
         acceleration, mobility = _slip_acceleration(P, S.x, w, c, contact)
-        turns = abs(acceleration) > mobility * held_level(P, c, -acceleration)
+        turns = abs(acceleration) > mobility * held_level(P, S, c, -acceleration)
         if turns and P.imposed and _on_base(P, c):
             S.mode[1 + c] = 1 if rate > 0.0 else -1  # it passes through rest: what it has left of speed is its own
             continue
@@ -191,7 +191,7 @@ def _turn_contacts(P, S, h, theta_d, gap_rate):
             continue
         rate = slip_rate(P, S, S.x, c, theta_d, gap_rate)
         mobility = gained(P.G[contact], P.position + P.n_bodies, P.friction_ends[c, 0], P.friction_ends[c, 1], 1.0)
-        if S.mode[1 + c] * rate < 0.0 and abs(rate) > mobility * h * held_level(P, c, -rate):
+        if S.mode[1 + c] * rate < 0.0 and abs(rate) > mobility * h * held_level(P, S, c, -rate):
             S.mode[1 + c] = 1 if rate > 0.0 else -1
 
 
@@ -200,7 +200,7 @@ def _torn_loose(P, S):
     """Whether the imposed base has torn contacts loose in the step just tried; they slip from its start then."""
     torn = False
     for c in range(P.friction_ends.shape[0]):
-        if S.mode[1 + c] == 0 and _on_base(P, c) and abs(S.reaction[c]) > held_level(P, c, S.reaction[c]):
+        if S.mode[1 + c] == 0 and _on_base(P, c) and abs(S.reaction[c]) > held_level(P, S, c, S.reaction[c]):
             S.mode[1 + c] = -1 if S.reaction[c] > 0.0 else 1
             torn = True
     return torn
@@ -212,22 +212,11 @@ def _slip_acceleration(P, x, w, c, contact):
     acceleration, mobility = 0.0, 0.0
     for end, sign in ((P.friction_ends[c, 1], 1.0), (P.friction_ends[c, 0], -1.0)):
         if end >= 0:
-            acceleration += sign * _acceleration(P, x, w, contact, end)
+            acceleration += sign * body_acceleration(P, x, w, contact, end)
             mobility += P.G[contact, pl.CH_F + end, P.position + P.n_bodies + end]
         elif end == pl.BASE and contact == 1 and P.rotor >= 0:
-            acceleration += sign * P.screw[pl.S_LEAD] * _acceleration(P, x, w, contact, P.rotor)
+            acceleration += sign * P.screw[pl.S_LEAD] * body_acceleration(P, x, w, contact, P.rotor)
     return acceleration, mobility
-
-
-@compiled
-def _acceleration(P, x, w, contact, body):
-    i = P.position + P.n_bodies + body
-    total = 0.0
-    for j in range(x.shape[0]):
-        total += P.A[contact, i, j] * x[j]
-    for k in range(w.shape[0]):
-        total += P.G[contact, k, i] * w[k]
-    return total
 
 
 @compiled
@@ -378,9 +367,7 @@ def read_sensor(P, S, s, gap, gap_rate):
         base, base_rate = base_motion(P, S.x, 0, screw_angle(P, S, gap), drive_rate(P, S, S.x, gap_rate))
     if index == pl.LINK_FORCE:
         j = int(P.sensor[s, pl.Y_LINK])
-        stretch, rate = stretch_of(P, S.x, j, base, base_rate)
-        beside = force_beside(P, S.x, j, stretch, rate, S.clock[0])
-        return P.link[j, pl.L_K] * stretch + P.link[j, pl.L_C] * rate + beside
+        return link_force(P, S.x, j, base, base_rate, S.clock[0])
     return base if index == pl.BASE_POSITION else base_rate
 
 

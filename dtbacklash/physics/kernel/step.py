@@ -228,7 +228,7 @@ def _forced_step(P, S, level, h, t, contact, gap, gap_rate, given):
     channels = S.w0.shape[0]
     angle = given if P.imposed else screw_angle(P, S, gap)
     rate = drive_rate(P, S, S.x, gap_rate)
-    add_forces(P, S.x, S.mode, S.w0, contact, t, angle, rate)
+    add_forces(P, S, S.x, S.w0, contact, t, angle, rate)
     _propagate(P, S, level, contact, channels)
     start = angle
     if P.imposed:
@@ -238,7 +238,7 @@ def _forced_step(P, S, level, h, t, contact, gap, gap_rate, given):
         angle = S.xn[P.position + P.rotor] - (0 if mode == pl.RIGID else mode * (gap + gap_rate * h))
         rate = rate_of_screw(P, S.xn, mode, gap_rate)
     remember(P, S, start, angle, t, h)
-    add_forces(P, S.xn, S.mode, S.w1, contact, t + h, angle, rate)
+    add_forces(P, S, S.xn, S.w1, contact, t + h, angle, rate)
     _ramp(P, S, level, contact, channels)
     settle_memories(P, S, level, contact, start, angle)
     _hold(P, S, level, contact, angle, gap_rate)

@@ -9,13 +9,14 @@ GROUND, BASE = -1, -2
 # columns of `body`
 B_VISCOUS, B_DIFFERENCE, B_LEVELS, B_COGGING, B_WAVE, B_PHASE, B_LOAD, B_WEIGHT, B_ANGLE, N_BODY = range(10)
 # columns of `link`
-(L_K, L_C, L_CUBIC, L_QUADRATIC, L_FORCE, L_YIELD, L_STOP, L_CLEARANCE, L_DRIFT, L_LOST, L_LEVER, N_LINK) = range(12)
-# columns of `friction`
-F_COULOMB, F_STRIBECK, F_SPEED, F_BRISTLE, F_DAMPING, N_FRICTION = range(6)
+(L_K, L_C, L_CUBIC, L_QUADRATIC, L_FORCE, L_YIELD, L_STOP, L_CLEARANCE, L_DRIFT, L_LOST, L_LEVER, L_LOSS,
+ N_LINK) = range(13)  # fmt: skip
+# columns of `friction`; F_LOADED: 1 where the friction of what passes on an effort belongs to it
+F_COULOMB, F_STRIBECK, F_SPEED, F_BRISTLE, F_DAMPING, F_LOADED, N_FRICTION = range(7)
 # entries of `drive`; D_EFFORT: N or N m per volt of an ideal actuator; D_TRAVEL: m per volt of a positioner
 (D_R, D_L, D_KT, D_KB, D_RIPPLE, D_PERIODS, D_PHASE, D_HEAT, D_TAU, D_LEAD, D_SHARE, D_BASE_MASS, D_PITCH, D_WAVE,
  D_SHIFT, D_GAP, D_GAIN, D_DEAD, D_LIMIT, D_DELAY, D_BODY, D_EFFORT, D_TRAVEL, D_LAG, D_HOLD, D_BRAKE, D_FAST,
- D_STRONG, N_DRIVE) = range(29)  # fmt: skip
+ D_STRONG, D_LOSS, D_SCREW_LOSS, N_DRIVE) = range(31)  # fmt: skip
 # columns of `sensor`
 Y_INDEX, Y_GAIN, Y_OFFSET, Y_DELAY, Y_NOISE, Y_COUNT, Y_LINK, Y_OFF_CENTRE, Y_PHASE, N_SENSOR = range(10)
 #: `sensor[:, Y_INDEX]` of a sensor on the mass that a rigid screw carries: position, velocity; of the force of Y_LINK
@@ -30,8 +31,8 @@ C_MODE, C_GAIN, C_FILTER, C_INTEGRAL, C_LIMIT, C_RATE, C_CORNER, N_CONTROL = ran
 OPEN, CASCADE, PID = range(3)
 #: states of the controllers
 N_HELD = 4
-# entries of `scalar`; the last three: how a positioner moves between two samples
-S_HEAT, S_BASE, S_BASE_RATE, S_CONTACT, S_FROM, S_SINCE, S_IMPOSED_RATE, N_SCALAR = range(8)
+# entries of `scalar`; S_FROM to S_IMPOSED_RATE: how a positioner moves between two samples
+S_HEAT, S_BASE, S_BASE_RATE, S_CONTACT, S_ON_BASE, S_FROM, S_SINCE, S_IMPOSED_RATE, N_SCALAR = range(9)
 
 
 class Machine(NamedTuple):
@@ -58,6 +59,7 @@ class Machine(NamedTuple):
 class Memory(NamedTuple):
     """State and work space; ``bristle`` and ``yielding`` hold (state, displacement) in turn.
 
+    lost (nb,): friction of what passes on an effort at each body, N or N m.
     course (3, nu): what physics beyond the catalogue does by a course of its own, now, and at both ends of a step.
     """
 
@@ -67,6 +69,7 @@ class Memory(NamedTuple):
     total: Floats
     rates: Floats
     force: Floats
+    lost: Floats
     bristle: Floats
     bristle_start: Floats
     yielding_start: Floats

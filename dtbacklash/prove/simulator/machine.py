@@ -124,6 +124,11 @@ def _of_screw(rig: Rig, effect: str) -> dict[str, float] | None:
     return rig.effect(screw.name, effect) if screw else None
 
 
+def _loss(rig: Rig, element: Element | None) -> float:
+    """Share of the effort that an element passes on which its friction takes."""
+    return ((rig.effect(element.name, "load_friction") if element else None) or {}).get("share", 0.0)
+
+
 def _effort_of(effect: dict[str, float]) -> float:
     """The effort of an effect: N where it slides, N m where it turns."""
     return effect.get("force", effect.get("torque", 0.0))
@@ -151,6 +156,7 @@ def _links(rig: Rig, net: _Net) -> dict[str, int]:
                 for column, parameter in entries:
                     row[column] = effect[parameter]
         row[col.L_FORCE] = _effort_of(rig.effect(element.name, "hysteresis") or {})
+        row[col.L_LOSS] = _loss(rig, element)
     return where
 
 
@@ -182,19 +188,28 @@ def _frictions(rig: Rig, net: _Net, step_rate: float) -> None:
         coulomb = rig.effect(element.name, "coulomb_friction") or rig.effect(element.name, "ground_friction") or {}
         stribeck = rig.effect(element.name, "stribeck_friction") or {}
         level = _effort_of(coulomb) + element.values.get("friction", 0.0)
-        if element.name in net.names and (level or stribeck):
+        loaded = element.name in net.names and _loses(rig, element)
+        if element.name in net.names and (level or stribeck or loaded):
             levels = level, _effort_of(stribeck)
             _bristle(net, col.GROUND, net.end(element.name), levels, stribeck.get("speed", 1.0), step_rate)
+            net.friction[-1][col.F_LOADED] = float(loaded)
         if dry := rig.effect(element.name, "dry_friction"):
             a, b = (net.end(name) for name in element.neighbours["between"])
             _bristle(net, a, b, (_effort_of(dry), 0.0), 1.0, step_rate)
+
+
+def _loses(rig: Rig, body: Element) -> bool:
+    """Whether something at a body passes on an effort with friction: its drive, the screw or a spring behind it."""
+    behind = [e for e in rig.links() if e.neighbours["between"][0] == body.name]
+    behind += [e for e in (rig.drive, rig.only("screw")) if e and body.name == driven_body(rig)]
+    return any(_loss(rig, element) for element in behind)
 
 
 def _bristle(net: _Net, a: int, b: int, levels: tuple[float, float], speed: float, step_rate: float) -> None:
     m = net.reduced(a, b)
     per_step, ratio = BRISTLE_ROTOR if b == 0 else BRISTLE_MASS
     omega = per_step * step_rate
-    net.friction.append([*levels, speed, m * omega**2, 2.0 * ratio * omega * m])
+    net.friction.append([*levels, speed, m * omega**2, 2.0 * ratio * omega * m, 0.0])
     net.friction_ends.append((a, b))
 
 
@@ -202,7 +217,7 @@ def _creep(net: _Net, unknown: tuple[Unknown, ...]) -> None:
     """Add the bristles of what creeps before it slides: so soft that they give way by a part of the motion."""
     for one in unknown:
         if one.name == "creep":
-            net.friction.append([one.size, 0.0, 1.0, one.size / one.scale, 0.0])
+            net.friction.append([one.size, 0.0, 1.0, one.size / one.scale, 0.0, 0.0])
             net.friction_ends.append((col.GROUND, net.end(one.location)))
 
 
@@ -240,6 +255,7 @@ def _drive(rig: Rig, net: _Net) -> Floats:
         _wind(rig, circuit, row)
     gear, screw, amplifier = rig.only("gear"), rig.only("screw"), rig.only("amplifier")
     row[col.D_LEAD] = screw.values["lead"] if screw else 0.0
+    row[[col.D_LOSS, col.D_SCREW_LOSS]] = _loss(rig, rig.drive), _loss(rig, screw)
     row[col.D_SHARE] = (_of_screw(rig, "load_reaction") or {}).get("share", 0.0)
     row[col.D_BASE_MASS] = rig.elements[net.base].values["mass"] if net.base and not positioner else 0.0
     if pitch := _of_screw(rig, "pitch_error"):

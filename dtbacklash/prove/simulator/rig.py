@@ -24,7 +24,7 @@ EFFECTS = frozenset((
     "coulomb_friction", "ground_friction", "stribeck_friction", "viscous_friction", "asymmetric_friction", "cogging",
     "constant_load", "constant_force", "gravity", "absorber", "backlash", "compliance", "pitch_error",
     "load_reaction", "cubic_stiffness", "quadratic_damping", "dry_friction", "hysteresis", "bumper", "stiffness_drift",
-    "eccentricity", "lag", "speed_limit", "effort_limit",
+    "eccentricity", "lag", "speed_limit", "effort_limit", "load_friction",
 ))  # fmt: skip
 
 
@@ -87,9 +87,9 @@ def simulate_other(rig: Rig, loop: Loop, sample_time_s: float, errors: Errors | 
     bristles = 2 * len(m.friction)
     memory = Memory(
         x=np.zeros(size), start=np.zeros(size), trial=np.zeros(size), total=np.zeros(size), rates=np.zeros(size),
-        force=np.zeros(len(m.inertia)), bristle=np.zeros(bristles), bristle_start=np.zeros(bristles),
-        yielding_start=np.zeros(2 * len(m.link)), scalar=np.zeros(col.N_SCALAR), control=np.zeros(col.N_HELD),
-        course=np.zeros((3, len(unknown))),
+        force=np.zeros(len(m.inertia)), lost=np.zeros(len(m.inertia)), bristle=np.zeros(bristles),
+        bristle_start=np.zeros(bristles), yielding_start=np.zeros(2 * len(m.link)),
+        scalar=np.zeros(col.N_SCALAR), control=np.zeros(col.N_HELD), course=np.zeros((3, len(unknown))),
     )  # fmt: skip
     control = np.zeros(col.N_CONTROL)
     control[col.C_MODE], control[col.C_GAIN], control[col.C_LIMIT] = loop.mode, loop.gain, loop.limit

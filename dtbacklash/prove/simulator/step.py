@@ -135,6 +135,8 @@ def _links(M, S, x, t):
     for j in range(M.link.shape[0]):
         s, rate = _stretched(M, S, x, j)
         force = _link_force(M, S, j, s, rate, t)
+        if M.link[j, col.L_LOSS] != 0.0 and M.link_ends[j, 0] >= 0:
+            S.lost[M.link_ends[j, 0]] += M.link[j, col.L_LOSS] * M.link[j, col.L_LEVER] * abs(force)
         on_base += _pull(S, M.link_ends[j, 0], M.link_ends[j, 1], M.link[j, col.L_LEVER], force)
     return on_base
 
@@ -149,8 +151,12 @@ def _frictions(M, S, x):
         place = _of(x, 2, base, b) - _of(x, 2, base, a)
         rate = _of(x, 2 + nb, base_rate, b) - _of(x, 2 + nb, base_rate, a)
         level = row[col.F_COULOMB] + row[col.F_STRIBECK] * math.exp(-((rate / row[col.F_SPEED]) ** 2))
-        z = bristle_after(S.bristle_start[2 * c], place - S.bristle_start[2 * c + 1], level, row[col.F_BRISTLE])
-        S.bristle[2 * c], S.bristle[2 * c + 1] = z, place
+        most = 1.0
+        if row[col.F_LOADED] != 0.0:  # a bristle whose level changes by itself is remembered as a share of its most
+            level += S.lost[b]
+            most = max(level, 1e-300) / row[col.F_BRISTLE]
+        z = bristle_after(most * S.bristle_start[2 * c], place - S.bristle_start[2 * c + 1], level, row[col.F_BRISTLE])
+        S.bristle[2 * c], S.bristle[2 * c + 1] = z / most, place
         stretching = rate - abs(rate) * z * row[col.F_BRISTLE] / max(level, 1e-300)
         force = row[col.F_BRISTLE] * z + row[col.F_DAMPING] * stretching
         on_base += _pull(S, a, b, 1.0, force)
@@ -205,13 +211,22 @@ def _derivative(M, S, x, t, volt, dx):
     """Time derivative of the state."""
     D, nb = M.drive, M.inertia.shape[0]
     for j in range(nb):
-        S.force[j] = 0.0
+        S.force[j] = S.lost[j] = 0.0
     _base(M, S, x, t, dx)
-    on_base = _links(M, S, x, t) + _frictions(M, S, x)
-    _bodies(M, S, x)
-    driven = int(D[col.D_BODY])
+    driven, effort = int(D[col.D_BODY]), 0.0
     if driven >= 0:
-        S.force[driven] += _effort(M, S, x, volt, x[2 + driven], x[2 + nb + driven], dx)
+        effort = _effort(M, S, x, volt, x[2 + driven], x[2 + nb + driven], dx)
+        S.lost[driven] += D[col.D_LOSS] * abs(effort)
+    if (
+        D[col.D_SCREW_LOSS] != 0.0 and S.scalar[col.S_CONTACT] > 0.0
+    ):  # by the base's acceleration and load as they were a moment ago
+        pushed = D[col.D_BASE_MASS] * D[col.D_LEAD] * dx[2 + nb] - S.scalar[col.S_ON_BASE]
+        S.lost[0] += D[col.D_SCREW_LOSS] * D[col.D_LEAD] * abs(pushed)
+    on_base = _links(M, S, x, t) + _frictions(M, S, x)
+    S.scalar[col.S_ON_BASE] = on_base
+    _bodies(M, S, x)
+    if driven >= 0:
+        S.force[driven] += effort
     for j in range(nb):
         inertia = M.inertia[j]
         if j == 0 and D[col.D_SHARE] != 0.0 and S.scalar[col.S_CONTACT] > 0.0:

@@ -181,7 +181,8 @@ def _held(plant: Plant) -> list[Held]:
 
     for c, (a, b) in enumerate(plant.friction_ends):
         place = plant.slot[pl.FRICTION] + c
-        level = float(plant.law_p[plant.first[place] : plant.first[place + 1], 0].sum())
+        there = slice(plant.first[place], plant.first[place + 1])
+        level = float(plant.law_p[there, 0][plant.law[there, 1] == pl.NOTHING].sum())
         found.append(Held(direction(a, b), level, -1))
     for j, (a, b) in enumerate(plant.link_ends):
         place = plant.slot[pl.LINK] + pl.PER_LINK * j + pl.MEMORIES

@@ -20,7 +20,15 @@ NOISE = {"theta_m": 5e-4, "q3": 1e-6, "i_m": 1e-3, "q2": 1e-6}
 #: how far the two simulations may differ, as a share of what the effect itself changes: smooth knees and equal
 #: equations, and laws with a rest or a contact, where the formulations differ
 SHARE, SHARE_CONTACT = 2e-3, 1e-2
-CONTACT = {"coulomb_friction", "stribeck_friction", "dry_friction", "ground_friction", "backlash", "resistance_heating"}
+CONTACT = {
+    "load_friction",
+    "coulomb_friction",
+    "stribeck_friction",
+    "dry_friction",
+    "ground_friction",
+    "backlash",
+    "resistance_heating",
+}
 SIZES = {
     "saturation": {"limit": 2.0}, "torque_ripple": {"relative": 0.2, "periods": 3.0, "phase": 0.3},
     "resistance_heating": {"gain": 90.0, "time_constant": 0.5}, "stribeck_friction": {"torque": 0.03, "speed": 5.0},

@@ -23,7 +23,7 @@ STEP_S, SECONDS = 1e-3, 1.0
 RIGS = ("two_mass_stage", "rotary_drive", "pendulum", "oscillator", "geared", "racked", "served")
 #: how far two simulations may differ, as a share of what the effect changes: smooth laws, and those with a rest
 SHARE, SHARE_REST = 2e-3, 4e-2
-RESTS = {"coulomb_friction", "stribeck_friction", "dry_friction", "ground_friction"}
+RESTS = {"load_friction", "coulomb_friction", "stribeck_friction", "dry_friction", "ground_friction"}
 #: of the signal, where a body is held by a brake that the nominal model has
 SHARE_BRAKE = 5e-3
 
