@@ -53,12 +53,12 @@ TEXT_MAX = 500
 #: dimension of a state, by the axis of a body or spring, or of all others
 _STATES: Final[dict[str, str | int]] = {
     "time": "s", "slip_speed": 1, "velocity": 1, "position": 0, "stretch": 0, "stretch_rate": 1, "direction": "1",
-    "command": "V", "current": "A",
+    "load": 2, "command": "V", "current": "A",
 }  # fmt: skip
 #: as far as a law is tried, SI: what a state of a machine may be
 _RANGE: Final = {
     LINEAR: {"position": 10.0, "velocity": 10.0, "stretch": 0.1, "stretch_rate": 10.0, "slip_speed": 10.0},
-    "": {"position": 1e3, "velocity": 1e3, "stretch": 10.0, "stretch_rate": 1e3, "slip_speed": 1e3, "time": 1e4,
+    "": {"position": 1e3, "velocity": 1e3, "stretch": 10.0, "stretch_rate": 1e3, "slip_speed": 1e3, "time": 1e4, "load": 1e3,
          "command": 1e3, "current": 1e3, "memory": 1.0, "direction": 1.0, "torque_constant": 1.0,
          "spring_stiffness": 1e4, "spring_damping": 10.0},
 }  # fmt: skip
@@ -272,7 +272,7 @@ class _Declared:
         self.law = Formula(said[LAW], allowed, names, self.law_key)
         self.rate = Formula(said[MEMORY], allowed, names, f"{key}.{MEMORY}") if MEMORY in said else None
         slot = with_memory if self.rate else other
-        if of_friction and not self.rate and {"slip_speed", "direction"} & set(self.law.names):
+        if of_friction and not self.rate and {"slip_speed", "direction", "load"} & set(self.law.names):
             slot = of_friction
         assert slot is not None
         self.slot_kind = slot

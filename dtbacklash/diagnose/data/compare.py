@@ -167,7 +167,7 @@ def part_of(rig: Rig, block: Block) -> Rig:
 def reacts(rig: Rig) -> bool:
     """Whether the structure acts back on the motor, so that the motor's block contains the whole rig."""
     screw = rig.only("screw")
-    return bool(screw and rig.amount(screw.name, slots.Reaction, "share"))
+    return bool(screw and (rig.active(screw.name, slots.Reaction) or rig.active(screw.name, slots.Passing)))
 
 
 def places_of(rig: Rig, block: Block) -> set[str]:

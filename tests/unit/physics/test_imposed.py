@@ -22,7 +22,7 @@ SHARE = 2e-3
 PLACES = {"gear": ("gear",), "screw": ("screw",), "link": ("link_1", "link_2"), "mass": ("mass_2", "mass_3")}
 EFFECTS = [
     (place, name) for (kind, name), effect in CATALOGUE.items() for place in PLACES.get(kind, ())
-    if name != "load_reaction" and not effect.is_table
+    if name not in ("load_reaction", "load_friction") and not effect.is_table
 ]  # fmt: skip
 
 
