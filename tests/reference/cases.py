@@ -108,7 +108,7 @@ CASES: dict[tuple[str, str], Case] = {
     ("belt", "load_friction"): replace(GEARED, values={"share": 0.3}),
     ("rack", "load_friction"): replace(RACK, values={"share": 0.3}),
     # without load, behind a gap that grows, a motor would close and open the gear without end
-    ("screw", "load_friction"): Case(("screw",), {"share": 2.0}, grows=False),
+    ("screw", "load_friction"): Case(("screw",), {"share": 0.5}, grows=False),
     ("gearbox", "backlash"): replace(GEARED, places=("teeth",), values={"lost_motion": 0.01}),
     ("gearbox", "cubic_stiffness"): replace(GEARED, places=("teeth",), values={"k3": 1e6}),
     ("gearbox", "hysteresis"): replace(GEARED, places=("teeth",), values={"torque": 0.1, "displacement": 2e-3}),

@@ -16,7 +16,8 @@ from dtbacklash.prove.simulator.given import Errors, Unknown
 SCREW_DAMPING_RATIO = 0.02
 #: least number of steps per sample; more where the rig is faster than STEP_RATE per step
 STEPS_MIN, STEP_RATE = 50, 0.25
-#: the same for a rig whose nominal model has dry friction: its bristle must not show as a spring
+#: the same for a rig whose nominal model has dry friction, and for friction that comes and goes with a load: its bristle
+#: must not show as a spring
 STEPS_BRAKE = 200
 #: (frequency, damping ratio) of a bristle at rest with what it holds, frequency per step: the first body's, others'
 BRISTLE_ROTOR, BRISTLE_MASS = (0.3, 0.7), (0.1, 0.2)
@@ -70,7 +71,8 @@ def machine(rig: Rig, sample_time_s: float, errors: Errors, *unknown: Unknown) -
     net = _bodies(rig)
     links = _links(rig, net)
     drive = _drive(rig, net)
-    least = STEPS_BRAKE if any("friction" in e.values for e in rig.bodies()) else STEPS_MIN
+    rubs = any("friction" in e.values for e in rig.bodies()) or any(_loss(rig, e) for e in rig.elements.values())
+    least = STEPS_BRAKE if rubs else STEPS_MIN
     substeps = max(least, _substeps(net, drive, sample_time_s))
     _frictions(rig, net, substeps / sample_time_s)
     _creep(net, unknown)

@@ -19,6 +19,7 @@ from dtbacklash.prove.unlisted import unknown_entries
 STEP_S = 1e-3
 OTHERS = (
     "two_mass_stage", "rotary_drive", "pendulum", "oscillator", "emps", "silverbox", "brfd", "disk", "anticogging",
+    "servo_arm", "belt_stage",
 )  # fmt: skip
 
 
