@@ -15,6 +15,7 @@ from dtbacklash.experiment import loop, metrics
 from dtbacklash.experiment.advice import advice, settles
 from dtbacklash.experiment.sensors import column, trace_factor
 from dtbacklash.experiment.watch import Watcher
+from dtbacklash.physics.covered import beyond
 from dtbacklash.physics.rig import Rig
 
 
@@ -90,6 +91,7 @@ def collect(
     if watcher is not None:
         trace = trace.assign(**watcher.columns())
     moves = metrics.move_table(trace if closed else trace.iloc[:0])  # in open loop r is no target of q3
+    left = beyond(rig, traces.u, signals.gap, config.sample_time_s)
     summary = {
         "controller": config.controller.name,
         "n_moves": len(moves),
@@ -104,7 +106,8 @@ def collect(
         "tracking_rms_mm": metrics.tracking_rms_mm(trace) if closed else None,
         "signals": _signals(rig, trace, roles),
         "seconds_simulated": float(trace["t_s"].iloc[-1]),
-        "advice": advice(config, rig, design, trace, moves),
+        "advice": [*advice(config, rig, design, trace, moves), *(one.words for one in left)],
+        "beyond": [asdict(one) for one in left],
         "margins": None if design is None else design.margins().as_dict(),
         "moves": moves.to_dict("records"),
         "estimates": estimates.to_dict("records"),

@@ -30,7 +30,8 @@ from dtbacklash.physics.kinds import AXES, KINDS, LINEAR, Kind
 GROUP = "dtbacklash.effects"
 #: what a declaration holds; the first two must be there
 ACTS_ON, LAW, MEMORY, PARAMETERS = "acts_on", "law", "z'", "parameters"
-KEYS: Final = (ACTS_ON, LAW, PARAMETERS, MEMORY, "source", "sentence")
+COVERS = "covers"
+KEYS: Final = (ACTS_ON, LAW, PARAMETERS, MEMORY, "source", "sentence", COVERS)
 PARAMETER_KEYS: Final = ("unit", "low", "high", "start", "neutral", "role")
 #: instead of a declaration: that of the package with this name
 PACKAGED_LAW = "packaged"
@@ -58,8 +59,8 @@ _STATES: Final[dict[str, str | int]] = {
 #: as far as a law is tried, SI: what a state of a machine may be
 _RANGE: Final = {
     LINEAR: {"position": 10.0, "velocity": 10.0, "stretch": 0.1, "stretch_rate": 10.0, "slip_speed": 10.0},
-    "": {"position": 1e3, "velocity": 1e3, "stretch": 10.0, "stretch_rate": 1e3, "slip_speed": 1e3, "time": 1e4, "load": 1e3,
-         "command": 1e3, "current": 1e3, "memory": 1.0, "direction": 1.0, "torque_constant": 1.0,
+    "": {"position": 1e3, "velocity": 1e3, "stretch": 10.0, "stretch_rate": 1e3, "slip_speed": 1e3, "time": 1e4,
+         "load": 1e3, "command": 1e3, "current": 1e3, "memory": 1.0, "direction": 1.0, "torque_constant": 1.0,
          "spring_stiffness": 1e4, "spring_damping": 10.0},
 }  # fmt: skip
 _NEVER_NEGATIVE: Final = ("time", "slip_speed", "torque_constant", "spring_stiffness", "spring_damping")
@@ -314,8 +315,24 @@ class _Declared:
         text = self.law.text + (f", z' = {self.rate.text}" if self.rate else "")
         return Effect(
             self.name, self.kind.name, self.parameters, text, slot, texts["source"] or UNKNOWN_SOURCE, sentence,
-            conceal=_not_concealed, starts=_starting_at(starts), declared=dict(self.said),
+            conceal=_not_concealed, starts=_starting_at(starts), declared=dict(self.said), covered=self._covered(),
         )  # fmt: skip
+
+    def _covered(self) -> Callable[[Values], dict[str, tuple[float, float]]]:
+        """The states between which it holds, where the declaration says them."""
+        said, key = self.said.get(COVERS, {}), f"{self.key}.{COVERS}"
+        known = [name for formula in self._formulas() for name in formula.names if name in self.slot_kind.states]
+        if not isinstance(said, Mapping):
+            raise UserError(key, said, "a mapping, e.g. {v: [-3, 3]}")
+        found: dict[str, tuple[float, float]] = {}
+        for name, ends in said.items():
+            if SHORT.get(name, name) not in known:
+                raise UserError(f"{key}.{name}", ends, f"a state of the law: {', '.join(known)}")
+            numbers = isinstance(ends, list | tuple) and all(isinstance(e, int | float) for e in ends)
+            if not numbers or len(ends) != 2 or not ends[0] < ends[1]:
+                raise UserError(f"{key}.{name}", ends, "its lowest and its highest value, e.g. [-3, 3]")
+            found[str(SHORT.get(name, name))] = float(ends[0]), float(ends[1])
+        return lambda values: found
 
     def _try(self, slot: slots.Slot) -> None:
         """Refuse a law that is not finite at its start values, or that does something at the size's neutral value."""

@@ -33,7 +33,7 @@ from dtbacklash.physics import catalogue, own_laws
 from dtbacklash.physics.effects.declare import Values
 from dtbacklash.physics.effects.formula import Formula as Checked
 from dtbacklash.physics.effects.slots import plain_function
-from dtbacklash.physics.effects.table import KNOTS, SHAPES, table_of, weights
+from dtbacklash.physics.effects.table import KNOTS, SHAPES, STATE, STATES, table_of, weights
 
 #: so many of those that come nearest to a table are refitted by simulation
 REFITTED = 3
@@ -82,8 +82,6 @@ FAMILIES = (
     Family("a sine and its second harmonic", "a*sin(w*s + p) + b*sin(2*w*s + r)",
            {"a": "value", "b": "value", "w": "waves", "p": "angle", "r": "angle"}),
 )  # fmt: skip
-#: the states of tables, as a law of one's own calls them
-STATE = {"speed": "v", "position": "q", "stretch": "s", "stretch rate": "ds", "command": "u"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,6 +223,7 @@ def declaration(table: Tabled, one: Near) -> dict[str, Any]:
             parameters[name]["unit"] = unit
     return {
         "acts_on": kind, "law": ("u + " if over_command else "") + _law(table, one), "parameters": parameters,
+        "covers": {STATE[SHAPES[table.key[1]].over]: [table.values[STATES[0]], table.values[STATES[-1]]]},
         "source": "found in a recording", "sentence": f"{one.family.words.capitalize()} was found at the {{location}}.",
     }  # fmt: skip
 

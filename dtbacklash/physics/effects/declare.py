@@ -181,6 +181,7 @@ class Effect:
     of_unit : the SI unit of the sensors that take it; empty: of all.
     declared : of a law that a user wrote, its declaration, see :mod:`dtbacklash.physics.own_laws`.
     refuse : values -> (parameter, what is allowed), of values that do not go together, or None.
+    covered : values -> state -> (lowest, highest) that it was made from, where that is known.
     """
 
     name: str
@@ -203,6 +204,7 @@ class Effect:
     of_unit: str = ""
     declared: Mapping[str, Any] | None = None
     refuse: Callable[[Values], tuple[str, str] | None] = lambda values: None
+    covered: Callable[[Values], Mapping[str, tuple[float, float]]] = lambda values: {}
 
     @property
     def size(self) -> Parameter:

@@ -17,6 +17,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.compiled import inlined, law
 from dtbacklash.physics.effects.body import HIGH
 from dtbacklash.physics.effects.declare import Effect, Parameter, Role, Values
+from dtbacklash.physics.effects.formula import SHORT
 from dtbacklash.physics.effects.slots import BodyEffort, Command, Law, Slot, SpringForce
 
 #: values of a table
@@ -120,6 +121,9 @@ SHAPES = {
     "command_table": Shape("command"),
 }  # fmt: skip
 
+#: what a table is over -> the short name of this state in formulas
+STATE = {"speed": "v", "position": "q", "stretch": "s", "stretch rate": "ds", "command": "u"}
+
 
 def weights(states: Floats, knots: Floats) -> Floats:
     """(N, KNOTS) what each value of a table over these knots adds at these states: the law is linear in them."""
@@ -174,6 +178,7 @@ def _table(name: str, kind: str, units: tuple[str, str], slot: Slot) -> Effect:
         f"table(f1..f{KNOTS} at x1..x{KNOTS}; {shape.over}){times}", slot, SOURCE,
         f"What no law explains at the {{location}} is a table over its {shape.over}.",
         conceal=lambda place, sign: (0.0, 0.0), refuse=_backwards,
+        covered=lambda values: {SHORT[STATE[shape.over]]: (values[STATES[0]], values[STATES[-1]])},
     )  # fmt: skip
 
 

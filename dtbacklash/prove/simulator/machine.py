@@ -16,8 +16,7 @@ from dtbacklash.prove.simulator.given import Errors, Unknown
 SCREW_DAMPING_RATIO = 0.02
 #: least number of steps per sample; more where the rig is faster than STEP_RATE per step
 STEPS_MIN, STEP_RATE = 50, 0.25
-#: the same for a rig whose nominal model has dry friction, and for friction that comes and goes with a load: its bristle
-#: must not show as a spring
+#: the same where the nominal model has dry friction, or friction grows with a load: its bristle must not show as a spring
 STEPS_BRAKE = 200
 #: (frequency, damping ratio) of a bristle at rest with what it holds, frequency per step: the first body's, others'
 BRISTLE_ROTOR, BRISTLE_MASS = (0.3, 0.7), (0.1, 0.2)

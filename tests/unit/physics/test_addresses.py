@@ -127,6 +127,12 @@ TRUE = {
                       lambda rig: swinging(rig, lambda v, z: -1.5 * z, lambda v, z: (v - abs(v) * z) / 1e-3)),
     "quadratic_drag": ("oscillator", ("mass", "quadratic_drag"), "packaged", {"drag": 20.0},
                        lambda rig: swinging(rig, lambda v, z: -20.0 * abs(v) * v)),
+    "directional_stribeck": (
+        "oscillator", ("mass", "directional_stribeck"), "packaged", {"rise": 0.05, "share": -0.6, "speed": 0.02},
+        lambda rig: swinging(
+            rig, lambda v, z: -0.05 * (np.sign(v) - 0.6) * math.exp(-((v / 0.02) ** 2)) * (v != 0.0)
+        ),
+    ),
     "coil_ends": ("rotary_drive", ("motor", "coil_ends"), "packaged", {"fall": 0.5, "middle": 0.2},
                   lambda rig: turning(rig, lambda q: 1.0 - 0.5 * (q - 0.2) ** 2)),
 }  # fmt: skip

@@ -1,0 +1,72 @@
+"""A run says where it leaves the states from which a table or a found law was made."""
+
+import numpy as np
+import pytest
+from nominal import nominal_rig
+
+from dtbacklash.config.compose import compose
+from dtbacklash.errors import UserError
+from dtbacklash.experiment.run import run_scenario
+from dtbacklash.physics import catalogue
+from dtbacklash.physics.covered import beyond
+from dtbacklash.physics.effects.table import table_values
+
+DRAG = {"acts_on": ["rotor", "mass"], "law": "-drag*abs(v)*v", "parameters": {"drag": {"start": 1e-3}}}
+
+
+@pytest.fixture
+def drag():
+    catalogue.declare({"covered_drag": DRAG | {"covers": {"v": [-0.5, 3.0]}}}, "rig.laws")
+    yield "covered_drag"
+    catalogue.withdraw(["covered_drag"])
+
+
+def test_a_law_of_ones_own_says_how_far_and_how_long(drag):
+    """A disk under a constant torque, without friction: w = T t/J passes 3 rad/s at a known time."""
+    rig = nominal_rig("pendulum").with_effect("disk", drag, {"drag": 1e-9})
+    u = np.full(2001, 0.5)
+    (one,) = beyond(rig, u, np.zeros(2001), 1e-3)
+    rate = 0.5 * rig.elements["motor"].values["gain"] / rig.elements["disk"].values["inertia"]
+    assert (one.location, one.effect, one.state, one.covered) == ("disk", drag, "velocity", (-0.5, 3.0))
+    assert one.reached == pytest.approx((0.0, 2.0 * rate), rel=1e-6)
+    assert one.share == pytest.approx(1.0 - 3.0 / (2.0 * rate), abs=1e-3)
+    assert (
+        "disk.covered_drag covers a velocity from -0.5 to 3 (SI); the run went from 0 to 15, 80 % of the" in one.words
+    )
+
+
+def test_what_stays_in_its_range_says_nothing(drag):
+    rig = nominal_rig("pendulum").with_effect("disk", drag, {"drag": 1e-9})
+    assert beyond(rig, np.full(101, 0.5), np.zeros(101), 1e-3) == []
+    assert beyond(nominal_rig("pendulum"), np.full(101, 50.0), np.zeros(101), 1e-3) == []
+
+
+def test_a_table_on_a_spring_says_it_in_a_runs_summary():
+    knots = np.linspace(-1e-4, 1e-4, 16)
+    values = table_values(knots, 10.0 * knots, 1.0)
+    words = [f"rig.effects.spring.stretch_table.{name}={value!r}" for name, value in values.items()]
+    result = run_scenario(
+        compose("rig=oscillator", "controller=open_loop", "reference=multisine", "duration_s=3", *words)
+    )
+    (one,) = result.summary["beyond"]
+    assert one["state"] == "stretch"
+    assert one["reached"][1] > 1e-4
+    assert (
+        sum("spring.stretch_table covers a stretch from -0.0001 to 0.0001" in a for a in result.summary["advice"]) == 1
+    )
+
+
+@pytest.mark.parametrize(
+    ("covers", "said"),
+    [
+        ([1, 2], "covers=[1, 2]: a mapping"),
+        ({"q": [0, 1]}, "covers.q=[0, 1]: a state of the law: velocity"),
+        ({"v": [3, -3]}, "covers.v=[3, -3]: its lowest and its highest value"),
+        ({"v": 3}, "covers.v=3: its lowest and its highest value"),
+        ({"v": ["a", "b"]}, "its lowest and its highest value"),
+    ],
+)
+def test_a_wrong_range_is_refused(covers, said):
+    with pytest.raises(UserError) as refused:
+        catalogue.declare({"bad_drag": DRAG | {"covers": covers}}, "rig.laws")
+    assert said in str(refused.value)
