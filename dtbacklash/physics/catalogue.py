@@ -132,6 +132,7 @@ for _effect in (
     *transmission.EFFECTS,
     *spring.EFFECTS,
     *servo.EFFECTS,
+    *transmission.PASSING,
     *sensor.EFFECTS,
     *table.EFFECTS,
 ):

@@ -80,6 +80,10 @@ EFFECTS = [
         "The structure pushes back on the motor through the {location} ({share} of the full reaction).",
         conceal=lambda place, sign: (1.0, 0.3), excludes=("backlash",),
     ),
+]  # fmt: skip
+
+#: of whatever passes on an effort
+PASSING = [
     *(_load_friction(kind, LOSS_OF_DRIVE) for kind in ("servo", "linear_servo", "actuator", "motor_circuit")),
     *(_load_friction(kind, LOSS_OF_WORM) for kind in ("gearbox", "belt", "rack", "screw")),
-]  # fmt: skip
+]
