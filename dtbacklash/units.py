@@ -29,6 +29,9 @@ UNITS: dict[str, Unit] = {
         "rad/s": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": math.pi / 180, "°/s": math.pi / 180,
                   "rev/s": 2 * math.pi, "rpm": math.pi / 30, "1/min": math.pi / 30, "min^-1": math.pi / 30,
                   "U/min": math.pi / 30},
+        "m/s^2": {"m/s^2": 1.0, "m/s2": 1.0, "m/s²": 1.0, "mm/s^2": 1e-3, "mm/s2": 1e-3, "mm/s²": 1e-3, "g": 9.80665,
+                  "mg": 9.80665e-3},
+        "rad/s^2": {"rad/s^2": 1.0, "rad/s2": 1.0, "rad/s²": 1.0, "deg/s^2": math.pi / 180, "deg/s2": math.pi / 180},
         "V": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "µV": 1e-6, "μV": 1e-6, "kV": 1e3},
         "A": {"A": 1.0, "mA": 1e-3, "uA": 1e-6, "µA": 1e-6, "μA": 1e-6},
         "N": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "lb": 4.4482216152605, "kip": 4448.2216152605},
@@ -54,7 +57,8 @@ SHOWN: dict[str, str] = {"m": "mm", "m/s": "mm/s"}
 
 #: what the name of a setting or of a column ends in -> its unit; the longer endings come first
 SUFFIXES: dict[str, str] = {
-    "_v_per_rad": "V/rad", "_rad_s": "rad/s", "_mm_s": "mm/s", "_mm": "mm", "_deg": "deg", "_s": "s", "_hz": "Hz",
+    "_v_per_rad": "V/rad", "_rad_s2": "rad/s^2", "_m_s2": "m/s^2", "_rad_s": "rad/s", "_mm_s": "mm/s", "_mm": "mm",
+    "_deg": "deg", "_s": "s", "_hz": "Hz",
 }  # fmt: skip
 
 #: units that may carry a prefix, and whether also kilo and mega (nobody writes kilometres of travel here)
@@ -85,7 +89,7 @@ def composed(written: str) -> Unit | None:
             parts.append(part)
             continue
         name, raised, power = part.partition("^")
-        unit = find(part) or PARTS.get(name) or find(name)
+        unit = (None if part in PARTS else find(part)) or PARTS.get(name) or find(name)
         if unit is None or (raised and not re.fullmatch("-?[1-9]", power)):
             return None
         raised_to = int(power) if raised and find(part) is None else 1
@@ -102,7 +106,7 @@ def of_kind(si: str) -> list[str]:
 
 def suffix(unit: str) -> str:
     """What a column's name ends in: ``mm`` for mm, ``mm_s`` for mm/s, ``a`` for A."""
-    return unit.lower().replace("/", "_").replace(" ", "_")
+    return unit.lower().replace("/", "_").replace(" ", "_").replace("^", "")
 
 
 def by_suffix(name: str) -> str:

@@ -244,11 +244,16 @@ def _sensor_rows(parts: Parts, circuit: Element | None) -> Floats:
         row = np.zeros(pl.N_SENSOR)
         springs = [e.name for e in parts.springs]
         if sensor.of in springs:
-            row[pl.Y_INDEX], row[pl.Y_LINK] = pl.LINK_FORCE, springs.index(sensor.of)
+            row[pl.Y_INDEX], row[pl.Y_PLACE] = pl.LINK_FORCE, springs.index(sensor.of)
         elif sensor.of not in names and sensor.of != parts.base and not (circuit and sensor.of == circuit.name):
             row[pl.Y_INDEX] = np.nan  # measures what is imposed: there is nothing to simulate
         elif sensor.quantity == "current":
             row[pl.Y_INDEX] = 0
+        elif sensor.quantity == "acceleration" and sensor.of != parts.base:
+            row[pl.Y_INDEX], row[pl.Y_PLACE] = pl.ACCELERATION, names.index(sensor.of)
+        elif sensor.quantity == "acceleration":
+            allowed = "the acceleration of a mass that no rigid screw carries; give the screw `compliance`"
+            raise UserError(f"rig.sensors.{sensor.name}.of", sensor.of, allowed)
         elif sensor.of == parts.base:
             row[pl.Y_INDEX] = pl.BASE_POSITION if sensor.quantity == "position" else pl.BASE_VELOCITY
         else:

@@ -77,7 +77,9 @@ class Kind:
 
 
 #: what a sensor can show of a body
-_MOTION = {axis: {"position": units[0], "velocity": units[1]} for axis, units in AXES.items()}
+_MOTION = {
+    axis: {"position": units[0], "velocity": units[1], "acceleration": f"{units[1]}^2"} for axis, units in AXES.items()
+}
 #: and of a spring: what it pulls its ends together with
 _EFFORT = {ROTARY: {"torque": "N m"}, LINEAR: {"force": "N"}}
 _SLIDING = ("mass", "carriage", "brake")

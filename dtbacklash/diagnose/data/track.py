@@ -11,7 +11,7 @@ def track(P, S, u, gap, theta, target, pulled, where, gains, y, from_s):
     The first one is at ``from_s`` seconds of the rig's time.
     """
     n = u.shape[0]
-    S.clock[0] = from_s
+    S.now[0] = from_s
     for k in range(n):
         sense(P, S, gap, 0.0, y[k])
         if pulled >= 0:

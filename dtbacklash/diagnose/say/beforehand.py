@@ -13,9 +13,22 @@ def beforehand(rig: Rig, channels: Container[str] | None = None) -> tuple[str, .
 
     channels : that are recorded; None: all sensors of the rig.
     """
-    servo = rig.servo
     shown = [s for s in rig.sensors.values() if channels is None or s.name in channels]
-    if servo is None or any(s.quantity in EFFORTS for s in shown):
+    return _accelerations_alone([s.quantity for s in shown]) + _servo_alone(rig, [s.quantity for s in shown])
+
+
+def _accelerations_alone(shown: list[str]) -> tuple[str, ...]:
+    if "acceleration" not in shown or {"position", "velocity"} & set(shown):
+        return ()
+    return (
+        "Accelerations alone do not show where the machine stands, and hardly what is constant or slow: a constant load "
+        "is not told from none, and laws over a position count from where the recording begins, at rest.",
+    )
+
+
+def _servo_alone(rig: Rig, shown: list[str]) -> tuple[str, ...]:
+    servo = rig.servo
+    if servo is None or any(quantity in EFFORTS for quantity in shown):
         return ()
     gains = " and ".join(servo.values)
     return (

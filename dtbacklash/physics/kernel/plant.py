@@ -28,10 +28,10 @@ C_R, C_KT, C_GAIN, C_POSITION, C_SPEED, C_ASKED, C_LARGEST, N_CIRCUIT = range(8)
 # entries of `screw`; the base's stiffness and damping are those that it feels while everything else stands
 S_LEAD, S_SHARE, S_BASE_MASS, S_INERTIA, S_BASE_K, S_BASE_C, N_SCREW = range(7)
 # columns of `sensor`
-Y_INDEX, Y_LINK, N_SENSOR = range(3)
+Y_INDEX, Y_PLACE, N_SENSOR = range(3)
 #: `sensor[:, Y_INDEX]` of a sensor on the base (the mass that a rigid screw carries): position, velocity; and of one
-#: that shows the force of the link `sensor[:, Y_LINK]`
-BASE_POSITION, BASE_VELOCITY, LINK_FORCE = -1, -2, -3
+#: that shows the force of the link, or the acceleration of the body, `sensor[:, Y_PLACE]`
+BASE_POSITION, BASE_VELOCITY, LINK_FORCE, ACCELERATION = -1, -2, -3, -4
 
 #: what a dry friction carries, where it is no link: the effort of the drive, that of the screw, or nothing that matters
 NOTHING, DRIVE, SCREW = -1, -2, -3
@@ -119,7 +119,7 @@ class State(NamedTuple):
     lean: Ints  # (1,) the side on which the motor leans on a load that it cannot move; 0: it does not
     reaction: Floats  # (frictions,) the force that keeps a sticking contact at rest
     load: Floats  # (entries,) what the place of a dry friction carries
-    clock: Floats  # (1,) time, s, for what is measured of laws of time
+    now: Floats  # (2,) time, s, and voltage in force, for what is measured of forces
 
 
 def new_state(plant: Plant) -> State:
@@ -143,7 +143,7 @@ def new_state(plant: Plant) -> State:
         lean=np.zeros(1, dtype=np.int64),
         reaction=np.zeros(frictions),
         load=np.zeros(len(plant.law)),
-        clock=np.zeros(1),
+        now=np.zeros(2),
     )
 
 

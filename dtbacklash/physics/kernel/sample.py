@@ -15,7 +15,7 @@ from dtbacklash.physics.kernel.forces import (
     link_force,
     push,
 )
-from dtbacklash.physics.kernel.step import MOST_EVENTS, drive_rate, screw_angle, slip_rate, try_step
+from dtbacklash.physics.kernel.step import MOST_EVENTS, drive_channels, drive_rate, screw_angle, slip_rate, try_step
 
 #: a contact is located well enough when the gear would move no farther than this by what is left, rad (relative to an
 #: angle above 1 rad). A motor that creeps to rest on a flank would otherwise be chased through steps in which its
@@ -279,7 +279,7 @@ def advance(P, S, t, u, gap0, gap1, theta, k):
     if P.has_base and not P.imposed:
         settle_gear(P, S, gap0, gap1, gap_rate)
     _steps(P, S, t, gap0, gap_rate, theta, k)
-    S.clock[0] = t + P.sample_time
+    S.now[0] = t + P.sample_time
 
 
 @inlined
@@ -308,15 +308,17 @@ def _steps(P, S, t, gap0, gap_rate, theta, k):
     whole = P.substeps << last
     tick, end = 0, _next_stop(P, 0, whole)
     voltage = amplify(P, S.commands[P.delay_whole + (1 if P.delay_ticks > 0 else 0)])
+    S.now[1] = voltage
     tick_s = P.sample_time / whole
     least, events = 0, 0
     while tick < whole:
         if tick == end:
             if tick == P.delay_ticks:
                 voltage = amplify(P, S.commands[P.delay_whole])
+                S.now[1] = voltage
             for s in range(P.sensor_tick.shape[0]):
                 if P.sensor_tick[s] == tick:
-                    S.clock[0] = t + tick * tick_s
+                    S.now[0] = t + tick * tick_s
                     S.caught[s] = read_sensor(P, S, s, gap0 + gap_rate * tick * tick_s, gap_rate)
             end = _next_stop(P, tick, whole)
         level = _level(last, least, end - tick)
@@ -354,6 +356,25 @@ def _steps(P, S, t, gap0, gap_rate, theta, k):
             least += 1
 
 
+@compiled
+def _acceleration(P, S, body, gap, gap_rate):
+    """Present acceleration of a body, m/s^2 or rad/s^2; 0 where it sticks to the ground."""
+    contact, theta_d = (0 if S.mode[0] == pl.FREE else 1), 0.0
+    clear(S.w0)
+    S.w0[pl.CH_V] = S.now[1]
+    if P.has_base:
+        drive_channels(P, S, 0.0, gap, gap_rate, S.gear[0])
+        theta_d = S.gear[0] if P.imposed else screw_angle(P, S, gap)
+    add_forces(P, S, S.x, S.w0, contact, S.now[0], theta_d, drive_rate(P, S, S.x, gap_rate))
+    for c in range(P.friction_ends.shape[0]):
+        if S.mode[1 + c] == 0:
+            if P.friction_ends[c, 0] == pl.GROUND and P.friction_ends[c, 1] == body:
+                return 0.0
+            push(P, S.w0, contact, P.friction_ends[c, 1], S.reaction[c])
+            push(P, S.w0, contact, P.friction_ends[c, 0], -S.reaction[c])
+    return body_acceleration(P, S.x, S.w0, contact, body)
+
+
 @inlined
 def read_sensor(P, S, s, gap, gap_rate):
     """Present value of what sensor ``s`` measures, SI, before its errors."""
@@ -366,8 +387,10 @@ def read_sensor(P, S, s, gap, gap_rate):
     if P.has_base:
         base, base_rate = base_motion(P, S.x, 0, screw_angle(P, S, gap), drive_rate(P, S, S.x, gap_rate))
     if index == pl.LINK_FORCE:
-        j = int(P.sensor[s, pl.Y_LINK])
-        return link_force(P, S.x, j, base, base_rate, S.clock[0])
+        j = int(P.sensor[s, pl.Y_PLACE])
+        return link_force(P, S.x, j, base, base_rate, S.now[0])
+    if index == pl.ACCELERATION:
+        return _acceleration(P, S, int(P.sensor[s, pl.Y_PLACE]), gap, gap_rate)
     return base if index == pl.BASE_POSITION else base_rate
 
 

@@ -18,9 +18,10 @@ F_COULOMB, F_STRIBECK, F_SPEED, F_BRISTLE, F_DAMPING, F_LOADED, N_FRICTION = ran
  D_SHIFT, D_GAP, D_GAIN, D_DEAD, D_LIMIT, D_DELAY, D_BODY, D_EFFORT, D_TRAVEL, D_LAG, D_HOLD, D_BRAKE, D_FAST,
  D_STRONG, D_LOSS, D_SCREW_LOSS, N_DRIVE) = range(31)  # fmt: skip
 # columns of `sensor`
-Y_INDEX, Y_GAIN, Y_OFFSET, Y_DELAY, Y_NOISE, Y_COUNT, Y_LINK, Y_OFF_CENTRE, Y_PHASE, N_SENSOR = range(10)
-#: `sensor[:, Y_INDEX]` of a sensor on the mass that a rigid screw carries: position, velocity; of the force of Y_LINK
-BASE_POSITION, BASE_VELOCITY, LINK_FORCE = -1, -2, -3
+Y_INDEX, Y_GAIN, Y_OFFSET, Y_DELAY, Y_NOISE, Y_COUNT, Y_PLACE, Y_OFF_CENTRE, Y_PHASE, N_SENSOR = range(10)
+#: `sensor[:, Y_INDEX]` of a sensor on the mass that a rigid screw carries: position, velocity; of the force of the
+#: link, or the acceleration of the body, Y_PLACE
+BASE_POSITION, BASE_VELOCITY, LINK_FORCE, ACCELERATION = -1, -2, -3, -4
 # columns of `unknown` (U_PLACE: the body, link or sensor), and the kinds of physics that the catalogue does not have
 U_KIND, U_PLACE, U_SIZE, U_SCALE, U_WAVE, U_PHASE, U_SECOND, U_SHIFT, N_UNKNOWN = range(9)
 (POSITION_DAMPING, DISTURBANCE, DIRECTIONAL_TORQUE, ROOT_SPRING, SPEED_STIFFENING, ANGULAR_PLAY, POSITION_MASS,

@@ -16,7 +16,7 @@ from dtbacklash.prove.simulator.given import Errors, Unknown
 SCREW_DAMPING_RATIO = 0.02
 #: least number of steps per sample; more where the rig is faster than STEP_RATE per step
 STEPS_MIN, STEP_RATE = 50, 0.25
-#: the same where the nominal model has dry friction, or friction grows with a load: its bristle must not show as a spring
+#: the same where the nominal model has dry friction, or a friction grows with its load: no bristle may show as a spring
 STEPS_BRAKE = 200
 #: (frequency, damping ratio) of a bristle at rest with what it holds, frequency per step: the first body's, others'
 BRISTLE_ROTOR, BRISTLE_MASS = (0.3, 0.7), (0.1, 0.2)
@@ -287,7 +287,9 @@ def _sensors(rig: Rig, net: _Net, links: dict[str, int], errors: Errors) -> Floa
         if sensor.quantity == "current":
             row[col.Y_INDEX] = 0
         elif sensor.quantity in ("force", "torque"):
-            row[col.Y_INDEX], row[col.Y_LINK] = col.LINK_FORCE, links[sensor.of]
+            row[col.Y_INDEX], row[col.Y_PLACE] = col.LINK_FORCE, links[sensor.of]
+        elif sensor.quantity == "acceleration":
+            row[col.Y_INDEX], row[col.Y_PLACE] = col.ACCELERATION, net.names.index(sensor.of)
         elif sensor.of == net.base:
             row[col.Y_INDEX] = col.BASE_POSITION if sensor.quantity == "position" else col.BASE_VELOCITY
         else:

@@ -287,9 +287,11 @@ def _look(M, S, s, t):
     if index >= 0:
         return S.x[index]
     if index == col.LINK_FORCE:
-        j = int(M.sensor[s, col.Y_LINK])
+        j = int(M.sensor[s, col.Y_PLACE])
         stretch, rate = _stretched(M, S, S.x, j)
         return _link_force(M, S, j, stretch, rate, t)
+    if index == col.ACCELERATION:
+        return S.rates[2 + M.inertia.shape[0] + int(M.sensor[s, col.Y_PLACE])]
     return S.scalar[col.S_BASE] if index == col.BASE_POSITION else S.scalar[col.S_BASE_RATE]
 
 
@@ -363,6 +365,9 @@ def run_machine(M, S, C, signals, history, u, truth, seen, states):
         states : (N+1, n), all written.
     """
     h, newest, sensors = M.sample_time / M.substeps, 0, M.sensor.shape[0]
+    accelerates = False
+    for s in range(sensors):
+        accelerates |= M.sensor[s, col.Y_INDEX] == col.ACCELERATION
     for k in range(u.shape[0]):
         for s in range(sensors):
             row = M.sensor[s]
@@ -387,6 +392,8 @@ def run_machine(M, S, C, signals, history, u, truth, seen, states):
                 S.course[1, r], S.course[2, r] = before + begin * (after - before), before + end * (after - before)
             _advance(M, S, (k + begin) * M.sample_time, h, volt)
             newest = (newest + 1) % history.shape[0]
+            if accelerates:  # at the step's end, after what has happened in it
+                _derivative(M, S, S.x, (k + end) * M.sample_time, volt, S.rates)
             for s in range(sensors):
                 history[newest, s] = _look(M, S, s, (k + end) * M.sample_time)
     return u.shape[0]

@@ -1,0 +1,46 @@
+"""Accelerometers in g, and friction that grows with the load of a servo: concealed, and named."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from dtbacklash import conf, yaml_files
+
+pytestmark = pytest.mark.check
+
+
+def diagnosed(folder, *words):
+    """What a diagnosis of a concealed recording says; ``words`` : of ``dtb conceal``."""
+    rig = next(word for word in words if word.startswith("rig="))
+    for command in (
+        ("conceal", "out=hidden", *words),
+        ("diagnose", "recording=hidden/*/recording.csv.gz", rig, "out=f"),
+    ):
+        done = subprocess.run(
+            [sys.executable, "-m", "dtbacklash.cli", *command], cwd=folder, capture_output=True, text=True, check=False,
+            timeout=900,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+    return json.loads((folder / "f" / "diagnosis.json").read_text()), " ".join(done.stdout.split())
+
+
+def named(diagnosis):
+    return [(f["location"], f["effect"], f["confidence"]) for f in diagnosis["findings"]]
+
+
+def test_a_cubic_spring_is_named_from_an_accelerometer_alone(tmp_path):
+    rig = yaml_files.read((Path(conf.__file__).parent / "rig" / "oscillator.yaml").read_bytes())
+    rig["sensors"] = {"a": {"of": "mass", "quantity": "acceleration", "recorded_in": "g"}}
+    (tmp_path / "shaken.yaml").write_text(json.dumps(rig))
+    diagnosis, said = diagnosed(tmp_path, "rig=shaken.yaml", "effect=spring.cubic_stiffness", "seed=1300")
+    assert named(diagnosis) == [("spring", "cubic_stiffness", "sure")]
+    assert "Accelerations alone do not show where the machine stands" in said
+
+
+def test_friction_by_load_is_named_at_a_servo(tmp_path):
+    diagnosis, said = diagnosed(tmp_path, "rig=servo_arm", "effect=servo.load_friction", "seed=1601")
+    assert named(diagnosis) == [("servo", "load_friction", "sure")]
+    assert "of the effort that the servo passes on" in said
