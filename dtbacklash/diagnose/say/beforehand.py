@@ -21,8 +21,8 @@ def _accelerations_alone(shown: list[str]) -> tuple[str, ...]:
     if "acceleration" not in shown or {"position", "velocity"} & set(shown):
         return ()
     return (
-        "Accelerations alone do not show where the machine stands, and hardly what is constant or slow: a constant load "
-        "is not told from none, and laws over a position count from where the recording begins, at rest.",
+        "Accelerations alone do not show where the machine stands, and hardly what is constant or slow: a constant "
+        "load is not told from none, and laws over a position count from where the recording begins, at rest.",
     )
 
 
