@@ -321,13 +321,12 @@ class _Declared:
     def _covered(self) -> Callable[[Values], dict[str, tuple[float, float]]]:
         """The states between which it holds, where the declaration says them."""
         said, key = self.said.get(COVERS, {}), f"{self.key}.{COVERS}"
-        known = [name for formula in self._formulas() for name in formula.names if name in self.slot_kind.states]
         if not isinstance(said, Mapping):
             raise UserError(key, said, "a mapping, e.g. {v: [-3, 3]}")
         found: dict[str, tuple[float, float]] = {}
         for name, ends in said.items():
-            if SHORT.get(name, name) not in known:
-                raise UserError(f"{key}.{name}", ends, f"a state of the law: {', '.join(known)}")
+            if SHORT.get(name, name) not in self.slot_kind.states:
+                raise UserError(f"{key}.{name}", ends, f"one of the states {', '.join(self.slot_kind.states)}")
             numbers = isinstance(ends, list | tuple) and all(isinstance(e, int | float) for e in ends)
             if not numbers or len(ends) != 2 or not ends[0] < ends[1]:
                 raise UserError(f"{key}.{name}", ends, "its lowest and its highest value, e.g. [-3, 3]")

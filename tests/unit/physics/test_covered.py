@@ -15,10 +15,9 @@ DRAG = {"acts_on": ["rotor", "mass"], "law": "-drag*abs(v)*v", "parameters": {"d
 
 
 @pytest.fixture
-def drag():
+def drag(as_before):
     catalogue.declare({"covered_drag": DRAG | {"covers": {"v": [-0.5, 3.0]}}}, "rig.laws")
-    yield "covered_drag"
-    catalogue.withdraw(["covered_drag"])
+    return "covered_drag"
 
 
 def test_a_law_of_ones_own_says_how_far_and_how_long(drag):
@@ -60,13 +59,13 @@ def test_a_table_on_a_spring_says_it_in_a_runs_summary():
     ("covers", "said"),
     [
         ([1, 2], "covers=[1, 2]: a mapping"),
-        ({"q": [0, 1]}, "covers.q=[0, 1]: a state of the law: velocity"),
+        ({"s": [0, 1]}, "covers.s=[0, 1]: one of the states position, velocity, time"),
         ({"v": [3, -3]}, "covers.v=[3, -3]: its lowest and its highest value"),
         ({"v": 3}, "covers.v=3: its lowest and its highest value"),
         ({"v": ["a", "b"]}, "its lowest and its highest value"),
     ],
 )
-def test_a_wrong_range_is_refused(covers, said):
+def test_a_wrong_range_is_refused(covers, said, as_before):
     with pytest.raises(UserError) as refused:
         catalogue.declare({"bad_drag": DRAG | {"covers": covers}}, "rig.laws")
     assert said in str(refused.value)
