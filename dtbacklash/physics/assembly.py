@@ -132,14 +132,14 @@ def compile_plant(
         link=np.array(parts.link, dtype=float).reshape(-1, pl.N_LINK),
         link_ends=_ends(parts.link_ends), friction_ends=_ends([contact.ends for contact in parts.contacts]),
         circuit=row, screw=screw,
-        sensor=_sensor_rows(parts, circuit), sensor_whole=looks[0], sensor_tick=looks[1],
+        sensor=_sensor_rows(parts, circuit), sensor_whole=looks[0], sensor_tick=looks[1], sensor_part=looks[2],
         sample_time=sample_time_s, substeps=substeps, levels=event_levels + 1,
         current=0 if circuit else -1, rotor=parts.rotor,
         driven=parts.bodies.names.index(drive.neighbours["drives"]) if drive else -1,
         limited=limited, lag=A.shape[1] - 1 if _lag(rig, drive) else -1, loaded=entries.loaded,
         n_bodies=len(parts.bodies.names), position=1 if circuit else 0,
         has_base=_base_drive(rig) is not None, imposed=imposed, forced=forced,
-        delay_whole=delay[0], delay_ticks=delay[1],
+        delay_whole=delay[0], delay_ticks=delay[1], delay_part=delay[2],
     )  # fmt: skip
 
 
@@ -229,11 +229,17 @@ def _screw_row(parts: Parts) -> Floats:
     return row
 
 
-def _delay(rig: Rig, sample_time_s: float, ticks: int) -> tuple[int, int]:
+#: a part of a tick that is rounding
+NO_PART = 1e-6
+
+
+def _delay(rig: Rig, sample_time_s: float, ticks: int) -> tuple[int, int, float]:
+    """The amplifier's delay: whole samples, ticks, and a part of one."""
     amplifier = rig.only("amplifier")
-    delay = rig.amount(amplifier.name, slots.Late, "time") if amplifier else 0.0
-    total = round(delay / sample_time_s * ticks)
-    return total // ticks, total % ticks
+    total = (rig.amount(amplifier.name, slots.Late, "time") if amplifier else 0.0) / sample_time_s * ticks
+    whole = int(total + NO_PART)
+    part = max(total - whole, 0.0)
+    return whole // ticks, whole % ticks, part if part > NO_PART else 0.0
 
 
 def _sensor_rows(parts: Parts, circuit: Element | None) -> Floats:
@@ -263,11 +269,15 @@ def _sensor_rows(parts: Parts, circuit: Element | None) -> Floats:
     return np.array(rows).reshape(-1, pl.N_SENSOR)
 
 
-def _sensor_delays(rig: Rig, sample_time_s: float, ticks: int) -> tuple[Ints, Ints]:
-    """Whole samples of every sensor's delay, and the tick within a sample at which it looks (0: at its end)."""
+def _sensor_delays(rig: Rig, sample_time_s: float, ticks: int) -> tuple[Ints, Ints, Floats]:
+    """Whole samples of every sensor's delay; the tick within a sample after which it looks (0: its end); the part."""
     delays = [rig.amount(SENSOR_PREFIX + name, slots.Late, "time") for name in rig.sensors]
-    total = np.round(np.array(delays) / sample_time_s * ticks).astype(np.int64)
-    return total // ticks, (-total) % ticks
+    total = np.array(delays) / sample_time_s * ticks
+    most = np.ceil(total - NO_PART).astype(np.int64)
+    whole, tick, part = most // ticks, (-most) % ticks, np.maximum(most - total, 0.0)
+    # before the first tick of a sample it looks at the first
+    part[(tick == 0) | (part <= NO_PART)] = 0.0
+    return whole, tick, part
 
 
 def _continuous(parts: Parts, circuit: Element | None, decays: list[float], screw: Floats) -> tuple[Floats, Floats]:

@@ -328,7 +328,7 @@ def _launch(part: Rig, plant: Plant, block: Block, record: Record, theta: Floats
         }
         for quantity in ("position", "velocity")
     }  # fmt: skip
-    late = plant.delay_whole + plant.delay_ticks + int(plant.sensor_whole.max(initial=0)) > 0
+    late = plant.delay_whole + plant.delay_ticks + plant.delay_part + int(plant.sensor_whole.max(initial=0)) > 0
     return Launch(
         plant, {b: (owners[b], part.elements[owners[b]].trait.axis) for b in names}, rig_half_gap(part),
         theta[:n] if plant.imposed else None, record.u[:n], float(np.std(record.u)),

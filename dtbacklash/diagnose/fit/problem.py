@@ -10,10 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.data.compare import Steps, longest_step_s, places_of
+from dtbacklash.diagnose.data.compare import Steps, places_of
 from dtbacklash.diagnose.data.evidence import RUNAWAY, Evidence, Residuals
 from dtbacklash.diagnose.fit.free import Effects, Free, apply, effects_of_rig, penalty_of
-from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Role
 from dtbacklash.physics.effects.table import bends, table_of
 from dtbacklash.physics.rig import Rig
@@ -27,11 +26,9 @@ STEP, STEP_WAVE = 0.03, 1e-3
 #: a precise column's step is narrowed by this factor, at most so often, until columns differ by less than this share
 NARROW, NARROWER, ALIKE = 0.1, 4, 1e-3
 #: narrowing ends where two columns differ so many times more than wider ones did
-TICKS_GROW = 3.0
+ROUNDING_GROWS = 3.0
 #: distance of a fit from the ends of a parameter's range, in x
 INSIDE = 1e-9
-#: least step of a delay in samples, and limits of that step in x
-DELAY_STEP_SAMPLES, DELAY_STEP_LEAST, DELAY_STEP_MAX = 0.05, 1e-2, 0.5
 
 
 @dataclass(frozen=True)
@@ -161,7 +158,6 @@ class Problem:
 
     def differences(self, x: Floats) -> Floats:
         """(rows, free) Jacobian by finite differences; blocks that a parameter does not touch are not simulated."""
-        here, start = self._rows(x, "fine") if any(map(self._late, self.free)) else ({}, np.zeros(0))
         coarse, rows = self._rows(x, "coarse")
         if self._kept and np.abs(x - self._kept_at)[self.prior].max() > STALE:
             self._kept = {}
@@ -172,12 +168,8 @@ class Problem:
             if j in self._kept:
                 columns[:, j] = self._kept[j]
                 continue
-            if self._late(f):
-                step = self._late_step(j, x[j])
-                columns[:, j] = (self._moved(x, j, step, here)[0] - start) / step
-            else:
-                both = self.steps == "fine"
-                columns[:, j] = self._difference(x, j, (coarse, rows), "coarse", both)(self._step(j))
+            both = self.steps == "fine"
+            columns[:, j] = self._difference(x, j, (coarse, rows), "coarse", both)(self._step(j))
             if f.prior:  # these are most of the simulations
                 self._kept[j] = columns[:, j].copy()
         return columns
@@ -219,25 +211,10 @@ class Problem:
         return np.column_stack([self._precise(x, j, at) for j in range(len(self.free))])
 
     def _precise(self, x: Floats, j: int, at: tuple[Residuals, Floats]) -> Floats:
-        column = self._difference(x, j, at, "fine", both=True)
-        if self._late(self.free[j]):
-            return column(abs(self._late_step(j, x[j])))
-        return _suited(column, self._step(j))
+        return _suited(self._difference(x, j, at, "fine", both=True), self._step(j))
 
     def _step(self, j: int) -> float:
         return STEP_WAVE if self.free[j].role is Role.WAVE else STEP
-
-    def _late_step(self, j: int, x: float) -> float:
-        """Step of a delay: many of the ticks to which it is rounded."""
-        f = self.free[j]
-        slope = abs(f.value(x)) if f.log else f.scale
-        least = DELAY_STEP_SAMPLES * longest_step_s(self.evidence.records) / max(slope, 1e-300)
-        wide = float(np.clip(least, DELAY_STEP_LEAST, DELAY_STEP_MAX))
-        return -wide if x + wide > f.limits()[1] else wide
-
-    def _late(self, free: Free) -> bool:
-        """Whether the parameter is a delay, which is rounded to ticks of a substep."""
-        return bool(free.effect) and find(self.base.kind_at(free.place), free.effect, free.place).is_delay
 
     def _moved(self, x: Floats, j: int, step: float, here: Residuals, steps: Steps = "fine") -> tuple[Floats, bool]:
         """The rows with one parameter moved, and whether the simulation stays bounded."""
@@ -278,7 +255,7 @@ def _suited(column: Callable[[float], Floats], step: float) -> Floats:
             return there
         if apart < least:
             best, least = last, apart
-        if apart > TICKS_GROW * least:
+        if apart > ROUNDING_GROWS * least:
             break
         last = there
     return best

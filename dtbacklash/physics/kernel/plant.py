@@ -68,7 +68,8 @@ class Plant(NamedTuple):
     screw: Floats
     sensor: Floats
     sensor_whole: Ints  # a sensor's delay: whole samples,
-    sensor_tick: Ints  # and the tick of a sample at which it looks (0: at its end)
+    sensor_tick: Ints  # the tick of a sample at or after which it looks (0: at its end),
+    sensor_part: Floats  # and how much of a tick after it
     sample_time: float
     substeps: int
     levels: int
@@ -84,7 +85,8 @@ class Plant(NamedTuple):
     imposed: bool  # the motor's angle (or the positioner's command) is given instead of simulated
     forced: bool  # something besides the voltage and the gear acts
     delay_whole: int  # the amplifier's delay: whole samples,
-    delay_ticks: int  # and ticks (sample_time/substeps/2**(levels-1))
+    delay_ticks: int  # ticks (sample_time/substeps/2**(levels-1)),
+    delay_part: float  # and a part of a tick
 
     def __reduce__(self) -> tuple[Any, ...]:
         """What is pickled names the laws at addresses, which hold in this process alone."""

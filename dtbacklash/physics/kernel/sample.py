@@ -285,11 +285,27 @@ def advance(P, S, t, u, gap0, gap1, theta, k):
 @inlined
 def _next_stop(P, tick, whole):
     """The next tick at which a step has to end: a late command arrives, a late sensor looks, or the sample is over."""
-    stop = P.delay_ticks if P.delay_ticks > tick else whole
+    stop = _stop_of(P.delay_ticks, P.delay_part, tick, whole)
     for s in range(P.sensor_tick.shape[0]):
-        if tick < P.sensor_tick[s] < stop:
-            stop = P.sensor_tick[s]
+        if P.sensor_tick[s] > 0:
+            stop = min(stop, _stop_of(P.sensor_tick[s], P.sensor_part[s], tick, whole))
     return stop
+
+
+@inlined
+def _stop_of(at, part, tick, whole):
+    """The next tick at which something begins, or ends, that lies within a tick: ``part`` of it after ``at``."""
+    if at > tick:
+        return at
+    return at + 1 if part > 0.0 and at == tick else whole
+
+
+@inlined
+def _voltage(P, tick, before, after):
+    """The voltage from a stop on; in the tick in which the command arrives its mean, which moves the rig as far."""
+    if tick == P.delay_ticks:
+        return after + P.delay_part * (before - after)
+    return before if tick < P.delay_ticks else after
 
 
 @inlined
@@ -307,19 +323,18 @@ def _steps(P, S, t, gap0, gap_rate, theta, k):
     last = P.levels - 1
     whole = P.substeps << last
     tick, end = 0, _next_stop(P, 0, whole)
-    voltage = amplify(P, S.commands[P.delay_whole + (1 if P.delay_ticks > 0 else 0)])
-    S.now[1] = voltage
+    late = P.delay_ticks > 0 or P.delay_part > 0.0
+    before = amplify(P, S.commands[P.delay_whole + (1 if late else 0)])
+    after = amplify(P, S.commands[P.delay_whole]) if late else before
+    voltage = S.now[1] = _voltage(P, 0, before, after)
     tick_s = P.sample_time / whole
     least, events = 0, 0
     while tick < whole:
         if tick == end:
-            if tick == P.delay_ticks:
-                voltage = amplify(P, S.commands[P.delay_whole])
-                S.now[1] = voltage
+            voltage = S.now[1] = _voltage(P, tick, before, after)
+            S.now[0] = t + tick * tick_s
             for s in range(P.sensor_tick.shape[0]):
-                if P.sensor_tick[s] == tick:
-                    S.now[0] = t + tick * tick_s
-                    S.caught[s] = read_sensor(P, S, s, gap0 + gap_rate * tick * tick_s, gap_rate)
+                _catch(P, S, s, tick, gap0 + gap_rate * tick * tick_s, gap_rate)
             end = _next_stop(P, tick, whole)
         level = _level(last, least, end - tick)
         ticks = 1 << (last - level)
@@ -395,12 +410,25 @@ def read_sensor(P, S, s, gap, gap_rate):
 
 
 @inlined
+def _catch(P, S, s, tick, gap, gap_rate):
+    """What a sensor that looks late sees at this tick; between two ticks it sees what lies between."""
+    at, part = P.sensor_tick[s], P.sensor_part[s]
+    if 0 < at == tick:
+        S.caught[s] = (1.0 - part) * read_sensor(P, S, s, gap, gap_rate)
+    elif at > 0 and part > 0.0 and at + 1 == tick:
+        S.caught[s] += part * read_sensor(P, S, s, gap, gap_rate)
+
+
+@inlined
 def sense(P, S, gap, gap_rate, y):
     """Write what every sensor shows at this sample into ``y`` (sensors,): delayed, scaled and offset, no noise."""
     for s in range(P.sensor.shape[0]):
         for d in range(S.seen.shape[0] - 1, 0, -1):
             S.seen[d, s] = S.seen[d - 1, s]
-        S.seen[0, s] = read_sensor(P, S, s, gap, gap_rate) if P.sensor_tick[s] == 0 else S.caught[s]
+        at, part = P.sensor_tick[s], P.sensor_part[s]
+        S.seen[0, s] = S.caught[s] if at > 0 else read_sensor(P, S, s, gap, gap_rate)
+        if part > 0.0 and at + 1 == P.substeps << (P.levels - 1):
+            S.seen[0, s] += part * read_sensor(P, S, s, gap, gap_rate)
         value = S.seen[P.sensor_whole[s], s]
         place = P.slot[pl.READING] + s
         for e in range(P.first[place], P.first[place + 1]):
