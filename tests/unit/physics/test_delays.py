@@ -1,5 +1,7 @@
 """A delay is no whole number of ticks: what a rig shows changes smoothly with it, as the search for it needs."""
 
+import itertools
+
 import numpy as np
 import pytest
 from nominal import nominal_rig
@@ -22,7 +24,7 @@ def shown(place: str, time_s: float, levels: int = LEVELS) -> np.ndarray:
 def test_what_a_rig_shows_moves_evenly_with_a_delay(place, whole):
     """In steps of a fifth of a tick, over ticks: rounding would move it by nothing or by a whole one."""
     at = [shown(place, (whole + 0.2 * k) * TICK_S) for k in range(12)]
-    moved = np.array([np.linalg.norm(b - a) for a, b in zip(at, at[1:], strict=False)])
+    moved = np.array([np.linalg.norm(b - a) for a, b in itertools.pairwise(at)])
     assert moved.max() < 1.02 * moved.min()
 
 
