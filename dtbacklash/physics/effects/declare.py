@@ -281,7 +281,7 @@ class Effect:
         for name, value in filled.items():
             p = known[name]
             if not p.low <= value <= p.high:
-                raise UserError(f"{key}.{name}", value, f"from {p.low:g} to {p.high:g} {p.unit}")
+                raise UserError(f"{key}.{name}", value, f"from {p.low:g} to {p.high:g} {p.unit}".removesuffix(" 1"))
         if refused := self.refuse(filled):
             raise UserError(f"{key}.{refused[0]}", filled[refused[0]], refused[1])
         return filled
