@@ -92,15 +92,27 @@ def values_of(rig):
     return {name: one.value for name, one in rig.config.parameters.items()}
 
 
-def swinging(rig, effort, rate=lambda v, z: 0.0):
-    """A force-driven mass on a spring: m q'' = gain u - k q - c q' + effort(v, z), z' = rate(v, z)."""
+def swinging(rig, effort, rate=lambda v, z: 0.0, beside=lambda q, v: 0.0):
+    """A force-driven mass on a spring: m q'' = gain u - k q - c q' + effort(v, z) + beside(q, v), z' = rate(v, z)."""
     p = values_of(rig)
 
     def derivative(y, volts):
         q, v, z = y
-        return [v, (p["gain"] * volts - p["k"] * q - p["c"] * v + effort(v, z)) / p["m"], rate(v, z)]
+        pushed = p["gain"] * volts - p["k"] * q - p["c"] * v + effort(v, z) + beside(q, v)
+        return [v, pushed / p["m"], rate(v, z)]
 
     return derivative, 3, 0
+
+
+def spinning(rig, torque):
+    """A disk on a torque motor, and a torque that depends on its angle."""
+    p = values_of(rig)
+
+    def derivative(y, volts):
+        q, v = y
+        return [v, (p["K_t"] * volts + torque(q)) / p["J"]]
+
+    return derivative, 2, 0
 
 
 def turning(rig, share):
@@ -127,6 +139,17 @@ TRUE = {
                       lambda rig: swinging(rig, lambda v, z: -1.5 * z, lambda v, z: (v - abs(v) * z) / 1e-3)),
     "quadratic_drag": ("oscillator", ("mass", "quadratic_drag"), "packaged", {"drag": 20.0},
                        lambda rig: swinging(rig, lambda v, z: -20.0 * abs(v) * v)),
+    "contact_damping": (
+        "oscillator", ("spring", "contact_damping"), "packaged", {"share": 0.8, "reach": 2e-3},
+        lambda rig: swinging(
+            rig, lambda v, z: 0.0, beside=lambda q, v: 0.8 * values_of(rig)["c"] * v * max(1.0 - abs(q) / 2e-3, 0.0)
+        ),
+    ),
+    "cogging_harmonics": (
+        "pendulum", ("disk", "cogging_harmonics"), "packaged",
+        {"first": 0.05, "waves": 7.0, "phase": 0.3, "second": 0.02, "second_phase": -1.0},
+        lambda rig: spinning(rig, lambda q: 0.05 * math.sin(7.0 * q + 0.3) + 0.02 * math.sin(14.0 * q - 1.0)),
+    ),
     "directional_stribeck": (
         "oscillator", ("mass", "directional_stribeck"), "packaged", {"rise": 0.05, "share": -0.6, "speed": 0.02},
         lambda rig: swinging(

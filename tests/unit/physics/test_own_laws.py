@@ -12,7 +12,6 @@ import yaml
 from reference import rigs
 
 from dtbacklash import yaml_files
-from dtbacklash.config.groups import PACKAGED
 from dtbacklash.errors import UserError
 from dtbacklash.physics import catalogue, own_laws
 from dtbacklash.physics.catalogue import CATALOGUE
@@ -261,7 +260,7 @@ def test_the_mistakes_of_the_docs_are_refused_as_they_say(changed, said):
     assert said in str(refused.value)
 
 
-SHELF = dict(own_laws.folder_declarations(PACKAGED / "effect"))
+SHELF = dict(own_laws.folder_declarations(own_laws.SHIPPED))
 
 
 @pytest.mark.parametrize("name", SHELF)
@@ -275,9 +274,8 @@ def test_a_law_of_the_package_is_there_where_a_rig_asks_for_it(name):
 
 
 def test_a_law_that_the_package_has_not():
-    with pytest.raises(
-        UserError, match="nothing=packaged: no law of the package has that name; choose one of coil_ends"
-    ):
+    first = "nothing=packaged: no law of the package has that name; choose one of cogging_harmonics"
+    with pytest.raises(UserError, match=first):
         catalogue.declare({"nothing": "packaged"}, "rig.laws")
 
 
