@@ -33,7 +33,7 @@ class Beyond:
         low, high = self.covered
         return (
             f"{self.location}.{self.effect} covers a {self.state.replace('_', ' ')} from {low:.4g} to {high:.4g} (SI); "
-            f"the run went from {self.reached[0]:.4g} to {self.reached[1]:.4g}, {100.0 * self.share:.2g} % of the time "
+            f"the run went from {self.reached[0]:.4g} to {self.reached[1]:.4g}, {100.0 * self.share:.3g} % of the time "
             "beyond: nothing is known of the law there"
         )
 

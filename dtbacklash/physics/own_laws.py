@@ -31,6 +31,8 @@ GROUP = "dtbacklash.effects"
 #: what a declaration holds; the first two must be there
 ACTS_ON, LAW, MEMORY, PARAMETERS = "acts_on", "law", "z'", "parameters"
 COVERS = "covers"
+#: states whose range may be said: a run looks whether it leaves it
+MEASURED: Final = ("position", "velocity", "slip_speed", "stretch", "stretch_rate", "command", "current")
 KEYS: Final = (ACTS_ON, LAW, PARAMETERS, MEMORY, "source", "sentence", COVERS)
 PARAMETER_KEYS: Final = ("unit", "low", "high", "start", "neutral", "role")
 #: instead of a declaration: that of the package with this name
@@ -325,8 +327,9 @@ class _Declared:
             raise UserError(key, said, "a mapping, e.g. {v: [-3, 3]}")
         found: dict[str, tuple[float, float]] = {}
         for name, ends in said.items():
-            if SHORT.get(name, name) not in self.slot_kind.states:
-                raise UserError(f"{key}.{name}", ends, f"one of the states {', '.join(self.slot_kind.states)}")
+            known = [state for state in self.slot_kind.states if state in MEASURED]
+            if SHORT.get(name, name) not in known:
+                raise UserError(f"{key}.{name}", ends, f"one of {', '.join(known)}")
             numbers = isinstance(ends, list | tuple) and all(isinstance(e, int | float) for e in ends)
             if not numbers or len(ends) != 2 or not ends[0] < ends[1]:
                 raise UserError(f"{key}.{name}", ends, "its lowest and its highest value, e.g. [-3, 3]")

@@ -40,7 +40,7 @@ def attempt(evidence: Evidence, current: Fit, score: Score) -> Trial:
 def weakened(rig: Rig, key: Key, values: Values, share: float) -> Values:
     """The values of an effect with a share of its amplitudes."""
     amplitudes = find(rig.kind_at(key[0]), key[1], key[0]).amplitudes
-    return {**values, **{p.name: share * values[p.name] for p in amplitudes if p.neutral == 0.0}}
+    return {**values, **{p.name: share * values[p.name] for p in amplitudes if p.neutral == 0.0 and p.name in values}}
 
 
 def finish(evidence: Evidence, current: Fit, trial: Trial, near: bool = False, rounds: Rounds = FULL) -> Trial:

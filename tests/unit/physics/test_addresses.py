@@ -147,7 +147,7 @@ TRUE = {
     ),
     "cogging_harmonics": (
         "pendulum", ("disk", "cogging_harmonics"), "packaged",
-        {"first": 0.05, "waves": 7.0, "phase": 0.3, "second": 0.02, "second_phase": -1.0},
+        {"first": 0.05, "waves": 7.0, "phase": 0.3, "share": 0.4, "second_phase": -1.0},
         lambda rig: spinning(rig, lambda q: 0.05 * math.sin(7.0 * q + 0.3) + 0.02 * math.sin(14.0 * q - 1.0)),
     ),
     "directional_stribeck": (
