@@ -83,7 +83,12 @@ def _states(rig: Rig, place: str, u: Floats, run: Response) -> dict[str, Floats]
         return {"command": u}
     if element.trait.trait == slots.SPRING:
         a, b = element.neighbours["between"]
-        return {"stretch": q[b] - element.lever * q[a], "stretch_rate": v[b] - element.lever * v[a]}
+        stretch = q[b] - element.lever * q[a]
+        for effect, values in rig.active(place, slots.SpringPlay):
+            assert isinstance(effect.slot, slots.SpringPlay)
+            law, own = slots.plain_function(effect.slot.law), [values[p.name] for p in effect.parameters]
+            stretch = np.array([law(s, *own) for s in stretch])  # laws see what is left of it
+        return {"stretch": stretch, "stretch_rate": v[b] - element.lever * v[a]}
     body = place if place in q else element.neighbours.get("drives", "")
     found = {"position": q[body], "velocity": v[body], "slip_speed": np.abs(v[body])} if body in q else {}
     return found | ({"current": x[:, 0]} if first else {})

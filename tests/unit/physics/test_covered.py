@@ -10,6 +10,7 @@ from dtbacklash.experiment.run import run_scenario
 from dtbacklash.physics import catalogue
 from dtbacklash.physics.covered import beyond
 from dtbacklash.physics.effects.table import table_values
+from dtbacklash.physics.simulate import simulate
 
 DRAG = {"acts_on": ["rotor", "mass"], "law": "-drag*abs(v)*v", "parameters": {"drag": {"start": 1e-3}}}
 
@@ -36,6 +37,19 @@ def test_what_stays_in_its_range_says_nothing(drag):
     rig = nominal_rig("pendulum").with_effect("disk", drag, {"drag": 1e-9})
     assert beyond(rig, np.full(101, 0.5), np.zeros(101), 1e-3) == []
     assert beyond(nominal_rig("pendulum"), np.full(101, 50.0), np.zeros(101), 1e-3) == []
+
+
+@pytest.mark.parametrize(("lost", "leaves"), [(0.0, True), (1e-3, True), (1.0, False)])
+def test_a_law_at_a_spring_with_play_sees_what_is_left_of_the_stretch(lost, leaves):
+    knots = np.linspace(-1e-3, 1e-3, 16)
+    rig = nominal_rig("oscillator").with_effect("spring", "stretch_table", table_values(knots, 10.0 * knots, 1.0))
+    rig = rig.with_effect("spring", "backlash", {"lost_motion": lost})
+    u = 0.3 * np.sin(6.0 * np.pi * 1e-3 * np.arange(2001))
+    found, x = beyond(rig, u, np.zeros(2001), 1e-3), simulate(rig, u[:-1], 1e-3).sensors["x"]
+    assert bool(found) == leaves
+    for one in found:
+        assert one.reached == pytest.approx((x.min() + 0.5 * lost, x.max() - 0.5 * lost), rel=1e-6)
+        assert one.share == pytest.approx(np.mean(np.abs(x) > 1e-3 + 0.5 * lost), abs=1e-9)
 
 
 def test_a_table_on_a_spring_says_it_in_a_runs_summary():
