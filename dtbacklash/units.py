@@ -89,7 +89,7 @@ def composed(written: str) -> Unit | None:
             parts.append(part)
             continue
         name, raised, power = part.partition("^")
-        unit = (None if part in PARTS else find(part)) or PARTS.get(name) or find(name)
+        unit = PARTS.get(part) or find(part) or PARTS.get(name) or find(name)
         if unit is None or (raised and not re.fullmatch("-?[1-9]", power)):
             return None
         raised_to = int(power) if raised and find(part) is None else 1

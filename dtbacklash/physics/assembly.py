@@ -55,10 +55,8 @@ class Entries:
         """Add the next friction contact; a law that does not ask for what it carries is not told."""
         there = [(dispatch.PLAIN_FRICTION, pl.NOTHING, [contact.level])] if contact.level else []
         for (effect, values), load in zip(contact.effects, contact.loads, strict=True):
-            asks = any(
-                "load" in slots.arguments(law, effect.slot.states, effect) for law in effect.slot.laws().values()
-            )
-            there.append((dispatch.code_of(effect), load if asks else pl.NOTHING, list(values.values())))
+            told = load if "load" in slots.asked(effect) else pl.NOTHING
+            there.append((dispatch.code_of(effect), told, list(values.values())))
         self._places[pl.FRICTION].append(there)
 
     def remember(self, slot: int, effects: Active) -> None:
@@ -275,7 +273,7 @@ def _sensor_delays(rig: Rig, sample_time_s: float, ticks: int) -> tuple[Ints, In
     total = np.array(delays) / sample_time_s * ticks
     most = np.ceil(total - NO_PART).astype(np.int64)
     whole, tick, part = most // ticks, (-most) % ticks, np.maximum(most - total, 0.0)
-    # before the first tick of a sample it looks at the first
+    # within the first tick of a sample it looks at the end of the sample before
     part[(tick == 0) | (part <= NO_PART)] = 0.0
     return whole, tick, part
 

@@ -125,6 +125,8 @@ def take_apart(rig: Rig, imposed: bool) -> Parts:
         bodies.connect(pl.GROUND, bodies.names.index(rig.servo.neighbours["drives"]), *gains)
     for element in rig.elements.values():
         _add_bearing(parts, element)
+    # what the screw carries depends on the friction at all other places: it comes last
+    parts.contacts.sort(key=lambda contact: pl.SCREW in contact.loads)
     _check_base(rig, base)
     return parts
 
@@ -211,10 +213,8 @@ def _add_bearing(parts: Parts, element: Element) -> None:
     found = [(one, load) for place, load in sources for one in rig.active(place, slots.Contact)]
     level = element.values.get("friction", 0.0)
     if found or level:
-        contact = FrictionContact((pl.GROUND, body), [one for one, _ in found], [load for _, load in found], level)
-        # what the screw carries depends on the friction at all other places: it comes last
-        parts.contacts.append(contact)
-        parts.contacts.sort(key=lambda c: pl.SCREW in c.loads)
+        effects, loads = [one for one, _ in found], [load for _, load in found]
+        parts.contacts.append(FrictionContact((pl.GROUND, body), effects, loads, level))
 
 
 def _check_base(rig: Rig, base: str | None) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.physics.assembly import state_names
+from dtbacklash.physics.bodies import take_apart
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import Response, rig_half_gap, simulate
@@ -45,7 +45,8 @@ def beyond(rig: Rig, u: Floats, gap_rad: Floats, sample_time_s: float) -> list[B
     ----------
     u : (N+1,) command, V (m or rad of a servo). gap_rad : (N+1,) half-gap, the rig's own with it, rad.
 
-    The run is simulated once more, for the states that no sensor shows; where no law has a range nothing is.
+    The run is simulated once more, for the states that no sensor shows, as the rig is at its start; where no law has a
+    range nothing is.
     """
     ranges = [
         (place, effect, state, effect.covered(values)[state])
@@ -58,26 +59,26 @@ def beyond(rig: Rig, u: Floats, gap_rad: Floats, sample_time_s: float) -> list[B
     response = simulate(rig, u[:-1], sample_time_s, gap_rad - rig_half_gap(rig))
     found = []
     for place, effect, state, (low, high) in ranges:
-        values = _states(rig, place, u, response).get(state)
-        outside = np.zeros(1) if values is None else (values < low) | (values > high)
-        if values is not None and outside.any():
+        values = _states(rig, place, u, response)[state]
+        outside = (values < low) | (values > high)
+        if outside.any():
             reached = float(values.min()), float(values.max())
             found.append(Beyond(place, effect.name, state, (low, high), reached, float(outside.mean())))
     return found
 
 
 def _states(rig: Rig, place: str, u: Floats, run: Response) -> dict[str, Floats]:
-    """(N+1,) states at a place, by the names that laws have for them; without those of the base of a rigid screw."""
-    names, x = state_names(rig), run.states
+    """(N+1,) states at a place, by the names that laws have for them."""
+    parts, x = take_apart(rig, rig.only("positioner") is not None), run.states
+    names = parts.bodies.names
     first = 1 if rig.only("motor_circuit") else 0
     q = {name: x[:, first + j] for j, name in enumerate(names)} | {"ground": np.zeros(len(x))}
     v = {name: x[:, first + len(names) + j] for j, name in enumerate(names)} | {"ground": np.zeros(len(x))}
-    screw, positioner = rig.only("screw"), rig.only("positioner")
-    base = positioner.name if positioner else screw.neighbours.get("carries") if screw else None
-    if base and base not in q:
+    if parts.base:
+        screw, positioner = rig.only("screw"), rig.only("positioner")
         lead = screw.values["lead"] if screw else 0.0
-        q[base] = positioner.values["travel"] * u if positioner else lead * run.theta_d_rad
-        v[base] = np.gradient(q[base], run.t_s)
+        q[parts.base] = positioner.values["travel"] * u if positioner else lead * run.theta_d_rad
+        v[parts.base] = np.gradient(q[parts.base], run.t_s)
     element = rig.elements.get(place)
     if element is None or element.trait.trait == slots.AMPLIFIER:
         return {"command": u}
@@ -89,6 +90,6 @@ def _states(rig: Rig, place: str, u: Floats, run: Response) -> dict[str, Floats]
             law, own = slots.plain_function(effect.slot.law), [values[p.name] for p in effect.parameters]
             stretch = np.array([law(s, *own) for s in stretch])  # laws see what is left of it
         return {"stretch": stretch, "stretch_rate": v[b] - element.lever * v[a]}
-    body = place if place in q else element.neighbours.get("drives", "")
-    found = {"position": q[body], "velocity": v[body], "slip_speed": np.abs(v[body])} if body in q else {}
-    return found | ({"current": x[:, 0]} if first else {})
+    body = place if place in q else element.neighbours["drives"]
+    found = {"position": q[body], "velocity": v[body], "slip_speed": np.abs(v[body])}
+    return found | {"current": x[:, 0]} if element.trait.trait == slots.WINDING else found

@@ -64,7 +64,7 @@ def drawing_of(effect: Effect) -> Drawing | None:
         shape = SHAPES[effect.name]
         return Drawing(shape.over, _tabled, times=shape.times, effort_unit=effect.size.unit if shape.times else "",
                        effort_label=f"missing effort by {shape.times}" if shape.times else "")  # fmt: skip
-    if isinstance(slot, slots.Contact) and "load" in _asks_for(effect, slot.level):
+    if isinstance(slot, slots.Contact) and "load" in slots.asked(effect):
         return None
     for kind, drawn in _DRAWN.items():
         if isinstance(slot, kind):

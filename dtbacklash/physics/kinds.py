@@ -65,11 +65,9 @@ class Kind:
 
     def takes(self, slot: slots.Slot) -> bool:
         """Whether an effect in this slot can act at such an element."""
-        passes = isinstance(slot, slots.Passing)
-        if self.trait == slots.SPRING and isinstance(slot, slots.Contact) and passes != bool(self.first):
-            return (
-                False  # friction across a spring needs ends that move along one line, what passes on two kinds of them
-            )
+        # friction across a spring needs ends that move along one line; only what joins two kinds of motion passes on
+        if self.trait == slots.SPRING and isinstance(slot, slots.Contact):
+            return isinstance(slot, slots.Passing) == bool(self.first)
         mine = {self.trait}
         if self.trait == slots.BODY and self.axis == LINEAR:
             mine.add(slots.SLIDING_BODY)

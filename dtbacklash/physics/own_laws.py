@@ -325,9 +325,9 @@ class _Declared:
         said, key = self.said.get(COVERS, {}), f"{self.key}.{COVERS}"
         if not isinstance(said, Mapping):
             raise UserError(key, said, "a mapping, e.g. {v: [-3, 3]}")
+        known = [state for state in self.slot_kind.states if state in MEASURED]
         found: dict[str, tuple[float, float]] = {}
         for name, ends in said.items():
-            known = [state for state in self.slot_kind.states if state in MEASURED]
             if SHORT.get(name, name) not in known:
                 raise UserError(f"{key}.{name}", ends, f"one of {', '.join(known)}")
             numbers = isinstance(ends, list | tuple) and all(isinstance(e, int | float) for e in ends)

@@ -1,23 +1,13 @@
 """Physics that the catalogue lacks: concealed, modelled as a formula, and simulated by the rig's file."""
 
 import json
-import subprocess
-import sys
 
 import pytest
+from commands import dtb
 
 from dtbacklash import yaml_files
 
 pytestmark = pytest.mark.check
-
-
-def dtb(folder, *words):
-    done = subprocess.run(
-        [sys.executable, "-m", "dtbacklash.cli", *words], cwd=folder, capture_output=True, text=True, check=False,
-        timeout=900,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    return done.stdout
 
 
 @pytest.fixture(scope="module")

@@ -1,11 +1,10 @@
 """Accelerometers in g, and friction that grows with the load of a servo: concealed, and named."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from commands import dtb
 
 from dtbacklash import conf, yaml_files
 
@@ -15,16 +14,9 @@ pytestmark = pytest.mark.check
 def diagnosed(folder, *words):
     """What a diagnosis of a concealed recording says; ``words`` : of ``dtb conceal``."""
     rig = next(word for word in words if word.startswith("rig="))
-    for command in (
-        ("conceal", "out=hidden", *words),
-        ("diagnose", "recording=hidden/*/recording.csv.gz", rig, "out=f"),
-    ):
-        done = subprocess.run(
-            [sys.executable, "-m", "dtbacklash.cli", *command], cwd=folder, capture_output=True, text=True, check=False,
-            timeout=900,
-        )  # fmt: skip
-        assert done.returncode == 0, done.stderr
-    return json.loads((folder / "f" / "diagnosis.json").read_text()), " ".join(done.stdout.split())
+    dtb(folder, "conceal", "out=hidden", *words)
+    said = dtb(folder, "diagnose", "recording=hidden/*/recording.csv.gz", rig, "out=f")
+    return json.loads((folder / "f" / "diagnosis.json").read_text()), " ".join(said.split())
 
 
 def named(diagnosis):

@@ -3,11 +3,10 @@
 import json
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from commands import dtb
 
 from dtbacklash import yaml_files
 
@@ -19,12 +18,9 @@ COMMANDS = re.findall(r"```sh\n(.*?)```", PAGE, flags=re.DOTALL)[0].splitlines()
 TRUE = 0.01
 
 
-def dtb(folder, command):
-    """A command of the page, in a process of its own; gives what it prints."""
-    words = [sys.executable, "-m", "dtbacklash.cli", *shlex.split(command)[1:]]
-    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False, timeout=1800)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+def typed_as(folder, command):
+    """A command of the page; gives what it prints."""
+    return dtb(folder, *shlex.split(command)[1:])
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +30,7 @@ def typed(tmp_path_factory):
     (folder / "conf" / "effect").mkdir(parents=True)
     (folder / "conf" / "effect" / "air_drag.yaml").write_text(LAW)
     assert len(COMMANDS) == 4
-    return folder, [dtb(folder, command) for command in COMMANDS[:3]]
+    return folder, [typed_as(folder, command) for command in COMMANDS[:3]]
 
 
 def test_it_is_listed_with_its_law(typed):
@@ -61,7 +57,7 @@ def test_the_extended_rig_has_the_law_with_it(typed, tmp_path):
     assert yaml_files.read(file.read_bytes())["laws"] == {"air_drag": yaml_files.read(LAW)}
     (tmp_path / "found").mkdir()
     (tmp_path / "found" / "rig.yaml").write_bytes(file.read_bytes())
-    dtb(tmp_path, COMMANDS[3] + " out=again figures=false")  # in a folder that knows nothing of it
+    typed_as(tmp_path, COMMANDS[3] + " out=again figures=false")  # in a folder that knows nothing of it
     assert (tmp_path / "again" / "summary.json").is_file()
 
 
@@ -71,8 +67,8 @@ def test_presliding_is_named_where_the_rig_asks_for_it(tmp_path):
     hidden = " ".join(f"rig.effects.disk.dahl_friction.{name}={value}" for name, value in true.items())
     made = COMMANDS[1].replace("rig.effects.disk.air_drag.drag=0.01", f"{law} {hidden}")
     assert made != COMMANDS[1]
-    dtb(tmp_path, made + " figures=false")
-    dtb(tmp_path, f"dtb diagnose recording=fan.csv rig=pendulum {law} out=found")
+    typed_as(tmp_path, made + " figures=false")
+    typed_as(tmp_path, f"dtb diagnose recording=fan.csv rig=pendulum {law} out=found")
     (finding,) = json.loads((tmp_path / "found" / "diagnosis.json").read_text())["findings"]
     assert (finding["location"], finding["effect"], finding["confidence"]) == ("disk", "dahl_friction", "sure")
     for name, value in true.items():

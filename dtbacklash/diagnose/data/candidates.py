@@ -58,8 +58,7 @@ def _within(values: Values, bounds: Bounds) -> Values:
 
 
 def _depends_on_position(effect: Effect) -> bool:
-    arguments = {a for law in effect.slot.laws().values() for a in slots.arguments(law, effect.slot.states, effect)}
-    return bool({"position", "angle"} & arguments)
+    return bool({"position", "angle"} & slots.asked(effect))
 
 
 def _possible(rig: Rig, place: str, effect: Effect) -> bool:

@@ -286,6 +286,12 @@ def plain_function(law: Law) -> Callable[..., Any]:
     return getattr(law, "py_func", law)
 
 
+def asked(effect: Effect) -> set[str]:
+    """The states that the laws of an effect ask for."""
+    slot = effect.slot
+    return {a for law in slot.laws().values() for a in arguments(law, slot.states, effect) if isinstance(a, str)}
+
+
 def arguments(law: Law, states: tuple[str, ...], effect: Effect) -> list[str | int]:
     """What each argument of a law is: the name of a state, ROW, or the index of a parameter.
 

@@ -286,6 +286,8 @@ def slip_forces(P, S, x, w, contact, t, base, base_rate):
     place = P.slot[pl.FRICTION]
     for c in range(P.friction_ends.shape[0]):
         direction = S.mode[1 + c]
+        if direction == 0 and not P.loaded:
+            continue
         a, b = P.friction_ends[c, 0], P.friction_ends[c, 1]
         rate = end_velocity(P, x, b, base_rate) - end_velocity(P, x, a, base_rate)
         if P.loaded:

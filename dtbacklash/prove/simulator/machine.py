@@ -189,11 +189,10 @@ def _frictions(rig: Rig, net: _Net, step_rate: float) -> None:
         coulomb = rig.effect(element.name, "coulomb_friction") or rig.effect(element.name, "ground_friction") or {}
         stribeck = rig.effect(element.name, "stribeck_friction") or {}
         level = _effort_of(coulomb) + element.values.get("friction", 0.0)
-        loaded = element.name in net.names and _loses(rig, element)
+        loaded = _loses(rig, element)
         if element.name in net.names and (level or stribeck or loaded):
             levels = level, _effort_of(stribeck)
-            _bristle(net, col.GROUND, net.end(element.name), levels, stribeck.get("speed", 1.0), step_rate)
-            net.friction[-1][col.F_LOADED] = float(loaded)
+            _bristle(net, col.GROUND, net.end(element.name), levels, stribeck.get("speed", 1.0), step_rate, loaded)
         if dry := rig.effect(element.name, "dry_friction"):
             a, b = (net.end(name) for name in element.neighbours["between"])
             _bristle(net, a, b, (_effort_of(dry), 0.0), 1.0, step_rate)
@@ -206,11 +205,13 @@ def _loses(rig: Rig, body: Element) -> bool:
     return any(_loss(rig, element) for element in behind)
 
 
-def _bristle(net: _Net, a: int, b: int, levels: tuple[float, float], speed: float, step_rate: float) -> None:
+def _bristle(
+    net: _Net, a: int, b: int, levels: tuple[float, float], speed: float, step_rate: float, loaded: bool = False
+) -> None:
     m = net.reduced(a, b)
     per_step, ratio = BRISTLE_ROTOR if b == 0 else BRISTLE_MASS
     omega = per_step * step_rate
-    net.friction.append([*levels, speed, m * omega**2, 2.0 * ratio * omega * m, 0.0])
+    net.friction.append([*levels, speed, m * omega**2, 2.0 * ratio * omega * m, float(loaded)])
     net.friction_ends.append((a, b))
 
 

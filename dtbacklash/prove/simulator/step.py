@@ -217,9 +217,8 @@ def _derivative(M, S, x, t, volt, dx):
     if driven >= 0:
         effort = _effort(M, S, x, volt, x[2 + driven], x[2 + nb + driven], dx)
         S.lost[driven] += D[col.D_LOSS] * abs(effort)
-    if (
-        D[col.D_SCREW_LOSS] != 0.0 and S.scalar[col.S_CONTACT] > 0.0
-    ):  # by the base's acceleration and load as they were a moment ago
+    if D[col.D_SCREW_LOSS] != 0.0 and S.scalar[col.S_CONTACT] > 0.0:
+        # by the base's acceleration and load as they were a moment ago
         pushed = D[col.D_BASE_MASS] * D[col.D_LEAD] * dx[2 + nb] - S.scalar[col.S_ON_BASE]
         S.lost[0] += D[col.D_SCREW_LOSS] * D[col.D_LEAD] * abs(pushed)
     on_base = _links(M, S, x, t) + _frictions(M, S, x)

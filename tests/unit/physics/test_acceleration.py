@@ -37,7 +37,7 @@ def accelerating(rig: Rig, body: str, effects: tuple) -> Rig:
     return rig
 
 
-def reference(rig: Rig, plain: Rig, body: str, u: np.ndarray) -> np.ndarray:
+def reference(plain: Rig, body: str, u: np.ndarray) -> np.ndarray:
     """(N+1,) from the reference's states at the samples, under the command of the sample just passed."""
     found, it = solve(plain, u, STEP_S), newton.machine(plain)
     out = np.zeros(len(u) + 1)
@@ -62,7 +62,7 @@ def test_it_shows_what_all_forces_make(name):
     plain = base()
     for one in effects:
         plain = plain.with_effect(*one)
-    truth = reference(rig, plain, body, u)
+    truth = reference(plain, body, u)
     shown = simulate(rig, u, STEP_S, substeps=32).sensors["a"]
     others = simulate_other(rig, Loop(False, np.append(u, 0.0), np.zeros(SAMPLES + 1), np.zeros(SAMPLES + 1)), STEP_S)
     assert rms(truth) > 0.0
