@@ -3,8 +3,8 @@
 Per recording and channel, the error on the held-out last 30 %, in units of the channel's noise floor. No method sees
 these 30 %: the diagnosis gets the first 70 % alone, and holds out the last 30 % of those to choose by, as PySINDy does.
 
-- the nominal rig and the diagnosed rig: theta_m pulled slowly towards its measurement, q3 simulated from the measured
-  angle (as ``dtb diagnose`` judges itself);
+- the nominal rig and the diagnosed rig: as predictors (see :mod:`dtbacklash.diagnose.engine.predictor`) that may assume
+  an unknown force of ``STRICT`` of the motion's only, so that they hardly follow what was measured;
 - PySINDy, weak form and ensemble: a second-order equation for the residual of the nominal rig, with the terms of
   ``LIBRARY`` along the nominal motion, added to the nominal rig's prediction, simulated freely over the held-out part;
 - NARX by sysidentpy (polynomial of degree 2, FROLS): the channel from its input (u, or the measured angle), simulated
@@ -26,7 +26,8 @@ from scipy.signal import butter, cont2discrete, sosfiltfilt
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose import Record, diagnose_records, records_of
-from dtbacklash.diagnose.data.evidence import Evidence
+from dtbacklash.diagnose.engine.predictor import Predictor
+from dtbacklash.diagnose.engine.readings import readings
 from dtbacklash.physics.rig import Rig
 from dtbacklash.prove.conceal import conceal, nominal_rig
 from dtbacklash.prove.seal import RECORDING, key_path, open_seal
@@ -53,6 +54,8 @@ NAMES = {
 #: of STLSQ, with features of standard deviation 1, 1/s; taken is what predicts the end of the training best
 THRESHOLDS = (0.1, 0.5, 2.0, 10.0, 50.0)
 MODELS, LAGS = 20, 6
+#: unknown force that a rig may assume as it predicts (share of the motion's), and the share of a recording held out
+STRICT, HELD_OUT = 1e-3, 0.3
 #: noise floors beyond which a simulation has run away
 RUNAWAY = 1e6
 
@@ -116,10 +119,9 @@ def alternative_rows(n: int, seed: int) -> list[Row]:
 def _case_rows(seed: int, folder: Path) -> list[Row]:
     case = conceal(seed, "lead_screw", folder, kind="single", instruments="minimal")
     rig = nominal_rig("lead_screw")
-    records = records_of(read_recording(case / RECORDING, rig=rig), rig, True, True)
-    evidence = Evidence.gather(rig, records)
-    channels = channels_of(evidence)
-    answers = {"nominal rig": _nominal(evidence), "dtb diagnose": _diagnosed(rig, evidence)}
+    (record,) = records_of(read_recording(case / RECORDING, rig=rig), rig, True, True, HELD_OUT)
+    channels = channels_of(rig, record)
+    answers = {"nominal rig": Answer(errors_of(rig, rig, record)), "dtb diagnose": _diagnosed(rig, record)}
     for ensemble in (False, True):
         answers["PySINDy, ensemble" if ensemble else "PySINDy, weak form"] = sindy(channels, ensemble)
     answers["NARX, sysidentpy"] = narx(channels)
@@ -145,21 +147,29 @@ def _shortened(named: list[str], most: int = 3) -> str:
     return ", ".join(named[:most]) + more
 
 
-def _errors(evidence: Evidence, rig: Rig) -> dict[str, float]:
-    squares = evidence.mean_square(evidence.residuals(rig), "held")
-    return {c: float(np.sqrt(squares[b.name][j])) for b in evidence.blocks for j, c in enumerate(b.channels)}
+def left(nominal: Rig, rig: Rig, record: Record) -> tuple[dict[str, Floats], dict[str, float]]:
+    """Channel -> (N,) what a rig's predictor leaves of it, and channel -> the noise's standard deviation."""
+    channels = tuple(c for c in nominal.sensors if c in record.y)
+    predictor = Predictor(nominal, readings(record.u, record.y, channels, record.sample_time_s, 1, False))
+    sizes = predictor.first_sizes()
+    sizes[: len(predictor.bodies)] = np.log(STRICT)
+    innovations = predictor.run(rig, predictor.gains(rig, sizes)).D
+    noise = predictor.readings.noise.tolist()
+    return dict(zip(channels, innovations.T, strict=True)), dict(zip(channels, noise, strict=True))
 
 
-def _nominal(evidence: Evidence) -> Answer:
-    return Answer(_errors(evidence, evidence.nominal))
+def errors_of(nominal: Rig, rig: Rig, record: Record) -> dict[str, float]:
+    """Channel -> rms of what is left of the held-out part, in units of the noise."""
+    errors, noise = left(nominal, rig, record)
+    return {c: float(np.sqrt(np.mean(e[record.held] ** 2))) / noise[c] for c, e in errors.items()}
 
 
-def _diagnosed(rig: Rig, evidence: Evidence) -> Answer:
+def _diagnosed(rig: Rig, record: Record) -> Answer:
     begin = time.perf_counter()
-    found = diagnose_records(rig, [_beginning(evidence.records[0])])
+    found = diagnose_records(rig, [_beginning(record)])
     seconds = time.perf_counter() - begin
     named = [f"{f['location']}.{f['effect']}" for f in found.to_json()["findings"]]
-    return Answer(_errors(evidence, found.extended), {}, named, seconds)
+    return Answer(errors_of(rig, found.extended, record), {}, named, seconds)
 
 
 def _beginning(record: Record) -> Record:
@@ -169,22 +179,18 @@ def _beginning(record: Record) -> Record:
     return Record(record.sample_time_s, record.u[:n], {c: v[:n] for c, v in record.y.items()}, train, ~train)
 
 
-def channels_of(evidence: Evidence) -> list[Channel]:
-    """The channels with the nominal rig's prediction, low-passed and thinned."""
-    record = evidence.records[0]
+def channels_of(rig: Rig, record: Record) -> list[Channel]:
+    """The channels with the nominal rig's prediction, low-passed and thinned; each is driven by the one before."""
     every = max(1, round(1.0 / RATE_HZ / record.sample_time_s))
     low = butter(4, PASS_HZ, fs=1.0 / record.sample_time_s, output="sos")
-    residuals = evidence.residuals(evidence.nominal)
-    found = []
-    for block in evidence.blocks:
-        driven = record.y[block.imposed] if block.imposed else record.u
-        for j, name in enumerate(block.channels):
-            floor = float(evidence.floor[block.name][j])
-            residual = residuals[block.name][0][:, j] * floor
-            measured = record.y[name]
-            smooth, nominal, given = (sosfiltfilt(low, s)[::every] for s in (measured, measured - residual, driven))
-            found.append(Channel(name, smooth, measured[::every], nominal, given, record.held[::every], floor,
-                                 every * record.sample_time_s))  # fmt: skip
+    errors, noise = left(rig, rig, record)
+    found, driven = [], record.u
+    for name, error in errors.items():
+        measured = record.y[name]
+        smooth, nominal, given = (sosfiltfilt(low, s)[::every] for s in (measured, measured - error, driven))
+        found.append(Channel(name, smooth, measured[::every], nominal, given, record.held[::every], noise[name],
+                             every * record.sample_time_s))  # fmt: skip
+        driven = measured
     return found
 
 

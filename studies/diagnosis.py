@@ -1,4 +1,4 @@
-"""What a diagnosis costs: recordings of 15 to 60 s at 1 kHz with one effect each, two threads, and the bank alone."""
+"""What a diagnosis costs: recordings of 15 to 60 s at 1 kHz with one effect each, two threads."""
 
 from __future__ import annotations
 
@@ -9,17 +9,11 @@ import numpy as np
 
 from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Record, diagnose_records
-from dtbacklash.diagnose.data.evidence import Evidence
-from dtbacklash.diagnose.fit.free import nominal_free
-from dtbacklash.diagnose.fit.refit import fit
-from dtbacklash.diagnose.search.grow import scores_about
-from dtbacklash.diagnose.search.model import Log, Model
-from dtbacklash.diagnose.spread import on_cores
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.physics.rig import Rig, build_rig
 from studies.measure import Row, verdict
 
-SECONDS_MAX, BANK_MAX_S, MEMORY_MAX_MB = 30.0, 5.0, 1000.0
+SECONDS_MAX, MEMORY_MAX_MB = 30.0, 1000.0
 #: time per recorded second of the longest recording over that of the shortest
 LINEARITY_MAX = 1.5
 LENGTHS_S = (15.0, 30.0, 60.0)
@@ -34,7 +28,7 @@ MOTION = (
 
 
 def diagnosis_rows() -> list[Row]:
-    """Time of whole diagnoses against length, of the bank, and the memory at its highest."""
+    """Time of whole diagnoses against length, and the memory at its highest."""
     rig = build_rig(compose("rig=lead_screw").rig)
     diagnose_records(rig, [_record(rig, EFFECTS[0], 3.0)], jobs=JOBS)  # compiles
     rows: list[Row] = []
@@ -56,24 +50,12 @@ def diagnosis_rows() -> list[Row]:
             if seconds == LENGTHS_S[-1]:
                 row |= {"limit": LINEARITY_MAX, "pass": verdict(row["ratio"], LINEARITY_MAX)}
             rows.append(row)
-    bank_s = _bank_s(rig)
-    rows.append({"what": "the bank, 30 s", "wall_s": bank_s, "limit": BANK_MAX_S, "pass": verdict(bank_s, BANK_MAX_S)})
     memory_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     rows.append({
         "what": "memory at its highest, MB", "memory_mb": memory_mb, "limit": MEMORY_MAX_MB,
         "pass": verdict(memory_mb, MEMORY_MAX_MB),
     })  # fmt: skip
     return rows
-
-
-def _bank_s(rig: Rig) -> float:
-    """Time of one bank of signatures, s."""
-    evidence = Evidence.gather(rig, [_record(rig, EFFECTS[1], 30.0)])
-    fitted = fit(evidence, rig, nominal_free(rig))
-    begin = time.perf_counter()
-    with on_cores(JOBS):
-        scores_about(Model(evidence, fitted, fitted), Log())
-    return time.perf_counter() - begin
 
 
 def _record(rig: Rig, effect: str, seconds: float) -> Record:

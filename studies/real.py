@@ -12,7 +12,7 @@ import shlex
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -125,19 +125,27 @@ def predicted(rig: Rig, said: dict[str, Any], part: str, smooth: bool) -> dict[s
     common is not known here, so that it is rather too wide. smooth : as the diagnosis read the command.
     """
     from dtbacklash.diagnose import records_of
-    from dtbacklash.diagnose.data.command import held_equivalent
-    from dtbacklash.diagnose.data.evidence import Evidence
-    from dtbacklash.diagnose.fit.errors import free_errors
+    from dtbacklash.diagnose.engine.predictor import Predictor
+    from dtbacklash.diagnose.engine.readings import readings
+    from dtbacklash.diagnose.records import held_equivalent
     from dtbacklash.recording import read_recording
 
     records = records_of(read_recording(part, rig=rig), rig, False, True)
-    records = [replace(r, u=held_equivalent(r.u)) for r in records] if smooth else records
-    evidence, rng = Evidence.gather(rig, records), default_rng(1)
-    (channel,) = evidence.blocks[0].channels
+    (channel,) = records[0].y
+    predictors = [
+        Predictor(rig, readings(held_equivalent(r.u) if smooth else r.u, r.y, (channel,), r.sample_time_s, 1, False))
+        for r in records
+    ]
 
     def error(of: Rig) -> float:
-        return float(np.sqrt(np.mean(np.concatenate([e[FIRST:] for e in free_errors(evidence, of)]) ** 2)))
+        squares = []
+        for p in predictors:
+            gains = p.gains(of, p.first_sizes())
+            gains.K[:, FIRST:] = 0.0  # the first samples show the first state; from there on nothing comes to help
+            squares.append(p.run(of, gains).D[FIRST:] ** 2)
+        return float(np.sqrt(np.mean(np.concatenate(squares))))
 
+    rng = default_rng(1)
     drawn = [error(_drawn(rig, said, rng)) for _ in range(DRAWS)]
     low, high = (float(end) for end in np.quantile(drawn, (0.025, 0.975)))
     return {"channel": channel, "unit": rig.sensors[channel].unit, "rms": error(rig), "ci95": [low, high]}

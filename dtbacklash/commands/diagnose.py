@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from dtbacklash.commands.console import Tell
     from dtbacklash.diagnose import Diagnosis
-    from dtbacklash.diagnose.search.grow import Depth
+    from dtbacklash.diagnose.pipeline import Depth
     from dtbacklash.physics.rig import Rig
     from dtbacklash.recording import Recording
 

@@ -101,8 +101,7 @@ def _drawn(rig: Rig, name: str, folder: str) -> str:
 
 def modes(rig: Rig) -> list[str]:
     """The poles of the rig without its effects, slowest first, in words."""
-    from dtbacklash.diagnose.data.compare import poles_of
-    from dtbacklash.physics.assembly import compile_plant
+    from dtbacklash.physics.assembly import compile_plant, poles_of
     from dtbacklash.recording.plausible import plain_rig
 
     compile_plant(rig, STEP_S)  # effects that do not go with the rig are refused

@@ -52,8 +52,8 @@ class DiagnoseConfig:
     recording: RecordingInConfig = field(default_factory=RecordingInConfig)
     validation: str | None = setting(
         None,
-        "FILE or NAME[:PART]: the recording to choose and to judge on (default: 40 % of each recording; 25 % choose "
-        "the structure, the last 15 % judge it); of several recordings, the number (from 1) or name of one",
+        "FILE or NAME[:PART]: the recording to judge on (default: the last 20 % of each recording); of several "
+        "recordings, the number (from 1) or name of one",
         path=INPUT,
     )
     enough: dict[str, str] = setting(

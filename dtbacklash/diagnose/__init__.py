@@ -3,19 +3,15 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-from dtbacklash.diagnose.data.compare import Record
-from dtbacklash.diagnose.data.decay import while_it_moves
-from dtbacklash.diagnose.data.records import long_enough, records_of
-from dtbacklash.diagnose.data.several import Several, source_of
-from dtbacklash.diagnose.judge.explained import Enough, read_enough
-from dtbacklash.diagnose.pipeline import diagnose_records
+from dtbacklash.diagnose.pipeline import FULL, Depth, diagnose_records
+from dtbacklash.diagnose.records import Record, check_parts, long_enough, records_of, while_it_moves
 from dtbacklash.diagnose.result import Diagnosis
 from dtbacklash.diagnose.say.beforehand import beforehand
+from dtbacklash.diagnose.say.enough import Enough, read_enough
 from dtbacklash.diagnose.say.error_names import names_the_recording
-from dtbacklash.diagnose.say.sentences import notes_of, notes_of_several, units_of, zeros_said
-from dtbacklash.diagnose.search.grow import FULL, Depth
-from dtbacklash.diagnose.search.parts import check_parts
+from dtbacklash.diagnose.say.sentences import notes_of, notes_of_several, units_of
 from dtbacklash.diagnose.settings import SETTINGS
+from dtbacklash.diagnose.several import Several, source_of
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.model import Recording
 from dtbacklash.recording.validation import check_alike, check_apart
@@ -43,22 +39,22 @@ def diagnose(
 
     Parameters
     ----------
-    recording, validation : to fit, and to choose and judge on; without the second the last share ``held_out`` of the
-        first, or of each of several, does so (None: as the settings say). What chooses is fitted to in the end, and
-        what judges comes last. Of several, ``validation`` may be the number (from 1) or the name of one.
+    recording, validation : to fit, and to judge on; without the second the last share ``held_out`` of the first, or of
+        each of several, judges (None: as the settings say). Of several, ``validation`` may be the number (from 1) or
+        the name of one.
     rig : the nominal rig. progress : called with what is being done and a share, 0 to 1.
     jobs : threads that share the work; None leaves what ``joblib.parallel_config`` says, else one.
     units : channel -> the unit that was read, and who says so, for the report; None: as the recording has it.
-    enough : channel -> what is good enough, see :func:`.explained.read_enough`.
+    enough : channel -> what is good enough, see :func:`.read_enough`.
     depth : how much is looked for: ``none`` calibrates the rig as it is, ``quick`` names what is large, ``full`` all.
     keep : whether Ctrl-C gives what is known so far (:attr:`Diagnosis.stopped`).
 
-    Several recordings share the rig's physics and parameters. Each has its own sample time, first state, and zeros of
-    its position sensors (but the first, which has the rig's); channels that not all have are not used.
+    Several recordings share the rig's physics and parameters. Each has its own sample time, channels, first state, and
+    sizes of what is unknown.
 
     Raises
     ------
-    UserError : no channel of the rig was recorded, or is common to all; an integrating part not measured, too
+    UserError : no channel of the rig was recorded, or a recording has none; an integrating part not measured, too
         little is left to fit to or to judge on; the validation repeats the recording, is none of
         several, or, of one recording, lacks one of its channels or has another sample time.
     """
@@ -72,13 +68,12 @@ def diagnose(
         return _one(recordings[0], rig, validation, held_out, progress, jobs, units, accepted, depth, keep)
     others = [validation] if isinstance(validation, Recording) else validation
     several = Several.of(recordings, others, rig)
-    records, left_out = long_enough(rig, several.records(rig, held_out))
+    records, left_out = long_enough(several.records(rig, held_out))
     check_parts(records, ("validation", several.judging) if several.judging else ("held_out", held_out))
     found = diagnose_records(rig, records, progress, jobs, accepted, depth, keep)
     used = tuple(several.used(records, found.recordings))
-    zeros = zeros_said(used, found.work.floor if found.work else {})
     untold = beforehand(rig, several.recordings[0].channels)
-    notes = *notes_of_several(several, held_out), *untold, *left_out, *zeros, *found.notes
+    notes = *notes_of_several(several, held_out), *untold, *left_out, *found.notes
     read = units_of(several) if units is None else dict(units)
     return replace(found, source=", ".join(several.names), notes=notes, units=read, recordings=used)
 
@@ -95,7 +90,7 @@ def _one(
         check_alike(recording, validation, rig.sensors)
         check_apart(recording, validation)
         records = records_of(recording, rig, True, False) + records_of(validation, rig, False, True, number=1)
-    records, left_out = long_enough(rig, records)
+    records, left_out = long_enough(records)
     check_parts(records, ("held_out", held_out) if validation is None else ("validation", validation.name))
     found = diagnose_records(rig, records, progress, jobs, enough, depth, keep)
     notes = *notes_of(recording, validation, held_out), *beforehand(rig, recording.channels), *left_out

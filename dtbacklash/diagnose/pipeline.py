@@ -1,71 +1,63 @@
-"""From recordings to a diagnosis: read the command, search, judge, and put together what is said and shown."""
+"""From recordings to a diagnosis: inspect, search, judge, and put together what is said and shown."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from dtbacklash.diagnose.data.command import held_equivalent
-from dtbacklash.diagnose.data.compare import Record
-from dtbacklash.diagnose.data.evidence import Evidence, Residuals
-from dtbacklash.diagnose.data.floor import channel_noise
-from dtbacklash.diagnose.data.tempo import tempo_rad_s
-from dtbacklash.diagnose.data.windows import portion, whole
-from dtbacklash.diagnose.data.zeros import aligned
-from dtbacklash.diagnose.fit import refit
-from dtbacklash.diagnose.fit.comparison import held_loss, merit, worst
-from dtbacklash.diagnose.fit.errors import each_recording, fit_table, free_running
-from dtbacklash.diagnose.fit.free import Errors, Key, all_free, as_given, nominal_free, with_errors, with_priors
-from dtbacklash.diagnose.fit.intervals import Linear, standard_errors
+from dtbacklash.diagnose.conclusion import Conclusion
+from dtbacklash.diagnose.engine.bench import Bench
+from dtbacklash.diagnose.engine.exact import Model
+from dtbacklash.diagnose.engine.formulas import modelled
+from dtbacklash.diagnose.engine.free import tolerances_away, with_errors, with_priors
+from dtbacklash.diagnose.engine.judge import Judge, Judged
+from dtbacklash.diagnose.engine.readings import rate_of
+from dtbacklash.diagnose.engine.search import Search
+from dtbacklash.diagnose.engine.values import polished
 from dtbacklash.diagnose.inspect.fault import faulty, mended, not_finite
 from dtbacklash.diagnose.inspect.inspection import inspect
-from dtbacklash.diagnose.judge.checks import all_checks, at_bounds, at_tolerances, coloured, whiteness
-from dtbacklash.diagnose.judge.explained import Enough, explained
-from dtbacklash.diagnose.judge.free_form import free_forms
-from dtbacklash.diagnose.judge.law_points import law_shown
-from dtbacklash.diagnose.judge.limits import limits
-from dtbacklash.diagnose.judge.modelling import Beyond, beyond_names, stood_in
-from dtbacklash.diagnose.judge.stands import Rival, leader, rivals_of, stands
-from dtbacklash.diagnose.judge.verdict import BlockLeft, decide, depends_on, moved_parameters, remaining
-from dtbacklash.diagnose.result import UNEXPLAINED, Check, Diagnosis
+from dtbacklash.diagnose.records import Record, held_equivalent
+from dtbacklash.diagnose.result import Diagnosis
 from dtbacklash.diagnose.say.calibration import calibration
+from dtbacklash.diagnose.say.checks import USUAL, all_checks
 from dtbacklash.diagnose.say.drawn import shown
-from dtbacklash.diagnose.say.findings import candidates, finding, located, recalibrated, without, without_known
+from dtbacklash.diagnose.say.enough import Enough
+from dtbacklash.diagnose.say.errors import ErrorTables
+from dtbacklash.diagnose.say.findings import candidates, findings, limits, located, recalibrated
 from dtbacklash.diagnose.say.next_experiment import next_experiment
-from dtbacklash.diagnose.say.sentences import beyond_said, explained_said, limits_said, modelled_said, summary
-from dtbacklash.diagnose.search.course import Course, silent
-from dtbacklash.diagnose.search.friction_by_direction import call_by_direction
-from dtbacklash.diagnose.search.grow import FULL, NONE, QUICK, Depth, search
-from dtbacklash.diagnose.search.leave_out import drop, eliminate
-from dtbacklash.diagnose.search.model import Log, Model
-from dtbacklash.diagnose.search.objections import hands_back, raises_the_error
-from dtbacklash.diagnose.search.parts import divided, for_judgement, refitted
-from dtbacklash.diagnose.search.simpler_law import call_by_its_limit
-from dtbacklash.diagnose.search.slow_pull import refit_slowly
-from dtbacklash.diagnose.search.wrong_value import believed
-from dtbacklash.diagnose.settings import SETTINGS
-from dtbacklash.diagnose.shown import LawShown, Work
+from dtbacklash.diagnose.say.sentences import explained_said, modelled_said, summary, tolerances_said, unknown_said
+from dtbacklash.diagnose.seen import Seen, bench_of
+from dtbacklash.diagnose.shown import Work
 from dtbacklash.diagnose.spread import on_cores
 from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.effects import slots
 from dtbacklash.physics.rig import Rig
 
-#: a command is read as smooth where that leaves less than this of what holding it leaves: held is the rule (share of
-#: the mean square)
-SMOOTH_COMMAND_SHARE = 0.7
-
-#: the share of a diagnosis before what was found is judged, and before what is left is modelled
-JUDGED, MODELLED = 0.8, 0.9
+#: a command is read as smooth where that is so much likelier: held is the rule (-2 log likelihood a reading)
+SMOOTH_WORTH = 0.05
 #: what is said while and after a search is stopped
 ENDING = "stopped: judging what is known so far (Ctrl-C once more ends it)"
 STOPPED = "what was found until then, with nothing tried in its place. More may be missing, and no name is sure."
 TO_THE_END = "Let the diagnosis run to its end, before anything is measured because of it."
 SMOOTH = "The command is a measured signal: it passes smoothly through its samples instead of being held."
+RATE = "Compared at the rate of the motion: each reading is the mean of {every} samples ({hz:.4g} Hz)."
+
+#: how much is looked for: all; what is large, without rivals; nothing, the rig is calibrated as it is
+Depth = Literal["full", "quick", "none"]
+FULL: Depth = "full"
+QUICK: Depth = "quick"
+NONE: Depth = "none"
 SEARCHED: dict[Depth, str] = {
     NONE: "No physics was looked for (search=none): the rig was calibrated as it is.",
     QUICK: "Only what is large was looked for (search=quick), and nothing was tried in its place: no name is sure.",
     FULL: "",
 }
+
+
+def silent(text: str, share: float) -> None:
+    """What to call with a text and a share, 0 to 1, where nobody asked for progress."""
 
 
 def diagnose_records(
@@ -84,249 +76,172 @@ def diagnose_records(
 
     Raises
     ------
-    UserError : no channel of the rig was recorded, or an integrating part not measured.
+    UserError : no channel of the rig was recorded, or nothing recorded shows some part.
     KeyboardInterrupt : it was interrupted, and nothing is to be kept.
     """
-    course = Course(progress or silent)
+    tell = progress or silent
     # many short products of long vectors: threads of the linear algebra would cost more than they bring
     with on_cores(jobs), threadpool_limits(1, "blas"):
         inspected = inspect(rig, records)
         if inspected.fault is not None:
             return faulty(rig, inspected, inspected.fault)
         try:
-            known = with_priors(rig)
-            records = aligned(known, divided(inspected.records))
-            readings = _readings(known, records)
-            try:
-                found = _found(readings, records, course, depth, enough or {})
-            except KeyboardInterrupt:
-                if not keep or course.believed is None:
-                    raise
-                found = _known_so_far(records, course, depth, enough or {})
-            return mended(found, inspected)
+            return mended(
+                _Course(with_priors(rig), inspected.records, tell, depth, enough or {}, keep).run(), inspected
+            )
         except np.linalg.LinAlgError as error:
             return faulty(rig, inspected, not_finite(rig, inspected, error))
 
 
-def _found(
-    readings: list[Evidence], records: list[Record], course: Course, depth: Depth, enough: Enough
-) -> Diagnosis:  # fmt: skip
-    """Search and judge."""
-    model, log, course.smooth = _searched(readings, course, depth)
-    course.believe(model, log)
-    if depth == FULL:
-        model = call_by_direction(call_by_its_limit(model, log), log)
-        course.believe(model, log)
-    return _concluded(model, log, records, course.smooth, course, depth, enough)
+class _Course:
+    """One diagnosis on its way."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        records: list[Record],
+        tell: Callable[[str, float], None],
+        depth: Depth,
+        enough: Enough,
+        keep: bool,
+    ) -> None:
+        self.rig, self.records, self._say, self.depth, self.enough, self.keep = rig, records, tell, depth, enough, keep
+        self.every = [
+            rate_of(rig, {c: v for c, v in r.y.items() if c in rig.sensors}, r.sample_time_s) for r in records
+        ]
+        self.stage, self._share = "", 0.0
+        self.search: Search | None = None
+        self.smooth = False
+
+    def tell(self, stage: str, share: float) -> None:
+        """What is being done, and the share done, which never falls."""
+        self.stage, self._share = stage, max(self._share, share)
+        self._say(stage, self._share)
+
+    def run(self) -> Diagnosis:
+        """Search, judge, and say it; where it is stopped, what is known so far."""
+        try:
+            return self._found(self._searched(), self.depth)
+        except KeyboardInterrupt:
+            if not self.keep or self.search is None:
+                raise
+            stage = self.stage
+            self.tell(ENDING, 0.9)
+            found = self._found(self.search, QUICK if self.depth == FULL else self.depth)
+            said = found.summary.removeprefix(SEARCHED[QUICK]).strip()
+            summarised = f"Stopped early ({stage}): {STOPPED} {said}"
+            return replace(found, summary=summarised, stopped=stage, next_experiment=TO_THE_END)
+
+    def _bench(self) -> Bench:
+        """What is fitted to, with the command held between its samples; or smooth, where that is likelier."""
+        held = bench_of(self.rig, self.records, self.every)
+        if self.rig.only("actuator") is None or not any(np.any(r.u) for r in self.records):
+            return held
+        records = [replace(r, u=held_equivalent(r.u)) for r in self.records]
+        smooth = bench_of(self.rig, records, self.every)
+        losses = [Search(bench).nothing.loss for bench in (held, smooth)]
+        if losses[0] - losses[1] > SMOOTH_WORTH * held.count:
+            self.records, self.smooth = records, True
+            return smooth
+        return held
+
+    def _searched(self) -> Search:
+        """The search at the rate of the motion; at faster ones where much force stays unknown."""
+        self.tell("recalibrating the rig", 0.02)
+        while True:
+            search = self.search = Search(
+                self._bench(), tell=self.tell, finer=self._at_finer if max(self.every) > 1 else None
+            )
+            if self.depth == FULL:
+                search.run()
+            elif self.depth == QUICK:
+                search.grow()
+            if self.depth != FULL and not search.too_coarse:
+                search.let_go()
+            if not (search.too_coarse or (max(self.every) > 1 and self._of_timing(search.now))):
+                return search
+            self.every = self._finer() if search.too_coarse else [1] * len(self.every)
+            self.tell("looking closer, at a faster rate", 0.3)
+
+    def _finer(self) -> list[int]:
+        """A third of the samples for a reading, an odd number."""
+        return [max(1, (m // 3 + 1) // 2 * 2 - 1) for m in self.every]
+
+    def _at_finer(self, model: Model) -> float:
+        """The largest unknown force of a model at a finer rate."""
+        bench = bench_of(self.rig, self.records, self._finer())
+        return bench.most_unknown(bench.tuned(model.rig)[0])
+
+    def _of_timing(self, model: Model) -> bool:
+        """Whether a model has a delay or a lag: what is averaged shows them only roughly."""
+        found = [find(model.rig.kind_at(place), name, place).slot for place, name in model.keys]
+        return any(slot.delays or isinstance(slot, slots.Lag) for slot in found)
+
+    def _found(self, search: Search, depth: Depth) -> Diagnosis:
+        """Judge a search, and say what it amounts to."""
+        full = depth == FULL
+        judged = Judge(search).judged() if full else Judged(search.now, {}, {}, {}, {}, frozenset(), ())
+        self.tell("modelling what is left", 0.9)
+        said, last = None, None
+        tables = [k for k in judged.model.keys if find(self.rig.kind_at(k[0]), k[1], k[0]).is_table]
+        if tables:
+            names = search.names
+            gone = tuple(k for k in names.keys if k not in judged.model.keys)
+            last, said = modelled(search, judged.model, tables[0], gone)
+            judged = replace(judged, model=_without_tables(search, judged.model, tables) or judged.model)
+        model, about = polished(search.bench, search.motion, judged.model)
+        judged = replace(judged, model=model)
+        seen = Seen(search.bench, self.records, self.every, (last or model).rig, (last or model).sizes)
+        c = Conclusion(search, judged, about, seen, said, last, self.smooth, full)
+        return self._diagnosis(c, depth)
+
+    def _diagnosis(self, c: Conclusion, depth: Depth) -> Diagnosis:
+        tables = ErrorTables(c)
+        table, free, much = tables.fit(), tables.free_running(), tables.explained(self.enough)
+        verdict = c.verdict(much.enough)
+        named, moved, where = findings(c), recalibrated(c), located(c, verdict)
+        told = replace(c.modelled, sentence=modelled_said(c.modelled, much)) if c.modelled else None
+        away = tolerances_away(c.search.bench.nominal, c.model.rig)
+        parts = (
+            SEARCHED[depth], summary(verdict, named, moved, where if depth != NONE else None),
+            explained_said(much, bool(named)), unknown_said(much), told.sentence if told else "",
+            tolerances_said(away, USUAL),
+        )  # fmt: skip
+        every, record = max(self.every), self.records[0]
+        rate = (RATE.format(every=every, hz=1.0 / (every * record.sample_time_s)),) if every > 1 else ()
+        return Diagnosis(
+            verdict=verdict,
+            summary=" ".join(filter(None, parts)),
+            findings=named,
+            recalibrated=moved,
+            fit=table,
+            recordings=tables.recordings(),
+            candidates=candidates(c),
+            located=where,
+            next_experiment=next_experiment(c, verdict, where),
+            nominal=c.search.bench.nominal,
+            extended=with_errors(c.model.rig, c.values.errors),
+            free_running=free,
+            explained=much,
+            checks=all_checks(c, tables, free),
+            limits=limits(c) if depth == FULL else (),
+            notes=(*((SMOOTH,) if c.smooth else ()), *rate),
+            shown=shown(c, tables),
+            work=Work(
+                record.sample_time_s, sum(int(r.train.sum()) for r in self.records),
+                sum(int(r.held.sum()) for r in self.records), every, tables.floor, len(c.search.gains),
+                len(c.search.tried), c.smooth,
+            ),
+            calibration=calibration(c),
+            modelled=told,
+        )  # fmt: skip
 
 
-def _concluded(
-    model: Model, log: Log, records: list[Record], smooth: bool, course: Course, depth: Depth, enough: Enough,
-    stage: str = "fitting to all and judging",
-) -> Diagnosis:  # fmt: skip
-    """Fit to all, judge, and say it."""
-    course.at(stage, JUDGED, MODELLED)
-    evidence = whole(model.evidence, records, smooth).pulled_for(model.fitted.rig)
-    judged = _without_leaders(_judged(refitted(model, for_judgement(evidence)), log, depth, course), log, depth, course)
-    if depth == FULL:
-        course.at("modelling what is left", MODELLED, 1.0)
-    judged, beyond = _with_table(judged, log, depth, course)
-    return _diagnosis(judged, beyond, log, smooth, enough, depth)
-
-
-def _known_so_far(records: list[Record], course: Course, depth: Depth, enough: Enough) -> Diagnosis:
-    """What is believed where a search was stopped, judged without rivals."""
-    assert course.believed is not None
-    (model, log), stage = course.believed, course.stage
-    found = _concluded(model, log, records, course.smooth, course, depth if depth == NONE else QUICK, enough, ENDING)
-    said = found.summary.removeprefix(SEARCHED[QUICK]).strip()
-    summarised = f"Stopped early ({stage}): {STOPPED} {said}"
-    return replace(found, summary=summarised, stopped=stage, next_experiment=TO_THE_END)
-
-
-@dataclass(frozen=True)
-class Judged:
-    """The last model, the errors of its fit, and per named effect: what is left without it, its law, its rivals."""
-
-    model: Model
-    about: Linear
-    errors: Errors
-    left_out: dict[Key, Residuals]
-    laws: dict[Key, LawShown | None]
-    rivals: dict[Key, list[Rival]]
-
-
-def _judged(model: Model, log: Log, depth: Depth, course: Course) -> Judged:
-    """The model without what does not stand its trial, beside the rivals of what does; a quick search fits none."""
-    model, about, errors = _with_errors(model, log)
-    left_out = without(model)
-    laws = {key: law_shown(model.evidence, model.fitted, key, left_out[key]) for key in model.keys}
-    rivals: dict[Key, list[Rival]] = {}
-    for n, key in enumerate(model.keys):
-        tell = course.part((0.5 + n) / (0.5 + len(model.keys)), (1.5 + n) / (0.5 + len(model.keys)))
-        rivals[key] = rivals_of(model, log, key, laws[key], tell) if depth == FULL else []
-    return Judged(model, about, errors, left_out, laws, rivals)
-
-
-def _without_leaders(judged: Judged, log: Log, depth: Depth, course: Course) -> Judged:
-    """The same with each rival that clearly leads in the place of what it leads."""
-    tried = {judged.model.keys}
-    while (ahead := leader(judged.model, judged.rivals)) is not None:
-        model, (key, rival) = judged.model, ahead
-        model = model.instead(rival.fitted, key, replace(model.about(key), key=rival.key))
-        if model.keys in tried:
-            break
-        tried.add(model.keys)
-        judged = _judged(model, log, depth, course)
-    return judged
-
-
-def _with_table(judged: Judged, log: Log, depth: Depth, course: Course) -> tuple[Judged, Beyond | None]:
-    """What no name explains as a table or formula; without the names in whose place that clearly leaves less."""
-    if depth != FULL or not any(block.real for block in _left(judged)[1].values()):
-        return judged, None
-    beyond = beyond_names(judged.model, log)
-    gone = stood_in(judged.model, beyond) if beyond else []
-    if beyond is None or not gone:
-        return judged, beyond
-    model, kept = judged.model, tuple(key for key in beyond.said.instead_of if key not in gone)
-    for key in gone:
-        if key in model.keys:
-            model = drop(model, log, key, "what is left of the rest as a table, or as a formula, is clearly less")
-    return _judged(model, log, depth, course), replace(beyond, said=replace(beyond.said, instead_of=kept))
-
-
-def _left(judged: Judged) -> tuple[dict[str, Check], dict[str, BlockLeft]]:
-    """The whiteness of what is left, by channel; and per block what is left."""
-    model = judged.model
-    white = whiteness(model.evidence, model.fitted)
-    # a law that the rig has already has other formulations, too
-    known = judged.left_out | without_known(model)
-    return white, remaining(model, known, {c for c, row in white.items() if row.passed}, coloured(white))
-
-
-def _with_errors(model: Model, log: Log) -> tuple[Model, Linear, Errors]:
-    """The model without what does not stand its trial; its last fit's problem, linearised, and its standard errors."""
-    while key := hands_back(model.evidence, model.nominal, model.fitted, model.keys):
-        model = drop(model, log, key, "less guided by the measurement, the rig is further from the recording with it")
-    while key := raises_the_error(model.evidence, model.nominal, model.fitted, model.keys):
-        model = drop(model, log, key, "the held-out error rises with it")
-    while True:
-        model, slow, fitted, about = refit_slowly(model)
-        less = eliminate(model, log, "used")
-        if less.keys == model.keys:
-            return less, about, standard_errors(slow, fitted, about)
-        for key in set(model.keys) - set(less.keys):
-            log.refuse(key, "taken back: fitted to all, the rest does as well without it")
+def _without_tables(search: Search, model: Model, tables: list[tuple[str, str]]) -> Model | None:
+    """The model with its names alone."""
+    for key in tables:
+        less = search.without(model, key)
+        if less is None:
+            return None
         model = less
-
-
-def _readings(rig: Rig, records: list[Record]) -> list[Evidence]:
-    """What the search looks at, with the command held between its samples; and with it smooth if that fits better."""
-    tempo, noise, records = tempo_rad_s(rig, records), channel_noise(records), portion(rig, records)
-    held = Evidence.gather(rig, records, tempo, noise)
-    if rig.only("actuator") is None or not any(np.any(r.u) for r in records):
-        return [held]
-    smooth = Evidence.gather(rig, [replace(r, u=held_equivalent(r.u)) for r in records], tempo, noise)
-    losses = []
-    for evidence in (held, smooth):
-        fitted = refit.fit(evidence, rig, nominal_free(rig), rounds=refit.QUICK)
-        squares = evidence.mean_square(fitted.residuals, "train")
-        losses.append(sum(float(np.sum(v * held.floor[n] ** 2)) for n, v in squares.items()))
-    return [held, smooth] if losses[1] < SMOOTH_COMMAND_SHARE * losses[0] else [held]
-
-
-def _searched(readings: list[Evidence], course: Course, depth: Depth = FULL) -> tuple[Model, Log, bool]:
-    """The search about the reading of the command that needs the fewest effects, and whether that is the smooth one.
-
-    Missing physics may make the smooth reading fit better, and a delay of half a sample undo it: where what was found
-    with it, but for delays, nearly fits the held one, that is searched as well. The held one is the rule.
-    """
-    course.smooth = len(readings) > 1
-    model, log = search(readings[-1], course, depth)
-    course.believe(model, log)
-    if len(readings) == 1 or depth != FULL:
-        return model, log, len(readings) > 1
-    held, rig = readings[0], model.fitted.rig
-    for key in model.keys:
-        if find(rig.kind_at(key[0]), key[1], key[0]).is_delay:
-            rig = as_given(held.nominal, rig, key)
-    same_laws = refit.fit(held, rig, *all_free(held, rig))
-    near = SETTINGS.hopeless_ratio * max(held_loss(model.evidence, model.fitted), SETTINGS.close_floors)
-    if held_loss(held, same_laws) > near:
-        return model, log, True
-    again, log_again = search(held, course.again(), depth)
-    fewer = (len(again.named), merit(held, again.fitted)) <= (len(model.named), merit(model.evidence, model.fitted))
-    most = SETTINGS.noise_floors * max(worst(model.evidence, model.fitted), 1.0)
-    if fewer and worst(held, again.fitted) <= most:
-        return again, log_again, False
-    return model, log, True
-
-
-def _diagnosis(
-    judged: Judged, beyond: Beyond | None, log: Log, smooth: bool, enough: Enough, depth: Depth
-) -> Diagnosis:
-    """What a finished search says."""
-    model, errors, left_out, rivals = judged.model, judged.errors, judged.left_out, judged.rivals
-    evidence, wrong = model.evidence, model.wrong_value
-    given = believed(evidence.nominal, wrong)
-    moved = moved_parameters(evidence, given, model.fitted, errors)
-    white, left = _left(judged)
-    real = {name for name, block in left.items() if block.real}
-    # where nothing is left, an effort of free form is tried against what was named, at its place
-    forms = free_forms(evidence, model.fitted, None if real else {place for place, _ in model.keys}, real or None)
-    form = max(forms, key=lambda f: f.t, default=None)
-    modelled = beyond.fitted if beyond else None
-    free = free_running(evidence, model.nominal, model.fitted, modelled)
-    table = fit_table(evidence, model.nominal, model.fitted, modelled)
-    much = explained(evidence, model.fitted, table, free, enough)
-    grounds = {key: stands(model, log, key, judged.laws[key], rivals[key]) for key in model.keys}
-    sure = depth == FULL and model.could_be is None and any(ground.sure for ground in grounds.values())
-    verdict = decide(model, left, depends_on(form, left), sure, much, moved)
-    rest = max(forms, key=lambda f: f.share, default=None) if real or verdict == UNEXPLAINED else None
-    rest = beyond.table.form if beyond else rest
-    findings = tuple(finding(model, key, errors, left_out[key], rivals[key], grounds[key]) for key in model.keys)
-    if depth != FULL:  # nothing was tried in their places
-        findings = tuple(replace(one, confidence="partial") for one in findings)
-    values, where = recalibrated(evidence.nominal, moved, wrong), located(left, verdict, rest)
-    at_limits = limits_said(at_bounds(model), at_tolerances(evidence.nominal, model.fitted.rig))
-    rest_said = explained_said(much, bool(findings))
-    found = summary(verdict, findings, values, where if depth != NONE else None, wrong)
-    said = replace(beyond.said, sentence=modelled_said(beyond.said, much)) if beyond else None
-    parts = SEARCHED[depth], found, rest_said, said.sentence if said else "", at_limits, beyond_said(wrong)
-    return Diagnosis(
-        verdict=verdict,
-        summary=" ".join(filter(None, parts)),
-        findings=findings,
-        recalibrated=values,
-        fit=table,
-        recordings=each_recording(evidence, model.nominal, model.fitted),
-        candidates=candidates(model, log),
-        located=where,
-        next_experiment=next_experiment(model, rest, rivals),
-        nominal=given,
-        extended=with_errors(believed(model.fitted.rig, wrong), errors),
-        free_running=free,
-        explained=much,
-        checks=all_checks(model, errors, free, form, white),
-        limits=limits(model, log),
-        notes=(SMOOTH,) if smooth else (),
-        shown=shown(model, left_out, [law for law in judged.laws.values() if law is not None], rest, said),
-        work=_work(evidence, log, smooth),
-        calibration=calibration(model.fitted.rig, judged.about, errors),
-        modelled=said,
-    )
-
-
-def _work(evidence: Evidence, log: Log, smooth: bool) -> Work:
-    records = evidence.records
-    return Work(
-        sample_time_s=records[0].sample_time_s,
-        fitted=sum(int(r.train.sum()) for r in records),
-        judged=sum(int(r.held.sum()) for r in records),
-        blocks=tuple((b.channels, b.imposed or "", b.pulled or "") for b in evidence.blocks),
-        floor={c: float(evidence.floor[b.name][j]) for b in evidence.blocks for j, c in enumerate(b.channels)},
-        bank=len(log.scores),
-        fits=len(log.trials),
-        smooth=smooth,
-    )
+    return model

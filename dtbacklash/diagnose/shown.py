@@ -29,6 +29,8 @@ class Explained:
     alone and as the rigs are compared; None where the nominal one leaves noise or nothing stays finite.
     left : per channel. enough : whether that is what the user called enough; None where nothing was called so.
     modelled : the same two shares with what no name explains as a table or formula; None where nothing is modelled.
+    unknown : body -> unknown force of the recalibrated rig (``before``) and of the last one (``after``), as shares of
+    ``force``, the rms force that moves the body, in ``unit``.
     beats_a_constant : whether one of the two simulations leaves less than the signals' own variance; not in
     ``diagnosis.json``.
     """
@@ -39,6 +41,7 @@ class Explained:
     enough: bool | None = None
     beats_a_constant: bool = True
     modelled: tuple[float | None, float | None] | None = None
+    unknown: dict[str, dict[str, float | str]] = field(default_factory=dict)
 
     def to_json(self) -> Document:
         """``explained`` of ``diagnosis.json``."""
@@ -195,16 +198,16 @@ class Work:
     """How much was done, for the paragraph of methods.
 
     sample_time_s : of the recordings. fitted, judged : samples that were fitted to, and that judged.
-    blocks : into which the rig was cut: (channels that judge it, channel that drives it or "", channel that it is
-    pulled towards or ""). floor : channel -> what a true model leaves, rms, SI. bank : effects that were tried by
-    their signatures. fits : of them in full. smooth : whether the command passes smoothly through its samples.
+    every : samples that one reading of the predictor stands for. floor : channel -> what a true model leaves, rms, SI.
+    columns : effects that were tried by their columns. fits : of them in full. smooth : whether the command passes
+    smoothly through its samples.
     """
 
     sample_time_s: float
     fitted: int
     judged: int
-    blocks: tuple[tuple[tuple[str, ...], str, str], ...]
+    every: int
     floor: dict[str, float]
-    bank: int
+    columns: int
     fits: int
     smooth: bool = False

@@ -14,19 +14,9 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 
-def spread(
-    function: Callable[[T], R], items: Iterable[T], tell: Callable[[int, int], None] = lambda done, of: None
-) -> list[R]:
-    """The function's value at every item, in their order; one after the other unless joblib has been told of jobs.
-
-    tell : called with how many are done, of how many.
-    """
-    todo = list(items)
-    results: list[R] = []
-    for result in Parallel(return_as="generator")(delayed(function)(item) for item in todo):
-        results.append(result)
-        tell(len(results), len(todo))
-    return results
+def spread(function: Callable[[T], R], items: Iterable[T]) -> list[R]:
+    """The function's value at every item, in their order; one after the other unless joblib has been told of jobs."""
+    return list(Parallel()(delayed(function)(item) for item in items))
 
 
 def on_cores(jobs: int | None) -> AbstractContextManager[object]:

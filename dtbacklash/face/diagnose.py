@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from dtbacklash.diagnose.named import Alternative
+    from dtbacklash.diagnose.pipeline import Depth
     from dtbacklash.diagnose.result import Diagnosis
-    from dtbacklash.diagnose.search.grow import Depth
     from dtbacklash.physics.rig import Rig
 
 DEFAULT_RIG = "lead_screw"
@@ -237,13 +237,12 @@ def diagnose(
     Parameters
     ----------
     recording : a recording, or what :func:`read_recording` reads; or several together: a list of them, or a pattern
-        (``"data/*.csv"``). Several share the rig's physics and parameters; first states, and the zeros of positions
-        after the first recording, are free; lengths and sample times may differ.
+        (``"data/*.csv"``). Several share the rig's physics and parameters; first states and the sizes of what is
+        unknown are each recording's own; lengths, sample times and channels may differ.
     rig : the nominal rig; default: that of the (first) recording's mapping, else ``lead_screw``.
-    validation : the recording to choose and to judge on; without it the share ``held_out`` of each recording does. Of
+    validation : the recording to judge on; without it the last share ``held_out`` of each recording does. Of
         several recordings the number (from 1), the name or the file of one leaves that one out to judge.
-    held_out : above 0 and below 1; None: as the settings say. Five eighths of it choose the structure, by turns with
-        what is fitted to; the rest, which is the recording's last, judges it.
+    held_out : above 0 and below 1; None: as the settings say. Nothing is fitted to it, and it chooses nothing.
     enough : channel -> what is good enough there, as ``0.05 mm`` or as a share of its motion (``2 %``): such a rest is
         accepted, and said.
     search : ``full`` looks for everything; ``quick`` names what is large, without rivals; ``none`` names nothing: the
@@ -253,8 +252,8 @@ def diagnose(
 
     Raises
     ------
-    UserError : no channel of the rig was recorded, or is common to several recordings; an integrating part not
-        measured, too little is left to fit to or to judge on; the validation repeats the
+    UserError : no channel of the rig was recorded, or a recording has none; an integrating part not measured, too
+        little is left to fit to or to judge on; the validation repeats the
         recording, or, of one recording, lacks one of its channels or has another sample time.
     """
     from dtbacklash.config.choices import SEARCHES

@@ -141,6 +141,11 @@ def compile_plant(
     )  # fmt: skip
 
 
+def poles_of(plant: Plant) -> np.ndarray:
+    """(states,) complex poles of the linear part of a plant, with its gear in contact, 1/s."""
+    return np.linalg.eigvals(plant.A[0 if plant.rotor < 0 else 1])
+
+
 def state_names(rig: Rig, imposed: bool = False) -> list[str]:
     """The bodies in the order in which the state holds them (positions, then velocities)."""
     return take_apart(rig, imposed).bodies.names

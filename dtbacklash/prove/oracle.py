@@ -1,212 +1,279 @@
-"""The oracle: a fit that knows the true structure, on the same samples as the diagnosis, by the diagnosis' own fit.
+"""The oracle: a fit that knows the true structure, by the diagnosis' own predictor, on the same samples.
 
-It tells how small the held-out error can be, and which hidden effects the recording shows clearly. The rule for each
-effect, with all others kept and everything fitted with and without it:
+It tells how small the held-out error can be, and which hidden effects the recording shows clearly. The true structure
+is fitted from the true values to all but the last part; then, for each effect, the structure without it, all else
+fitted anew from the true values. The effect is clear if three things hold:
 
-    clear = in one channel, the excess of the held-out mean square over the noise floor falls by at least half
-            (``EXCESS_LEFT``), and by at least ``T_CLEAR`` standard errors in the paired test over stretches.
+- the score, -2 log likelihood and log N for each parameter of a law, rises by ``WORTH`` without the effect;
+- at the sizes of unknown forces and noises that the true structure needs, in one channel or in all together, the excess
+  of the mean square of the whitened innovations over 1, which they have where nothing is missing, or over what the true
+  structure leaves if that is less, falls by at least half with the effect (``EXCESS_LEFT``);
+- and its logarithm falls by at least ``T_CLEAR`` standard errors in the paired test over ``STRETCHES`` stretches (what
+  lacks something errs in bursts, of which the largest would decide alone).
 
 A wrong parameter is clear by the same rule, with the parameter held at its nominal value instead of an effect left out.
 
-The diagnosis cannot simulate physics that the catalogue lacks. There the true law is the concealing simulator, whose
-residuals are the noise that the sensors had. It is compared with the best law of the catalogue on the held-out part: of
-the ``LAWS_TRIED`` with the highest scores, and of the diagnosed rig. The case is clear if the true law is better by the
-same rule, with the standard errors of the logarithms of the mean squares (a wrong law errs in bursts), and if the best
-law of the catalogue leaves more than ``UNLISTED_LEFT`` of the floor's mean square.
+The diagnosis cannot simulate physics that the catalogue lacks. There the true law leaves the noise that the sensors
+had, and is compared with the best law of the catalogue: of the recalibrated rig, of the ``LAWS_TRIED`` that promise
+most, and of the diagnosed rig. A predictor that may assume large unknown forces forgives a wrong law, so all are fitted
+and compared where it may assume next to none (``STRICT``). The case is clear if the best law leaves more than
+``UNLISTED_LEFT`` times the mean square that the noise leaves in the same predictor, by ``T_CLEAR`` standard errors.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.config.rig import ParameterConfig
-from dtbacklash.diagnose.data.candidates import candidates
-from dtbacklash.diagnose.data.evidence import Evidence, Residuals
-from dtbacklash.diagnose.fit.free import Effects, effect_free, effects_of_rig, nominal_free
-from dtbacklash.diagnose.fit.problem import Fit
-from dtbacklash.diagnose.fit.refit import fit, objective
-from dtbacklash.diagnose.propose.locate import bank
-from dtbacklash.diagnose.search.parts import judging
+from dtbacklash.diagnose.engine.bench import Bench, Sizes
+from dtbacklash.diagnose.engine.columns import Columns
+from dtbacklash.diagnose.engine.exact import Model, Problem
+from dtbacklash.diagnose.engine.free import Key, effects_of_rig, is_known, taken_out
+from dtbacklash.diagnose.engine.motion import motion_of
+from dtbacklash.diagnose.engine.predictor import ASTRAY, Predictor
+from dtbacklash.diagnose.engine.readings import rate_of, readings
+from dtbacklash.diagnose.engine.simulated import Simulated
+from dtbacklash.errors import Failure, UserError
 from dtbacklash.physics.rig import Rig, build_rig
+from dtbacklash.prove.secret import with_effects
 
-#: largest share of the excess over the floor that may be left with the hidden effect in the model
+if TYPE_CHECKING:
+    from dtbacklash.diagnose.records import Record
+
+#: the last share of a recording is held out
+HELD_OUT = 0.15
+#: steps of a fit at given sizes
+STEPS = 5
+#: stretches of a recording that are compared
+STRETCHES = 12
+#: by which the score has to rise without an effect: at least, and for each reading
+WORTH = 60.0, 0.002
+#: largest share of the excess of the mean square over 1 that may be left with the hidden effect in the model
 EXCESS_LEFT = 0.5
-#: standard errors, over stretches, by which the held-out mean square has to fall
+#: standard errors, over stretches, by which the mean square has to fall
 T_CLEAR = 3.0
-#: laws of the catalogue that are fitted to unknown physics, and the mean square, relative to the floor's, that the best
-#: of them has to leave: fits of the true structure left no more than 1.07
-LAWS_TRIED, UNLISTED_LEFT = 5, 1.1
+#: laws of the catalogue that are fitted to unknown physics, the unknown force that they may assume (share of the
+#: motion's), and the mean square, relative to the noise's, that the best of them has to leave
+LAWS_TRIED, STRICT, UNLISTED_LEFT = 5, 1e-3, 1.1
 
 
 @dataclass(frozen=True)
 class Seen:
-    """Mean squares of the clearest channel without and with an effect, in units of the floor's, and t of their fall."""
+    """Mean squares of the clearest channel without and with an effect, t of their fall, and the score it has to spare.
+
+    to_spare : what the score rises by without the effect, less what it has to.
+    """
 
     without: float
     with_it: float
     t: float
+    to_spare: float = 0.0
 
     @property
     def clear(self) -> bool:
         """The rule."""
         left, excess = max(self.with_it - 1.0, 0.0), self.without - 1.0
-        return excess > 0.0 and left <= EXCESS_LEFT * excess and self.t >= T_CLEAR
+        return bool(excess > 0.0 and left <= EXCESS_LEFT * excess and self.t >= T_CLEAR and self.to_spare >= 0.0)
+
+
+class Finely(Simulated):
+    """A rig whose laws act in many substeps: in few, at the rate of the motion, a true friction may seem false."""
+
+    finely = True
+
+
+class Oracle:
+    """One recording of a nominal rig. predictor : of all of it. bench : of all but the held-out part."""
+
+    def __init__(self, nominal: Rig, record: Record) -> None:
+        self.nominal, self.record = nominal, record
+        self.channels = tuple(c for c in nominal.sensors if c in record.y)
+        fitted = round((1.0 - HELD_OUT) * record.samples)
+        self.every = rate_of(nominal, {c: record.y[c][:fitted] for c in self.channels}, record.sample_time_s)
+        self.predictor = self._predictor(record.u, record.y)
+        self.bench = Bench(nominal, (self.predictor.first(1.0 - HELD_OUT),))
+        for predictor in (self.predictor, *self.bench.predictors):
+            predictor.simulated = Finely(predictor.readings)
+
+    def _predictor(self, u: Floats, y: dict[str, Floats]) -> Predictor:
+        imposed = self.nominal.only("positioner") is not None
+        seen = readings(u, y, self.channels, self.record.sample_time_s, self.every, imposed)
+        return Predictor(self.nominal, seen)
+
+    def fit(self, rig: Rig, keys: Iterable[Key], pinned: str = "") -> Model | None:
+        """These effects and the nominal parameters, from their values in a rig; None if it does not stay finite.
+
+        pinned : a parameter that stays as it is in the rig.
+        """
+        bench = self._bench(pinned)
+        sizes, _ = bench.tuned(rig)
+        return self._problem(bench, rig, keys, sizes).ladder(sizes)
+
+    def at(self, sizes: Sizes, rig: Rig, keys: Iterable[Key], pinned: str = "") -> Rig:
+        """The rig with the values that fit best at given sizes."""
+        problem = self._problem(self._bench(pinned), rig, keys, sizes)
+        x, squares = problem.solve(sizes, problem.start(), STEPS)
+        return problem.rig(x) if math.isfinite(squares) else rig
+
+    def _bench(self, pinned: str) -> Bench:
+        if not pinned:
+            return self.bench
+        known = self.nominal.config.parameters
+        exact = {**known, pinned: replace(known[pinned], tolerance=0.0)}
+        return replace(self.bench, nominal=build_rig(replace(self.nominal.config, parameters=exact)))
+
+    @staticmethod
+    def _problem(bench: Bench, rig: Rig, keys: Iterable[Key], sizes: Sizes) -> Problem:
+        there = [key for key in keys if rig.effect(*key) is not None]
+        return Problem(bench, rig, there, motion_of(bench, rig, bench.gains(rig, sizes)), stiff=1.0)
+
+    def rows(self, rig: Rig, sizes: Sizes) -> Floats:
+        """(N, channels) whitened innovations of the whole recording."""
+        E = self.predictor.run(rig, self.predictor.gains(rig, sizes[0])).E
+        return E if np.isfinite(E).all() else np.full_like(E, ASTRAY)
+
+    def seen(self, best: Model, without: Model | None, pinned: str = "") -> Seen:
+        """The true structure beside one that lacks something (None: it does not follow the recording at all)."""
+        if without is None:
+            return Seen(math.inf, 1.0, math.inf, math.inf)
+        # at the sizes of the true structure, other values may follow the recording better
+        there = self.at(best.sizes, without.rig, without.keys, pinned)
+        lacks = [self.rows(rig, best.sizes) for rig in (without.rig, there)]
+        found = compared(min(lacks, key=_square), self.rows(best.rig, best.sizes))
+        least = max(WORTH[0], WORTH[1] * self.bench.count)
+        return replace(found, to_spare=float(without.score - best.score - least))
+
+    def held_out(self, rig: Rig | None, sizes: Sizes) -> float:
+        """Rms of a rig's whitened innovations of the held-out part."""
+        if rig is None:
+            return math.nan
+        return math.sqrt(_square(self.rows(rig, sizes)[len(self.bench.predictors[0].readings.u) :]))
+
+    def unlisted(self, recalibrated: Model, extended: Rig | None, truth: dict[str, Floats]) -> dict[str, Seen]:
+        """{name of the catalogue's best law: beside the noise}; truth : sensor -> (N,) its reading without errors."""
+        strict = recalibrated.sizes[0].copy()
+        strict[: len(self.predictor.bodies)] = math.log(STRICT)
+        sizes = (strict,)
+        bare = self.at(sizes, recalibrated.rig, ())
+        tried = {"recalibrated": bare}
+        if extended is not None:
+            keys = [key for key in effects_of_rig(extended) if not is_known(self.nominal, key)]
+            tried["diagnosed"] = self.at(sizes, extended, keys)
+        for p in Columns(self.bench, replace(recalibrated, rig=bare), sizes).ranked[:LAWS_TRIED]:
+            with suppress(UserError):  # the rig cannot have it
+                tried[".".join(*p.keys)] = self.at(sizes, p.put(bare), p.keys)
+        left = {name: self.rows(rig, sizes) for name, rig in tried.items()}
+        best = min(left, key=lambda name: _square(left[name]))
+        noise = {c: self.record.y[c] - truth[c] for c in self.channels}
+        # what noise alone makes of the same predictor at rest: it is all that the true law leaves
+        still = self._predictor(np.zeros_like(self.record.u), noise)
+        alone = still.run(bare, self.predictor.gains(bare, strict)).E
+        size = np.sqrt((alone**2).mean(axis=0))
+        return {best: compared(left[best] / size, alone / size)}
 
 
 def look(
-    evidence: Evidence, secret: dict[str, Any], extended: Rig | None, truth: dict[str, Floats] | None = None
+    nominal: Rig, record: Record, secret: dict[str, Any], extended: Rig | None, truth: dict[str, Floats] | None = None
 ) -> dict[str, Any]:
     """The oracle's answer about one case.
 
     Parameters
     ----------
-    evidence : of the recording on the nominal rig, with the judging part marked. secret : what was hidden, as a dict.
+    nominal, record : the nominal rig and the recording. secret : what was hidden, as a dict.
     extended : the diagnosed rig, or None where the diagnosis failed.
     truth : sensor -> (N,) its reading without noise and counts, SI; needed for unknown physics.
 
     Returns
     -------
-    ``held_out`` : rms of the judging part's residuals of all channels, in units of the floor, of the ``nominal``, the
-    ``recalibrated``, the ``extended`` and the ``oracle``'s rig; ``clear`` and ``clear_parameters`` : name -> bool;
-    ``unlisted_clear`` : bool; ``seen`` : the figures behind them; ``wall_s``.
+    ``held_out`` : rms of the held-out part's whitened innovations, at the sizes of the oracle's fit, of the
+    ``nominal``, the ``recalibrated``, the ``extended`` and the ``oracle``'s rig; ``clear`` and ``clear_parameters`` :
+    name -> bool; ``unlisted_clear`` : bool; ``seen`` : the figures behind them; ``wall_s``.
+
+    Raises
+    ------
+    Failure : the true structure, or the nominal one, does not follow the recording.
     """
-    begin = time.perf_counter()
-    rig = evidence.nominal
-    effects = {(e["location"], e["effect"]): e["parameters"] for e in secret["effects"]}
-    recalibrated = fit(evidence, rig, nominal_free(rig))
-    best = refit_truth(evidence, effects, secret["parameters"]) if effects else recalibrated
-    seen: dict[str, Seen] = {}
-    for key in effects:
-        others = {k: v for k, v in effects.items() if k != key}
-        without = refit_truth(evidence, others, secret["parameters"]) if others else recalibrated
-        seen[".".join(key)] = compare(evidence, without.residuals, best.residuals)
-    wrong = _wrong_parameters(evidence, secret, best)
-    unlisted = _unlisted(evidence, recalibrated, extended, truth) if secret["kind"] == "unknown" else {}
-    last = _as_in_the_end(evidence)
-    held = {
-        "nominal": last.rms(last.residuals(rig)),
-        "recalibrated": last.rms(_again(last, {}, recalibrated.rig).residuals),
-        "extended": last.rms(last.residuals(extended)) if extended else math.nan,
-        "oracle": last.rms(_better(last, _again(last, effects, best.rig), effects, extended).residuals),
-    }
+    begin, oracle = time.perf_counter(), Oracle(nominal, record)
+    keys = [(e["location"], e["effect"]) for e in secret["effects"]]
+    true = with_effects(nominal.with_parameters(secret["parameters"]), secret["effects"])
+    bare = nominal.with_parameters(secret["parameters"])
+    recalibrated = oracle.fit(bare, ())
+    best = oracle.fit(true, keys) if keys else recalibrated
+    if best is None or recalibrated is None:
+        raise Failure("recording", "", "the oracle's rig does not follow it: its simulation does not stay finite")
+    seen, wrong, unlisted = {}, {}, {}
+    for key in keys:
+        others = [k for k in keys if k != key]
+        seen[".".join(key)] = oracle.seen(best, oracle.fit(taken_out(true, key), others) if others else recalibrated)
+    if secret["kind"] == "parameters":
+        for name in secret["parameters"]:
+            pinned = bare.with_parameters({name: nominal.config.parameters[name].value})
+            wrong[name] = oracle.seen(best, oracle.fit(pinned, (), name), name)
+    if secret["kind"] == "unknown" and truth is not None:
+        unlisted = oracle.unlisted(recalibrated, extended, truth)
+    best = better(oracle, best, extended)
+    again = oracle.at(best.sizes, recalibrated.rig, ())
+    rigs = {"nominal": nominal, "recalibrated": again, "extended": extended, "oracle": best.rig}
     return {
-        "held_out": held,
+        "held_out": {name: oracle.held_out(rig, best.sizes) for name, rig in rigs.items()},
         "clear": {name: s.clear for name, s in seen.items()},
         "clear_parameters": {name: s.clear for name, s in wrong.items()},
         "unlisted_clear": any(s.clear and s.without > UNLISTED_LEFT for s in unlisted.values()),
         "seen": {
-            n: {"without": s.without, "with": s.with_it, "t": s.t} for n, s in {**seen, **wrong, **unlisted}.items()
+            n: {"without": s.without, "with": s.with_it, "t": s.t, "to_spare": s.to_spare}
+            for n, s in {**seen, **wrong, **unlisted}.items()
         },
         "wall_s": time.perf_counter() - begin,
     }
 
 
-def _as_in_the_end(evidence: Evidence) -> Evidence:
-    """The evidence of a diagnosis' last fit: only the judging part is held out."""
-    judged = judging(evidence)
-    records = [
-        replace(new, train=old.train | (old.held & ~new.held))
-        for old, new in zip(evidence.records, judged.records, strict=True)
-    ]
-    return replace(judged, records=records)
-
-
-def _again(evidence: Evidence, effects: Effects, start: Rig) -> Fit:
-    """Fit these effects and the nominal parameters, from their values in a rig."""
-    values = {key: start.effect(*key) or there for key, there in effects.items()}
-    return refit_truth(evidence, values, {n: p.value for n, p in start.config.parameters.items()})
-
-
-def _better(evidence: Evidence, best: Fit, effects: Effects, extended: Rig | None) -> Fit:
+def better(oracle: Oracle, best: Model, extended: Rig | None) -> Model:
     """The oracle's fit, or a better one from the diagnosed values, if the diagnosed structure is the true one.
 
     A fit of several effects can get stuck in a local minimum, which would flatter the diagnosis.
     """
-    if extended is None or not effects or effects_of_rig(extended).keys() != effects.keys():
+    if extended is None or not best.keys or effects_of_rig(extended).keys() != effects_of_rig(best.rig).keys():
         return best
-    again = _again(evidence, effects, extended)
-    return min(best, again, key=lambda fitted: objective(evidence, fitted))
+    again = oracle.fit(extended, best.keys)
+    return best if again is None or again.score >= best.score else again
 
 
-def refit_truth(evidence: Evidence, effects: Effects, parameters: dict[str, float], pinned: str | None = None) -> Fit:
-    """Fit these effects and the nominal parameters, from these values of both; ``pinned`` stays nominal."""
-    base = evidence.nominal
-    for (place, name), values in effects.items():
-        base = base.with_effect(place, name, values)
-    free = [f for f in nominal_free(base) if f.name != pinned]
-    start = [(parameters.get(f.name, f.centre) - f.centre) / f.scale for f in free]
-    for place, name in effects:
-        there = base.effect(place, name)
-        if there is not None:  # at its neutral value the rig drops it
-            more = effect_free(base, place, name, there)
-            free, start = free + more, start + [0.0] * len(more)
-    return fit(evidence, base, free, np.array(start))
+def compared(without: Floats, best: Floats) -> Seen:
+    """Rows (N, channels) without and with an effect: the clearest channel, or all together, else that of the largest t.
 
-
-def _wrong_parameters(evidence: Evidence, secret: dict[str, Any], best: Fit) -> dict[str, Seen]:
-    """For a case that hides wrong parameters only: each parameter fitted and held at its nominal value."""
-    if secret["kind"] != "parameters":
-        return {}
-    return {
-        name: compare(evidence, refit_truth(evidence, {}, secret["parameters"], pinned=name).residuals, best.residuals)
-        for name in secret["parameters"]
-    }
-
-
-def _unlisted(
-    evidence: Evidence, recalibrated: Fit, extended: Rig | None, truth: dict[str, Floats] | None
-) -> dict[str, Seen]:
-    """{name of the catalogue's best law: compared with the true one}; empty without the truth."""
-    if truth is None:
-        return {}
-    rivals = {"recalibrated": recalibrated.residuals}
-    if extended is not None:
-        rivals["diagnosed"] = evidence.residuals(extended)
-    listed = candidates(recalibrated.rig, evidence.blocks, evidence.moving)
-    for score in bank(evidence, recalibrated, listed)[1][:LAWS_TRIED]:
-        key = score.candidate.key
-        rivals[".".join(key)] = _again(evidence, {key: score.values}, recalibrated.rig).residuals
-    best = min(rivals, key=lambda name: evidence.rms(rivals[name]))
-    return {
-        best: compare(
-            evidence, rivals[best], _noise(evidence, truth), lambda squares: np.log(np.maximum(squares, 1e-300))
-        )
-    }
-
-
-def _noise(evidence: Evidence, truth: dict[str, Floats]) -> Residuals:
-    """The residuals of the true law: noise and counts of the sensors, in units of the floor."""
-    (record,) = evidence.records
-    return {
-        b.name: [np.column_stack([record.y[c] - truth[c] for c in b.channels]) / evidence.floor[b.name]]
-        for b in evidence.blocks
-    }
-
-
-def compare(
-    evidence: Evidence, without: Residuals, best: Residuals, measure: Callable[[Floats], Floats] = np.asarray
-) -> Seen:
-    """The clearest channel, or, if none is clear, the one with the largest t.
-
-    ``measure`` : applied to the mean squares of the stretches before t is taken.
+    Mean squares are divided by that of the second where it is below 1: counts leave less than white noise of their
+    size does. t is that of the logarithms: what lacks something errs in bursts.
     """
-    found = []
-    for block in evidence.blocks:
-        first = evidence.stretches(without, block.name)
-        second = evidence.stretches(best, block.name)
-        falls = measure(first) - measure(second)
-        errors = falls.std(axis=1, ddof=1) / np.sqrt(falls.shape[1]) + 1e-12
-        for channel in range(len(falls)):
-            t = float(falls[channel].mean() / errors[channel])
-            found.append(Seen(float(first[channel].mean()), float(second[channel].mean()), t))
+    first, second = (_stretches(E) for E in (without, best))
+    floor = np.minimum(second.mean(axis=0), 1.0)
+    falls = np.log(first) - np.log(second)
+    errors = falls.std(axis=0, ddof=1) / math.sqrt(STRETCHES) + 1e-12
+    found = [
+        Seen(float(a), float(b), float(t))
+        for a, b, t in zip(
+            (first / floor).mean(axis=0), (second / floor).mean(axis=0), falls.mean(axis=0) / errors, strict=True
+        )
+    ]
     return max(found, key=lambda s: (s.clear, s.t))
+
+
+def _stretches(E: Floats) -> Floats:
+    """(STRETCHES, channels + 1) mean squares of the stretches of rows; last those of all channels together."""
+    squares = np.array([(part**2).mean(axis=0) for part in np.array_split(E, STRETCHES)])
+    return np.maximum(np.column_stack([squares, squares.mean(axis=1)]), 1e-300)
+
+
+def _square(E: Floats) -> float:
+    """Mean square of rows."""
+    return float((E**2).mean())
 
 
 def described(rig: Rig) -> dict[str, Any]:

@@ -53,9 +53,7 @@ def oracle_folder(
     folder: Path, rig_name: str, secret: dict[str, Any], extended: dict[str, Any] | None
 ) -> dict[str, Any]:
     """Ask the oracle about a case whose seal is open."""
-    from dtbacklash.diagnose import records_of
-    from dtbacklash.diagnose.data.evidence import Evidence
-    from dtbacklash.diagnose.search.parts import marked
+    from dtbacklash.diagnose.records import records_of
     from dtbacklash.prove.conceal import nominal_rig
     from dtbacklash.prove.draw import record
     from dtbacklash.prove.oracle import look, rebuilt
@@ -63,9 +61,9 @@ def oracle_folder(
     from dtbacklash.recording import read_recording
 
     rig = nominal_rig(rig_name)
-    records = marked(records_of(read_recording(folder / RECORDING, rig=rig), rig, True, True))
+    (seen,) = records_of(read_recording(folder / RECORDING, rig=rig), rig, True, True)
     truth = record(Secret(**secret), rig)[1].truth if secret["kind"] == "unknown" else None
-    return look(Evidence.gather(rig, records), secret, rebuilt(rig, extended) if extended else None, truth)
+    return look(rig, seen, secret, rebuilt(rig, extended) if extended else None, truth)
 
 
 def rig_of(folder: Path, chosen: str | None) -> str:

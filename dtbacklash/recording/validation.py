@@ -4,15 +4,9 @@ from collections.abc import Container
 
 import numpy as np
 
-from dtbacklash.arrays import Floats
 from dtbacklash.errors import UserError
 from dtbacklash.recording.model import Recording
 from dtbacklash.recording.timebase import UNIFORM
-
-#: as many rows in a row that are the same in every channel are no chance
-SAME_ROWS = 100
-#: a copy that was rounded differs by less than this share of each channel's range, and does so in so many of its rows
-ROUNDED, MOSTLY = 1e-5, 0.5
 
 
 def check_alike(
@@ -47,47 +41,26 @@ def check_apart(recording: Recording, validation: Recording) -> None:
 
 
 def shared_rows(first: Recording, second: Recording) -> int:
-    """How many samples the second recording has in common with the first, at the shift at which most agree.
+    """How many samples two recordings share: all of the shorter one where the longer one holds it, else 0.
 
-    The same is what agrees to the last digit in every channel that both have. The shift comes from rows that occur
-    once in each: a machine at rest repeats itself. 0 below SAME_ROWS. A copy that begins where the recording does is
-    known by fewer digits, too: sensors of a machine that repeats its motion differ by their noise.
+    The same is what is equal in every channel that both have, a sensor among them. Two runs of one command are not,
+    however often their readings agree.
     """
     names = sorted(set(first.channels) & set(second.channels))
-    return max(_exactly(first, second, names), _rounded(first, second, names))
-
-
-def _rounded(first: Recording, second: Recording, names: list[str]) -> int:
-    """How many rows agree but for rounding where both begin together; 0 if that are not most of them."""
-    length = min(first.samples, second.samples)
-    alike = np.ones(length, dtype=bool)
-    for name in names:
-        a, b = (r.channels[name][:length] for r in (first, second))
-        alike &= np.abs(a - b) <= ROUNDED * max(float(np.ptp(a)), 1e-300)
-    count = int(alike.sum())
-    return count if count >= max(SAME_ROWS, MOSTLY * length) else 0
-
-
-def _exactly(first: Recording, second: Recording, names: list[str]) -> int:
-    a, b = (_rows(r, names) for r in (first, second))
-    _, at_a, at_b = np.intersect1d(a, b, return_indices=True)
-    once = (_counts(a)[at_a] == 1) & (_counts(b)[at_b] == 1)
-    if once.sum() < SAME_ROWS:
+    if not set(names) - {"u"}:
         return 0
-    shifts, counts = np.unique(at_a[once] - at_b[once], return_counts=True)
-    shift = int(shifts[np.argmax(counts)])
-    a, b = a[max(shift, 0) :], b[max(-shift, 0) :]
-    length = min(len(a), len(b))
-    return int(np.sum(a[:length] == b[:length])) if counts.max() >= SAME_ROWS else 0
+    short, long = sorted((first, second), key=lambda r: r.samples)
+    return short.samples if _holds(_rows(long, names), _rows(short, names), 8 * len(names)) else 0
 
 
-def _rows(recording: Recording, names: list[str]) -> np.ndarray:
-    """(N,) a row as one value that compares byte by byte."""
-    table: Floats = np.ascontiguousarray(np.column_stack([recording.channels[n] for n in names]) + 0.0)
-    return table.view(np.dtype((np.void, table.dtype.itemsize * table.shape[1]))).ravel()
+def _rows(recording: Recording, names: list[str]) -> bytes:
+    """All samples, one after the other."""
+    return np.column_stack([recording.channels[n].astype(float) + 0.0 for n in names]).tobytes()
 
 
-def _counts(rows: np.ndarray) -> np.ndarray:
-    """(N,) how often each row occurs."""
-    _, inverse, counts = np.unique(rows, return_inverse=True, return_counts=True)
-    return counts[inverse]
+def _holds(long: bytes, short: bytes, row: int) -> bool:
+    """Whether a table holds another one, whole rows of so many bytes."""
+    at = long.find(short)
+    while at % row and at >= 0:
+        at = long.find(short, at + 1)
+    return at >= 0

@@ -14,9 +14,9 @@ from told import without_progress
 from dtbacklash import cli
 from dtbacklash.commands import diagnose as command
 from dtbacklash.compiled import cache_folder
-from dtbacklash.diagnose.data.several import source_of
 from dtbacklash.diagnose.say.sentences import notes_of
 from dtbacklash.diagnose.settings import SETTINGS
+from dtbacklash.diagnose.several import source_of
 from dtbacklash.errors import UserError
 
 pytestmark = pytest.mark.check
@@ -94,7 +94,7 @@ def test_it_writes_everything_and_says_what_it_found(dtb, asked, tmp_path, files
     page = (tmp_path / "found" / "report.html").read_text(encoding="utf-8")
     assert "Columns that are no channels of the rig are not used: lab." in page
     assert (
-        "The recording is bench.csv, 0 to 3.999 s (4000 samples): 60 % of it are fitted to, 25 % choose the structure"
+        "The recording is bench.csv, 0 to 3.999 s (4000 samples): 80 % of it are fitted to, and the last 20 % judge."
         in page
     )
     assert asked["jobs"] >= 1
@@ -195,7 +195,7 @@ def test_verbose_says_what_it_is_doing_once_each_and_leaves_logging_alone(dtb):
     lines = [line for line in err.splitlines() if line.startswith("dtb: ")]
     assert sum("comparing" in line for line in lines) == 1
     assert any("naming" in line for line in lines)
-    assert any("the last 15 % judge it" in line for line in lines)
+    assert any("the last 20 % judge" in line for line in lines)
     assert logging.getLogger("dtbacklash").handlers == before
 
 

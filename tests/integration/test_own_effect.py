@@ -44,9 +44,9 @@ def declare() -> None:
             conceal=lambda place, sign: (place.force_most, 0.1 * place.force),
         )
     )  # fmt: skip
-    from reference import newton
+    from reference import machines
 
-    newton.EFFORTS["eccentric_weight"] = lambda p: lambda q, v, t: p["torque"] * math.sin(q + p["phase"])
+    machines.EFFORTS["eccentric_weight"] = lambda p: lambda q, v, t: p["torque"] * math.sin(q + p["phase"])
 
 
 def simulated() -> dict[str, float]:

@@ -18,8 +18,8 @@ from nominal import nominal_rig
 
 from dtbacklash import cli
 from dtbacklash.diagnose import Diagnosis, diagnose
-from dtbacklash.diagnose.data.command import held_equivalent
 from dtbacklash.diagnose.named import Alternative
+from dtbacklash.diagnose.records import held_equivalent
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.rig_file import rig_yaml
 from dtbacklash.physics.simulate import simulate

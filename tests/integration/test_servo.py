@@ -46,7 +46,7 @@ def test_the_limit_of_the_speed_is_named_and_what_cannot_be_told_is_said_first(p
     pd.DataFrame(frame).to_csv(tmp_path / "arm.csv", index=False)
     done = process("diagnose", "recording=arm.csv", "rig=arm.yaml", "out=found", "-v")
     assert done.returncode == 0, done.stderr
-    assert done.stderr.index("in proportion only") < done.stderr.index("fitting to all and judging")
+    assert done.stderr.index("in proportion only") < done.stderr.index("recalibrating the rig")
     document = json.loads((tmp_path / "found" / "diagnosis.json").read_text())
     (finding,) = document["findings"]
     assert (finding["location"], finding["effect"], finding["confidence"]) == ("servo", "speed_limit", "sure")

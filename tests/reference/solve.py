@@ -13,7 +13,8 @@ from scipy.integrate import solve_ivp
 
 from dtbacklash.physics.rig import Rig
 
-from .newton import FREE, GROUND, RIGID, SCREW, Contact, machine
+from .machines import machine
+from .newton import FREE, GROUND, RIGID, SCREW, Contact
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from . import newton, solve
+from . import machines, newton, solve
 from .cases import SAMPLE_TIME_S, Problem, problems
 
 Array = NDArray[np.float64]
@@ -40,7 +40,8 @@ def key_of(problem: Problem) -> str:
     Arrays enter by six digits of their first moments: another machine's rounding does not change them.
     """
     sources = [
-        Path(str(module.__file__)).read_text(encoding="utf-8") for module in (newton, sys.modules[solve.__module__])
+        Path(str(module.__file__)).read_text(encoding="utf-8")
+        for module in (newton, machines, sys.modules[solve.__module__])
     ]
     rig, moments = problem.rig, []
     for values in (problem.u, problem.gap):

@@ -4,26 +4,32 @@ from dataclasses import replace
 
 import numpy as np
 
-from dtbacklash.diagnose.data.compare import Record, predict
-from dtbacklash.diagnose.data.floor import sensor_noise
-from dtbacklash.diagnose.data.pull import cut
-from dtbacklash.diagnose.data.tempo import tempo_rad_s
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.engine.readings import noise_of
+from dtbacklash.diagnose.engine.simulated import linear_of
 from dtbacklash.diagnose.inspect.inspection import Fault, Inspected
+from dtbacklash.diagnose.records import Record, filled
 from dtbacklash.diagnose.result import UNEXPLAINED, Diagnosis, Located
 from dtbacklash.diagnose.shown import Curve, FitTable, ModelErrors, Shown
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
+from dtbacklash.physics.simulate import simulate
+
+#: a mode that so nearly stays where it is (eigenvalue of a sample) is a position from which nothing pulls back
+STAYS = 1e-6
+#: a record, one of its channels, and its curve
+Compared = tuple[Record, str, Curve]
 
 
 def faulty(rig: Rig, found: Inspected, fault: Fault) -> Diagnosis:
     """The diagnosis of a recording whose fault forbids to name physics: ``unexplained``, located, with no findings."""
     records = found.records
-    channels = tuple(n for n in rig.sensors if all(n in r.y for r in records))
+    channels = tuple(n for n in rig.sensors if any(n in r.y for r in records))
     try:
-        curves = _curves(rig, channels, records)
+        curves = [one for number, record in enumerate(records) for one in _curves(rig, number, record)]
     except (UserError, ArithmeticError, ValueError, np.linalg.LinAlgError):  # the fault itself may forbid it
         curves = []
-    noise = [sensor_noise(r.y[c])[0] / max(float(np.std(r.y[c])), 1e-300) for r in records for c in channels]
+    noise = [noise_of(v)[0] / size for r in records for v in r.y.values() if (size := _size(v)) > 0.0]
     floor = float(np.sqrt(np.mean(np.square(noise)))) if noise else 0.0
     return Diagnosis(
         verdict=UNEXPLAINED,
@@ -38,14 +44,14 @@ def faulty(rig: Rig, found: Inspected, fault: Fault) -> Diagnosis:
         extended=rig,
         checks=tuple(found.checks),
         notes=tuple(found.notes),
-        shown=Shown(evidence={fault.where: 1.0}, curves=tuple(c for _, c in curves)),
+        shown=Shown(evidence={fault.where: 1.0}, curves=tuple(curve for *_, curve in curves)),
         fault=fault.what,
     )
 
 
 def not_finite(rig: Rig, found: Inspected, error: Exception) -> Fault:
     """What is said where the linear algebra of the comparison breaks down: that much, and no physics."""
-    channels = [n for n in rig.sensors if n in found.records[0].y]
+    channels = [n for n in rig.sensors if any(n in r.y for r in found.records)]
     return Fault(
         SENSOR_PREFIX + channels[0], "The comparison of this recording with this rig does not stay finite",
         f"the nominal rig is so far from what was recorded that its fit breaks down ({str(error).rstrip('.')})",
@@ -62,30 +68,44 @@ def mended(diagnosis: Diagnosis, found: Inspected) -> Diagnosis:
     )  # fmt: skip
 
 
-def _curves(rig: Rig, channels: tuple[str, ...], records: list[Record]) -> list[tuple[Record, Curve]]:
-    """Measured and nominal of every channel and recording."""
-    found, tempo = [], tempo_rad_s(rig, records)
-    for number, record in enumerate(records):
-        t_s = np.arange(record.samples, dtype=np.float64) * record.sample_time_s
-        held = np.flatnonzero(record.held)
-        for block in cut(rig, channels, record.sample_time_s, tempo):
-            with np.errstate(over="ignore", invalid="ignore"):
-                nominal = predict(rig, block, record)
-            for j, channel in enumerate(block.channels):
-                if not np.isfinite(nominal[:, j]).all():
-                    continue
-                name = channel if number == 0 else f"{channel} (recording {number + 1})"
-                curve = Curve(name, rig.sensors[channel].unit, t_s, record.y[channel], nominal[:, j], nominal[:, j],
-                              float(t_s[held[0]]) if held.size else None)  # fmt: skip
-                found.append((record, curve))
+def _curves(rig: Rig, number: int, record: Record) -> list[Compared]:
+    """Measured and nominal of every channel of a recording: simulated from rest by its command alone.
+
+    Where nothing pulls a machine back, its positions begin as they were measured.
+    """
+    channels = tuple(n for n in rig.sensors if n in record.y)
+    t_s = record.sample_time_s * np.arange(record.samples, dtype=np.float64)
+    held = np.flatnonzero(record.held)
+    with np.errstate(over="ignore", invalid="ignore"):
+        shown = simulate(rig, record.u[:-1], record.sample_time_s).sensors
+    modes = np.linalg.eigvals(linear_of(rig, record.sample_time_s, channels).A[1])
+    free = bool(np.abs(modes - 1.0).min() < STAYS)
+    found = []
+    for channel in channels:
+        measured, nominal = filled(record.y[channel]), shown[channel]
+        if not np.isfinite(nominal).all():
+            continue
+        if free and rig.sensors[channel].quantity == "position":
+            nominal = nominal + measured[0] - nominal[0]
+        name = channel if number == 0 else f"{channel} (recording {number + 1})"
+        from_s = float(t_s[held[0]]) if held.size else None
+        curve = Curve(name, rig.sensors[channel].unit, t_s, measured, nominal, nominal, from_s)
+        found.append((record, channel, curve))
     return found
 
 
-def _errors(curves: list[tuple[Record, Curve]], part: str) -> ModelErrors:
+def _errors(curves: list[Compared], part: str) -> ModelErrors:
     """The nominal rig's error over all channels, relative to their standard deviations; None where there is none."""
     squares = []
-    for record, curve in curves:
-        mask, size = getattr(record, part), float(np.std(curve.measured))
-        if mask.any() and size > 0.0:
-            squares.append(float(np.mean((curve.measured - curve.nominal)[mask] ** 2)) / size**2)
+    for record, channel, curve in curves:
+        values = record.y[channel]
+        error: Floats = (values - curve.nominal)[getattr(record, part) & np.isfinite(values)]
+        if error.size and (size := _size(values)) > 0.0:
+            squares.append(float(np.mean(error**2)) / size**2)
     return ModelErrors(float(np.sqrt(np.mean(squares))) if squares else None, None, None)
+
+
+def _size(values: Floats) -> float:
+    """The standard deviation of what was read; 0 of a constant."""
+    read = values[np.isfinite(values)]
+    return float(np.std(read)) if read.size and np.ptp(read) > 0.0 else 0.0

@@ -1,18 +1,25 @@
-"""Faults of samples and channels: spikes, clipping, nothing but noise, readings that repeat or hang."""
+"""Faults of samples and channels: spikes, clipping, nothing but noise, readings that repeat or hang.
+
+A channel is given without the samples at which it was not read.
+"""
 
 import math
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline, CubicSpline
 from scipy.ndimage import median_filter
-from scipy.signal import coherence
+from scipy.signal import coherence, welch
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.data.floor import quantum, sensor_noise, white_noise
-from dtbacklash.diagnose.settings import SETTINGS
+from dtbacklash.diagnose.records import Mask, filled
 from dtbacklash.recording.channels import clipped, runs
 
+#: what lasts longer than a spike is a motion (samples)
+SPIKE_SAMPLES_MAX = 2
+#: a spike is so much further off its median than usual and than noise, which outliers of noise are not (ratio)
+SPIKE_RATIO = 8.0
+#: this quantile is how far samples usually are off their median (share)
+SPIKE_USUAL_SHARE = 0.998
 #: the median's window: most of it lies beside the longest spike (samples)
 SPIKE_WINDOW_SAMPLES = 7
 #: an encoder jitters by fewer counts than a spike has (counts)
@@ -35,16 +42,30 @@ HUNG_SAMPLES_MIN = 5
 HUNG_REPEATS_SHARE = 0.05
 #: how seldom equal readings by chance may be taken for a sensor that hangs (probability)
 HUNG_CHANCE = 1e-3
+#: fewer changes of a reading show no pattern
+CHANGES_MIN = 30
+#: so many steps before a pause, and after the one that ends it, tell how fast the motion is
+BESIDE = 2
+#: a channel of whose variance more is white noise, coherent with nothing, is dead (share)
+DEAD_NOISE_SHARE = 0.8
 #: with fewer, noise is coherent by chance (stretches)
 COHERENCE_STRETCHES_MIN = 16
 #: how seldom noise alone may be taken for a signal (probability)
 COHERENCE_CHANCE = 1e-3
+#: a channel of counts repeats its values: it has this many at most (share of samples)
+COUNTED_SHARE = 0.5
+#: no noise is lower: two integrators of the same equations differ by less (share of the signal)
+NUMERICAL_SHARE = 3e-5
+#: fewer have no spectrum (samples)
+SPECTRUM_SAMPLES_MIN = 64
+#: relative variance of a band's level, times its bins and segments: 1/(ln 2)^2 for a median of periodograms, twice as
+#: much because the window correlates neighbouring bins
+MEDIAN_OF_PERIODOGRAMS = 2.0 / np.log(2.0) ** 2
+#: bands within so many standard errors have the same level
+SAME_LEVEL_ERRORS = 2.0
 
-#: the slope beside a gap is that of a parabola through as many samples
-SLOPE_SAMPLES = 12
 
-
-def spikes(values: Floats, u: Floats) -> np.ndarray:
+def spikes(values: Floats, u: Floats) -> Mask:
     """(N,) the samples that stand alone, far off the median of their neighbours.
 
     A jump is no spike, and neither is what happens often (chatter, a torque ripple, the counts of an encoder), nor what
@@ -56,10 +77,10 @@ def spikes(values: Floats, u: Floats) -> np.ndarray:
     most = 1.0 - SPIKE_WINDOW_SAMPLES * SPIKES_SHARE_MAX
     bridge = np.zeros(len(values), dtype=bool)
     for start, stop in runs((away > _least(values, away, most)) & free):
-        bridge[_furthest(away, start, stop)[: SETTINGS.spike_samples_max]] = True
-    bare = _straight(values, bridge)
-    least = _least(values, _away(bare), SETTINGS.spike_usual_share)
-    bent = SPIKE_ROUGHNESS * float(np.quantile(_roughness(bare), SETTINGS.spike_usual_share))
+        bridge[_furthest(away, start, stop)[:SPIKE_SAMPLES_MAX]] = True
+    bare = filled(np.where(bridge, np.nan, values))
+    least = _least(values, _away(bare), SPIKE_USUAL_SHARE)
+    bent = SPIKE_ROUGHNESS * float(np.quantile(_roughness(bare), SPIKE_USUAL_SHARE))
     found = np.zeros(len(values), dtype=bool)
     for start, stop in runs((away > least) & free):
         found[_alone(values, _furthest(away, start, stop), least)] = True
@@ -82,29 +103,23 @@ def _roughness(values: Floats) -> Floats:
 def _least(values: Floats, away: Floats, usual: float) -> float:
     """How far off its median a sample has to be: beyond what is usual (a quantile), an encoder's jitter, and noise."""
     counts = SPIKE_COUNTS * quantum(values)
-    return max(SETTINGS.spike_ratio * float(np.quantile(away, usual)), counts, SETTINGS.spike_ratio * _noise(values))
+    return max(SPIKE_RATIO * float(np.quantile(away, usual)), counts, SPIKE_RATIO * _noise(values))
 
 
-def _furthest(away: Floats, start: int, stop: int) -> np.ndarray:
+def _furthest(away: Floats, start: int, stop: int) -> Mask:
     """The samples from ``start`` to ``stop``, those that are furthest off first."""
     furthest: np.ndarray = start + np.argsort(-away[start:stop])
     return furthest
 
 
-def _straight(values: Floats, missing: np.ndarray) -> Floats:
-    """(N,) the values with straight lines over what is missing."""
-    at = np.arange(len(values))
-    return np.where(missing, np.interp(at, at[~missing], values[~missing]), values)
-
-
-def _alone(values: Floats, furthest: np.ndarray, least: float) -> np.ndarray:
+def _alone(values: Floats, furthest: np.ndarray, least: float) -> Mask:
     """As few of the samples that are furthest off as leave none of them so far off once these are bridged; or none."""
     first = max(int(furthest.min()) - SPIKE_WINDOW_SAMPLES, 0)
     near = values[first : int(furthest.max()) + SPIKE_WINDOW_SAMPLES + 1]
-    for count in range(1, SETTINGS.spike_samples_max + 1):
+    for count in range(1, SPIKE_SAMPLES_MAX + 1):
         missing = np.zeros(len(near), dtype=bool)
         missing[furthest[:count] - first] = True
-        if np.all(_away(_straight(near, missing))[furthest - first] <= least):
+        if np.all(_away(filled(np.where(missing, np.nan, near)))[furthest - first] <= least):
             return furthest[:count]
     return furthest[:0]
 
@@ -121,7 +136,7 @@ def unwrapped(values: Floats) -> tuple[Floats, int]:
     return straight, turned
 
 
-def _after_jumps(u: Floats) -> np.ndarray:
+def _after_jumps(u: Floats) -> Mask:
     """(N,) the samples shortly after where the command jumps, and of the beginning."""
     steps = np.abs(np.diff(u, prepend=u[0]))
     jumps = steps > jump(steps)
@@ -140,45 +155,12 @@ def _noise(values: Floats) -> float:
     return float(np.median(np.abs(np.diff(values, 2)))) / (0.6745 * math.sqrt(6.0))
 
 
-def at_limits(values: Floats) -> np.ndarray:
+def at_limits(values: Floats) -> Mask:
     """(N,) the samples at which a sensor's range ends; none where only a few levels are ever taken."""
     found = np.zeros(len(values), dtype=bool)
     for _, mask in clipped(values):
         found |= mask
     return found
-
-
-def bridged(values: Floats, missing: np.ndarray) -> Floats:
-    """(N,) the values with each run of ``missing`` replaced by the cubic that leaves and meets the rest smoothly.
-
-    It has the channel's noise and counts: the noise floor is read from all of it, quiet stretches would lower that.
-    """
-    found = np.array(values, dtype=float)
-    good = np.flatnonzero(~missing)
-    if len(good) < 2:
-        return found
-    for start, stop in runs(missing):
-        before, after = good[good < start][-SLOPE_SAMPLES:], good[good >= stop][:SLOPE_SAMPLES]
-        if not len(before) or not len(after):
-            found[start:stop] = values[before[-1] if len(before) else after[0]]
-            continue
-        ends = [before[-1], after[0]]
-        slopes = [_slope(before, values, before[-1]), _slope(after, values, after[0])]
-        if stop - start <= SETTINGS.spike_samples_max:  # noise in the slopes would be more than what a line misses
-            slopes = [(values[ends[1]] - values[ends[0]]) / (ends[1] - ends[0])] * 2
-        found[start:stop] = CubicHermiteSpline(ends, values[ends], slopes)(np.arange(start, stop))
-    count = quantum(values[~missing])
-    found[missing] += _noise(values[~missing]) * np.random.default_rng(0).standard_normal(int(missing.sum()))
-    if count > 0.0:
-        found[missing] = count * np.round(found[missing] / count)
-    return found
-
-
-def _slope(at: np.ndarray, values: Floats, where: int) -> float:
-    """Slope per sample at ``where`` of the parabola through the samples ``at``."""
-    if len(at) < 2:
-        return 0.0
-    return float(np.polyfit(at - where, values[at], min(2, len(at) - 1))[-2])
 
 
 def noise_alone(values: Floats, others: Mapping[str, Floats]) -> float:
@@ -189,64 +171,86 @@ def noise_alone(values: Floats, others: Mapping[str, Floats]) -> float:
 
     Parameters
     ----------
-    others : the command and the other channels, (N,) each.
+    values : (N,). others : the command and the other channels, (N,) each.
 
     Returns
     -------
     0 to 1, and 1 for a constant.
     """
-    variance = float(np.var(values))
-    if variance == 0.0:
+    if not len(values) or np.ptp(values) == 0.0:
         return 1.0
-    share = min(white_noise(values) ** 2 / variance, 1.0) if len(values) >= 64 else 0.0
-    if share < SETTINGS.dead_noise_share:
+    share = min(white_noise(values) ** 2 / float(np.var(values)), 1.0)
+    if share < DEAD_NOISE_SHARE:
         return share
     length = max(32, min(1024, len(values) // COHERENCE_STRETCHES_MIN))
     chance = COHERENCE_CHANCE / (length // 2 + 1) / max(len(others), 1)
     level = 1.0 - chance ** (1.0 / max(len(values) // length - 1, 1))
     moving = (other for other in others.values() if np.ptp(other) > 0.0)
-    alive = any(np.max(coherence(values, other, nperseg=length)[1]) > level for other in moving)
+    with np.errstate(divide="ignore", invalid="ignore"):  # where one of them rests
+        alive = any(np.nanmax(coherence(values, other, nperseg=length)[1]) > level for other in moving)
     return 0.0 if alive else share
 
 
-#: fewer changes of a reading show no pattern
-CHANGES_MIN = 30
-#: so many steps before a pause, and after the one that ends it, tell how fast the motion is
-BESIDE = 2
+def quantum(values: Floats) -> float:
+    """Size of a count, in the channel's unit; 0 if the channel is not counted."""
+    levels = np.unique(values)
+    if len(levels) < 3 or len(levels) > COUNTED_SHARE * len(values):
+        return 0.0
+    steps = np.diff(levels)
+    step = float(np.quantile(steps, 0.1))
+    counts = steps / step
+    regular = np.abs(counts - np.round(counts)) < 0.05
+    return step if regular[counts < 20].mean() > 0.95 else 0.0
 
 
-def fresh(values: Floats) -> np.ndarray | None:
-    """(N,) the samples at which a channel was read, where it was read more seldom than it was recorded; else None.
+def white_noise(values: Floats) -> float:
+    """Standard deviation of the white noise: the lowest level of the spectrum, at all frequencies; 0 of few values.
 
-    Such a reading changes by several counts at a time, and still never at two samples in a row.
+    The signal is differenced before the spectrum is taken, so that its slow parts do not leak. The lowest band alone
+    would be too low by chance (minimum statistics: Martin, IEEE Trans. Speech Audio Process. 9 (2001) 504): so the mean
+    of all bands that are as low within their errors counts.
+    """
+    if len(values) < SPECTRUM_SAMPLES_MIN:
+        return 0.0
+    steps = np.diff(values)
+    length = int(min(1024, len(steps) // 4))
+    frequency, density = welch(steps, 1.0, "blackmanharris", length, detrend=False, average="median")
+    density = density[1:] / (2.0 * np.sin(np.pi * frequency[1:])) ** 2
+    width = max(4, len(density) // 8)
+    bands = density[: len(density) // width * width].reshape(-1, width).mean(axis=1)
+    levels = np.sort(bands[len(bands) // 4 :])
+    error = np.sqrt(MEDIAN_OF_PERIODOGRAMS / ((2 * len(steps) // length - 1) * width))
+    count = np.arange(1, len(levels) + 1)
+    mean = np.cumsum(levels) / count
+    most = (1.0 + SAME_LEVEL_ERRORS * error * np.sqrt(1.0 + 1.0 / count)) * mean
+    alike = np.append(levels[1:] <= most[:-1], False).argmin()
+    return float(np.sqrt(0.5 * mean[alike]))
+
+
+def sensor_noise(values: Floats) -> float:
+    """Standard deviation of a channel's noise, in its unit, also where it moves from one sample to the next."""
+    return max(white_noise(values), quantum(values) / math.sqrt(12.0), NUMERICAL_SHARE * float(np.std(values)))
+
+
+def stale(values: Floats) -> Mask:
+    """(N,) the samples that repeat the last reading of a channel that is read more seldom than it is recorded.
+
+    Such a reading changes by several counts at a time, and still never at two samples in a row. The first value is one:
+    it was read then or shortly before, and where a machine begins at rest its first state is known by it.
     """
     steps = np.diff(values)
     changed = np.flatnonzero(steps) + 1
     gaps = np.diff(changed)
-    if len(changed) < CHANGES_MIN or float(np.mean(gaps == 1)) > HELD_TOGETHER_SHARE:
-        return None
-    if float(np.median(np.abs(steps[changed - 1]))) < HELD_COUNTS * quantum(values):
-        return None  # it moves slowly over the counts of its sensor
     found = np.zeros(len(values), dtype=bool)
-    found[changed] = True
+    if len(changed) < CHANGES_MIN or float(np.mean(gaps == 1)) > HELD_TOGETHER_SHARE:
+        return found
+    if float(np.median(np.abs(steps[changed - 1]))) < HELD_COUNTS * quantum(values):
+        return found  # it moves slowly over the counts of its sensor
+    found[1:] = steps == 0.0
     return found
 
 
-def between(values: Floats, known: np.ndarray) -> Floats:
-    """(N,) the values that are known, and on a cubic spline through them those between, with the channel's noise.
-
-    The first value counts as known too: it was read then or shortly before. Quiet stretches would lower the noise
-    floor, which is read from all of it.
-    """
-    at = np.union1d([0], np.flatnonzero(known))
-    sigma, count = sensor_noise(values[at])
-    where = np.minimum(np.arange(len(values)), at[-1])
-    found = np.asarray(CubicSpline(at, values[at])(where), dtype=float)
-    found += np.where(known, 0.0, sigma * np.random.default_rng(0).standard_normal(len(values)))
-    return count * np.round(found / count) if count > 0.0 else found
-
-
-def hung(values: Floats) -> np.ndarray:
+def hung(values: Floats) -> Mask:
     """(N,) the samples at which a channel repeats its last reading for so long as chance does not, then jumps on.
 
     A jump leads to where the motion has gone on to, and is larger than the steps beside it. A machine that friction

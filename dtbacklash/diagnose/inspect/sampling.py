@@ -10,15 +10,16 @@ import numpy as np
 from scipy.signal import welch
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.data.compare import Record
-from dtbacklash.diagnose.data.floor import sensor_noise
-from dtbacklash.diagnose.settings import SETTINGS
+from dtbacklash.diagnose.inspect.samples import sensor_noise
+from dtbacklash.diagnose.records import Record
 from dtbacklash.errors import UserError
 from dtbacklash.physics.bodies import natural_frequencies_hz
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.recording.plausible import plain_rig
 
+#: with fewer a measured angle, linear between samples, drives a mode wrongly by more than a tenth (samples per period)
+MODE_SAMPLES_MIN = 6.0
 #: from this share of its frequency on, power belongs to a mode: damping widens it (share)
 MODE_BAND_SHARE = 0.7
 
@@ -38,22 +39,22 @@ class Carried:
     @property
     def enough(self) -> bool:
         """Whether the sampling carries it."""
-        return self.per_period >= SETTINGS.mode_samples_min
+        return self.per_period >= MODE_SAMPLES_MIN
 
 
 def carried(rig: Rig, record: Record) -> Carried:
     """The fastest of the rig's modes that its recorded channels show, against the sampling."""
     step = record.sample_time_s
-    nothing = Carried(None, 2.0 * SETTINGS.mode_samples_min)
+    nothing = Carried(None, 2.0 * MODE_SAMPLES_MIN)
     modes = natural_frequencies_hz(rig)
-    fast = [float(f) for f in modes if f * step * SETTINGS.mode_samples_min > 1.0]
+    fast = [float(f) for f in modes if f * step * MODE_SAMPLES_MIN > 1.0]
     if not fast:
         return Carried(float(modes.max()), 1.0 / (float(modes.max()) * step)) if len(modes) else nothing
     try:
         shown = _response(rig, record)
     except UserError:
         return nothing
-    noise = {name: sensor_noise(record.y[name])[0] for name in shown}
+    noise = {name: sensor_noise(record.y[name][np.isfinite(record.y[name])]) for name in shown}
     for frequency in sorted(fast, reverse=True):
         if any(_rms_above(v, MODE_BAND_SHARE * frequency, step / FINE) > noise[name] for name, v in shown.items()):
             return Carried(frequency, 1.0 / (frequency * step))

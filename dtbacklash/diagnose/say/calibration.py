@@ -12,11 +12,10 @@ import math
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.fit.free import Errors, Free
-from dtbacklash.diagnose.fit.intervals import Linear, inverse
+from dtbacklash.diagnose.conclusion import Conclusion
+from dtbacklash.diagnose.engine.free import Free, unit_of
 from dtbacklash.diagnose.named import Blind, Calibration, Recalibrated
-from dtbacklash.diagnose.say.findings import around, unit_of
-from dtbacklash.physics.rig import Rig
+from dtbacklash.diagnose.say.findings import around
 
 #: along a blind direction the data alone leave an error of so many tolerances or more
 BLIND_TOLERANCES = 1.0
@@ -26,28 +25,23 @@ TAKES_PART = 0.3
 ALIKE_RATIO = 1.5
 
 
-def calibration(rig: Rig, about: Linear, errors: Errors) -> Calibration:
-    """The parameters at the end of a fit, with intervals, correlations and blind directions.
-
-    Parameters
-    ----------
-    rig : with the found effects. about : the fit's problem, linearised at its end. errors : the standard errors.
-    """
-    free = about.problem.free
-    if not free:
+def calibration(c: Conclusion) -> Calibration:
+    """The parameters at the end of a fit, with intervals, correlations and blind directions."""
+    values, rig = c.values, c.model.rig
+    if not values.free or not len(values.rows):
         return Calibration({}, {}, ())
-    titles = [f.title for f in free]
-    covariance = inverse(about.jacobian)
-    sizes = np.sqrt(np.diag(covariance))
-    correlation = covariance / np.outer(sizes, sizes)
+    titles = [f.title for f in values.free]
+    sizes = np.sqrt(np.maximum(np.diag(values.covariance), 1e-300))
+    correlation = values.covariance / np.outer(sizes, sizes)
     rows = {}
-    for f, x in zip(free, about.x, strict=True):
-        value, error = f.value(x), errors.get((f.place, f.effect, f.name), math.nan)
+    for f, x in zip(values.free, values.x, strict=True):
+        value, error = f.value(x), values.errors.get((f.place, f.effect, f.name), math.nan)
         rows[f.title] = Recalibrated(f.centre, value, unit_of(rig, f), around(value, error))
+    data = sum(p.readings.y.size for p in c.search.bench.predictors)
     return Calibration(
         rows,
         {a: dict(zip(titles, map(float, row), strict=True)) for a, row in zip(titles, correlation, strict=True)},
-        tuple(_blind(free, about.jacobian[: len(about.rows) - about.problem.priors])),
+        tuple(_blind(list(values.free), values.jacobian[:data])),
     )
 
 

@@ -2,41 +2,150 @@
 
 import numpy as np
 
-from dtbacklash.diagnose.data.compare import predict
-from dtbacklash.diagnose.data.evidence import Evidence, Residuals, by_recording
-from dtbacklash.diagnose.fit.errors import in_floors
-from dtbacklash.diagnose.fit.free import Key
-from dtbacklash.diagnose.judge.free_form import Recovered
-from dtbacklash.diagnose.judge.law_points import EFFORTS
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.conclusion import Conclusion
+from dtbacklash.diagnose.engine.columns import Proposal
+from dtbacklash.diagnose.engine.free import Key
 from dtbacklash.diagnose.named import Modelled
-from dtbacklash.diagnose.search.model import Model
+from dtbacklash.diagnose.say.errors import ErrorTables
 from dtbacklash.diagnose.shown import Curve, LawShown, Shown
 from dtbacklash.diagnose.words import place_in_words
 from dtbacklash.physics.catalogue import find
-from dtbacklash.physics.drawing import POINTS, effort_over
+from dtbacklash.physics.drawing import POINTS, drawing_of, effort_over, law_curve
+from dtbacklash.physics.effects.table import KNOTS, SHAPES
+
+EFFORTS = {"N m": "missing torque", "N": "missing force", "V": "missing voltage", "m": "missing displacement"}
+#: the loop of a recording's own stroke: this quantile of the state about its middle
+STROKE = 0.98
 
 
-def shown(
-    model: Model, left_out: dict[Key, Residuals], laws: list[LawShown], rest: Recovered | None,
-    modelled: Modelled | None = None,
-) -> Shown:  # fmt: skip
-    """Everything that is drawn.
+def shown(c: Conclusion, tables: ErrorTables) -> Shown:
+    """Everything that is drawn."""
+    laws = [law for key in c.model.keys if (law := _law(c, key)) is not None]
+    rest = next((p for p in c.judged.rest if p.gain > c.search.rules.worth * c.search.bench.count), None)
+    if c.modelled is not None:
+        laws.append(_as_modelled(c.modelled))
+    elif rest is not None:
+        laws.append(_recovered(c, rest))
+    return Shown(_shares(c), tuple(_curves(c, tables)), tuple(laws), tables.in_floors())
 
-    Parameters
-    ----------
-    left_out : per finding, what remains without it. laws : of the findings.
-    rest : the effort that explains most of what no law explains. modelled : that effort as the rig has it.
-    """
-    laws = [*laws]
-    if modelled is not None:
-        laws.append(_as_modelled(modelled))
-    # where a block is driven by what is imposed on it, an effort may show nowhere: there is nothing to draw then
-    elif rest is not None and rest.shown and np.any(rest.effort):
-        laws.append(_unexplained(rest))
-    evidence_at = shares(model, left_out, rest)
-    return Shown(
-        evidence_at, tuple(_curves(model)), tuple(laws), in_floors(model.evidence, model.nominal, model.fitted)
+
+def _shares(c: Conclusion) -> dict[str, float]:
+    """Place -> its share of what was missing: what each name explains, and what a table beside all of them would."""
+    weights: dict[str, float] = {}
+    for (place, _), gain in c.judged.explains.items():
+        weights[place] = weights.get(place, 0.0) + gain
+    if c.modelled is not None:
+        weights[c.modelled.location] = weights.get(c.modelled.location, 0.0) + max(c.model.score - c.last.score, 0.0)
+    total = sum(weights.values())
+    return {place: weight / total for place, weight in weights.items()} if total > 0.0 else {}
+
+
+def _curves(c: Conclusion, tables: ErrorTables) -> list[Curve]:
+    """Measured, nominal and extended, a channel and a recording each, as the models are compared."""
+    nominal, extended = tables.compared[0], tables.compared[-1]
+    found: dict[tuple[str, int], list[tuple[np.ndarray, ...]]] = {}
+    for k, s in enumerate(c.seen.stretches):
+        for j, channel in enumerate(s.predictor.readings.channels):
+            y = s.measured[:, j]
+            there = [y - e[k][:, j] if e is not None else np.full(len(y), np.nan) for e in (nominal, extended)]
+            found.setdefault((channel, s.record.recording), []).append((s.t_s, y, *there, s.held))
+    curves = []
+    for (channel, number), parts in found.items():
+        t_s, y, first, last, held = (np.concatenate(column) for column in zip(*parts, strict=True))
+        judged = np.flatnonzero(held)
+        curves.append(Curve(
+            channel if number == 0 else f"{channel} (recording {number + 1})",
+            c.search.bench.nominal.sensors[channel].unit, t_s, y, first, last,
+            float(t_s[judged[0]]) if judged.size else None, tables.floor[channel],
+        ))  # fmt: skip
+    return curves
+
+
+def _law(c: Conclusion, key: Key) -> LawShown | None:
+    """The law of a name beside the table that the recording asks for without it; None where it has no one state."""
+    place, name = key
+    rig = c.model.rig
+    entry, values = find(rig.kind_at(place), name, place), rig.effects[place][name]
+    drawing = drawing_of(entry)
+    if drawing is None or entry.is_table:
+        return None
+    over = _state(c, place, drawing.state)
+    if over is None:
+        return None
+    states, unit = over
+    table = next(
+        (p for p in c.judged.tables.get(key, ())
+         if SHAPES[p.keys[0][1]].over == drawing.state and SHAPES[p.keys[0][1]].times == drawing.times), None,
+    )  # fmt: skip
+    if drawing.shape == "wave":
+        reach = 0.0, 2.0 * np.pi / (values[drawing.wave] if drawing.wave else 1.0)
+        table = None
+    elif drawing.shape == "loop":
+        table = None
+        assert drawing.width is not None
+        half = drawing.stroke * drawing.width(values) if drawing.stroke else float(
+            np.quantile(np.abs(states - np.median(states)), STROKE)
+        )  # fmt: skip
+        reach = -half, half
+    else:
+        reach = float(np.quantile(states, 0.002)), float(np.quantile(states, 0.998))
+    if not reach[1] > reach[0]:
+        return None
+    law = law_curve(drawing, values, rig.elements[place].values, reach)
+    effort_unit = drawing.effort_unit or entry.size.unit
+    points = _points(table, drawing.state == "command") if table is not None else (np.empty(0),) * 3
+    label = "time" if drawing.state == "time" else f"{drawing.state} of {place_in_words(place)}"
+    share = float("nan")
+    if table is not None:
+        share = 1.0 - min(c.judged.adds.get(key, 0.0), 1.0)
+        effort_unit = drawing.effort_unit or table.parts[0][0].effect.size.unit
+    return LawShown(
+        place, name, label, drawing.effort_label or EFFORTS.get(effort_unit, "missing effort"), unit, effort_unit,
+        *law, *points, share,
+    )  # fmt: skip
+
+
+def _state(c: Conclusion, place: str, state: str) -> tuple[Floats, str] | None:
+    """(N,) a state of a place as predicted, and its unit."""
+    motion, rig = c.search.motion, c.model.rig
+    if state == "time":
+        return motion.time, "s"
+    states = motion.states(place)
+    if state == "angle" and (rotor := rig.motor_rotor()) is not None and rotor.name in motion.position:
+        return motion.position[rotor.name], "rad"
+    if state not in states:
+        body = next(iter(motion.position), None)
+        drive = rig.elements[place].neighbours.get("drives", body) if place in rig.elements else body
+        states = motion.states(drive) if drive in motion.position else {}
+    if state not in states:
+        return None
+    turning = "rad" if rig.elements[place].kind in ("rotor", "shaft", "gearbox", "gear", "motor_circuit") else "m"
+    return states[state], {"command": rig.command_unit, "speed": f"{turning}/s", "stretch rate": f"{turning}/s"}.get(
+        state, turning
     )
+
+
+def _points(p: Proposal, over_command: bool) -> tuple[Floats, Floats, Floats]:
+    """State, effort and standard error of a table's values; of the amplifier, output over input."""
+    ((h, heights),) = p.parts
+    assert heights is not None
+    assert p.errors is not None
+    knots = np.array([h.values[f"x{k + 1}"] for k in range(KNOTS)])
+    return knots, heights + knots * over_command, p.errors
+
+
+def _recovered(c: Conclusion, p: Proposal) -> LawShown:
+    """The force that the recording still needs, against the state that explains most of it."""
+    ((h, _),) = p.parts
+    shape = SHAPES[h.effect.name]
+    state, effort, error = _points(p, False)
+    unit = h.effect.size.unit
+    return LawShown(
+        h.place, "", f"{shape.over} of {place_in_words(h.place)}",
+        f"missing effort by {shape.times}" if shape.times else EFFORTS.get(unit, "missing effort"),
+        h.effect.parameters[KNOTS].unit, unit, state=state, recovered=effort, error=error,
+    )  # fmt: skip
 
 
 def _as_modelled(modelled: Modelled) -> LawShown:
@@ -54,61 +163,3 @@ def _as_modelled(modelled: Modelled) -> LawShown:
         f"missing effort by {modelled.times}" if modelled.times else missing, modelled.state_unit, modelled.unit,
         grid, curve, state, effort, error,
     )  # fmt: skip
-
-
-def _unexplained(rest: Recovered) -> LawShown:
-    label = "time" if rest.state == "time" else f"{rest.state} of {place_in_words(rest.place)}"
-    return LawShown(
-        rest.place, "", label, EFFORTS.get(rest.effort_unit, "missing effort"), rest.state_unit, rest.effort_unit,
-        state=rest.knots, recovered=rest.effort, error=rest.error,
-    )  # fmt: skip
-
-
-def shares(model: Model, left_out: dict[Key, Residuals], rest: Recovered | None) -> dict[str, float]:
-    """Place -> its share of the evidence against the recalibrated rig; they add up to 1, or there are none.
-
-    An effect weighs what the held-out log-likelihood of a sample falls by when it alone is taken out again, and
-    what nothing explains what separates it from the noise floor: noise alone weighs nothing, and so does what shows
-    itself at no place.
-    """
-    weights: dict[str, float] = {}
-    last = _log_excess(model.evidence, model.fitted.residuals)
-    for (place, _), residuals in left_out.items():
-        weights[place] = weights.get(place, 0.0) + max(_log_excess(model.evidence, residuals) - last, 0.0)
-    if rest is not None and rest.shown:
-        weights[rest.place] = weights.get(rest.place, 0.0) + last
-    total = sum(weights.values())
-    return {place: weight / total for place, weight in weights.items()} if total > 0.0 else {}
-
-
-def _log_excess(evidence: Evidence, residuals: Residuals) -> float:
-    """Sum over the channels of the logarithm of the held-out mean square above the floor."""
-    squares, least = evidence.mean_square(residuals, "held"), evidence.least()
-    return sum(float(np.sum(np.log(np.maximum(squares[n] / least[n], 1.0)))) for n in squares)
-
-
-def _curves(model: Model) -> list[Curve]:
-    """Measured, nominal and extended, a channel and a recording each, at the scale of the comparison."""
-    evidence = model.evidence
-    curves = []
-    for number, stretches in enumerate(by_recording(evidence.records)):
-        clocks = [r.from_s + np.arange(r.samples, dtype=np.float64) * r.sample_time_s for r in stretches]
-        t_s = np.concatenate(clocks)
-        held = np.flatnonzero(np.concatenate([r.held for r in stretches]))
-        for block in evidence.blocks:
-            nominal = np.concatenate([predict(evidence.nominal, block, r) for r in stretches])
-            extended = np.concatenate([predict(model.fitted.rig, block, r) for r in stretches])
-            for j, channel in enumerate(block.channels):
-                curves.append(
-                    Curve(
-                        name=channel if number == 0 else f"{channel} (recording {number + 1})",
-                        unit=evidence.nominal.sensors[channel].unit,
-                        t_s=t_s,
-                        measured=np.concatenate([r.y[channel] for r in stretches]),
-                        nominal=nominal[:, j],
-                        extended=extended[:, j],
-                        held_out_from_s=float(t_s[held[0]]) if held.size else None,
-                        noise_floor=float(evidence.floor[block.name][j]),
-                    )
-                )
-    return curves

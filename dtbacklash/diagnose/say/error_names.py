@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import wraps
 from typing import Concatenate, ParamSpec, TypeVar
 
-from dtbacklash.diagnose.data.several import names_of
+from dtbacklash.diagnose.several import names_of
 from dtbacklash.errors import UserError
 from dtbacklash.recording.model import Recording
 

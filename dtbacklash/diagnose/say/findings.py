@@ -1,164 +1,143 @@
-"""Findings: from the effects and parameters of the last fit to what is said of them, with intervals and rivals."""
+"""Findings: from the names of the last model to what is said of them, with intervals, rivals and limits."""
 
-from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.data.evidence import Residuals
-from dtbacklash.diagnose.fit.comparison import lead_of
-from dtbacklash.diagnose.fit.free import (
-    Errors,
-    Free,
-    Key,
-    as_given,
-    effects_of_rig,
-    is_known,
-    nominal_free,
-    taken_out,
-    unit_at,
-)
-from dtbacklash.diagnose.fit.intervals import NORMAL95
-from dtbacklash.diagnose.judge.free_form import Recovered
-from dtbacklash.diagnose.judge.stands import Rival
-from dtbacklash.diagnose.judge.verdict import BlockLeft, Moved
+import math
+
+from dtbacklash.diagnose.conclusion import NORMAL95, Conclusion
+from dtbacklash.diagnose.engine.columns import Columns
+from dtbacklash.diagnose.engine.free import Key, unit_at, unit_of
+from dtbacklash.diagnose.engine.judge import Rival
 from dtbacklash.diagnose.named import (
     Alternative,
     Confidence,
     Finding,
+    Ground,
     Instead,
     Interval,
     ParameterEstimate,
     Recalibrated,
     Stands,
 )
-from dtbacklash.diagnose.result import UNEXPLAINED, Candidate, Located, Rest, Verdict
-from dtbacklash.diagnose.say.sentences import as_well_said, less, open_said, quantity, when
-from dtbacklash.diagnose.search.model import Log, Model, WrongValue, rescaled
-from dtbacklash.diagnose.search.objections import unseen
-from dtbacklash.diagnose.words import all_in_words, named_in_words, place_in_words
+from dtbacklash.diagnose.result import UNEXPLAINED, Candidate, Limit, Located, Rest, Verdict
+from dtbacklash.diagnose.say.sentences import less, open_said, quantity, when
+from dtbacklash.diagnose.words import all_in_words, place_in_words
 from dtbacklash.physics.catalogue import find
-from dtbacklash.physics.rig import Rig
+from dtbacklash.physics.effects.table import KNOTS, SHAPES
 
 
-def without(model: Model) -> dict[Key, Residuals]:
-    """Per finding, what the last fit leaves if the finding alone is taken out of it."""
-    evidence, fitted = model.evidence, model.fitted
-    return {
-        key: evidence.residuals(as_given(evidence.nominal, fitted.rig, key), fitted.residuals, {key[0]})
-        for key in model.keys
-    }
+def findings(c: Conclusion) -> tuple[Finding, ...]:
+    """A finding for each name of the extended rig; tables are none."""
+    named = [k for k in c.model.keys if not find(c.model.rig.kind_at(k[0]), k[1], k[0]).is_table]
+    return tuple(_finding(c, key) for key in named)
 
 
-def without_known(model: Model) -> dict[Key, Residuals]:
-    """The same for each effect that the rig has had from the beginning."""
-    rig = model.fitted.rig
-    return {
-        key: model.evidence.residuals(taken_out(rig, key), model.fitted.residuals, {key[0]})
-        for key in effects_of_rig(rig) if is_known(rig, key)
-    }  # fmt: skip
-
-
-def finding(
-    model: Model, key: Key, errors: Errors, left_out: Residuals, rivals: list[Rival], grounds: Stands
-) -> Finding:
-    """What is said of one effect.
-
-    left_out : what remains without it. rivals : that were fitted in its place. grounds : what its name rests on.
-    """
-    evidence = model.evidence
+def _finding(c: Conclusion, key: Key) -> Finding:
     place, name = key
-    entry = find(evidence.nominal.kind_at(place), name, place)
-    values = model.fitted.rig.effect(place, name) or {}
+    nominal, rig = c.search.bench.nominal, c.model.rig
+    entry, values = find(nominal.kind_at(place), name, place), rig.effects[place][name]
     parameters: dict[str, ParameterEstimate] = {}
-    idle, gone = entry.idle(values), _is_not_there(model, key)
+    idle = entry.idle(values)
     for p in entry.parameters:
         if p.name in idle:
             continue  # nothing asked for it
-        error, value = errors.get((place, name, p.name), float("nan")), values[p.name]
-        ends = max(value - NORMAL95 * error, p.low), min(value + NORMAL95 * error, p.high)
-        if gone and p.neutral is not None:
-            ends = min(ends[0], p.neutral), max(ends[1], p.neutral)
-        parameters[p.name] = ParameterEstimate(value, unit_at(evidence.nominal, place, p.unit), ends)
-    instead = _instead(model, key, rivals)
+        error, value = c.values.errors.get((place, name, p.name), math.nan), values[p.name]
+        low, high = max(value - NORMAL95 * error, p.low), min(value + NORMAL95 * error, p.high)
+        parameters[p.name] = ParameterEstimate(value, unit_at(nominal, place, p.unit), (low, high))
+    grounds = stands(c, key)
+    instead = _instead(c, key)
     shown = {n: quantity(p.value, p.unit) for n, p in parameters.items()}
-    silent = idle | unseen(evidence, model.fitted.rig, key, errors)
+    silent = idle | _unseen(c, key)
     said = entry.said(silent).format(location=place_in_words(place), **shown)
-    if gone:
-        said = f"{named_in_words(name, place)} is not there, or too small to be seen."
-    sure: Confidence = "sure" if grounds.sure and model.could_be is None else "partial"
-    sentence = said[:1].upper() + said[1:] + _instead_of_known(evidence.nominal, key)
+    sure: Confidence = "sure" if key in c.sure else "partial"
+    opened = "" if sure == "sure" else open_said(grounds)
     return Finding(
-        place, name, parameters, _also_fits(model, key, rivals), when(model, left_out), instead,
-        sentence + open_said(grounds) + less(instead), sure, grounds,
+        place, name, parameters, also_fits(c, key), when(c, key), instead,
+        said[:1].upper() + said[1:] + opened + less(instead), sure, grounds,
     )  # fmt: skip
 
 
-def _is_not_there(model: Model, key: Key) -> bool:
-    """Whether an effect that the nominal rig has does nothing any more, as what judges is no worse without it."""
-    evidence = model.evidence
-    if evidence.nominal.effect(*key) is None:
-        return False
-    here, rig = model.fitted.residuals, taken_out(model.fitted.rig, key)
-    return not lead_of(evidence, evidence.residuals(rig, here, {key[0]}), here).clear
+def _unseen(c: Conclusion, key: Key) -> set[str]:
+    """The amplitudes of an effect whose intervals hold what does nothing."""
+    entry, values = find(c.model.rig.kind_at(key[0]), key[1], key[0]), c.model.rig.effects[key[0]][key[1]]
+    found = set()
+    for p in entry.amplitudes:
+        error = c.values.errors.get((*key, p.name), math.nan)
+        if p is not entry.size and p.neutral is not None and not abs(values[p.name] - p.neutral) > NORMAL95 * error:
+            found.add(p.name)
+    return found
 
 
-def _instead_of_known(nominal: Rig, key: Key) -> str:
-    """What the nominal rig says of an effect that it has already, and that was found to be another one."""
-    known = nominal.effect(*key)
-    if known is None:
-        return ""
-    entry = find(nominal.kind_at(key[0]), key[1], key[0])
-    said = ", ".join(f"{p.name} {quantity(known[p.name], unit_at(nominal, key[0], p.unit))}" for p in entry.parameters)
-    return f" The nominal rig has it with {said}; the recording differs from that by more than the tolerance."
+def also_fits(c: Conclusion, key: Key) -> tuple[Alternative, ...]:
+    """Every rival by name that is not beaten; a pair is its parts."""
+    found: dict[Key, Alternative] = {}
+    for rival in c.judged.rivals.get(key, ()):
+        if rival.beaten or not rival.keys:
+            continue
+        for place, name in rival.keys:
+            if not find(c.model.rig.kind_at(place), name, place).is_table and (place, name) not in c.model.keys:
+                others = [(at, effect) for at, effect in rival.keys if (at, effect) != (place, name)]
+                beside = f"with {all_in_words(others)}" if others else ""
+                found.setdefault((place, name), Alternative(place, name, beside))
+    return tuple(found.values())
 
 
-def _also_fits(model: Model, key: Key, rivals: list[Rival]) -> tuple[Alternative, ...]:
-    """What this recording cannot tell from a finding: rivals that are not beaten, and what no recording tells."""
-    others = tuple(Alternative(*t.key, t.reason) for t in model.about(key).alike)
-    others += tuple(Alternative(*r.key) for r in rivals if not r.behind.clear)
-    return others if model.could_be is None else (*others, _wrong_value(model.could_be))
+def stands(c: Conclusion, key: Key) -> Stands:
+    """What a name rests on: rivals elsewhere, rivals and tables at its place, and the rig without it."""
+    rivals = c.judged.rivals.get(key, ())
+    elsewhere = [r for r in rivals if r.keys and any(k[0] != key[0] for k in r.keys)]
+    here = [r for r in rivals if r.keys and all(k[0] == key[0] for k in r.keys)]
+    without = [r for r in rivals if not r.keys]
+    law = _ground(here)
+    share = c.judged.adds.get(key)
+    enough = share is None or share < c.search.rules.alike
+    law = Ground(
+        law.stands and enough,
+        law.ratio,
+        law.t,
+        law.agree,
+        law.against,
+        None if share is None else 1.0 - min(share, 1.0),
+    )
+    size = _ground(without)
+    if c.left >= c.search.rules.left:
+        size = Ground(False, size.ratio, size.t, size.agree, size.against)
+    return Stands(_ground(elsewhere), law, size)
 
 
-def _wrong_value(as_well: WrongValue) -> Alternative:
-    """A parameter of the rig that would explain as much, at the first element that has it."""
-    elements = as_well.evidence.nominal.config.elements
-    place = next(name for name, spec in elements.items() if as_well.name in spec.values())
-    return Alternative(place, as_well.name, as_well_said(as_well))
+def _ground(rivals: list[Rival]) -> Ground:
+    """A lead over the closest of some rivals."""
+    if not rivals:
+        return Ground(True)
+    close = min(rivals, key=lambda r: r.least)
+    against = Alternative(*close.keys[0]) if close.keys else None
+    ratio = close.ratio if math.isfinite(close.ratio) else None
+    return Ground(all(r.beaten for r in rivals), ratio, close.least, close.agree, against)
 
 
-def _instead(model: Model, key: Key, rivals: list[Rival]) -> Instead | None:
+def _instead(c: Conclusion, key: Key) -> Instead | None:
     """What would be named if an effect were not in the catalogue: the closest of the laws there that are beaten."""
-    here = [r for r in rivals if r.key[0] == key[0] and r.behind.clear]
+    kind = c.model.rig.kind_at(key[0])
+    here = [
+        r for r in c.judged.rivals.get(key, ())
+        if r.beaten and len(r.keys) == 1 and r.keys[0][0] == key[0] and not find(kind, r.keys[0][1], key[0]).is_table
+    ]  # fmt: skip
     if not here:
         return None
-    close = min(here, key=lambda r: r.behind.ratio)
-    place, name = close.key
-    size = find(model.evidence.nominal.kind_at(place), name, place).size
-    values = close.fitted.rig.effect(place, name) or {}
-    return Instead(place, name, values.get(size.name, size.neutral or 0.0), size.unit, close.behind.ratio)
+    close = min(here, key=lambda r: r.lead)
+    place, name = close.keys[0]
+    size = find(kind, name, place).size
+    values = close.model.rig.effect(place, name) or {}
+    return Instead(place, name, values.get(size.name, size.neutral or 0.0), size.unit, close.ratio)
 
 
-def recalibrated(rig: Rig, moved: Moved, beyond: WrongValue | None) -> dict[str, Recalibrated]:
-    """The parameters of the rig that had to move, their intervals, and the effects whose place one of them took."""
-    known = {f.title: f for f in nominal_free(rig)}
-    taken = {} if beyond is None else {beyond.name: _as_good(beyond.instead_of)}
+def recalibrated(c: Conclusion) -> dict[str, Recalibrated]:
+    """The known parameters that had to move."""
+    known = {f.title: f for f in c.values.free}
     return {
         name: Recalibrated(
-            known[name].centre, value, unit_of(rig, known[name]), around(value, error), taken.get(name, ())
+            known[name].centre, value, unit_of(c.search.bench.nominal, known[name]), around(value, error)
         )
-        for name, (value, error) in moved.items()
+        for name, (value, error) in c.moved().items()
     }
-
-
-def _as_good(keys: tuple[Key, ...]) -> tuple[Alternative, ...]:
-    """The effects whose place a parameter took; several explain no less together only."""
-    others = {key: all_in_words(other for other in keys if other != key) for key in keys}
-    return tuple(Alternative(*key, f"with {rest}" if rest else "") for key, rest in others.items())
-
-
-def unit_of(rig: Rig, free: Free) -> str:
-    """The unit of a free parameter."""
-    if not free.effect:
-        return rig.config.parameters[free.name].unit
-    entry = find(rig.kind_at(free.place), free.effect, free.place)
-    return unit_at(rig, free.place, next(p.unit for p in entry.parameters if p.name == free.name))
 
 
 def around(value: float, error: float) -> Interval:
@@ -166,39 +145,63 @@ def around(value: float, error: float) -> Interval:
     return value - NORMAL95 * error, value + NORMAL95 * error
 
 
-def located(left: dict[str, BlockLeft], verdict: Verdict, rest: Recovered | None) -> Located | None:
-    """Where what nothing explains sits: the block, and the place and state whose effort explains most of it.
-
-    left : per block.
-    """
+def located(c: Conclusion, verdict: Verdict) -> Located | None:
+    """Where what nothing explains sits: the body with the largest unknown force, and the table that explains most."""
     if verdict != UNEXPLAINED:
         return None
-    name = max(left, key=lambda n: (left[n].real, left[n].share))
-    if rest is None:
-        return Located(name, name, left[name].share)
-    points = tuple(zip(*(_listed(v) for v in (rest.knots, rest.effort, rest.error)), strict=True))
-    form = Rest(rest.state, rest.state_unit, rest.effort_unit, rest.share, points)
-    return Located(name, rest.place if rest.shown else name, left[name].share, form, rest.shown)
+    unknown = c.unknown(c.model)
+    body = max(unknown, key=lambda b: unknown[b])
+    share = min(c.left / max(c.before, 1e-300), 1.0)
+    best = next((p for p in c.judged.rest if p.gain > c.search.rules.least * c.search.bench.count), None)
+    if c.modelled is not None:
+        m = c.modelled
+        rest = Rest(m.state, m.state_unit, m.unit, 1.0, m.points)
+        return Located(body, m.location, share, rest)
+    if best is None or best.errors is None:
+        return Located(body, body, share)
+    ((h, heights),) = best.parts
+    assert heights is not None
+    shape, entry = SHAPES[h.effect.name], h.effect
+    knots = [h.values[f"x{k + 1}"] for k in range(KNOTS)]
+    points = tuple(zip(knots, heights.tolist(), best.errors.tolist(), strict=True))
+    explained = min(best.gain / max(c.search.nothing.loss - c.model.loss + best.gain, 1e-300), 1.0)
+    rest = Rest(shape.over, entry.parameters[KNOTS].unit, entry.size.unit, explained, points)
+    return Located(body, h.place, share, rest)
 
 
-def _listed(values: Floats) -> list[float]:
-    return [float(v) for v in values]
-
-
-def candidates(model: Model, log: Log) -> tuple[Candidate, ...]:
-    """The bank about the recalibrated rig, and what became of each entry."""
-    tried = {trial.key: (trial, evidence) for trial, evidence in log.trials}
+def candidates(c: Conclusion) -> tuple[Candidate, ...]:
+    """The columns about the recalibrated rig, best first, and what became of each name."""
     rows = []
-    for score in log.scores:
-        key = score.candidate.key
-        left, verdict = None, "low score"
-        if key in tried:
-            trial, evidence = tried[key]
-            # all in units of the last floor
-            left = rescaled(trial, evidence, log.banks[-1].evidence).held_out
-            others = f" beside {trial.beside} found" if trial.beside else ""
-            verdict = log.refused.get(key) or log.verdict(trial) or f"fitted{others}, does not earn its place"
-        if key in model.keys:
-            verdict = "added"
-        rows.append(Candidate(*key, score.gain, left, verdict))
+    best = min(c.search.tried.values(), default=0.0)
+    for key, gain in sorted(c.search.gains.items(), key=lambda row: -row[1]):
+        scores = [score for keys, score in c.search.tried.items() if key in keys]
+        if key in c.model.keys:
+            said = "added"
+        elif scores:
+            said = f"fitted; the best model with it is behind by {min(scores) - best:.0f} in -2 log likelihood"
+        else:
+            said = "low score"
+        rows.append(Candidate(*key, gain, None, said))
     return tuple(rows)
+
+
+def limits(c: Conclusion) -> tuple[Limit, ...]:
+    """For each effect that was not found, how large it could still be, from its column beside the last model."""
+    columns = Columns(c.search.bench, c.last, c.last.sizes)
+    found: dict[Key, Limit] = {}
+    for h, bound in columns.bounds(NORMAL95):
+        place, name = h.key
+        size = h.effect.size
+        unit = unit_at(c.search.bench.nominal, place, size.unit)
+        at = {n: v for n, v in h.values.items() if n != size.name}
+        if size.neutral == 0.0:
+            widest = max(abs(size.low), abs(size.high))
+            most = bound if bound is not None and bound < widest else None
+            if h.key not in found or (most is not None and (found[h.key].upper95 or math.inf) > most):
+                found[h.key] = Limit(place, name, size.name, unit, at, upper95=most)
+        else:
+            value = h.values[size.name] if bound is not None else None
+            known = found[h.key].lower95 if h.key in found else None
+            least = max((v for v in (value, known) if v is not None), default=None)
+            found[h.key] = Limit(place, name, size.name, unit, at, lower95=least)
+    return tuple(found[key] for key in sorted(found))

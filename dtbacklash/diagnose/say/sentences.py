@@ -7,23 +7,20 @@ import numpy as np
 
 from dtbacklash import units
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.data.candidates import TREMOR
-from dtbacklash.diagnose.data.compare import Record
-from dtbacklash.diagnose.data.evidence import Evidence, Residuals
-from dtbacklash.diagnose.data.several import Several, source_of
+from dtbacklash.diagnose.conclusion import Conclusion
+from dtbacklash.diagnose.engine.free import Key, taken_out
 from dtbacklash.diagnose.named import Finding, Instead, Modelled, Recalibrated, Stands
 from dtbacklash.diagnose.result import CONSISTENT, PARAMETERS, UNEXPLAINED, Located, Verdict
-from dtbacklash.diagnose.search.model import Model, WrongValue
-from dtbacklash.diagnose.settings import SETTINGS
-from dtbacklash.diagnose.shown import Explained, RecordingUsed
+from dtbacklash.diagnose.several import Several, source_of
+from dtbacklash.diagnose.shown import Explained
 from dtbacklash.diagnose.words import all_in_words, other_in_words, place_in_words
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.recording.model import Recording
 
 #: a mismatch that lies within one of these times of an event is said to lie there, s
 NEAR_S = (0.05, 0.1, 0.2, 0.3)
-#: a zero that is off by more than so many noise floors is said to be another one
-OTHER_ZERO = 10.0
+#: speeds below this share of the fastest count as rest
+MOVES = 0.02
 #: a second best that leaves more than this many times the error explains nothing
 WORTH_SAYING = 10.0
 
@@ -58,58 +55,41 @@ def open_said(grounds: Stands) -> str:
     return f" The recording leaves open {' and '.join(said)}." if said else ""
 
 
-def when(model: Model, left_out: Residuals) -> str:
-    """When an effect matters: where the square of what it changes in the prediction lies, in the longest stretch.
-
-    left_out : what remains without it.
-    """
-    evidence = model.evidence
-    number = max(range(len(evidence.records)), key=lambda j: int(evidence.records[j].train.sum()))
-    record = evidence.records[number]
-    change = np.zeros(record.samples)
-    for block in evidence.blocks:
-        difference = left_out[block.name][number] - model.fitted.residuals[block.name][number]
-        change += np.sum(difference**2, axis=1)
-    if change.sum() <= 0.0:
+def when(c: Conclusion, key: Key) -> str:
+    """When an effect matters: where the square of what it changes in the prediction lies, in the longest stretch."""
+    number = max(range(len(c.search.bench.predictors)), key=lambda k: c.search.bench.predictors[k].count)
+    p = c.search.bench.predictors[number]
+    gains = p.gains(c.model.rig, c.model.sizes[number])
+    with_it = p.run(c.model.rig, gains)
+    change = np.sum((with_it.E - p.run(taken_out(c.model.rig, key), gains).E) ** 2, axis=1)
+    if not change.sum() > 0.0 or not np.isfinite(change).all():
         return "the effect does not change the prediction of this recording"
-    return _when_it_moves(evidence, record, change) or _how_busy(change)
+    v = p.linear.speed
+    speeds = with_it.X[:, v : v + len(p.linear.bodies)]
+    place = key[0] if key[0] in p.linear.bodies else p.linear.bodies[0]
+    speed = speeds[:, p.linear.bodies.index(place)]
+    return _when_it_moves(p.readings.sample_time_s, speed, change) or _how_busy(change)
 
 
-def _when_it_moves(evidence: Evidence, record: Record, change: Floats) -> str:
-    """Whether a change, (N,) squares, goes with reversals or with speed; empty where neither, or no motion was seen."""
-    speed = _speed(evidence, record)
-    if speed is None:
-        return ""
-    smooth = np.convolve(speed, np.ones(11) / 11, "same")
-    moving = np.flatnonzero(np.abs(smooth) > TREMOR * np.abs(smooth).max())
-    turns = moving[1:][np.diff(np.sign(smooth[moving])) != 0]
-    before = max(1, round(NEAR_S[0] / record.sample_time_s))
+def _when_it_moves(sample_time_s: float, speed: Floats, change: Floats) -> str:
+    """Whether a change, (N,) squares, goes with reversals or with speed; empty where neither."""
+    moving = np.flatnonzero(np.abs(speed) > MOVES * np.abs(speed).max())
+    turns = moving[1:][np.diff(np.sign(speed[moving])) != 0]
+    before = max(1, round(NEAR_S[0] / sample_time_s))
     for near_s in NEAR_S:
-        near = max(1, round(near_s / record.sample_time_s))
-        mask = np.zeros(record.samples, dtype=bool)
+        near = max(1, round(near_s / sample_time_s))
+        mask = np.zeros(len(change), dtype=bool)
         for k in turns:
             mask[max(0, k - before) : k + near] = True
         share = float(change[mask].sum() / change.sum())
         if share > 0.5 and mask.mean() < 0.6 * share:
-            near_ms = 1e3 * max(near, before) * record.sample_time_s
+            near_ms = 1e3 * max(near, before) * sample_time_s
             return f"{100 * share:.0f} % of the mismatch lies within {near_ms:.0f} ms of a velocity reversal"
-    fast = np.abs(smooth) > np.quantile(np.abs(smooth), 0.75)
+    fast = np.abs(speed) > np.quantile(np.abs(speed), 0.75)
     share = float(change[fast].sum() / change.sum())
     if share > 0.5:
         return f"{100 * share:.0f} % of the mismatch lies in the quarter of the time in which it moves fastest"
     return ""
-
-
-def _speed(evidence: Evidence, record: Record) -> Floats | None:
-    """(N,) the speed, up to its unit, of what was recorded first of the motion; None where no motion was recorded."""
-    # a positioner's command is the motion itself
-    if evidence.nominal.only("positioner") is not None:
-        return np.gradient(record.u)
-    quantities = {c: evidence.nominal.sensors[c].quantity for block in evidence.blocks for c in block.channels}
-    name = next((c for c, quantity in quantities.items() if quantity in ("position", "velocity")), None)
-    if name is None:
-        return None
-    return record.y[name] if quantities[name] == "velocity" else np.gradient(record.y[name])
 
 
 def _how_busy(change: Floats) -> str:
@@ -123,15 +103,13 @@ def _how_busy(change: Floats) -> str:
 
 def summary(
     verdict: Verdict, findings: Sequence[Finding], recalibrated: dict[str, Recalibrated], located: Located | None,
-    beyond: WrongValue | None = None,
 ) -> str:  # fmt: skip
-    """Two or three sentences. beyond : the parameter that was let go beyond what is given, if one was."""
+    """Two or three sentences."""
     if verdict == CONSISTENT:
         return "The recording agrees with the rig: what is left is the sensors' noise."
     if verdict == PARAMETERS:
         names = ", ".join(f"{n} = {quantity(p.value, p.unit)}" for n, p in recalibrated.items())
-        missing = "need be" if beyond is not None and beyond.instead_of else "is"
-        return f"No physics {missing} missing: recalibrated parameters explain the recording ({names})."
+        return f"No physics is missing: recalibrated parameters explain the recording ({names})."
     parts = [f.sentence for f in findings]
     for finding in findings:
         if finding.also_fits:
@@ -196,88 +174,53 @@ def _percent(share: float) -> str:
     return f"{100 * share:.{digits}f} %"
 
 
-def limits_said(effects: list[str], parameters: list[str]) -> str:
-    """What to say of effects' and of the rig's parameters that stand at their limits; empty where none do."""
-    said = []
-    if effects:
-        stand = "stands" if len(effects) == 1 else "stand"
-        said.append(f"{' and '.join(effects)} {stand} at the end of the range: the data did not choose the value.")
-    if parameters:
-        stand, stands_in = ("stands", "it stands") if len(parameters) == 1 else ("stand", "they stand")
-        said.append(f"{' and '.join(parameters)} {stand} at the limit, as far from nominal as a fit may go: there "
-                    f"{stands_in} in for missing physics, or the rig's value is wrong.")  # fmt: skip
-    return " ".join(said)
-
-
-def beyond_said(beyond: WrongValue | None) -> str:
-    """What to say of a parameter of the rig beyond its tolerance, or in the place of effects; empty where none is."""
-    if beyond is None:
+def unknown_said(much: Explained) -> str:
+    """The unknown force that the recording still needs, where it needs most, in its unit and beside what moves it."""
+    if not much.unknown:
         return ""
-    said = []
-    if beyond.tolerances > SETTINGS.tolerances_max:
-        said.append(f"`{beyond.name}` is {beyond.tolerances:.1f} of its tolerances from nominal: the rig's value is "
-                    "wrong, or its tolerance.")  # fmt: skip
-    if beyond.instead_of:
-        others = all_in_words(beyond.instead_of)
-        said.append(f"{others[:1].upper()}{others[1:]} would explain no less than `{beyond.name}`.")
-    return " ".join(said)
+    body = max(much.unknown, key=lambda b: float(much.unknown[b]["after"]))
+    row = much.unknown[body]
+    before, after, force = (float(row[n]) for n in ("before", "after", "force"))
+    share = f"{_two(100 * after)} % of what moves it"
+    said = f"{quantity(after * force, str(row['unit']))} at the {place_in_words(body)}, {share}"
+    was = f" ({_two(100 * before)} % before)" if before > 1.5 * after else ""
+    return f"Unknown force left: {said}{was}."
 
 
-def as_well_said(as_well: WrongValue) -> str:
-    """The value of a parameter of the rig that would explain as much as what was found."""
-    parameter = as_well.fitted.rig.config.parameters[as_well.name]
-    value = quantity(parameter.value, parameter.unit)
-    return f"{value} alone, {as_well.tolerances:.1f} of its tolerances from nominal"
+def tolerances_said(away: dict[str, float], usual: float) -> str:
+    """What to say of parameters of the rig that are further from nominal than their tolerances allow."""
+    said = [f"`{name}` is {far:.1f} of its tolerances from nominal" for name, far in away.items() if far > usual]
+    return f"{' and '.join(said)}: the rig's value is wrong, or its tolerance." if said else ""
 
 
 def notes_of(recording: Recording, validation: Recording | None, share: float) -> tuple[str, ...]:
-    """What the reader said, and which data are fitted to and which are held out: the last ``share``, or others."""
-    judges = SETTINGS.judging_share * share
-    chooses = share - judges
+    """What the reader said, and which data are fitted to and which judge: the last ``share``, or others."""
     if validation is None:
         return (
             *recording.notes,
-            f"{_span('The recording is', recording)}: {100 * (1 - share):.0f} % of it are fitted to, "
-            f"{100 * chooses:.0f} % choose the structure, by turns, and the last {100 * judges:.0f} % judge it.",
+            f"{_span('The recording is', recording)}: {100 * (1 - share):.0f} % of it are fitted to, and the last "
+            f"{100 * share:.0f} % judge.",
         )
     other = [f"Held-out data: {note}" for note in validation.notes if note not in recording.notes]
-    return *recording.notes, *other, f"{_span('Fitted to', recording)}; {_span('chosen and judged on', validation)}."
+    return *recording.notes, *other, f"{_span('Fitted to', recording)}; {_span('judged on', validation)}."
 
 
 def notes_of_several(several: Several, share: float) -> tuple[str, ...]:
-    """What the reader said of each recording, which data are fitted to and held out, and what they share."""
+    """What the reader said of each recording, which data are fitted to and which judge, and what they share."""
     said = [f"{n}: {note}" for r, n in zip(several.recordings, several.names, strict=True) for note in r.notes]
     alone = [n for n, judges in zip(several.names, several.judges, strict=True) if judges]
     spans = [
-        _span("Chosen and judged on" if judges else "Fitted to", r, n) + "."
+        _span("Judged on" if judges else "Fitted to", r, n) + "."
         for r, n, judges in zip(several.recordings, several.names, several.judges, strict=True)
     ]
-    judges = SETTINGS.judging_share * share
     parts = (
-        f"{' and '.join(alone)} {'chooses' if len(alone) == 1 else 'choose'} the structure and "
-        f"{'judges' if len(alone) == 1 else 'judge'} it alone."
+        f"{' and '.join(alone)} {'judges' if len(alone) == 1 else 'judge'} alone."
         if alone else
-        f"Of each recording {100 * (1 - share):.0f} % are fitted to, {100 * (share - judges):.0f} % choose the "
-        f"structure, by turns, and the last {100 * judges:.0f} % judge it."
+        f"Of each recording {100 * (1 - share):.0f} % are fitted to, and the last {100 * share:.0f} % judge."
     )  # fmt: skip
-    steps = {r.sample_time_s for r in several.recordings}
-    rates = () if len(steps) == 1 else (
-        "The recordings have several sample times: each is simulated at its own. Scans for start values take those "
-        "with the sample time at which most is fitted.",
-    )  # fmt: skip
-    shared = ("The recordings share the rig's physics and parameters; first states, and the zeros of positions after "
-              "the first recording, are free.")  # fmt: skip
-    return *said, *several.notes, *spans, parts, shared, *rates
-
-
-def zeros_said(recordings: Sequence[RecordingUsed], floor: dict[str, float]) -> tuple[str, ...]:
-    """Which zeros of further recordings lie elsewhere than those of the first, by more than ``OTHER_ZERO`` floors."""
-    return tuple(
-        f"{one.name} counts {channel} from another zero than {recordings[0].name}: "
-        f"{quantity(float(zero['value']), str(zero['unit']))} off, which is taken off."
-        for one in recordings for channel, zero in one.zeros.items()
-        if abs(float(zero["value"])) > OTHER_ZERO * floor.get(channel, 0.0)
-    )  # fmt: skip
+    shared = ("The recordings share the rig's physics and parameters; first states and the sizes of what is unknown "
+              "are each recording's own.")  # fmt: skip
+    return *said, *several.notes, *spans, parts, shared
 
 
 def units_of(several: Several) -> dict[str, str]:

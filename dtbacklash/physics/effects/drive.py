@@ -6,7 +6,7 @@ from numpy.random import Generator
 from dtbacklash.compiled import law
 from dtbacklash.physics.effects.declare import CORNER_ERROR, INF, Effect, Parameter, Place, Role, Values
 from dtbacklash.physics.effects.periodic import periodic
-from dtbacklash.physics.effects.slots import Command, Lag, Late, MotorTorque, WindingMemory
+from dtbacklash.physics.effects.slots import Clipping, Command, Lag, Late, MotorTorque, WindingMemory
 
 #: a delay is concealed up to this, s, and a gain error up to this share
 DELAY_MAX_S, GAIN_MAX = 6e-3, 0.4
@@ -15,7 +15,7 @@ LAG_MAX_S, LAGS_SAMPLES = 2e-2, (1.0, 5.0, 20.0)
 #: a gain that is off by a factor of ten is a wrong unit, a wrong sensor or none: at these ends it is not believed
 GAIN_ENDS = -0.9, 9.0
 #: where the search for a delay starts, samples: its fit has a valley for every turn of the signal
-DELAYS_SAMPLES = (0.7, 2.0, 5.0, 12.0)
+DELAYS_SAMPLES = (0.3, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
 
 
 @law
@@ -72,6 +72,15 @@ def _limits(place: Place) -> list[Values]:
     return [{"limit": float(v)} for v in limits]
 
 
+def _widths(place: Place) -> list[Values]:
+    """Dead zones that swallow from little to most of the commands."""
+    size = np.abs(place.command)
+    size = size[size > 1e-3 * size.max(initial=0.0)]
+    if not len(size):
+        return []
+    return [{"size": float(v)} for v in np.unique(np.quantile(size, (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.65)))]
+
+
 def _largest(place: Place) -> float:
     """The largest command but for a thousandth, V."""
     return float(np.quantile(np.abs(place.command), 0.999))
@@ -110,7 +119,7 @@ def _limits_seen(place: Place) -> dict[str, tuple[float, float]]:
 EFFECTS = [
     Effect(
         "saturation", "amplifier", (Parameter("limit", "V", 1e-3, INF, 3.0, INF, role=Role.SIZE),),
-        "v = min(max(u, -limit), limit)", Command(saturation, stage=2), "ideal limiter",
+        "v = min(max(u, -limit), limit)", Clipping(saturation, stage=2), "ideal limiter",
         "The {location} clips the voltage at {limit}.",
         conceal=lambda place, sign: (0.9, 0.3), starts=_limits,
         strength=lambda place, strength: _largest(place) * (1.0 - strength),
@@ -119,9 +128,9 @@ EFFECTS = [
     ),
     Effect(
         "dead_zone", "amplifier", (Parameter("half_width", "V", 0.0, 1e3, 0.2, 0.0, role=Role.SIZE),),
-        "v = u - half_width sign(u) where |u| > half_width, else 0", Command(dead_zone, stage=1), "ideal dead zone",
+        "v = u - half_width sign(u) where |u| > half_width, else 0", Clipping(dead_zone, stage=1), "ideal dead zone",
         "The {location} passes nothing while the voltage is within {half_width} of zero.",
-        conceal=lambda place, sign: (0.8 * _largest(place), 0.05),
+        conceal=lambda place, sign: (0.8 * _largest(place), 0.05), starts=_widths,
         visible=lambda place: {"half_width": (0.0, float(np.quantile(np.abs(place.command), PASSING)))},
         formulation_error=CORNER_ERROR,
     ),

@@ -38,12 +38,15 @@ class Slot:
     """A place in the equations of motion.
 
     states : what a law may ask for, SI. on : the traits of elements that have such a place. delays : whether what is
-    there makes a signal late.
+    there makes a signal late. proportional : whether what a small amount does grows as the amount does. adds_states :
+    whether the linear plant has more states with it.
     """
 
     states: ClassVar[tuple[str, ...]] = ()
     on: ClassVar[tuple[str, ...]] = ()
     delays: ClassVar[bool] = False
+    proportional: ClassVar[bool] = True
+    adds_states: ClassVar[bool] = False
 
     def laws(self) -> dict[str, Law]:
         """The laws that stand in it, by field."""
@@ -136,6 +139,7 @@ class SpringPlay(Slot):
     law: Law
     states: ClassVar = ("stretch",)
     on: ClassVar = (SPRING,)
+    proportional: ClassVar = False
 
 
 @dataclass(frozen=True)
@@ -164,11 +168,19 @@ class Command(Slot):
 
 
 @dataclass(frozen=True)
+class Clipping(Command):
+    """The same of what takes a part of the command away, small or large."""
+
+    proportional: ClassVar = False
+
+
+@dataclass(frozen=True)
 class Late(Slot):
     """A pure delay, of the amplifier or of a sensor; names the parameter that is the time, s."""
 
     time: str
     on: ClassVar = (AMPLIFIER, SENSOR)
+    proportional: ClassVar = False
     delays: ClassVar = True
 
 
@@ -181,6 +193,8 @@ class Lag(Slot):
 
     time: str
     on: ClassVar = (ACTUATOR,)
+    proportional: ClassVar = False
+    adds_states: ClassVar = True
 
 
 @dataclass(frozen=True)
@@ -189,6 +203,7 @@ class SpeedLimit(Slot):
 
     speed: str
     on: ClassVar = (SERVO,)
+    proportional: ClassVar = False
 
 
 @dataclass(frozen=True)
@@ -197,6 +212,7 @@ class EffortLimit(Slot):
 
     effort: str
     on: ClassVar = (SERVO,)
+    proportional: ClassVar = False
 
 
 @dataclass(frozen=True)
@@ -238,6 +254,7 @@ class Yielding(Slot):
 
     compliance: str
     on: ClassVar = (SCREW,)
+    adds_states: ClassVar = True
 
 
 @dataclass(frozen=True)
@@ -254,6 +271,7 @@ class GearPlay(Slot):
 
     half_gap: str
     on: ClassVar = (GEAR,)
+    proportional: ClassVar = False
 
 
 @dataclass(frozen=True)
@@ -264,6 +282,7 @@ class HiddenBody(Slot):
     frequency: str
     damping_ratio: str
     on: ClassVar = (SLIDING_BODY,)
+    adds_states: ClassVar = True
 
 
 @dataclass(frozen=True)

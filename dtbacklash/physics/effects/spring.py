@@ -26,6 +26,10 @@ def lost_motion(stretch, total):
     return play(0.0, stretch, 0.5 * total)
 
 
+#: where a search for a play begins, shares of the largest stretch or of the way
+PLAYS = (0.01, 0.03, 0.08, 0.15, 0.25, 0.4, 0.6)
+
+
 @law
 def cubic_stiffness(stretch, k3):
     """Force of a hardening (k3 > 0) or softening spring: ``k3 stretch^3``. m -> N."""
@@ -160,6 +164,7 @@ def _spring(kind: str, force: str, length: str, names: tuple[str, ...], scale: d
             f"{{location}} yields hysteretically at {{{moment}}} within {{displacement}} (Bouc-Wen).",
             conceal=_force_range, draws=_hysteresis_draws,
             starts=_hysteresis_starts, formulation_error=REST_ERROR, becomes=("displacement", "dry_friction"),
+            visible=lambda place: {"displacement": (0.0, 2.0 * place.reach)} if place.reach > 0.0 else {},
         ),
         Effect(
             "bumper", kind,
@@ -186,7 +191,7 @@ def _spring(kind: str, force: str, length: str, names: tuple[str, ...], scale: d
             "play operator; the paper's Eqs (16)-(17)",
             "The {location} has backlash: a lost motion of {lost_motion} at each reversal.",
             conceal=lambda place, sign: (2.0 * place.reach, 0.1 * place.span),
-            starts=_starts(lambda p: 0.2 * p.span),
+            starts=lambda p: [{"size": 2.0 * share * p.reach} for share in PLAYS] if p.reach > 0.0 else [{}],
             visible=lambda place: {"lost_motion": (0.0, 2.0 * place.reach)} if place.reach > 0.0 else {},
         ),
     ]  # fmt: skip

@@ -1,5 +1,6 @@
 """Effects of gear and screw, and the friction of whatever passes on an effort."""
 
+import numpy as np
 from numpy.random import Generator
 
 from dtbacklash.compiled import law
@@ -44,6 +45,11 @@ def _load_friction(kind: str, most: float) -> Effect:
     )  # fmt: skip
 
 
+def _gaps(place: Place) -> list[Values]:
+    """From a hundredth of a turn to a whole one, or of what the motor turns at all."""
+    return [{"half_gap": float(g)} for g in np.geomspace(0.02, min(GAP_MAX, max(0.4 * place.way, 0.04)), 7)]
+
+
 def _pitch_draws(rng: Generator, place: Place) -> Values:
     return {"periods": float(rng.choice([0.5, 1.0, 2.0, 3.0, 4.0])), "phase": float(rng.uniform(-3.1, 3.1))}
 
@@ -53,7 +59,7 @@ EFFECTS = [
         "backlash", "gear", (Parameter("half_gap", "rad", 0.0, 6.3, 0.35, 0.0, role=Role.SIZE, counted=True),),
         "theta_d = play(theta_m, half_gap)", GearPlay("half_gap"), "play operator; the paper's Eqs (16)-(17)",
         "The {location} has backlash of {half_gap} to each side.",
-        conceal=lambda place, sign: (GAP_MAX, 0.02), excludes=("load_reaction",),
+        conceal=lambda place, sign: (GAP_MAX, 0.02), excludes=("load_reaction",), starts=_gaps,
     ),
     Effect(
         "compliance", "screw", (Parameter("compliance", "m/N", 0.0, 1e-4, 1e-6, 0.0, role=Role.SIZE),),

@@ -3,30 +3,27 @@
 from __future__ import annotations
 
 from dtbacklash.diagnose.result import Diagnosis
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.diagnose.shown import Work
 from dtbacklash.report.diagnosis.words import listed
 from dtbacklash.report.kit.intervals import interval
 from dtbacklash.report.kit.numbers import number
 
-OBSERVER = "D. G. Luenberger, An introduction to observers, IEEE Trans. Autom. Control 16 (1971) 596"
-SPECTRUM = (
-    "P. D. Welch, The use of fast Fourier transform for the estimation of power spectra, IEEE Trans. Audio "
-    "Electroacoust. 15 (1967) 70"
+UNKNOWN_FORCE = (
+    "N. R. Kristensen, H. Madsen, S. B. Jørgensen, A method for systematic improvement of stochastic grey-box models, "
+    "Automatica 40 (2004) 225"
 )
+LIKELIHOOD = "L. Ljung, System Identification: Theory for the User, 2nd ed., Prentice Hall (1999)"
 SCORE_TEST = "C. R. Rao, Large sample tests of statistical hypotheses, Proc. Camb. Phil. Soc. 44 (1948) 50"
 LEAST_SQUARES = (
-    "M. A. Branch, T. F. Coleman, Y. Li, A subspace, interior, and conjugate gradient method for large-scale "
-    "bound-constrained minimization problems, SIAM J. Sci. Comput. 21 (1999) 1"
+    "D. W. Marquardt, An algorithm for least-squares estimation of nonlinear parameters, J. Soc. Ind. Appl. Math. 11 "
+    "(1963) 431"
 )
+PENALTY = "G. Schwarz, Estimating the dimension of a model, Ann. Statist. 6 (1978) 461"
 HELD_OUT = (
     "M. Stone, Cross-validatory choice and assessment of statistical predictions, J. R. Stat. Soc. B 36 (1974) 111"
 )
-PAIRED = "F. X. Diebold, R. S. Mariano, Comparing predictive accuracy, J. Bus. Econ. Stat. 13 (1995) 253"
 SANDWICH = "H. White, Maximum likelihood estimation of misspecified models, Econometrica 50 (1982) 1"
-SELECTION = (
-    "P. Pudil, J. Novovičová, J. Kittler, Floating search methods in feature selection, Pattern Recognit. "
-    "Lett. 15 (1994) 1119"
-)
 LATENT = (
     "T. J. Rogers, T. Friis, A latent restoring force approach to nonlinear system identification, Mech. Syst. "
     "Signal Process. 180 (2022) 109426"
@@ -52,35 +49,35 @@ def methods(diagnosis: Diagnosis) -> tuple[str, list[str]]:
         return "", []
     cite = _Cited()
     total = work.fitted + work.judged
-    pieces = "cut at the measured angle" if len(work.blocks) > 1 else "in one piece"
     told = [
-        f"{_recorded(diagnosis, total, work.sample_time_s)} compared with the rig "
-        f"{diagnosis.nominal.config.name}, {pieces}: {_blocks(work)}"
-        + (f" {cite(OBSERVER)}." if any(pulled for _, _, pulled in work.blocks) else ".")
+        f"{_recorded(diagnosis, total, work.sample_time_s)} compared with the rig {diagnosis.nominal.config.name} by a "
+        "predictor: the rig is simulated under the command and corrected, at each reading, by what was measured, with "
+        f"a white force of unknown size at each body {cite(UNKNOWN_FORCE)}{_rate(work)}."
     ]
     if work.smooth:
         told.append("The command is a measured signal and was taken to pass smoothly through its samples.")
     told += [
-        f"Everything was fitted to {work.fitted} samples, the later ones of which were held out until they had chosen "
-        f"the structure, and judged on the other {work.judged} ({number(100 * work.judged / total, 2)} %), by which "
-        f"nothing was added; what made the error there larger was taken back {cite(HELD_OUT)}.",
-        "The noise floor, what a true model would leave, comes from the recording's own spectrum and from a simulated "
-        f"recording {cite(SPECTRUM)}: {_floor(diagnosis, work)}.",
-        "The rig's parameters were first recalibrated within their tolerances by bounded least squares "
-        f"{cite(LEAST_SQUARES)}.",
-        f"Then {work.bank} effects of the catalogue, each at its place, were ranked by how much of the remaining "
-        f"residual their signature explains once the parameters' signatures are projected out {cite(SCORE_TEST)}; "
-        f"{_fits(work.fits)} by full simulation, jointly with the parameters.",
-        f"An effect stays where it lowers the held-out error by a relevant share and significantly in a paired test "
-        f"{cite(PAIRED)}; each was tried against its rivals and without it again {cite(SELECTION)}.",
-        "It is not believed where one of its parameters stands where the recording does not show it, where the free "
-        "simulation gets worse with it, or where its interval holds what does nothing.",
-        f"Intervals are 95 %, from the curvature or the scatter of the score, whichever is wider {cite(SANDWICH)}.",
+        f"Everything was fitted to {work.fitted} samples and judged on the other {work.judged} "
+        f"({number(100 * work.judged / total, 2)} %), which chose nothing {cite(HELD_OUT)}.",
+        "The sizes of the unknown forces and of the sensors' noise are those that make the predictor's errors "
+        f"likeliest {cite(LIKELIHOOD)}; were the rig true, it would leave an rms error of {_floor(diagnosis, work)}.",
+        "The rig's parameters were recalibrated, each held by its tolerance; what the rig then lacks shows as unknown "
+        "force.",
+        f"{work.columns} effects of the catalogue, each at its place, were ranked by how much of the predictor's "
+        f"errors their columns explain, beside the columns of the parameters {cite(SCORE_TEST)}; {_fits(work.fits)}, "
+        f"jointly with the parameters, by Gauss and Newton's method on the predictor {cite(LEAST_SQUARES)}.",
+        "One number compares all models: minus twice the log likelihood, with the logarithm of the number of readings "
+        f"for each parameter that was added {cite(PENALTY)}.",
+        "A name is sure if, in three views of the errors (of one step, over long horizons and whitened), it leads each "
+        f"rival that was fitted in its place, and the rig without it, by {number(SETTINGS.lead)} standard errors of "
+        "that lead over stretches of the recording, and if little unknown force is left.",
+        "Intervals are 95 %, from the curvature of the likelihood and the scatter of its slope over stretches of the "
+        f"recording {cite(SANDWICH)}.",
     ]
     if diagnosis.shown.laws:
         told.append(
-            "Points beside a law are a sum of hat functions of its state, which one regression fits to what the model "
-            f"leaves {cite(LATENT)}."
+            "Points beside a law are a sum of hat functions of its state, held back where the recording says little, "
+            f"which one regression fits to the predictor's errors without that law {cite(LATENT)}."
         )
     return " ".join(told), cite.works
 
@@ -94,23 +91,18 @@ def _recorded(diagnosis: Diagnosis, total: int, sample_time_s: float) -> str:
     return f"{len(diagnosis.recordings)} recordings, together {of}, each at its own rate, were"
 
 
-def _blocks(work: Work) -> str:
-    """What is compared, and what drives it."""
-    parts = []
-    for channels, imposed, pulled in work.blocks:
-        by = f"the measured {imposed}" if imposed else "the command"
-        slow = f" and pulled slowly towards the measured {pulled}" if pulled else ""
-        parts.append(f"{listed(list(channels))} simulated from {by}{slow}")
-    return listed(parts)
+def _rate(work: Work) -> str:
+    """How many samples a reading is, where it is the mean of several."""
+    return f", a reading being the mean of {work.every} samples" if work.every > 1 else ""
 
 
 def _floor(diagnosis: Diagnosis, work: Work) -> str:
     """Of every channel."""
     sensors = diagnosis.nominal.sensors
-    return ", ".join(f"{c} {interval(v, None, sensors[c].unit)}" for c, v in work.floor.items())
+    return listed([f"{interval(v, None, sensors[c].unit)} of {c}" for c, v in work.floor.items()])
 
 
 def _fits(count: int) -> str:
     if count == 0:
-        return "none promised enough to be fitted"
-    return "the most promising one was fitted" if count == 1 else f"the {count} most promising trials were fitted"
+        return "none promised enough to be fitted in full"
+    return "the most promising one was fitted in full" if count == 1 else f"the best {count} were fitted in full"

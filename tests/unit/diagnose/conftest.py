@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from nominal import nominal_rig
 
-from dtbacklash.diagnose import Record
+from dtbacklash.diagnose.records import Record
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
 

@@ -7,10 +7,6 @@ import pytest
 from nominal import nominal_rig
 
 from dtbacklash.diagnose import Record, diagnose, diagnose_records
-from dtbacklash.diagnose.data.evidence import Evidence
-from dtbacklash.diagnose.fit.free import nominal_free
-from dtbacklash.diagnose.fit.refit import fit
-from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.recording.model import Recording
 
@@ -63,14 +59,6 @@ def test_one_effect_is_named(rig, place, effect, values):
     assert found.extended.effect(place, effect) is not None
 
 
-def test_parameters_stay_within_their_tolerances(rig):
-    evidence = Evidence.gather(rig, [recorded(rig.with_parameters({"J": 1.6e-5}))])
-    fitted = fit(evidence, rig, nominal_free(rig))
-    for name, p in rig.config.parameters.items():
-        away = abs(fitted.rig.config.parameters[name].value / p.value - 1.0)
-        assert away <= SETTINGS.tolerances_max * p.tolerance + 1e-9
-
-
 def test_the_progress_is_told(rig):
     told: list[float] = []
     diagnose_records(rig, [recorded(rig, seconds=4.0)], lambda _, share: told.append(share))
@@ -82,27 +70,27 @@ def test_the_progress_is_told(rig):
 def test_what_is_known_when_it_is_stopped_may_be_kept(rig):
     """Ctrl-C while the second effect is looked for; a second Ctrl-C, or one before the first fit, leaves nothing."""
     truth = rig.with_effect("motor_bearing", "coulomb_friction", {"torque": 0.02})
-    records, shares = [recorded(truth, seconds=4.0)], []
+    records = [recorded(truth, seconds=4.0)]
 
     def stopped_at(*stages):
         waiting = list(stages)
 
         def tell(text, share):
-            shares.append(share)
             if waiting and text.startswith(waiting[0]):
                 del waiting[0]
                 raise KeyboardInterrupt
 
         return tell
 
-    found = diagnose_records(rig, records, stopped_at("looking for effect 2"), keep=True)
-    assert len({share for share in shares if 0.1 < share < 0.3}) >= 5  # each fit counts, not only each stage
+    found = diagnose_records(rig, records, stopped_at("looking for what is missing beside 1"), keep=True)
     document = found.to_json()
-    assert document["stopped_early"] == "looking for effect 2"
+    assert document["stopped_early"] == "looking for what is missing beside 1 names"
     assert [(f["location"], f["effect"], f["confidence"]) for f in document["findings"]] == [
         ("motor_bearing", "coulomb_friction", "partial")
     ]
-    assert document["summary"].startswith("Stopped early (looking for effect 2): what was found until then")
+    assert document["summary"].startswith(
+        "Stopped early (looking for what is missing beside 1 names): what was found until then"
+    )
     assert "stopped_early" not in replace(found, stopped="").to_json()
     for keep, stages in ((False, ["looking"]), (True, ["recalibrating"]), (True, ["looking", "stopped"])):
         with pytest.raises(KeyboardInterrupt):
@@ -115,12 +103,12 @@ def test_a_recording_s_units_notes_and_name_stand_in_the_result(rig):
         "bench", None, record.sample_time_s, np.arange(record.samples) * record.sample_time_s,
         {"u": record.u, **record.y}, {}, ["a gap was filled"], assumed_units={"q3": "m (assumed)"},
     )  # fmt: skip
-    found = diagnose(recording, rig)
+    found = diagnose(recording, rig, depth="none")
     assert found.source == "bench"
     assert found.units == {"q3": "m (assumed)"}
     assert found.notes == (
-        "a gap was filled", "The recording is bench, 0 to 4 s (4001 samples): 60 % of it are fitted to, "
-        "25 % choose the structure, by turns, and the last 15 % judge it.",
+        "a gap was filled", "The recording is bench, 0 to 4 s (4001 samples): 80 % of it are fitted to, and the last "
+        "20 % judge.",
     )  # fmt: skip
     assert found.to_json()["units"] == {"q3": "m (assumed)"}
 

@@ -8,11 +8,8 @@ import diagnosed
 import numpy as np
 import pytest
 
-from dtbacklash.diagnose.judge.free_form import Recovered
-from dtbacklash.diagnose.judge.verdict import BlockLeft
 from dtbacklash.diagnose.named import Alternative, Ground, Instead, Stands
 from dtbacklash.diagnose.result import UNEXPLAINED, Candidate, Located
-from dtbacklash.diagnose.say.findings import located
 from dtbacklash.diagnose.say.save import save
 from dtbacklash.diagnose.say.sentences import summary
 from dtbacklash.diagnose.shown import Explained, FreeRunning, Left, ModelErrors
@@ -56,7 +53,8 @@ def test_what_a_name_rests_on_and_what_is_left_stand_in_the_document():
     grounds = Stands(
         Ground(False, 1.1, 2.0, 0.5, Alternative("gear", "backlash")), Ground(True, share=0.97), Ground(True)
     )
-    much = Explained(None, 0.97, {"q3": Left(1e-6, "m", 0.01, 2.0)}, True)
+    unknown = {"mass_3": {"before": 0.4, "after": 0.01, "force": 2.0, "unit": "N"}}
+    much = Explained(None, 0.97, {"q3": Left(1e-6, "m", 0.01, 2.0)}, True, unknown=unknown)
     document = replace(made, findings=(replace(made.findings[0], stands=grounds),), explained=much).to_json()
     none = {"stands": True, "ratio": None, "t": None, "agree": None}
     rival = {"location": "gear", "effect": "backlash"}
@@ -68,6 +66,7 @@ def test_what_a_name_rests_on_and_what_is_left_stand_in_the_document():
     assert document["explained"] == {
         "free_running": None, "compared": 0.97, "enough": True,
         "left": {"q3": {"rms": 1e-6, "unit": "m", "of_motion": 0.01, "floors": 2.0}},
+        "unknown": unknown,
     }  # fmt: skip
 
 
@@ -96,15 +95,6 @@ def test_where_nothing_explains_what_is_left_no_place_is_said():
     nothing = "but nothing in the catalogue was found that explains it"
     assert said == f"The mismatch is real and lies at or near motor bearing, {nothing}."
     assert silent == f"The mismatch is real, {nothing}, and nothing shows where it lies."
-
-
-@pytest.mark.parametrize(("share", "t", "shown"), [(0.4, 9.0, True), (0.001, 9.0, False), (0.4, 2.0, False)])
-def test_a_place_is_shown_by_an_effort_that_counts_and_is_significant(share, t, shown):
-    knots = np.arange(3.0)
-    rest = Recovered("motor_bearing", "speed", "rad/s", "N m", knots, knots, knots, share, 0.0, t)
-    there = located({"motor": BlockLeft(0.5, True, 0.0)}, UNEXPLAINED, rest)
-    assert there.location == ("motor_bearing" if shown else "motor")
-    assert there.shown == shown
 
 
 def test_numbers_that_json_has_not_become_null(tmp_path):

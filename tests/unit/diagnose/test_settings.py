@@ -24,5 +24,5 @@ def test_every_setting_says_its_unit_and_its_reason():
 
 def test_every_setting_is_read_somewhere():
     sources = [path.read_text() for path in DIAGNOSE.rglob("*.py") if path.name != "settings.py"]
-    read = {name for text in sources for name in re.findall(r"\bSETTINGS\.(\w+)", text)}
+    read = {name for text in sources for name in re.findall(r"\b(?:SETTINGS|rules)\.(\w+)", text)}
     assert read - {"to_json"} == set(NAMES)

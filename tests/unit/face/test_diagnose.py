@@ -79,7 +79,7 @@ def test_how_sure_a_finding_is_stands_in_its_rows(found):
 
 def test_as_much_is_held_out_as_from_the_command_line(found):
     # what `dtb diagnose --help` says of `validation`
-    said = "60 % of it are fitted to, 25 % choose the structure, by turns, and the last 15 % judge it."
+    said = "80 % of it are fitted to, and the last 20 % judge."
     assert any(note.endswith(said) for note in found.diagnosis.notes)
 
 
@@ -106,7 +106,7 @@ def test_mistakes(found):
     recording = dtb.run("controller=open_loop", "duration_s=1").recording
     with pytest.raises(dtb.UserError, match=r"held_out=1\.5"):
         dtb.diagnose(recording, "lead_screw", held_out=1.5)
-    with pytest.raises(dtb.UserError, match=r"held_out=0\.0005: leaves 0 samples to judge on, and at least 10"):
+    with pytest.raises(dtb.UserError, match=r"held_out=0\.0005: leaves 1 samples to judge on, and at least 50"):
         dtb.diagnose(recording, "lead_screw", held_out=0.0005)
     with pytest.raises(dtb.UserError, match="no such file"):
         dtb.diagnose("nope.csv")

@@ -56,11 +56,11 @@ def test_diagnose_is_a_function_of_the_face():
 
 def test_diagnose_is_a_room_as_well(capsys):
     """A room has the name of a function of the face: an import of the one leaves the other as it is."""
-    import dtbacklash.diagnose.data.compare
+    import dtbacklash.diagnose.records
     from dtbacklash.diagnose import Diagnosis
 
     assert dtbacklash.diagnose.Diagnosis is Diagnosis
-    assert dtbacklash.diagnose.data.compare.Record.__module__ == "dtbacklash.diagnose.data.compare"
+    assert dtbacklash.diagnose.records.Record.__module__ == "dtbacklash.diagnose.records"
     exec(CALLED, {})
     assert capsys.readouterr().out.count("no such file") == 2
 

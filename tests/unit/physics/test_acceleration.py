@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from nominal import nominal_rig
-from reference import newton, rigs, solve
+from reference import machines, newton, rigs, solve
 
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig, build_rig
@@ -39,7 +39,7 @@ def accelerating(rig: Rig, body: str, effects: tuple) -> Rig:
 
 def reference(plain: Rig, body: str, u: np.ndarray) -> np.ndarray:
     """(N+1,) from the reference's states at the samples, under the command of the sample just passed."""
-    found, it = solve(plain, u, STEP_S), newton.machine(plain)
+    found, it = solve(plain, u, STEP_S), machines.machine(plain)
     out = np.zeros(len(u) + 1)
     it.gear = newton.RIGID if it.screw else newton.FREE
     for k in range(1, len(u) + 1):

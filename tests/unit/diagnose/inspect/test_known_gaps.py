@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from dtbacklash.diagnose.inspect import samples
-from dtbacklash.diagnose.settings import SETTINGS
 
 T_S = 1e-3 * np.arange(8000)
 COMMAND = np.sin(3.0 * T_S)
@@ -19,7 +18,7 @@ def gap(reason: str) -> pytest.MarkDecorator:
     return pytest.mark.xfail(reason=reason, strict=True, raises=AssertionError)
 
 
-@gap("a spike has at most `spike_samples_max` samples, 2 by default; a longer one could be motion")
+@gap("a spike has at most 2 samples; a longer one could be motion")
 def test_a_spike_of_three_samples_is_reported() -> None:
     values = measured()
     values[4000:4003] += 1.0
@@ -38,13 +37,13 @@ def test_a_sensor_that_clips_only_the_turning_points_is_reported() -> None:
 @gap("only white noise and a constant count as dead; hum is coherent with nothing, but no noise")
 def test_a_sensor_that_shows_hum_alone_is_dead() -> None:
     hum = np.sin(2.0 * np.pi * 50.0 * T_S) + 0.05 * np.random.default_rng(2).standard_normal(T_S.size)
-    assert samples.noise_alone(hum, {"u": COMMAND}) > SETTINGS.dead_noise_share
+    assert samples.noise_alone(hum, {"u": COMMAND}) > samples.DEAD_NOISE_SHARE
 
 
 @gap("only white noise and a constant count as dead; drift is coherent with nothing, but no noise")
 def test_a_sensor_that_shows_drift_alone_is_dead() -> None:
     drift = np.random.default_rng(3).standard_normal(T_S.size).cumsum()
-    assert samples.noise_alone(drift, {"u": COMMAND}) > SETTINGS.dead_noise_share
+    assert samples.noise_alone(drift, {"u": COMMAND}) > samples.DEAD_NOISE_SHARE
 
 
 @gap("a hanging sensor repeats its last reading and then jumps on; zeros begin with a jump, too")

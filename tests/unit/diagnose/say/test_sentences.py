@@ -1,7 +1,5 @@
 """What is said: when a finding matters, what of a name is open, and how much is explained."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -11,23 +9,22 @@ from dtbacklash.diagnose.shown import Explained, Left
 
 from ..conftest import STEP_S
 
-
-def said(rig, channels: tuple[str, ...]) -> str:
-    """Of a change at each reversal of a swinging motor, which some channels show."""
-    t = STEP_S * np.arange(8000)
-    angle, current = np.sin(4.0 * t), np.sin(4.0 * t + 0.8)
-    change = np.exp(-(((np.abs(np.cos(4.0 * t))) / 0.05) ** 2))
-    record = SimpleNamespace(y={"theta_m": angle, "i_m": current}, u=current, samples=len(t), sample_time_s=STEP_S)
-    return _when_it_moves(SimpleNamespace(nominal=rig, blocks=[SimpleNamespace(channels=channels)]), record, change)
+T_S = STEP_S * np.arange(8000)
+#: of what swings
+SPEED = 4.0 * np.cos(4.0 * T_S)
 
 
-def test_reversals_are_those_of_what_moves_whatever_was_recorded_first(rig):
-    assert said(rig, ("i_m", "theta_m")) == said(rig, ("theta_m",))
-    assert "of a velocity reversal" in said(rig, ("theta_m",))
-
-
-def test_of_a_current_alone_no_reversal_is_said(rig):
-    assert said(rig, ("i_m",)) == ""
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (np.exp(-((SPEED / 0.2) ** 2)), "of the mismatch lies within 50 ms of a velocity reversal"),
+        ((SPEED / 4.0) ** 8, "of the mismatch lies in the quarter of the time in which it moves fastest"),
+        (np.ones(len(T_S)), ""),
+    ],
+)
+def test_when_a_change_goes_with_reversals_or_with_speed_it_is_said(change, expected):
+    assert _when_it_moves(STEP_S, SPEED, change).endswith(expected)
+    assert bool(_when_it_moves(STEP_S, SPEED, change)) == bool(expected)
 
 
 @pytest.mark.parametrize(

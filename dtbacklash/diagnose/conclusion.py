@@ -1,0 +1,103 @@
+"""What a finished search and its judgement amount to: verdict, moved parameters, and what is left."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dtbacklash.diagnose.engine.exact import Model
+from dtbacklash.diagnose.engine.free import Key, standing
+from dtbacklash.diagnose.engine.judge import Judged
+from dtbacklash.diagnose.engine.search import LEAST, Search
+from dtbacklash.diagnose.engine.values import Values
+from dtbacklash.diagnose.named import Modelled
+from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Verdict
+from dtbacklash.diagnose.seen import Seen
+from dtbacklash.physics.catalogue import find
+
+#: something is missing, where nothing is named, above so many times what makes a search look for tables
+MISSED = 3.0
+#: standard errors to each side of a 95 % interval
+NORMAL95 = 1.96
+
+
+@dataclass(frozen=True)
+class Conclusion:
+    """Everything that is said and shown comes from here.
+
+    judged.model is the extended rig; modelled, with_table : what no name explains, and the rig that has it.
+    """
+
+    search: Search
+    judged: Judged
+    values: Values
+    seen: Seen
+    modelled: Modelled | None
+    with_table: Model | None
+    smooth: bool
+    full: bool
+
+    @property
+    def model(self) -> Model:
+        """The extended rig: recalibrated, with the names."""
+        return self.judged.model
+
+    @property
+    def last(self) -> Model:
+        """The same with what is modelled by no name."""
+        return self.with_table or self.model
+
+    def unknown(self, model: Model) -> dict[str, float]:
+        """Body -> unknown force, a share of what moves it."""
+        return self.search.bench.unknown(model.sizes)
+
+    @property
+    def before(self) -> float:
+        """The largest unknown force of the recalibrated rig."""
+        return self.search.unknown(self.search.nothing)
+
+    @property
+    def left(self) -> float:
+        """The largest unknown force of the extended rig."""
+        return self.search.unknown(self.model)
+
+    @property
+    def explains(self) -> bool:
+        """Whether little is left, and little beside what was missing."""
+        rules = self.search.rules
+        return self.left < rules.left and (self.left < rules.clears * self.before or self.left < rules.much)
+
+    def moved(self) -> dict[str, tuple[float, float]]:
+        """Title of a known parameter that had to move -> (value, standard error)."""
+        search, model = self.search, self.model
+        if search.given - search.nothing.loss < max(LEAST, search.rules.least * search.bench.count):
+            return {}
+        away = {f.title: (standing(f, model.rig), f) for f in self.values.free if f.prior}
+        moved = {name: row for name, row in away.items() if abs(row[0]) > search.rules.moved} or away
+        errors = {name: self.values.errors.get((f.place, f.effect, f.name), np.inf) for name, (_, f) in moved.items()}
+        return {name: (f.value(x), errors[name]) for name, (x, f) in moved.items()}
+
+    @property
+    def sure(self) -> frozenset[Key]:
+        """The names that lead every rival, and whose size is not nothing within its interval."""
+        return frozenset(key for key in self.judged.sure if self.full and self._is_there(key))
+
+    def _is_there(self, key: Key) -> bool:
+        size = find(self.model.rig.kind_at(key[0]), key[1], key[0]).size
+        value, error = (
+            self.model.rig.effects[key[0]][key[1]][size.name],
+            self.values.errors.get((*key, size.name), np.inf),
+        )
+        away = abs(value - (size.neutral or 0.0)) if np.isfinite(size.neutral or 0.0) else abs(value)
+        return bool(away > NORMAL95 * error)
+
+    def verdict(self, enough: bool | None) -> Verdict:
+        """The verdict. enough : whether what is left is what the user called so."""
+        rules = self.search.rules
+        named = [k for k in self.model.keys if not find(self.model.rig.kind_at(k[0]), k[1], k[0]).is_table]
+        if self.with_table is not None and not enough:
+            return UNEXPLAINED
+        if named:
+            return MISSING if enough or (self.sure and self.explains) else UNEXPLAINED
+        if self.left > MISSED * rules.much and not enough:
+            return UNEXPLAINED
+        return PARAMETERS if self.moved() else CONSISTENT

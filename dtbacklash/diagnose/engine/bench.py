@@ -1,0 +1,82 @@
+"""The predictors of all stretches and recordings together: what is fitted to, stacked."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.engine.predictor import ASTRAY, LOST, Gains, Predictor
+from dtbacklash.diagnose.engine.simulated import Linear
+from dtbacklash.physics.rig import Rig
+
+#: sizes of unknown forces and noises of each stretch
+Sizes = tuple[Floats, ...]
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Predictors of one rig, a stretch each; their rows are stacked, their sizes are their own."""
+
+    nominal: Rig
+    predictors: tuple[Predictor, ...]
+
+    @property
+    def count(self) -> int:
+        """Readings in all."""
+        return sum(p.count for p in self.predictors)
+
+    @property
+    def linear(self) -> Linear:
+        """Of the nominal rig, on the first stretch."""
+        return self.predictors[0].linear
+
+    def first(self, share: float) -> "Bench":
+        """The beginning of the longest stretch, for quick fits; the whole where there are several recordings."""
+        longest = max(self.predictors, key=lambda p: p.count)
+        return Bench(self.nominal, (longest.first(share),))
+
+    def longest(self, sizes: Sizes) -> Sizes:
+        """The sizes that belong to :meth:`first`."""
+        number = max(range(len(self.predictors)), key=lambda k: self.predictors[k].count)
+        return (sizes[number],)
+
+    def back(self, sizes: Sizes, before: Sizes) -> Sizes:
+        """Sizes for all from those of :meth:`first`: unknown forces changed alike."""
+        number = max(range(len(self.predictors)), key=lambda k: self.predictors[k].count)
+        n = len(self.linear.bodies)
+        by = sizes[0][:n] - before[number][:n]
+        return tuple(np.concatenate([s[:n] + by, s[n:]]) for s in before)
+
+    def gains(self, rig: Rig, sizes: Sizes) -> list[Gains]:
+        """Of each stretch."""
+        return [p.gains(rig, s) for p, s in zip(self.predictors, sizes, strict=True)]
+
+    def scaled(self, sizes: Sizes, factor: float) -> Sizes:
+        """Sizes with other unknown forces."""
+        return tuple(p.scaled(s, factor) for p, s in zip(self.predictors, sizes, strict=True))
+
+    def rows(self, rig: Rig, gains: Sequence[Gains]) -> Floats | None:
+        """(readings,) whitened innovations, sample after sample; None where a pass does not stay finite."""
+        found = [p.run(rig, g).E.ravel() for p, g in zip(self.predictors, gains, strict=True)]
+        rows = found[0] if len(found) == 1 else np.concatenate(found)
+        return rows if np.isfinite(rows).all() and np.abs(rows).max() < ASTRAY else None
+
+    def tuned(self, rig: Rig, sizes: Sizes | None = None, **how: object) -> tuple[Sizes, float]:
+        """Sizes that make a rig likeliest, and -2 log likelihood."""
+        each = [
+            p.tuned(rig, None if sizes is None else sizes[k], **how)  # type: ignore[arg-type]
+            for k, p in enumerate(self.predictors)
+        ]
+        return tuple(s for s, _ in each), min(sum(v for _, v in each), LOST)
+
+    def unknown(self, sizes: Sizes) -> dict[str, float]:
+        """Body -> its unknown force, a share of what moves it, rms over the stretches."""
+        weights = np.array([p.count for p in self.predictors], dtype=float)
+        squares = np.array([np.exp(2.0 * s[: len(self.linear.bodies)]) for s in sizes])
+        mean = np.sqrt(weights @ squares / weights.sum())
+        return dict(zip(self.linear.bodies, mean.tolist(), strict=True))
+
+    def most_unknown(self, sizes: Sizes) -> float:
+        """The largest of these."""
+        return max(self.unknown(sizes).values())

@@ -1,0 +1,270 @@
+"""Every hypothesis is a column: what whitened innovations change by when a small amount of it is put into the rig.
+
+Nominal parameters and the laws that are there are projected out; what is left of each column and of the innovations is
+compared on one Gram matrix, singles and pairs, in milliseconds. A law whose effect does not grow as its size does
+counts as it is; a table is held back in how it bends as far as the evidence says.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.engine.bench import Bench, Sizes
+from dtbacklash.diagnose.engine.efforts import SMALL, Entry, efforts
+from dtbacklash.diagnose.engine.exact import Model, Problem
+from dtbacklash.diagnose.engine.filter import answers
+from dtbacklash.diagnose.engine.free import Key
+from dtbacklash.diagnose.engine.hypotheses import Hypothesis, hypotheses
+from dtbacklash.diagnose.engine.motion import motion_of
+from dtbacklash.diagnose.engine.predictor import Gains
+from dtbacklash.diagnose.spread import spread
+from dtbacklash.errors import UserError
+from dtbacklash.physics.effects.table import STATES, bends
+from dtbacklash.physics.rig import Rig
+
+#: what is left of a column beside the others (share of its square) below which it says nothing of its own
+OWN = 1e-6
+#: weights of a table's bends that are tried, relative to its columns
+SMOOTHING = 10.0 ** np.arange(-6, 3)
+#: stretches over which the scatter of what is left is looked at
+STRETCHES = 12
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Hypotheses together: the fall of -2 log likelihood that they promise less what they cost, and their sizes.
+
+    smooth, errors : of a table, what holds back how it bends, and the standard errors of its values.
+    """
+
+    gain: float
+    parts: tuple[tuple[Hypothesis, Floats | None], ...]
+    smooth: Floats | None = None
+    errors: Floats | None = None
+
+    @property
+    def keys(self) -> tuple[Key, ...]:
+        """In order of their names."""
+        return tuple(sorted(h.key for h, _ in self.parts))
+
+    def put(self, rig: Rig) -> Rig:
+        """The rig with all of them; UserError where it cannot have them."""
+        for h, size in self.parts:
+            rig = h.put(rig, size)
+        return rig
+
+
+class Columns:
+    """Columns around a fitted rig at given sizes.
+
+    near : title of a nominal parameter -> its column, to be used again. ranked : the best of each name, best first.
+    """
+
+    def __init__(
+        self, bench: Bench, model: Model, sizes: Sizes, without: tuple[Key, ...] = (), tables: bool = False
+    ) -> None:
+        self.bench, self.rig, self.log_n = bench, model.rig, float(np.log(bench.count))
+        gains = bench.gains(model.rig, sizes)
+        motion = self.motion = motion_of(bench, model.rig, gains)
+        problem = Problem(bench, model.rig, model.keys, motion, model.stiff, model.smooth)
+        x = problem.start()
+        base = problem.rows(x, gains)
+        assert base is not None
+        data = problem.bench_rows
+        jacobian = problem.jacobian(x, gains, base)
+        self.near = {f.title: jacobian[:data, j] for j, f in enumerate(problem.free) if f.prior}
+        e0 = base[:data]
+        self.hypotheses: list[tuple[Hypothesis, slice]] = []
+        columns: list[Floats] = []
+        asked = list(hypotheses(bench, model.rig, motion, without, tables))
+        for h, made in zip(asked, spread(lambda h: self._made(h, gains, e0), asked), strict=True):
+            if made is not None:
+                self.hypotheses.append((h, slice(len(columns), len(columns) + len(made))))
+                columns += made
+        used = jacobian[:, np.einsum("ij,ij->j", jacobian, jacobian) > 1e-12]
+        self._project(np.array(columns).reshape(-1, data), e0, base, used, data)
+        self.ranked = self._ranked()
+
+    def _made(self, h: Hypothesis, gains: Sequence[Gains], e0: Floats) -> list[Floats] | None:
+        """The columns of a hypothesis; None where the rig cannot have it, or it shows nowhere."""
+        known = efforts(h, self.rig, self.motion)
+        if known is not None:
+            found = list(self._answered(*known, gains))
+        elif h.effect.is_table:
+            return None
+        else:
+            simulated = self._simulated(h, gains, e0)
+            if simulated is None:
+                return None
+            found = simulated
+        squares = [float(c @ c) for c in found]
+        # a table's outer value may lie where the motion never is
+        enough = any(s > 1e-12 for s in squares) if h.effect.is_table else all(s > 1e-12 for s in squares)
+        return found if enough and np.isfinite(squares).all() else None
+
+    def _simulated(self, h: Hypothesis, gains: Sequence[Gains], e0: Floats) -> list[Floats] | None:
+        """The same by simulation with a small amount of it, or with it as it is."""
+        found, size = [], h.effect.size.name
+        for phase in (0.0, 0.5 * np.pi) if h.angle else (None,):
+            values, per = dict(h.values) if phase is None else {**h.values, h.angle: phase}, 1.0
+            if not h.as_it_is:
+                values[size] = per = SMALL * values[size]
+            try:
+                rows = self.bench.rows(self.rig.with_effect(*h.key, values), gains)
+            except (UserError, np.linalg.LinAlgError):
+                return None
+            if rows is None or not per:
+                return None
+            found.append((rows - e0) / per)
+        return found
+
+    def _answered(self, F: Floats, entry: Entry, gains: Sequence[Gains]) -> Floats:
+        """(J, rows) of efforts (J, N) by the linear plant."""
+        found, first = [], 0
+        for p, g in zip(self.bench.predictors, gains, strict=True):
+            r = p.readings
+            n, L = len(r.u), p.linear if p.linear.states == g.states else p.simulated.linear(self.rig)
+            b, c = np.zeros(len(L.states)), np.zeros(len(r.channels))
+            here = F[:, first : first + n]
+            first += n
+            if entry.channel:
+                if entry.channel not in r.channels:
+                    found.append(np.zeros((len(F), r.y.size)))
+                    continue
+                c[r.channels.index(entry.channel)] = 1.0
+            if entry.voltage:
+                b, c = L.volt[1].copy(), L.volt_at_once.copy()
+            for body, factor in entry.bodies.items():
+                at = L.force(L.bodies.index(body))
+                b, c = b + factor * at[0], c + factor * at[1]
+            found.append(answers(
+                np.ascontiguousarray(L.A[1]), np.ascontiguousarray(L.C[1]), np.ascontiguousarray(g.K[1]), g.W[1],
+                r.which(g.opening, r.y), np.ascontiguousarray(here), b, c, ~r.there,
+                bool(entry.channel),
+            ))  # fmt: skip
+        return np.concatenate(found, axis=1)
+
+    def _project(self, columns: Floats, e0: Floats, base: Floats, jacobian: Floats, data: int) -> None:
+        """Products of columns and innovations, with what the base can do taken out of both."""
+        scale = np.sqrt(np.einsum("ij,ij->i", columns, columns))
+        self.scale = np.maximum(scale, 1e-150)
+        columns /= self.scale[:, None]
+        norms = np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian))
+        J = jacobian / norms
+        gram = J.T @ J + 1e-10 * np.eye(len(norms))
+        self._T, self._cross = columns, columns @ J[:data]
+        self._by = np.linalg.solve(gram, self._cross.T).T
+        side = J.T @ base
+        self._r = columns @ e0 - self._by @ side
+        self._blocks = {h: self._products(at, at) for h, at in self.hypotheses}
+        # errors are systematic: how much a column's product with them scatters, beside what white ones would
+        left = e0 - J[:data] @ np.linalg.solve(gram, side)
+        ends = np.linspace(0, data, STRETCHES + 1).astype(int)
+        sums = np.array([
+            columns[:, a:b] @ left[a:b] - self._by @ (J[a:b].T @ left[a:b]) for a, b in pairwise(ends)
+        ])  # fmt: skip
+        own = np.concatenate([np.diag(self._blocks[h]) for h, _ in self.hypotheses]) if self.hypotheses else np.zeros(0)
+        white = np.maximum(own * float(left @ left) / max(data, 1), 1e-300)
+        spread = ((sums - sums.mean(axis=0)) ** 2).sum(axis=0) * STRETCHES / (STRETCHES - 1)
+        self.wider = np.sqrt(np.maximum(spread / white, 1.0))
+        self.scatter = float(np.median(self.wider)) if len(self.wider) else 1.0
+
+    def _products(self, a: slice, b: slice) -> Floats:
+        """Products of columns with one another, the base taken out."""
+        found: Floats = self._T[a] @ self._T[b].T - self._by[a] @ self._cross[b].T
+        return found
+
+    def bounds(self, errors: float) -> Iterator[tuple[Hypothesis, float | None]]:
+        """Each law with the largest size that its column allows, by so many standard errors; None: it is not bounded.
+
+        Of a law that does more the smaller its size is, whether its values are excluded (a number) or not.
+        """
+        for h, at in self.hypotheses:
+            js, g, r = at, self._blocks[h], self._r[at]
+            if (np.diag(g) < OWN).any():
+                yield h, None
+                continue
+            error = self.wider[js] / np.sqrt(np.diag(g)) / self.scale[js]
+            if h.as_it_is:
+                if h.effect.size.neutral != 0.0:
+                    share = -float(r[0]) / float(g[0, 0]) / float(self.scale[at][0])
+                    yield h, (h.values[h.effect.size.name] if share + errors * float(error[0]) < 1.0 else None)
+                continue
+            size = -np.linalg.solve(g + 1e-12 * np.eye(len(r)), r) / self.scale[js]
+            both = h.effect.size.low < 0.0 or bool(h.angle)
+            most = float(np.linalg.norm(size)) if both else max(float(size[0]), 0.0)
+            yield h, most + errors * float(error.max())
+
+    def single(self, h: Hypothesis, at: slice, g: Floats, r: Floats) -> Proposal | None:
+        """What a hypothesis promises; None where its size is not one, or nothing of it is left.
+
+        g, r : products of its columns with one another and with the innovations.
+        """
+        if h.effect.is_table:
+            return self._table(h, at, g, r)
+        if (np.diag(g) < OWN).any():
+            return None
+        cost = self.log_n * h.counts
+        if h.as_it_is:
+            t = float(self.scale[at][0])
+            return Proposal(float(-(2.0 * t * r[0] + t * t * g[0, 0])) - cost, ((h, None),))
+        theta = -np.linalg.solve(g + 1e-12 * np.eye(len(r)), r)
+        size = theta / self.scale[at]
+        if not h.angle and not h.effect.size.low <= size[0] <= h.effect.size.high:
+            return None
+        return Proposal(float(-(r @ theta)) - cost, ((h, size),))
+
+    def _table(self, h: Hypothesis, at: slice, g: Floats, r: Floats) -> Proposal | None:
+        """The likeliest table, with the smoothing that the evidence chooses."""
+        scale = self.scale[at]
+        g, r = g * np.outer(scale, scale), r * scale
+        D = bends(np.array([h.values[n] for n in STATES]))
+        weight = float(np.trace(g) / np.trace(D.T @ D))
+        if not weight > 0.0:
+            return None
+        best: Proposal | None = None
+        for share in SMOOTHING * weight:
+            M = g + share * D.T @ D + 1e-9 * np.trace(g) / len(r) * np.eye(len(r))
+            theta = -np.linalg.solve(M, r)
+            counts = float(np.trace(np.linalg.solve(M, g)))
+            bent = share * float(np.sum((D @ theta) ** 2))
+            gain = -float(2.0 * r @ theta + theta @ g @ theta) - bent - self.log_n * counts
+            if best is None or gain > best.gain:
+                errors = np.sqrt(np.maximum(np.diag(np.linalg.inv(M)), 0.0)) * self.scatter
+                best = Proposal(gain, ((h, theta),), np.sqrt(share) * D, errors)
+        return best
+
+    def _ranked(self, first: Hypothesis | None = None, at_first: slice | None = None) -> list[Proposal]:
+        """The best of each name, best first; beside a first hypothesis where one is given."""
+        beside = self._products(slice(None), at_first) if at_first is not None else None
+        best: dict[Key, Proposal] = {}
+        for h, at in self.hypotheses:
+            g, r = self._blocks[h], self._r[at]
+            if first is not None and at_first is not None and beside is not None:
+                if h.key == first.key:
+                    continue
+                c, g1 = beside[at], self._blocks[first]
+                if first.as_it_is:
+                    r = r + c[:, 0] * self.scale[at_first][0]
+                else:
+                    taken = np.linalg.solve(g1 + 1e-12 * np.eye(len(g1)), np.column_stack([c.T, self._r[at_first]]))
+                    g, r = g - c @ taken[:, :-1], r - c @ taken[:, -1]
+            found = self.single(h, at, g, r)
+            if found is not None and (h.key not in best or found.gain > best[h.key].gain):
+                best[h.key] = found
+        return sorted(best.values(), key=lambda p: -p.gain)
+
+    def pairs(self, firsts: Sequence[Proposal], partners: int = 3) -> list[Proposal]:
+        """Each of some proposals with the best beside it, best first."""
+        best: dict[tuple[Key, ...], Proposal] = {}
+        slices = dict(self.hypotheses)
+        for first in firsts:
+            ((h, _),) = first.parts
+            for second in self._ranked(h, slices[h])[:partners]:
+                both = Proposal(first.gain + second.gain, (*first.parts, *second.parts))
+                if both.keys not in best or both.gain > best[both.keys].gain:
+                    best[both.keys] = both
+        return sorted(best.values(), key=lambda p: -p.gain)

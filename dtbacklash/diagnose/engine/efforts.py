@@ -1,0 +1,195 @@
+"""What a small law adds along a motion, without simulating it: efforts on bodies, voltages, changes of readings.
+
+Its effect on the innovations follows from the linear plant, so that hundreds of hypotheses cost one pass each of a few
+states. What is no effort over states (a play, a delay, a memory) is simulated instead.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import cont2discrete, lfilter
+
+from dtbacklash.arrays import Floats
+from dtbacklash.compiled import compiled_free, kept
+from dtbacklash.diagnose.engine.hypotheses import Hypothesis
+from dtbacklash.diagnose.engine.motion import Motion
+from dtbacklash.physics.effects import slots
+from dtbacklash.physics.effects.declare import Effect, Values
+from dtbacklash.physics.effects.slots import ROW_PARAMETERS
+from dtbacklash.physics.effects.table import KNOTS, SHAPES, STATES, interpolated
+from dtbacklash.physics.kernel import dispatch
+from dtbacklash.physics.rig import SENSOR_PREFIX, Element, Rig
+
+#: a law is looked at with so much of its start (share)
+SMALL = 0.2
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Where an effort enters: bodies with factors, the voltage, or a channel's reading."""
+
+    bodies: dict[str, float]
+    voltage: bool = False
+    channel: str = ""
+
+
+@compiled_free
+def _on_body(code, q, v, t, p, out):
+    for k in range(q.shape[0]):
+        out[k] = dispatch.body_effort(code, q[k], v[k], t[k], p, 0)
+
+
+@compiled_free
+def _rubbing(code, v, load, p, out):
+    for k in range(v.shape[0]):
+        side = 1.0 if v[k] > 0.0 else -1.0
+        out[k] = -side * dispatch.friction_level(code, abs(v[k]), side, load[k], p, 0) if v[k] != 0.0 else 0.0
+
+
+@compiled_free
+def _in_spring(code, s, r, t, stiffness, damping, p, out):
+    for k in range(s.shape[0]):
+        out[k] = dispatch.spring_force(code, s[k], r[k], t[k], stiffness, damping, p, 0)
+
+
+@compiled_free
+def _of_motor(code, i, q, constant, p, out):
+    for k in range(i.shape[0]):
+        out[k] = dispatch.motor_torque(code, i[k], q[k], constant, p, 0)
+
+
+@compiled_free
+def _in_command(code, u, p, out):
+    for k in range(u.shape[0]):
+        out[k] = dispatch.amplified(code, u[k], p, 0) - u[k]
+
+
+@compiled_free
+def _shown(code, y, p, out):
+    for k in range(y.shape[0]):
+        out[k] = dispatch.shown(code, y[k], p, 0) - y[k]
+
+
+@kept(nogil=True)
+def _hats(states, row, F):
+    for j in range(KNOTS):
+        row[:KNOTS] = 0.0
+        row[j] = 1.0
+        for i in range(len(states)):
+            F[j, i] = interpolated(states[i], row)
+
+
+def _filled(run: Callable[..., None], effect: Effect, values: Values, n: int, *states: Floats | float) -> Floats:
+    """(n,) a law of some values at these states."""
+    out, row = np.zeros(n), np.zeros((1, ROW_PARAMETERS))
+    row[0, : len(values)] = list(values.values())
+    run(dispatch.code_of(effect), *states, row, out)
+    return out
+
+
+def efforts(h: Hypothesis, rig: Rig, motion: Motion) -> tuple[Floats, Entry] | None:
+    """(columns, N) of what a hypothesis adds per unit of its size or of each value of a table; None where no effort is.
+
+    Of a phase that goes with the size the columns are its sine and its cosine.
+    """
+    if h.as_it_is:
+        return None
+    element = rig.elements.get(h.place)
+    where = _entry(h, rig, motion, element)
+    if where is None:
+        return None
+    if h.effect.is_table:
+        return _table(h, motion), where
+    size, found = h.effect.size, []
+    for phase in (0.0, 0.5 * np.pi) if h.angle else (None,):
+        values = {**h.values, size.name: SMALL * h.values[size.name]}
+        if phase is not None:
+            values[h.angle] = phase
+        if not values[size.name]:
+            return None
+        F = _law(h, values, rig, motion, element)
+        if F is None:
+            return None
+        found.append(F / values[size.name])
+    return np.array(found), where
+
+
+def _entry(h: Hypothesis, rig: Rig, motion: Motion, element: Element | None) -> Entry | None:
+    """Where the efforts of a place enter."""
+    if h.place.startswith(SENSOR_PREFIX):
+        return Entry({}, channel=h.place.removeprefix(SENSOR_PREFIX))
+    if element is None:
+        return None
+    if isinstance(h.effect.slot, slots.Command):
+        return Entry({}, voltage=True)
+    if element.trait.trait == slots.SPRING:
+        a, b = element.neighbours["between"]
+        bodies = {body: f for body, f in ((b, -1.0), (a, element.lever)) if body in motion.position}
+        return Entry(bodies) if bodies else None
+    body = h.place if h.place in motion.position else element.neighbours.get("drives")
+    return Entry({body: 1.0}) if body in motion.position else None
+
+
+def _law(h: Hypothesis, values: Values, rig: Rig, motion: Motion, element: Element | None) -> Floats | None:
+    """(N,) the effort of a law along the motion; None where it is none over states."""
+    slot, states, n = h.effect.slot, motion.states(h.place), len(motion.command)
+    if isinstance(slot, slots.Reading):
+        shown = motion.shown.get(h.place.removeprefix(SENSOR_PREFIX))
+        return None if shown is None else _filled(_shown, h.effect, values, n, shown)
+    if element is None:
+        return None
+    if isinstance(slot, slots.Command):
+        return motion.averaged(lambda u: _filled(_in_command, h.effect, values, len(u), u))
+    if isinstance(slot, slots.BodyDamping):
+        return -values[slot.coefficient] * states["speed"]
+    if isinstance(slot, slots.BodyEffort):
+        return _filled(_on_body, h.effect, values, n, states["position"], states["speed"], motion.time)
+    if isinstance(slot, slots.SpringForce):
+        spring = element.values["stiffness"], element.values.get("damping", 0.0)
+        return _filled(_in_spring, h.effect, values, n, states["stretch"], states["stretch rate"], motion.time, *spring)
+    if isinstance(slot, slots.Contact):
+        return _friction(h, values, motion, element, n)
+    if isinstance(slot, slots.MotorTorque) and motion.current is not None:
+        body = element.neighbours["drives"]
+        constant = element.values["torque_constant"]
+        return _filled(_of_motor, h.effect, values, n, motion.current, motion.position[body], constant)
+    if isinstance(slot, slots.HiddenBody):
+        return _absorber(values[slot.mass], values[slot.frequency], values[slot.damping_ratio], h.place, motion)
+    return None
+
+
+def _friction(h: Hypothesis, values: Values, motion: Motion, element: Element, n: int) -> Floats | None:
+    """(N,) dry friction, of a body, across a spring, or of what a drive or a spring passes on."""
+    states, load = motion.states(h.place), np.zeros(n)
+    if element.trait.trait == slots.SPRING:
+        load = element.values["stiffness"] * states["stretch"]
+        if isinstance(h.effect.slot, slots.Passing):
+            return None  # it brakes one of two bodies, which one depends on what drives
+        return -_filled(_rubbing, h.effect, values, n, states["stretch rate"], load)
+    body = h.place if h.place in motion.position else element.neighbours.get("drives")
+    if body not in motion.position or element.trait.trait == slots.SCREW:
+        return None
+    if isinstance(h.effect.slot, slots.Passing):
+        effort = motion.driving(element)
+        if effort is None:
+            return None
+        load = effort
+    return _filled(_rubbing, h.effect, values, n, motion.speed[body], load)
+
+
+def _absorber(mass: float, frequency_hz: float, damping_ratio: float, place: str, motion: Motion) -> Floats:
+    """(N,) force of a hidden mass on a spring, from the acceleration of the body that carries it."""
+    w = 2.0 * np.pi * frequency_hz
+    tall = [2.0 * damping_ratio * w, w * w], [1.0, 2.0 * damping_ratio * w, w * w]
+    b, a, _ = cont2discrete((np.array(tall[0]), np.array(tall[1])), motion.step_s, "bilinear")
+    return np.asarray(-mass * lfilter(np.ravel(b), a, motion.acceleration[place]))
+
+
+def _table(h: Hypothesis, motion: Motion) -> Floats:
+    """(KNOTS, N) what each value of a table adds."""
+    shape, states = SHAPES[h.effect.name], motion.states(h.place)
+    F = np.zeros((KNOTS, len(motion.command)))
+    row = np.array([0.0] * KNOTS + [h.values[n] for n in STATES])
+    _hats(states[shape.over], row, F)
+    return F * states[shape.times] if shape.times else F

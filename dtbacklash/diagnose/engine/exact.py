@@ -1,0 +1,215 @@
+"""Values of a proposed rig: nominal parameters with priors, laws' sizes and shapes, and the sizes of what is unknown.
+
+Gauss and Newton's method, damped (Marquardt, SIAM J. 11 (1963) 431), on the whitened innovations of the exact predictor
+at given sizes, then the sizes by likelihood. At the sizes that a wrong rig needs the predictor forgives so much that a
+fit stops beside the optimum: so values are fitted first at smaller sizes (a ladder), and what is likelier is kept.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.engine.bench import Bench, Sizes
+from dtbacklash.diagnose.engine.free import Free, Key, apply, effect_free, nominal_free, standing
+from dtbacklash.diagnose.engine.motion import Motion
+from dtbacklash.diagnose.engine.predictor import Gains
+from dtbacklash.errors import UserError
+from dtbacklash.physics.effects.table import VALUES
+from dtbacklash.physics.rig import Rig
+
+#: priors of nominal parameters are so much stiffer until the last fit, or an inertia takes a law's place
+STIFF = 10.0
+#: rungs of the ladder: shares of the sizes
+LADDER = (0.1, 0.1, 0.1, 1.0)
+#: a step goes no further in x
+STEP_MAX = 1.0
+#: a fit ends where a step brings less (share of the sum of squares; sum of squares)
+ENOUGH = 1e-4, 20.0
+
+
+@dataclass(frozen=True)
+class Model:
+    """A fitted rig.
+
+    Attributes
+    ----------
+    keys : (place, effect) of what was added to the nominal rig. sizes : of unknown forces and noises.
+    loss : -2 log likelihood with priors. counts : degrees of freedom of what was added. score : loss + log N counts,
+    by which all models are compared (Schwarz, Ann. Statist. 6 (1978) 461). at_end : whether some law's value was not
+    chosen by the data. x, free : of the fit. smooth : table -> (KNOTS - 2, KNOTS) what holds back how it bends.
+    """
+
+    rig: Rig
+    keys: tuple[Key, ...]
+    sizes: Sizes
+    loss: float
+    counts: float
+    score: float
+    at_end: bool
+    free: tuple[Free, ...] = field(repr=False, default=())
+    x: Floats = field(repr=False, default_factory=lambda: np.zeros(0))
+    smooth: dict[Key, Floats] = field(repr=False, default_factory=dict)
+    stiff: float = STIFF
+
+
+class Problem:
+    """The values of one proposed rig on a bench. keys : of what it has beside the nominal rig."""
+
+    def __init__(
+        self, bench: Bench, rig: Rig, keys: Sequence[Key], motion: Motion, stiff: float = STIFF,
+        smooth: dict[Key, Floats] | None = None,
+    ) -> None:  # fmt: skip
+        self.bench, self.base, self.keys, self.stiff = bench, rig, tuple(keys), stiff
+        self.smooth = {key: root for key, root in (smooth or {}).items() if key in self.keys}
+        self.motion = motion
+        self.free = nominal_free(bench.nominal, rig)
+        self.priors = len(self.free)
+        for key in self.keys:
+            self.free += effect_free(rig, key, motion(key[0]))
+
+    @property
+    def counts(self) -> int:
+        """Free parameters of what was added."""
+        return len(self.free) - self.priors
+
+    def start(self) -> Floats:
+        """(free,) where the base rig stands."""
+        return np.array([standing(f, self.base) if f.prior else 0.0 for f in self.free])
+
+    def rig(self, x: Floats) -> Rig:
+        """The rig at x."""
+        return apply(self.base, self.free, x)
+
+    def beside(self, x: Floats) -> Floats:
+        """(rows,) of priors, and of how tables bend."""
+        rows = [self.stiff * x[: self.priors]]
+        for key, root in self.smooth.items():
+            values = [f.value(xi) for f, xi in zip(self.free, x, strict=True) if f.key == key and f.name in VALUES]
+            rows.append(root @ np.array(values))
+        return np.concatenate(rows)
+
+    def rows(self, x: Floats, gains: Sequence[Gains]) -> Floats | None:
+        """Whitened innovations, then :meth:`beside`; None where the rig cannot be, or does not stay finite."""
+        try:
+            found = self.bench.rows(self.rig(x), gains)
+        except (UserError, np.linalg.LinAlgError):
+            return None
+        return None if found is None else np.concatenate([found, self.beside(x)])
+
+    def column(self, j: int, x: Floats, gains: Sequence[Gains], rows: Floats) -> Floats:
+        """(rows,) derivative by one parameter; 0 where it cannot be moved."""
+        for step in (self.free[j].step, -self.free[j].step):
+            z = x.copy()
+            z[j] += step
+            there = self.rows(z, gains)
+            if there is not None:
+                return (there - rows) / step
+        return np.zeros_like(rows)
+
+    def jacobian(
+        self, x: Floats, gains: Sequence[Gains], rows: Floats, kept: Floats | None = None,
+        near: dict[str, Floats] | None = None,
+    ) -> Floats:  # fmt: skip
+        """(rows, free). kept : an earlier one whose nominal columns are used again. near : nominal columns of another
+        rig nearby, by title, without the rows beside."""
+        J = np.zeros((len(rows), len(self.free))) if kept is None else kept.copy()
+        data = self.bench_rows
+        for j, f in enumerate(self.free):
+            if f.prior and kept is not None:
+                continue
+            if f.prior and near is not None:
+                J[:, j] = 0.0
+                if f.title in near:
+                    J[:data, j] = near[f.title]
+                J[data + j, j] = self.stiff
+                continue
+            J[:, j] = self.column(j, x, gains, rows)
+        return J
+
+    @property
+    def bench_rows(self) -> int:
+        """Rows that are innovations."""
+        return sum(p.readings.y.size for p in self.bench.predictors)
+
+    def solve(self, sizes: Sizes, x: Floats, steps: int, near: dict[str, Floats] | None = None) -> tuple[Floats, float]:
+        """(values at given sizes, sum of squares); infinite where the start does not stay finite."""
+        try:
+            gains = self.bench.gains(self.base, sizes)
+        except np.linalg.LinAlgError:
+            return x, np.inf
+        rows, damping = self.rows(x, gains), 1e-3
+        J: Floats | None = None
+        if rows is None:
+            return x, np.inf
+        if not self.free:
+            return x, float(rows @ rows)
+        for turn in range(steps):
+            J = self.jacobian(x, gains, rows, J if turn not in (0, 4) else None, near)
+            gram, side, here = J.T @ J, J.T @ rows, float(rows @ rows)
+            taken: tuple[Floats, Floats] | None = None
+            for _ in range(5):
+                try:
+                    step = -np.linalg.solve(gram + damping * np.diag(np.diag(gram) + 1e-9), side)
+                except np.linalg.LinAlgError:
+                    return x, here
+                there = self.rows(x + np.clip(step, -STEP_MAX, STEP_MAX), gains)
+                if there is not None and there @ there < here:
+                    taken = x + np.clip(step, -STEP_MAX, STEP_MAX), there
+                    break
+                damping = max(8.0 * damping, 1e-3)
+            if taken is None:
+                break
+            (x, rows), damping = taken, damping / 8.0
+            if here - rows @ rows < min(ENOUGH[0] * here, ENOUGH[1]):
+                break
+        return x, float(rows @ rows)
+
+    def model(self, x: Floats, sizes: Sizes, likelihood: float) -> Model:
+        """What came of a fit."""
+        rig, beside = self.rig(x), self.beside(x)
+        loss = likelihood + float(beside @ beside)
+        gone = any(rig.effect(*key) is None for key in self.keys)
+        at_end = gone or any(f.at_end(xi) for f, xi in zip(self.free, x, strict=True))
+        counts = self.degrees(x, sizes) if self.smooth else float(self.counts)
+        score = loss + np.log(self.bench.count) * counts
+        return Model(rig, self.keys, sizes, loss, counts, score, at_end, tuple(self.free), x, self.smooth, self.stiff)
+
+    def degrees(self, x: Floats, sizes: Sizes) -> float:
+        """Degrees of freedom of what was added: of a table held back, the trace of what its values answer for."""
+        total = 0.0
+        gains = self.bench.gains(self.base, sizes)
+        rows = self.rows(x, gains)
+        for key in self.keys:
+            there = [j for j, f in enumerate(self.free) if f.key == key]
+            if key not in self.smooth or rows is None:
+                total += len(there)
+                continue
+            J = np.column_stack([self.column(j, x, gains, rows) for j in there])
+            data = J[: self.bench_rows]
+            total += float(np.trace(np.linalg.lstsq(J.T @ J, data.T @ data, rcond=1e-12)[0]))
+        return total
+
+    def ladder(
+        self, sizes: Sizes, x: Floats | None = None, rungs: Sequence[float] = LADDER, steps: int = 5
+    ) -> Model | None:
+        """Values at smaller sizes first, then sizes; None where nothing stays finite."""
+        x = self.start() if x is None else x
+        best: tuple[float, Floats, Sizes, float] | None = None
+        better = True
+        for turn, share in enumerate(rungs):
+            if turn and share < 1.0 and not better:
+                continue
+            at = self.bench.scaled(sizes, share)
+            found, squares = self.solve(at, x, steps)
+            better = False
+            if not np.isfinite(squares):
+                continue
+            rig = self.rig(found)
+            tuned, likelihood = self.bench.tuned(rig, at, steps=(2.0, 0.7) if share < 1.0 else (0.7, 0.25), refresh=1)
+            beside = self.beside(found)
+            loss = likelihood + float(beside @ beside)
+            if best is None or loss < best[0]:
+                better, best, x, sizes = True, (loss, found, tuned, likelihood), found, tuned
+        return None if best is None else self.model(*best[1:])

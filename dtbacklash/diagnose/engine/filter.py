@@ -1,0 +1,210 @@
+"""The compiled loops of the predictor, and the gains of a linear plant whose forces are not all known."""
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.compiled import compiled_allocating, compiled_free
+from dtbacklash.physics.kernel import plant as pl
+from dtbacklash.physics.kernel.sample import advance, amplify, sense
+
+
+@compiled_free
+def observe(P, S, u, rise, ramp, gap, theta, Y, K, W, which, chan, E, X, D, y):
+    """Predict each sample, compare it with what was read, and correct the state by it.
+
+    Parameters
+    ----------
+    u (N,), gap, theta : as for the simulation. rise (N,), ramp (n,) : by how much the command rises within a sample,
+    and what a rise of 1 about its mean adds to the state. Y : (N, m) readings, NaN where one is missing, which corrects
+    nothing.
+    K (modes, g, n, m), W (modes, g, m, m) : gains and whitening, which (N,) : those of each sample; mode 1 while the
+    gear is in contact, or where there is none. chan : (m,) sensors of the readings.
+    E, D (N, m), X (N, n) : filled with whitened innovations, innovations, and states before each correction.
+    """
+    n, m, nx = u.shape[0], chan.shape[0], S.x.shape[0]
+    for k in range(n):
+        g = which[k]
+        sense(P, S, gap, 0.0, y)
+        mode = 0 if P.rotor >= 0 and S.mode[0] == pl.FREE else 1
+        for r in range(m):
+            D[k, r] = Y[k, r] - y[chan[r]] if Y[k, r] == Y[k, r] else 0.0
+        for r in range(m):
+            s = 0.0
+            for q in range(r + 1):
+                s += W[mode, g, r, q] * D[k, q]
+            E[k, r] = s if Y[k, r] == Y[k, r] else 0.0
+        for i in range(nx):
+            X[k, i] = S.x[i]
+            for r in range(m):
+                S.x[i] += K[mode, g, i, r] * D[k, r]
+        if k + 1 < n:
+            advance(P, S, k * P.sample_time, u[k], gap, gap, theta, k)
+            if rise[k] != 0.0:
+                for i in range(nx):
+                    S.x[i] += ramp[i] * rise[k]
+
+
+@compiled_free
+def onwards(P, S, u, gap, theta, Z, X):
+    """(N, n) where one sample leads from each of the states Z (N, n)."""
+    for k in range(u.shape[0] - 1):
+        for i in range(min(S.x.shape[0], Z.shape[1])):
+            S.x[i] = Z[k, i]
+        advance(P, S, k * P.sample_time, u[k], gap, gap, theta, k)
+        for i in range(Z.shape[1]):
+            X[k, i] = S.x[i]
+
+
+@compiled_free
+def amplified(P, u, out):
+    """What the amplifier makes of each command."""
+    for k in range(u.shape[0]):
+        out[k] = amplify(P, u[k])
+
+
+@compiled_allocating
+def frozen(A, C, K, W, which, drive, Y, x0):
+    """Sum of squares of the whitened innovations of a linear recursion, without what laws feel of its corrections.
+
+    drive : (N, n) what is added to the state beside A x. Y : (N, m) readings, NaN where one is missing.
+    """
+    N, n, m = drive.shape[0], A.shape[0], C.shape[0]
+    x = x0.copy()
+    d = np.zeros(m)
+    new = np.zeros(n)
+    total = 0.0
+    for k in range(N):
+        g = which[k]
+        for r in range(m):
+            d[r] = 0.0
+            if Y[k, r] == Y[k, r]:
+                s = Y[k, r]
+                for i in range(n):
+                    s -= C[r, i] * x[i]
+                d[r] = s
+        for r in range(m):
+            if Y[k, r] == Y[k, r]:
+                s = 0.0
+                for q in range(r + 1):
+                    s += W[g, r, q] * d[q]
+                total += s * s
+        for i in range(n):
+            s = x[i]
+            for r in range(m):
+                s += K[g, i, r] * d[r]
+            new[i] = s
+        for i in range(n):
+            s = drive[k, i]
+            for j in range(n):
+                s += A[i, j] * new[j]
+            x[i] = s
+    return total
+
+
+@compiled_allocating
+def answers(A, C, K, W, which, F, b, c, missing, at_once):
+    """(J, N m) by which whitened innovations change with efforts F (J, N).
+
+    b (n,) : what an effort over a sample adds to the state. c (m,) : and to the readings behind it, or (at_once) to
+    those of its own sample. missing : (N, m).
+    """
+    J, N = F.shape
+    n, m = A.shape[0], C.shape[0]
+    E = np.zeros((J, N * m))
+    d = np.zeros(m)
+    new = np.zeros(n)
+    for j in range(J):
+        x = np.zeros(n)
+        before = 0.0
+        for k in range(N):
+            g = which[k]
+            if at_once:
+                before = F[j, k]
+            for r in range(m):
+                s = c[r] * before
+                for i in range(n):
+                    s += C[r, i] * x[i]
+                d[r] = 0.0 if missing[k, r] else -s
+            for r in range(m):
+                if not missing[k, r]:
+                    s = 0.0
+                    for q in range(r + 1):
+                        s += W[g, r, q] * d[q]
+                    E[j, k * m + r] = s
+            for i in range(n):
+                s = x[i]
+                for r in range(m):
+                    s += K[g, i, r] * d[r]
+                new[i] = s
+            for i in range(n):
+                s = b[i] * F[j, k]
+                for q in range(n):
+                    s += A[i, q] * new[q]
+                x[i] = s
+            before = F[j, k]
+    return E
+
+
+def riccati(A: Floats, C: Floats, Q: Floats, R: Floats) -> Floats:
+    """(n, n) the steady covariance of a predicted state, by the structure-preserving doubling algorithm.
+
+    Source: Chu, Fan, Lin, Linear Algebra Appl. 396 (2005) 55. It doubles the horizon in each step; what does not settle
+    in sixty has stopped mattering to what is read.
+    """
+    a, g, h = A.T.copy(), C.T @ np.linalg.solve(R, C), Q.copy()
+    one = np.eye(len(a))
+    for _ in range(60):
+        w = one + g @ h
+        v = np.linalg.solve(w, a)
+        aw = np.linalg.solve(w.T, a.T).T
+        more = a.T @ h @ v
+        a, g, h = aw @ a, g + aw @ g @ a.T, h + more
+        g, h = 0.5 * (g + g.T), 0.5 * (h + h.T)
+        if not np.abs(more).max() > 1e-10 * np.abs(h).max():
+            break
+    return h
+
+
+@compiled_allocating
+def opening(A, C, Q, R, P, there):
+    """Gains (n0, n, m), whitening (n0, m, m) and the sum of log determinants of the first n0 samples.
+
+    P : covariance of the first state. there : (n0, m) whether each reading is. Joseph's form keeps P positive.
+    """
+    n, m, n0 = A.shape[0], C.shape[0], there.shape[0]
+    K, W = np.zeros((n0, n, m)), np.zeros((n0, m, m))
+    logs, one = 0.0, np.eye(n)
+    for k in range(n0):
+        gain, white, log = update(C, R, P, there[k])
+        K[k], W[k] = gain, white
+        logs += log
+        M = one - gain @ C
+        P = A @ (M @ P @ M.T + gain @ R @ gain.T) @ A.T + Q
+        P = 0.5 * (P + P.T)
+    return K, W, logs
+
+
+@compiled_allocating
+def update(C, R, P, there):
+    """Gain (n, m), whitening (m, m) and log determinant of the readings that are there, for a covariance P."""
+    n, m = P.shape[0], C.shape[0]
+    K, W = np.zeros((n, m)), np.zeros((m, m))
+    rows = np.flatnonzero(there)
+    if len(rows) == 0:
+        return K, W, 0.0
+    Cs = C[rows]
+    CP = Cs @ P
+    S = CP @ Cs.T
+    for a in range(len(rows)):
+        for b in range(len(rows)):
+            S[a, b] += R[rows[a], rows[b]]
+    S = 0.5 * (S + S.T)
+    L = np.linalg.cholesky(S)
+    gain = np.linalg.solve(S, CP).T
+    white = np.linalg.inv(L)
+    for a in range(len(rows)):
+        for i in range(n):
+            K[i, rows[a]] = gain[i, a]
+        for b in range(len(rows)):
+            W[rows[a], rows[b]] = white[a, b]
+    return K, W, 2.0 * np.log(np.diag(L)).sum()

@@ -1,0 +1,172 @@
+"""How the places of a rig move, as a predictor sees it: where effects begin, their bounds, and what tables are over."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.engine.bench import Bench
+from dtbacklash.diagnose.engine.predictor import Gains, corrected
+from dtbacklash.diagnose.engine.readings import Readings, between
+from dtbacklash.diagnose.engine.simulated import Pass
+from dtbacklash.physics.bodies import natural_frequencies_hz
+from dtbacklash.physics.effects import slots
+from dtbacklash.physics.effects.declare import Place
+from dtbacklash.physics.rig import Element, Rig
+
+#: of the fastest speed, what is no standstill (share)
+MOVES = 0.02
+
+
+class Motion:
+    """Predicted states of all stretches, one after the other: places in motion, and the states that laws are over."""
+
+    def __init__(self, bench: Bench, rig: Rig, passes: list[Pass]) -> None:
+        linear, readings = bench.linear, [p.readings for p in bench.predictors]
+        self.rig, self._linear = rig, linear
+        X = np.concatenate([p.X[:, : len(linear.states)] for p in passes])
+        n, v = len(linear.bodies), linear.speed
+        self.position = dict(zip(linear.bodies, X[:, v - n : v].T, strict=True))
+        self.speed = dict(zip(linear.bodies, X[:, v : v + n].T, strict=True))
+        self.command = np.concatenate([r.u for r in readings])
+        self._recorded = np.concatenate([r.recorded for r in readings])
+        step = self.step_s = readings[0].sample_time_s
+        self._readings = readings
+        self.current = X[:, 0] if linear.states[0] == "current" else None
+        self.shown = self._predicted(readings, passes)
+        self.time = np.concatenate([r.sample_time_s * np.arange(len(r.u)) for r in readings])
+        self.acceleration = {b: np.gradient(s, step) for b, s in self.speed.items()}
+        modes = natural_frequencies_hz(rig)
+        screw, positioner = rig.only("screw"), rig.only("positioner")
+        self._lead = screw.values["lead"] if screw else positioner.values["travel"] if positioner else 0.0
+        self._base = screw.neighbours.get("carries") if screw else positioner.name if positioner else None
+        rotor = rig.motor_rotor()
+        self._driver = self.position.get(rotor.name) if rotor else None, self.speed.get(rotor.name) if rotor else None
+        if positioner:
+            self._driver = self.command, np.gradient(self.command, step)
+        self._anywhere = Place(
+            duration_s=sum(len(r.u) * r.sample_time_s for r in readings), sample_time_s=step,
+            modes=(float(modes.min()), float(modes.max())) if len(modes) else (0.0, 0.0), command=self._recorded,
+            travel=2.0 * np.pi * screw.values["lead"] if screw else 0.0,
+        )  # fmt: skip
+
+    @staticmethod
+    def _predicted(readings: list[Readings], passes: list[Pass]) -> dict[str, Floats]:
+        """Channel -> (N,) what it was predicted to read; 0 in stretches that do not have it."""
+        found = {}
+        for channel in dict.fromkeys(c for r in readings for c in r.channels):
+            parts = []
+            for r, p in zip(readings, passes, strict=True):
+                j = r.channels.index(channel) if channel in r.channels else -1
+                parts.append(np.nan_to_num(r.y[:, j]) - p.D[:, j] if j >= 0 else np.zeros(len(r.u)))
+            found[channel] = np.concatenate(parts)
+        return found
+
+    def averaged(self, law: Callable[[Floats], Floats]) -> Floats:
+        """(N,) a function of the command as recorded, averaged as the command is."""
+        return np.concatenate([between(law(r.recorded), r.every)[0][: len(r.u)] for r in self._readings])
+
+    def driving(self, drive: Element) -> Floats | None:
+        """(N,) the effort of a drive on the body that it drives, N or N m; None where it is not known."""
+        v = drive.values
+        if "torque_constant" in v:
+            return np.asarray(v["torque_constant"] * self.current) if self.current is not None else None
+        if "position_gain" in v:
+            body = drive.neighbours["drives"]
+            speed = v.get("speed_gain", 0.0) * self.speed[body]
+            return np.asarray(v["position_gain"] * (self.command - self.position[body]) - speed)
+        return np.asarray(v["gain"] * self.command) if "gain" in v else None
+
+    def states(self, name: str) -> dict[str, Floats]:
+        """State -> (N,) of a place, as tables are over them."""
+        element = self.rig.elements.get(name)
+        if element is None:
+            return {}
+        found: dict[str, Floats] = {"command": self.command}
+        if name in self.position:
+            found |= {"position": self.position[name], "speed": self.speed[name]}
+        if element.trait.trait == slots.SPRING:
+            found |= dict(zip(("stretch", "stretch rate"), self._stretch(element), strict=True))
+        return found
+
+    def __call__(self, name: str) -> Place:
+        """The motion at a place, for an effect's declaration."""
+        element = self.rig.elements.get(name)
+        if element is None:
+            return self._anywhere
+        body = self._moved(element)
+        if body is None:
+            return replace(self._anywhere, values=element.values)
+        speeds = np.abs(self.speed[body])
+        fastest = float(np.quantile(speeds, 0.98))
+        moving = speeds[speeds > MOVES * fastest]
+        place = replace(
+            self._anywhere, values=element.values, way=float(np.ptp(self.position[body])), speed=fastest,
+            speed_slow=float(np.quantile(moving, 0.25)) if len(moving) else 0.0,
+        )  # fmt: skip
+        if element.trait.trait == slots.SPRING:
+            stretch, rate = self._stretch(element)
+            return replace(
+                place, stretch=stretch, span=float(np.quantile(np.abs(stretch), 0.95)),
+                reach=float(np.abs(stretch).max()), stretch_rate=float(np.quantile(np.abs(rate), 0.9)),
+            )  # fmt: skip
+        if element.trait.trait == slots.BODY and name in self.position:
+            force = self._force(name)
+            return replace(place, force=force, force_most=3.0 * force)
+        if element.trait.trait == slots.SERVO:
+            asked = self.command - self.position[body]
+            return replace(place, force=element.values["position_gain"] * float(np.quantile(np.abs(asked), 0.98)))
+        return place
+
+    def _moved(self, element: Element) -> str | None:
+        """The body whose motion counts at an element: itself, what it drives, or the motor's rotor."""
+        rotor = self.rig.motor_rotor()
+        for name in (element.name, element.neighbours.get("drives"), rotor.name if rotor else None):
+            if name in self.position:
+                return str(name)
+        return next(iter(self.position), None)
+
+    def _force(self, name: str) -> float:
+        """What usually drives a body: its springs or its drive, or what its acceleration takes, N or N m."""
+        inertia = float(self._linear.inertia[self._linear.bodies.index(name)])
+        force = inertia * float(np.std(self.acceleration[name]))
+        for spring in self.rig.links():
+            if name in spring.neighbours["between"]:
+                pull = spring.values["stiffness"] * float(np.std(self._stretch(spring)[0]))
+                force = max(force, pull * (spring.lever if spring.neighbours["between"][0] == name else 1.0))
+        drive = self.rig.drive
+        if drive is not None and drive.neighbours["drives"] == name:
+            v, usual = drive.values, float(np.std(self.command))
+            per_unit = v["torque_constant"] / v["resistance"] if "torque_constant" in v else v.get("gain", 0.0)
+            force = max(force, per_unit * usual)
+        return force
+
+    def _stretch(self, spring: Element) -> tuple[Floats, Floats]:
+        """(N,) stretch of a spring, and its rate."""
+        a, b = spring.neighbours["between"]
+        found = [self._end(b, k) - spring.lever * self._end(a, k) for k in (0, 1)]
+        return found[0], found[1]
+
+    def _end(self, name: str, rate: int) -> Floats:
+        of: dict[str, Floats] = self.speed if rate else self.position
+        if name in of:
+            return of[name]
+        driver = self._driver[rate]
+        if name != self._base or driver is None:
+            return np.zeros(len(self.command))
+        return np.asarray(self._lead * driver)
+
+
+def motion_of(bench: Bench, rig: Rig, gains: list[Gains]) -> Motion:
+    """The motion of a rig as predicted at given gains: in the middle of each sample, behind its correction."""
+    passes = []
+    for p, g in zip(bench.predictors, gains, strict=True):
+        found = p.run(rig, g)
+        X = found.X
+        if X.shape[1] == g.K.shape[2]:
+            Z = corrected(X, found.D, g, p.readings.which(g.opening, p.readings.y))
+            Z[:-1] = 0.5 * (Z[:-1] + X[1:])
+            found = replace(found, X=Z)
+        passes.append(found)
+    return Motion(bench, rig, passes)

@@ -1,0 +1,367 @@
+"""One loop: what joins, what leaves, what is exchanged; columns propose, quick fits sift, exact fits decide.
+
+All models are compared by one number, the score of :class:`.exact.Model`: -2 log likelihood with priors and log N for
+each parameter. A name joins if it earns a share of the number of readings, and stays if taking it out costs as much.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.engine.bench import Bench, Sizes
+from dtbacklash.diagnose.engine.columns import Columns, Proposal
+from dtbacklash.diagnose.engine.exact import STIFF, Model, Problem
+from dtbacklash.diagnose.engine.free import Key, taken_out
+from dtbacklash.diagnose.engine.motion import Motion, motion_of
+from dtbacklash.diagnose.settings import SETTINGS, DiagnoseSettings
+from dtbacklash.errors import UserError
+from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.effects.declare import Values
+from dtbacklash.physics.effects.table import VALUES
+from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
+
+#: names that are looked for at most
+MOST = 4
+#: -2 log likelihood that anything has to earn: the best of some hundred columns of noise hardly reaches it
+LEAST = 60.0
+#: a rate is too coarse where a finer one leaves less than this share of the unknown force
+CLOSER = 0.5
+#: the beginning of a recording on which quick fits are made
+SHARE = 1.0 / 3.0
+#: sizes at which columns are looked at as well while much is unknown (shares)
+STRICT = (0.1, 0.01)
+
+Tell = Callable[[str, float], None]
+
+
+@dataclass
+class Search:
+    """What a rig lacks, on a bench.
+
+    nothing : the recalibrated rig. given : -2 log likelihood of the nominal one. now : the best model so far.
+    names : the same before a table was added. beaten : name -> models that were tried in its place.
+    tried : names -> the least score that an exact fit with them had.
+    """
+
+    bench: Bench
+    rules: DiagnoseSettings = SETTINGS
+    tell: Tell = lambda text, share: None
+    finer: Callable[[Model], float] | None = None
+    too_coarse: bool = False
+    beaten: dict[Key, list[Model]] = field(default_factory=dict)
+    tried: dict[tuple[Key, ...], float] = field(default_factory=dict)
+    gains: dict[Key, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Recalibrate the nominal rig."""
+        self.quick = self.bench.first(SHARE)
+        rig = self.bench.nominal
+        sizes, self.given = self.bench.tuned(rig)
+        self.motion: Motion = motion_of(self.bench, rig, self.bench.gains(rig, sizes))
+        found = Problem(self.bench, rig, (), self.motion).ladder(sizes, None, (1.0,), 6)
+        if found is None:
+            raise UserError("recording", "", "the nominal rig does not follow it: its simulation does not stay finite")
+        self.nothing = self.now = self.names = found
+
+    def run(self) -> Model:
+        """The whole search; it ends early where the rate turns out to be too coarse."""
+        self.grow()
+        if self.too_coarse:
+            return self.now
+        for _ in range(2):
+            if not self.exchange():
+                break
+            self.grow()
+        self.simplify()
+        if self.far(self.now):
+            self.add_table()
+        self.let_go()
+        return self.now
+
+    def unknown(self, model: Model) -> float:
+        """The largest unknown force of a model, a share of the motion."""
+        return self.bench.most_unknown(model.sizes)
+
+    def far(self, model: Model) -> bool:
+        """Whether much is unexplained, so that smaller sizes see more than the present ones."""
+        left = self.unknown(model)
+        if not model.keys:
+            return left > 3e-4
+        return left > max(3e-3, 0.1 * self.unknown(self.nothing))
+
+    def fitted(
+        self,
+        rig: Rig,
+        model: Model,
+        keys: Sequence[Key],
+        rungs: tuple[float, ...] = (1.0,),
+        steps: int = 3,
+        stiff: float | None = None,
+    ) -> Model | None:
+        """A rig with these names fitted on all, from the sizes of a model."""
+        problem = Problem(self.bench, rig, keys, self.motion, model.stiff if stiff is None else stiff, model.smooth)
+        found = problem.ladder(model.sizes, None, rungs, steps)
+        if found is not None:
+            key = tuple(sorted(found.keys))
+            self.tried[key] = min(self.tried.get(key, np.inf), found.score)
+        return found
+
+    def without(self, model: Model, key: Key, steps: int = 3, stiff: float | None = None) -> Model | None:
+        """A model without one of its names, fitted anew, from the sizes that it then needs: a name may hide how far."""
+        rig = taken_out(model.rig, key)
+        less = [k for k in model.keys if rig.effect(*k) is not None]
+        sizes, _ = self.bench.tuned(rig, model.sizes, steps=(2.0, 0.7), refresh=1)
+        rungs = (1.0, 0.1, 1.0) if stiff is not None else (1.0,)
+        return self.fitted(rig, replace(model, sizes=sizes), less, rungs, steps, stiff)
+
+    def proposals(
+        self, model: Model, without: tuple[Key, ...] = (), quick: bool = False
+    ) -> list[tuple[Rig, tuple[Key, ...]]]:
+        """Rigs to try: the best singles and pairs of columns, at the present sizes and at smaller ones."""
+        far, found = self.far(model), []
+        seen: dict[tuple[Key, ...], list[list[Values]]] = {}
+        levels = [(self.quick, 1.0, 3, 0), (self.quick, 0.1, 2, 0)] if quick else [(self.bench, 1.0, 5, 3)]
+        if far and not quick:
+            levels += [(self.quick, share, 4 - n, 2 - n) for n, share in enumerate(STRICT)]
+        for bench, share, singles, pairs in levels:
+            at = self.bench.longest(model.sizes) if bench is self.quick else model.sizes
+            columns = Columns(bench, model, bench.scaled(at, share), without)
+            ranked = columns.ranked
+            if share == 1.0 and not quick:
+                for p in ranked:
+                    self.gains.setdefault(p.keys[0], p.gain)
+            ranked = [p for p in ranked if far or p.gain > 0.3 * self.rules.worth * bench.count]
+            chosen: list[Proposal] = ranked[:singles] + (columns.pairs(ranked[:5])[:pairs] if pairs else [])
+            for p in ranked[:singles]:  # the simpler law that it may become
+                ((h, _),) = p.parts
+                if h.effect.becomes:
+                    simple = (o for o, _ in columns.hypotheses if o.key == (h.place, h.effect.becomes[1]))
+                    chosen += [Proposal(0.0, ((o, None),)) for o in simple][:1]
+            for p in chosen:
+                values = [h.values for h, _ in p.parts]
+                there = seen.setdefault(p.keys, [])
+                if len(there) >= 3 or values in there:
+                    continue
+                there.append(values)
+                try:
+                    found.append((p.put(model.rig), (*model.keys, *(h.key for h, _ in p.parts))))
+                except UserError:
+                    continue
+        return found
+
+    def sifted(self, model: Model, proposals: list[tuple[Rig, tuple[Key, ...]]], best: int = 3) -> list[Model]:
+        """The likeliest of some rigs, best first: quick fits of all on the beginning, exact ones of the best on all."""
+        if not proposals:
+            return []
+        quick, n = self.quick, np.log(self.quick.count)
+        sizes = self.bench.longest(model.sizes) if len(model.sizes) != len(quick.predictors) else model.sizes
+        most = self.unknown(model)
+        strict = quick.scaled(sizes, 0.1 if most > self.rules.much else 1.0)
+        near = self._near(model, strict)
+        rough = []
+        for rig, keys in proposals:
+            problem = Problem(quick, rig, keys, self.motion, model.stiff, model.smooth)
+            x, squares = problem.solve(strict, problem.start(), 3, near)
+            if np.isfinite(squares):
+                rough.append((squares + n * problem.counts, problem, x))
+        rough.sort(key=lambda r: r[0])
+        second = []
+        for _, problem, x in rough[: best + 2]:
+            rig = problem.rig(x)
+            if any(rig.effect(*key) is None for key in problem.keys):
+                continue  # it came to nothing
+            tuned, likelihood = quick.tuned(rig, strict, steps=(2.0, 0.7), refresh=1)
+            beside = problem.beside(x)
+            second.append((likelihood + float(beside @ beside) + n * problem.counts, rig, problem.keys, tuned))
+        second.sort(key=lambda r: r[0])
+        some = []
+        for _, rig, keys, tuned in [s for s in second if s[0] < second[0][0] + 0.2 * quick.count][:best]:
+            rungs = (0.1, 0.1, 1.0) if quick.most_unknown(tuned) > 3e-3 else (1.0,)
+            m = Problem(quick, rig, keys, self.motion, model.stiff, model.smooth).ladder(tuned, None, rungs)
+            if m is not None and not m.at_end:
+                some.append(m)
+        some.sort(key=lambda m: m.score)
+        full = []
+        for m in [m for m in some[:2] if m.score < some[0].score + 0.1 * quick.count]:
+            start = replace(
+                m, sizes=self.bench.back(m.sizes, model.sizes) if len(m.sizes) != len(model.sizes) else m.sizes
+            )
+            done = self.fitted(m.rig, start, m.keys, steps=4)
+            # what takes the unknown force away is never too small
+            if done is None or done.at_end:
+                continue
+            if self.unknown(done) < self.rules.clears * most or self.moves(done):
+                full.append(done)
+        return sorted(full, key=lambda m: m.score)
+
+    def _near(self, model: Model, sizes: Sizes) -> dict[str, Floats]:
+        """Nominal columns around a model on the beginning."""
+        problem = Problem(self.quick, model.rig, model.keys, self.motion, model.stiff, model.smooth)
+        gains = self.quick.gains(model.rig, sizes)
+        x = problem.start()
+        rows = problem.rows(x, gains)
+        if rows is None:
+            return {}
+        data = problem.bench_rows
+        return {f.title: problem.column(j, x, gains, rows)[:data] for j, f in enumerate(problem.free) if f.prior}
+
+    def grow(self) -> None:
+        """Add the best name or pair while one earns its place."""
+        count = self.bench.count
+        while len(self.now.keys) < MOST:
+            self.tell(f"looking for what is missing beside {len(self.now.keys)} names", 0.1 + 0.15 * len(self.now.keys))
+            found = self.sifted(self.now, self.proposals(self.now))
+            if not found:
+                return
+            close = [m for m in found if m.score < found[0].score + self.rules.alike * self.rules.worth * count]
+            best = min(close, key=lambda m: (m.counts, m.score))
+            if best.score > self.now.score - self.asked(best, self.now):
+                return
+            if self.far(best):
+                again = self.fitted(best.rig, best, best.keys, (0.1, 0.1, 1.0), 5)
+                if again is not None and not again.at_end and again.score < best.score:
+                    best = again
+            new = [k for k in best.keys if k not in self.now.keys]
+            for key in new:
+                self.beaten[key] = [m for m in found if m is not best]
+            self.now = best
+            if self.finer is not None and self.unknown(best) > self.rules.left:
+                self.too_coarse = self.finer(best) < CLOSER * self.unknown(best)
+                if self.too_coarse:
+                    return
+            self.trim()
+
+    def trim(self, stiff: float | None = None) -> None:
+        """Out with what costs less than it is worth."""
+        for key in self.now.keys:
+            if len(self.now.keys) < (2 if stiff is None else 1):
+                return
+            less = self.without(self.now, key, 3 if stiff is None else 6, stiff)
+            if less is not None and not less.at_end and less.score < self.now.score + self.asked(self.now, less):
+                self.now = less
+
+    def asked(self, model: Model, less: Model) -> float:
+        """What a model has to earn beside one that does without a name of it."""
+        clears = self.unknown(model) < self.rules.clears * self.unknown(less)
+        count = self.bench.count
+        return max(self.rules.least * count, LEAST) if clears else self.rules.worth * count
+
+    def exchange(self) -> bool:
+        """Another name, or two, in the place of each of several; whether one was better."""
+        for key in self.now.keys if len(self.now.keys) > 1 else ():
+            less = self.without(self.now, key)
+            if less is None:
+                continue
+            found = self.sifted(less, self.proposals(less, (key,), quick=True), 2)
+            self.beaten[key] = found
+            if found and found[0].score < self.now.score - self.rules.alike * self.rules.worth * self.bench.count:
+                self.now = found[0]
+                self.trim()
+                return True
+        return False
+
+    def simplify(self) -> None:
+        """The simpler law that a name may become, where it explains hardly less."""
+        for key in self.now.keys:
+            entry = find(self.now.rig.kind_at(key[0]), key[1], key[0])
+            if entry.becomes is None or self.now.rig.effect(key[0], entry.becomes[1]) is not None:
+                continue
+            less = self.without(self.now, key)
+            simple = find(self.now.rig.kind_at(key[0]), entry.becomes[1], key[0])
+            if less is None:
+                continue
+            size = self.now.rig.effects[key[0]][key[1]][entry.size.name]
+            other = (key[0], simple.name)
+            rig = less.rig.with_effect(*other, {simple.size.name: size})
+            done = self.fitted(rig, less, (*less.keys, other), (1.0, 0.1, 1.0), 5)
+            gained = less.score - self.now.score
+            if done is not None and not done.at_end and done.score - self.now.score < self.rules.alike * gained:
+                self.now = done
+
+    def add_table(self) -> None:
+        """A table over a state of some place, beside the names and alone, where it takes the unknown force away."""
+        names = self.names = self.now
+        found: list[Model] = []
+        for start in [names, *([self.nothing] if names.keys else [])]:
+            columns = Columns(self.bench, start, start.sizes, tables=True)
+            for p in columns.ranked[: 1 if start is names and names.keys else 2]:
+                done = self.tabled(start, p) if p.gain > self.rules.least * self.bench.count else None
+                if done is not None and self.unknown(done) < self.rules.clears * self.unknown(names):
+                    found.append(done)
+        best = min(found, key=lambda m: m.score, default=None)
+        if best is None or best.score > names.score - self.asked(best, names):
+            return
+        self.now = best
+        table = next(k for k in best.keys if k in best.smooth)
+        for key in [k for k in best.keys if k != table]:  # names that the table makes idle
+            less = self.without(self.now, key)
+            if less is not None and less.score < self.now.score + self.asked(self.now, less):
+                self.now = less
+        self.beaten[table] = [names]
+
+    def tabled(self, start: Model, p: Proposal) -> Model | None:
+        """A model with a table in it, fitted on the beginning and then on all; None where the rig cannot have it."""
+        ((h, _),) = p.parts
+        assert p.smooth is not None
+        model = replace(start, smooth={**start.smooth, h.key: p.smooth})
+        try:
+            rig = p.put(start.rig)
+        except UserError:
+            return None
+        quick = Problem(self.quick, rig, (*start.keys, h.key), self.motion, STIFF, model.smooth)
+        first = quick.ladder(self.bench.longest(start.sizes), None, (0.1, 1.0), 3)
+        if first is None:
+            return None
+        back = replace(model, sizes=self.bench.back(first.sizes, start.sizes))
+        return self.fitted(first.rig, back, first.keys)
+
+    def let_go(self) -> None:
+        """The last fit, with priors as they are given where little is unknown; out with what stood for a parameter."""
+        little = self.unknown(self.now) < self.rules.much
+        stiff = 1.0 if little else STIFF
+        done = self.fitted(self.now.rig, self.now, self.now.keys, steps=5, stiff=stiff)
+        if done is not None:
+            self.now = done
+        if little:
+            self.trim(stiff)
+
+    def moves(self, model: Model) -> bool:
+        """Whether each law of a model moves something by a share of what moves there."""
+        return all(self.share(model, key) >= self.rules.small for key in model.keys)
+
+    def share(self, model: Model, key: Key) -> float:
+        """Of what moves its place, the part that a law makes: rms, or a tenth of its largest where it acts rarely."""
+        effect = model.rig.takes(key[0])[key[1]]
+        if key[0].startswith(SENSOR_PREFIX) or effect.is_delay or not effect.slot.proportional:
+            return np.inf
+        most = 0.0
+        try:
+            bare = taken_out(model.rig, key)
+        except UserError:
+            return np.inf
+        for p, sizes in zip(self.bench.predictors, model.sizes, strict=True):
+            gains = p.gains(model.rig, sizes)
+            found = p.run(model.rig, gains)
+            n, v = len(p.linear.bodies), p.linear.speed
+            if found.X.shape[1] != len(p.simulated.linear(bare).states):
+                return np.inf
+            there = p.simulated.onwards(model.rig, found.X)[:-1, v : v + n]
+            made = there - p.simulated.onwards(bare, found.X)[:-1, v : v + n]
+            moved = there - found.X[:-1, v : v + n]
+            size = np.maximum(np.sqrt((made**2).mean(axis=0)), 0.1 * np.abs(made).max(axis=0))
+            share = size / (np.sqrt((moved**2).mean(axis=0)) + 1e-300)
+            most = max(most, float(np.nan_to_num(share, nan=np.inf).max()))
+        return most
+
+
+def described(model: Model) -> list[str]:
+    """The names of a model with their values, for logs."""
+    found = []
+    for place, name in model.keys:
+        values = model.rig.effects.get(place, {}).get(name, {})
+        knots = [p for p in values if p in VALUES]
+        shown = {n: v for n, v in values.items() if n not in knots and not (knots and n[0] == "x")}
+        found.append(f"{place}.{name}({', '.join(f'{n} {v:.5g}' for n, v in shown.items())})")
+    return found

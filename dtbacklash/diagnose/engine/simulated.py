@@ -1,0 +1,259 @@
+"""What a predictor asks of a simulator: its linear model, a pass with corrections, and where states lead.
+
+This is the whole contract between the diagnosis and what simulates. Here it is fulfilled by the compiled rig.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import expm
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.engine.filter import amplified, observe, onwards
+from dtbacklash.diagnose.engine.readings import Readings, between
+from dtbacklash.physics.assembly import compile_plant, state_names
+from dtbacklash.physics.effects import slots
+from dtbacklash.physics.kernel import plant as pl
+from dtbacklash.physics.kernel.plant import Plant, State, new_state
+from dtbacklash.physics.kernel.sample import sense
+from dtbacklash.physics.kinds import GROUND
+from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
+from dtbacklash.physics.simulate import rig_half_gap
+
+#: substeps of a sample at least and at most, and levels to which an event is located, where forces act beside the
+#: linear plant: an averaged sample stands for several
+STEPS, STEPS_AVERAGED = (2, 6), (8, 10)
+#: a late sensor's readings are moved by whole samples; less than this is left to the simulation (samples)
+ROUNDING = 1e-6
+#: a state is moved by so much to see what sensors show of it
+MOVED = 1e-3
+
+
+@dataclass(frozen=True)
+class Linear:
+    """The linear part of a rig, for one sample; two modes: the gear out of contact, and in contact (or no gear).
+
+    A (2, n, n), B (2, n, bodies) : what a force at each body adds within a sample. C (2, m, n), D (m, bodies) : what
+    readings show of states, and of the forces of the sample before at once. states : their names. bodies : in order.
+    volt (2, n), volt_at_once (m,) : the same of the voltage. inertia : (bodies,) force by acceleration. speed : index
+    of the first body's speed.
+    """
+
+    A: Floats
+    B: Floats
+    C: Floats
+    D: Floats
+    volt: Floats
+    volt_at_once: Floats
+    states: tuple[str, ...]
+    bodies: tuple[str, ...]
+    inertia: Floats
+    speed: int
+
+    def index(self, body: str) -> int:
+        """Of a body's speed among the states."""
+        return self.speed + self.bodies.index(body)
+
+    def force(self, channel: int) -> tuple[Floats, Floats]:
+        """(n,) and (m,) what a force at a body does within a sample, and shows at once, in contact."""
+        return self.B[1][:, channel].copy(), self.D[:, channel].copy()
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One pass: whitened innovations E, innovations D (N, m), states X (N, n) before each correction, first state."""
+
+    E: Floats
+    D: Floats
+    X: Floats
+    first: Floats
+
+
+def linear_of(rig: Rig, sample_time_s: float, channels: tuple[str, ...]) -> Linear:
+    """The linear model of a rig at a sample time, as its laws do nothing."""
+    p = compile_plant(rig, sample_time_s, 1, 1)
+    names, sensors = state_names(rig, p.imposed), list(rig.sensors)
+    nb, n, q, v = p.n_bodies, p.A.shape[1], p.position, p.position + p.n_bodies
+    modes = (0, 1) if p.rotor >= 0 else (0, 0)
+    shown = [sensors.index(c) for c in channels]
+    C = np.array([_shown(p, contact and p.rotor >= 0, shown) for contact in (False, True)])
+    D, volt_at_once = np.zeros((len(channels), nb)), np.zeros(len(channels))
+    for r, channel in enumerate(channels):
+        rest = late_by(rig, channel, sample_time_s)[1]
+        for mode, contact in enumerate(modes) if rest > 0.0 else ():  # what it was a part of a sample ago
+            C[mode, r] = C[mode, r] @ expm(-rest * p.A[contact])
+    for r, s in enumerate(shown):
+        if p.sensor[s, pl.Y_INDEX] == pl.ACCELERATION:
+            at = v + int(p.sensor[s, pl.Y_PLACE])
+            D[r], volt_at_once[r] = p.G[modes[1], pl.CH_F : pl.CH_F + nb, at], p.G[modes[1], pl.CH_V, at]
+    forces = slice(pl.CH_F, pl.CH_F + nb)
+    states = [*(["current"] if q else []), *(f"{b} q" for b in names), *(f"{b} v" for b in names)]
+    states += [f"memory {k}" for k in range(n - len(states))]
+    per_force = np.array([p.G[modes[1], pl.CH_F + j, v + j] for j in range(nb)])
+    return Linear(
+        np.array([p.E[c, 0].T for c in modes]), np.array([p.P1[c, 0].T[:, forces] for c in modes]), C, D,
+        np.array([p.P1[c, 0].T[:, pl.CH_V] for c in modes]), volt_at_once,
+        tuple(states), tuple(names), 1.0 / np.maximum(per_force, 1e-300), v,
+    )  # fmt: skip
+
+
+def late_by(rig: Rig, channel: str, sample_time_s: float) -> tuple[int, float]:
+    """How late a sensor is: whole samples, and the rest, s."""
+    time = rig.amount(SENSOR_PREFIX + channel, slots.Late, "time")
+    whole = int(time / sample_time_s + ROUNDING)
+    rest = time - whole * sample_time_s
+    return whole, rest if rest > ROUNDING * sample_time_s else 0.0
+
+
+def _shown(p: Plant, contact: bool, shown: list[int]) -> Floats:
+    """(m, n) what the sensors show of small moves of the state, at once, and where no law but their own acts."""
+    n, y, own = p.A.shape[1], np.zeros((2, len(p.sensor))), p.slot[pl.READING]
+    p = p._replace(
+        first=np.clip(p.first, p.first[own], p.first[own + len(p.sensor)]), friction_ends=p.friction_ends[:0],
+        sensor_whole=0 * p.sensor_whole, sensor_tick=0 * p.sensor_tick, sensor_part=0.0 * p.sensor_part,
+    )  # fmt: skip
+    C = np.zeros((len(shown), n))
+    for i in range(n):
+        for side, by in enumerate((0.0, MOVED)):
+            state = new_state(p)
+            if p.has_base and not p.imposed:
+                state.mode[0] = pl.PLUS if contact else pl.FREE
+            state.x[i] = by
+            if contact:
+                state.gear[0] = state.x[p.position + p.rotor]
+            sense(p, state, 0.0, 0.0, y[side])
+        C[:, i] = (y[1] - y[0])[shown] / MOVED
+    return C
+
+
+class Simulated:
+    """A rig on one stretch of a recording. errors : as the rig's own, of values that it cannot have."""
+
+    #: whether a sample has as many substeps as if it were averaged
+    finely = False
+
+    def __init__(self, readings: Readings) -> None:
+        self.readings = readings
+
+    def linear(self, rig: Rig) -> Linear:
+        """Its linear part."""
+        return linear_of(rig, self.readings.sample_time_s, self.readings.channels)
+
+    def observe(self, rig: Rig, K: Floats, W: Floats, opening: int) -> Pass:
+        """Predict and correct, sample by sample, by gains of the rig's linear states; others are not corrected.
+
+        opening : samples with gains of their own, see :class:`.predictor.Gains`.
+        """
+        rig, Y = self._in_time(rig)
+        u, rise, rig = self._driven(rig)
+        p, state, chan = self._ready(rig, Y)
+        n = len(state.x)
+        if n > K.shape[2]:
+            K = np.concatenate([K, np.zeros((*K.shape[:2], n - K.shape[2], K.shape[3]))], axis=2)
+        shape = Y.shape
+        found = Pass(np.zeros(shape), np.zeros(shape), np.zeros((len(u), n)), state.x.copy())
+        theta = u if p.imposed else np.zeros(1)
+        observe(
+            p, state, u, rise, self._ramp(rig, p), rig_half_gap(rig), theta, Y, np.ascontiguousarray(K[:, :, :n]), W,
+            self.readings.which(opening, Y), chan, found.E, found.X,
+            found.D, np.zeros(len(rig.sensors)),
+        )  # fmt: skip
+        return found
+
+    def onwards(self, rig: Rig, Z: Floats) -> Floats:
+        """(N, n) where one sample leads from each state; the last row is 0."""
+        u, _, rig = self._driven(self._in_time(rig)[0])
+        p, state, _ = self._ready(rig, self.readings.y)
+        X = np.zeros_like(Z)
+        onwards(p, state, u, rig_half_gap(rig), u if p.imposed else np.zeros(1), np.ascontiguousarray(Z), X)
+        return X
+
+    def _in_time(self, rig: Rig) -> tuple[Rig, Floats]:
+        """A late sensor's readings earlier by whole samples, and the rig that is late by the rest only.
+
+        A correction by what a sensor saw long ago would meet the wrong state.
+        """
+        r = self.readings
+        Y = r.y
+        for j, channel in enumerate(r.channels):
+            place, (whole, rest) = SENSOR_PREFIX + channel, late_by(rig, channel, r.sample_time_s)
+            if not 0 < whole < len(Y) // 4:
+                continue
+            Y = Y.copy() if Y is r.y else Y
+            Y[:-whole, j], Y[-whole:, j] = r.y[whole:, j], np.nan
+            for effect, values in rig.active(place, slots.Late):
+                assert isinstance(effect.slot, slots.Late)
+                rig = rig.with_effect(place, effect.name, {**values, effect.slot.time: rest} if rest else None)
+        return rig, Y
+
+    def _ramp(self, rig: Rig, p: Plant) -> Floats:
+        """(n,) what a command that rises by 1 about its mean adds within a sample."""
+        if self.readings.every == 1:
+            return np.zeros(p.A.shape[1])
+        if p.substeps > 1:
+            p = compile_plant(rig, self.readings.sample_time_s, 1, 1)
+        mode = 1 if p.rotor >= 0 else 0
+        ramp: Floats = p.P2[mode, 0, pl.CH_V] - 0.5 * p.P1[mode, 0, pl.CH_V]
+        return ramp
+
+    def _driven(self, rig: Rig) -> tuple[Floats, Floats, Rig]:
+        """The command that leaves the amplifier, its rise, and the rig without the laws that made it, if averaged."""
+        r = self.readings
+        amplifier = rig.only("amplifier")
+        laws = rig.active(amplifier.name, slots.Command) if amplifier and r.every > 1 else []
+        if not laws or amplifier is None:
+            return r.u, r.rise, rig
+        out = np.zeros_like(r.recorded)
+        amplified(compile_plant(rig, r.sample_time_s, 1, 1), r.recorded, out)
+        for effect, _ in laws:
+            rig = rig.with_effect(amplifier.name, effect.name, None)
+        u, rise = between(out, r.every)
+        return u[: len(r.u)], rise[: len(r.u)], rig
+
+    def _ready(self, rig: Rig, Y: Floats) -> tuple[Plant, State, np.ndarray]:
+        """The compiled rig in its first state: positions as they were read first, at rest."""
+        r = self.readings
+        steps = STEPS_AVERAGED if r.every > 1 or self.finely else STEPS
+        p = compile_plant(rig, r.sample_time_s, 0, 10, False, steps)
+        state, sensors = new_state(p), list(rig.sensors)
+        chan = np.array([sensors.index(c) for c in r.channels])
+        first = np.array([y[np.isfinite(y)][0] if np.isfinite(y).any() else 0.0 for y in Y.T])
+        state.seen[:, chan] = first
+        known = {}
+        for channel, value in zip(r.channels, first.tolist(), strict=True):
+            if rig.sensors[channel].quantity == "position":
+                known[rig.sensors[channel].of] = value
+        names = state_names(rig, p.imposed)
+        at = _at_rest(rig, names, known, float(r.u[0]) if p.imposed else None, p)
+        state.x[p.position : p.position + p.n_bodies] = at[:-1]
+        if p.has_base:
+            state.gear[0] = at[-1]
+        for channel, j in zip(r.channels, chan, strict=True):
+            i = p.sensor[j, pl.Y_INDEX]
+            if i >= 0 and rig.sensors[channel].quantity in ("velocity", "current"):
+                state.x[int(i)] = first[r.channels.index(channel)]
+        return p, state, chan
+
+
+def _at_rest(rig: Rig, names: list[str], known: dict[str, float], imposed: float | None, p: Plant) -> Floats:
+    """(bodies + 1,) positions that leave springs unstretched as far as they were not read; last the screw's angle."""
+    screw = rig.only("screw")
+    lead, carried = float(p.screw[pl.S_LEAD]), screw.neighbours.get("carries") if screw else None
+    rotor = names[p.rotor] if p.rotor >= 0 else None
+    angle = imposed
+    if angle is None and p.has_base and lead:
+        angle = known.get(rotor or "", known[carried] / lead if carried in known else 0.0)
+    found = {GROUND: 0.0, **known}
+    if p.has_base and angle is not None:
+        found.setdefault(rotor or "", angle)
+        positioner = rig.only("positioner")
+        base = carried if carried else (positioner.name if positioner else "")
+        found.setdefault(base, lead * angle)
+    for _ in names:
+        for spring in rig.links():
+            a, b = spring.neighbours["between"]
+            if a in found and b not in found:
+                found[b] = spring.lever * found[a]
+            elif b in found and a not in found and spring.lever:
+                found[a] = found[b] / spring.lever
+    return np.array([*(found.get(n, 0.0) for n in names), angle or 0.0])

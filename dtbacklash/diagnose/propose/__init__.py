@@ -1,1 +1,0 @@
-"""What could be missing: signatures, wave numbers and delays that the residual asks for."""

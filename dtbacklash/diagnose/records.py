@@ -1,0 +1,163 @@
+"""Records: what a diagnosis looks at of its recordings, a stretch without a gap each."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal.windows import kaiser
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.engine.readings import noise_of
+from dtbacklash.diagnose.settings import SETTINGS
+from dtbacklash.errors import UserError
+from dtbacklash.physics.rig import Rig
+from dtbacklash.recording.model import Recording
+from dtbacklash.recording.refusal import SAMPLES_MIN
+
+#: a shorter stretch beside others shows mostly the state in which it began (samples)
+STRETCH_SAMPLES_MIN = 200
+#: a recording without a command is looked at in so many pieces, of so many samples at least
+PIECES, PIECE_SAMPLES_MIN = 100, 20
+#: a channel moves in a piece where its standard deviation there is so many times its noise (ratio)
+MOVES = 2.0
+#: so much rest is kept: friction holds a machine that a constant load would move on (share of the motion)
+RESTS = 0.05
+#: taps to each side of the interpolation of a smooth command
+REACH = 24
+
+#: of what is fitted to, and of what judges, there are so many samples at least
+PART_SAMPLES_MIN = 50
+
+Mask = np.ndarray
+
+
+@dataclass(frozen=True)
+class Record:
+    """One recording, or one stretch of it, on its grid.
+
+    u : (N,) command, V. y : channel -> (N,) measured, SI, NaN where a reading is missing. train, held : (N,) masks of
+    the samples that are fitted to, and that are held out. from_s : time of its first sample since the recording began,
+    s. recording : the number of the recording that it is or belongs to, from 0.
+    """
+
+    sample_time_s: float
+    u: Floats
+    y: dict[str, Floats]
+    train: Mask
+    held: Mask
+    from_s: float = 0.0
+    recording: int = 0
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        return len(self.u)
+
+
+def records_of(
+    recording: Recording, rig: Rig, train: bool, held: bool, share: float | None = None, number: int = 0
+) -> list[Record]:
+    """The stretches of a recording with their masks: all samples for one purpose, or the last ``share`` held out.
+
+    share : None: as in the settings. number : of the recording.
+    """
+    n = recording.samples
+    share = SETTINGS.held_out_share if share is None else share
+    cut_at = n - round(share * n) if train and held else n * train
+    mask = np.arange(n) < cut_at
+    columns = {c: np.ascontiguousarray(v, dtype=float) for c, v in recording.channels.items()}
+    measured = {c: v for c, v in columns.items() if c in rig.sensors}
+    return [
+        Record(
+            recording.sample_time_s, columns["u"][a:b], {c: v[a:b] for c, v in measured.items()}, mask[a:b], ~mask[a:b],
+            float(recording.t_s[a] - recording.t_s[0]), number,
+        )
+        for a, b in recording.stretches
+    ]  # fmt: skip
+
+
+def long_enough(records: list[Record]) -> tuple[list[Record], tuple[str, ...]]:
+    """The records without the short stretches of recordings that have several, and a note on those that are left out.
+
+    Nothing is left out if no training or no held-out part would remain.
+    """
+    stretches = [r for r in records if sum(other.recording == r.recording for other in records) > 1]
+    short = [r for r in stretches if r.samples < STRETCH_SAMPLES_MIN]
+    kept = [r for r in records if not any(r is s for s in short)]
+    if not short or not any(r.train.any() for r in kept) or not any(r.held.any() for r in kept):
+        return records, ()
+    count, lost = len(short), sum(r.samples for r in short)
+    return kept, (
+        f"{count} of {len(stretches)} stretches ({lost} samples) {'is' if count == 1 else 'are'} left out, being "
+        f"shorter than {STRETCH_SAMPLES_MIN} samples: too short beside the state in which a stretch begins.",
+    )
+
+
+def check_parts(records: list[Record], given: tuple[str, object]) -> None:
+    """Refuse recordings of which too little is fitted to or judges.
+
+    given : key and value of what the user chose the parts by.
+
+    Raises
+    ------
+    UserError : with that key.
+    """
+    counts = {
+        "to fit to": sum(int(r.train.sum()) for r in records), "to judge on": sum(int(r.held.sum()) for r in records)
+    }  # fmt: skip
+    least = min(counts, key=lambda part: counts[part])
+    if counts[least] < PART_SAMPLES_MIN:
+        raise UserError(*given, f"leaves {counts[least]} samples {least}, and at least {PART_SAMPLES_MIN} are needed")
+
+
+def filled(values: Floats) -> Floats:
+    """(N,) the values with straight lines over those that are missing (NaN); 0 where all are."""
+    read = np.isfinite(values)
+    if read.all():
+        return values
+    at = np.arange(len(values))
+    return np.interp(at, at[read], values[read]) if read.any() else np.zeros(len(values))
+
+
+def while_it_moves(recording: Recording, rig: Rig) -> Recording:
+    """A recording without a command up to where its machine comes to rest, with a note; else the recording itself.
+
+    Its first state moves the machine, and what comes after it rests says nothing: fitted to rest, half of it, a decay
+    would be chosen and judged by noise alone.
+    """
+    if np.any(recording.channels["u"]):
+        return recording
+    said = "Nothing was commanded (u is 0): the state in which it begins is all that moves the machine"
+    end = max((_end(filled(v)) for name, v in recording.channels.items() if name in rig.sensors), default=0)
+    if not SAMPLES_MIN <= end < recording.samples:
+        return replace(recording, notes=[*recording.notes, f"{said}."])
+    note = f"{said}. What comes after {recording.t_s[end] - recording.t_s[0]:.4g} s is left out: there it rests."
+    return replace(recording.section(0, end), notes=[*recording.notes, note])
+
+
+def _end(values: Floats) -> int:
+    """The first sample after the last piece in which a channel moves; 0 where it never does."""
+    length = max(PIECE_SAMPLES_MIN, len(values) // PIECES)
+    pieces = values[: len(values) // length * length].reshape(-1, length)
+    moving = np.flatnonzero(pieces.std(axis=1) > MOVES * noise_of(values)[0])
+    if not len(moving):
+        return 0
+    return min(len(values), round((1.0 + RESTS) * (int(moving[-1]) + 1) * length))
+
+
+def held_equivalent(u: Floats) -> Floats:
+    """(N,) the command that, when each value is held over its sample, acts as the smooth signal through ``u`` does.
+
+    A measured input passes through its samples; held in the simulation it would come half a sample late, which looks
+    like a delay or a wrong damping. So it is taken half a sample ahead, and divided by the spectrum of the hold,
+    ``sin(x)/x`` with ``x = omega h/2``: the inverse Fourier transform of ``exp(i x) x/sin(x)``, windowed.
+    """
+    omega = np.linspace(-np.pi, np.pi, 4097)
+    x = 0.5 * omega
+    gain = np.divide(x, np.sin(x), out=np.ones_like(x), where=np.abs(x) > 1e-9)
+    n = np.arange(-REACH, REACH)
+    taps = np.array([np.trapezoid(gain * np.cos(omega * (k + 0.5)), omega) / (2.0 * np.pi) for k in n])
+    taps *= kaiser(2 * REACH + 1, 8.0)[:-1]
+    taps /= taps.sum()
+    padded = np.concatenate([np.full(REACH, u[0]), u, np.full(REACH, u[-1])])
+    # value k lies between u[k] and u[k + 1]: taps n weigh u[k - n]
+    return np.ascontiguousarray(np.convolve(padded, taps, "full")[2 * REACH : 2 * REACH + len(u)])

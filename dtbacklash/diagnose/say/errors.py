@@ -1,0 +1,110 @@
+"""Errors of the nominal, recalibrated, extended and modelled rig, predicted and simulated freely; what is explained."""
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.conclusion import Conclusion
+from dtbacklash.diagnose.say.enough import Enough
+from dtbacklash.diagnose.shown import Explained, FitTable, FreeRunning, Left, ModelErrors, RecordingUsed
+from dtbacklash.physics.rig import Rig
+
+Passes = list[Floats] | None
+
+
+class ErrorTables:
+    """Every model's errors on all records, predicted at one set of gains (``compared``) and freely (``free``)."""
+
+    def __init__(self, c: Conclusion) -> None:
+        self._c, self._seen = c, c.seen
+        recalibrated = c.search.nothing.rig if c.model.keys else c.model.rig
+        rigs: list[Rig] = [c.search.bench.nominal, recalibrated, c.model.rig]
+        if c.modelled is not None:
+            rigs.append(c.modelled.rig)
+        self.compared: list[Passes] = [c.seen.errors(rig) for rig in rigs]
+        self.free: list[Passes] = [c.seen.free(rig) for rig in rigs]
+        self.spread, self.floor = c.seen.spread(), c.seen.floor()
+
+    def fit(self) -> FitTable:
+        """As the models are compared."""
+        floor = float(np.sqrt(np.mean([(self.floor[c] / self.spread[c]) ** 2 for c in self.floor])))
+        parts = [self._errors(self.compared, part) for part in ("train", "held")]
+        return FitTable("nrmse", self._seen.channels, parts[0], parts[1], floor)
+
+    def free_running(self) -> FreeRunning:
+        """With nothing measured coming to help."""
+        return FreeRunning(*(self._errors(self.free, part) for part in ("train", "held")))
+
+    def _errors(self, passes: list[Passes], part: str, numbers: tuple[int, ...] | None = None) -> ModelErrors:
+        """Normalised rms over the channels, of each model; None where one does not stay finite."""
+        found = []
+        for errors in passes:
+            squares = self._seen.mean_squares(errors, part, numbers)
+            each = [squares[c] / self.spread[c] ** 2 for c in squares]
+            value = float(np.sqrt(np.mean(each))) if each else np.inf
+            found.append(value if np.isfinite(value) else None)
+        return ModelErrors(*found)
+
+    def recordings(self) -> tuple[RecordingUsed, ...]:
+        """What was used of each of several recordings, and the held-out errors there; empty for one."""
+        numbers = sorted({s.record.recording for s in self._seen.stretches})
+        if len(numbers) < 2:
+            return ()
+        found = []
+        for number in numbers:
+            own = [s.record for s in self._seen.stretches if s.record.recording == number]
+            judged = sum(int(r.held.sum()) for r in own)
+            errors = self._errors(self.compared[:3], "held", (number,)) if judged else None
+            fitted = sum(int(r.train.sum()) for r in own)
+            samples = sum(r.samples for r in own)
+            found.append(RecordingUsed(str(number + 1), samples, own[0].sample_time_s, fitted, judged, errors))
+        return tuple(found)
+
+    def in_floors(self) -> dict[str, ModelErrors]:
+        """Channel -> held-out rms error of the three rigs, in units of what the last would leave were it true."""
+        squares = [self._seen.mean_squares(e, "held") for e in self.compared[:3]]
+        found = {}
+        for c, floor in self.floor.items():
+            found[c] = ModelErrors(*(float(np.sqrt(s[c])) / floor if c in s else None for s in squares))
+        return found
+
+    def explained(self, enough: Enough) -> Explained:
+        """What the extended rig explains of what judges. enough : channels that are not in it do not count."""
+        nominal, sensors = self._c.search.bench.nominal, self._c.search.bench.nominal.sensors
+        squares = self._seen.mean_squares(self.compared[2], "held")
+        left = {
+            c: Left(rms, sensors[c].unit, rms / self.spread[c], rms / self.floor[c])
+            for c, rms in ((c, float(np.sqrt(v))) for c, v in squares.items())
+        }
+        asked = [
+            (left[c].of_motion if share else left[c].rms, most) for c, (most, share) in enough.items() if c in left
+        ]
+        met = all(rest <= most for rest, most in asked) if asked else None
+        table, free = self.fit(), self.free_running()
+        beats = any(e is not None and e < 1.0 for e in (table.held_out.extended, free.held_out.extended))
+        floor = table.noise_floor
+        shares = [_share(t.held_out, t.held_out.extended, floor) for t in (free, table)]
+        modelled = None
+        if self._c.modelled is not None:
+            both = [_share(t.held_out, t.held_out.modelled, floor) for t in (free, table)]
+            modelled = both[0], both[1]
+        after = self._c.unknown(self._c.last)
+        unknown = {
+            body: {"before": before, "after": after.get(body, 0.0), "force": force, "unit": unit}
+            for (body, before), force, unit in zip(
+                self._c.unknown(self._c.search.nothing).items(), self._c.search.bench.predictors[0].force.tolist(),
+                [_effort_unit(nominal, b) for b in self._c.search.bench.linear.bodies], strict=True,
+            )
+        }  # fmt: skip
+        return Explained(shares[0], shares[1], left, met, beats, modelled, unknown)
+
+
+def _effort_unit(rig: Rig, body: str) -> str:
+    return "N m" if body in rig.elements and rig.elements[body].kind == "rotor" else "N"
+
+
+def _share(errors: ModelErrors, error: float | None, floor: float) -> float | None:
+    """Share of the nominal rig's mean square error above the floor that a rig with this error does not make."""
+    if errors.nominal is None or error is None or errors.nominal <= floor:
+        return None
+    before, after = errors.nominal**2 - floor**2, max(error**2 - floor**2, 0.0)
+    return 1.0 - after / before

@@ -1,0 +1,159 @@
+"""What rigs say of whole recordings, fitted part and held-out part: predictions at one set of gains, and free runs.
+
+All models are compared at the gains of the last one, which forgive least; a free run is corrected over the first
+samples only, in which the first state becomes known, and by the command alone from then on.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.engine.bench import Bench, Sizes
+from dtbacklash.diagnose.engine.predictor import Gains, Predictor
+from dtbacklash.diagnose.engine.readings import OPENING, readings
+from dtbacklash.diagnose.records import Record
+from dtbacklash.errors import UserError
+from dtbacklash.physics.rig import Rig
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A record at the rate of its predictor: train, held : (N,) masks of what was fitted to, and of what judges."""
+
+    record: Record
+    predictor: Predictor
+    train: np.ndarray
+    held: np.ndarray
+
+    @property
+    def t_s(self) -> Floats:
+        """(N,) the middle of each block of samples since the recording began, s."""
+        r = self.predictor.readings
+        middle = 0.5 * (r.every - 1) * self.record.sample_time_s
+        return self.record.from_s + middle + r.sample_time_s * np.arange(len(r.u), dtype=np.float64)
+
+    @property
+    def measured(self) -> Floats:
+        """(N, m) readings, SI."""
+        return self.predictor.readings.y
+
+
+def bench_of(rig: Rig, records: list[Record], every: list[int]) -> Bench:
+    """Predictors of what is fitted to: each record up to its last sample of that kind, NaN where it is none.
+
+    Raises
+    ------
+    UserError : nothing recorded shows some part that integrates.
+    """
+    found = []
+    for record, m in zip(records, every, strict=True):
+        if not record.train.any():
+            continue
+        end = int(np.flatnonzero(record.train)[-1]) + 1
+        y = {c: np.where(record.train[:end], v[:end], np.nan) for c, v in record.y.items()}
+        found.append(predictor_of(rig, replace(record, u=record.u[:end], y=y), m))
+    return Bench(rig, tuple(found))
+
+
+def predictor_of(rig: Rig, record: Record, every: int) -> Predictor:
+    """The predictor of a record at a rate."""
+    channels = tuple(c for c in rig.sensors if c in record.y and np.isfinite(record.y[c]).any())
+    imposed = rig.only("positioner") is not None
+    return Predictor(rig, readings(record.u, record.y, channels, record.sample_time_s, every, imposed))
+
+
+class Seen:
+    """All records, as rigs predict them at the gains of the last model."""
+
+    def __init__(self, bench: Bench, records: list[Record], every: list[int], rig: Rig, sizes: Sizes) -> None:
+        self.stretches: list[Stretch] = []
+        self._gains: list[Gains] = []
+        fitted = iter(zip(bench.predictors, sizes, strict=True))
+        known: tuple[Predictor, Floats] | None = None
+        first = bench.predictors[0], sizes[0]
+        for record, m in zip(records, every, strict=True):
+            known = next(fitted) if record.train.any() else known
+            predictor = predictor_of(bench.nominal, record, m)
+            size = self._sizes(predictor, *(known or first))
+            n = len(predictor.readings.u)
+            masks = [np.asarray(mask[: n * m].reshape(n, m).all(axis=1)) for mask in (record.train, record.held)]
+            self.stretches.append(Stretch(record, predictor, *masks))
+            self._gains.append(predictor.gains(rig, size))
+
+    def _sizes(self, predictor: Predictor, other: Predictor, sizes: Floats) -> Floats:
+        """Sizes that were found on one stretch, for another that may have other channels."""
+        n = len(other.bodies)
+        forces = sizes[:n] + np.log(other.force / predictor.force)
+        noises = dict(zip(other.readings.channels, sizes[n:], strict=True))
+        own = zip(predictor.readings.channels, predictor.nominal_noise, strict=True)
+        return np.concatenate([forces, [noises.get(c, noise) for c, noise in own]])
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """All that were recorded."""
+        return tuple(dict.fromkeys(c for s in self.stretches for c in s.predictor.readings.channels))
+
+    def floors(self) -> list[Floats]:
+        """Per stretch (m,) what the last model, were it true, leaves of each channel: rms of its innovations, SI."""
+        found = []
+        for gains in self._gains:
+            root = np.linalg.inv(gains.W[1, gains.opening])
+            found.append(np.sqrt(np.diag(root @ root.T)))
+        return found
+
+    def errors(self, rig: Rig) -> list[Floats] | None:
+        """Per stretch (N, m) innovations of a rig, NaN where nothing was read; None where they do not stay finite."""
+        return self._passes(rig, self._gains)
+
+    def free(self, rig: Rig) -> list[Floats] | None:
+        """The same of free runs."""
+        alone = []
+        for gains in self._gains:
+            K = gains.K.copy()
+            K[:, OPENING:] = 0.0
+            alone.append(replace(gains, K=K))
+        return self._passes(rig, alone)
+
+    def _passes(self, rig: Rig, gains: list[Gains]) -> list[Floats] | None:
+        found = []
+        for stretch, g in zip(self.stretches, gains, strict=True):
+            try:
+                with np.errstate(over="ignore", invalid="ignore"):
+                    D = stretch.predictor.run(rig, g).D
+            except (UserError, np.linalg.LinAlgError):
+                return None
+            if not np.isfinite(D).all() or np.abs(D).max(initial=0.0) > 1e150:
+                return None
+            found.append(np.where(np.isfinite(stretch.measured), D, np.nan))
+        return found
+
+    def mean_squares(
+        self, errors: list[Floats] | None, part: str, numbers: tuple[int, ...] | None = None
+    ) -> dict[str, float]:
+        """Channel -> mean square of errors in a part (``train``, ``held``), of some recordings or all; empty: none."""
+        if errors is None:
+            return {}
+        found: dict[str, list[Floats]] = {}
+        for s, e in zip(self.stretches, errors, strict=True):
+            if numbers is None or s.record.recording in numbers:
+                for j, c in enumerate(s.predictor.readings.channels):
+                    found.setdefault(c, []).append(e[getattr(s, part), j] ** 2)
+        joined = {c: np.concatenate(v) for c, v in found.items()}
+        return {c: float(np.nanmean(v)) for c, v in joined.items() if np.isfinite(v).any()}
+
+    def spread(self) -> dict[str, float]:
+        """Channel -> standard deviation of what was read, SI."""
+        found: dict[str, list[Floats]] = {}
+        for s in self.stretches:
+            for j, c in enumerate(s.predictor.readings.channels):
+                found.setdefault(c, []).append(s.measured[:, j])
+        return {c: max(float(np.nanstd(np.concatenate(v))), 1e-300) for c, v in found.items()}
+
+    def floor(self) -> dict[str, float]:
+        """Channel -> :meth:`floors`, rms over the stretches."""
+        found: dict[str, list[float]] = {}
+        for s, f in zip(self.stretches, self.floors(), strict=True):
+            for c, value in zip(s.predictor.readings.channels, f.tolist(), strict=True):
+                found.setdefault(c, []).append(value)
+        return {c: float(np.sqrt(np.mean(np.square(v)))) for c, v in found.items()}

@@ -1,0 +1,121 @@
+"""Several recordings that are diagnosed together: which they are called, what they share, which judges."""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from dtbacklash.diagnose.records import Record, records_of
+from dtbacklash.diagnose.shown import RecordingUsed
+from dtbacklash.errors import UserError
+from dtbacklash.physics.rig import Rig
+from dtbacklash.recording.model import Recording
+from dtbacklash.recording.validation import check_apart, shared_rows
+
+
+def source_of(recording: Recording) -> str:
+    """The name of a recording and, after a colon, of its part."""
+    return f"{recording.name}:{recording.part}" if recording.part else recording.name
+
+
+def names_of(recordings: Sequence[Recording]) -> list[str]:
+    """What each is called: its name, with the folder of its file where two have the same, and else with its number."""
+    names = [source_of(r) for r in recordings]
+    for longer in (
+        [f"{r.source.resolve().parent.name}/{n}" if r.source else n for r, n in zip(recordings, names, strict=True)],
+        [f"{n} ({k})" for k, n in enumerate(names, 1)],
+    ):
+        count = Counter(names)
+        names = [other if count[n] > 1 else n for n, other in zip(names, longer, strict=True)]
+    return names
+
+
+@dataclass(frozen=True)
+class Several:
+    """Recordings, each with its own channels. judges : (recordings,) whether it judges alone, and is not fitted.
+
+    names : of the recordings. notes : on channels that not all have.
+    """
+
+    recordings: list[Recording]
+    judges: list[bool]
+    names: list[str]
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls, recordings: Sequence[Recording], validation: Sequence[Recording] | str | int | None, rig: Rig
+    ) -> "Several":
+        """The recordings to fit, then those of ``validation`` that are not among them.
+
+        validation : others; or the name, the file or the number (from 1) of one that is left out to judge.
+
+        Raises
+        ------
+        UserError : the validation is none of them; all judge; one has no channel of the rig; two are the same.
+        """
+        fitted = len(recordings)
+        names = names_of(recordings)
+        judges = [False] * fitted
+        if isinstance(validation, (str, int)):
+            judges[_number(recordings, names, validation)] = True
+            if all(judges):
+                raise UserError("validation", validation, "leaves no recording to fit to")
+        elif validation is not None:
+            recordings = [*recordings, *validation]
+            names = names_of(recordings)
+            judges += [True] * len(validation)
+        _check_apart(recordings, names, judges)
+        return cls(list(recordings), judges, names, _not_in_all(recordings, names, rig))
+
+    @property
+    def judging(self) -> str:
+        """The names of those that judge alone; empty where each recording judges with its end."""
+        return ", ".join(n for n, judges in zip(self.names, self.judges, strict=True) if judges)
+
+    def used(self, records: list[Record], found: Sequence[RecordingUsed]) -> Iterator[RecordingUsed]:
+        """What was used of each, with its name; without errors where a diagnosis came to none (``found`` is empty)."""
+        known = {int(one.name): one for one in found}
+        for number, (recording, name) in enumerate(zip(self.recordings, self.names, strict=True)):
+            own = [r for r in records if r.recording == number]
+            fitted, judged = (sum(int(getattr(r, part).sum()) for r in own) for part in ("train", "held"))
+            bare = RecordingUsed(name, recording.samples, recording.sample_time_s, fitted, judged)
+            yield replace(known.get(number + 1, bare), name=name, samples=recording.samples)
+
+    def records(self, rig: Rig, held_out: float) -> list[Record]:
+        """The stretches of all: where none judges alone, each gives its last share ``held_out``."""
+        alone = any(self.judges)
+        return [
+            record
+            for number, (recording, judges) in enumerate(zip(self.recordings, self.judges, strict=True))
+            for record in records_of(recording, rig, not judges, judges or not alone, held_out, number)
+        ]
+
+
+def _number(recordings: Sequence[Recording], names: list[str], wanted: str | int) -> int:
+    """Which recording is meant by a number from 1, a name or a file."""
+    for k, (recording, name) in enumerate(zip(recordings, names, strict=True)):
+        if str(wanted) in (str(k + 1), name, source_of(recording), str(recording.source)):
+            return k
+    known = ", ".join(f"{k} ({name})" for k, name in enumerate(names, 1))
+    raise UserError("validation", wanted, f"is none of the recordings; choose one of {known}, or give another file")
+
+
+def _check_apart(recordings: Sequence[Recording], names: list[str], judges: list[bool]) -> None:
+    """Refuse two recordings that are equal, and one to judge on whose samples are fitted to."""
+    for k, second in enumerate(recordings):
+        for j, first in enumerate(recordings[:k]):
+            if judges[k] != judges[j]:
+                check_apart(*((first, second) if judges[k] else (second, first)))
+            elif first.samples == second.samples == shared_rows(first, second):
+                raise UserError("recording", names[k], f"is equal to {names[j]}, sample by sample: give each once")
+
+
+def _not_in_all(recordings: Sequence[Recording], names: list[str], rig: Rig) -> tuple[str, ...]:
+    """A note on each channel of the rig that not all recordings have."""
+    has = {c: [n for r, n in zip(recordings, names, strict=True) if c in r.channels] for c in rig.sensors}
+    for name in names:
+        if not any(name in those for those in has.values()):
+            raise UserError("recording", name, f"has no channel of this rig ({', '.join(rig.sensors)})")
+    return tuple(
+        f"{c} is in {' and '.join(those)} only." for c, those in has.items() if 0 < len(those) < len(recordings)
+    )

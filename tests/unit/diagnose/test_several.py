@@ -1,0 +1,100 @@
+"""Several recordings: their names, what they share, which of them judges."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from nominal import nominal_rig
+
+from dtbacklash.diagnose.several import Several, names_of
+from dtbacklash.errors import UserError
+from dtbacklash.recording import Recording
+
+
+@pytest.fixture(scope="module")
+def rig():
+    return nominal_rig("oscillator")
+
+
+def recording(name: str, seed: int, channels: str = "xv", samples: int = 400, folder: str = "bench") -> Recording:
+    rng = np.random.default_rng(seed)
+    values = {c: rng.normal(size=samples) for c in ("u", *channels)}
+    return Recording(name, Path(folder) / name, 1e-3, 1e-3 * np.arange(samples), values, dict.fromkeys(values, ""))
+
+
+def test_two_of_one_name_are_called_by_their_folders_or_numbers():
+    assert names_of([recording("a.csv", 1), recording("b.csv", 2)]) == ["a.csv", "b.csv"]
+    assert names_of([recording("a.csv", 1), recording("a.csv", 2, folder="cold")]) == ["bench/a.csv", "cold/a.csv"]
+    assert names_of([replace(recording("a", 1), source=None)] * 2) == ["a (1)", "a (2)"]
+
+
+def test_each_keeps_its_own_channels_and_that_is_said(rig):
+    several = Several.of([recording("a.csv", 1), recording("b.csv", 2, "x"), recording("c.csv", 3, "v")], None, rig)
+    assert [sorted(r.y) for r in several.records(rig, 0.4)] == [["v", "x"], ["x"], ["v"]]
+    assert several.notes == ("x is in a.csv and b.csv only.", "v is in a.csv and c.csv only.")
+
+
+def test_a_recording_without_a_channel_of_the_rig_is_refused(rig):
+    with pytest.raises(UserError) as caught:
+        Several.of([recording("a.csv", 1), recording("b.csv", 2, "w")], None, rig)
+    assert str(caught.value) == "recording=b.csv: has no channel of this rig (x, v)"
+
+
+@pytest.mark.parametrize("which", [2, "2", "b.csv", "bench/b.csv"])
+def test_one_of_them_may_judge(rig, which):
+    several = Several.of([recording(f"{n}.csv", k) for k, n in enumerate("abc")], which, rig)
+    assert several.judging == "b.csv"
+    records = several.records(rig, 0.4)
+    assert [bool(r.train.all()) for r in records] == [True, False, True]
+    assert [bool(r.held.all()) for r in records] == [False, True, False]
+    assert [r.recording for r in records] == [0, 1, 2]
+
+
+def test_others_may_judge(rig):
+    several = Several.of([recording("a.csv", 1)], [recording("b.csv", 2), recording("c.csv", 3, samples=300)], rig)
+    assert several.judging == "b.csv, c.csv"
+    assert [r.samples for r in several.records(rig, 0.4)] == [400, 400, 300]
+
+
+@pytest.mark.parametrize("which", [0, 3, "d.csv"])
+def test_a_validation_that_is_none_of_them_is_refused(rig, which):
+    with pytest.raises(UserError, match=r"is none of the recordings; choose one of 1 \(a.csv\), 2 \(b.csv\)"):
+        Several.of([recording("a.csv", 1), recording("b.csv", 2)], which, rig)
+
+
+def test_the_same_samples_twice_are_refused(rig):
+    with pytest.raises(UserError, match=r"recording=b.csv: is equal to a.csv, sample by sample: give each once"):
+        Several.of([recording("a.csv", 1), recording("b.csv", 1)], None, rig)
+
+
+def counted(name: str, seed: int, channel: str = "x") -> Recording:
+    """A run of one command that begins and ends at rest; counts are often equal in two of them."""
+    one = recording(name, 1, channel, 2000)
+    u = np.clip(np.arange(2000) - 500, 0, 1000) * 1e-3
+    read = np.round(20.0 * u + 0.2 * np.random.default_rng(seed).standard_normal(2000))
+    return replace(one, channels={"u": u, channel: read})
+
+
+def test_two_runs_of_one_command_are_two_recordings(rig):
+    a, b = counted("a.csv", 1), counted("b.csv", 2)
+    assert np.mean(a.channels["x"] == b.channels["x"]) > 0.5
+    assert Several.of([a, b], None, rig).names == Several.of([a, b], 2, rig).names == ["a.csv", "b.csv"]
+
+
+def test_one_command_seen_by_two_sensors_is_no_copy(rig):
+    assert Several.of([counted("a.csv", 1), counted("b.csv", 1, "v")], None, rig).notes
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_what_judges_may_not_be_part_of_what_is_fitted_to(rig, turned):
+    whole = recording("a.csv", 1)
+    both = [whole, replace(whole.section(100, 300), name="b.csv")]
+    with pytest.raises(UserError, match="holds 200 samples of the recording itself"):
+        Several.of(both[::-1] if turned else both, "b.csv", rig)
+    assert Several.of(both, None, rig).judging == ""
+
+
+def test_all_may_not_judge(rig):
+    with pytest.raises(UserError, match="leaves no recording to fit to"):
+        Several.of([recording("a.csv", 1)], 1, rig)
