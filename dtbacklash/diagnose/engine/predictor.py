@@ -152,8 +152,8 @@ class Predictor:
             ** 2
         )
         R = np.diag(np.exp(2.0 * sizes[len(self.bodies) :]))
-        n0 = self.readings.opening if self.spread else 0
         r, at_once = self.readings, bool(L.D.any())
+        n0 = r.opening if self.spread or r.seldom else 0
         counts, Ks, Ws, logs = r.counts(n0), [], [], 0.0
         modes = (0, 1) if not np.array_equal(L.A[0], L.A[1]) else (1,)
         for mode in modes:

@@ -74,12 +74,17 @@ class Readings:
         return np.concatenate([np.ones((1, self.y.shape[1]), dtype=bool), found[~found.all(axis=1)]])
 
     @property
+    def seldom(self) -> bool:
+        """Whether some channel is read at few of the samples."""
+        return bool((self.present < OFTEN).any())
+
+    @property
     def opening(self) -> int:
         """Samples with gains of their own: the first ones; all, where a channel is read seldom.
 
         Steady gains do not follow a covariance that comes and goes, and may run away.
         """
-        return min(OPENING if (self.present >= OFTEN).all() else len(self.u), len(self.u))
+        return len(self.u) if self.seldom else min(OPENING, len(self.u))
 
     def counts(self, opening: int) -> Floats:
         """(s,) samples of each set with steady gains."""

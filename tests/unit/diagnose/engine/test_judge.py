@@ -90,7 +90,6 @@ def test_two_laws_or_one_at_another_place_hold_none():
     assert not judge._contains((), ("load", "coulomb_friction"))
 
 
-@pytest.mark.xfail(strict=True, reason="more parameters in the same slot are taken for holding the law")
 def test_a_law_of_the_position_holds_none_of_the_speed():
     assert not contains("pendulum", "disk", "cogging", "asymmetric_friction")
 
