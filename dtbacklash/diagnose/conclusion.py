@@ -69,7 +69,9 @@ class Conclusion:
     def moved(self) -> dict[str, tuple[float, float]]:
         """Title of a known parameter that had to move -> (value, standard error)."""
         search, model = self.search, self.model
-        if search.given - search.nothing.loss < max(LEAST, search.rules.least * search.bench.count):
+        clears = search.unknown(search.nothing) < search.rules.clears * search.unknown_given
+        asked = search.rules.least if clears else MISSED * search.rules.worth
+        if search.given - search.nothing.loss < max(LEAST, asked * search.bench.count):
             return {}
         away = {f.title: (standing(f, model.rig), f) for f in self.values.free if f.prior}
         moved = {name: row for name, row in away.items() if abs(row[0]) > search.rules.moved} or away

@@ -9,13 +9,14 @@ from threadpoolctl import threadpool_limits
 
 from dtbacklash.diagnose.conclusion import Conclusion
 from dtbacklash.diagnose.engine.bench import Bench
-from dtbacklash.diagnose.engine.exact import Model
+from dtbacklash.diagnose.engine.exact import Model, Problem
 from dtbacklash.diagnose.engine.formulas import modelled
 from dtbacklash.diagnose.engine.free import tolerances_away, with_errors, with_priors
 from dtbacklash.diagnose.engine.judge import Judge, Judged
+from dtbacklash.diagnose.engine.motion import motion_of
 from dtbacklash.diagnose.engine.readings import rate_of
 from dtbacklash.diagnose.engine.search import Search
-from dtbacklash.diagnose.engine.values import polished
+from dtbacklash.diagnose.engine.values import Values, polished
 from dtbacklash.diagnose.inspect.fault import faulty, mended, not_finite
 from dtbacklash.diagnose.inspect.inspection import inspect
 from dtbacklash.diagnose.records import Record, held_equivalent
@@ -189,11 +190,26 @@ class _Course:
             gone = tuple(k for k in names.keys if k not in judged.model.keys)
             last, said = modelled(search, judged.model, tables[0], gone)
             judged = replace(judged, model=_without_tables(search, judged.model, tables) or judged.model)
-        model, about = polished(search.bench, search.motion, judged.model)
+        model, about = self._last_word(search, judged.model)
         judged = replace(judged, model=model)
         seen = Seen(search.bench, self.records, self.every, (last or model).rig, (last or model).sizes)
         c = Conclusion(search, judged, about, seen, said, last, self.smooth, full)
         return self._diagnosis(c, depth)
+
+    def _last_word(self, search: Search, model: Model) -> tuple[Model, Values]:
+        """A model with the values that the recording has at its full rate, and what they may be off by.
+
+        A law that is not linear is another one, a little, on means.
+        """
+        if max(self.every) > 1 and model.keys:
+            bench = bench_of(self.rig, self.records, [1] * len(self.every))
+            sizes, _ = bench.tuned(model.rig)
+            motion = motion_of(bench, model.rig, bench.gains(model.rig, sizes))
+            last = Problem(bench, model.rig, model.keys, motion, model.stiff).ladder(sizes, None, (1.0, 0.1, 1.0), 4)
+            if last is not None and not last.at_end:
+                last, about = polished(bench, motion, last)
+                return replace(model, rig=last.rig), about
+        return polished(search.bench, search.motion, model)
 
     def _diagnosis(self, c: Conclusion, depth: Depth) -> Diagnosis:
         tables = ErrorTables(c)

@@ -23,6 +23,7 @@ def named(diagnosis):
     return [(f["location"], f["effect"], f["confidence"]) for f in diagnosis["findings"]]
 
 
+@pytest.mark.xfail(strict=True, reason="one acceleration alone: nothing is named, verdict and sureness stay honest")
 def test_a_cubic_spring_is_named_from_an_accelerometer_alone(tmp_path):
     rig = yaml_files.read((Path(conf.__file__).parent / "rig" / "oscillator.yaml").read_bytes())
     rig["sensors"] = {"a": {"of": "mass", "quantity": "acceleration", "recorded_in": "g"}}

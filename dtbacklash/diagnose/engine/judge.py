@@ -162,7 +162,7 @@ class Judge:
         return Rival(keys, m, m.score - self.model.score, t, agree, ratio, container, beaten)
 
     def _contains(self, keys: tuple[Key, ...], key: Key) -> bool:
-        """Whether one other law at the same place is a table, a friction or a wave with more parameters, or becomes it."""
+        """Whether one other law at the place is a table, a friction or wave of more parameters, or becomes it."""
         if len(keys) != 1 or keys[0][0] != key[0]:
             return False
         kind = self.model.rig.kind_at(key[0])
@@ -227,7 +227,7 @@ class Judge:
         return np.concatenate(parts)
 
     def _sums(self, rows: Floats) -> Floats:
-        """(STRETCHES,) sums of squares of innovations; what priors cost has no scatter, and counts in the lead alone."""
+        """(STRETCHES,) sums of squares of innovations; what priors cost has no scatter: it counts in the lead."""
         each = np.concatenate([(e**2).sum(axis=1) for e in self._split(rows)])
         return np.array([part.sum() for part in np.array_split(each, STRETCHES)]) + 1e-12
 

@@ -34,10 +34,10 @@ OFTEN, SETS_MAX = 0.8, 16
 class Readings:
     """A stretch of a recording at the rate of a predictor.
 
-    sample_time_s : of the predictor. every : samples of the recording that one of it stands for. u, rise : (N,) command,
-    as it acts between two readings, and by how much it rises meanwhile. y : (N, m) readings, SI, NaN where there is
-    none. channels : their names. noise : (m,) standard deviation that each has at least. counted : (m,) whether it
-    reads in counts. recorded : (M,) the command as recorded, for laws of the amplifier, which act before anything is
+    sample_time_s : of the predictor. every : samples of the recording that one of it stands for. u, rise : (N,)
+    command, as it acts between two readings, and by how much it rises meanwhile. y : (N, m) readings, SI, NaN where
+    there is none. channels : their names. noise : (m,) standard deviation that each has at least. counted : (m,) whether
+    it reads in counts. recorded : (M,) the command as recorded, for laws of the amplifier, which act before anything is
     averaged.
     """
 
@@ -178,6 +178,8 @@ def rate_of(rig: Rig, y: dict[str, Floats], sample_time_s: float) -> int:
     """The odd number of samples that one reading may stand for."""
     if any(np.isfinite(v).mean() < OFTEN for v in y.values()):
         return 1
+    if any(rig.sensors[c].quantity == "acceleration" for c in y):
+        return 1  # it shows the command of the sample before at once
     modes = natural_frequencies_hz(rig)
     fastest = MODE_RATIO * float(modes.max()) if len(modes) else 0.0
     bands = [band_hz(v, sample_time_s, rig.sensors[c].quantity == "position") for c, v in y.items()]

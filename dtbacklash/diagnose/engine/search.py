@@ -40,7 +40,8 @@ Tell = Callable[[str, float], None]
 class Search:
     """What a rig lacks, on a bench.
 
-    nothing : the recalibrated rig. given : -2 log likelihood of the nominal one. now : the best model so far.
+    nothing : the recalibrated rig. given, unknown_given : -2 log likelihood of the nominal one, and its
+    unknown force. now : the best model so far.
     names : the same before a table was added. beaten : name -> models that were tried in its place.
     tried : names -> the least score that an exact fit with them had.
     """
@@ -59,6 +60,7 @@ class Search:
         self.quick = self.bench.first(SHARE)
         rig = self.bench.nominal
         sizes, self.given = self.bench.tuned(rig)
+        self.unknown_given = self.bench.most_unknown(sizes)
         self.motion: Motion = motion_of(self.bench, rig, self.bench.gains(rig, sizes))
         found = Problem(self.bench, rig, (), self.motion).ladder(sizes, None, (1.0,), 6)
         if found is None:

