@@ -37,8 +37,8 @@ class Readings:
     sample_time_s : of the predictor. every : samples of the recording that one of it stands for. u, rise : (N,)
     command, as it acts between two readings, and by how much it rises meanwhile. y : (N, m) readings, SI, NaN where
     there is none. channels : their names. noise : (m,) standard deviation that each has at least. counted : (m,)
-    whether it reads in counts. recorded : (M,) the command as recorded, for laws of the amplifier, which act before anything is
-    averaged.
+    whether it reads in counts. recorded : (M,) the command as recorded, for laws of the amplifier, which act
+    before anything is averaged.
     """
 
     sample_time_s: float
