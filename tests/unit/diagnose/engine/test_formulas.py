@@ -91,7 +91,7 @@ def root_drag():
     """A search on a pendulum whose drag is 0.05 N m times the square root of its speed, and what came of its table."""
     before = dict(catalogue.CATALOGUE)
     law = {"acts_on": "rotor", "law": "-drag*sign(v)*sqrt(abs(v))", "parameters": {"drag": {"start": 0.1}}}
-    catalogue.declare({"root_drag": law}, "test")
+    catalogue.declare({"root_drag": law}, "test", foreign=False)
     rig, u = nominal_rig("pendulum"), command(20.0, 3.0)
     y = recorded(rig.with_effect("disk", "root_drag", {"drag": 0.05}), u)
     catalogue.withdraw(["root_drag"])  # a law that the catalogue does not have
