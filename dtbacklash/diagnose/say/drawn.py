@@ -25,7 +25,7 @@ def shown(c: Conclusion, tables: ErrorTables) -> Shown:
     rest = next((p for p in c.judged.rest if p.gain > c.search.rules.worth * c.search.bench.count), None)
     if c.modelled is not None:
         laws.append(_as_modelled(c.modelled))
-    elif rest is not None:
+    elif rest is not None and not c.explains:
         laws.append(_recovered(c, rest))
     return Shown(_shares(c), tuple(_curves(c, tables)), tuple(laws), tables.in_floors())
 

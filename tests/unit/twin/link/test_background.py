@@ -18,6 +18,12 @@ from dtbacklash.twin.link.background import GONE, BackgroundTwin
 from dtbacklash.twin.link.service import Request
 
 
+@pytest.fixture(autouse=True)
+def packaged(monkeypatch):
+    """Laws that other tests of this process have declared are none of the twin's."""
+    monkeypatch.setattr(sources, "_foreign", set())
+
+
 def twin(*words):
     config = compose("controller=nimc_twin", "twin.buffer=300", "twin.settle=100", *words)
     beliefs = beliefs_of(config)
