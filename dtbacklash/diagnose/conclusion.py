@@ -80,17 +80,8 @@ class Conclusion:
 
     @property
     def sure(self) -> frozenset[Key]:
-        """The names that lead every rival, and whose size is not nothing within its interval."""
-        return frozenset(key for key in self.judged.sure if self.full and self._is_there(key))
-
-    def _is_there(self, key: Key) -> bool:
-        size = find(self.model.rig.kind_at(key[0]), key[1], key[0]).size
-        value, error = (
-            self.model.rig.effects[key[0]][key[1]][size.name],
-            self.values.errors.get((*key, size.name), np.inf),
-        )
-        away = abs(value - (size.neutral or 0.0)) if np.isfinite(size.neutral or 0.0) else abs(value)
-        return bool(away > NORMAL95 * error)
+        """The names that lead every rival."""
+        return frozenset(key for key in self.judged.sure if self.full and key in self.model.keys)
 
     def verdict(self, enough: bool | None) -> Verdict:
         """The verdict. enough : whether what is left is what the user called so."""
@@ -103,3 +94,13 @@ class Conclusion:
         if self.left > MISSED * rules.much and not enough:
             return UNEXPLAINED
         return PARAMETERS if self.moved() else CONSISTENT
+
+
+def is_there(model: Model, values: Values, key: Key) -> bool:
+    """Whether the size of a name is not nothing within its interval; tables have none."""
+    entry = find(model.rig.kind_at(key[0]), key[1], key[0])
+    if entry.is_table:
+        return True
+    value, neutral = model.rig.effects[key[0]][key[1]][entry.size.name], entry.size.neutral or 0.0
+    error = values.errors.get((*key, entry.size.name), np.inf)
+    return bool((abs(value - neutral) if np.isfinite(neutral) else abs(value)) > NORMAL95 * error)

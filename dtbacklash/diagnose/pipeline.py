@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from dtbacklash.diagnose.conclusion import Conclusion
+from dtbacklash.diagnose.conclusion import Conclusion, is_there
 from dtbacklash.diagnose.engine.bench import Bench
 from dtbacklash.diagnose.engine.exact import Model, Problem
 from dtbacklash.diagnose.engine.formulas import modelled
@@ -191,6 +191,12 @@ class _Course:
             last, said = modelled(search, judged.model, tables[0], gone)
             judged = replace(judged, model=_without_tables(search, judged.model, tables) or judged.model)
         model, about = self._last_word(search, judged.model)
+        for key in model.keys:
+            less = None if is_there(model, about, key) else search.without(judged.model, key)
+            if less is not None:  # what may be nothing at all is not named
+                judged = replace(judged, model=less)
+        if judged.model.keys != model.keys:
+            model, about = self._last_word(search, judged.model)
         judged = replace(judged, model=model)
         seen = Seen(search.bench, self.records, self.every, (last or model).rig, (last or model).sizes)
         c = Conclusion(search, judged, about, seen, said, last, self.smooth, full)
