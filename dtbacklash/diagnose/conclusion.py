@@ -8,7 +8,7 @@ from dtbacklash.diagnose.engine.exact import Model
 from dtbacklash.diagnose.engine.free import Key, standing
 from dtbacklash.diagnose.engine.judge import Judged
 from dtbacklash.diagnose.engine.search import LEAST, Search
-from dtbacklash.diagnose.engine.values import Values
+from dtbacklash.diagnose.engine.values import NORMAL95, Values
 from dtbacklash.diagnose.named import Modelled
 from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Verdict
 from dtbacklash.diagnose.seen import Seen
@@ -16,8 +16,6 @@ from dtbacklash.physics.catalogue import find
 
 #: something is missing, where nothing is named, above so many times what makes a search look for tables
 MISSED = 3.0
-#: standard errors to each side of a 95 % interval
-NORMAL95 = 1.96
 
 
 @dataclass(frozen=True)

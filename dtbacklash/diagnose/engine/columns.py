@@ -60,7 +60,7 @@ class Proposal:
 class Columns:
     """Columns around a fitted rig at given sizes.
 
-    near : title of a nominal parameter -> its column, to be used again. ranked : the best of each name, best first.
+    ranked : the best of each name, best first.
     """
 
     def __init__(
@@ -75,7 +75,6 @@ class Columns:
         assert base is not None
         data = problem.bench_rows
         jacobian = problem.jacobian(x, gains, base)
-        self.near = {f.title: jacobian[:data, j] for j, f in enumerate(problem.free) if f.prior}
         e0 = base[:data]
         self.hypotheses: list[tuple[Hypothesis, slice]] = []
         columns: list[Floats] = []

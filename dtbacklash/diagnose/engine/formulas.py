@@ -16,7 +16,7 @@ from dtbacklash.diagnose.engine.exact import Model
 from dtbacklash.diagnose.engine.families import STEP, Near, limits_of, near
 from dtbacklash.diagnose.engine.free import Errors, Key, taken_out, with_errors
 from dtbacklash.diagnose.engine.search import Search
-from dtbacklash.diagnose.engine.values import polished
+from dtbacklash.diagnose.engine.values import NORMAL95, polished
 from dtbacklash.diagnose.named import Formula, Modelled
 from dtbacklash.errors import UserError
 from dtbacklash.physics import catalogue, own_laws
@@ -28,8 +28,6 @@ from dtbacklash.physics.rig import Rig
 REFITTED = 3
 #: a refit's shares of the sizes, and its steps at each
 RUNGS, STEPS = (1.0, 0.1, 1.0), 5
-#: standard errors to each side of a 95 % interval
-NORMAL95 = 1.96
 #: the name of a found law, and of those that are tried: none twice in a process
 FOUND, TRIED = "found_{}", "tried_{}"
 _NUMBER, _NAMING = itertools.count(), threading.Lock()

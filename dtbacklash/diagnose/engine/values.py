@@ -23,6 +23,8 @@ from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Role
 from dtbacklash.physics.effects.table import VALUES
 
+#: standard errors to each side of a 95 % interval
+NORMAL95 = 1.96
 #: stretches over which the score's scatter is taken
 STRETCHES = 24
 #: a stretch that alone shows a parameter is left out by at least so much of the curvature (share)

@@ -8,6 +8,7 @@ from scipy.stats import chi2
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.conclusion import Conclusion
 from dtbacklash.diagnose.engine.free import tolerances_away
+from dtbacklash.diagnose.engine.values import NORMAL95
 from dtbacklash.diagnose.result import Check
 from dtbacklash.diagnose.say.errors import ErrorTables
 from dtbacklash.diagnose.shown import FreeRunning
@@ -18,8 +19,8 @@ from dtbacklash.physics.catalogue import find
 LAGS, SAMPLES_PER_LAG = 20, 10
 #: a held-out mean square may be so much larger than noise, or than the fitted part's, by chance (ratio)
 BY_CHANCE = 1.2
-#: standard errors of a 95 % interval, and of the nominal rig the tolerances that are usual
-NORMAL95, USUAL = 1.96, 3.0
+#: tolerances from nominal that are usual
+USUAL = 3.0
 
 INNOVATIONS = "innovations of a true model have this size: Ljung, System Identification (1999), section 16.6"
 LJUNG_BOX = "Ljung and Box, Biometrika 65 (1978) 297"

@@ -2,10 +2,11 @@
 
 import math
 
-from dtbacklash.diagnose.conclusion import NORMAL95, Conclusion
+from dtbacklash.diagnose.conclusion import Conclusion
 from dtbacklash.diagnose.engine.columns import Columns
 from dtbacklash.diagnose.engine.free import Key, unit_at, unit_of
 from dtbacklash.diagnose.engine.judge import Rival
+from dtbacklash.diagnose.engine.values import NORMAL95
 from dtbacklash.diagnose.named import (
     Alternative,
     Confidence,
