@@ -99,6 +99,8 @@ def is_there(model: Model, values: Values, key: Key) -> bool:
     entry = find(model.rig.kind_at(key[0]), key[1], key[0])
     if entry.is_table:
         return True
+    if model.rig.effect(*key) is None:
+        return False
     value, neutral = model.rig.effects[key[0]][key[1]][entry.size.name], entry.size.neutral or 0.0
     error = values.errors.get((*key, entry.size.name), np.inf)
     return bool((abs(value - neutral) if np.isfinite(neutral) else abs(value)) > NORMAL95 * error)

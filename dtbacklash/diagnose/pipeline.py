@@ -11,9 +11,9 @@ from dtbacklash.diagnose.conclusion import Conclusion, is_there
 from dtbacklash.diagnose.engine.bench import Bench
 from dtbacklash.diagnose.engine.exact import Model, Problem
 from dtbacklash.diagnose.engine.formulas import modelled
-from dtbacklash.diagnose.engine.free import tolerances_away, with_errors, with_priors
+from dtbacklash.diagnose.engine.free import Key, taken_out, tolerances_away, with_errors, with_priors
 from dtbacklash.diagnose.engine.judge import Judge, Judged
-from dtbacklash.diagnose.engine.motion import motion_of
+from dtbacklash.diagnose.engine.motion import Motion, motion_of
 from dtbacklash.diagnose.engine.readings import rate_of
 from dtbacklash.diagnose.engine.search import Search
 from dtbacklash.diagnose.engine.values import Values, polished
@@ -36,8 +36,6 @@ from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.rig import Rig
 
-#: a command is read as smooth where that is so much likelier: held is the rule (-2 log likelihood a reading)
-SMOOTH_WORTH = 0.05
 #: what is said while and after a search is stopped
 ENDING = "stopped: judging what is known so far (Ctrl-C once more ends it)"
 STOPPED = "what was found until then, with nothing tried in its place. More may be missing, and no name is sure."
@@ -133,26 +131,38 @@ class _Course:
             summarised = f"Stopped early ({stage}): {STOPPED} {said}"
             return replace(found, summary=summarised, stopped=stage, next_experiment=TO_THE_END)
 
-    def _bench(self) -> Bench:
-        """What is fitted to, with the command held between its samples; or smooth, where that is likelier."""
-        held = bench_of(self.rig, self.records, self.every)
-        if self.rig.only("actuator") is None or not any(np.any(r.u) for r in self.records):
-            return held
-        records = [replace(r, u=held_equivalent(r.u)) for r in self.records]
-        smooth = bench_of(self.rig, records, self.every)
-        losses = [Search(bench).nothing.loss for bench in (held, smooth)]
-        if losses[0] - losses[1] > SMOOTH_WORTH * held.count:
-            self.records, self.smooth = records, True
-            return smooth
-        return held
-
     def _searched(self) -> Search:
-        """The search at the rate of the motion; at faster ones where much force stays unknown."""
+        """The search with the command held between its samples; with a smooth one where that explains what is left."""
         self.tell("recalibrating the rig", 0.02)
+        search, records = self._begun(), self.records
+        if self.rig.only("actuator") is None or not any(np.any(r.u) for r in records):
+            return self._at_rates(search)
+        self.records = [replace(r, u=held_equivalent(r.u)) for r in records]
+        other = self._begun()
+        self.smooth = other.clears(other.nothing, search.nothing)
+        if self.smooth:
+            return self._at_rates(other)
+        self.records = records
+        search = self._at_rates(search)
+        self.records = [replace(r, u=held_equivalent(r.u)) for r in records]
+        bench = bench_of(self.rig, self.records, self.every)
+        sizes, loss = bench.tuned(search.now.rig)
+        gained = search.now.loss - loss
+        self.smooth = search.clears(replace(search.now, sizes=sizes, score=search.now.score - gained), search.now)
+        if self.smooth:
+            return self._at_rates(self._begun())
+        self.records = records
+        return search
+
+    def _begun(self) -> Search:
+        """A search that has recalibrated the nominal rig."""
+        finer = self._at_finer if max(self.every) > 1 else None
+        return Search(bench_of(self.rig, self.records, self.every), tell=self.tell, finer=finer)
+
+    def _at_rates(self, search: Search) -> Search:
+        """The search at the rate of the motion; at faster ones where much force stays unknown."""
         while True:
-            search = self.search = Search(
-                self._bench(), tell=self.tell, finer=self._at_finer if max(self.every) > 1 else None
-            )
+            self.search = search
             if self.depth == FULL:
                 search.run()
             elif self.depth == QUICK:
@@ -163,6 +173,7 @@ class _Course:
                 return search
             self.every = self._finer() if search.too_coarse else [1] * len(self.every)
             self.tell("looking closer, at a faster rate", 0.3)
+            search = self._begun()
 
     def _finer(self) -> list[int]:
         """A third of the samples for a reading, an odd number."""
@@ -191,12 +202,6 @@ class _Course:
             last, said = modelled(search, judged.model, tables[0], gone)
             judged = replace(judged, model=_without_tables(search, judged.model, tables) or judged.model)
         model, about = self._last_word(search, judged.model)
-        for key in model.keys:
-            less = None if is_there(model, about, key) else search.without(judged.model, key)
-            if less is not None:  # what may be nothing at all is not named
-                judged = replace(judged, model=less)
-        if judged.model.keys != model.keys:
-            model, about = self._last_word(search, judged.model)
         judged = replace(judged, model=model)
         seen = Seen(search.bench, self.records, self.every, (last or model).rig, (last or model).sizes)
         c = Conclusion(search, judged, about, seen, said, last, self.smooth, full)
@@ -205,17 +210,27 @@ class _Course:
     def _last_word(self, search: Search, model: Model) -> tuple[Model, Values]:
         """A model with the values that the recording has at its full rate, and what they may be off by.
 
-        A law that is not linear is another one, a little, on means.
+        A law that is not linear is another one, a little, on means: what stood for the difference earns nothing here.
         """
+        bench, motion, last = search.bench, search.motion, model
         if max(self.every) > 1 and model.keys:
-            bench = bench_of(self.rig, self.records, [1] * len(self.every))
-            sizes, _ = bench.tuned(model.rig)
-            motion = motion_of(bench, model.rig, bench.gains(model.rig, sizes))
-            last = Problem(bench, model.rig, model.keys, motion, model.stiff).ladder(sizes, None, (1.0, 0.1, 1.0), 4)
-            if last is not None and not last.at_end:
-                last, about = polished(bench, motion, last)
-                return replace(model, rig=last.rig), about
-        return polished(search.bench, search.motion, model)
+            full = bench_of(self.rig, self.records, [1] * len(self.every))
+            sizes, _ = full.tuned(model.rig)
+            along = motion_of(full, model.rig, full.gains(model.rig, sizes))
+            found = _fitted(full, along, replace(model, sizes=sizes))
+            if found is not None and (len(model.keys) > 1 or not found.at_end):
+                bench, motion, last = full, along, found
+        several = len(model.keys) > 1 and bench is not search.bench
+        ends = {f.key for f, x in zip(last.free, last.x, strict=True) if f.at_end(x)}
+        last, about = polished(bench, motion, last)
+        for key in model.keys:
+            nothing = key in ends or not is_there(last, about, key)
+            less = _fitted(bench, motion, _without(bench, last, key)) if nothing or several else None
+            if less is not None and (nothing or less.score < last.score + search.asked(last, less)):
+                last, about = polished(bench, motion, less)
+        if last.keys != model.keys:
+            model = replace(model, keys=last.keys, sizes=search.bench.tuned(last.rig, model.sizes)[0])
+        return replace(model, rig=last.rig), about
 
     def _diagnosis(self, c: Conclusion, depth: Depth) -> Diagnosis:
         tables = ErrorTables(c)
@@ -257,6 +272,19 @@ class _Course:
             calibration=calibration(c),
             modelled=told,
         )  # fmt: skip
+
+
+def _fitted(bench: Bench, motion: Motion, model: Model) -> Model | None:
+    """A model fitted anew on a bench; None where nothing stays finite."""
+    problem = Problem(bench, model.rig, model.keys, motion, model.stiff, model.smooth)
+    return problem.ladder(model.sizes, None, (1.0, 0.1, 1.0), 4)
+
+
+def _without(bench: Bench, model: Model, key: Key) -> Model:
+    """A model without one of its names, at the sizes that it then needs."""
+    rig = taken_out(model.rig, key)
+    keys = tuple(k for k in model.keys if rig.effect(*k) is not None)
+    return replace(model, rig=rig, keys=keys, sizes=bench.tuned(rig, model.sizes, steps=(2.0, 0.7), refresh=1)[0])
 
 
 def _without_tables(search: Search, model: Model, tables: list[tuple[str, str]]) -> Model | None:

@@ -56,6 +56,17 @@ def onwards(P, S, u, gap, theta, Z, X):
 
 
 @compiled_free
+def shown(P, S, gap, Z, y, Y):
+    """(N, sensors) what sensors that are not late show of the states Z (N, n)."""
+    for k in range(Z.shape[0]):
+        for i in range(min(S.x.shape[0], Z.shape[1])):
+            S.x[i] = Z[k, i]
+        sense(P, S, gap, 0.0, y)
+        for s in range(y.shape[0]):
+            Y[k, s] = y[s]
+
+
+@compiled_free
 def amplified(P, u, out):
     """What the amplifier makes of each command."""
     for k in range(u.shape[0]):

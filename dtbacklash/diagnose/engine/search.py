@@ -191,11 +191,14 @@ class Search:
                 m, sizes=self.bench.back(m.sizes, model.sizes) if len(m.sizes) != len(model.sizes) else m.sizes
             )
             done = self.fitted(m.rig, start, m.keys, steps=4)
-            # what takes the unknown force away is never too small
-            if done is None or done.at_end:
-                continue
-            if self.unknown(done) < self.rules.clears * most or self.moves(done):
-                full.append(done)
+            while done is not None and not done.at_end:
+                # what takes the unknown force away is never too small
+                idle = () if self.unknown(done) < self.rules.clears * most else self.idle(done)
+                if not idle:
+                    full.append(done)
+                if not idle or len(done.keys) - 1 <= len(model.keys):
+                    break
+                done = self.without(done, idle[0])
         return sorted(full, key=lambda m: m.score)
 
     def _near(self, model: Model, sizes: Sizes) -> dict[str, Floats]:
@@ -247,8 +250,16 @@ class Search:
     def asked(self, model: Model, less: Model) -> float:
         """What a model has to earn beside one that does without a name of it."""
         clears = self.unknown(model) < self.rules.clears * self.unknown(less)
-        count = self.bench.count
-        return max(self.rules.least * count, LEAST) if clears else self.rules.worth * count
+        return self.least if clears else self.rules.worth * self.bench.count
+
+    @property
+    def least(self) -> float:
+        """What anything has to earn."""
+        return max(self.rules.least * self.bench.count, LEAST)
+
+    def clears(self, model: Model, other: Model) -> bool:
+        """Whether a model takes away what is unknown beside another one, and is likelier."""
+        return self.unknown(model) < self.rules.clears * self.unknown(other) and model.score < other.score - self.least
 
     def exchange(self) -> bool:
         """Another name, or two, in the place of each of several; whether one was better."""
@@ -329,14 +340,17 @@ class Search:
         if little:
             self.trim(stiff)
 
-    def moves(self, model: Model) -> bool:
-        """Whether each law of a model moves something by a share of what moves there."""
-        return all(self.share(model, key) >= self.rules.small for key in model.keys)
+    def idle(self, model: Model) -> tuple[Key, ...]:
+        """Laws of a model that make little of what moves their place, and hardly more than what stays unknown."""
+        least = min(self.rules.small, self.unknown(model) / self.rules.clears)
+        return tuple(key for key in model.keys if self.share(model, key) < least)
 
     def share(self, model: Model, key: Key) -> float:
-        """Of what moves its place, the part that a law makes: rms, or a tenth of its largest where it acts rarely."""
-        effect = model.rig.takes(key[0])[key[1]]
-        if key[0].startswith(SENSOR_PREFIX) or effect.is_delay or not effect.slot.proportional:
+        """The part that a law makes of what moves its place, or a sensor's error of what it reads.
+
+        Rms, or a tenth of its largest where it acts rarely.
+        """
+        if model.rig.takes(key[0])[key[1]].is_delay:
             return np.inf
         most = 0.0
         try:
@@ -344,14 +358,17 @@ class Search:
         except UserError:
             return np.inf
         for p, sizes in zip(self.bench.predictors, model.sizes, strict=True):
-            gains = p.gains(model.rig, sizes)
-            found = p.run(model.rig, gains)
+            found = p.run(model.rig, p.gains(model.rig, sizes))
             n, v = len(p.linear.bodies), p.linear.speed
             if found.X.shape[1] != len(p.simulated.linear(bare).states):
                 return np.inf
-            there = p.simulated.onwards(model.rig, found.X)[:-1, v : v + n]
-            made = there - p.simulated.onwards(bare, found.X)[:-1, v : v + n]
-            moved = there - found.X[:-1, v : v + n]
+            if key[0].startswith(SENSOR_PREFIX):
+                there = p.simulated.shown(model.rig, found.X)
+                made, moved = there - p.simulated.shown(bare, found.X), there - there.mean(axis=0)
+            else:
+                there = p.simulated.onwards(model.rig, found.X)[:-1, v : v + n]
+                made = there - p.simulated.onwards(bare, found.X)[:-1, v : v + n]
+                moved = there - found.X[:-1, v : v + n]
             size = np.maximum(np.sqrt((made**2).mean(axis=0)), 0.1 * np.abs(made).max(axis=0))
             share = size / (np.sqrt((moved**2).mean(axis=0)) + 1e-300)
             most = max(most, float(np.nan_to_num(share, nan=np.inf).max()))

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.engine.filter import amplified, observe, onwards
+from dtbacklash.diagnose.engine.filter import amplified, observe, onwards, shown
 from dtbacklash.diagnose.engine.readings import Readings, between
 from dtbacklash.physics.assembly import compile_plant, state_names
 from dtbacklash.physics.effects import slots
@@ -167,6 +167,13 @@ class Simulated:
         X = np.zeros_like(Z)
         onwards(p, state, u, rig_half_gap(rig), u if p.imposed else np.zeros(1), np.ascontiguousarray(Z), X)
         return X
+
+    def shown(self, rig: Rig, Z: Floats) -> Floats:
+        """(N, m) what the sensors show of states at once."""
+        p, state, chan = self._ready(rig, self.readings.y)
+        Y = np.zeros((len(Z), len(rig.sensors)))
+        shown(p, state, rig_half_gap(rig), np.ascontiguousarray(Z), np.zeros(len(rig.sensors)), Y)
+        return Y[:, chan]
 
     def _in_time(self, rig: Rig) -> tuple[Rig, Floats]:
         """A late sensor's readings earlier by whole samples, and the rig that is late by the rest only.
