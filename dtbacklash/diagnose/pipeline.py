@@ -216,6 +216,8 @@ class _Course:
         if max(self.every) > 1 and model.keys:
             full = bench_of(self.rig, self.records, [1] * len(self.every))
             sizes, _ = full.tuned(model.rig)
+            if full.refine(model.rig, sizes, search.rules.worth * search.bench.count):
+                sizes, _ = full.tuned(model.rig, sizes)
             along = motion_of(full, model.rig, full.gains(model.rig, sizes))
             found = _fitted(full, along, replace(model, sizes=sizes))
             if found is not None and (len(model.keys) > 1 or not found.at_end):

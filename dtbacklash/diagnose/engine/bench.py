@@ -10,6 +10,9 @@ from dtbacklash.diagnose.engine.predictor import ASTRAY, LOST, Gains, Predictor
 from dtbacklash.diagnose.engine.simulated import Linear
 from dtbacklash.physics.rig import Rig
 
+#: share of the unknown forces at which it is asked whether steps are fine enough
+STRICT = 0.1
+
 #: sizes of unknown forces and noises of each stretch
 Sizes = tuple[Floats, ...]
 
@@ -61,6 +64,24 @@ class Bench:
         found = [p.run(rig, g).E.ravel() for p, g in zip(self.predictors, gains, strict=True)]
         rows = found[0] if len(found) == 1 else np.concatenate(found)
         return rows if np.isfinite(rows).all() and np.abs(rows).max() < ASTRAY else None
+
+    def refine(self, rig: Rig, sizes: Sizes, worth: float) -> bool:
+        """Simulate in finer steps from now on, if that changes innovations by so much; whether it does.
+
+        worth : sum of squares.
+        """
+        if all(p.simulated.finely for p in self.predictors):
+            return False
+        gains = self.gains(rig, self.scaled(sizes, STRICT))  # what is rough makes forces seem unknown
+        rough = self.rows(rig, gains)
+        for p in self.predictors:
+            p.simulated.finely = True
+        fine = self.rows(rig, gains)
+        if rough is None or fine is None or np.sum((fine - rough) ** 2) > worth:
+            return True
+        for p in self.predictors:
+            p.simulated.finely = False
+        return False
 
     def tuned(self, rig: Rig, sizes: Sizes | None = None, **how: object) -> tuple[Sizes, float]:
         """Sizes that make a rig likeliest, and -2 log likelihood."""

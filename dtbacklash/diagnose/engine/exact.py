@@ -78,6 +78,18 @@ class Problem:
         """(free,) where the base rig stands."""
         return np.array([standing(f, self.base) if f.prior else 0.0 for f in self.free])
 
+    def better_start(self, sizes: Sizes) -> Floats:
+        """The same, or with parameters as they were given: a wrong rig has moved them."""
+        here, given = self.start(), np.zeros(len(self.free))
+        if not here.any():
+            return here
+        try:
+            gains = self.bench.gains(self.base, sizes)
+        except np.linalg.LinAlgError:
+            return here
+        costs = [np.inf if rows is None else rows @ rows for rows in (self.rows(x, gains) for x in (here, given))]
+        return given if costs[1] < costs[0] else here
+
     def rig(self, x: Floats) -> Rig:
         """The rig at x."""
         return apply(self.base, self.free, x)

@@ -88,6 +88,7 @@ class Predictor:
         other = copy.copy(self)
         other.readings = self.readings.first(share)
         other.simulated = Simulated(other.readings)
+        other.simulated.finely = self.simulated.finely
         other.count = other.readings.count
         return other
 

@@ -165,7 +165,7 @@ class Search:
         rough = []
         for rig, keys in proposals:
             problem = Problem(quick, rig, keys, self.motion, model.stiff, model.smooth)
-            x, squares = problem.solve(strict, problem.start(), 3, near)
+            x, squares = problem.solve(strict, problem.better_start(strict), 3, near)
             if np.isfinite(squares):
                 rough.append((squares + n * problem.counts, problem, x))
         rough.sort(key=lambda r: r[0])
@@ -231,6 +231,9 @@ class Search:
             new = [k for k in best.keys if k not in self.now.keys]
             for key in new:
                 self.beaten[key] = [m for m in found if m is not best]
+            if self.bench.refine(best.rig, best.sizes, self.rules.worth * count):
+                self.quick = self.bench.first(SHARE)
+                best = self.fitted(best.rig, best, best.keys, (1.0, 0.1, 1.0), 5) or best
             self.now = best
             if self.finer is not None and self.unknown(best) > self.rules.left:
                 self.too_coarse = self.finer(best) < CLOSER * self.unknown(best)

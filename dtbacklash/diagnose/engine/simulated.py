@@ -20,9 +20,9 @@ from dtbacklash.physics.kinds import GROUND
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 from dtbacklash.physics.simulate import rig_half_gap
 
-#: substeps of a sample at least and at most, and levels to which an event is located, where forces act beside the
-#: linear plant: an averaged sample stands for several
-STEPS, STEPS_AVERAGED = (2, 6), (8, 10)
+#: substeps of a sample, and levels to which an event is located, where forces act beside the linear plant; the fine ones
+#: where that matters, and for an averaged sample, which stands for several
+STEPS, STEPS_FINE = (2, 6), (8, 10)
 #: a late sensor's readings are moved by whole samples; less than this is left to the simulation (samples)
 ROUNDING = 1e-6
 #: a state is moved by so much to see what sensors show of it
@@ -129,11 +129,12 @@ def _shown(p: Plant, contact: bool, shown: list[int]) -> Floats:
 class Simulated:
     """A rig on one stretch of a recording. errors : as the rig's own, of values that it cannot have."""
 
-    #: whether a sample has as many substeps as if it were averaged
+    #: whether a sample is simulated in fine steps
     finely = False
 
     def __init__(self, readings: Readings) -> None:
         self.readings = readings
+        self.finely = type(self).finely or readings.every > 1
 
     def linear(self, rig: Rig) -> Linear:
         """Its linear part."""
@@ -220,7 +221,7 @@ class Simulated:
     def _ready(self, rig: Rig, Y: Floats) -> tuple[Plant, State, np.ndarray]:
         """The compiled rig in its first state: positions as they were read first, at rest."""
         r = self.readings
-        steps = STEPS_AVERAGED if r.every > 1 or self.finely else STEPS
+        steps = STEPS_FINE if self.finely else STEPS
         p = compile_plant(rig, r.sample_time_s, 0, 10, False, steps)
         state, sensors = new_state(p), list(rig.sensors)
         chan = np.array([sensors.index(c) for c in r.channels])
