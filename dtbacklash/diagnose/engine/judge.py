@@ -121,7 +121,7 @@ class Judge:
         """The best other names in the place of one: those of the search, and those that columns now propose."""
         search = self.search
         known = {tuple(sorted(m.keys)): m for m in search.beaten.get(key, []) if key not in m.keys}
-        for m in search.sifted(less, search.proposals(less, (key,), quick=True), 3):
+        for m in search.in_its_place(less, key):
             known.setdefault(tuple(sorted(m.keys)), m)
         kept = [m for k, m in known.items() if set(less.keys) <= set(k)]
         return sorted(kept, key=lambda m: m.score)[:3]

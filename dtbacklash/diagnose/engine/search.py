@@ -124,7 +124,7 @@ class Search:
         """Rigs to try: the best singles and pairs of columns, at the present sizes and at smaller ones."""
         far, found = self.far(model), []
         seen: dict[tuple[Key, ...], list[list[Values]]] = {}
-        levels = [(self.quick, 1.0, 3, 0), (self.quick, 0.1, 2, 0)] if quick else [(self.bench, 1.0, 5, 3)]
+        levels = [(self.quick, 1.0, 3, 0)] if quick else [(self.bench, 1.0, 5, 3)]
         if far and not quick:
             levels += [(self.quick, share, 4 - n, 2 - n) for n, share in enumerate(STRICT)]
         for bench, share, singles, pairs in levels:
@@ -153,6 +153,15 @@ class Search:
                     continue
         return found
 
+    def in_its_place(self, less: Model, key: Key, best: int = 3) -> list[Model]:
+        """The likeliest others in the place of a name of the model; less : the model without it, fitted anew.
+
+        What stands for it explains what is left where it is taken out and all else stays; or what is left at last.
+        """
+        bare = replace(self.now, rig=taken_out(self.now.rig, key), keys=less.keys)
+        proposals = [p for m in (bare, less) for p in self.proposals(m, (key,), quick=True)]
+        return self.sifted(less, proposals, best)
+
     def sifted(self, model: Model, proposals: list[tuple[Rig, tuple[Key, ...]]], best: int = 3) -> list[Model]:
         """The likeliest of some rigs, best first: quick fits of all on the beginning, exact ones of the best on all."""
         if not proposals:
@@ -179,14 +188,20 @@ class Search:
             second.append((likelihood + float(beside @ beside) + n * problem.counts, rig, problem.keys, tuned))
         second.sort(key=lambda r: r[0])
         some = []
-        for _, rig, keys, tuned in [s for s in second if s[0] < second[0][0] + 0.2 * quick.count][:best]:
+        few = min(len(keys) for _, _, keys, _ in second) if second else 0
+        near_best = [s for s in second if s[0] < second[0][0] + 0.2 * quick.count][:best]
+        # a pair may have been first by what it cannot keep
+        simple = [s for s in second if len(s[2]) == few][:1] if all(len(s[2]) > few for s in near_best) else []
+        for _, rig, keys, tuned in near_best + simple:
             rungs = (0.1, 0.1, 1.0) if quick.most_unknown(tuned) > 3e-3 else (1.0,)
             m = Problem(quick, rig, keys, self.motion, model.stiff, model.smooth).ladder(tuned, None, rungs)
             if m is not None and not m.at_end:
                 some.append(m)
         some.sort(key=lambda m: m.score)
         full = []
-        for m in [m for m in some[:2] if m.score < some[0].score + 0.1 * quick.count]:
+        for m in some[:2] + [m for m in some[2:] if len(m.keys) == few][:1]:
+            if m.score > some[0].score + 0.1 * quick.count and len(m.keys) > few:
+                continue
             start = replace(
                 m, sizes=self.bench.back(m.sizes, model.sizes) if len(m.sizes) != len(model.sizes) else m.sizes
             )
@@ -270,7 +285,7 @@ class Search:
             less = self.without(self.now, key)
             if less is None:
                 continue
-            found = self.sifted(less, self.proposals(less, (key,), quick=True), 2)
+            found = self.in_its_place(less, key, 2)
             self.beaten[key] = found
             if found and found[0].score < self.now.score - self.rules.alike * self.rules.worth * self.bench.count:
                 self.now = found[0]
@@ -358,10 +373,13 @@ class Search:
         most = 0.0
         try:
             bare = taken_out(model.rig, key)
+            all_gains = self.bench.gains(model.rig, model.sizes)
         except UserError:
             return np.inf
-        for p, sizes in zip(self.bench.predictors, model.sizes, strict=True):
-            found = p.run(model.rig, p.gains(model.rig, sizes))
+        except np.linalg.LinAlgError:
+            return 0.0
+        for p, gains in zip(self.bench.predictors, all_gains, strict=True):
+            found = p.run(model.rig, gains)
             n, v = len(p.linear.bodies), p.linear.speed
             if found.X.shape[1] != len(p.simulated.linear(bare).states):
                 return np.inf
