@@ -16,6 +16,8 @@ from dtbacklash.physics.catalogue import find
 
 #: something is missing, where nothing is named, above so many times what makes a search look for tables
 MISSED = 3.0
+#: a free run that errs by less shows nothing: it may be what a sensor cannot resolve (times its noise)
+NOISES = 2.0
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class Conclusion:
     seen: Seen
     modelled: Modelled | None
     with_table: Model | None
-    smooth: bool
+    course: str
     full: bool
 
     @property
@@ -64,6 +66,15 @@ class Conclusion:
         rules = self.search.rules
         return self.left < rules.left and (self.left < rules.clears * self.before or self.left < rules.much)
 
+    @property
+    def shows(self) -> bool:
+        """Whether a free run of the extended rig errs by more than its sensors' noise and counts."""
+        errors = self.seen.free(self.model.rig)
+        if errors is None:
+            return True
+        noises = [s.predictor.readings.noise for s in self.seen.stretches]
+        return any(bool((np.nanstd(e, axis=0) > NOISES * n).any()) for e, n in zip(errors, noises, strict=True))
+
     def moved(self) -> dict[str, tuple[float, float]]:
         """Title of a known parameter that had to move -> (value, standard error)."""
         search, model = self.search, self.model
@@ -72,7 +83,7 @@ class Conclusion:
         if search.given - search.nothing.loss < max(LEAST, asked * search.bench.count):
             return {}
         away = {f.title: (standing(f, model.rig), f) for f in self.values.free if f.prior}
-        moved = {name: row for name, row in away.items() if abs(row[0]) > search.rules.moved} or away
+        moved = {name: row for name, row in away.items() if abs(row[0]) > search.rules.moved}
         errors = {name: self.values.errors.get((f.place, f.effect, f.name), np.inf) for name, (_, f) in moved.items()}
         return {name: (f.value(x), errors[name]) for name, (x, f) in moved.items()}
 
@@ -89,7 +100,7 @@ class Conclusion:
             return UNEXPLAINED
         if named:
             return MISSING if enough or (self.sure and self.explains) else UNEXPLAINED
-        if self.left > MISSED * rules.much and not enough:
+        if self.left > MISSED * rules.much and not enough and self.shows:
             return UNEXPLAINED
         return PARAMETERS if self.moved() else CONSISTENT
 

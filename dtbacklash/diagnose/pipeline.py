@@ -19,7 +19,7 @@ from dtbacklash.diagnose.engine.search import Search
 from dtbacklash.diagnose.engine.values import Values, polished
 from dtbacklash.diagnose.inspect.fault import faulty, mended, not_finite
 from dtbacklash.diagnose.inspect.inspection import inspect
-from dtbacklash.diagnose.records import Record, held_equivalent
+from dtbacklash.diagnose.records import SMOOTH, Record, ways_to_read
 from dtbacklash.diagnose.result import Diagnosis
 from dtbacklash.diagnose.say.calibration import calibration
 from dtbacklash.diagnose.say.checks import USUAL, all_checks
@@ -40,7 +40,6 @@ from dtbacklash.physics.rig import Rig
 ENDING = "stopped: judging what is known so far (Ctrl-C once more ends it)"
 STOPPED = "what was found until then, with nothing tried in its place. More may be missing, and no name is sure."
 TO_THE_END = "Let the diagnosis run to its end, before anything is measured because of it."
-SMOOTH = "The command is a measured signal: it passes smoothly through its samples instead of being held."
 RATE = "Compared at the rate of the motion: each reading is the mean of {every} samples ({hz:.4g} Hz)."
 
 #: how much is looked for: all; what is large, without rivals; nothing, the rig is calibrated as it is
@@ -110,7 +109,7 @@ class _Course:
         ]
         self.stage, self._share = "", 0.0
         self.search: Search | None = None
-        self.smooth = False
+        self.course = ""
 
     def tell(self, stage: str, share: float) -> None:
         """What is being done, and the share done, which never falls."""
@@ -132,26 +131,26 @@ class _Course:
             return replace(found, summary=summarised, stopped=stage, next_experiment=TO_THE_END)
 
     def _searched(self) -> Search:
-        """The search with the command held between its samples; with a smooth one where that explains what is left."""
+        """The search with the command held between its samples; with another course where that explains what is left."""
         self.tell("recalibrating the rig", 0.02)
         search, records = self._begun(), self.records
-        if self.rig.only("actuator") is None or not any(np.any(r.u) for r in records):
-            return self._at_rates(search)
-        self.records = [replace(r, u=held_equivalent(r.u)) for r in records]
-        other = self._begun()
-        self.smooth = other.clears(other.nothing, search.nothing)
-        if self.smooth:
-            return self._at_rates(other)
-        self.records = records
+        ways = ways_to_read(records, self.rig)
+        begun = {}
+        for self.course, self.records in ways.items():
+            begun[self.course] = self._begun()
+        for self.course, other in sorted(begun.items(), key=lambda way: way[1].nothing.score):
+            self.records = ways[self.course]
+            if other.clears(other.nothing, search.nothing):
+                return self._at_rates(other)
+        self.course, self.records = "", records
         search = self._at_rates(search)
-        self.records = [replace(r, u=held_equivalent(r.u)) for r in records]
-        bench = bench_of(self.rig, self.records, self.every)
-        sizes, loss = bench.tuned(search.now.rig)
-        gained = search.now.loss - loss
-        self.smooth = search.clears(replace(search.now, sizes=sizes, score=search.now.score - gained), search.now)
-        if self.smooth:
-            return self._at_rates(self._begun())
-        self.records = records
+        for self.course, self.records in ways.items():
+            bench = bench_of(self.rig, self.records, self.every)
+            sizes, loss = bench.tuned(search.now.rig)
+            score = search.now.score - search.now.loss + loss
+            if search.clears(replace(search.now, sizes=sizes, score=score), search.now):
+                return self._at_rates(self._begun())
+        self.course, self.records = "", records
         return search
 
     def _begun(self) -> Search:
@@ -204,7 +203,7 @@ class _Course:
         model, about = self._last_word(search, judged.model)
         judged = replace(judged, model=model)
         seen = Seen(search.bench, self.records, self.every, (last or model).rig, (last or model).sizes)
-        c = Conclusion(search, judged, about, seen, said, last, self.smooth, full)
+        c = Conclusion(search, judged, about, seen, said, last, self.course, full)
         return self._diagnosis(c, depth)
 
     def _last_word(self, search: Search, model: Model) -> tuple[Model, Values]:
@@ -264,12 +263,12 @@ class _Course:
             explained=much,
             checks=all_checks(c, tables, free),
             limits=limits(c) if depth == FULL else (),
-            notes=(*((SMOOTH,) if c.smooth else ()), *rate),
+            notes=(*filter(None, (c.course,)), *rate),
             shown=shown(c, tables),
             work=Work(
                 record.sample_time_s, sum(int(r.train.sum()) for r in self.records),
                 sum(int(r.held.sum()) for r in self.records), every, tables.floor, len(c.search.gains),
-                len(c.search.tried), c.smooth,
+                len(c.search.tried), c.course == SMOOTH,
             ),
             calibration=calibration(c),
             modelled=told,

@@ -27,6 +27,9 @@ REACH = 24
 #: of what is fitted to, and of what judges, there are so many samples at least
 PART_SAMPLES_MIN = 50
 
+SMOOTH = "The command is a measured signal: it passes smoothly through its samples instead of being held."
+AFTER = "What senses acceleration was read just after the command had stepped, not just before."
+
 Mask = np.ndarray
 
 
@@ -36,7 +39,8 @@ class Record:
 
     u : (N,) command, V. y : channel -> (N,) measured, SI, NaN where a reading is missing. train, held : (N,) masks of
     the samples that are fitted to, and that are held out. from_s : time of its first sample since the recording began,
-    s. recording : the number of the recording that it is or belongs to, from 0.
+    s. recording : the number of the recording that it is or belongs to, from 0. at_once : (N,) the command that a sensor
+    of acceleration shows; None: that which was held until then.
     """
 
     sample_time_s: float
@@ -46,6 +50,7 @@ class Record:
     held: Mask
     from_s: float = 0.0
     recording: int = 0
+    at_once: Floats | None = None
 
     @property
     def samples(self) -> int:
@@ -119,18 +124,20 @@ def filled(values: Floats) -> Floats:
 
 
 def while_it_moves(recording: Recording, rig: Rig) -> Recording:
-    """A recording without a command up to where its machine comes to rest, with a note; else the recording itself.
+    """A recording up to where its machine comes to rest and nothing is commanded, with a note; else as it is.
 
-    Its first state moves the machine, and what comes after it rests says nothing: fitted to rest, half of it, a decay
-    would be chosen and judged by noise alone.
+    Rest says nothing: a part that rests would be chosen and judged by noise alone. Without a command, the first state
+    moves the machine.
     """
-    if np.any(recording.channels["u"]):
-        return recording
-    said = "Nothing was commanded (u is 0): the state in which it begins is all that moves the machine"
+    u = recording.channels["u"]
+    said = "" if np.any(u) else "Nothing was commanded (u is 0): the state in which it begins is all that moves the machine"
     end = max((_end(filled(v)) for name, v in recording.channels.items() if name in rig.sensors), default=0)
-    if not SAMPLES_MIN <= end < recording.samples:
-        return replace(recording, notes=[*recording.notes, f"{said}."])
-    note = f"{said}. What comes after {recording.t_s[end] - recording.t_s[0]:.4g} s is left out: there it rests."
+    end = max(end, int(np.flatnonzero(u)[-1]) + 1 if said == "" else 0)
+    most = round((1.0 - SETTINGS.held_out_share) * recording.samples) if said == "" else recording.samples - 1
+    if not SAMPLES_MIN <= end <= most:
+        return replace(recording, notes=[*recording.notes, f"{said}."]) if said else recording
+    rests = f"What comes after {recording.t_s[end] - recording.t_s[0]:.4g} s is left out: there it rests."
+    note = f"{said}. {rests}" if said else rests
     return replace(recording.section(0, end), notes=[*recording.notes, note])
 
 
@@ -142,6 +149,16 @@ def _end(values: Floats) -> int:
     if not len(moving):
         return 0
     return min(len(values), round((1.0 + RESTS) * (int(moving[-1]) + 1) * length))
+
+
+def ways_to_read(records: list[Record], rig: Rig) -> dict[str, list[Record]]:
+    """What is said -> the same records with another course of the command between its samples, where it matters."""
+    if rig.only("actuator") is None or not any(np.any(r.u) for r in records):
+        return {}
+    found = {SMOOTH: [replace(r, u=held_equivalent(r.u), at_once=r.u) for r in records]}
+    if any(rig.sensors[c].quantity == "acceleration" for r in records for c in r.y if c in rig.sensors):
+        found[AFTER] = [replace(r, at_once=r.u) for r in records]
+    return found
 
 
 def held_equivalent(u: Floats) -> Floats:

@@ -52,7 +52,8 @@ def bench_of(rig: Rig, records: list[Record], every: list[int]) -> Bench:
             continue
         end = int(np.flatnonzero(record.train)[-1]) + 1
         y = {c: np.where(record.train[:end], v[:end], np.nan) for c, v in record.y.items()}
-        found.append(predictor_of(rig, replace(record, u=record.u[:end], y=y), m))
+        at_once = None if record.at_once is None else record.at_once[:end]
+        found.append(predictor_of(rig, replace(record, u=record.u[:end], y=y, at_once=at_once), m))
     return Bench(rig, tuple(found))
 
 
@@ -60,7 +61,7 @@ def predictor_of(rig: Rig, record: Record, every: int) -> Predictor:
     """The predictor of a record at a rate."""
     channels = tuple(c for c in rig.sensors if c in record.y and np.isfinite(record.y[c]).any())
     imposed = rig.only("positioner") is not None
-    return Predictor(rig, readings(record.u, record.y, channels, record.sample_time_s, every, imposed))
+    return Predictor(rig, readings(record.u, record.y, channels, record.sample_time_s, every, imposed, record.at_once))
 
 
 class Seen:

@@ -38,7 +38,8 @@ class Readings:
     command, as it acts between two readings, and by how much it rises meanwhile. y : (N, m) readings, SI, NaN where
     there is none. channels : their names. noise : (m,) standard deviation that each has at least. counted : (m,)
     whether it reads in counts. recorded : (M,) the command as recorded, for laws of the amplifier, which act
-    before anything is averaged.
+    before anything is averaged. step : (N,) what a sensor of acceleration shows of the command at once, beyond that of
+    the sample before; empty where nothing.
     """
 
     sample_time_s: float
@@ -50,6 +51,7 @@ class Readings:
     noise: Floats
     counted: np.ndarray
     recorded: Floats
+    step: Floats
 
     @property
     def count(self) -> int:
@@ -114,26 +116,29 @@ class Readings:
         return Readings(
             self.sample_time_s, self.every, self.u[:n], self.rise[:n], self.y[:n], self.channels, self.noise,
             self.counted,
-            self.recorded[: n * self.every + 2 * self.every],
+            self.recorded[: n * self.every + 2 * self.every], self.step[:n],
         )  # fmt: skip
 
 
 def readings(
-    u: Floats, y: dict[str, Floats], channels: tuple[str, ...], sample_time_s: float, every: int, imposed: bool
-) -> Readings:
+    u: Floats, y: dict[str, Floats], channels: tuple[str, ...], sample_time_s: float, every: int, imposed: bool,
+    at_once: Floats | None = None,
+) -> Readings:  # fmt: skip
     """Average a stretch of a recording over blocks of ``every`` samples, an odd number.
 
     u : (M,). y : channel -> (M,), NaN where a reading is missing. imposed : whether the command is a position that a
-    positioner takes: it then acts at a reading and not from one to the next.
+    positioner takes: it then acts at a reading and not from one to the next. at_once : (M,) the command that a sensor
+    of acceleration shows, where it is not that of the sample before.
     """
     noises, counted = zip(*(noise_of(y[c]) for c in channels), strict=True)
     averaged = np.column_stack([_blocks(y[c], every) for c in channels])
     command, rise = (_blocks(u, every), np.zeros(len(u) // every)) if imposed else between(u, every)
     # what counts and what ripples does not average out as white noise does
     least = np.array(noises) / np.sqrt(every)
+    step = np.zeros(0) if at_once is None or every > 1 else at_once - np.append(at_once[0], u[:-1])
     return Readings(
         sample_time_s * every, every, np.ascontiguousarray(command), rise, averaged, channels, least,
-        np.array(counted), np.ascontiguousarray(u, dtype=float),
+        np.array(counted), np.ascontiguousarray(u, dtype=float), step,
     )  # fmt: skip
 
 

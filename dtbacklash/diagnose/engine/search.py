@@ -82,6 +82,11 @@ class Search:
         self.let_go()
         return self.now
 
+    @property
+    def read(self) -> set[str]:
+        """Sensors that were recorded."""
+        return {SENSOR_PREFIX + c for p in self.bench.predictors for c in p.readings.channels}
+
     def unknown(self, model: Model) -> float:
         """The largest unknown force of a model, a share of the motion."""
         return self.bench.most_unknown(model.sizes)
@@ -111,12 +116,16 @@ class Search:
         return found
 
     def without(self, model: Model, key: Key, steps: int = 3, stiff: float | None = None) -> Model | None:
-        """A model without one of its names, fitted anew, from the sizes that it then needs: a name may hide how far."""
+        """A model without one of its names, fitted anew: what else explains it fits where the name's sizes are kept.
+
+        Or from the sizes that it then needs: a name may hide how far.
+        """
         rig = taken_out(model.rig, key)
         less = [k for k in model.keys if rig.effect(*k) is not None]
         sizes, _ = self.bench.tuned(rig, model.sizes, steps=(2.0, 0.7), refresh=1)
         rungs = (1.0, 0.1, 1.0) if stiff is not None else (1.0,)
-        return self.fitted(rig, replace(model, sizes=sizes), less, rungs, steps, stiff)
+        found = [self.fitted(rig, replace(model, sizes=s), less, rungs, steps, stiff) for s in (model.sizes, sizes)]
+        return min((m for m in found if m is not None), key=lambda m: m.score, default=None)
 
     def proposals(
         self, model: Model, without: tuple[Key, ...] = (), quick: bool = False
@@ -160,6 +169,17 @@ class Search:
         """
         bare = replace(self.now, rig=taken_out(self.now.rig, key), keys=less.keys)
         proposals = [p for m in (bare, less) for p in self.proposals(m, (key,), quick=True)]
+        values = self.now.rig.effects[key[0]][key[1]]
+        for place in self.now.rig.places:  # the same law elsewhere
+            unread = place.startswith(SENSOR_PREFIX) and place not in self.read
+            if place == key[0] or unread or key[1] not in self.now.rig.takes(place):
+                continue
+            if bare.rig.effect(place, key[1]) is None:
+                try:
+                    rig = bare.rig.with_effect(place, key[1], dict(values))
+                except UserError:
+                    continue
+                proposals.append((rig, (*bare.keys, (place, key[1]))))
         return self.sifted(less, proposals, best)
 
     def sifted(self, model: Model, proposals: list[tuple[Rig, tuple[Key, ...]]], best: int = 3) -> list[Model]:
@@ -229,8 +249,9 @@ class Search:
 
     def grow(self) -> None:
         """Add the best name or pair while one earns its place."""
-        count = self.bench.count
-        while len(self.now.keys) < MOST:
+        count, been = self.bench.count, set()
+        while len(self.now.keys) < MOST and frozenset(self.now.keys) not in been:
+            been.add(frozenset(self.now.keys))
             self.tell(f"looking for what is missing beside {len(self.now.keys)} names", 0.1 + 0.15 * len(self.now.keys))
             found = self.sifted(self.now, self.proposals(self.now))
             if not found:

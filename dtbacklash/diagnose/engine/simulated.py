@@ -147,6 +147,8 @@ class Simulated:
         """
         rig, Y = self._in_time(rig)
         u, rise, rig = self._driven(rig)
+        if self.readings.step.any():
+            Y = Y - np.outer(self.readings.step, self.linear(rig).volt_at_once)
         p, state, chan = self._ready(rig, Y)
         n = len(state.x)
         if n > K.shape[2]:
