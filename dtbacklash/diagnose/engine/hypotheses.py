@@ -95,7 +95,7 @@ def hypotheses(
             drives = rig.elements[place].neighbours.get("drives") if place in rig.elements else None
             if {place, drives} & unseen and {"position", "angle"} & slots.asked(effect):
                 continue
-            if not _possible(rig, place, effect):
+            if not _possible(rig, place, effect) or not _of_both_signs(effect, motion.states(place)):
                 continue
             if tables:
                 yield from _table(place, effect, motion)
@@ -129,6 +129,15 @@ def _possible(rig: Rig, place: str, effect: Effect) -> bool:
     except UserError:
         return False
     return True
+
+
+def _of_both_signs(effect: Effect, states: dict[str, Floats]) -> bool:
+    """Whether a law that differs by a sign meets both."""
+    state = states.get(effect.of_both_signs)
+    if state is None:
+        return True
+    low, high = np.quantile(state, TABLE_SPAN)
+    return bool(low < 0.0 < high)
 
 
 def _laws(place: str, effect: Effect, here: Place) -> Iterator[Hypothesis]:

@@ -161,7 +161,7 @@ def _bearing(axis: _Axis) -> list[Effect]:
                 ("coulomb_difference", f"Viscous {_FRICTION} {{viscous_difference}} {_HIGHER}"),
                 ("viscous_difference", f"Dry (Coulomb) {_FRICTION} {{coulomb_difference}} {_HIGHER}"),
             ),
-            conceal=_difference_range, starts=_share_of_damping,
+            conceal=_difference_range, starts=_share_of_damping, of_both_signs="speed",
         ),
         Effect(
             "cogging", kind, (level, axis.wave, Parameter("phase", "rad", -3.2, 3.2, 0.0, role=Role.ANGLE)),

@@ -178,6 +178,7 @@ class Effect:
     sentence_without : (parameter, sentence): what a report says instead where this parameter does nothing.
     excludes : effects that are not concealed together with it.
     visible : what a recording can show of its parameters, see :meth:`bounds_at`.
+    of_both_signs : the state that has to take both signs, or the law is another one.
     of_unit : the SI unit of the sensors that take it; empty: of all.
     declared : of a law that a user wrote, its declaration, see :mod:`dtbacklash.physics.own_laws`.
     refuse : values -> (parameter, what is allowed), of values that do not go together, or None.
@@ -201,6 +202,7 @@ class Effect:
     sentence_without: tuple[tuple[str, str], ...] = ()
     excludes: tuple[str, ...] = ()
     visible: Callable[[Place], Bounds] = lambda place: {}
+    of_both_signs: str = ""
     of_unit: str = ""
     declared: Mapping[str, Any] | None = None
     refuse: Callable[[Values], tuple[str, str] | None] = lambda values: None

@@ -132,7 +132,7 @@ EFFECTS = [
         "The {location} passes nothing while the voltage is within {half_width} of zero.",
         conceal=lambda place, sign: (0.8 * _largest(place), 0.05), starts=_widths,
         visible=lambda place: {"half_width": (0.0, float(np.quantile(np.abs(place.command), PASSING)))},
-        formulation_error=CORNER_ERROR,
+        formulation_error=CORNER_ERROR, of_both_signs="command",
     ),
     late("amplifier", "The {location} acts {time} late.", "v(t) = u(t - time)"),
     Effect(
