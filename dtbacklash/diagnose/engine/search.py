@@ -180,10 +180,15 @@ class Search:
                 except UserError:
                     continue
                 proposals.append((rig, (*bare.keys, (place, key[1]))))
-        return self.sifted(less, proposals, best)
+        return self.sifted(less, proposals, best, True)
 
-    def sifted(self, model: Model, proposals: list[tuple[Rig, tuple[Key, ...]]], best: int = 3) -> list[Model]:
-        """The likeliest of some rigs, best first: quick fits of all on the beginning, exact ones of the best on all."""
+    def sifted(
+        self, model: Model, proposals: list[tuple[Rig, tuple[Key, ...]]], best: int = 3, small: bool = False
+    ) -> list[Model]:
+        """The likeliest of some rigs, best first: quick fits of all on the beginning, exact ones of the best on all.
+
+        small : whether a law may make less than what is a law, as one in whose place it is tried.
+        """
         if not proposals:
             return []
         quick, n = self.quick, np.log(self.quick.count)
@@ -228,7 +233,7 @@ class Search:
             done = self.fitted(m.rig, start, m.keys, steps=4)
             while done is not None and not done.at_end:
                 # what takes the unknown force away is never too small
-                idle = () if self.unknown(done) < self.rules.clears * most else self.idle(done)
+                idle = () if small or self.unknown(done) < self.rules.clears * most else self.idle(done)
                 if not idle:
                     full.append(done)
                 if not idle or len(done.keys) - 1 <= len(model.keys):
