@@ -61,7 +61,11 @@ def predictor_of(rig: Rig, record: Record, every: int) -> Predictor:
     """The predictor of a record at a rate."""
     channels = tuple(c for c in rig.sensors if c in record.y and np.isfinite(record.y[c]).any())
     imposed = rig.only("positioner") is not None
-    return Predictor(rig, readings(record.u, record.y, channels, record.sample_time_s, every, imposed, record.at_once))
+    y = dict(record.y)
+    for c in channels:
+        if rig.sensors[c].quantity == "acceleration":  # its first shows a command that nobody recorded
+            y[c] = np.concatenate([[np.nan], y[c][1:]])
+    return Predictor(rig, readings(record.u, y, channels, record.sample_time_s, every, imposed, record.at_once))
 
 
 class Seen:

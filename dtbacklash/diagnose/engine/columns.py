@@ -60,15 +60,17 @@ class Proposal:
 class Columns:
     """Columns around a fitted rig at given sizes.
 
-    ranked : the best of each name, best first.
+    ranked : the best of each name, best first. alone : nothing is projected out, as all else stays as it is.
     """
 
     def __init__(
-        self, bench: Bench, model: Model, sizes: Sizes, without: tuple[Key, ...] = (), tables: bool = False
-    ) -> None:
+        self, bench: Bench, model: Model, sizes: Sizes, without: tuple[Key, ...] = (), tables: bool = False,
+        alone: bool = False,
+    ) -> None:  # fmt: skip
         self.bench, self.rig, self.log_n = bench, model.rig, float(np.log(bench.count))
         gains = bench.gains(model.rig, sizes)
         motion = self.motion = motion_of(bench, model.rig, gains)
+        self.plants = [p.simulated.linear(model.rig) for p in bench.predictors]
         problem = Problem(bench, model.rig, model.keys, motion, model.stiff, model.smooth)
         x = problem.start()
         base = problem.rows(x, gains)
@@ -83,7 +85,7 @@ class Columns:
             if made is not None:
                 self.hypotheses.append((h, slice(len(columns), len(columns) + len(made))))
                 columns += made
-        used = jacobian[:, np.einsum("ij,ij->j", jacobian, jacobian) > 1e-12]
+        used = jacobian[:, (np.einsum("ij,ij->j", jacobian, jacobian) > 1e-12) & (not alone)]
         self._project(np.array(columns).reshape(-1, data), e0, base, used, data)
         self.ranked = self._ranked()
 
@@ -123,9 +125,9 @@ class Columns:
     def _answered(self, F: Floats, entry: Entry, gains: Sequence[Gains]) -> Floats:
         """(J, rows) of efforts (J, N) by the linear plant."""
         found, first = [], 0
-        for p, g in zip(self.bench.predictors, gains, strict=True):
+        for p, g, L in zip(self.bench.predictors, gains, self.plants, strict=True):
             r = p.readings
-            n, L = len(r.u), p.linear if p.linear.states == g.states else p.simulated.linear(self.rig)
+            n = len(r.u)
             b, c = np.zeros(len(L.states)), np.zeros(len(r.channels))
             here = F[:, first : first + n]
             first += n

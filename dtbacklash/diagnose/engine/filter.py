@@ -4,8 +4,20 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.compiled import compiled_allocating, compiled_free
+from dtbacklash.diagnose.engine.readings import OPENING
 from dtbacklash.physics.kernel import plant as pl
 from dtbacklash.physics.kernel.sample import advance, amplify, sense
+from dtbacklash.physics.kernel.step import screw_angle, slip_rate
+
+
+@compiled_free
+def let_slip(P, S, gap):
+    """What is not at rest slips: a state that is not known yet is corrected to one that moves."""
+    theta = S.gear[0] if P.imposed else screw_angle(P, S, gap)
+    for c in range(P.friction_ends.shape[0]):
+        if S.mode[1 + c] == 0:
+            rate = slip_rate(P, S, S.x, c, theta, 0.0)
+            S.mode[1 + c] = 1 if rate > 0.0 else (-1 if rate < 0.0 else 0)
 
 
 @compiled_free
@@ -37,6 +49,8 @@ def observe(P, S, u, rise, ramp, gap, theta, Y, K, W, which, chan, E, X, D, y):
             X[k, i] = S.x[i]
             for r in range(m):
                 S.x[i] += K[mode, g, i, r] * D[k, r]
+        if k < OPENING:
+            let_slip(P, S, gap)
         if k + 1 < n:
             advance(P, S, k * P.sample_time, u[k], gap, gap, theta, k)
             if rise[k] != 0.0:

@@ -128,17 +128,20 @@ class Search:
         return min((m for m in found if m is not None), key=lambda m: m.score, default=None)
 
     def proposals(
-        self, model: Model, without: tuple[Key, ...] = (), quick: bool = False
+        self, model: Model, without: tuple[Key, ...] = (), quick: bool = False, alone: bool = False
     ) -> list[tuple[Rig, tuple[Key, ...]]]:
-        """Rigs to try: the best singles and pairs of columns, at the present sizes and at smaller ones."""
+        """Rigs to try: the best singles and pairs of columns, at the present sizes and at smaller ones.
+
+        alone : see :class:`.columns.Columns`.
+        """
         far, found = self.far(model), []
         seen: dict[tuple[Key, ...], list[list[Values]]] = {}
-        levels = [(self.quick, 1.0, 3, 0)] if quick else [(self.bench, 1.0, 5, 3)]
+        levels = [(self.quick, 1.0, 5 if alone else 3, 0)] if quick else [(self.bench, 1.0, 5, 3)]
         if far and not quick:
             levels += [(self.quick, share, 4 - n, 2 - n) for n, share in enumerate(STRICT)]
         for bench, share, singles, pairs in levels:
             at = self.bench.longest(model.sizes) if bench is self.quick else model.sizes
-            columns = Columns(bench, model, bench.scaled(at, share), without)
+            columns = Columns(bench, model, bench.scaled(at, share), without, alone=alone)
             ranked = columns.ranked
             if share == 1.0 and not quick:
                 for p in ranked:
@@ -168,7 +171,7 @@ class Search:
         What stands for it explains what is left where it is taken out and all else stays; or what is left at last.
         """
         bare = replace(self.now, rig=taken_out(self.now.rig, key), keys=less.keys)
-        proposals = [p for m in (bare, less) for p in self.proposals(m, (key,), quick=True)]
+        proposals = [p for m in (bare, less) for p in self.proposals(m, (key,), quick=True, alone=m is bare)]
         values = self.now.rig.effects[key[0]][key[1]]
         for place in self.now.rig.places:  # the same law elsewhere
             unread = place.startswith(SENSOR_PREFIX) and place not in self.read

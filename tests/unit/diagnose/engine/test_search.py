@@ -77,7 +77,7 @@ def test_what_a_law_makes_of_the_motion_is_its_share():
     search, model = searched("friction")
     # friction takes what it holds of what a volt's torque makes: a good part
     assert 0.05 < search.share(model, COULOMB) < 2.0
-    assert search.moves(model)
+    assert not search.idle(model)
     faint = replace(model, rig=model.rig.with_effect(*COULOMB, {"torque": 1e-3}))
     assert search.share(faint, COULOMB) == pytest.approx(search.share(model, COULOMB) * 1e-3 / 0.02, rel=0.1)
     assert not search.moves(faint)

@@ -1,0 +1,55 @@
+"""The golden set: what each recording hides is said; and each number that decides is seen to decide."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from functools import partial
+from pathlib import Path
+
+import pytest
+from golden import GOLDEN, MOVED, Golden, recorded, rig_of, said
+
+from dtbacklash.diagnose import diagnose, pipeline
+from dtbacklash.diagnose.engine.search import Search
+from dtbacklash.diagnose.settings import SETTINGS
+
+pytestmark = pytest.mark.check
+
+
+@pytest.mark.parametrize("case", GOLDEN, ids=str)
+def test_what_is_hidden_is_said(case: Golden, tmp_path: Path):
+    secret = case.secret()
+    found = diagnose(recorded(secret, rig_of(case.rig), tmp_path), rig_of(case.rig))
+    hidden = {(e["location"], e["effect"]) for e in secret.effects}
+    small = {(b["location"], b["effect"]) for b in secret.beside if "effect" in b}
+    small |= {(place, name) for b in secret.beside for place, name in b.get("akin", [])}
+    sure = {(f.location, f.effect) for f in found.findings if f.confidence == "sure"}
+    named = {(f.location, f.effect) for f in found.findings}
+    alike = {(a.location, a.effect) for f in found.findings for a in f.also_fits}
+    assert sure <= hidden | small
+    assert hidden <= named | alike
+    if case.sure:
+        assert hidden <= sure
+    if not hidden and case.kind != "unknown":
+        assert found.verdict in ("consistent", *(["parameters"] if secret.parameters else []))
+    if case.kind == "parameters":
+        assert set(found.recalibrated) & set(secret.parameters)
+    if secret.unknown is not None:
+        assert found.verdict == "unexplained"
+        assert found.modelled is not None
+        assert found.modelled.location == case.place
+
+
+@pytest.mark.parametrize("name", [one.name for one in fields(SETTINGS)])
+def test_each_number_that_decides_is_seen_to(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Halved or doubled, it changes what is said of a golden recording."""
+    case, factor = MOVED[name]
+    recording = recorded(case.secret(), rig_of(case.rig), tmp_path)
+
+    def of(value: float) -> tuple[object, ...]:
+        rules = replace(SETTINGS, **{name: value})
+        monkeypatch.setattr(pipeline, "Search", partial(Search, rules=rules))
+        return said(diagnose(recording, rig_of(case.rig), held_out=rules.held_out_share))
+
+    value = getattr(SETTINGS, name)
+    assert of(value) != of(factor * value)

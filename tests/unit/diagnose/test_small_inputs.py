@@ -1,0 +1,120 @@
+"""Small recordings of known origin, made in closed form, that tell little or were read in another way."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from textwrap import dedent
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.linalg import expm
+
+import dtbacklash as dtb
+from dtbacklash.diagnose import diagnose
+from dtbacklash.diagnose.records import AFTER, SMOOTH
+from dtbacklash.diagnose.result import Diagnosis
+from dtbacklash.recording import read_recording
+
+STEP_S = 1e-3
+ACCELEROMETER = """
+    name: shaken
+    parameters: {k_f: {value: 2 N/V, tolerance: 0.02}}
+    elements:
+      amplifier: {kind: amplifier, drives: shaker}
+      shaker: {kind: actuator, gain: k_f, drives: body}
+      body: {kind: mass, mass: 0.8 kg}
+      spring: {kind: link, between: [ground, body], stiffness: 45.6 N/mm, damping: 19.1 N s/m}
+    effects: {}
+    sensors: {a: {of: body, quantity: acceleration}}
+    """
+SHAFT = """
+    name: shaft
+    parameters:
+      gain: {value: 1.0, unit: N m/V, tolerance: 0.0}
+      J: {value: 1.2e-4, unit: kg m^2, tolerance: 0.3}
+    elements:
+      amplifier: {kind: amplifier, drives: drive}
+      drive: {kind: actuator, gain: gain, drives: shaft}
+      shaft: {kind: rotor, inertia: J}
+    effects: {}
+    sensors: {v: {of: shaft, quantity: velocity}}
+    """
+WHEEL = """
+    name: wheel
+    parameters:
+      k: {value: 80 N m/V, tolerance: 0.2}
+      J: {value: 1 kg m^2, tolerance: 0}
+    elements:
+      amplifier: {kind: amplifier, drives: motor}
+      motor: {kind: actuator, gain: k, drives: wheel}
+      wheel: {kind: rotor, inertia: J}
+    effects: {wheel: {viscous_friction: {coefficient: {value: 80, tolerance: 0.2}}}}
+    sensors: {omega: {of: wheel, quantity: velocity}}
+    """
+
+
+def diagnosed(folder: Path, rig: str, **columns: np.ndarray) -> Diagnosis:
+    (folder / "rig.yaml").write_text(dedent(rig))
+    pd.DataFrame(columns).to_csv(folder / "log.csv", index=False)
+    nominal = dtb.load_rig(str(folder / "rig.yaml"))
+    return diagnose(read_recording(str(folder / "log.csv"), rig=nominal), nominal)
+
+
+def sines(t: np.ndarray, seed: int = 1) -> np.ndarray:
+    """A smooth signal up to 60 Hz."""
+    rng = np.random.default_rng(seed)
+    f = rng.uniform(2.0, 60.0, 30)
+    return 0.3 * np.sin(2.0 * np.pi * f[:, None] * t + rng.uniform(0.0, 6.0, (30, 1))).sum(axis=0)
+
+
+@pytest.mark.parametrize(("course", "fine"), [(AFTER, 1), (SMOOTH, 50), ("", 1)], ids=["after", "smooth", "before"])
+def test_the_data_tell_which_command_an_accelerometer_shows(tmp_path, course, fine):
+    """Read after the command has stepped, or a smooth command; the usual reading, before it steps, needs no word."""
+    h = STEP_S / fine
+    t = h * np.arange(6000 * fine)
+    u, held = sines(t), sines(t + 0.5 * h if fine > 1 else t)
+    A, b = np.array([[0.0, 1.0], [-57000.0, -23.875]]), np.array([0.0, 2.5])
+    E = expm(h * A)
+    gain = np.linalg.solve(A, (E - np.eye(2)) @ b)
+    x, a = np.zeros(2), np.zeros(len(t))
+    for k in range(len(t)):
+        a[k] = A[1] @ x + 2.5 * (u[k - 1] if course == "" and k else u[k])
+        x = E @ x + gain * held[k]
+    noise = 0.02 * np.random.default_rng(2).standard_normal(6000)
+    found = diagnosed(tmp_path, ACCELEROMETER, t=t[::fine], u=u[::fine], a=a[::fine] + noise)
+    assert found.verdict == "consistent"
+    assert [note for note in found.notes if note in (AFTER, SMOOTH)] == ([course] if course else [])
+
+
+def test_one_way_tells_no_friction_from_a_load(tmp_path):
+    """J 1.4e-4, viscous 1.35e-4, Coulomb 0.0312: the torque is 0.04 or 0.06, and the shaft turns one way only."""
+    t = STEP_S * np.arange(20_000)
+    u, v = np.where(t % 4.0 < 2.0, 0.06, 0.04), np.zeros(len(t))
+    v[0] = 65.0
+    decay = np.exp(-1.35 / 1.4 * STEP_S)
+    for k in range(len(t) - 1):
+        ends = (u[k] - 0.0312) / 1.35e-4
+        v[k + 1] = ends + (v[k] - ends) * decay
+    found = diagnosed(tmp_path, SHAFT, t=t, u=u, v=v + 0.3 * np.random.default_rng(1).standard_normal(len(t)))
+    named = {f.effect: f for f in found.findings}
+    assert named.pop("viscous_friction").confidence == "sure"
+    (other,) = named.values()
+    assert other.confidence == "partial"
+    assert {"coulomb_friction", "constant_load"} <= {other.effect, *(a.effect for a in other.also_fits)}
+    assert abs(next(iter(other.parameters.values())).value) == pytest.approx(0.0312, rel=0.01)
+
+
+def test_what_a_sensor_cannot_resolve_is_not_missing_and_rest_is_left_out(tmp_path):
+    """A wheel that is told a speed, read in counts of 0.05 rad/s; its last third rests and reads 0."""
+    step_s = 5e-3
+    t = step_s * np.arange(3000)
+    u = np.where(t < 10.0, np.random.default_rng(4).uniform(-5.0, 5.0, 51)[np.minimum((t / 0.2).astype(int), 50)], 0.0)
+    omega = np.zeros(len(t))
+    for k in range(len(t) - 1):
+        omega[k + 1] = u[k] + (omega[k] - u[k]) * np.exp(-80.0 * step_s)
+    found = diagnosed(tmp_path, WHEEL, t=t, u=u, omega=0.05 * np.round(omega / 0.05))
+    assert found.verdict == "consistent"
+    assert found.work is not None
+    assert found.work.judged > 0
+    assert all(channel.of_motion > 1e-6 for channel in found.explained.left.values())
