@@ -77,3 +77,6 @@ def said(d: Diagnosis) -> tuple[object, ...]:
     """All that somebody would act on: verdict, names and how sure, what they may be as well, what moved, checks."""
     names = {(f.location, f.effect, f.confidence, tuple((a.location, a.effect) for a in f.also_fits)) for f in d.findings}
     return d.verdict, frozenset(names), frozenset(d.recalibrated), tuple((c.check, c.passed) for c in d.checks)
+
+#: number that decides -> a recording of which it decides what is said, and a factor that changes that
+MOVED: dict[str, tuple[Golden, float]] = {}

@@ -29,6 +29,7 @@ def along(name: str, every: int) -> tuple[Columns, list[Hypothesis], list[Gains]
     gains = bench.gains(rig, bench.scaled(tuple(p.first_sizes() for p in bench.predictors), 0.1))
     columns = object.__new__(Columns)
     columns.bench, columns.rig, columns.motion = bench, rig, motion_of(bench, rig, gains)
+    columns.plants = [bench.linear]
     return columns, list(hypotheses(bench, rig, columns.motion)), gains, bench.rows(rig, gains)
 
 

@@ -80,7 +80,10 @@ def test_what_a_law_makes_of_the_motion_is_its_share():
     assert not search.idle(model)
     faint = replace(model, rig=model.rig.with_effect(*COULOMB, {"torque": 1e-3}))
     assert search.share(faint, COULOMB) == pytest.approx(search.share(model, COULOMB) * 1e-3 / 0.02, rel=0.1)
-    assert not search.moves(faint)
+    # beside what stays unknown: nothing, and a tenth of what moves it
+    assert not search.idle(faint)
+    most = 0.1 / search.unknown(faint)
+    assert search.idle(replace(faint, sizes=search.bench.scaled(faint.sizes, most))) == (COULOMB,)
     late = replace(model, rig=model.rig.with_effect("sensor_theta", "delay", {"time": 1e-3}))
     assert search.share(late, ("sensor_theta", "delay")) == np.inf
 
