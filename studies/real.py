@@ -160,7 +160,10 @@ def _drawn(rig: Rig, said: dict[str, Any], rng: Generator) -> Rig:
         return float(found["value"] + width * rng.standard_normal())
 
     for f in said["findings"]:
-        rig = rig.with_effect(f["location"], f["effect"], {n: draw(p) for n, p in f["parameters"].items()})
+        law = rig.takes(f["location"])[f["effect"]]
+        drawn = {p.name: draw(f["parameters"][p.name]) for p in law.parameters}
+        within = {p.name: float(np.clip(drawn[p.name], p.low, p.high)) for p in law.parameters}
+        rig = rig.with_effect(f["location"], f["effect"], within)
     return rig.with_parameters({n: draw(p) for n, p in said["recalibrated"].items() if n in rig.config.parameters})
 
 

@@ -35,28 +35,33 @@ class Golden:
         return draw(self.seed, rig_of(self.rig), kind, effect, None, self.machine)
 
 
+#: of these the law or the place stays open, and the truth is listed
+OPEN = {("oscillator", 3017), ("two_mass_stage", 3020)}
 GOLDEN = tuple(
-    Golden(rig, seed, kind, machine)
-    for rig, seed, kind, machine in [
-        ("pendulum", 3001, "nothing", "clean"), ("oscillator", 3002, "nothing", "clean"),
-        ("two_mass_stage", 3003, "nothing", "clean"), ("rotary_drive", 3004, "nothing", "clean"),
-        ("pendulum", 3005, "parameters", "clean"), ("oscillator", 3006, "parameters", "clean"),
-        ("two_mass_stage", 3007, "parameters", "clean"),
-        ("pendulum", 3008, "disk.gravity", "clean"), ("pendulum", 3009, "disk.coulomb_friction", "clean"),
-        ("pendulum", 3010, "disk.viscous_friction", "clean"), ("pendulum", 3011, "amplifier.dead_zone", "clean"),
-        ("pendulum", 3012, "amplifier.saturation", "clean"), ("pendulum", 3013, "disk.asymmetric_friction", "clean"),
-        ("oscillator", 3014, "spring.cubic_stiffness", "clean"), ("oscillator", 3015, "spring.quadratic_damping", "clean"),
-        ("oscillator", 3016, "spring.backlash", "clean"), ("oscillator", 3017, "mass.ground_friction", "clean"),
-        ("two_mass_stage", 3018, "carriage.coulomb_friction", "clean"),
-        ("two_mass_stage", 3019, "carriage.stribeck_friction", "clean"), ("two_mass_stage", 3020, "table.absorber", "clean"),
-        ("two_mass_stage", 3021, "support.cubic_stiffness", "clean"), ("rotary_drive", 3022, "load.coulomb_friction", "clean"),
-        ("pendulum", 3023, "several", "clean"), ("oscillator", 3024, "several", "clean"),
-        ("pendulum", 3025, "unknown", "clean"), ("oscillator", 3026, "unknown", "clean"),
-        ("two_mass_stage", 3027, "unknown", "clean"),
-        ("pendulum", 3028, "disk.gravity", "lifelike"), ("pendulum", 3029, "disk.coulomb_friction", "lifelike"),
-        ("oscillator", 3030, "spring.cubic_stiffness", "lifelike"), ("oscillator", 3031, "nothing", "lifelike"),
-        ("two_mass_stage", 3032, "carriage.coulomb_friction", "lifelike"), ("pendulum", 3033, "parameters", "lifelike"),
-    ]
+    Golden(rig, seed, kind, machine, (rig, seed) not in OPEN)
+    for machine, of_machine in {
+        "clean": {
+            "pendulum": {
+                3001: "nothing", 3041: "parameters", 3008: "disk.gravity", 3009: "disk.coulomb_friction",
+                3010: "disk.viscous_friction", 3011: "amplifier.dead_zone", 3012: "amplifier.saturation",
+                3013: "disk.asymmetric_friction", 3023: "several", 3025: "unknown",
+            },
+            "oscillator": {
+                3002: "nothing", 3006: "parameters", 3014: "spring.cubic_stiffness", 3015: "spring.quadratic_damping",
+                3016: "spring.backlash", 3017: "mass.ground_friction", 3024: "several",
+            },
+            "two_mass_stage": {
+                3003: "nothing", 3007: "parameters", 3018: "carriage.coulomb_friction", 3020: "table.absorber",
+                3027: "unknown",
+            },
+            "rotary_drive": {3004: "nothing", 3022: "load.coulomb_friction"},
+        },
+        "lifelike": {
+            "pendulum": {3028: "disk.gravity", 3029: "disk.coulomb_friction"}, "oscillator": {3030: "spring.cubic_stiffness"},
+        },
+    }.items()
+    for rig, seeds in of_machine.items()
+    for seed, kind in seeds.items()
 )  # fmt: skip
 
 
@@ -74,9 +79,32 @@ def recorded(secret: Secret, rig: Rig, folder: Path) -> Recording:
 
 
 def said(d: Diagnosis) -> tuple[object, ...]:
-    """All that somebody would act on: verdict, names and how sure, what they may be as well, what moved, checks."""
-    names = {(f.location, f.effect, f.confidence, tuple((a.location, a.effect) for a in f.also_fits)) for f in d.findings}
-    return d.verdict, frozenset(names), frozenset(d.recalibrated), tuple((c.check, c.passed) for c in d.checks)
+    """All that somebody would act on: verdict, names and how sure, what they may be as well, what moved, checks, table."""
+    names = {
+        (f.location, f.effect, f.confidence, tuple((a.location, a.effect) for a in f.also_fits)) for f in d.findings
+    }
+    modelled = d.modelled and (
+        d.modelled.location,
+        d.modelled.state,
+        tuple(f.law for f in d.modelled.formulas if f.chosen),
+    )
+    return (
+        d.verdict,
+        frozenset(names),
+        frozenset(d.recalibrated),
+        tuple((c.check, c.passed) for c in d.checks),
+        modelled,
+    )
+
 
 #: number that decides -> a recording of which it decides what is said, and a factor that changes that
-MOVED: dict[str, tuple[Golden, float]] = {}
+MOVED = {
+    "held_out_share": (Golden("pendulum", 3010, "disk.viscous_friction"), 0.1),
+    "worth": (Golden("oscillator", 3017, "mass.ground_friction"), 1e4),
+    "least": (Golden("pendulum", 3010, "disk.viscous_friction"), 1e4),
+    "clears": (Golden("oscillator", 3030, "spring.cubic_stiffness", "lifelike"), 1e-4),
+    "much": (Golden("oscillator", 3017, "mass.ground_friction"), 0.5),
+    "left": (Golden("oscillator", 3030, "spring.cubic_stiffness", "lifelike"), 1e-4),
+    "lead": (Golden("oscillator", 3014, "spring.cubic_stiffness"), 10.0),
+    "moved": (Golden("oscillator", 3006, "parameters"), 10.0),
+}

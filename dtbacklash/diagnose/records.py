@@ -130,7 +130,11 @@ def while_it_moves(recording: Recording, rig: Rig) -> Recording:
     moves the machine.
     """
     u = recording.channels["u"]
-    said = "" if np.any(u) else "Nothing was commanded (u is 0): the state in which it begins is all that moves the machine"
+    said = (
+        ""
+        if np.any(u)
+        else "Nothing was commanded (u is 0): the state in which it begins is all that moves the machine"
+    )
     end = max((_end(filled(v)) for name, v in recording.channels.items() if name in rig.sensors), default=0)
     end = max(end, int(np.flatnonzero(u)[-1]) + 1 if said == "" else 0)
     most = round((1.0 - SETTINGS.held_out_share) * recording.samples) if said == "" else recording.samples - 1

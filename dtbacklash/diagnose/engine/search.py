@@ -206,8 +206,11 @@ class Search:
             if np.isfinite(squares):
                 rough.append((squares + n * problem.counts, problem, x))
         rough.sort(key=lambda r: r[0])
-        second = []
-        for _, problem, x in rough[: best + 2]:
+        second, names = [], set()
+        for _, problem, x in rough:
+            if len(names) > best + 1 or (here := frozenset(problem.keys)) in names:
+                continue  # another start of the same
+            names.add(here)
             rig = problem.rig(x)
             if any(rig.effect(*key) is None for key in problem.keys):
                 continue  # it came to nothing
@@ -227,8 +230,8 @@ class Search:
                 some.append(m)
         some.sort(key=lambda m: m.score)
         full = []
-        for m in some[:2] + [m for m in some[2:] if len(m.keys) == few][:1]:
-            if m.score > some[0].score + 0.1 * quick.count and len(m.keys) > few:
+        for m in some:
+            if len(full) > 1 or (m.score > some[0].score + 0.1 * quick.count and len(m.keys) > few):
                 continue
             start = replace(
                 m, sizes=self.bench.back(m.sizes, model.sizes) if len(m.sizes) != len(model.sizes) else m.sizes

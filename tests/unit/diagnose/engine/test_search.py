@@ -83,7 +83,11 @@ def test_what_a_law_makes_of_the_motion_is_its_share():
     # beside what stays unknown: nothing, and a tenth of what moves it
     assert not search.idle(faint)
     most = 0.1 / search.unknown(faint)
-    assert search.idle(replace(faint, sizes=search.bench.scaled(faint.sizes, most))) == (COULOMB,)
+    much = replace(faint, sizes=search.bench.scaled(faint.sizes, most))
+    assert search.idle(much) == (COULOMB,)
+    rules, search.rules = search.rules, replace(search.rules, small=0.5 * search.share(much, COULOMB))
+    assert not search.idle(much)
+    search.rules = rules
     late = replace(model, rig=model.rig.with_effect("sensor_theta", "delay", {"time": 1e-3}))
     assert search.share(late, ("sensor_theta", "delay")) == np.inf
 
