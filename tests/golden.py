@@ -57,7 +57,8 @@ GOLDEN = tuple(
             "rotary_drive": {3004: "nothing", 3022: "load.coulomb_friction"},
         },
         "lifelike": {
-            "pendulum": {3028: "disk.gravity", 3029: "disk.coulomb_friction"}, "oscillator": {3030: "spring.cubic_stiffness"},
+            "pendulum": {3028: "disk.gravity", 3029: "disk.coulomb_friction"},
+            "oscillator": {3030: "spring.cubic_stiffness"},
         },
     }.items()
     for rig, seeds in of_machine.items()
@@ -79,7 +80,7 @@ def recorded(secret: Secret, rig: Rig, folder: Path) -> Recording:
 
 
 def said(d: Diagnosis) -> tuple[object, ...]:
-    """All that somebody would act on: verdict, names and how sure, what they may be as well, what moved, checks, table."""
+    """All that somebody would act on: verdict, names and how sure, what they may be as well, what moved, checks."""
     names = {
         (f.location, f.effect, f.confidence, tuple((a.location, a.effect) for a in f.also_fits)) for f in d.findings
     }

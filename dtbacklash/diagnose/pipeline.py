@@ -131,7 +131,7 @@ class _Course:
             return replace(found, summary=summarised, stopped=stage, next_experiment=TO_THE_END)
 
     def _searched(self) -> Search:
-        """The search with the command held between its samples; with another course where that explains what is left."""
+        """The search with the command held between its samples; with another course where that explains the rest."""
         self.tell("recalibrating the rig", 0.02)
         search, records = self._begun(), self.records
         ways = ways_to_read(records, self.rig)

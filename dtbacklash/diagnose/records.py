@@ -39,8 +39,8 @@ class Record:
 
     u : (N,) command, V. y : channel -> (N,) measured, SI, NaN where a reading is missing. train, held : (N,) masks of
     the samples that are fitted to, and that are held out. from_s : time of its first sample since the recording began,
-    s. recording : the number of the recording that it is or belongs to, from 0. at_once : (N,) the command that a sensor
-    of acceleration shows; None: that which was held until then.
+    s. recording : the number of the recording that it is or belongs to, from 0. at_once : (N,) the command that a
+    sensor of acceleration shows; None: that which was held until then.
     """
 
     sample_time_s: float

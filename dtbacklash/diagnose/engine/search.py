@@ -206,7 +206,8 @@ class Search:
             if np.isfinite(squares):
                 rough.append((squares + n * problem.counts, problem, x))
         rough.sort(key=lambda r: r[0])
-        second, names = [], set()
+        second: list[tuple[float, Rig, tuple[Key, ...], Sizes]] = []
+        names: set[frozenset[Key]] = set()
         for _, problem, x in rough:
             if len(names) > best + 1 or (here := frozenset(problem.keys)) in names:
                 continue  # another start of the same
@@ -229,23 +230,26 @@ class Search:
             if m is not None and not m.at_end:
                 some.append(m)
         some.sort(key=lambda m: m.score)
-        full = []
+        full: list[Model] = []
         for m in some:
-            if len(full) > 1 or (m.score > some[0].score + 0.1 * quick.count and len(m.keys) > few):
-                continue
-            start = replace(
-                m, sizes=self.bench.back(m.sizes, model.sizes) if len(m.sizes) != len(model.sizes) else m.sizes
-            )
-            done = self.fitted(m.rig, start, m.keys, steps=4)
-            while done is not None and not done.at_end:
-                # what takes the unknown force away is never too small
-                idle = () if small or self.unknown(done) < self.rules.clears * most else self.idle(done)
-                if not idle:
-                    full.append(done)
-                if not idle or len(done.keys) - 1 <= len(model.keys):
-                    break
-                done = self.without(done, idle[0])
+            if len(full) < 2 and (m.score < some[0].score + 0.1 * quick.count or len(m.keys) == few):
+                full += self._on_all(m, model, small)
         return sorted(full, key=lambda m: m.score)
+
+    def _on_all(self, m: Model, model: Model, small: bool) -> list[Model]:
+        """A proposed model fitted on all, without what is too small a law beside the model; none where that is all."""
+        other = len(m.sizes) != len(model.sizes)
+        start = replace(m, sizes=self.bench.back(m.sizes, model.sizes)) if other else m
+        done = self.fitted(m.rig, start, m.keys, steps=4)
+        while done is not None and not done.at_end:
+            # what takes the unknown force away is never too small
+            idle = () if small or self.unknown(done) < self.rules.clears * self.unknown(model) else self.idle(done)
+            if not idle:
+                return [done]
+            if len(done.keys) - 1 <= len(model.keys):
+                return []
+            done = self.without(done, idle[0])
+        return []
 
     def _near(self, model: Model, sizes: Sizes) -> dict[str, Floats]:
         """Nominal columns around a model on the beginning."""

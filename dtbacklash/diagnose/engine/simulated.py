@@ -20,8 +20,8 @@ from dtbacklash.physics.kinds import GROUND
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 from dtbacklash.physics.simulate import rig_half_gap
 
-#: substeps of a sample, and levels to which an event is located, where forces act beside the linear plant; the fine ones
-#: where that matters, and for an averaged sample, which stands for several
+#: substeps of a sample, and levels to which an event is located, where forces act beside the linear plant; the fine
+#: ones where that matters, and for an averaged sample, which stands for several
 STEPS, STEPS_FINE = (2, 6), (8, 10)
 #: a late sensor's readings are moved by whole samples; less than this is left to the simulation (samples)
 ROUNDING = 1e-6
