@@ -131,27 +131,31 @@ class _Course:
             return replace(found, summary=summarised, stopped=stage, next_experiment=TO_THE_END)
 
     def _searched(self) -> Search:
-        """The search with the command held between its samples; with another course where that explains the rest."""
+        """The search with the command held between its samples; with another course where that is likelier."""
         self.tell("recalibrating the rig", 0.02)
-        search, records = self._begun(), self.records
-        ways = ways_to_read(records, self.rig)
+        ways = {"": self.records, **ways_to_read(self.records, self.rig)}
         begun = {}
         for self.course, self.records in ways.items():
             begun[self.course] = self._begun()
-        for self.course, other in sorted(begun.items(), key=lambda way: way[1].nothing.score):
-            self.records = ways[self.course]
-            if other.clears(other.nothing, search.nothing):
-                return self._at_rates(other)
-        self.course, self.records = "", records
-        search = self._at_rates(search)
-        for self.course, self.records in ways.items():
-            bench = bench_of(self.rig, self.records, self.every)
-            sizes, loss = bench.tuned(search.now.rig)
-            score = search.now.score - search.now.loss + loss
-            if search.clears(replace(search.now, sizes=sizes, score=score), search.now):
+        held = begun[""]
+        for course, other in sorted(begun.items(), key=lambda way: way[1].nothing.score):
+            if course == "" or other.nothing.score < held.nothing.score - held.asked(other.nothing, held.nothing):
+                break
+        self.course, self.records = course, ways[course]
+        search = self._at_rates(other)
+        for self.course, self.records in ways.items():  # what was missing may have looked like another course
+            if self.course != course and self._likelier(search):
                 return self._at_rates(self._begun())
-        self.course, self.records = "", records
+        self.course, self.records = course, ways[course]
         return search
+
+    def _likelier(self, search: Search) -> bool:
+        """Whether these records are likelier with the model of a search, or with it without what makes a signal late."""
+        bench, now = bench_of(self.rig, self.records, self.every), search.now
+        late = [key for key in now.keys if self._of_timing(replace(now, keys=(key,)))]
+        rigs = [(now.rig, 0.0), *((taken_out(now.rig, key), np.log(bench.count)) for key in late)]
+        scores = [now.score - now.loss + bench.tuned(rig)[1] - fewer for rig, fewer in rigs]
+        return bool(min(scores) < now.score - search.least)
 
     def _begun(self) -> Search:
         """A search that has recalibrated the nominal rig."""
