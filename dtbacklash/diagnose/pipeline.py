@@ -150,7 +150,7 @@ class _Course:
         return search
 
     def _likelier(self, search: Search) -> bool:
-        """Whether these records are likelier with the model of a search, or with it without what makes a signal late."""
+        """Whether these records are likelier with a search's model, or with that without what makes a signal late."""
         bench, now = bench_of(self.rig, self.records, self.every), search.now
         late = [key for key in now.keys if self._of_timing(replace(now, keys=(key,)))]
         rigs = [(now.rig, 0.0), *((taken_out(now.rig, key), np.log(bench.count)) for key in late)]
