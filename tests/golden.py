@@ -104,7 +104,7 @@ MOVED = {
     "worth": (Golden("oscillator", 3017, "mass.ground_friction"), 1e4),
     "least": (Golden("pendulum", 3010, "disk.viscous_friction"), 1e4),
     "clears": (Golden("oscillator", 3030, "spring.cubic_stiffness", "lifelike"), 1e-4),
-    "much": (Golden("oscillator", 3017, "mass.ground_friction"), 0.5),
+    "much": (Golden("oscillator", 3030, "spring.cubic_stiffness", "lifelike"), 1e3),
     "left": (Golden("oscillator", 3030, "spring.cubic_stiffness", "lifelike"), 1e-4),
     "lead": (Golden("oscillator", 3014, "spring.cubic_stiffness"), 10.0),
     "moved": (Golden("oscillator", 3006, "parameters"), 10.0),
