@@ -8,7 +8,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.predictor import ASTRAY, LOST, Gains, Predictor
 from dtbacklash.diagnose.engine.simulated import Linear
-from dtbacklash.physics.rig import Rig
+from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 
 #: share of the unknown forces at which it is asked whether steps are fine enough
 STRICT = 0.1
@@ -28,6 +28,11 @@ class Bench:
     def count(self) -> int:
         """Readings in all."""
         return sum(p.count for p in self.predictors)
+
+    @property
+    def sensors(self) -> set[str]:
+        """Places of the sensors that were recorded."""
+        return {SENSOR_PREFIX + c for p in self.predictors for c in p.readings.channels}
 
     @property
     def linear(self) -> Linear:
@@ -70,17 +75,18 @@ class Bench:
 
         worth : sum of squares.
         """
-        if all(p.simulated.finely for p in self.predictors):
+        coarse = [p.simulated for p in self.predictors if not p.simulated.finely]
+        if not coarse:
             return False
         gains = self.gains(rig, self.scaled(sizes, STRICT))  # what is rough makes forces seem unknown
         rough = self.rows(rig, gains)
-        for p in self.predictors:
-            p.simulated.finely = True
+        for simulated in coarse:
+            simulated.finely = True
         fine = self.rows(rig, gains)
         if rough is None or fine is None or np.sum((fine - rough) ** 2) > worth:
             return True
-        for p in self.predictors:
-            p.simulated.finely = False
+        for simulated in coarse:
+            simulated.finely = False
         return False
 
     def tuned(self, rig: Rig, sizes: Sizes | None = None, **how: object) -> tuple[Sizes, float]:
