@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
+
+from nominal import nominal_rig
 
 from dtbacklash.diagnose.result import Diagnosis
 from dtbacklash.physics.rig import Rig
-from dtbacklash.prove.conceal import csv_gz, nominal_rig, recording_table
+from dtbacklash.prove.conceal import csv_gz, recording_table
 from dtbacklash.prove.draw import draw, record
 from dtbacklash.prove.secret import Secret
 from dtbacklash.recording import Recording, read_recording
@@ -32,7 +33,7 @@ class Golden:
     def secret(self) -> Secret:
         """What it hides."""
         kind, effect = ("single", self.kind) if "." in self.kind else (self.kind, None)
-        return draw(self.seed, rig_of(self.rig), kind, effect, None, self.machine)
+        return draw(self.seed, nominal_rig(self.rig), kind, effect, None, self.machine)
 
 
 #: of these the law or the place stays open, and the truth is listed
@@ -64,12 +65,6 @@ GOLDEN = tuple(
     for rig, seeds in of_machine.items()
     for seed, kind in seeds.items()
 )  # fmt: skip
-
-
-@cache
-def rig_of(name: str) -> Rig:
-    """A nominal rig."""
-    return nominal_rig(name)
 
 
 def recorded(secret: Secret, rig: Rig, folder: Path) -> Recording:

@@ -7,7 +7,7 @@ import numpy as np
 from dtbacklash.diagnose.engine.exact import Model
 from dtbacklash.diagnose.engine.free import Key, standing
 from dtbacklash.diagnose.engine.judge import Judged
-from dtbacklash.diagnose.engine.search import LEAST, Search
+from dtbacklash.diagnose.engine.search import Search
 from dtbacklash.diagnose.engine.values import NORMAL95, Values
 from dtbacklash.diagnose.named import Modelled
 from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Verdict
@@ -79,8 +79,8 @@ class Conclusion:
         """Title of a known parameter that had to move -> (value, standard error)."""
         search, model = self.search, self.model
         clears = search.unknown(search.nothing) < search.rules.clears * search.unknown_given
-        asked = search.rules.least if clears else MISSED * search.rules.worth
-        if search.given - search.nothing.loss < max(LEAST, asked * search.bench.count):
+        asked = 0.0 if clears else MISSED * search.rules.worth * search.bench.count
+        if search.given - search.nothing.loss < max(search.least, asked):
             return {}
         away = {f.title: (standing(f, model.rig), f) for f in self.values.free if f.prior}
         moved = {name: row for name, row in away.items() if abs(row[0]) > search.rules.moved}

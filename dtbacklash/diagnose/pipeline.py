@@ -9,9 +9,9 @@ from threadpoolctl import threadpool_limits
 
 from dtbacklash.diagnose.conclusion import Conclusion, is_there
 from dtbacklash.diagnose.engine.bench import Bench
-from dtbacklash.diagnose.engine.exact import Model, Problem
+from dtbacklash.diagnose.engine.exact import Model, Problem, without_name
 from dtbacklash.diagnose.engine.formulas import modelled
-from dtbacklash.diagnose.engine.free import Key, taken_out, tolerances_away, with_errors, with_priors
+from dtbacklash.diagnose.engine.free import taken_out, tolerances_away, with_errors, with_priors
 from dtbacklash.diagnose.engine.judge import Judge, Judged
 from dtbacklash.diagnose.engine.motion import Motion, motion_of
 from dtbacklash.diagnose.engine.readings import rate_of
@@ -134,33 +134,30 @@ class _Course:
         """The search with the command held between its samples; with another course where that is likelier."""
         self.tell("recalibrating the rig", 0.02)
         ways = {"": self.records, **ways_to_read(self.records, self.rig)}
-        begun = {}
-        for self.course, self.records in ways.items():
-            begun[self.course] = self._begun()
-        held = begun[""]
-        for course, other in sorted(begun.items(), key=lambda way: way[1].nothing.score):
-            if course == "" or other.nothing.score < held.nothing.score - held.asked(other.nothing, held.nothing):
-                break
-        self.course, self.records = course, ways[course]
-        search = self._at_rates(other)
-        for self.course, self.records in ways.items():  # what was missing may have looked like another course
-            if self.course != course and self._likelier(search):
-                return self._at_rates(self._begun())
-        self.course, self.records = course, ways[course]
+        begun = {course: self._begun(records) for course, records in ways.items()}
+        held, scores = begun[""], {course: search.nothing.score for course, search in begun.items()}
+        likelier = [c for c in ways if scores[c] < scores[""] - held.asked(begun[c].nothing, held.nothing)]
+        self.course = min(likelier, key=lambda course: scores[course], default="")
+        self.records = ways[self.course]
+        search = self._at_rates(begun[self.course])
+        for course, records in ways.items():  # what was missing may have looked like another course
+            if course != self.course and self._likelier(records, search):
+                self.course, self.records = course, records
+                return self._at_rates(self._begun(records))
         return search
 
-    def _likelier(self, search: Search) -> bool:
-        """Whether these records are likelier with a search's model, or with that without what makes a signal late."""
-        bench, now = bench_of(self.rig, self.records, self.every), search.now
+    def _likelier(self, records: list[Record], search: Search) -> bool:
+        """Whether records are likelier with a search's model, or with that without what makes a signal late."""
+        bench, now = bench_of(self.rig, records, self.every), search.now
         late = [key for key in now.keys if self._of_timing(replace(now, keys=(key,)))]
         rigs = [(now.rig, 0.0), *((taken_out(now.rig, key), np.log(bench.count)) for key in late)]
         scores = [now.score - now.loss + bench.tuned(rig)[1] - fewer for rig, fewer in rigs]
         return bool(min(scores) < now.score - search.least)
 
-    def _begun(self) -> Search:
+    def _begun(self, records: list[Record]) -> Search:
         """A search that has recalibrated the nominal rig."""
         finer = self._at_finer if max(self.every) > 1 else None
-        return Search(bench_of(self.rig, self.records, self.every), tell=self.tell, finer=finer)
+        return Search(bench_of(self.rig, records, self.every), tell=self.tell, finer=finer)
 
     def _at_rates(self, search: Search) -> Search:
         """The search at the rate of the motion; at faster ones where much force stays unknown."""
@@ -176,7 +173,7 @@ class _Course:
                 return search
             self.every = self._finer() if search.too_coarse else [1] * len(self.every)
             self.tell("looking closer, at a faster rate", 0.3)
-            search = self._begun()
+            search = self._begun(self.records)
 
     def _finer(self) -> list[int]:
         """A third of the samples for a reading, an odd number."""
@@ -230,7 +227,7 @@ class _Course:
         last, about = polished(bench, motion, last)
         for key in model.keys:
             nothing = key in ends or not is_there(last, about, key)
-            less = _fitted(bench, motion, _without(bench, last, key)) if nothing or several else None
+            less = _fitted(bench, motion, without_name(bench, last, key)) if nothing or several else None
             if less is not None and (nothing or less.score < last.score + search.asked(last, less)):
                 last, about = polished(bench, motion, less)
         if last.keys != model.keys:
@@ -283,13 +280,6 @@ def _fitted(bench: Bench, motion: Motion, model: Model) -> Model | None:
     """A model fitted anew on a bench; None where nothing stays finite."""
     problem = Problem(bench, model.rig, model.keys, motion, model.stiff, model.smooth)
     return problem.ladder(model.sizes, None, (1.0, 0.1, 1.0), 4)
-
-
-def _without(bench: Bench, model: Model, key: Key) -> Model:
-    """A model without one of its names, at the sizes that it then needs."""
-    rig = taken_out(model.rig, key)
-    keys = tuple(k for k in model.keys if rig.effect(*k) is not None)
-    return replace(model, rig=rig, keys=keys, sizes=bench.tuned(rig, model.sizes, steps=(2.0, 0.7), refresh=1)[0])
 
 
 def _without_tables(search: Search, model: Model, tables: list[tuple[str, str]]) -> Model | None:

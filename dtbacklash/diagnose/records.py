@@ -30,6 +30,8 @@ PART_SAMPLES_MIN = 50
 SMOOTH = "The command is a measured signal: it passes smoothly through its samples instead of being held."
 AFTER = "What senses acceleration was read just after the command had stepped, not just before."
 
+UNCOMMANDED = "Nothing was commanded (u is 0): the state in which it begins is all that moves the machine."
+
 Mask = np.ndarray
 
 
@@ -129,20 +131,17 @@ def while_it_moves(recording: Recording, rig: Rig) -> Recording:
     Rest says nothing: a part that rests would be chosen and judged by noise alone. Without a command, the first state
     moves the machine.
     """
-    u = recording.channels["u"]
-    said = (
-        ""
-        if np.any(u)
-        else "Nothing was commanded (u is 0): the state in which it begins is all that moves the machine"
-    )
+    commanded = np.flatnonzero(recording.channels["u"])
     end = max((_end(filled(v)) for name, v in recording.channels.items() if name in rig.sensors), default=0)
-    end = max(end, int(np.flatnonzero(u)[-1]) + 1 if said == "" else 0)
-    most = round((1.0 - SETTINGS.held_out_share) * recording.samples) if said == "" else recording.samples - 1
-    if not SAMPLES_MIN <= end <= most:
-        return replace(recording, notes=[*recording.notes, f"{said}."]) if said else recording
-    rests = f"What comes after {recording.t_s[end] - recording.t_s[0]:.4g} s is left out: there it rests."
-    note = f"{said}. {rests}" if said else rests
-    return replace(recording.section(0, end), notes=[*recording.notes, note])
+    if len(commanded):
+        said, most = [], round((1.0 - SETTINGS.held_out_share) * recording.samples)
+        end = max(end, int(commanded[-1]) + 1)
+    else:
+        said, most = [UNCOMMANDED], recording.samples - 1
+    if SAMPLES_MIN <= end <= most:
+        said.append(f"What comes after {recording.t_s[end] - recording.t_s[0]:.4g} s is left out: there it rests.")
+        recording = recording.section(0, end)
+    return replace(recording, notes=[*recording.notes, " ".join(said)]) if said else recording
 
 
 def _end(values: Floats) -> int:

@@ -38,9 +38,10 @@ from dtbacklash.diagnose.engine.columns import Columns
 from dtbacklash.diagnose.engine.exact import Model, Problem
 from dtbacklash.diagnose.engine.free import Key, effects_of_rig, is_known, taken_out
 from dtbacklash.diagnose.engine.motion import motion_of
-from dtbacklash.diagnose.engine.predictor import ASTRAY, Predictor
-from dtbacklash.diagnose.engine.readings import rate_of, readings
+from dtbacklash.diagnose.engine.predictor import ASTRAY
+from dtbacklash.diagnose.engine.readings import rate_of
 from dtbacklash.diagnose.engine.simulated import Simulated
+from dtbacklash.diagnose.seen import predictor_of
 from dtbacklash.errors import Failure, UserError
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.prove.secret import with_effects
@@ -84,12 +85,6 @@ class Seen:
         return bool(excess > 0.0 and left <= EXCESS_LEFT * excess and self.t >= T_CLEAR and self.to_spare >= 0.0)
 
 
-class Finely(Simulated):
-    """A rig whose laws act in many substeps: in few, at the rate of the motion, a true friction may seem false."""
-
-    finely = True
-
-
 class Oracle:
     """One recording of a nominal rig. predictor : of all of it. bench : of all but the held-out part."""
 
@@ -98,15 +93,11 @@ class Oracle:
         self.channels = tuple(c for c in nominal.sensors if c in record.y)
         fitted = round((1.0 - HELD_OUT) * record.samples)
         self.every = rate_of(nominal, {c: record.y[c][:fitted] for c in self.channels}, record.sample_time_s)
-        self.predictor = self._predictor(record.u, record.y)
+        self.predictor = predictor_of(nominal, record, self.every)
         self.bench = Bench(nominal, (self.predictor.first(1.0 - HELD_OUT),))
         for predictor in (self.predictor, *self.bench.predictors):
-            predictor.simulated = Finely(predictor.readings)
-
-    def _predictor(self, u: Floats, y: dict[str, Floats]) -> Predictor:
-        imposed = self.nominal.only("positioner") is not None
-        seen = readings(u, y, self.channels, self.record.sample_time_s, self.every, imposed)
-        return Predictor(self.nominal, seen)
+            # in few steps, at the rate of the motion, a true friction may seem false
+            predictor.simulated = Simulated(predictor.readings, finely=True)
 
     def fit(self, rig: Rig, keys: Iterable[Key], pinned: str = "") -> Model | None:
         """These effects and the nominal parameters, from their values in a rig; None if it does not stay finite.
@@ -174,7 +165,7 @@ class Oracle:
         best = min(left, key=lambda name: _square(left[name]))
         noise = {c: self.record.y[c] - truth[c] for c in self.channels}
         # what noise alone makes of the same predictor at rest: it is all that the true law leaves
-        still = self._predictor(np.zeros_like(self.record.u), noise)
+        still = predictor_of(self.nominal, replace(self.record, u=np.zeros_like(self.record.u), y=noise), self.every)
         alone = still.run(bare, self.predictor.gains(bare, strict)).E
         size = np.sqrt((alone**2).mean(axis=0))
         return {best: compared(left[best] / size, alone / size)}

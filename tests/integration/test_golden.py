@@ -7,7 +7,8 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from golden import GOLDEN, MOVED, Golden, recorded, rig_of, said
+from golden import GOLDEN, MOVED, Golden, recorded, said
+from nominal import nominal_rig
 
 from dtbacklash.diagnose import diagnose, pipeline
 from dtbacklash.diagnose.engine.search import Search
@@ -22,7 +23,7 @@ SEEN = 10.0
 @pytest.mark.parametrize("case", GOLDEN, ids=str)
 def test_what_is_hidden_is_said(case: Golden, tmp_path: Path):
     secret = case.secret()
-    found = diagnose(recorded(secret, rig_of(case.rig), tmp_path), rig_of(case.rig))
+    found = diagnose(recorded(secret, nominal_rig(case.rig), tmp_path), nominal_rig(case.rig))
     seen = {name for name, size in secret.visibility.items() if size > SEEN or len(secret.effects) == 1}
     hidden = {(e["location"], e["effect"]) for e in secret.effects}
     clear = {key for key in hidden if ".".join(key) in seen}
@@ -54,12 +55,12 @@ def test_all_numbers_but_two_are_seen_to_decide():
 def test_each_number_that_decides_is_seen_to(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Changed, it changes what is said of a golden recording."""
     case, factor = MOVED[name]
-    recording = recorded(case.secret(), rig_of(case.rig), tmp_path)
+    recording = recorded(case.secret(), nominal_rig(case.rig), tmp_path)
 
     def of(value: float) -> tuple[object, ...]:
         rules = replace(SETTINGS, **{name: value})
         monkeypatch.setattr(pipeline, "Search", partial(Search, rules=rules))
-        return said(diagnose(recording, rig_of(case.rig), held_out=rules.held_out_share))
+        return said(diagnose(recording, nominal_rig(case.rig), held_out=rules.held_out_share))
 
     value = getattr(SETTINGS, name)
     assert of(value) != of(factor * value)

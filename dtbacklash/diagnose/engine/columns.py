@@ -76,7 +76,7 @@ class Columns:
         base = problem.rows(x, gains)
         assert base is not None
         data = problem.bench_rows
-        jacobian = problem.jacobian(x, gains, base)
+        jacobian = np.zeros((len(base), 0)) if alone else problem.jacobian(x, gains, base)
         e0 = base[:data]
         self.hypotheses: list[tuple[Hypothesis, slice]] = []
         columns: list[Floats] = []
@@ -85,7 +85,7 @@ class Columns:
             if made is not None:
                 self.hypotheses.append((h, slice(len(columns), len(columns) + len(made))))
                 columns += made
-        used = jacobian[:, (np.einsum("ij,ij->j", jacobian, jacobian) > 1e-12) & (not alone)]
+        used = jacobian[:, np.einsum("ij,ij->j", jacobian, jacobian) > 1e-12]
         self._project(np.array(columns).reshape(-1, data), e0, base, used, data)
         self.ranked = self._ranked()
 
@@ -101,7 +101,8 @@ class Columns:
             if simulated is None:
                 return None
             found = simulated
-        squares = [float(c @ c) for c in found]
+        with np.errstate(over="ignore"):
+            squares = [float(c @ c) for c in found]
         # a table's outer value may lie where the motion never is
         enough = any(s > 1e-12 for s in squares) if h.effect.is_table else all(s > 1e-12 for s in squares)
         return found if enough and np.isfinite(squares).all() else None

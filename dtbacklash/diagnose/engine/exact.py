@@ -6,18 +6,18 @@ fit stops beside the optimum: so values are fitted first at smaller sizes (a lad
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.bench import Bench, Sizes
-from dtbacklash.diagnose.engine.free import Free, Key, apply, effect_free, nominal_free, standing
+from dtbacklash.diagnose.engine.free import Free, Key, apply, effect_free, nominal_free, standing, taken_out
 from dtbacklash.diagnose.engine.motion import Motion
 from dtbacklash.diagnose.engine.predictor import Gains
 from dtbacklash.errors import UserError
 from dtbacklash.physics.effects.table import VALUES
-from dtbacklash.physics.rig import Rig
+from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 
 #: priors of nominal parameters are so much stiffer until the last fit, or an inertia takes a law's place
 STIFF = 10.0
@@ -225,3 +225,43 @@ class Problem:
             if best is None or loss < best[0]:
                 better, best, x, sizes = True, (loss, found, tuned, likelihood), found, tuned
         return None if best is None else self.model(*best[1:])
+
+
+def without_name(bench: Bench, model: Model, key: Key) -> Model:
+    """A model without one of its names, all else as it is, at the sizes that it then needs."""
+    rig = taken_out(model.rig, key)
+    keys = tuple(k for k in model.keys if rig.effect(*k) is not None)
+    return replace(model, rig=rig, keys=keys, sizes=bench.tuned(rig, model.sizes, steps=(2.0, 0.7), refresh=1)[0])
+
+
+def share_of(bench: Bench, model: Model, key: Key) -> float:
+    """The part that a law makes of what moves its place, or a sensor's error of what it reads.
+
+    Rms, or a tenth of its largest where it acts rarely.
+    """
+    if model.rig.takes(key[0])[key[1]].is_delay:
+        return np.inf
+    most = 0.0
+    try:
+        bare = taken_out(model.rig, key)
+        all_gains = bench.gains(model.rig, model.sizes)
+    except UserError:
+        return np.inf
+    except np.linalg.LinAlgError:
+        return 0.0
+    for p, gains in zip(bench.predictors, all_gains, strict=True):
+        found = p.run(model.rig, gains)
+        n, v = len(p.linear.bodies), p.linear.speed
+        if found.X.shape[1] != len(p.simulated.linear(bare).states):
+            return np.inf
+        if key[0].startswith(SENSOR_PREFIX):
+            there = p.simulated.shown(model.rig, found.X)
+            made, moved = there - p.simulated.shown(bare, found.X), there - there.mean(axis=0)
+        else:
+            there = p.simulated.onwards(model.rig, found.X)[:-1, v : v + n]
+            made = there - p.simulated.onwards(bare, found.X)[:-1, v : v + n]
+            moved = there - found.X[:-1, v : v + n]
+        size = np.maximum(np.sqrt((made**2).mean(axis=0)), 0.1 * np.abs(made).max(axis=0))
+        share = size / (np.sqrt((moved**2).mean(axis=0)) + 1e-300)
+        most = max(most, float(np.nan_to_num(share, nan=np.inf).max()))
+    return most

@@ -3,7 +3,7 @@
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.compiled import compiled_allocating, compiled_free
+from dtbacklash.compiled import compiled_allocating, compiled_free, inlined
 from dtbacklash.diagnose.engine.readings import OPENING
 from dtbacklash.physics.kernel import plant as pl
 from dtbacklash.physics.kernel.sample import advance, amplify, sense
@@ -87,6 +87,25 @@ def amplified(P, u, out):
         out[k] = amplify(P, u[k])
 
 
+@inlined
+def whitened(W, g, d, r):
+    """Innovation ``r`` of (m,), whitened by those before it."""
+    s = 0.0
+    for q in range(r + 1):
+        s += W[g, r, q] * d[q]
+    return s
+
+
+@inlined
+def correct(K, g, x, d, new):
+    """Fill ``new`` (n,) with a state that is corrected by innovations d (m,)."""
+    for i in range(x.shape[0]):
+        s = x[i]
+        for r in range(d.shape[0]):
+            s += K[g, i, r] * d[r]
+        new[i] = s
+
+
 @compiled_allocating
 def frozen(A, C, K, W, which, drive, Y, x0):
     """Sum of squares of the whitened innovations of a linear recursion, without what laws feel of its corrections.
@@ -109,15 +128,9 @@ def frozen(A, C, K, W, which, drive, Y, x0):
                 d[r] = s
         for r in range(m):
             if Y[k, r] == Y[k, r]:
-                s = 0.0
-                for q in range(r + 1):
-                    s += W[g, r, q] * d[q]
+                s = whitened(W, g, d, r)
                 total += s * s
-        for i in range(n):
-            s = x[i]
-            for r in range(m):
-                s += K[g, i, r] * d[r]
-            new[i] = s
+        correct(K, g, x, d, new)
         for i in range(n):
             s = drive[k, i]
             for j in range(n):
@@ -152,15 +165,8 @@ def answers(A, C, K, W, which, F, b, c, missing, at_once):
                 d[r] = 0.0 if missing[k, r] else -s
             for r in range(m):
                 if not missing[k, r]:
-                    s = 0.0
-                    for q in range(r + 1):
-                        s += W[g, r, q] * d[q]
-                    E[j, k * m + r] = s
-            for i in range(n):
-                s = x[i]
-                for r in range(m):
-                    s += K[g, i, r] * d[r]
-                new[i] = s
+                    E[j, k * m + r] = whitened(W, g, d, r)
+            correct(K, g, x, d, new)
             for i in range(n):
                 s = b[i] * F[j, k]
                 for q in range(n):
@@ -170,6 +176,7 @@ def answers(A, C, K, W, which, F, b, c, missing, at_once):
     return E
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def riccati(A: Floats, C: Floats, Q: Floats, R: Floats) -> Floats:
     """(n, n) the steady covariance of a predicted state, by the structure-preserving doubling algorithm.
 

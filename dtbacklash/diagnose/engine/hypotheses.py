@@ -79,9 +79,8 @@ def hypotheses(
 ) -> Iterator[Hypothesis]:
     """All laws that a rig may lack, at each of their starts; or all tables. without : keys that are not asked about."""
     unseen = unseen_positions(bench)
-    channels = {SENSOR_PREFIX + c for p in bench.predictors for c in p.readings.channels}
     for place in rig.places:
-        if place.startswith(SENSOR_PREFIX) and place not in channels:
+        if place.startswith(SENSOR_PREFIX) and place not in bench.sensors:
             continue
         for effect in rig.takes(place).values():
             if (

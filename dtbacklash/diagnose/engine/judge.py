@@ -17,7 +17,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.columns import Columns, Proposal
 from dtbacklash.diagnose.engine.exact import Model, Problem
 from dtbacklash.diagnose.engine.free import Key
-from dtbacklash.diagnose.engine.search import LEAST, Search
+from dtbacklash.diagnose.engine.search import Search
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Role
@@ -33,7 +33,7 @@ VIEWS = ("short", "long", "white")
 
 @dataclass(frozen=True)
 class Compared:
-    """One model in the three views: per view (STRETCHES,) sums of squares. model : refitted at the tuned sizes."""
+    """One model in the three views: per view (STRETCHES,) sums of squares."""
 
     squares: dict[str, Floats]
 
@@ -156,8 +156,7 @@ class Judge:
         if there is not None and self.here is not None:
             ratio = float(np.sqrt(there.squares["long"].sum() / self.here.squares["long"].sum()))
         # what earns no name tells none from another, either
-        worth = max(LEAST, self.rules.least * self.bench.count)
-        beaten = min(t.values()) > self.rules.lead and m.score - self.model.score > worth
+        beaten = min(t.values()) > self.rules.lead and m.score - self.model.score > self.search.least
         agree = float(np.mean(wins)) if wins else 0.0
         return Rival(keys, m, m.score - self.model.score, t, agree, ratio, container, beaten)
 

@@ -87,8 +87,7 @@ class Predictor:
         """The same on the beginning of the stretch."""
         other = copy.copy(self)
         other.readings = self.readings.first(share)
-        other.simulated = Simulated(other.readings)
-        other.simulated.finely = self.simulated.finely
+        other.simulated = Simulated(other.readings, self.simulated.finely)
         other.count = other.readings.count
         return other
 

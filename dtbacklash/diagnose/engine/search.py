@@ -12,7 +12,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.bench import Bench, Sizes
 from dtbacklash.diagnose.engine.columns import Columns, Proposal
-from dtbacklash.diagnose.engine.exact import STIFF, Model, Problem
+from dtbacklash.diagnose.engine.exact import STIFF, Model, Problem, share_of, without_name
 from dtbacklash.diagnose.engine.free import Key, taken_out
 from dtbacklash.diagnose.engine.motion import Motion, motion_of
 from dtbacklash.diagnose.settings import SETTINGS, DiagnoseSettings
@@ -82,11 +82,6 @@ class Search:
         self.let_go()
         return self.now
 
-    @property
-    def read(self) -> set[str]:
-        """Sensors that were recorded."""
-        return {SENSOR_PREFIX + c for p in self.bench.predictors for c in p.readings.channels}
-
     def unknown(self, model: Model) -> float:
         """The largest unknown force of a model, a share of the motion."""
         return self.bench.most_unknown(model.sizes)
@@ -120,11 +115,10 @@ class Search:
 
         Or from the sizes that it then needs: a name may hide how far.
         """
-        rig = taken_out(model.rig, key)
-        less = [k for k in model.keys if rig.effect(*k) is not None]
-        sizes, _ = self.bench.tuned(rig, model.sizes, steps=(2.0, 0.7), refresh=1)
+        bare = without_name(self.bench, model, key)
         rungs = (1.0, 0.1, 1.0) if stiff is not None else (1.0,)
-        found = [self.fitted(rig, replace(model, sizes=s), less, rungs, steps, stiff) for s in (model.sizes, sizes)]
+        starts = (replace(bare, sizes=model.sizes), bare)
+        found = [self.fitted(start.rig, start, start.keys, rungs, steps, stiff) for start in starts]
         return min((m for m in found if m is not None), key=lambda m: m.score, default=None)
 
     def proposals(
@@ -174,15 +168,14 @@ class Search:
         proposals = [p for m in (bare, less) for p in self.proposals(m, (key,), quick=True, alone=m is bare)]
         values = self.now.rig.effects[key[0]][key[1]]
         for place in self.now.rig.places:  # the same law elsewhere
-            unread = place.startswith(SENSOR_PREFIX) and place not in self.read
-            if place == key[0] or unread or key[1] not in self.now.rig.takes(place):
+            unread = place.startswith(SENSOR_PREFIX) and place not in self.bench.sensors
+            takes = key[1] in self.now.rig.takes(place) and bare.rig.effect(place, key[1]) is None
+            if place == key[0] or unread or not takes:
                 continue
-            if bare.rig.effect(place, key[1]) is None:
-                try:
-                    rig = bare.rig.with_effect(place, key[1], dict(values))
-                except UserError:
-                    continue
-                proposals.append((rig, (*bare.keys, (place, key[1]))))
+            try:
+                proposals.append((bare.rig.with_effect(place, key[1], dict(values)), (*bare.keys, (place, key[1]))))
+            except UserError:
+                continue
         return self.sifted(less, proposals, best, True)
 
     def sifted(
@@ -311,10 +304,6 @@ class Search:
         """What anything has to earn."""
         return max(self.rules.least * self.bench.count, LEAST)
 
-    def clears(self, model: Model, other: Model) -> bool:
-        """Whether a model takes away what is unknown beside another one, and is likelier."""
-        return self.unknown(model) < self.rules.clears * self.unknown(other) and model.score < other.score - self.least
-
     def exchange(self) -> bool:
         """Another name, or two, in the place of each of several; whether one was better."""
         for key in self.now.keys if len(self.now.keys) > 1 else ():
@@ -397,39 +386,7 @@ class Search:
     def idle(self, model: Model) -> tuple[Key, ...]:
         """Laws of a model that make little of what moves their place, and hardly more than what stays unknown."""
         least = min(self.rules.small, self.unknown(model) / self.rules.clears)
-        return tuple(key for key in model.keys if self.share(model, key) < least)
-
-    def share(self, model: Model, key: Key) -> float:
-        """The part that a law makes of what moves its place, or a sensor's error of what it reads.
-
-        Rms, or a tenth of its largest where it acts rarely.
-        """
-        if model.rig.takes(key[0])[key[1]].is_delay:
-            return np.inf
-        most = 0.0
-        try:
-            bare = taken_out(model.rig, key)
-            all_gains = self.bench.gains(model.rig, model.sizes)
-        except UserError:
-            return np.inf
-        except np.linalg.LinAlgError:
-            return 0.0
-        for p, gains in zip(self.bench.predictors, all_gains, strict=True):
-            found = p.run(model.rig, gains)
-            n, v = len(p.linear.bodies), p.linear.speed
-            if found.X.shape[1] != len(p.simulated.linear(bare).states):
-                return np.inf
-            if key[0].startswith(SENSOR_PREFIX):
-                there = p.simulated.shown(model.rig, found.X)
-                made, moved = there - p.simulated.shown(bare, found.X), there - there.mean(axis=0)
-            else:
-                there = p.simulated.onwards(model.rig, found.X)[:-1, v : v + n]
-                made = there - p.simulated.onwards(bare, found.X)[:-1, v : v + n]
-                moved = there - found.X[:-1, v : v + n]
-            size = np.maximum(np.sqrt((made**2).mean(axis=0)), 0.1 * np.abs(made).max(axis=0))
-            share = size / (np.sqrt((moved**2).mean(axis=0)) + 1e-300)
-            most = max(most, float(np.nan_to_num(share, nan=np.inf).max()))
-        return most
+        return tuple(key for key in model.keys if share_of(self.bench, model, key) < least)
 
 
 def described(model: Model) -> list[str]:

@@ -69,6 +69,7 @@ class Pass:
     first: Floats
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def linear_of(rig: Rig, sample_time_s: float, channels: tuple[str, ...]) -> Linear:
     """The linear model of a rig at a sample time, as its laws do nothing."""
     p = compile_plant(rig, sample_time_s, 1, 1)
@@ -127,14 +128,13 @@ def _shown(p: Plant, contact: bool, shown: list[int]) -> Floats:
 
 
 class Simulated:
-    """A rig on one stretch of a recording. errors : as the rig's own, of values that it cannot have."""
+    """A rig on one stretch of a recording. errors : as the rig's own, of values that it cannot have.
 
-    #: whether a sample is simulated in fine steps
-    finely = False
+    finely : whether a sample is simulated in fine steps.
+    """
 
-    def __init__(self, readings: Readings) -> None:
-        self.readings = readings
-        self.finely = type(self).finely or readings.every > 1
+    def __init__(self, readings: Readings, finely: bool = False) -> None:
+        self.readings, self.finely = readings, finely or readings.every > 1
 
     def linear(self, rig: Rig) -> Linear:
         """Its linear part."""

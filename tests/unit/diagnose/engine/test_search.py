@@ -9,7 +9,7 @@ from nominal import nominal_rig
 
 from dtbacklash.diagnose.engine import search as searching
 from dtbacklash.diagnose.engine.bench import Bench
-from dtbacklash.diagnose.engine.exact import Model
+from dtbacklash.diagnose.engine.exact import Model, share_of
 from dtbacklash.diagnose.engine.search import Search, described
 from dtbacklash.errors import UserError
 
@@ -76,20 +76,22 @@ def test_a_name_that_is_not_needed_is_taken_out():
 def test_what_a_law_makes_of_the_motion_is_its_share():
     search, model = searched("friction")
     # friction takes what it holds of what a volt's torque makes: a good part
-    assert 0.05 < search.share(model, COULOMB) < 2.0
+    assert 0.05 < share_of(search.bench, model, COULOMB) < 2.0
     assert not search.idle(model)
     faint = replace(model, rig=model.rig.with_effect(*COULOMB, {"torque": 1e-3}))
-    assert search.share(faint, COULOMB) == pytest.approx(search.share(model, COULOMB) * 1e-3 / 0.02, rel=0.1)
+    assert share_of(search.bench, faint, COULOMB) == pytest.approx(
+        share_of(search.bench, model, COULOMB) * 1e-3 / 0.02, rel=0.1
+    )
     # beside what stays unknown: nothing, and a tenth of what moves it
     assert not search.idle(faint)
     most = 0.1 / search.unknown(faint)
     much = replace(faint, sizes=search.bench.scaled(faint.sizes, most))
     assert search.idle(much) == (COULOMB,)
-    rules, search.rules = search.rules, replace(search.rules, small=0.5 * search.share(much, COULOMB))
+    rules, search.rules = search.rules, replace(search.rules, small=0.5 * share_of(search.bench, much, COULOMB))
     assert not search.idle(much)
     search.rules = rules
     late = replace(model, rig=model.rig.with_effect("sensor_theta", "delay", {"time": 1e-3}))
-    assert search.share(late, ("sensor_theta", "delay")) == np.inf
+    assert share_of(search.bench, late, ("sensor_theta", "delay")) == np.inf
 
 
 def test_a_wrong_name_is_exchanged_for_the_right_ones():
