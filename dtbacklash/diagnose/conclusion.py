@@ -82,7 +82,7 @@ class Conclusion:
         asked = 0.0 if clears else MISSED * search.rules.worth * search.bench.count
         if search.given - search.nothing.loss < max(search.least, asked):
             return {}
-        away = {f.title: (standing(f, model.rig), f) for f in self.values.free if f.prior}
+        away = {f.title: (standing(f, model.rig), f) for f in self.values.free if f.prior and not f.is_zero}
         moved = {name: row for name, row in away.items() if abs(row[0]) > search.rules.moved}
         errors = {name: self.values.errors.get((f.place, f.effect, f.name), np.inf) for name, (_, f) in moved.items()}
         return {name: (f.value(x), errors[name]) for name, (x, f) in moved.items()}

@@ -17,6 +17,7 @@ from dtbacklash.diagnose.engine.motion import Motion, motion_of
 from dtbacklash.diagnose.engine.readings import rate_of
 from dtbacklash.diagnose.engine.search import Search
 from dtbacklash.diagnose.engine.values import Values, polished
+from dtbacklash.diagnose.engine.zeros import zeroed
 from dtbacklash.diagnose.inspect.fault import faulty, mended, not_finite
 from dtbacklash.diagnose.inspect.inspection import inspect
 from dtbacklash.diagnose.records import SMOOTH, Record, ways_to_read
@@ -28,7 +29,14 @@ from dtbacklash.diagnose.say.enough import Enough
 from dtbacklash.diagnose.say.errors import ErrorTables
 from dtbacklash.diagnose.say.findings import candidates, findings, limits, located, recalibrated
 from dtbacklash.diagnose.say.next_experiment import next_experiment
-from dtbacklash.diagnose.say.sentences import explained_said, modelled_said, summary, tolerances_said, unknown_said
+from dtbacklash.diagnose.say.sentences import (
+    explained_said,
+    modelled_said,
+    summary,
+    tolerances_said,
+    unknown_said,
+    zeros_said,
+)
 from dtbacklash.diagnose.seen import Seen, bench_of
 from dtbacklash.diagnose.shown import Work
 from dtbacklash.diagnose.spread import on_cores
@@ -157,7 +165,8 @@ class _Course:
     def _begun(self, records: list[Record]) -> Search:
         """A search that has recalibrated the nominal rig."""
         finer = self._at_finer if max(self.every) > 1 else None
-        return Search(bench_of(self.rig, records, self.every), tell=self.tell, finer=finer)
+        bench = bench_of(self.rig, records, self.every)
+        return Search(replace(bench, nominal=zeroed(bench, self.rig)), tell=self.tell, finer=finer)
 
     def _at_rates(self, search: Search) -> Search:
         """The search at the rate of the motion; at faster ones where much force stays unknown."""
@@ -187,7 +196,7 @@ class _Course:
     def _of_timing(self, model: Model) -> bool:
         """Whether a model has a delay or a lag: what is averaged shows them only roughly."""
         found = [find(model.rig.kind_at(place), name, place).slot for place, name in model.keys]
-        return any(slot.delays or isinstance(slot, slots.Lag) for slot in found)
+        return any(slot.delays or isinstance(slot, (slots.Lag, slots.Filter)) for slot in found)
 
     def _found(self, search: Search, depth: Depth) -> Diagnosis:
         """Judge a search, and say what it amounts to."""
@@ -214,7 +223,7 @@ class _Course:
         """
         bench, motion, last = search.bench, search.motion, model
         if max(self.every) > 1 and model.keys:
-            full = bench_of(self.rig, self.records, [1] * len(self.every))
+            full = bench_of(bench.nominal, self.records, [1] * len(self.every))
             sizes, _ = full.tuned(model.rig)
             if full.refine(model.rig, sizes, search.rules.worth * search.bench.count):
                 sizes, _ = full.tuned(model.rig, sizes)
@@ -258,13 +267,13 @@ class _Course:
             candidates=candidates(c),
             located=where,
             next_experiment=next_experiment(c, verdict, where),
-            nominal=c.search.bench.nominal,
-            extended=with_errors(c.model.rig, c.values.errors),
+            nominal=self.rig,
+            extended=with_errors(c.model.rig.with_zeros({}), c.values.errors),
             free_running=free,
             explained=much,
             checks=all_checks(c, tables, free),
             limits=limits(c) if depth == FULL else (),
-            notes=(*filter(None, (c.course,)), *rate),
+            notes=(*filter(None, (c.course, zeros_said(c))), *rate),
             shown=shown(c, tables),
             work=Work(
                 record.sample_time_s, sum(int(r.train.sum()) for r in self.records),

@@ -12,6 +12,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.bench import Bench, Sizes
 from dtbacklash.diagnose.engine.predictor import Gains, Predictor
 from dtbacklash.diagnose.engine.readings import OPENING, readings
+from dtbacklash.diagnose.engine.zeros import zeroed
 from dtbacklash.diagnose.records import Record
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
@@ -65,7 +66,8 @@ def predictor_of(rig: Rig, record: Record, every: int) -> Predictor:
     for c in channels:
         if rig.sensors[c].quantity == "acceleration":  # its first shows a command that nobody recorded
             y[c] = np.concatenate([[np.nan], y[c][1:]])
-    return Predictor(rig, readings(record.u, y, channels, record.sample_time_s, every, imposed, record.at_once))
+    at_once, number = record.at_once, record.recording
+    return Predictor(rig, readings(record.u, y, channels, record.sample_time_s, every, imposed, at_once, number))
 
 
 class Seen:
@@ -74,6 +76,7 @@ class Seen:
     def __init__(self, bench: Bench, records: list[Record], every: list[int], rig: Rig, sizes: Sizes) -> None:
         self.stretches: list[Stretch] = []
         self._gains: list[Gains] = []
+        self._fitted = {p.readings.recording for p in bench.predictors}
         fitted = iter(zip(bench.predictors, sizes, strict=True))
         known: tuple[Predictor, Floats] | None = None
         first = bench.predictors[0], sizes[0]
@@ -125,7 +128,9 @@ class Seen:
         for stretch, g in zip(self.stretches, gains, strict=True):
             try:
                 with np.errstate(over="ignore", invalid="ignore"):
-                    D = stretch.predictor.run(rig, g).D
+                    alone = stretch.record.recording not in self._fitted  # its sensors' zeros are its own
+                    own = zeroed(Bench(rig, (stretch.predictor,)), rig) if alone else rig
+                    D = stretch.predictor.run(own, g).D
             except (UserError, np.linalg.LinAlgError):
                 return None
             if not np.isfinite(D).all() or np.abs(D).max(initial=0.0) > 1e150:

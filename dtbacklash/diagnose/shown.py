@@ -89,8 +89,7 @@ class RecordingUsed:
     name : of the recording. samples : that it has. sample_time_s : between two of them.
     fitted, judged : samples that were fitted to, and that judged. held_out : errors of the models on what judged,
         normalised by the recording's own standard deviations; None where nothing of it judged.
-    zeros : position channel -> its zero against that of the first recording, in ``unit`` (SI), as the nominal rig shows
-        it.
+    zeros : position channel that is not absolute -> ``value`` that it reads at position 0, in ``unit`` (SI).
     """
 
     name: str

@@ -120,7 +120,9 @@ def compile_plant(
     smooth = rig.only("positioner") is not None
     substeps = substeps or (SUBSTEPS_FORCED if forced or smooth else 1)
     screw = _screw_row(parts)
+    sensors = _sensor_rows(parts, circuit)
     A, G = _continuous(parts, circuit, entries.decays, screw)
+    A, G = _filtered(rig, A, G, sensors)
     E, P1, P2 = discretise(A, G, sample_time_s / substeps, event_levels + 1)
     delay = _delay(rig, sample_time_s, substeps << event_levels)
     looks = _sensor_delays(rig, sample_time_s, substeps << event_levels)
@@ -130,11 +132,12 @@ def compile_plant(
         link=np.array(parts.link, dtype=float).reshape(-1, pl.N_LINK),
         link_ends=_ends(parts.link_ends), friction_ends=_ends([contact.ends for contact in parts.contacts]),
         circuit=row, screw=screw,
-        sensor=_sensor_rows(parts, circuit), sensor_whole=looks[0], sensor_tick=looks[1], sensor_part=looks[2],
+        sensor=sensors, sensor_whole=looks[0], sensor_tick=looks[1], sensor_part=looks[2],
+        sensor_play=0.5 * np.array([rig.amount(SENSOR_PREFIX + s, slots.ShownPlay, "width") for s in rig.sensors]),
         sample_time=sample_time_s, substeps=substeps, levels=event_levels + 1,
         current=0 if circuit else -1, rotor=parts.rotor,
         driven=parts.bodies.names.index(drive.neighbours["drives"]) if drive else -1,
-        limited=limited, lag=A.shape[1] - 1 if _lag(rig, drive) else -1, loaded=entries.loaded,
+        limited=limited, lag=first_aux + len(entries.decays) if _lag(rig, drive) else -1, loaded=entries.loaded,
         n_bodies=len(parts.bodies.names), position=1 if circuit else 0,
         has_base=_base_drive(rig) is not None, imposed=imposed, forced=forced,
         delay_whole=delay[0], delay_ticks=delay[1], delay_part=delay[2],
@@ -332,4 +335,31 @@ def _continuous(parts: Parts, circuit: Element | None, decays: list[float], scre
             G[contact, pl.CH_F + nb + j, first + 2 * nb + j] = 1.0
             if math.isfinite(decay):
                 A[contact, first + 2 * nb + j, first + 2 * nb + j] = -decay
+    return A, G
+
+
+def _filtered(rig: Rig, A: Floats, G: Floats, sensors: Floats) -> tuple[Floats, Floats]:
+    """The same with the states of sensors' filters, which these show from now on: ``sensors`` is changed.
+
+    Raises
+    ------
+    UserError : a sensor of what is no state, such as a force.
+    """
+    for name, row in zip(rig.sensors, sensors, strict=True):
+        for effect, values in rig.active(SENSOR_PREFIX + name, slots.Filter):
+            assert isinstance(effect.slot, slots.Filter)
+            if not row[pl.Y_INDEX] >= 0:
+                key = f"rig.effects.{SENSOR_PREFIX}{name}.{effect.name}"
+                raise UserError(key, name, "a sensor of a body's position or speed, or of a current")
+            n, order = A.shape[1], 2 if effect.slot.damping_ratio else 1
+            w = 2.0 * math.pi * values[effect.slot.cutoff]
+            A = np.pad(A, ((0, 0), (0, order), (0, order)))
+            G = np.pad(G, ((0, 0), (0, 0), (0, order)))
+            source, last = int(row[pl.Y_INDEX]), n + order - 1
+            if order == 1:
+                A[:, n, [source, n]] = w, -w
+            else:
+                A[:, n, last] = 1.0
+                A[:, last, [source, n, last]] = w * w, -w * w, -2.0 * values[effect.slot.damping_ratio] * w
+            row[pl.Y_INDEX] = n
     return A, G

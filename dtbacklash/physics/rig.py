@@ -40,7 +40,9 @@ class Element:
 class Sensor:
     """What one sensor measures: ``quantity`` of the element ``of``, in the SI unit ``unit``.
 
-    ``recorded_in`` is the unit of its column in a recording that says nothing of units; empty: SI.
+    ``recorded_in`` is the unit of its column in a recording that says nothing of units; empty: SI. ``absolute`` is a
+    sensor of position whose zero is the rig's. Any other begins anywhere: ``zeros``, in SI, is what it reads where the
+    rig's position is 0, for each recording of a diagnosis; a simulation's is 0.
     """
 
     name: str
@@ -48,6 +50,17 @@ class Sensor:
     quantity: str
     unit: str
     recorded_in: str = ""
+    absolute: bool = False
+    zeros: tuple[float, ...] = ()
+
+    @property
+    def relative(self) -> bool:
+        """Whether its zero is not known."""
+        return self.quantity == "position" and not self.absolute
+
+    def zero(self, recording: int) -> float:
+        """What it reads in a recording where the rig's position is 0."""
+        return self.zeros[recording] if recording < len(self.zeros) else 0.0
 
     @property
     def per_si(self) -> float:
@@ -154,7 +167,7 @@ class Rig:
 
     def suits(self, location: str, effect: Effect) -> bool:
         """Whether an effect of the kind at a location can act there: some need a sensor of one unit."""
-        return not effect.of_unit or self.sensors[location.removeprefix(SENSOR_PREFIX)].unit == effect.of_unit
+        return not effect.of_units or self.sensors[location.removeprefix(SENSOR_PREFIX)].unit in effect.of_units
 
     def effect(self, location: str, name: str) -> dict[str, float] | None:
         """The parameters of an effect that is switched on, else None."""
@@ -182,6 +195,12 @@ class Rig:
         if values is not None:
             effects[location][name] = dict(values)
         return build_rig(replace(self.config, effects={p: e for p, e in effects.items() if e}))
+
+    def with_zeros(self, zeros: Mapping[str, tuple[float, ...]]) -> "Rig":
+        """A copy whose sensors have these zeros, a number for each recording; of those that are not named, none."""
+        bare = {name: {k: v for k, v in spec.items() if k != "zeros"} for name, spec in self.config.sensors.items()}
+        specs = {name: {**spec, "zeros": zeros[name]} if name in zeros else spec for name, spec in bare.items()}
+        return build_rig(replace(self.config, sensors=specs))
 
     def with_parameters(self, values: dict[str, float]) -> "Rig":
         """A copy with some nominal parameters changed (SI)."""
@@ -216,7 +235,7 @@ def build_rig(config: RigConfig) -> Rig:
             key = f"rig.effects.{location}.{name}"
             effect = catalogue.find(kind, name, key)
             if not rig.suits(location, effect):
-                raise UserError(key, name, f"needs a sensor whose unit is {effect.of_unit}")
+                raise UserError(key, name, f"needs a sensor whose unit is {' or '.join(effect.of_units)}")
             filled = effect.complete(leaves, key)
             if effect.is_neutral(filled):
                 continue
@@ -345,10 +364,10 @@ def _gear_down(elements: dict[str, Element]) -> None:
 
 def _sensor(name: str, spec: dict[str, Any], elements: dict[str, Element]) -> Sensor:
     of, quantity = spec["of"], spec["quantity"]
-    unknown = sorted(str(key) for key in set(spec) - {"of", "quantity", "recorded_in"})
+    unknown = sorted(str(key) for key in set(spec) - {"of", "quantity", "recorded_in", "absolute", "zeros"})
     if unknown:
         key = f"rig.sensors.{name}.{unknown[0]}"
-        raise UserError(key, spec[unknown[0]], "unknown; a sensor has `of`, `quantity`, `recorded_in`")
+        raise UserError(key, spec[unknown[0]], "unknown; a sensor has `of`, `quantity`, `recorded_in`, `absolute`")
     measurable = [e.name for e in elements.values() if e.trait.quantities]
     if of not in measurable:
         raise UserError(f"rig.sensors.{name}.of", of, f"choose one of {', '.join(measurable)}")
@@ -359,4 +378,7 @@ def _sensor(name: str, spec: dict[str, Any], elements: dict[str, Element]) -> Se
     if recorded_in and recorded_in not in units.of_kind(known[quantity]):
         allowed = f"a unit of {known[quantity]}: {', '.join(units.of_kind(known[quantity]))}"
         raise UserError(f"rig.sensors.{name}.recorded_in", recorded_in, allowed)
-    return Sensor(name, of, quantity, known[quantity], recorded_in)
+    absolute = spec.get("absolute", False)
+    if not isinstance(absolute, bool) or (absolute and quantity != "position"):
+        raise UserError(f"rig.sensors.{name}.absolute", absolute, "true or false, at a sensor of position")
+    return Sensor(name, of, quantity, known[quantity], recorded_in, absolute, tuple(spec.get("zeros", ())))

@@ -85,6 +85,7 @@ CASES: dict[tuple[str, str], Case] = {
     ("rotor", "stribeck_friction"): Case(("motor_bearing",)),
     ("rotor", "viscous_friction"): Case(("motor_bearing",)),
     ("rotor", "asymmetric_friction"): Case(("motor_bearing",)),
+    ("rotor", "quadratic_drag"): Case(("motor_bearing",)),
     ("rotor", "cogging"): Case(("motor_bearing",)),
     ("rotor", "constant_load"): Case(("motor_bearing",)),
     ("rotor", "gravity"): Case(("motor_bearing",)),
@@ -133,14 +134,19 @@ CASES: dict[tuple[str, str], Case] = {
     ("mass", "ground_friction"): Case(("mass_2", "mass_3")),
     ("mass", "constant_force"): Case(("mass_2", "mass_3")),
     ("mass", "absorber"): Case(("mass_2", "mass_3")),
+    ("mass", "quadratic_drag"): Case(("mass_2", "mass_3"), {"coefficient": 200.0}),
     ("sensor", "delay"): Case((*SENSORS, "sensor_i_m")),
     ("sensor", "gain_error"): Case(SENSORS),
     ("sensor", "offset"): Case(SENSORS, {"offset": 0.01}),
+    ("sensor", "low_pass"): Case(SENSORS, {"cutoff": 20.0}),
+    ("sensor", "second_order_low_pass"): Case(SENSORS, {"cutoff": 20.0, "damping_ratio": 0.6}),
+    ("sensor", "lost_motion"): Case(("sensor_theta_m",), {"width": 0.2}),
     ("sensor", "eccentricity"): Case(("sensor_theta_m",), {"amplitude": 0.05, "phase": 0.7}),
     ("carriage", "coulomb_friction"): CARRIAGE,
     ("carriage", "stribeck_friction"): CARRIAGE,
     ("carriage", "viscous_friction"): Case(("carriage",), {"coefficient": 200.0}, size_v=3.0, rig="carriage"),
     ("carriage", "asymmetric_friction"): CARRIAGE,
+    ("carriage", "quadratic_drag"): Case(("carriage",), {"coefficient": 500.0}, size_v=3.0, rig="carriage"),
     # more than the waves' 20 N, but not so little that the carriage hesitates on a crest: there any error grows
     ("carriage", "cogging"): replace(CARRIAGE, size_v=2.0),
     ("carriage", "constant_force"): CARRIAGE,
@@ -154,6 +160,7 @@ CASES: dict[tuple[str, str], Case] = {
     ("brake", "asymmetric_friction"): Case(
         ("band",), {"viscous_difference": 10.0, "coulomb_difference": 0.5}, size_v=60.0, rig="damper"
     ),
+    ("brake", "quadratic_drag"): Case(("band",), {"coefficient": 50.0}, size_v=60.0, rig="damper"),
     ("brake", "constant_force"): Case(("band",), {"force": 1.0}, size_v=60.0, rig="damper"),
 }
 

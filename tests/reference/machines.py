@@ -12,6 +12,7 @@ from .newton import GROUND, SCREW, Body, Contact, Effort, Link, Machine, Screw
 #: efforts on single bodies by the name of their effect, each from the effect's parameters
 EFFORTS: dict[str, Callable[[dict[str, float]], Effort]] = {
     "gravity": lambda p: lambda q, v, t: p["torque"] * math.sin(q + p["phase"]),
+    "quadratic_drag": lambda p: lambda q, v, t: -p["coefficient"] * v * abs(v),
 }
 
 

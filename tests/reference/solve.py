@@ -10,6 +10,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
+from scipy.interpolate import PchipInterpolator
+from scipy.signal import lsim
 
 from dtbacklash.physics.rig import Rig
 
@@ -287,6 +289,10 @@ def _own_gap(rig: Rig) -> float:
     return (rig.effects.get(gear.name, {}).get("backlash", {}).get("half_gap", 0.0)) if gear else 0.0
 
 
+#: what a filter is given, at equal steps, s
+FINE_S = 2e-5
+
+
 def _lags(rig: Rig) -> dict[str, float]:
     return {s: rig.effects.get(f"sensor_{s}", {}).get("delay", {}).get("time", 0.0) for s in rig.sensors}
 
@@ -305,9 +311,32 @@ def _solution(rig, run, t_s, times, states, angles, travels, lags) -> Solution:
         else:
             body = it.bodies[sensor.of]
             values = states[:, body.q if sensor.quantity == "position" else body.v]
-        seen = np.where(t_s - lags[name] > -1e-12, values[np.minimum(index, len(values) - 1)], 0.0)
         there = rig.effects.get(f"sensor_{name}", {})
+        values = _filtered(there, times, values)
+        seen = np.where(t_s - lags[name] > -1e-12, values[np.minimum(index, len(values) - 1)], 0.0)
+        seen = _behind_a_play(there.get("lost_motion", {}).get("width", 0.0), seen)
         gain = 1.0 + there.get("gain_error", {}).get("relative", 0.0)
         sensors[name] = gain * seen + there.get("offset", {}).get("offset", 0.0)
     index = np.searchsorted(times, t_s - 1e-12)
     return Solution(t_s, sensors, np.array(angles)[index], states[index], run.events)
+
+
+def _filtered(there: dict[str, dict[str, float]], times: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """A signal behind a low-pass, at rest at first."""
+    low = there.get("second_order_low_pass") or there.get("low_pass")
+    if not low:
+        return values
+    w, fine = 2.0 * np.pi * low["cutoff"], np.arange(0.0, times[-1] + FINE_S, FINE_S)
+    ratio = low.get("damping_ratio")
+    system = ([w * w], [1.0, 2.0 * ratio * w, w * w]) if ratio else ([w], [1.0, w])
+    once = np.unique(times, return_index=True)[1]
+    _, shown, _ = lsim(system, PchipInterpolator(times[once], values[once])(np.minimum(fine, times[-1])), fine)
+    return np.asarray(np.interp(times, fine, shown))
+
+
+def _behind_a_play(width: float, values: np.ndarray) -> np.ndarray:
+    """What a gap of this width passes on, sample by sample."""
+    shown, at = np.empty(len(values)), 0.0
+    for k, value in enumerate(values.tolist()):
+        at = shown[k] = min(max(at, value - 0.5 * width), value + 0.5 * width)
+    return shown

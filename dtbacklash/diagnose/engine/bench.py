@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -33,6 +34,16 @@ class Bench:
     def sensors(self) -> set[str]:
         """Places of the sensors that were recorded."""
         return {SENSOR_PREFIX + c for p in self.predictors for c in p.readings.channels}
+
+    @cached_property
+    def spreads(self) -> dict[tuple[str, int], float]:
+        """(channel, recording) -> how much its readings vary, rms, SI."""
+        found: dict[tuple[str, int], float] = {}
+        for p in self.predictors:
+            for channel, y in zip(p.readings.channels, p.readings.y.T, strict=True):
+                key = channel, p.readings.recording
+                found[key] = max(found.get(key, 1e-300), float(np.nanstd(y)))
+        return found
 
     @property
     def linear(self) -> Linear:

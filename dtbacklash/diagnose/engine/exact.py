@@ -12,7 +12,16 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.bench import Bench, Sizes
-from dtbacklash.diagnose.engine.free import Free, Key, apply, effect_free, nominal_free, standing, taken_out
+from dtbacklash.diagnose.engine.free import (
+    Free,
+    Key,
+    apply,
+    effect_free,
+    nominal_free,
+    standing,
+    taken_out,
+    zeros_free,
+)
 from dtbacklash.diagnose.engine.motion import Motion
 from dtbacklash.diagnose.engine.predictor import Gains
 from dtbacklash.errors import UserError
@@ -65,6 +74,7 @@ class Problem:
         self.smooth = {key: root for key, root in (smooth or {}).items() if key in self.keys}
         self.motion = motion
         self.free = nominal_free(bench.nominal, rig)
+        self.free += zeros_free(bench.nominal, bench.spreads)
         self.priors = len(self.free)
         for key in self.keys:
             self.free += effect_free(rig, key, motion(key[0]))

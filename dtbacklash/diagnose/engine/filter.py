@@ -49,6 +49,10 @@ def observe(P, S, u, rise, ramp, gap, theta, Y, K, W, which, chan, E, X, D, y):
             X[k, i] = S.x[i]
             for r in range(m):
                 S.x[i] += K[mode, g, i, r] * D[k, r]
+        for s in range(P.sensor_play.shape[0]):  # what senses goes along with what it is corrected to
+            at = P.sensor[s, pl.Y_INDEX]
+            if P.sensor_play[s] > 0.0 and at >= 0:
+                S.played[s] += S.x[int(at)] - X[k, int(at)]
         if k < OPENING:
             let_slip(P, S, gap)
         if k + 1 < n:

@@ -5,7 +5,7 @@ found effect has values without tolerances.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,6 +28,8 @@ TOLERANCES_MAX, LEAST_SHARE = 6.0, 1e-2
 EDGE = 1e-3
 #: steps of differences: of a law's parameter (its scale), of a nominal one (tolerances)
 LAW_STEP, NOMINAL_STEP = 0.02, 0.05
+#: a sensor's zero is known as well as nothing: the width of its prior (of how much it moves)
+ANYWHERE = 1e3
 
 Key = tuple[str, str]
 Effects = dict[Key, dict[str, float]]
@@ -37,7 +39,7 @@ Errors = dict[tuple[str, str, str], float]
 
 @dataclass(frozen=True)
 class Free:
-    """One free parameter: of an effect at ``place``, or (``effect`` empty) a nominal one.
+    """One free parameter: of an effect at ``place``; or (``effect`` empty) a nominal one, or a sensor's zero there.
 
     It is fitted as ``x``: value = centre + scale x, or centre exp(x) where ``log``.
     """
@@ -52,6 +54,7 @@ class Free:
     high: float
     prior: bool
     role: Role = Role.SHAPE
+    recording: int = 0
 
     @property
     def key(self) -> Key:
@@ -59,14 +62,21 @@ class Free:
         return self.place, self.effect
 
     @property
+    def is_zero(self) -> bool:
+        """Whether it is what a sensor reads in a recording where the rig's position is 0."""
+        return bool(self.place) and not self.effect
+
+    @property
     def title(self) -> str:
         """The parameter's name; for an effect ``place.effect.name``."""
+        if self.is_zero:
+            return f"{self.place}.{self.name}"
         return f"{self.place}.{self.effect}.{self.name}" if self.effect else self.name
 
     @property
     def step(self) -> float:
         """Of a difference, in x."""
-        return NOMINAL_STEP if self.prior else LAW_STEP
+        return LAW_STEP / ANYWHERE if self.is_zero else NOMINAL_STEP if self.prior else LAW_STEP
 
     def value(self, x: float) -> float:
         """The parameter at ``x``, within its bounds."""
@@ -108,6 +118,16 @@ def nominal_free(nominal: Rig, rig: Rig | None = None) -> list[Free]:
     return free
 
 
+def zeros_free(nominal: Rig, spreads: Mapping[tuple[str, int], float]) -> list[Free]:
+    """The zeros of sensors that begin anywhere. spreads : (sensor, recording) -> how much it moves, SI."""
+    ends = -math.inf, math.inf
+    return [
+        Free(SENSOR_PREFIX + s, "", f"zero {k + 1}", nominal.sensors[s].zero(k), ANYWHERE * width, False, *ends, True,
+             recording=k)
+        for (s, k), width in spreads.items() if nominal.sensors[s].relative
+    ]  # fmt: skip
+
+
 def _known_effects(nominal: Rig, rig: Rig) -> Iterator[tuple[Key, Parameter, float, float]]:
     """(place, effect), parameter, value and prior's width of each parameter of a known effect."""
     for key, values in effects_of_rig(nominal).items():
@@ -147,6 +167,8 @@ def effect_free(rig: Rig, key: Key, here: Place) -> list[Free]:
 
 def standing(free: Free, rig: Rig) -> float:
     """The ``x`` of a known parameter in a rig."""
+    if free.is_zero:
+        return (rig.sensors[free.place.removeprefix(SENSOR_PREFIX)].zero(free.recording) - free.centre) / free.scale
     values = rig.effects[free.place][free.effect] if free.effect else None
     value = values[free.name] if values else rig.config.parameters[free.name].value
     away = value - free.centre
@@ -159,14 +181,20 @@ def apply(base: Rig, free: list[Free], x: Floats) -> Rig:
     """The base rig with the free parameters at ``x``."""
     parameters = dict(base.config.parameters)
     effects = {p: {n: dict(leaves) for n, leaves in there.items()} for p, there in base.config.effects.items()}
+    zeros = {name: list(sensor.zeros) for name, sensor in base.sensors.items() if sensor.relative}
     for f, xi in zip(free, x, strict=True):
         if f.effect:
             leaves = effects[f.place][f.effect]
             leaf, value = leaves.get(f.name), f.value(xi)
             leaves[f.name] = {**leaf, "value": value} if isinstance(leaf, dict) else value
+        elif f.is_zero:
+            there = zeros[f.place.removeprefix(SENSOR_PREFIX)]
+            there += [0.0] * (f.recording + 1 - len(there))
+            there[f.recording] = f.value(xi)
         else:
             parameters[f.name] = replace(parameters[f.name], value=f.value(xi))
-    return build_rig(replace(base.config, effects=effects, parameters=parameters))
+    sensors = {name: {**spec, "zeros": zeros.get(name, ())} for name, spec in base.config.sensors.items()}
+    return build_rig(replace(base.config, effects=effects, parameters=parameters, sensors=sensors))
 
 
 def with_priors(rig: Rig) -> Rig:
@@ -207,6 +235,8 @@ def unit_at(rig: Rig, place: str, unit: str) -> str:
 
 def unit_of(rig: Rig, free: Free) -> str:
     """The unit of a free parameter."""
+    if free.is_zero:
+        return unit_at(rig, free.place, SENSOR_UNIT)
     if not free.effect:
         return rig.config.parameters[free.name].unit
     entry = find(rig.kind_at(free.place), free.effect, free.place)

@@ -161,14 +161,14 @@ class Judge:
         return Rival(keys, m, m.score - self.model.score, t, agree, ratio, container, beaten)
 
     def _contains(self, keys: tuple[Key, ...], key: Key) -> bool:
-        """Whether one other law at the place is a table, a friction or wave of more parameters, or becomes it."""
+        """Whether another law at the place is a table, becomes it, or has more parameters: friction, filter, wave."""
         if len(keys) != 1 or keys[0][0] != key[0]:
             return False
         kind = self.model.rig.kind_at(key[0])
         mine, other = find(kind, key[1], key[0]), find(kind, keys[0][1], key[0])
         becomes = other.becomes is not None and other.becomes[1] == mine.name
         waves = all(effect.of_role(Role.ANGLE) is not None for effect in (mine, other))
-        alike = type(mine.slot) is type(other.slot) and (isinstance(mine.slot, slots.Contact) or waves)
+        alike = type(mine.slot) is type(other.slot) and (isinstance(mine.slot, (slots.Contact, slots.Filter)) or waves)
         return other.is_table or becomes or (alike and other.counts > mine.counts)
 
     def _compared(self, m: Model) -> Compared | None:

@@ -13,7 +13,7 @@ from dtbacklash.diagnose.engine.simulated import Pass
 from dtbacklash.physics.bodies import natural_frequencies_hz
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Place
-from dtbacklash.physics.rig import Element, Rig
+from dtbacklash.physics.rig import SENSOR_PREFIX, Element, Rig
 
 #: of the fastest speed, what is no standstill (share)
 MOVES = 0.02
@@ -94,7 +94,8 @@ class Motion:
         """The motion at a place, for an effect's declaration."""
         element = self.rig.elements.get(name)
         if element is None:
-            return self._anywhere
+            shown = self.shown.get(name.removeprefix(SENSOR_PREFIX))
+            return self._anywhere if shown is None else replace(self._anywhere, way=float(np.ptp(shown)))
         body = self._moved(element)
         if body is None:
             return replace(self._anywhere, values=element.values)

@@ -5,7 +5,7 @@ is ripple, noise and counts, and the predictor then looks a few milliseconds ahe
 blocks of samples, and the command in the same way: a moving average goes through a linear plant unchanged.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -39,7 +39,7 @@ class Readings:
     there is none. channels : their names. noise : (m,) standard deviation that each has at least. counted : (m,)
     whether it reads in counts. recorded : (M,) the command as recorded, for laws of the amplifier, which act
     before anything is averaged. step : (N,) what a sensor of acceleration shows of the command at once, beyond that of
-    the sample before; empty where nothing.
+    the sample before; empty where nothing. recording : the number of the one that it belongs to, from 0.
     """
 
     sample_time_s: float
@@ -52,6 +52,7 @@ class Readings:
     counted: np.ndarray
     recorded: Floats
     step: Floats
+    recording: int = 0
 
     @property
     def count(self) -> int:
@@ -113,16 +114,13 @@ class Readings:
     def first(self, share: float) -> "Readings":
         """The beginning of the same."""
         n = min(len(self.u), max(round(share * len(self.u)), READINGS_MIN))
-        return Readings(
-            self.sample_time_s, self.every, self.u[:n], self.rise[:n], self.y[:n], self.channels, self.noise,
-            self.counted,
-            self.recorded[: n * self.every + 2 * self.every], self.step[:n],
-        )  # fmt: skip
+        recorded = self.recorded[: n * self.every + 2 * self.every]
+        return replace(self, u=self.u[:n], rise=self.rise[:n], y=self.y[:n], recorded=recorded, step=self.step[:n])
 
 
 def readings(
     u: Floats, y: dict[str, Floats], channels: tuple[str, ...], sample_time_s: float, every: int, imposed: bool,
-    at_once: Floats | None = None,
+    at_once: Floats | None = None, recording: int = 0,
 ) -> Readings:  # fmt: skip
     """Average a stretch of a recording over blocks of ``every`` samples, an odd number.
 
@@ -138,7 +136,7 @@ def readings(
     step = np.zeros(0) if at_once is None or every > 1 else at_once - np.append(at_once[0], u[:-1])
     return Readings(
         sample_time_s * every, every, np.ascontiguousarray(command), rise, averaged, channels, least,
-        np.array(counted), np.ascontiguousarray(u, dtype=float), step,
+        np.array(counted), np.ascontiguousarray(u, dtype=float), step, recording,
     )  # fmt: skip
 
 

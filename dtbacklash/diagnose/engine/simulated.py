@@ -112,6 +112,7 @@ def _shown(p: Plant, contact: bool, shown: list[int]) -> Floats:
     p = p._replace(
         first=np.clip(p.first, p.first[own], p.first[own + len(p.sensor)]), friction_ends=p.friction_ends[:0],
         sensor_whole=0 * p.sensor_whole, sensor_tick=0 * p.sensor_tick, sensor_part=0.0 * p.sensor_part,
+        sensor_play=0.0 * p.sensor_play,
     )  # fmt: skip
     C = np.zeros((len(shown), n))
     for i in range(n):
@@ -179,18 +180,20 @@ class Simulated:
         return Y[:, chan]
 
     def _in_time(self, rig: Rig) -> tuple[Rig, Floats]:
-        """A late sensor's readings earlier by whole samples, and the rig that is late by the rest only.
+        """Readings from the sensors' zeros, late ones earlier by whole samples; the rig that is late by the rest only.
 
         A correction by what a sensor saw long ago would meet the wrong state.
         """
         r = self.readings
-        Y = r.y
+        zeros = np.array([rig.sensors[channel].zero(r.recording) for channel in r.channels])
+        read = r.y - zeros if zeros.any() else r.y
+        Y = read
         for j, channel in enumerate(r.channels):
             place, (whole, rest) = SENSOR_PREFIX + channel, late_by(rig, channel, r.sample_time_s)
             if not 0 < whole < len(Y) // 4:
                 continue
-            Y = Y.copy() if Y is r.y else Y
-            Y[:-whole, j], Y[-whole:, j] = r.y[whole:, j], np.nan
+            Y = Y.copy() if Y is read else Y
+            Y[:-whole, j], Y[-whole:, j] = read[whole:, j], np.nan
             for effect, values in rig.active(place, slots.Late):
                 assert isinstance(effect.slot, slots.Late)
                 rig = rig.with_effect(place, effect.name, {**values, effect.slot.time: rest} if rest else None)
@@ -228,7 +231,7 @@ class Simulated:
         state, sensors = new_state(p), list(rig.sensors)
         chan = np.array([sensors.index(c) for c in r.channels])
         first = np.array([y[np.isfinite(y)][0] if np.isfinite(y).any() else 0.0 for y in Y.T])
-        state.seen[:, chan] = first
+        state.seen[:, chan] = state.played[chan] = first
         known = {}
         for channel, value in zip(r.channels, first.tolist(), strict=True):
             if rig.sensors[channel].quantity == "position":
@@ -240,8 +243,13 @@ class Simulated:
             state.gear[0] = at[-1]
         for channel, j in zip(r.channels, chan, strict=True):
             i = p.sensor[j, pl.Y_INDEX]
-            if i >= 0 and rig.sensors[channel].quantity in ("velocity", "current"):
+            filtered = i >= p.position + 2 * p.n_bodies
+            if i >= 0 and (filtered or rig.sensors[channel].quantity in ("velocity", "current")):
                 state.x[int(i)] = first[r.channels.index(channel)]
+            if filtered and rig.sensors[channel].quantity == "velocity":
+                state.x[p.position + p.n_bodies + names.index(rig.sensors[channel].of)] = first[
+                    r.channels.index(channel)
+                ]
         return p, state, chan
 
 

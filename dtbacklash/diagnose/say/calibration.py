@@ -30,18 +30,20 @@ def calibration(c: Conclusion) -> Calibration:
     values, rig = c.values, c.model.rig
     if not values.free or not len(values.rows):
         return Calibration({}, {}, ())
-    titles = [f.title for f in values.free]
-    sizes = np.sqrt(np.maximum(np.diag(values.covariance), 1e-300))
-    correlation = values.covariance / np.outer(sizes, sizes)
+    kept = [j for j, f in enumerate(values.free) if not f.is_zero]
+    free, covariance = [values.free[j] for j in kept], values.covariance[np.ix_(kept, kept)]
+    titles = [f.title for f in free]
+    sizes = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    correlation = covariance / np.outer(sizes, sizes)
     rows = {}
-    for f, x in zip(values.free, values.x, strict=True):
+    for f, x in zip(free, values.x[kept], strict=True):
         value, error = f.value(x), values.errors.get((f.place, f.effect, f.name), math.nan)
         rows[f.title] = Recalibrated(f.centre, value, unit_of(rig, f), around(value, error))
     data = sum(p.readings.y.size for p in c.search.bench.predictors)
     return Calibration(
         rows,
         {a: dict(zip(titles, map(float, row), strict=True)) for a, row in zip(titles, correlation, strict=True)},
-        tuple(_blind(list(values.free), values.jacobian[:data])),
+        tuple(_blind(free, values.jacobian[:data, kept])),
     )
 
 

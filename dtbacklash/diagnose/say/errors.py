@@ -56,7 +56,12 @@ class ErrorTables:
             errors = self._errors(self.compared[:3], "held", (number,)) if judged else None
             fitted = sum(int(r.train.sum()) for r in own)
             samples = sum(r.samples for r in own)
-            found.append(RecordingUsed(str(number + 1), samples, own[0].sample_time_s, fitted, judged, errors))
+            zeros: dict[str, dict[str, float | str]] = {
+                s.name: {"value": s.zero(number), "unit": s.unit}
+                for s in self._c.model.rig.sensors.values() if s.relative and fitted and s.name in own[0].y
+            }  # fmt: skip
+            name, step = str(number + 1), own[0].sample_time_s
+            found.append(RecordingUsed(name, samples, step, fitted, judged, errors, zeros))
         return tuple(found)
 
     def in_floors(self) -> dict[str, ModelErrors]:

@@ -52,7 +52,7 @@ def _finding(c: Conclusion, key: Key) -> Finding:
     opened = "" if sure == "sure" else open_said(grounds)
     return Finding(
         place, name, parameters, also_fits(c, key), when(c, key), instead,
-        said[:1].upper() + said[1:] + opened + less(instead), sure, grounds,
+        said[:1].upper() + said[1:] + entry.remark(values) + opened + less(instead), sure, grounds,
     )  # fmt: skip
 
 

@@ -8,13 +8,14 @@ import numpy as np
 from dtbacklash import units
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.conclusion import Conclusion
-from dtbacklash.diagnose.engine.free import Key, taken_out
+from dtbacklash.diagnose.engine.free import Key, taken_out, unit_of
 from dtbacklash.diagnose.named import Finding, Instead, Modelled, Recalibrated, Stands
 from dtbacklash.diagnose.result import CONSISTENT, PARAMETERS, UNEXPLAINED, Located, Verdict
 from dtbacklash.diagnose.several import Several, source_of
 from dtbacklash.diagnose.shown import Explained
 from dtbacklash.diagnose.words import all_in_words, other_in_words, place_in_words
 from dtbacklash.physics.effects.declare import name_in_words
+from dtbacklash.physics.rig import SENSOR_PREFIX
 from dtbacklash.recording.model import Recording
 
 #: a mismatch that lies within one of these times of an event is said to lie there, s
@@ -29,6 +30,20 @@ def quantity(value: float, unit: str) -> str:
     """A number with its unit as people are shown it (lengths in millimetres), three digits."""
     shown, factor = units.shown(unit)
     return f"{factor * value:.3g}" + ("" if shown in ("", "1") else f" {shown}")
+
+
+def zeros_said(c: Conclusion) -> str:
+    """The zeros of sensors that begin anywhere, of one recording; of several they stand in their table."""
+    found, unseen = [], 0
+    for f, x in zip(c.values.free, c.values.x, strict=True):
+        if f.is_zero:
+            found.append(f"{f.place.removeprefix(SENSOR_PREFIX)} {quantity(f.value(x), unit_of(c.model.rig, f))}")
+            error = c.values.errors.get((f.place, f.effect, f.name), math.inf)
+            unseen += error > c.search.bench.spreads[f.place.removeprefix(SENSOR_PREFIX), f.recording]
+    if not found or len({p.readings.recording for p in c.search.bench.predictors}) > 1:
+        return ""
+    rest = " Nothing in the rig holds a position: that is what each read first." if unseen == len(found) else ""
+    return f"Zero of {', '.join(found)}.{rest}"
 
 
 def less(instead: Instead | None) -> str:
@@ -61,7 +76,8 @@ def when(c: Conclusion, key: Key) -> str:
     p = c.search.bench.predictors[number]
     gains = p.gains(c.model.rig, c.model.sizes[number])
     with_it = p.run(c.model.rig, gains)
-    change = np.sum((with_it.E - p.run(taken_out(c.model.rig, key), gains).E) ** 2, axis=1)
+    with np.errstate(over="ignore"):
+        change = np.sum((with_it.E - p.run(taken_out(c.model.rig, key), gains).E) ** 2, axis=1)
     if not change.sum() > 0.0 or not np.isfinite(change).all():
         return "the effect does not change the prediction of this recording"
     v = p.linear.speed

@@ -48,6 +48,12 @@ def asymmetric_friction(velocity, viscous_difference, coulomb_difference):
 
 
 @law
+def quadratic_drag(velocity, coefficient):
+    """What a body in a fluid loses that is faster than it can creep: ``-c v |v|``."""
+    return -coefficient * velocity * abs(velocity)
+
+
+@law
 def constant(effort):
     """A load that never changes."""
     return effort
@@ -68,6 +74,7 @@ class _Axis:
     effort_unit: str
     speed_unit: str
     viscous_unit: str
+    drag_unit: str
     wave: Parameter
     load: str
     high: float
@@ -76,11 +83,11 @@ class _Axis:
 
 
 _ROTARY = _Axis(
-    "rotor", "torque", "N m", "rad/s", "N m s/rad",
+    "rotor", "torque", "N m", "rad/s", "N m s/rad", "N m s^2/rad^2",
     Parameter("periods", "1/rev", 1.0, 500.0, 24.0, role=Role.WAVE), "constant_load", HIGH, 0.02, 1.0,
 )  # fmt: skip
 _LINEAR = _Axis(
-    "carriage", "force", "N", "m/s", "N s/m",
+    "carriage", "force", "N", "m/s", "N s/m", "N s^2/m^2",
     Parameter("wave_number", "rad/m", 1.0, 1e5, 2513.0, role=Role.WAVE), "constant_force", HIGH, 20.0, 0.02,
 )  # fmt: skip
 
@@ -95,6 +102,19 @@ def _viscous_range(place: Place, sign: float) -> tuple[float, float]:
 
 def _difference_range(place: Place, sign: float) -> tuple[float, float]:
     return 0.5 * place.force_most / place.speed, 0.05 * place.force / place.speed
+
+
+def _drag(kind: str, unit: str, typical: float) -> Effect:
+    return Effect(
+        "quadratic_drag", kind, (Parameter("coefficient", unit, 0.0, HIGH, typical, 0.0, role=Role.SIZE),),
+        "-coefficient v |v|", BodyEffort(quadratic_drag), "drag at high Reynolds number",
+        "A drag of {coefficient} that grows with the square of the speed acts at the {location}.",
+        conceal=_drag_range, starts=_share_of_drag,
+    )  # fmt: skip
+
+
+def _drag_range(place: Place, sign: float) -> tuple[float, float]:
+    return place.force_most / place.speed**2, 0.05 * place.force / place.speed**2
 
 
 def _cogging_draws(axis: _Axis) -> Draws:
@@ -116,6 +136,11 @@ def _share_of_force(place: Place) -> list[Values]:
 def _share_of_damping(place: Place) -> list[Values]:
     """A friction that takes a twentieth of what drives the body at its speed."""
     return [{"size": 0.05 * place.force / place.speed}] if place.force > 0.0 and place.speed > 0.0 else [{}]
+
+
+def _share_of_drag(place: Place) -> list[Values]:
+    """The same of a drag."""
+    return [{"size": 0.05 * place.force / place.speed**2}] if place.force > 0.0 and place.speed > 0.0 else [{}]
 
 
 def _stribeck_starts(place: Place) -> list[Values]:
@@ -148,6 +173,7 @@ def _bearing(axis: _Axis) -> list[Effect]:
             "Viscous friction of {coefficient} acts at the {location}.",
             conceal=_viscous_range, starts=_share_of_damping,
         ),
+        _drag(kind, axis.drag_unit, size / 20),
         Effect(
             "asymmetric_friction", kind,
             (
@@ -240,6 +266,7 @@ _MASS = [
         "Viscous friction of {coefficient} acts between {location} and the ground.",
         conceal=_viscous_range, starts=_share_of_damping,
     ),
+    _drag("mass", "N s^2/m^2", 1.0),
     ABSORBER,
 ]  # fmt: skip
 

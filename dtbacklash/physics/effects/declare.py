@@ -176,10 +176,11 @@ class Effect:
     becomes : (parameter, effect): where the parameter is small, the law is that of the other effect.
     alias : what the law is called beside dry friction that is larger.
     sentence_without : (parameter, sentence): what a report says instead where this parameter does nothing.
+    remark : values -> a sentence more, or nothing.
     excludes : effects that are not concealed together with it.
     visible : what a recording can show of its parameters, see :meth:`bounds_at`.
     of_both_signs : the state that has to take both signs, or the law is another one.
-    of_unit : the SI unit of the sensors that take it; empty: of all.
+    of_units : the SI units of the sensors that take it; empty: all.
     declared : of a law that a user wrote, its declaration, see :mod:`dtbacklash.physics.own_laws`.
     refuse : values -> (parameter, what is allowed), of values that do not go together, or None.
     covered : values -> state -> (lowest, highest) that it was made from, where that is known.
@@ -200,10 +201,11 @@ class Effect:
     becomes: tuple[str, str] | None = None
     alias: Alias | None = None
     sentence_without: tuple[tuple[str, str], ...] = ()
+    remark: Callable[[Values], str] = lambda values: ""
     excludes: tuple[str, ...] = ()
     visible: Callable[[Place], Bounds] = lambda place: {}
     of_both_signs: str = ""
-    of_unit: str = ""
+    of_units: tuple[str, ...] = ()
     declared: Mapping[str, Any] | None = None
     refuse: Callable[[Values], tuple[str, str] | None] = lambda values: None
     covered: Callable[[Values], Mapping[str, tuple[float, float]]] = lambda values: {}

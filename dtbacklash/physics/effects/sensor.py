@@ -6,9 +6,9 @@ import numpy as np
 from numpy.random import Generator
 
 from dtbacklash.compiled import law
-from dtbacklash.physics.effects.declare import SENSOR_UNIT, Effect, Parameter, Place, Role, Values
+from dtbacklash.physics.effects.declare import INF, REST_ERROR, SENSOR_UNIT, Effect, Parameter, Place, Role, Values
 from dtbacklash.physics.effects.drive import GAIN_ENDS, GAIN_MAX, late
-from dtbacklash.physics.effects.slots import Reading
+from dtbacklash.physics.effects.slots import Filter, Reading, ShownPlay
 
 
 @law
@@ -47,6 +47,42 @@ def centred(reading, amplitude, phase):
     return angle
 
 
+#: of a filter; a sensor without one has an infinite cut-off
+CUTOFF = Parameter("cutoff", "Hz", 1e-3, INF, 50.0, INF, role=Role.SIZE)
+#: where the search for a cut-off starts, shares of the rate of the readings
+CUTOFFS = (0.4, 0.15, 0.05, 0.015, 0.005)
+
+
+def _miscounted(values: Values) -> str:
+    """What a gain that is a whole number, or one over it, comes from."""
+    times = 1.0 + values["relative"]
+    for n in (2, 4, 8, 10):
+        for ratio, said in ((float(n), f"{n} times"), (1.0 / n, f"1/{n} of")):
+            if abs(times / ratio - 1.0) < ROUND:
+                return f" It shows {said} what is there, as with a wrong number of lines a turn or counts a line."
+    return ""
+
+
+def _within_the_way(place: Place) -> dict[str, tuple[float, float]]:
+    """A play as wide as the way of what is sensed never lets it turn the sensor."""
+    return {"width": (0.0, place.way)}
+
+
+def _not_concealed(place: Place, sign: float) -> tuple[float, float]:
+    """The second simulator has no filters."""
+    return INF, INF
+
+
+#: a gain this near to a whole number is one
+ROUND = 0.01
+#: where the search for a play starts, shares of the way
+WIDTHS = (0.002, 0.01, 0.05, 0.2)
+
+
+def _cutoffs(place: Place) -> list[Values]:
+    return [{"cutoff": share / place.sample_time_s} for share in CUTOFFS]
+
+
 def _any_phase(rng: Generator, place: Place) -> Values:
     return {"phase": float(rng.uniform(-3.1, 3.1))}
 
@@ -62,13 +98,30 @@ EFFECTS = [
         "y + amplitude (sin(y + phase) - sin(phase))", Reading(eccentric, centred),
         "an encoder's disk off centre: first harmonic of its error over a turn",
         "The encoder of {location} is off centre: it errs by {amplitude} once a turn (phase {phase}).",
-        conceal=lambda place, sign: (0.2, 0.002), draws=_any_phase, of_unit="rad",
+        conceal=lambda place, sign: (0.2, 0.002), draws=_any_phase, of_units=("rad",),
         starts=lambda place: [{"phase": turn * math.pi / 2.0} for turn in (-1, 0, 1, 2)],
+    ),
+    Effect(
+        "lost_motion", "sensor", (Parameter("width", SENSOR_UNIT, 0.0, 1e3, 1e-3, 0.0, role=Role.SIZE),),
+        "a play operator of this width", ShownPlay("width"), "play operator",
+        "{location} sits behind a play of {width}.", conceal=_not_concealed, of_units=("m", "rad"),
+        starts=lambda place: [{"width": share * place.way} for share in WIDTHS], visible=_within_the_way,
+        formulation_error=REST_ERROR,
     ),
     Effect(
         "gain_error", "sensor", (Parameter("relative", "1", *GAIN_ENDS, 0.02, 0.0, role=Role.SIZE),),
         "(1 + relative) y", Reading(scaled, unscaled), "linear", "The gain of {location} is off by {relative}.",
-        conceal=lambda place, sign: (GAIN_MAX, 0.02), visible=lambda place: {"relative": GAIN_ENDS},
+        remark=_miscounted, conceal=lambda place, sign: (GAIN_MAX, 0.02), visible=lambda place: {"relative": GAIN_ENDS},
+    ),
+    Effect(
+        "low_pass", "sensor", (CUTOFF,), "y', y' = 2 pi cutoff (q - y)", Filter("cutoff"), "first-order low-pass",
+        "{location} is filtered: first order, {cutoff}.", conceal=_not_concealed, starts=_cutoffs,
+    ),
+    Effect(
+        "second_order_low_pass", "sensor", (CUTOFF, Parameter("damping_ratio", "1", 0.2, 5.0, 0.707)),
+        "y, y'' = w^2 (q - y) - 2 damping_ratio w y', w = 2 pi cutoff", Filter("cutoff", "damping_ratio"),
+        "second-order low-pass", "{location} is filtered: second order, {cutoff}, damping ratio {damping_ratio}.",
+        conceal=_not_concealed, starts=_cutoffs,
     ),
     Effect(
         "offset", "sensor", (Parameter("offset", SENSOR_UNIT, -1e3, 1e3, 1e-5, 0.0, role=Role.SIZE),),

@@ -54,7 +54,8 @@ class Slot:
 
     def named(self) -> dict[str, str]:
         """The parameters that it names, by field."""
-        return {f.name: getattr(self, f.name) for f in fields(self) if isinstance(getattr(self, f.name), str)}
+        said = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {field: name for field, name in said.items() if isinstance(name, str) and name}
 
     def check(self, effect: Effect) -> None:
         """Refuse a law whose arguments are neither states nor the effect's parameters, and names of no parameter.
@@ -195,6 +196,29 @@ class Lag(Slot):
     on: ClassVar = (ACTUATOR,)
     proportional: ClassVar = False
     adds_states: ClassVar = True
+
+
+@dataclass(frozen=True)
+class Filter(Slot):
+    """A low-pass before what a sensor shows; names its cut-off, Hz, and of one of second order its damping ratio.
+
+    It is linear and becomes part of the exact plant.
+    """
+
+    cutoff: str
+    damping_ratio: str = ""
+    on: ClassVar = (SENSOR,)
+    proportional: ClassVar = False
+    adds_states: ClassVar = True
+
+
+@dataclass(frozen=True)
+class ShownPlay(Slot):
+    """A gap between a body and the sensor of its position; names its whole width, m or rad."""
+
+    width: str
+    on: ClassVar = (SENSOR,)
+    proportional: ClassVar = False
 
 
 @dataclass(frozen=True)

@@ -70,6 +70,7 @@ class Plant(NamedTuple):
     sensor_whole: Ints  # a sensor's delay: whole samples,
     sensor_tick: Ints  # the tick of a sample at or after which it looks (0: at its end),
     sensor_part: Floats  # and how much of a tick after it
+    sensor_play: Floats  # half the gap between what it senses and what turns it
     sample_time: float
     substeps: int
     levels: int
@@ -114,6 +115,7 @@ class State(NamedTuple):
     commands: Floats  # the last commands u, newest first
     seen: Floats  # (depth, sensors) what the sensors have looked at, newest first
     caught: Floats  # (sensors,) what those that look within a sample saw in the last one
+    played: Floats  # (sensors,) where those behind a gap stand
     xn: Floats
     xp: Floats
     w0: Floats
@@ -138,6 +140,7 @@ def new_state(plant: Plant) -> State:
         commands=np.zeros(plant.delay_whole + 2),
         seen=np.zeros((depth, sensors)),
         caught=np.zeros(sensors),
+        played=np.zeros(sensors),
         xn=np.zeros(n),
         xp=np.zeros(n),
         w0=np.zeros(channels),

@@ -220,6 +220,8 @@ def sense(P, S, gap, gap_rate, y):
         if part > 0.0 and at + 1 == P.substeps << (P.levels - 1):
             S.seen[0, s] += part * read_sensor(P, S, s, gap, gap_rate)
         value = S.seen[P.sensor_whole[s], s]
+        if P.sensor_play[s] > 0.0:
+            value = S.played[s] = play(S.played[s], value, P.sensor_play[s])
         place = P.slot[pl.READING] + s
         for e in range(P.first[place], P.first[place + 1]):
             value = dispatch.shown(P.law[e, 0], value, P.law_p, e)

@@ -118,3 +118,101 @@ def test_what_a_sensor_cannot_resolve_is_not_missing_and_rest_is_left_out(tmp_pa
     assert found.work is not None
     assert found.work.judged > 0
     assert all(channel.of_motion > 1e-6 for channel in found.explained.left.values())
+
+
+SPRUNG = """
+    name: sprung
+    parameters: {k_f: {value: 1 N/V, tolerance: 0.05}}
+    elements:
+      amplifier: {kind: amplifier, drives: coil}
+      coil: {kind: actuator, gain: k_f, drives: body}
+      body: {kind: mass, mass: 0.5 kg}
+      spring: {kind: link, between: [ground, body], stiffness: 200 N/m, damping: 1 N s/m}
+    effects: {}
+    sensors: {x: {of: body, quantity: position}}
+    """
+SERVO = """
+    name: arm
+    parameters: {}
+    elements:
+      servo: {kind: servo, position_gain: 8 N m/rad, speed_gain: 0.4 N m s/rad, drives: arm}
+      arm: {kind: rotor, inertia: 0.01 kg m^2}
+    effects: {}
+    sensors: {phi: {of: arm, quantity: position, recorded_in: rad}}
+    """
+
+
+def driven(u: np.ndarray, A: np.ndarray, b: np.ndarray, step_s: float = STEP_S) -> np.ndarray:
+    """(N, n) states of a linear plant from rest, its command held."""
+    n = len(A)
+    whole = expm(step_s * np.block([[A, b[:, None]], [np.zeros((1, n + 1))]]))
+    x = np.zeros((len(u), n))
+    for k in range(len(u) - 1):
+        x[k + 1] = whole[:n, :n] @ x[k] + whole[:n, n] * u[k]
+    return x
+
+
+def steps(n: int, hold: int, seed: int) -> np.ndarray:
+    return np.repeat(np.random.default_rng(seed).uniform(-2.0, 2.0, n // hold + 1), hold)[:n]
+
+
+def test_each_recording_has_its_zeros_and_they_are_said(tmp_path):
+    """A spring holds the body at 0; the sensor reads 138 mm there, and in another recording -20 mm."""
+    (tmp_path / "rig.yaml").write_text(dedent(SPRUNG))
+    rig, recordings = dtb.load_rig(str(tmp_path / "rig.yaml")), []
+    for k, zero in enumerate((0.138, -0.02)):
+        u = steps(8000, 100, k)
+        x = driven(u, np.array([[0.0, 1.0], [-400.0, -2.0]]), np.array([0.0, 2.0]))[:, 0]
+        noise = 2e-6 * np.random.default_rng(9 + k).standard_normal(len(u))
+        pd.DataFrame({"t": STEP_S * np.arange(len(u)), "u": u, "x": x + zero + noise}).to_csv(tmp_path / f"{k}.csv")
+        recordings.append(read_recording(str(tmp_path / f"{k}.csv"), rig=rig))
+    alone = diagnose(recordings[0], rig)
+    assert (alone.verdict, alone.findings) == ("consistent", ())
+    assert any(note.startswith("Zero of x 138 mm.") for note in alone.notes)
+    both = dtb.diagnose(recordings, rig)
+    assert (both.verdict, len(both.findings)) == ("consistent", 0)
+    assert [r.zeros["x"]["value"] for r in both.diagnosis.recordings] == pytest.approx([0.138, -0.02], abs=2e-6)
+
+
+def test_an_absolute_sensor_that_is_off_is_a_finding(tmp_path):
+    u = steps(8000, 100, 3)
+    x = driven(u, np.array([[0.0, 1.0], [-400.0, -2.0]]), np.array([0.0, 2.0]))[:, 0]
+    noise = 2e-6 * np.random.default_rng(4).standard_normal(len(u))
+    absolute = SPRUNG.replace("quantity: position", "quantity: position, absolute: true")
+    found = diagnosed(tmp_path, absolute, t=STEP_S * np.arange(len(u)), u=u, x=x + 1e-3 + noise)
+    # to a spring's body a load is the same
+    assert {"offset", "constant_force"} & {f.effect for f in found.findings}
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_filtered_sensor_is_no_delay(tmp_path, order):
+    u, w = steps(12000, 40, order), 2.0 * np.pi * 25.0
+    A = np.zeros((2 + order, 2 + order))
+    A[0, 1], A[1, :2] = 1.0, (-400.0, -2.0)
+    if order == 1:
+        A[2, [0, 2]] = w, -w
+    else:
+        A[2, 3], A[3, [0, 2, 3]] = 1.0, (w * w, -w * w, -2.0 * 0.6 * w)
+    b = np.zeros(2 + order)
+    b[1] = 2.0
+    noise = 2e-6 * np.random.default_rng(4).standard_normal(len(u))
+    found = diagnosed(tmp_path, SPRUNG, t=STEP_S * np.arange(len(u)), u=u, x=driven(u, A, b)[:, 2] + noise)
+    (finding,) = found.findings
+    if order == 1:  # one command, one sensor: a drive that lags does the same
+        assert {"low_pass", "lag"} <= {finding.effect, *(other.effect for other in finding.also_fits)}
+    else:
+        assert (finding.effect, finding.confidence) == ("second_order_low_pass", "sure")
+        assert finding.parameters["cutoff"].value == pytest.approx(25.0, rel=0.02)
+
+
+def test_a_sensor_behind_a_play(tmp_path):
+    u = steps(20000, 200, 5) * 0.3
+    q = driven(u, np.array([[0.0, 1.0], [-800.0, -40.0]]), np.array([0.0, 800.0]))[:, 0]
+    phi, at = np.zeros(len(q)), 0.0
+    for k, value in enumerate(q.tolist()):
+        at = phi[k] = min(max(at, value - 0.03), value + 0.03)
+    noise = 2e-5 * np.random.default_rng(6).standard_normal(len(u))
+    found = diagnosed(tmp_path, SERVO, t=STEP_S * np.arange(len(u)), u=u, phi=phi + noise)
+    (finding,) = found.findings
+    assert (finding.location, finding.effect, finding.confidence) == ("sensor_phi", "lost_motion", "sure")
+    assert finding.parameters["width"].value == pytest.approx(0.06, rel=0.02)

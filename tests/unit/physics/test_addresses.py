@@ -137,8 +137,6 @@ TRUE = {
             lambda rig: swinging(rig, lambda v, z: -8.0 * z, lambda v, z: (v - z) / 0.02)),
     "dahl_friction": ("oscillator", ("mass", "dahl_friction"), "packaged", {"level": 1.5, "reach": 1e-3},
                       lambda rig: swinging(rig, lambda v, z: -1.5 * z, lambda v, z: (v - abs(v) * z) / 1e-3)),
-    "quadratic_drag": ("oscillator", ("mass", "quadratic_drag"), "packaged", {"drag": 20.0},
-                       lambda rig: swinging(rig, lambda v, z: -20.0 * abs(v) * v)),
     "contact_damping": (
         "oscillator", ("spring", "contact_damping"), "packaged", {"share": 0.8, "reach": 2e-3},
         lambda rig: swinging(

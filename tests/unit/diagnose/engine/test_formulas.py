@@ -113,7 +113,9 @@ def test_a_square_root_is_found_as_a_table_and_named_as_a_power(root_drag):
     assert search.unknown(model) < 0.01 * search.unknown(search.nothing)
     found = model.rig.effects["disk"][said.effect]
     assert found["n"] == pytest.approx(0.5, abs=0.005)
-    assert found["a"] == pytest.approx(-0.05, rel=0.02)
+    # torques are known as well as the drive's constant: all of them may grow alike
+    alike = model.rig.config.parameters["K_t"].value / search.bench.nominal.config.parameters["K_t"].value
+    assert found["a"] == pytest.approx(-0.05 * alike, rel=0.01)
 
 
 def test_what_is_said_of_a_square_root(root_drag):

@@ -1,0 +1,52 @@
+"""Zeros of position sensors that begin anywhere, where nothing else is fitted yet, or is to be."""
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.engine.bench import Bench
+from dtbacklash.diagnose.engine.free import apply, zeros_free
+from dtbacklash.errors import UserError
+from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
+
+#: steps of Gauss and Newton; what says nothing of a zero (share of the column that says most); a better start's squares
+STEPS, UNSEEN, BETTER = 4, 1e-6, 0.99
+
+
+def zeroed(bench: Bench, rig: Rig) -> Rig:
+    """The rig with the zeros that are likeliest on a bench, all else as it is.
+
+    They are looked for from what each sensor reads first, and from where they are.
+    """
+    free = zeros_free(rig, bench.spreads)
+    if not free:
+        return rig
+    gains = bench.gains(rig, tuple(p.first_sizes() for p in bench.predictors))
+
+    def rows(x: Floats) -> Floats | None:
+        try:
+            return bench.rows(apply(rig, free, x), gains)
+        except (UserError, np.linalg.LinAlgError):
+            return None
+
+    first = {
+        (SENSOR_PREFIX + c, p.readings.recording): float(y[np.isfinite(y)][0]) if np.isfinite(y).any() else 0.0
+        for p in reversed(bench.predictors) for c, y in zip(p.readings.channels, p.readings.y.T, strict=True)
+    }  # fmt: skip
+    best = np.inf, np.zeros(len(free))
+    for start in (np.array([(first[f.place, f.recording] - f.centre) / f.scale for f in free]), best[1]):
+        x, here = start, rows(start)
+        for _ in range(STEPS):
+            if here is None:
+                break
+            steps = np.diag([f.step for f in free])
+            moved = [there for step in steps if (there := rows(x + step)) is not None]
+            if len(moved) < len(free):
+                break
+            J = (np.column_stack(moved) - here[:, None]) / steps.diagonal()
+            there = rows(z := x - np.linalg.lstsq(J, here, rcond=UNSEEN)[0])
+            if there is None or not there @ there < here @ here:
+                break
+            x, here = z, there
+        if here is not None and here @ here < BETTER * best[0]:
+            best = float(here @ here), x
+    return apply(rig, free, best[1])
