@@ -266,7 +266,7 @@ _MASS = [
         "Viscous friction of {coefficient} acts between {location} and the ground.",
         conceal=_viscous_range, starts=_share_of_damping,
     ),
-    _drag("mass", "N s^2/m^2", 1.0),
+    _drag("mass", "N s^2/m^2", 100.0),
     ABSORBER,
 ]  # fmt: skip
 

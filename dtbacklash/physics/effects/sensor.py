@@ -69,8 +69,8 @@ def _within_the_way(place: Place) -> dict[str, tuple[float, float]]:
 
 
 def _not_concealed(place: Place, sign: float) -> tuple[float, float]:
-    """The second simulator has no filters."""
-    return INF, INF
+    """The second simulator has no filter and no play of a sensor."""
+    return 1.0, 0.1
 
 
 #: a gain this near to a whole number is one
