@@ -6,9 +6,28 @@ from dataclasses import replace
 import numpy as np
 from nominal import nominal_rig
 
-from dtbacklash.diagnose.named import Alternative, Finding, ParameterEstimate, Recalibrated
+from dtbacklash.diagnose.named import (
+    Alternative,
+    Calibration,
+    Finding,
+    Formula,
+    Modelled,
+    ParameterEstimate,
+    Recalibrated,
+)
 from dtbacklash.diagnose.result import Candidate, Check, Diagnosis, Limit, Located, Rest
-from dtbacklash.diagnose.shown import Curve, FitTable, FreeRunning, LawShown, ModelErrors, Shown, Work
+from dtbacklash.diagnose.shown import (
+    Curve,
+    Explained,
+    FitTable,
+    FreeRunning,
+    LawShown,
+    Left,
+    ModelErrors,
+    RecordingUsed,
+    Shown,
+    Work,
+)
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.drawing import drawing_of, law_curve
 from dtbacklash.physics.rig import Rig
@@ -57,6 +76,12 @@ def made(verdict: str, summary: str, held_out: tuple, rigs: tuple[Rig, Rig], sho
             Limit("gear", "backlash", "gap", "rad", upper95=2.4e-4),
             Limit("amplifier", "saturation", "limit", "V", lower95=6.2),
             Limit("mass_3", "absorber", "mass", "kg", {"frequency": 9.0}),
+        ),
+        "explained": Explained(
+            0.98, 0.9, {"q3": Left(5e-7, "m", 0.0004, 1.02)}, unknown={"motor_bearing": {"before": 0.2, "after": 0.1,
+            "force": 0.02, "unit": "N m"}},
+            causes={f"{f.location}.{f.effect}": 0.9 / (k + 2) for k, f in enumerate(more.get("findings", ()))}
+            | dict.fromkeys(more.get("recalibrated", ()), 0.05),
         ),
         "units": {"theta_m": "rad (assumed)", "q3": "mm"},
         "work": Work(STEP_S, 24000, 6000, 2, {c: n for c, n in NOISE.items() if c in rigs[0].sensors}, 67, 8),
@@ -228,6 +253,28 @@ def unexplained() -> Diagnosis:
         located=Located("motor", "motor_bearing", 0.93, Rest("speed", "rad/s", "N m", 0.4, points)),
         candidates=candidates([]), next_experiment="Turn the motor slowly and evenly in both directions.",
         source="odd.csv",
+    )  # fmt: skip
+
+
+@functools.cache
+def with_parts() -> Diagnosis:
+    """The same with all that a page can have: many parameters and their correlations, formulas, recordings, limits."""
+    base = unexplained()
+    names = ["K_t", "R", "J", "k_theta", "motor_bearing.stribeck_friction.velocity", "m_1", "m_2", "m_3", "k", "c"]
+    rows = {n: Recalibrated(1.0e-5, 1.1234e-5, "N m s/rad", (1.1e-5, 1.2e-5)) for n in names}
+    correlation = {a: {b: 1.0 if a == b else 0.9 for b in names} for a in names}
+    formula = Formula("a power of the distance", "(a + b*abs(q)**n)*v", dict.fromkeys("abn", (1e-3, 0.9e-3, 1.1e-3)),
+                      {"a": "N m s/rad"}, 1.003, True, True)  # fmt: skip
+    points = tuple((float(x), 1e-3 * x, 1e-4) for x in range(12))
+    modelled = Modelled("motor_bearing", "found_1", "speed", "rad/s", "", "N m", points, (), (formula,) * 3,
+                        "An effort over the speed.", base.extended)  # fmt: skip
+    used = tuple(
+        RecordingUsed(f"a_rather_long_name_of_a_recording_{k}.csv", 9000, 1e-3, 7000, 2000, ModelErrors(0.5, 0.4, 0.01))
+        for k in range(5)
+    )
+    return replace(
+        base, calibration=Calibration(rows, correlation, ()), modelled=modelled, recordings=used,
+        fit=replace(base.fit, channels=tuple(NOISE)),
     )  # fmt: skip
 
 

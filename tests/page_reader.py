@@ -8,7 +8,7 @@ class Reader(HTMLParser):
     """Collects the text, every address that a browser would fetch, links within the page and what they may lead to;
     checks that tags are closed."""
 
-    VOID = frozenset({"meta", "img", "br", "link", "input"})
+    VOID = frozenset({"meta", "img", "br", "link", "input", "source"})
 
     def __init__(self):
         super().__init__()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Iterable
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -158,12 +158,10 @@ def show(diagnosis: Diagnosis, config: DiagnoseConfig, folder: Path) -> int:
     from dtbacklash.report.kit import tables
 
     console = stdout_console()
-    for line in lines(diagnosis):
-        tables.show(line)
-    tables.show("", tables.fit(asdict(diagnosis.fit)), "")
+    tables.show(*lines(diagnosis), "")
     if not diagnosis.fault:
         run = next_command(diagnosis, shown_path(folder / "rig.yaml"))
-        console.print(escape(f"To simulate what was found: {run}"), soft_wrap=True)
+        console.print(escape(f"To use what was found: {run}"), soft_wrap=True)
     console.print(escape(shown_path(folder / "report.html")), soft_wrap=True)
     return INTERRUPTED if diagnosis.stopped else 0
 

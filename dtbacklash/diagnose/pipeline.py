@@ -21,7 +21,7 @@ from dtbacklash.diagnose.engine.zeros import zeroed
 from dtbacklash.diagnose.inspect.fault import faulty, mended, not_finite
 from dtbacklash.diagnose.inspect.inspection import inspect
 from dtbacklash.diagnose.records import SMOOTH, Record, ways_to_read
-from dtbacklash.diagnose.result import Diagnosis
+from dtbacklash.diagnose.result import UNEXPLAINED, Diagnosis
 from dtbacklash.diagnose.say.calibration import calibration
 from dtbacklash.diagnose.say.checks import USUAL, all_checks
 from dtbacklash.diagnose.say.drawn import shown
@@ -268,13 +268,13 @@ class _Course:
             located=where,
             next_experiment=next_experiment(c, verdict, where),
             nominal=self.rig,
-            extended=with_errors(c.model.rig.with_zeros({}), c.values.errors),
+            extended=with_errors(c.model.rig.with_zeros({}), c.values.errors, verdict != UNEXPLAINED),
             free_running=free,
             explained=much,
             checks=all_checks(c, tables, free),
             limits=limits(c) if depth == FULL else (),
             notes=(*filter(None, (c.course, zeros_said(c))), *rate),
-            shown=shown(c, tables),
+            shown=shown(c, tables, much.causes),
             work=Work(
                 record.sample_time_s, sum(int(r.train.sum()) for r in self.records),
                 sum(int(r.held.sum()) for r in self.records), every, tables.floor, len(c.search.gains),

@@ -27,6 +27,9 @@ class Explained:
 
     free_running, compared : shares of the nominal rig's mean square error above the floor, simulated by the commands
     alone and as the rigs are compared; None where the nominal one leaves noise or nothing stays finite.
+    causes : ``place.effect``, or the name of a parameter that had to move -> its share of the mismatch: by how much the
+    mean square error would grow were it alone taken out again, so divided that they add up to what all explain,
+    simulated freely, or as compared where a constant would do as well.
     left : per channel. enough : whether that is what the user called enough; None where nothing was called so.
     modelled : the same two shares with what no name explains as a table or formula; None where nothing is modelled.
     unknown : body -> unknown force of the recalibrated rig (``before``) and of the last one (``after``), as shares of
@@ -42,6 +45,7 @@ class Explained:
     beats_a_constant: bool = True
     modelled: tuple[float | None, float | None] | None = None
     unknown: dict[str, dict[str, float | str]] = field(default_factory=dict)
+    causes: dict[str, float] = field(default_factory=dict)
 
     def to_json(self) -> Document:
         """``explained`` of ``diagnosis.json``."""
@@ -182,7 +186,8 @@ class Shown:
     """What the figures of a diagnosis show.
 
     evidence : element or ``sensor_<name>`` -> its share of the evidence against the nominal rig; the shares add up to
-    1, or there are none. curves : a channel and a recording each. laws : of the findings, then what nothing explains.
+    1, or there are none. curves : a channel and a recording each, as the rigs are compared; alone : the same by the
+    commands alone, empty where one does not stay finite. laws : of the findings, then what nothing explains.
     floors : channel -> held-out rms error of the models, in noise floors.
     """
 
@@ -190,6 +195,7 @@ class Shown:
     curves: tuple[Curve, ...] = ()
     laws: tuple[LawShown, ...] = ()
     floors: dict[str, ModelErrors] = field(default_factory=dict)
+    alone: tuple[Curve, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -213,7 +213,7 @@ class Found:
         from dtbacklash.report.kit import tables
 
         text = io.StringIO()
-        tables.show(*lines(self.diagnosis), "", tables.fit(asdict(self.diagnosis.fit)), file=text)
+        tables.show(*lines(self.diagnosis), file=text)
         return text.getvalue().rstrip("\n")
 
     def __repr__(self) -> str:

@@ -85,11 +85,11 @@ def test_it_writes_everything_and_says_what_it_found(dtb, asked, tmp_path, files
     code, out, err = dtb("recording=bench.csv", "out=found")
     assert (code, err) == (0, "")
     assert files(tmp_path / "found") == [
-        "diagnosis.json", "figures/curve_q3.png", "figures/curve_theta_m.png",
+        "diagnosis.json", "figures/curve_q3.png", "figures/curve_theta_m.png", "figures/judged.png",
         "figures/law_1_motor_bearing.png", "figures/rig.png", "report.html", "rig.yaml",
     ]  # fmt: skip
-    for phrase in ("missing_physics: Coulomb", "torque = 20.0 +/- 0.5 mN m", "cannot tell it from dead zone",
-                   "held out", "0.042 %", "dtb run rig=found/rig.yaml\n", "found/report.html"):  # fmt: skip
+    for phrase in ("missing_physics: Coulomb", "torque 20.0 +/- 0.5", "open against dead", "85 % of the mismatch",
+                   "What is left where nothing was fitted", "dtb run rig=found/rig.yaml\n", "found/report.html"):  # fmt: skip
         assert phrase in out
     page = (tmp_path / "found" / "report.html").read_text(encoding="utf-8")
     assert "Columns that are no channels of the rig are not used: lab." in page

@@ -209,9 +209,19 @@ def with_priors(rig: Rig) -> Rig:
     return rig
 
 
-def with_errors(rig: Rig, errors: Errors) -> Rig:
-    """The rig with the standard errors of found effects as tolerances, so that it can be the next nominal rig."""
+def with_errors(rig: Rig, errors: Errors, calibrated: bool = False) -> Rig:
+    """The rig with what it is known to as its tolerances, so that it can be the next nominal rig.
+
+    Those of found effects are their standard errors. calibrated : so are those of the rig's parameters, where they are
+    narrower than what was believed.
+    """
     least, most = FOUND_TOLERANCES
+    parameters = dict(rig.config.parameters)
+    for name, belief in parameters.items() if calibrated else ():
+        share = errors.get(("", "", name), math.nan) / max(abs(belief.value), 1e-300)
+        if share < belief.tolerance:
+            parameters[name] = replace(belief, tolerance=float(max(share, min(least, belief.tolerance))))
+    rig = build_rig(replace(rig.config, parameters=parameters))
     for key, values in effects_of_rig(rig).items():
         if is_known(rig, key):
             continue

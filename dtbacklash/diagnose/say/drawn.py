@@ -7,7 +7,7 @@ from dtbacklash.diagnose.conclusion import Conclusion
 from dtbacklash.diagnose.engine.columns import Proposal
 from dtbacklash.diagnose.engine.free import Key
 from dtbacklash.diagnose.named import Modelled
-from dtbacklash.diagnose.say.errors import ErrorTables
+from dtbacklash.diagnose.say.errors import ErrorTables, Passes
 from dtbacklash.diagnose.shown import Curve, LawShown, Shown
 from dtbacklash.diagnose.words import place_in_words
 from dtbacklash.physics.catalogue import find
@@ -19,31 +19,34 @@ EFFORTS = {"N m": "missing torque", "N": "missing force", "V": "missing voltage"
 STROKE = 0.98
 
 
-def shown(c: Conclusion, tables: ErrorTables) -> Shown:
-    """Everything that is drawn."""
+def shown(c: Conclusion, tables: ErrorTables, causes: dict[str, float]) -> Shown:
+    """Everything that is drawn. causes : what each explains."""
     laws = [law for key in c.model.keys if (law := _law(c, key)) is not None]
     rest = next((p for p in c.judged.rest if p.gain > c.search.rules.worth * c.search.bench.count), None)
     if c.modelled is not None:
         laws.append(_as_modelled(c.modelled))
     elif rest is not None and not c.explains:
         laws.append(_recovered(c, rest))
-    return Shown(_shares(c), tuple(_curves(c, tables)), tuple(laws), tables.in_floors())
+    curves = _curves(c, tables, tables.compared[0], tables.compared[-1])
+    ends = tables.free[0], tables.free[-1]
+    alone = [] if any(end is None for end in ends) else _curves(c, tables, *ends)
+    return Shown(_shares(c, causes), tuple(curves), tuple(laws), tables.in_floors(), tuple(alone))
 
 
-def _shares(c: Conclusion) -> dict[str, float]:
-    """Place -> its share of what was missing: what each name explains, and what a table beside all of them would."""
+def _shares(c: Conclusion, causes: dict[str, float]) -> dict[str, float]:
+    """Place -> its share of what the names explain: of the mismatch, or of what was fitted where that is not known."""
     weights: dict[str, float] = {}
-    for (place, _), gain in c.judged.explains.items():
-        weights[place] = weights.get(place, 0.0) + gain
-    if c.modelled is not None:
-        weights[c.modelled.location] = weights.get(c.modelled.location, 0.0) + max(c.model.score - c.last.score, 0.0)
+    gains = {".".join(key): gain for key, gain in c.judged.explains.items()}
+    for name, weight in (causes or gains).items():
+        place, _, effect = name.rpartition(".")
+        if (place, effect) in c.last.keys:
+            weights[place] = weights.get(place, 0.0) + weight
     total = sum(weights.values())
     return {place: weight / total for place, weight in weights.items()} if total > 0.0 else {}
 
 
-def _curves(c: Conclusion, tables: ErrorTables) -> list[Curve]:
-    """Measured, nominal and extended, a channel and a recording each, as the models are compared."""
-    nominal, extended = tables.compared[0], tables.compared[-1]
+def _curves(c: Conclusion, tables: ErrorTables, nominal: Passes, extended: Passes) -> list[Curve]:
+    """Measured, and what two rigs say, by their errors: a channel and a recording each."""
     found: dict[tuple[str, int], list[tuple[np.ndarray, ...]]] = {}
     for k, s in enumerate(c.seen.stretches):
         for j, channel in enumerate(s.predictor.readings.channels):

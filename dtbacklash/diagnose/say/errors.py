@@ -1,9 +1,12 @@
 """Errors of the nominal, recalibrated, extended and modelled rig, predicted and simulated freely; what is explained."""
 
+import math
+
 import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.conclusion import Conclusion
+from dtbacklash.diagnose.engine.free import apply, taken_out
 from dtbacklash.diagnose.say.enough import Enough
 from dtbacklash.diagnose.shown import Explained, FitTable, FreeRunning, Left, ModelErrors, RecordingUsed
 from dtbacklash.physics.rig import Rig
@@ -100,7 +103,31 @@ class ErrorTables:
                 [_effort_unit(nominal, b) for b in self._c.search.bench.linear.bodies], strict=True,
             )
         }  # fmt: skip
-        return Explained(shares[0], shares[1], left, met, beats, modelled, unknown)
+        return Explained(shares[0], shares[1], left, met, beats, modelled, unknown, self._causes(table, free))
+
+    def _causes(self, table: FitTable, free: FreeRunning) -> dict[str, float]:
+        """Each cause's share of the mismatch: by what its absence alone adds to the errors; nothing is fitted anew.
+
+        Simulated freely, unless a constant would do as well there; else as compared.
+        """
+        c, last = self._c, "modelled" if self._c.modelled is not None else "extended"
+        alone = (getattr(free.held_out, last) or math.inf) < 1.0
+        passes, errors = (self.free, free) if alone else (self.compared, table)
+        explained = _share(errors.held_out, getattr(errors.held_out, last), table.noise_floor)
+        least, seen = self._mean_square(passes[-1]), self._seen.free if alone else self._seen.errors
+        rigs = {".".join(key): taken_out(c.last.rig, key) for key in c.last.keys}
+        moved = c.moved()
+        rigs |= {f.title: apply(c.last.rig, [f], np.zeros(1)) for f in c.values.free if f.title in moved}
+        added = {name: min(self._mean_square(seen(rig)) - least, 1e12) for name, rig in rigs.items()}
+        total = sum(max(more, 0.0) for more in added.values())
+        if explained is None or explained <= 0.0 or not total > 0.0:
+            return {}
+        return {name: explained * max(more, 0.0) / total for name, more in added.items()}
+
+    def _mean_square(self, errors: Passes) -> float:
+        """Of what judges, over the channels in units of their variances; infinite where nothing stays finite."""
+        squares = self._seen.mean_squares(errors, "held")
+        return float(np.mean([squares[c] / self.spread[c] ** 2 for c in squares])) if squares else np.inf
 
 
 def _effort_unit(rig: Rig, body: str) -> str:

@@ -11,10 +11,11 @@ from dtbacklash.config.run import RunConfig
 from dtbacklash.control.belief import beliefs_of, settled
 from dtbacklash.diagnose.result import Diagnosis
 from dtbacklash.report.closing.figure import beliefs_figure
+from dtbacklash.report.kit.blocks import Block, Code, Figure, Link, Table
 from dtbacklash.report.kit.numbers import number, quantity
-from dtbacklash.report.kit.page import Shown, embedded, render
+from dtbacklash.report.kit.page import embedded, render
 from dtbacklash.report.kit.style import save
-from dtbacklash.report.run.words import as_yaml, describe
+from dtbacklash.report.run.words import as_yaml, describe, subjects
 
 HEADINGS = {
     "belief": "belief",
@@ -42,23 +43,32 @@ def write(closed: Closed, config: RunConfig, folder: Path, command: str) -> None
 
     config : of the loop, before anything was found.
     """
-    figure = None
+    figure = []
     if config.figures:
         (folder / "figures").mkdir(exist_ok=True)
         path = save(beliefs_figure(closed.table, closed.runs), folder / "figures" / "close_the_loop.png")
-        figure = Shown(embedded(path), *CAPTION)
+        figure = [Figure(embedded(path), *CAPTION)]
+    heads = [HEADINGS[name] + ("#" if k else "") for k, name in enumerate(COLUMNS)]
+    rows = [[*_cells(row), MEANINGS[str(row["belief"])]] for row in closed.table.to_dict("records")]
+    said = f"The verdict is “{closed.diagnosis.verdict.replace('_', ' ')}”. "
     page = render(
-        "closing.html.j2",
-        title="From a recording to a controller",
-        summary=found_in_words(closed.diagnosis),
-        verdict=closed.diagnosis.verdict.replace("_", " "),
-        figure=figure,
-        headings=[HEADINGS[name] for name in COLUMNS],
-        rows=[(MEANINGS[str(row["belief"])], _cells(row)) for row in closed.table.to_dict("records")],
-        words=describe(settled(config, beliefs_of(config))),
-        config=as_yaml(config),
-        command=command,
-    )
+        "From a recording to a controller",
+        "The machine was recorded in its loop, the recording was diagnosed, and the loop was run with what was found.",
+        [
+            Block("What was found", [
+                found_in_words(closed.diagnosis),
+                Link(said, "found/report.html", "The page of the diagnosis", " has the details."),
+            ]),
+            Block("What the loop makes of it", [*figure, Table((*heads, "what it is"), rows)]),
+            Block("What was run", [subjects(describe(settled(config, beliefs_of(config))))], folded=True),
+            Block("Run it again, and all settings", [
+                Code(command), Block("Configuration, resolved", [Code(as_yaml(config))], folded=True),
+                "The table is also in `close_the_loop.csv`, and the rig that was found is in `found/rig.yaml`. To run "
+                "the machine under a controller that knows what was found, give its own settings and "
+                "`model=found/rig.yaml`.",
+            ], folded=True),
+        ],
+    )  # fmt: skip
     (folder / "report.html").write_text(page, encoding="utf-8")
 
 

@@ -1,4 +1,4 @@
-"""The figures of a diagnosis: measured and modelled signals with what is left over, and laws with recovered points."""
+"""The figures of a diagnosis: what was not fitted before and after, every signal, laws with recovered points."""
 
 from __future__ import annotations
 
@@ -25,6 +25,58 @@ RAN_AWAY = 1e3  # a model that is so many times further off than the measurement
 NOTE_HEIGHT = 0.1  # of the note about a model out of view, in heights of the panel
 OUT_OF_VIEW = 1.5  # a model that leaves the measured range by this much of it does not set the scale
 USUAL, RARE = 0.998, 4.0  # what leaves this quantile of what is left by this factor does not either
+
+
+#: a figure for a screen, and one for a phone: width and height, inch
+WIDE, NARROW = (7.4, 3.9), (4.0, 4.2)
+#: reversals that a figure of one look shows, samples at least
+TURNS, SAMPLES_MIN = 16, 60
+
+
+@styled
+def judged_figure(curve: Curve, unit: tuple[float, str], size: tuple[float, float] = WIDE) -> Figure:
+    """The recording and the model before and after on the part that was not fitted, and below it what is left.
+
+    Args:
+        curve: one channel. unit: to draw it in, its size in SI and its name. size: of the figure, inch.
+    """
+    window = look(curve)
+    part = (curve.t_s >= window[0]) & (curve.t_s <= window[1])
+    factor, name = unit
+    t, scale = curve.t_s[part], 1.0 / factor
+    measured, before, after = (
+        scale * _drawable(v, curve.measured)[part] for v in (curve.measured, curve.nominal, curve.extended)
+    )
+    figure = new_figure(size[1], size[0])
+    top, below = figure.subplots(2, 1, sharex=True, height_ratios=[2.2, 1.0])
+    lines: list[tuple[Floats, str, dict[str, Any]]] = [(measured, "recorded", {"color": MEASURED, "lw": 2.4})]
+    if curve.changed:
+        lines.append((before, "model before", {"color": NOMINAL, "lw": 1.3, "ls": (0, (4, 1.6))}))
+    lines.append((after, "model after" if curve.changed else "model", {"color": EXTENDED, "lw": 1.2}))
+    for values, label, style in lines:
+        top.plot(*envelope(*_broken(t, values)), label=label, **style)
+    _frame(top, [(values, label, str(style["color"])) for values, label, style in lines], name)
+    top.set_ylabel(f"{curve.name} [{unit_in_signs(name)}]")
+    floor = scale * (curve.noise_floor or 0.0)
+    if floor:
+        below.axhspan(-2 * floor, 2 * floor, color="#00805f", alpha=0.22, lw=0, label=NOISE)
+    below.plot(*envelope(*_broken(t, measured - after)), color=EXTENDED, lw=0.9)
+    below.set_ylabel(f"left [{unit_in_signs(name)}]")
+    below.set_xlabel("time [s]")
+    below.set_xlim(*window)
+    below.margins(y=0.12)
+    line_up([top, below])
+    figure.legend(loc="outside upper left", ncols=4 if size[0] > NARROW[0] else 2, columnspacing=1.4)
+    return figure
+
+
+def look(curve: Curve) -> tuple[float, float]:
+    """A part of what was not fitted in which the signal reverses some times: where the nominal model errs most."""
+    first = int(np.searchsorted(curve.t_s, curve.held_out_from_s)) if curve.held_out_from_s is not None else 0
+    away = curve.measured[first:] - np.median(curve.measured[first:])
+    turns = int(np.count_nonzero(np.diff(np.sign(away[np.abs(away) > 0.1 * np.abs(away).max(initial=0.0)]))))
+    n = len(away)
+    return zoom(curve, min(n, max(SAMPLES_MIN, round(n * TURNS / max(turns, TURNS)))))
 
 
 @styled
@@ -64,10 +116,10 @@ def curve_figure(curve: Curve, model: str = "extended") -> Figure:
     return figure
 
 
-def zoom(curve: Curve) -> tuple[float, float]:
+def zoom(curve: Curve, samples: int | None = None) -> tuple[float, float]:
     """The stretch to look at more closely: where the nominal model errs most, if possible in what was held out."""
     n = len(curve.t_s)
-    size = min(n, max(ZOOM_SAMPLES, round(ZOOM_SHARE * n)))
+    size = min(n, max(ZOOM_SAMPLES, round(ZOOM_SHARE * n))) if samples is None else samples
     error = curve.measured - curve.nominal if curve.changed else curve.measured
     first = 0
     if curve.held_out_from_s is not None:

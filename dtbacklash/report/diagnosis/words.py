@@ -1,17 +1,26 @@
-"""A diagnosis in words: its verdict in one line, places and effects as a person would write them."""
+"""A diagnosis in words: its verdict in a line, each cause in a row, what is left, the command that uses the result."""
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections.abc import Collection
 
-from dtbacklash.diagnose.named import Finding, Modelled
+import numpy as np
+
+from dtbacklash import units
+from dtbacklash.diagnose.named import Finding, Recalibrated
 from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Diagnosis
+from dtbacklash.diagnose.shown import Curve
 from dtbacklash.diagnose.words import named_in_words, other_in_words, place_in_words
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import SENSOR_PREFIX
-from dtbacklash.report.kit.intervals import interval
+from dtbacklash.report.kit.blocks import Table
+from dtbacklash.report.kit.intervals import degrees, interval
 from dtbacklash.report.kit.numbers import number
+
+#: heads of the table of causes
+CAUSES = ("place", "law", "size, 95 % interval", "sure?", "explains#")
 
 
 def next_command(diagnosis: Diagnosis, file: str) -> str:
@@ -41,9 +50,155 @@ def heading(diagnosis: Diagnosis) -> str:
     return f"Unexplained: {rest}more than noise is left{where}"
 
 
-def partial(finding: Finding) -> str:
-    """What is put behind the name of a finding of which something is open."""
-    return " (partial)" if finding.confidence == "partial" else ""
+def causes(diagnosis: Diagnosis, plain: bool = False) -> Table:
+    """A row a cause: place, law, size, sure or open against what, share of the mismatch that it explains.
+
+    plain : in letters that every terminal has.
+    """
+    much = diagnosis.explained
+    shares = much.causes if much else {}
+    rows = []
+    for f in diagnosis.findings:
+        values = [
+            f"{name_in_words(n)} {interval(p.value, p.ci95, p.unit, plain)}{'' if plain else degrees(p.unit, p.value)}"
+            for n, p in f.parameters.items()
+        ]
+        share = shares.get(f"{f.location}.{f.effect}")
+        rows.append([place_in_words(f.location), name_in_words(f.effect), "\n".join(values), _sure(f), _percent(share)])
+    if (m := diagnosis.modelled) is not None:
+        chosen = next((one for one in m.formulas if one.chosen), None)
+        law = f"{m.effect}: {chosen.law}" if chosen else f"{m.effect}: a table over the {m.state}"
+        size = formula_values(chosen.parameters, chosen.units, plain, "\n") if chosen else ""
+        rows.append(
+            [place_in_words(m.location), law, size, "no name", _percent(shares.get(f"{m.location}.{m.effect}"))]
+        )
+    for name, row in diagnosis.recalibrated.items():
+        rows.append(_parameter(diagnosis, name, row, _percent(shares.get(name)), plain))
+    if diagnosis.verdict == UNEXPLAINED and not diagnosis.fault and much is not None and m is None:
+        rows.append(_unknown(diagnosis))
+    return Table(CAUSES, rows, "Causes", look="causes")
+
+
+def _sure(finding: Finding) -> str:
+    """``sure``, or what is open of a name."""
+    others = "; ".join(other_in_words(a) for a in finding.also_fits)
+    if others:
+        return f"open against {others}"
+    if finding.confidence == "sure":
+        return "sure"
+    grounds = finding.stands
+    if grounds is None or not grounds.size.stands:
+        return "open: it may not be there"
+    said = [text for text, one in (("where", grounds.where), ("which law", grounds.law)) if not one.stands]
+    return f"open: {' and '.join(said)}" if said else "open"
+
+
+def _parameter(diagnosis: Diagnosis, name: str, row: Recalibrated, share: str, plain: bool) -> list[str]:
+    """The row of a parameter that had to move."""
+    config = diagnosis.nominal.config
+    users = [place for place, spec in config.elements.items() if name in spec.values()]
+    known = config.parameters.get(name)
+    said = known.description if known and known.description else "parameter"
+    value = interval(row.value, row.ci95, row.unit, plain, size=row.nominal)
+    given = interval(row.nominal, None, row.unit, plain, size=row.nominal)
+    others = "; ".join(other_in_words(a) for a in row.also_fits)
+    sure = f"open against {others}" if others else _away(known.tolerance if known else 0.0, row)
+    where = ", ".join(map(place_in_words, users)) or name.rpartition(".")[0].replace(".", ", ").replace("_", " ")
+    return [where, f"{name.rpartition('.')[2]}, {said}", f"{value}\ninstead of {given}", sure, share]
+
+
+def _away(tolerance: float, row: Recalibrated) -> str:
+    """How far a value is from nominal, in its tolerances."""
+    width = abs(row.nominal) * tolerance
+    return f"{number(abs(row.value - row.nominal) / width, 2)} tolerances away" if width > 0.0 else "-"
+
+
+def _unknown(diagnosis: Diagnosis) -> list[str]:
+    """The row of what nothing explains: where it lies and how large the force is that the recording still needs."""
+    much, there = diagnosis.explained, diagnosis.located
+    assert much is not None
+    where = place_in_words(there.location) if there and there.shown else "unknown"
+    size = ""
+    if much.unknown:
+        body = max(much.unknown, key=lambda b: float(much.unknown[b]["after"]))
+        one = much.unknown[body]
+        share, force = float(one["after"]), float(one["after"]) * float(one["force"])
+        size = f"{interval(force, None, str(one['unit']), True)} rms\n{number(100 * share, 2)} % of what moves it"
+    done = sum(much.causes.values())
+    return [where, "unexplained", size, "open", _percent(1.0 - done)]
+
+
+def _percent(share: float | None) -> str:
+    """A share in percent; next to nothing and next to all are said to be that."""
+    if share is None:
+        return "-"
+    percent = 100.0 * share
+    return "< 0.1 %" if percent < 0.1 else "> 99.9 %" if 99.9 < percent < 100.0 else f"{number(percent)} %"
+
+
+def judged(diagnosis: Diagnosis) -> tuple[Curve, ...]:
+    """The channels as they judge: simulated by the commands alone, unless a constant would do as well there."""
+    free = diagnosis.free_running
+    last = "modelled" if diagnosis.modelled else "extended"
+    error = getattr(free.held_out, last) if free else None
+    alone = error is not None and error < 1.0
+    return (diagnosis.shown.alone if alone else ()) or diagnosis.shown.curves
+
+
+def left(diagnosis: Diagnosis, plain: bool = False) -> Table:
+    """What is left of each channel where it was not fitted, in the sensor's unit: rms before and after, noise."""
+    rows = []
+    for curve in judged(diagnosis) if not diagnosis.fault else ():
+        factor, unit = sensor_unit(diagnosis, curve.name)
+        part = curve.t_s >= (curve.t_s[0] if curve.held_out_from_s is None else curve.held_out_from_s)
+        motion = float(np.nanstd(curve.measured))
+        ends = [float(np.sqrt(np.nanmean((curve.measured - v)[part] ** 2))) for v in (curve.nominal, curve.extended)]
+        sizes = [number(v / factor, plain=plain) for v in (*ends, curve.noise_floor or math.nan)]
+        share = f"{number(100 * ends[1] / motion, 2, plain=plain)} %" if motion else "-"
+        rows.append([f"{curve.name} [{unit if plain else units.in_signs(unit)}]", *sizes[:2], share, sizes[2]])
+    return Table(
+        ("sensor", "before, rms#", "left, rms#", "of its motion#", "noise, rms#"),
+        rows,
+        f"What is left where nothing was fitted, {judged_how(diagnosis)}",
+    )
+
+
+def sensor_unit(diagnosis: Diagnosis, channel: str) -> tuple[float, str]:
+    """The unit in which a channel was recorded, and its size in SI; where nobody said, the usual one."""
+    name = channel.partition(" (")[0]
+    sensor, read = diagnosis.nominal.sensors[name], diagnosis.units.get(name, "")
+    for said in (read if read in units.UNITS else "", sensor.recorded_in, units.shown(sensor.unit)[0]):
+        known = units.find(said) if said else None
+        if known is not None and known.si == sensor.unit:
+            return known.factor, said
+    return 1.0, sensor.unit
+
+
+def judged_how(diagnosis: Diagnosis) -> str:
+    """How the rigs say what they say where they judge."""
+    alone = judged(diagnosis) is diagnosis.shown.alone
+    return "simulated by the commands alone" if alone else "predicted from one reading to the next"
+
+
+def lead(diagnosis: Diagnosis) -> str:
+    """What was compared with what, how much is explained, and which checks fail."""
+    rig = diagnosis.nominal.config
+    of = f"Recording{'s' if diagnosis.recordings else ''} {diagnosis.source}, compared with the rig {rig.name}"
+    of += f" ({rig.description})" if rig.description else ""
+    failed = [c.check for c in diagnosis.checks if not c.passed]
+    return " ".join([f"{of}.", together(diagnosis), *([checks_said(len(diagnosis.checks), failed)] if failed else [])])
+
+
+def together(diagnosis: Diagnosis) -> str:
+    """How much all causes explain, and whether what is left is what the user called enough."""
+    much = diagnosis.explained
+    total = sum(much.causes.values()) if much else 0.0
+    said = [f"Together this explains {_percent(total)} of the mismatch."] if total > 0.0 else []
+    if much is not None and much.enough is not None:
+        said.append(
+            "What is left is " + ("what was called enough." if much.enough else "more than what was called enough.")
+        )
+    return " ".join(said)
 
 
 def listed(names: list[str]) -> str:
@@ -75,13 +230,9 @@ def labels(findings: tuple[Finding, ...]) -> list[tuple[str, str]]:
         effect = name_in_words(finding.effect)
         sensor = finding.location.startswith(SENSOR_PREFIX)  # its label stands below what it watches
         lines = [f"{place_in_words(finding.location)}: {effect}" if sensor else effect]
-        told.append((finding.location, "\n".join(lines + [text for _, text in _values(finding)[:1]])))
+        lines += [interval(p.value, p.ci95, p.unit) for p in list(finding.parameters.values())[:1]]
+        told.append((finding.location, "\n".join(lines)))
     return told
-
-
-def _values(finding: Finding) -> list[tuple[str, str]]:
-    """Parameters of a finding with their intervals."""
-    return [(name_in_words(n), interval(p.value, p.ci95, p.unit)) for n, p in finding.parameters.items()]
 
 
 def percents(shares: dict[str, float]) -> dict[str, str]:
@@ -93,63 +244,15 @@ def percents(shares: dict[str, float]) -> dict[str, str]:
     return {name: f"{value} %" if value else "< 1 %" for name, value in whole.items()}
 
 
-def answers(diagnosis: Diagnosis) -> list[tuple[str, str]]:
-    """The first screen of a page: (question, answer), without the questions that the verdict does not raise."""
-    told = [
-        ("What?", diagnosis.summary),
-        ("Where?", _where(diagnosis)),
-        ("How much?", _how_much(diagnosis)),
-        ("How sure?", _how_sure(diagnosis)),
-        ("Does it fit?", _does_it_fit(diagnosis)),
-        ("What next?", diagnosis.next_experiment),
-    ]
-    return [(question, answer) for question, answer in told if answer]
-
-
-def _where(diagnosis: Diagnosis) -> str:
-    evidence = sorted(diagnosis.shown.evidence.items(), key=lambda one: -one[1])
-    if evidence:
-        told = percents(dict(evidence))
-        shares = [f"{place_in_words(place)} ({told[place]} of the evidence)" for place, _ in evidence]
-        return capital(listed(shares), diagnosis.nominal.elements) + "."
-    if diagnosis.located and diagnosis.located.shown:
-        return f"At or near the {place_in_words(diagnosis.located.location)}."
-    return "" if diagnosis.verdict in (CONSISTENT, PARAMETERS) or diagnosis.fault else "Nothing shows where."
-
-
-def _how_much(diagnosis: Diagnosis) -> str:
-    parts = [
-        f"{capital(named_in_words(f.effect, f.location))}: {', '.join(' '.join(pair) for pair in _values(f))}."
-        for f in diagnosis.findings
-        if f.parameters
-    ]
-    parts += [
-        f"{name} is {interval(r.value, r.ci95, r.unit, size=r.nominal)} instead of "
-        f"{interval(r.nominal, None, r.unit, size=r.nominal)}."
-        for name, r in diagnosis.recalibrated.items()
-    ]
-    return " ".join(parts)
-
-
-def _how_sure(diagnosis: Diagnosis) -> str:
-    parts = [_grounds(f) for f in diagnosis.findings]
-    if diagnosis.findings or diagnosis.recalibrated:
-        parts.append("The intervals are 95 % confidence intervals.")
-    failed = [c.check for c in diagnosis.checks if not c.passed]
-    if diagnosis.checks:
-        parts.append(checks_said(len(diagnosis.checks), failed))
-    return " ".join(parts)
-
-
-def _grounds(finding: Finding) -> str:
+def grounds(finding: Finding) -> str:
     """What a name rests on, in figures."""
     said = f"{capital(named_in_words(finding.effect, finding.location))} is {finding.confidence}"
-    grounds = finding.stands
-    if grounds is None or grounds.size.ratio is None:
+    stands = finding.stands
+    if stands is None or stands.size.ratio is None:
         return f"{said}."
-    rivals = [g for g in (grounds.where, grounds.law) if g.against is not None and g.ratio is not None]
+    rivals = [g for g in (stands.where, stands.law) if g.against is not None and g.ratio is not None]
     close = min(rivals, key=lambda g: g.ratio or 0.0, default=None)
-    said += f": without it {number(grounds.size.ratio)} times as much (rms) is left"
+    said += f": without it {number(stands.size.ratio)} times as much (rms) is left"
     if close is None or close.against is None or close.ratio is None:
         return f"{said}."
     return f"{said}, with {other_in_words(close.against)} in its place {number(close.ratio)} times."
@@ -163,38 +266,14 @@ def checks_said(count: int, failed: list[str]) -> str:
     return f"{count - len(failed)} of {count} checks pass. {fails}: {'; '.join(failed)}."
 
 
-def _does_it_fit(diagnosis: Diagnosis) -> str:
-    """The errors on held-out data, and those of the worst channel where more than noise is left."""
-    fit, best = diagnosis.fit, better_model(diagnosis)
-    nominal, better, floor = (
-        error_text(value, fit.metric) for value in (fit.held_out.nominal, getattr(fit.held_out, best), fit.noise_floor)
+def formula_values(
+    parameters: dict[str, tuple[float, float, float]], of: dict[str, str], plain: bool = False, between: str = ", "
+) -> str:
+    """The parameters of a formula with their intervals. of : name -> unit."""
+    return between.join(
+        f"{name} = {interval(value, (low, high), of.get(name, ''), plain)}"
+        for name, (value, low, high) in parameters.items()
     )
-    if diagnosis.verdict == CONSISTENT or better == "-":
-        said = f"On data that it was not fitted to, the nominal model errs by {nominal}"
-    else:
-        said = f"On data that neither was fitted to, the nominal model errs by {nominal}, the {best} one by {better}"
-    if diagnosis.modelled:
-        modelled = error_text(fit.held_out.modelled, fit.metric)
-        return f"By no name. {said}, and with what is modelled by {modelled}; noise alone gives {floor}."
-    said += f"; noise alone gives {floor}."
-    if diagnosis.verdict == UNEXPLAINED and diagnosis.shown.floors:  # a noisy channel may hide the one that matters
-        left = {c: errors.extended or 0.0 for c, errors in diagnosis.shown.floors.items()}
-        worst = max(left, key=lambda c: left[c])
-        return f"No. {said} The worst channel is {worst}, where the error is {number(left[worst], 2)} times the noise."
-    return said if diagnosis.verdict == UNEXPLAINED else f"Yes. {said}"
-
-
-def formula_rows(modelled: Modelled, plain: bool = False) -> list[list[str]]:
-    """Of each formula: family, law, parameters with intervals, what it leaves beside the table, what is said of it."""
-    rows = []
-    for one in modelled.formulas:
-        values = [
-            f"{name} = {interval(value, (low, high), one.units.get(name, ''), plain=plain)}"
-            for name, (value, low, high) in one.parameters.items()
-        ]
-        said = "chosen" if one.chosen else "cannot be told from the best" if one.tied else "leaves more"
-        rows.append([one.family, one.law, ", ".join(values), number(one.left), said])
-    return rows
 
 
 def _by_place(findings: tuple[Finding, ...]) -> list[str]:

@@ -12,10 +12,11 @@ from typing import Any, TextIO
 
 import pandas as pd
 from rich import box
-from rich.console import Console, RenderableType
+from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from dtbacklash.report.kit import blocks
 from dtbacklash.report.kit.numbers import fixed, number
 
 WIDTH = 100
@@ -142,27 +143,15 @@ def claims(frame: pd.DataFrame) -> Table:
     return table
 
 
-def fit(errors: dict[str, Any]) -> Table:
-    """The errors of the models on the data they were fitted to and on held-out data.
-
-    Args:
-        errors: ``metric``, ``train`` and ``held_out`` (model -> error or None), ``noise_floor``.
-    """
-    nrmse = errors.get("metric") == "nrmse"
-    percent: Cell = lambda value: (  # noqa: E731
-        f"{number(100 * value, plain=True)} %" if nrmse and not pd.isna(value) else number(value, plain=True)
-    )
-    rows = [
-        {"data": words, **errors[part], "noise_floor": errors.get("noise_floor")}
-        for part, words in (("train", "fitted to"), ("held_out", "held out"))
-    ]
-    frame = pd.DataFrame(rows).dropna(axis=1, how="all")
-    return fill(blank("Error of the models" + (" (normalised rms)" if nrmse else "")), frame, [
-        ("data", "data", plain_cell, False),
-        ("nominal", "nominal", percent, True), ("recalibrated", "recalibrated", percent, True),
-        ("extended", "extended", percent, True), ("modelled", "modelled", percent, True),
-        ("noise_floor", "noise floor", percent, True),
-    ])  # fmt: skip
+def of(block: blocks.Table) -> Group:
+    """A block's table for the terminal, below its title."""
+    table = blank("")
+    for head in block.heads:
+        right = head.endswith("#")
+        table.add_column(Text(head.removesuffix("#")), justify="right" if right else "left", overflow="fold")
+    for row in block.rows:
+        table.add_row(*(Text(str(cell).replace("`", "")) for cell in row))
+    return Group(Text(block.title, style="bold"), table)
 
 
 def notes(lines: Iterable[str]) -> Text:

@@ -16,7 +16,10 @@ from dtbacklash.prove.rows import case_rows, confusion_rows
 from dtbacklash.prove.rules import Case
 from dtbacklash.prove.score import Score
 from dtbacklash.report.kit import style
+from dtbacklash.report.kit.blocks import Block, Code, Table, Tiles
+from dtbacklash.report.kit.blocks import Figure as Shown
 from dtbacklash.report.kit.citations import SHARES
+from dtbacklash.report.kit.numbers import number
 from dtbacklash.report.kit.page import embedded, render
 from dtbacklash.report.proof.confusion import confusion_figure
 from dtbacklash.report.proof.figures import errors_figure, shares_figure, visibility_figure
@@ -30,6 +33,35 @@ CAPTIONS = {
     "sensors of a kind are drawn together.",
     "errors": "Held-out errors of the diagnosed rig beside those of an oracle that knows the true structure.",
 }
+#: what to see in each of them
+GOOD = {
+    "shares": "A bar is met where the dot lies within its grey range; a miss is red. The longer the line about a dot, "
+    "the less it says.",
+    "visibility": "The curves should rise to 100 % before the change is ten times the noise, and the intervals should "
+    "hold the truth in 95 % of cases whatever the size.",
+    "confusion": "What is right lies on the framed diagonal, in blue. Sand is ambiguity that the tool has stated, "
+    "orange is wrong.",
+    "errors": "Left: diagnosed rigs on the line are as good as the oracle's; the nominal ones lie far above it. Right: "
+    "the dots should lie below the dashed bar.",
+}
+SCORE = (
+    "A bar counts clear cases: those in which an oracle that knows the true structure sees everything that was hidden. "
+    "The last column counts all cases. Intervals are Wilson's, 95 %. A share above its bar's range misses the bar only "
+    "if its interval lies above that range too: 17 of 17, for instance, does not show that the intervals are too wide."
+)
+RELIABLE = (
+    "A name is right if its place and effect were hidden, or are one of the small things of a lifelike recording."
+)
+METHODS = [
+    "Something was drawn from a seed and hidden in each recording: effects of the catalogue, wrong parameters, physics "
+    "that the catalogue lacks, or nothing. Another integrator than the diagnosis has made the recordings (Runge-Kutta "
+    "with fixed steps), with other formulations where a law is not smooth. The answers were sealed until every "
+    "recording was diagnosed.",
+    "A case is clear if an oracle, which fits the true structure from the true values, sees everything that was "
+    "hidden: without it the excess of the held-out mean square over the noise floor at least doubles, by three "
+    f"standard errors. Intervals of shares are Wilson's, 95 % ({SHARES}). Held-out errors are the rms of the residuals "
+    "in units of the noise floor. docs/proof.md has the rules.",
+]
 #: the block of the docs between these lines is made from score.json
 BEGIN, END = "<!-- score: begin, made by dtb prove docs=docs -->", "<!-- score: end -->"
 #: machine -> the docs' page of its score, without `.md`, and the folder of its data
@@ -62,17 +94,56 @@ def draw(score: Score, rows: pd.DataFrame, folder: Path, prefix: str) -> dict[st
 def page(score: Score, rows: pd.DataFrame, figures: dict[str, Path]) -> str:
     """The text of ``report.html``."""
     met, barred = score.bars
+    shares = ("figure", "share#", "count#", "95 % interval#", "bar#", "met", "over all sizes#")
+    drawn = [Shown(embedded(path), CAPTIONS[name], GOOD[name]) for name, path in figures.items()]
+    counts = [
+        (f"{met} of {barred}", "bars met"),
+        (str(score.cases), "recordings"),
+        (str(score.failed), "diagnoses failed"),
+    ]
+    counts += [(str(score.oracle_failed), "oracles failed")] if score.oracle_failed else []
+    said = f"Recordings in which something was hidden, diagnosed without the answer, then scored. {which_seeds(score)}"
+    wrong = _wrong(score, rows)
+    return render("The blind proof", said, [
+        Tiles(counts),
+        Code(str(score.notes.get("command", ""))),
+        Block("Score", [SCORE, Table(shares, [_plain(figure_row(f)) for f in score.figures])]),
+        Block("Rig by rig", [Table(("rig", *shares), [_plain(row) for row in rig_rows(score)])], folded=True),
+        Block("Reliability of names", [RELIABLE, Table(
+            ("confidence", "part of the rig", "names that are right#", "count#", "95 % interval#"),
+            reliability_rows(score),
+        )] if score.reliability else []),
+        Block("Errors and time", [Table(
+            ("figure", "median#", "90 % quantile#", "unit", "cases#", "bar#", "median", "90 %"),
+            [[*row[:-1], *(row[-1].split(" / ") if row[-1] else ("", ""))]
+             for row in (_plain(quantity_row(q)) for q in score.quantities)],
+        )]),
+        Block("Figures", drawn),
+        Block("What went wrong", [
+            "These are the recordings whose diagnosis is not right by the strict rule of its kind "
+            f"({len(wrong.rows)} of {score.cases}).", wrong,
+        ] if wrong.rows else ["Nothing."]),
+        Block("Methods", METHODS, folded=True),
+    ])  # fmt: skip
+
+
+def _plain(row: list[str]) -> list[str]:
+    """A row without Markdown's stars."""
+    return [cell.replace("*", "") for cell in row]
+
+
+def _wrong(score: Score, rows: pd.DataFrame) -> Table:
+    """What was hidden and what was said, of each recording whose diagnosis is not right."""
     texts = ["hidden", "unknown", "wrong_parameters", "named", "also_fits", "error"]
     filled = rows.fillna(dict.fromkeys(texts, ""))  # what is empty in a file comes back as NaN
-    wrong = filled[~filled["right"].astype(bool)].to_dict("records")
-    return render(
-        "proof.html.j2", score=score, seeds=which_seeds(score), command=score.notes.get("command", ""),
-        met=met, barred=barred,
-        shares=[figure_row(f) for f in score.figures], rigs=rig_rows(score),
-        quantities=[quantity_row(q) for q in score.quantities], reliability=reliability_rows(score),
-        figures=[(name, embedded(path), CAPTIONS[name]) for name, path in figures.items()], wrong=wrong,
-        sources=SHARES,
-    )  # fmt: skip
+    cells = [
+        [*([r["rig"]] if score.rigs else []), str(r["seed"]), r["kind"],
+         r["hidden"] or r["unknown"] or r["wrong_parameters"], number(r["verdict"], missing=""),
+         r["error"] or r["named"], r["also_fits"], "yes" if r["clear"] else "no", number(r["visibility_min"])]
+        for r in filled[~filled["right"].astype(bool)].to_dict("records")
+    ]  # fmt: skip
+    heads = ("seed", "kind", "hidden", "verdict", "named", "also fits", "clear", "smallest change / noise#")
+    return Table((*(["rig"] if score.rigs else []), *heads), cells)
 
 
 def docs_block(score: Score, machine: str) -> str:

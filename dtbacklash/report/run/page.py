@@ -6,21 +6,25 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Drawn
 
 from dtbacklash.config.run import RunConfig
 from dtbacklash.kept import kept
+from dtbacklash.report.kit.blocks import Block, Code, Figure, Items, Table, Tiles
 from dtbacklash.report.kit.intervals import scaled, unit_in_signs
-from dtbacklash.report.kit.numbers import number
-from dtbacklash.report.kit.page import Shown, embedded, render
+from dtbacklash.report.kit.numbers import fixed, number
+from dtbacklash.report.kit.page import embedded, render
 from dtbacklash.report.kit.style import save, save_png
 from dtbacklash.report.run import loop as loop_page
 from dtbacklash.report.run.methods import methods
 from dtbacklash.report.run.overview import moves_overlay, open_overview, run_overview
 from dtbacklash.report.run.text import alarms, indexes_drawn, network, pace_in_words
-from dtbacklash.report.run.words import as_yaml, describe, has_gear, is_open
+from dtbacklash.report.run.words import as_yaml, describe, has_gear, is_open, subjects
 
 ORIGIN = ("versions", "seed", "wall_s")
+SIGNALS = ("signal", "what it is", "lowest#", "highest#", "rms#", "unit")
+MOVE = ("move#", "at [s]#", "from [mm]#", "to [mm]#", "overshoot [%]#", "settling time [s]#", "peak voltage [V]#")
+ESTIMATE = ("event [s]#", "applied [s]#", "gap [deg]#", "true gap [deg]#", "verdict", "reason")
 #: of a figure: what it shows, and what to see in it
 OPEN = (
     "The whole run: the command, and what each sensor shows.",
@@ -53,33 +57,60 @@ def write(result: Any, moves: pd.DataFrame, folder: Path) -> None:
     loop, name, rig = ("open", "open loop", result.config.rig.name) if opened else (
         "closed", result.config.controller.name, result.config.rig.name,
     )  # fmt: skip
-    page = render(
-        "run.html.j2",
-        title=f"{name} on {rig}",
-        lead=f"One {loop}-loop run of dtbacklash.",
-        tiles=_tiles(result, moves),
-        words=describe(result.config),
-        advice=result.summary.get("advice", []),
-        closed=not opened,
-        signals=[_row(_in_its_unit(s)) for s in result.summary["signals"]] if opened else [],
-        moves=moves.to_dict("records"),
-        estimates=result.estimates.to_dict("records"),
-        alarms=alarms(result.summary),
-        pace=pace_in_words(result.summary),
-        network=network(result.summary),
-        figures=[
-            Shown(embedded(path), *_caption(name, result.config, len(moves)))
-            for name, path in figures.items()
-            if name != "loop"
-        ],
-        margins=loop_page.rows(result.design) if result.design else [],
-        loop=Shown(embedded(figures["loop"]), *loop_page.CAPTION) if "loop" in figures else None,
-        methods=methods(result.config),
-        command=result.summary.get("command"),
-        config=as_yaml(result.config),
-        origin=as_yaml({name: result.summary[name] for name in ORIGIN if name in result.summary}),
-    )
+    shown = [
+        Figure(embedded(path), *_caption(n, result.config, len(moves))) for n, path in figures.items() if n != "loop"
+    ]
+    of_loop = [Figure(embedded(figures["loop"]), *loop_page.CAPTION)] if "loop" in figures else []
+    summary, estimates = result.summary, result.estimates.to_dict("records")
+    margins = loop_page.rows(result.design) if result.design else []
+    origin = as_yaml({name: summary[name] for name in ORIGIN if name in summary})
+    signals = summary["signals"] if opened else []
+    page = render(f"{name} on {rig}", f"One {loop}-loop run of dtbacklash.", [
+        Tiles(_tiles(result, moves)),
+        *summary.get("advice", []),
+        Block("What happened", shown, id="figures"),
+        Block("Signals", [Table(SIGNALS, [_row(_in_its_unit(s)) for s in signals])], id="signals"),
+        Block("Moves", [] if opened else [_moves(moves)], id="moves"),
+        Block("Estimates of the digital twin", [_estimates(estimates)], id="estimates"),
+        Block("Margins of the design", [Table(("margin", "value#", "meaning"), margins), *of_loop], id="margins"),
+        Block("Alarms of the novelty indexes", [Items(alarms(summary))], id="alarms"),
+        Block("Deadlines", [Items(pace_in_words(summary))], id="pace"),
+        Block("Over the network", [Items(network(summary))], id="network"),
+        Block("What was run", [subjects(describe(result.config))], folded=True, id="setup"),
+        Block("Methods", methods(result.config), folded=True, id="methods"),
+        Block("Run it again, and all settings", [
+            Code(summary.get("command") or ""),
+            Block("Configuration, resolved", [Code(as_yaml(result.config))], folded=True),
+            Block("Versions, seed and times", [Code(origin)], folded=True),
+        ], folded=True, id="repeat"),
+    ])  # fmt: skip
     (folder / "report.html").write_text(page, encoding="utf-8")
+
+
+def _moves(moves: pd.DataFrame) -> Table | str:
+    """A row a move."""
+    rows = [
+        [str(m["move"]), fixed(m["t_s"], 1), fixed(m["from_mm"], 2), fixed(m["to_mm"], 2), fixed(m["overshoot_pct"], 2),
+         fixed(m["settling_time_s"], 3, "not settled"), fixed(m["peak_voltage_v"], 2)]
+        for m in moves.to_dict("records")
+    ]  # fmt: skip
+    return (
+        Table(MOVE, rows)
+        if rows
+        else "The reference never holds still before and after a change: there is no move to measure."
+    )
+
+
+def _estimates(estimates: list[dict[Any, Any]]) -> Table:
+    """A row an estimation, with the reason of each that was rejected."""
+    told = bool(estimates) and "subsystem" in estimates[0]
+    rows = [
+        [fixed(e["t_event_s"], 2), fixed(e["t_applied_s"], 2), fixed(e["gap_deg"], 2), fixed(e["true_gap_deg"], 2),
+         "accepted" if e["accepted"] else "rejected", number(e["reason"], missing=""),
+         *([str(e["subsystem"])] if told else [])]
+        for e in estimates
+    ]  # fmt: skip
+    return Table((*ESTIMATE, *(["subsystem"] if told else [])), rows)
 
 
 def _caption(name: str, config: RunConfig, moves: int) -> tuple[str, str]:
@@ -104,7 +135,7 @@ def _caption(name: str, config: RunConfig, moves: int) -> tuple[str, str]:
     )
 
 
-def overview(result: Any, moves: pd.DataFrame) -> Figure:
+def overview(result: Any, moves: pd.DataFrame) -> Drawn:
     """Everything over time, as the page shows it first. result: a `RunResult`; moves: `metrics.move_table`."""
     config = result.config
     if is_open(config):

@@ -11,6 +11,7 @@ from dtbacklash.config import choices
 from dtbacklash.config.rig import RigConfig
 from dtbacklash.config.run import ControllerConfig, ProfileConfig, ReferenceConfig, RunConfig, SensorsConfig
 from dtbacklash.physics.catalogue import find
+from dtbacklash.report.kit.blocks import Table
 from dtbacklash.report.kit.numbers import number, quantity
 from dtbacklash.report.run.text import indexes_in_words
 
@@ -81,6 +82,11 @@ def describe(config: RunConfig) -> list[tuple[str, list[str]]]:
         ("Simulation", [_simulation(config)]),
     ]
     return [(subject, [_sentence(text) for text in texts]) for subject, texts in told]
+
+
+def subjects(told: list[tuple[str, list[str]]]) -> Table:
+    """What was run as a table: what is spoken of, and the sentences on it."""
+    return Table(("what", "how"), [[f"{subject}", " ".join(texts)] for subject, texts in told], look="subjects")
 
 
 def _sentence(text: str) -> str:

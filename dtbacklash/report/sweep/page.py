@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -10,8 +9,9 @@ from urllib.parse import quote
 import pandas as pd
 
 from dtbacklash.files import write_text
+from dtbacklash.report.kit.blocks import Block, Figure, Link, Table, Tiles
 from dtbacklash.report.kit.numbers import number
-from dtbacklash.report.kit.page import Shown, embedded, render
+from dtbacklash.report.kit.page import embedded, render
 from dtbacklash.report.sweep.figure import PANELS, draw
 
 #: columns of the table that are no result
@@ -32,15 +32,6 @@ CAPTION = (
 )
 
 
-@dataclass(frozen=True)
-class Column:
-    """A column of the page's table."""
-
-    name: str
-    heading: str
-    number: bool
-
-
 def write(folder: Path, table: pd.DataFrame, axes: list[str]) -> None:
     """Write `report.html` into the folder of a sweep, at once.
 
@@ -54,31 +45,34 @@ def write(folder: Path, table: pd.DataFrame, axes: list[str]) -> None:
     """
     failed = table["status"] != "done"
     axes = [name for name in axes if name in table]
-    columns = _columns(table, axes)
-    jobs = [_job(folder, row, columns, bad) for row, bad in zip(table.to_dict("records"), failed, strict=True)]
-    page = render(
-        "sweep.html.j2",
-        title=f"Sweep over {_listed(axes)}" if axes else "Sweep",
-        lead=f"{len(table)} jobs, one for each combination of what was swept.",
-        tiles=_tiles(table, axes, failed),
-        failures=[
-            (_choices(row, axes), row.get("error") or "it left no reason")
-            for row, bad in zip(table.to_dict("records"), failed, strict=True)
-            if bad
-        ],
-        figure=_figure(folder, table, axes),
-        columns=columns,
-        jobs=jobs,
-    )
-    write_text(folder / "report.html", page, "hydra.sweep.dir", folder)
-
-
-def _columns(table: pd.DataFrame, axes: list[str]) -> list[Column]:
     results = [str(name) for name in table.columns if name not in (*axes, *KEPT_BACK)]
-    return [
-        *(Column(name, name, number=False) for name in axes),
-        *(Column(name, HEADINGS.get(name, name), _is_number(table[name])) for name in results),
+    numbers = {name: _is_number(table[name]) for name in results}
+    heads = ["", *axes, *(HEADINGS.get(name, name) + ("#" if numbers[name] else "") for name in results)]
+    jobs = [
+        [
+            _link(folder, row, bad),
+            *(_cell(row[name], name, numbers.get(name, False), bad) for name in (*axes, *results)),
+        ]
+        for row, bad in zip(table.to_dict("records"), failed, strict=True)
     ]
+    why = [
+        [_choices(row, axes), str(row.get("error") or "it left no reason")] for row in table[failed].to_dict("records")
+    ]
+    page = render(
+        f"Sweep over {_listed(axes)}" if axes else "Sweep",
+        f"{len(table)} jobs, one for each combination of what was swept.",
+        [
+            Tiles(_tiles(table, axes, failed)),
+            Block("What failed", [Table(("job", "why"), why)]),
+            Block("Overview", _figure(folder, table, axes)),
+            Block("Jobs", [Table(heads, jobs)]),
+            Block("Files", [
+                "The table is also in `sweep.csv`, next to this page. Each job has a folder of its own with everything "
+                "that one run writes.",
+            ]),
+        ],
+    )  # fmt: skip
+    write_text(folder / "report.html", page, "hydra.sweep.dir", folder)
 
 
 def _is_number(column: pd.Series) -> bool:
@@ -86,13 +80,15 @@ def _is_number(column: pd.Series) -> bool:
     return bool(len(known)) and bool(pd.to_numeric(known, errors="coerce").notna().all()) and column.dtype != bool
 
 
-def _job(folder: Path, row: dict[Any, Any], columns: list[Column], failed: bool) -> dict[str, Any]:
+def _link(folder: Path, row: dict[Any, Any], failed: bool) -> str | Link:
+    """To the job's own page, where it has one."""
     name = row.get("folder")
-    there = isinstance(name, str) and (folder / name / "report.html").is_file()
-    cells = [
-        (c, number(row[c.name], 4 if c.number else 6, "" if failed else MISSING.get(c.name, "-"))) for c in columns
-    ]
-    return {"failed": failed, "link": f"{quote(str(name))}/report.html" if there else None, "cells": cells}
+    there = not failed and isinstance(name, str) and (folder / name / "report.html").is_file()
+    return Link("", f"{quote(str(name))}/report.html", "report") if there else "failed" if failed else "done"
+
+
+def _cell(value: Any, name: str, is_number: bool, failed: bool) -> str:
+    return number(value, 4 if is_number else 6, "" if failed else MISSING.get(name, "-"))
 
 
 def _tiles(table: pd.DataFrame, axes: list[str], failed: pd.Series) -> list[tuple[str, str]]:
@@ -109,9 +105,9 @@ def _listed(names: list[str]) -> str:
     return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
 
 
-def _figure(folder: Path, table: pd.DataFrame, axes: list[str]) -> Shown | None:
-    """The sweep's figure; None where the table has none of its figures of merit."""
+def _figure(folder: Path, table: pd.DataFrame, axes: list[str]) -> list[Figure]:
+    """The sweep's figure; none where the table has none of its figures of merit."""
     if not any(name in table for name in PANELS):
-        return None
+        return []
     path = folder / "sweep.png"
-    return Shown(embedded(path if path.is_file() else draw(table, axes, path)), *CAPTION)
+    return [Figure(embedded(path if path.is_file() else draw(table, axes, path)), *CAPTION)]
