@@ -9,6 +9,8 @@ from contextlib import contextmanager
 
 from dtbacklash.campaign.engine import Tell
 
+#: in the text of a stage: what is being done stands before it, what is known so far behind
+SO_FAR = "; so far "
 #: where no terminal is: one line in this time, and the last
 LINE_EVERY_S = 2.0
 

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from dtbacklash.campaign.progress import SO_FAR
 from dtbacklash.diagnose.conclusion import Conclusion, is_there
 from dtbacklash.diagnose.engine.bench import Bench
 from dtbacklash.diagnose.engine.exact import Model, Problem, without_name
@@ -39,6 +40,7 @@ from dtbacklash.diagnose.say.sentences import (
 )
 from dtbacklash.diagnose.seen import Seen, bench_of
 from dtbacklash.diagnose.shown import Work
+from dtbacklash.diagnose.so_far import Pace, known
 from dtbacklash.diagnose.spread import on_cores
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects import slots
@@ -115,14 +117,15 @@ class _Course:
         self.every = [
             rate_of(rig, {c: v for c, v in r.y.items() if c in rig.sensors}, r.sample_time_s) for r in records
         ]
-        self.stage, self._share = "", 0.0
+        self.stage, self._pace = "", Pace()
         self.search: Search | None = None
         self.course = ""
 
     def tell(self, stage: str, share: float) -> None:
-        """What is being done, and the share done, which never falls."""
-        self.stage, self._share = stage, max(self._share, share)
-        self._say(stage, self._share)
+        """What is being done, what is known so far, and the share done."""
+        self.stage = stage
+        share = self._pace.share(stage, share, len(self.search.now.keys) if self.search else 0)
+        self._say(stage + (SO_FAR + known(self.search) if self.search else ""), share)
 
     def run(self) -> Diagnosis:
         """Search, judge, and say it; where it is stopped, what is known so far."""
@@ -171,6 +174,8 @@ class _Course:
     def _at_rates(self, search: Search) -> Search:
         """The search at the rate of the motion; at faster ones where much force stays unknown."""
         while True:
+            if self.search is None and self.depth != NONE:
+                search.glance()
             self.search = search
             if self.depth == FULL:
                 search.run()

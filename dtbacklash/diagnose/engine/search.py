@@ -43,7 +43,7 @@ class Search:
     nothing : the recalibrated rig. given, unknown_given : -2 log likelihood of the nominal one, and its
     unknown force. now : the best model so far.
     names : the same before a table was added. beaten : name -> models that were tried in its place.
-    tried : names -> the least score that an exact fit with them had.
+    tried : names -> the least score that an exact fit with them had. likely : what a glance shows first.
     """
 
     bench: Bench
@@ -54,6 +54,7 @@ class Search:
     beaten: dict[Key, list[Model]] = field(default_factory=dict)
     tried: dict[tuple[Key, ...], float] = field(default_factory=dict)
     gains: dict[Key, float] = field(default_factory=dict)
+    likely: Key | None = None
 
     def __post_init__(self) -> None:
         """Recalibrate the nominal rig."""
@@ -81,6 +82,11 @@ class Search:
             self.add_table()
         self.let_go()
         return self.now
+
+    def glance(self) -> None:
+        """What explains most on the beginning, by its column: a first answer, and nothing else takes note of it."""
+        ranked = Columns(self.quick, self.now, self.bench.longest(self.now.sizes)).ranked
+        self.likely = ranked[0].keys[0] if ranked else None
 
     def unknown(self, model: Model) -> float:
         """The largest unknown force of a model, a share of the motion."""
@@ -260,8 +266,11 @@ class Search:
         count, been = self.bench.count, set()
         while len(self.now.keys) < MOST and frozenset(self.now.keys) not in been:
             been.add(frozenset(self.now.keys))
-            self.tell(f"looking for what is missing beside {len(self.now.keys)} names", 0.1 + 0.15 * len(self.now.keys))
-            found = self.sifted(self.now, self.proposals(self.now))
+            there = len(self.now.keys)
+            self.tell(f"round {there + 1}: ranking what may be missing", 0.1 + 0.1 * there)
+            proposed = self.proposals(self.now)
+            self.tell(f"round {there + 1}: fitting the {len(proposed)} likeliest", 0.1 + 0.1 * there)
+            found = self.sifted(self.now, proposed)
             if not found:
                 return
             close = [m for m in found if m.score < found[0].score + self.rules.alike * self.rules.worth * count]
@@ -307,6 +316,7 @@ class Search:
     def exchange(self) -> bool:
         """Another name, or two, in the place of each of several; whether one was better."""
         for key in self.now.keys if len(self.now.keys) > 1 else ():
+            self.tell(f"trying others in the place of {key[1]} at {key[0]}", 0.5)
             less = self.without(self.now, key)
             if less is None:
                 continue

@@ -26,7 +26,6 @@ def test_the_bar_comes_by_itself_where_nothing_ticks(terminal):
     shown = terminal.getvalue()
     assert "reading: two million rows" in shown
     assert "25 %" in shown
-    assert "left:" in shown
 
 
 def test_what_is_quick_shows_nothing(terminal):
@@ -86,3 +85,33 @@ def test_while_the_simulation_is_compiled_that_is_what_is_said(capsys, monkeypat
     told = capsys.readouterr().err
     assert "dtb: simulating, 25 %" in told
     assert "compiling" not in told.partition("simulating, 25 %")[2]
+
+
+def test_what_is_known_so_far_is_a_line_each_time_that_it_changes(capsys):
+    with console.progress("diagnosing", compiles=False) as tell:
+        for share, text in ((0.1, "ranking; so far likeliest backlash"), (0.2, "fitting; so far likeliest backlash"),
+                            (0.4, "ranking; so far backlash (half gap 2 mrad)"), (0.9, "drawing")):  # fmt: skip
+            tell(share, text)
+    assert capsys.readouterr().err.splitlines() == [
+        "dtb: after 0 s: likeliest backlash", "dtb: after 0 s: backlash (half gap 2 mrad)",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("shares", "said"),
+    [
+        ([(0.0, 0.0), (30.0, 0.02)], ""),  # nobody knows yet
+        ([(30.0, 0.25), (40.0, None)], "about 80 s left"),
+        ([(30.0, 0.25), (121.0, None)], "longer than the steps before it"),
+        ([(30.0, 0.25), (60.0, 0.9), (61.0, None)], "about 6 s left"),
+    ],
+)
+def test_the_time_left_follows_from_what_was_done_and_goes_on_falling(monkeypatch, shares, said):
+    now = [0.0]
+    monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
+    left = console.Left()
+    for at, share in shares:
+        now[0] = at
+        if share is not None:
+            left.told(share)
+    assert str(left) == said

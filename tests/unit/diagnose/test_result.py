@@ -54,7 +54,9 @@ def test_what_a_name_rests_on_and_what_is_left_stand_in_the_document():
         Ground(False, 1.1, 2.0, 0.5, Alternative("gear", "backlash")), Ground(True, share=0.97), Ground(True)
     )
     unknown = {"mass_3": {"before": 0.4, "after": 0.01, "force": 2.0, "unit": "N"}}
-    much = Explained(None, 0.97, {"q3": Left(1e-6, "m", 0.01, 2.0)}, True, unknown=unknown)
+    much = Explained(
+        None, 0.97, {"q3": Left(1e-6, "m", 0.01, 2.0)}, True, unknown=unknown, causes={"gear.backlash": 0.97}
+    )
     document = replace(made, findings=(replace(made.findings[0], stands=grounds),), explained=much).to_json()
     none = {"stands": True, "ratio": None, "t": None, "agree": None}
     rival = {"location": "gear", "effect": "backlash"}
@@ -66,7 +68,7 @@ def test_what_a_name_rests_on_and_what_is_left_stand_in_the_document():
     assert document["explained"] == {
         "free_running": None, "compared": 0.97, "enough": True,
         "left": {"q3": {"rms": 1e-6, "unit": "m", "of_motion": 0.01, "floors": 2.0}},
-        "unknown": unknown,
+        "unknown": unknown, "causes": {"gear.backlash": 0.97},
     }  # fmt: skip
 
 
