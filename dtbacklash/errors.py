@@ -13,6 +13,8 @@ class UserError(ValueError):
 
     #: of a command that it ends
     exit_code = 2
+    #: what was done when nothing of it could be written; None where there is nothing
+    result: object = None
 
     def __init__(self, key: str, value: object, allowed: str) -> None:
         self.key, self.value, self.allowed = key, value, allowed

@@ -30,7 +30,8 @@ class Application:
     fingerprint : of the settings: a hash of all that decides the result.
     do : (settings, folder, command line, tell) writes the folder, complete or not at all. Gives what ``show`` shows and
         the row of figures. ``tell`` is told how far it is; None in a job of a sweep.
-    show : (what ``do`` gave first, settings, folder) says on the terminal what came out; returns the exit code.
+    show : (what ``do`` gave first, settings, folder) says on the terminal what came out; returns the exit code. The
+        folder is None where nothing could be written, and ``do`` raised an error with its ``result``.
     mark : the file that a complete result holds.
     figures : the columns of the table, names in the row.
     doing : what it does, for a bar of progress. progress : the bar, where it is another one than that of a command.
@@ -45,7 +46,7 @@ class Application:
     name: str
     fingerprint: Callable[[Any], str]
     do: Callable[[Any, Path, str, Any], tuple[Any, dict[str, Any]]]
-    show: Callable[[Any, Any, Path], int]
+    show: Callable[[Any, Any, Any], int]
     mark: str
     figures: tuple[str, ...]
     doing: str = ""

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dtbacklash.config.grammar import GRAMMARS
+from dtbacklash.errors import UserError
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
@@ -83,8 +84,13 @@ def _alone(name: str, config: DictConfig, folder: Path, overrides: Sequence[str]
 
     application = find(name)
     settings = application.load(config)  # first: a mistake in an override is told here
-    with application.progress() if application.progress else console.progress(application.doing) as tell:
-        result, _ = application.do(settings, folder, command_line(name, overrides), tell)
+    try:
+        with application.progress() if application.progress else console.progress(application.doing) as tell:
+            result, _ = application.do(settings, folder, command_line(name, overrides), tell)
+    except UserError as error:
+        if error.result is not None:  # minutes of work, which the terminal can keep
+            application.show(error.result, settings, None)
+        raise
     return application.show(result, settings, folder)
 
 

@@ -16,6 +16,7 @@ from dtbacklash.config.commands import DiagnoseConfig
 from dtbacklash.config.grammar import RUN_FOLDER, SWEEP_FOLDER
 from dtbacklash.config.groups import recordings
 from dtbacklash.config.load import settings_hash
+from dtbacklash.errors import UserError
 from dtbacklash.files import run_folder
 
 if TYPE_CHECKING:
@@ -45,16 +46,21 @@ def do(config: DiagnoseConfig, folder: Path, command: str, tell: Tell | None) ->
 
     jobs = config.jobs or (os.cpu_count() if tell else None) or 1
     say = tell or _silent
-    with run_folder(folder, RUN_FOLDER, MARK, ENTRIES) as scratch:
-        rig = build_rig(config.rig)
-        say(0.0, "reading the recording")
-        train, held_out = read(config, rig)
-        for note in (*_notes(train, held_out), *_untold(train, rig)):
-            log.info(note)
-        keep = config.keep is not None and tell is not None  # a job of a sweep that was stopped is not done
-        diagnosis = run_diagnosis(train, held_out, rig, jobs, say, config, keep)
-        say(1.0, "drawing the report")
-        page.write(diagnosis, scratch)
+    diagnosis = None
+    try:
+        with run_folder(folder, RUN_FOLDER, MARK, ENTRIES) as scratch:
+            rig = build_rig(config.rig)
+            say(0.0, "reading the recording")
+            train, held_out = read(config, rig)
+            for note in (*_notes(train, held_out), *_untold(train, rig)):
+                log.info(note)
+            keep = config.keep is not None and tell is not None  # a job of a sweep that was stopped is not done
+            diagnosis = run_diagnosis(train, held_out, rig, jobs, say, config, keep)
+            say(1.0, "drawing the report")
+            page.write(diagnosis, scratch)
+    except UserError as error:  # the disk is full, say: what was found is not lost with it
+        error.result = diagnosis
+        raise
     named = [f"{one.location}.{one.effect or 'unexplained'}" for one in diagnosis.findings]
     return diagnosis, {
         "verdict": diagnosis.verdict,
@@ -139,7 +145,6 @@ def _first(source: str) -> str:
     """The first of several recordings; what is written where it means none, as reading it says what is wrong."""
     if not any(sign in source for sign in "[*?"):
         return source
-    from dtbacklash.errors import UserError
     from dtbacklash.recording import sources_of
 
     try:
@@ -148,17 +153,24 @@ def _first(source: str) -> str:
         return source
 
 
-def show(diagnosis: Diagnosis, config: DiagnoseConfig, folder: Path) -> int:
-    """Print the verdict, the findings, the fit before and after, and where the report is; returns the exit code."""
+def show(diagnosis: Diagnosis, config: DiagnoseConfig, folder: Path | None) -> int:
+    """Print the first screen, the command that uses the result, and where the report is; returns the exit code.
+
+    folder : None where nothing could be written; then the rig that was found is printed instead.
+    """
     from rich.markup import escape
 
     from dtbacklash.commands.console import shown_path, stdout_console
+    from dtbacklash.physics.rig_file import rig_yaml
     from dtbacklash.report.diagnosis.text import lines
     from dtbacklash.report.diagnosis.words import next_command
     from dtbacklash.report.kit import tables
 
     console = stdout_console()
     tables.show(*lines(diagnosis), "")
+    if folder is None:
+        print(f"The rig that was found, which could not be written:\n\n{rig_yaml(diagnosis.rig)}")
+        return 1
     if not diagnosis.fault:
         run = next_command(diagnosis, shown_path(folder / "rig.yaml"))
         console.print(escape(f"To use what was found: {run}"), soft_wrap=True)

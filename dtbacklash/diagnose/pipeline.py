@@ -256,7 +256,7 @@ class _Course:
         told = replace(c.modelled, sentence=modelled_said(c.modelled, much)) if c.modelled else None
         away = tolerances_away(c.search.bench.nominal, c.model.rig)
         parts = (
-            SEARCHED[depth], summary(verdict, named, moved, where if depth != NONE else None),
+            SEARCHED[depth], summary(verdict, named, moved, where, depth != NONE, much.enough),
             explained_said(much, bool(named)), unknown_said(much), told.sentence if told else "",
             tolerances_said(away, USUAL),
         )  # fmt: skip
@@ -283,7 +283,7 @@ class _Course:
             work=Work(
                 record.sample_time_s, sum(int(r.train.sum()) for r in self.records),
                 sum(int(r.held.sum()) for r in self.records), every, tables.floor, len(c.search.gains),
-                len(c.search.tried), c.course == SMOOTH,
+                len(c.search.tried), c.course == SMOOTH, depth,
             ),
             calibration=calibration(c),
             modelled=told,

@@ -205,7 +205,7 @@ class Work:
     sample_time_s : of the recordings. fitted, judged : samples that were fitted to, and that judged.
     every : samples that one reading of the predictor stands for. floor : channel -> what a true model leaves, rms, SI.
     columns : effects that were tried by their columns. fits : of them in full. smooth : whether the command passes
-    smoothly through its samples.
+    smoothly through its samples. depth : how much was looked for, ``full``, ``quick`` or ``none``.
     """
 
     sample_time_s: float
@@ -216,3 +216,4 @@ class Work:
     columns: int
     fits: int
     smooth: bool = False
+    depth: str = "full"

@@ -1,5 +1,6 @@
 """``dtb diagnose`` from the command line, with a stand-in for the diagnosis itself."""
 
+import errno
 import json
 import logging
 from dataclasses import replace
@@ -8,6 +9,7 @@ import diagnosed
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 from hydra.core.global_hydra import GlobalHydra
 from told import without_progress
 
@@ -79,6 +81,20 @@ def test_what_was_known_when_it_was_stopped_is_written_and_marked(dtb, asked, tm
     assert "keep=all: choose one of partial" in err
     dtb("-m", "recording=bench.csv", "search=full,quick", "keep=partial", "out=jobs", "hydra/launcher=basic")
     assert asked["keep"] is False  # a job of a sweep that was stopped is not done
+
+
+def test_a_full_disk_does_not_lose_what_was_found(dtb, asked, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("dtbacklash.report.diagnosis.page.write", full)
+    code, out, err = dtb("recording=bench.csv", "out=found")
+    assert code == 1
+    assert err.count("the disk is full") == 1
+    assert "missing_physics: Coulomb" in out
+    rig = yaml.safe_load(out.partition("could not be written:")[2])
+    assert rig["effects"]["motor_bearing"]["coulomb_friction"]["torque"] == 0.02
+    assert not (tmp_path / "found").exists()
 
 
 def test_it_writes_everything_and_says_what_it_found(dtb, asked, tmp_path, files):

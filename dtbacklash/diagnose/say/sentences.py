@@ -119,19 +119,23 @@ def _how_busy(change: Floats) -> str:
 
 def summary(
     verdict: Verdict, findings: Sequence[Finding], recalibrated: dict[str, Recalibrated], located: Located | None,
+    looked: bool = True, enough: bool | None = None,
 ) -> str:  # fmt: skip
-    """Two or three sentences."""
+    """Two or three sentences. looked : whether physics was looked for. enough : whether what is left was called so."""
+    left = "what was called enough" if enough else "the sensors' noise"
     if verdict == CONSISTENT:
-        return "The recording agrees with the rig: what is left is the sensors' noise."
+        return f"The recording agrees with the rig: what is left is {left}."
     if verdict == PARAMETERS:
         names = ", ".join(f"{n} = {quantity(p.value, p.unit)}" for n, p in recalibrated.items())
+        if not looked or enough:
+            return f"With recalibrated parameters ({names}) what is left is {left}."
         return f"No physics is missing: recalibrated parameters explain the recording ({names})."
     parts = [f.sentence for f in findings]
     for finding in findings:
         if finding.also_fits:
             others = " or ".join(other_in_words(o) for o in finding.also_fits)
             parts.append(f"This recording cannot tell {name_in_words(finding.effect)} from {others}.")
-    if verdict == UNEXPLAINED and located:
+    if verdict == UNEXPLAINED and located and looked:
         said = "What remains" if findings else "The mismatch"
         where = f" and lies at or near {place_in_words(located.location)}" if located.shown else ""
         parts.append(f"{said} is real{where}, but nothing in the catalogue was found that explains it"

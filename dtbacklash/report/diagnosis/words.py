@@ -32,6 +32,8 @@ def next_command(diagnosis: Diagnosis, file: str) -> str:
 def heading(diagnosis: Diagnosis) -> str:
     """The verdict in one line."""
     named = _by_place(diagnosis.findings)
+    if diagnosis.work and diagnosis.work.depth == "none":
+        return f"No physics was looked for; {_calibrated(diagnosis)}"
     if diagnosis.verdict == CONSISTENT:
         return "The model explains this recording"
     if diagnosis.verdict == PARAMETERS:
@@ -48,6 +50,16 @@ def heading(diagnosis: Diagnosis) -> str:
         over = f"the {found.state} of {place_in_words(found.location)}"
         return f"Unexplained, but modelled: {rest}an effort over {over}"
     return f"Unexplained: {rest}more than noise is left{where}"
+
+
+def _calibrated(diagnosis: Diagnosis) -> str:
+    """What a calibration alone comes to."""
+    if diagnosis.verdict == UNEXPLAINED:
+        return "the calibrated rig leaves more than noise"
+    enough = diagnosis.explained.enough if diagnosis.explained else None
+    left = "leaves what was called enough" if enough else "leaves noise"
+    moved = f", with other {listed(list(diagnosis.recalibrated))}," if diagnosis.recalibrated else ""
+    return f"the calibrated rig{moved} {left}"
 
 
 def causes(diagnosis: Diagnosis, plain: bool = False) -> Table:

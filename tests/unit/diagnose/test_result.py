@@ -72,6 +72,25 @@ def test_what_a_name_rests_on_and_what_is_left_stand_in_the_document():
     }  # fmt: skip
 
 
+MOVED = "k = 9.02e+03 N/m"
+
+
+@pytest.mark.parametrize(
+    ("verdict", "looked", "enough", "said"),
+    [
+        ("parameters", True, None, f"No physics is missing: recalibrated parameters explain the recording ({MOVED})."),
+        ("parameters", True, True, f"With recalibrated parameters ({MOVED}) what is left is what was called enough."),
+        ("parameters", False, None, f"With recalibrated parameters ({MOVED}) what is left is the sensors' noise."),
+        ("consistent", False, True, "The recording agrees with the rig: what is left is what was called enough."),
+        ("unexplained", False, None, ""),
+    ],
+)  # fmt: skip
+def test_no_physics_is_said_to_be_absent_that_was_not_looked_for_or_did_not_matter(verdict, looked, enough, said):
+    moved = {"k": diagnosed.parameters().recalibrated["k"]}
+    where = diagnosed.unexplained().located
+    assert summary(verdict, (), moved, where, looked, enough) == said
+
+
 @pytest.mark.parametrize("open_one", ["where", "law", "size", ""])
 def test_a_name_is_sure_where_place_law_and_size_stand(open_one):
     assert Stands(*(Ground(part != open_one) for part in ("where", "law", "size"))).sure == (not open_one)

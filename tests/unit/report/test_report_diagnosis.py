@@ -257,6 +257,23 @@ def test_verdicts_in_words():
     }
 
 
+@pytest.mark.parametrize(
+    ("name", "enough", "said"),
+    [
+        ("parameters", None, "the calibrated rig, with other k, leaves noise"),
+        ("parameters", True, "the calibrated rig, with other k, leaves what was called enough"),
+        ("consistent", None, "the calibrated rig leaves noise"),
+        ("unexplained", False, "the calibrated rig leaves more than noise"),
+    ],
+)
+def test_a_calibration_alone_says_that_no_physics_was_looked_for(name, enough, said):
+    made = diagnosed.EACH[name]()
+    much = replace(made.explained, enough=enough)
+    made = replace(made, work=replace(made.work, depth="none"), explained=much)
+    assert heading(made) == f"No physics was looked for; {said}"
+    assert "is missing" not in printed(made)
+
+
 def test_an_unexplained_rest_beside_named_physics_is_placed():
     made = diagnosed.missing()
     rest = diagnosed.unexplained().located
