@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import pairwise
 from typing import Any, ClassVar
 
 import yaml
@@ -156,6 +157,8 @@ def _check_size(node: Any) -> None:
             return sizes.get(mark, 1)
         open_nodes.add(mark)
         pairs = isinstance(node, yaml.MappingNode)
+        if pairs:
+            _check_commas(node)
         parts = [part for pair in node.value for part in pair] if pairs else node.value
         sizes[mark] = 1 + sum(size(part, depth + 1) for part in parts)
         open_nodes.remove(mark)
@@ -165,6 +168,16 @@ def _check_size(node: Any) -> None:
 
     if node is not None:
         size(node, 0)
+
+
+def _check_commas(node: Any) -> None:
+    """Refuse ``{value: 1,2 ohm}``, which YAML reads as a value of 1 and a key ``2 ohm`` without one."""
+    for (name, value), (key, nothing) in pairwise(node.value):
+        whole = isinstance(value, yaml.ScalarNode) and re.fullmatch(r"[-+]?\d+", value.value)
+        bare = isinstance(nothing, yaml.ScalarNode) and nothing.value == "" and isinstance(key, yaml.ScalarNode)
+        if whole and bare and re.match(r"\d", key.value):
+            said = f"{name.value}: {value.value},{key.value}"
+            raise Mistake(f"holds a decimal comma in {said!r}{_where(key)}; write {value.value}.{key.value}")
 
 
 def _problem(error: yaml.YAMLError) -> str:

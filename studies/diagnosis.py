@@ -22,7 +22,7 @@ EFFECTS = (
     "motor_bearing.coulomb_friction.torque=0.02", "gear.backlash.half_gap=0.05", "link_1.cubic_stiffness.k3=1e10",
 )  # fmt: skip
 MOTION = (
-    "controller=open_loop", "reference=multisine", "reference.rms_mm=2", "reference.f_max_hz=10", "sensors=encoder",
+    "controller=open_loop", "reference=multisine", "reference.rms_v=2", "reference.f_max_hz=10", "sensors=encoder",
     "profile=constant", "profile.start_deg=0", "rig.parameters.m.value=5.3", "rig.parameters.R.value=12.2",
 )  # fmt: skip
 

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 PARTS = ("new", "check")
 #: of a plant that is only looked at, s
 STEP_S = 1e-4
+#: a parameter that is known no better says nothing (share)
+TOLERANCE_USUAL = 1.0
 
 
 def main(words: Sequence[str]) -> int:
@@ -53,9 +55,9 @@ def _new(words: list[str]) -> None:
 
 
 def check(words: Sequence[str]) -> list[str]:
-    """Draw the rig that is named by the words ``NAME|FILE [rig.KEY=VALUE ...] [out=FOLDER]``; what is to be said of it.
+    """What is to be said of the rig that is named by the words ``NAME|FILE [rig.KEY=VALUE ...] [out=FOLDER]``.
 
-    The drawing is ``NAME_rig.png`` in the folder, which is this one unless ``out`` says another.
+    With ``out`` it is drawn as well, as ``NAME_rig.png`` in that folder.
     """
     out = [word for word in words if word.startswith("out=")]
     words = [word for word in words if word not in out]
@@ -68,8 +70,14 @@ def check(words: Sequence[str]) -> list[str]:
     from dtbacklash.report.diagnosis.rig_drawing import chain
 
     rig = load_rig(words[0], *words[1:])
-    drawing = _drawn(rig, Path(words[0]).stem, "".join(out).removeprefix("out=") if out else ".")
-    lines = [f"{rig.config.name}: {rig.config.description}", "  " + " - ".join(chain(rig)), "", "parameters (SI):"]
+    drawing = _drawn(rig, Path(words[0]).stem, out[0].removeprefix("out=")) if out else ""
+    lines = [
+        *(f"look at this: {doubt}" for doubt in doubts(rig)),
+        f"{rig.config.name}: {rig.config.description}",
+        "  " + " - ".join(chain(rig)),
+        "",
+        "parameters (SI):",
+    ]
     for name, p in rig.config.parameters.items():
         users = [place for place, spec in rig.config.elements.items() if name in spec.values()]
         where = f"of {', '.join(users)}" if users else "used by no element"
@@ -82,7 +90,37 @@ def check(words: Sequence[str]) -> list[str]:
     for sentence in beforehand(rig):
         lines += ["", sentence]
     more = "" if rig.only("gear") else " controller=open_loop"
-    return [*lines, "", f"drawn in {drawing}", "", f"dtb run {shlex.quote(f'rig={words[0]}')}{more}"]
+    drawn = ["", f"drawn in {drawing}"] if drawing else []
+    return [*lines, *drawn, "", f"dtb run {shlex.quote(f'rig={words[0]}')}{more}"]
+
+
+def doubts(rig: Rig) -> list[str]:
+    """What is allowed and hardly meant: elements that nothing reaches, tolerances that leave nothing known."""
+    from dtbacklash.physics.kinds import GROUND
+    from dtbacklash.report.diagnosis.rig_drawing import edges
+
+    near: dict[str, set[str]] = {name: set() for name in rig.elements}
+    for a, b in edges(rig):
+        if GROUND not in (a, b):
+            near[a].add(b)
+            near[b].add(a)
+    reached, waiting = set(), [next(iter(rig.elements))]  # the command enters at the first
+    while waiting:
+        name = waiting.pop()
+        reached.add(name)
+        waiting += near[name] - reached
+    said = []
+    for name in (name for name in rig.elements if name not in reached):
+        watch = [s.name for s in rig.sensors.values() if s.of == name]
+        seen = f", and {', '.join(watch)} shows nothing" if watch else ""
+        said.append(f"rig.elements.{name} is connected to nothing that the command moves{seen}")
+    for name, p in rig.config.parameters.items():
+        if (share := p.tolerance) > TOLERANCE_USUAL:
+            meant = f"as good as unknown; {share / 100:g} would be {share:g} %"
+            said.append(f"rig.parameters.{name}.tolerance={share:g} is {100 * share:g} %: {meant}")
+        if not any(name in spec.values() for spec in rig.config.elements.values()):
+            said.append(f"rig.parameters.{name} is used by no element")
+    return said
 
 
 def _drawn(rig: Rig, name: str, folder: str) -> str:

@@ -48,6 +48,9 @@ OF_A_RIG = {
     "effects": "motor_bearing.coulomb_friction.torque=0.02",
 }  # fmt: skip
 
+#: in open loop the reference is the command: these are volts, and stand for the same ending in ``_mm``
+OPEN_LOOP = tuple(f"reference.{name}_v" for name in ("amplitude", "offset", "step", "rms"))
+
 Task = Callable[[DictConfig], object]
 
 
@@ -77,7 +80,7 @@ def overrides(grammar: Grammar, words: Sequence[str]) -> list[str]:
             expects_value = word in VALUED
             result += _option(grammar, word)
         else:
-            key, value = _split(grammar, word, sweeps)
+            key, value = _in_volts(words, *_split(grammar, word, sweeps))
             if key in given:
                 raise UserError(word.partition("=")[0], value, f"is given twice; the first is {given[key]}")
             given[key] = value
@@ -115,6 +118,17 @@ def _split(grammar: Grammar, word: str, sweeps: bool) -> tuple[str, str]:
     if name == FOLDER_WORD and not grammar.one_file:
         return (SWEEP_FOLDER if sweeps else RUN_FOLDER), value
     return grammar.words.get(name, name), value
+
+
+def _in_volts(words: Sequence[str], key: str, value: str) -> tuple[str, str]:
+    """A setting of the reference that is named by the unit that it has in open loop, by the name of its field."""
+    name = key.removesuffix("_v")
+    if key not in OPEN_LOOP:
+        return key, value
+    if "controller=open_loop" not in words:
+        allowed = f"is a voltage, which the reference of controller=open_loop is; else write {name}_mm"
+        raise UserError(key, value, allowed)
+    return f"{name}_mm", value
 
 
 def _override(grammar: Grammar, key: str, value: str, written: str, sweeps: bool) -> list[str]:

@@ -50,7 +50,7 @@ def in_si(key: str, value: object, unit: str = "") -> tuple[float, str]:
         if written and unit:
             raise UserError(key, value, f"gives its unit twice (unit: {unit})")
         written = written or unit
-    size = finite(key, number, "must be a finite number, SI, or with its unit as in 0.5 N/mm")
+    size = finite(key, number, "must be a finite number, SI, or with its unit as in 0.5 N/mm, with a decimal point")
     found = units.composed(written) if written else units.Unit("", 1.0)
     if found is None:
         raise UserError(key, value, f"the unit {written} is unknown; written as in N/mm, kg cm^2, mm/rev, N m/A")

@@ -128,18 +128,21 @@ class ReferenceConfig:
 
     kind: str = setting("square", "form of the reference", choices=REFERENCES)
     amplitude_mm: float = setting(
-        1.0, "square: between + and - this, beginning with +; step: from 0 to this", at_least=-1e4,
+        1.0, "square: between + and - this, beginning with +; step: from 0 to this; in open loop write `amplitude_v`",
+        at_least=-1e4,
         at_most=1e4,
     )  # fmt: skip
-    offset_mm: float = setting(0.0, "added to every kind but csv", at_least=-1e4, at_most=1e4)
+    offset_mm: float = setting(
+        0.0, "added to every kind but csv; in open loop write `offset_v`", at_least=-1e4, at_most=1e4
+    )
     period_s: float = setting(40.0, "square and multisine: period", above=0)
     t_start_s: float = setting(0.0, "step: when", at_least=0)
-    step_mm: float = setting(0.5, "staircase: size of a step", at_least=-1e4, at_most=1e4)
+    step_mm: float = setting(0.5, "staircase: size of a step; in open loop write `step_v`", at_least=-1e4, at_most=1e4)
     dwell_s: float = setting(10.0, "staircase: time on a step", above=0)
     levels: int = setting(4, "staircase: steps up before it goes down again", at_least=1, at_most=1000)
     f_min_hz: float = setting(0.1, "multisine: lowest frequency", above=0)
     f_max_hz: float = setting(2.0, "multisine: highest frequency, at most half the sample rate", above=0)
-    rms_mm: float = setting(0.5, "multisine: root mean square", at_least=0, at_most=1e4)
+    rms_mm: float = setting(0.5, "multisine: root mean square; in open loop write `rms_v`", at_least=0, at_most=1e4)
     path: str | None = setting(None, "csv: file with the columns t_s, r_mm", path=INPUT)
     interpolation: str = setting("hold", "csv: between its rows", choices=INTERPOLATIONS)
 

@@ -15,6 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from dtbacklash.config.load import fingerprint, plain
 from dtbacklash.config.run import RunConfig
+from dtbacklash.errors import UserError
 from dtbacklash.files import run_folder, write_json, write_parquet, written
 from dtbacklash.version import __version__
 
@@ -87,12 +88,15 @@ def simulate_and_write(
 
     Raises
     ------
-    UserError : the folder or the recording cannot be written; the loop diverged (:class:`Diverged`).
+    UserError : the folder or the recording cannot be written, or the latter is there; the loop diverged.
     """
     # libraries first: Ctrl-C while one is loading may end the process before anything is cleared away
     from dtbacklash.experiment import run as _scenario  # noqa: F401
     from dtbacklash.report.run import page as _page  # noqa: F401
 
+    wanted = config.recording.save
+    if wanted is not None and Path(wanted).exists():  # it may be a bench's, which nobody can make again
+        raise UserError("recording.save", wanted, "is there already; give another name, or remove it first")
     with run_folder(folder) as scratch:  # before the work: a folder that holds something else is told at once
         result = simulate(config, command, progress)
         write(result, scratch)

@@ -137,6 +137,11 @@ def test_a_recording_is_written_beside(dtb, tmp_path, files, suffix):
     assert list(table.columns[:5]) == ["t", "r", "u", "theta_m", "q3"]
     assert np.allclose(np.diff(table["t"]), 0.001)
     assert [name for name in files(tmp_path) if "/" not in name] == [f"seen.{suffix}"]
+    before = (tmp_path / f"seen.{suffix}").read_bytes()
+    code, _, err = dtb("run", "duration_s=3", "figures=false", f"recording.save=seen.{suffix}", "hydra.run.dir=again")
+    assert code == 2
+    assert f"recording.save=seen.{suffix}: is there already; give another name, or remove it first" in err
+    assert (tmp_path / f"seen.{suffix}").read_bytes() == before
 
 
 def test_a_run_into_its_own_folder_again_replaces_it(dtb, tmp_path, files):

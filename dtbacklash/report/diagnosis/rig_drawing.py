@@ -192,7 +192,7 @@ def _label_x(x: float, text: str) -> float:
 def chain(rig: Rig) -> list[str]:
     """The elements in the order of a walk from the first one along its neighbours; short branches first."""
     near: dict[str, list[str]] = {name: [] for name in rig.elements}
-    for a, b in _edges(rig):
+    for a, b in edges(rig):
         if b != GROUND:
             near[a].append(b)
             near[b].append(a)
@@ -227,7 +227,8 @@ def _longest(at: dict[str, tuple[float, float]]) -> int:
     return max(Counter(y for _, y in at.values()).values())
 
 
-def _edges(rig: Rig) -> list[tuple[str, str]]:
+def edges(rig: Rig) -> list[tuple[str, str]]:
+    """Pairs of neighbours; one of them may be the ground."""
     pairs = []
     for element in rig.elements.values():
         for target in element.neighbours.values():
@@ -239,7 +240,7 @@ def _edges(rig: Rig) -> list[tuple[str, str]]:
 def _connect(ax: Axes, rig: Rig, at: dict[str, tuple[float, float]]) -> None:
     """Lines between neighbours: straight where they stand side by side, else around the tiles."""
     style: dict[str, Any] = {"color": MUTED, "lw": 2.2, "zorder": 1}
-    for a, b in _edges(rig):
+    for a, b in edges(rig):
         if b == GROUND:
             continue
         (xa, ya), (xb, yb) = at[a], at[b]
