@@ -38,6 +38,7 @@ from dtbacklash.diagnose.say.sentences import (
     unknown_said,
     zeros_said,
 )
+from dtbacklash.diagnose.say.suspects import suspects, suspects_said
 from dtbacklash.diagnose.seen import Seen, bench_of
 from dtbacklash.diagnose.shown import Work
 from dtbacklash.diagnose.so_far import Pace, known
@@ -255,8 +256,9 @@ class _Course:
         named, moved, where = findings(c), recalibrated(c), located(c, verdict)
         told = replace(c.modelled, sentence=modelled_said(c.modelled, much)) if c.modelled else None
         away = tolerances_away(c.search.bench.nominal, c.model.rig)
+        suspected = suspects_said(c, suspects(c)) if verdict == UNEXPLAINED else ""
         parts = (
-            SEARCHED[depth], summary(verdict, named, moved, where, depth != NONE, much.enough),
+            suspected, SEARCHED[depth], summary(verdict, named, moved, where, depth != NONE, much.enough),
             explained_said(much, bool(named)), unknown_said(much), told.sentence if told else "",
             tolerances_said(away, USUAL),
         )  # fmt: skip
@@ -271,6 +273,7 @@ class _Course:
             recordings=tables.recordings(),
             candidates=candidates(c),
             located=where,
+            suspected=suspected,
             next_experiment=next_experiment(c, verdict, where),
             nominal=self.rig,
             extended=with_errors(c.model.rig.with_zeros({}), c.values.errors, verdict != UNEXPLAINED),

@@ -142,6 +142,7 @@ class Diagnosis:
     fault : of wiring, a sensor or the sampling, because of which no physics was looked for; else empty.
     calibration : of all known parameters, where the recording was diagnosed.
     modelled : what no name explains, as a table or formula in the rig.
+    suspected : which number in the rig looks like a typo, in a sentence; else empty.
     stopped : what was being done when it was stopped, of which this is what was known; else empty.
     nominal : the rig as it was given. extended : recalibrated, with what was found. shown, work : for the report.
     """
@@ -170,6 +171,7 @@ class Diagnosis:
     calibration: Calibration | None = None
     modelled: Modelled | None = None
     stopped: str = ""
+    suspected: str = ""
 
     @property
     def rig(self) -> Rig:
@@ -183,6 +185,7 @@ class Diagnosis:
             "limits", "units", "next_experiment", "notes",
         )  # fmt: skip
         document: Document = {"stopped_early": self.stopped} if self.stopped else {}
+        document |= {"suspected": self.suspected} if self.suspected else {}
         document |= {name: json_able(getattr(self, name)) for name in names}
         document["findings"] = [finding.to_json() for finding in self.findings]
         document["recalibrated"] = {name: row.to_json() for name, row in self.recalibrated.items()}

@@ -149,8 +149,9 @@ def run(
     config = composed(list(overrides), rig, model)
     if config.task != "run":
         raise UserError("task", config.task, "is for the command line: dtb run experiment=close_the_loop")
-    from dtbacklash.face.run_files import command_of, save_recording, simulate
+    from dtbacklash.face.run_files import check_recording, command_of, save_recording, simulate
 
+    check_recording(config)
     with shown(progress, "simulating") as tell:
         tick = None if tell is None else lambda share: tell(share, "simulating")
         result = simulate(config, command_of(overrides, rig, model), tick)

@@ -94,9 +94,7 @@ def simulate_and_write(
     from dtbacklash.experiment import run as _scenario  # noqa: F401
     from dtbacklash.report.run import page as _page  # noqa: F401
 
-    wanted = config.recording.save
-    if wanted is not None and Path(wanted).exists():  # it may be a bench's, which nobody can make again
-        raise UserError("recording.save", wanted, "is there already; give another name, or remove it first")
+    check_recording(config)
     with run_folder(folder) as scratch:  # before the work: a folder that holds something else is told at once
         result = simulate(config, command, progress)
         write(result, scratch)
@@ -165,6 +163,13 @@ def recording_columns(result: RunResult) -> pd.DataFrame:
         factors["r"] = result.rig.reference_per_si()
     columns = {name: values * factors.get(name, 1.0) for name, values in result.seen.items()}
     return pd.DataFrame({"t": result.t_s, **columns})
+
+
+def check_recording(config: RunConfig) -> None:
+    """Refuse to write over a recording: it may be a bench's, which nobody can make again; raises UserError."""
+    wanted = config.recording.save
+    if wanted is not None and Path(wanted).exists():
+        raise UserError("recording.save", wanted, "is there already; give another name, or remove it first")
 
 
 def save_recording(result: RunResult) -> None:

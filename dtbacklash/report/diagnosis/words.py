@@ -13,6 +13,7 @@ from dtbacklash.diagnose.named import Finding, Recalibrated
 from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Diagnosis
 from dtbacklash.diagnose.shown import Curve
 from dtbacklash.diagnose.words import named_in_words, other_in_words, place_in_words
+from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import SENSOR_PREFIX
 from dtbacklash.report.kit.blocks import Table
@@ -43,6 +44,8 @@ def heading(diagnosis: Diagnosis) -> str:
         return f"Missing: {listed(named)}"
     if diagnosis.fault:
         return f"No physics was looked for: {diagnosis.fault}"
+    if diagnosis.suspected:
+        return "Unexplained: " + diagnosis.suspected.replace("`", "").rstrip(".")
     there = diagnosis.located
     where = f" at the {place_in_words(there.location)}" if there and there.shown else ""
     rest = f"beside {listed(named)}, " if named else ""
@@ -84,6 +87,10 @@ def causes(diagnosis: Diagnosis, plain: bool = False) -> Table:
         rows.append(
             [place_in_words(m.location), law, size, "no name", _percent(shares.get(f"{m.location}.{m.effect}"))]
         )
+    listed_already = {f"{f.location}.{f.effect}" for f in diagnosis.findings}
+    listed_already |= {f"{m.location}.{m.effect}"} if m else set()
+    for name in (n for n in shares if n not in listed_already and n not in diagnosis.recalibrated):
+        rows.append(_beside(diagnosis, name, _percent(shares[name]), plain))
     for name, row in diagnosis.recalibrated.items():
         rows.append(_parameter(diagnosis, name, row, _percent(shares.get(name)), plain))
     if diagnosis.verdict == UNEXPLAINED and not diagnosis.fault and much is not None and m is None:
@@ -103,6 +110,15 @@ def _sure(finding: Finding) -> str:
         return "open: it may not be there"
     said = [text for text, one in (("where", grounds.where), ("which law", grounds.law)) if not one.stands]
     return f"open: {' and '.join(said)}" if said else "open"
+
+
+def _beside(diagnosis: Diagnosis, name: str, share: str, plain: bool) -> list[str]:
+    """The row of what the modelled rig has beside its table or formula, and no name stands for."""
+    place, _, effect = name.rpartition(".")
+    values = diagnosis.rig.effect(place, effect) or {}
+    kind = find(diagnosis.rig.kind_at(place), effect, place)
+    sizes = [f"{name_in_words(p.name)} {interval(values[p.name], None, p.unit, plain)}" for p in kind.parameters[:2]]
+    return [place_in_words(place), name_in_words(effect), "\n".join(sizes), "no name", share]
 
 
 def _parameter(diagnosis: Diagnosis, name: str, row: Recalibrated, share: str, plain: bool) -> list[str]:

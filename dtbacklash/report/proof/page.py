@@ -23,7 +23,15 @@ from dtbacklash.report.kit.numbers import number
 from dtbacklash.report.kit.page import embedded, render
 from dtbacklash.report.proof.confusion import confusion_figure
 from dtbacklash.report.proof.figures import errors_figure, shares_figure, visibility_figure
-from dtbacklash.report.proof.text import figure_row, markdown, quantity_row, reliability_rows, rig_rows, which_seeds
+from dtbacklash.report.proof.text import (
+    few,
+    figure_row,
+    markdown,
+    quantity_row,
+    reliability_rows,
+    rig_rows,
+    which_seeds,
+)
 
 CAPTIONS = {
     "shares": "Every share of the score with its 95 % interval (Wilson), beside the range of its bar.",
@@ -97,7 +105,7 @@ def page(score: Score, rows: pd.DataFrame, figures: dict[str, Path]) -> str:
     shares = ("figure", "share#", "count#", "95 % interval#", "bar#", "met", "over all sizes#")
     drawn = [Shown(embedded(path), CAPTIONS[name], GOOD[name]) for name, path in figures.items()]
     counts = [
-        (f"{met} of {barred}", "bars met"),
+        (f"{met} of {barred}", "bars met") if few(score) == "" else ("-", few(score)),
         (str(score.cases), "recordings"),
         (str(score.failed), "diagnoses failed"),
     ]

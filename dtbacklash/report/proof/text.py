@@ -13,6 +13,9 @@ from dtbacklash.report.kit.markdown import table
 from dtbacklash.report.kit.numbers import number
 from dtbacklash.report.kit.tables import blank, fill, notes, plain_cell
 
+#: fewer recordings meet every bar by chance, or miss it
+ENOUGH = 20
+
 
 def bar_text(bar: tuple[float, float] | None) -> str:
     """A bar in words."""
@@ -27,6 +30,11 @@ def met_text(met: bool | None, bar: object) -> str:
     if bar is None:
         return ""
     return "-" if met is None else "pass" if met else "**miss**"
+
+
+def few(score: Score) -> str:
+    """What is said in the place of bars where there are too few recordings to judge them; empty elsewhere."""
+    return f"{score.cases} recordings are too few to judge a bar" if score.cases < ENOUGH else ""
 
 
 def percent(share: float) -> str:
@@ -120,7 +128,7 @@ def terminal(score: Score) -> Table:
         ("count", "count", plain_cell, True), ("interval", "95 % interval", plain_cell, True),
         ("bar", "bar", plain_cell, True), ("met", "", plain_cell, False), ("all", "all sizes", plain_cell, True),
     ])  # fmt: skip
-    lines = []
+    lines = [f"{few(score)}: pass and miss say little."] if few(score) else []
     for q in score.quantities:
         what, median, ninety, unit, of, bar, met = quantity_row(q)
         judged = f"; {bar}: {met}".replace("**miss**", "MISS") if bar else ""

@@ -19,7 +19,7 @@ pytestmark = pytest.mark.check
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "python.md"
 BLOCKS = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
-MOTION = ("controller=open_loop", "reference=multisine", "reference.rms_mm=2", "reference.f_max_hz=10",
+MOTION = ("controller=open_loop", "reference=multisine", "reference.rms_v=2", "reference.f_max_hz=10",
           "profile=constant", "profile.start_deg=0", "sensors=encoder", "duration_s=15")  # fmt: skip
 
 

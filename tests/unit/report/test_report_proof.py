@@ -1,5 +1,6 @@
 """The figures, the page and the docs of a proof."""
 
+import io
 import json
 import re
 from dataclasses import replace
@@ -18,9 +19,11 @@ from dtbacklash.files import read_json
 from dtbacklash.prove.confusion import Cell
 from dtbacklash.prove.rows import case_rows
 from dtbacklash.prove.score import Score, score
+from dtbacklash.report.kit import tables
 from dtbacklash.report.proof import page as proof_page
 from dtbacklash.report.proof.confusion import RIGHT, STATED, WRONG, confusion_figure
 from dtbacklash.report.proof.figures import errors_figure, shares_figure, visibility_figure
+from dtbacklash.report.proof.text import terminal
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
 
@@ -131,6 +134,11 @@ def test_the_page_lists_what_went_wrong(tmp_path, undrawn):
     proof_page.write(score(few), few, tmp_path)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "(1 of 2)" in page
+    assert "2 recordings are too few to judge a bar" in page
+    assert "bars met" not in page
+    out = io.StringIO()
+    tables.show(terminal(score(few)), file=out)
+    assert "2 recordings are too few to judge a bar" in out.getvalue()
     assert "<span>link_1 cubic_stiffness</span>" in page
     assert "<span>motor_bearing coulomb_friction</span>" in page
 
