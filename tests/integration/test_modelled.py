@@ -32,7 +32,8 @@ def test_no_name_is_given_and_what_is_left_is_modelled_down_to_the_noise(found):
     assert chosen["family"] == "an even power"
     low, high = chosen["parameters"]["n"]["ci95"]
     assert low < 2.0 < high < 2.1
-    assert "over the position, times the speed, like an even power" in " ".join(found[1].split())
+    assert "found_1: (a + b*abs(q)**n)*v" in found[1]
+    assert "over the position, times the speed, like an even power" in diagnosis["summary"]
 
 
 def test_its_rig_has_the_formula_and_runs(found):
