@@ -68,12 +68,48 @@ DOWN = ((0.1, 1.0, ""), (1e-4, 1e-3, "m"), (1e-7, 1e-6, "µ"), (0.0, 1e-9, "n"))
 UP = ((1e7, 1e6, "M"), (1e4, 1e3, "k"))
 SUPERSCRIPT = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
+#: units as words, as instruments write them
+WORDS: dict[str, str] = {
+    word: unit
+    for unit, words in {
+        "s": "second seconds secs sekunde sekunden", "ms": "msec millisecond milliseconds", "V": "volt volts",
+        "A": "amp amps ampere amperes", "N": "newton newtons", "m": "meter meters metre metres",
+        "mm": "millimeter millimeters", "deg": "degree degrees grad", "rad": "radian radians",
+        "rev": "revolution revolutions turn turns umdrehung umdrehungen",
+    }.items()
+    for word in words.split()
+}  # fmt: skip
 _LOWER = {name.lower(): unit for name, unit in reversed(UNITS.items())}
+_COUNTED = re.compile(r"(.+?)\s*/\s*(\d+\.?\d*(?:[eE][+-]?\d+)?)")
 
 
 def find(written: str) -> Unit | None:
-    """Return the SI unit and the factor of a unit as written, or None if it is unknown; capitals matter in doubt."""
-    return UNITS.get(written) or _LOWER.get(written.lower())
+    """Return the SI unit and the factor of a unit as written, or None if it is unknown; capitals matter in doubt.
+
+    ``rev/4096`` is a part of a unit: that of an encoder with 4096 counts a turn.
+
+    >>> find("mm"), find("Volt"), find("furlong")
+    (Unit(si='m', factor=0.001), Unit(si='V', factor=1.0), None)
+    >>> round(find("deg/10").factor * 1800 / math.pi, 9)
+    1.0
+    """
+    found = UNITS.get(written) or _LOWER.get(written.lower()) or UNITS.get(WORDS.get(written.lower(), ""))
+    part = None if found else _COUNTED.fullmatch(written)
+    whole = find(part[1]) if part else None
+    if part is None or whole is None or not 0.0 < float(part[2]) < math.inf:
+        return found
+    return Unit(whole.si, whole.factor / float(part[2]))
+
+
+def in_words(spec: object) -> str:
+    """A unit that a file gives as text, or as counts: ``{counts: 4096, per: rev}`` is ``rev/4096``.
+
+    >>> in_words({"counts": 4096, "per": "rev"})
+    'rev/4096'
+    """
+    if isinstance(spec, dict) and set(spec) == {"counts", "per"}:
+        return f"{spec['per']}/{spec['counts']}"
+    return str(spec or "")
 
 
 def composed(written: str) -> Unit | None:
@@ -116,7 +152,10 @@ def by_suffix(name: str) -> str:
 
 def per_si(unit: str) -> float:
     """The factor from a value in SI to the value in ``unit``, a unit of the table."""
-    return 1.0 / UNITS[unit].factor
+    found = find(unit)
+    if found is None:
+        raise KeyError(unit)
+    return 1.0 / found.factor
 
 
 def shown(si: str) -> tuple[str, float]:

@@ -13,11 +13,11 @@ from dtbacklash.physics.rig import Rig
 from dtbacklash.recording import channels as checks
 from dtbacklash.recording import timebase
 from dtbacklash.recording.command import NONE
+from dtbacklash.recording.heads import TIME
 from dtbacklash.recording.pick import (
     ASSUMED,
     COMMAND,
     REFERENCE,
-    TIME,
     Picked,
     check_present,
     unit_notes,
@@ -25,6 +25,7 @@ from dtbacklash.recording.pick import (
 )
 from dtbacklash.recording.plausible import check_units
 from dtbacklash.recording.refusal import CHANGE_MIN, VALUE_MAX, Refused
+from dtbacklash.recording.series import events, on_grid, own_paces, paces_said
 
 SAID = 3  # as many stretches are told one by one
 STEP_ASSUMED_MAX_S = 0.1  # nobody records a machine this slowly who does not say so: the unit of the time is wrong
@@ -70,13 +71,16 @@ def clean(
         for name, column in {"t": picked.t_s, **picked.channels}.items():
             if column is not None:
                 _check_sizes(name, column)
+        apart = own_paces(picked) or events(picked)
         grid = _grid(picked, sample_time_s)
         required = frozenset({COMMAND, *(rig.sensors if rig else ())})
         pieces = [(a, b) for a, b, _ in grid.pieces]
         rows = {n: v[grid.rows] for n, v in picked.channels.items()}
         filled = checks.fill(rows, grid.stamps_s, required, pieces)
         t_s, values, stretches = _on_grid(grid, filled)
-        notes = notes + picked.notes + grid.notes + filled.notes + _defects(values, t_s, stretches)
+        values |= {n: on_grid(n, own, t_s, grid.sample_time_s, command) for n, own in apart.items()}
+        said = paces_said({n: own for n, own in apart.items() if n not in picked.channels}, grid.sample_time_s)
+        notes = notes + picked.notes + said + grid.notes + filled.notes + _defects(values, t_s, stretches)
         if len(stretches) > 1:
             notes.append(_said(t_s, stretches))
         units = {name: picked.units[name] for name in values}
@@ -150,14 +154,16 @@ def _said(t_s: Floats, stretches: tuple[tuple[int, int], ...]) -> str:
 
 def _defects(values: dict[str, Floats], t_s: Floats, stretches: tuple[tuple[int, int], ...]) -> list[str]:
     found = []
-    for name, column in values.items():
+    for name, read in values.items():
         if name == REFERENCE:
             continue
+        column = read[np.isfinite(read)]
         clipped = checks.clipping(name, column)
         found.append(clipped)
         if name != COMMAND and clipped is None:
             u = values.get(COMMAND)
             for a, b in stretches if np.ptp(column) > 0.0 else [(0, len(t_s))]:
-                part = None if u is None else u[a:b]
-                found.append(checks.hanging(name, column[a:b], part, t_s[a:b], len(t_s)))
+                here = a + np.flatnonzero(np.isfinite(read[a:b]))
+                part = None if u is None else u[here]
+                found.append(checks.hanging(name, read[here], part, t_s[here], len(t_s)))
     return [note for note in found if note]

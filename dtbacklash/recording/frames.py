@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dtbacklash.recording import heads as heads_of
-from dtbacklash.recording.pick import TIME, TIMES
+from dtbacklash.recording.heads import TIME
 from dtbacklash.recording.refusal import Refused
-from dtbacklash.recording.tables import Table, from_arrays
+from dtbacklash.recording.table import Table, with_clocks
+from dtbacklash.recording.tables import from_arrays
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,17 +36,13 @@ def frame_table(frame: pd.DataFrame) -> Table:
     if not len(frame) or not heads:
         raise Refused("is empty")
     arrays: dict[str, object] = {}
-    if not isinstance(frame.index, pd.RangeIndex) and not any(_is_time(head) for head in heads):
+    if not isinstance(frame.index, pd.RangeIndex) and not any(heads_of.is_time(head) for head in heads):
         arrays[str(frame.index.name or TIME)] = _times(frame.index)
     for head, (_, column) in zip(heads, frame.items(), strict=True):
         kind = column.dtype
         missing = pd.api.types.is_extension_array_dtype(kind) and pd.api.types.is_numeric_dtype(kind)
         arrays[head] = column.to_numpy(dtype=float, na_value=np.nan) if missing else column.to_numpy()
-    return from_arrays(arrays, whole=True)
-
-
-def _is_time(head: str) -> bool:
-    return any(reading.name.lower() in (TIME, *TIMES) for reading in heads_of.readings(head))
+    return with_clocks(from_arrays(arrays, whole=True))
 
 
 def _times(index: pd.Index) -> Floats:

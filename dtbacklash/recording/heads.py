@@ -16,6 +16,12 @@ _BETWEEN = re.compile(r"\s+in\s+|[\s_/,]+")  # between a name and a unit without
 
 
 BRACKET, SIGN, BLANK = "bracket", "sign", "blank"
+TIME = "t"
+#: other names of the column t
+TIMES = (
+    "time", "times", "timestamp", "timestamps", "zeit", "zeitstempel", "uhrzeit", "datetime", "date time", "x_value",
+    "x-axis", "%time", "_time", "elapsed", "elapsed time", "time stamp", "stamp", "sec", "secs", "seconds", "ts",
+)  # fmt: skip
 
 
 class Head(NamedTuple):
@@ -60,6 +66,11 @@ def unit_of(text: str, written: str, si: tuple[str, ...]) -> str:
         ):
             return head.unit
     return ""
+
+
+def is_time(text: str) -> bool:
+    """Whether a head is that of times."""
+    return any(reading.name.lower() in (TIME, *TIMES) for reading in readings(text))
 
 
 def bare(text: str) -> str:

@@ -172,7 +172,7 @@ def _build(name: str, data: dict[str, Any], folder: Path | None) -> Mapping:
         rig=rig,
         command=command,
         files=files,
-        time=_channel("time", data["time"]) if data.get("time") else None,
+        time=_channel("time", data["time"]) if data.get("time") is not None else None,
         sample_time_s=float(step) if step is not None else None,
         channels={str(key): _channel(f"channels.{key}", value) for key, value in channels.items()},
         parts={str(key): _range(f"parts.{key}", value) for key, value in _section(data, "parts").items()},

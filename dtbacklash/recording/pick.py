@@ -19,12 +19,12 @@ from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording import heads
 from dtbacklash.recording.command import NONE
+from dtbacklash.recording.heads import TIME, TIMES
 from dtbacklash.recording.mapping import Channel, Mapping
 from dtbacklash.recording.refusal import Refused
-from dtbacklash.recording.tables import Table
+from dtbacklash.recording.table import EMPTY, Column, Table
 
-TIME, COMMAND, REFERENCE = "t", "u", "r"
-TIMES = ("time", "timestamp", "zeit", "zeitstempel", "uhrzeit", "datetime")  # other names of the column t
+COMMAND, REFERENCE = "u", "r"
 ASSUMED, DECLARED, HEADER, GIVEN, MAPPED = "assumed", "declared by the rig", "header", "given", "mapping"
 
 #: SI units of names that every recording may have, and of sensors by the habit of their names where there is no rig
@@ -36,21 +36,32 @@ _HABITS = ((re.compile(r"q(\d*|[a-z])"), "m"), (re.compile(r"theta(_[a-z])?"), "
 class Picked:
     """Columns chosen as channels, in SI, before any check.
 
-    t_s : their times, or None. sample_time_s : of a recording without times. units : channel -> SI unit. assumed :
-    channel (and ``t``) -> the unit it was read in and who says so, ``mm (declared by the rig)``.
+    t_s : their times, or None. clocks : channel -> times of its own, s. sample_time_s : of a recording without times.
+    units : channel -> SI unit. assumed : channel (and ``t``) -> the unit it was read in and who says so, ``mm (declared
+    by the rig)``.
     """
 
     t_s: Floats | None = None
     sample_time_s: float | None = None
     channels: dict[str, Floats] = field(default_factory=dict)
+    clocks: dict[str, Floats] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
     assumed: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     heads: list[str] = field(default_factory=list)
 
+    def put(self, channel: str, values: Floats, si: str, clock: Floats | None) -> None:
+        """Add a channel in SI, with its own times where it has some; or the times of all."""
+        if channel == TIME:
+            self.t_s = values
+            return
+        self.channels[channel], self.units[channel] = values, si
+        if clock is not None:
+            self.clocks[channel] = clock
+
 
 @dataclass(frozen=True)
-class _Column:
+class _Head:
     """A column that is a channel: the channel's name, and the unit as the header has it (empty: none)."""
 
     channel: str
@@ -84,15 +95,15 @@ class _Names:
                 return name
         return None
 
-    def parse(self, label: str, written: str) -> _Column | None:
+    def parse(self, label: str, written: str) -> _Head | None:
         """Read the head of a column; ``written`` is its unit where a line of its own states it."""
         for head in heads.readings(label, written):
             unit, last = head.unit or written, head.name.rpartition(".")[2].strip()
             channel = self.find(head.name) or self.find(last)
             if channel:
-                return _Column(channel, unit)
+                return _Head(channel, unit)
             if not self.rig and last and units.find(unit) and head.between != heads.BLANK:
-                return _Column(last, unit)
+                return _Head(last, unit)
         return None
 
     def si(self, channel: str, written: str = "") -> tuple[str, ...]:
@@ -150,37 +161,39 @@ def plain(table: Table, rig: Rig | None, given: Dict[str, str]) -> Picked:
     UserError : ``units`` names a channel or a unit that is not known.
     """
     names = _Names(rig, given)
-    picked = Picked(sample_time_s=table.constants.get("dt"), heads=table.heads)
+    picked = Picked(sample_time_s=table.constants.get("dt"), heads=list(table.columns))
+    if table.numbered:
+        raise Refused(_unnamed(table, rig))
     raw: dict[str, Floats] = {}
     taken: dict[str, str] = {}
     unused = []
-    found = {column: names.parse(column, table.units.get(column, "")) for column in table.heads}
-    timed = [column for column, head in found.items() if head and head.channel == TIME]
-    plain_time = [column for column in timed if not column.rpartition(".")[2].lower().startswith(TIMES)]
-    for column, head in found.items():
-        if head is None or (column in timed and plain_time and column not in plain_time):
-            unused.append(column)
+    found = {name: names.parse(name, column.unit) for name, column in table.columns.items()}
+    timed = _times(table, found)
+    for name, column in table.columns.items():
+        head = found[name]
+        if head is None or (head.channel == TIME and name != timed):
+            unused.append(name)
             continue
-        if column in table.unusable:
-            raise Refused(f"column {column} {table.unusable[column]}")
-        name, values = head.channel, table.columns[column]
-        if name in taken:
-            raise _two(name, taken[name], column)
-        taken[name] = column
-        unit, picked.assumed[name] = names.settle(column, name, head.written)
-        picked.notes += names.overruled(name, head.written, HEADER)
-        raw[name] = values
-        if name == TIME:
-            picked.t_s = values * unit.factor
-        else:
-            picked.channels[name], picked.units[name] = values * unit.factor, unit.si
-    for column in unused:  # a bare x1 beside x1 [mm]: which of them is meant is not for us to say
-        bare = column.rpartition(".")[2].strip()
+        if column.values is None:
+            raise Refused(f"column {name} {column.unusable}")
+        channel = head.channel
+        if channel in taken:
+            raise _two(channel, taken[channel], name)
+        taken[channel] = name
+        unit, picked.assumed[channel] = names.settle(name, channel, head.written)
+        picked.notes += names.overruled(channel, head.written, HEADER)
+        raw[channel] = column.values
+        picked.put(channel, column.values * unit.factor, unit.si, _clock(table, column, picked))
+    for name in unused:  # a bare x1 beside x1 [mm]: which of them is meant is not for us to say
+        bare = name.rpartition(".")[2].strip()
         if bare in taken and bare != TIME:
-            raise _two(bare, taken[bare], column)
-    if unused:
-        shown = ", ".join(unused[:8]) + (" ..." if len(unused) > 8 else "")
-        picked.notes.append(f"Columns that are no channels of the rig are not used: {shown}.")
+            raise _two(bare, taken[bare], name)
+    empty = [name for name in unused if table.columns[name].unusable == EMPTY]
+    for what, those in (("that are no channels of the rig", [n for n in unused if n not in empty]),
+                        ("without values", empty)):  # fmt: skip
+        if those:
+            shown = ", ".join(those[:8]) + (" ..." if len(those) > 8 else "")
+            picked.notes.append(f"Columns {what} are not used: {shown}.")
     if _is_command(raw, picked):  # open loop: the reference is the command
         picked.channels[REFERENCE], picked.units[REFERENCE] = picked.channels[COMMAND], "V"
         picked.assumed[REFERENCE] = "V (it is the command)"
@@ -188,6 +201,33 @@ def plain(table: Table, rig: Rig | None, given: Dict[str, str]) -> Picked:
     if absent:
         raise UserError(f"recording.units.{absent[0]}", given[absent[0]], f"no such column; it has {', '.join(raw)}")
     return picked
+
+
+def _times(table: Table, found: Dict[str, _Head | None]) -> str:
+    """The column of times: ``t`` rather than another one of such a name; empty where there is none."""
+    timed = [name for name, head in found.items()
+             if head and head.channel == TIME and table.columns[name].unusable != EMPTY]  # fmt: skip
+    return min(timed, key=lambda name: name.rpartition(".")[2].lower().startswith(TIMES), default="")
+
+
+def _clock(table: Table, column: Column, picked: Picked) -> Floats | None:
+    """The times of a column that has its own, s; None: those of all."""
+    clock = table.columns.get(column.clock)
+    if clock is None or clock.values is None:
+        return None
+    unit = units.find(clock.unit)
+    picked.assumed.setdefault(TIME, f"{clock.unit} ({HEADER})" if unit else f"s ({ASSUMED})")
+    return clock.values * (unit.factor if unit else 1.0)
+
+
+def _unnamed(table: Table, rig: Rig | None) -> str:
+    """What to write for a file whose columns have no names."""
+    sensors = [name for name, _ in zip(rig.sensors if rig else ("SENSOR",), range(2, len(table.columns)), strict=False)]
+    channels = ", ".join(f"{name}: {k}" for k, name in enumerate([COMMAND, *sensors], 1))
+    return (
+        "has no header: write the numbers of its columns, from 0, into a mapping, as in "
+        f"MAPPING.yaml: {{files: [FILE], time: 0, channels: {{{channels}}}}}, and give recording=MAPPING.yaml"
+    )
 
 
 def _two(channel: str, one: str, other: str) -> Refused:
@@ -213,27 +253,39 @@ def mapped(table: Table, mapping: Mapping, part: str, rig: Rig | None, given: Di
     rows = slice(*mapping.parts[part]) if part else slice(None)
     if part and mapping.parts[part][1] > table.rows:
         raise Refused(f"has {table.rows} rows, and the part {part} ends at row {mapping.parts[part][1]}")
-    picked = Picked(sample_time_s=mapping.sample_time_s, notes=list(mapping.notes), heads=table.heads)
-    for name, channel in {**({TIME: mapping.time} if mapping.time else {}), **mapping.channels}.items():
-        column = _find(table, channel.column, mapping)
-        values = table.columns[column][rows]
+    step = mapping.sample_time_s or table.constants.get("dt")
+    picked = Picked(sample_time_s=step, notes=list(mapping.notes), heads=list(table.columns))
+    time = mapping.time or _obvious(table, names, mapping)
+    for name, channel in {**({TIME: time} if time else {}), **mapping.channels}.items():
+        found = _find(table, channel.column, mapping)
+        column = table.columns[found]
+        assert column.values is not None
         if channel.si:  # a factor straight to SI, in a unit of the mapping's own
             unit, picked.assumed[name] = units.Unit(channel.si, 1.0), f"{channel.si} ({MAPPED})"
         else:
-            head = heads.unit_of(column, table.units.get(column, ""), names.si(name))
+            head = heads.unit_of(found, column.unit, names.si(name))
             said, who = (channel.unit, MAPPED) if channel.unit else (head, HEADER)
-            unit, picked.assumed[name] = names.settle(column, name, said, who)
+            unit, picked.assumed[name] = names.settle(found, name, said, who)
             picked.notes += names.overruled(name, said, who)
             if channel.unit and head and units.find(head) != units.find(channel.unit) and name not in given:
                 picked.notes.append(
                     f"Channel {name} is read in {channel.unit}, as the mapping says, though the header says {head}."
                 )
-        values = _scaled(values, channel, unit.factor)
-        if name == TIME:
-            picked.t_s = values
-        else:
-            picked.channels[name], picked.units[name] = values, unit.si
+        clock = None if time else _clock(table, column, picked)
+        picked.put(
+            name, _scaled(column.values[rows], channel, unit.factor), unit.si, None if clock is None else clock[rows]
+        )
     return picked
+
+
+def _obvious(table: Table, names: _Names, mapping: Mapping) -> Channel | None:
+    """The column that is the time by its name, where a mapping names none."""
+    if mapping.sample_time_s:
+        return None
+    used = {channel.column for channel in mapping.channels.values()}
+    found = {name: names.parse(name, c.unit) for name, c in table.columns.items() if name not in used}
+    time = _times(table, found)
+    return Channel(time) if time else None
 
 
 def _scaled(values: Floats, channel: Channel, factor: float) -> Floats:
@@ -242,13 +294,15 @@ def _scaled(values: Floats, channel: Channel, factor: float) -> Floats:
 
 
 def _find(table: Table, name: str, mapping: Mapping) -> str:
-    """The column called so, whatever its capitals."""
-    found = name if name in table.heads else {head.lower(): head for head in table.heads}.get(name.lower())
+    """The column called so, whatever its capitals; or that of the number, from 0."""
+    found = name if name in table.columns else {head.lower(): head for head in table.columns}.get(name.lower())
+    if found is None and name.isdecimal() and int(name) < len(table.columns):
+        found = list(table.columns)[int(name)]
     if found is None:
-        known = ", ".join(table.heads[:12])
+        known = ", ".join(list(table.columns)[:12])
         raise Refused(f"has no column {name}, which the mapping {mapping.name} needs; it has {known}")
-    if found in table.unusable:
-        raise Refused(f"column {found} {table.unusable[found]}")
+    if table.columns[found].values is None:
+        raise Refused(f"column {found} {table.columns[found].unusable}")
     return found
 
 

@@ -9,7 +9,6 @@ import zipfile
 import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.recording import heads, stamps, text
 from dtbacklash.recording.refusal import Refused
+from dtbacklash.recording.table import Column, Table, with_clocks
 
 FORMATS = "CSV, Excel .xlsx, Parquet, MATLAB .mat, NumPy .npz or JSON, gzipped or not"
 BYTES_MAX = 4 << 30  # of an unpacked file; beyond this the memory, not the reader, is the limit
@@ -26,30 +26,6 @@ COLUMNS_MAX = 256  # a matrix wider than this is not one column a channel
 _JSON = re.compile(rb"(\xef\xbb\xbf)?\s*[\[{]\s*[\[{}\]\"\d.-]")
 _GZIP = b"\x1f\x8b"
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-
-
-@dataclass
-class Table:
-    """Columns of one length, their units where the file states them, single numbers, what had to be said.
-
-    ``unusable`` : column -> why it cannot be used ("is complex"); it matters only if the column is a channel.
-    """
-
-    columns: dict[str, Floats]
-    units: dict[str, str] = field(default_factory=dict)
-    constants: dict[str, float] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
-    unusable: dict[str, str] = field(default_factory=dict)
-
-    @property
-    def heads(self) -> list[str]:
-        """The names of all columns, usable or not."""
-        return [*self.columns, *self.unusable]
-
-    @property
-    def rows(self) -> int:
-        """Number of rows."""
-        return len(next(iter(self.columns.values()))) if self.columns else 0
 
 
 def load(file: Path) -> bytes:
@@ -79,9 +55,9 @@ def read_table(content: bytes, name: str) -> Table:
     except Exception as error:  # the parsers of damaged files raise whatever they meet first
         reason = next(iter(str(error).splitlines()), "") or type(error).__name__
         raise Refused(f"is damaged: it cannot be read as {kind} ({reason[:80]})") from error
-    if not table.columns:
+    if not any(column.values is not None for column in table.columns.values()):
         raise Refused(f"holds no columns of numbers ({kind})")
-    return table
+    return with_clocks(table)
 
 
 def unpacked(content: bytes) -> bytes:
@@ -118,12 +94,12 @@ def _reader(content: bytes, name: str) -> tuple[str, Callable[[bytes], Table]]:
     if head.startswith(b"PK\x03\x04"):
         return ("Excel", _excel) if _is_excel(content) else ("NumPy .npz", _npz)
     if text.is_utf16(head):
-        return "CSV", _csv
+        return "CSV", text.read
     if _JSON.match(head):
         return "JSON", _json
     if b"\0" in head or name.lower().removesuffix(".gz").endswith((".mat", ".parquet", ".npz", ".npy")):
         raise Refused(f"is not a recording that can be read: {FORMATS}")
-    return "CSV", _csv
+    return "CSV", text.read
 
 
 def _is_excel(content: bytes) -> bool:
@@ -131,11 +107,6 @@ def _is_excel(content: bytes) -> bool:
         return "xl/workbook.xml" in zipfile.ZipFile(io.BytesIO(content)).namelist()
     except zipfile.BadZipFile:
         return False
-
-
-def _csv(content: bytes) -> Table:
-    found = text.read(content)
-    return Table(found.columns, found.units, unusable=found.unusable)
 
 
 def _excel(content: bytes) -> Table:
@@ -146,7 +117,7 @@ def _excel(content: bytes) -> Table:
         sheet = pd.read_excel(io.BytesIO(content), header=None, dtype=object)
     except ImportError:
         raise Refused("is an Excel file, which needs openpyxl: pip install dtbacklash[excel]") from None
-    return _csv(sheet.to_csv(sep="\t", header=False, index=False).encode())
+    return text.read(sheet.to_csv(sep="\t", header=False, index=False).encode())
 
 
 def _parquet(content: bytes) -> Table:
@@ -154,17 +125,18 @@ def _parquet(content: bytes) -> Table:
     from pyarrow import parquet
 
     table = parquet.read_table(io.BytesIO(content))
-    found, unusable, others = dict[str, Floats](), dict[str, str](), dict[str, object]()
+    found, others = Table(), dict[str, object]()
     for name, column in zip(table.column_names, table.columns, strict=True):
         kind = column.type
         if pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_decimal(kind):
-            found[name] = np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=float)
+            values = np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=float)
+            found.columns[name] = Column(values)
         elif pa.types.is_dictionary(kind) or pa.types.is_nested(kind) or pa.types.is_boolean(kind):
-            unusable[name] = "holds no numbers"
+            found.columns[name] = Column(unusable="holds no numbers")
         else:
             others[name] = column.to_pandas().to_numpy()
-    told = from_arrays(others, whole=True)
-    return Table(found | told.columns, told.units, unusable=unusable | told.unusable)
+    found.columns |= from_arrays(others, whole=True).columns
+    return found
 
 
 def _matlab5(content: bytes) -> Table:
@@ -213,7 +185,7 @@ def _json(content: bytes) -> Table:
         if matrix.ndim != 2 or (names is not None and len(names) != matrix.shape[1]):
             raise Refused("must hold `data` as rows of one length, one number for each of `columns`")
         labels = [str(name) for name in names] if names is not None else map(str, range(matrix.shape[1]))
-        table.columns = dict(zip(labels, matrix.T, strict=True))
+        table.columns = {name: Column(values) for name, values in zip(labels, matrix.T, strict=True)}
     return table
 
 
@@ -235,33 +207,30 @@ def from_arrays(arrays: Mapping[str, object], whole: bool = False) -> Table:
 
     Of several lengths the commonest counts. ``whole`` : each entry is a column, however short.
     """
-    columns: dict[str, Floats] = {}
-    table = Table({})
+    table = Table()
     for head, value in arrays.items():
-        clock, name = _clock(value), head
-        if clock is not None:
-            name = heads.bare(head)
-            table.units[name] = "s"
+        clock = _clock(value)
+        name, unit = (head, "") if clock is None else (heads.bare(head), "s")
         try:
             array = _real(value) if clock is None else clock
         except Refused as refusal:
-            table.unusable[name] = str(refusal)
+            table.columns[name] = Column(unusable=str(refusal))
             continue
         if array.size == 1 and not whole:
             table.constants[name] = float(array.reshape(-1)[0])
         elif array.ndim == 1 or (array.ndim == 2 and 1 in array.shape):
-            columns[name] = array.reshape(-1)
+            table.columns[name] = Column(array.reshape(-1), unit)
         elif array.ndim == 2 and min(array.shape) <= COLUMNS_MAX:
             matrix = array if array.shape[0] >= array.shape[1] else array.T
             alone = len(arrays) == 1
-            columns |= {str(j) if alone else f"{name}.{j}": column for j, column in enumerate(matrix.T)}
-    lengths = Counter(len(column) for column in columns.values())
+            table.numbered = alone
+            table.columns |= {str(j) if alone else f"{name}.{j}": Column(column) for j, column in enumerate(matrix.T)}
+    lengths = Counter(len(c.values) for c in table.columns.values() if c.values is not None)
     length = max(lengths, key=lambda length: (lengths[length] * (length > 1), length), default=0)
-    for name, column in columns.items():
-        if len(column) == length:
-            table.columns[name] = column
-        else:
-            table.unusable[name] = f"has {len(column)} values, and the others {length}"
+    for column in table.columns.values():
+        if column.values is not None and len(column.values) != length:
+            column.unusable = f"has {len(column.values)} values, and the others {length}"
+            column.values = None
     return table
 
 

@@ -1,4 +1,4 @@
-"""Text tables: delimiter, decimal sign, comments, header and a line of units are found by looking."""
+"""Text tables: delimiter, decimal sign, comments and the head are found by looking; :mod:`.preamble` reads the head."""
 
 from __future__ import annotations
 
@@ -6,19 +6,22 @@ import csv
 import io
 import re
 from collections import Counter
-from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
 
-from dtbacklash import units
 from dtbacklash.arrays import Floats
-from dtbacklash.recording import heads, stamps
+from dtbacklash.recording import heads, preamble, stamps
+from dtbacklash.recording.preamble import Preamble
 from dtbacklash.recording.refusal import Refused
+from dtbacklash.recording.table import EMPTY, Column, Table
 
 NUMBER, STAMP, TEXT = "number", "stamp", "text"
 COMMENTS = ("#", "%", "//")
 HEAD_LINES = 400  # a preamble longer than this is not looked for
+FEW = 0.05  # of the lines with so many fields: a column that is filled in fewer decides nothing
+PAUSE = 100.0  # samples between two parts of a log whose clock begins anew
+CLOCK_MIN = 2.0**53  # whole numbers beyond are nanoseconds of a clock, which count from the first on
 _SPACE = r"\s+"
 #: delimiter and decimal sign, in the order in which they are tried: the unmistakable ones first
 DIALECTS = (
@@ -31,61 +34,58 @@ DIALECTS = (
     (";", ","),
     (_SPACE, ","),
 )
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?|[+-]?(nan|inf|infinity)|na|n/a|null", re.IGNORECASE)
+MISSING = frozenset({"", "-", "--", "---", "nan", "na", "n/a", "#n/a", "nat", "null", "none"})
+_VALUE = re.compile(
+    rf"{preamble.NUMBER.pattern}|[+-]?(inf|infinity)|" + "|".join(re.escape(word) for word in MISSING if word),
+    re.IGNORECASE,
+)
+#: digits in groups of three, which no decimal sign explains: 1,234.5 or 1,234,567 (for a point as decimal sign)
+_GROUPED = re.compile(r"[+-]?\d{1,3}(([,' \u00a0\u2009\u202f]\d{3})+\.\d*|([,' \u00a0\u2009\u202f]\d{3}){2,})")
+_GROUPS = re.compile(r"(?<=\d)[,' \u00a0\u2009\u202f](?=\d{3})")
+_POINT = str.maketrans(".,", ",.")
 
 
-@dataclass
-class Text:
-    """A text table: its columns, the units of those that state one, and why others are no numbers."""
-
-    columns: dict[str, Floats] = field(default_factory=dict)
-    units: dict[str, str] = field(default_factory=dict)
-    unusable: dict[str, str] = field(default_factory=dict)
-
-
-def read(content: bytes) -> Text:
+def read(content: bytes) -> Table:
     """Read a text table; a column of time stamps becomes seconds from the first row on.
 
     Raises
     ------
-    Refused : no table of numbers, no header, lines of different lengths.
+    Refused : no table of numbers, lines of different lengths.
     """
     whole = _decoded(content)
     lines = whole.split("\n", HEAD_LINES)[:HEAD_LINES]
-    delimiter, decimal, first = _dialect(lines)
-    width = len(_fields(lines[first], delimiter))
-    names, written = _header(lines[:first], delimiter, width)
-    if not any(names):
-        raise Refused("has no header: name the columns in the first line: the time, u, and the sensors of the rig")
-    body = whole.split("\n", first)[first] if first else whole
+    delimiter, decimal, first, wide, width = _dialect(lines)
+    above = _rows(lines[:first], delimiter, width)
+    wide = max(wide, *(len(row) for row in above if len(row) <= 2 * wide), 0)
+    frame = _frame(whole.split("\n", first)[first] if first else whole, delimiter, decimal, wide, first, lines[:first])
+    head = preamble.understood(above, width, decimal)
+    table = Table(numbered=not any(head.names), constants={"dt": head.step_s} if head.step_s else {})
+    if table.numbered:
+        head.names = [str(j) for j in range(width)]
+    columns = {j: _column(frame[j], decimal) for j in range(width) if head.names[j] or _filled(frame[j])}
+    _cut_texts(table, columns, frame, decimal)
+    _shift(head, columns, width)
+    for j, column in columns.items():
+        column.unit = column.unit or head.units[j]
+        column.clock = head.names[head.clocks[j]] if head.clocks[j] >= 0 else ""
+        name = head.names[j] or str(j)
+        table.add(heads.bare(name) if column.unit == "s" and not head.units[j] else name, column)
+    _follow_on(table)
+    for name in head.spare:  # more names than columns
+        table.add(name, Column(np.full(table.rows, np.nan), unusable=EMPTY))
+    return table
+
+
+def _frame(body: str, delimiter: str, decimal: str, wide: int, first: int, above: list[str]) -> pd.DataFrame:
+    comment = "#" if any("#" in line for line in above) else None
     try:
-        frame = pd.read_csv(
-            io.StringIO(body), sep=delimiter, decimal=decimal, header=None, names=range(width),
-            index_col=False, comment="#" if "#" in whole[: len(whole) - len(body)] else None,
-            low_memory=False, skipinitialspace=True,
+        return pd.read_csv(
+            io.StringIO(body), sep=delimiter, decimal=decimal, header=None, names=range(wide), index_col=False,
+            comment=comment, low_memory=False, skipinitialspace=delimiter != "\t",
         )  # fmt: skip
     except pd.errors.ParserError as error:
         reason = str(error).split("C error: ")[-1].strip()
         raise Refused(f"has lines of different lengths ({reason}; lines counted from line {first + 1})") from error
-    found = Text()
-    for j, name in enumerate(names):
-        if not name:
-            continue
-        if name in found.columns or name in found.unusable:
-            raise Refused(f"has two columns named {name}")
-        values = _numbers(frame[j])
-        if isinstance(values, str):
-            clock = stamps.seconds(frame[j])
-            if clock is None:
-                found.unusable[name] = values
-                continue
-            label = heads.bare(name)
-            found.columns[label], found.units[label] = clock, "s"
-            continue
-        found.columns[name] = values
-        if written[j]:
-            found.units[name] = written[j]
-    return found
 
 
 def is_utf16(head: bytes) -> bool:
@@ -103,7 +103,7 @@ def _decoded(content: bytes) -> str:
             whole = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         whole = content.decode("latin-1")  # old instruments write µ and ° so
-    odd = sum(1 for sign in whole[:4096] if not (sign.isprintable() or sign in "\t\r\n\f"))
+    odd = sum(1 for sign in whole[:4096] if not (sign.isprintable() or sign in "\t\r\n\f\u00a0\u2009\u202f"))
     if odd:
         raise Refused("is not a recording that can be read: it is neither text nor a known binary format")
     return whole.replace("\r\n", "\n").replace("\r", "\n")
@@ -120,83 +120,152 @@ def _fields(line: str, delimiter: str) -> list[str]:
 
 
 def _is_number(field: str, decimal: str) -> bool:
-    if decimal == "," and "." in field:
-        return False
-    return _NUMBER.fullmatch(field.replace(",", ".") if decimal == "," else field) is not None
+    if decimal == ",":
+        field = field.translate(_POINT)
+    return _VALUE.fullmatch(field) is not None or _GROUPED.fullmatch(field) is not None
 
 
 def _skipped(line: str) -> bool:
     return not line.strip() or line.lstrip().startswith(COMMENTS)
 
 
-def _dialect(lines: list[str]) -> tuple[str, str, int]:
-    """Delimiter, decimal sign and the index of the first line of numbers.
+def _dialect(lines: list[str]) -> tuple[str, str, int, int, int]:
+    """Delimiter, decimal sign, the index of the first line of numbers, and the number of columns: of all, and up to the
+    last one that holds something.
 
     Columns of numbers and of time stamps are those that hold them in most lines; there may be texts beside them.
     """
-    best: tuple[int, str, str, int] | None = None
+    best: tuple[int, str, str, int, int, int] | None = None
     for delimiter, decimal in DIALECTS:
         split = {k: _fields(line, delimiter) for k, line in enumerate(lines) if not _skipped(line)}
-        width = Counter(len(fields) for fields in split.values() if len(fields) > 1).most_common(1)
-        rows = [fields for fields in split.values() if width and len(fields) == width[0][0]]
-        kinds = [_kind([fields[j] for fields in rows], decimal) for j in range(width[0][0] if rows else 0)]
+        common = Counter(len(fields) for fields in split.values() if len(fields) > 1).most_common(1)
+        width = common[0][0] if common else 0
+        rows = [fields for fields in split.values() if len(fields) == width]
+        columns = [[fields[j] for fields in rows if fields[j]] for j in range(width)]
+        kinds = [_kind(filled, decimal) if len(filled) > FEW * len(rows) else "" for filled in columns]
         good = [j for j, kind in enumerate(kinds) if kind in (NUMBER, STAMP)]
         score = len(good) - kinds.count(TEXT)
         if len(good) < 2 or NUMBER not in kinds or (best is not None and score <= best[0]):
             continue
-        for k, fields in split.items():
-            meant = [_kind([fields[j]], decimal) for j in good if j < len(fields)]
-            if 2 * sum(kind in (NUMBER, STAMP) for kind in meant) > len(good) and len(fields) >= len(kinds) - 1:
-                best = (score, delimiter, decimal, k)
-                break
+        first = next((k for k, fields in split.items() if _begins(fields, good, width, decimal)), None)
+        if first is not None:
+            best = (score, delimiter, decimal, first, width, 1 + max(j for j in range(width) if columns[j]))
     if best is None:
         full = [line for line in lines if not _skipped(line)]
         alone = len(full) <= 2 and any(sum(_is_number(f, ".") for f in _fields(line, d)) > 1
                                        for line in full for d, _ in DIALECTS)  # fmt: skip
         raise Refused("holds one row of numbers" if alone else "holds no table of numbers with at least two columns")
-    return best[1], best[2], best[3]
+    return best[1:]
+
+
+def _begins(fields: list[str], good: list[int], width: int, decimal: str) -> bool:
+    """Whether a line is the first of the numbers: two or more of them, and nothing else in their columns."""
+    filled = [fields[j] for j in good if j < len(fields) and fields[j].lower() not in MISSING]
+    numbers = sum(_kind([text], decimal) in (NUMBER, STAMP) for text in filled)
+    return width - 1 <= len(fields) <= width and numbers == len(filled) and numbers > 1
 
 
 def _kind(fields: list[str], decimal: str) -> str:
-    """What most of the filled fields are; empty where none is filled."""
-    filled = [field for field in fields if field]
-    if not filled:
-        return ""
-    if 2 * sum(_is_number(field, decimal) for field in filled) > len(filled):
+    """What most of the fields are."""
+    if 2 * sum(_is_number(field, decimal) for field in fields) > len(fields):
         return NUMBER
-    return STAMP if 2 * sum(stamps.STAMP.fullmatch(field) is not None for field in filled) > len(filled) else TEXT
+    return STAMP if 2 * sum(stamps.STAMP.fullmatch(field) is not None for field in fields) > len(fields) else TEXT
 
 
-def _header(lines: list[str], delimiter: str, width: int) -> tuple[list[str], list[str]]:
-    """Names and units of the columns from the lines above the numbers; a commented header counts as well."""
-    candidates = []
+def _rows(lines: list[str], delimiter: str, width: int) -> list[list[str]]:
+    """The fields of the lines above the numbers; a commented head may have blanks or commas where those have tabs."""
+    rows = []
     for line in lines:
-        bare = line.strip()
+        bare = line.strip() if delimiter == _SPACE else line.strip(" ")
         for sign in COMMENTS:
-            bare = bare.removeprefix(sign).strip()
+            bare = bare.removeprefix(sign).strip() if bare.startswith(sign) else bare
         splits = [_fields(bare, delimiter)]
-        if bare != line.strip():  # a commented header often has blanks or commas where the numbers have tabs
+        if bare != line.strip() and len(splits[0]) < width - 1:
             splits += [_fields(bare, _SPACE), _fields(bare, ",")]
-        fields = next((fields for fields in splits if fields and 0 <= width - len(fields) <= 1), None)
-        if bare and fields is not None:
-            candidates.append(fields + [""] * (width - len(fields)))
-    if not candidates:
-        return [""] * width, [""] * width
-    last = [field.strip("[]()") for field in candidates[-1]]
-    if len(candidates) > 1 and all(not field or field in ("-", "1") or units.find(field) for field in last):
-        return candidates[-2], [field if units.find(field) else "" for field in last]
-    return candidates[-1], [""] * width
+        if bare:
+            rows.append(next((fields for fields in splits if 0 <= width - len(fields) <= 1), splits[0]))
+    return rows
 
 
-def _numbers(column: pd.Series) -> Floats | str:
-    """The numbers of a column, or a phrase that says what it holds instead."""
+def _filled(column: pd.Series) -> bool:
+    return bool(column.notna().any())
+
+
+def _column(column: pd.Series, decimal: str) -> Column:
+    """A column of numbers or stamps; else a phrase says what it holds instead."""
+    if not _filled(column):
+        return Column(np.full(len(column), np.nan), unusable=EMPTY)
     if column.dtype != object and pd.api.types.is_numeric_dtype(column):
-        return column.to_numpy(dtype=float)
+        if pd.api.types.is_integer_dtype(column) and abs(int(column.iloc[0])) > CLOCK_MIN:
+            column = column - column.iloc[0]
+        return Column(column.to_numpy(dtype=float))
+    numbers, bad = _numbers(column, decimal)
+    if not len(bad):
+        return Column(numbers)
+    clock = stamps.seconds(column)
+    if clock is not None:
+        return Column(clock, "s")
+    times = f"{len(bad)} time{'s' if len(bad) > 1 else ''}"
+    return Column(
+        unusable=f"holds text ({str(column.iloc[bad[0]])[:30]!r}) in row {bad[0] + 1} of the numbers, {times}"
+    )
+
+
+def _numbers(column: pd.Series, decimal: str) -> tuple[Floats, np.ndarray]:
+    """The numbers of a column of texts, and which rows hold none."""
     strings = column.astype("string").str.strip()
+    if decimal == ",":
+        strings = strings.str.translate(_POINT)
+    missing = strings.isna() | strings.str.lower().isin(MISSING)
     numbers = pd.to_numeric(strings, errors="coerce")
-    missing = strings.isna() | strings.str.lower().isin(["", "nan", "na", "n/a", "null", "none", "-"])
+    odd = strings[(numbers.isna() & ~missing).to_numpy(dtype=bool)]
+    if len(odd) and odd.str.fullmatch(_GROUPED).any():
+        numbers = numbers.fillna(pd.to_numeric(odd.str.replace(_GROUPS, "", regex=True), errors="coerce"))
     bad = np.flatnonzero((numbers.isna() & ~missing).to_numpy(dtype=bool))
-    if len(bad):
-        times = f"{len(bad)} time{'s' if len(bad) > 1 else ''}"
-        return f"holds text ({str(column.iloc[bad[0]])[:30]!r}) in row {bad[0] + 1} of the numbers, {times}"
-    return numbers.to_numpy(dtype=float, na_value=np.nan)
+    return numbers.to_numpy(dtype=float, na_value=np.nan), bad
+
+
+def _cut_texts(table: Table, columns: dict[int, Column], frame: pd.DataFrame, decimal: str) -> None:
+    """Leave out lines of text between or below the numbers; where they stand, the log may have begun anew.
+
+    They are known by the first column that holds numbers otherwise.
+    """
+    texts = {j: _numbers(frame[j], decimal) for j, column in columns.items() if column.values is None}
+    mostly = [
+        j
+        for j, column in columns.items()
+        if column.unusable != EMPTY and 2 * len(texts.get(j, ((), ()))[1]) < len(frame)
+    ]
+    if not mostly or mostly[0] not in texts:
+        return
+    lines = np.zeros(len(frame), dtype=bool)
+    lines[texts[mostly[0]][1]] = True
+    keep = ~lines
+    for j, column in columns.items():
+        if column.unusable != EMPTY:
+            columns[j] = _column(frame[j][keep].reset_index(drop=True), decimal)
+    count = int(lines.sum())
+    table.starts = tuple(np.unique((np.cumsum(keep))[lines]).tolist())
+    table.notes.append(f"{count} line{'s' if count > 1 else ''} of text between or below the numbers left out.")
+
+
+def _follow_on(table: Table) -> None:
+    """Let a part of a log whose clock began anew follow on the one before, after a gap."""
+    clocks = {column.clock for column in table.columns.values()}
+    for name, column in table.columns.items():
+        t = column.values
+        if t is None or not table.starts or not (name in clocks or heads.is_time(name)):
+            continue
+        gap = PAUSE * float(np.nanmedian(np.abs(np.diff(t))))
+        for start in table.starts:
+            if 0 < start < len(t) and t[start] <= t[start - 1]:
+                t[start:] += t[start - 1] - t[start] + gap
+
+
+def _shift(head: Preamble, columns: dict[int, Column], width: int) -> None:
+    """Move the names by one where the first column only counts the rows and has no name (a table of R, of pandas)."""
+    values = columns[0].values if 0 in columns else None
+    if head.names[-1] or width - 1 not in columns or columns[width - 1].unusable == EMPTY or values is None:
+        return
+    if len(values) > 1 and np.array_equal(values, values[0] + np.arange(len(values))) and values[0] in (0.0, 1.0):
+        head.names, head.units = ["row", *head.names[:-1]], ["", *head.units[:-1]]

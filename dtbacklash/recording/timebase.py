@@ -71,12 +71,26 @@ def uniform_grid(stamps_s: Floats) -> Grid:
             f"{len(double)} of {len(t)} rows repeat the time of the row before: is it written with enough digits?"
         )
     if len(double):
-        rows, t = np.delete(rows, double), np.delete(t, double)
-        verb = "repeats" if len(double) == 1 else "repeat"
-        notes.append(
-            f"{_count(len(double), 'row')} that {verb} the time of the row before {_were(len(double))} dropped."
-        )
+        rows, t = np.delete(rows, double - 1), np.delete(t, double - 1)
+        notes.append(f"Of {_count(len(double), 'pair')} of rows at one time the later one counts.")
     return _repaired(rows, t, notes)
+
+
+def of_the_grid(t_s: Floats) -> np.ndarray | None:
+    """(N,) which rows make a uniform grid, where others lie at the same times or in between; None where none do.
+
+    A simulation writes its grid, and a row before and after each event.
+    """
+    steps = np.diff(t_s)
+    steps = steps[steps > 0.0]
+    if len(steps) < SAMPLES_MIN or (len(steps) == len(t_s) - 1 and steps.min() > 0.5 * np.median(steps)):
+        return None
+    bins = np.round(steps / (UNIFORM * steps.max())).astype(np.int64)
+    usual = float(np.median(steps[bins == np.bincount(bins).argmax()]))
+    count = round(float(t_s[-1] - t_s[0]) / usual)
+    at = (t_s - t_s[0]) / (t_s[-1] - t_s[0]) * count
+    on = np.abs(at - np.rint(at)) < UNIFORM
+    return on if len(np.unique(np.rint(at[on]))) == count + 1 else None
 
 
 def check_length(samples: int) -> None:

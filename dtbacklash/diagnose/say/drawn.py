@@ -7,6 +7,7 @@ from dtbacklash.diagnose.conclusion import Conclusion
 from dtbacklash.diagnose.engine.columns import Proposal
 from dtbacklash.diagnose.engine.free import Key
 from dtbacklash.diagnose.named import Modelled
+from dtbacklash.diagnose.records import filled
 from dtbacklash.diagnose.say.errors import ErrorTables, Passes
 from dtbacklash.diagnose.shown import Curve, LawShown, Shown
 from dtbacklash.diagnose.words import place_in_words
@@ -51,8 +52,8 @@ def _curves(c: Conclusion, tables: ErrorTables, nominal: Passes, extended: Passe
     for k, s in enumerate(c.seen.stretches):
         for j, channel in enumerate(s.predictor.readings.channels):
             y = s.measured[:, j]
-            there = [y - e[k][:, j] if e is not None else np.full(len(y), np.nan) for e in (nominal, extended)]
-            found.setdefault((channel, s.record.recording), []).append((s.t_s, y, *there, s.held))
+            there = [filled(y - e[k][:, j]) if e is not None else np.full(len(y), np.nan) for e in (nominal, extended)]
+            found.setdefault((channel, s.record.recording), []).append((s.t_s, filled(y), *there, s.held))
     curves = []
     for (channel, number), parts in found.items():
         t_s, y, first, last, held = (np.concatenate(column) for column in zip(*parts, strict=True))

@@ -72,7 +72,9 @@ def test_a_message_says_what_the_file_has_and_what_this_rig_wants(lead_screw, tm
 
 def test_a_file_without_a_header_names_no_channel_of_another_rig(tmp_path):
     pd.DataFrame({"t": 1e-3 * K, "u": U, "x": X}).to_csv(tmp_path / "a.csv", index=False, header=False)
-    with pytest.raises(UserError, match="has no header: name the columns") as error:
+    with pytest.raises(
+        UserError, match=r"MAPPING.yaml: {files: \[FILE\], time: 0, channels: {u: 1, SENSOR: 2}}"
+    ) as error:
         read_recording(tmp_path / "a.csv")
     assert "q3" not in str(error.value)
 

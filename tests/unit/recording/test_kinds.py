@@ -1,0 +1,223 @@
+"""Logs as instruments, drives, buses and simulations write them: read without preparation, or one line that mends them.
+
+Each is written here from the same command and angle, and has to give them back.
+"""
+
+import io
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from nominal import nominal_rig
+
+from dtbacklash.errors import UserError
+from dtbacklash.recording import Recording, read_recording
+
+STEP_S = 5e-3
+K = np.arange(400)
+T = STEP_S * K
+U = np.sign(np.sin(0.11 * K)) + 0.1 * np.sin(0.05 * K)
+THETA = np.round(30.0 * np.sin(0.02 * K) + 2.0, 6)
+
+
+def table(separator=",", decimal=".", heads=("t", "u", "theta"), columns=(T, U, THETA), behind="", first=0) -> str:
+    """Rows of numbers below a row of heads; ``behind`` : at the end of each row."""
+    out = io.StringIO()
+    frame = pd.DataFrame(dict(enumerate(columns)))[first:]
+    frame.to_csv(out, sep=separator, decimal=decimal, header=False, index=False, float_format="%.9g")
+    rows = out.getvalue().rstrip("\n").replace("\n", behind + "\n") + behind + "\n"
+    return (separator.join(heads) + "\n" if heads else "") + rows
+
+
+def lvm(x_columns: str, segments: int = 1) -> str:
+    """LabVIEW's measurement file: one column of times, one for each channel, or none."""
+    head = "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDecimal_Separator\t,\n"
+    head += f"X_Columns\t{x_columns}\nTime_Pref\tRelative\n***End_of_Header***\t\t\n"
+    heads, unit, columns = {
+        "One": ("X_Value\tu\ttheta\tComment", "V\tdeg\t", (T, U, np.rad2deg(THETA))),
+        "Multi": ("X_Value\tu\tX_Value\ttheta\tComment", "V\t\tdeg", (T, U, T, np.rad2deg(THETA))),
+        "No": ("X_Value\tu\ttheta\tComment", "V\tdeg\t", (np.full(len(T), np.nan), U, np.rad2deg(THETA))),
+    }[x_columns]
+    top = f"Channels\t2\t\t\nSamples\t400\t400\t\nDate\t2026/03/01\t2026/03/01\t\nY_Unit_Label\t{unit}\t\n"
+    top += f"X_Dimension\tTime\tTime\t\nX0\t0,0\t0,0\t\nDelta_X\t0,005\t0,005\t\n***End_of_Header***\t\t\t\n{heads}\n"
+    rows = table("\t", ",", (), columns)
+    parts = ["\n".join(rows.split("\n")[k::1][: len(K) // segments]) for k in range(0, len(K), len(K) // segments)]
+    return head + "\n".join(top + part + "\n" for part in parts)
+
+
+def scope(other: float = 0.0) -> str:
+    """A drive's scope: keys that recur for each channel, times of its own for each, in ms."""
+    head = "Name;Drive scope\nFile;C:\\scope\\a.svdx\nStart;133500000000000000;Tuesday\n\n"
+    head += "Name;u;Name;theta\nSymbolName;MAIN.u;SymbolName;MAIN.theta\nData-Type;REAL;Data-Type;REAL\n"
+    head += "SampleTime [ms];5;SampleTime [ms];5\n\n"
+    return head + table(";", ".", (), (1e3 * T, U, 1e3 * T + other, THETA))
+
+
+def tektronix() -> str:
+    """Preamble of keys and values, then TIME, CH1, CH2."""
+    head = "Model,MSO24\nHorizontal Units,s\nSample Interval,0.005\nVertical Units,V,rad\nSource,CH1,CH2\nLabels,,\n\n"
+    return head + table(heads=("TIME", "CH1", "CH2"))
+
+
+def rigol() -> str:
+    """Neither times nor their unit: a number of each row, and its step beside the names."""
+    head = "X,CH1,CH2,Start,Increment,\nSequence,Volt,rad,0.000e+00,5.000e-03\n"
+    return head + table(heads=(), columns=(K, U, THETA), behind=",,")
+
+
+def bus(seconds: bool = False) -> str:
+    """A row for each message: the command every 40 ms, the angle every 5 ms, a status now and then."""
+    rows = [(int(1e9 * t), f"{u:.9g}", "", "") for t, u in zip(T[::8], U[::8], strict=True)]
+    rows += [(int(1e9 * t) + 10, "", f"{x:.9g}", "") for t, x in zip(T, THETA, strict=True)]
+    rows += [(int(1e9 * t) + 20, "", "", "7") for t in T[::50]]
+    since = 1_766_147_454_233_218_075
+    lines = []
+    for ns, *values in sorted(rows):
+        s, rest = divmod(since + ns, 10**9)
+        lines.append(",".join([*((str(s), str(rest)) if seconds else (str(since + ns),)), *values]))
+    times = "header.stamp.sec,header.stamp.nanosec" if seconds else "timestamp [ns]"
+    return f"{times},cmd.u,joint.theta,state\n" + "\n".join(lines) + "\n"
+
+
+def simulated(between: bool) -> str:
+    """A simulation's result: a row before and a row after each step of the command, on the grid or in between."""
+    rows = []
+    for k in K:
+        jump = k and U[k] * U[k - 1] < 0
+        if jump and between:
+            rows += [(T[k] - 2e-3, U[k - 1], THETA[k] - 1e-3), (T[k] - 2e-3, U[k], THETA[k] - 1e-3)]
+        elif jump:
+            rows.append((T[k], U[k - 1], THETA[k]))
+        rows.append((T[k], U[k], THETA[k]))
+    return table(columns=tuple(np.array(rows).T))
+
+
+BY_NUMBER = {"time": 0, "channels": {"u": 1, "theta": 2}}
+BY_NAME = {"time": "TIME", "channels": {"u": "CH1", "theta": "CH2"}}
+#: a kind -> its text, a mapping where it needs one, the share of the command's samples that are as they were
+KINDS = {
+    "no head": (table(heads=()), BY_NUMBER, 1.0),
+    "no head, a line about it": (f"# bench 3, {len(K)} rows\n" + table(heads=()), BY_NUMBER, 1.0),
+    "a head in place of its number": (table(heads=("Zeit", "AO 0", "Enc")), BY_NUMBER, 1.0),
+    "more heads than columns": (table(heads=("t", "u", "theta", "comment", "note")), None, 1.0),
+    "trailing delimiters": (table(behind=",,"), None, 1.0),
+    "rows that are counted, without a head": (table(" ", columns=(K + 1, T, U, THETA)), None, 1.0),
+    "a mapping without times": (table(heads=("Zeit", "AO", "Enc")), {"channels": {"u": "AO", "theta": "Enc"}}, 1.0),
+    **{f"LVM, X_Columns {x}": (lvm(x), None, 1.0) for x in ("One", "Multi", "No")},
+    "LVM, two segments": (lvm("One", 2), None, 1.0),
+    "scope of a drive": (scope(), None, 1.0),
+    "scope of a drive, channels 1 ms apart": (scope(1.0), None, 0.0),
+    "times of each channel": (table(heads=("Time", "u", "Time", "theta"), columns=(T, U, T, THETA)), None, 1.0),
+    "Tektronix": (tektronix(), BY_NAME, 1.0),
+    "Keysight": ("x-axis,1,2\nsecond,Volt,rad\n" + table(heads=()), {"channels": {"u": "1", "theta": "2"}}, 1.0),
+    "LeCroy": ("LECROYWS3024,1,Waveform\nSegments,1,SegmentSize,400\nSegment,TrigTime,TimeSinceSegment1\n"
+               "#1,01-Jan-2026 10:00:00,0\n" + table(heads=("Time", "Ampl", "Ampl2")),
+               {"channels": {"u": "Ampl", "theta": "Ampl2"}}, 1.0),
+    "Rigol": (rigol(), {"channels": {"u": "CH1", "theta": "CH2"}}, 1.0),
+    "message bus, ns since 1970": (bus(), None, 0.1),
+    "message bus, sec and nanosec": (bus(True), None, 0.1),
+    "simulation, events on its grid": (simulated(False), None, 1.0),
+    "simulation, events in between": (simulated(True), None, 0.9),
+    "a unit nobody knows": ("t,u,theta,n,T,f\ns,Volt,rad,counts,°C,Hz\n"
+                            + table(heads=(), columns=(T, U, THETA, K, K, K)), None, 1.0),
+    "thousands": (table(";", heads=("t", "u", "theta [mrad]"), columns=(T, U, [f"{1e3 * x:,.3f}" for x in THETA])),
+                  None, 1.0),
+    "thousands, decimal comma": (
+        table(";", ",", ("t", "u", "theta [mrad]"),
+              (T, U, [f"{1e3 * x:,.3f}".translate(str.maketrans(".,", ",.")) for x in THETA])), None, 1.0),
+    "each row twice": (table(columns=[np.repeat(c, 2) for c in (T, U, THETA)]), None, 1.0),
+    "a line below the numbers": (table() + "end of record,,\n", None, 1.0),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return nominal_rig("pendulum")
+
+
+def read(content: str, mapping: dict | None, rig, folder) -> Recording:
+    (folder / "log.txt").write_text(content, encoding="utf-8")
+    if mapping is None:
+        return read_recording(folder / "log.txt", rig=rig, trust_units=True)
+    (folder / "map.yaml").write_text(yaml.safe_dump({"files": ["log.txt"], **mapping}))
+    return read_recording(str(folder / "map.yaml"), rig=rig, trust_units=True)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_kind_of_log_gives_back_command_and_angle(kind, arm, tmp_path):
+    content, mapping, share = KINDS[kind]
+    found = read(content, mapping, arm, tmp_path)
+    assert found.sample_time_s == pytest.approx(STEP_S, rel=1e-6)
+    assert sum(b - a for a, b in found.stretches) in (len(K) - 1, len(K))
+    offset = len(K) - found.samples
+    close = np.isclose(found.channels["theta"], THETA[offset:], atol=0.15 if "apart" in kind else 1e-6)
+    assert close.mean() > 0.99
+    assert np.isclose(found.channels["u"], U[offset:], atol=1e-8).mean() >= share
+
+
+def test_what_was_done_is_said(arm, tmp_path):
+    said = {
+        "more heads than columns": "Columns without values are not used: comment, note.",
+        "message bus, ns since 1970": "Channel u has times of its own (50 values, 0.04 s apart): it is held until",
+        "simulation, events on its grid": "the later one counts",
+        "simulation, events in between": "the command after each holds from there",
+        "LVM, two segments": "lines of text between or below the numbers left out",
+    }
+    for kind, words in said.items():
+        assert any(words in note for note in read(*KINDS[kind][:2], arm, tmp_path).notes), kind
+
+
+def test_a_command_that_changes_within_a_sample_is_its_mean(arm, tmp_path):
+    found = read(*KINDS["simulation, events in between"][:2], arm, tmp_path)
+    jumps = np.flatnonzero(U[1:] * U[:-1] < 0)
+    assert np.allclose(found.channels["u"][jumps], 0.6 * U[jumps] + 0.4 * U[jumps + 1])
+
+
+def test_a_sensor_that_is_read_seldom_is_missing_in_between(arm, tmp_path):
+    slow = np.where(K % 4 == 0, THETA, np.nan)
+    found = read(table(columns=(T, U, slow)), None, arm, tmp_path)
+    assert np.array_equal(np.isfinite(found.channels["theta"]), K % 4 == 0)
+    assert np.allclose(found.channels["theta"][::4], THETA[::4])
+    said = "Channel theta has times of its own (100 values, 0.02 s apart): it is taken where it was read."
+    assert said in found.notes
+    again = Recording.from_frame(found.to_frame(), rig=arm, trust_units=True)
+    assert np.array_equal(again.channels["theta"], found.channels["theta"], equal_nan=True)
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    every=st.integers(1, 6), late_us=st.integers(0, 4000), since=st.integers(0, 2 * 10**18),
+    decimal=st.sampled_from(".,"), status=st.booleans(),
+)  # fmt: skip
+def test_whatever_the_rows_of_a_bus_the_readings_are_those_sent(every, late_us, since, decimal, status, arm, tmp_path):
+    """The command has rows of its own; a sensor that is as fast as the grid keeps each of its readings."""
+    rows = [(round(1e9 * t), u, np.nan, np.nan) for t, u in zip(T[::every], U[::every], strict=True)]
+    rows += [(round(1e9 * t) + 1000 * late_us + 1, np.nan, x, np.nan) for t, x in zip(T, THETA, strict=True)]
+    rows += [(round(1e9 * t) + 2, np.nan, np.nan, 1.0) for t in T[::7]] if status else []
+    frame = pd.DataFrame(sorted(rows, key=lambda row: row[0]), columns=["t [ns]", "u", "theta", "state"])
+    frame["t [ns]"] += since
+    out = io.StringIO()
+    frame.to_csv(out, sep=";", decimal=decimal, index=False)
+    found = read(out.getvalue(), None, arm, tmp_path)
+    assert found.samples == len(K)
+    assert np.allclose(found.channels["theta"], THETA, atol=1e-6)
+    assert set(np.sign(found.channels["u"][found.channels["u"] != 0])) == {-1.0, 1.0}
+    assert np.abs(found.channels["u"]).max() <= np.abs(U).max() + 1e-9
+
+
+@settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    above=st.lists(st.text(alphabet="abtu =;,\t[ms]#0.:", max_size=30), max_size=6),
+    below=st.lists(st.text(alphabet="abt;,\t 0.:#", max_size=20), max_size=3), separator=st.sampled_from(";,\t"),
+)  # fmt: skip
+def test_whatever_stands_above_and_below_a_table_it_is_read_or_refused(above, below, separator, arm, tmp_path):
+    content = "\n".join([*above, table(separator).rstrip("\n"), *below])
+    try:
+        found = read(content, None, arm, tmp_path)
+    except UserError as error:
+        assert "\n" not in str(error)  # noqa: PT017
+    else:
+        assert np.nanmax(np.abs(found.channels["theta"])) <= np.abs(THETA).max() + 1e-6
