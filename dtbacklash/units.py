@@ -80,6 +80,10 @@ WORDS: dict[str, str] = {
     for word in words.split()
 }  # fmt: skip
 _LOWER = {name.lower(): unit for name, unit in reversed(UNITS.items())}
+_COUNTS = re.compile(
+    r"counts?|cnts?|cts|inkr?\.?|incr?\.?|inkremente?|increments?|digits?|dig|lsb|steps?|ticks?|pulses?|imp\.?|impulse",
+    re.IGNORECASE,
+)
 _COUNTED = re.compile(r"(.+?)\s*/\s*(\d+\.?\d*(?:[eE][+-]?\d+)?)")
 
 
@@ -99,6 +103,11 @@ def find(written: str) -> Unit | None:
     if part is None or whole is None or not 0.0 < float(part[2]) < math.inf:
         return found
     return Unit(whole.si, whole.factor / float(part[2]))
+
+
+def are_counts(written: str) -> bool:
+    """Whether a unit as written is that of counts, whose size only the sensor's maker knows."""
+    return _COUNTS.fullmatch(written.strip()) is not None
 
 
 def in_words(spec: object) -> str:
@@ -138,6 +147,11 @@ def composed(written: str) -> Unit | None:
 def of_kind(si: str) -> list[str]:
     """The units in which a quantity of this SI unit may be written."""
     return [name for name, unit in UNITS.items() if unit.si == si]
+
+
+def whole(si: str) -> str:
+    """The unit by which a sensor of this SI unit counts: lines a turn, counts a millimetre."""
+    return {"rad": "rev", "m": "mm"}.get(si, si)
 
 
 def suffix(unit: str) -> str:

@@ -374,9 +374,11 @@ def _sensor(name: str, spec: dict[str, Any], elements: dict[str, Element]) -> Se
     known = elements[of].trait.quantities
     if not isinstance(quantity, str) or quantity not in known:
         raise UserError(f"rig.sensors.{name}.quantity", quantity, f"at {of}: {', '.join(known)}")
-    recorded_in = spec.get("recorded_in") or ""
-    if recorded_in and recorded_in not in units.of_kind(known[quantity]):
+    recorded_in = units.in_words(spec.get("recorded_in"))
+    unit = units.find(recorded_in)
+    if recorded_in and (unit is None or unit.si != known[quantity]):
         allowed = f"a unit of {known[quantity]}: {', '.join(units.of_kind(known[quantity]))}"
+        allowed += f"; or counts, as {{counts: 4096, per: {units.whole(known[quantity])}}}"
         raise UserError(f"rig.sensors.{name}.recorded_in", recorded_in, allowed)
     absolute = spec.get("absolute", False)
     if not isinstance(absolute, bool) or (absolute and quantity != "position"):

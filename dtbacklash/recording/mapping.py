@@ -208,9 +208,10 @@ def _channel(key: str, spec: Any) -> Channel:
     )
     if not scale:
         raise _Mistake(f"{key}.scale", spec["scale"], "must be a number other than 0")
-    unit, si = str(spec.get("unit") or ""), str(spec.get("si_unit") or "")
+    unit, si = units.in_words(spec.get("unit")), str(spec.get("si_unit") or "")
     if unit and units.find(unit) is None:
-        raise _Mistake(f"{key}.unit", unit, "choose one of " + ", ".join(units.UNITS))
+        allowed = "choose one of " + ", ".join(units.UNITS) + "; or counts, as {counts: 4096, per: rev}"
+        raise _Mistake(f"{key}.unit", unit, allowed)
     if unit and si:
         raise _Mistake(f"{key}.si_unit", si, "give `unit` or `si_unit`, not both")
     return Channel(str(spec["column"]), unit, scale, offset, si)

@@ -131,14 +131,22 @@ class _Names:
     def settle(self, column: str, channel: str, written: str, who: str = HEADER) -> tuple[units.Unit, str]:
         """The unit of a column, and a text that says which it is and who says so (raises Refused)."""
         said = [(self.given.get(channel, ""), GIVEN), (written, who), (self.declared(channel), DECLARED)]
+        said.sort(key=lambda one: units.are_counts(one[0]))  # what says how large a count is comes first
         text, who = next(((text, who) for text, who in said if text), (self.si(channel)[0], ASSUMED))
         unit = units.find(text)
         if not text:
             raise Refused(
-                f"nothing says the unit of column {column}; write {column} [UNIT], or give units={channel}: UNIT"
+                f"nothing says the unit of column {column}; write {column} [UNIT], or give units={{{channel}: UNIT}}"
+            )
+        if unit is None and units.are_counts(text):
+            whole = units.whole(self.si(channel)[0])
+            counts = f"{{counts: 4096, per: {whole}}}"
+            raise Refused(
+                f"column {column} is in {text}: say how large one is, as units={{{channel}: {whole}/4096}} for 4096 of "
+                f"them per {whole}; in a mapping `unit: {counts}`, in the rig's sensor `recorded_in: {counts}`"
             )
         if unit is None:
-            raise Refused(f"column {column} is in {text}, which is no known unit; give units={channel}: UNIT")
+            raise Refused(f"column {column} is in {text}, which is no known unit; give units={{{channel}: UNIT}}")
         wanted = self.si(channel, text)
         if unit.si not in wanted:
             raise Refused(f"column {column} is in {text} ({who}), and {channel} is measured in {wanted[0]}")
@@ -264,6 +272,7 @@ def mapped(table: Table, mapping: Mapping, part: str, rig: Rig | None, given: Di
             unit, picked.assumed[name] = units.Unit(channel.si, 1.0), f"{channel.si} ({MAPPED})"
         else:
             head = heads.unit_of(found, column.unit, names.si(name))
+            head = "" if channel.scale != 1.0 and units.are_counts(head) else head  # the scale is that of a count
             said, who = (channel.unit, MAPPED) if channel.unit else (head, HEADER)
             unit, picked.assumed[name] = names.settle(found, name, said, who)
             picked.notes += names.overruled(name, said, who)

@@ -18,7 +18,8 @@ def test_every_unit_leads_to_an_si_unit_of_the_table():
 @pytest.mark.parametrize(
     ("written", "si", "factor"),
     [("mm", "m", 1e-3), ("MM", "m", 1e-3), ("µm", "m", 1e-6), ("um", "m", 1e-6), ("°", "rad", math.pi / 180),
-     ("rpm", "rad/s", math.pi / 30), ("mA", "A", 1e-3), ("Volt", None, 0.0), ("", None, 0.0),
+     ("rpm", "rad/s", math.pi / 30), ("mA", "A", 1e-3), ("Volt", "V", 1.0), ("Voltage", None, 0.0), ("", None, 0.0),
+     ("rev/4", "rad", math.pi / 2), ("rev/0", None, 0.0), ("counts/2", None, 0.0), ("mm/1e3", "m", 1e-6),
      ("kip", "N", 4448.2216152605)],
 )  # fmt: skip
 def test_units_as_written(written, si, factor):

@@ -4,6 +4,7 @@ Each is written here from the same command and angle, and has to give them back.
 """
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 from nominal import nominal_rig
 
 from dtbacklash.errors import UserError
+from dtbacklash.physics.rig import build_rig
 from dtbacklash.recording import Recording, read_recording
 
 STEP_S = 5e-3
@@ -221,3 +223,31 @@ def test_whatever_stands_above_and_below_a_table_it_is_read_or_refused(above, be
         assert "\n" not in str(error)  # noqa: PT017
     else:
         assert np.nanmax(np.abs(found.channels["theta"])) <= np.abs(THETA).max() + 1e-6
+
+
+COUNTS = np.round(THETA / (2.0 * np.pi) * 4096)
+COUNTED = {"counts": 4096, "per": "rev"}
+
+
+@pytest.mark.parametrize("head", ["theta [counts]", "theta [Inkremente]", "theta (digits)", "theta"])
+@pytest.mark.parametrize("where", ["units", "rig", "mapping", "scale", "nowhere"])
+def test_counts_are_read_where_something_says_how_large_one_is(head, where, arm, tmp_path):
+    (tmp_path / "log.csv").write_text(table(heads=("t", "u", head), columns=(T, U, COUNTS)))
+    theta = {"column": head, **({"unit": COUNTED} if where == "mapping" else {"scale": 2.0 * np.pi / 4096})}
+    (tmp_path / "map.yaml").write_text(
+        yaml.safe_dump({"files": ["log.csv"], "time": "t", "channels": {"u": "u", "theta": theta}})
+    )
+    counting = replace(arm.config, sensors={"theta": {**arm.config.sensors["theta"], "recorded_in": COUNTED}})
+    how = {
+        "units": {"units": {"theta": "rev/4096"}, "rig": arm}, "rig": {"rig": build_rig(counting)},
+    }.get(where, {"rig": arm})  # fmt: skip
+    source = tmp_path / ("map.yaml" if where in ("mapping", "scale") else "log.csv")
+    if where == "nowhere":
+        if head != "theta":
+            with pytest.raises(
+                UserError, match=r"say how large one is, as units=\{theta: rev/4096\}.*recorded_in: {cou"
+            ):
+                read_recording(source, trust_units=True, **how)
+        return
+    found = read_recording(str(source), trust_units=True, **how)
+    assert np.allclose(found.channels["theta"], THETA, atol=np.pi / 4096 + 1e-9)
