@@ -7,6 +7,7 @@ from dtbacklash.diagnose.pipeline import FULL, Depth, diagnose_records
 from dtbacklash.diagnose.records import Record, check_parts, long_enough, records_of, while_it_moves
 from dtbacklash.diagnose.result import Diagnosis
 from dtbacklash.diagnose.say.beforehand import beforehand
+from dtbacklash.diagnose.say.doubts import doubted, said_first
 from dtbacklash.diagnose.say.enough import Enough, read_enough
 from dtbacklash.diagnose.say.error_names import names_the_recording
 from dtbacklash.diagnose.say.sentences import notes_of, notes_of_several, units_of
@@ -61,11 +62,14 @@ def diagnose(
     accepted = read_enough(enough or {}, rig)
     held_out = SETTINGS.held_out_share if held_out is None else held_out
     given = [recording] if isinstance(recording, Recording) else recording
+    judging = [] if validation is None or isinstance(validation, (str, int)) else validation
+    doubts = doubted(rig, [*given, *([judging] if isinstance(judging, Recording) else judging)])
     recordings = [while_it_moves(one, rig) for one in given]
     if isinstance(validation, Recording):
         validation = while_it_moves(validation, rig)
     if len(recordings) == 1 and (validation is None or isinstance(validation, Recording)):
-        return _one(recordings[0], rig, validation, held_out, progress, jobs, units, accepted, depth, keep)
+        found = _one(recordings[0], rig, validation, held_out, progress, jobs, units, accepted, depth, keep)
+        return said_first(found, given, doubts)
     others = [validation] if isinstance(validation, Recording) else validation
     several = Several.of(recordings, others, rig)
     records, left_out = long_enough(several.records(rig, held_out))
@@ -75,7 +79,8 @@ def diagnose(
     untold = beforehand(rig, several.recordings[0].channels)
     notes = *notes_of_several(several, held_out), *untold, *left_out, *found.notes
     read = units_of(several) if units is None else dict(units)
-    return replace(found, source=", ".join(several.names), notes=notes, units=read, recordings=used)
+    found = replace(found, source=", ".join(several.names), notes=notes, units=read, recordings=used)
+    return said_first(found, given, doubts)
 
 
 def _one(

@@ -35,7 +35,7 @@ def read_recording(
     sample_time_s : for a file without a time column, s.
     units : channel -> unit of its column (``{"q3": "mm"}``), before all that mapping, header and rig say. Where nothing
         is said, SI holds; what each channel was read in stands in ``assumed_units``.
-    trust_units : do not compare the channels' sizes with what the rig can do.
+    trust_units : a diagnosis does not ask whether the channels' sizes are what the rig can do.
     command : what ``u`` does between two samples: ``held``, ``band_limited``; ``none``: there was none, and a column
         ``u`` is not needed. None: as the mapping says, else held.
 

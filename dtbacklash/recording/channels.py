@@ -121,6 +121,23 @@ def _filled(name: str, values: Floats, t_s: Floats, stretches: list[tuple[int, i
     return values
 
 
+def idle_command(channels: dict[str, Floats], unit: str) -> list[str]:
+    """A sentence where the command never changes and something moves, in which case it may be another column; or none.
+
+    What moves changes less from one sample to the next than in all.
+    """
+    u = channels.get("u")
+    if u is None or not len(u) or np.ptp(u) > 0.0:
+        return []
+    read = {name: values[np.isfinite(values)] for name, values in channels.items() if name not in ("u", "r")}
+    moving = [n for n, v in read.items() if len(v) > 1 and np.ptp(v) > 0.0 and np.std(np.diff(v)) < np.std(v)]
+    if not moving:
+        return []
+    size = f"constant, {u[0]:.6g} {unit}," if u[0] else "0 from beginning to end"
+    none = "" if u[0] else " If nothing was commanded, say recording.command=none."
+    return [f"The command u is {size} while {' and '.join(moving)} moves: check that u is the command's column.{none}"]
+
+
 def clipping(name: str, values: Floats) -> str | None:
     """Say that a channel is clipped, or return None."""
     for word, mask in clipped(values):

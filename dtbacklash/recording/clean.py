@@ -23,7 +23,6 @@ from dtbacklash.recording.pick import (
     unit_notes,
     without_command,
 )
-from dtbacklash.recording.plausible import check_units
 from dtbacklash.recording.refusal import CHANGE_MIN, VALUE_MAX, Refused
 from dtbacklash.recording.series import events, on_grid, own_paces, paces_said
 
@@ -47,19 +46,16 @@ class Clean:
     notes: list[str]
 
 
-def clean(
-    picked: Picked, rig: Rig | None, notes: list[str], command: str, sample_time_s: float | None, trust_units: bool
-) -> Clean:
+def clean(picked: Picked, rig: Rig | None, notes: list[str], command: str, sample_time_s: float | None) -> Clean:
     """Bring the channels to a uniform grid and check them.
 
     Parameters
     ----------
     notes : what had to be said before. command : see :mod:`.command`. sample_time_s : for columns without times.
-    trust_units : do not compare the channels' sizes with what the rig can do.
 
     Raises
     ------
-    Refused : a defect that cannot be handled, or a channel in a wrong unit.
+    Refused : a defect that cannot be handled.
     UserError : no such command.
     """
     if command not in COMMANDS:
@@ -80,14 +76,12 @@ def clean(
         t_s, values, stretches = _on_grid(grid, filled)
         values |= {n: on_grid(n, own, t_s, grid.sample_time_s, command) for n, own in apart.items()}
         said = paces_said({n: own for n, own in apart.items() if n not in picked.channels}, grid.sample_time_s)
-        notes = notes + picked.notes + said + grid.notes + filled.notes + _defects(values, t_s, stretches)
+        idle = [] if command == NONE else checks.idle_command(values, picked.units[COMMAND])
+        notes = idle + notes + picked.notes + said + grid.notes + filled.notes + _defects(values, t_s, stretches)
         if len(stretches) > 1:
             notes.append(_said(t_s, stretches))
         units = {name: picked.units[name] for name in values}
         assumed = {name: said for name, said in picked.assumed.items() if name in values or name == "t"}
-        if rig is not None and not trust_units:
-            a, b = max(stretches, key=lambda s: s[1] - s[0])
-            check_units(rig, {n: v[a:b] for n, v in values.items()}, grid.sample_time_s, command, assumed)
     return Clean(t_s, stretches, grid.sample_time_s, values, units, assumed, notes + unit_notes(assumed))
 
 

@@ -34,7 +34,7 @@ class Recording:
     source : the file that was read; None for a recording that came from Python.
     sample_time_s : time between two samples, s.
     t_s : (N,) time of each sample as recorded (it need not start at 0, and jumps from stretch to stretch), s.
-    channels : name -> (N,) values in SI units.
+    channels : name -> (N,) values in SI units, NaN where a sensor that is read more seldom was not.
     units : name -> SI unit.
     assumed_units : name (and ``t``) -> the unit in which it was read and who says so: ``m (assumed)``,
         ``mm (declared by the rig)``, ``mm (header)``, ``mm (mapping)``, ``mm (given)``.
@@ -45,6 +45,7 @@ class Recording:
     part : which of them this is, or empty for the whole file.
     command : what ``u`` does between two samples: ``held``, ``band_limited``, or ``none`` (see :mod:`.command`).
     stretches : half-open ranges of samples without a gap, in their order; they hold all N. One if nothing is given.
+    trust_units : whether a diagnosis takes the units as they are (:mod:`.wrong_units`).
     """
 
     name: str
@@ -62,6 +63,7 @@ class Recording:
     command: str = HELD
     assumed_units: dict[str, str] = field(default_factory=dict)
     stretches: tuple[tuple[int, int], ...] = ()
+    trust_units: bool = False
 
     def __post_init__(self) -> None:
         if not self.stretches:
@@ -88,7 +90,7 @@ class Recording:
         units : channel -> unit of its column, before all that header and rig say. Without any: SI.
         rig : tells which sensors there are, in which units they are recorded, and what signals to expect.
         name : for messages and reports. sample_time_s : of a frame without times. command : see :mod:`.command`.
-        trust_units : do not compare the channels' sizes with what the rig can do.
+        trust_units : a diagnosis does not ask whether the channels' sizes are what the rig can do.
 
         Raises
         ------
@@ -97,12 +99,12 @@ class Recording:
         try:
             table = frame_table(frame)
             picked = plain(table, rig, units or {})
-            found = clean(picked, rig, table.notes, command, sample_time_s, trust_units)
+            found = clean(picked, rig, table.notes, command, sample_time_s)
         except Refused as refusal:
             raise UserError("recording", name, str(refusal)) from refusal
         return cls(
             name, None, found.sample_time_s, found.t_s, found.channels, found.units, found.notes, command=command,
-            assumed_units=found.assumed_units, stretches=found.stretches,
+            assumed_units=found.assumed_units, stretches=found.stretches, trust_units=trust_units,
         )  # fmt: skip
 
     def to_frame(self) -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""Wrong units: a channel that is what the command does to the rig, once it is multiplied by 1000 or 57.3.
+"""Balance of effort: what the command makes a channel do in the rig, against what the channel shows.
 
 Physics that the rig lacks changes what it does by a factor 50 easily: friction lets it creep where the nominal model
 runs away. So sizes are not compared. What is compared is the effort that the recorded motion takes with the effort
@@ -14,14 +14,6 @@ decay as well. All of them have the scale of the command, whatever the unit of y
 inertia, back-emf or stiffness, and the factor s on it is 1 in right units and 1/1000 for millimetres read as metres:
 no physics that is missing moves it by a factor 20. On the recordings of the tests that differ most from their rigs
 (friction near stalling, loads as large as the drive, play, PID loops) it lies between 0.3 and 3.
-
-The channel is refused only if s lies near a unit's factor (within a factor 4 of 1000, 2.2 of 57.3), and the motion
-accounts for at least a quarter of what the n_j leave of the command; near the smaller factors of rpm, revolutions and
-inches (within a factor 1.25) only if it accounts for nearly all of that; or if a rig that comes to rest by itself moves
-hundreds of times as much as the command can make it, all the time. A recording without such evidence passes; then the
-note about what was assumed is all there is. That is so where friction or a stop takes all of the command at almost
-every time, where what is missing is nonlinear to a degree that the linear rig predicts nothing of the motion, where
-an encoder shows a few counts, and where somebody else than the command moved the machine.
 
 Two channels of unlike quantities that have changed places are found the same way (:func:`places`): each is held against
 the command alone, with its own column and with the other's. The share that a motion accounts for knows no scale, so it
@@ -42,33 +34,12 @@ from itertools import combinations
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from dtbacklash import units
 from dtbacklash.arrays import Floats
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Element, Rig, Sensor, build_rig
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.recording.command import stepped
-from dtbacklash.recording.refusal import Refused
 
-#: SI unit -> units that are mistaken for one another; the first is SI
-MISTAKEN = {
-    "m": ("m", "mm", "um", "in"),
-    "m/s": ("m/s", "mm/s", "in/s"),
-    "rad": ("rad", "deg", "mrad", "rev"),
-    "rad/s": ("rad/s", "deg/s", "rpm"),
-    "A": ("A", "mA"),
-    "N": ("N", "kN"),
-}
-#: SI unit -> factors between what was recorded and what it was read as
-FACTORS: dict[str, tuple[float, ...]] = {
-    si: tuple(factor for other in others for factor in (units.per_si(other), 1 / units.per_si(other)))
-    for si, (_, *others) in MISTAKEN.items()
-}
-NEAR = 0.2  # power of a unit's factor: as far from it s may lie
-SHARE = 0.25  # of what the command leaves that the motion has to account for
-SMALL = 50.0  # smaller factors come nearer to what missing physics makes of s: they need a plainer motion
-SHARE_SMALL, REACH_SMALL = 0.85, 1.25
-SUSTAINED = 300.0  # times what the command can do, at all times
 EXCHANGED = 0.5  # share of effort by which two columns have to agree better with the command the other way round
 SAMPLES_PLACES = 20_000  # of the part that is looked at for that
 SAMPLES_MAX = 60_000  # of the part that is looked at: where the command moves most
@@ -99,53 +70,6 @@ class Question:
     y: Floats
     others: tuple[tuple[Floats, float, float], ...]
     order: int
-
-
-def check_units(
-    rig: Rig, channels: dict[str, Floats], sample_time_s: float, command: str, assumed: dict[str, str]
-) -> None:
-    """Refuse a channel that is off by the factor of a wrong unit (see the module's text for when).
-
-    Parameters
-    ----------
-    channels : name -> (N,) values in SI. command : see :mod:`.command`. assumed : channel -> what it was read in.
-
-    Raises
-    ------
-    Refused : names the channel, what it was read in, and what would fit.
-    """
-    for name, scale in scales(rig, channels, sample_time_s, command).items():
-        factor = mistaken(rig.sensors[name].unit, scale)
-        if factor is None:
-            continue
-        for pair in unlike(rig, channels):
-            if name in pair and places(rig, pair, channels, sample_time_s, command).exchanged:
-                a, b = pair
-                raise Refused(
-                    f"channels {a} and {b} look to have changed places: only the other way round they are what the "
-                    "command u does to this rig; swap them in the file or in its mapping, or give "
-                    "recording.trust_units=true if they are right"
-                )
-        size = f"{factor:.4g} too large" if factor > 1 else f"{1 / factor:.4g} too small"
-        said = assumed.get(name, rig.sensors[name].unit)
-        mistake = _mistake(rig.sensors[name].unit, said.partition(" (")[0], factor)
-        raise Refused(
-            f"channel {name} looks to be in a wrong unit: it was read in {said}, "
-            f"and its values are about a factor {size} for what the command u does to this rig (as with {mistake}); "
-            f"give recording.units.{name}=UNIT, or recording.trust_units=true if they are right"
-        )
-
-
-def mistaken(unit: str, scale: Scale) -> float | None:
-    """The factor of the wrong unit that a scale shows, or None."""
-    for factor in FACTORS.get(unit, ()):
-        size = abs(math.log(factor))
-        share, reach = (SHARE, NEAR * size) if size > math.log(SMALL) else (SHARE_SMALL, math.log(REACH_SMALL))
-        if scale.share > share and scale.factor > 0.0 and abs(math.log(scale.factor / factor)) < reach:
-            return factor
-        if factor > 1.0 and scale.sustained > SUSTAINED and abs(math.log(scale.sustained / factor)) < reach:
-            return factor
-    return None
 
 
 @dataclass(frozen=True)
@@ -188,13 +112,6 @@ def places(
         return Places(share((a, b)), share((b, a)))
     except UserError:  # a rig that cannot be simulated says nothing
         return Places(0.0, 0.0)
-
-
-def _mistake(si: str, read: str, factor: float) -> str:
-    """What may have been mistaken: ``mm read as m``."""
-    per_read = (units.find(read) or units.UNITS[si]).factor
-    other = min(units.of_kind(si), key=lambda unit: abs(math.log(units.per_si(unit) * per_read / factor)))
-    return f"{other} read as {read}"
 
 
 def scales(rig: Rig, channels: dict[str, Floats], sample_time_s: float, command: str) -> dict[str, Scale]:

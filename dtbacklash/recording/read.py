@@ -42,7 +42,7 @@ def read_recording(
     sample_time_s : for a file without a time column.
     units : channel -> unit of its column (``{"q3": "mm"}``), before all that mapping, header and rig say. Where
         nothing is said, SI holds. What each channel was read in stands in ``assumed_units``.
-    trust_units : do not compare the channels' sizes with what the rig can do (:mod:`.plausible`).
+    trust_units : a diagnosis does not ask whether the channels' sizes are what the rig can do (:mod:`.wrong_units`).
     command : what ``u`` does between two samples (:mod:`.command`); None: as the mapping says, else held.
 
     Raises
@@ -119,7 +119,7 @@ def _read(
         part = "train" if "train" in mapping.parts else ""
     picked = mapped(table, mapping, part or "", rig, units) if mapping else plain(table, rig, units)
     command = command or (mapping.command if mapping else HELD)
-    found = clean(picked, rig, table.notes, command, sample_time_s, trust_units)
+    found = clean(picked, rig, table.notes, command, sample_time_s)
     return Recording(
         name=mapping.name if mapping else file.name,
         source=file,
@@ -136,4 +136,5 @@ def _read(
         command=command,
         assumed_units=found.assumed_units,
         stretches=found.stretches,
+        trust_units=trust_units,
     )

@@ -8,8 +8,9 @@ import pytest
 
 from dtbacklash.errors import UserError
 from dtbacklash.recording import Recording, read_recording
-from dtbacklash.recording.plausible import FACTORS, Scale, check_units, mistaken, scales
+from dtbacklash.recording.plausible import Scale, scales
 from dtbacklash.recording.refusal import Refused
+from dtbacklash.recording.wrong_units import FACTORS, check_units, doubts_of, mistaken
 
 #: what people mistake, in both directions
 WRONG = {unit: [f for f in all_ if 50 < max(f, 1 / f) < 1e4] for unit, all_ in FACTORS.items()}
@@ -102,20 +103,21 @@ def test_the_refusal_says_what_was_assumed_and_how_to_overrule_it(recorded, tmp_
     file = tmp_path / "bench.csv"
     case.frame.assign(x=1e3 * case.frame.x).to_csv(file, index=False)
     with pytest.raises(UserError) as caught:
-        read_recording(file, rig=case.rig)
+        doubts_of(case.rig, read_recording(file, rig=case.rig))
     line = str(caught.value)
     for words in ("bench.csv: channel x looks to be in a wrong unit", "it was read in m (assumed)", "1000 too large",
                   "mm read as m", "recording.units.x=UNIT", "recording.trust_units=true"):  # fmt: skip
         assert words in line
-    read_recording(file, rig=case.rig, trust_units=True)
+    assert doubts_of(case.rig, read_recording(file, rig=case.rig, trust_units=True)) == []
     right = read_recording(file, rig=case.rig, units={"x": "mm"})
     assert np.allclose(right.channels["x"], case.frame.x)
+    assert doubts_of(case.rig, right) == []
 
 
 def test_a_frictionless_nominal_motor_that_overshoots_is_no_wrong_unit(recorded):
     """The nominal motor would turn many times as far as the recorded one, which friction nearly holds."""
     case = by_name(recorded, "motor, nearly stalls")
-    assert Recording.from_frame(case.frame, rig=case.rig).assumed_units["theta"] == "rad (assumed)"
+    assert doubts_of(case.rig, Recording.from_frame(case.frame, rig=case.rig)) == []
 
 
 def test_a_long_recording_is_judged_by_a_part_of_it(recorded):
@@ -149,7 +151,31 @@ def test_the_shipped_rig_in_the_units_that_it_declares(recorded, save):
     assert recording.assumed_units["q3"] == "mm (declared by the rig)"
     assert np.allclose(recording.channels["q3"], case.frame.q3)
     with pytest.raises(UserError, match=r"read in mm \(declared by the rig\).*too small"):
-        read_recording(save(case.frame), rig=case.rig)
+        doubts_of(case.rig, read_recording(save(case.frame), rig=case.rig))
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "factor", "blamed"),
+    [("u", 1e3, "u"), ("u", 204.8, "u"), ("u", 3276.8, "u"), ("theta_m", 4096 / (2 * np.pi), "theta_m"),
+     ("theta_m", 180 / np.pi, "theta_m"), ("q3", 1e3, "q3")],
+)  # fmt: skip
+def test_the_channel_that_is_wrong_is_blamed(recorded, spoilt, factor, blamed):
+    """A command in mV or in counts makes all sensors look too small, an angle in counts what it drives."""
+    for case, channels, _ in recorded:
+        if case.name not in ("screw, friction", "carriage, friction") or spoilt not in channels:
+            continue
+        read = {n: "m (assumed)" if n == "q3" else "V (assumed)" if n == "u" else "rad (assumed)" for n in channels}
+        with pytest.raises(Refused, match=f"channel {blamed} looks to be in a wrong unit"):
+            check_units(case.rig, {**channels, spoilt: factor * channels[spoilt]}, 1e-3, "held", read)
+
+
+def test_what_physics_could_do_is_a_doubt(recorded):
+    """Revolutions read as radians: a motor whose amplifier is clipped moves as little."""
+    case = by_name(recorded, "motor, plain")
+    channels = {n: case.frame[n].to_numpy() for n in ("u", "theta")}
+    (doubt,) = check_units(case.rig, {**channels, "theta": channels["theta"] / (2 * np.pi)}, 1e-3, "held", {})
+    assert doubt.channel == "theta"
+    assert "rev read as rad" in doubt.looks
 
 
 def test_a_rig_that_cannot_be_driven_says_nothing(recorded):

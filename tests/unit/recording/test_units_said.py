@@ -141,7 +141,7 @@ def named(tmp_path, head: str, **options) -> Recording:
 
 
 def test_a_bracket_that_holds_no_unit_is_asked_about(tmp_path):
-    with pytest.raises(UserError, match="is in Striche, which is no known unit; give units={x: UNIT}"):
+    with pytest.raises(UserError, match=r"is in Striche, which is no known unit; give units={x: UNIT}"):
         named(tmp_path, "Laser [Striche]")
 
 

@@ -1,0 +1,42 @@
+"""What is said before all else: a command that does nothing, a unit that may be wrong, and in the end what it was."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from dtbacklash.diagnose.result import UNEXPLAINED, Diagnosis
+from dtbacklash.diagnose.words import all_in_words
+from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
+from dtbacklash.recording.channels import idle_command
+from dtbacklash.recording.command import NONE
+from dtbacklash.recording.model import Recording
+from dtbacklash.recording.wrong_units import Doubt, doubts_of
+
+GAIN = "gain_error"
+
+
+def doubted(rig: Rig, recordings: Sequence[Recording]) -> list[Doubt]:
+    """The units that may be wrong, each channel once.
+
+    Raises
+    ------
+    UserError : a channel is off by the factor of a wrong unit, which no physics does.
+    """
+    return list({doubt.channel: doubt for one in recordings for doubt in doubts_of(rig, one)}.values())
+
+
+def said_first(found: Diagnosis, recordings: Sequence[Recording], doubts: Sequence[Doubt]) -> Diagnosis:
+    """The diagnosis with what its user has to know before he believes it."""
+    idle = [text for r in recordings if r.command != NONE for text in idle_command(r.channels, r.units.get("u", "V"))]
+    said = [*dict.fromkeys(idle), *(_what_it_was(found, doubt) for doubt in doubts)]
+    return replace(found, summary=" ".join([*said, found.summary])) if said else found
+
+
+def _what_it_was(found: Diagnosis, doubt: Doubt) -> str:
+    """Whether physics explains what looked like a wrong unit."""
+    looked = f"{doubt.channel} looked to be in a wrong unit: {doubt.looks}."
+    if any(f.location == SENSOR_PREFIX + doubt.channel and f.effect == GAIN for f in found.findings):
+        return f"{looked} Nothing else explains it: the unit is wrong, or the sensor's gain."
+    if found.verdict == UNEXPLAINED:
+        return f"{looked} No physics was found that explains it: check the unit first."
+    named = all_in_words((f.effect, f.location) for f in found.findings) or " and ".join(found.recalibrated)
+    return f"{looked} It is not: {named or 'the rig as it is'} explains it."
