@@ -1,6 +1,6 @@
 """Records: what a diagnosis looks at of its recordings, a stretch without a gap each."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.signal.windows import kaiser
@@ -10,6 +10,7 @@ from dtbacklash.diagnose.engine.readings import noise_of
 from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
+from dtbacklash.recording.mapping import Channel
 from dtbacklash.recording.model import Recording
 from dtbacklash.recording.refusal import SAMPLES_MIN
 
@@ -42,7 +43,7 @@ class Record:
     u : (N,) command, V. y : channel -> (N,) measured, SI, NaN where a reading is missing. train, held : (N,) masks of
     the samples that are fitted to, and that are held out. from_s : time of its first sample since the recording began,
     s. recording : the number of the recording that it is or belongs to, from 0. at_once : (N,) the command that a
-    sensor of acceleration shows; None: that which was held until then.
+    sensor of acceleration shows; None: that which was held until then. columns : channel -> what it was read from.
     """
 
     sample_time_s: float
@@ -53,6 +54,7 @@ class Record:
     from_s: float = 0.0
     recording: int = 0
     at_once: Floats | None = None
+    columns: dict[str, Channel] = field(default_factory=dict)
 
     @property
     def samples(self) -> int:
@@ -76,7 +78,7 @@ def records_of(
     return [
         Record(
             recording.sample_time_s, columns["u"][a:b], {c: v[a:b] for c, v in measured.items()}, mask[a:b], ~mask[a:b],
-            float(recording.t_s[a] - recording.t_s[0]), number,
+            float(recording.t_s[a] - recording.t_s[0]), number, columns=recording.columns,
         )
         for a, b in recording.stretches
     ]  # fmt: skip

@@ -231,14 +231,15 @@ def diagnose(
     search: Depth = "full",
     jobs: int | None = None,
     progress: ShowProgress = False,
+    trust_units: bool = False,
 ) -> Found:
     """Compare a recording with the simulation of a rig; name the physics that the rig lacks, and show that it fits.
 
     Parameters
     ----------
-    recording : a recording, or what :func:`read_recording` reads; or several together: a list of them, or a pattern
-        (``"data/*.csv"``). Several share the rig's physics and parameters; first states and the sizes of what is
-        unknown are each recording's own; lengths, sample times and channels may differ.
+    recording : a recording, a DataFrame, or what :func:`read_recording` reads; or several together: a list of them, or
+        a pattern (``"data/*.csv"``). Several share the rig's physics and parameters; first states and the sizes of what
+        is unknown are each recording's own; lengths, sample times and channels may differ.
     rig : the nominal rig; default: that of the (first) recording's mapping, else ``lead_screw``.
     validation : the recording to judge on; without it the last share ``held_out`` of each recording does. Of
         several recordings the number (from 1), the name or the file of one leaves that one out to judge.
@@ -249,19 +250,31 @@ def diagnose(
         rig is calibrated as it is, with intervals, correlations and blind directions (:attr:`Found.calibration`).
     jobs : threads that share the work; None: one for each core.
     progress : True shows a bar; a function is called with the share done, 0 to 1, and what is being done.
+    trust_units : of what is read here: do not ask whether the channels' sizes are what the rig can do.
 
     Raises
     ------
-    UserError : no channel of the rig was recorded, or a recording has none; an integrating part not measured, too
-        little is left to fit to or to judge on; the validation repeats the
+    UserError : a channel looks to be in a wrong unit; no channel of the rig was recorded, or a recording has none; an
+        integrating part not measured, too little is left to fit to or to judge on; the validation repeats the
         recording, or, of one recording, lacks one of its channels or has another sample time.
+
+    Examples
+    --------
+    A recording made by simulation, rounded as by an encoder, and the rig that it was made with:
+
+    >>> import dtbacklash as dtb
+    >>> rig = dtb.load_rig("pendulum")
+    >>> result = dtb.run("controller=open_loop", "reference=multisine", "duration_s=4", rig=rig)
+    >>> frame = result.recording.to_frame()[["t_s", "u_v", "theta_rad"]]
+    >>> dtb.diagnose(frame.round({"theta_rad": 4}), rig, search="none").verdict
+    'consistent'
     """
     from dtbacklash.config.choices import SEARCHES
     from dtbacklash.diagnose import diagnose as compare
     from dtbacklash.recording import read_together
 
     nominal = load_rig(rig if rig is not None else _usual_rig(recording))
-    fitted, judged = read_together(recording, validation, rig=nominal)
+    fitted, judged = read_together(recording, validation, rig=nominal, trust_units=trust_units)
     if held_out is not None and not 0.0 < held_out < 1.0:
         raise UserError("held_out", held_out, "must be above 0 and below 1")
     if search not in SEARCHES:
@@ -276,10 +289,12 @@ def _usual_rig(recording: Source | Sequence[Source]) -> str:
     """The rig that the (first) recording's mapping names, if it has one."""
     from dtbacklash.recording import mapping_of, sources_of
 
-    if not isinstance(recording, (Recording, str, Path)):
-        return _usual_rig(recording[0]) if len(recording) else DEFAULT_RIG
     if isinstance(recording, Recording):
         return recording.rig or DEFAULT_RIG
+    if isinstance(recording, pd.DataFrame) or not isinstance(recording, (str, Path, Sequence)):
+        return DEFAULT_RIG
+    if not isinstance(recording, (str, Path)):
+        return _usual_rig(recording[0]) if len(recording) else DEFAULT_RIG
     mapping = mapping_of(sources_of(str(recording))[0])
     return (mapping.rig if mapping else None) or DEFAULT_RIG
 

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from typing import TypeAlias
 
 #: False: silent. True: a bar on stderr. A function: called with the share done, 0 to 1, and what is being done
 ShowProgress: TypeAlias = bool | Callable[[float, str], object]
 
 Tell: TypeAlias = Callable[[float, str], None]
+
+EVERY_S = 10.0
 
 
 @contextmanager
@@ -28,7 +33,25 @@ def shown(progress: ShowProgress, what: str) -> Iterator[Tell | None]:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TimeRemainingColumn
 
+        console = Console(stderr=True)
+        if not (find_spec("ipywidgets") if console.is_jupyter else console.is_terminal):
+            yield _lines(what)
+            return
         columns = "{task.description}", BarColumn(), "{task.percentage:3.0f} %", TimeRemainingColumn()
-        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        with Progress(*columns, console=console, transient=True) as bar:
             task = bar.add_task(what, total=1.0)
             yield lambda share, text: bar.update(task, completed=share, description=text or what)
+
+
+def _lines(what: str) -> Tell:
+    """Lines on stderr, where there is neither a terminal nor a widget: one for each stage, and every ten seconds."""
+    last, at = "", -EVERY_S
+
+    def tell(share: float, text: str) -> None:
+        nonlocal last, at
+        now = time.monotonic()
+        if text != last or now - at >= EVERY_S:
+            last, at = text, now
+            print(f"{what}: {text + ', ' if text else ''}{100 * share:.0f} %", file=sys.stderr, flush=True)
+
+    return tell

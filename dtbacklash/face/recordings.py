@@ -23,7 +23,7 @@ def read_recording(
     trust_units: bool = False,
     command: str | None = None,
 ) -> Recording:
-    """Read and check a recording: CSV, Parquet, ``.mat``, ``.npz``, also gzipped; or one that has a mapping.
+    """Read and check a recording: CSV and other text, Parquet, ``.mat``, ``.npz``, also gzipped; or one with a mapping.
 
     Parameters
     ----------
@@ -47,6 +47,21 @@ def read_recording(
     Raises
     ------
     UserError : nothing there, nothing readable, or a defect that cannot be handled.
+
+    Examples
+    --------
+    >>> import numpy as np, pandas as pd
+    >>> import dtbacklash as dtb
+    >>> from tempfile import TemporaryDirectory
+    >>> t = 1e-3 * np.arange(500)
+    >>> frame = pd.DataFrame({"t": t, "u [mV]": 1e3 * np.cos(9 * t), "theta [deg]": np.cos(7 * t)})
+    >>> with TemporaryDirectory() as folder:
+    ...     frame.to_csv(f"{folder}/bench.csv", index=False)
+    ...     print(dtb.read_recording(f"{folder}/bench.csv", rig="pendulum"))
+    bench.csv: 500 samples, 0.001 s apart, from 0 s
+      u      -1 to 1 V   read in mV (header)
+      theta  -0.01745 to 0.01745 rad   read in deg (header)
+      Units: t in s (taken as SI, since nothing is said).
     """
     from dtbacklash.recording import read_recording as read
 

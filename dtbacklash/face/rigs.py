@@ -37,9 +37,16 @@ def load_rig(rig: RigLike, *changes: str) -> Rig:
     Raises
     ------
     UserError : no such rig, or something in it is wrong; it names the key, the value and what is allowed.
+
+    Examples
+    --------
+    >>> import dtbacklash as dtb
+    >>> rig = dtb.load_rig("pendulum", "rig.effects.disk.coulomb_friction.torque=0.02")
+    >>> list(rig.sensors), list(rig.effects["disk"])
+    (['theta', 'omega'], ['coulomb_friction'])
     """
     for word in changes:
-        if not word.lstrip("+").startswith("rig."):
+        if not isinstance(word, str) or not word.lstrip("+").startswith("rig."):
             raise UserError("argument", word, "write rig.KEY=VALUE")
     if isinstance(rig, Rig) and not changes:
         return rig
@@ -52,7 +59,18 @@ def save_rig(rig: Rig, path: str | Path) -> Path:
     Raises
     ------
     UserError : the file cannot be written, or its name is not that of a YAML file.
+
+    Examples
+    --------
+    >>> import dtbacklash as dtb
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     file = dtb.save_rig(dtb.load_rig("pendulum"), f"{folder}/mine.yaml")
+    ...     dtb.load_rig(file).config.name
+    'pendulum'
     """
+    if not isinstance(path, (str, Path)):
+        raise UserError("path", path, "must be the path of a YAML file")
     target = Path(path).expanduser()
     if target.suffix not in SUFFIXES:
         raise UserError("path", path, f"must end in {' or '.join(SUFFIXES)}")
@@ -78,6 +96,8 @@ def composed(words: list[str], rig: RigLike | None, model: RigLike | None = None
     UserError : a word or the rig is wrong; a rig is given twice; a folder, which is for :meth:`Run.save`.
     """
     for word in words:
+        if not isinstance(word, str):
+            raise UserError("argument", word, "must be text, KEY=VALUE; of a list of words write run(*words)")
         key, _, value = word.partition("=")
         if key in ("out", "hydra.run.dir"):
             raise UserError(key, value, "a run from Python writes nothing by itself; call save(folder) on its result")

@@ -145,6 +145,13 @@ def run(
     Raises
     ------
     UserError : a setting is wrong; it names key, value and what is allowed. Diverged : the loop is unstable.
+
+    Examples
+    --------
+    >>> import dtbacklash as dtb
+    >>> result = dtb.run("controller=open_loop", "reference=multisine", "duration_s=2", rig="pendulum")
+    >>> result.recording.samples, sorted(result.recording.channels)
+    (2001, ['omega', 'r', 'theta', 'u'])
     """
     config = composed(list(overrides), rig, model)
     if config.task != "run":

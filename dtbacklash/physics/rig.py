@@ -203,9 +203,18 @@ class Rig:
         return build_rig(replace(self.config, sensors=specs))
 
     def with_parameters(self, values: dict[str, float]) -> "Rig":
-        """A copy with some nominal parameters changed (SI)."""
+        """A copy with some nominal parameters changed (SI).
+
+        Raises
+        ------
+        UserError : no such parameter, or a value that is no number.
+        """
+        if not isinstance(values, Mapping):
+            raise UserError("rig.parameters", values, "must be a mapping, name: value in SI")
         parameters = dict(self.config.parameters)
         for name, value in values.items():
+            if isinstance(value, bool) or not isinstance(value, (int, float)):
+                raise UserError(f"rig.parameters.{name}", value, "must be a number, in SI")
             if name not in parameters:
                 allowed = f"unknown parameter; known: {', '.join(parameters)}"
                 raise UserError(f"rig.parameters.{name}", value, allowed)

@@ -14,6 +14,7 @@ from dtbacklash.recording import channels as checks
 from dtbacklash.recording import timebase
 from dtbacklash.recording.command import NONE
 from dtbacklash.recording.heads import TIME
+from dtbacklash.recording.mapping import Channel
 from dtbacklash.recording.pick import (
     ASSUMED,
     COMMAND,
@@ -35,6 +36,7 @@ class Clean:
     """What a recording holds, checked.
 
     stretches : half-open ranges of rows without a gap. assumed_units : channel -> unit it was read in, and who says so.
+    columns : channel -> what it was read from.
     """
 
     t_s: Floats
@@ -43,6 +45,7 @@ class Clean:
     channels: dict[str, Floats]
     units: dict[str, str]
     assumed_units: dict[str, str]
+    columns: dict[str, Channel]
     notes: list[str]
 
 
@@ -82,7 +85,9 @@ def clean(picked: Picked, rig: Rig | None, notes: list[str], command: str, sampl
             notes.append(_said(t_s, stretches))
         units = {name: picked.units[name] for name in values}
         assumed = {name: said for name, said in picked.assumed.items() if name in values or name == "t"}
-    return Clean(t_s, stretches, grid.sample_time_s, values, units, assumed, notes + unit_notes(assumed))
+    return Clean(
+        t_s, stretches, grid.sample_time_s, values, units, assumed, picked.columns, notes + unit_notes(assumed)
+    )
 
 
 def _check_sizes(name: str, values: Floats) -> None:
@@ -100,6 +105,9 @@ def _grid(picked: Picked, sample_time_s: float | None) -> timebase.Grid:
     step = sample_time_s or picked.sample_time_s
     if picked.t_s is not None:
         grid = timebase.uniform_grid(picked.t_s)
+        if sample_time_s and abs(grid.sample_time_s / sample_time_s - 1.0) > timebase.UNIFORM:
+            allowed = f"the file has times, {grid.sample_time_s:.6g} s apart, and they count; leave it out"
+            raise UserError("recording.sample_time_s", sample_time_s, allowed)
         if grid.sample_time_s >= STEP_ASSUMED_MAX_S and picked.assumed.get(TIME, "").endswith(f"({ASSUMED})"):
             raise Refused(
                 f"time advances by {grid.sample_time_s:.4g} s a sample if it is in s, which nothing says: is it in ms, "
@@ -108,7 +116,7 @@ def _grid(picked: Picked, sample_time_s: float | None) -> timebase.Grid:
         return grid
     if step is not None:
         if not 0.0 < step < np.inf:
-            raise Refused(f"has the sample time {step:g} s: it must be positive")
+            raise UserError("recording.sample_time_s", step, "must be positive s")
         return timebase.constant_step(len(next(iter(picked.channels.values()))), step)
     raise Refused("has no time column: add a column t [s], or give recording.sample_time_s=SECONDS")
 

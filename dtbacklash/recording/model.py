@@ -13,6 +13,7 @@ from dtbacklash.errors import UserError
 from dtbacklash.recording.clean import clean
 from dtbacklash.recording.command import HELD, stepped
 from dtbacklash.recording.frames import frame_table
+from dtbacklash.recording.mapping import Channel
 from dtbacklash.recording.pick import plain
 from dtbacklash.recording.refusal import SAMPLES_MIN, Refused
 
@@ -46,6 +47,7 @@ class Recording:
     command : what ``u`` does between two samples: ``held``, ``band_limited``, or ``none`` (see :mod:`.command`).
     stretches : half-open ranges of samples without a gap, in their order; they hold all N. One if nothing is given.
     trust_units : whether a diagnosis takes the units as they are (:mod:`.wrong_units`).
+    columns : name -> the column that it was read from, and how.
     """
 
     name: str
@@ -64,6 +66,7 @@ class Recording:
     assumed_units: dict[str, str] = field(default_factory=dict)
     stretches: tuple[tuple[int, int], ...] = ()
     trust_units: bool = False
+    columns: dict[str, Channel] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.stretches:
@@ -95,6 +98,15 @@ class Recording:
         Raises
         ------
         UserError : with the key ``recording``: what is wrong with the frame.
+
+        Examples
+        --------
+        >>> import numpy as np, pandas as pd
+        >>> t = 1e-3 * np.arange(500)
+        >>> frame = pd.DataFrame({"t": t, "u": np.sin(9 * t), "x [mm]": np.cos(7 * t)})
+        >>> recording = Recording.from_frame(frame, units={"u": "V"})
+        >>> recording.sample_time_s, recording.units
+        (0.001, {'u': 'V', 'x': 'm'})
         """
         try:
             table = frame_table(frame)
@@ -105,6 +117,7 @@ class Recording:
         return cls(
             name, None, found.sample_time_s, found.t_s, found.channels, found.units, found.notes, command=command,
             assumed_units=found.assumed_units, stretches=found.stretches, trust_units=trust_units,
+            columns=found.columns,
         )  # fmt: skip
 
     def to_frame(self) -> pd.DataFrame:

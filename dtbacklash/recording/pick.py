@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping as Dict
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -37,14 +37,15 @@ class Picked:
     """Columns chosen as channels, in SI, before any check.
 
     t_s : their times, or None. clocks : channel -> times of its own, s. sample_time_s : of a recording without times.
-    units : channel -> SI unit. assumed : channel (and ``t``) -> the unit it was read in and who says so, ``mm (declared
-    by the rig)``.
+    columns : channel -> what it was read from. units : channel -> SI unit. assumed : channel (and ``t``) -> the unit it
+    was read in and who says so, ``mm (declared by the rig)``.
     """
 
     t_s: Floats | None = None
     sample_time_s: float | None = None
     channels: dict[str, Floats] = field(default_factory=dict)
     clocks: dict[str, Floats] = field(default_factory=dict)
+    columns: dict[str, Channel] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
     assumed: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
@@ -191,6 +192,7 @@ def plain(table: Table, rig: Rig | None, given: Dict[str, str]) -> Picked:
         unit, picked.assumed[channel] = names.settle(name, channel, head.written)
         picked.notes += names.overruled(channel, head.written, HEADER)
         raw[channel] = column.values
+        picked.columns[channel] = Channel(name)
         picked.put(channel, column.values * unit.factor, unit.si, _clock(table, column, picked))
     for name in unused:  # a bare x1 beside x1 [mm]: which of them is meant is not for us to say
         bare = name.rpartition(".")[2].strip()
@@ -280,6 +282,7 @@ def mapped(table: Table, mapping: Mapping, part: str, rig: Rig | None, given: Di
                 picked.notes.append(
                     f"Channel {name} is read in {channel.unit}, as the mapping says, though the header says {head}."
                 )
+        picked.columns[name] = replace(channel, column=found)
         clock = None if time else _clock(table, column, picked)
         picked.put(
             name, _scaled(column.values[rows], channel, unit.factor), unit.si, None if clock is None else clock[rows]

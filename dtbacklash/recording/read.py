@@ -137,4 +137,5 @@ def _read(
         assumed_units=found.assumed_units,
         stretches=found.stretches,
         trust_units=trust_units,
+        columns=found.columns,
     )

@@ -8,13 +8,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from dtbacklash.errors import UserError
 from dtbacklash.recording.mapping import mapping_of
 from dtbacklash.recording.model import Recording
 from dtbacklash.recording.read import read_pair, read_recording
 
-#: what is read: a path, a pattern, a list of them in brackets, the name of a mapping; or a recording that has been read
-Source = str | Path | Recording
+#: what is read: a path, a pattern, a list of them in brackets, a mapping's name, a DataFrame; or what has been read
+Source = str | Path | Recording | pd.DataFrame
 
 
 def sources_of(source: str, key: str = "recording") -> list[str]:
@@ -71,7 +73,9 @@ def read_together(
 
 def _listed(given: Source | Sequence[Source], key: str) -> list[Source]:
     """One by one."""
-    several = [given] if isinstance(given, (str, Path, Recording)) else list(given)
+    if not isinstance(given, (str, Path, Recording, pd.DataFrame, Sequence)):
+        raise UserError(key, given, "must be a recording, a DataFrame, a path or a name; or a list of them")
+    several = list(given) if isinstance(given, Sequence) and not isinstance(given, str) else [given]
     if not several:
         raise UserError(key, "[]", "give at least one recording")
     return [one for s in several for one in (sources_of(s, key) if isinstance(s, str) else [s])]
@@ -79,7 +83,7 @@ def _listed(given: Source | Sequence[Source], key: str) -> list[Source]:
 
 def _one(source: Source, validation: Source | None, how: dict[str, Any]) -> tuple[Recording, Recording | None]:
     """One recording; a validation that is read is one of its mapping, if it has one."""
-    if isinstance(source, Recording) or isinstance(validation, Recording) or validation is None:
+    if not isinstance(source, (str, Path)) or not isinstance(validation, (str, Path)):
         read = _read(source, "recording", how)
         return read, None if validation is None else _read(validation, "validation", how)
     return read_pair(source, validation, **how)
@@ -88,6 +92,9 @@ def _one(source: Source, validation: Source | None, how: dict[str, Any]) -> tupl
 def _read(source: Source, key: str, how: dict[str, Any]) -> Recording:
     if isinstance(source, Recording):
         return source
+    if isinstance(source, pd.DataFrame):
+        said = {key: value for key, value in how.items() if key != "path" and value is not None}
+        return Recording.from_frame(source, **said)
     try:
         return read_recording(source, **how)
     except UserError as error:
@@ -108,6 +115,8 @@ def _among(sources: list[Source], validation: Source) -> int | None:
         if isinstance(source, Recording):
             names = {source.name}
             file = source.source
+        elif isinstance(source, pd.DataFrame):
+            continue
         else:
             names, file = {str(source)}, Path(source).expanduser()
             if mapping_of(str(source)) is None:

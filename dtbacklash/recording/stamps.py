@@ -21,6 +21,9 @@ def seconds(values: object) -> Floats | None:
     """(N,) seconds from the first stamp on, nan where there is none; None if these are no stamps.
 
     A clock without a date may pass midnight. Only differences count, so a zone matters only where it changes.
+
+    >>> seconds(["01.03.2026 23:59:59,5", "02.03.2026 00:00:01"]).tolist()
+    [0.0, 1.5]
     """
     array = np.asarray(values)
     if array.dtype.kind in "mM":

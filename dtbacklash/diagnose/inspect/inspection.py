@@ -1,5 +1,6 @@
 """Inspect recordings before any physics is tried: what is left out of them, and what forbids a diagnosis."""
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -13,6 +14,7 @@ from dtbacklash.diagnose.records import Mask, Record, filled
 from dtbacklash.diagnose.result import Check
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 from dtbacklash.recording.channels import CLIPPED_SHARE
+from dtbacklash.recording.mapping import Channel
 from dtbacklash.recording.refusal import SAMPLES_MIN
 
 #: a channel of which more is missing is a fault (share of its samples)
@@ -78,7 +80,7 @@ def inspect(rig: Rig, records: list[Record]) -> Inspected:
     _sampling_row(found, slowest)
     if found.fault is None:
         rewiring = next((r for _, r in wired if r is not None), None)
-        found.fault = _miswired(rig, wired, rewiring) if rewiring else _too_slow(rig, found, slowest)
+        found.fault = _miswired(rig, found.records[0], wired, rewiring) if rewiring else _too_slow(rig, found, slowest)
     return found
 
 
@@ -292,7 +294,9 @@ def _sampling_row(found: Inspected, slowest: Carried) -> None:
     ))  # fmt: skip
 
 
-def _miswired(rig: Rig, wired: list[tuple[list[Reversal], Rewiring | None]], rewiring: Rewiring) -> Fault:
+def _miswired(
+    rig: Rig, record: Record, wired: list[tuple[list[Reversal], Rewiring | None]], rewiring: Rewiring
+) -> Fault:
     reversals = next(found for found, mending in wired if mending is rewiring)
     wrong = [r for r in reversals if r.value > REVERSAL_SHARE]
     best = max(wrong, key=lambda r: r.turned)
@@ -308,7 +312,7 @@ def _miswired(rig: Rig, wired: list[tuple[list[Reversal], Rewiring | None]], rew
         what += f" (or {_listed(list(rewiring.instead))} instead)" if rewiring.instead else ""
         how, mend, where = "turned back", f"Turn {names} back", rewiring.turned[0]
     if rewiring.turned:
-        mend += f" ({rewiring.turned[0]}: {{column: {rewiring.turned[0]}, scale: -1}} in a mapping)"
+        mend += f" ({_turned_back(rewiring.turned[0], record)} in a mapping)"
     shown = best.names[0] if len(best.names) == 1 else f"the difference of {best.names[0]} and {best.names[1]}"
     if best.unlike:
         shown = f"each of {_listed(list(best.names))}"
@@ -317,6 +321,15 @@ def _miswired(rig: Rig, wired: list[tuple[list[Reversal], Rewiring | None]], rew
     amplifier = rig.only("amplifier")
     place = amplifier.name if where == "u" and amplifier else SENSOR_PREFIX + where
     return Fault(place, what, why, f"{mend}, and diagnose again.")
+
+
+def _turned_back(name: str, record: Record) -> str:
+    """The line of a mapping that turns a channel round, with all else as it was read."""
+    read = record.columns.get(name, Channel(name))
+    said = {"column": read.column, "scale": -read.scale, "offset": -read.offset, "unit": read.unit, "si_unit": read.si}
+    kept = {key: f"{value:.15g}" if isinstance(value, float) else json.dumps(value, ensure_ascii=False)
+            for key, value in said.items() if value or key == "scale"}  # fmt: skip
+    return f"{name}: {{{', '.join(f'{key}: {value}' for key, value in kept.items())}}}"
 
 
 def _too_slow(rig: Rig, found: Inspected, slowest: Carried) -> Fault | None:

@@ -38,5 +38,5 @@ def _what_it_was(found: Diagnosis, doubt: Doubt) -> str:
         return f"{looked} Nothing else explains it: the unit is wrong, or the sensor's gain."
     if found.verdict == UNEXPLAINED:
         return f"{looked} No physics was found that explains it: check the unit first."
-    named = all_in_words((f.effect, f.location) for f in found.findings) or " and ".join(found.recalibrated)
+    named = all_in_words((f.location, f.effect) for f in found.findings) or " and ".join(found.recalibrated)
     return f"{looked} It is not: {named or 'the rig as it is'} explains it."

@@ -1,20 +1,29 @@
-"""The page on Python lists the columns that there are; its examples run in test_diagnose."""
+"""Each public function has an example in its docstring, and the examples run."""
 
-import re
-from pathlib import Path
+import doctest
+import importlib
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[3]
-PAGE = ROOT / "docs" / "python.md"
+import dtbacklash as dtb
+
+MODULES = ("face.diagnose", "face.recordings", "face.rigs", "face.run", "recording.model", "recording.stamps", "units")
+#: what is a class, or an exception, has its example where it is made
+FUNCTIONS = ("diagnose", "load_rig", "read_recording", "run", "save_rig")
 
 
-@pytest.mark.parametrize("name", ["trace", "moves", "estimates"])
-def test_the_page_lists_the_columns(name):
-    import dtbacklash as dtb
+@pytest.mark.parametrize("module", MODULES)
+def test_the_examples_of_a_module_run(module):
+    found = importlib.import_module(f"dtbacklash.{module}")
+    result = doctest.testmod(found, optionflags=doctest.ELLIPSIS)
+    assert result.failed == 0
+    assert result.attempted > 0
 
-    row = next(line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith(f"| `result.{name}`"))
-    named = {word for listed in re.findall(r"`([\w, ]+)`", row.split("|", 2)[2]) for word in listed.split(", ")}
-    made = getattr(dtb.run("duration_s=2", "controller=imc"), name)
-    assert set(made.columns) == named & set(made.columns)
-    assert named - set(made.columns) <= {"cost"}
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_each_public_function_has_an_example(name):
+    assert set(FUNCTIONS) == {n for n in dtb.__all__ if n.islower() and not n.startswith("_")}
+    function = (
+        dtb.__getattr__(name) if name != "diagnose" else importlib.import_module("dtbacklash.face.diagnose").diagnose
+    )
+    assert ">>> " in function.__doc__
