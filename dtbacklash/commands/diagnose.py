@@ -92,6 +92,7 @@ def read(
         trust_units=how.trust_units,
         command=how.command,
         sample_time_s=how.sample_time_s,
+        rows=how.rows,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +22,7 @@ def read_recording(
     units: Mapping[str, str] | None = None,
     trust_units: bool = False,
     command: str | None = None,
+    rows: Sequence[int] | None = None,
 ) -> Recording:
     """Read and check a recording: CSV and other text, Parquet, ``.mat``, ``.npz``, also gzipped; or one with a mapping.
 
@@ -38,6 +39,7 @@ def read_recording(
     trust_units : a diagnosis does not ask whether the channels' sizes are what the rig can do.
     command : what ``u`` does between two samples: ``held``, ``band_limited``; ``none``: there was none, and a column
         ``u`` is not needed. None: as the mapping says, else held.
+    rows : first row and the one after the last, counted from 0; None: all.
 
     Returns
     -------
@@ -68,5 +70,5 @@ def read_recording(
     known = None if rig is None else load_rig(rig)
     return read(
         source, path=None if path is None else str(path), part=part, rig=known, sample_time_s=sample_time_s,
-        units=units, trust_units=trust_units, command=command,
+        units=units, trust_units=trust_units, command=command, rows=rows,
     )  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping as Dict
+from collections.abc import Sequence
 from pathlib import Path
 
 from dtbacklash.errors import UserError
@@ -29,6 +30,7 @@ def read_recording(
     units: Dict[str, str] | None = None,
     trust_units: bool = False,
     command: str | None = None,
+    rows: Sequence[int] | None = None,
 ) -> Recording:
     """Read and check a recording.
 
@@ -44,6 +46,7 @@ def read_recording(
         nothing is said, SI holds. What each channel was read in stands in ``assumed_units``.
     trust_units : a diagnosis does not ask whether the channels' sizes are what the rig can do (:mod:`.wrong_units`).
     command : what ``u`` does between two samples (:mod:`.command`); None: as the mapping says, else held.
+    rows : first row and the one after the last, counted from 0; None: all.
 
     Raises
     ------
@@ -55,7 +58,7 @@ def read_recording(
     file, found, asked, key = locate.resolve(str(source), path)
     try:
         wanted = part if part is not None else asked or None
-        return _read(file, found, wanted, rig, sample_time_s, units or {}, trust_units, command)
+        return _read(file, found, wanted, rig, sample_time_s, units or {}, trust_units, command, _checked(rows))
     except Refused as refusal:
         raise UserError(key, file.name if key == "recording.path" else source, str(refusal)) from refusal
 
@@ -71,6 +74,7 @@ def read_pair(
     units: Dict[str, str] | None = None,
     trust_units: bool = False,
     command: str | None = None,
+    rows: Sequence[int] | None = None,
 ) -> tuple[Recording, Recording]:
     """Read what to fit and what to judge on.
 
@@ -83,6 +87,7 @@ def read_pair(
     """
     recording = read_recording(
         source, path=path, rig=rig, sample_time_s=sample_time_s, units=units, trust_units=trust_units, command=command,
+        rows=rows,
     )  # fmt: skip
     if validation is None:
         return split(recording, share)
@@ -92,12 +97,21 @@ def read_pair(
     try:
         held_out = read_recording(
             validation, name if own else None, part="" if own else None, rig=rig, sample_time_s=sample_time_s,
-            units=units, trust_units=trust_units, command=command,
+            units=units, trust_units=trust_units, command=command, rows=rows,
         )  # fmt: skip
     except UserError as error:
         raise UserError("validation", validation, error.allowed) from error
     check_alike(recording, held_out, None if rig is None else rig.sensors, validation)
     return recording, held_out
+
+
+def _checked(rows: Sequence[int] | None) -> tuple[int, int] | None:
+    if rows is None:
+        return None
+    if len(rows) != 2 or any(type(end) is not int for end in rows) or not 0 <= rows[0] < rows[1]:
+        allowed = "must be [first row, row after the last], counted from 0"
+        raise UserError("recording.rows", list(rows), allowed)
+    return rows[0], rows[1]
 
 
 def _read(
@@ -109,9 +123,10 @@ def _read(
     units: Dict[str, str],
     trust_units: bool,
     command: str | None,
+    rows: tuple[int, int] | None,
 ) -> Recording:
     content = load(file)
-    table = read_table(content, file.name)
+    table = read_table(content, file.name, rows)
     public = mapping.files.get(file.name.removesuffix(".gz")) if mapping else None
     if public is not None and not locate.is_genuine(content, public):
         table.notes.append(f"{file.name} differs from the published file (SHA-256).")

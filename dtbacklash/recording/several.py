@@ -93,7 +93,7 @@ def _read(source: Source, key: str, how: dict[str, Any]) -> Recording:
     if isinstance(source, Recording):
         return source
     if isinstance(source, pd.DataFrame):
-        said = {key: value for key, value in how.items() if key != "path" and value is not None}
+        said = {key: value for key, value in how.items() if key not in ("path", "rows") and value is not None}
         return Recording.from_frame(source, **said)
     try:
         return read_recording(source, **how)

@@ -46,6 +46,12 @@ class Table:
         """Number of rows."""
         return next((len(c.values) for c in self.columns.values() if c.values is not None), 0)
 
+    def cut(self, start: int, stop: int) -> Table:
+        """The table with some of its rows."""
+        for column in self.columns.values():
+            column.values = None if column.values is None else column.values[start:stop]
+        return self
+
     def add(self, name: str, column: Column) -> None:
         """Put a column beside the others; where one of its name is there, it gets a number behind its name."""
         again = sum(1 for other in self.columns if other == name or other.startswith(f"{name} ("))

@@ -38,8 +38,10 @@ def load(file: Path) -> bytes:
         raise Refused("does not fit into the memory") from error
 
 
-def read_table(content: bytes, name: str) -> Table:
+def read_table(content: bytes, name: str, rows: tuple[int, int] | None = None) -> Table:
     """Read the columns of a file's ``content``; its format is known by the content, hardly by its ``name``.
+
+    rows : those to read, half-open; None: all.
 
     Raises
     ------
@@ -49,7 +51,7 @@ def read_table(content: bytes, name: str) -> Table:
         raise Refused("is empty")
     kind, reader = _reader(content, name)
     try:
-        table = reader(content)
+        table = text.read(content, rows) if reader is text.read else reader(content)
     except Refused:
         raise
     except Exception as error:  # the parsers of damaged files raise whatever they meet first
@@ -57,7 +59,7 @@ def read_table(content: bytes, name: str) -> Table:
         raise Refused(f"is damaged: it cannot be read as {kind} ({reason[:80]})") from error
     if not any(column.values is not None for column in table.columns.values()):
         raise Refused(f"holds no columns of numbers ({kind})")
-    return with_clocks(table)
+    return with_clocks(table if rows is None or reader is text.read else table.cut(*rows))
 
 
 def unpacked(content: bytes) -> bytes:

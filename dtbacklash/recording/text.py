@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import logging
 import re
 from collections import Counter
 
@@ -16,12 +17,20 @@ from dtbacklash.recording.preamble import Preamble
 from dtbacklash.recording.refusal import Refused
 from dtbacklash.recording.table import EMPTY, Column, Table
 
+log = logging.getLogger(__name__)
+
 NUMBER, STAMP, TEXT = "number", "stamp", "text"
 COMMENTS = ("#", "%", "//")
 HEAD_LINES = 400  # a preamble longer than this is not looked for
 FEW = 0.05  # of the lines with so many fields: a column that is filled in fewer decides nothing
 PAUSE = 100.0  # samples between two parts of a log whose clock begins anew
 CLOCK_MIN = 2.0**53  # whole numbers beyond are nanoseconds of a clock, which count from the first on
+MANY = 2_000_000  # rows from which it is said beforehand what they cost
+READ_S, READ_GB = 3e-6, 1.5e-7  # what a row takes to read, and a value in memory (measured on 10^6 rows)
+COST = (
+    "{count} rows: reading them takes about {s:.0f} s and {gb:.1g} GB, and a diagnosis at least twice as long; "
+    "recording.rows=[0,{few}] takes fewer"
+)
 _SPACE = r"\s+"
 #: delimiter and decimal sign, in the order in which they are tried: the unmistakable ones first
 DIALECTS = (
@@ -45,8 +54,10 @@ _GROUPS = re.compile(r"(?<=\d)[,' \u00a0\u2009\u202f](?=\d{3})")
 _POINT = str.maketrans(".,", ",.")
 
 
-def read(content: bytes) -> Table:
+def read(content: bytes, rows: tuple[int, int] | None = None) -> Table:
     """Read a text table; a column of time stamps becomes seconds from the first row on.
+
+    rows : those to read, half-open, counted from the first of numbers; None: all.
 
     Raises
     ------
@@ -57,7 +68,10 @@ def read(content: bytes) -> Table:
     delimiter, decimal, first, wide, width = _dialect(lines)
     above = _rows(lines[:first], delimiter, width)
     wide = max(wide, *(len(row) for row in above if len(row) <= 2 * wide), 0)
-    frame = _frame(whole.split("\n", first)[first] if first else whole, delimiter, decimal, wide, first, lines[:first])
+    if rows is None and (count := whole.count("\n")) > MANY:
+        log.warning(COST.format(count=count, s=count * READ_S, gb=count * wide * READ_GB, few=MANY // 2))
+    body = whole.split("\n", first)[first] if first else whole
+    frame = _frame(body, delimiter, decimal, wide, first, lines[:first], rows)
     head = preamble.understood(above, width, decimal)
     table = Table(numbered=not any(head.names), constants={"dt": head.step_s} if head.step_s else {})
     if table.numbered:
@@ -76,12 +90,16 @@ def read(content: bytes) -> Table:
     return table
 
 
-def _frame(body: str, delimiter: str, decimal: str, wide: int, first: int, above: list[str]) -> pd.DataFrame:
+def _frame(
+    body: str, delimiter: str, decimal: str, wide: int, first: int, above: list[str], rows: tuple[int, int] | None
+) -> pd.DataFrame:
     comment = "#" if any("#" in line for line in above) else None
+    start, stop = rows or (0, None)
     try:
         return pd.read_csv(
             io.StringIO(body), sep=delimiter, decimal=decimal, header=None, names=range(wide), index_col=False,
-            comment=comment, low_memory=False, skipinitialspace=delimiter != "\t",
+            comment=comment, low_memory=False, skipinitialspace=delimiter != "\t", skiprows=start,
+            nrows=None if stop is None else stop - start,
         )  # fmt: skip
     except pd.errors.ParserError as error:
         reason = str(error).split("C error: ")[-1].strip()

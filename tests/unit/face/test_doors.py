@@ -28,7 +28,7 @@ MISTAKES = {
     "a list of words": (lambda rig: dtb.run(["controller=imc"]), "write run(*words)"),
     "a number for a word": (lambda rig: dtb.run(3), "argument=3: must be text"),
     "text for parameters": (lambda rig: rig.with_parameters("text"), "rig.parameters=text: must be a mapping"),
-    "text for a number": (lambda rig: rig.with_parameters({"J": "x"}), "unknown parameter"),
+    "text for a number": (lambda rig: rig.with_parameters({"J": "x"}), "rig.parameters.J=x: must be a number"),
     "a number for a recording": (lambda rig: dtb.diagnose(3, rig), "recording=3: must be a recording, a DataFrame"),
     "nothing for a recording": (lambda rig: dtb.diagnose(None), "recording=None: must be"),
     "a frame without channels": (lambda rig: dtb.diagnose(pd.DataFrame({"a": [1.0]}), rig), "lacks the column u"),

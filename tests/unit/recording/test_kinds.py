@@ -14,6 +14,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from nominal import nominal_rig
 
+from dtbacklash.diagnose.inspect.inspection import _turned_back
+from dtbacklash.diagnose.records import records_of
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import build_rig
 from dtbacklash.recording import Recording, read_recording
@@ -251,3 +253,37 @@ def test_counts_are_read_where_something_says_how_large_one_is(head, where, arm,
         return
     found = read_recording(str(source), trust_units=True, **how)
     assert np.allclose(found.channels["theta"], THETA, atol=np.pi / 4096 + 1e-9)
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_some_of_the_rows_may_be_taken(kind, arm, tmp_path, monkeypatch, caplog):
+    frame, file = pd.DataFrame({"t": T, "u": U, "theta": THETA}), tmp_path / f"log.{kind}"
+    frame.to_csv(file, index=False) if kind == "csv" else frame.to_parquet(file)
+    found = read_recording(file, rig=arm, rows=(50, 250))
+    assert np.allclose(found.channels["theta"], THETA[50:250])
+    for rows in ((5, 1), [1], (0.0, 200.0), "ab"):
+        with pytest.raises(UserError, match=r"recording.rows=.*first row, row after the last"):
+            read_recording(file, rig=arm, rows=rows)
+    monkeypatch.setattr("dtbacklash.recording.text.MANY", 300)
+    read_recording(file, rig=arm)
+    said = "401 rows: reading them takes about 0 s and 0.0002 GB, and a diagnosis at least twice as long"
+    assert (said in caplog.text) == (kind == "csv")
+
+
+def test_a_sample_time_beside_other_times_is_refused(arm, tmp_path):
+    (tmp_path / "log.csv").write_text(table())
+    assert read_recording(tmp_path / "log.csv", rig=arm, sample_time_s=STEP_S).sample_time_s == STEP_S
+    with pytest.raises(UserError, match=r"recording.sample_time_s=0.002: the file has times, 0.005 s apart"):
+        read_recording(tmp_path / "log.csv", rig=arm, sample_time_s=0.002)
+
+
+@pytest.mark.parametrize("channel", [
+    "Enc [deg]", {"column": "Enc [deg]", "scale": 2.0, "offset": 1.0, "unit": "mrad"}, {"column": 2, "si_unit": "rad"},
+])  # fmt: skip
+def test_advice_on_a_turned_sensor_is_a_line_that_a_mapping_takes(channel, arm, tmp_path):
+    mapping = {"time": "t", "channels": {"u": "u", "theta": channel}}
+    content = table(heads=("t", "u", "Enc [deg]"))
+    found = read(content, mapping, arm, tmp_path)
+    line = _turned_back("theta", records_of(found, arm, True, True)[0])
+    mapping["channels"] |= yaml.safe_load(line)
+    assert np.allclose(read(content, mapping, arm, tmp_path).channels["theta"], -found.channels["theta"])
