@@ -198,6 +198,8 @@ def plain(table: Table, rig: Rig | None, given: Dict[str, str]) -> Picked:
         bare = name.rpartition(".")[2].strip()
         if bare in taken and bare != TIME:
             raise _two(bare, taken[bare], name)
+    clocks = {column.clock for column in table.columns.values()}
+    unused = [name for name in unused if name not in clocks]
     empty = [name for name in unused if table.columns[name].unusable == EMPTY]
     for what, those in (("that are no channels of the rig", [n for n in unused if n not in empty]),
                         ("without values", empty)):  # fmt: skip

@@ -17,6 +17,9 @@ _UNITS = re.compile(r"(.*[\W_])?(units?|einheit(en)?)([\W_].*)?", re.IGNORECASE)
 _STEP = re.compile(
     r"(delta[ _]?x|x?[ _]?increment|sampl(e|ing)[ _]?(time|interval|period)|abtastzeit|dt)\b.*", re.IGNORECASE
 )
+_RATE = re.compile(
+    r"(?:sampl\w*[ _]?(?:rate|frequency)|abtastrate)\W+(\d+\.?\d*(?:e[+-]?\d+)?)\s*(k?)Hz", re.IGNORECASE
+)
 #: what people write where a unit is meant, beside the units that can be read
 _LIKE_UNIT = re.compile(
     r"[\[({<].*[\])}>]|-|%|[°µ\w]{1,3}|counts?|digits?|inkremente?|increments?|ticks|sequence", re.IGNORECASE
@@ -41,8 +44,11 @@ class Preamble:
 
 def understood(rows: list[list[str]], width: int, decimal: str) -> Preamble:
     """What the rows of fields above ``width`` columns of numbers say; the row next to the numbers comes last."""
-    rows = [row for row in rows if len(row) > 1]
+    rate = next(filter(None, (_RATE.search(" ".join(row)) for row in rows)), None)
     found = Preamble([], [""] * width, [-1] * width)
+    if rate and float(rate[1]) > 0.0:
+        found.step_s = 1.0 / (float(rate[1]) * (1e3 if rate[2] else 1.0))
+    rows = [row for row in rows if len(row) > 1]
     named: list[str] = []
     keyed = False
     for row, above in zip(reversed(rows), [*reversed(rows[:-1]), []], strict=False):
@@ -69,7 +75,8 @@ def _are_units(row: list[str], above: list[str], decimal: str) -> bool:
     filled = [text for text in row if text and _number(text, decimal) is None]
     known = sum(units.find(text.strip(_BRACKETS)) is not None for text in filled)
     like = all(units.find(text) or _LIKE_UNIT.fullmatch(text) for text in filled)
-    return sum(map(bool, above)) > 1 and bool(filled) and (2 * known > len(filled) or (like and known > 0))
+    named = any(text.lower() in ("t", "u", "time", "zeit") for text in filled)
+    return sum(map(bool, above)) > 1 and not named and known > 0 and (2 * known >= len(filled) or like)
 
 
 def _are_names(row: list[str], decimal: str) -> bool:

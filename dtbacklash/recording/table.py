@@ -6,9 +6,19 @@ import re
 from dataclasses import dataclass, field
 
 import numpy as np
+import pandas as pd
 
 from dtbacklash.arrays import Floats
+from dtbacklash.recording import heads
 
+LABELS_MAX = 100  # different signals in a log that has a row for each message
+_LABEL = re.compile(r".*(name|signal|topic|field|channel|variable|tag|key|message|id)", re.IGNORECASE)
+_VALUE = re.compile(r"_?(value|wert|data|phys(ical)?[ _]?value)s?\b.*", re.IGNORECASE)
+_CLOCK_OF = re.compile(
+    r"(?:time|t|zeit|timestamp)[ _.-]+(?:of )?(.+)|(.+?)[ _.-]+(?:time|t|zeit|timestamp)", re.IGNORECASE
+)
+#: seconds since 1970 in the years 2001 to 2096
+SINCE_1970 = (1e9, 4e9)
 EMPTY = "has no values"  # why an empty column holds no numbers
 _NANOSECONDS = re.compile(r"(.*?)(nano_?sec(ond)?s?|nsecs?)")
 
@@ -19,12 +29,14 @@ class Column:
 
     values : (N,) numbers; None where it holds something else. unit : as the file states it. clock : the column of its
     times; empty: that of all. unusable : why it holds no numbers ("is complex"); matters only where it is a channel.
+    labels : (N,) texts of a column of texts.
     """
 
     values: Floats | None = None
     unit: str = ""
     clock: str = ""
     unusable: str = ""
+    labels: pd.Series | None = None
 
 
 @dataclass
@@ -58,18 +70,35 @@ class Table:
         self.columns[f"{name} ({again + 1})" if again else name] = column
 
 
+def since_1970(value: float) -> str:
+    """The unit in which a number counts the time since 1970, where it obviously does; or empty."""
+    sizes = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+    return next((unit for unit, size in sizes.items() if SINCE_1970[0] < value * size < SINCE_1970[1]), "")
+
+
 def with_clocks(table: Table) -> Table:
-    """The table with whole seconds and the nanoseconds in a column beside them made one, and equal clocks made one."""
+    """The table with its signals and their times in columns of their own.
+
+    A signal that a row names becomes a column; whole seconds and the nanoseconds in a column beside them are one, as
+    are equal clocks; ``u_time`` is the clock of ``u``.
+    """
+    _spread(table)
     lower = {name.lower(): name for name in table.columns}
     for name in lower:
         found = _NANOSECONDS.fullmatch(name)
-        whole = found and next(
-            (lower[found[1] + s] for s in ("sec", "secs", "s", "seconds") if found[1] + s in lower), ""
-        )
+        ends = ("sec", "secs", "s", "seconds")
+        whole = found and next((lower[found[1] + s] for s in ends if found[1] + s in lower), "")
         if whole:
             s, ns = table.columns[whole].values, table.columns[lower[name]].values
             if s is not None and ns is not None:
                 table.columns[whole] = Column(s - s[0] + 1e-9 * ns, "s")
+    for name, column in table.columns.items():
+        of = _CLOCK_OF.fullmatch(name)
+        signal = table.columns.get((of[1] or of[2]) if of else "")
+        if signal is not None and signal is not column and column.values is not None:
+            signal.clock = name
+        if not column.unit and column.values is not None and len(column.values) and heads.is_time(name):
+            column.unit = since_1970(float(column.values[0]))
     clocks = {c.clock: table.columns[c.clock].values for c in table.columns.values() if c.clock}
     first = next(iter(clocks), None)
     if first is None or not all(_equal(values, clocks[first]) for values in clocks.values()):
@@ -79,6 +108,17 @@ def with_clocks(table: Table) -> Table:
         column.clock = ""
     table.columns = {"t": table.columns[first], **columns}
     return table
+
+
+def _spread(table: Table) -> None:
+    """Give each signal that a column of texts names a column, where one column holds the values of all."""
+    values = [c.values for name, c in table.columns.items() if _VALUE.fullmatch(name) and c.values is not None]
+    for name, column in list(table.columns.items()) if len(values) == 1 else ():
+        if column.labels is None or not _LABEL.fullmatch(name):
+            continue
+        codes, labels = pd.factorize(column.labels)
+        for code, label in enumerate(labels) if 1 < len(labels) <= LABELS_MAX else ():
+            table.columns.setdefault(str(label), Column(np.where(codes == code, values[0], np.nan)))
 
 
 def _equal(one: Floats | None, other: Floats | None) -> bool:

@@ -15,7 +15,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.recording import heads, preamble, stamps
 from dtbacklash.recording.preamble import Preamble
 from dtbacklash.recording.refusal import Refused
-from dtbacklash.recording.table import EMPTY, Column, Table
+from dtbacklash.recording.table import EMPTY, Column, Table, since_1970
 
 log = logging.getLogger(__name__)
 
@@ -42,6 +42,7 @@ DIALECTS = (
     ("\t", ","),
     (";", ","),
     (_SPACE, ","),
+    (",", ","),
 )
 MISSING = frozenset({"", "-", "--", "---", "nan", "na", "n/a", "#n/a", "nat", "null", "none"})
 _VALUE = re.compile(
@@ -51,6 +52,7 @@ _VALUE = re.compile(
 #: digits in groups of three, which no decimal sign explains: 1,234.5 or 1,234,567 (for a point as decimal sign)
 _GROUPED = re.compile(r"[+-]?\d{1,3}(([,' \u00a0\u2009\u202f]\d{3})+\.\d*|([,' \u00a0\u2009\u202f]\d{3}){2,})")
 _GROUPS = re.compile(r"(?<=\d)[,' \u00a0\u2009\u202f](?=\d{3})")
+_BEFORE_BRACKET = re.compile(r"\s+(?=[\[({<])")
 _POINT = str.maketrans(".,", ",.")
 
 
@@ -80,7 +82,7 @@ def read(content: bytes, rows: tuple[int, int] | None = None) -> Table:
     _cut_texts(table, columns, frame, decimal)
     _shift(head, columns, width)
     for j, column in columns.items():
-        column.unit = column.unit or head.units[j]
+        column.unit = head.units[j] or column.unit
         column.clock = head.names[head.clocks[j]] if head.clocks[j] >= 0 else ""
         name = head.names[j] or str(j)
         table.add(heads.bare(name) if column.unit == "s" and not head.units[j] else name, column)
@@ -197,9 +199,10 @@ def _rows(lines: list[str], delimiter: str, width: int) -> list[list[str]]:
         bare = line.strip() if delimiter == _SPACE else line.strip(" ")
         for sign in COMMENTS:
             bare = bare.removeprefix(sign).strip() if bare.startswith(sign) else bare
-        splits = [_fields(bare, delimiter)]
+        joined = _BEFORE_BRACKET.sub("", bare)  # t [s] is one field
+        splits = [_fields(joined if delimiter == _SPACE else bare, delimiter)]
         if bare != line.strip() and len(splits[0]) < width - 1:
-            splits += [_fields(bare, _SPACE), _fields(bare, ",")]
+            splits += [_fields(joined, _SPACE), _fields(bare, ",")]
         if bare:
             rows.append(next((fields for fields in splits if 0 <= width - len(fields) <= 1), splits[0]))
     return rows
@@ -215,7 +218,7 @@ def _column(column: pd.Series, decimal: str) -> Column:
         return Column(np.full(len(column), np.nan), unusable=EMPTY)
     if column.dtype != object and pd.api.types.is_numeric_dtype(column):
         if pd.api.types.is_integer_dtype(column) and abs(int(column.iloc[0])) > CLOCK_MIN:
-            column = column - column.iloc[0]
+            return Column((column - column.iloc[0]).to_numpy(dtype=float), since_1970(float(column.iloc[0])))
         return Column(column.to_numpy(dtype=float))
     numbers, bad = _numbers(column, decimal)
     if not len(bad):
@@ -224,9 +227,8 @@ def _column(column: pd.Series, decimal: str) -> Column:
     if clock is not None:
         return Column(clock, "s")
     times = f"{len(bad)} time{'s' if len(bad) > 1 else ''}"
-    return Column(
-        unusable=f"holds text ({str(column.iloc[bad[0]])[:30]!r}) in row {bad[0] + 1} of the numbers, {times}"
-    )
+    why = f"holds text ({str(column.iloc[bad[0]])[:30]!r}) in row {bad[0] + 1} of the numbers, {times}"
+    return Column(unusable=why, labels=column.astype("string").str.strip() if 2 * len(bad) > len(column) else None)
 
 
 def _numbers(column: pd.Series, decimal: str) -> tuple[Floats, np.ndarray]:
@@ -249,11 +251,8 @@ def _cut_texts(table: Table, columns: dict[int, Column], frame: pd.DataFrame, de
     They are known by the first column that holds numbers otherwise.
     """
     texts = {j: _numbers(frame[j], decimal) for j, column in columns.items() if column.values is None}
-    mostly = [
-        j
-        for j, column in columns.items()
-        if column.unusable != EMPTY and 2 * len(texts.get(j, ((), ()))[1]) < len(frame)
-    ]
+    mostly = [j for j, column in columns.items() if column.unusable != EMPTY
+              and (j not in texts or 2 * np.isfinite(texts[j][0]).sum() > len(frame))]  # fmt: skip
     if not mostly or mostly[0] not in texts:
         return
     lines = np.zeros(len(frame), dtype=bool)

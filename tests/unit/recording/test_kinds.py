@@ -86,6 +86,20 @@ def bus(seconds: bool = False) -> str:
     return f"{times},cmd.u,joint.theta,state\n" + "\n".join(lines) + "\n"
 
 
+def long_form() -> str:
+    """A row for each value, which says what it is the value of."""
+    rows = [f"{t:.6f},Drive,{name},{value:.9g}" for t, u, x in zip(T, U, THETA, strict=True)
+            for name, value in (("u", u), ("theta", x), ("state", 1.0))]  # fmt: skip
+    return "\n".join(["Time [s],Node,Signal,Value", *rows]) + "\n"
+
+
+def beside() -> str:
+    """An oscilloscope's keys beside the numbers, in the first rows."""
+    keys = ["Record Length,400,", "Sample Interval,5e-3,", "Vertical Units,V,"]
+    rows = table(heads=()).rstrip("\n").split("\n")
+    return "\n".join((keys[k] if k < len(keys) else ",,") + f",{row}," for k, row in enumerate(rows)) + "\n"
+
+
 def simulated(between: bool) -> str:
     """A simulation's result: a row before and a row after each step of the command, on the grid or in between."""
     rows = []
@@ -132,6 +146,17 @@ KINDS = {
     "thousands, decimal comma": (
         table(";", ",", ("t", "u", "theta [mrad]"),
               (T, U, [f"{1e3 * x:,.3f}".translate(str.maketrans(".,", ",.")) for x in THETA])), None, 1.0),
+    "a row for each value": (long_form(), None, 1.0),
+    "keys beside the numbers": (beside(), {"time": 3, "channels": {"u": 4, "theta": 5}}, 1.0),
+    "clocks called after their channels": (
+        table(heads=("u_time", "u", "theta_time", "theta"), columns=(T, U, T, THETA)), None, 1.0),
+    "us since 1970": (table(heads=("timestamp", "u", "theta"), columns=(1_766_147_454_233_218 + 5000 * K, U, THETA)),
+                      None, 1.0),
+    "a rate for all": ("Sample rate: 0.2 kHz\n" + table(heads=("u", "theta"), columns=(U, THETA)), None, 1.0),
+    "names and units behind a #": ("# t [s]  u [V]  theta [rad]\n" + table(" ", heads=()), None, 1.0),
+    "decimal comma in quotes": (
+        "\n".join('"' + '","'.join(row.replace(".", "%").split(",")).replace("%", ",") + '"'
+                  for row in table().rstrip("\n").split("\n")), None, 1.0),
     "each row twice": (table(columns=[np.repeat(c, 2) for c in (T, U, THETA)]), None, 1.0),
     "a line below the numbers": (table() + "end of record,,\n", None, 1.0),
 }  # fmt: skip
