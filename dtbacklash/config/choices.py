@@ -10,8 +10,9 @@ from __future__ import annotations
 STRUCTURES = {
     "imc": "linear internal model control: its model knows no backlash",
     "nimc": "nonlinear internal model control: its model contains the backlash",
-    "pid": "a PID controller of the output over the motor's inner loop, tuned by IMC rules for the dominant mode",
+    "pid": "a PID controller of the output over the motor's inner loop, beside the prefilter: two degrees of freedom",
     "lqg": "LQG control: a Kalman filter of motor and structure, and LQ feedback with an integral of the error",
+    "offset": "an observer with the offset between motor and screw and a load as states, and feedback of its state",
     "mpc": "model predictive control: a quadratic program a sample, whose bound is the limit of the voltage",
     "open_loop": "no controller: the command drives the rig's input itself",
 }

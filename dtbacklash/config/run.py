@@ -48,7 +48,8 @@ class ControllerConfig:
     name: str = setting("nimc_twin", "name in results; the option's file sets it")
     structure: str = setting(
         "nimc",
-        "linear IMC, IMC with a model of the backlash, a PID, an LQG, an MPC, or the reference as the rig's input",
+        "linear IMC, IMC with a model of the backlash, a PID, an LQG, one with an offset state, an MPC, or the "
+        "reference as the rig's input",
         choices=STRUCTURES,
     )
     reconfigure: str = setting(
@@ -72,6 +73,10 @@ class ControllerConfig:
     limit_v: float | None = setting(
         None, "at which the controller limits its voltage, and its model the model's; null: that of the model's "
         "amplifier, else none", above=0, unit="V",
+    )  # fmt: skip
+    robust: float | None = setting(
+        1.0, "offset: most that the small-gain bound under the rig's tolerances may be; null: as fast as the noise "
+        "allows", above=0,
     )  # fmt: skip
     design_from: str = setting("model", "what it is designed for", choices=BELIEFS)
     compensate: list[str] = setting(

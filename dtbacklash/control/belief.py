@@ -10,8 +10,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from dtbacklash import units
 from dtbacklash.config.rig import RigConfig, of_the_model
-from dtbacklash.config.run import RunConfig
+from dtbacklash.config.run import RunConfig, SensorsConfig
 from dtbacklash.control.chain import driven_chain, motor_parameters, structure_parameters
 from dtbacklash.control.design import (
     ControllerDesign,
@@ -20,14 +21,16 @@ from dtbacklash.control.design import (
     design_controller,
     dominant_frequency,
 )
+from dtbacklash.control.linear_law import LinearLaw
+from dtbacklash.control.margins import DesignedLoop
 from dtbacklash.control.predictive import mpc_law
-from dtbacklash.control.rivals import lqg_law, pid_law
+from dtbacklash.control.rivals import lqg_law, pid_law, robust_law
 from dtbacklash.errors import UserError
 from dtbacklash.kept import kept
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.kinds import SENSOR
-from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, build_rig
+from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, Sensor, build_rig
 from dtbacklash.physics.simulate import rig_half_gap
 
 #: where the reference is held: for how long the gap in force goes on growing, s, and by how many of its standard errors
@@ -105,15 +108,40 @@ class Belief:
 
     def delays_s(self) -> tuple[float, float, float]:
         """The believed delays of the command, of the motor's sensor and of the output's, s."""
-        amplifier, rotor = self.rig.only("amplifier"), self.rig.motor_rotor()
-        chain = driven_chain(self.rig)[0]
-        sensors = self.rig.sensors.values()
-        shows = [next((s.name for s in sensors if one and s.of == one.name), "") for one in (rotor, chain[-1])]
-        places = [amplifier.name if amplifier else "", *(SENSOR_PREFIX + name for name in shows)]
+        amplifier = self.rig.only("amplifier")
+        places = [amplifier.name if amplifier else "", *(SENSOR_PREFIX + s.name if s else "" for s in self._shows())]
         command, angle, output = (
             self.rig.effects.get(place, {}).get("delay", {}).get("time", 0.0) for place in places
         )  # fmt: skip
         return command, angle, output
+
+    def noise(self, sensors: SensorsConfig) -> tuple[float, float]:
+        """What the sensors of the motor's angle, rad, and of the output, m, show of noise and counts, rms."""
+        found = []
+        for sensor in self._shows():
+            unit, factor = units.shown(sensor.unit) if sensor else ("", 1.0)
+            column = f"{sensor.name}_{units.suffix(unit)}" if sensor else ""
+            counts = sensors.resolution.get(column, 0.0) / math.sqrt(12.0)
+            found.append(math.hypot(sensors.noise.get(column, 0.0), counts) / factor)
+        return found[0], found[1]
+
+    def varied(self, compensated: tuple[str, ...]) -> tuple[tuple[Linear, Linear], ...]:
+        """The linear part with one parameter of the rig one tolerance below and above, for each of them."""
+        nominal, found = self.linear(compensated), []
+        for name, parameter in self.rig.config.parameters.items():
+            shares = (1.0 - min(parameter.tolerance, 0.5), 1.0 + parameter.tolerance)
+            low, high = (
+                Belief(self.rig.with_parameters({name: parameter.value * x})).linear(compensated) for x in shares
+            )
+            if low != nominal or high != nominal:
+                found.append((low, high))
+        return tuple(found)
+
+    def _shows(self) -> list[Sensor | None]:
+        """The sensors of the motor's angle and of the output."""
+        bodies = self.rig.motor_rotor(), driven_chain(self.rig)[0][-1]
+        sensors = self.rig.sensors.values()
+        return [next((s for s in sensors if one and s.of == one.name), None) for one in bodies]
 
     def limit_v(self) -> float | None:
         """The believed limit of the amplifier's voltage; None if there is none."""
@@ -234,11 +262,19 @@ def design_for(config: RunConfig, belief: Belief) -> ControllerDesign | None:
         design_controller,
         linear.motor, linear.structure, c.k_theta_v_per_rad, c.prefilter, c.tau_r_s, config.sample_time_s,
     )  # fmt: skip
-    law = None
+    design = replace(design, delays_s=belief.delays_s())
+    return replace(design, law=_law(config, belief, linear, design))
+
+
+def _law(config: RunConfig, belief: Belief, linear: Linear, design: ControllerDesign) -> LinearLaw | None:
+    """The law of a controller that is none of the paper's, else None."""
+    c, step, noise = config.controller, config.sample_time_s, belief.noise(config.sensors)
     if c.structure == "pid":
-        law = kept(pid_law, linear.structure, c.k_theta_v_per_rad, c.tau_r_s, config.sample_time_s)
-    elif c.structure == "lqg":
-        law = kept(lqg_law, linear.motor, linear.structure, c.tau_r_s, config.sample_time_s)
-    elif c.structure == "mpc":
-        law = kept(mpc_law, linear.motor, linear.structure, c.tau_r_s, config.sample_time_s)
-    return replace(design, delays_s=belief.delays_s(), law=law)
+        return kept(pid_law, design, linear.motor, linear.structure)
+    if c.structure == "offset":
+        loop = DesignedLoop.of(config, design, belief)
+        return kept(robust_law, loop, linear.motor, linear.structure, c.prefilter, noise, c.robust)
+    if c.structure in ("lqg", "mpc"):
+        make = lqg_law if c.structure == "lqg" else mpc_law
+        return kept(make, linear.motor, linear.structure, c.tau_r_s, step, noise)
+    return None

@@ -22,7 +22,7 @@ What drives the model of the structure is ``controller.internal_model``:
 - ``auto`` stands for one of them until it is known what is believed of the rig (:func:`.belief.settled`).
 
 What is known of the machine is in the model as well: the voltage is limited as the amplifier limits it, and delays of
-the command and of both sensors pass lines of the same length. PID and LQG are a :class:`.linear_law.LinearLaw`.
+the command and of both sensors pass lines of the same length. All others are a :class:`.linear_law.LinearLaw`.
 """
 
 import math
@@ -43,7 +43,7 @@ IMC, NIMC, OPEN_LOOP, LINEAR = 0, 1, 2, 3
 #: steps towards the moves of a predictive law in a sample, at most, and the change, V, below which none follows
 SEARCH_STEPS, FOUND_V = 60, 1e-9
 BARE, MEASURED, INNER_LOOP, EXACT, INVERSE = 0, 1, 2, 3, 4
-_STRUCTURES = {"imc": IMC, "nimc": NIMC, "open_loop": OPEN_LOOP, "pid": LINEAR, "lqg": LINEAR, "mpc": LINEAR}
+_STRUCTURES = {"imc": IMC, "nimc": NIMC, "open_loop": OPEN_LOOP}  # all others are linear
 _MODELS = {"bare": BARE, "measured": MEASURED, "inner_loop": INNER_LOOP, "exact": EXACT, "inverse": INVERSE}
 #: how far the inverse of the backlash moves for each radian that the reference asks of the screw: at 1 the gap is
 #: crossed too late, at 10 an estimate that is too large overshoots most (``python -m studies nimc_forms``)
@@ -146,7 +146,7 @@ def build_controller(
     limit = math.inf if config.limit_v is None else config.limit_v
     law = (design.law if design else None) or LinearLaw(*(np.zeros(n) for n in ((0, 0), (0, 3), 0, 3, 0)))
     laws = law.A, law.B, law.C, law.D, law.E, law.H, law.F, _search(law.H)
-    structure, model = _STRUCTURES[config.structure], _MODELS[config.internal_model]
+    structure, model = _STRUCTURES.get(config.structure, LINEAR), _MODELS[config.internal_model]
     if design is None:
         none, row = np.zeros((0, 0)), np.zeros(0)
         return Controller(structure, model, 0.0, none, row, row, 0.0, np.zeros((3, 3)), np.zeros(3), none, row,

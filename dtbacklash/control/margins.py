@@ -18,14 +18,17 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dtbacklash.config.run import RunConfig
-from dtbacklash.control.belief import Belief, Linear
 from dtbacklash.control.design import ControllerDesign, SampledModel, motor_ss, sampled, structure_ss
 from dtbacklash.kept import kept
+
+if TYPE_CHECKING:
+    from dtbacklash.control.belief import Belief, Linear
 
 Reals = NDArray[np.float64]
 Response = NDArray[np.complex128]
@@ -83,25 +86,12 @@ def play_gain(share: Reals) -> Response:
     return np.asarray(real - 4j * share * (1.0 - share) / np.pi)
 
 
-def varied(belief: Belief, compensated: tuple[str, ...]) -> tuple[tuple[Linear, Linear], ...]:
-    """The linear part of a belief with one parameter of its rig one tolerance below and above, for each of them."""
-    nominal, found = belief.linear(compensated), []
-    for name, parameter in belief.rig.config.parameters.items():
-        shares = (1.0 - min(parameter.tolerance, 0.5), 1.0 + parameter.tolerance)
-        low, high = (
-            Belief(belief.rig.with_parameters({name: parameter.value * x})).linear(compensated) for x in shares
-        )
-        if low != nominal or high != nominal:
-            found.append((low, high))
-    return tuple(found)
-
-
 @dataclass(frozen=True)
 class DesignedLoop:
     """A designed controller with what it controls; ``result.design`` of a run.
 
     form : the internal model. tau_r_s : time constant of the prefilter. models_gap : whether its model has the play;
-    else the machine has it. variations : see :func:`varied`.
+    else the machine has it. variations : see :meth:`.belief.Belief.varied`.
     """
 
     design: ControllerDesign
@@ -114,7 +104,7 @@ class DesignedLoop:
     def of(cls, config: RunConfig, design: ControllerDesign, belief: Belief) -> DesignedLoop:
         """That of a run whose ``auto`` is settled."""
         c = config.controller
-        return cls(design, c.internal_model, c.tau_r_s, c.structure == "nimc", varied(belief, tuple(c.compensate)))
+        return cls(design, c.internal_model, c.tau_r_s, c.structure == "nimc", belief.varied(tuple(c.compensate)))
 
     def margins(self) -> Margins:
         """Gain, phase and delay margin, sensitivity, the small-gain bound under the tolerances, and the cycle."""

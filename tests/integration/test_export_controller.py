@@ -28,6 +28,7 @@ CASES = {
     "known": ("controller=nimc_fixed", "controller.gap_hat_deg=30", *KNOWN),
     "pid": ("controller=pid", "controller.limit_v=12"),
     "lqg": ("controller=lqg", "controller.limit_v=12"),
+    "offset": ("controller=offset", "controller.limit_v=12"),
     "mpc": ("controller=mpc", "controller.limit_v=3"),
 }
 

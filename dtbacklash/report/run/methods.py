@@ -12,9 +12,12 @@ from dtbacklash.report.run.words import has_gear, is_open
 
 #: structure -> how it is made
 RIVALS = {
-    "pid": "The controller is a PID of the output over a proportional loop of the motor, tuned by the IMC rules for an "
-    "underdamped second order (Rivera, Morari and Skogestad, Ind. Eng. Chem. Process Des. Dev. 25, 1986), with the "
-    "time constant of the paper's reference model, a filter of a tenth of the derivative time, and back-calculation.",
+    "pid": "The controller is a PID with two degrees of freedom over a proportional loop of the motor: the prefilter "
+    "leads the motor, and the PID works on what the output lacks of the motion along it. Its slowest pole decays as "
+    "fast as a largest sensitivity of 2 allows (Astrom and Hagglund, Advanced PID Control, 2006).",
+    "offset": "The controller is a Kalman filter of motor and structure with the offset between motor and screw and "
+    "the voltage that a load eats as states, and linear-quadratic feedback of what differs from the motion along the "
+    "prefilter; the weights follow Bryson's rule (Bryson and Ho, Applied Optimal Control, 1975).",
     "lqg": "The controller is a Kalman filter of motor and structure with linear-quadratic feedback of its state and "
     "of the integral of the error; the weights follow Bryson's rule (Bryson and Ho, Applied Optimal Control, 1975).",
     "mpc": "The controller is a model predictive one: a Kalman filter of motor, structure and an offset between them, "

@@ -6,7 +6,7 @@ import pytest
 from scipy import optimize
 
 from dtbacklash.config.compose import compose
-from dtbacklash.control import predictive, rivals
+from dtbacklash.control import observer, predictive, rivals
 from dtbacklash.control.belief import beliefs_of, design_for, settled
 from dtbacklash.control.laws import build_controller, control_step, new_controller_state
 from dtbacklash.experiment.run import run_scenario
@@ -29,7 +29,7 @@ def moves(x):
 def states():
     """Twenty states of motor and structure from which the limit binds in a part of the moves."""
     rng = np.random.default_rng(3)
-    law = predictive.mpc_law(LINEAR.motor, LINEAR.structure, 1 / 6, STEP)
+    law = predictive.mpc_law(LINEAR.motor, LINEAR.structure, 1 / 6, STEP, (0.0, 0.0))
     for _ in range(20):
         x = np.zeros(law.C.size)
         x[-1], x[-2], x[1] = rng.normal(0.0, 3e-4), rng.normal(0.0, 0.3), rng.normal(0.0, 20.0)
@@ -67,8 +67,8 @@ def test_the_moves_are_those_of_osqp():
 
 def test_without_a_limit_it_is_the_feedback_of_python_control(monkeypatch):
     monkeypatch.setattr(predictive, "SAMPLES", 1)
-    a, b, c = rivals.plant(LINEAR.motor, LINEAR.structure, STEP)
-    law = predictive.mpc_law(LINEAR.motor, LINEAR.structure, 1 / 6, STEP)
+    a, b, c = observer.plant(LINEAR.motor, LINEAR.structure, STEP)
+    law = predictive.mpc_law(LINEAR.motor, LINEAR.structure, 1 / 6, STEP, (0.0, 0.0))
     gain, _, _ = control.dlqr(a, b[:, None], np.outer(c[1], c[1]) / rivals.ERROR_M**2, [[1 / rivals.EFFORT_V**2]])
     assert law.C[: b.size] == pytest.approx(-gain[0], rel=1e-4)
     assert law.C[b.size] == pytest.approx(-gain[0] @ c[0], rel=1e-4)  # an offset is a turn of the motor
