@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from dtbacklash.config.grammar import EXPORT
@@ -11,6 +12,8 @@ from dtbacklash.errors import UserError
 
 FMU, CONTROLLER = "fmu", "controller"
 C_SUFFIX = ".c"
+#: of the voltage, where neither the controller nor the model has a limit
+LIMIT_V = 12.0
 
 
 def main(words: Sequence[str]) -> int:
@@ -39,7 +42,7 @@ def _export_controller(words: Sequence[str]) -> None:
     from dtbacklash.commands.console import shown_path
     from dtbacklash.config.compose import compose
     from dtbacklash.control.belief import beliefs_of, design_for, settled
-    from dtbacklash.control.c99 import c_source
+    from dtbacklash.control.c99 import c_source, c_test
     from dtbacklash.control.laws import build_controller
     from dtbacklash.files import written
     from dtbacklash.version import __version__
@@ -47,21 +50,25 @@ def _export_controller(words: Sequence[str]) -> None:
     out = [word.partition("=")[2] for word in words if word.startswith("out=")]
     config = compose(*(word for word in words if not word.startswith("out=")))
     beliefs = beliefs_of(config)
-    config, c = settled(config, beliefs), config.controller
+    config = settled(config, beliefs)
+    c = replace(config.controller, limit_v=config.controller.limit_v or LIMIT_V)
     design = design_for(config, beliefs.design)
     if design is None:
         raise UserError("controller", c.name, "open loop has no controller to export")
     forward = beliefs.design.feed_forward(tuple(c.compensate))
-    first_deg = config.controller.gap_hat_deg or 0.0
+    first_rad = math.radians(c.gap_hat_deg or 0.0)
     about = f"{c.name} for {beliefs.design.rig.config.name}, made by dtbacklash {__version__}: " + " ".join(words)
     path = Path(out[-1] if out else c.name + C_SUFFIX)
     if path.suffix != C_SUFFIX:
         raise UserError("out", str(path), f"must end in {C_SUFFIX}")
-    text = c_source(build_controller(config.controller, design, forward), math.radians(first_deg), about)
-    with written(path.absolute(), "out", str(path), parents=False) as whole:
-        whole.write_text(text, encoding="utf-8")
+    controller, test = build_controller(c, design, forward), path.with_name(path.stem + "_test.c")
+    texts = {path: c_source(controller, first_rad, about), test: c_test(controller, first_rad, path.name)}
+    for one, text in texts.items():
+        with written(one.absolute(), "out", str(one), parents=False) as whole:
+            whole.write_text(text, encoding="utf-8")
     print("one sample: controller_step(&c, r, y), with y = (measured angle rad, measured output m); in V")
-    print(shown_path(path))
+    print(f"at most {c.limit_v:g} V (controller.limit_v)")
+    print(shown_path(path), shown_path(test), sep="\n")
 
 
 def _export(words: Sequence[str]) -> None:

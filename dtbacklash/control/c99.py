@@ -8,17 +8,51 @@ from importlib.resources import files
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.control.laws import CATCHING_MOST, FOUND_V, NEAR_RAD, SEARCH_STEPS, SMALL_GAP_RAD, Controller
+from dtbacklash.control.handover import rests
+from dtbacklash.control.laws import (
+    CATCHING_MOST,
+    FOUND_V,
+    NEAR_RAD,
+    SEARCH_STEPS,
+    SMALL_GAP_RAD,
+    Controller,
+    control_step,
+    new_controller_state,
+)
 
 HEAD = """/* {about}
  *
- * controller c;  controller_reset(&c);  then every {sample_time:g} s:
- * double u = controller_step(&c, r, y);   r in m, y = (measured angle rad, measured output m), u in V
- * The gap in force is c.half_gap, rad, to each side; a twin may set it before any step.
+ * controller c;  controller_start(&c, y);  then every {sample_time:g} s:
+ * double u = controller_step(&c, r, y);   r in m, y = (measured angle rad, measured output m), u in V, |u| <= {limit:g}
+ * controller_set_gap(&c, half_gap, growth, seconds): a new estimate; controller_reset(&c, y): at rest anew, where y is.
+ * A value that is not finite or above {sane:g} is held at the last good one, and counted in c.held.
  */
 #include <math.h>
 #include <string.h>
 """
+#: runs the vector of the file beside it
+TEST = """/* The law of {name} beside the voltages of the run's: cc -std=c99 {name_test} -lm && ./a.out */
+#include <stdio.h>
+#include "{name}"
+
+static const double VECTOR[{rows}][4] = {{ /* r, measured angle, measured output, voltage */
+{vector}
+}};
+
+int main(void) {{
+    controller c;
+    double worst = 0.0;
+    controller_start(&c, (const double[2]){{0.0, 0.0}});
+    for (int i = 0; i < {rows}; i++) {{
+        double off = fabs(controller_step(&c, VECTOR[i][0], VECTOR[i] + 1) - VECTOR[i][3]);
+        if (!(off <= worst)) worst = off;
+    }}
+    printf("largest difference: %.3g V\\n", worst);
+    return worst < 1e-9 ? 0 : 1;
+}}
+"""
+#: of the test vector
+ROWS = 400
 
 
 def c_source(controller: Controller, first_half_gap_rad: float, about: str) -> str:
@@ -27,10 +61,12 @@ def c_source(controller: Controller, first_half_gap_rad: float, about: str) -> s
     first_half_gap_rad : that it believes in after a reset. about : one line on what it is, for its head.
     """
     C = controller
-    matrices = {"WA": C.wa, "MA": C.ma, "SA": C.sa, "LA": C.la, "LB": C.lb, "LH": C.lh, "LF": C.lf}
+    w_unit, s_unit, x_rest = rests(C)
+    matrices = {"WA": C.wa, "MA": C.ma, "SA": C.sa, "LA": C.la, "LB": C.lb, "LH": C.lh, "LF": C.lf, "X_REST": x_rest}
     vectors = {
         "WB": C.wb, "WC": C.wc, "MB": C.mb, "SB": C.sb, "SC": C.sc, "LC": C.lc, "LE": C.le, "S_REST": C.s_rest,
-        "W_REST": C.w_rest, "LD": C.ld, "LATE": C.late, "FORWARD": C.forward, "SEARCH": C.search,
+        "W_REST": C.w_rest, "W_UNIT": w_unit, "S_UNIT": s_unit, "LD": C.ld, "LATE": C.late, "FORWARD": C.forward,
+        "SEARCH": C.search,
     }  # fmt: skip
     numbers = {
         "WD": C.wd, "GAIN": C.gain, "LIMIT": C.limit, "SAMPLE_TIME": C.sample_time, "JUMP": C.jump,
@@ -48,23 +84,35 @@ def c_source(controller: Controller, first_half_gap_rad: float, about: str) -> s
     }  # fmt: skip
     lines = ["enum { " + ", ".join(f"{name} = {value}" for name, value in whole.items()) + " };"]
     lines += [f"static const double {name} = {_number(value)};" for name, value in numbers.items()]
-    lines += [f"static const double {name}[{max(v.size, 1)}] = {_row(v)};" for name, v in vectors.items()]
-    lines += [_matrix(name, a) for name, a in matrices.items()]
+    lines += [f"static const double {name}[{max(v.size, 1)}] = {row(v)};" for name, v in vectors.items()]
+    lines += [matrix(name, a) for name, a in matrices.items()]
     law = files("dtbacklash.control").joinpath("controller.c").read_text(encoding="utf-8")
     about = about.replace("*/", "* /")
-    return "\n".join([HEAD.format(about=about, sample_time=C.sample_time), *lines, "", law])
+    return "\n".join([HEAD.format(about=about, sample_time=C.sample_time, limit=C.limit, sane=1e6), *lines, "", law])
 
 
-def _matrix(name: str, a: Floats) -> str:
+def c_test(controller: Controller, first_half_gap_rad: float, name: str) -> str:
+    """A C file with a test vector of the controller in the file ``name`` and a main that runs it."""
+    k = np.arange(ROWS)
+    r = np.where(k // 100 % 2 == 0, 1e-3, -1e-3)
+    q3 = 0.8e-3 * np.sin(k / 40.0) + 1e-4 * np.cos(k / 3.0)
+    theta_m = 3.0 * np.sin(k / 37.0) + 0.02 * np.sin(1.7 * k)
+    state = new_controller_state(controller)
+    u = [control_step(controller, state, *one, first_half_gap_rad)[0] for one in zip(r, theta_m, q3, strict=True)]
+    vector = ",\n".join(map(row, np.column_stack([r, theta_m, q3, u])))
+    return TEST.format(name=name, name_test=name.replace(".c", "_test.c"), rows=ROWS, vector=vector)
+
+
+def matrix(name: str, a: Floats) -> str:
     rows, columns = max(a.shape[0], 1), max(a.shape[1], 1)
-    inside = ", ".join(map(_row, a)) or "{0.0}"
+    inside = ", ".join(map(row, a)) or "{0.0}"
     return f"static const double {name}[{rows}][{columns}] = {{{inside}}};"
 
 
-def _row(values: Floats) -> str:
+def row(values: Floats) -> str:
     return "{" + (", ".join(map(_number, values)) or "0.0") + "}"
 
 
 def _number(value: float) -> str:
     """The shortest text that is read as the same number."""
-    return "INFINITY" if math.isinf(value) else repr(float(np.float64(value)))
+    return repr(float(np.float64(value)))

@@ -9,18 +9,17 @@
 #define EXACT 3
 #define INVERSE 4
 
+#define SANE 1e6       /* no measured angle, rad, output or reference, m, is larger */
+#define GAP_MOST 6.2832 /* no half-gap, rad, is larger */
+
 typedef struct {
-    double half_gap; /* believed, rad: may be set before any step */
-    double growth;   /* of it since the step before, rad: the rest of its change is a new estimate */
+    double half_gap, growth; /* believed, rad, and its growth in a sample: controller_set_gap sets both */
+    double grows;            /* samples for which it goes on growing */
+    unsigned long held;      /* samples with a value that was not finite or not sane: the last good one stood for it */
+    double good[3];          /* the last good r, y[0], y[1] */
     double w[NW], m[NM], s[NS], w_r[NW], law[NL], moves[NP], lines[3][NLINE];
     double screw, screw_measured, angle, share, ahead, gap, through, waits, caught, apart, behind;
 } controller;
-
-/* At rest at 0. */
-void controller_reset(controller *c) {
-    memset(c, 0, sizeof *c);
-    c->half_gap = FIRST_HALF_GAP;
-}
 
 static double clip(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
 
@@ -60,7 +59,7 @@ static double feed_forward(controller *c, double theta_m) {
 
 /* A gap that grows moves nothing; a new estimate moves the screw behind the motor, and all that follows it. */
 static void take_gap(controller *c, double gap) {
-    if (c->growth != 0.0) {
+    if (c->grows > 0.0) {
         double before = c->gap;
         c->gap = before + c->growth > 0.0 ? before + c->growth : 0.0;
         if (c->gap > 0.0) c->share = clip(c->share * before / c->gap, -1.0, 1.0);
@@ -141,9 +140,8 @@ static double linear(controller *c, const double y[3], double forward) {
     return u;
 }
 
-/* One sample: reference m, y = (measured angle rad, measured output m); returns the voltage, V. */
-double controller_step(controller *c, double r, const double y[2]) {
-    double theta_m = y[0], q3 = y[1], gap = STRUCTURE == NIMC ? c->half_gap : 0.0;
+static double law(controller *c, double r, double theta_m, double q3) {
+    double gap = STRUCTURE == NIMC ? c->half_gap : 0.0;
     double forward = FORWARDS ? feed_forward(c, theta_m) : 0.0;
     if (STRUCTURE == LINEAR) {
         double all[3] = {r, theta_m, q3};
@@ -188,4 +186,66 @@ double controller_step(controller *c, double r, const double y[2]) {
         advance(&MA[0][0], MB, late(c->lines[0], LATE[0], own_u), c->m, NM);
     }
     return u;
+}
+
+/* At rest where y is, with y[1] as the reference: the first voltage is what is fed forward, and no bump. */
+void controller_reset(controller *c, const double y[2]) {
+    double theta_m = fabs(y[0]) <= SANE ? y[0] : 0.0, q3 = fabs(y[1]) <= SANE ? y[1] : 0.0;
+    double gap = c->half_gap, whole = output(SC, S_UNIT, NS), left = theta_m - (whole > 0.0 ? q3 / whole : theta_m);
+    memset(c, 0, sizeof *c);
+    c->good[0] = c->good[2] = q3;
+    c->good[1] = c->angle = theta_m;
+    c->half_gap = c->gap = gap;
+    for (int i = 0; i < NL; i++) c->law[i] = X_REST[i][0] * theta_m + X_REST[i][1] * q3;
+    c->share = gap > 0.0 && STRUCTURE == NIMC ? clip(left / gap, -1.0, 1.0) : 0.0;
+    double behind = theta_m - c->share * gap, asked = whole * behind, unit = output(WC, W_UNIT, NW);
+    c->screw = c->screw_measured = behind;
+    c->m[NM - 1] = MODEL == BARE ? behind : theta_m;
+    for (int i = 0; i < NS; i++) c->s[i] = S_UNIT[i] * behind;
+    for (int i = 0; i < NW; i++) {
+        c->w[i] = unit > 0.0 ? W_UNIT[i] * (behind - WD * asked) / unit : 0.0;
+        c->w_r[i] = W_UNIT[i] * q3;
+    }
+    c->ahead = output(WC, c->w_r, NW) + WD * q3;
+    c->through = q3;
+    for (int i = 0; i < NLINE; i++) {
+        c->lines[1][i] = MODEL == INVERSE ? theta_m : behind;
+        c->lines[2][i] = asked;
+    }
+}
+
+/* Before the first step. */
+void controller_start(controller *c, const double y[2]) {
+    c->half_gap = FIRST_HALF_GAP;
+    controller_reset(c, y);
+}
+
+/* A new estimate of the half-gap, rad, that goes on growing by `growth`, rad/s, for `seconds`. Returns 0 and changes
+   nothing where that is no gap: not finite, below 0, above a turn. */
+int controller_set_gap(controller *c, double half_gap, double growth, double seconds) {
+    double end = half_gap + growth * seconds;
+    if (!(half_gap >= 0.0 && half_gap <= GAP_MOST && seconds >= 0.0 && end >= 0.0 && end <= GAP_MOST)) return 0;
+    c->half_gap = half_gap;
+    c->growth = growth * SAMPLE_TIME;
+    c->grows = floor(seconds / SAMPLE_TIME + 0.5);
+    return 1;
+}
+
+/* One sample: reference m, y = (measured angle rad, measured output m); returns the voltage, V, within LIMIT. */
+double controller_step(controller *c, double r, const double y[2]) {
+    const double now[3] = {r, y[0], y[1]};
+    int bad = 0;
+    for (int i = 0; i < 3; i++) {
+        if (fabs(now[i]) <= SANE)
+            c->good[i] = now[i];
+        else
+            bad = 1;
+    }
+    double u = law(c, c->good[0], c->good[1], c->good[2]);
+    if (c->grows > 0.0) {
+        c->half_gap = c->half_gap + c->growth > 0.0 ? c->half_gap + c->growth : 0.0;
+        c->grows -= 1.0;
+    }
+    c->held += (unsigned long)bad;
+    return clip(u, -LIMIT, LIMIT);
 }

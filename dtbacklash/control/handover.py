@@ -14,8 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dtbacklash.arrays import Floats
 from dtbacklash.control.laws import (
     BARE,
+    EXACT,
     INNER_LOOP,
     INVERSE,
     MEASURED,
@@ -56,8 +58,7 @@ def handed_over(before: Controller, state: ControllerState, after: Controller, r
     wave, waves, phase, _, load = after.forward
     forward = -wave * math.sin(waves * rest.theta_m + phase) - load if after.forwards else 0.0
     error = (rest.u - forward) / after.gain  # theta_ref less what the inner loop feeds back
-    w_unit = np.linalg.solve(np.eye(after.wb.size) - after.wa, after.wb)
-    s_unit = np.linalg.solve(np.eye(after.sb.size) - after.sa, after.sb)
+    w_unit, s_unit, _ = rests(after)
     gain = float(after.sc @ s_unit)
     theta_ref = behind + error
     if after.model in (INNER_LOOP, INVERSE):
@@ -78,6 +79,24 @@ def handed_over(before: Controller, state: ControllerState, after: Controller, r
     new.lines[1] = new.m[2] if after.model == INVERSE else screw
     new.lines[2] = gain * screw
     return new
+
+
+def rests(C: Controller) -> tuple[Floats, Floats, Floats]:
+    """States at rest: of the prefilter for 1 m, of the structure's model for 1 rad of the screw, and of a linear law.
+
+    The last (n, 2) is for the measured angle and output, with the output as the reference and no voltage.
+    """
+    w_unit = np.linalg.solve(np.eye(C.wb.size) - C.wa, C.wb)
+    if C.model == EXACT and C.sb.size:  # driven by the voltage: what stays is the null space
+        s_unit = np.linalg.svd(C.sa - np.eye(C.sb.size))[2][-1]
+        s_unit /= float(C.sc @ s_unit) * (float(C.wc @ w_unit) + C.wd)
+    else:
+        s_unit = np.linalg.solve(np.eye(C.sb.size) - C.sa, C.sb)
+    n = C.lc.size
+    rows = np.vstack([C.la - np.eye(n), C.lc])
+    seen = -np.vstack([C.lb, C.ld]) @ [[0.0, 1.0], [1.0, 0.0], [0.0, 1.0]]
+    scale = np.maximum(np.abs(rows).max(axis=0, initial=1e-300), 1e-300)
+    return w_unit, s_unit, np.linalg.lstsq(rows / scale, seen, rcond=1e-14)[0] / scale[:, None]
 
 
 def _side(before: Controller, state: ControllerState, rest: Rest) -> float:
