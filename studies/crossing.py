@@ -27,15 +27,22 @@ from dtbacklash.physics.rig import Rig, build_rig
 from studies.measure import Row
 from studies.wrong_models import LIFE_S, MOVE_S, PROCESSES, REPEATS, SCATTER, WORSE_PCT, random_case
 
-#: way -> internal model, crossing, whether the twin is asked, and in words; `new` is the default outside the paper's
+#: way -> internal model (or words of `dtb run`), crossing, whether the twin is asked, and in words; `new` is the default outside the paper's
 WAYS: dict[str, tuple[str, str, bool, str]] = {
     "kept": ("inverse", "hold", False, "`inverse`, held, old gap kept"),
     "paper": ("bare", "run", True, "`bare`, the paper's"),
     "inner_loop": ("inner_loop", "run", True, "`inner_loop`, reference runs on"),
     "new": ("inverse", "hold", True, "`inverse`, held, growing: the default"),
-    "mpc": ("mpc", "run", False, "`controller=mpc`, which knows no gap"),
-    "no_gap": ("imc", "run", False, "`controller=imc` on the machine without its gap"),
+    "offset": ("controller=offset", "run", False, "`controller=offset`, small-gain bound 1"),
+    "unbound": ("controller=offset controller.robust=null", "run", False, "`controller=offset`, without a bound"),
+    "pid": ("controller=pid", "run", False, "`controller=pid`"),
+    "lqg": ("controller=lqg", "run", False, "`controller=lqg`"),
+    "mpc": ("controller=mpc", "run", False, "`controller=mpc`"),
+    "no_gap": ("controller=imc", "run", False, "`controller=imc` on the machine without its gap"),
 }
+LIMIT_V = 12.0
+#: an overshoot above this is as bad as no control, % of the move
+WILD_PCT = 20.0
 
 
 def live(config: RunConfig, believed: Rig, way: str) -> tuple[float, float, float]:
@@ -44,15 +51,15 @@ def live(config: RunConfig, believed: Rig, way: str) -> tuple[float, float, floa
     Infinite where the loop diverges, and the settling time where a move does not settle.
     """
     form, crossing, asks, _ = WAYS[way]
-    if form in ("mpc", "imc"):
-        controller = compose(f"controller={form}").controller
+    if form.startswith("controller="):
+        controller = compose(*form.split()).controller
     else:
         controller = replace(config.controller, internal_model=form, crossing=crossing)
     if way == "no_gap":
         config = replace(config, profile=ProfileConfig("constant", end_deg=0.0))
     if not asks:
         controller = replace(controller, reconfigure="never")
-    config = replace(config, controller=controller)
+    config = replace(config, controller=replace(controller, limit_v=LIMIT_V))
     beliefs = Beliefs(Belief(believed), Belief(believed))
     try:
         moves = run_scenario(config, beliefs=beliefs).moves
@@ -89,7 +96,7 @@ def run_crossing(n: int, seed: int) -> pd.DataFrame:
 
 
 def crossing_rows(table: pd.DataFrame) -> list[Row]:
-    """A row a way: medians, 90th percentiles, and how many loops leave a move unsettled."""
+    """A row a way: medians, 90th percentiles, and how many loops leave a move unsettled or diverge."""
     rows: list[Row] = []
     for way, (*_, words) in WAYS.items():
         overshoot, settling = table[f"overshoot_{way}_pct"], table[f"settling_{way}_s"]
@@ -97,7 +104,9 @@ def crossing_rows(table: pd.DataFrame) -> list[Row]:
             "what": words, "loops": len(table),
             "overshoot_median_pct": overshoot.median(), "overshoot_p90_pct": overshoot.quantile(0.9),
             "settling_median_s": settling.median(), "settling_p90_s": settling.quantile(0.9),
-            "unsettled": int((~settling.map(math.isfinite)).sum()), "peak_median_v": table[f"peak_{way}_v"].median(),
+            "unsettled": int((~settling.map(math.isfinite)).sum()),
+            "diverged": int((~overshoot.map(math.isfinite)).sum()), "wild": int((overshoot > WILD_PCT).sum()),
+            "peak_median_v": table[f"peak_{way}_v"].median(),
         })  # fmt: skip
         if way == "new":
             rows[-1]["worse_than_kept"] = int(table["worse"].sum())

@@ -34,7 +34,8 @@ INTERNAL_MODELS = {
     "exact": "the internal model is motor and structure, sampled as one",
 }
 CROSSINGS = {
-    "hold": "a reference that jumps is held back until the motor has crossed the gap, at {crossing_v} V",
+    "hold": "a reference that jumps is held back until the motor has crossed the gap, at {crossing_v} V; before a "
+    "trajectory sets out the motor has crossed it",
     "run": "the reference goes on while the motor crosses the gap",
 }
 BELIEFS = {
@@ -97,6 +98,7 @@ REFERENCES = {
     "step": "one step of {amplitude_mm} {unit} at {t_start_s} s",
     "staircase": "staircase: {levels} steps of {step_mm} {unit} up and down, {dwell_s} s on each",
     "multisine": "multisine of {rms_mm} {unit} rms, {f_min_hz} to {f_max_hz} Hz",
+    "trajectory": "moves of least jerk between ±{amplitude_mm} {unit}, {move_s} s each, or through the points of a file",
     "csv": "read from {path}",
 }
 INTERPOLATIONS = {

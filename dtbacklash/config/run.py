@@ -133,22 +133,23 @@ class ReferenceConfig:
 
     kind: str = setting("square", "form of the reference", choices=REFERENCES)
     amplitude_mm: float = setting(
-        1.0, "square: between + and - this, beginning with +; step: from 0 to this; in open loop write `amplitude_v`",
+        1.0, "square, trajectory: between + and - this, beginning with +; step: from 0 to this; in open loop write `amplitude_v`",
         at_least=-1e4,
         at_most=1e4,
     )  # fmt: skip
     offset_mm: float = setting(
         0.0, "added to every kind but csv; in open loop write `offset_v`", at_least=-1e4, at_most=1e4
     )
-    period_s: float = setting(40.0, "square and multisine: period", above=0)
+    period_s: float = setting(40.0, "square, trajectory and multisine: period", above=0)
     t_start_s: float = setting(0.0, "step: when", at_least=0)
+    move_s: float = setting(1.0, "trajectory: time of a move", above=0)
     step_mm: float = setting(0.5, "staircase: size of a step; in open loop write `step_v`", at_least=-1e4, at_most=1e4)
     dwell_s: float = setting(10.0, "staircase: time on a step", above=0)
     levels: int = setting(4, "staircase: steps up before it goes down again", at_least=1, at_most=1000)
     f_min_hz: float = setting(0.1, "multisine: lowest frequency", above=0)
     f_max_hz: float = setting(2.0, "multisine: highest frequency, at most half the sample rate", above=0)
     rms_mm: float = setting(0.5, "multisine: root mean square; in open loop write `rms_v`", at_least=0, at_most=1e4)
-    path: str | None = setting(None, "csv: file with the columns t_s, r_mm", path=INPUT)
+    path: str | None = setting(None, "csv, trajectory: file with the columns t_s, r_mm", path=INPUT)
     interpolation: str = setting("hold", "csv: between its rows", choices=INTERPOLATIONS)
 
     def __post_init__(self) -> None:
@@ -156,8 +157,11 @@ class ReferenceConfig:
         if self.kind == "multisine" and self.f_max_hz < self.f_min_hz:
             allowed = f"must be at least reference.f_min_hz={self.f_min_hz:g} Hz"
             raise UserError("reference.f_max_hz", self.f_max_hz, allowed)
-        if self.kind == "csv":
+        if self.kind == "csv" or (self.kind == "trajectory" and self.path is not None):
             _check_input_file("reference.path", self.path, "t_s,r_mm")
+        if self.kind == "trajectory" and 2.0 * self.move_s > self.period_s:
+            allowed = f"must be at most half of reference.period_s={self.period_s:g} s"
+            raise UserError("reference.move_s", self.move_s, allowed)
 
 
 @dataclass

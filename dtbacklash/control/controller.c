@@ -15,6 +15,7 @@
 typedef struct {
     double half_gap, growth; /* believed, rad, and its growth in a sample: controller_set_gap sets both */
     double grows;            /* samples for which it goes on growing */
+    double toward;           /* side, -1 or 1, to which the load moves next: controller_set_out; 0: not known */
     unsigned long held;      /* samples with a value that was not finite or not sane: the last good one stood for it */
     double good[3];          /* the last good r, y[0], y[1] */
     double w[NW], m[NM], s[NS], w_r[NW], law[NL], moves[NP], lines[3][NLINE];
@@ -93,6 +94,17 @@ static double held(controller *c, double r, double gap) {
     return r;
 }
 
+/* The motor crosses to the side to which the load will move next. */
+static double set_out(controller *c, double r, double gap) {
+    if (CROSSING_STEP > 0.0 && gap > 0.0) {
+        double left = (1.0 - c->share * c->toward) * gap;
+        c->share += c->toward * (left < CROSSING_STEP ? left : CROSSING_STEP) / gap;
+    }
+    c->through = r;
+    c->waits = 0.0;
+    return r;
+}
+
 static double inverse(controller *c, double r, double error, double gap) {
     double ahead = output(WC, c->w_r, NW) + WD * r;
     advance(&WA[0][0], WB, r, c->w_r, NW);
@@ -149,7 +161,7 @@ static double law(controller *c, double r, double theta_m, double q3) {
     }
     if (MODEL == INVERSE) {
         take_gap(c, gap);
-        r = held(c, r, gap);
+        r = c->toward != 0.0 ? set_out(c, r, gap) : held(c, r, gap);
     }
     double error = r - (q3 - late(c->lines[2], LATE[2], output(SC, c->s, NS)));
     double theta_ref = output(WC, c->w, NW) + WD * error;
@@ -229,6 +241,14 @@ int controller_set_gap(controller *c, double half_gap, double growth, double sec
     c->growth = growth * SAMPLE_TIME;
     c->grows = floor(seconds / SAMPLE_TIME + 0.5);
     return 1;
+}
+
+/* Where the reference is known ahead: to which side (-1, 1; 0: to none) the load moves in `controller_lead` from now. */
+void controller_set_out(controller *c, int side) { c->toward = side > 0 ? 1.0 : side < 0 ? -1.0 : 0.0; }
+
+/* How long before the load moves the motor has to set out to cross the gap, s. */
+double controller_lead(const controller *c) {
+    return CROSSING_STEP > 0.0 ? (ceil(2.0 * c->half_gap / CROSSING_STEP) + ARRIVING) * SAMPLE_TIME : 0.0;
 }
 
 /* One sample: reference m, y = (measured angle rad, measured output m); returns the voltage, V, within LIMIT. */

@@ -86,17 +86,18 @@ def rests(C: Controller) -> tuple[Floats, Floats, Floats]:
 
     The last (n, 2) is for the measured angle and output, with the output as the reference and no voltage.
     """
-    w_unit = np.linalg.solve(np.eye(C.wb.size) - C.wa, C.wb)
+    w_unit = np.asarray(np.linalg.solve(np.eye(C.wb.size) - C.wa, C.wb), np.float64)
     if C.model == EXACT and C.sb.size:  # driven by the voltage: what stays is the null space
-        s_unit = np.linalg.svd(C.sa - np.eye(C.sb.size))[2][-1]
+        s_unit = np.asarray(np.linalg.svd(C.sa - np.eye(C.sb.size))[2][-1], np.float64)
         s_unit /= float(C.sc @ s_unit) * (float(C.wc @ w_unit) + C.wd)
     else:
-        s_unit = np.linalg.solve(np.eye(C.sb.size) - C.sa, C.sb)
+        s_unit = np.asarray(np.linalg.solve(np.eye(C.sb.size) - C.sa, C.sb), np.float64)
     n = C.lc.size
     rows = np.vstack([C.la - np.eye(n), C.lc])
     seen = -np.vstack([C.lb, C.ld]) @ [[0.0, 1.0], [1.0, 0.0], [0.0, 1.0]]
     scale = np.maximum(np.abs(rows).max(axis=0, initial=1e-300), 1e-300)
-    return w_unit, s_unit, np.linalg.lstsq(rows / scale, seen, rcond=1e-14)[0] / scale[:, None]
+    found = np.asarray(np.linalg.lstsq(rows / scale, seen, rcond=1e-14)[0] / scale[:, None], np.float64)
+    return w_unit, s_unit, found
 
 
 def _side(before: Controller, state: ControllerState, rest: Rest) -> float:

@@ -319,6 +319,20 @@ def _reseat(C, X, gap):
 
 
 @inlined
+def _set_out(C, X, gap, toward):
+    """b crosses to the side to which the load will move next, before it does."""
+    if C.crossing_step > 0.0 and gap > 0.0:
+        left = (1.0 - X.inverse[0] * toward) * gap
+        X.inverse[0] += toward * min(left, C.crossing_step) / gap
+
+
+@inlined
+def crossing_samples(C, gap):
+    """How long before the load moves the motor has to set out, to have crossed the gap by then."""
+    return math.ceil(2.0 * gap / C.crossing_step) + C.arriving if C.crossing_step > 0.0 else 0
+
+
+@inlined
 def _held(C, X, r, gap):
     """The reference that is let through, m: while a jump waits for the motor to cross the gap, the one before it.
 
@@ -353,12 +367,16 @@ def _catch_up(C, X, apart):
 
 
 @inlined
-def _taken_in(C, X, r, gap, growth):
+def _taken_in(C, X, r, gap, growth, toward):
     """The model of `inverse` takes the present gap; returns the reference that is let through, m."""
     if C.model != INVERSE:
         return r
     _grow(X, growth)
     _reseat(C, X, gap)
+    if toward != 0.0:
+        _set_out(C, X, gap, toward)
+        X.inverse[3], X.inverse[4] = r, 0.0
+        return r
     return _held(C, X, r, gap)
 
 
@@ -379,7 +397,7 @@ def _inverse(C, X, r, error, gap):
 
 
 @inlined
-def control_step(C, X, r, theta_m, q3, gap_hat, growth=0.0):
+def control_step(C, X, r, theta_m, q3, gap_hat, growth=0.0, toward=0.0):
     """One sample of the controller: measurements in, voltage and prediction error out; its states move on.
 
     What is fed forward is added to the voltage behind the internal model, which does not know of the torques that it
@@ -389,6 +407,7 @@ def control_step(C, X, r, theta_m, q3, gap_hat, growth=0.0):
     ----------
     r, q3 : m (in open loop r is the command itself, V). theta_m : rad. gap_hat : estimated half-gap, rad.
     growth : by how much of it the gap has grown since the sample before, rad; the rest of its change is a new estimate.
+    toward : the side, -1 or 1, to which the load moves :func:`crossing_samples` from now, where that is known.
     """
     if C.structure == OPEN_LOOP:
         return r, 0.0
@@ -396,7 +415,7 @@ def control_step(C, X, r, theta_m, q3, gap_hat, growth=0.0):
     forward = feed_forward(C, X, theta_m) if C.forwards else 0.0
     if C.structure == LINEAR:
         return _linear(C, X, r, theta_m, q3, forward), 0.0
-    r = _taken_in(C, X, r, gap, growth)
+    r = _taken_in(C, X, r, gap, growth, toward)
     eps = q3 - _predict(C, X)
     error = r - eps
     theta_ref = _output(C.wc, X.w) + C.wd * error

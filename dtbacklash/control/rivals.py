@@ -39,11 +39,11 @@ PID_BOUNDS = ((0.01, 1.0), (0.05, 5.0), (0.5, 20.0))
 ERROR_M, EFFORT_V = 1e-3, 12.0
 #: the same of the offset controller: errors of the output, of the motor's angle as the screw moves the output by it,
 #: and of the output's speed over the dominant mode's frequency, m, and the voltage
-OUTPUT_ERROR_M, ANGLE_ERROR_M, SPEED_ERROR_M, OFFSET_EFFORT_V = 2e-3, 1e-3, 1e-3, 6.0
+OUTPUT_ERROR_M, ANGLE_ERROR_M, SPEED_ERROR_M, OFFSET_EFFORT_V = 2e-3, 1e-3, 0.75e-3, 3.0
 #: share of the servo's lag by which the reference leads it
 LEAD = 0.5
 #: how near the small-gain bound comes to the one that is asked for, and the output's largest noise for it, m
-NEAR, LARGEST_NOISE_M = 0.998, 1e-2
+NEAR, LARGEST_NOISE_M = 0.995, 1e-2
 
 
 def led(filtered: SampledModel, system: tuple[Array, Array, Array], gain: float) -> tuple[LinearLaw, int]:

@@ -3,9 +3,11 @@
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from dtbacklash.arrays import Floats
 from dtbacklash.compiled import compiled, inlined
-from dtbacklash.control.laws import control_step
+from dtbacklash.control.laws import control_step, crossing_samples
 from dtbacklash.physics.kernel.sample import advance, read_sensor, sense
 from dtbacklash.physics.kernel.step import screw_angle
 from dtbacklash.twin.gap.novelty import novelty_step
@@ -17,13 +19,15 @@ RAN, NOVELTY, DIVERGED = 0, 1, 2
 class Signals(NamedTuple):
     """What goes into a run, (N+1,) each: reference (m, or V in open loop), half-gap rad, noise (N+1, sensors) SI.
 
-    ``noise`` may have no rows: then there is none. ``resolution`` (sensors,): size of a count, 0 for none.
+    ``noise`` may have no rows: then there is none. ``resolution`` (sensors,): size of a count, 0 for none. ``moving`` :
+    -1, 0 or 1, how the reference moves, where it is known ahead; else empty.
     """
 
     reference: Floats
     gap: Floats
     noise: Floats
     resolution: Floats
+    moving: Floats = np.zeros(0)
 
 
 class Traces(NamedTuple):
@@ -86,7 +90,8 @@ def run_segment(P, S, C, X, detector, oscillator, signals, traces, roles, first,
         theta_m = traces.seen[k, roles[0]] if roles[0] >= 0 else 0.0
         q3 = traces.seen[k, roles[1]] if roles[1] >= 0 else 0.0
         believed = max(in_force.gap + in_force.growth * (k - in_force.since), 0.0)
-        u, eps = control_step(C, X, signals.reference[k], theta_m, q3, believed, in_force.growth)
+        toward = signals.moving[min(k + crossing_samples(C, believed), last)] if signals.moving.shape[0] > 0 else 0.0
+        u, eps = control_step(C, X, signals.reference[k], theta_m, q3, believed, in_force.growth, toward)
         traces.u[k], traces.eps[k], traces.gap_hat[k] = u, eps, believed
         traces.theta_d[k] = screw_angle(P, S, signals.gap[k]) if P.rotor >= 0 else 0.0
         level = novelty_step(detector, oscillator[0], oscillator[1], oscillator[2], eps)

@@ -76,11 +76,11 @@ def _settling_time(t: NDArray[np.float64], distance: NDArray[np.float64], band: 
 
 
 def move_table(trace: pd.DataFrame, band: float = 0.01) -> pd.DataFrame:
-    """The table of moves: one row for each step of a piecewise constant reference.
+    """The table of moves: one row for each step of the reference, or trajectory from one rest to another.
 
-    A step counts as a move if the reference holds for ``HOLD_S`` before and after it. Before the trace the reference
+    A change counts as a move if the reference holds for ``HOLD_S`` before and after it. Before the trace the reference
     rests at 0 mm, so that one that begins elsewhere has a move at its first sample. One that changes all the time
-    (multisine, ramp) has no moves. Each move is judged up to the next change of the reference.
+    (multisine, ramp) has no moves. Each move is judged from where it sets out up to the next change of the reference.
 
     Parameters
     ----------
@@ -92,29 +92,34 @@ def move_table(trace: pd.DataFrame, band: float = 0.01) -> pd.DataFrame:
     """
     t, r, q3, u = (trace[name].to_numpy(dtype=float) for name in ("t_s", "r_mm", "q3_mm", "u_v"))
     rows: list[tuple[float, ...]] = []
-    for begin, end in _moves(t, r):
-        start, target = (r[begin - 1] if begin else 0.0), r[begin]
+    for begin, end, there in _moves(t, r):
+        start, target = (r[begin - 1] if begin else 0.0), r[there]
         found = step_metrics(t[begin:end], q3[begin:end], u[begin:end], target, start, band=band)
         rows.append((len(rows) + 1, t[begin], start, target, *found))
     kinds = {name: "int64" if name == "move" else "float64" for name in MOVE_COLUMNS}
     return pd.DataFrame(rows, columns=MOVE_COLUMNS).astype(kinds)
 
 
-def _moves(t: NDArray[np.float64], r: NDArray[np.float64]) -> list[tuple[int, int]]:
-    """Sample ranges [begin, end) of the moves: a change of r that is held before and after it."""
+def _moves(t: NDArray[np.float64], r: NDArray[np.float64]) -> list[tuple[int, int, int]]:
+    """Sample ranges [begin, end) of the moves, and where r arrives: a change that is held before and after it."""
     if t.size < 2:
         return []
     # a reference read from a file may carry rounding noise: 1e-9 of its range is no change
     tolerance = 1e-9 * float(np.abs(r).max())
-    changes = np.flatnonzero(np.abs(np.diff(r, prepend=0.0)) > tolerance)
-    edges = np.append(changes, t.size)
+    changing = np.flatnonzero(np.abs(np.diff(r, prepend=0.0)) > tolerance)
+    if not changing.size:
+        return []
+    # a trajectory changes from one sample to the next: it is one move
+    apart = np.flatnonzero(np.diff(changing) > 1)
+    begins, there = changing[np.append(0, apart + 1)], changing[np.append(apart, changing.size - 1)]
+    edges = np.append(begins, t.size)
     # the last held stretch ends with the last sample; before the trace the reference rests for ever
-    ends_s = np.append(t[changes[1:]], t[-1])
-    begins_s = np.concatenate([[-np.inf], t[changes[:-1]]])
+    ends_s = np.append(t[begins[1:]], t[-1])
+    before_s = np.concatenate([[-np.inf], t[there[:-1]]])
     # half a sample of slack: a hold of exactly 0.1 s counts whatever the rounding of the time axis
     hold = HOLD_S - 0.5 * (t[1] - t[0])
-    held = (ends_s - t[changes] >= hold) & (t[changes] - begins_s >= hold) if changes.size else []
-    return [(int(edges[i]), int(edges[i + 1])) for i in np.flatnonzero(held)]
+    held = (ends_s - t[there] >= hold) & (t[begins] - before_s >= hold) & (r[there] != np.append(0.0, r)[begins])
+    return [(int(edges[i]), int(edges[i + 1]), int(there[i])) for i in np.flatnonzero(held)]
 
 
 def tracking_rms_mm(trace: pd.DataFrame) -> float:

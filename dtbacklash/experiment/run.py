@@ -218,7 +218,10 @@ def _inputs(config: RunConfig, rig: Rig) -> tuple[loop.Signals, Ints]:
     noise, resolution = sensor_errors(config, list(rig.sensors.values()), t_s.size)
     closed = config.controller.structure != "open_loop"
     changes = (np.flatnonzero(np.diff(r)) + 1).astype(np.int64)
-    return loop.Signals(np.ascontiguousarray(r * (1e-3 if closed else 1.0)), gap, noise, resolution), changes
+    moving = np.zeros(0)
+    if config.reference.kind == "trajectory":  # known ahead, and a change from one rest to the next
+        changes, moving = changes[np.diff(changes, prepend=-2) > 1], np.sign(np.diff(r, append=r[-1]))
+    return loop.Signals(np.ascontiguousarray(r * (1e-3 if closed else 1.0)), gap, noise, resolution, moving), changes
 
 
 def true_half_gap(config: RunConfig, rig: Rig, t_s: Floats) -> Floats:

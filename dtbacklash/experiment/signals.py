@@ -34,9 +34,9 @@ def reference(config: ReferenceConfig, t_s: Array, seed: int = 0) -> Array:
     ------
     UserError : a CSV that is unreadable, has NaN, holes, or does not cover ``t_s`` (key ``reference.path``).
     """
-    if config.kind == "csv":
+    if config.kind == "csv" or (config.kind == "trajectory" and config.path is not None):
         times_s, values_mm = read_columns("reference.path", config.path, ("t_s", "r_mm"), t_s)
-        if config.interpolation == "linear":
+        if config.interpolation == "linear" or config.kind == "trajectory":
             return np.interp(t_s, times_s, values_mm)
         tolerance_s = EDGE * max(1.0, float(t_s[-1]))
         row = np.searchsorted(times_s, t_s + tolerance_s, side="right") - 1
@@ -90,6 +90,15 @@ def _square(config: ReferenceConfig, t_s: Array, seed: int) -> Array:
     return np.where(half % 2 == 0, config.amplitude_mm, -config.amplitude_mm).astype(float)
 
 
+def _trajectory(config: ReferenceConfig, t_s: Array, seed: int) -> Array:
+    """The levels of the square wave, by moves of least jerk (Flash and Hogan, 1985)."""
+    after = t_s - 0.5 * config.period_s * np.floor(2.0 * t_s / config.period_s + EDGE)
+    x = np.clip(after / config.move_s, 0.0, 1.0)
+    now = _square(config, t_s, seed)
+    before = np.where(t_s < 0.5 * config.period_s * (1.0 - EDGE), 0.0, -now)
+    return before + (now - before) * x**3 * (10.0 + x * (6.0 * x - 15.0))
+
+
 def _step(config: ReferenceConfig, t_s: Array, seed: int) -> Array:
     return np.where(_reached(t_s, config.t_start_s), config.amplitude_mm, 0.0).astype(float)
 
@@ -115,7 +124,13 @@ def _multisine(config: ReferenceConfig, t_s: Array, seed: int) -> Array:
     return total * (config.rms_mm * np.sqrt(2.0 / lines.size))
 
 
-_REFERENCES = {"square": _square, "step": _step, "staircase": _staircase, "multisine": _multisine}
+_REFERENCES = {
+    "square": _square,
+    "trajectory": _trajectory,
+    "step": _step,
+    "staircase": _staircase,
+    "multisine": _multisine,
+}
 _GROWTHS: dict[str, Callable[[ProfileConfig, Array], Array]] = {
     "ramp": lambda config, x: x,
     "s_curve": lambda config, x: x**3 * (10.0 + x * (6.0 * x - 15.0)),

@@ -146,12 +146,13 @@ def test_a_reference_without_moves_gives_an_empty_table_of_the_right_types(r):
     assert table["settling_time_s"].dtype == np.float64
 
 
-def test_only_the_steps_of_a_reference_with_ramps_are_moves():
+def test_a_ramp_from_one_rest_to_another_is_a_move_from_where_it_sets_out():
     ramp = np.linspace(1, 3, 1000)
     r = np.concatenate([square([1], 1.0), ramp, square([3, 0], 1.0)])
     table = move_table(trace(r, r))
-    assert table["from_mm"].tolist() == [0, 3]
-    assert table["to_mm"].tolist() == [1, 0]
+    assert table["from_mm"].tolist() == [0, 1, 3]
+    assert table["to_mm"].tolist() == [1, 3, 0]
+    assert table["settling_time_s"].tolist() == pytest.approx([0, 0.99, 0], abs=0.01)
 
 
 def test_a_move_ends_where_the_reference_next_changes_even_if_that_is_no_move():

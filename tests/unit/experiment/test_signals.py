@@ -43,6 +43,19 @@ def test_step_and_offset():
     assert r[-1] == 2.5
 
 
+def test_a_trajectory_goes_between_the_levels_of_the_square_wave_with_bounded_jerk():
+    config = ReferenceConfig(kind="trajectory", period_s=4.0, move_s=0.8)
+    t = np.arange(8001) * 1e-3
+    r, square = signals.reference(config, t), signals.reference(ReferenceConfig(period_s=4.0), t)
+    rests = (t % 2.0 >= 0.8) & (t < 8.0)
+    assert r[rests] == pytest.approx(square[rests])
+    assert r[0] == 0.0
+    # 60 times the distance over the time cubed, at the ends of a move
+    assert np.abs(np.diff(r, 3)).max() / 1e-9 == pytest.approx(60 * 2.0 / 0.8**3, rel=0.02)
+    with pytest.raises(UserError, match=r"^reference\.move_s="):
+        ReferenceConfig(kind="trajectory", period_s=4.0, move_s=2.1)
+
+
 def test_the_staircase_goes_up_and_down():
     config = ReferenceConfig(kind="staircase", step_mm=0.5, dwell_s=10.0, levels=3)
     r = signals.reference(config, T_S)
