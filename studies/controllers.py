@@ -1,8 +1,8 @@
 """The paper's controllers beside what one would use instead: the same machine, wear, sensors and limit of the voltage.
 
 Each runs the main scenario (the gap grows from 0 to 100 degrees while the reference is a square wave) with an encoder
-and a noisy position sensor, and with the controller's voltage limited to LIMIT_V, once for each of SEEDS noises; and once each of BESIDE, where a
-controller with a model of the gap knows it.
+and a noisy position sensor, and with the controller's voltage limited to LIMIT_V, once for each of SEEDS noises; and
+once each of BESIDE, where a controller with a model of the gap knows it.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def run_controllers() -> pd.DataFrame:
 
 def _beside(*words: str) -> dict[str, float]:
     """Largest overshoot and settling time in each of BESIDE, and the voltage at the rests between its moves, rms."""
-    known = ("profile=constant", f"profile.start_deg={KNOWN_DEG}", "sensors=encoder", f"controller.limit_v={LIMIT_V:g}")
+    known = ("profile=constant", f"profile.start_deg={KNOWN_DEG}", "sensors=encoder", f"controller.limit_v={LIMIT_V}")
     if any("nimc" in word or "fig13" in word for word in words):
         form = ("controller.internal_model=bare",) if "experiment=fig13" in words else ()
         words = ("controller=nimc_fixed", *form, f"controller.gap_hat_deg={KNOWN_DEG}")
@@ -104,8 +104,8 @@ def controller_rows(moves: pd.DataFrame) -> list[Row]:
 def write_docs(moves: pd.DataFrame, rows: list[Row], folder: Path) -> None:
     """Bring the table into its page, and draw the figure."""
     heads = ["controller", "overshoot, settling without a gap", "largest overshoot [%]", "longest settling [s]",
-             "peak [V]", "tracking error, rms [mm]", "largest sensitivity", "small-gain bound", f"1 s trajectory over {KNOWN_DEG}°",
-             "50 µm of noise: overshoot, V at rest"]  # fmt: skip
+             "peak [V]", "tracking error, rms [mm]", "largest sensitivity", "small-gain bound",
+             f"1 s trajectory over {KNOWN_DEG}°", "50 µm of noise: overshoot, V at rest"]  # fmt: skip
     shown = [
         [str(r["what"]), f"{r['overshoot_new_pct']:.2f} %, " + (
             "does not" if math.isnan(r["settling_new_s"]) else f"{r['settling_new_s']:.2f} s"

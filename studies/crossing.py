@@ -27,7 +27,7 @@ from dtbacklash.physics.rig import Rig, build_rig
 from studies.measure import Row
 from studies.wrong_models import LIFE_S, MOVE_S, PROCESSES, REPEATS, SCATTER, WORSE_PCT, random_case
 
-#: way -> internal model (or words of `dtb run`), crossing, whether the twin is asked, and in words; `new` is the default outside the paper's
+#: way -> internal model (or words of `dtb run`), crossing, whether the twin is asked, in words; `new` is the default
 WAYS: dict[str, tuple[str, str, bool, str]] = {
     "kept": ("inverse", "hold", False, "`inverse`, held, old gap kept"),
     "paper": ("bare", "run", True, "`bare`, the paper's"),

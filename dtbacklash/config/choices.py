@@ -14,6 +14,7 @@ STRUCTURES = {
     "lqg": "LQG control: a Kalman filter of motor and structure, and LQ feedback with an integral of the error",
     "offset": "an observer with the offset between motor and screw and a load as states, and feedback of its state",
     "mpc": "model predictive control: a quadratic program a sample, whose bound is the limit of the voltage",
+    "state_space": "a linear law of reference, motor's angle and output, from {file}",
     "open_loop": "no controller: the command drives the rig's input itself",
 }
 TRIGGERS = {
@@ -98,7 +99,7 @@ REFERENCES = {
     "step": "one step of {amplitude_mm} {unit} at {t_start_s} s",
     "staircase": "staircase: {levels} steps of {step_mm} {unit} up and down, {dwell_s} s on each",
     "multisine": "multisine of {rms_mm} {unit} rms, {f_min_hz} to {f_max_hz} Hz",
-    "trajectory": "moves of least jerk between ±{amplitude_mm} {unit}, {move_s} s each, or through the points of a file",
+    "trajectory": "moves of least jerk between ±{amplitude_mm} {unit}, {move_s} s each, or a file's points",
     "csv": "read from {path}",
 }
 INTERPOLATIONS = {

@@ -48,8 +48,8 @@ class ControllerConfig:
     name: str = setting("nimc_twin", "name in results; the option's file sets it")
     structure: str = setting(
         "nimc",
-        "linear IMC, IMC with a model of the backlash, a PID, an LQG, one with an offset state, an MPC, or the "
-        "reference as the rig's input",
+        "linear IMC, IMC with a model of the backlash, a PID, an LQG, one with an offset state, an MPC, a law "
+        "from a file, or the reference as the rig's input",
         choices=STRUCTURES,
     )
     reconfigure: str = setting(
@@ -78,6 +78,9 @@ class ControllerConfig:
         1.0, "offset: most that the small-gain bound under the rig's tolerances may be; null: as fast as the noise "
         "allows", above=0,
     )  # fmt: skip
+    file: str | None = setting(
+        None, "state_space: YAML file with the matrices A, B, C, D, E of the law; see controller.md", path=INPUT
+    )
     design_from: str = setting("model", "what it is designed for", choices=BELIEFS)
     compensate: list[str] = setting(
         lambda: list(COMPENSATED), "effects of the model's motor that the voltage compensates; never Coulomb "

@@ -23,6 +23,7 @@ from dtbacklash.control.design import (
 )
 from dtbacklash.control.linear_law import LinearLaw
 from dtbacklash.control.margins import DesignedLoop
+from dtbacklash.control.own_law import read_law
 from dtbacklash.control.predictive import mpc_law
 from dtbacklash.control.rivals import lqg_law, pid_law, robust_law
 from dtbacklash.errors import UserError
@@ -269,6 +270,8 @@ def design_for(config: RunConfig, belief: Belief) -> ControllerDesign | None:
 def _law(config: RunConfig, belief: Belief, linear: Linear, design: ControllerDesign) -> LinearLaw | None:
     """The law of a controller that is none of the paper's, else None."""
     c, step, noise = config.controller, config.sample_time_s, belief.noise(config.sensors)
+    if c.structure == "state_space":
+        return read_law(c.file)
     if c.structure == "pid":
         return kept(pid_law, design, linear.motor, linear.structure)
     if c.structure == "offset":

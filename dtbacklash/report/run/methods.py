@@ -78,6 +78,8 @@ def _sources(config: RunConfig) -> list[str]:
 def _controller(config: RunConfig) -> str:
     c = config.controller
     sampled = f"sampled every {number(1e3 * config.sample_time_s)} ms"
+    if c.structure == "state_space":
+        return f"The controller is a linear law from a file, {sampled}."
     if c.structure in RIVALS:
         return f"{RIVALS[c.structure]} It is designed from the rig's nominal parameters and {sampled}."
     text = (

@@ -111,7 +111,7 @@ def effect_sentences(rig: RigConfig) -> list[str]:
 
 
 def _controller(c: ControllerConfig) -> str:
-    parts = [choices.STRUCTURES[c.structure]]
+    parts = [in_words(choices.STRUCTURES[c.structure], c)]
     if c.structure in ("imc", "nimc", "pid"):
         parts.append(f"inner gain {number(c.k_theta_v_per_rad)} V/rad")
     if c.structure in ("imc", "nimc"):

@@ -143,3 +143,29 @@ def test_a_trajectory_over_a_gap_ends_without_overshoot(words):
     assert found["overshoot_pct"].max() < 0.1
     assert found["settling_time_s"].max() < 1.45
     assert found["peak_voltage_v"].max() <= 12.0
+
+
+def test_a_law_of_ones_own_from_a_file_is_the_law_that_it_states(tmp_path):
+    law, file = law_of("controller=lqg"), tmp_path / "law.yaml"
+    file.write_text(
+        "\n".join(f"{name}: {np.asarray(getattr(law, name)).tolist()}" for name in "ABCDE"), encoding="utf-8"
+    )
+    words = ("profile=constant", "profile.start_deg=0", "reference.period_s=6", "duration_s=4", "controller.limit_v=12")
+    own = run_scenario(compose("controller=state_space", f"controller.file={file}", *words))
+    assert own.seen["u"] == pytest.approx(run_scenario(compose("controller=lqg", *words)).seen["u"], abs=1e-12)
+    assert own.summary["margins"]["ms"] < 1.2
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [("A: [[1]]", "must have the matrices"),
+     ("A: [[1, 2]]\nB: [[0, 0, 0]]\nC: [1]\nD: [0, 0, 0]", "A must have the shape"),
+     ("A: [[.nan]]\nB: [[0, 0, 0]]\nC: [1]\nD: [0, 0, 0]", ""), ("A: [", ""), ("x", "must have the matrices")],
+)  # fmt: skip
+def test_a_file_that_is_no_law_is_refused_in_one_line(tmp_path, content, said):
+    file = tmp_path / "law.yaml"
+    file.write_text(content, encoding="utf-8")
+    with pytest.raises(UserError) as refused:
+        law_of("controller=state_space", f"controller.file={file}")
+    assert refused.value.key == "controller.file"
+    assert said in str(refused.value)
