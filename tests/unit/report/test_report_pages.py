@@ -141,7 +141,7 @@ def configured(tmp_path, section, name, choice):
     if (section, choice) == ("profile", "constant"):
         more = {"end_deg": 0.0}
     if section == "controller":
-        nimc = choice not in ("imc", "open_loop", "exact", "pid", "lqg", "mpc")
+        nimc = choice not in ("imc", "open_loop", "exact", "pid", "lqg", "offset", "mpc", "state_space")
         more = {"structure": "nimc" if nimc else "imc", "reconfigure": "novelty" if nimc else "never"}
     section_type = type(getattr(RunConfig(), section))
     return synthetic.config(**{section: section_type(**(more | {name: choice}))})
