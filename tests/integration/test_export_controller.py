@@ -14,7 +14,7 @@ from dtbacklash.commands.export import LIMIT_V
 from dtbacklash.config.compose import compose
 from dtbacklash.control.belief import beliefs_of, design_for, settled
 from dtbacklash.control.c99 import matrix, row
-from dtbacklash.control.laws import build_controller, control_step, feed_forward, new_controller_state
+from dtbacklash.control.laws import build_controller, control_step, crossing_samples, feed_forward, new_controller_state
 from dtbacklash.control.observer import plant
 from dtbacklash.experiment.run import run_scenario
 
@@ -140,7 +140,7 @@ def test_the_compiled_controller_gives_the_voltages_of_the_run(compiled, tmp_pat
 def test_a_gap_that_a_twin_sets_goes_on_growing_as_in_the_run(compiled):
     library, state, step = compiled("controller=nimc_twin")
     C, X = designed("controller=nimc_twin")
-    gap, growth, until = 0.0, 0.0, 0
+    gap, growth, until, side = 0.0, 0.0, 0, 0
     for k in range(3000):
         if k in (500, 1500):
             gap, growth, until = 0.4 + k / 5000, 3e-5, k + 800
@@ -148,7 +148,11 @@ def test_a_gap_that_a_twin_sets_goes_on_growing_as_in_the_run(compiled):
         elif growth:
             gap, growth = gap + growth, growth if k < until else 0.0
         y = 1e-3 * (-1) ** (k // 400), 4 * math.sin(k / 90), 1e-3 * math.sin(k / 70)
-        assert step(*y) == pytest.approx(control_step(C, X, *y, gap, growth)[0], abs=1e-9)
+        side = {2400: 1, 2700: -1, 2900: 0}.get(k, side)
+        library.controller_set_out(state, side)
+        assert step(*y) == pytest.approx(control_step(C, X, *y, gap, growth, float(side))[0], abs=1e-9)
+    library.controller_lead.restype = ctypes.c_double
+    assert library.controller_lead(state) == pytest.approx(1e-3 * crossing_samples(C, gap))
     for refused in ((-1.0, 0.0, 0.0), (math.nan, 0.0, 0.0), (7.0, 0.0, 0.0), (0.5, 10.0, 1.0), (0.5, math.inf, 0.0)):
         assert set_gap(library, state, *refused) == 0
     assert ctypes.cast(state, ctypes.POINTER(ctypes.c_double))[0] == pytest.approx(gap)
