@@ -136,7 +136,7 @@ class ReferenceConfig:
 
     kind: str = setting("square", "form of the reference", choices=REFERENCES)
     amplitude_mm: float = setting(
-        1.0, "square, trajectory: from this to minus this and back; step: from 0 to this; in open loop write `amplitude_v`",
+        1.0, "square, trajectory: + and - this in turn; step: from 0 to this; in open loop write `amplitude_v`",
         at_least=-1e4,
         at_most=1e4,
     )  # fmt: skip
