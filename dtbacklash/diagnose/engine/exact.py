@@ -95,7 +95,7 @@ class Problem:
             return here
         try:
             gains = self.bench.gains(self.base, sizes)
-        except np.linalg.LinAlgError:
+        except (UserError, np.linalg.LinAlgError):
             return here
         costs = [np.inf if rows is None else rows @ rows for rows in (self.rows(x, gains) for x in (here, given))]
         return given if costs[1] < costs[0] else here
@@ -159,7 +159,7 @@ class Problem:
         """(values at given sizes, sum of squares); infinite where the start does not stay finite."""
         try:
             gains = self.bench.gains(self.base, sizes)
-        except np.linalg.LinAlgError:
+        except (UserError, np.linalg.LinAlgError):
             return x, np.inf
         rows, damping = self.rows(x, gains), 1e-3
         J: Floats | None = None

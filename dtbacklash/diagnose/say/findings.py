@@ -22,6 +22,7 @@ from dtbacklash.diagnose.result import UNEXPLAINED, Candidate, Limit, Located, R
 from dtbacklash.diagnose.say.sentences import less, open_said, quantity, when
 from dtbacklash.diagnose.words import all_in_words, place_in_words
 from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.effects.declare import Role
 from dtbacklash.physics.effects.table import KNOTS, SHAPES
 
 
@@ -41,7 +42,11 @@ def _finding(c: Conclusion, key: Key) -> Finding:
         if p.name in idle:
             continue  # nothing asked for it
         error, value = c.values.errors.get((place, name, p.name), math.nan), values[p.name]
-        low, high = max(value - NORMAL95 * error, p.low), min(value + NORMAL95 * error, p.high)
+        others = _elsewhere(c, key, p.name) if p.role is not Role.ANGLE else []
+        low, high = (
+            around(end, error)[side] for side, end in enumerate((min([value, *others]), max([value, *others])))
+        )
+        low, high = max(low, p.low), min(high, p.high)
         parameters[p.name] = ParameterEstimate(value, unit_at(nominal, place, p.unit), (low, high))
     grounds = stands(c, key)
     instead = _instead(c, key)
@@ -54,6 +59,18 @@ def _finding(c: Conclusion, key: Key) -> Finding:
         place, name, parameters, also_fits(c, key), when(c, key), instead,
         said[:1].upper() + said[1:] + entry.remark(values) + opened + less(instead), sure, grounds,
     )  # fmt: skip
+
+
+def _elsewhere(c: Conclusion, key: Key, parameter: str) -> list[float]:
+    """The values that a parameter of a name has in other models: those that the rig's other names do not beat.
+
+    Which of these is true is open, unless the recording is so much likelier with the name as one has to be that joins.
+    """
+    place, name = key
+    most = c.search.rules.worth * c.search.bench.count
+    rivals = [r for other, those in c.judged.rivals.items() if other != key for r in those]
+    models = [r.model for r in rivals if not r.beaten and r.lead < most]
+    return [there[parameter] for m in models if (there := m.rig.effect(place, name)) is not None]
 
 
 def _unseen(c: Conclusion, key: Key) -> set[str]:

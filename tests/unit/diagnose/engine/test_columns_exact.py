@@ -284,3 +284,16 @@ def test_a_rig_that_cannot_be_has_no_rows():
     with np.errstate(all="ignore"):
         assert problem.rows(x, bench.gains(rig, model.sizes)) is None
     assert taken_out(problem.base, key).effect(*key) is None
+
+
+def test_a_rig_that_cannot_be_compiled_is_passed_over():
+    """No force acts on a mass that a rigid screw carries; that is refused when the rig is compiled."""
+    rig = nominal_rig("lead_screw")
+    u = command(3.0, 1.0)
+    bench = bench_of(rig, u, recorded(rig, u))
+    sizes = (bench.predictors[0].first_sizes(),)
+    proposed = rig.with_effect("mass_1", "ground_friction", {"force": 1.0})
+    problem = Problem(bench, proposed, (), motion_of(bench, rig, bench.gains(rig, sizes)))
+    assert problem.better_start(sizes) == pytest.approx(problem.start())
+    assert problem.solve(sizes, problem.start(), 2)[1] == np.inf
+    assert problem.ladder(sizes) is None
