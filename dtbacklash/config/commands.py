@@ -37,7 +37,7 @@ class RecordingInConfig:
         dict, "units of columns whose file does not say them, e.g. units={q3: mm, theta_m: deg}", word="units"
     )
     sample_time_s: float | None = setting(None, "time between two samples of a file without times", above=0)
-    rows: list[int] | None = setting(None, "[first, after the last] of its rows, from 0 (default: all)")
+    rows: list[int] | None = setting(None, "which of its rows: [first, after the last], from 0 (default: all)")
     trust_units: bool = setting(False, "true: take the units as given, without asking whether they are plausible")
     command: str | None = setting(
         None, "what the command does between two samples (default: as the mapping says, else held); none: nothing was "

@@ -18,7 +18,7 @@ from dtbacklash.errors import Diverged
 
 #: word -> what is allowed, or (what the line names, what is allowed) where that is not the key of the word
 WRONG = {
-    "controller=foo": "choose one of imc, lqg, mpc, nimc_fixed, nimc_novelty, nimc_twin, open_loop",
+    "controller=foo": "one of imc, lqg, mpc, nimc_fixed, nimc_novelty, nimc_twin, offset, open_loop, pid, state_space",
     "profile=foo": "choose one of constant, csv, ramp, s_curve, step, wear", "experiment=foo": "fig13",
     "hydra/launcher=foo": "joblib", "rig=foo": "silverbox, two_mass_stage, or the path of a YAML file",
     "rig=foo.yaml": "no such file", "twin=null": "choose one of cloud", "twin.dely_s=3": "did you mean twin.delay_s?",
