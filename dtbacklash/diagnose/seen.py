@@ -135,7 +135,7 @@ class Seen:
                 return None
             if not np.isfinite(D).all() or np.abs(D).max(initial=0.0) > 1e150:
                 return None
-            found.append(np.where(np.isfinite(stretch.measured), D, np.nan))
+            found.append(stretch.predictor.simulated.as_read(own, D))
         return found
 
     def mean_squares(

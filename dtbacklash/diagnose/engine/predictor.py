@@ -154,6 +154,7 @@ class Predictor:
         R = np.diag(np.exp(2.0 * sizes[len(self.bodies) :]))
         r, at_once = self.readings, bool(L.D.any())
         n0 = r.opening if self.spread or r.seldom else 0
+        there = self.simulated.there(rig)[:n0] if r.seldom else r.there[:n0]
         counts, Ks, Ws, logs = r.counts(n0), [], [], 0.0
         modes = (0, 1) if not np.array_equal(L.A[0], L.A[1]) else (1,)
         for mode in modes:
@@ -170,7 +171,7 @@ class Predictor:
             P0 = Q.copy()
             for i, state in enumerate(L.states):
                 P0[i, i] += self.spread.get(state, max(self.spread.values(), default=0.0)) ** 2
-            K, W, first = opening(A, C, Q, R, P0, r.there[:n0])
+            K, W, first = opening(A, C, Q, R, P0, there)
             steady = [update(C, R, P, there) for there in r.sets]
             Ks.append(np.concatenate([K, np.array([k for k, _, _ in steady])])[:, :n])
             Ws.append(np.concatenate([W, np.array([w for _, w, _ in steady])]))
@@ -234,7 +235,7 @@ class Predictor:
             except np.linalg.LinAlgError:
                 return LOST
             K = gains.K[1]
-            which = self.readings.which(gains.opening, self.readings.y)
+            which = self.readings.which(gains.opening, Y)
             value = gains.logs + frozen(A, C, np.ascontiguousarray(K), gains.W[1], which, drive, Y, first)
             return float(value) if np.isfinite(value) else LOST
 
@@ -253,11 +254,11 @@ class Predictor:
             return None
         X = found.X[:, :n]
         A, C = L.A[1], L.C[1]
-        Z = corrected(X, found.D, gains, self.readings.which(gains.opening, self.readings.y))
+        Y = found.D + X @ C.T
+        Y[~self.simulated.there(rig)] = np.nan
+        Z = corrected(X, found.D, gains, self.readings.which(gains.opening, Y))
         drive = np.zeros_like(X)
         drive[:-1] = X[1:] - Z[:-1] @ A.T
-        Y = found.D + X @ C.T
-        Y[~np.isfinite(self.readings.y)] = np.nan
         return (
             np.ascontiguousarray(A), np.ascontiguousarray(C), np.ascontiguousarray(drive), np.ascontiguousarray(Y),
             X[0].copy(), L,

@@ -179,6 +179,19 @@ class Simulated:
         shown(p, state, rig_half_gap(rig), np.ascontiguousarray(Z), np.zeros(len(rig.sensors)), Y)
         return Y[:, chan]
 
+    def there(self, rig: Rig) -> np.ndarray:
+        """(N, m) whether each reading is, where a rig moves those of late sensors to."""
+        return np.isfinite(self._in_time(rig)[1])
+
+    def as_read(self, rig: Rig, D: Floats) -> Floats:
+        """(N, m) innovations of a pass at the samples at which they were read; NaN where there is none."""
+        out = np.where(self.there(rig), D, np.nan)
+        for j, channel in enumerate(self.readings.channels):
+            whole = late_by(rig, channel, self.readings.sample_time_s)[0]
+            if 0 < whole < len(D) // 4:
+                out[:, j] = np.concatenate([np.full(whole, np.nan), out[:-whole, j]])
+        return out
+
     def _in_time(self, rig: Rig) -> tuple[Rig, Floats]:
         """Readings from the sensors' zeros, late ones earlier by whole samples; the rig that is late by the rest only.
 
