@@ -13,6 +13,7 @@ from dtbacklash.config.groups import packaged_options
 pytestmark = [pytest.mark.check, pytest.mark.usefixtures("undrawn")]
 
 FILES = {"profile": "t_s,gap_deg\n0,0\n300,90\n", "reference": "t_s,r_mm\n0,0\n0.5,1\n300,1\n"}
+LAW = "A: [[1]]\nB: [[0, 0, 0]]\nC: [0]\nD: [1, -1, 0]\n"
 #: what makes a choice short; the paper's controllers are for its kind of rig, and the twin needs a full buffer
 SHORT = ("duration_s=1.2", "twin.buffer=200", "twin.settle=100")
 CHOICES = [(group, option) for group in RUN.groups for option in packaged_options(group)]
@@ -32,6 +33,9 @@ def test_a_choice_runs_to_its_report(group, option, tmp_path, monkeypatch, capsy
         words += [f"{group}.path=signal.csv"]
     if group == "optimizer":  # it must be asked: a step inside the run, answered at once
         words += ["reference=square", "reference.period_s=1", "twin.delay_s=0", "optimizer.max_evaluations=20"]
+    if option == "state_space":
+        Path("law.yaml").write_text(LAW)
+        words += ["controller.file=law.yaml"]
     if option == "aging":
         words += ["changes=[{at_s:0.6,parameters:{k:9000}}]", "twin.bank_buffer=700"]
     if option == "remote":  # nobody is there: the run goes on without

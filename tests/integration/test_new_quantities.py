@@ -36,4 +36,4 @@ def test_a_cubic_spring_is_named_from_an_accelerometer_alone(tmp_path):
 def test_friction_by_load_is_named_at_a_servo(tmp_path):
     diagnosis, said = diagnosed(tmp_path, "rig=servo_arm", "effect=servo.load_friction", "seed=1601")
     assert named(diagnosis) == [("servo", "load_friction", "sure")]
-    assert "of the effort that the servo passes on" in said
+    assert "load friction at the servo" in said

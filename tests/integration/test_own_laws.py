@@ -28,24 +28,24 @@ def typed(tmp_path_factory):
     """The folder after all commands but the last, and what they printed."""
     folder = tmp_path_factory.mktemp("own")
     (folder / "conf" / "effect").mkdir(parents=True)
-    (folder / "conf" / "effect" / "air_drag.yaml").write_text(LAW)
+    (folder / "conf" / "effect" / "cubic_drag.yaml").write_text(LAW)
     assert len(COMMANDS) == 4
     return folder, [typed_as(folder, command) for command in COMMANDS[:3]]
 
 
 def test_it_is_listed_with_its_law(typed):
-    assert "law     -drag * abs(v) * v" in typed[1][0]
+    assert "law     -drag * v ** 3" in typed[1][0]
 
 
 def test_it_is_named_with_its_size(typed):
     found = json.loads((typed[0] / "found" / "diagnosis.json").read_text())
     assert found["verdict"] == "missing_physics"
     (finding,) = found["findings"]
-    assert (finding["location"], finding["effect"], finding["confidence"]) == ("disk", "air_drag", "sure")
+    assert (finding["location"], finding["effect"], finding["confidence"]) == ("disk", "cubic_drag", "sure")
     low, high = finding["parameters"]["drag"]["ci95"]
     assert low < TRUE < high < 1.1 * TRUE
-    assert finding["parameters"]["drag"]["unit"] == "N m s^2/rad^2"
-    assert finding["sentence"].startswith("The air drags on the disk with")
+    assert finding["parameters"]["drag"]["unit"] == "N m s^3/rad^3"
+    assert finding["sentence"].startswith("The brake drags on the disk with")
 
 
 def test_its_law_is_drawn(typed):
@@ -54,7 +54,7 @@ def test_its_law_is_drawn(typed):
 
 def test_the_extended_rig_has_the_law_with_it(typed, tmp_path):
     file = typed[0] / "found" / "rig.yaml"
-    assert yaml_files.read(file.read_bytes())["laws"] == {"air_drag": yaml_files.read(LAW)}
+    assert yaml_files.read(file.read_bytes())["laws"] == {"cubic_drag": yaml_files.read(LAW)}
     (tmp_path / "found").mkdir()
     (tmp_path / "found" / "rig.yaml").write_bytes(file.read_bytes())
     typed_as(tmp_path, COMMANDS[3] + " out=again figures=false")  # in a folder that knows nothing of it
@@ -65,7 +65,7 @@ def test_the_extended_rig_has_the_law_with_it(typed, tmp_path):
 def test_presliding_is_named_where_the_rig_asks_for_it(tmp_path):
     law, true = "rig.laws.dahl_friction=packaged", {"level": 0.03, "reach": 0.02}
     hidden = " ".join(f"rig.effects.disk.dahl_friction.{name}={value}" for name, value in true.items())
-    made = COMMANDS[1].replace("rig.effects.disk.air_drag.drag=0.01", f"{law} {hidden}")
+    made = COMMANDS[1].replace("rig.effects.disk.cubic_drag.drag=0.01", f"{law} {hidden}")
     assert made != COMMANDS[1]
     typed_as(tmp_path, made + " figures=false")
     typed_as(tmp_path, f"dtb diagnose recording=fan.csv rig=pendulum {law} out=found")

@@ -82,17 +82,17 @@ def test_what_is_known_when_it_is_stopped_may_be_kept(rig):
 
         return tell
 
-    found = diagnose_records(rig, records, stopped_at("looking for what is missing beside 1"), keep=True)
+    found = diagnose_records(rig, records, stopped_at("round 2"), keep=True)
     document = found.to_json()
-    assert document["stopped_early"] == "looking for what is missing beside 1 names"
+    assert document["stopped_early"] == "round 2: ranking what may be missing"
     assert [(f["location"], f["effect"], f["confidence"]) for f in document["findings"]] == [
         ("motor_bearing", "coulomb_friction", "partial")
     ]
     assert document["summary"].startswith(
-        "Stopped early (looking for what is missing beside 1 names): what was found until then"
+        "Stopped early (round 2: ranking what may be missing): what was found until then"
     )
     assert "stopped_early" not in replace(found, stopped="").to_json()
-    for keep, stages in ((False, ["looking"]), (True, ["recalibrating"]), (True, ["looking", "stopped"])):
+    for keep, stages in ((False, ["round"]), (True, ["recalibrating"]), (True, ["round", "stopped"])):
         with pytest.raises(KeyboardInterrupt):
             diagnose_records(rig, records, stopped_at(*stages), keep=keep)
 
