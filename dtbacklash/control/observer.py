@@ -66,11 +66,3 @@ def kalman(
     least = np.maximum(noise, (ANGLE_RAD, OUTPUT_M))
     gain, _, _ = control.dlqe(wide, np.eye(n + more), seen, moving, np.diag(least**2))
     return Observer(wide, into, seen, np.asarray(gain))
-
-
-def block_diag(first: Array, second: Array) -> Array:
-    """Both square matrices on the diagonal."""
-    n, m = len(first), len(second)
-    found = np.zeros((n + m, n + m))
-    found[:n, :n], found[n:, n:] = first, second
-    return found

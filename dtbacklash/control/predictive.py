@@ -17,10 +17,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from dtbacklash.control.design import Array, MotorParameters, StructureParameters
 from dtbacklash.control.linear_law import LinearLaw
-from dtbacklash.control.observer import block_diag, kalman, plant
+from dtbacklash.control.observer import kalman, plant
 from dtbacklash.control.rivals import EFFORT_V, ERROR_M
 
 #: the horizon with moves: 60 ms at 1 ms, in which the motor of the paper reaches its speed

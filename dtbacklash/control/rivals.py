@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 from scipy import optimize
+from scipy.linalg import block_diag
 
 from dtbacklash.control.design import (
     Array,
@@ -25,7 +26,7 @@ from dtbacklash.control.design import (
 )
 from dtbacklash.control.linear_law import LinearLaw
 from dtbacklash.control.margins import Curves, DesignedLoop, response
-from dtbacklash.control.observer import OUTPUT_M, block_diag, kalman, plant
+from dtbacklash.control.observer import OUTPUT_M, kalman, plant
 from dtbacklash.errors import UserError
 
 #: the derivative's filter over the derivative time, as PID controllers are shipped
