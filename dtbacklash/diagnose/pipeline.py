@@ -276,7 +276,7 @@ class _Course:
             suspected=suspected,
             next_experiment=next_experiment(c, verdict, where),
             nominal=self.rig,
-            extended=with_errors(c.model.rig.with_zeros({}), c.values.errors, verdict != UNEXPLAINED),
+            extended=with_errors(c.model.rig, c.values.errors, verdict != UNEXPLAINED),
             free_running=free,
             explained=much,
             checks=all_checks(c, tables, free),

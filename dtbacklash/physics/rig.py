@@ -196,12 +196,6 @@ class Rig:
             effects[location][name] = dict(values)
         return build_rig(replace(self.config, effects={p: e for p, e in effects.items() if e}))
 
-    def with_zeros(self, zeros: Mapping[str, tuple[float, ...]]) -> "Rig":
-        """A copy whose sensors have these zeros, a number for each recording; of those that are not named, none."""
-        bare = {name: {k: v for k, v in spec.items() if k != "zeros"} for name, spec in self.config.sensors.items()}
-        specs = {name: {**spec, "zeros": zeros[name]} if name in zeros else spec for name, spec in bare.items()}
-        return build_rig(replace(self.config, sensors=specs))
-
     def with_parameters(self, values: dict[str, float]) -> "Rig":
         """A copy with some nominal parameters changed (SI).
 

@@ -181,19 +181,20 @@ def apply(base: Rig, free: list[Free], x: Floats) -> Rig:
     """The base rig with the free parameters at ``x``."""
     parameters = dict(base.config.parameters)
     effects = {p: {n: dict(leaves) for n, leaves in there.items()} for p, there in base.config.effects.items()}
-    zeros = {name: list(sensor.zeros) for name, sensor in base.sensors.items() if sensor.relative}
+    zeros: dict[str, list[float]] = {}
     for f, xi in zip(free, x, strict=True):
         if f.effect:
             leaves = effects[f.place][f.effect]
             leaf, value = leaves.get(f.name), f.value(xi)
             leaves[f.name] = {**leaf, "value": value} if isinstance(leaf, dict) else value
         elif f.is_zero:
-            there = zeros[f.place.removeprefix(SENSOR_PREFIX)]
+            name = f.place.removeprefix(SENSOR_PREFIX)
+            there = zeros.setdefault(name, list(base.sensors[name].zeros))
             there += [0.0] * (f.recording + 1 - len(there))
             there[f.recording] = f.value(xi)
         else:
             parameters[f.name] = replace(parameters[f.name], value=f.value(xi))
-    sensors = {name: {**spec, "zeros": zeros.get(name, ())} for name, spec in base.config.sensors.items()}
+    sensors = base.config.sensors | {s: {**base.config.sensors[s], "zeros": there} for s, there in zeros.items()}
     return build_rig(replace(base.config, effects=effects, parameters=parameters, sensors=sensors))
 
 

@@ -167,6 +167,12 @@ def between(u: Floats, every: int) -> tuple[Floats, Floats]:
     return found[0], found[1]
 
 
+def first_read(values: Floats) -> float:
+    """What a channel reads first; 0 where it reads nothing."""
+    read = values[np.isfinite(values)]
+    return float(read[0]) if len(read) else 0.0
+
+
 def noise_of(values: Floats) -> tuple[float, bool]:
     """A channel's noise, rms, from third differences, which a smooth motion hardly has; whether it reads in counts."""
     read = values[np.isfinite(values)]

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.filter import amplified, observe, onwards, shown
-from dtbacklash.diagnose.engine.readings import Readings, between
+from dtbacklash.diagnose.engine.readings import Readings, between, first_read
 from dtbacklash.physics.assembly import compile_plant, state_names
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.kernel import plant as pl
@@ -187,10 +187,15 @@ class Simulated:
         """(N, m) innovations of a pass at the samples at which they were read; NaN where there is none."""
         out = np.where(self.there(rig), D, np.nan)
         for j, channel in enumerate(self.readings.channels):
-            whole = late_by(rig, channel, self.readings.sample_time_s)[0]
-            if 0 < whole < len(D) // 4:
+            whole, _ = self._moved_by(rig, channel)
+            if whole:
                 out[:, j] = np.concatenate([np.full(whole, np.nan), out[:-whole, j]])
         return out
+
+    def _moved_by(self, rig: Rig, channel: str) -> tuple[int, float]:
+        """How many samples a late sensor's readings are moved by, if few of all; and the rest of its delay, s."""
+        whole, rest = late_by(rig, channel, self.readings.sample_time_s)
+        return (whole if whole < len(self.readings.y) // 4 else 0), rest
 
     def _in_time(self, rig: Rig) -> tuple[Rig, Floats]:
         """Readings from the sensors' zeros, late ones earlier by whole samples; the rig that is late by the rest only.
@@ -202,8 +207,8 @@ class Simulated:
         read = r.y - zeros if zeros.any() else r.y
         Y = read
         for j, channel in enumerate(r.channels):
-            place, (whole, rest) = SENSOR_PREFIX + channel, late_by(rig, channel, r.sample_time_s)
-            if not 0 < whole < len(Y) // 4:
+            place, (whole, rest) = SENSOR_PREFIX + channel, self._moved_by(rig, channel)
+            if not whole:
                 continue
             Y = Y.copy() if Y is read else Y
             Y[:-whole, j], Y[-whole:, j] = read[whole:, j], np.nan
@@ -243,7 +248,7 @@ class Simulated:
         p = compile_plant(rig, r.sample_time_s, 0, 10, False, steps)
         state, sensors = new_state(p), list(rig.sensors)
         chan = np.array([sensors.index(c) for c in r.channels])
-        first = np.array([y[np.isfinite(y)][0] if np.isfinite(y).any() else 0.0 for y in Y.T])
+        first = np.array([first_read(y) for y in Y.T])
         state.seen[:, chan] = state.played[chan] = first
         known = {}
         for channel, value in zip(r.channels, first.tolist(), strict=True):
@@ -254,15 +259,13 @@ class Simulated:
         state.x[p.position : p.position + p.n_bodies] = at[:-1]
         if p.has_base:
             state.gear[0] = at[-1]
-        for channel, j in zip(r.channels, chan, strict=True):
-            i = p.sensor[j, pl.Y_INDEX]
+        for channel, j, value in zip(r.channels, chan, first, strict=True):
+            i, sensor = p.sensor[j, pl.Y_INDEX], rig.sensors[channel]
             filtered = i >= p.position + 2 * p.n_bodies
-            if i >= 0 and (filtered or rig.sensors[channel].quantity in ("velocity", "current")):
-                state.x[int(i)] = first[r.channels.index(channel)]
-            if filtered and rig.sensors[channel].quantity == "velocity":
-                state.x[p.position + p.n_bodies + names.index(rig.sensors[channel].of)] = first[
-                    r.channels.index(channel)
-                ]
+            if i >= 0 and (filtered or sensor.quantity in ("velocity", "current")):
+                state.x[int(i)] = value
+            if filtered and sensor.quantity == "velocity":
+                state.x[p.position + p.n_bodies + names.index(sensor.of)] = value
         return p, state, chan
 
 

@@ -5,6 +5,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.bench import Bench
 from dtbacklash.diagnose.engine.free import apply, zeros_free
+from dtbacklash.diagnose.engine.readings import first_read
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 
@@ -29,7 +30,7 @@ def zeroed(bench: Bench, rig: Rig) -> Rig:
             return None
 
     first = {
-        (SENSOR_PREFIX + c, p.readings.recording): float(y[np.isfinite(y)][0]) if np.isfinite(y).any() else 0.0
+        (SENSOR_PREFIX + c, p.readings.recording): first_read(y)
         for p in reversed(bench.predictors) for c, y in zip(p.readings.channels, p.readings.y.T, strict=True)
     }  # fmt: skip
     best = np.inf, np.zeros(len(free))

@@ -14,6 +14,7 @@ import dtbacklash as dtb
 from dtbacklash.diagnose import diagnose
 from dtbacklash.diagnose.records import AFTER, SMOOTH
 from dtbacklash.diagnose.result import Diagnosis
+from dtbacklash.physics.rig_file import rig_yaml
 from dtbacklash.recording import read_recording
 
 STEP_S = 1e-3
@@ -169,6 +170,7 @@ def test_each_recording_has_its_zeros_and_they_are_said(tmp_path):
     alone = diagnose(recordings[0], rig)
     assert (alone.verdict, alone.findings) == ("consistent", ())
     assert any(note.startswith("Zero of x 138 mm.") for note in alone.notes)
+    assert "zeros" not in rig_yaml(alone.rig)  # they are the recording's
     both = dtb.diagnose(recordings, rig)
     assert (both.verdict, len(both.findings)) == ("consistent", 0)
     assert [r.zeros["x"]["value"] for r in both.diagnosis.recordings] == pytest.approx([0.138, -0.02], abs=2e-6)
