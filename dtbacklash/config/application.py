@@ -182,7 +182,8 @@ def _pairs(key: str, value: str) -> dict[str, str]:
         found = None
     if not isinstance(found, dict) or any(isinstance(one, (dict, list)) or one is None for one in found.values()):
         group, _, part = key.partition(".")
-        example = f"{key}.{OF_A_RIG[part]}" if group in RIGS and part in OF_A_RIG else f"{key}='{{q3: mm}}'"
+        size = "0.05 mm" if key == "enough" else "mm"
+        example = f"{key}.{OF_A_RIG[part]}" if group in RIGS and part in OF_A_RIG else f"{key}='{{q3: {size}}}'"
         raise UserError(key, value, f"must be a mapping, e.g. {example}")
     return {str(name): str(text) for name, text in found.items()}
 

@@ -359,7 +359,8 @@ class RunConfig:
         for kind in ("noise", "resolution"):
             for column, size in getattr(self.sensors, kind).items():
                 if not column.startswith(sensors):
-                    allowed = f"a sensor and its unit, e.g. q3_mm; {self.rig.name} has " + ", ".join(self.rig.sensors)
+                    allowed = f"a sensor and its unit; {self.rig.name} has {', '.join(self.rig.sensors)}"
+                    allowed += " (sensors=encoder is the lead screw's; sensors=ideal fits each rig)"
                     raise UserError(f"sensors.{kind}.{column}", size, allowed)
 
     def _check_model(self) -> None:

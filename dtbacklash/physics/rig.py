@@ -370,7 +370,10 @@ def _sensor(name: str, spec: dict[str, Any], elements: dict[str, Element]) -> Se
     unknown = sorted(str(key) for key in set(spec) - {"of", "quantity", "recorded_in", "absolute", "zeros"})
     if unknown:
         key = f"rig.sensors.{name}.{unknown[0]}"
-        raise UserError(key, spec[unknown[0]], "unknown; a sensor has `of`, `quantity`, `recorded_in`, `absolute`")
+        allowed = "unknown; a sensor has `of`, `quantity`, `recorded_in`, `absolute`"
+        if unknown[0] in catalogue.effects_of(SENSOR):
+            allowed = f"is an effect: write it as rig.effects.{SENSOR_PREFIX}{name}.{unknown[0]}"
+        raise UserError(key, spec[unknown[0]], allowed)
     measurable = [e.name for e in elements.values() if e.trait.quantities]
     if of not in measurable:
         raise UserError(f"rig.sensors.{name}.of", of, f"choose one of {', '.join(measurable)}")
@@ -384,6 +387,9 @@ def _sensor(name: str, spec: dict[str, Any], elements: dict[str, Element]) -> Se
         allowed += f"; or counts, as {{counts: 4096, per: {units.whole(known[quantity])}}}"
         raise UserError(f"rig.sensors.{name}.recorded_in", recorded_in, allowed)
     absolute = spec.get("absolute", False)
-    if not isinstance(absolute, bool) or (absolute and quantity != "position"):
-        raise UserError(f"rig.sensors.{name}.absolute", absolute, "true or false, at a sensor of position")
+    if not isinstance(absolute, bool):
+        raise UserError(f"rig.sensors.{name}.absolute", absolute, "true or false")
+    if absolute and quantity != "position":
+        allowed = f"only a position has a zero, and this sensor reads {quantity}; leave it out"
+        raise UserError(f"rig.sensors.{name}.absolute", absolute, allowed)
     return Sensor(name, of, quantity, known[quantity], recorded_in, absolute, tuple(spec.get("zeros", ())))

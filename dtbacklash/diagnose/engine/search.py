@@ -269,7 +269,8 @@ class Search:
             there = len(self.now.keys)
             self.tell(f"round {there + 1}: ranking what may be missing", 0.1 + 0.1 * there)
             proposed = self.proposals(self.now)
-            self.tell(f"round {there + 1}: fitting the {len(proposed)} likeliest", 0.1 + 0.1 * there)
+            if proposed:
+                self.tell(f"round {there + 1}: fitting the {len(proposed)} likeliest", 0.1 + 0.1 * there)
             found = self.sifted(self.now, proposed)
             if not found:
                 return

@@ -7,6 +7,7 @@ from rich.text import Text
 
 from dtbacklash.diagnose.named import Calibration
 from dtbacklash.diagnose.result import Diagnosis
+from dtbacklash.diagnose.say.sentences import ZEROS
 from dtbacklash.report.diagnosis.words import causes, checks_said, error_text, heading, left, together
 from dtbacklash.report.kit import tables
 from dtbacklash.report.kit.blocks import Table
@@ -14,6 +15,7 @@ from dtbacklash.report.kit.intervals import interval
 
 #: a correlation of a parameter with another is told from here on
 TOLD_CORRELATION = 0.5
+MEANS = "What that means stands beside it in the report."
 
 
 def lines(diagnosis: Diagnosis) -> list[RenderableType]:
@@ -30,6 +32,7 @@ def lines(diagnosis: Diagnosis) -> list[RenderableType]:
     if diagnosis.calibration and not diagnosis.findings:
         told += _calibrated(diagnosis.calibration)
     told += ["", tables.of(rest)] if rest.rows else []
+    told += [_text(note) for note in diagnosis.notes if note.startswith(ZEROS)]
     ends = [
         [one.name, *(error_text(e, diagnosis.fit.metric) for e in (one.held_out.nominal, one.held_out.extended))]
         for one in diagnosis.recordings if one.held_out
@@ -39,7 +42,7 @@ def lines(diagnosis: Diagnosis) -> list[RenderableType]:
     )
     told += [Text(), Text(together(diagnosis))] if together(diagnosis) else [Text()]
     failed = [c.check for c in diagnosis.checks if not c.passed]
-    told += [Text(checks_said(len(diagnosis.checks), failed))] if failed else []
+    told += [Text(f"{checks_said(len(diagnosis.checks), failed)} {MEANS}")] if failed else []
     if diagnosis.next_experiment:
         told += [_text(f"To record next: {diagnosis.next_experiment}")]
     return told
