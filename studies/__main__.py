@@ -109,7 +109,7 @@ def _beliefs(options: argparse.Namespace) -> Result:
 
 
 def _controllers(options: argparse.Namespace) -> Result:
-    moves = controllers.run_controllers()
+    moves = controllers.run_controllers(options.law)
     moves.to_csv(options.out / "controllers_moves.csv", index=False)
     rows = controllers.controller_rows(moves)
     if options.docs:
@@ -256,6 +256,9 @@ def _options(words: list[str]) -> argparse.Namespace:
     parser.add_argument("--seed", type=int, help=f"of the first case (default: {defaults('seed')})")
     parser.add_argument("--out", type=Path, default=Path("outputs/studies"), help="folder of the results")
     parser.add_argument("--docs", type=Path, help="folder of the docs, where the study's tables are made anew")
+    parser.add_argument(
+        "--law", type=Path, help="controllers: a law of your own beside them, as controller.file takes it"
+    )
     options = parser.parse_args(words)
     if unknown := [name for name in options.names if name not in STUDIES]:
         parser.error(f"no study {unknown[0]!r}; choose of " + ", ".join([*STUDIES, *PAGES]))

@@ -46,10 +46,14 @@ IMAGE = "images/controllers.png"
 MOST_PCT, MOST_S = 16.0, 3.0
 
 
-def run_controllers() -> pd.DataFrame:
-    """The moves of every controller and noise: `what`, `seed`, :func:`.metrics.move_table`, `gap_deg` at the begin."""
+def run_controllers(law: Path | None = None) -> pd.DataFrame:
+    """The moves of every controller and noise: `what`, `seed`, :func:`.metrics.move_table`, `gap_deg` at the begin.
+
+    law : the file of one that is run beside them.
+    """
     tables = []
-    for (name, words), seed in product(CONTROLLERS.items(), SEEDS):
+    own = {law.stem: ("controller=state_space", f"controller.file={law}")} if law else {}
+    for (name, words), seed in product((CONTROLLERS | own).items(), SEEDS):
         common = ("sensors=encoder", f"controller.limit_v={LIMIT_V:g}", f"seed={seed}")
         result = run_scenario(compose(*words, *common))
         gaps = result.trace.set_index("t_s")["gap_deg"]
