@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,7 @@ from dtbacklash.config.grammar import EXPORT
 from dtbacklash.errors import UserError
 
 FMU, CONTROLLER = "fmu", "controller"
-C_SUFFIX = ".c"
+C_SUFFIX, FMU_SUFFIX = ".c", ".fmu"
 #: of the voltage, where neither the controller nor the model has a limit
 LIMIT_V = 12.0
 
@@ -45,10 +46,11 @@ def _export_controller(words: Sequence[str]) -> None:
     from dtbacklash.control.c99 import c_source, c_test
     from dtbacklash.control.laws import build_controller
     from dtbacklash.files import written
+    from dtbacklash.fmu.controller import write_fmu
     from dtbacklash.version import __version__
 
-    out = [word.partition("=")[2] for word in words if word.startswith("out=")]
-    config = compose(*(word for word in words if not word.startswith("out=")))
+    own = {key: value for key, _, value in (word.partition("=") for word in words) if key in ("out", "fmi")}
+    config = compose(*(word for word in words if word.partition("=")[0] not in own))
     beliefs = beliefs_of(config)
     config = settled(config, beliefs)
     c = replace(config.controller, limit_v=config.controller.limit_v or LIMIT_V)
@@ -58,17 +60,29 @@ def _export_controller(words: Sequence[str]) -> None:
     forward = beliefs.design.feed_forward(tuple(c.compensate))
     first_rad = math.radians(c.gap_hat_deg or 0.0)
     about = f"{c.name} for {beliefs.design.rig.config.name}, made by dtbacklash {__version__}: " + " ".join(words)
-    path = Path(out[-1] if out else c.name + C_SUFFIX)
-    if path.suffix != C_SUFFIX:
-        raise UserError("out", str(path), f"must end in {C_SUFFIX}")
-    controller, test = build_controller(c, design, forward), path.with_name(path.stem + "_test.c")
-    texts = {path: c_source(controller, first_rad, about), test: c_test(controller, first_rad, path.name)}
-    for one, text in texts.items():
-        with written(one.absolute(), "out", str(one), parents=False) as whole:
-            whole.write_text(text, encoding="utf-8")
-    print("one sample: controller_step(&c, r, y), with y = (measured angle rad, measured output m); in V")
+    path, fmi = Path(own.get("out", c.name + C_SUFFIX)), own.get("fmi", "2")
+    if path.suffix not in (C_SUFFIX, FMU_SUFFIX):
+        raise UserError("out", str(path), f"must end in {C_SUFFIX} or {FMU_SUFFIX}")
+    if fmi not in ("2", "3") or ("fmi" in own and path.suffix == C_SUFFIX):
+        raise UserError("fmi", fmi, f"2 or 3, the version of FMI of a file that ends in {FMU_SUFFIX}")
+    controller = build_controller(c, design, forward)
+    source = c_source(controller, first_rad, about)
+    if path.suffix == FMU_SUFFIX:
+        name = re.sub(r"\W", "_", c.name, flags=re.ASCII)
+        with written(path.absolute(), "out", str(path), parents=False) as whole:
+            write_fmu(source, name, first_rad, controller.sample_time, int(fmi), whole)
+        print(
+            f"FMI {fmi}.0, co-simulation: r, theta_m and q3 in, u out; steps are multiples of {controller.sample_time:g} s"
+        )
+    else:
+        test = path.with_name(path.stem + "_test.c")
+        for one, text in {path: source, test: c_test(controller, first_rad, path.name)}.items():
+            with written(one.absolute(), "out", str(one), parents=False) as whole:
+                whole.write_text(text, encoding="utf-8")
+        print("one sample: controller_step(&c, r, y), with y = (measured angle rad, measured output m); in V")
+        print(shown_path(test))
     print(f"at most {c.limit_v:g} V (controller.limit_v)")
-    print(shown_path(path), shown_path(test), sep="\n")
+    print(shown_path(path))
 
 
 def _export(words: Sequence[str]) -> None:

@@ -31,15 +31,16 @@ check draws it (NAME_rig.png, here or in FOLDER) and lists its elements, paramet
 recording, and what a diagnosis can name where."""
 
 
-CONTROLLER = """usage: dtb export controller [out=FILE.c] [group=option ...] [key=value ...]
+CONTROLLER = """usage: dtb export controller [out=FILE.c|FILE.fmu] [fmi=2|3] [group=option ...] [key=value ...]
 
 Writes the designed controller as C99 without dependencies: its matrices, the play, the prefilter, and one function,
 controller_step(&c, r, y), which does to the last digits but rounding what the controller of dtb run does. The gap in
-force is a field that a twin may set. The settings are those of dtb run (dtb run --help).
+force is a field that a twin may set. A file that ends in .fmu is the same compiled for co-simulation (FMI 2.0, or 3.0 with
+fmi=3), with its source inside. The settings are those of dtb run (dtb run --help).
 
 examples:
   dtb export controller out=controller.c
-  dtb export controller model=found/rig.yaml
+  dtb export controller out=controller.fmu fmi=3 model=found/rig.yaml
   dtb export controller controller=lqg controller.limit_v=12"""
 
 EFFECTS = """\

@@ -186,9 +186,58 @@ def test_whatever_the_sensors_say_the_voltage_is_finite_within_its_limit_and_com
     assert off < 1e-6 or case == "exact"  # its model integrates the voltage, and has lost the motor's angle
 
 
+@pytest.mark.parametrize("version", [2, 3])
+def test_as_an_fmu_it_gives_the_voltages_of_the_law(tmp_path, monkeypatch, version):
+    fmpy = pytest.importorskip("fmpy")
+    from fmpy.simulation import instantiate_fmu
+    from fmpy.validation import validate_fmu
+
+    monkeypatch.chdir(tmp_path)
+    words = ("controller=nimc_fixed", "controller.gap_hat_deg=30")
+    assert cli.main(["export", "controller", "out=it.fmu", f"fmi={version}", *words]) == 0
+    assert validate_fmu("it.fmu") == []
+    described, folder = fmpy.read_model_description("it.fmu"), fmpy.extract("it.fmu")
+    which = {v.name: v.valueReference for v in described.modelVariables}
+    fmu = instantiate_fmu(folder, described, "CoSimulation")
+    put, show = (fmu.setReal, fmu.getReal) if version == 2 else (fmu.setFloat64, fmu.getFloat64)
+    if version == 2:
+        fmu.setupExperiment(startTime=0.0)
+    fmu.enterInitializationMode()
+    fmu.exitInitializationMode()
+    C, X = designed(*words)
+    gap = math.radians(30)
+    for k in range(1500):
+        y = 1e-3 * (-1) ** (k // 400), 4 * math.sin(k / 90), 1e-3 * math.sin(k / 70)
+        if k == 1000:
+            gap = 0.4
+            put([which["half_gap"]], [gap])
+        put([which[name] for name in ("r", "theta_m", "q3")], y)
+        if k == 700:  # what is kept, and brought back after other steps, is the same controller
+            kept = fmu.getFMUState()
+            fmu.doStep(k * 1e-3, 0.05)
+            fmu.setFMUState(kept)
+            fmu.freeFMUState(kept)
+        assert show([which["u"]])[0] == pytest.approx(control_step(C, X, *y, gap, 0.0, 0.0)[0], abs=1e-9)
+        fmu.doStep(k * 1e-3, 1e-3)
+    put([which["q3"]], [math.nan])
+    fmu.doStep(1.5, 2e-3)
+    assert show([which["held"]]) == [2.0]
+    with pytest.raises(fmpy.fmi1.FMICallException):
+        fmu.doStep(1.502, 0.5e-3)
+    with pytest.raises(fmpy.fmi1.FMICallException):
+        put([which["half_gap"]], [-1.0])
+    fmu.terminate()
+    fmu.freeInstance()
+    fmpy.simulate_fmu("it.fmu", stop_time=0.1, output_interval=1e-3)  # an importer's own loop takes it
+
+
 def test_mistakes_are_one_line(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert cli.main(["export", "controller", "controller=open_loop"]) == 2
     assert cli.main(["export", "controller", "out=it.txt"]) == 2
-    assert capsys.readouterr().err.count("\n") == 2
+    assert cli.main(["export", "controller", "out=it.fmu", "fmi=1"]) == 2
+    assert cli.main(["export", "controller", "fmi=3"]) == 2
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert cli.main(["export", "controller", "out=it.fmu"]) == 2
+    assert capsys.readouterr().err.count("\n") == 5
     assert list(tmp_path.iterdir()) == []
