@@ -71,9 +71,7 @@ def _export_controller(words: Sequence[str]) -> None:
         name = re.sub(r"\W", "_", c.name, flags=re.ASCII)
         with written(path.absolute(), "out", str(path), parents=False) as whole:
             write_fmu(source, name, first_rad, controller.sample_time, int(fmi), whole)
-        print(
-            f"FMI {fmi}.0, co-simulation: r, theta_m and q3 in, u out; steps are multiples of {controller.sample_time:g} s"
-        )
+        print(f"FMI {fmi}.0, co-simulation: r, theta_m and q3 in, u out; whole steps of {controller.sample_time:g} s")
     else:
         test = path.with_name(path.stem + "_test.c")
         for one, text in {path: source, test: c_test(controller, first_rad, path.name)}.items():

@@ -35,8 +35,8 @@ CONTROLLER = """usage: dtb export controller [out=FILE.c|FILE.fmu] [fmi=2|3] [gr
 
 Writes the designed controller as C99 without dependencies: its matrices, the play, the prefilter, and one function,
 controller_step(&c, r, y), which does to the last digits but rounding what the controller of dtb run does. The gap in
-force is a field that a twin may set. A file that ends in .fmu is the same compiled for co-simulation (FMI 2.0, or 3.0 with
-fmi=3), with its source inside. The settings are those of dtb run (dtb run --help).
+force is a field that a twin may set. A file that ends in .fmu is the same, compiled for co-simulation (FMI 2.0, or 3.0
+with fmi=3), with its source inside. The settings are those of dtb run (dtb run --help).
 
 examples:
   dtb export controller out=controller.c

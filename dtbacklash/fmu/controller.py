@@ -74,10 +74,9 @@ def write_fmu(
 
 def _described(name: str, token: str, first_half_gap_rad: float, sample_time_s: float, version: int) -> bytes:
     two = version == 2
-    root = xml.Element(
-        "fmiModelDescription", {"guid" if two else "instantiationToken": token}, fmiVersion=f"{version}.0", modelName=name,
-        generationTool=f"dtbacklash {__version__}",
-    )  # fmt: skip
+    root = xml.Element("fmiModelDescription", {"guid" if two else "instantiationToken": token}, modelName=name)
+    root.set("fmiVersion", f"{version}.0")
+    root.set("generationTool", f"dtbacklash {__version__}")
     state = "state" if two else "State"
     can = {f"canGetAndSetFMU{state}": "true", f"canSerializeFMU{state}": "true"}
     run = xml.SubElement(root, "CoSimulation", can, modelIdentifier=name)

@@ -371,7 +371,7 @@ def _sensor(name: str, spec: dict[str, Any], elements: dict[str, Element]) -> Se
     if unknown:
         key = f"rig.sensors.{name}.{unknown[0]}"
         allowed = "unknown; a sensor has `of`, `quantity`, `recorded_in`, `absolute`"
-        if unknown[0] in catalogue.effects_of(SENSOR):
+        if unknown[0] in catalogue.effects_of(SENSOR.name):
             allowed = f"is an effect: write it as rig.effects.{SENSOR_PREFIX}{name}.{unknown[0]}"
         raise UserError(key, spec[unknown[0]], allowed)
     measurable = [e.name for e in elements.values() if e.trait.quantities]

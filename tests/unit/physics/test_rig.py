@@ -92,6 +92,12 @@ REFUSED: list[tuple[Change, str, str]] = [
     (sensor(recorded_in="deg"), "rig.sensors.q3.recorded_in=deg", "a unit of m: m, cm, mm"),
     (sensor(recorded_in=3), "rig.sensors.q3.recorded_in=3", "a unit of m"),
     (sensor(scale=3), "rig.sensors.q3.scale=3", "`of`, `quantity`, `recorded_in`"),
+    (sensor(low_pass={"cutoff": 50}), "rig.sensors.q3.low_pass", "write it as rig.effects.sensor_q3.low_pass"),
+    (
+        sensor(quantity="velocity", recorded_in="m/s", absolute=True),
+        "rig.sensors.q3.absolute=True",
+        "only a position has a zero",
+    ),
     (sensor(quantity="current"), "rig.sensors.q3.quantity=current", "position, velocity"),
     (sensor(of="motor_circuit"), "rig.sensors.q3.quantity=position", "current"),
 ]
