@@ -47,13 +47,14 @@ def write(folder: Path, table: pd.DataFrame, axes: list[str]) -> None:
     axes = [name for name in axes if name in table]
     results = [str(name) for name in table.columns if name not in (*axes, *KEPT_BACK)]
     numbers = {name: _is_number(table[name]) for name in results}
-    heads = ["", *axes, *(HEADINGS.get(name, name) + ("#" if numbers[name] else "") for name in results)]
+    heads = ["job#", "", *axes, *(HEADINGS.get(name, name) + ("#" if numbers[name] else "") for name in results)]
     jobs = [
         [
+            str(k),
             _link(folder, row, bad),
             *(_cell(row[name], name, numbers.get(name, False), bad) for name in (*axes, *results)),
         ]
-        for row, bad in zip(table.to_dict("records"), failed, strict=True)
+        for k, (row, bad) in enumerate(zip(table.to_dict("records"), failed, strict=True), 1)
     ]
     why = [
         [_choices(row, axes), str(row.get("error") or "it left no reason")] for row in table[failed].to_dict("records")

@@ -59,6 +59,6 @@ def test_any_table_over_jobs_makes_a_page(tmp_path):
     table = pd.DataFrame({"recording": ["a.csv", "b.csv"], "verdict": ["consistent", "parameters"],
                           "held_out": [1.02, 1.1], "status": ["done", "done"], "error": ["", ""]})  # fmt: skip
     text, reader = written(tmp_path, table, ["recording"])
-    assert "done a.csv consistent 1.02 done b.csv parameters 1.1" in text
+    assert "1 done a.csv consistent 1.02 2 done b.csv parameters 1.1" in text
     assert reader.addresses == []
     assert "What failed" not in text
