@@ -7,6 +7,9 @@ paper's Figure 13; each client is the one that ``dtb run twin=remote`` has.
 from __future__ import annotations
 
 import getpass
+import os
+import re
+import shutil
 import socket
 import subprocess
 import sys
@@ -23,7 +26,6 @@ from dtbacklash.config.compose import compose
 from dtbacklash.config.run import TwinConfig
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.files import write_text
-from dtbacklash.remote import access
 from dtbacklash.remote.belief import described, twin_of
 from dtbacklash.remote.client import RemoteTwin
 from dtbacklash.remote.protocol import Document
@@ -58,6 +60,24 @@ def buffers() -> tuple[Document, list[Request]]:
     return belief, listening.requests
 
 
+def program(name: str) -> str:
+    """The path of one of Mosquitto's programs, which Debian puts where not everybody looks; "" if it is not there."""
+    return shutil.which(name, path=os.environ["PATH"] + ":/usr/sbin:/usr/local/sbin:/opt/homebrew/sbin") or ""
+
+
+def broker_files(scratch: Path, names: list[str], port: int) -> tuple[Path, Path]:
+    """What docs/remote.md has a user write for these machines, in ``scratch``: folder of credentials, configuration."""
+    page = (Path(__file__).parents[1] / "docs" / "remote.md").read_text(encoding="utf-8")
+    conf, acl, access = re.findall(r"```(?:conf|python)\n(.*?)```", page, re.DOTALL)
+    subprocess.run([sys.executable, "-c", access, *names], cwd=scratch, check=True)
+    folder = scratch / "twin_access"
+    subprocess.run([program("mosquitto_passwd"), "-U", str(folder / "passwords")], check=True)
+    (folder / "acl").write_text(acl)
+    conf = conf.replace("1883", str(port)).replace("twin_access", str(folder))
+    (scratch / "mosquitto.conf").write_text(f"{conf}user {getpass.getuser()}\n")
+    return folder, scratch / "mosquitto.conf"
+
+
 @contextmanager
 def twin(names: list[str]) -> Iterator[tuple[str, Path]]:
     """A broker and a twin for these machines: address, folder of credentials."""
@@ -65,12 +85,9 @@ def twin(names: list[str]) -> Iterator[tuple[str, Path]]:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch) / "access"
-        access.write(folder, names)
-        conf = Path(scratch) / "mosquitto.conf"
-        conf.write_text(access.configuration(folder, port, getpass.getuser()))
+        folder, conf = broker_files(Path(scratch), names, port)
         log = Path(scratch) / "serve.log"
-        started = [subprocess.Popen([access.program("mosquitto"), "-c", str(conf)], stderr=subprocess.DEVNULL)]
+        started = [subprocess.Popen([program("mosquitto"), "-c", str(conf)], stderr=subprocess.DEVNULL)]
         try:
             words = [f"broker=127.0.0.1:{port}", f"credentials={folder / 'twin.yaml'}", f"workers={WORKERS}"]
             with log.open("w") as out:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import getpass
 import os
-import shutil
 import socket
 import subprocess
 import sys
@@ -23,7 +21,6 @@ from dtbacklash.config.run import RunConfig
 from dtbacklash.config.twin import StatusConfig
 from dtbacklash.experiment.result import RunResult
 from dtbacklash.face.run_files import simulate, write
-from dtbacklash.remote import access
 from dtbacklash.remote.belief import twin_of
 from dtbacklash.remote.connection import Connection
 from dtbacklash.remote.credentials import Key, load_credentials
@@ -31,6 +28,7 @@ from dtbacklash.remote.messages import AnswerMessage, RequestMessage, Ticket
 from dtbacklash.remote.protocol import REQUESTS, answer_topic
 from dtbacklash.remote.status import heard
 from dtbacklash.twin.link.service import Answer
+from studies.remote import broker_files, program
 
 #: three changes of the reference with a gap of 40 degrees, of which the controller knows nothing at first
 SCENARIO = ("controller=nimc_twin", "profile=constant", "profile.start_deg=40", "duration_s=36",
@@ -41,8 +39,7 @@ PATIENCE_S = 60.0
 
 def need_mosquitto() -> None:
     """Skip where the broker is not installed; in CI that is a failure."""
-    places = os.environ["PATH"] + ":/usr/sbin"
-    there = all(shutil.which(name, path=places) for name in ("mosquitto", "mosquitto_passwd"))
+    there = program("mosquitto") and program("mosquitto_passwd")
     if not there and os.environ.get("CI"):
         pytest.fail("Mosquitto is not installed (apt install mosquitto)")
     if not there:
@@ -56,10 +53,6 @@ def free_port() -> int:
         return int(one.getsockname()[1])
 
 
-#: where the twin that the tests of a file share counts what it does
-METRICS = free_port()
-
-
 def wait_for(what: Callable[[], object], patience_s: float = PATIENCE_S) -> None:
     """Wait until something holds; fails where it never does."""
     until = time.monotonic() + patience_s
@@ -69,14 +62,13 @@ def wait_for(what: Callable[[], object], patience_s: float = PATIENCE_S) -> None
 
 
 class Broker:
-    """Mosquitto with the users and rules of ``dtb twin access``; may be stopped and started again."""
+    """Mosquitto as docs/remote.md has it; may be stopped and started again."""
 
-    def __init__(self, folder: Path, port: int | None = None, more: str = "") -> None:
+    def __init__(self, folder: Path, port: int | None = None, more: str = "", machines: list[str] = MACHINES) -> None:
         need_mosquitto()
-        self.folder, self.port = folder / "access", port or free_port()
-        access.write(self.folder, MACHINES)
-        self.conf = folder / "mosquitto.conf"
-        self.conf.write_text(access.configuration(self.folder, self.port, getpass.getuser()) + more)
+        self.port = port or free_port()
+        self.folder, self.conf = broker_files(folder, machines, self.port)
+        self.conf.write_text(self.conf.read_text() + more)
         self.process: subprocess.Popen[bytes] | None = None
 
     @property
@@ -85,7 +77,7 @@ class Broker:
 
     def start(self) -> Broker:
         self.process = subprocess.Popen(
-            [access.program("mosquitto"), "-c", str(self.conf)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+            [program("mosquitto"), "-c", str(self.conf)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
         wait_for(self._answers)
         return self

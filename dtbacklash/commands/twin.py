@@ -1,15 +1,14 @@
-"""``dtb twin``: the twin elsewhere. Serve it, ask how it is, start a broker, say who may speak, describe a machine."""
+"""``dtb twin``: the twin elsewhere. Serve it, ask how it is, describe a machine."""
 
 from __future__ import annotations
 
 import signal
 import sys
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 from dtbacklash.commands.help import of_command
-from dtbacklash.config.twin import PARTS, AccessConfig, BrokerConfig, ServeConfig, StatusConfig, read
+from dtbacklash.config.twin import PARTS, ServeConfig, StatusConfig, read
 from dtbacklash.errors import UserError
 
 
@@ -30,7 +29,6 @@ def _serve(config: ServeConfig) -> int:
     from dtbacklash.config.compose import compose
     from dtbacklash.remote.belief import described
     from dtbacklash.remote.server import TwinServer
-    from dtbacklash.remote.statistics import serve_metrics
 
     def say(line: str) -> None:
         print(line, file=sys.stderr, flush=True)
@@ -39,9 +37,8 @@ def _serve(config: ServeConfig) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: server.end())
     announce_compilation()
-    with serve_metrics(server.statistics, server.queue.lengths, config.metrics_port):
-        say(f"twin {config.name}: {config.workers} process{'es' * (config.workers > 1)}, broker {config.broker}")
-        server.run(described(compose()))
+    say(f"twin {config.name}: {config.workers} process{'es' * (config.workers > 1)}, broker {config.broker}")
+    server.run(described(compose()))
     if server.refused:
         raise UserError("credentials", config.credentials, f"the broker at {config.broker} refuses: {server.refused}")
     say(f"twin {config.name}: ended")
@@ -58,21 +55,6 @@ def _status(config: StatusConfig) -> int:
     return 0
 
 
-def _broker(config: BrokerConfig) -> int:
-    from dtbacklash.remote.broker import run
-
-    return run(config, lambda line: print(line, file=sys.stderr, flush=True))
-
-
-def _access(config: AccessConfig) -> int:
-    from dtbacklash.commands.console import shown_path
-    from dtbacklash.remote.access import write
-
-    for path, what in write(Path(config.out), config.machines):
-        print(f"{shown_path(path)}: {what}")
-    return 0
-
-
 def _describe(words: list[str]) -> int:
     import json
 
@@ -84,6 +66,4 @@ def _describe(words: list[str]) -> int:
 
 
 #: what does each part; `describe` gets the words themselves
-DOES: dict[str, Callable[[Any], int]] = {
-    "serve": _serve, "status": _status, "broker": _broker, "access": _access, "describe": _describe,
-}  # fmt: skip
+DOES: dict[str, Callable[[Any], int]] = {"serve": _serve, "status": _status, "describe": _describe}

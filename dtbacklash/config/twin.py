@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import difflib
-import typing
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from dtbacklash.config.setting import INPUT, OUTPUT, Declared, check, declared, setting
+from dtbacklash.config.setting import INPUT, Declared, check, declared, setting
 from dtbacklash.errors import UserError
 
 Config = TypeVar("Config")
 
 BROKER = "127.0.0.1:1883"
-ACCESS = "twin_access"
 
 
 @dataclass
@@ -28,9 +26,6 @@ class ServeConfig:
     name: str = setting("twin", "name of this twin, for its status")
     workers: int = setting(1, "processes that estimate", at_least=1, at_most=1000)
     queue: int = setting(2, "requests of a machine that may wait; the oldest is dropped", at_least=1, at_most=1000)
-    metrics_port: int = setting(
-        0, "port on 127.0.0.1 for Prometheus to read the metrics from; 0: none", at_least=0, at_most=65535
-    )
 
     def __post_init__(self) -> None:
         check(self)
@@ -50,30 +45,6 @@ class StatusConfig:
         check(self)
 
 
-@dataclass
-class BrokerConfig:
-    """A broker on this machine."""
-
-    port: int = setting(1883, "port of the broker, on 127.0.0.1", at_least=1, at_most=65535)
-    access: str = setting(
-        ACCESS, "folder that dtb twin access made; if missing, it is made for one machine", path=OUTPUT
-    )
-
-    def __post_init__(self) -> None:
-        check(self)
-
-
-@dataclass
-class AccessConfig:
-    """Users and access rights at the broker."""
-
-    out: str = setting(ACCESS, "a new folder", path=OUTPUT)
-    machines: list[str] = setting(lambda: ["machine"], "names of the machines", shown="[machine]")
-
-    def __post_init__(self) -> None:
-        check(self)
-
-
 @dataclass(frozen=True)
 class Part:
     """One word behind ``dtb twin``: its settings (None: the words of ``dtb run``), and what it is."""
@@ -84,7 +55,7 @@ class Part:
 
 #: the paper's Figure 13 in three terminals
 EXAMPLE = (
-    "dtb twin broker",
+    "mosquitto -c mosquitto.conf",
     "dtb twin serve credentials=twin_access/twin.yaml",
     "dtb run experiment=fig13 twin=remote twin.credentials=twin_access/machine.yaml",
 )
@@ -95,16 +66,6 @@ PARTS = {
         "Prints a line for each request on stderr."
     ),
     "status": Part(StatusConfig, "print the state of the twins: machines, last estimates, rejected messages, queue"),
-    "broker": Part(
-        BrokerConfig, "start Mosquitto on this machine, on 127.0.0.1 only, until Ctrl-C\n"
-        "With users, passwords and access rules from the folder of dtb twin access. Needs Mosquitto 2\n"
-        "(Debian, Ubuntu: apt install mosquitto)."
-    ),
-    "access": Part(
-        AccessConfig, "make users, passwords, keys and access rules for Mosquitto\n"
-        "Writes a file of credentials for the twin and for each machine, the files of passwords (hashed) and of\n"
-        "access rules for the broker, and a configuration for it."
-    ),
     "describe": Part(
         None, "print what a twin has to know of a machine, for other clients; takes the settings of dtb run"
     ),
@@ -140,8 +101,6 @@ def _value(one: Declared, text: str) -> Any:
             return None
         raise UserError(one.key, text, "needs a value")
     kind = one.plain_kind
-    if typing.get_origin(kind) is list:
-        return [part.strip() for part in text.strip("[]").split(",") if part.strip()]
     if kind in (int, float):
         try:
             return kind(text)

@@ -100,7 +100,7 @@ class Credentials:
     def needed_key(self, setting: str) -> Key:
         """The key; raises UserError where there is none."""
         if self.key is None:
-            allowed = f"no key in it nor in ${KEY}: messages have to be signed; dtb twin access makes credentials"
+            allowed = f"no key in it nor in ${KEY}: messages have to be signed; docs/remote.md makes credentials"
             raise UserError(setting, "..." if self.user else "null", allowed)
         return self.key
 

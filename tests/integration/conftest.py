@@ -127,7 +127,7 @@ def broker(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Broker]:
 @pytest.fixture(scope="module")
 def served(broker: Broker, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     """A real ``dtb twin serve`` at the broker."""
-    one = Served(broker, f"metrics_port={network.METRICS}", folder=tmp_path_factory.mktemp("serve")).ready()
+    one = Served(broker, folder=tmp_path_factory.mktemp("serve")).ready()
     yield one
     one.end()
 

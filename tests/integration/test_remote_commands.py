@@ -21,30 +21,25 @@ from dtbacklash.config.twin import EXAMPLE
 @pytest.mark.usefixtures("interruptible")
 @pytest.mark.check
 def test_the_three_terminals_of_the_docs_reproduce_figure_13(tmp_path: Path) -> None:
-    """``dtb twin broker``, ``dtb twin serve``, ``dtb run``, as they stand in the docs but for the port."""
-    network.need_mosquitto()
+    """``mosquitto``, ``dtb twin serve``, ``dtb run``, as they stand in the docs but for the port."""
+    broker = network.Broker(tmp_path, machines=["machine"])
     text = (Path(__file__).parents[2] / "docs" / "remote.md").read_text(encoding="utf-8")
     assert all(line in text for line in EXAMPLE)
-    port = network.free_port()
-    added = (
-        [f"port={port}"], [f"broker=127.0.0.1:{port}"], [f"twin.broker=127.0.0.1:{port}", "figures=false", "out=run"],
-    )  # fmt: skip
+    added = [f"broker={broker.address}"], [f"twin.broker={broker.address}", "figures=false", "out=run"]
     head = [sys.executable, "-m", "dtbacklash.cli"]
-    terminals = [[*head, *line.split()[1:], *more] for line, more in zip(EXAMPLE, added, strict=True)]
-    running: list[subprocess.Popen[str]] = []
-    logs = [tmp_path / f"{name}.log" for name in ("broker", "serve")]
+    serve, run = ([*head, *line.split()[1:], *more] for line, more in zip(EXAMPLE[1:], added, strict=True))
+    log = tmp_path / "serve.log"
+    broker.start()
+    with log.open("w") as out:
+        serving = subprocess.Popen(serve, cwd=tmp_path, stdout=out, stderr=subprocess.STDOUT, text=True)
     try:
-        for words, log, sign in zip(terminals, logs, ("Mosquitto on", "connected to the broker"), strict=False):
-            with log.open("w") as out:
-                running.append(subprocess.Popen(words, cwd=tmp_path, stdout=out, stderr=subprocess.STDOUT, text=True))
-            wait_for(lambda log=log, sign=sign: sign in log.read_text(), 300)
-        subprocess.run(terminals[2], cwd=tmp_path, check=True, timeout=300, capture_output=True)
+        wait_for(lambda: "connected to the broker" in log.read_text(), 300)
+        subprocess.run(run, cwd=tmp_path, check=True, timeout=300, capture_output=True)
     finally:
-        codes = []
-        for one in reversed(running):
-            one.send_signal(signal.SIGINT)
-            codes.append(one.wait(20))
-    assert codes == [0, 0]
+        serving.send_signal(signal.SIGINT)
+        code = serving.wait(20)
+        broker.stop()
+    assert code == 0
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert summary["remote"]["answered"] == summary["n_estimations"] == summary["n_accepted"] == 9
     local = network.run(compose("experiment=fig13", "figures=false"))
@@ -64,23 +59,15 @@ def test_the_three_terminals_of_the_docs_reproduce_figure_13(tmp_path: Path) -> 
         (["serve", "credentials=nowhere.yaml"], "credentials=nowhere.yaml: cannot be read: no such file or directory"),
         (["serve", "broker=host:port"], "broker=host:port: host:port, e.g. 127.0.0.1:1883"),
         (["status", "wait_s=-1"], "wait_s=-1.0: must be positive"),
-        (["access", "machines=[a b]"], "machines=a b: letters, digits, - and _"),
-        (["access", "machines=[twin]"], "machines=twin: another name"),
-        (["access", "machines=[a,a]"], "machines=a,a: names, each once"),
-        (["access", "out=."], "out=.: is there"),
-        (["broker", "access=."], "access=.: a folder of dtb twin access"),
-        (["broke"], "twin=broke: choose one of serve, status, broker, access, describe"),
+        (["broke"], "twin=broke: choose one of serve, status, describe"),
     ],
 )
 def test_a_mistake_is_one_line(
     words: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    network.need_mosquitto()
     monkeypatch.chdir(tmp_path)
     if "broker=host:port" in words:
         monkeypatch.setenv("DTB_TWIN_KEY", 64 * "a")
-    if words[0] == "broker":
-        words = [*words, f"port={network.free_port()}"]
     assert cli.main(["twin", *words]) == 2
     err = capsys.readouterr().err
     assert said in err
@@ -95,23 +82,6 @@ def test_the_help_says_what_there_is_and_loads_nothing_heavy() -> None:
     assert "workers=1" in said
     assert all(line in said for line in EXAMPLE)
     assert said.splitlines()[-1] == "[]"
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="prctl")
-@pytest.mark.check
-def test_a_broker_that_is_killed_hard_leaves_no_mosquitto(tmp_path: Path) -> None:
-    network.need_mosquitto()
-    words = [sys.executable, "-m", "dtbacklash.cli", "twin", "broker", f"port={network.free_port()}"]
-    with (tmp_path / "log").open("w") as out:
-        ours = subprocess.Popen(words, cwd=tmp_path, stdout=out, stderr=subprocess.STDOUT)
-    try:
-        wait_for(lambda: "Mosquitto on" in (tmp_path / "log").read_text() and network.children(ours.pid, "mosquitto"))
-        (theirs,) = network.children(ours.pid, "mosquitto")
-    finally:
-        ours.kill()
-        ours.wait(10)
-    stat = Path(f"/proc/{theirs}/stat")
-    wait_for(lambda: not stat.exists() or stat.read_text().rsplit(")", 1)[1].split()[0] == "Z", 10)
 
 
 @pytest.mark.check

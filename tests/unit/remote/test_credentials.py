@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from dtbacklash.errors import UserError
-from dtbacklash.remote.access import rules
 from dtbacklash.remote.connection import address
 from dtbacklash.remote.credentials import KEY, PASSWORD, STATUS, Credentials, Key, load_credentials
 from dtbacklash.remote.protocol import check_name
@@ -96,14 +95,6 @@ def test_the_environment_comes_first(tmp_path: Path, monkeypatch: pytest.MonkeyP
 def test_without_a_key_nothing_goes() -> None:
     with pytest.raises(UserError, match="messages have to be signed"):
         Credentials().needed_key("credentials")
-
-
-def test_the_access_rules_name_each_topic_of_a_machine() -> None:
-    text = rules(["press", "lathe"])
-    assert (
-        "user press\ntopic write dtbacklash/machine/press/request\ntopic read dtbacklash/machine/press/answer\n" in text
-    )
-    assert text.count("#\n") == 0
 
 
 @pytest.mark.parametrize(
