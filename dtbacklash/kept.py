@@ -45,4 +45,4 @@ def _state(module: str) -> tuple[str, ...]:
     """The code and the libraries that decide what a function of ``module`` gives beside its arguments."""
     drawn = module.startswith("dtbacklash.report.")
     versions = (importlib.metadata.version(name) for name in ("control", "numpy", "scipy", *["matplotlib"] * drawn))
-    return (sources.digest(("control", "twin", "kept.py", *["report"] * drawn)), *versions)
+    return (sources.digest((module, "kept.py", *["report/kit/house.mplstyle"] * drawn)), *versions)

@@ -4,14 +4,38 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import re
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 PACKAGE = Path(__file__).parent
+ROOT = PACKAGE.name
+#: an import from the package, with the names in or without parentheses; what only a type checker sees is none
+IMPORT = re.compile(rf"^[ \t]*(?:from ({ROOT}[\w.]*) import (\([^)]*\)|.*)|import ({ROOT}[\w.]*))", re.MULTILINE)
+FOR_TYPES = re.compile(r"^if TYPE_CHECKING:\n(?:(?:[ \t].*)?\n)+", re.MULTILINE)
 
 _foreign: set[str] = set()
+
+
+def imported(module: str) -> list[Path]:
+    """The files of a module of the package and of all that it imports, directly or not, within functions too.
+
+    Not ``dtbacklash/__init__.py``, which names all that users import, and through which nothing in the package goes.
+    """
+    names = [module]
+    files: dict[Path, None] = {}
+    for name in names:  # which grows meanwhile
+        path = PACKAGE.joinpath(*name.split(".")[1:])
+        file = next((one for one in (path.with_suffix(".py"), path / "__init__.py") if one.is_file()), None)
+        if file is None or path == PACKAGE or file in files:
+            continue
+        files[file] = None
+        names.append(name.rpartition(".")[0])  # a package's own code runs before that of its modules
+        for source, inside, alone in IMPORT.findall(FOR_TYPES.sub("", file.read_text(encoding="utf-8"))):
+            names += [source or alone, *(f"{source}.{one}" for one in re.findall(r"\w+", inside))]
+    return sorted(files)
 
 
 @cache
@@ -19,8 +43,8 @@ def _digest(parts: tuple[str, ...], foreign: frozenset[str]) -> str:
     total = hashlib.sha256()
     for part in parts:
         path = PACKAGE / part
-        inside = (file for kind in ("*.py", "*.yaml", "*.mplstyle") for file in path.rglob(kind))
-        for source in [path] if path.is_file() else sorted(inside):
+        inside = sorted(file for kind in ("*.py", "*.yaml", "*.mplstyle") for file in path.rglob(kind))
+        for source in imported(part) if part.startswith(f"{ROOT}.") else [path] if path.is_file() else inside:
             total.update(source.read_bytes())
     for text in sorted(foreign):
         total.update(text.encode())
@@ -28,9 +52,10 @@ def _digest(parts: tuple[str, ...], foreign: frozenset[str]) -> str:
 
 
 def digest(parts: tuple[str, ...] = (".",)) -> str:
-    """Hash of these parts (files or folders) of the package, 16 hexadecimal digits: code, settings, style of figures.
+    """Hash of these parts of the package, 16 hexadecimal digits: code, settings, style of figures.
 
-    Laws from outside the package count as a part of each of them.
+    A part is a file, a folder, or a module (``dtbacklash.prove.conceal``) with all that it imports. Laws from outside
+    the package count as a part of each of them.
     """
     return _digest(parts, frozenset(_foreign))
 

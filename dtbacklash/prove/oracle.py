@@ -32,7 +32,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.config.rig import ParameterConfig
 from dtbacklash.diagnose.engine.bench import Bench, Sizes
 from dtbacklash.diagnose.engine.columns import Columns
 from dtbacklash.diagnose.engine.exact import Model, Problem
@@ -265,21 +264,3 @@ def _stretches(E: Floats) -> Floats:
 def _square(E: Floats) -> float:
     """Mean square of rows."""
     return float((E**2).mean())
-
-
-def described(rig: Rig) -> dict[str, Any]:
-    """A diagnosed rig as JSON: values of all parameters, elements, and effects."""
-    parameters = {name: p.value for name, p in rig.config.parameters.items()}
-    return {"parameters": parameters, "elements": rig.config.elements, "effects": rig.effects}
-
-
-def rebuilt(nominal: Rig, description: dict[str, Any]) -> Rig:
-    """The rig of :func:`described` on the same nominal rig."""
-    config = nominal.config
-    own = {n: ParameterConfig(v) for n, v in description["parameters"].items() if n not in config.parameters}
-    config = replace(config, parameters={**config.parameters, **own}, elements=description["elements"])
-    rig = build_rig(config).with_parameters(description["parameters"])
-    for place, there in description["effects"].items():
-        for name, values in there.items():
-            rig = rig.with_effect(place, name, values)
-    return rig

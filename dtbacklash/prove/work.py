@@ -15,38 +15,32 @@ from dtbacklash.errors import Failure, UserError
 from dtbacklash.files import read_json, write_json
 from dtbacklash.prove.seal import PUBLIC, RECORDING
 
-#: the files on which the recording of a seed depends
-CONCEALED_BY = (
-    *(
-        f"prove/{n}.py" for n in
-        ("beside", "bench", "conceal", "draw", "excitation", "motion", "secret", "sizes", "tuning", "unlisted")
-    ),
-    "prove/simulator", "physics/catalogue.py", "physics/effects", "physics/rig.py", "conf/rig",
-)  # fmt: skip
-#: the files on which a diagnosis depends: when they change, a case is diagnosed again
+#: on which the recording of a seed depends: modules with all that they import, and the settings that these read
+CONCEALED_BY = ("dtbacklash.prove.conceal", "conf/rig", "physics/laws")
+#: on which a diagnosis depends: when it changes, a case is diagnosed again
 DIAGNOSED_BY = (
-    "compiled.py", "config/rig.py", "config/setting.py", "physics", "recording", "units.py",
-    "yaml_files.py", "diagnose", "conf/rig",
+    *(f"dtbacklash.{name}" for name in ("diagnose", "recording", "config.compose", "physics.rig_file")),
+    "conf/rig", "physics/laws",
 )  # fmt: skip
-ORACLE_BY = (*DIAGNOSED_BY, "prove/oracle.py", "prove/draw.py", "prove/simulator")
+ORACLE_BY = (*DIAGNOSED_BY, "dtbacklash.prove.oracle", "dtbacklash.prove.draw")
 DEATH = "its worker died"
 
-#: (folder of the case, nominal rig's name) -> (content of diagnosis.json, the extended rig's description)
+#: (folder of the case, nominal rig's name) -> (content of diagnosis.json, the extended rig as in its file)
 Diagnose = Callable[[Path, str], tuple[dict[str, Any], dict[str, Any]]]
-#: (folder of the case, nominal rig's name, secret, description of the extended rig or None) -> the oracle's answer
+#: (folder of the case, nominal rig's name, secret, the extended rig or None) -> the oracle's answer
 Oracle = Callable[[Path, str, dict[str, Any], dict[str, Any] | None], dict[str, Any]]
 
 
 def diagnose_folder(folder: Path, rig_name: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """Diagnose the recording of a case from its public files."""
     from dtbacklash.diagnose import diagnose
+    from dtbacklash.physics.rig_file import rig_content
     from dtbacklash.prove.conceal import nominal_rig
-    from dtbacklash.prove.oracle import described
     from dtbacklash.recording import read_recording
 
     rig = nominal_rig(rig_name)
     result = diagnose(read_recording(folder / RECORDING, rig=rig), rig)
-    return result.to_json(), described(result.extended)
+    return result.to_json(), rig_content(result.extended)
 
 
 def oracle_folder(
@@ -54,16 +48,17 @@ def oracle_folder(
 ) -> dict[str, Any]:
     """Ask the oracle about a case whose seal is open."""
     from dtbacklash.diagnose.records import records_of
+    from dtbacklash.physics import rig_file
     from dtbacklash.prove.conceal import nominal_rig
     from dtbacklash.prove.draw import record
-    from dtbacklash.prove.oracle import look, rebuilt
+    from dtbacklash.prove.oracle import look
     from dtbacklash.prove.secret import Secret
     from dtbacklash.recording import read_recording
 
     rig = nominal_rig(rig_name)
     (seen,) = records_of(read_recording(folder / RECORDING, rig=rig), rig, True, True)
     truth = record(Secret(**secret), rig)[1].truth if secret["kind"] == "unknown" else None
-    return look(rig, seen, secret, rebuilt(rig, extended) if extended else None, truth)
+    return look(rig, seen, secret, rig_file.rig_of(extended) if extended else None, truth)
 
 
 def rig_of(folder: Path, chosen: str | None) -> str:
