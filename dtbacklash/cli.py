@@ -24,7 +24,7 @@ COMMANDS = {
     "effects": "list the physics that there is: laws, units, where they may act",
     "recordings": "list the public recordings that have a mapping, and fetch them",
     "rig": "a rig of your own: write one to begin with, and check one",
-    "twin": "the digital twin over a network: serve it, its status, a broker, access rights",
+    "twin": "the digital twin over a network: serve it, and its status",
 }
 
 

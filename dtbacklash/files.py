@@ -25,15 +25,17 @@ RUN_ENTRIES = frozenset({"summary.json", "metrics.csv", "estimates.csv", "trace.
 PARTIAL = ".partial"
 #: a name of this many bytes leaves room for what makes it hidden and unique, in a file system that takes 255
 NAME_BYTES = 120
-TRIES = 10  # an exchange of folders that another process disturbs each time is no exchange
+TRIES = 3  # to lock in a folder that others tidy away while it is empty
 
 #: the disk's fault, whatever the user asked for
 ENVIRONMENT = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 #: the fault of the place that the user chose
 PLACE = (
     errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EISDIR, errno.EEXIST, errno.ENAMETOOLONG,
-    errno.EINVAL, errno.ENOENT, errno.ELOOP,
+    errno.EINVAL, errno.ENOENT, errno.ELOOP, errno.ENOTEMPTY,
 )  # fmt: skip
+#: a file system without locks: who works at once then does some work twice, which does no harm
+NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP)
 
 _created: list[Path] = []
 
@@ -147,6 +149,40 @@ def write_once(path: Path, content: bytes, key: str = "out", mode: int = 0o600) 
         raise cannot_write(key, path, error) from error
     finally:
         remove(scratch)
+
+
+@contextmanager
+def claim(lock: Path) -> Iterator[bool]:
+    """Whether this process may do what this lock is of: not while another one does it, anywhere on the same disk.
+
+    The lock ends with its holder, however that ends.
+
+    Raises
+    ------
+    OSError : the place cannot be written to.
+    """
+    from filelock import FileLock, Timeout
+
+    held = FileLock(lock, timeout=0, fallback_to_soft=False)
+    for attempt in range(TRIES):
+        lock.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            held.acquire()
+            break
+        except Timeout:
+            yield False
+            return
+        except OSError as error:
+            if error.errno in NO_LOCKS:
+                break
+            if error.errno != errno.ENOENT or attempt == TRIES - 1:
+                raise  # else another campaign has just tidied away the empty folder
+    try:
+        yield True
+    finally:
+        with suppress(OSError):  # while it is held: who has opened it meanwhile sees that it has no name any more
+            lock.unlink()
+        held.release()
 
 
 # --- JSON -------------------------------------------------------------------------------------------------------------
@@ -276,11 +312,11 @@ def run_folder(
     try:
         _check_replaceable(folder, key, mark, known)
         scratch.mkdir(parents=True)
-        with _held(scratch, [one for one in leftovers(folder) if one != scratch]) as alone:
+        with claim(folder.with_name(f".{_short(folder.name)}.lock")) as alone:
             if not alone:
                 raise UserError(key, folder, "another run is being written there; give each a folder of its own")
             yield scratch
-        _move_into_place(scratch, folder)
+            _move_into_place(scratch, folder)
     except OSError as error:
         if error.errno not in ENVIRONMENT + PLACE:
             raise
@@ -289,44 +325,6 @@ def run_folder(
         shutil.rmtree(scratch, ignore_errors=True)
         if not (folder / mark).exists():
             forget_empty(folder)
-
-
-@contextmanager
-def _held(scratch: Path, others: list[Path]) -> Iterator[bool]:
-    """Lock a folder; gives whether nobody holds one of the others. A lock ends with its process, however that ends."""
-    try:
-        import fcntl
-    except ImportError:  # not everywhere
-        yield True
-        return
-
-    def locked(folder: Path) -> int:
-        number = os.open(folder, os.O_RDONLY)
-        try:
-            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
-                os.close(number)
-                raise
-        return number  # a file system without locks tells nothing
-
-    try:
-        mine = locked(scratch)
-    except BlockingIOError:  # another run looks at it just now
-        yield False
-        return
-    try:
-        alone = True
-        for other in others:
-            try:
-                os.close(locked(other))
-            except BlockingIOError:
-                alone = False
-            except OSError:  # it has just gone
-                continue
-        yield alone
-    finally:
-        os.close(mine)
 
 
 def _check_replaceable(folder: Path, key: str, mark: str, known: frozenset[str]) -> None:
@@ -343,32 +341,14 @@ def _check_replaceable(folder: Path, key: str, mark: str, known: frozenset[str])
 
 
 def _move_into_place(scratch: Path, folder: Path) -> None:
-    """Put ``scratch`` where ``folder`` is; another process may be doing the same with a folder of its own."""
-    for attempt in range(TRIES):
-        try:
-            scratch.rename(folder)  # replaces an empty folder, atomically
-            return
-        except OSError as error:
-            if error.errno not in (errno.ENOTEMPTY, errno.EEXIST) or attempt == TRIES - 1:
-                raise
-        old = hidden_sibling(folder, ".old")
-        try:
-            folder.rename(old)
-        except FileNotFoundError:
-            continue  # the other one has just moved it away
-        if _exchanged(scratch, folder, old):
-            return
-
-
-def _exchanged(scratch: Path, folder: Path, old: Path) -> bool:
-    """Whether ``scratch`` took the place that ``old`` left; whatever happens, one of the two is there afterwards."""
+    """Put ``scratch`` where ``folder`` is; whatever happens, one of the two is there afterwards."""
+    old = hidden_sibling(folder, ".old")
+    if folder.exists():
+        folder.rename(old)
     try:
         scratch.rename(folder)
-    except BaseException as error:
-        if isinstance(error, OSError) and error.errno in (errno.ENOTEMPTY, errno.EEXIST):
-            shutil.rmtree(old, ignore_errors=True)  # the other process put its results there meanwhile
-            return False
-        old.rename(folder)
+    except BaseException:
+        if old.exists():
+            old.rename(folder)
         raise
-    shutil.rmtree(old, ignore_errors=True)
-    return True
+    remove(old)

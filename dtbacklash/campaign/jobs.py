@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import signal
 import threading
@@ -12,10 +11,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from dtbacklash import files
-
-TRIES = 3
-#: a file system without locks: processes that work at once then do some jobs twice, which does no harm
-NO_LOCKS = (errno.ENOSYS, errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP)
 
 _directors: set[int] = set()  # the processes that direct a campaign: this one, or those that it was forked from
 
@@ -63,7 +58,7 @@ def perform(job: Job) -> None:
     from joblib import parallel_config
 
     _leave_ctrl_c_to_the_director()
-    with claim(job.lock) as mine:
+    with files.claim(job.lock) as mine:
         if mine:
             job.tidy()  # behind a worker that was killed
         if mine and not job.done():
@@ -71,44 +66,10 @@ def perform(job: Job) -> None:
                 job.work()
 
 
-@contextmanager
-def claim(lock: Path) -> Iterator[bool]:
-    """Whether this process may do the job with this lock: not while another one does it, anywhere on the same disk.
-
-    The lock ends with its holder, however that ends.
-
-    Raises
-    ------
-    OSError : the place cannot be written to.
-    """
-    from filelock import FileLock, Timeout
-
-    held = FileLock(lock, timeout=0, fallback_to_soft=False)
-    for attempt in range(TRIES):
-        lock.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            held.acquire()
-            break
-        except Timeout:
-            yield False
-            return
-        except OSError as error:
-            if error.errno in NO_LOCKS:
-                break
-            if error.errno != errno.ENOENT or attempt == TRIES - 1:
-                raise  # else another campaign has just tidied away the empty folder
-    try:
-        yield True
-    finally:
-        with suppress(OSError):  # while it is held: who has opened it meanwhile sees that it has no name any more
-            lock.unlink()
-        held.release()
-
-
 def taken(job: Job) -> bool:
     """Whether another process is doing the job; clears up behind one that was killed while it did."""
     if job.lock.exists():
-        with suppress(OSError), claim(job.lock) as mine:
+        with suppress(OSError), files.claim(job.lock) as mine:
             if mine:
                 job.tidy()
             return not mine

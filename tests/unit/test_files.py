@@ -143,19 +143,21 @@ def test_a_place_below_a_file_is_refused(tmp_path):
         write_run(tmp_path / "file" / "run")
 
 
-def test_two_processes_that_exchange_the_same_folder_leave_a_whole_one(tmp_path, monkeypatch):
+def test_while_a_folder_is_exchanged_another_one_is_refused(tmp_path, monkeypatch):
     write_run(tmp_path / "run", "old")
-    rename, others = files.Path.rename, iter(["another's"])
+    rename, refused = files.Path.rename, []
 
     def disturbed(self, target):
         result = rename(self, target)
         if str(target).endswith(".old"):
-            for text in others:  # while the place is empty
-                write_run(tmp_path / "run", text)
+            with pytest.raises(UserError, match="another run is being written there"):  # while the place is empty
+                write_run(tmp_path / "run", "another's")
+            refused.append(target)
         return result
 
     monkeypatch.setattr(files.Path, "rename", disturbed)
     write_run(tmp_path / "run", "new")
+    assert len(refused) == 1
     assert (tmp_path / "run" / "summary.json").read_text() == "new"
     assert listing(tmp_path) == ["run", "run/figures", "run/figures/a.png", "run/summary.json"]
 

@@ -6,9 +6,10 @@ import time
 import pytest
 from campaigns import Note
 
+from dtbacklash import files
 from dtbacklash.campaign import engine
 from dtbacklash.campaign.backends import Workers
-from dtbacklash.campaign.jobs import claim, taken
+from dtbacklash.campaign.jobs import taken
 from dtbacklash.campaign.progress import _Lines, duration
 from dtbacklash.errors import Failure
 from dtbacklash.files import read_json
@@ -92,7 +93,7 @@ def test_a_job_that_another_process_gives_up_is_done_here(tmp_path):
     held = threading.Event()
 
     def other():
-        with claim(job.lock) as mine:
+        with files.claim(job.lock) as mine:
             assert mine
             held.set()
             time.sleep(3 * engine.POLL_S)
