@@ -49,6 +49,7 @@ lint: $(ALL)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-cache
+	$(BIN)/python tests/ratchet.py
 
 format: $(ALL)
 	$(BIN)/ruff check --fix .
