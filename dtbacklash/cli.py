@@ -80,9 +80,9 @@ def _dispatch(words: list[str]) -> int:
         print(of_command(name, rest))
         return 0
     if name in GRAMMARS:
-        from dtbacklash.commands import application
+        from dtbacklash.commands import hydra_task
 
-        return application.main(name, rest)
+        return hydra_task.main(name, rest)
     done: int = importlib.import_module(f"dtbacklash.commands.{name}").main(rest)
     return done
 

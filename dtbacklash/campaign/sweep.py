@@ -35,8 +35,6 @@ KEY = "hydra.sweep.dir"
 NAME_LENGTH = 120
 SILENT = "its worker returned nothing"
 
-_outcomes: list[Outcome] = []
-
 
 @dataclass
 class SweepJob(Job):
@@ -140,13 +138,6 @@ def status_file(folder: Path) -> Path:
     return folder.parent / STATUS / f"{folder.name}.json"
 
 
-def outcome() -> Outcome | None:
-    """How the sweep went that this process has directed since it was last asked; None if there was none."""
-    last = _outcomes[-1] if _outcomes else None
-    _outcomes.clear()
-    return last
-
-
 def job(config: DictConfig, folder: Path, command: str) -> None:
     """Do one job, in a worker; how it went goes to its status file, never up to the launcher.
 
@@ -165,8 +156,8 @@ def job(config: DictConfig, folder: Path, command: str) -> None:
     perform(one)
 
 
-def run(sweeper: BasicSweeper, arguments: list[str], begin: Callable[[], None] = lambda: None) -> None:
-    """Run what is missing of a sweep, and write its table and what the application draws of it.
+def run(sweeper: BasicSweeper, arguments: list[str], begin: Callable[[], None] = lambda: None) -> Outcome:
+    """Run what is missing of a sweep, and write its table and what the application draws of it; how it went.
 
     Parameters
     ----------
@@ -200,7 +191,7 @@ def run(sweeper: BasicSweeper, arguments: list[str], begin: Callable[[], None] =
         assert sweeper.launcher is not None
         with shown("jobs") as tell:
             engine.complete(able, Launcher(sweeper.launcher.launch, words), tell)
-        _outcomes.append(finish(folder, jobs, application, kept))
+        return finish(folder, jobs, application, kept)
     except OSError as error:
         raise files.cannot_write(KEY, folder, error) from error
     finally:
@@ -211,7 +202,7 @@ def plan(sweeper: BasicSweeper, arguments: list[str], folder: Path, application:
     """Expand the overrides of a sweep into its jobs, each with a name made of its choices, as a person writes them."""
     from hydra.core.override_parser.overrides_parser import OverridesParser
 
-    from dtbacklash.config.application import unquoted
+    from dtbacklash.config.hydra_app import unquoted
 
     assert sweeper.hydra_context is not None
     parser = OverridesParser.create(config_loader=sweeper.hydra_context.config_loader)
@@ -288,7 +279,7 @@ def _check_apart(jobs: Sequence[SweepJob], application: Application) -> None:
 def words(one: Job) -> list[str]:
     """The overrides with which a launcher starts a job."""
     assert isinstance(one, SweepJob)
-    from dtbacklash.config.application import quoted
+    from dtbacklash.config.hydra_app import quoted
 
     return [*one.overrides, f"{KEY}={quoted(str(one.folder.parent))}", f"hydra.sweep.subdir={quoted(one.name)}"]
 

@@ -1,7 +1,6 @@
 """Completion of the command line: ``dtb --install-completion``, and what the shell asks at each Tab.
 
-The shell's script asks ``dtb --complete LINE``. Commands, options and short words are answered here; groups, their
-options and settings by Hydra, from the configuration that the line would compose: after ``rig=emps`` that of ``emps``.
+The shell's script asks ``dtb --complete LINE``, which is answered from the grammars, without Hydra.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from dtbacklash.config.grammar import EXPORT, FILES, FOLDER_WORD, GRAMMARS, Grammar
-from dtbacklash.config.groups import options, recordings
+from dtbacklash.config.groups import LAUNCHER, LAUNCHER_NAMES, options, recordings
 from dtbacklash.config.new_rigs import MACHINES
 from dtbacklash.config.setting import declared
 from dtbacklash.config.twin import PARTS
@@ -109,9 +108,7 @@ def answers(line: str) -> list[str]:
         rest = rest[1:]
     elif command not in GRAMMARS:
         return _beginning(word, recordings() if command == "recordings" else ())
-    grammar = (GRAMMARS | FILES)[command]
-    own = _own(grammar, word)
-    return own if own is not None else sorted({*_short(grammar, word), *_by_hydra(grammar, rest, word)})
+    return _of_grammar((GRAMMARS | FILES)[command], word)
 
 
 def _of_the_twin(rest: list[str], word: str) -> list[str]:
@@ -122,53 +119,29 @@ def _of_the_twin(rest: list[str], word: str) -> list[str]:
     return [] if schema is None else _beginning(word, [f"{one.key}=" for one in declared(schema)])
 
 
-def _own(grammar: Grammar, word: str) -> list[str] | None:
-    """The answers that need no configuration; None if it does."""
+def _of_grammar(grammar: Grammar, word: str) -> list[str]:
+    """Options, choices, and settings down to the next dot."""
+    key, equals, _ = word.partition("=")
+    key = grammar.words.get(key, key)
     if word.startswith("-"):
         return _beginning(word, [*OPTIONS, *grammar.flags])
-    key, equals, _ = word.partition("=")
     if not equals:
-        return None
-    key = grammar.words.get(key, key)
+        groups = [f"{one}=" for one in (*grammar.groups, LAUNCHER, FOLDER_WORD, *grammar.words)]
+        settings = [one if "." not in one[len(word) :] else one[: one.index(".", len(word)) + 1]
+                    for one in (f"{key}=" for key in grammar.settings)]  # fmt: skip
+        return sorted(set(_beginning(word, [*groups, *settings])))
     if key == "recording.source":
-        return _beginning(word, [f"recording={name}" for name in recordings()])
-    if key in grammar.settings:
+        choices = recordings()
+    elif key == LAUNCHER:
+        choices = LAUNCHER_NAMES
+    elif key in grammar.groups:
+        choices = options(key)
+    elif key in grammar.settings:
         one = grammar.settings[key]
-        choices = ("true", "false") if one.kind is bool else one.about.choices
-        return _beginning(word, [f"{key}={choice}" for choice in choices])
-    return [] if key == FOLDER_WORD else None
-
-
-def _short(grammar: Grammar, word: str) -> list[str]:
-    return _beginning(word, [f"{one}=" for one in dict.fromkeys((FOLDER_WORD, *grammar.words))])
-
-
-def _by_hydra(grammar: Grammar, before: list[str], word: str) -> list[str]:
-    """What Hydra offers: groups, their options, settings of the configuration so far."""
-    from hydra._internal.config_loader_impl import ConfigLoaderImpl
-    from hydra._internal.core_plugins.bash_completion import BashCompletion
-    from hydra._internal.utils import create_config_search_path
-    from hydra.core.plugins import Plugins
-
-    from dtbacklash.config.application import CONF, overrides, register
-
-    register()
-    Plugins.instance()
-    try:
-        read = [one for one in overrides(grammar, before) if not one.startswith("-")]
-    except UserError:  # a mistake further ahead: what can be said without it
-        read = []
-    plugin = BashCompletion(ConfigLoaderImpl(create_config_search_path(CONF)))
-    found = plugin._query(config_name=grammar.name, line=" ".join([*(one for one in read if " " not in one), word]))
-    groups = {*grammar.groups, "hydra"}
-    return [one for one in found if _wanted(one, groups, grammar)]
-
-
-def _wanted(found: str, groups: Iterable[str], grammar: Grammar) -> bool:
-    """Whether an answer belongs to this command: ``conf`` has the groups of all."""
-    head = found.partition("=")[0].partition("/")[0].partition(".")[0]
-    sections = {key.partition(".")[0] for key in grammar.settings}
-    return head in groups or (head in sections and (head not in ("recording",) or "." in found or found.endswith(".")))
+        choices = ["true", "false"] if one.kind is bool else list(one.about.choices)
+    else:
+        return []
+    return _beginning(word, [f"{word.partition('=')[0]}={choice}" for choice in choices])
 
 
 def _beginning(word: str, answers: Iterable[str]) -> list[str]:

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, cast
 
 from dtbacklash import files
 from dtbacklash.campaign.application import Application
-from dtbacklash.config.application import quoted, unquoted
 from dtbacklash.config.commands import DiagnoseConfig
 from dtbacklash.config.grammar import RUN_FOLDER, SWEEP_FOLDER
 from dtbacklash.config.groups import recordings
+from dtbacklash.config.hydra_app import quoted, unquoted
 from dtbacklash.config.load import settings_hash
 from dtbacklash.errors import UserError
 from dtbacklash.files import run_folder

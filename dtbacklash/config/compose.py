@@ -53,7 +53,7 @@ def compose_for(grammar: Grammar, schema: type[Config], *overrides: str, **given
 def _composed(grammar: Grammar, words: list[str]) -> DictConfig:
     import hydra
 
-    from dtbacklash.config.application import VERSION_BASE, overrides, register
+    from dtbacklash.config.hydra_app import VERSION_BASE, overrides, register
 
     register()
     with hydra.initialize_config_module("dtbacklash.conf", version_base=VERSION_BASE):

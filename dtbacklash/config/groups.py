@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+LAUNCHER, LAUNCHER_NAMES = "hydra/launcher", ["joblib", "basic", "submitit_local", "submitit_slurm"]
 #: group -> what is chosen by it
 GROUPS = {
     "experiment": "a whole scenario, e.g. a figure of the paper",
@@ -16,13 +17,13 @@ GROUPS = {
     "optimizer": "the twin's search for the gap",
     "sensors": "noise and quantisation",
     "solver": "accuracy of the simulation",
-    "hydra/launcher": "who runs the jobs of a sweep",
+    LAUNCHER: "who runs the jobs of a sweep",
 }
 #: groups whose options are those of another one
 FOLDERS = {"model": "rig"}
 #: groups whose options are names of rigs, or paths of YAML files
 RIGS = ("rig", "model")
-LAUNCHERS = "joblib, basic, submitit_local, submitit_slurm (submitit: an extra)"
+LAUNCHERS = ", ".join(LAUNCHER_NAMES) + " (submitit: an extra)"
 PACKAGED = Path(__file__).parents[1] / "conf"
 SUFFIXES = (".yaml", ".yml")
 NO_RECORDING = "none"  # the option of `dtb run` that says where nothing is saved

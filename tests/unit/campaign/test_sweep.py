@@ -6,10 +6,10 @@ import pytest
 from dtbacklash import files
 from dtbacklash.campaign import sweep
 from dtbacklash.campaign.application import APPLICATIONS, find
-from dtbacklash.commands import application
+from dtbacklash.commands import hydra_task
 from dtbacklash.commands.run import APPLICATION as RUN
 from dtbacklash.commands.run import FIGURES as FIGURES_OF_MERIT
-from dtbacklash.config.application import sweep_name
+from dtbacklash.config.hydra_app import sweep_name
 
 
 def job(folder, name="seed=1", mark="abc"):
@@ -78,7 +78,7 @@ def test_status_files_have_no_nan(tmp_path):
         ([{"status": "failed", "by_input": True}, {"status": "failed", "by_input": False}], 1),
     ],
 )
-def test_exit_codes(tmp_path, monkeypatch, capsys, entries, expected):
+def test_exit_codes(tmp_path, capsys, entries, expected):
     jobs = [job(tmp_path, f"seed={i}", "") for i in range(len(entries))]
     for one, entry in zip(jobs, entries, strict=True):
         one.folder.mkdir()
@@ -90,8 +90,7 @@ def test_exit_codes(tmp_path, monkeypatch, capsys, entries, expected):
     assert list(table["status"]) == [entry["status"] for entry in entries]
     assert (tmp_path / "sweep.png").stat().st_size > 1000
     assert not list(tmp_path.rglob(".*"))
-    monkeypatch.setattr(sweep, "_outcomes", [found])
-    assert application.report() == expected
+    assert hydra_task.report(found) == expected
     assert capsys.readouterr().err.count("failed: why") == sum(e["status"] == "failed" for e in entries)
 
 

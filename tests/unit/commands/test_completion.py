@@ -17,7 +17,7 @@ from dtbacklash.errors import UserError
         ("dtb r", {"run", "recordings"}),
         ("dtb run contr", {"controller=", "controller."}),
         ("dtb run controller=n", {"controller=nimc_fixed", "controller=nimc_novelty", "controller=nimc_twin"}),
-        ("dtb run rig=emps rig.parameters.M.v", {"rig.parameters.M.value="}),
+        ("dtb run twin.del", {"twin.delay_s="}),
         ("dtb run hydra/launcher=j", {"hydra/launcher=joblib"}),
         ("dtb run ou", {"out="}),
         ("dtb run figures=", {"figures=true", "figures=false"}),

@@ -8,7 +8,7 @@ from hydra import compose, initialize_config_module
 from hydra.core.global_hydra import GlobalHydra
 
 import dtbacklash
-from dtbacklash.config import application
+from dtbacklash.config import hydra_app
 from dtbacklash.config.grammar import GRAMMARS, RUN
 from dtbacklash.config.groups import options
 from dtbacklash.config.load import load
@@ -34,7 +34,7 @@ def rows():
 @pytest.fixture
 def hydra_ready():
     GlobalHydra.instance().clear()
-    application.register()
+    hydra_app.register()
     with initialize_config_module("dtbacklash.conf", version_base="1.3"):
         yield
     GlobalHydra.instance().clear()

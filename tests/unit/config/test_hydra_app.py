@@ -3,7 +3,7 @@
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
-from dtbacklash.config import application
+from dtbacklash.config import hydra_app
 from dtbacklash.config.grammar import DIAGNOSE, GRAMMARS, PROVE, RUN
 from dtbacklash.errors import UserError
 
@@ -36,7 +36,7 @@ STRANGE = [
     ],
 )
 def test_words_become_overrides(grammar, words, expected):
-    assert application.overrides(grammar, words) == expected
+    assert hydra_app.overrides(grammar, words) == expected
 
 
 @pytest.mark.parametrize("path", STRANGE)
@@ -46,7 +46,7 @@ def test_a_path_reaches_the_setting_sign_by_sign(path):
         if path == "null" and key != "hydra.run.dir":
             continue
         word = path if written == "out" or "," not in path else f'"{path}"'
-        (override,) = application.overrides(RUN, [f"{written}={word}"]) if path != "null" else [f"{key}=null"]
+        (override,) = hydra_app.overrides(RUN, [f"{written}={word}"]) if path != "null" else [f"{key}=null"]
         (parsed,) = OverridesParser.create().parse_overrides([override])
         assert parsed.get_key_element() == key
         assert str(parsed.value()) == path or path == "null"
@@ -54,30 +54,30 @@ def test_a_path_reaches_the_setting_sign_by_sign(path):
 
 @pytest.mark.parametrize("path", STRANGE[:-1])
 def test_what_was_quoted_is_shown_as_it_was_written(path):
-    assert application.unquoted(application.quoted(path)) == path
+    assert hydra_app.unquoted(hydra_app.quoted(path)) == path
 
 
 def test_a_comma_without_quotes_is_a_path_if_there_is_such_a_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(UserError, match="give several with -m"):
-        application.overrides(DIAGNOSE, ["recording=a,b.csv"])
+        hydra_app.overrides(DIAGNOSE, ["recording=a,b.csv"])
     (tmp_path / "a,b.csv").touch()
-    assert application.overrides(DIAGNOSE, ["recording=a,b.csv"]) == ["recording.source='a,b.csv'"]
+    assert hydra_app.overrides(DIAGNOSE, ["recording=a,b.csv"]) == ["recording.source='a,b.csv'"]
 
 
 def test_a_home_folder_is_found(monkeypatch, tmp_path):
     monkeypatch.setenv("HOME", str(tmp_path))
     (tmp_path / "my.yaml").touch()
-    assert application.overrides(RUN, ["rig=~/my.yaml"]) == [f"rig={tmp_path}/my.yaml"]
+    assert hydra_app.overrides(RUN, ["rig=~/my.yaml"]) == [f"rig={tmp_path}/my.yaml"]
 
 
 def test_a_file_that_is_not_there_is_not_the_rig_of_its_name(monkeypatch, tmp_path):
     """Hydra takes ``oscillator.yaml`` for the option ``oscillator``."""
     monkeypatch.chdir(tmp_path)
     with pytest.raises(UserError, match=r"rig=oscillator.yaml: no such file; the rig that comes with dtb is rig=osc"):
-        application.overrides(RUN, ["rig=oscillator.yaml"])
+        hydra_app.overrides(RUN, ["rig=oscillator.yaml"])
     (tmp_path / "oscillator.yaml").touch()
-    assert application.overrides(RUN, ["rig=oscillator.yaml"]) == ["rig=oscillator.yaml"]
+    assert hydra_app.overrides(RUN, ["rig=oscillator.yaml"]) == ["rig=oscillator.yaml"]
 
 
 def test_a_folder_is_no_rig_but_may_hold_one(monkeypatch, tmp_path):
@@ -87,8 +87,8 @@ def test_a_folder_is_no_rig_but_may_hold_one(monkeypatch, tmp_path):
         (tmp_path / folder / "mine.yaml").touch()
     for word in ("rigs", str(tmp_path / "rigs")):
         with pytest.raises(UserError, match=r"rigs: is a folder; give a rig's file in it \(mine.yaml\)"):
-            application.overrides(RUN, [f"rig={word}"])
-    assert application.overrides(RUN, ["rig=emps"]) == ["rig=emps"]  # it comes with dtb
+            hydra_app.overrides(RUN, [f"rig={word}"])
+    assert hydra_app.overrides(RUN, ["rig=emps"]) == ["rig=emps"]  # it comes with dtb
 
 
 @pytest.mark.parametrize(
@@ -114,7 +114,7 @@ def test_a_folder_is_no_rig_but_may_hold_one(monkeypatch, tmp_path):
 )
 def test_a_mistake_names_what_was_written(grammar, words, line):
     with pytest.raises(UserError) as caught:
-        application.overrides(grammar, words)
+        hydra_app.overrides(grammar, words)
     assert str(caught.value).startswith(line)
 
 
@@ -129,15 +129,15 @@ def test_each_command_has_its_primary_config_and_names_its_jobs(name):
 
 def test_a_sweep_is_found_again_and_another_command_has_another_folder():
     words = ["rig=lead_screw,emps", "seed=1"]
-    assert application.sweep_name(words) == application.sweep_name(words)
-    assert application.sweep_name(words) != application.sweep_name(words[:1])
-    assert application.sweep_name(words, "diagnose").startswith("diagnose_rig_seed_")
+    assert hydra_app.sweep_name(words) == hydra_app.sweep_name(words)
+    assert hydra_app.sweep_name(words) != hydra_app.sweep_name(words[:1])
+    assert hydra_app.sweep_name(words, "diagnose").startswith("diagnose_rig_seed_")
 
 
 def test_the_name_of_a_recording_is_a_file_name():
-    assert application.file_name("data/bench 1.csv.gz") == "bench_1"
-    assert application.file_name("silverbox:arrow") == "silverbox_arrow"
-    assert application.file_name(None) == "recording"
-    assert application.file_name("[data/a.csv,data/b.csv]") == "a"
-    assert application.file_name("data/*.csv") == "recording"
-    assert application.file_name("data/run*.csv") == "run"
+    assert hydra_app.file_name("data/bench 1.csv.gz") == "bench_1"
+    assert hydra_app.file_name("silverbox:arrow") == "silverbox_arrow"
+    assert hydra_app.file_name(None) == "recording"
+    assert hydra_app.file_name("[data/a.csv,data/b.csv]") == "a"
+    assert hydra_app.file_name("data/*.csv") == "recording"
+    assert hydra_app.file_name("data/run*.csv") == "run"

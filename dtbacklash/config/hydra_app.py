@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import logging
-import os
 import re
-import sys
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-import hydra
 from hydra import version
 from hydra._internal.hydra import Hydra
-from hydra._internal.utils import create_automatic_config_search_path
+from hydra._internal.utils import create_automatic_config_search_path, get_args_parser
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.override_parser.types import Quote, QuotedString
@@ -24,17 +21,17 @@ from omegaconf import DictConfig, OmegaConf
 
 from dtbacklash import files
 from dtbacklash.config.grammar import FILES, FOLDER_WORD, GRAMMARS, RUN_FOLDER, SWEEP_FOLDER, VERBOSE, Grammar
-from dtbacklash.config.groups import NO_RECORDING, RIGS, SUFFIXES, options
+from dtbacklash.config.groups import LAUNCHER, NO_RECORDING, RIGS, SUFFIXES, options
 from dtbacklash.config.prove import folder_name
 from dtbacklash.config.setting import INPUT
 from dtbacklash.errors import UserError
 
 VERSION_BASE = "1.3"
 CONF = "pkg://dtbacklash.conf"
-LOGGER, LAUNCHER = "dtbacklash", "hydra/launcher"
+LOGGER = "dtbacklash"
 MULTIRUN = ("-m", "--multirun")
-FLAGS = {*MULTIRUN, "-r", "--run", "--resolve", "--hydra-help", "-sc", "--shell-completion"}
-VALUED = {"-c", "--cfg", "-p", "--package", "-i", "--info", "-cd", "--config-dir"}
+FLAGS = {*MULTIRUN, "--resolve"}
+VALUED = {"-c", "--cfg", "-p", "--package", "-i", "--info"}
 #: what Hydra reads as it stands: names of options, paths without a sign that means something to it
 _PLAIN = re.compile(r"[A-Za-z0-9_./-]+")
 #: what Python refuses to read as a number
@@ -264,49 +261,37 @@ def _register_schemas(store: ConfigStore) -> None:
         store.store(name=f"{grammar.name}_schema", node=grammar.schema)
 
 
-def call(task: Task, program: str, config_name: str, words: Sequence[str]) -> None:
+def call(task: Task, config_name: str, words: Sequence[str]) -> object:
     """Run ``task`` with the configuration of ``words``, or its jobs; exceptions come out as they are.
 
     Parameters
     ----------
     task : called with the composed configuration: once here, or once a job of a sweep in a worker, which finds it by
         its module and name. It never reads ``sys.argv``.
-    program : what a person calls it, e.g. ``dtb run``. config_name : of the primary config and its :class:`Grammar`.
+    config_name : of the primary config and its :class:`Grammar`.
     words : the command line behind the program.
+
+    Returns
+    -------
+    What ``task`` or the sweeper has returned; None if the configuration was only shown.
     """
     register()
-    read = overrides(GRAMMARS[config_name], words)
-    try:
-        if any(word.startswith("-") and word not in MULTIRUN for word in read):
-            _by_hydra_main(task, program, config_name, read)
-        else:
-            _run(task, config_name, [word for word in read if word not in MULTIRUN], is_sweep(read))
-    finally:
-        logging.getLogger(LOGGER).setLevel(logging.NOTSET)  # what -v has set
-
-
-def _run(task: Task, config_name: str, words: list[str], sweeps: bool) -> None:
-    """As ``hydra.main`` does, without composing the configuration once more to see whether it asks for a sweep."""
+    asked = get_args_parser().parse_intermixed_args(overrides(GRAMMARS[config_name], words))
+    given = list(asked.overrides)
     version.setbase(VERSION_BASE)
     search_path = create_automatic_config_search_path(None, None, CONF)
-    application = Hydra.create_main_hydra2(task_name=config_name, config_search_path=search_path)
+    # not hydra.main: it composes the configuration once more to see whether it asks for a sweep
+    hydra = Hydra.create_main_hydra2(task_name=config_name, config_search_path=search_path)
     try:
-        if sweeps:
-            application.multirun(config_name, task, [*words, "hydra.mode=MULTIRUN"])
+        if asked.cfg:
+            hydra.show_cfg(config_name, given, asked.cfg, asked.package, asked.resolve)
+        elif asked.info:
+            hydra.show_info(asked.info, config_name, given)
+        elif asked.multirun:
+            return hydra.multirun(config_name, task, [*given, "hydra.mode=MULTIRUN"])
         else:
-            application.run(config_name, task, [*words, "hydra.mode=RUN"])
+            return hydra.run(config_name, task, [*given, "hydra.mode=RUN"]).return_value
+        return None
     finally:
         GlobalHydra.instance().clear()
-
-
-def _by_hydra_main(task: Task, program: str, config_name: str, words: list[str]) -> None:
-    """Hydra's own options: ``--cfg``, ``--info``, ``--shell-completion`` and the like."""
-    before = sys.argv, os.environ.get("HYDRA_FULL_ERROR")
-    sys.argv = [program, *words]
-    os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra raises instead of printing pages; the edge makes one line of it
-    try:
-        hydra.main(version_base=VERSION_BASE, config_path=CONF, config_name=config_name)(task)()
-    finally:
-        sys.argv = before[0]
-        if before[1] is None:
-            del os.environ["HYDRA_FULL_ERROR"]
+        logging.getLogger(LOGGER).setLevel(logging.NOTSET)  # what -v has set

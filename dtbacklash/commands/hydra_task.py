@@ -14,9 +14,7 @@ from dtbacklash.errors import UserError
 if TYPE_CHECKING:
     from omegaconf import DictConfig
 
-
-_failures: list[Exception] = []
-_codes: list[int] = []
+    from dtbacklash.campaign.sweep import Outcome
 
 
 def main(name: str, words: Sequence[str]) -> int:
@@ -28,31 +26,30 @@ def main(name: str, words: Sequence[str]) -> int:
     """
     grammar = GRAMMARS[name]
     from dtbacklash.campaign.application import find
-    from dtbacklash.config import application
+    from dtbacklash.campaign.sweep import Outcome
+    from dtbacklash.config import hydra_app
     from dtbacklash.config.explain import as_written, explain
 
-    _failures.clear()
-    _codes.clear()
     try:
-        completed = words if application.is_sweep(words) else find(name).complete(list(words))
-        application.call(task, f"dtb {name}", name, completed)
-        if _failures:
-            raise _failures[0]
+        completed = words if hydra_app.is_sweep(words) else find(name).complete(list(words))
+        came = hydra_app.call(task, name, completed)
+        if isinstance(came, Exception):
+            raise came
     except Exception as error:
         mistake = explain(error, words, grammar)
         if mistake is None:
             raise
         raise as_written(mistake, words, grammar) from error
-    if application.is_sweep(words):
-        return report()
-    return _codes[0] if _codes else 0
+    if isinstance(came, Outcome):
+        return report(came)
+    return came if isinstance(came, int) else 0  # else it was only asked to show something
 
 
-def task(config: DictConfig) -> None:
+def task(config: DictConfig) -> int | Exception | None:
     """What Hydra calls, once here or once a job in a worker; ``hydra.job.name`` says of which command.
 
-    It never raises: Hydra would print several lines of its own. What went wrong is kept for :func:`main`,
-    or goes to the job's status file.
+    It never raises: Hydra would print several lines of its own. What went wrong is returned, as the exit code is, or
+    goes to the job's status file.
     """
     from hydra.core.hydra_config import HydraConfig
     from hydra.types import RunMode
@@ -64,14 +61,14 @@ def task(config: DictConfig) -> None:
         from dtbacklash.campaign import sweep
 
         sweep.job(config, folder, command_line(name, hydra.overrides.task))
-        return
+        return None
     from dtbacklash import files
 
     try:
-        _codes.append(_alone(name, config, folder, hydra.overrides.task))
+        return _alone(name, config, folder, hydra.overrides.task)
     except Exception as error:
         files.forget_empty(folder)
-        _failures.append(error)
+        return error
     except KeyboardInterrupt:
         files.forget_empty(folder)
         raise
@@ -94,17 +91,14 @@ def _alone(name: str, config: DictConfig, folder: Path, overrides: Sequence[str]
     return application.show(result, settings, folder)
 
 
-def report() -> int:
-    """Print the table of the sweep that has just ended, and why jobs failed; returns the exit code."""
+def report(outcome: Outcome) -> int:
+    """Print the table of a sweep that has ended, and why jobs failed; returns the exit code."""
     from rich.markup import escape
 
-    from dtbacklash.campaign import sweep
+    from dtbacklash.campaign.sweep import TABLE
     from dtbacklash.commands.console import shown_path, stdout_console
     from dtbacklash.report.kit import tables
 
-    outcome = sweep.outcome()
-    if outcome is None:  # Hydra was only asked to show something
-        return 0
     table, axes = outcome.table, outcome.axes
     tables.show(tables.sweep(table.drop(columns="error"), axes), "")
     for row in table[table["status"] != "done"].to_dict("records"):
@@ -115,7 +109,7 @@ def report() -> int:
     console = stdout_console()
     console.print(f"{done} of {len(table)} jobs done{earlier}")
     page = outcome.folder / "report.html"
-    shown = page if page.exists() else outcome.folder / sweep.TABLE
+    shown = page if page.exists() else outcome.folder / TABLE
     console.print(escape(shown_path(shown)), soft_wrap=True)
     return outcome.exit_code
 
