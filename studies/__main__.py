@@ -32,7 +32,6 @@ from studies import (
     gallery,
     guard,
     indexes,
-    modelled,
     nimc_forms,
     real,
     remote,
@@ -92,11 +91,6 @@ def _crossing(options: argparse.Namespace) -> Result:
     table = crossing.run_crossing(options.n, options.seed)
     table.to_csv(options.out / "crossing_cases.csv", index=False)
     return crossing.crossing_rows(table), crossing.crossing_words(table, options.seed)
-
-
-def _modelled(options: argparse.Namespace) -> Result:
-    rows = modelled.modelled_rows(options.n, options.seed)
-    return rows, modelled.modelled_words(rows, options.seed)
 
 
 def _beliefs(options: argparse.Namespace) -> Result:
@@ -170,10 +164,6 @@ STUDIES = {
     "alternatives": Study(
         "Beside the diagnosis, on concealed recordings: PySINDy on the residual, NARX by sysidentpy (extra compare)",
         _alternatives, 5, 10_000, asked=True,
-    ),
-    "modelled": Study(
-        "Laws that the catalogue lacks, as they are modelled; what is left in noise floors", _modelled, 2, 1200,
-        asked=True,
     ),
     "nimc_forms": Study(
         "The forms of the internal model: wrong estimates of the gap, friction, sensors; the worst run", _nimc_forms
