@@ -35,7 +35,7 @@ from dtbacklash.remote.protocol import (
     name_in,
     status_topic,
 )
-from dtbacklash.remote.statistics import Statistics
+from dtbacklash.remote.status import Statistics
 from dtbacklash.remote.workers import FairQueue, Result, Workers
 from dtbacklash.twin.link.service import Answer
 

@@ -8,7 +8,7 @@ from matplotlib.patches import Patch, Rectangle
 
 from dtbacklash.physics.catalogue import CATALOGUE
 from dtbacklash.physics.kinds import KINDS
-from dtbacklash.prove.confusion import ELSEWHERE, EXTRA, FAILED, NOTHING, PARAMETERS, UNEXPLAINED
+from dtbacklash.prove.names import ELSEWHERE, EXTRA, FAILED, NOTHING, PARAMETERS, UNEXPLAINED
 from dtbacklash.prove.rules import SENSOR
 from dtbacklash.prove.score import Score
 from dtbacklash.report.kit.style import MUTED, new_figure, styled

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from dtbacklash.prove.reliability import FAMILIES
+from dtbacklash.prove.names import FAMILIES
 from dtbacklash.prove.rows import error_ratio
 from dtbacklash.prove.score import RATIO_MAX, UNKNOWN, Bin, Score
 from dtbacklash.prove.score import Figure as Share

@@ -13,8 +13,19 @@ from proved import BACKLASH, COULOMB, CUBIC, DEAD_ZONE, case, diagnosis, finding
 from dtbacklash.files import json_able
 from dtbacklash.physics.kinds import KINDS
 from dtbacklash.prove import rules
-from dtbacklash.prove.confusion import ELSEWHERE, EXTRA, FAILED, NOTHING, UNEXPLAINED, confusion
-from dtbacklash.prove.reliability import FAMILIES, Reliability, family, reliability, wilson
+from dtbacklash.prove.names import (
+    ELSEWHERE,
+    EXTRA,
+    FAILED,
+    FAMILIES,
+    NOTHING,
+    UNEXPLAINED,
+    Reliability,
+    confusion,
+    family,
+    reliability,
+    wilson,
+)
 from dtbacklash.prove.rows import case_rows, confusion_rows
 from dtbacklash.prove.score import Figure, Score, bins, score
 from dtbacklash.report.proof.text import markdown, which_seeds

@@ -16,7 +16,7 @@ from proved import COULOMB, CUBIC, case, diagnosis, finding, oracle, perfect, se
 
 from dtbacklash.errors import UserError
 from dtbacklash.files import read_json
-from dtbacklash.prove.confusion import Cell
+from dtbacklash.prove.names import Cell
 from dtbacklash.prove.rows import case_rows
 from dtbacklash.prove.score import Score, score
 from dtbacklash.report.kit import tables
