@@ -6,7 +6,7 @@ import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from dtbacklash.config.grammar import GRAMMARS
 from dtbacklash.errors import UserError
@@ -26,7 +26,6 @@ def main(name: str, words: Sequence[str]) -> int:
     """
     grammar = GRAMMARS[name]
     from dtbacklash.campaign.application import find
-    from dtbacklash.campaign.sweep import Outcome
     from dtbacklash.config import hydra_app
     from dtbacklash.config.explain import as_written, explain
 
@@ -40,9 +39,9 @@ def main(name: str, words: Sequence[str]) -> int:
         if mistake is None:
             raise
         raise as_written(mistake, words, grammar) from error
-    if isinstance(came, Outcome):
-        return report(came)
-    return came if isinstance(came, int) else 0  # else it was only asked to show something
+    if came is None:  # it was only asked to show something
+        return 0
+    return came if isinstance(came, int) else report(cast("Outcome", came))
 
 
 def task(config: DictConfig) -> int | Exception | None:
