@@ -1,6 +1,12 @@
-"""What a command says on stderr beside its progress, which comes only where the machine is slow."""
+"""What is said: a command's stderr without its progress, which comes only where the machine is slow; and refusals."""
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from dtbacklash.errors import UserError
 
 PROGRESS = re.compile(r"dtb: .*, \d+ %(, about .+ left)?\n")
 
@@ -8,3 +14,16 @@ PROGRESS = re.compile(r"dtb: .*, \d+ %(, about .+ left)?\n")
 def without_progress(err: str) -> str:
     """Stderr of a command without the lines that say every ten seconds where it stands."""
     return "".join(line for line in err.splitlines(keepends=True) if not PROGRESS.fullmatch(line))
+
+
+@contextmanager
+def refused(*words: str, start: str = "", key: str | None = None) -> Iterator[None]:
+    """What is done here is refused in one line, with exit code 2. words : what it has. key : what it is about."""
+    with pytest.raises(UserError) as caught:
+        yield
+    line = str(caught.value)
+    assert [word for word in words if word not in line] == [], line
+    assert line.startswith(start)
+    assert key in (None, caught.value.key)
+    assert "\n" not in line
+    assert caught.value.exit_code == 2

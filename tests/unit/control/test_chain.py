@@ -1,10 +1,10 @@
 """What the controllers cannot be designed for is refused by its name."""
 
 import pytest
+from told import refused
 
 from dtbacklash.config.compose import compose
 from dtbacklash.control.belief import beliefs_of, design_for
-from dtbacklash.errors import UserError
 
 
 @pytest.mark.parametrize(
@@ -20,6 +20,5 @@ from dtbacklash.errors import UserError
 )
 def test_what_cannot_be_designed_for_is_named(words, said):
     config = compose(*words)
-    with pytest.raises(UserError) as refused:
+    with refused(start=said):
         design_for(config, beliefs_of(config).design)
-    assert str(refused.value).startswith(said)

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from told import refused
 
 import dtbacklash as dtb
 from dtbacklash.diagnose.say.doubts import GAIN, said_first
@@ -39,10 +40,8 @@ MISTAKES = {
 @pytest.mark.parametrize("case", MISTAKES)
 def test_a_mistake_gets_its_line(case, rig):
     door, said = MISTAKES[case]
-    with pytest.raises(dtb.UserError) as caught:
+    with refused(said):
         door(rig)
-    assert said in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("door", ["frame", "recording read without a rig", "file"])

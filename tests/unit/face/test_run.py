@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.figure import Figure
+from told import refused
 
 import dtbacklash as dtb
 from dtbacklash import cli
@@ -117,6 +118,5 @@ def test_what_is_believed_is_given_as_a_rig_a_name_or_a_file(tmp_path):
 
 @pytest.mark.parametrize("model", ["nobody.yaml", 3])
 def test_a_model_that_is_none_is_refused_in_its_name(model):
-    with pytest.raises(dtb.UserError) as refused:
+    with refused(key="model"):
         dtb.run(model=model)
-    assert refused.value.key == "model"

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from nominal import nominal_rig
 from reference import machines, newton, rigs, solve
+from told import refused
 
-from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.prove.simulator.given import Loop
@@ -93,7 +93,5 @@ def test_other_sensors_do_not_feel_it():
 
 
 def test_a_mass_on_a_rigid_screw_has_none():
-    with pytest.raises(
-        UserError, match=r"sensors\.a\.of=mass_1: the acceleration of a mass that no rigid screw carries"
-    ):
+    with refused("sensors.a.of=mass_1: the acceleration of a mass that no rigid screw carries"):
         simulate(accelerating(nominal_rig("lead_screw"), "mass_1", ()), np.zeros(10), STEP_S)

@@ -13,12 +13,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from reference import rigs
+from told import refused
 
 from dtbacklash.config.rig import ParameterConfig, RigConfig
 from dtbacklash.errors import UserError
 from dtbacklash.physics.assembly import compile_plant, state_names
 from dtbacklash.physics.catalogue import CATALOGUE, find
-from dtbacklash.physics.effects.declare import Role
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import simulate
 
@@ -105,12 +105,8 @@ REFUSED: list[tuple[Change, str, str]] = [
 
 @pytest.mark.parametrize(("change", "key", "allowed"), REFUSED, ids=[key for _, key, _ in REFUSED])
 def test_what_a_description_may_not_say(change: Change, key: str, allowed: str) -> None:
-    with pytest.raises(UserError) as error:
+    with refused(allowed, start=key):
         build_rig(changed(change))
-    line = str(error.value)
-    assert line.startswith(key)
-    assert allowed in line
-    assert "\n" not in line
 
 
 SCHEMA: list[tuple[dict[str, Any], str]] = [
@@ -133,9 +129,8 @@ SCHEMA: list[tuple[dict[str, Any], str]] = [
 
 @pytest.mark.parametrize(("fields", "key"), SCHEMA, ids=[key for _, key in SCHEMA])
 def test_what_the_schema_refuses(fields: dict[str, Any], key: str) -> None:
-    with pytest.raises(UserError) as error:
+    with refused(start=key):
         RigConfig(**fields)
-    assert str(error.value).startswith(key)
 
 
 EFFECTS: list[tuple[str, str, dict[str, float], str, str]] = [
@@ -162,10 +157,8 @@ EFFECTS: list[tuple[str, str, dict[str, float], str, str]] = [
 
 @pytest.mark.parametrize(("place", "name", "values", "key", "allowed"), EFFECTS, ids=[e[3] for e in EFFECTS])
 def test_effects_that_do_not_fit(place: str, name: str, values: dict[str, float], key: str, allowed: str) -> None:
-    with pytest.raises(UserError) as error:
+    with refused(allowed, start=key):
         rigs.lead_screw().with_effect(place, name, values)
-    assert str(error.value).startswith(key)
-    assert allowed in str(error.value)
 
 
 @pytest.mark.parametrize("name", ["ground_friction", "constant_force"])
@@ -228,21 +221,6 @@ def test_find_names_what_an_element_takes() -> None:
     assert find("gear", "backlash", "k").name == "backlash"
     with pytest.raises(UserError, match="takes no effect"):
         find("positioner", "backlash", "rig.effects.machine.backlash")
-
-
-@pytest.mark.parametrize(("kind", "name"), CATALOGUE)
-def test_bounds_are_inclusive_and_kept(kind: str, name: str) -> None:
-    effect = CATALOGUE[kind, name]
-    for p in effect.parameters:
-        assert p.low <= p.typical <= p.high
-        all_of_it = {q.name: q.typical for q in effect.parameters}
-        size = all_of_it if effect.is_table else {effect.size.name: effect.size.typical}
-        for value in () if effect.is_table and p.role is Role.GIVEN else (p.low, p.high):  # its ends stand in order
-            assert effect.complete(size | {p.name: value}, "key")[p.name] == value
-        for value in (p.low - abs(p.low) - 1.0, p.high + abs(p.high) + 1.0):
-            if value not in (p.low, p.high):  # beyond an infinite bound there is nothing
-                with pytest.raises(UserError, match=rf"^key\.{p.name}="):
-                    effect.complete(size | {p.name: value}, "key")
 
 
 bodies = st.integers(1, 5)

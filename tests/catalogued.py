@@ -1,0 +1,23 @@
+"""Entries of the catalogue that stand for all of them where each is simulated."""
+
+from collections.abc import Iterable
+
+from dtbacklash.physics.catalogue import CATALOGUE
+
+Key = tuple[str, str]
+
+
+def of_each_law_and_kind(keys: Iterable[Key]) -> list[Key]:
+    """The first entry of each law, and the first of each kind that these leave out.
+
+    A law has one function and one slot, whatever it acts on; a kind has one way to its element. Every entry by itself
+    is compared with Newton's equations in ``tests/unit/physics/test_truth.py``.
+    """
+    seen: set[object] = set()
+    found = []
+    for kind, name in keys:
+        law = name, type(CATALOGUE[kind, name].slot)
+        if not {law, kind} <= seen:
+            found.append((kind, name))
+            seen |= {law, kind}
+    return found
