@@ -1,10 +1,12 @@
 """`dtb export controller`: the C file, compiled, gives the voltages of the run that it was made for."""
 
+import contextlib
 import ctypes
 import math
 import shutil
 import subprocess
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -25,7 +27,7 @@ SHORT = ("duration_s=4", "reference.period_s=2", "profile=ramp", "profile.t_star
          "profile.end_deg=60")  # fmt: skip
 KNOWN = ("model=lead_screw", "+model.effects.amplifier.delay.time=0.0025", "+model.effects.sensor_q3.delay.time=0.0015",
          "+model.effects.amplifier.saturation.limit=9", "+model.effects.motor_bearing.cogging.torque=0.01",
-         "controller.internal_model=inner_loop")  # fmt: skip
+         "controller.internal_model=inner_loop", "controller.limit_v=30")  # fmt: skip
 LEAD_M_PER_RAD = 2e-3 / (2 * math.pi)
 STORM = r"""
 #include <stdio.h>
@@ -87,26 +89,33 @@ CASES = {
 STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-Wno-unused-const-variable")
 
 
-@pytest.fixture
-def compiled(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    """The folder with the C files of a controller and their library: words -> folder; each is made once."""
 
+    @cache
     def make(*words):
-        """The library of the exported controller, its state at the start, and step(r, theta_m, q3)."""
-        assert cli.main(["export", "controller", "out=it.c", *words]) == 0
-        library = tmp_path / "it.so"
-        subprocess.run([COMPILER, *STRICT, "-shared", "-fPIC", "it.c", "-o", library, "-lm"], check=True)
-        found = ctypes.CDLL(str(library))
-        found.controller_step.restype = ctypes.c_double
-        state = ctypes.create_string_buffer(1 << 16)
-        found.controller_start(state, (ctypes.c_double * 2)())
-
-        def step(r, theta_m, q3):
-            return found.controller_step(state, ctypes.c_double(r), (ctypes.c_double * 2)(theta_m, q3))
-
-        return found, state, step
+        folder = tmp_path_factory.mktemp("exported")
+        with contextlib.chdir(folder):
+            assert cli.main(["export", "controller", "out=it.c", *words]) == 0
+        build = [COMPILER, *STRICT, "-shared", "-fPIC", "it.c", "-o", "it.so", "-lm"]
+        subprocess.run(build, check=True, cwd=folder)
+        return folder
 
     return make
+
+
+def loaded(folder):
+    """The library of the exported controller, its state at the start, and step(r, theta_m, q3)."""
+    found = ctypes.CDLL(str(folder / "it.so"))
+    found.controller_step.restype = ctypes.c_double
+    state = ctypes.create_string_buffer(1 << 16)
+    found.controller_start(state, (ctypes.c_double * 2)())
+
+    def step(r, theta_m, q3):
+        return found.controller_step(state, ctypes.c_double(r), (ctypes.c_double * 2)(theta_m, q3))
+
+    return found, state, step
 
 
 def designed(*words):
@@ -125,20 +134,20 @@ def set_gap(library, state, *numbers):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_the_compiled_controller_gives_the_voltages_of_the_run(compiled, tmp_path, case):
-    limited = () if any("limit_v" in word for word in CASES[case]) else ("controller.limit_v=30",)
-    words = (*SHORT, *limited, *CASES[case])
-    run = run_scenario(compose(*words))
-    step = compiled(*words)[2]
+def test_the_compiled_controller_gives_the_voltages_of_the_run(exported, tmp_path, case):
+    words = (*SHORT, *CASES[case])
+    limited = () if any("limit_v" in word for word in words) else (f"controller.limit_v={LIMIT_V}",)
+    run, folder = run_scenario(compose(*words, *limited)), exported(*words)
+    step = loaded(folder)[2]
     u = np.array([step(*one) for one in zip(run.seen["r"], run.seen["theta_m"], run.seen["q3"], strict=True)])
     assert np.abs(run.seen["u"]).max() > 1.0
     assert np.abs(u - run.seen["u"]).max() < 1e-9
-    subprocess.run([COMPILER, *STRICT, "it_test.c", "-o", tmp_path / "it", "-lm"], check=True)
+    subprocess.run([COMPILER, *STRICT, "it_test.c", "-o", tmp_path / "it", "-lm"], check=True, cwd=folder)
     assert "largest difference" in subprocess.run([tmp_path / "it"], check=True, capture_output=True, text=True).stdout
 
 
-def test_a_gap_that_a_twin_sets_goes_on_growing_as_in_the_run(compiled):
-    library, state, step = compiled("controller=nimc_twin")
+def test_a_gap_that_a_twin_sets_goes_on_growing_as_in_the_run(exported):
+    library, state, step = loaded(exported("controller=nimc_twin"))
     C, X = designed("controller=nimc_twin")
     gap, growth, until, side = 0.0, 0.0, 0, 0
     for k in range(3000):
@@ -159,8 +168,8 @@ def test_a_gap_that_a_twin_sets_goes_on_growing_as_in_the_run(compiled):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_at_rest_anywhere_the_first_voltage_is_what_is_fed_forward_and_nothing_moves(compiled, case):
-    library, state, step = compiled(*SHORT, *CASES[case])
+def test_at_rest_anywhere_the_first_voltage_is_what_is_fed_forward_and_nothing_moves(exported, case):
+    library, state, step = loaded(exported(*SHORT, *CASES[case]))
     C, X = designed(*SHORT, *CASES[case])
     for r, behind in ((0.5e-3, 0.1), (-0.8e-3, -0.2), (2e-3, 0.0)):
         theta_m = r / LEAD_M_PER_RAD + behind
@@ -170,15 +179,15 @@ def test_at_rest_anywhere_the_first_voltage_is_what_is_fed_forward_and_nothing_m
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_whatever_the_sensors_say_the_voltage_is_finite_within_its_limit_and_comes_back(compiled, tmp_path, case):
+def test_whatever_the_sensors_say_the_voltage_is_finite_within_its_limit_and_comes_back(exported, tmp_path, case):
     """A million values, a tenth of them not finite or beyond reason, then the machine at 0: no undefined behaviour."""
-    compiled(*SHORT, *CASES[case])
+    folder = exported(*SHORT, *CASES[case])
     linear = beliefs_of(compose("controller=imc")).design.linear()
     a, b, c = plant(linear.motor, linear.structure, 1e-3)
     arrays = (matrix("PA", a), f"static const double PB[{b.size}] = {row(b)};", matrix("PC", c))
     (tmp_path / "storm.c").write_text("\n".join((f"enum {{ N = {b.size} }};", *arrays, STORM)))
-    harder = ("-fsanitize=undefined", "-fno-sanitize-recover")
-    subprocess.run([COMPILER, *STRICT, *harder, "storm.c", "-o", tmp_path / "storm", "-lm"], check=True)
+    harder = ("-fsanitize=undefined", "-fno-sanitize-recover", f"-I{folder}")
+    subprocess.run([COMPILER, *STRICT, *harder, "storm.c", "-o", "storm", "-lm"], check=True, cwd=tmp_path)
     said = subprocess.run([tmp_path / "storm"], check=True, capture_output=True, text=True).stdout
     held, after, off = map(float, said.split())
     assert 1e5 < held < 4e5

@@ -59,6 +59,7 @@ def test_one_effect_is_named(rig, place, effect, values):
     assert found.extended.effect(place, effect) is not None
 
 
+@pytest.mark.check
 def test_the_progress_is_told(rig):
     told: list[float] = []
     diagnose_records(rig, [recorded(rig, seconds=4.0)], lambda _, share: told.append(share))

@@ -17,6 +17,8 @@ from dtbacklash.diagnose.result import Diagnosis
 from dtbacklash.physics.rig_file import rig_yaml
 from dtbacklash.recording import read_recording
 
+pytestmark = pytest.mark.check
+
 STEP_S = 1e-3
 ACCELEROMETER = """
     name: shaken

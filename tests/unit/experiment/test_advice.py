@@ -18,9 +18,7 @@ BARE = "controller=imc controller.internal_model=bare"
 #: words of a run that does not settle, what is said of it
 CASES = [
     (f"{BARE} rig.effects.motor_bearing.coulomb_friction.torque=0.05", "Coulomb friction at motor_bearing"),
-    (f"{BARE} rig.effects.motor_bearing.viscous_friction.coefficient=0.001", "viscous friction"),
     (f"{BARE} rig.effects.amplifier.dead_zone.half_width=0.2", "dead zone at amplifier"),
-    (f"{BARE} rig.effects.amplifier.saturation.limit=3", "saturation at amplifier"),
     (f"{BARE} rig.effects.sensor_theta_m.gain_error.relative=0.02", "gain error at sensor_theta_m"),
     (
         "controller=imc controller.internal_model=measured rig.effects.motor_bearing.coulomb_friction.torque=0.05",

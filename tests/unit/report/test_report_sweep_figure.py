@@ -57,15 +57,12 @@ def test_numbers_that_come_as_text_are_numbers():
     "axes",
     [
         {},
-        {"controller": ["imc"]},
-        {"controller": CONTROLLERS},
         {"profile.path": ["/data/a.csv", "/data/b.csv"], "twin.guard": [True, False]},
         {"controller": CONTROLLERS, "twin.delay_s": [0, 1.5, 4]},
-        {**ACCEPTANCE, "optimizer": ["bfgs", "lbfgsb"]},
         {**ACCEPTANCE, "optimizer": ["bfgs", "lbfgsb"], "seed": [0, 1]},
         {"seed": list(range(40)), "twin.delay_s": list(range(20))},
     ],
-    ids=["none", "one job", "categories", "paths", "mixed", "four", "five", "two long"],
+    ids=["none", "paths", "mixed", "five", "two long"],
 )
 def test_any_number_of_axes_gives_a_figure_with_every_job(axes, tmp_path):
     table = synthetic.sweep_table(axes or {"seed": [0, 1]})
@@ -116,8 +113,10 @@ SWEEPS = {
 }
 
 
-@pytest.mark.parametrize("diverged", [False, True])
-@pytest.mark.parametrize("name", SWEEPS)
+#: a job that diverged gives the first panel another scale, and each of its labels another width
+@pytest.mark.parametrize(
+    ("name", "diverged"), [*((name, True) for name in SWEEPS), ("categories", False), ("decades", False)]
+)
 def test_no_labels_touch(name, diverged):
     table = synthetic.sweep_table(SWEEPS[name])
     if diverged:

@@ -104,6 +104,7 @@ def root_drag():
             del catalogue.CATALOGUE[key]
 
 
+@pytest.mark.check
 def test_a_square_root_is_found_as_a_table_and_named_as_a_power(root_drag):
     search, table, model, said = root_drag
     assert table.keys == (("disk", "speed_table"),)
@@ -118,6 +119,7 @@ def test_a_square_root_is_found_as_a_table_and_named_as_a_power(root_drag):
     assert found["a"] == pytest.approx(-0.05 * alike, rel=0.01)
 
 
+@pytest.mark.check
 def test_what_is_said_of_a_square_root(root_drag):
     _, _, model, said = root_drag
     best = said.formulas[0]
@@ -138,6 +140,7 @@ def test_what_is_said_of_a_square_root(root_drag):
     assert said.rig.effects == model.rig.effects
 
 
+@pytest.mark.check
 def test_laws_that_were_only_tried_are_forgotten(root_drag):
     search, _, _, said = root_drag
     names = {name for _, name in catalogue.CATALOGUE}
