@@ -99,35 +99,12 @@ def found(place: str, effect: str, sentence: str, values: dict, also: tuple = ()
 def candidates(chosen: list[tuple[str, str]]) -> tuple[Candidate, ...]:
     """A long list: the chosen ones, and what was ruled out."""
     ruled_out = [
-        Candidate(
-            "amplifier",
-            "dead_zone",
-            402.0,
-            None,
-            "fitted; the best model with it is behind by 120 in -2 log likelihood",
-        ),
-        Candidate(
-            "motor_bearing",
-            "stribeck_friction",
-            91.2,
-            None,
-            "fitted; the best model with it is behind by 31 in -2 log likelihood",
-        ),
-        Candidate(
-            "link_1",
-            "stiffness_drift",
-            77.0,
-            None,
-            "fitted; the best model with it is behind by 120 in -2 log likelihood",
-        ),
-        Candidate(
-            "motor_bearing",
-            "cogging",
-            31.0,
-            None,
-            "fitted; the best model with it is behind by 120 in -2 log likelihood",
-        ),
-    ]
+        Candidate(place, effect, score, None, f"fitted; the best model with it is behind by {by} in -2 log likelihood")
+        for place, effect, score, by in (
+            ("amplifier", "dead_zone", 402.0, 120), ("motor_bearing", "stribeck_friction", 91.2, 31),
+            ("link_1", "stiffness_drift", 77.0, 120), ("motor_bearing", "cogging", 31.0, 120),
+        )
+    ]  # fmt: skip
     ruled_out += [
         Candidate(place, effect, 9.1 - i, None, "low score")
         for i, (place, effect) in enumerate(

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 
 import machines as m
 import numpy as np
@@ -187,9 +188,10 @@ def _screw() -> Iterator[Case]:
         yield Case(f"screw, {name}", nominal, frame)
 
 
-def all_cases() -> list[Case]:
+@cache
+def all_cases() -> tuple[Case, ...]:
     """More than twenty-five recordings in right units."""
-    return [*_small(), *_screw()]
+    return *_small(), *_screw()
 
 
 #: kind -> rig, machine, what its sensors show, command, a speed, a displacement, the gains of its loop

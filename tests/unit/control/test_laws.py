@@ -81,9 +81,8 @@ def test_no_true_gap_gives_the_inverse_a_cycle_inside_the_believed_one() -> None
     assert (-1 / play_gain(np.linspace(1e-6, 1 - 1e-6, 2000))).real.max() < -0.999
 
 
-@pytest.mark.parametrize("sensors", ["ideal", "encoder"])
+@pytest.mark.parametrize(("friction", "sensors"), [(0.0, "ideal"), (0.05, "encoder")])
 @pytest.mark.parametrize(("true_deg", "believed_deg"), [(0.0, 50.0), (0.5, 100.0), (20.0, 40.0)])
-@pytest.mark.parametrize("friction", [0.0, 0.05])
 def test_the_inverse_settles_in_any_gap_that_it_believes_too_large(true_deg, believed_deg, friction, sensors) -> None:
     moves = run(true_deg, believed_deg, "inverse", f"{FRICTION}={friction}", f"sensors={sensors}")
     assert moves["settling_time_s"].max() < 3.5

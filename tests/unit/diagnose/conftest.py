@@ -14,8 +14,6 @@ from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
 
 STEP_S = 1e-3
-#: how fast the recorded machines move, roughly
-TEMPO_RAD_S = 10.0
 COUNTS = {"theta_m": 2 * np.pi / 4096, "q3": 5e-7}
 NOISE = {"q3": 1e-6}
 
@@ -47,16 +45,6 @@ def rig() -> Rig:
     return nominal_rig("lead_screw")
 
 
-@pytest.fixture(scope="session")
-def carriage() -> Rig:
-    elements = {
-        "amplifier": {"kind": "amplifier", "drives": "motor"},
-        "motor": {"kind": "actuator", "gain": "g", "drives": "carriage"},
-        "carriage": {"kind": "carriage", "mass": "M"},
-    }
-    return cases.rig(elements, {"x": {"of": "carriage", "quantity": "position"}}, g=35.0, M=95.0)
-
-
 def record_of(case: cases.Case) -> tuple[Rig, Record]:
     u, channels = case.frame["u"].to_numpy(), {n: case.frame[n].to_numpy() for n in case.frame if n in case.rig.sensors}
     train = np.arange(len(u)) < 0.7 * len(u)
@@ -71,11 +59,11 @@ def failed(found) -> list[str]:
     return [c.check for c in found.checks if not c.passed]
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def clean(rig) -> Record:
     return recorded(rig)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def machine_recordings() -> dict[str, tuple[Rig, Record]]:
     return {case.name: record_of(case) for case in cases.all_cases()}
