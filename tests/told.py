@@ -6,6 +6,7 @@ from contextlib import contextmanager
 
 import pytest
 
+from dtbacklash import cli
 from dtbacklash.errors import UserError
 
 PROGRESS = re.compile(r"dtb: .*, \d+ %(, about .+ left)?\n")
@@ -27,3 +28,14 @@ def refused(*words: str, start: str = "", key: str | None = None) -> Iterator[No
     assert key in (None, caught.value.key)
     assert "\n" not in line
     assert caught.value.exit_code == 2
+
+
+def refusal(capsys: pytest.CaptureFixture[str], *words: str) -> str:
+    """What ``dtb`` says where it refuses these words: one line on stderr, exit code 2."""
+    capsys.readouterr()
+    code = cli.main(list(words))
+    out, err = capsys.readouterr()
+    assert (code, out) == (2, ""), err
+    assert err.startswith("dtb: error: ")
+    assert err.count("\n") == 1
+    return err.removeprefix("dtb: error: ")

@@ -10,6 +10,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from told import refusal
 
 from dtbacklash import cli
 from dtbacklash.commands.export import LIMIT_V
@@ -242,11 +243,8 @@ def test_as_an_fmu_it_gives_the_voltages_of_the_law(tmp_path, monkeypatch, versi
 
 def test_mistakes_are_one_line(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert cli.main(["export", "controller", "controller=open_loop"]) == 2
-    assert cli.main(["export", "controller", "out=it.txt"]) == 2
-    assert cli.main(["export", "controller", "out=it.fmu", "fmi=1"]) == 2
-    assert cli.main(["export", "controller", "fmi=3"]) == 2
+    for words in (["controller=open_loop"], ["out=it.txt"], ["out=it.fmu", "fmi=1"], ["fmi=3"]):
+        assert words[-1].partition("=")[0] in refusal(capsys, "export", "controller", *words)
     monkeypatch.setenv("PATH", str(tmp_path))
-    assert cli.main(["export", "controller", "out=it.fmu"]) == 2
-    assert capsys.readouterr().err.count("\n") == 5
+    refusal(capsys, "export", "controller", "out=it.fmu")
     assert list(tmp_path.iterdir()) == []

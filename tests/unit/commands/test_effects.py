@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+from told import refusal
 
 from dtbacklash import cli
 from dtbacklash.config.groups import PACKAGED
@@ -62,10 +63,7 @@ def test_one_effect_in_detail(capsys):
     ],
 )  # fmt: skip
 def test_a_mistake_is_one_line(capsys, words, line):
-    code, out, err = answer(capsys, *words)
-    assert (code, out) == (2, "")
-    assert err.startswith(f"dtb: error: {line}")
-    assert err.count("\n") == 1
+    assert refusal(capsys, "effects", *words).startswith(line)
 
 
 def test_a_wrong_law_in_a_rigs_file_is_one_line(capsys, tmp_path, monkeypatch):
@@ -73,10 +71,8 @@ def test_a_wrong_law_in_a_rigs_file_is_one_line(capsys, tmp_path, monkeypatch):
     text = (PACKAGED / "rig" / "emps.yaml").read_text()
     law = "{acts_on: carriage, law: drag.real*v, parameters: {drag: {start: 1}}}"
     (tmp_path / "mine.yaml").write_text(f"{text}\nlaws:\n  tank: {law}\n")
-    code, out, err = answer(capsys, "rig=mine.yaml")
-    assert (code, out) == (2, "")
-    assert err.startswith("dtb: error: rig.laws.tank.law=drag.real: an attribute is not allowed; numbers, names")
-    assert err.count("\n") == 1
+    line = refusal(capsys, "effects", "rig=mine.yaml")
+    assert line.startswith("rig.laws.tank.law=drag.real: an attribute is not allowed; numbers, names")
 
 
 def test_help_names_the_folder(capsys):
