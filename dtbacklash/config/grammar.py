@@ -24,7 +24,10 @@ VERBOSE = ("-v", "--verbose")
 
 @dataclass(frozen=True)
 class Grammar:
-    """One command: its ``schema`` as ``module:class``, the ``groups`` of ``conf`` that it takes, and its help."""
+    """One command: its ``schema`` as ``module:class``, the ``groups`` of ``conf`` that it takes, and its help.
+
+    in_open_loop : whether the reference is the rig's command unless a controller is chosen.
+    """
 
     name: str
     schema_path: str
@@ -34,6 +37,7 @@ class Grammar:
     folder: str
     examples: tuple[str, ...]
     after: str = ""
+    in_open_loop: bool = False
 
     @cached_property
     def schema(self) -> type:
@@ -178,6 +182,23 @@ PAPER = Grammar(
     ("dtb paper", "dtb paper out=paper"),
 )  # fmt: skip
 
+ISOLABILITY = Grammar(
+    "isolability", "dtbacklash.config.experiments:IsolabilityConfig", ("rig", "controller", "reference", "sensors"),
+    "say what a planned experiment would show, and what it would confuse",
+    "Simulates a rig on a planned command, before anything is recorded. Says which effects this motion, these sensors\n"
+    "and their noise would show, from which size on (five standard errors), and which pairs they would confuse: the\n"
+    "sine of the angle between what the two do to the readings, once the rig's parameters have been fitted within\n"
+    "their tolerances. 1 is at right angles; at 0 one stands for the other. Writes isolability.json, effects.csv,\n"
+    "matrix.csv, figures/matrix.png and report.html.",
+    "outputs/<date>/<time>_isolability_<rig>",
+    (
+        "dtb isolability rig=mine.yaml command=planned.csv",
+        "dtb isolability rig=rotary_drive reference.rms_v=3 sensors.noise.theta_m_rad=0.001 record=[theta_m]",
+        "dtb isolability rig=lead_screw controller=imc reference=square sensors=encoder",
+    ),
+    in_open_loop=True,
+)  # fmt: skip
+
 EXPORT = Grammar(
     "export", "dtbacklash.config.commands:ExportConfig", ("rig",),
     "write a rig as an FMU, for other simulation tools",
@@ -194,7 +215,7 @@ EXPORT = Grammar(
 )  # fmt: skip
 
 #: the applications of Hydra: a folder of results, sweeps
-GRAMMARS = {one.name: one for one in (RUN, PAPER, DIAGNOSE, PROVE, CONCEAL)}
+GRAMMARS = {one.name: one for one in (RUN, PAPER, DIAGNOSE, ISOLABILITY, PROVE, CONCEAL)}
 
 
 #: what is composed as these are, and writes one file

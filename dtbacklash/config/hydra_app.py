@@ -77,7 +77,7 @@ def overrides(grammar: Grammar, words: Sequence[str]) -> list[str]:
             expects_value = word in VALUED
             result += _option(grammar, word)
         else:
-            key, value = _in_volts(words, *_split(grammar, word, sweeps))
+            key, value = _in_volts(grammar, words, *_split(grammar, word, sweeps))
             if key in given:
                 raise UserError(word.partition("=")[0], value, f"is given twice; the first is {given[key]}")
             given[key] = value
@@ -117,12 +117,13 @@ def _split(grammar: Grammar, word: str, sweeps: bool) -> tuple[str, str]:
     return grammar.words.get(name, name), value
 
 
-def _in_volts(words: Sequence[str], key: str, value: str) -> tuple[str, str]:
+def _in_volts(grammar: Grammar, words: Sequence[str], key: str, value: str) -> tuple[str, str]:
     """A setting of the reference that is named by the unit that it has in open loop, by the name of its field."""
     name = key.removesuffix("_v")
     if key not in OPEN_LOOP:
         return key, value
-    if "controller=open_loop" not in words:
+    chosen = [word for word in words if word.startswith("controller=")]
+    if chosen != ["controller=open_loop"] and (chosen or not grammar.in_open_loop):
         allowed = f"is a voltage, which the reference of controller=open_loop is; else write {name}_mm"
         raise UserError(key, value, allowed)
     return f"{name}_mm", value

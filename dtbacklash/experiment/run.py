@@ -213,10 +213,10 @@ def _controlling(
 def _inputs(config: RunConfig, rig: Rig) -> tuple[loop.Signals, Ints]:
     """The signals that go in, (N+1,) each, and the samples at which the reference changes."""
     t_s = np.arange(config.samples + 1, dtype=np.float64) * config.sample_time_s
-    r = signals.reference(config.reference, t_s, config.seed)
+    closed = config.controller.structure != "open_loop"
+    r = signals.reference(config.reference, t_s, config.seed, command=not closed)
     gap = true_half_gap(config, rig, t_s)
     noise, resolution = sensor_errors(config, list(rig.sensors.values()), t_s.size)
-    closed = config.controller.structure != "open_loop"
     changes = (np.flatnonzero(np.diff(r)) + 1).astype(np.int64)
     moving = np.zeros(0)
     if config.reference.kind == "trajectory":  # known ahead, and a change from one rest to the next

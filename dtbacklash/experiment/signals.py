@@ -20,6 +20,8 @@ from dtbacklash.errors import UserError
 
 Array = NDArray[np.float64]
 
+#: columns of a command, as a recording has them: s, and the unit of the rig's command
+COMMAND = ("t", "u")
 GAP_LIMIT_DEG = 360.0  # a gap of more than a turn is a mistake of unit
 REGULAR_SHARE = 0.9  # a file is regularly sampled if this share of its time steps equals their median ...
 HOLE_FACTOR = 1.5  # ... and then a longer step than this times the median is a hole
@@ -27,21 +29,47 @@ REGULAR_ROWS = 10
 EDGE = 1e-9  # relative to the period: a sample at k*period belongs to the next period despite rounding
 
 
-def reference(config: ReferenceConfig, t_s: Array, seed: int = 0) -> Array:
+def reference(config: ReferenceConfig, t_s: Array, seed: int = 0, command: bool = False) -> Array:
     """Return r at ``t_s`` in mm, shape of ``t_s``.
+
+    command : whether r is the rig's command, as in open loop; a file may then have the columns ``t,u`` of a recording.
 
     Raises
     ------
     UserError : a CSV that is unreadable, has NaN, holes, or does not cover ``t_s`` (key ``reference.path``).
     """
     if config.kind == "csv" or (config.kind == "trajectory" and config.path is not None):
-        times_s, values_mm = read_columns("reference.path", config.path, ("t_s", "r_mm"), t_s)
+        columns = COMMAND if command and has_command(config.path) else ("t_s", "r_mm")
+        times_s, values_mm = read_columns("reference.path", config.path, columns, t_s)
         if config.interpolation == "linear" or config.kind == "trajectory":
             return np.interp(t_s, times_s, values_mm)
         tolerance_s = EDGE * max(1.0, float(t_s[-1]))
         row = np.searchsorted(times_s, t_s + tolerance_s, side="right") - 1
         return np.asarray(values_mm[row])
     return config.offset_mm + _REFERENCES[config.kind](config, t_s, seed)
+
+
+def has_command(path: str | None) -> bool:
+    """Whether a CSV file has the columns of a command, ``t,u``; not where it cannot be read."""
+    try:
+        with Path(path or "").open(encoding="utf-8-sig") as file:
+            names = [name.strip() for name in file.readline().split(",")]
+    except (OSError, ValueError):
+        return False
+    return all(name in names for name in COMMAND)
+
+
+def span_of(key: str, path: str, step_s: float) -> tuple[float, float]:
+    """Duration and sample time of a file with a command, s.
+
+    step_s : of a file that has no sample time of its own, being written by hand. Raises UserError as a reference does.
+    """
+    times_s, _ = _read_pair(key, path, COMMAND)
+    steps = np.diff(times_s)
+    median = float(np.median(steps))
+    step_s = median if _regular(steps) else step_s
+    samples = int((times_s[-1] - times_s[0]) / step_s + REGULAR_SHARE)
+    return samples * step_s, step_s
 
 
 def gap_profile(config: ProfileConfig, t_s: Array) -> Array:
@@ -150,6 +178,16 @@ def read_columns(key: str, path: str | None, columns: tuple[str, str], t_s: Arra
     ------
     UserError : in the name of ``key``, with the row that is wrong.
     """
+    times, values = _read_pair(key, path, columns)
+    slack_s = EDGE * max(1.0, float(t_s[-1]))
+    if times[0] > t_s[0] + slack_s or times[-1] < t_s[-1] - slack_s:
+        span = f"{times[0]:g} to {times[-1]:g} s"
+        raise UserError(key, path, f"covers {span}, but the run needs {t_s[0]:g} to {t_s[-1]:g} s")
+    return times, values
+
+
+def _read_pair(key: str, path: str | None, columns: tuple[str, str]) -> tuple[Array, Array]:
+    """Two columns of a CSV file, the first of which increases without holes."""
     table = _read_csv(key, path, columns)
     times, values = (_finite_column(key, path, table[name]) for name in columns)
     if times.size < 2:
@@ -162,16 +200,17 @@ def read_columns(key: str, path: str | None, columns: tuple[str, str], t_s: Arra
     )  # fmt: skip
     median = float(np.median(steps))
     # a few rows that were written by hand may have any spacing; a sampled file has no holes
-    regular = steps.size >= REGULAR_ROWS and np.mean(np.abs(steps - median) <= 0.01 * median) >= REGULAR_SHARE
     _refuse(
-        key, path, regular & (steps > HOLE_FACTOR * median),
+        key, path, _regular(steps) & (steps > HOLE_FACTOR * median),
         lambda j: f"has a hole from {times[j]:g} to {times[j + 1]:g} s; it is sampled every {median:g} s otherwise",
     )  # fmt: skip
-    slack_s = EDGE * max(1.0, float(t_s[-1]))
-    if times[0] > t_s[0] + slack_s or times[-1] < t_s[-1] - slack_s:
-        span = f"{times[0]:g} to {times[-1]:g} s"
-        raise UserError(key, path, f"covers {span}, but the run needs {t_s[0]:g} to {t_s[-1]:g} s")
     return times, values
+
+
+def _regular(steps: Array) -> bool:
+    """Whether a file is sampled: most of its time steps equal their median."""
+    median = float(np.median(steps))
+    return bool(steps.size >= REGULAR_ROWS and np.mean(np.abs(steps - median) <= 0.01 * median) >= REGULAR_SHARE)
 
 
 def _read_csv(key: str, path: str | None, columns: tuple[str, str]) -> pd.DataFrame:

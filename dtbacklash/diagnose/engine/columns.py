@@ -179,6 +179,29 @@ class Columns:
         found: Floats = self._T[a] @ self._T[b].T - self._by[a] @ self._cross[b].T
         return found
 
+    def angles(self) -> tuple[list[Hypothesis], Floats, Floats]:
+        """Hypotheses of which something is left beside the base, and how far they are apart.
+
+        Returns
+        -------
+        the hypotheses; (h,) how many standard errors each is as it begins, at its worst phase; (h, h) sines of the
+        smallest angles between them, 1 at right angles, 0 where one can stand for the other.
+        """
+        kept = [(h, at) for h, at in self.hypotheses if not (np.diag(self._blocks[h]) < OWN).any()]
+        turned, errors = np.zeros((len(kept), 2, len(self.scale))), np.zeros(len(kept))
+        for k, (h, at) in enumerate(kept):
+            scale = self.scale[at]
+            sizes, directions = np.linalg.eigh(self._blocks[h])
+            turned[k, : len(sizes), at] = (directions / np.sqrt(np.maximum(sizes, OWN))).T
+            least = np.linalg.eigvalsh(self._blocks[h] * np.outer(scale, scale))[0]
+            errors[k] = np.sqrt(max(float(least), 0.0)) * (1.0 if h.as_it_is else abs(h.values[h.effect.size.name]))
+        flat = turned.reshape(-1, len(self.scale))
+        cosines = (flat @ self._products(slice(None), slice(None)) @ flat.T).reshape(len(kept), 2, len(kept), 2)
+        squares = (cosines**2).sum(axis=(1, 3))
+        crossed = cosines[:, 0, :, 0] * cosines[:, 1, :, 1] - cosines[:, 0, :, 1] * cosines[:, 1, :, 0]
+        nearest = 0.5 * (squares + np.sqrt(np.maximum(squares**2 - 4.0 * crossed**2, 0.0)))
+        return [h for h, _ in kept], errors, np.sqrt(np.clip(1.0 - nearest, 0.0, 1.0))
+
     def bounds(self, errors: float) -> Iterator[tuple[Hypothesis, float | None]]:
         """Each law with the largest size that its column allows, by so many standard errors; None: it is not bounded.
 

@@ -1,0 +1,1 @@
+"""What an experiment would show before it is made, and which one tells rivals apart."""

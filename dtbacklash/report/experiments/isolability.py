@@ -1,0 +1,97 @@
+"""What a planned experiment would show: its files, its page, and what the terminal says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from dtbacklash.diagnose.experiments.isolability import ALIKE, SHOWS, Effect, Isolability
+from dtbacklash.diagnose.say.sentences import quantity
+from dtbacklash.diagnose.words import named_in_words
+from dtbacklash.files import json_able, write_json
+from dtbacklash.report.experiments.figures import matrix_figure
+from dtbacklash.report.kit.blocks import Block, Code, Figure, Items, Table
+from dtbacklash.report.kit.page import embedded, render
+from dtbacklash.report.kit.style import save
+
+#: sentences that the terminal and the top of the page show
+SENTENCES = 8
+
+
+def write(found: Isolability, folder: Path, command: str) -> None:
+    """Write ``isolability.json``, ``effects.csv``, ``matrix.csv``, ``figures/matrix.png`` and ``report.html``."""
+    document = document_of(found)
+    write_json(folder / "isolability.json", document | {"command": command})
+    pd.DataFrame(document["effects"]).to_csv(folder / "effects.csv", index=False)
+    names = [f"{e.location}.{e.effect}" for e in found.effects]
+    pd.DataFrame(found.sines, index=names, columns=names).to_csv(folder / "matrix.csv", index_label="effect")
+    figures = []
+    if len(found.effects) > 1:
+        path = save(matrix_figure(found), folder / "figures" / "matrix.png")
+        figures = [Figure(embedded(path), "Sines of the angles between what the effects do to the readings, beside the "
+                          "rig's parameters within their tolerances. 1: at right angles; 0: one stands for the other.",
+                          "If nothing is orange, each effect that shows can be named.")]  # fmt: skip
+    parts = [
+        Block("What it would confuse", [Items(sentences(found)), *figures]),
+        Block("From which size on an effect shows", [effects_table(found)]),
+        Block("The same for each pair", [Items([p.sentence for p in found.pairs])], folded=True),
+        Block("Run it again", [Code(command)], folded=True),
+    ]
+    page = render("What the planned experiment would show", lead(found), parts)
+    (folder / "report.html").write_text(page, encoding="utf-8")
+
+
+def document_of(found: Isolability) -> dict[str, Any]:
+    """``isolability.json``: effects with sizes in SI, pairs with sines, sentences."""
+    return {
+        "effects": [json_able(e) for e in found.effects],
+        "confused": [
+            {"first": ".".join(p.first), "second": ".".join(p.second), "sine": p.sine, "advice": p.advice,
+             "sentence": p.sentence}
+            for p in found.pairs
+        ],
+        "hidden": [".".join(key) for key in found.hidden],
+        "one_way": list(found.one_way),
+        "sentences": sentences(found),
+        "settings": {"shows": SHOWS, "alike": ALIKE, "readings": found.readings, "every": found.every},
+    }  # fmt: skip
+
+
+def lead(found: Isolability) -> str:
+    """The result in one line."""
+    taken = len(found.effects) + len(found.hidden)
+    return (f"{len(found.effects)} of {taken} effects show at some size; of these, {len(found.pairs)} pairs would be "
+            "confused.")  # fmt: skip
+
+
+def sentences(found: Isolability) -> list[str]:
+    """The pairs that would be confused, those with advice first, and what never shows."""
+    said = [p.sentence for p in found.pairs[:SENTENCES]]
+    if len(found.pairs) > SENTENCES:
+        said.append(f"{len(found.pairs) - SENTENCES} more pairs would be confused (matrix.csv, report.html).")
+    if found.hidden:
+        named = ", ".join(named_in_words(effect, place) for place, effect in found.hidden)
+        said.append(f"No size shows here: {named}.")
+    if found.one_way:
+        said.append(f"Never reverses: {', '.join(found.one_way)}.")
+    return said or ["Each effect that shows can be told from every other."]
+
+
+def effects_table(found: Isolability) -> Table:
+    """The sizes from which on effects show, and would be named."""
+    rows = [
+        [named_in_words(e.effect, e.location), _size(e, e.shows_from), _size(e, e.named_from),
+         ", ".join(f"{n} {v:.3g}" for n, v in e.at.items())]
+        for e in found.effects
+    ]  # fmt: skip
+    heads = "effect", "shows", "is named", "with"
+    title = f"From which size on an effect shows ({SHOWS:g} standard errors), and a diagnosis would take it up"
+    return Table(heads, rows, title)
+
+
+def _size(effect: Effect, size: float | None) -> str:
+    if size is None:
+        return "at no size"
+    return ("" if effect.rises else "up to ") + quantity(size, effect.unit)
