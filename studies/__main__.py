@@ -35,6 +35,7 @@ from studies import (
     nimc_forms,
     real,
     remote,
+    second_recording,
     speed,
     wrong_models,
 )
@@ -145,6 +146,11 @@ def _bank(options: argparse.Namespace) -> Result:
     return rows, words
 
 
+def _second_recording(options: argparse.Namespace) -> Result:
+    found = second_recording.rows(options.n, options.seed)
+    return found, second_recording.said(found)
+
+
 def _nimc_forms(options: argparse.Namespace) -> Result:
     grid = nimc_forms.run_grid(lambda said: console.print(said, style="dim"))
     grid.to_csv(options.out / "nimc_forms_runs.csv", index=False)
@@ -189,6 +195,10 @@ STUDIES = {
     ),
     "beliefs": Study(
         "What is known of a machine, and what its controller does: nominal, by the bank, true", _beliefs, asked=True
+    ),
+    "second_recording": Study(
+        "Pairs that one recording confuses, with a second one: lead of the truth in -2 log likelihood",
+        _second_recording, 30, 0, asked=True,
     ),
     "crossing": Study(
         "The twin's controller beside the paper's on random machines, lives of 100 s", _crossing, 1000, 1, asked=True

@@ -199,6 +199,22 @@ ISOLABILITY = Grammar(
     in_open_loop=True,
 )  # fmt: skip
 
+DESIGN = Grammar(
+    "design", "dtbacklash.config.experiments:DesignConfig", (),
+    "look for the experiment that tells apart what a diagnosis left open",
+    "Reads the folder of a diagnosis (dtb design FOLDER, or found=FOLDER) and looks for the command whose recording\n"
+    "would tell the models apart that it left open, as large as the limits allow: by a sum of sines, a set of moves,\n"
+    "or the best of your own files. Says how far apart they would be, in standard errors. Writes command.csv (t, u)\n"
+    "for the machine and for dtb run, design.json, figures/command.png and report.html.",
+    "outputs/<date>/<time>_design",
+    (
+        "dtb design found",
+        "dtb design found command_max=5 travel='{carriage: 50 mm}' duration_s=20 out=next",
+        "dtb design found commands=[slow.csv,fast.csv]",
+        "dtb run rig=found/rig.yaml controller=open_loop reference=csv reference.path=next/command.csv duration_s=8",
+    ),
+)  # fmt: skip
+
 EXPORT = Grammar(
     "export", "dtbacklash.config.commands:ExportConfig", ("rig",),
     "write a rig as an FMU, for other simulation tools",
@@ -215,7 +231,7 @@ EXPORT = Grammar(
 )  # fmt: skip
 
 #: the applications of Hydra: a folder of results, sweeps
-GRAMMARS = {one.name: one for one in (RUN, PAPER, DIAGNOSE, ISOLABILITY, PROVE, CONCEAL)}
+GRAMMARS = {one.name: one for one in (RUN, PAPER, DIAGNOSE, ISOLABILITY, DESIGN, PROVE, CONCEAL)}
 
 
 #: what is composed as these are, and writes one file

@@ -30,6 +30,7 @@ from dtbacklash.diagnose.say.enough import Enough
 from dtbacklash.diagnose.say.errors import ErrorTables
 from dtbacklash.diagnose.say.findings import candidates, findings, limits, located, recalibrated
 from dtbacklash.diagnose.say.next_experiment import next_experiment
+from dtbacklash.diagnose.say.observed import observed
 from dtbacklash.diagnose.say.sentences import (
     explained_said,
     modelled_said,
@@ -289,6 +290,7 @@ class _Course:
                 len(c.search.tried), c.course == SMOOTH, depth,
             ),
             calibration=calibration(c),
+            observed=observed(c),
             modelled=told,
         )  # fmt: skip
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from dtbacklash.diagnose.named import Calibration, Document, Finding, Modelled, Recalibrated
+from dtbacklash.diagnose.planning import Observed
 from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.diagnose.shown import Explained, FitTable, FreeRunning, RecordingUsed, Shown, Work
 from dtbacklash.files import json_able
@@ -144,6 +145,7 @@ class Diagnosis:
     modelled : what no name explains, as a table or formula in the rig.
     suspected : which number in the rig looks like a typo, in a sentence; else empty.
     stopped : what was being done when it was stopped, of which this is what was known; else empty.
+    observed : how the machine was seen to move and what is open, for the experiment after it.
     nominal : the rig as it was given. extended : recalibrated, with what was found. shown, work : for the report.
     """
 
@@ -172,6 +174,7 @@ class Diagnosis:
     modelled: Modelled | None = None
     stopped: str = ""
     suspected: str = ""
+    observed: Observed | None = None
 
     @property
     def rig(self) -> Rig:
@@ -195,6 +198,7 @@ class Diagnosis:
         document["limits"] = [limit.to_json() for limit in self.limits]
         document["calibration"] = self.calibration.to_json() if self.calibration else None
         document["settings"] = SETTINGS.to_json()
+        document |= {"observed": self.observed.to_json()} if self.observed else {}
         if self.modelled:
             document["modelled"] = self.modelled.to_json()
         else:

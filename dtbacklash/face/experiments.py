@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dtbacklash.config.experiments import IsolabilityConfig
+from dtbacklash.config.experiments import DesignConfig, IsolabilityConfig
 from dtbacklash.config.run import ProfileConfig, ReferenceConfig, RunConfig
+from dtbacklash.errors import UserError
 
 if TYPE_CHECKING:
+    from dtbacklash.arrays import Floats
+    from dtbacklash.diagnose.experiments.design import Design, Limits
     from dtbacklash.diagnose.experiments.isolability import Isolability
+    from dtbacklash.diagnose.experiments.rivalry import Rival, Rivalry
+    from dtbacklash.diagnose.planning import Observed
+    from dtbacklash.physics.rig import Rig
     from dtbacklash.recording import Recording
 
+#: an experiment is no longer than this where nothing is said, s
+DURATION_S = 10.0
 #: a bar goes on after each step
 Tell = Callable[[float, str], None]
 
@@ -80,7 +90,6 @@ def _recorded(run: RunConfig) -> Recording:
 def _turned(run: RunConfig, whole: Recording) -> Recording:
     """The recording of the command, and then of the same with the other sign."""
     import tempfile
-    from pathlib import Path
 
     import pandas as pd
 
@@ -99,3 +108,99 @@ def _only(recording: Recording, config: IsolabilityConfig) -> Recording:
         return recording
     kept = {name: values for name, values in recording.channels.items() if name not in left_out}
     return replace(recording, channels=kept)
+
+
+def design(config: DesignConfig, jobs: int = 1, tell: Tell | None = None) -> tuple[Design, Rivalry]:
+    """The experiment that tells apart what a diagnosis left open, and the models. jobs : threads that share the work.
+
+    Raises
+    ------
+    UserError : no folder of a diagnosis; nothing is open in it; limits that allow no motion; a file of no command.
+    """
+    from threadpoolctl import threadpool_limits
+
+    from dtbacklash.diagnose.experiments.design import chosen, designed
+    from dtbacklash.diagnose.experiments.rivalry import Rivalry
+    from dtbacklash.diagnose.spread import on_cores
+
+    found, seen, rivals = _open_models(config)
+    rivalry, limits = Rivalry(found, rivals, seen), _limits(config, found, seen)
+    with on_cores(jobs), threadpool_limits(1, "blas"):
+        if config.commands:
+            commands = {name: _command(name, seen.sample_time_s) for name in config.commands}
+            return chosen(rivalry, limits, commands, tell), rivalry
+        duration_s = config.duration_s or min(seen.duration_s, DURATION_S)
+        return designed(rivalry, limits, duration_s, config.tries, config.seed, tell), rivalry
+
+
+def _open_models(config: DesignConfig) -> tuple[Rig, Observed, list[Rival]]:
+    """The found rig, how it was seen, and the models that are open."""
+    from dtbacklash.diagnose.experiments.rivalry import Rival
+    from dtbacklash.diagnose.planning import Observed
+    from dtbacklash.diagnose.words import all_in_words
+    from dtbacklash.face.rigs import load_rig
+    from dtbacklash.files import read_json
+    from dtbacklash.physics.rig_file import rig_of
+
+    folder = Path(str(config.found))
+    file = folder / "diagnosis.json"
+    if not file.is_file() or not (folder / "rig.yaml").is_file():
+        raise UserError("found", config.found, "must be the folder of a diagnosis, with diagnosis.json and rig.yaml")
+    try:
+        seen = Observed.of(read_json(file)["observed"])
+        rigs = [rig_of(one.rig) for one in seen.open]
+    except (KeyError, TypeError, ValueError) as error:
+        allowed = "was written by another version, or found a fault; run dtb diagnose again"
+        raise UserError("found", config.found, allowed) from error
+    found = load_rig(str(folder / "rig.yaml"))
+    if not rigs:
+        raise UserError("found", config.found, "leaves nothing open: no rival is left to be told apart")
+    rivals = []
+    for one, rig in zip(seen.open, rigs, strict=True):
+        without = all_in_words([one.instead_of])
+        name = f"{all_in_words(one.effects)} instead of {without}" if one.effects else f"no {without}"
+        keys = [(place, effect) for place, there in rig.effects.items() for effect in there]
+        new = [key for key in keys if key[1] not in rig.tolerances.get(key[0], {})]
+        rivals.append(Rival(name, rig, tuple(new)))
+    return found, seen, rivals
+
+
+def _limits(config: DesignConfig, rig: Rig, seen: Observed) -> Limits:
+    from dtbacklash.diagnose.experiments.design import Limits
+    from dtbacklash.physics.kinds import KINDS
+
+    found: dict[str, dict[str, float]] = {}
+    for key, quantity, given, usual in (
+        ("travel", "position", config.travel, seen.travel), ("speed", "velocity", config.speed, seen.speed),
+    ):  # fmt: skip
+        found[key] = dict(usual)
+        for body, text in given.items():
+            if body not in usual:
+                raise UserError(f"{key}.{body}", text, f"no such body; choose of {', '.join(usual)}")
+            unit = KINDS[rig.kind_at(body)].quantities[quantity]
+            found[key][body] = _sized(f"{key}.{body}", text, unit)
+    return Limits(config.command_max or seen.command, found["travel"], found["speed"])
+
+
+def _sized(key: str, text: str, unit: str) -> float:
+    """A positive number, SI or with a unit, in SI."""
+    from dtbacklash import units
+
+    number, _, written = str(text).strip().partition(" ")
+    known = units.find(written.strip() or unit)
+    try:
+        size = float(number)
+    except ValueError:
+        size = math.nan
+    if known is None or known.si != unit or not (math.isfinite(size) and size > 0.0):
+        raise UserError(key, text, f"a number above 0, in {unit} or with one of {', '.join(units.of_kind(unit))}")
+    return size * known.factor
+
+
+def _command(path: str, step_s: float) -> Floats:
+    """The command of a file at a sample time, held between its rows."""
+    from dtbacklash.experiment.signals import reference, span_of
+
+    duration_s, _ = span_of("commands", path, step_s)
+    t_s = step_s * np.arange(round(duration_s / step_s) + 1, dtype=np.float64)
+    return reference(ReferenceConfig(kind="csv", path=path), t_s, command=True)

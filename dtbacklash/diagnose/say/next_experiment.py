@@ -4,6 +4,8 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.conclusion import Conclusion
+from dtbacklash.diagnose.engine.free import Key
+from dtbacklash.diagnose.engine.judge import Rival
 from dtbacklash.diagnose.result import UNEXPLAINED, Located, Verdict
 from dtbacklash.diagnose.words import place_in_words
 from dtbacklash.physics.effects.declare import name_in_words
@@ -12,33 +14,43 @@ from dtbacklash.physics.simulate import simulate
 
 #: an experiment that makes two models differ by less is not advised (share of the signal)
 TOLD_APART_SHARE = 0.01
+DESIGN = "dtb design FOLDER, with the folder of this diagnosis, looks for the experiment that tells what is open apart."
+NOTHING = "Nothing is ambiguous in this recording; a second recording would confirm it."
 #: of the longest command, what is simulated (samples)
 SAMPLES = 20_000
 
 
 def next_experiment(c: Conclusion, verdict: Verdict, where: Located | None) -> str:
-    """A sentence, from simulations of a finding and its rival: in which sensor, or at which amplitude, they differ."""
-    if verdict == UNEXPLAINED and where is not None and where.rest is not None:
-        return (f"What is missing depends most on the {where.rest.state} of {place_in_words(where.location)}: record "
-                "it slowly from end to end of its range, in both directions, and at another speed.")  # fmt: skip
-    recorded = set(c.seen.channels)
-    others = [name for name in c.search.bench.nominal.sensors if name not in recorded]
-    if verdict == UNEXPLAINED and where is not None and not c.model.keys:
-        more = (
-            f"record {' and '.join(others)} as well"
-            if others
-            else "record another motion, slow and fast, small and large"
-        )
-        return (
-            f"What is missing acts at or near {place_in_words(where.location)}, and depends on no state alone: {more}."
-        )
+    """What tells a finding from its rival, simulated: a sensor, an amplitude; and the command that designs the rest."""
     pairs = [
         (key, rival) for key in c.model.keys for rival in c.judged.rivals.get(key, ())
         if rival.keys and not rival.beaten
     ]  # fmt: skip
-    if not pairs:
-        return "Nothing is ambiguous in this recording; a second recording would confirm it."
-    key, rival = pairs[0]
+    said = _where(c, where) if verdict == UNEXPLAINED and where is not None else ""
+    if not said:
+        said = _told_apart(c, *pairs[0]) if pairs else NOTHING
+    return f"{said} {DESIGN}" if pairs else said
+
+
+def _where(c: Conclusion, where: Located) -> str:
+    """What shows more of what nothing explains; empty where a name is open instead."""
+    place = place_in_words(where.location)
+    if where.rest is not None:
+        return (f"What is missing depends most on the {where.rest.state} of {place}: record it slowly from end to end "
+                "of its range, in both directions, and at another speed.")  # fmt: skip
+    if c.model.keys:
+        return ""
+    recorded = set(c.seen.channels)
+    others = [name for name in c.search.bench.nominal.sensors if name not in recorded]
+    more = (
+        f"record {' and '.join(others)} as well" if others else "record another motion, slow and fast, small and large"
+    )
+    return f"What is missing acts at or near {place}, and depends on no state alone: {more}."
+
+
+def _told_apart(c: Conclusion, key: Key, rival: Rival) -> str:
+    """In which sensor, or at which amplitude, a finding and its rival differ."""
+    recorded = set(c.seen.channels)
     other = rival.keys[0]
     what = f"{name_in_words(key[1])} ({key[0]}) from {name_in_words(other[1])} ({other[0]})"
     first, second = c.model.rig, rival.model.rig

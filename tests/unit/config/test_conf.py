@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from hydra import compose, initialize_config_module
 from hydra.core.global_hydra import GlobalHydra
+from omegaconf import OmegaConf
 
 import dtbacklash
 from dtbacklash.config import hydra_app
@@ -59,13 +60,13 @@ def test_every_option_gives_a_valid_configuration(hydra_ready, tmp_path, row):
 
 def test_defaults_of_the_files_and_of_the_schema_agree(hydra_ready):
     for name, grammar in GRAMMARS.items():
-        words = ["recording.source=bench.csv"] if name == "diagnose" else []
+        words = {"diagnose": ["recording.source=bench.csv"], "design": ["found=found"]}.get(name, [])
         chosen = load(compose(name, overrides=words), grammar.schema)
         schema = compose(f"{name}_schema")
         if "rig" in grammar.groups:
             schema.rig = chosen.rig
-        if words:
-            schema.recording.source = "bench.csv"
+        for key, _, value in (word.partition("=") for word in words):
+            OmegaConf.update(schema, key, value)
         assert chosen == load(schema, grammar.schema)
 
 

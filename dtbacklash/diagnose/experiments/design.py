@@ -1,0 +1,245 @@
+"""The command that tells rivals apart best, within limits: sums of sines, sets of moves, or files of the user's own.
+
+Commands are drawn, each as large as the limits allow, and the best are changed a little at a time (an evolution
+strategy with one parent: Rechenberg 1973). What is largest is the sum of log(1 + expected fall of -2 log likelihood)
+over the rivals, so that one that no command tells apart does not hide the others.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.experiments.rivalry import Rivalry
+from dtbacklash.errors import UserError
+
+#: sines of a sum, levels of a set of moves
+SINES, LEVELS = 8, 8
+#: share of the tries in which anything is drawn, before the best is changed; by how much (standard deviation)
+DRAWN, CHANGE = 0.5, 0.25
+#: what moves from one level to the next is a ramp that takes between these shares of a level's time
+RAMPS = 0.02, 0.9
+#: a sum of sines has from so many periods in the experiment up to so many samples a period
+PERIODS, SAMPLES_A_PERIOD = 2.0, 40.0
+#: a command is made so large that its motion comes as near to the limits (share), in so many simulations at most
+NEAR, SIMULATIONS = 0.97, 8
+#: where so many of each kind do not move, none does
+GIVEN_UP = 4
+#: no command moves less than this share of what a limit allows
+STILL = 1e-6
+
+Tell = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Largest absolute command, in the rig's unit; body -> largest travel from where it begins, and speed, SI."""
+
+    command: float
+    travel: Mapping[str, float]
+    speed: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A command, and by how much it is expected to tell each rival apart (-2 log likelihood).
+
+    kind : ``multisine``, ``moves`` or the name of a file. u : (N,). travel, speed : body -> largest, SI.
+    """
+
+    kind: str
+    u: Floats = field(repr=False)
+    apart: tuple[float, ...]
+    travel: dict[str, float]
+    speed: dict[str, float]
+
+    @property
+    def score(self) -> float:
+        """What is made as large as possible."""
+        return float(np.sum(np.log1p(self.apart)))
+
+
+@dataclass(frozen=True)
+class Design:
+    """The best command, exactly compared; a multisine as it was drawn, within the same limits; how many were tried.
+
+    commands : of files, all of them, the best first.
+    """
+
+    best: Tried
+    beside: Tried | None
+    tries: int
+    commands: tuple[Tried, ...] = ()
+
+
+def designed(
+    rivalry: Rivalry, limits: Limits, duration_s: float, tries: int, seed: int = 0, tell: Tell | None = None
+) -> Design:
+    """The best of many commands of a length.
+
+    Raises
+    ------
+    UserError : the limits allow no motion.
+    """
+    rng, step = np.random.default_rng(seed), rivalry.seen.sample_time_s
+    n = max(round(duration_s / step), 2)
+    best: tuple[_Shape, Tried] | None = None
+    beside: Tried | None = None
+    for k in range(tries):
+        if tell:
+            tell(k / tries, "trying commands" if best is None else f"trying commands; {_told(best[1])} so far")
+        if best is None and k >= GIVEN_UP * len(_SHAPES):
+            break
+        drawn = best is None or k < DRAWN * tries
+        shape = _SHAPES[k % len(_SHAPES)].drawn(rng) if drawn or best is None else best[0].changed(rng)
+        found = _largest(rivalry, limits, shape.command(n, step, limits.command), shape.kind)
+        if found is None:
+            continue
+        beside = found if beside is None and shape.kind == "multisine" else beside
+        if best is None or found.score > best[1].score:
+            best = shape, found
+    if best is None:
+        given = ", ".join(f"{body} {most:g}" for body, most in limits.travel.items())
+        allowed = f"with command_max={limits.command:g} and speed, these limits allow no motion; give larger ones"
+        raise UserError("travel", given, allowed)
+    return Design(_exactly(rivalry, best[1]), None if beside is None else _exactly(rivalry, beside), tries)
+
+
+def chosen(rivalry: Rivalry, limits: Limits, commands: Mapping[str, Floats], tell: Tell | None = None) -> Design:
+    """The best of commands that are given, as they are.
+
+    Raises
+    ------
+    UserError : each goes beyond a limit, or does not stay finite.
+    """
+    found, beyond = [], []
+    for k, (name, u) in enumerate(commands.items()):
+        if tell:
+            tell(k / len(commands), name)
+        tried = _tried(rivalry, u, name)
+        ratio, which = (math.inf, "what stays finite") if tried is None else _beyond(limits, tried)
+        if tried is None or ratio > 1.0:
+            beyond.append(f"{name} goes beyond {which}")
+        else:
+            found.append(_exactly(rivalry, tried))
+    if not found:
+        raise UserError("commands", ", ".join(commands), "; ".join(beyond))
+    ranked = tuple(sorted(found, key=lambda t: -t.score))
+    return Design(ranked[0], None, len(commands), ranked)
+
+
+def _told(tried: Tried) -> str:
+    return f"{math.sqrt(min(tried.apart)):.3g} standard errors apart"
+
+
+def _tried(rivalry: Rivalry, u: Floats, kind: str) -> Tried | None:
+    """A command without what it tells; None where the machine runs away."""
+    answer = rivalry.answer(rivalry.found, u)
+    return None if answer is None else Tried(kind, u, tuple(rivalry.apart(answer.record)), answer.travel, answer.speed)
+
+
+def _exactly(rivalry: Rivalry, tried: Tried) -> Tried:
+    answer = rivalry.answer(rivalry.found, tried.u)
+    assert answer is not None
+    return Tried(tried.kind, tried.u, tuple(rivalry.apart(answer.record, exactly=True)), tried.travel, tried.speed)
+
+
+def _largest(rivalry: Rivalry, limits: Limits, u: Floats, kind: str) -> Tried | None:
+    """A shape as large as the limits allow, for the found rig and every rival; None where nothing moves."""
+    scale, most = 1.0, float(np.abs(u).max())
+    if not most > 0.0:
+        return None
+    scale = min(1.0, limits.command / most)
+    for _ in range(SIMULATIONS):
+        ratios = [_ratio(limits, rivalry, rig, scale * u) for rig in (rivalry.found, *(r.rig for r in rivalry.rivals))]
+        worst = max(ratios)
+        if worst <= 1.0:
+            break
+        # dry friction and drift: the motion is not in proportion
+        scale *= NEAR / worst if math.isfinite(worst) else 0.1
+    else:
+        return None
+    found = _tried(rivalry, scale * u, kind)
+    moves = found is not None and any(v > STILL * limits.speed.get(b, math.inf) for b, v in found.speed.items())
+    return found if moves else None
+
+
+def _ratio(limits: Limits, rivalry: Rivalry, rig: object, u: Floats) -> float:
+    answer = rivalry.answer(rig, u)  # type: ignore[arg-type]
+    if answer is None:
+        return math.inf
+    return _beyond(limits, Tried("", u, (), answer.travel, answer.speed))[0]
+
+
+def _beyond(limits: Limits, tried: Tried) -> tuple[float, str]:
+    """How near a motion comes to the limits, 1 at the nearest, and which that is."""
+    ratios = {"command_max": float(np.abs(tried.u).max()) / limits.command}
+    ratios |= {f"travel of {b}": v / limits.travel[b] for b, v in tried.travel.items() if b in limits.travel}
+    ratios |= {f"speed of {b}": v / limits.speed[b] for b, v in tried.speed.items() if b in limits.speed}
+    which = max(ratios, key=lambda name: ratios[name])
+    return ratios[which] / (1.0 + 1e-9), which
+
+
+@dataclass(frozen=True)
+class _Shape:
+    """A form of command: numbers between -1 and 1."""
+
+    numbers: Floats
+
+    kind = ""
+    count = 0
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> _Shape:
+        return cls(rng.uniform(-1.0, 1.0, cls.count))
+
+    def changed(self, rng: np.random.Generator) -> _Shape:
+        return type(self)(np.clip(self.numbers + CHANGE * rng.standard_normal(self.count), -1.0, 1.0))
+
+    def command(self, n: int, step_s: float, most: float) -> Floats:
+        raise NotImplementedError
+
+
+class _Multisine(_Shape):
+    """Sines from slow to fast with amplitudes over four decades and phases; an offset; how large it all is."""
+
+    kind = "multisine"
+    count = 2 * SINES + 2
+
+    def command(self, n: int, step_s: float, most: float) -> Floats:
+        t, whole = step_s * np.arange(n), n * step_s
+        lines = np.unique(np.round(np.geomspace(PERIODS, max(n / SAMPLES_A_PERIOD, PERIODS), SINES)))
+        amplitudes, phases = 10.0 ** (2.0 * self.numbers[:SINES]), np.pi * self.numbers[SINES:-2]
+        waves = zip(lines, amplitudes, phases, strict=False)
+        u = np.sum([a * np.sin(2.0 * np.pi * line / whole * t + p) for line, a, p in waves], axis=0)
+        u = u / max(np.abs(u).max(), 1e-300) + (self.numbers[-2] ** 3)
+        return _sized(u, self.numbers[-1], most)
+
+
+class _Moves(_Shape):
+    """Levels, each held for a while, with ramps between them."""
+
+    kind = "moves"
+    count = LEVELS + 2
+
+    def command(self, n: int, step_s: float, most: float) -> Floats:
+        low, high = RAMPS
+        ramp = low * (high / low) ** (0.5 + 0.5 * self.numbers[-2])
+        levels = np.concatenate([[0.0], self.numbers[:LEVELS], [0.0]])
+        at = np.arange(n) / n * (LEVELS + 1)
+        k = np.minimum(at.astype(int), LEVELS)
+        share = np.clip((at - k) / ramp, 0.0, 1.0)
+        return _sized(levels[k] + (levels[k + 1] - levels[k]) * share, self.numbers[-1], most)
+
+
+def _sized(u: Floats, size: float, most: float) -> Floats:
+    """A form as a command: a tenth of what is allowed, or more."""
+    found: Floats = most * 10.0 ** (0.5 * (size - 1.0)) * u / max(float(np.abs(u).max()), 1e-300)
+    return found
+
+
+_SHAPES: tuple[type[_Shape], ...] = (_Multisine, _Moves)

@@ -1,0 +1,45 @@
+"""How the recording saw the machine, and the models that it leaves open: what the next experiment is designed from."""
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.conclusion import Conclusion
+from dtbacklash.diagnose.planning import Observed, OpenModel
+from dtbacklash.physics.rig_file import rig_content
+
+
+def observed(c: Conclusion) -> Observed:
+    """Of the recordings together: their largest motion, the noise and the unknown force of the found model."""
+    bench, motion = c.search.bench, c.search.motion
+    last = max(bench.predictors, key=lambda p: p.count).readings
+    ends = np.cumsum([len(p.readings.u) for p in bench.predictors])[:-1]
+
+    def most(values: Floats, from_the_first: bool) -> float:
+        parts = np.split(values, ends)
+        return max(float(np.abs(v - v[0] * from_the_first).max()) for v in parts)
+
+    unknown, n = c.unknown(c.last), len(bench.linear.bodies)
+    force = dict(zip(bench.linear.bodies, bench.predictors[0].force.tolist(), strict=True))
+    noise: dict[str, float] = {}
+    for p, sizes in zip(bench.predictors, c.last.sizes, strict=True):
+        # of means: what a reading of the recording itself has more
+        of_one = np.exp(sizes[n:]) * np.sqrt(p.readings.every)
+        noise |= dict(zip(p.readings.channels, of_one.tolist(), strict=True))
+    return Observed(
+        last.sample_time_s / last.every, float(len(last.u) * last.sample_time_s),
+        max(float(np.abs(p.readings.recorded).max()) for p in bench.predictors),
+        {b: most(motion.position[b], True) for b in motion.position},
+        {b: most(motion.speed[b], False) for b in motion.speed},
+        noise, {b: share * force[b] for b, share in unknown.items()}, tuple(_open(c)),
+    )  # fmt: skip
+
+
+def _open(c: Conclusion) -> list[OpenModel]:
+    """The rivals of every name that are not beaten, the closest first; each model once."""
+    rivals = [(key, r) for key in c.model.keys for r in c.judged.rivals.get(key, ()) if not r.beaten]
+    found: dict[tuple[tuple[str, str], ...], OpenModel] = {}
+    for key, rival in sorted(rivals, key=lambda one: one[1].lead):
+        others = tuple(sorted(rival.model.keys))
+        if others != tuple(sorted(c.model.keys)):
+            found.setdefault(others, OpenModel(key, rival.keys, rig_content(rival.model.rig), rival.lead))
+    return list(found.values())

@@ -1,0 +1,155 @@
+"""The experiment that tells rivals apart: what it expects is what another recording shows, and limits are kept."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dtbacklash import cli
+from dtbacklash.diagnose.experiments.design import Limits, chosen, designed
+from dtbacklash.diagnose.experiments.rivalry import Rival, Rivalry
+from dtbacklash.diagnose.planning import Observed, OpenModel
+from dtbacklash.errors import UserError
+from dtbacklash.face.rigs import load_rig
+from dtbacklash.files import write_json
+from dtbacklash.physics.rig_file import rig_content, rig_yaml
+from dtbacklash.physics.simulate import simulate
+
+FRICTION, LOAD = ("load", "coulomb_friction"), ("load", "constant_load")
+STEP_S = 1e-3
+T = STEP_S * np.arange(3000)
+ONE_WAY = 3.0 + np.sin(2 * np.pi * T)
+SWING = 2.0 * np.sin(2 * np.pi * T)
+
+
+@pytest.fixture(scope="module")
+def nominal():
+    return load_rig("rotary_drive")
+
+
+@pytest.fixture(scope="module")
+def seen(nominal):
+    rival = OpenModel(FRICTION, (LOAD,), rig_content(nominal.with_effect(*LOAD, {"torque": -0.02})), 1.0)
+    return Observed(
+        STEP_S, 3.0, 4.0, {"motor_rotor": 300.0, "load": 300.0}, {"motor_rotor": 80.0, "load": 80.0},
+        {"theta_m": 1e-3, "theta_l": 1e-3}, {"motor_rotor": 1e-5, "load": 1e-5}, (rival,),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def rivalry(nominal, seen):
+    known = {"torque": {"value": 0.02, "tolerance": 0.05}}
+    rival = nominal.with_effect(*LOAD, {"torque": -0.02})
+    return Rivalry(nominal.with_effect(*FRICTION, known), [Rival("constant load", rival, (LOAD,))], seen)
+
+
+def limits(seen, **less):
+    return Limits(**{"command": seen.command, "travel": seen.travel, "speed": seen.speed} | less)
+
+
+def test_a_motion_that_reverses_tells_a_load_from_friction_and_another_does_not(rivalry):
+    moving = np.concatenate([ONE_WAY[:1000], ONE_WAY])  # it is moving before the part that is compared
+    still, swing = (rivalry.answer(rivalry.found, u).record for u in (moving, SWING))
+    (told,) = rivalry.apart(swing)
+    (tied,) = rivalry.apart(still)
+    assert math.sqrt(told) > 100.0
+    assert told > 10.0 * tied
+
+
+def test_the_found_rig_is_not_told_from_itself(rivalry, seen):
+    # a rival that holds the truth is told from it by nothing, whatever it began with
+    twin = Rivalry(
+        rivalry.found, [Rival("itself", rivalry.nominal.with_effect(*FRICTION, {"torque": 0.021}), (FRICTION,))], seen
+    )
+    (apart,) = twin.apart(twin.answer(twin.found, SWING).record, exactly=True)
+    assert math.sqrt(apart) < 3.0
+
+
+def test_a_design_keeps_its_limits_and_tells_more_than_a_drawn_multisine(rivalry, seen):
+    within = limits(seen, command=2.0, travel={"motor_rotor": 60.0, "load": 60.0})
+    found = designed(rivalry, within, 2.0, 8)
+
+    best = found.best
+    assert np.abs(best.u).max() <= 2.0 + 1e-9
+    for rig in (rivalry.found, rivalry.rivals[0].rig):
+        answer = rivalry.answer(rig, best.u)
+        assert max(answer.travel.values()) <= 60.0 * (1 + 1e-9)
+        assert max(answer.speed.values()) <= 80.0 * (1 + 1e-9)
+    assert min(best.apart) >= min(found.beside.apart)
+    assert math.sqrt(min(best.apart)) > 100.0
+
+
+def test_the_best_of_given_commands_is_the_one_that_reverses(rivalry, seen):
+    found = chosen(rivalry, limits(seen), {"one_way.csv": ONE_WAY, "swing.csv": SWING})
+    assert found.best.kind == "swing.csv"
+    assert [t.kind for t in found.commands] == ["swing.csv", "one_way.csv"]
+
+
+def test_commands_beyond_the_limits_are_refused_with_which(rivalry, seen):
+    with pytest.raises(UserError, match="goes beyond command_max"):
+        chosen(rivalry, limits(seen, command=0.5), {"swing.csv": SWING})
+
+
+def test_limits_that_allow_no_motion_are_one_line(rivalry, seen):
+    with pytest.raises(UserError, match="allow no motion"):
+        designed(rivalry, limits(seen, travel={"load": 1e-12}), 1.0, 4)
+
+
+def test_what_is_observed_comes_back_from_its_file(seen, tmp_path):
+    write_json(tmp_path / "observed.json", seen.to_json())
+    assert Observed.of(json.loads((tmp_path / "observed.json").read_text())) == seen
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch, rivalry, seen):
+    monkeypatch.chdir(tmp_path)
+    Path("found").mkdir()
+    write_json(Path("found/diagnosis.json"), {"observed": seen.to_json()})
+    Path("found/rig.yaml").write_text(rig_yaml(rivalry.found))
+    return tmp_path
+
+
+def test_the_command_writes_a_command_that_a_run_takes(folder, capsys):
+    assert cli.main(["design", "found", "tries=4", "duration_s=1", "travel={load: 1 rev}", "out=next"]) == 0
+    out = capsys.readouterr().out
+    assert "would be told" in out
+    command = pd.read_csv("next/command.csv")
+    assert list(command) == ["t", "u"]
+    document = json.loads(Path("next/design.json").read_text())
+    assert document["travel"]["load"] <= 2.0 * math.pi * (1 + 1e-9)
+
+    words = next(line for line in out.splitlines() if line.startswith("To see it")).split()[5:]
+    assert cli.main(["run", *words, "out=ran", "figures=false"]) == 0
+    ran = pd.read_parquet("ran/trace.parquet")
+    assert np.allclose(ran["u_v"][:-1], command["u"][: len(ran) - 1])
+    own = simulate(load_rig("found/rig.yaml"), command["u"].to_numpy()[:-1], STEP_S).sensors["theta_l"]
+    assert np.allclose(ran["theta_l_rad"], own)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ([], "give the folder of a diagnosis"),
+        (["nowhere"], "must be the folder of a diagnosis"),
+        (["found", "travel={wheel: 1}"], "no such body; choose of motor_rotor, load"),
+        (["found", "speed={load: 1 m}"], "a number above 0, in rad/s"),
+        (["found", "commands=[none.csv]"], "is not a file"),
+        (["found", "duration_s=0"], "must be positive"),
+    ],
+)
+def test_a_wrong_choice_is_one_line(folder, capsys, words, said):
+    assert cli.main(["design", *words, "out=next"]) == 2
+    err = capsys.readouterr().err
+    assert len(err.splitlines()) == 1
+    assert said in err
+    assert not Path("next").exists()
+
+
+def test_nothing_open_is_said(folder, capsys, seen):
+    document = {"observed": {**seen.to_json(), "open": []}}
+    write_json(Path("found/diagnosis.json"), document)
+    assert cli.main(["design", "found", "out=next"]) == 2
+    assert "leaves nothing open" in capsys.readouterr().err
