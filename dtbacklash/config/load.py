@@ -115,6 +115,8 @@ def fingerprint(config: RunConfig) -> str:
         path = settled[section].pop("path")
         if path is not None:
             settled[section]["content"] = hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    if config.uncertainty is not None and (file := Path(config.uncertainty) / "diagnosis.json").is_file():
+        settled["uncertainty"] = hashlib.sha256(file.read_bytes()).hexdigest()
     text = json.dumps(settled, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 

@@ -325,6 +325,10 @@ class RunConfig:
         "free", "as fast as it goes, or every sample at its instant of the wall clock, with the twin in a process of "
         "its own; the deadlines that were missed are then in summary.json (`pace`)", choices=PACES,
     )  # fmt: skip
+    uncertainty: str | None = setting(
+        None, "FOLDER of the diagnosis that found the rig: draw the 95 % band of what its parameters may be off by",
+        path=INPUT,
+    )  # fmt: skip
     figures: bool = setting(True, "false: no figures, also not in report.html")
 
     def __post_init__(self) -> None:
@@ -375,6 +379,8 @@ class RunConfig:
             raise UserError("twin.where", self.twin.where, allowed)
         if self.controller.reconfigure == "never":
             raise UserError("controller", self.controller.name, "closing the loop needs one that the twin reconfigures")
+        if self.uncertainty is not None:
+            raise UserError("uncertainty", self.uncertainty, "closing the loop makes several runs")
         if self.pace != "free":
             raise UserError("pace", self.pace, "closing the loop makes several runs; give dtb run one of them")
         if self.recording.save is not None:

@@ -45,6 +45,10 @@ def simulate(config: RunConfig, command: str | None, progress: Callable[[float],
             result = _with_remote_twin(config, progress)
         else:
             result = scenario.run_scenario(config, progress)
+        if config.uncertainty is not None:
+            from dtbacklash.experiment.uncertainty import with_band
+
+            with_band(result, config.uncertainty, progress)
     result.summary["command"] = command
     return result
 

@@ -150,6 +150,34 @@ def moves_overlay(trace: pd.DataFrame, moves: pd.DataFrame, band: float = 0.01) 
     return figure
 
 
+@styled
+def band_figure(trace: pd.DataFrame, columns: list[str]) -> Figure:
+    """What is simulated within its 95 % band, a panel a sensor, and beside it half the band's width."""
+    t = trace["t_s"].to_numpy(dtype=float)
+    figure = new_figure(0.6 + 1.9 * len(columns))
+    axes = figure.subplots(len(columns), 2, sharex=True, squeeze=False, width_ratios=[1.5, 1.0])
+    for (left, right), name in zip(axes, columns, strict=True):
+        here, low, high = (trace[n].to_numpy(dtype=float) for n in (name, f"{name}_low", f"{name}_high"))
+        (times, lows), (_, highs) = (band_ends(t, ends) for ends in (low, high))
+        left.fill_between(times, lows, highs, color=COLOUR["output"], alpha=0.3, lw=0, label="95 %")
+        left.plot(*envelope(t, here), color=COLOUR["output"], lw=1.2, label="simulated")
+        left.set_ylabel(name)
+        right.plot(*envelope(t, 0.5 * (high - low)), color=COLOUR["error"], lw=1.2)
+        right.set_ylim(bottom=0.0)
+    axes[0, 0].legend(loc="best")
+    axes[0, 0].set_title("(a)  within the band")
+    axes[0, 1].set_title("(b)  half of its width")
+    for ax in axes[-1]:
+        ax.set_xlabel("time [s]")
+    return figure
+
+
+def band_ends(t: np.ndarray[Any, Any], ends: np.ndarray[Any, Any]) -> tuple[np.ndarray[Any, Any], ...]:
+    """Samples of a band's end, which is smooth, as many as can be seen."""
+    step = max(1, len(t) // 2400)
+    return t[::step], ends[::step]
+
+
 def _window(moves: pd.DataFrame, t: np.ndarray[Any, Any]) -> float:
     """How long after a move to look: until those that settle have settled and a little more.
 

@@ -17,7 +17,7 @@ from dtbacklash.report.kit.page import embedded, render
 from dtbacklash.report.kit.style import save, save_png
 from dtbacklash.report.run import loop as loop_page
 from dtbacklash.report.run.methods import methods
-from dtbacklash.report.run.overview import moves_overlay, open_overview, run_overview
+from dtbacklash.report.run.overview import band_figure, moves_overlay, open_overview, run_overview
 from dtbacklash.report.run.text import alarms, indexes_drawn, network, pace_in_words
 from dtbacklash.report.run.words import as_yaml, describe, has_gear, is_open, subjects
 
@@ -35,6 +35,10 @@ MOVES = (
     "All moves on top of each other, each scaled to go from 0 to 1: what the gap does to them.",
     "If the controller copes with the gap, all curves lie on top of each other and stay within the grey band once they "
     "have entered it.",
+)
+BAND = (
+    "What is simulated, within the 95 % band of what the rig's parameters may be off by.",
+    "The band knows nothing of what the model lacks, nor of noise: a recording that leaves it shows one or the other.",
 )
 ONE_MOVE = (
     "The move, scaled to go from 0 to 1.",
@@ -115,6 +119,8 @@ def _estimates(estimates: list[dict[Any, Any]]) -> Table:
 
 def _caption(name: str, config: RunConfig, moves: int) -> tuple[str, str]:
     """What a figure shows, and what to see in it."""
+    if name == "uncertainty":
+        return BAND
     if name == "moves":
         return MOVES if moves > 1 else ONE_MOVE
     if is_open(config):
@@ -149,6 +155,8 @@ def _draw(result: Any, moves: pd.DataFrame, folder: Path) -> dict[str, Path]:
     figures = {"overview": save(overview(result, moves), folder / "overview.png")}
     if len(moves):
         figures["moves"] = save(moves_overlay(result.trace, moves), folder / "moves.png")
+    if banded := list(result.summary.get("uncertainty", {}).get("half_width_max", {})):
+        figures["uncertainty"] = save(band_figure(result.trace, banded), folder / "uncertainty.png")
     if result.design is not None:  # many runs share a design: what it looks like is drawn once
         figures["loop"] = save_png(kept(loop_page.loop_png, result.design), folder / "loop.png")
     return figures
