@@ -9,14 +9,16 @@ import pandas as pd
 import pytest
 
 from dtbacklash import cli
+from dtbacklash.diagnose import diagnose
 from dtbacklash.diagnose.experiments.design import Limits, chosen, designed
 from dtbacklash.diagnose.experiments.rivalry import Rival, Rivalry
 from dtbacklash.diagnose.planning import Observed, OpenModel
 from dtbacklash.errors import UserError
 from dtbacklash.face.rigs import load_rig
-from dtbacklash.files import write_json
+from dtbacklash.files import json_text, write_json
 from dtbacklash.physics.rig_file import rig_content, rig_yaml
 from dtbacklash.physics.simulate import simulate
+from dtbacklash.recording import Recording
 
 FRICTION, LOAD = ("load", "coulomb_friction"), ("load", "constant_load")
 STEP_S = 1e-3
@@ -153,3 +155,20 @@ def test_nothing_open_is_said(folder, capsys, seen):
     write_json(Path("found/diagnosis.json"), document)
     assert cli.main(["design", "found", "out=next"]) == 2
     assert "leaves nothing open" in capsys.readouterr().err
+
+
+@pytest.mark.check
+def test_a_diagnosis_leaves_what_a_design_starts_from(nominal):
+    rng, u = np.random.default_rng(3), np.concatenate([np.full(1500, 3.0), ONE_WAY, ONE_WAY])
+    shown = simulate(nominal.with_effect(*FRICTION, {"torque": 0.02}), u, STEP_S).sensors
+    y = {c: shown[c][1500:-1] + 1e-3 * rng.standard_normal(len(u) - 1500) for c in ("theta_m", "theta_l")}
+    recording = Recording("one way", None, STEP_S, STEP_S * np.arange(len(u) - 1500), {"u": u[1500:], **y}, {})
+    found = diagnose(recording, nominal)
+
+    assert "dtb design" in found.next_experiment
+    seen = Observed.of(json.loads(json_text(found.to_json()))["observed"])
+    assert {*seen.open[0].effects, seen.open[0].instead_of} == {FRICTION, LOAD}
+    assert seen.command == pytest.approx(np.abs(u).max(), rel=1e-3)
+    assert seen.noise == pytest.approx(dict.fromkeys(y, 1e-3), rel=0.3)
+    for body, channel in (("motor_rotor", "theta_m"), ("load", "theta_l")):
+        assert seen.travel[body] == pytest.approx(np.ptp(y[channel][: int(0.8 * len(recording.t_s))]), rel=0.05)
