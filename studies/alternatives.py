@@ -28,6 +28,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose import Record, diagnose_records, records_of
 from dtbacklash.diagnose.engine.predictor import Predictor
 from dtbacklash.diagnose.engine.readings import readings
+from dtbacklash.diagnose.engine.simulated import Simulated
 from dtbacklash.physics.rig import Rig
 from dtbacklash.prove.conceal import conceal, nominal_rig
 from dtbacklash.prove.seal import RECORDING, key_path, open_seal
@@ -150,7 +151,7 @@ def _shortened(named: list[str], most: int = 3) -> str:
 def left(nominal: Rig, rig: Rig, record: Record) -> tuple[dict[str, Floats], dict[str, float]]:
     """Channel -> (N,) what a rig's predictor leaves of it, and channel -> the noise's standard deviation."""
     channels = tuple(c for c in nominal.sensors if c in record.y)
-    predictor = Predictor(nominal, readings(record.u, record.y, channels, record.sample_time_s, 1, False))
+    predictor = Predictor(nominal, Simulated(readings(record.u, record.y, channels, record.sample_time_s, 1, False)))
     sizes = predictor.first_sizes()
     sizes[: len(predictor.bodies)] = np.log(STRICT)
     innovations = predictor.run(rig, predictor.gains(rig, sizes)).D

@@ -127,14 +127,16 @@ def predicted(rig: Rig, said: dict[str, Any], part: str, smooth: bool) -> dict[s
     from dtbacklash.diagnose import records_of
     from dtbacklash.diagnose.engine.predictor import Predictor
     from dtbacklash.diagnose.engine.readings import readings
+    from dtbacklash.diagnose.engine.simulated import Simulated
     from dtbacklash.diagnose.records import held_equivalent
     from dtbacklash.recording import read_recording
 
     records = records_of(read_recording(part, rig=rig), rig, False, True)
     (channel,) = records[0].y
+    commands = [held_equivalent(r.u) if smooth else r.u for r in records]
     predictors = [
-        Predictor(rig, readings(held_equivalent(r.u) if smooth else r.u, r.y, (channel,), r.sample_time_s, 1, False))
-        for r in records
+        Predictor(rig, Simulated(readings(u, r.y, (channel,), r.sample_time_s, 1, False)))
+        for u, r in zip(commands, records, strict=True)
     ]
 
     def error(of: Rig) -> float:

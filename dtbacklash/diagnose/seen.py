@@ -12,6 +12,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.bench import Bench, Sizes
 from dtbacklash.diagnose.engine.predictor import Gains, Predictor
 from dtbacklash.diagnose.engine.readings import OPENING, readings
+from dtbacklash.diagnose.engine.simulated import Simulated
 from dtbacklash.diagnose.engine.zeros import zeroed
 from dtbacklash.diagnose.records import Record
 from dtbacklash.errors import UserError
@@ -67,7 +68,8 @@ def predictor_of(rig: Rig, record: Record, every: int) -> Predictor:
         if rig.sensors[c].quantity == "acceleration":  # its first shows a command that nobody recorded
             y[c] = np.concatenate([[np.nan], y[c][1:]])
     at_once, number = record.at_once, record.recording
-    return Predictor(rig, readings(record.u, y, channels, record.sample_time_s, every, imposed, at_once, number))
+    found = readings(record.u, y, channels, record.sample_time_s, every, imposed, at_once, number)
+    return Predictor(rig, Simulated(found))
 
 
 class Seen:

@@ -8,7 +8,7 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.predictor import ASTRAY, LOST, Gains, Predictor
-from dtbacklash.diagnose.engine.simulated import Linear
+from dtbacklash.diagnose.engine.simulator import Linear
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 
 #: share of the unknown forces at which it is asked whether steps are fine enough

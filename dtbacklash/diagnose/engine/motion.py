@@ -9,7 +9,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.bench import Bench
 from dtbacklash.diagnose.engine.predictor import Gains, corrected
 from dtbacklash.diagnose.engine.readings import Readings, between
-from dtbacklash.diagnose.engine.simulated import Pass
+from dtbacklash.diagnose.engine.simulator import Pass
 from dtbacklash.physics.bodies import natural_frequencies_hz
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Place

@@ -1,6 +1,6 @@
 """The rig as a Kalman predictor: laws act inside, and unknown white forces say how much is missing.
 
-Between two samples the compiled rig advances, laws, contacts and all; at each sample its state is corrected by
+Between two samples the simulated rig advances, laws, contacts and all; at each sample its state is corrected by
 ``x += K (y - y^)``. ``K`` is the gain of the linear plant with an unknown white force at each body and white noise on
 each sensor. Their sizes are found by the likelihood of the innovations ``e`` with covariance ``S``,
 
@@ -19,8 +19,7 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.filter import frozen, opening, riccati, update
-from dtbacklash.diagnose.engine.readings import Readings
-from dtbacklash.diagnose.engine.simulated import Linear, Pass, Simulated
+from dtbacklash.diagnose.engine.simulator import Linear, Pass, Simulator
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig
 
@@ -60,14 +59,15 @@ class Predictor:
 
     Attributes
     ----------
-    readings : the stretch. linear : of the nominal rig. bodies : where forces may be unknown. force : (bodies,) the
-    rms force that moves each as it moves, N or N m: what sizes are shares of. sizes are (bodies + channels,) logarithms
-    of unknown forces over these, and of noises, SI.
+    simulated : what simulates it. readings : its stretch. linear : of the nominal rig. bodies : where forces may be
+    unknown. force : (bodies,) the rms force that moves each as it moves, N or N m: what sizes are shares of. sizes are
+    (bodies + channels,) logarithms of unknown forces over these, and of noises, SI.
     """
 
-    def __init__(self, rig: Rig, readings: Readings) -> None:
+    def __init__(self, rig: Rig, simulated: Simulator) -> None:
         """Raises UserError where nothing recorded shows some body, so that no gain can hold it."""
-        self.readings, self.simulated = readings, Simulated(readings)
+        readings = simulated.readings
+        self.readings, self.simulated = readings, simulated
         self.linear = self.simulated.linear(rig)
         self.bodies, self.count = self.linear.bodies, readings.count
         self.nominal_noise = np.log(readings.noise)
@@ -87,7 +87,7 @@ class Predictor:
         """The same on the beginning of the stretch."""
         other = copy.copy(self)
         other.readings = self.readings.first(share)
-        other.simulated = Simulated(other.readings, self.simulated.finely)
+        other.simulated = self.simulated.on(other.readings)
         other.count = other.readings.count
         return other
 

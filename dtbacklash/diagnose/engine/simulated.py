@@ -1,16 +1,12 @@
-"""What a predictor asks of a simulator: its linear model, a pass with corrections, and where states lead.
-
-This is the whole contract between the diagnosis and what simulates. Here it is fulfilled by the compiled rig.
-"""
-
-from dataclasses import dataclass
+"""The compiled rig as a simulator that a predictor can ask."""
 
 import numpy as np
 from scipy.linalg import expm
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.engine.filter import amplified, observe, onwards, shown
+from dtbacklash.diagnose.engine.passes import amplified, observe, onwards, shown
 from dtbacklash.diagnose.engine.readings import Readings, between, first_read
+from dtbacklash.diagnose.engine.simulator import Linear, Pass
 from dtbacklash.physics.assembly import compile_plant, state_names
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.kernel import plant as pl
@@ -27,46 +23,6 @@ STEPS, STEPS_FINE = (2, 6), (8, 10)
 ROUNDING = 1e-6
 #: a state is moved by so much to see what sensors show of it
 MOVED = 1e-3
-
-
-@dataclass(frozen=True)
-class Linear:
-    """The linear part of a rig, for one sample; two modes: the gear out of contact, and in contact (or no gear).
-
-    A (2, n, n), B (2, n, bodies) : what a force at each body adds within a sample. C (2, m, n), D (m, bodies) : what
-    readings show of states, and of the forces of the sample before at once. states : their names. bodies : in order.
-    volt (2, n), volt_at_once (m,) : the same of the voltage. inertia : (bodies,) force by acceleration. speed : index
-    of the first body's speed.
-    """
-
-    A: Floats
-    B: Floats
-    C: Floats
-    D: Floats
-    volt: Floats
-    volt_at_once: Floats
-    states: tuple[str, ...]
-    bodies: tuple[str, ...]
-    inertia: Floats
-    speed: int
-
-    def index(self, body: str) -> int:
-        """Of a body's speed among the states."""
-        return self.speed + self.bodies.index(body)
-
-    def force(self, channel: int) -> tuple[Floats, Floats]:
-        """(n,) and (m,) what a force at a body does within a sample, and shows at once, in contact."""
-        return self.B[1][:, channel].copy(), self.D[:, channel].copy()
-
-
-@dataclass(frozen=True)
-class Pass:
-    """One pass: whitened innovations E, innovations D (N, m), states X (N, n) before each correction, first state."""
-
-    E: Floats
-    D: Floats
-    X: Floats
-    first: Floats
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -129,13 +85,14 @@ def _shown(p: Plant, contact: bool, shown: list[int]) -> Floats:
 
 
 class Simulated:
-    """A rig on one stretch of a recording. errors : as the rig's own, of values that it cannot have.
-
-    finely : whether a sample is simulated in fine steps.
-    """
+    """The compiled rig on one stretch of a recording: a :class:`.simulator.Simulator`."""
 
     def __init__(self, readings: Readings, finely: bool = False) -> None:
         self.readings, self.finely = readings, finely or readings.every > 1
+
+    def on(self, readings: Readings) -> "Simulated":
+        """The same on other readings."""
+        return Simulated(readings, self.finely)
 
     def linear(self, rig: Rig) -> Linear:
         """Its linear part."""

@@ -10,6 +10,7 @@ import pytest
 from dtbacklash.diagnose.engine.bench import Bench
 from dtbacklash.diagnose.engine.predictor import Predictor
 from dtbacklash.diagnose.engine.readings import readings
+from dtbacklash.diagnose.engine.simulated import Simulated
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import simulate
 
@@ -36,7 +37,7 @@ def recorded(rig: Rig, u: np.ndarray, noise: float = NOISE, seed: int = 3, step_
 
 def predictor_of(rig: Rig, u: np.ndarray, y: dict, every: int = 1, step_s: float = STEP_S) -> Predictor:
     """A nominal rig that looks at all channels."""
-    return Predictor(rig, readings(u, y, tuple(y), step_s, every, False))
+    return Predictor(rig, Simulated(readings(u, y, tuple(y), step_s, every, False)))
 
 
 def bench_of(rig: Rig, u: np.ndarray, y: dict) -> Bench:

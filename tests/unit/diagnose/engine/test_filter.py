@@ -6,7 +6,8 @@ import pytest
 from nominal import nominal_rig
 from scipy.linalg import expm, solve_discrete_are
 
-from dtbacklash.diagnose.engine.filter import amplified, answers, frozen, opening, riccati
+from dtbacklash.diagnose.engine.filter import answers, frozen, opening, riccati
+from dtbacklash.diagnose.engine.passes import amplified
 from dtbacklash.diagnose.engine.simulated import linear_of
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.rig import Rig

@@ -17,6 +17,7 @@ from dtbacklash.diagnose.engine.readings import (
     rate_of,
     readings,
 )
+from dtbacklash.diagnose.engine.simulated import Simulated
 from dtbacklash.physics.simulate import simulate
 
 from .conftest import STEP_S, command, predictor_of
@@ -108,7 +109,8 @@ def test_averages_are_predicted_and_half_a_sample_of_misalignment_is_seen(name, 
     held = np.zeros(n)
 
     def left(**command: np.ndarray) -> np.ndarray:
-        other = Predictor(rig, replace(known.readings, **{k: np.ascontiguousarray(v) for k, v in command.items()}))
+        changed = {k: np.ascontiguousarray(v) for k, v in command.items()}
+        other = Predictor(rig, Simulated(replace(known.readings, **changed)))
         return other.run(rig, gains).D[100:].std(axis=0) / scale
 
     aligned = left()
@@ -134,7 +136,7 @@ def test_a_speed_that_is_driven_directly_needs_no_rise_and_a_position_does():
     scale = p.readings.y.std(axis=0)
 
     def left(readings: Readings) -> np.ndarray:
-        D = Predictor(rig, readings).run(rig, alone).D
+        D = Predictor(rig, Simulated(readings)).run(rig, alone).D
         # the first means are no state at rest, and go on as they are
         steps = p.readings.sample_time_s * np.arange(len(D))
         line = np.column_stack([np.ones(len(D)), steps])[:-2]
