@@ -123,7 +123,7 @@ def run_diagnosis(
     said, depth = config.enough, cast("Depth", config.search)
     return diagnose(
         train, rig, held_out, progress=lambda text, share: tell(share, text), jobs=jobs, enough=said, depth=depth,
-        keep=keep,
+        keep=keep, own=config.own, given=config.given,
     )  # fmt: skip
 
 

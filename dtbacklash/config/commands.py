@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 from dtbacklash.config.choices import COMMANDS, SEARCHES
 from dtbacklash.config.groups import recordings
@@ -61,6 +62,15 @@ class DiagnoseConfig:
         dict, "what is good enough, per channel, e.g. enough={x2: 0.05 mm} or a share of its motion (2 %): such a rest "
         "is accepted", word="enough"
     )  # fmt: skip
+    own: Any = setting(
+        None,
+        "of several recordings, the parameters and effects that are free in each, own=[carriage.mass], or in one, "
+        "own={b: [carriage.mass]}",
+        word="own",
+    )
+    given: dict[str, Any] = setting(
+        dict, "what is known to differ between recordings, e.g. given={b: {carriage.mass: 3.2 kg}}", word="given"
+    )
     search: str = setting(
         "full",
         "how much is looked for: everything; quick: what is large; none: the rig is calibrated as it is",

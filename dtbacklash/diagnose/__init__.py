@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
+from dtbacklash.diagnose.owned import Given, Own, with_own
 from dtbacklash.diagnose.pipeline import FULL, Depth, diagnose_records
 from dtbacklash.diagnose.records import Record, check_parts, long_enough, records_of, while_it_moves
 from dtbacklash.diagnose.result import Diagnosis
@@ -35,6 +36,8 @@ def diagnose(
     enough: Mapping[str, object] | None = None,
     depth: Depth = FULL,
     keep: bool = False,
+    own: Own | None = None,
+    given: Given | None = None,
 ) -> Diagnosis:
     """Diagnose a recording, or several together, on a rig.
 
@@ -50,6 +53,9 @@ def diagnose(
     depth : how much is looked for: ``none`` calibrates the rig as it is, ``quick`` names what is large, ``full`` all.
     keep : whether Ctrl-C gives what is known so far (:attr:`Diagnosis.stopped`).
 
+    own : of several recordings, the parameters and effects that are free in each, or, per recording (name or number),
+        there. given : recording -> parameter -> the value that is known there, SI or a text with its unit.
+
     Several recordings share the rig's physics and parameters. Each has its own sample time, channels, first state, and
     sizes of what is unknown.
 
@@ -61,17 +67,20 @@ def diagnose(
     """
     accepted = read_enough(enough or {}, rig)
     held_out = SETTINGS.held_out_share if held_out is None else held_out
-    given = [recording] if isinstance(recording, Recording) else recording
+    fitted = [recording] if isinstance(recording, Recording) else recording
     judging = [] if validation is None or isinstance(validation, (str, int)) else validation
-    doubts = doubted(rig, [*given, *([judging] if isinstance(judging, Recording) else judging)])
-    recordings = [while_it_moves(one, rig) for one in given]
+    doubts = doubted(rig, [*fitted, *([judging] if isinstance(judging, Recording) else judging)])
+    recordings = [while_it_moves(one, rig) for one in fitted]
     if isinstance(validation, Recording):
         validation = while_it_moves(validation, rig)
+    if len(recordings) == 1 and (own or given):
+        with_own(rig, 1, lambda key, wanted: 0, own, given)
     if len(recordings) == 1 and (validation is None or isinstance(validation, Recording)):
         found = _one(recordings[0], rig, validation, held_out, progress, jobs, units, accepted, depth, keep)
-        return said_first(found, given, doubts)
+        return said_first(found, fitted, doubts)
     others = [validation] if isinstance(validation, Recording) else validation
     several = Several.of(recordings, others, rig)
+    rig = with_own(rig, len(several.recordings), several.number, own, given)
     records, left_out = long_enough(several.records(rig, held_out))
     check_parts(records, ("validation", several.judging) if several.judging else ("held_out", held_out))
     found = diagnose_records(rig, records, progress, jobs, accepted, depth, keep)
@@ -80,7 +89,7 @@ def diagnose(
     notes = *notes_of_several(several, held_out), *untold, *left_out, *found.notes
     read = units_of(several) if units is None else dict(units)
     found = replace(found, source=", ".join(several.names), notes=notes, units=read, recordings=used)
-    return said_first(found, given, doubts)
+    return said_first(found, fitted, doubts)
 
 
 def _one(

@@ -84,7 +84,7 @@ class Conclusion:
             return {}
         away = {f.title: (standing(f, model.rig), f) for f in self.values.free if f.prior and not f.is_zero}
         moved = {name: row for name, row in away.items() if abs(row[0]) > search.rules.moved}
-        errors = {name: self.values.errors.get((f.place, f.effect, f.name), np.inf) for name, (_, f) in moved.items()}
+        errors = {name: self.values.errors.get((f.place, f.effect, f.label), np.inf) for name, (_, f) in moved.items()}
         return {name: (f.value(x), errors[name]) for name, (x, f) in moved.items()}
 
     @property
@@ -112,6 +112,7 @@ def is_there(model: Model, values: Values, key: Key) -> bool:
         return True
     if model.rig.effect(*key) is None:
         return False
-    value, neutral = model.rig.effects[key[0]][key[1]][entry.size.name], entry.size.neutral or 0.0
-    error = values.errors.get((*key, entry.size.name), np.inf)
-    return bool((abs(value - neutral) if np.isfinite(neutral) else abs(value)) > NORMAL95 * error)
+    neutral = entry.size.neutral or 0.0
+    sizes = [(f.value(x), values.errors[*key, f.label]) for f, x in zip(values.free, values.x, strict=True)
+             if f.key == key and f.name == entry.size.name]  # fmt: skip
+    return any((abs(value - neutral) if np.isfinite(neutral) else abs(value)) > NORMAL95 * e for value, e in sizes)

@@ -277,7 +277,9 @@ class _Course:
             suspected=suspected,
             next_experiment=next_experiment(c, verdict, where),
             nominal=self.rig,
-            extended=with_errors(c.model.rig, c.values.errors, verdict != UNEXPLAINED),
+            extended=with_errors(
+                c.model.rig, c.values.errors, verdict != UNEXPLAINED, c.search.bench.recordings[-1]
+            ),
             free_running=free,
             explained=much,
             checks=all_checks(c, tables, free),

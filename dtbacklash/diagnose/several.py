@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from dtbacklash.diagnose.records import Record, records_of
 from dtbacklash.diagnose.shown import RecordingUsed
@@ -57,7 +58,7 @@ class Several:
         names = names_of(recordings)
         judges = [False] * fitted
         if isinstance(validation, (str, int)):
-            judges[_number(recordings, names, validation)] = True
+            judges[_number("validation", recordings, names, validation)] = True
             if all(judges):
                 raise UserError("validation", validation, "leaves no recording to fit to")
         elif validation is not None:
@@ -66,6 +67,10 @@ class Several:
             judges += [True] * len(validation)
         _check_apart(recordings, names, judges)
         return cls(list(recordings), judges, names, _not_in_all(recordings, names, rig))
+
+    def number(self, key: str, wanted: str | int) -> int:
+        """Which recording a name, a file or a number from 1 means; UserError, naming the key, where it is none."""
+        return _number(key, self.recordings, self.names, wanted)
 
     @property
     def judging(self) -> str:
@@ -91,13 +96,17 @@ class Several:
         ]
 
 
-def _number(recordings: Sequence[Recording], names: list[str], wanted: str | int) -> int:
-    """Which recording is meant by a number from 1, a name or a file."""
+def _number(key: str, recordings: Sequence[Recording], names: list[str], wanted: str | int) -> int:
+    """Which recording is meant by a number from 1, a name, with or without its ending, or a file."""
+    stems = [Path(name).stem for name in names]
     for k, (recording, name) in enumerate(zip(recordings, names, strict=True)):
         if str(wanted) in (str(k + 1), name, source_of(recording), str(recording.source)):
             return k
+    if stems.count(str(wanted)) == 1:
+        return stems.index(str(wanted))
     known = ", ".join(f"{k} ({name})" for k, name in enumerate(names, 1))
-    raise UserError("validation", wanted, f"is none of the recordings; choose one of {known}, or give another file")
+    other = ", or give another file" if key == "validation" else ""
+    raise UserError(key, wanted, f"is none of the recordings; choose one of {known}{other}")
 
 
 def _check_apart(recordings: Sequence[Recording], names: list[str], judges: list[bool]) -> None:

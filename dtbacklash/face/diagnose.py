@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from dtbacklash.diagnose.named import Alternative
+    from dtbacklash.diagnose.owned import Given, Own
     from dtbacklash.diagnose.pipeline import Depth
     from dtbacklash.diagnose.result import Diagnosis
     from dtbacklash.physics.rig import Rig
@@ -229,6 +230,8 @@ def diagnose(
     held_out: float | None = None,
     enough: Mapping[str, str | float] | None = None,
     search: Depth = "full",
+    own: Own | None = None,
+    given: Given | None = None,
     jobs: int | None = None,
     progress: ShowProgress = False,
     trust_units: bool = False,
@@ -248,6 +251,8 @@ def diagnose(
         accepted, and said.
     search : ``full`` looks for everything; ``quick`` names what is large, without rivals; ``none`` names nothing: the
         rig is calibrated as it is, with intervals, correlations and blind directions (:attr:`Found.calibration`).
+    own : of several recordings, the parameters and effects that are free in each (``["carriage.mass"]``), or in one
+        (``{"b": ["carriage.mass"]}``). given : what is known to differ, ``{"b": {"carriage.mass": "3.2 kg"}}``.
     jobs : threads that share the work; None: one for each core.
     progress : True shows a bar; a function is called with the share done, 0 to 1, and what is being done.
     trust_units : of what is read here: do not ask whether the channels' sizes are what the rig can do.
@@ -282,7 +287,9 @@ def diagnose(
     with shown(progress, "diagnosing") as tell:
         said = None if tell is None else lambda text, share: tell(share, text)
         cores = jobs or os.cpu_count() or 1
-        return Found(compare(fitted, nominal, judged, held_out, said, cores, enough=enough, depth=search))
+        return Found(
+            compare(fitted, nominal, judged, held_out, said, cores, enough=enough, depth=search, own=own, given=given)
+        )
 
 
 def _usual_rig(recording: Source | Sequence[Source]) -> str:

@@ -13,7 +13,11 @@ from dtbacklash.physics.effects.declare import Effect, Values
 from dtbacklash.physics.kinds import AXES, GROUND, KINDS, LINEAR, OPTIONAL_NEIGHBOURS, SENSOR, Kind
 
 SENSOR_PREFIX = "sensor_"
+#: what a sensor's zero is called at its place
+ZERO = "zero"
 Effects = dict[str, dict[str, dict[str, float]]]
+#: per recording, by its number: title -> value, SI
+Own = tuple[dict[str, float], ...]
 
 
 @dataclass(frozen=True)
@@ -41,8 +45,8 @@ class Sensor:
     """What one sensor measures: ``quantity`` of the element ``of``, in the SI unit ``unit``.
 
     ``recorded_in`` is the unit of its column in a recording that says nothing of units; empty: SI. ``absolute`` is a
-    sensor of position whose zero is the rig's. Any other begins anywhere: ``zeros``, in SI, is what it reads where the
-    rig's position is 0, for each recording of a diagnosis; a simulation's is 0.
+    sensor of position whose zero is the rig's. Any other begins anywhere: ``zero``, in SI, is what it reads where the
+    rig's position is 0; in a diagnosis each recording has its own (:meth:`Rig.of`), a simulation's is 0.
     """
 
     name: str
@@ -51,16 +55,12 @@ class Sensor:
     unit: str
     recorded_in: str = ""
     absolute: bool = False
-    zeros: tuple[float, ...] = ()
+    zero: float = 0.0
 
     @property
     def relative(self) -> bool:
         """Whether its zero is not known."""
         return self.quantity == "position" and not self.absolute
-
-    def zero(self, recording: int) -> float:
-        """What it reads in a recording where the rig's position is 0."""
-        return self.zeros[recording] if recording < len(self.zeros) else 0.0
 
     @property
     def per_si(self) -> float:
@@ -73,7 +73,8 @@ class Rig:
     """A checked rig. Build it with :func:`build_rig`; it never changes, ``with_*`` give changed copies.
 
     effects : their values. tolerances : of those of their parameters that have one, relative, one standard deviation;
-    an effect with a tolerance is known, and diagnosed as the elements' parameters are.
+    an effect with a tolerance is known, and diagnosed as the elements' parameters are. own : per recording of a
+    diagnosis, what is its own, by title: ``parameter``, ``place.effect.parameter`` or ``sensor_x.zero`` -> value, SI.
     """
 
     config: RigConfig
@@ -81,6 +82,8 @@ class Rig:
     effects: Effects
     sensors: dict[str, Sensor]
     tolerances: Effects = field(default_factory=dict)
+    own: Own = ()
+    _of: dict[int, "Rig"] = field(default_factory=dict, repr=False, compare=False)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """In another process: its own laws have to be known there as well."""
@@ -89,7 +92,26 @@ class Rig:
 
     def __getstate__(self) -> dict[str, Any]:
         """With the laws that a user wrote, wherever they stand."""
-        return self.__dict__ | {"config": replace(self.config, laws=self.laws())}
+        return self.__dict__ | {"config": replace(self.config, laws=self.laws()), "_of": {}}
+
+    def of(self, recording: int) -> "Rig":
+        """The rig as it is in one recording of a diagnosis, by its number from 0."""
+        there = self.own[recording] if recording < len(self.own) else {}
+        if not there:
+            return self
+        if recording not in self._of:
+            self._of[recording] = _as_in(self, there)
+        return self._of[recording]
+
+    def owning(self, values: Mapping[tuple[int, str], float | None]) -> "Rig":
+        """A copy in which recordings have values of their own. values : (recording, title) -> value, SI; None: none."""
+        own = [dict(there) for there in self.own]
+        for (recording, title), value in values.items():
+            own += [{} for _ in range(recording + 1 - len(own))]
+            own[recording].pop(title, None)
+            if value is not None:
+                own[recording][title] = value
+        return replace(self, own=tuple(own), _of={})
 
     def laws(self) -> dict[str, Any]:
         """The declarations of the laws that a user wrote: those of its file, and those that it has as effects."""
@@ -194,7 +216,7 @@ class Rig:
         effects.setdefault(location, {}).pop(name, None)
         if values is not None:
             effects[location][name] = dict(values)
-        return build_rig(replace(self.config, effects={p: e for p, e in effects.items() if e}))
+        return build_rig(replace(self.config, effects={p: e for p, e in effects.items() if e}), self.own)
 
     def with_parameters(self, values: dict[str, float]) -> "Rig":
         """A copy with some nominal parameters changed (SI).
@@ -213,11 +235,11 @@ class Rig:
                 allowed = f"unknown parameter; known: {', '.join(parameters)}"
                 raise UserError(f"rig.parameters.{name}", value, allowed)
             parameters[name] = replace(parameters[name], value=float(value))
-        return build_rig(replace(self.config, parameters=parameters))
+        return build_rig(replace(self.config, parameters=parameters), self.own)
 
 
-def build_rig(config: RigConfig) -> Rig:
-    """Check a rig's description and resolve it.
+def build_rig(config: RigConfig, own: Own = ()) -> Rig:
+    """Check a rig's description and resolve it. own : what is of single recordings, see :class:`Rig`.
 
     Raises
     ------
@@ -229,7 +251,7 @@ def build_rig(config: RigConfig) -> Rig:
     _check_gain(elements, config)
     _gear_down(elements)
     sensors = {name: _sensor(name, spec, elements) for name, spec in config.sensors.items()}
-    rig = Rig(config, elements, {}, sensors)
+    rig = Rig(config, elements, {}, sensors, own=own)
     effects: Effects = {}
     tolerances: Effects = {}
     for location, there in config.effects.items():
@@ -246,7 +268,28 @@ def build_rig(config: RigConfig) -> Rig:
             known = {p: float(leaf["tolerance"]) for p, leaf in leaves.items() if isinstance(leaf, dict)}
             if known:
                 tolerances.setdefault(location, {})[name] = known
-    return replace(rig, effects=effects, tolerances=tolerances)
+    return replace(rig, effects=effects, tolerances=tolerances, _of={})
+
+
+def _as_in(rig: Rig, own: Mapping[str, float]) -> Rig:
+    """A rig with the values that one recording has; those of effects that it does not have do nothing."""
+    parameters = dict(rig.config.parameters)
+    effects = {p: {n: dict(leaves) for n, leaves in there.items()} for p, there in rig.config.effects.items()}
+    zeros: dict[str, float] = {}
+    for title, value in own.items():
+        place, *rest = title.split(".")
+        if not rest:
+            parameters[title] = replace(parameters[title], value=value)
+        elif rest == [ZERO]:
+            zeros[place.removeprefix(SENSOR_PREFIX)] = value
+        elif rig.effect(place, rest[0]) is not None:
+            leaves = effects[place][rest[0]]
+            leaf = leaves.get(rest[1])
+            leaves[rest[1]] = {**leaf, "value": value} if isinstance(leaf, dict) else value
+    if len(zeros) < len(own):
+        rig = build_rig(replace(rig.config, parameters=parameters, effects=effects))
+    sensors = {n: replace(s, zero=zeros[n]) if n in zeros else s for n, s in rig.sensors.items()}
+    return replace(rig, sensors=sensors, own=(), _of={})
 
 
 def _element(name: str, spec: dict[str, Any], parameters: dict[str, ParameterConfig]) -> Element:
@@ -367,7 +410,7 @@ def _gear_down(elements: dict[str, Element]) -> None:
 
 def _sensor(name: str, spec: dict[str, Any], elements: dict[str, Element]) -> Sensor:
     of, quantity = spec["of"], spec["quantity"]
-    unknown = sorted(str(key) for key in set(spec) - {"of", "quantity", "recorded_in", "absolute", "zeros"})
+    unknown = sorted(str(key) for key in set(spec) - {"of", "quantity", "recorded_in", "absolute"})
     if unknown:
         key = f"rig.sensors.{name}.{unknown[0]}"
         allowed = "unknown; a sensor has `of`, `quantity`, `recorded_in`, `absolute`"
@@ -392,4 +435,4 @@ def _sensor(name: str, spec: dict[str, Any], elements: dict[str, Element]) -> Se
     if absolute and quantity != "position":
         allowed = f"only a position has a zero, and this sensor reads {quantity}; leave it out"
         raise UserError(f"rig.sensors.{name}.absolute", absolute, allowed)
-    return Sensor(name, of, quantity, known[quantity], recorded_in, absolute, tuple(spec.get("zeros", ())))
+    return Sensor(name, of, quantity, known[quantity], recorded_in, absolute)

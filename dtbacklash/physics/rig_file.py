@@ -20,15 +20,14 @@ SECTIONS = ("parameters", "elements", "effects", "laws", "sensors")
 def rig_content(rig: Rig) -> dict[str, Any]:
     """What the file of a rig holds, in plain numbers, texts, lists and mappings; effects with all their parameters.
 
-    Zeros of sensors are of the recordings, and not of the rig.
+    What is of single recordings, as sensors' zeros, is not the rig's.
     """
     config = rig.config
-    sensors = {name: {k: v for k, v in one.items() if k != "zeros"} for name, one in config.sensors.items()}
     effects = {place: {name: rig_leaves(rig, place, name) for name in there} for place, there in rig.effects.items()}
     content: dict[str, Any] = plain_numbers({
         "name": config.name, "description": config.description,
         "parameters": {name: asdict(parameter) for name, parameter in config.parameters.items()},
-        "elements": config.elements, "effects": effects, "laws": rig.laws(), "sensors": sensors,
+        "elements": config.elements, "effects": effects, "laws": rig.laws(), "sensors": config.sensors,
     })  # fmt: skip
     return content if content["laws"] else {name: one for name, one in content.items() if name != "laws"}
 

@@ -36,6 +36,11 @@ class Bench:
         return {SENSOR_PREFIX + c for p in self.predictors for c in p.readings.channels}
 
     @cached_property
+    def recordings(self) -> tuple[int, ...]:
+        """Numbers of the recordings, in order."""
+        return tuple(sorted({p.readings.recording for p in self.predictors}))
+
+    @cached_property
     def spreads(self) -> dict[tuple[str, int], float]:
         """(channel, recording) -> how much its readings vary, rms, SI."""
         found: dict[tuple[str, int], float] = {}

@@ -73,11 +73,13 @@ class Problem:
         self.bench, self.base, self.keys, self.stiff = bench, rig, tuple(keys), stiff
         self.smooth = {key: root for key, root in (smooth or {}).items() if key in self.keys}
         self.motion = motion
-        self.free = nominal_free(bench.nominal, rig)
+        self.free = nominal_free(bench.nominal, rig, bench.recordings)
         self.free += zeros_free(bench.nominal, bench.spreads)
         self.priors = len(self.free)
         for key in self.keys:
-            self.free += effect_free(rig, key, motion(key[0]))
+            self.free += effect_free(rig, key, motion(key[0]), bench.recordings)
+        # what belongs to one recording takes no law's place in the others
+        self.weights = np.array([stiff if f.recording is None else 1.0 for f in self.free[: self.priors]])
 
     @property
     def counts(self) -> int:
@@ -106,7 +108,7 @@ class Problem:
 
     def beside(self, x: Floats) -> Floats:
         """(rows,) of priors, and of how tables bend."""
-        rows = [self.stiff * x[: self.priors]]
+        rows = [self.weights * x[: self.priors]]
         for key, root in self.smooth.items():
             values = [f.value(xi) for f, xi in zip(self.free, x, strict=True) if f.key == key and f.name in VALUES]
             rows.append(root @ np.array(values))
@@ -145,7 +147,7 @@ class Problem:
                 J[:, j] = 0.0
                 if f.title in near:
                     J[:data, j] = near[f.title]
-                J[data + j, j] = self.stiff
+                J[data + j, j] = self.weights[j]
                 continue
             J[:, j] = self.column(j, x, gains, rows)
         return J

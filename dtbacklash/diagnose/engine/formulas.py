@@ -128,7 +128,7 @@ def modelled(search: Search, model: Model, table: Key, instead_of: tuple[Key, ..
     points = np.column_stack([knots, efforts, np.sqrt(np.maximum(np.diag(covariance), 0.0))])
     return now, Modelled(
         table[0], effect, shape.over, state_unit, shape.times, unit, tuple((s, f, e) for s, f, e in points.tolist()),
-        instead_of, formulas, "", with_errors(now.rig, errors),
+        instead_of, formulas, "", with_errors(now.rig, errors, recording=search.bench.recordings[-1]),
     )  # fmt: skip
 
 

@@ -5,7 +5,7 @@ found effect has values without tolerances.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from dtbacklash.physics.catalogue import find, is_found
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import SENSOR_UNIT, Parameter, Place, Role
 from dtbacklash.physics.effects.table import VALUES
-from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, build_rig
+from dtbacklash.physics.rig import SENSOR_PREFIX, ZERO, Rig, build_rig
 
 #: of an effect of the nominal rig whose own is not given: what one knows of a friction, roughly (share; an angle: rad)
 EFFECT_TOLERANCE = 0.3
@@ -30,10 +30,12 @@ EDGE = 1e-3
 LAW_STEP, NOMINAL_STEP = 0.02, 0.05
 #: a sensor's zero is known as well as nothing: the width of its prior (of how much it moves)
 ANYWHERE = 1e3
+#: and so, nearly, is a parameter that belongs to one recording: a payload, a tension (share; an angle: rad)
+OWN_TOLERANCE = 0.5
 
 Key = tuple[str, str]
 Effects = dict[Key, dict[str, float]]
-#: (place, effect, parameter) -> standard error; the first two are empty for a parameter of the rig
+#: (place, effect, label of the parameter) -> standard error; the first two are empty for a parameter of the rig
 Errors = dict[tuple[str, str, str], float]
 
 
@@ -41,7 +43,8 @@ Errors = dict[tuple[str, str, str], float]
 class Free:
     """One free parameter: of an effect at ``place``; or (``effect`` empty) a nominal one, or a sensor's zero there.
 
-    It is fitted as ``x``: value = centre + scale x, or centre exp(x) where ``log``.
+    It is fitted as ``x``: value = centre + scale x, or centre exp(x) where ``log``. recording : the number of the one
+    that it belongs to; None: it is shared.
     """
 
     place: str
@@ -54,7 +57,7 @@ class Free:
     high: float
     prior: bool
     role: Role = Role.SHAPE
-    recording: int = 0
+    recording: int | None = None
 
     @property
     def key(self) -> Key:
@@ -67,11 +70,19 @@ class Free:
         return bool(self.place) and not self.effect
 
     @property
+    def shared_title(self) -> str:
+        """The parameter's name; for an effect ``place.effect.name``, for a zero ``sensor_x.zero``."""
+        return ".".join(filter(None, (self.place, self.effect, self.name)))
+
+    @property
+    def label(self) -> str:
+        """Its name; of one recording with its number, from 1."""
+        return self.name if self.recording is None else in_recording(self.name, self.recording)
+
+    @property
     def title(self) -> str:
-        """The parameter's name; for an effect ``place.effect.name``."""
-        if self.is_zero:
-            return f"{self.place}.{self.name}"
-        return f"{self.place}.{self.effect}.{self.name}" if self.effect else self.name
+        """The same with place and effect."""
+        return ".".join(filter(None, (self.place, self.effect, self.label)))
 
     @property
     def step(self) -> float:
@@ -89,6 +100,8 @@ class Free:
         """Whether a law's parameter stands at the end of what the recording can show: the data did not choose it."""
         if self.prior or self.role in (Role.ANGLE, Role.KNOT):
             return False
+        if self.recording is not None and self.role is Role.SIZE:  # one recording may have nothing of it
+            return False
         value = self.value(x)
         ends = any(
             end != 0.0 and math.isfinite(end) and abs(value - end) <= EDGE * abs(end) for end in (self.low, self.high)
@@ -101,49 +114,84 @@ class Free:
         return self.value(x) if self.log else self.scale
 
 
-def nominal_free(nominal: Rig, rig: Rig | None = None) -> list[Free]:
-    """The known parameters that have a tolerance. rig : known effects that it does not have are left out."""
-    free = []
+def in_recording(name: str, recording: int) -> str:
+    """The name of what belongs to one recording."""
+    return f"{name} in recording {recording + 1}"
+
+
+def held(rig: Rig, title: str, recordings: Sequence[int]) -> list[int | None]:
+    """Who has values of one parameter: None where some recordings share one, then those that own one."""
+    owners = [k for k in recordings if k < len(rig.own) and title in rig.own[k]]
+    return [*([None] if len(owners) < len(recordings) else []), *owners]
+
+
+def nominal_free(nominal: Rig, rig: Rig | None = None, recordings: Sequence[int] = (0,)) -> list[Free]:
+    """The known parameters that have a tolerance, or belong to a recording.
+
+    rig : known effects that it does not have are left out; what it owns is free in each recording that owns it.
+    recordings : those that are fitted to.
+    """
+    free, rig = [], rig or nominal
     used = {name for spec in nominal.config.elements.values() for name in spec.values() if isinstance(name, str)}
     for name, p in nominal.config.parameters.items():
-        width = abs(p.value) * p.tolerance
-        if width > 0.0 and name in used:
-            # a parameter keeps its sign
-            least = p.value * max(1.0 - TOLERANCES_MAX * p.tolerance, LEAST_SHARE)
-            low, high = sorted((least, p.value * (1.0 + TOLERANCES_MAX * p.tolerance)))
-            free.append(Free("", "", name, p.value, width, False, low, high, True))
-    for key, q, value, width in _known_effects(nominal, rig or nominal):
-        low, high = max(value - TOLERANCES_MAX * width, q.low), min(value + TOLERANCES_MAX * width, q.high)
-        free.append(Free(*key, q.name, value, width, False, low, high, True, q.role))
+        if name not in used:
+            continue
+        for recording, centre, share in _holders(nominal, rig, name, p.value, p.tolerance, recordings):
+            width = abs(centre) * share
+            if width > 0.0:
+                # a parameter keeps its sign
+                least = centre * max(1.0 - TOLERANCES_MAX * share, LEAST_SHARE)
+                low, high = sorted((least, centre * (1.0 + TOLERANCES_MAX * share)))
+                free.append(Free("", "", name, centre, width, False, low, high, True, recording=recording))
+    for key, q, value, tolerance in _known_effects(nominal, rig):
+        for recording, centre, share in _holders(nominal, rig, ".".join((*key, q.name)), value, tolerance, recordings):
+            width = share * (1.0 if q.role is Role.ANGLE else abs(centre))
+            if width > 0.0:
+                low, high = max(centre - TOLERANCES_MAX * width, q.low), min(centre + TOLERANCES_MAX * width, q.high)
+                free.append(Free(*key, q.name, centre, width, False, low, high, True, q.role, recording))
     return free
+
+
+def _holders(
+    nominal: Rig, rig: Rig, title: str, value: float, tolerance: float, recordings: Sequence[int]
+) -> Iterator[tuple[int | None, float, float]]:
+    """(recording or None, nominal value, tolerance) of each free value of one parameter.
+
+    What is given for a recording is known as well as what is given for all; what is only said to be its own is not.
+    """
+    for k in held(rig, title, recordings):
+        if k is None:
+            yield None, value, tolerance
+            continue
+        given = nominal.own[k].get(title, value) if k < len(nominal.own) else value
+        yield k, given, tolerance if given != value else max(tolerance, OWN_TOLERANCE)
 
 
 def zeros_free(nominal: Rig, spreads: Mapping[tuple[str, int], float]) -> list[Free]:
     """The zeros of sensors that begin anywhere. spreads : (sensor, recording) -> how much it moves, SI."""
     ends = -math.inf, math.inf
     return [
-        Free(SENSOR_PREFIX + s, "", f"zero {k + 1}", nominal.sensors[s].zero(k), ANYWHERE * width, False, *ends, True,
+        Free(SENSOR_PREFIX + s, "", ZERO, nominal.of(k).sensors[s].zero, ANYWHERE * width, False, *ends, True,
              recording=k)
         for (s, k), width in spreads.items() if nominal.sensors[s].relative
     ]  # fmt: skip
 
 
 def _known_effects(nominal: Rig, rig: Rig) -> Iterator[tuple[Key, Parameter, float, float]]:
-    """(place, effect), parameter, value and prior's width of each parameter of a known effect."""
+    """(place, effect), parameter, value and tolerance of each parameter of a known effect."""
     for key, values in effects_of_rig(nominal).items():
         if not (is_known(nominal, key) and is_known(rig, key)):
             continue
         tolerances = nominal.tolerances[key[0]][key[1]]
         for p in find(nominal.kind_at(key[0]), key[1], key[0]).parameters:
-            width = tolerances.get(p.name, 0.0) * (1.0 if p.role is Role.ANGLE else abs(values[p.name]))
-            if width > 0.0:
-                yield key, p, values[p.name], width
+            if p.role is not Role.GIVEN:
+                yield key, p, values[p.name], tolerances.get(p.name, 0.0)
 
 
-def effect_free(rig: Rig, key: Key, here: Place) -> list[Free]:
+def effect_free(rig: Rig, key: Key, here: Place, recordings: Sequence[int] = (0,)) -> list[Free]:
     """The parameters of one effect of a rig but the idle ones (:meth:`.Effect.idle`), from their values there.
 
-    here : how its place moves, which bounds what the recording can show of its shape.
+    here : how its place moves, which bounds what the recording can show of its shape. recordings : as above.
     """
     entry, values = find(rig.kind_at(key[0]), key[1], key[0]), rig.effects[key[0]][key[1]]
     free, idle, shown = [], entry.idle(values), entry.bounds_at(here)
@@ -152,6 +200,10 @@ def effect_free(rig: Rig, key: Key, here: Place) -> list[Free]:
             continue
         low, high = shown.get(p.name, (p.low, p.high)) if p is not entry.size else (p.low, p.high)
         low, high = max(low, p.low), min(high, p.high)
+        holders = held(rig, ".".join((*key, p.name)), recordings)
+        free += [_own_free(rig, key, p, k, low, high) for k in holders if k is not None]
+        if None not in holders:
+            continue
         start = min(max(values[p.name], low), high)
         log = p.role not in (Role.ANGLE, Role.WAVE, Role.KNOT) and p.low >= 0.0 and start > 0.0
         scale = abs(start) or abs(p.typical) or 1.0
@@ -165,10 +217,19 @@ def effect_free(rig: Rig, key: Key, here: Place) -> list[Free]:
     return free
 
 
+def _own_free(rig: Rig, key: Key, p: Parameter, recording: int, low: float, high: float) -> Free:
+    """A parameter of an effect that belongs to one recording: it may come to nothing there."""
+    start = rig.own[recording][".".join((*key, p.name))]
+    usual = max(abs(rig.effects[key[0]][key[1]][p.name]), abs(start)) or p.typical or 1.0
+    scale = 1.0 if p.role is Role.ANGLE else usual
+    return Free(*key, p.name, min(max(start, low), high), scale, False, low, high, False, p.role, recording)
+
+
 def standing(free: Free, rig: Rig) -> float:
     """The ``x`` of a known parameter in a rig."""
+    rig = rig if free.recording is None else rig.of(free.recording)
     if free.is_zero:
-        return (rig.sensors[free.place.removeprefix(SENSOR_PREFIX)].zero(free.recording) - free.centre) / free.scale
+        return (rig.sensors[free.place.removeprefix(SENSOR_PREFIX)].zero - free.centre) / free.scale
     values = rig.effects[free.place][free.effect] if free.effect else None
     value = values[free.name] if values else rig.config.parameters[free.name].value
     away = value - free.centre
@@ -181,21 +242,18 @@ def apply(base: Rig, free: list[Free], x: Floats) -> Rig:
     """The base rig with the free parameters at ``x``."""
     parameters = dict(base.config.parameters)
     effects = {p: {n: dict(leaves) for n, leaves in there.items()} for p, there in base.config.effects.items()}
-    zeros: dict[str, list[float]] = {}
+    own = [dict(there) for there in base.own]
     for f, xi in zip(free, x, strict=True):
-        if f.effect:
+        if f.recording is not None:
+            own += [{} for _ in range(f.recording + 1 - len(own))]
+            own[f.recording][f.shared_title] = f.value(xi)
+        elif f.effect:
             leaves = effects[f.place][f.effect]
             leaf, value = leaves.get(f.name), f.value(xi)
             leaves[f.name] = {**leaf, "value": value} if isinstance(leaf, dict) else value
-        elif f.is_zero:
-            name = f.place.removeprefix(SENSOR_PREFIX)
-            there = zeros.setdefault(name, list(base.sensors[name].zeros))
-            there += [0.0] * (f.recording + 1 - len(there))
-            there[f.recording] = f.value(xi)
         else:
             parameters[f.name] = replace(parameters[f.name], value=f.value(xi))
-    sensors = base.config.sensors | {s: {**base.config.sensors[s], "zeros": there} for s, there in zeros.items()}
-    return build_rig(replace(base.config, effects=effects, parameters=parameters, sensors=sensors))
+    return build_rig(replace(base.config, effects=effects, parameters=parameters), tuple(own))
 
 
 def with_priors(rig: Rig) -> Rig:
@@ -210,16 +268,23 @@ def with_priors(rig: Rig) -> Rig:
     return rig
 
 
-def with_errors(rig: Rig, errors: Errors, calibrated: bool = False) -> Rig:
+def with_errors(rig: Rig, errors: Errors, calibrated: bool = False, recording: int = 0) -> Rig:
     """The rig with what it is known to as its tolerances, so that it can be the next nominal rig.
 
     Those of found effects are their standard errors. calibrated : so are those of the rig's parameters, where they are
-    narrower than what was believed.
+    narrower than what was believed. recording : it is the rig as in this one.
     """
+    owned = rig.own[recording] if recording < len(rig.own) else {}
+    rig = rig.of(recording)
+
+    def error_of(*path: str) -> float:
+        own = ".".join(filter(None, path)) in owned
+        return errors.get((path[0], path[1], in_recording(path[2], recording) if own else path[2]), math.nan)
+
     least, most = FOUND_TOLERANCES
     parameters = dict(rig.config.parameters)
     for name, belief in parameters.items() if calibrated else ():
-        share = errors.get(("", "", name), math.nan) / max(abs(belief.value), 1e-300)
+        share = error_of("", "", name) / max(abs(belief.value), 1e-300)
         if share < belief.tolerance:
             parameters[name] = replace(belief, tolerance=float(max(share, min(least, belief.tolerance))))
     rig = build_rig(replace(rig.config, parameters=parameters))
@@ -228,7 +293,7 @@ def with_errors(rig: Rig, errors: Errors, calibrated: bool = False) -> Rig:
             continue
         entry, leaves = find(rig.kind_at(key[0]), key[1], key[0]), {}
         for p in entry.parameters:
-            value, error = values[p.name], errors.get((*key, p.name), math.nan)
+            value, error = values[p.name], error_of(*key, p.name)
             relative = error if p.role is Role.ANGLE else error / max(abs(value), 1e-300)
             # a value of a table or of a found formula may be nearly 0, and is no name that has to be known
             widest = TOLERANCE_MAX if entry.is_table or is_found(entry) else most
@@ -266,7 +331,8 @@ def is_known(rig: Rig, key: Key) -> bool:
 
 def tolerances_away(nominal: Rig, rig: Rig) -> dict[str, float]:
     """Title of a known parameter -> its distance from nominal, in tolerances."""
-    return {f.title: abs(standing(f, rig)) for f in nominal_free(nominal, rig)}
+    recordings = range(max(len(rig.own), 1))
+    return {f.title: abs(standing(f, rig)) for f in nominal_free(nominal, rig, recordings)}
 
 
 def taken_out(rig: Rig, key: Key) -> Rig:

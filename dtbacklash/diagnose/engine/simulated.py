@@ -94,16 +94,20 @@ class Simulated:
         """The same on other readings."""
         return Simulated(readings, self.finely)
 
+    def _here(self, rig: Rig) -> Rig:
+        """The rig as it is in this recording."""
+        return rig.of(self.readings.recording)
+
     def linear(self, rig: Rig) -> Linear:
         """Its linear part."""
-        return linear_of(rig, self.readings.sample_time_s, self.readings.channels)
+        return linear_of(self._here(rig), self.readings.sample_time_s, self.readings.channels)
 
     def observe(self, rig: Rig, K: Floats, W: Floats, opening: int) -> Pass:
         """Predict and correct, sample by sample, by gains of the rig's linear states; others are not corrected.
 
         opening : samples with gains of their own, see :class:`.predictor.Gains`.
         """
-        rig, Y = self._in_time(rig)
+        rig, Y = self._in_time(self._here(rig))
         u, rise, rig = self._driven(rig)
         if self.readings.step.any():
             Y = Y - np.outer(self.readings.step, self.linear(rig).volt_at_once)
@@ -123,7 +127,7 @@ class Simulated:
 
     def onwards(self, rig: Rig, Z: Floats) -> Floats:
         """(N, n) where one sample leads from each state; the last row is 0."""
-        u, _, rig = self._driven(self._in_time(rig)[0])
+        u, _, rig = self._driven(self._in_time(self._here(rig))[0])
         p, state, _ = self._ready(rig, self.readings.y)
         X = np.zeros_like(Z)
         onwards(p, state, u, rig_half_gap(rig), u if p.imposed else np.zeros(1), np.ascontiguousarray(Z), X)
@@ -131,20 +135,20 @@ class Simulated:
 
     def shown(self, rig: Rig, Z: Floats) -> Floats:
         """(N, m) what the sensors show of states at once."""
-        p, state, chan = self._ready(rig, self.readings.y)
+        p, state, chan = self._ready(self._here(rig), self.readings.y)
         Y = np.zeros((len(Z), len(rig.sensors)))
         shown(p, state, rig_half_gap(rig), np.ascontiguousarray(Z), np.zeros(len(rig.sensors)), Y)
         return Y[:, chan]
 
     def there(self, rig: Rig) -> np.ndarray:
         """(N, m) whether each reading is, where a rig moves those of late sensors to."""
-        return np.isfinite(self._in_time(rig)[1])
+        return np.isfinite(self._in_time(self._here(rig))[1])
 
     def as_read(self, rig: Rig, D: Floats) -> Floats:
         """(N, m) innovations of a pass at the samples at which they were read; NaN where there is none."""
         out = np.where(self.there(rig), D, np.nan)
         for j, channel in enumerate(self.readings.channels):
-            whole, _ = self._moved_by(rig, channel)
+            whole, _ = self._moved_by(self._here(rig), channel)
             if whole:
                 out[:, j] = np.concatenate([np.full(whole, np.nan), out[:-whole, j]])
         return out
@@ -160,7 +164,7 @@ class Simulated:
         A correction by what a sensor saw long ago would meet the wrong state.
         """
         r = self.readings
-        zeros = np.array([rig.sensors[channel].zero(r.recording) for channel in r.channels])
+        zeros = np.array([rig.sensors[channel].zero for channel in r.channels])
         read = r.y - zeros if zeros.any() else r.y
         Y = read
         for j, channel in enumerate(r.channels):

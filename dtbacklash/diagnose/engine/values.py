@@ -46,7 +46,8 @@ class Values:
     free : the free parameters, about the model's own values. x : (free,) where the model stands. jacobian, rows :
     (rows, free) and (rows,) of whitened innovations, then of priors and of how tables bend. covariance : (free, free)
     of x, of the curvature and as wide as the sandwich where that is wider. errors : (place, effect, name) -> standard
-    error in the parameter's unit, with that of the law's formulation; ('', '', name) of a nominal one.
+    error in the parameter's unit, with that of the law's formulation; ('', '', name) of a nominal one; what
+    belongs to one recording by its label.
     """
 
     free: tuple[Free, ...]
@@ -80,7 +81,7 @@ def values(bench: Bench, motion: Motion, model: Model) -> Values:
     for f, xi, variance in zip(problem.free, x, np.diag(covariance), strict=True):
         slope = abs(float(f.per_x(xi)))
         law = slope * find(model.rig.kind_at(f.place), f.effect, f.place).formulation_error if f.effect else 0.0
-        errors[f.place, f.effect, f.name] = math.hypot(slope * math.sqrt(max(float(variance), 0.0)), law)
+        errors[f.place, f.effect, f.label] = math.hypot(slope * math.sqrt(max(float(variance), 0.0)), law)
     return Values(tuple(problem.free), x, jacobian, rows, covariance, errors)
 
 
@@ -93,7 +94,7 @@ def polished(bench: Bench, motion: Motion, model: Model) -> tuple[Model, Values]
     for _ in range(POLISHED):
         problem = _problem(bench, motion, model, model.stiff)
         own = np.ones(len(found.rows))
-        own[problem.bench_rows : problem.bench_rows + problem.priors] = model.stiff
+        own[problem.bench_rows : problem.bench_rows + problem.priors] = problem.weights
         jacobian, rows = found.jacobian * own[:, None], found.rows * own
         if not found.errors:
             break

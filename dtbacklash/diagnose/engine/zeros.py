@@ -34,7 +34,7 @@ def zeroed(bench: Bench, rig: Rig) -> Rig:
         for p in reversed(bench.predictors) for c, y in zip(p.readings.channels, p.readings.y.T, strict=True)
     }  # fmt: skip
     best = np.inf, np.zeros(len(free))
-    for start in (np.array([(first[f.place, f.recording] - f.centre) / f.scale for f in free]), best[1]):
+    for start in (np.array([(first[f.place, f.recording or 0] - f.centre) / f.scale for f in free]), best[1]):
         x, here = start, rows(start)
         for _ in range(STEPS):
             if here is None:

@@ -37,7 +37,7 @@ def calibration(c: Conclusion) -> Calibration:
     correlation = covariance / np.outer(sizes, sizes)
     rows = {}
     for f, x in zip(free, values.x[kept], strict=True):
-        value, error = f.value(x), values.errors.get((f.place, f.effect, f.name), math.nan)
+        value, error = f.value(x), values.errors.get((f.place, f.effect, f.label), math.nan)
         rows[f.title] = Recalibrated(f.centre, value, unit_of(rig, f), around(value, error))
     data = sum(p.readings.y.size for p in c.search.bench.predictors)
     return Calibration(

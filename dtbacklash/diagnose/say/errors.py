@@ -60,8 +60,8 @@ class ErrorTables:
             fitted = sum(int(r.train.sum()) for r in own)
             samples = sum(r.samples for r in own)
             zeros: dict[str, dict[str, float | str]] = {
-                s.name: {"value": s.zero(number), "unit": s.unit}
-                for s in self._c.model.rig.sensors.values() if s.relative and fitted and s.name in own[0].y
+                s.name: {"value": s.zero, "unit": s.unit}
+                for s in self._c.model.rig.of(number).sensors.values() if s.relative and fitted and s.name in own[0].y
             }  # fmt: skip
             name, step = str(number + 1), own[0].sample_time_s
             found.append(RecordingUsed(name, samples, step, fitted, judged, errors, zeros))

@@ -4,7 +4,7 @@ import math
 
 from dtbacklash.diagnose.conclusion import Conclusion
 from dtbacklash.diagnose.engine.columns import Columns
-from dtbacklash.diagnose.engine.free import Key, unit_at, unit_of
+from dtbacklash.diagnose.engine.free import Key, held, in_recording, unit_at, unit_of
 from dtbacklash.diagnose.engine.judge import Rival
 from dtbacklash.diagnose.engine.values import NORMAL95
 from dtbacklash.diagnose.named import (
@@ -37,11 +37,19 @@ def _finding(c: Conclusion, key: Key) -> Finding:
     nominal, rig = c.search.bench.nominal, c.model.rig
     entry, values = find(nominal.kind_at(place), name, place), rig.effects[place][name]
     parameters: dict[str, ParameterEstimate] = {}
+    each: dict[str, ParameterEstimate] = {}
     idle = entry.idle(values)
     for p in entry.parameters:
         if p.name in idle:
             continue  # nothing asked for it
-        error, value = c.values.errors.get((place, name, p.name), math.nan), values[p.name]
+        for f, x in zip(c.values.free, c.values.x, strict=True):
+            if f.key == key and f.name == p.name and f.recording is not None:
+                there = around(f.value(x), c.values.errors[*key, f.label])
+                each[f.label] = ParameterEstimate(f.value(x), unit_at(nominal, place, p.unit), there)
+        last = held(rig, ".".join((*key, p.name)), c.search.bench.recordings)[-1]
+        label = p.name if last is None else in_recording(p.name, last)
+        value = values[p.name] if last is None else rig.own[last][".".join((*key, p.name))]
+        error = c.values.errors.get((place, name, label), math.nan)
         others = _elsewhere(c, key, p.name) if p.role is not Role.ANGLE else []
         low, high = (
             around(end, error)[side] for side, end in enumerate((min([value, *others]), max([value, *others])))
@@ -50,6 +58,7 @@ def _finding(c: Conclusion, key: Key) -> Finding:
         parameters[p.name] = ParameterEstimate(value, unit_at(nominal, place, p.unit), (low, high))
     grounds = stands(c, key)
     instead = _instead(c, key)
+    parameters |= each
     shown = {n: quantity(p.value, p.unit) for n, p in parameters.items()}
     silent = idle | _unseen(c, key)
     said = entry.said(silent).format(location=place_in_words(place), **shown)

@@ -40,7 +40,8 @@ def zeros_said(c: Conclusion) -> str:
     for f, x in zip(c.values.free, c.values.x, strict=True):
         if f.is_zero:
             found.append(f"{f.place.removeprefix(SENSOR_PREFIX)} {quantity(f.value(x), unit_of(c.model.rig, f))}")
-            error = c.values.errors.get((f.place, f.effect, f.name), math.inf)
+            error = c.values.errors.get((f.place, f.effect, f.label), math.inf)
+            assert f.recording is not None
             unseen += error > c.search.bench.spreads[f.place.removeprefix(SENSOR_PREFIX), f.recording]
     if not found or len({p.readings.recording for p in c.search.bench.predictors}) > 1:
         return ""
