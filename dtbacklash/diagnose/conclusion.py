@@ -1,11 +1,13 @@
 """What a finished search and its judgement amount to: verdict, moved parameters, and what is left."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from dtbacklash.diagnose.engine.exact import Model
 from dtbacklash.diagnose.engine.free import Key, standing
+from dtbacklash.diagnose.engine.in_each import InOne, stands
 from dtbacklash.diagnose.engine.judge import Judged
 from dtbacklash.diagnose.engine.search import Search
 from dtbacklash.diagnose.engine.values import NORMAL95, Values
@@ -35,6 +37,7 @@ class Conclusion:
     with_table: Model | None
     course: str
     full: bool
+    in_each: Mapping[str, tuple[InOne, ...]] = field(default_factory=dict)
 
     @property
     def model(self) -> Model:
@@ -88,9 +91,22 @@ class Conclusion:
         return {name: (f.value(x), errors[name]) for name, (x, f) in moved.items()}
 
     @property
+    def sizes(self) -> dict[Key, str]:
+        """Name -> the title of its size; tables have none."""
+        entries = {key: find(self.model.rig.kind_at(key[0]), key[1], key[0]) for key in self.model.keys}
+        return {key: ".".join((*key, e.size.name)) for key, e in entries.items() if not e.is_table}
+
+    @property
     def sure(self) -> frozenset[Key]:
-        """The names that lead every rival."""
-        return frozenset(key for key in self.judged.sure if self.full and key in self.model.keys)
+        """The names that lead every rival, and stand in each of several recordings that can show them."""
+        sizes = self.sizes
+        return frozenset(
+            key for key in self.judged.sure if self.full and key in sizes and self.stands_in_each(sizes[key])
+        )
+
+    def stands_in_each(self, title: str) -> bool:
+        """Whether a value is there, and alike, in each of several recordings that can show it."""
+        return title not in self.in_each or stands(self.in_each[title], self.search.rules.lead)
 
     def verdict(self, enough: bool | None) -> Verdict:
         """The verdict. enough : whether what is left is what the user called so."""

@@ -131,6 +131,20 @@ class Finding:
 
 
 @dataclass(frozen=True)
+class Cause:
+    """What one of several recordings says of a cause that they share.
+
+    said : ``seen``, ``not seen``, or ``cannot be seen here``: the shared size would not show. value, ci95 : in ``unit``
+    (SI), as this recording alone asks for, all else as all recordings say.
+    """
+
+    said: str
+    value: float
+    unit: str
+    ci95: Interval
+
+
+@dataclass(frozen=True)
 class Recalibrated:
     """A parameter of the rig that had to move: ``nominal``, ``value`` and ``ci95`` in ``unit`` (SI).
 

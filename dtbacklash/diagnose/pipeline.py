@@ -13,6 +13,7 @@ from dtbacklash.diagnose.engine.bench import Bench
 from dtbacklash.diagnose.engine.exact import Model, Problem, without_name
 from dtbacklash.diagnose.engine.formulas import modelled
 from dtbacklash.diagnose.engine.free import taken_out, tolerances_away, with_errors, with_priors
+from dtbacklash.diagnose.engine.in_each import in_each
 from dtbacklash.diagnose.engine.judge import Judge, Judged
 from dtbacklash.diagnose.engine.motion import Motion, motion_of
 from dtbacklash.diagnose.engine.readings import rate_of
@@ -25,6 +26,7 @@ from dtbacklash.diagnose.records import SMOOTH, Record, ways_to_read
 from dtbacklash.diagnose.result import UNEXPLAINED, Diagnosis
 from dtbacklash.diagnose.say.calibration import calibration
 from dtbacklash.diagnose.say.checks import USUAL, all_checks
+from dtbacklash.diagnose.say.differences import differences_said
 from dtbacklash.diagnose.say.drawn import shown
 from dtbacklash.diagnose.say.enough import Enough
 from dtbacklash.diagnose.say.errors import ErrorTables
@@ -217,14 +219,16 @@ class _Course:
             gone = tuple(k for k in names.keys if k not in judged.model.keys)
             last, said = modelled(search, judged.model, tables[0], gone)
             judged = replace(judged, model=_without_tables(search, judged.model, tables) or judged.model)
-        model, about = self._last_word(search, judged.model)
+        model, about, bench = self._last_word(search, judged.model)
         judged = replace(judged, model=model)
         seen = Seen(search.bench, self.records, self.every, (last or model).rig, (last or model).sizes)
         c = Conclusion(search, judged, about, seen, said, last, self.course, full)
+        titles = {*c.sizes.values(), *search.differences, *(f.shared_title for f in about.free if f.title in c.moved())}
+        c = replace(c, in_each=in_each(bench, model, about, titles))
         return self._diagnosis(c, depth)
 
-    def _last_word(self, search: Search, model: Model) -> tuple[Model, Values]:
-        """A model with the values that the recording has at its full rate, and what they may be off by.
+    def _last_word(self, search: Search, model: Model) -> tuple[Model, Values, Bench]:
+        """A model with the values that the recording has at its full rate, what they may be off by, and that bench.
 
         A law that is not linear is another one, a little, on means: what stood for the difference earns nothing here.
         """
@@ -248,7 +252,7 @@ class _Course:
                 last, about = polished(bench, motion, less)
         if last.keys != model.keys:
             model = replace(model, keys=last.keys, sizes=search.bench.tuned(last.rig, model.sizes)[0])
-        return replace(model, rig=last.rig), about
+        return replace(model, rig=last.rig), about, bench
 
     def _diagnosis(self, c: Conclusion, depth: Depth) -> Diagnosis:
         tables = ErrorTables(c)
@@ -259,7 +263,8 @@ class _Course:
         away = tolerances_away(c.search.bench.nominal, c.model.rig)
         suspected = suspects_said(c, suspects(c)) if verdict == UNEXPLAINED else ""
         parts = (
-            suspected, SEARCHED[depth], summary(verdict, named, moved, where, depth != NONE, much.enough),
+            suspected, SEARCHED[depth], differences_said(c),
+            summary(verdict, named, moved, where, depth != NONE, much.enough),
             explained_said(much, bool(named)), unknown_said(much), told.sentence if told else "",
             tolerances_said(away, USUAL),
         )  # fmt: skip

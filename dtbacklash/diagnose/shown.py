@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.named import Document
+from dtbacklash.diagnose.named import Cause, Document
 from dtbacklash.files import json_able
 
 
@@ -93,6 +93,7 @@ class RecordingUsed:
     name : of the recording. samples : that it has. sample_time_s : between two of them.
     fitted, judged : samples that were fitted to, and that judged. held_out : errors of the models on what judged,
         normalised by the recording's own standard deviations; None where nothing of it judged.
+    causes : title of a cause -> what the recording says of it.
     zeros : position channel that is not absolute -> ``value`` that it reads at position 0, in ``unit`` (SI).
     """
 
@@ -103,13 +104,14 @@ class RecordingUsed:
     judged: int
     held_out: ModelErrors | None = None
     zeros: dict[str, dict[str, float | str]] = field(default_factory=dict)
+    causes: dict[str, Cause] = field(default_factory=dict)
 
     def to_json(self) -> Document:
-        """A row of ``recordings``; ``zeros`` where there are any."""
+        """A row of ``recordings``; ``zeros`` and ``causes`` where there are any."""
         row: Document = json_able(self)
         if row["held_out"]:
             del row["held_out"]["modelled"]
-        return row if self.zeros else {name: value for name, value in row.items() if name != "zeros"}
+        return {name: value for name, value in row.items() if value or name not in ("zeros", "causes")}
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,8 @@ class Model:
     Attributes
     ----------
     keys : (place, effect) of what was added to the nominal rig. sizes : of unknown forces and noises.
-    loss : -2 log likelihood with priors. counts : degrees of freedom of what was added. score : loss + log N counts,
+    loss : -2 log likelihood with priors. counts : degrees of freedom of what was added and of what is
+    each recording's own. score : loss + log N counts,
     by which all models are compared (Schwarz, Ann. Statist. 6 (1978) 461). at_end : whether some law's value was not
     chosen by the data. x, free : of the fit. smooth : table -> (KNOTS - 2, KNOTS) what holds back how it bends.
     """
@@ -83,8 +84,9 @@ class Problem:
 
     @property
     def counts(self) -> int:
-        """Free parameters of what was added."""
-        return len(self.free) - self.priors
+        """Free parameters of what was added, and of what is each recording's own."""
+        own = sum(f.recording is not None and not f.is_zero for f in self.free[: self.priors])
+        return len(self.free) - self.priors + own
 
     def start(self) -> Floats:
         """(free,) where the base rig stands."""
@@ -202,7 +204,7 @@ class Problem:
 
     def degrees(self, x: Floats, sizes: Sizes) -> float:
         """Degrees of freedom of what was added: of a table held back, the trace of what its values answer for."""
-        total = 0.0
+        total = float(sum(f.recording is not None and not f.is_zero for f in self.free[: self.priors]))
         gains = self.bench.gains(self.base, sizes)
         rows = self.rows(x, gains)
         for key in self.keys:

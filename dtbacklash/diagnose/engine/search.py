@@ -12,6 +12,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.bench import Bench, Sizes
 from dtbacklash.diagnose.engine.columns import Columns, Proposal
+from dtbacklash.diagnose.engine.differences import alike, differ
 from dtbacklash.diagnose.engine.exact import STIFF, Model, Problem, share_of, without_name
 from dtbacklash.diagnose.engine.free import Key, taken_out
 from dtbacklash.diagnose.engine.motion import Motion, motion_of
@@ -44,6 +45,7 @@ class Search:
     unknown force. now : the best model so far.
     names : the same before a table was added. beaten : name -> models that were tried in its place.
     tried : names -> the least score that an exact fit with them had. likely : what a glance shows first.
+    differences : titles of what is free in each recording as the search found it to differ.
     """
 
     bench: Bench
@@ -55,6 +57,7 @@ class Search:
     tried: dict[tuple[Key, ...], float] = field(default_factory=dict)
     gains: dict[Key, float] = field(default_factory=dict)
     likely: Key | None = None
+    differences: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Recalibrate the nominal rig."""
@@ -272,6 +275,9 @@ class Search:
             if proposed:
                 self.tell(f"round {there + 1}: fitting the {len(proposed)} likeliest", 0.1 + 0.1 * there)
             found = self.sifted(self.now, proposed)
+            if differ(self, found, proposed):
+                been.clear()
+                continue
             if not found:
                 return
             close = [m for m in found if m.score < found[0].score + self.rules.alike * self.rules.worth * count]
@@ -297,6 +303,7 @@ class Search:
 
     def trim(self, stiff: float | None = None) -> None:
         """Out with what costs less than it is worth."""
+        alike(self)
         for key in self.now.keys:
             if len(self.now.keys) < (2 if stiff is None else 1):
                 return

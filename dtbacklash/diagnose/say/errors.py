@@ -7,6 +7,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.conclusion import Conclusion
 from dtbacklash.diagnose.engine.free import apply, taken_out
+from dtbacklash.diagnose.say.differences import causes_in
 from dtbacklash.diagnose.say.enough import Enough
 from dtbacklash.diagnose.shown import Explained, FitTable, FreeRunning, Left, ModelErrors, RecordingUsed
 from dtbacklash.physics.rig import Rig
@@ -64,7 +65,7 @@ class ErrorTables:
                 for s in self._c.model.rig.of(number).sensors.values() if s.relative and fitted and s.name in own[0].y
             }  # fmt: skip
             name, step = str(number + 1), own[0].sample_time_s
-            found.append(RecordingUsed(name, samples, step, fitted, judged, errors, zeros))
+            found.append(RecordingUsed(name, samples, step, fitted, judged, errors, zeros, causes_in(self._c, number)))
         return tuple(found)
 
     def in_floors(self) -> dict[str, ModelErrors]:

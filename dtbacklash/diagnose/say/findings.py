@@ -19,6 +19,7 @@ from dtbacklash.diagnose.named import (
     Stands,
 )
 from dtbacklash.diagnose.result import UNEXPLAINED, Candidate, Limit, Located, Rest, Verdict
+from dtbacklash.diagnose.say.differences import apart_said
 from dtbacklash.diagnose.say.sentences import less, open_said, quantity, when
 from dtbacklash.diagnose.words import all_in_words, place_in_words
 from dtbacklash.physics.catalogue import find
@@ -63,7 +64,7 @@ def _finding(c: Conclusion, key: Key) -> Finding:
     silent = idle | _unseen(c, key)
     said = entry.said(silent).format(location=place_in_words(place), **shown)
     sure: Confidence = "sure" if key in c.sure else "partial"
-    opened = "" if sure == "sure" else open_said(grounds)
+    opened = ("" if sure == "sure" else open_said(grounds)) + apart_said(c, c.sizes[key])
     return Finding(
         place, name, parameters, also_fits(c, key), when(c, key), instead,
         said[:1].upper() + said[1:] + entry.remark(values) + opened + less(instead), sure, grounds,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import isfinite
+
 from dtbacklash import units
 from dtbacklash.diagnose.named import Finding, Recalibrated
 from dtbacklash.diagnose.result import UNEXPLAINED, Diagnosis
@@ -99,6 +101,7 @@ def errors(diagnosis: Diagnosis) -> list[str | Table]:
         "its physics is right.",
         Table(("held-out rms error, noise floors", *(f"{m}#" for m in in_floors)), floors),
         _recordings(diagnosis),
+        in_each(diagnosis),
     ]
 
 
@@ -120,6 +123,21 @@ def _recordings(diagnosis: Diagnosis) -> Table:
             [str(k), one.name, str(one.samples), interval(one.sample_time_s, None, "s"), *said, ", ".join(zeros) or "-"]
         )
     return Table(("no.", "recording", "samples#", "sample time#", *(f"{c}#" for c in columns), "zeros"), rows)
+
+
+def in_each(diagnosis: Diagnosis, plain: bool = False) -> Table:
+    """What each of several recordings says of each cause: a row a recording, a column a cause."""
+    titles = list(dict.fromkeys(title for one in diagnosis.recordings for title in one.causes))
+    rows = []
+    for one in diagnosis.recordings if titles else ():
+        cells = []
+        for title in titles:
+            cause = one.causes.get(title)
+            known = cause is not None and isfinite(cause.value)
+            size = interval(cause.value, cause.ci95, cause.unit, plain) if cause is not None and known else ""
+            cells.append("not fitted to" if cause is None else ", ".join(filter(None, (cause.said, size))))
+        rows.append([one.name, *cells])
+    return Table(("recording", *titles), rows, "What each recording says of each cause")
 
 
 def _modelled(diagnosis: Diagnosis) -> list[str | Table]:

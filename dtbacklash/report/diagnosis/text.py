@@ -8,6 +8,7 @@ from rich.text import Text
 from dtbacklash.diagnose.named import Calibration
 from dtbacklash.diagnose.result import Diagnosis
 from dtbacklash.diagnose.say.sentences import ZEROS
+from dtbacklash.report.diagnosis.blocks import in_each
 from dtbacklash.report.diagnosis.words import causes, checks_said, error_text, heading, left, together
 from dtbacklash.report.kit import tables
 from dtbacklash.report.kit.blocks import Table
@@ -40,6 +41,7 @@ def lines(diagnosis: Diagnosis) -> list[RenderableType]:
     told += (
         ["", tables.of(Table(("recording", "before#", "now#"), ends, "Error of each where it judges"))] if ends else []
     )
+    told += ["", tables.of(each)] if (each := in_each(diagnosis, plain=True)).rows else []
     told += [Text(), Text(together(diagnosis))] if together(diagnosis) else [Text()]
     failed = [c.check for c in diagnosis.checks if not c.passed]
     told += [Text(f"{checks_said(len(diagnosis.checks), failed)} {MEANS}")] if failed else []

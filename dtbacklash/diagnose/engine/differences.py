@@ -1,0 +1,173 @@
+"""What differs between recordings: a parameter or a law's size that is free in each instead of shared.
+
+Freed, a parameter has the rows of its column in each recording as a column of its own. So how much any difference would
+explain follows from the columns that a fit has anyway, with all that is shared projected out; the best are fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.engine.bench import Bench
+from dtbacklash.diagnose.engine.exact import Model, Problem
+from dtbacklash.diagnose.engine.free import Free, Key
+from dtbacklash.diagnose.engine.motion import Motion
+from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.rig import Rig
+
+if TYPE_CHECKING:
+    from dtbacklash.diagnose.engine.search import Search
+
+#: so many of the likeliest differences are fitted, and so many are looked for at most
+FITTED, MOST = 2, 4
+#: what is left of a column beside the others (share of its square) below which it says nothing of its own
+OWN = 1e-6
+
+
+def differ(search: Search, named: Sequence[Model], proposed: Sequence[tuple[Rig, tuple[Key, ...]]]) -> bool:
+    """Free in each recording what differs between them, of the present model or of one with a new name; whether.
+
+    named : models with a new name that is shared. proposed : rigs with new names, and all their names; those of the
+    likeliest are fitted with sizes that differ, where what is shared leaves much unknown.
+
+    It has to earn what a name has to, and more than the best new name. A parameter of the rig is not freed while much
+    is unknown: it would stand for what is missing.
+    """
+    bench, now, rules = search.bench, search.now, search.rules
+    if len(bench.recordings) < 2 or len(search.differences) >= MOST:
+        return False
+    found: list[tuple[Model, str]] = []
+    for model in (now, *named[:1]):
+        for gain, title in differing(bench, model, search.motion)[:FITTED]:
+            if gain > search.least and (done := _freed(search, model, title)) is not None:
+                left = search.unknown(done)
+                if "." in title or left < max(rules.much, min(rules.left, rules.clears * search.unknown(now))):
+                    found.append((done, title))
+    if not named or search.unknown(named[0]) > rules.left:
+        found += _differing_names(search, proposed)
+    if not found:
+        return False
+    best, title = min(found, key=lambda one: one[0].score)
+    least = named[0].score if named else np.inf
+    if best.score > min(least - search.least, now.score - search.asked(best, now)):
+        return False
+    search.now, search.differences = best, (*search.differences, title)
+    search.trim()
+    return True
+
+
+def _differing_names(search: Search, proposed: Sequence[tuple[Rig, tuple[Key, ...]]]) -> list[tuple[Model, str]]:
+    """The likeliest new names, one alone, each with a size that is free in each recording."""
+    found: list[tuple[Model, str]] = []
+    tried: set[Key] = set()
+    for rig, keys in proposed:
+        if len(keys) != len(search.now.keys) + 1 or keys[-1] in tried or len(tried) >= FITTED:
+            continue
+        tried.add(keys[-1])
+        place, name = keys[-1]
+        title = f"{place}.{name}.{find(rig.kind_at(place), name, place).size.name}"
+        model = replace(search.now, rig=rig, keys=keys)
+        if (done := _freed(search, model, title, (0.1, 0.1, 1.0))) is not None:
+            found.append((done, title))
+    return found
+
+
+def _freed(search: Search, model: Model, title: str, rungs: tuple[float, ...] = (1.0, 0.1, 1.0)) -> Model | None:
+    """A model with a value free in each recording; None where it does not fit."""
+    rig = freed(model.rig, title, search.bench.recordings)
+    done = search.fitted(rig, model, model.keys, rungs, 5)
+    return None if done is None or done.at_end else done
+
+
+def alike(search: Search) -> None:
+    """Share again what was found to differ, if it differs by less than it is worth; or free another in its place."""
+    for title in search.differences:
+        place, *rest = title.split(".")
+        others = tuple(t for t in search.differences if t != title)
+        if rest and search.now.rig.effect(place, rest[0]) is None:
+            search.differences = others
+            continue
+        now, bench = search.now, search.bench
+        less = search.fitted(joined(now.rig, title, bench.recordings), now, now.keys, (1.0, 0.1, 1.0), 5)
+        if less is None or less.at_end:
+            continue
+        if less.score < now.score + search.asked(now, less):
+            search.now, search.differences = less, others
+            continue
+        for _, other in differing(bench, less, search.motion)[:FITTED]:
+            done = _freed(search, less, other) if other != title else None
+            if done is not None and done.score < search.now.score - search.least:
+                search.now, search.differences = done, (*others, other)
+
+
+def differing(bench: Bench, model: Model, motion: Motion) -> list[tuple[float, str]]:
+    """(fall of -2 log likelihood less what it costs, title) of what may differ between recordings, best first."""
+    problem = Problem(bench, model.rig, model.keys, motion, model.stiff, model.smooth)
+    x, gains = problem.start(), bench.gains(model.rig, model.sizes)
+    rows = problem.rows(x, gains)
+    if rows is None or len(bench.recordings) < 2:
+        return []
+    jacobian = problem.jacobian(x, gains, rows)
+    norms = np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian))
+    basis, _ = np.linalg.qr(jacobian[:, norms > 0.0] / norms[norms > 0.0])
+    left = rows - basis @ (basis.T @ rows)
+    found = []
+    for j, f in enumerate(problem.free):
+        if not may_differ(f, model.rig):
+            continue
+        columns = split(bench, jacobian[:, j])[:, 1:]  # the first follows from the others and the shared one
+        own = columns - basis @ (basis.T @ columns)
+        columns = own[:, (own**2).sum(axis=0) > OWN * np.maximum((columns**2).sum(axis=0), 1e-300)]
+        if not columns.size:
+            continue
+        told = np.linalg.lstsq(columns, left, rcond=OWN)[0]
+        gain = float(left @ left - np.sum((left - columns @ told) ** 2))
+        found.append((gain - float(np.log(bench.count)) * columns.shape[1], f.shared_title))
+    return sorted(found, reverse=True)
+
+
+def may_differ(f: Free, rig: Rig) -> bool:
+    """Whether a shared parameter is one of the rig, or the size of an effect."""
+    if f.recording is not None:
+        return False
+    return not f.effect or f.name == find(rig.kind_at(f.place), f.effect, f.place).size.name
+
+
+def split(bench: Bench, column: Floats) -> Floats:
+    """(rows, recordings) a column's rows in each recording, 0 in the others; rows of priors are in none."""
+    found, first = np.zeros((len(column), len(bench.recordings))), 0
+    for p in bench.predictors:
+        at = slice(first, first + p.readings.y.size)
+        found[at, bench.recordings.index(p.readings.recording)] = column[at]
+        first = at.stop
+    return found
+
+
+def freed(rig: Rig, title: str, recordings: Sequence[int]) -> Rig:
+    """The rig in which a shared value is each recording's own, from where it stands."""
+    return rig.owning({(k, title): shared_value(rig, title) for k in recordings})
+
+
+def joined(rig: Rig, title: str, recordings: Sequence[int]) -> Rig:
+    """The rig in which what was each recording's own is shared again, in their middle."""
+    middle = float(np.median([rig.own[k][title] for k in recordings]))
+    rig = rig.owning({(k, title): None for k in recordings})
+    place, *rest = title.split(".")
+    if not rest:
+        return rig.with_parameters({title: middle})
+    effect, parameter = rest
+    leaves = dict(rig.config.effects[place][effect])
+    leaf = leaves.get(parameter)
+    leaves[parameter] = {**leaf, "value": middle} if isinstance(leaf, dict) else middle
+    return rig.with_effect(place, effect, leaves)
+
+
+def shared_value(rig: Rig, title: str) -> float:
+    """A parameter's value that recordings share, SI."""
+    place, *rest = title.split(".")
+    return rig.effects[place][rest[0]][rest[1]] if rest else rig.config.parameters[title].value

@@ -1,0 +1,55 @@
+"""What differs between recordings, and what each of them says of each cause, in sentences and rows."""
+
+from dtbacklash.diagnose.conclusion import Conclusion
+from dtbacklash.diagnose.engine.free import unit_at
+from dtbacklash.diagnose.engine.in_each import InOne
+from dtbacklash.diagnose.engine.values import NORMAL95
+from dtbacklash.diagnose.named import Cause
+from dtbacklash.diagnose.say.sentences import quantity
+from dtbacklash.physics.catalogue import find
+
+SEEN, NOT_SEEN, CANNOT = "seen", "not seen", "cannot be seen here"
+
+
+def differences_said(c: Conclusion) -> str:
+    """Each value that was found to differ between recordings, with its sizes."""
+    return " ".join(_said(c, title, c.in_each[title]) for title in c.search.differences if title in c.in_each)
+
+
+def apart_said(c: Conclusion, title: str) -> str:
+    """Why a name does not stand in each recording; empty where it does."""
+    if c.stands_in_each(title):
+        return ""
+    missing = [f"recording {one.recording + 1}" for one in c.in_each[title] if one.visible and not one.there]
+    if missing:
+        return f" It is not seen in {' and '.join(missing)}, which would show it."
+    return f" The recordings do not agree on its size: {_sizes(c, title, c.in_each[title])}."
+
+
+def causes_in(c: Conclusion, recording: int) -> dict[str, Cause]:
+    """Title of a cause -> what one recording says of it."""
+    found = {}
+    for title, each in c.in_each.items():
+        for one in each:
+            if one.recording == recording:
+                interval = one.value - NORMAL95 * one.error, one.value + NORMAL95 * one.error
+                said = SEEN if one.there else NOT_SEEN if one.visible else CANNOT
+                found[title] = Cause(said, one.value, _unit(c, title), interval)
+    return found
+
+
+def _said(c: Conclusion, title: str, each: tuple[InOne, ...]) -> str:
+    return f"`{title}` is {_sizes(c, title, each)}: it depends on what differs between them."
+
+
+def _sizes(c: Conclusion, title: str, each: tuple[InOne, ...]) -> str:
+    unit = _unit(c, title)
+    return ", ".join(f"{quantity(one.value, unit)} in recording {one.recording + 1}" for one in each)
+
+
+def _unit(c: Conclusion, title: str) -> str:
+    place, *rest = title.split(".")
+    if not rest:
+        return c.model.rig.config.parameters[title].unit
+    entry = find(c.model.rig.kind_at(place), rest[0], place)
+    return unit_at(c.model.rig, place, next(p.unit for p in entry.parameters if p.name == rest[1]))

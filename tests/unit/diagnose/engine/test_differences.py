@@ -1,0 +1,56 @@
+"""What differs between recordings is freed in each; what does not is not, and a wrong parameter stands for no law."""
+
+import numpy as np
+import pytest
+
+import dtbacklash as dtb
+from dtbacklash.diagnose.engine.in_each import InOne, stands
+
+MOTION = ("rig=two_mass_stage", "controller=open_loop", "reference=multisine", "reference.f_min_hz=0.5",
+          "reference.f_max_hz=8", "duration_s=6")  # fmt: skip
+#: of a channel, as a share of its standard deviation
+NOISE = 5e-4
+
+
+def recorded(seed: int, force: float, mass: float = 2.5):
+    """A run of the stage with dry friction at its carriage, and a table of this mass."""
+    more = [f"rig.effects.carriage.coulomb_friction.force={force}", f"rig.parameters.m_t.value={mass}"]
+    frame = dtb.run(*MOTION, f"seed={seed}", *more).recording.to_frame()
+    frame = frame[[c for c in frame if c[:2] in ("t_", "u_", "x_")]].copy()
+    rng = np.random.default_rng(seed)
+    for c in (c for c in frame if c.startswith("x_")):
+        frame[c] += rng.normal(0.0, NOISE * frame[c].std(), len(frame))
+    return frame
+
+
+@pytest.mark.check
+def test_a_friction_that_differs_is_found_with_its_size_in_each():
+    found = dtb.diagnose([recorded(10, 2.0), recorded(11, 6.0)], "two_mass_stage", trust_units=True)
+    (finding,) = found.diagnosis.findings
+    assert (finding.location, finding.effect, finding.confidence) == ("carriage", "coulomb_friction", "sure")
+    sizes = [one.causes["carriage.coulomb_friction.force"] for one in found.diagnosis.recordings]
+    assert [one.value for one in sizes] == pytest.approx([2.0, 6.0], rel=0.02)
+    assert [one.said for one in sizes] == ["seen", "seen"]
+    assert "is 2 N in recording 1, 6 N in recording 2: it depends on what differs between them" in found.summary
+    assert found.rig.effects["carriage"]["coulomb_friction"]["force"] == pytest.approx(6.0, rel=0.02)
+    row = found.diagnosis.to_json()["recordings"][0]["causes"]["carriage.coulomb_friction.force"]
+    assert row["ci95"][0] < 2.0 < row["ci95"][1]
+
+
+@pytest.mark.nightly
+def test_a_mass_that_differs_is_found_beside_a_friction_that_does_not():
+    found = dtb.diagnose([recorded(10, 4.0), recorded(11, 4.0, 3.0)], "two_mass_stage", trust_units=True)
+    assert [f.effect for f in found.diagnosis.findings] == ["coulomb_friction"]
+    causes = found.diagnosis.recordings[1].causes
+    assert causes["carriage.coulomb_friction.force"].value == pytest.approx(4.0, rel=0.02)
+    assert causes["m_t"].value == pytest.approx(3.0, rel=0.05)
+
+
+def test_a_name_stands_if_all_that_can_show_it_do_and_agree():
+    a, b = InOne(0, 4.0, 0.1, True, True), InOne(1, 4.2, 0.1, True, True)
+    blind, missing = InOne(2, 9.0, 8.0, False, False), InOne(2, 0.1, 0.1, True, False)
+    assert stands([a, b], 3.0)
+    assert stands([a, b, blind], 3.0)
+    assert not stands([a, b, missing], 3.0)
+    assert not stands([a, InOne(1, 5.0, 0.1, True, True)], 3.0)
+    assert stands([InOne(0, 0.0, 0.1, True, False, own=True), InOne(1, 5.0, 0.1, True, True, own=True)], 3.0)
