@@ -137,15 +137,6 @@ def _aging(options: argparse.Namespace) -> Result:
     return rows, []
 
 
-def _bank(options: argparse.Namespace) -> Result:
-    cases = bank.run_bank(options.n, options.seed)
-    cases.to_csv(options.out / "bank_cases.csv", index=False)
-    rows, words = bank.bank_rows(cases), bank.bank_words(cases, options.seed)
-    if options.docs:
-        bank.write_docs(rows, words, options.docs)
-    return rows, words
-
-
 def _second_recording(options: argparse.Namespace) -> Result:
     found = second_recording.rows(options.n, options.seed)
     return found, second_recording.said(found)
@@ -180,7 +171,7 @@ STUDIES = {
     ),
     "aging": Study("A machine that ages: the paper's twin beside the one that asks the bank", _aging, asked=True),
     "bank": Study(
-        "The twin's bank on random machines: what it says of one change, from 1.5 s", _bank, 6, 3000, asked=True
+        "The bank in the loop: twelve changes, with it and without", _rows(bank.bank_rows, bank.write_docs), asked=True
     ),
     "close_the_loop": Study(
         "The loop with each belief, on concealed rigs: recorded, diagnosed, controlled",

@@ -28,7 +28,7 @@ from dtbacklash.experiment.run import run_scenario
 from dtbacklash.files import write_text
 from dtbacklash.physics.rig import build_rig
 from dtbacklash.report.kit.markdown import between, table
-from dtbacklash.twin.bank.bank import Buffer, diagnose_buffer
+from dtbacklash.twin.bank.bank import Buffer, diagnose_buffers
 from studies.measure import Row
 
 MOTOR = "rig.effects.motor_bearing"
@@ -36,7 +36,7 @@ MACHINES = {
     "nominal": (),
     "k -20 %": ("rig.parameters.k.value=8000",),
     "k +20 %": ("rig.parameters.k.value=12000",),
-    "c +50 %": ("rig.parameters.c.value=45",),
+    "c +22 %": ("rig.parameters.c.value=45",),
     "m -10 %": ("rig.parameters.m.value=4.68",),
     "screw compliance 1e-5 m/N": ("rig.effects.screw.compliance.compliance=1e-5",),
     "ground friction 0.2 N on mass_3": ("rig.effects.mass_3.ground_friction.force=0.2",),
@@ -78,9 +78,9 @@ def _by_the_bank(config: RunConfig, nominal: Belief) -> tuple[Belief, str]:
     run = run_scenario(config, beliefs=Beliefs(nominal, nominal))
     first = round(BUFFER_S / config.sample_time_s) - config.twin.bank_rest
     part = slice(first, first + config.twin.bank_buffer)
-    u, theta_m, q3 = (run.seen[name][part].copy() for name in ("u", "theta_m", "q3"))
+    read = {name: run.seen[name][part].copy() for name in ("theta_m", "q3")}
     gap = math.radians(float(run.trace["gap_hat_deg"].iloc[first]))
-    said = diagnose_buffer(nominal, Buffer(u, theta_m, q3, config.sample_time_s), gap)
+    said = diagnose_buffers(nominal, [Buffer(run.seen["u"][part].copy(), read, config.sample_time_s)], [gap])
     return said.belief, said.found
 
 

@@ -87,7 +87,8 @@ def twin_from(
     # no closure: the twin may go to another process
     estimating = partial(_estimating, output, settings, optimizer, sample_time_s)
     if settings.on_alarm == "bank":
-        return BankTwin(belief, estimating, sample_time_s)
+        motor = list(belief.rig.sensors)[roles_of(belief.rig, True)[0]]
+        return BankTwin(belief, (motor, output), estimating, sample_time_s)
     if settings.method == "auto":
         return estimating(belief)
     return Twin.of(belief, belief.rig.sensors[output], settings, optimizer, sample_time_s)
@@ -154,7 +155,7 @@ class Estimation:
     late: list[LateAnswer] = field(default_factory=list)
     u: Floats | None = None
     belief: Belief | None = None
-    waiting: Answer | None = None
+    waiting: tuple[Answer, int] | None = None
     last_move: int = -1
     rested: float = 0.0
     new_since: int = -1
@@ -221,7 +222,7 @@ class Estimation:
         self._exchange(k)
         for answer, middle in self.link.arrived(k):
             if answer.belief is not None:
-                self.waiting, self._came_s = answer, k * self.config.sample_time_s
+                self.waiting, self._came_s = (answer, middle), k * self.config.sample_time_s
             elif self.waiting is None:
                 self._put_in_force(answer, middle, k)
         if self.config.controller.reconfigure == "reference_change":
@@ -304,14 +305,15 @@ class Estimation:
 
     def taken_up(self, k: int) -> Answer | None:
         """An answer with another model, once: when the loop is at rest, or just before the reference changes again."""
-        answer = self.waiting
-        if answer is None:
+        if self.waiting is None:
             return None
+        answer, middle = self.waiting
         held = k in self.changes and self._last_change(k) <= k - 2 * AT_REST
         if not (held or at_rest(self.seen, self.roles, self.changes, k)):
             return None
         self.waiting = None
-        self.in_force = GapInForce(answer.gap_rad, 0.0, k)
+        if answer.accepted:
+            self._put_in_force(answer, middle, k)
         self.belief = answer.belief
         for row in self.rows:
             if row.get("found") == answer.found and row["t_applied_s"] == self._came_s:
@@ -362,7 +364,7 @@ class Estimation:
             self.rows.append(self._unanswered(full, reply.reason))
             return
         applied = math.nan
-        if answer.accepted:
+        if answer.accepted or answer.belief is not None:
             due = self.link.send(sent, (answer, (full.first + full.stop) // 2))
             applied = max(due, k) * self.config.sample_time_s
             if due < k:

@@ -66,11 +66,12 @@ class _Machine:
     clock: RealTime | None = None
     aged: list[tuple[int, Rig, Plant]] = field(default_factory=list)
 
-    def take_up(self, asked: RunConfig, answer: Answer, old_gap: float, traces: loop.Traces, inputs: loop.Signals,
-                which: tuple[int, int], k: int) -> ControllerDesign | None:  # fmt: skip
+    def take_up(self, asked: RunConfig, answer: Answer, gaps_rad: tuple[float, float], traces: loop.Traces,
+                inputs: loop.Signals, which: tuple[int, int], k: int) -> ControllerDesign | None:  # fmt: skip
         """Controller, detector and indexes of another model, at rest as they are; gap and design change in one step.
 
-        asked : the configuration before anything in it was settled. old_gap : rad. k : the sample that comes next.
+        asked : the configuration before anything in it was settled. gaps_rad : before and after. k : the sample that
+        comes next.
         """
         belief = answer.belief
         assert belief is not None
@@ -82,7 +83,7 @@ class _Machine:
         first, last = max(k - AT_REST, 0), max(k - AT_REST // 10, 0)
         theta_m, q3 = (float(np.mean(traces.seen[at:k, role])) for at, role in zip((last, first), which, strict=True))
         # the reference may be about to change: the rest is that of the one in force until now
-        here = Rest(inputs.reference[k - 1], theta_m, q3, float(np.mean(traces.u[first:k])), old_gap, answer.gap_rad)
+        here = Rest(inputs.reference[k - 1], theta_m, q3, float(np.mean(traces.u[first:k])), *gaps_rad)
         self.control_state = handed_over(self.controller, self.control_state, controller, here)
         self.controller, self.detector, self.detector_state = controller, detector, detector.initial_state()
         error = here.q3 - float(controller.sc @ self.control_state.s)
@@ -269,7 +270,7 @@ def _segments(
         twin.before(k)
         old_gap = twin.in_force.at(k)
         if (answer := twin.taken_up(k)) is not None:
-            design = machine.take_up(asked, answer, old_gap, traces, inputs, which, k)
+            design = machine.take_up(asked, answer, (old_gap, twin.in_force.at(k)), traces, inputs, which, k)
             twin.watcher = machine.watcher
         stop = min([k + chunk, n, *twin.stops(k), *(one[0] for one in aged[:1])])
         listening = twin.listening

@@ -29,8 +29,8 @@ def aged():
 
 def test_the_spring_is_named_and_the_loop_settles_again(aged):
     found = aged.estimates["found"].to_list()
-    assert found[0].startswith("stiffness all links -30 %")
-    assert set(found[1:]) <= {"nothing", "gap"}
+    assert found[0].startswith("k: k -30")
+    assert set(found[1:]) <= {"nothing"}
     overshoot = aged.moves["overshoot_pct"].to_list()
     assert overshoot[1] > 3.0
     assert max(overshoot[2:]) < 0.5 * overshoot[1]
@@ -77,7 +77,7 @@ def test_the_command_writes_what_was_found(command, tmp_path):
     code, _, err = command(*AGING, "duration_s=24", "out=aged")
     assert code == 0, err
     table = pd.read_csv(tmp_path / "aged" / "estimates.csv")
-    assert table["found"].iloc[0].startswith("stiffness all links")
+    assert table["found"].iloc[0].startswith("k: k -30")
     summary = json.loads((tmp_path / "aged" / "summary.json").read_text())
     assert summary["estimates"][0]["found"] == table["found"].iloc[0]
     assert summary["n_attempts"] == len(table)
@@ -128,7 +128,7 @@ def test_the_model_is_taken_up_on_the_side_of_the_gap_where_the_motor_lies(tmp_p
         "profile=constant", "profile.start_deg=40", "controller.gap_hat_deg=40", "sensors=encoder", "reference=csv",
         f"reference.path={tmp_path / 'r.csv'}", "duration_s=60",
     ))  # fmt: skip
-    assert run.estimates["found"].iloc[0].startswith("stiffness all links -20")
+    assert run.estimates["found"].iloc[0].startswith("k: k -20")
     overshoot = run.moves["overshoot_pct"].to_list()
     assert overshoot[1] > 3.0
     assert max(overshoot[2:]) < 2.0
@@ -141,4 +141,4 @@ def test_of_a_machine_that_is_as_believed_nothing_is_named_without_any_noise():
         "controller.gap_hat_deg=30", "reference.period_s=16", "duration_s=30",
     ))  # fmt: skip
     assert len(run.estimates) > 2
-    assert set(run.estimates["found"]) <= {"nothing", "gap"}
+    assert set(run.estimates["found"]) <= {"nothing"}

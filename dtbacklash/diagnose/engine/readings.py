@@ -40,6 +40,7 @@ class Readings:
     whether it reads in counts. recorded : (M,) the command as recorded, for laws of the amplifier, which act
     before anything is averaged. step : (N,) what a sensor of acceleration shows of the command at once, beyond that of
     the sample before; empty where nothing. recording : the number of the one that it belongs to, from 0.
+    opened : by how much the gear's half-gap was wider than the rig's, rad.
     """
 
     sample_time_s: float
@@ -53,6 +54,7 @@ class Readings:
     recorded: Floats
     step: Floats
     recording: int = 0
+    opened: float = 0.0
 
     @property
     def count(self) -> int:

@@ -119,7 +119,7 @@ class Simulated:
         found = Pass(np.zeros(shape), np.zeros(shape), np.zeros((len(u), n)), state.x.copy())
         theta = u if p.imposed else np.zeros(1)
         observe(
-            p, state, u, rise, self._ramp(rig, p), rig_half_gap(rig), theta, Y, np.ascontiguousarray(K[:, :, :n]), W,
+            p, state, u, rise, self._ramp(rig, p), self._half_gap(rig), theta, Y, np.ascontiguousarray(K[:, :, :n]), W,
             self.readings.which(opening, Y), chan, found.E, found.X,
             found.D, np.zeros(len(rig.sensors)),
         )  # fmt: skip
@@ -130,14 +130,14 @@ class Simulated:
         u, _, rig = self._driven(self._in_time(self._here(rig))[0])
         p, state, _ = self._ready(rig, self.readings.y)
         X = np.zeros_like(Z)
-        onwards(p, state, u, rig_half_gap(rig), u if p.imposed else np.zeros(1), np.ascontiguousarray(Z), X)
+        onwards(p, state, u, self._half_gap(rig), u if p.imposed else np.zeros(1), np.ascontiguousarray(Z), X)
         return X
 
     def shown(self, rig: Rig, Z: Floats) -> Floats:
         """(N, m) what the sensors show of states at once."""
         p, state, chan = self._ready(self._here(rig), self.readings.y)
         Y = np.zeros((len(Z), len(rig.sensors)))
-        shown(p, state, rig_half_gap(rig), np.ascontiguousarray(Z), np.zeros(len(rig.sensors)), Y)
+        shown(p, state, self._half_gap(rig), np.ascontiguousarray(Z), np.zeros(len(rig.sensors)), Y)
         return Y[:, chan]
 
     def there(self, rig: Rig) -> np.ndarray:
@@ -178,6 +178,10 @@ class Simulated:
                 rig = rig.with_effect(place, effect.name, {**values, effect.slot.time: rest} if rest else None)
         return rig, Y
 
+    def _half_gap(self, rig: Rig) -> float:
+        """That of the rig, opened by as much as the stretch has it."""
+        return max(rig_half_gap(rig) + self.readings.opened, 0.0)
+
     def _ramp(self, rig: Rig, p: Plant) -> Floats:
         """(n,) what a command that rises by 1 about its mean adds within a sample."""
         if self.readings.every == 1:
@@ -216,10 +220,12 @@ class Simulated:
             if rig.sensors[channel].quantity == "position":
                 known[rig.sensors[channel].of] = value
         names = state_names(rig, p.imposed)
-        at = _at_rest(rig, names, known, float(r.u[0]) if p.imposed else None, p)
+        at = _at_rest(rig, names, known, float(r.u[0]) if p.imposed else None, self._half_gap(rig), p)
         state.x[p.position : p.position + p.n_bodies] = at[:-1]
         if p.has_base:
             state.gear[0] = at[-1]
+            if p.rotor >= 0 and self._half_gap(rig) > 0.0:
+                state.mode[0] = pl.FREE
         for channel, j, value in zip(r.channels, chan, first, strict=True):
             i, sensor = p.sensor[j, pl.Y_INDEX], rig.sensors[channel]
             filtered = i >= p.position + 2 * p.n_bodies
@@ -230,25 +236,36 @@ class Simulated:
         return p, state, chan
 
 
-def _at_rest(rig: Rig, names: list[str], known: dict[str, float], imposed: float | None, p: Plant) -> Floats:
+def _at_rest(
+    rig: Rig, names: list[str], known: dict[str, float], imposed: float | None, gap: float, p: Plant
+) -> Floats:
     """(bodies + 1,) positions that leave springs unstretched as far as they were not read; last the screw's angle."""
     screw = rig.only("screw")
     lead, carried = float(p.screw[pl.S_LEAD]), screw.neighbours.get("carries") if screw else None
     rotor = names[p.rotor] if p.rotor >= 0 else None
-    angle = imposed
+    angle, behind = imposed, _unstretched(rig, {GROUND: 0.0, **known}).get(carried or "")
     if angle is None and p.has_base and lead:
-        angle = known.get(rotor or "", known[carried] / lead if carried in known else 0.0)
+        angle = known.get(rotor or "", behind / lead if behind is not None else 0.0)
+        if behind is not None and rotor in known:  # within the gap the screw stands where it was left
+            angle = min(max(behind / lead, angle - gap), angle + gap)
     found = {GROUND: 0.0, **known}
     if p.has_base and angle is not None:
         found.setdefault(rotor or "", angle)
         positioner = rig.only("positioner")
         base = carried if carried else (positioner.name if positioner else "")
         found.setdefault(base, lead * angle)
-    for _ in names:
+    found = _unstretched(rig, found)
+    return np.array([*(found.get(n, 0.0) for n in names), angle or 0.0])
+
+
+def _unstretched(rig: Rig, found: dict[str, float]) -> dict[str, float]:
+    """Positions of more bodies, where no spring between two is stretched."""
+    found = dict(found)
+    for _ in rig.links():
         for spring in rig.links():
             a, b = spring.neighbours["between"]
             if a in found and b not in found:
                 found[b] = spring.lever * found[a]
             elif b in found and a not in found and spring.lever:
                 found[a] = found[b] / spring.lever
-    return np.array([*(found.get(n, 0.0) for n in names), angle or 0.0])
+    return found

@@ -1,292 +1,336 @@
-"""The twin's bank: what has changed, from one buffer of what the controller records.
+"""The twin's bank: which one thing has changed, from the last buffers of what the controller records.
 
-The machine is cut at the measured motor angle. Behind it, the gap and one of the structure's hypotheses explain the
-output (:mod:`.structure_bank`); before it, one of the motor's laws explains the angle (:mod:`.motor_bank`). What each
-half says is judged by the same rule (:func:`_judged`): a hypothesis has to leave only noise, and to do so better, by a
-margin of the likelihood, than any other kind at any other place; a simpler one, the gap alone or nothing, is preferred
-unless it is worse by more than that. Else the answer is `unknown`, or `ambiguous` where several explain the buffer.
+It is the diagnosis on little data. What is believed is known well, so that one thing at a time is looked for beside the
+gap: a law of the catalogue, or a parameter that has moved. The engine of the diagnosis ranks laws by columns, fits them
+to the predictor's innovations, and compares all by one score.
 """
 
 from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.control.belief import Belief
-from dtbacklash.control.chain import driven_chain
+from dtbacklash.diagnose.engine.bench import Bench, Sizes
+from dtbacklash.diagnose.engine.columns import Columns
+from dtbacklash.diagnose.engine.exact import Model, Problem
+from dtbacklash.diagnose.engine.free import Key
+from dtbacklash.diagnose.engine.motion import Motion, motion_of
+from dtbacklash.diagnose.engine.predictor import Predictor
+from dtbacklash.diagnose.engine.readings import readings
+from dtbacklash.diagnose.engine.search import LEAST, STRICT
+from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.errors import UserError
-from dtbacklash.physics.rig import Rig, Sensor
-from dtbacklash.twin.bank.hypotheses import Hypothesis, Value, of_the_motor, structural
-from dtbacklash.twin.bank.motor import MotorBuffer
-from dtbacklash.twin.bank.structure import COMMON, GAP, GROWTH, StructureBuffer
-from dtbacklash.twin.bank.whitened import Fit
+from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.effects import slots
+from dtbacklash.physics.rig import Rig, build_rig
 
-#: standard deviations of chi-square that a hypothesis may leave beyond the noise
-EXCESS = 4.5
-#: by how much chi-square has to fall for a change to be believed beside the gap alone, or beside nothing
-WORTH = 30.0
-#: two hypotheses whose chi-squares differ by less explain a buffer equally well; WORTH, if they are much alike
-MARGIN = 14.0
+#: a parameter that may have changed, and the gap, are known to so much before (share; share, rad)
+CHANGED, GAP, LEAST_GAP = 0.5, 0.3, 0.01
+#: laws of each ranking that are fitted; and how many of all are fitted to the end
+LAWS, FITTED = 5, 3
 #: share of its size by which a change's standard error may be uncertain for the change to be believed in
 UNSURE = 0.3
-VERDICTS = ("nothing", "gap", "changed", "ambiguous", "unknown")
 
 
 @dataclass(frozen=True)
 class Buffer:
-    """What the controller has recorded, (N,) each: command V, measured motor angle rad, measured output m."""
+    """What the controller has recorded: u (N,) command; y, sensor -> (N,) readings, SI."""
 
     u: Floats
-    theta_m: Floats
-    q3: Floats
+    y: dict[str, Floats]
     sample_time_s: float
 
 
 @dataclass(frozen=True)
-class Change:
-    """One thing that has changed, where, its parameters; twins: what the signals cannot tell from it."""
+class Value:
+    """A parameter as fitted, SI, its standard error, what was believed of it; 0: nothing."""
 
-    kind: str
-    place: str
-    values: tuple[Value, ...]
-    twins: tuple[str, ...] = ()
-
-    @property
-    def sure(self) -> bool:
-        """Whether its size is known well enough to be believed in: friction that turns round once may not tell it."""
-        size = self.values[0]
-        return size.std < UNSURE * abs(size.value)
+    name: str
+    value: float
+    std: float
+    believed: float = 0.0
 
     def __str__(self) -> str:
-        return f"{self.kind} {self.place} {', '.join(str(v) for v in self.values)}"
-
-
-@dataclass(frozen=True)
-class Half:
-    """What one half of the machine says.
-
-    verdict : as of :class:`Diagnosis`. names : what explains it equally well. rig : the changed one. growth_rad_s : of
-    the gap within the buffer, with its standard error.
-    """
-
-    verdict: str
-    changes: tuple[Change, ...]
-    names: tuple[str, ...]
-    excess: float
-    rig: Rig
-    gap_rad: float = math.nan
-    gap_std_rad: float = math.inf
-    growth_rad_s: float = 0.0
-    growth_std_rad_s: float = math.inf
+        if self.believed:
+            return f"{self.name} {100.0 * (self.value / self.believed - 1.0):+.3g} %"
+        return f"{self.name} {self.value:.3g}"
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What the bank says of a buffer.
+    """What the bank says of its buffers.
 
-    verdict : `nothing`, `gap`, `changed` (``changes`` says what), `ambiguous` (``names`` explain it equally well) or
-    `unknown` (nothing in the bank leaves only noise). gap_rad, gap_std_rad : half-gap in the middle of the buffer with
-    its standard error; nan where it is not known. belief : the changed one; without ``changes`` that of before.
+    verdict : `nothing` but the gap, `changed`, `ambiguous` (``names`` explain them equally well) or `unknown` (no
+    single change explains them). names : of changes, best first. values : of the first. gap_rad : half-gap that goes
+    with it. belief : the changed one; that of before where nothing is named. sure : whether the size of the change is
+    known well enough to be believed in. is_law : whether a law is among the names, and not
+    parameters alone. cpu_s : processor time.
     """
 
     verdict: str
-    changes: tuple[Change, ...]
     names: tuple[str, ...]
+    values: tuple[Value, ...]
     gap_rad: float
-    gap_std_rad: float
     belief: Belief
-    halves: tuple[Half, Half]
-    wall_s: float
+    sure: bool
+    is_law: bool
+    cpu_s: float
 
     @property
     def found(self) -> str:
         """A few words, for a table."""
         if self.verdict == "ambiguous":
             return "ambiguous: " + " or ".join(self.names)
-        return "; ".join(str(change) for change in self.changes) or self.verdict
+        if self.verdict == "changed":
+            return f"{self.names[0]}: {', '.join(map(str, self.values))}" + ("" if self.sure else " (not sure)")
+        return self.verdict
 
 
-def diagnose_buffer(belief: Belief, buffer: Buffer, gap_rad: float) -> Diagnosis:
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    """A change to be tried.
+
+    rig : with it. moved : parameters that it moves. key : of the law that it adds; altered : of one that was there.
+    """
+
+    name: str
+    rig: Rig
+    moved: tuple[str, ...] = ()
+    key: Key | None = None
+    altered: Key | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """A candidate after its fit. score : -2 log likelihood with log N for each of its parameters."""
+
+    candidate: _Candidate
+    problem: Problem
+    model: Model
+    score: float
+
+    @property
+    def counts(self) -> int:
+        """Parameters of the change."""
+        return len(self.candidate.moved) + round(self.model.counts)
+
+
+def diagnose_buffers(belief: Belief, buffers: Sequence[Buffer], gaps_rad: Sequence[float]) -> Diagnosis:
     """What has changed.
 
     Parameters
     ----------
-    belief : what is believed of the machine. buffer : begins at rest and holds a move. gap_rad : half-gap in force.
+    belief : what is believed of the machine. buffers : each begins at rest and holds a move; the same change is looked
+    for in all. gaps_rad : half-gap in force in each; that of the last one is free, and how it grew is taken as known.
 
     Raises
     ------
-    UserError : the rig is no screw-driven chain of masses with a motor; a buffer that is too short or not finite.
+    UserError : a buffer that is too short or not finite; nothing recorded shows some part of the rig.
     """
-    began = time.perf_counter()
-    _check(buffer)
-    structure = _structure(belief, buffer, gap_rad)
-    motor = _motor(belief, buffer)
-    halves = (structure, motor)
-    verdicts = [half.verdict for half in halves]
-    verdict = next((v for v in ("unknown", "ambiguous", "changed", "gap", "nothing") if v in verdicts), "unknown")
-    changes = structure.changes + motor.changes
-    rig = belief.rig
-    if verdict == "changed":
-        rig = structure.rig
-        if motor.changes:
-            rig = _with_motor(rig, motor.rig)
-    return Diagnosis(
-        verdict, changes if verdict == "changed" else (), tuple(n for half in halves for n in half.names),
-        structure.gap_rad, structure.gap_std_rad, Belief(rig), halves, time.perf_counter() - began,
-    )  # fmt: skip
+    began = time.process_time()
+    for buffer in buffers:
+        columns = (buffer.u, *buffer.y.values())
+        if len({c.shape for c in columns}) != 1 or buffer.u.ndim != 1 or buffer.u.size < 500:
+            raise UserError("twin.bank_buffer", [c.shape for c in columns], "equal columns of at least 500 samples")
+        if not all(np.all(np.isfinite(c)) for c in columns):
+            raise UserError("twin.bank_buffer", "nan", "finite measurements only")
+    said = _Bank(belief, buffers, gaps_rad).said()
+    return replace(said, cpu_s=time.process_time() - began)
 
 
-def _check(buffer: Buffer) -> None:
-    columns = (buffer.u, buffer.theta_m, buffer.q3)
-    if len({c.shape for c in columns}) != 1 or buffer.u.ndim != 1 or buffer.u.size < 500:
-        raise UserError("twin.bank_buffer", [c.shape for c in columns], "three equal columns of at least 500 samples")
-    if not all(np.all(np.isfinite(c)) for c in columns):
-        raise UserError("twin.bank_buffer", "nan", "finite measurements only")
+def warm_up(belief: Belief, sensors: Sequence[str], sample_time_s: float) -> None:
+    """Load (the first time: compile) what a diagnosis needs."""
+    u = np.sin(0.1 * np.arange(500))
+    _Bank(belief, [Buffer(u, dict.fromkeys(sensors, 0.001 * u), sample_time_s)], [0.0]).said()
 
 
-@dataclass(frozen=True)
-class Tried:
-    """A hypothesis (None: the gap alone, or nothing) with its best fit."""
+class _Bank:
+    """One diagnosis of buffers."""
 
-    hypothesis: Hypothesis | None
-    fit: Fit
+    def __init__(self, belief: Belief, buffers: Sequence[Buffer], gaps_rad: Sequence[float]) -> None:
+        self.belief = belief
+        self.rig = _with_gap(_exact(belief.rig), gaps_rad[-1])
+        found = []
+        for k, (buffer, gap) in enumerate(zip(buffers, gaps_rad, strict=True)):
+            channels = tuple(c for c in self.rig.sensors if c in buffer.y)
+            r = readings(buffer.u, buffer.y, channels, buffer.sample_time_s, 1, False, None, k)
+            found.append(Predictor(self.rig, replace(r, opened=gap - gaps_rad[-1])))
+        self.bench = Bench(self.rig, tuple(found))
+        sizes, _ = self.bench.tuned(self.rig)
+        self.motion: Motion = motion_of(self.bench, self.rig, self.bench.gains(self.rig, sizes))
+        base = self._fitted(_Candidate("nothing", self.rig), sizes)
+        if base is None:
+            raise UserError("model", belief.rig.config.name, "one that follows the buffer: its simulation does not")
+        self.base = base
 
-    @property
-    def name(self) -> str:
-        h = self.hypothesis
-        return "nothing else" if h is None else f"{h.kind} {h.place}"
+    def said(self) -> Diagnosis:
+        """The verdict, by the diagnosis's own bars."""
+        if self._explains(self.base, SETTINGS.much):
+            return self._as("nothing", ())
+        tried = self._tried()
+        if not tried or self.base.score - tried[0].score < LEAST:
+            return self._as("unknown", ())
+        rivals = [t for t in tried if t.score - tried[0].score < LEAST]
+        # of those that are alike the ones with the fewest parameters
+        fewest = min(t.counts for t in rivals)
+        rivals = [t for t in rivals if t.counts == fewest]
+        earned = self.base.score - rivals[0].score
+        if not self._explains(rivals[0], SETTINGS.left) or self._table_beside(rivals[0]) > SETTINGS.alike * earned:
+            return self._as("unknown", ())
+        return self._as("ambiguous" if len(rivals) > 1 else "changed", tuple(rivals))
 
+    def _explains(self, tried: _Tried, most: float) -> bool:
+        """Whether no more unknown force than that, a share of the motion, is needed beside it."""
+        clipped = tuple(
+            np.concatenate([np.minimum(s[: len(p.bodies)], math.log(most)), s[len(p.bodies) :]])
+            for s, p in zip(tried.model.sizes, self.bench.predictors, strict=True)
+        )
+        rig = tried.model.rig
+        return self._likelihood(rig, clipped) - self._likelihood(rig, tried.model.sizes) < LEAST
 
-def _kind(tried: Tried) -> str:
-    return "" if tried.hypothesis is None else tried.hypothesis.kind
+    def _table_beside(self, tried: _Tried) -> float:
+        """What the best law free of form would earn beside a change."""
+        ranked = Columns(self.bench, replace(tried.model, keys=()), tried.model.sizes, tables=True).ranked
+        return ranked[0].gain if ranked else 0.0
 
+    def _tried(self) -> list[_Tried]:
+        """The likeliest changes, fitted, best first."""
+        strict = self.bench.scaled(self.base.model.sizes, STRICT[0])
+        rough = []
+        for candidate in [*_parameters(self.rig), *self._laws()]:
+            problem = self._problem(candidate)
+            x, squares = problem.solve(strict, problem.better_start(strict), 3)
+            if np.isfinite(squares):
+                rough.append((squares, replace(candidate, rig=problem.rig(x))))
+        rough.sort(key=lambda r: r[0])
+        fitted: dict[str, _Tried] = {}
+        for _, candidate in rough:
+            if candidate.name not in fitted and len(fitted) < FITTED:
+                done = self._fitted(candidate, strict)
+                if done is not None and not done.model.at_end:
+                    fitted[candidate.name] = done
+        return sorted(fitted.values(), key=lambda t: t.score)
 
-def _judged(base: Tried, others: list[Tried]) -> tuple[str, list[Tried]]:
-    """`base`, `changed`, `ambiguous` or `unknown`, and the hypotheses that this is about."""
-    explaining = sorted((t for t in others if t.fit.excess() < EXCESS), key=lambda t: t.fit.chi2)
-    simple = base.fit.excess() < EXCESS
-    best = explaining[0] if explaining else None
-    if best is None or base.fit.chi2 - best.fit.chi2 < WORTH:
-        return ("base", [base]) if simple else ("unknown", [])
-    assert best.hypothesis is not None
-    like = best.hypothesis.like
-    rivals = [t for t in explaining if t.fit.chi2 - best.fit.chi2 < (WORTH if _kind(t) in like else MARGIN)]
-    # what more parameters explain no better is the simpler one: a spring with a long memory is a stiffer spring
-    fewest = min(t.fit.x.size for t in rivals)
-    rivals = [t for t in rivals if t.fit.x.size == fewest]
-    if len(rivals) > 1:
-        return "ambiguous", rivals
-    return "changed", [best]
+    def _laws(self) -> Iterator[_Candidate]:
+        """The best laws by their columns, where little is forgiven."""
+        model = self.base.model
+        for p in Columns(self.bench, model, self.bench.scaled(model.sizes, STRICT[-1])).ranked[:LAWS]:
+            place, name = p.keys[0]
+            try:
+                yield _Candidate(f"{name} {place}", p.put(model.rig), (), p.keys[0])
+            except UserError:
+                continue
 
+    def _problem(self, candidate: _Candidate) -> Problem:
+        """Free are the gap and what the candidate changes."""
+        nominal = _freed(self.rig, candidate)
+        keys = () if candidate.key is None else (candidate.key,)
+        return Problem(Bench(nominal, self.bench.predictors), candidate.rig, keys, self.motion, 1.0)
 
-def _structure(belief: Belief, buffer: Buffer, gap_rad: float) -> Half:
-    """What the output says of gap and structure."""
-    rig = belief.rig
-    explained = StructureBuffer(buffer.theta_m, buffer.q3, rig, _output(rig), buffer.sample_time_s)
-    fits = [explained.fit(None, gap) for gap in (gap_rad, explained.gap_at_the_end())]
-    base = Tried(None, min(fits, key=lambda fit: fit.chi2))
-    at = abs(float(base.fit.x[0])) * GAP
-    held = base.fit.x[COMMON:]
-    others = [Tried(hypothesis, explained.fit(hypothesis, at, held)) for hypothesis in structural(belief)]
-    verdict, about = _judged(base, others)
-    # the play follows the angle's counts, not the angle
-    count = explained.count / math.sqrt(12.0)
-    gaps = [(abs(float(t.fit.x[0])) * GAP, math.hypot(float(t.fit.std[0]) * GAP, count)) for t in about]
-    gap, std = _common(gaps)
-    growth = (float(about[0].fit.x[2]) * GROWTH, float(about[0].fit.std[2]) * GROWTH) if about else (0.0, math.inf)
-    if verdict == "base":
-        moved = not abs(gap - gap_rad) < max(3.0 * std, math.radians(0.1))
-        return Half("gap" if moved else "nothing", (), (), base.fit.excess(), rig, gap, std, *growth)
-    if verdict != "changed":
-        left = min(t.fit.excess() for t in [base, *others])
-        return Half(verdict, (), tuple(t.name for t in about), left, rig, gap, std, *growth)
-    change, changed = _change(about[0], rig, COMMON)
-    return Half("changed", (change,), (), about[0].fit.excess(), changed, gap, std, *growth)
+    def _fitted(self, candidate: _Candidate, sizes: Sizes) -> _Tried | None:
+        """Values at smaller and smaller sizes, then the likeliest sizes, and values at these."""
+        problem = self._problem(candidate)
+        x, squares = problem.start(), math.inf
+        for share in (1.0, *STRICT):
+            x, squares = problem.solve(self.bench.scaled(sizes, share), x, 4)
+        if not np.isfinite(squares):
+            return None
+        own, _ = self.bench.tuned(problem.rig(x))
+        x, _ = problem.solve(own, x, 4)
+        model = problem.model(x, own, self._likelihood(problem.rig(x), own))
+        return _Tried(candidate, problem, model, model.score + math.log(self.bench.count) * len(candidate.moved))
 
+    def _likelihood(self, rig: Rig, sizes: Sizes) -> float:
+        return sum(p.likelihood(rig, p.gains(rig, s)) for p, s in zip(self.bench.predictors, sizes, strict=True))
 
-def _common(gaps: list[tuple[float, float]]) -> tuple[float, float]:
-    """A gap and its standard error on which all agree; nan where they do not."""
-    if not gaps:
-        return math.nan, math.inf
-    gap, std = gaps[0]
-    far = max(abs(g - gap) for g, _ in gaps)
-    return (gap, math.hypot(std, far)) if far < 3.0 * max(s for _, s in gaps) else (math.nan, math.inf)
+    def _as(self, verdict: str, about: tuple[_Tried, ...]) -> Diagnosis:
+        names = tuple(t.candidate.name for t in about)
+        best = about[0] if about else self.base
+        gap = best.model.rig.amount(_gear(self.rig), slots.GearPlay, "half_gap") if _gear(self.rig) else 0.0
+        law = any(t.candidate.key or t.candidate.altered for t in about)
+        if verdict != "changed":
+            return Diagnosis(verdict, names, (), gap, self.belief, False, law, 0.0)
+        values = tuple(self._values(best))
+        sure = values[0].std < UNSURE * abs(values[0].value - values[0].believed)
+        return Diagnosis(verdict, names, values, gap, Belief(self._believed(best)), sure, law, 0.0)
 
+    def _values(self, tried: _Tried) -> Iterator[Value]:
+        """What a change moved, with standard errors."""
+        problem, model, change = tried.problem, tried.model, tried.candidate
+        rows = problem.rows(model.x, self.bench.gains(model.rig, model.sizes))
+        assert rows is not None
+        J = problem.jacobian(model.x, self.bench.gains(model.rig, model.sizes), rows)
+        errors = np.sqrt(np.maximum(np.diag(np.linalg.pinv(J.T @ J)), 0.0))
+        for f, x, error in zip(model.free, model.x, errors, strict=True):
+            if f.key in (change.key, change.altered) or (not f.effect and f.name in change.moved):
+                yield Value(f.name, f.value(x), abs(f.per_x(x)) * float(error), f.centre if f.prior else 0.0)
 
-def _motor(belief: Belief, buffer: Buffer) -> Half:
-    """What the angle says of the motor."""
-    rig = belief.rig
-    explained = MotorBuffer(buffer.u, buffer.theta_m, belief, buffer.sample_time_s)
-    base = Tried(None, explained.fit(None))
-    if explained.missing:
-        verdict = "nothing" if base.fit.excess() < EXCESS else "unknown"
-        return Half(verdict, (), (), base.fit.excess(), rig)
-    others = [Tried(h, explained.fit(h)) for h in [*of_the_motor(belief), *explained.coggings()]]
-    verdict, about = _judged(base, others)
-    if verdict == "base":
-        return Half("nothing", (), (), base.fit.excess(), rig)
-    if verdict != "changed":
-        left = min(t.fit.excess() for t in [base, *others])
-        return Half(verdict, (), tuple(t.name for t in about), left, rig)
-    change, changed = _change(about[0], rig, 0)
-    return Half("changed", (change,), (), about[0].fit.excess(), changed)
-
-
-def _change(tried: Tried, rig: Rig, first: int) -> tuple[Change, Rig]:
-    """What a fit says has changed, and the rig with it; ``first`` : place of the hypothesis's own variables."""
-    h, fit = tried.hypothesis, tried.fit
-    assert h is not None
-    x = tuple(fit.x[first : first + len(h.names)])
-    values = tuple(
-        Value(name, value, h.spread(value, i, float(fit.std[first + i])), unit, was)
-        for i, (name, value, unit, was) in enumerate(zip(h.names, h.from_fit(x), h.units, h.believed, strict=True))
-    )
-    if h.periods:
-        values = _of_a_wave(values, h.periods, rig.effect(h.place, "cogging") or {})
-    return Change(h.kind, h.place, values, h.twins), h.changed(rig, x)
-
-
-def _of_a_wave(values: tuple[Value, ...], periods: float, believed: dict[str, float]) -> tuple[Value, ...]:
-    """Torque, periods and phase of cogging from its sine and cosine."""
-    sine, cosine = values
-    torque = math.hypot(sine.value, cosine.value)
-    std = math.hypot(sine.std * sine.value, cosine.std * cosine.value) / max(torque, 1e-12)
-    same = believed.get("periods") == periods
-    return (
-        Value("torque", torque, std, sine.unit, believed["torque"] if same else 0.0),
-        Value("periods", periods, 0.0, "1/rev"),
-        Value("phase", math.atan2(cosine.value, sine.value), std / max(torque, 1e-12), "rad"),
-    )
-
-
-def _with_motor(rig: Rig, motor: Rig) -> Rig:
-    """A rig with the motor's half of another: its rotor's and amplifier's effects, and its circuit."""
-    rotor, circuit, amplifier = motor.motor_rotor(), motor.only("motor_circuit"), motor.only("amplifier")
-    assert rotor is not None
-    assert circuit is not None
-    from dtbacklash.physics.rig import build_rig
-
-    effects = dict(rig.config.effects)
-    for place in [rotor.name, circuit.name] + ([amplifier.name] if amplifier else []):
-        effects[place] = motor.config.effects.get(place, {})
-    elements = dict(rig.config.elements)
-    elements[circuit.name] = motor.config.elements[circuit.name]
-    mine = {name: value for name, value in motor.config.parameters.items() if name in elements[circuit.name].values()}
-    config = replace(
-        rig.config, effects={p: e for p, e in effects.items() if e}, elements=elements,
-        parameters={**rig.config.parameters, **mine},
-    )  # fmt: skip
-    return build_rig(config)
+    def _believed(self, tried: _Tried) -> Rig:
+        """The believed rig with a change; gap and tolerances stay as they were."""
+        rig, found, change = self.belief.rig, tried.model.rig, tried.candidate
+        key = change.key or change.altered
+        if key is not None:
+            return rig.with_effect(*key, found.effects[key[0]][key[1]])
+        return rig.with_parameters({name: found.config.parameters[name].value for name in change.moved})
 
 
-def _output(rig: Rig) -> Sensor:
-    """The sensor that shows the last mass."""
-    end = driven_chain(rig)[0][-1].name
-    shown = [s for s in rig.sensors.values() if s.quantity == "position" and s.of == end]
-    if not shown:
-        raise UserError("rig.sensors", ", ".join(rig.sensors), f"the bank needs a position sensor on {end}")
-    return shown[0]
+def _exact(rig: Rig) -> Rig:
+    """The rig with nothing that may move."""
+    config = rig.config
+    exact = build_rig(replace(config, parameters={n: replace(p, tolerance=0.0) for n, p in config.parameters.items()}))
+    for place, there in rig.effects.items():
+        for name, values in there.items():
+            exact = exact.with_effect(place, name, {p: {"value": v, "tolerance": 0.0} for p, v in values.items()})
+    return exact
+
+
+def _gear(rig: Rig) -> str:
+    gear = rig.only("gear")
+    return gear.name if gear else ""
+
+
+def _with_gap(rig: Rig, gap_rad: float) -> Rig:
+    """The rig with a gap that is free; where the rig has no gear, as it is."""
+    if not _gear(rig):
+        return rig
+    gap = max(gap_rad, LEAST_GAP)
+    leaf = {"value": gap, "tolerance": max(GAP, 2.0 * LEAST_GAP / gap)}
+    return rig.with_effect(_gear(rig), "backlash", {"half_gap": leaf})
+
+
+def _freed(rig: Rig, candidate: _Candidate) -> Rig:
+    """The nominal rig of a candidate, in which what it moves is free about what was believed."""
+    parameters = {
+        name: replace(p, tolerance=CHANGED if name in candidate.moved else 0.0)
+        for name, p in rig.config.parameters.items()
+    }
+    freed = build_rig(replace(rig.config, parameters=parameters))
+    if candidate.altered is None:
+        return freed
+    place, name = candidate.altered
+    size = find(rig.kind_at(place), name, place).size.name
+    leaves = {p: {"value": v, "tolerance": CHANGED if p == size else 0.0} for p, v in rig.effects[place][name].items()}
+    return freed.with_effect(place, name, leaves)
+
+
+def _parameters(rig: Rig) -> Iterator[_Candidate]:
+    """What the rig has and may have moved: its parameters, those of its effects, both constants of a motor."""
+    config = rig.config
+    used = dict.fromkeys(name for spec in config.elements.values() for name in spec.values() if isinstance(name, str))
+    for name in used:
+        if name in config.parameters:
+            yield _Candidate(name, rig, (name,))
+    motor = rig.only("motor_circuit")
+    if motor is not None:  # one magnet makes both
+        pair = tuple(str(config.elements[motor.name][f]) for f in ("torque_constant", "emf_constant"))
+        yield _Candidate(" and ".join(pair), rig, pair)
+    for place, there in rig.effects.items():
+        for name in there:
+            if place != _gear(rig):
+                yield _Candidate(f"{name} {place}", rig, altered=(place, name))

@@ -59,13 +59,6 @@ def difference_equation(motor: MotorParameters, sample_time_s: float) -> tuple[F
     return a, by_voltage, by_torque
 
 
-def voltage_in_part(motor: MotorParameters, sample_time_s: float, share: float) -> tuple[Floats, Floats]:
-    """(4,) each: what a voltage gives that is there from this share of the sample on, and one that is until it."""
-    sampled = _sampled(motor, sample_time_s)
-    rest = _sampled(motor, (1.0 - share) * sample_time_s)[:3, 3]
-    return _numerator(sampled, rest), _numerator(sampled, sampled[:3, 3] - rest)
-
-
 def _sampled(motor: MotorParameters, time_s: float) -> Floats:
     """(5, 5): states current, speed, angle, and the held inputs voltage, torque, after a time."""
     system = np.zeros((5, 5))
