@@ -24,6 +24,7 @@ from dtbacklash.diagnose.engine.motion import Motion, motion_of
 from dtbacklash.diagnose.engine.predictor import Predictor
 from dtbacklash.diagnose.engine.readings import readings
 from dtbacklash.diagnose.engine.search import LEAST, STRICT
+from dtbacklash.diagnose.engine.simulated import Simulated
 from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find
@@ -160,7 +161,7 @@ class _Bank:
         for k, (buffer, gap) in enumerate(zip(buffers, gaps_rad, strict=True)):
             channels = tuple(c for c in self.rig.sensors if c in buffer.y)
             r = readings(buffer.u, buffer.y, channels, buffer.sample_time_s, 1, False, None, k)
-            found.append(Predictor(self.rig, replace(r, opened=gap - gaps_rad[-1])))
+            found.append(Predictor(self.rig, Simulated(replace(r, opened=gap - gaps_rad[-1]))))
         self.bench = Bench(self.rig, tuple(found))
         sizes, _ = self.bench.tuned(self.rig)
         self.motion: Motion = motion_of(self.bench, self.rig, self.bench.gains(self.rig, sizes))
