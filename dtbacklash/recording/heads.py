@@ -17,11 +17,16 @@ _BETWEEN = re.compile(r"\s+in\s+|[\s_/,]+")  # between a name and a unit without
 
 BRACKET, SIGN, BLANK = "bracket", "sign", "blank"
 TIME = "t"
-#: other names of the column t
-TIMES = (
-    "time", "times", "timestamp", "timestamps", "zeit", "zeitstempel", "uhrzeit", "datetime", "date time", "x_value",
-    "x-axis", "%time", "_time", "elapsed", "elapsed time", "time stamp", "stamp", "sec", "secs", "seconds", "ts",
-)  # fmt: skip
+#: other names of the column t, in small letters, with blanks for what joins words
+TIMES = frozenset({
+    "time", "times", "timestamp", "timestamps", "zeit", "zeitstempel", "uhrzeit", "datetime", "date time", "x value",
+    "x axis", "elapsed", "elapsed time", "time elapsed", "time stamp", "stamp", "sec", "secs", "seconds", "ts",
+    "relative time", "rel time", "test time", "run time", "runtime", "messzeit", "laufzeit", "absolute time",
+    "system time",
+})  # fmt: skip
+#: those that say the unit as well
+CLOCKS = {"millis": "ms", "micros": "us", "milliseconds": "ms", "msec": "ms", "nanoseconds": "ns", "ms": "ms"}
+_JOINTS = re.compile(r"[\s_.%-]+|\(\)$")
 
 
 class Head(NamedTuple):
@@ -48,9 +53,10 @@ def readings(text: str, written: str = "") -> Iterator[Head]:
         yield Head((text[: found.start()] + text[found.end() :]).strip(), found.group(1), BRACKET)
         return
     yield Head(text, written, SIGN)
-    for found in _BETWEEN.finditer("" if written else text):
+    stated = units.find(written)
+    for found in _BETWEEN.finditer(text):
         unit = _known(text[found.end() :])
-        if unit and found.start() > 0:
+        if unit and found.start() > 0 and (not written or (stated and units.find(unit) == stated)):
             yield Head(text[: found.start()], unit, SIGN if found.group().strip() else BLANK)
 
 
@@ -70,7 +76,18 @@ def unit_of(text: str, written: str, si: tuple[str, ...]) -> str:
 
 def is_time(text: str) -> bool:
     """Whether a head is that of times."""
-    return any(reading.name.lower() in (TIME, *TIMES) for reading in readings(text))
+    return any(reading.name.lower() == TIME or names_time(reading.name) for reading in readings(text))
+
+
+def names_time(name: str) -> bool:
+    """Whether a name is another one of the column t."""
+    plain = _JOINTS.sub(" ", name.lower()).strip()
+    return plain in TIMES or plain in CLOCKS
+
+
+def unit_in_name(name: str) -> str:
+    """The unit of times whose name says it, ``millis``; or empty."""
+    return CLOCKS.get(_JOINTS.sub(" ", name.lower()).strip(), "")
 
 
 def bare(text: str) -> str:

@@ -19,7 +19,7 @@ from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording import heads
 from dtbacklash.recording.command import NONE
-from dtbacklash.recording.heads import TIME, TIMES
+from dtbacklash.recording.heads import TIME
 from dtbacklash.recording.mapping import Channel, Mapping
 from dtbacklash.recording.refusal import Refused
 from dtbacklash.recording.table import EMPTY, Column, Table
@@ -75,7 +75,7 @@ class _Names:
     def __init__(self, rig: Rig | None, given: Dict[str, str]) -> None:
         self.rig, self.given = rig, dict(given)
         self.sensors = {s.name: s for s in rig.sensors.values()} if rig else {}
-        known = [*ALWAYS, *TIMES, *self.sensors, *self.given]
+        known = [*ALWAYS, *self.sensors, *self.given]
         self.by_lower = {name.lower(): name for name in reversed(known)}
         for name, text in self.given.items():
             if rig and name not in ALWAYS and name not in self.sensors:
@@ -90,8 +90,10 @@ class _Names:
     def find(self, text: str) -> str | None:
         """The channel called ``text``, or None."""
         for name in (text, self.by_lower.get(text.lower(), text), text.lower()):
-            if name in ALWAYS or name in TIMES or name in self.sensors or name in self.given:
-                return TIME if name in TIMES and name not in self.sensors else name
+            if name in ALWAYS or name in self.sensors or name in self.given:
+                return name
+            if heads.names_time(name):
+                return TIME
             if not self.rig and any(pattern.fullmatch(name) for pattern, _ in _HABITS):
                 return name
         return None
@@ -150,7 +152,11 @@ class _Names:
             raise Refused(f"column {column} is in {text}, which is no known unit; give units={{{channel}: UNIT}}")
         wanted = self.si(channel, text)
         if unit.si not in wanted:
-            raise Refused(f"column {column} is in {text} ({who}), and {channel} is measured in {wanted[0]}")
+            line = f"{channel}: {{column: {column}, scale: 0.5, unit: {wanted[0]}}}"
+            raise Refused(
+                f"column {column} is in {text} ({who}), and {channel} is measured in {wanted[0]}; where 1 {text} "
+                f"stands for 0.5 {wanted[0]}, a mapping says so with `{line}`"
+            )
         return unit, f"{text} ({who})"
 
     def overruled(self, channel: str, written: str, who: str) -> list[str]:
@@ -219,7 +225,8 @@ def _times(table: Table, found: Dict[str, _Head | None]) -> str:
     """The column of times: ``t`` rather than another one of such a name; empty where there is none."""
     timed = [name for name, head in found.items()
              if head and head.channel == TIME and table.columns[name].unusable != EMPTY]  # fmt: skip
-    return min(timed, key=lambda name: name.rpartition(".")[2].lower().startswith(TIMES), default="")
+    plain = [name for name in timed if any(h.name.rpartition(".")[2].lower() == TIME for h in heads.readings(name))]
+    return next(iter([*plain, *timed]), "")
 
 
 def _clock(table: Table, column: Column, picked: Picked) -> Floats | None:
@@ -276,7 +283,8 @@ def mapped(table: Table, mapping: Mapping, part: str, rig: Rig | None, given: Di
             unit, picked.assumed[name] = units.Unit(channel.si, 1.0), f"{channel.si} ({MAPPED})"
         else:
             head = heads.unit_of(found, column.unit, names.si(name))
-            head = "" if channel.scale != 1.0 and units.are_counts(head) else head  # the scale is that of a count
+            other = (units.find(head) or units.Unit("", 1.0)).si not in names.si(name)
+            head = "" if channel.scale != 1.0 and other else head  # the scale is that of a count, or of a volt
             said, who = (channel.unit, MAPPED) if channel.unit else (head, HEADER)
             unit, picked.assumed[name] = names.settle(found, name, said, who)
             picked.notes += names.overruled(name, said, who)

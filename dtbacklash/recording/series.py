@@ -145,5 +145,7 @@ def paces_said(apart: dict[str, Series], step_s: float) -> list[str]:
         how = "held until the next value" if name in (COMMAND, REFERENCE) else "taken where it was read"
         if name not in (COMMAND, REFERENCE) and own <= SLOW * step_s:
             how = "brought to the others' times"
-        notes.append(f"Channel {name} has times of its own ({len(series.t_s)} values, {own:.4g} s apart): it is {how}.")
+        gap = " What it did in between is not in the file." if name == COMMAND and own > SLOW * step_s else ""
+        count = f"{len(series.t_s)} values, {own:.4g} s apart"
+        notes.append(f"Channel {name} has times of its own ({count}): it is {how}.{gap}")
     return notes

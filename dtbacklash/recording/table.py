@@ -10,6 +10,7 @@ import pandas as pd
 
 from dtbacklash.arrays import Floats
 from dtbacklash.recording import heads
+from dtbacklash.recording.stamps import DAY_S
 
 LABELS_MAX = 100  # different signals in a log that has a row for each message
 _LABEL = re.compile(r".*(name|signal|topic|field|channel|variable|tag|key|message|id)", re.IGNORECASE)
@@ -19,6 +20,8 @@ _CLOCK_OF = re.compile(
 )
 #: seconds since 1970 in the years 2001 to 2096
 SINCE_1970 = (1e9, 4e9)
+#: days since 1900 and since 0 in the years 2001 to 2096; a clock in s that began so long ago has longer steps
+DAYS, STEP_MAX_DAYS = ((36892.0, 71955.0), (730852.0, 765914.0)), 1e-5
 EMPTY = "has no values"  # why an empty column holds no numbers
 _NANOSECONDS = re.compile(r"(.*?)(nano_?sec(ond)?s?|nsecs?)")
 
@@ -97,8 +100,7 @@ def with_clocks(table: Table) -> Table:
         signal = table.columns.get((of[1] or of[2]) if of else "")
         if signal is not None and signal is not column and column.values is not None:
             signal.clock = name
-        if not column.unit and column.values is not None and len(column.values) and heads.is_time(name):
-            column.unit = since_1970(float(column.values[0]))
+        _date(name, column)
     clocks = {c.clock: table.columns[c.clock].values for c in table.columns.values() if c.clock}
     first = next(iter(clocks), None)
     if first is None or not all(_equal(values, clocks[first]) for values in clocks.values()):
@@ -110,15 +112,31 @@ def with_clocks(table: Table) -> Table:
     return table
 
 
+def _date(name: str, column: Column) -> None:
+    """Find the unit of times that count from a date: since 1970, or in days since 1900 or 0 as spreadsheets do."""
+    t = column.values
+    if column.unit or t is None or len(t) < 2 or not heads.is_time(name) or any(h.unit for h in heads.readings(name)):
+        return
+    column.unit = heads.unit_in_name(name) or since_1970(float(t[0]))
+    if any(low < t[0] < high for low, high in DAYS) and np.nanmax(np.abs(np.diff(t))) < STEP_MAX_DAYS:
+        column.values, column.unit = DAY_S * (t - t[0]), "s"
+
+
 def _spread(table: Table) -> None:
     """Give each signal that a column of texts names a column, where one column holds the values of all."""
     values = [c.values for name, c in table.columns.items() if _VALUE.fullmatch(name) and c.values is not None]
+    count = len(table.columns)
     for name, column in list(table.columns.items()) if len(values) == 1 else ():
         if column.labels is None or not _LABEL.fullmatch(name):
             continue
         codes, labels = pd.factorize(column.labels)
         for code, label in enumerate(labels) if 1 < len(labels) <= LABELS_MAX else ():
             table.columns.setdefault(str(label), Column(np.where(codes == code, values[0], np.nan)))
+    t = next((c.values for name, c in table.columns.items() if heads.is_time(name) and c.values is not None), None)
+    if t is not None and np.any(np.diff(t) < 0.0) and len(table.columns) > count:  # one signal after the other
+        order = np.argsort(t, kind="stable")
+        for column in table.columns.values():
+            column.values = None if column.values is None else column.values[order]
 
 
 def _equal(one: Floats | None, other: Floats | None) -> bool:

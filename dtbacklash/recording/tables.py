@@ -169,7 +169,10 @@ def _npz(content: bytes) -> Table:
 
 
 def _json(content: bytes) -> Table:
-    data = json.loads(content)
+    try:
+        data = json.loads(content)
+    except json.JSONDecodeError:  # a line for each row
+        data = [json.loads(line) for line in content.splitlines() if line.strip()]
     if isinstance(data, list):
         data = {"data": data}
     names = data.get("columns")

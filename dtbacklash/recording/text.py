@@ -7,12 +7,14 @@ import io
 import logging
 import re
 from collections import Counter
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
 
 from dtbacklash.arrays import Floats
 from dtbacklash.recording import heads, preamble, stamps
+from dtbacklash.recording.channels import runs
 from dtbacklash.recording.preamble import Preamble
 from dtbacklash.recording.refusal import Refused
 from dtbacklash.recording.table import EMPTY, Column, Table, since_1970
@@ -51,7 +53,11 @@ _VALUE = re.compile(
 )
 #: digits in groups of three, which no decimal sign explains: 1,234.5 or 1,234,567 (for a point as decimal sign)
 _GROUPED = re.compile(r"[+-]?\d{1,3}(([,' \u00a0\u2009\u202f]\d{3})+\.\d*|([,' \u00a0\u2009\u202f]\d{3}){2,})")
+#: whole numbers in groups of three, and those that need none
+_WHOLE, _SHORT = re.compile(r"[+-]?[1-9]\d{0,2}([.,]\d{3})+"), re.compile(r"[+-]?\d{1,3}")
 _GROUPS = re.compile(r"(?<=\d)[,' \u00a0\u2009\u202f](?=\d{3})")
+_LABEL = re.compile(r"(?<!\w)([A-Za-z_]\w*)[:=][ \t]*")
+_LABELLED = re.compile(rf"\s*({_LABEL.pattern}{preamble.NUMBER.pattern}[,;\s]*){{2,}}")
 _BEFORE_BRACKET = re.compile(r"\s+(?=[\[({<])")
 _POINT = str.maketrans(".,", ",.")
 
@@ -65,7 +71,7 @@ def read(content: bytes, rows: tuple[int, int] | None = None) -> Table:
     ------
     Refused : no table of numbers, lines of different lengths.
     """
-    whole = _decoded(content)
+    whole = _unlabelled(_decoded(content))
     lines = whole.split("\n", HEAD_LINES)[:HEAD_LINES]
     delimiter, decimal, first, wide, width = _dialect(lines)
     above = _rows(lines[:first], delimiter, width)
@@ -129,6 +135,16 @@ def _decoded(content: bytes) -> str:
     return whole.replace("\r\n", "\n").replace("\r", "\n")
 
 
+def _unlabelled(whole: str) -> str:
+    """The text with the names of its values in a head, where each value has its own before it: ``t:0.1,u:2``."""
+    lines = whole.split("\n", HEAD_LINES)[:HEAD_LINES]
+    labelled = [line for line in lines if _LABELLED.fullmatch(line)]
+    if not labelled or 2 * len(labelled) < len(lines):
+        return whole
+    rows = (_LABEL.sub(" ", line).replace(",", " ").split() for line in whole.split("\n") if _LABELLED.fullmatch(line))
+    return "\n".join(map(",".join, [_LABEL.findall(labelled[-1]), *rows]))
+
+
 def _fields(line: str, delimiter: str) -> list[str]:
     if delimiter == _SPACE:
         fields = line.split()
@@ -167,9 +183,11 @@ def _dialect(lines: list[str]) -> tuple[str, str, int, int, int]:
         score = len(good) - kinds.count(TEXT)
         if len(good) < 2 or NUMBER not in kinds or (best is not None and score <= best[0]):
             continue
-        first = next((k for k, fields in split.items() if _begins(fields, good, width, decimal)), None)
+        begins = ((k, _begins(fields, good, width, decimal)) for k, fields in split.items())
+        first = next((k for (k, one), (_, next_one) in pairwise(begins) if one and next_one), None)
         if first is not None:
-            best = (score, delimiter, decimal, first, width, 1 + max(j for j in range(width) if columns[j]))
+            sign = decimal.translate(_POINT) if _groups_whole(columns, decimal) else decimal
+            best = (score, delimiter, sign, first, width, 1 + max(j for j in range(width) if columns[j]))
     if best is None:
         full = [line for line in lines if not _skipped(line)]
         alone = len(full) <= 2 and any(sum(_is_number(f, ".") for f in _fields(line, d)) > 1
@@ -181,13 +199,21 @@ def _dialect(lines: list[str]) -> tuple[str, str, int, int, int]:
 def _begins(fields: list[str], good: list[int], width: int, decimal: str) -> bool:
     """Whether a line is the first of the numbers: two or more of them, and nothing else in their columns."""
     filled = [fields[j] for j in good if j < len(fields) and fields[j].lower() not in MISSING]
-    numbers = sum(_kind([text], decimal) in (NUMBER, STAMP) for text in filled)
+    numbers = sum(_kind([text], decimal) in (NUMBER, STAMP) or _WHOLE.fullmatch(text) is not None for text in filled)
     return width - 1 <= len(fields) <= width and numbers == len(filled) and numbers > 1
+
+
+def _groups_whole(columns: list[list[str]], sign: str) -> bool:
+    """Whether what looks like a decimal sign groups the digits of whole numbers: 995, 1,000, 1,005."""
+    texts = [field for column in columns for field in column if sign in field]
+    short = any(_SHORT.fullmatch(field) for column in columns if any(sign in f for f in column) for field in column)
+    return bool(texts) and short and all(_WHOLE.fullmatch(field) for field in texts)
 
 
 def _kind(fields: list[str], decimal: str) -> str:
     """What most of the fields are."""
-    if 2 * sum(_is_number(field, decimal) for field in fields) > len(fields):
+    grouped = _groups_whole([fields], decimal.translate(_POINT))
+    if 2 * sum(_is_number(f, decimal) or (grouped and _WHOLE.fullmatch(f) is not None) for f in fields) > len(fields):
         return NUMBER
     return STAMP if 2 * sum(stamps.STAMP.fullmatch(field) is not None for field in fields) > len(fields) else TEXT
 
@@ -203,7 +229,7 @@ def _rows(lines: list[str], delimiter: str, width: int) -> list[list[str]]:
         splits = [_fields(joined if delimiter == _SPACE else bare, delimiter)]
         if bare != line.strip() and len(splits[0]) < width - 1:
             splits += [_fields(joined, _SPACE), _fields(bare, ",")]
-        if bare:
+        if bare.strip("-=+|:_ \t,;"):  # more than a line that is drawn
             rows.append(next((fields for fields in splits if 0 <= width - len(fields) <= 1), splits[0]))
     return rows
 
@@ -239,8 +265,9 @@ def _numbers(column: pd.Series, decimal: str) -> tuple[Floats, np.ndarray]:
     missing = strings.isna() | strings.str.lower().isin(MISSING)
     numbers = pd.to_numeric(strings, errors="coerce")
     odd = strings[(numbers.isna() & ~missing).to_numpy(dtype=bool)]
-    if len(odd) and odd.str.fullmatch(_GROUPED).any():
-        numbers = numbers.fillna(pd.to_numeric(odd.str.replace(_GROUPS, "", regex=True), errors="coerce"))
+    if len(odd):  # 1,234.5; 1.5D-3 as Fortran writes it
+        plain = odd.str.replace(_GROUPS, "", regex=True).str.replace(r"(?<=\d|\.)[dD](?=[+-]?\d)", "e", regex=True)
+        numbers = numbers.fillna(pd.to_numeric(plain, errors="coerce"))
     bad = np.flatnonzero((numbers.isna() & ~missing).to_numpy(dtype=bool))
     return numbers.to_numpy(dtype=float, na_value=np.nan), bad
 
@@ -255,8 +282,12 @@ def _cut_texts(table: Table, columns: dict[int, Column], frame: pd.DataFrame, de
               and (j not in texts or 2 * np.isfinite(texts[j][0]).sum() > len(frame))]  # fmt: skip
     if not mostly or mostly[0] not in texts:
         return
-    lines = np.zeros(len(frame), dtype=bool)
+    lines, odd = np.zeros(len(frame), dtype=bool), np.zeros(len(frame), dtype=bool)
     lines[texts[mostly[0]][1]] = True
+    for _, bad in texts.values():
+        odd[bad] |= 2 * len(bad) < len(frame)
+    for start, stop in runs(odd):  # a head in between holds numbers as well
+        lines[start:stop] |= lines[start:stop].any()
     keep = ~lines
     for j, column in columns.items():
         if column.unusable != EMPTY:
@@ -269,10 +300,14 @@ def _cut_texts(table: Table, columns: dict[int, Column], frame: pd.DataFrame, de
 def _follow_on(table: Table) -> None:
     """Let a part of a log whose clock began anew follow on the one before, after a gap."""
     clocks = {column.clock for column in table.columns.values()}
-    for name, column in table.columns.items():
-        t = column.values
-        if t is None or not table.starts or not (name in clocks or heads.is_time(name)):
-            continue
+    timed = [name for name, c in table.columns.items() if c.values is not None and c.unusable != EMPTY
+             and (name in clocks or heads.is_time(name))]  # fmt: skip
+    if table.starts and "dt" in table.constants and not timed:
+        parts = np.searchsorted(table.starts, np.arange(table.rows), "right") - (table.starts[0] == 0)
+        table.add("t", Column(table.constants["dt"] * (np.arange(table.rows) + PAUSE * parts), "s"))
+    for name in timed if table.starts else ():
+        t = table.columns[name].values
+        assert t is not None
         gap = PAUSE * float(np.nanmedian(np.abs(np.diff(t))))
         for start in table.starts:
             if 0 < start < len(t) and t[start] <= t[start - 1]:
@@ -280,8 +315,11 @@ def _follow_on(table: Table) -> None:
 
 
 def _shift(head: Preamble, columns: dict[int, Column], width: int) -> None:
-    """Move the names by one where the first column only counts the rows and has no name (a table of R, of pandas)."""
+    """Name a first column without a name (a table of R, of pandas): it counts the rows, or it is the time."""
     values = columns[0].values if 0 in columns else None
+    if values is not None and not head.names[0] and any(head.names) and not any(map(heads.is_time, head.names)):
+        steps = np.diff(values)
+        head.names[0] = heads.TIME if len(steps) and np.all(steps >= 0.0) and not np.all(steps == 1.0) else ""
     if head.names[-1] or width - 1 not in columns or columns[width - 1].unusable == EMPTY or values is None:
         return
     if len(values) > 1 and np.array_equal(values, values[0] + np.arange(len(values))) and values[0] in (0.0, 1.0):

@@ -14,6 +14,8 @@ UNIFORM = 1e-3  # steps that differ by less, relative, are those of one clock
 JITTER_MAX = 0.45  # steps that are shorter by more are odd
 MISSING_MAX = 10  # as many missing samples in a row are interpolated; more are a gap
 ODD_SHARE_MAX = 0.05  # of all steps that may be longer than the usual one, or shorter
+ROUNDED_MAX = 0.6  # of its last digit, by which a rounded time may be off: a half, and what the fitted clock is off
+COARSE_MAX = 0.5 / (ROUNDED_MAX - 0.5)  # steps in a last digit: more would hide a lost sample, which is half a step off
 BAD_STAMPS_MAX = 0.01  # of all rows that may have no time or that of the row before
 STRETCH_MIN = 0.5  # stretches without a gap that are long enough must hold this share of the samples
 
@@ -68,7 +70,8 @@ def uniform_grid(stamps_s: Floats) -> Grid:
     double = np.flatnonzero(np.diff(t) == 0.0) + 1
     if len(double) > BAD_STAMPS_MAX * len(t):
         raise Refused(
-            f"{len(double)} of {len(t)} rows repeat the time of the row before: is it written with enough digits?"
+            f"{len(double)} of {len(t)} rows repeat the time of the row before: it has too few digits; if the rows are "
+            "uniform, say so in a mapping without `time`: `sample_time_s: SECONDS`"
         )
     if len(double):
         rows, t = np.delete(rows, double - 1), np.delete(t, double - 1)
@@ -126,7 +129,7 @@ def _rounded(rows: np.ndarray, t: Floats, notes: list[str]) -> Grid | None:
         k = np.arange(len(t))
         step, start = np.polyfit(k, t, 1)
         off = float(np.abs(t - (start + step * k)).max())
-        if off > 0.6 * 10.0**-digits or 10.0**-digits >= step:
+        if off > ROUNDED_MAX * 10.0**-digits or 10.0**-digits >= COARSE_MAX * step:
             return None
         line = start + step * k
         notes.append(

@@ -28,8 +28,8 @@ def said_first(found: Diagnosis, recordings: Sequence[Recording], doubts: Sequen
     """The diagnosis with what its user has to know before he believes it."""
     idle = [text for r in recordings if r.command != NONE for text in idle_command(r.channels, r.units.get("u", "V"))]
     open_ = () if found.suspected else doubts  # a wrong number of the rig is what looks like a wrong unit
-    said = [*dict.fromkeys(idle), *(_what_it_was(found, doubt) for doubt in open_)]
-    return replace(found, summary=" ".join([*said, found.summary])) if said else found
+    said = " ".join([*dict.fromkeys(idle), *(_what_it_was(found, doubt) for doubt in open_)])
+    return replace(found, first=said, summary=f"{said} {found.summary}") if said else found
 
 
 def _what_it_was(found: Diagnosis, doubt: Doubt) -> str:

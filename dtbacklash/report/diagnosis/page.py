@@ -24,6 +24,7 @@ from dtbacklash.report.diagnosis.words import (
     labels,
     lead,
     left,
+    mean_square,
     next_command,
     sensor_unit,
 )
@@ -76,7 +77,7 @@ def first_screen(diagnosis: Diagnosis, folder: Path) -> list[Part]:
 def judged_curve(diagnosis: Diagnosis) -> Curve | None:
     """The channel that is shown first: the one that the nominal model misses most beside its motion."""
     curves = judged(diagnosis)
-    missed = {c.name: float(np.nanmean((c.measured - c.nominal) ** 2) / (np.nanvar(c.measured) or 1.0)) for c in curves}
+    missed = {c.name: mean_square(c.measured - c.nominal) / (float(np.nanvar(c.measured)) or 1.0) for c in curves}
     return max(curves, key=lambda c: missed[c.name], default=None)
 
 

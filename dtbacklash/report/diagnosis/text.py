@@ -27,8 +27,11 @@ def lines(diagnosis: Diagnosis) -> list[RenderableType]:
     stopped = "stopped early; so far " if diagnosis.stopped else ""
     told: list[RenderableType] = [Text(f"{stopped}{diagnosis.verdict}: {said}", style="bold")]
     found, rest = causes(diagnosis, plain=True), left(diagnosis, plain=True)
+    summed = not found.rows or bool(diagnosis.stopped or diagnosis.fault)
+    if diagnosis.first and not summed:
+        told.insert(0, _text(diagnosis.first))
     told += ["", tables.of(found)] if found.rows else []
-    if not found.rows or diagnosis.stopped or diagnosis.fault:
+    if summed:
         told.append(_text(diagnosis.summary))
     if diagnosis.calibration and not diagnosis.findings:
         told += _calibrated(diagnosis.calibration)

@@ -9,6 +9,7 @@ from collections.abc import Collection
 import numpy as np
 
 from dtbacklash import units
+from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.named import Finding, Recalibrated
 from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Diagnosis
 from dtbacklash.diagnose.shown import Curve
@@ -173,6 +174,12 @@ def judged(diagnosis: Diagnosis) -> tuple[Curve, ...]:
     return (diagnosis.shown.alone if alone else ()) or diagnosis.shown.curves
 
 
+def mean_square(values: Floats) -> float:
+    """The mean square of what is finite of (N,) values; nan where nothing is."""
+    known = values[np.isfinite(values)]
+    return float(np.mean(known**2)) if len(known) else math.nan
+
+
 def left(diagnosis: Diagnosis, plain: bool = False) -> Table:
     """What is left of each channel where it was not fitted, in the sensor's unit: rms before and after, noise."""
     rows = []
@@ -180,7 +187,7 @@ def left(diagnosis: Diagnosis, plain: bool = False) -> Table:
         factor, unit = sensor_unit(diagnosis, curve.name)
         part = curve.t_s >= (curve.t_s[0] if curve.held_out_from_s is None else curve.held_out_from_s)
         motion = float(np.nanstd(curve.measured))
-        ends = [float(np.sqrt(np.nanmean((curve.measured - v)[part] ** 2))) for v in (curve.nominal, curve.extended)]
+        ends = [math.sqrt(mean_square((curve.measured - v)[part])) for v in (curve.nominal, curve.extended)]
         sizes = [number(v / factor, plain=plain) for v in (*ends, curve.noise_floor or math.nan)]
         share = f"{number(100 * ends[1] / motion, 2, plain=plain)} %" if motion else "-"
         rows.append([f"{curve.name} [{unit if plain else units.in_signs(unit)}]", *sizes[:2], share, sizes[2]])
@@ -214,7 +221,8 @@ def lead(diagnosis: Diagnosis) -> str:
     of = f"Recording{'s' if diagnosis.recordings else ''} {diagnosis.source}, compared with the rig {rig.name}"
     of += f" ({rig.description})" if rig.description else ""
     failed = [c.check for c in diagnosis.checks if not c.passed]
-    return " ".join([f"{of}.", together(diagnosis), *([checks_said(len(diagnosis.checks), failed)] if failed else [])])
+    checked = [checks_said(len(diagnosis.checks), failed)] if failed else []
+    return " ".join([*filter(None, [diagnosis.first]), f"{of}.", together(diagnosis), *checked])
 
 
 def together(diagnosis: Diagnosis) -> str:

@@ -27,6 +27,9 @@ U = np.sign(np.sin(0.11 * K)) + 0.1 * np.sin(0.05 * K)
 THETA = np.round(30.0 * np.sin(0.02 * K) + 2.0, 6)
 
 
+STAMPS = (pd.Timestamp("2026-03-01 10:00:00.125") + pd.to_timedelta(T, unit="s")).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+
+
 def table(separator=",", decimal=".", heads=("t", "u", "theta"), columns=(T, U, THETA), behind="", first=0) -> str:
     """Rows of numbers below a row of heads; ``behind`` : at the end of each row."""
     out = io.StringIO()
@@ -43,7 +46,7 @@ def lvm(x_columns: str, segments: int = 1) -> str:
     heads, unit, columns = {
         "One": ("X_Value\tu\ttheta\tComment", "V\tdeg\t", (T, U, np.rad2deg(THETA))),
         "Multi": ("X_Value\tu\tX_Value\ttheta\tComment", "V\t\tdeg", (T, U, T, np.rad2deg(THETA))),
-        "No": ("X_Value\tu\ttheta\tComment", "V\tdeg\t", (np.full(len(T), np.nan), U, np.rad2deg(THETA))),
+        "No": ("X_Value\tu\ttheta\tComment", "V\tdeg", (np.full(len(T), np.nan), U, np.rad2deg(THETA))),
     }[x_columns]
     top = f"Channels\t2\t\t\nSamples\t400\t400\t\nDate\t2026/03/01\t2026/03/01\t\nY_Unit_Label\t{unit}\t\n"
     top += f"X_Dimension\tTime\tTime\t\nX0\t0,0\t0,0\t\nDelta_X\t0,005\t0,005\t\n***End_of_Header***\t\t\t\n{heads}\n"
@@ -126,6 +129,7 @@ KINDS = {
     "a mapping without times": (table(heads=("Zeit", "AO", "Enc")), {"channels": {"u": "AO", "theta": "Enc"}}, 1.0),
     **{f"LVM, X_Columns {x}": (lvm(x), None, 1.0) for x in ("One", "Multi", "No")},
     "LVM, two segments": (lvm("One", 2), None, 1.0),
+    "LVM, two segments without times": (lvm("No", 2), None, 1.0),
     "scope of a drive": (scope(), None, 1.0),
     "scope of a drive, channels 1 ms apart": (scope(1.0), None, 0.0),
     "times of each channel": (table(heads=("Time", "u", "Time", "theta"), columns=(T, U, T, THETA)), None, 1.0),
@@ -135,6 +139,14 @@ KINDS = {
                "#1,01-Jan-2026 10:00:00,0\n" + table(heads=("Time", "Ampl", "Ampl2")),
                {"channels": {"u": "Ampl", "theta": "Ampl2"}}, 1.0),
     "Rigol": (rigol(), {"channels": {"u": "CH1", "theta": "CH2"}}, 1.0),
+    "oscilloscope, volts of a sensor": (
+        "Time,CH1,CH2\n(ms),(V),(mV)\n\n" + table(heads=(), columns=(1e3 * T, U, 2 * THETA)),
+        {"channels": {"u": "CH1", "theta": {"column": "CH2", "scale": 0.5}}}, 1.0),
+    "drive's scope, UTF-8 with a mark": ("\ufeff" + scope(), None, 1.0),
+    "trace of a real-time computer": (
+        "trace_keys,1,2,3\ntrace_values\npath,,Model/u,Model/theta\nunit,s,V,rad\n"
+        + "".join(f",{row}\n" for row in table(heads=()).splitlines()),
+        {"time": 1, "channels": {"u": 2, "theta": 3}}, 1.0),
     "message bus, ns since 1970": (bus(), None, 0.1),
     "message bus, sec and nanosec": (bus(True), None, 0.1),
     "simulation, events on its grid": (simulated(False), None, 1.0),
@@ -146,7 +158,29 @@ KINDS = {
     "thousands, decimal comma": (
         table(";", ",", ("t", "u", "theta [mrad]"),
               (T, U, [f"{1e3 * x:,.3f}".translate(str.maketrans(".,", ",.")) for x in THETA])), None, 1.0),
+    "thousands, whole numbers": (
+        table("\t", heads=("t [us]", "u", "theta"), columns=[[f"{v:,.0f}" for v in 1e6 * x] for x in (T, U, THETA)]),
+        {"time": "t [us]", "channels": {"u": {"column": "u", "unit": "uV"},
+                                        "theta": {"column": 2, "scale": 1e-6, "si_unit": "rad"}}}, 1.0),
+    "exponents of Fortran": (
+        table(" ", columns=[[f"{v:.9E}".replace("E", "D") for v in x] for x in (T, U, THETA)]), None, 1.0),
     "a row for each value": (long_form(), None, 1.0),
+    "a table for each signal": (
+        ",result,_time,_value,_field\n" + "".join(
+            f",0,{STAMPS[k]},{x[k]:.9g},{name}\n" for name, x in (("u", U), ("theta", THETA)) for k in K), None, 1.0),
+    "a name before each value": (
+        "boot v1\n" + "".join(f"t:{t:.6g}\tu:{u:.9g}\ttheta:{x:.9g}\n" for t, u, x in zip(T, U, THETA, strict=True)),
+        None, 1.0),
+    "a line of JSON for each row": (
+        pd.DataFrame({"t": T, "u": U, "theta": THETA}).to_json(orient="records", lines=True), None, 1.0),
+    "a drawn table": ("| t | u | theta |\n|---|---|---|\n"
+                      + "".join(f"| {row.replace(',', ' | ')} |\n" for row in table(heads=()).splitlines()), None, 1.0),
+    "an index that is the time": (table(heads=("", "u", "theta")), None, 1.0),
+    "days since 1900": (
+        table(heads=("Time", "u", "theta"), columns=([f"{46082.5 + t / 86400:.11f}" for t in T], U, THETA)), None, 1.0),
+    "times with too few digits": (table(columns=([f"{t:.2f}" for t in T], U, THETA)), None, 1.0),
+    **{f"times called {head}": (table(heads=(head, "u", "theta"), columns=(size * T, U, THETA)), None, 1.0)
+       for head, size in (("__time", 1.0), ("millis()", 1e3), ("Relative Time [ms]", 1e3), ("time_elapsed", 1.0))},
     "keys beside the numbers": (beside(), {"time": 3, "channels": {"u": 4, "theta": 5}}, 1.0),
     "clocks called after their channels": (
         table(heads=("u_time", "u", "theta_time", "theta"), columns=(T, U, T, THETA)), None, 1.0),
@@ -179,7 +213,7 @@ def read(content: str, mapping: dict | None, rig, folder) -> Recording:
 def test_each_kind_of_log_gives_back_command_and_angle(kind, arm, tmp_path):
     content, mapping, share = KINDS[kind]
     found = read(content, mapping, arm, tmp_path)
-    assert found.sample_time_s == pytest.approx(STEP_S, rel=1e-6)
+    assert found.sample_time_s == pytest.approx(STEP_S, rel=2e-4 if "digits" in kind else 1e-6)
     assert sum(b - a for a, b in found.stretches) in (len(K) - 1, len(K))
     offset = len(K) - found.samples
     close = np.isclose(found.channels["theta"], THETA[offset:], atol=0.15 if "apart" in kind else 1e-6)

@@ -16,6 +16,9 @@ TIMES = pd.Series(START + pd.to_timedelta(K, unit="ms"))
 STAMPS = {
     "iso": TIMES.dt.strftime("%Y-%m-%dT%H:%M:%S.%f"), "zone": TIMES.dt.strftime("%Y-%m-%d %H:%M:%S.%f+01:00"),
     "german": TIMES.dt.strftime("%d.%m.%Y %H:%M:%S,%f"), "clock": TIMES.dt.strftime("%H:%M:%S,%f"),
+    "twelve hours": TIMES.dt.strftime("%m/%d/%Y %I:%M:%S.%f %p"), "month": TIMES.dt.strftime("%d-%b-%Y %H:%M:%S.%f"),
+    "compact": TIMES.dt.strftime("%Y%m%dT%H%M%S.%f"), "no hours": TIMES.dt.strftime("%M:%S.%f"),
+    "colons": TIMES.dt.strftime("%H:%M:%S:%f").str[:-3], "utc": TIMES.dt.strftime("%Y-%m-%dT%H:%M:%S.%f000Z"),
 }  # fmt: skip
 
 
