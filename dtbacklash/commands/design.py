@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dtbacklash.campaign.application import Application
-from dtbacklash.config.application import quoted
 from dtbacklash.config.experiments import DesignConfig
 from dtbacklash.config.grammar import RUN_FOLDER
+from dtbacklash.config.hydra_app import quoted
 from dtbacklash.config.load import settings_hash
 from dtbacklash.files import run_folder
 

@@ -9,8 +9,8 @@ from dtbacklash.diagnose.engine.readings import first_read
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 
-#: steps of Gauss and Newton; what says nothing of a zero (share of the column that says most); a better start's squares
-STEPS, UNSEEN, BETTER = 4, 1e-6, 0.99
+#: steps of Gauss and Newton; a better start's squares
+STEPS, BETTER = 4, 0.99
 
 
 def zeroed(bench: Bench, rig: Rig) -> Rig:
@@ -23,11 +23,12 @@ def zeroed(bench: Bench, rig: Rig) -> Rig:
         return rig
     gains = bench.gains(rig, tuple(p.first_sizes() for p in bench.predictors))
 
-    def rows(x: Floats) -> Floats | None:
+    def rows(x: Floats, start: Floats) -> Floats | None:
         try:
-            return bench.rows(apply(rig, free, x), gains)
+            there = bench.rows(apply(rig, free, x), gains)
         except (UserError, np.linalg.LinAlgError):
             return None
+        return None if there is None else np.append(there, x - start)  # what shows nowhere stays where it starts
 
     first = {
         (SENSOR_PREFIX + c, p.readings.recording): first_read(y)
@@ -35,16 +36,16 @@ def zeroed(bench: Bench, rig: Rig) -> Rig:
     }  # fmt: skip
     best = np.inf, np.zeros(len(free))
     for start in (np.array([(first[f.place, f.recording or 0] - f.centre) / f.scale for f in free]), best[1]):
-        x, here = start, rows(start)
+        x, here = start, rows(start, start)
         for _ in range(STEPS):
             if here is None:
                 break
             steps = np.diag([f.step for f in free])
-            moved = [there for step in steps if (there := rows(x + step)) is not None]
+            moved = [there for step in steps if (there := rows(x + step, start)) is not None]
             if len(moved) < len(free):
                 break
             J = (np.column_stack(moved) - here[:, None]) / steps.diagonal()
-            there = rows(z := x - np.linalg.lstsq(J, here, rcond=UNSEEN)[0])
+            there = rows(z := x - np.linalg.lstsq(J, here)[0], start)
             if there is None or not there @ there < here @ here:
                 break
             x, here = z, there
