@@ -163,26 +163,29 @@ def claim(lock: Path) -> Iterator[bool]:
     """
     from filelock import FileLock, Timeout
 
-    held = FileLock(lock, timeout=0, fallback_to_soft=False)
-    for attempt in range(TRIES):
-        lock.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            held.acquire()
-            break
-        except Timeout:
-            yield False
-            return
-        except OSError as error:
-            if error.errno in NO_LOCKS:
-                break
-            if error.errno != errno.ENOENT or attempt == TRIES - 1:
-                raise  # else another campaign has just tidied away the empty folder
+    held, mine = FileLock(lock, timeout=0, fallback_to_soft=False), False
     try:
+        for attempt in range(TRIES):
+            lock.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                held.acquire()
+                mine = True
+                break
+            except Timeout:
+                yield False
+                return
+            except OSError as error:
+                if mine := error.errno in NO_LOCKS:
+                    break
+                if error.errno != errno.ENOENT or attempt == TRIES - 1:
+                    raise  # else another campaign has just tidied away the empty folder
         yield True
     finally:
-        with suppress(OSError):  # while it is held: who has opened it meanwhile sees that it has no name any more
-            lock.unlink()
-        held.release()
+        with suppress(Timeout, OSError):
+            if not mine:  # interrupted: the file may have been made
+                held.acquire()
+            lock.unlink()  # while it is held: who has opened it meanwhile sees that it has no name any more
+        held.release(force=True)
 
 
 # --- JSON -------------------------------------------------------------------------------------------------------------

@@ -36,6 +36,8 @@ from dtbacklash.twin.link.service import RUN_ENDED, Dropped, Reply, Request
 
 log = logging.getLogger(__name__)
 
+#: what is said beside it of a twin that has answered nothing yet: it drops a wrong signature, and only its log says so
+NEVER = ": is it this machine's key that the twin has?"
 #: why an answer that is signed and well formed is dropped
 OTHER_RUN, UNKNOWN, DOUBLED = "of another run", "to an unknown request", "doubled"
 LATE, OLD_BUFFER, CHANGED = "late", "for an old buffer", "to a request that was changed"
@@ -348,7 +350,7 @@ class RemoteTwin:
             elif one.problem:
                 reason = f"{one.problem} {link.broker}"
             else:
-                reason = f"no answer within {one.until - one.asked_at:g} s"
+                reason = f"no answer within {one.until - one.asked_at:g} s" + ("" if self._delays else NEVER)
             self._unanswered(one, reason)
 
     def _unanswered(self, one: _Asked, reason: str, state: int = GIVEN_UP) -> None:

@@ -231,7 +231,10 @@ def test_verbose_says_what_it_is_doing_once_each_and_leaves_logging_alone(dtb):
         (["recording=bench.csv", "rig.effects.gear.rust.size=1"], "rig.effects.gear.rust=rust: an element of kind"),
         (["recording=bench.csv", "jobs=-1"], "jobs=-1: must be at least 1 and at most 256"),
         (["recording=bench.csv", "validation=gone.csv"], "validation=gone.csv: no such file"),
-        (["recording=bench.csv", "colour=red"], "colour=red: no such setting; choose one of enough, jobs, keep, out"),
+        (
+            ["recording=bench.csv", "colour=red"],
+            "colour=red: no such setting; choose one of enough, given, jobs, keep, out",
+        ),
         (["recording=bench.csv", "-x"], "option=-x: choose one of"),
         (["bench.csv"], "argument=bench.csv: write key=value"),
         (["recording=bench.csv", "out=bench.csv"], "out="),

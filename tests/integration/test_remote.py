@@ -112,7 +112,7 @@ def test_another_model_comes_over_the_network_too(broker: Broker, served: Served
         config.twin, where="remote", broker=there.broker, machine=there.machine, credentials=there.credentials,
         timeout_s=60.0,
     )  # fmt: skip
-    assert plain.estimates["found"].iloc[0].startswith("stiffness all links")
+    assert plain.estimates["found"].iloc[0] == "k: k -30 %"
     network.same(plain, network.run(config))
 
 

@@ -220,4 +220,4 @@ def test_a_dead_network_is_a_broker_that_is_gone(broker: Broker, puppet: Callabl
         result.summary |= {"remote": twin.summary(), "command": None}
     assert time.monotonic() - began < 60.0  # not the hour of the network
     network.under_control(result)
-    network.told(result, tmp_path, "no answer within 1 s")
+    network.told(result, tmp_path, "no answer within 1 s: is it this machine")

@@ -9,6 +9,7 @@ import pytest
 from page_reader import table_cells
 
 from dtbacklash import cli
+from dtbacklash.campaign.application import find
 from dtbacklash.config.compose import compose_for
 from dtbacklash.config.grammar import GRAMMARS, RUN
 from dtbacklash.config.groups import packaged_options
@@ -117,7 +118,8 @@ def _refusal(command: str) -> str:
     plain += [w for w in words if w in grammar.flags]
     try:
         for row in _jobs(plain) if "-m" in words else filter(None, [plain]):
-            compose_for(grammar, grammar.schema, *row)
+            alone = any("=" not in word for word in row)  # the folder of a diagnosis
+            compose_for(grammar, grammar.schema, *(find(grammar.name).complete(list(row)) if alone else row))
     except Exception as error:  # all are gathered
         return repr(error)
     return ""

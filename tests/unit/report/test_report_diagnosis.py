@@ -3,10 +3,12 @@
 import json
 import math
 import re
+import warnings
 from dataclasses import replace
 from io import StringIO
 
 import diagnosed
+import numpy as np
 import pytest
 from nominal import nominal_rig
 from page_reader import Reader
@@ -368,6 +370,18 @@ def test_the_terminal_says_the_same_in_letters_that_it_has():
         assert phrase in text
     assert text.isascii()
     assert len(text.splitlines()) < 40
+
+
+def test_what_has_to_be_known_first_stands_above_the_verdict(page_of):
+    """Also where the model that was found does not stay finite."""
+    made = diagnosed.missing()
+    nowhere = [replace(curve, extended=np.full(len(curve.t_s), np.nan)) for curve in made.shown.curves]
+    made = replace(made, first="The command u is 0.", shown=replace(made.shown, curves=tuple(nowhere), alone=()))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        text = printed(made)
+    assert text.startswith("The command u is 0.\nmissing_physics: ")
+    assert "The command u is 0. Recording" in re.sub(r"\s+", " ", page_of(made))
 
 
 def test_an_effect_that_a_parameter_took_the_place_of_is_said(page_of):
