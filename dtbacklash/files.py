@@ -48,6 +48,11 @@ def hidden_sibling(path: Path, suffix: str = PARTIAL) -> Path:
     return path.with_name(f".{_short(path.name)}.{uuid.uuid4().hex[:8]}{suffix}")
 
 
+def lock_of(folder: Path) -> Path:
+    """The file that is there, and locked, while a folder of results is written."""
+    return folder.with_name(f".{_short(folder.name)}.lock")
+
+
 def leftovers(path: Path, suffix: str = PARTIAL) -> list[Path]:
     """The hidden siblings of ``path`` that a process which was killed has left."""
     # not glob: a name may hold its signs
@@ -315,7 +320,7 @@ def run_folder(
     try:
         _check_replaceable(folder, key, mark, known)
         scratch.mkdir(parents=True)
-        with claim(folder.with_name(f".{_short(folder.name)}.lock")) as alone:
+        with claim(lock_of(folder)) as alone:
             if not alone:
                 raise UserError(key, folder, "another run is being written there; give each a folder of its own")
             yield scratch

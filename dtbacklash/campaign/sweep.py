@@ -113,6 +113,8 @@ class SweepJob(Job):
         super().tidy()
         for path in files.leftovers(self.folder):
             files.remove(path)
+        with files.claim(files.lock_of(self.folder)):
+            pass  # it goes with its holder
         files.remove_if_empty(self.folder)
 
 
