@@ -118,7 +118,7 @@ def doubts(rig: Rig) -> list[str]:
         if (share := p.tolerance) > TOLERANCE_USUAL:
             meant = f"as good as unknown; {share / 100:g} would be {share:g} %"
             said.append(f"rig.parameters.{name}.tolerance={share:g} is {100 * share:g} %: {meant}")
-        if not any(name in spec.values() for spec in rig.config.elements.values()):
+        if name not in rig.config.used:
             said.append(f"rig.parameters.{name} is used by no element")
     return said
 

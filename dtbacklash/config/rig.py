@@ -8,6 +8,7 @@ form; what an element needs and which effects it takes stand in :mod:`dtbacklash
 import math
 import re
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -109,6 +110,26 @@ class RigConfig:
             if not isinstance(sensor, dict) or not {"of", "quantity"} <= set(sensor):
                 raise UserError(f"rig.sensors.{name}", sensor, "a mapping with `of` and `quantity`")
         self._check_effects()
+
+    @property
+    def used(self) -> list[str]:
+        """The parameters that elements have, in the order of the elements."""
+        named = (name for spec in self.elements.values() for name in spec.values() if isinstance(name, str))
+        return [name for name in dict.fromkeys(named) if name in self.parameters]
+
+    def with_values(self, values: Mapping[tuple[str, ...], float]) -> "RigConfig":
+        """A copy with other values, SI; tolerances stay. values : (parameter,) or (place, effect, parameter) -> its."""
+        parameters = dict(self.parameters)
+        effects = {p: {n: dict(leaves) for n, leaves in there.items()} for p, there in self.effects.items()}
+        for (first, *rest), value in values.items():
+            if not rest:
+                parameters[first] = replace(parameters[first], value=value)
+                continue
+            effect, name = rest
+            leaves = effects[first][effect]
+            leaf = leaves.get(name)
+            leaves[name] = {**leaf, "value": value} if isinstance(leaf, dict) else value
+        return replace(self, parameters=parameters, effects=effects)
 
     def _name_numbers(self, element: str, fields: dict[str, Any]) -> None:
         """Make parameters of the numbers that stand in an element."""

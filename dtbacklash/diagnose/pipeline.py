@@ -268,7 +268,7 @@ class _Course:
             explained_said(much, bool(named)), unknown_said(much), told.sentence if told else "",
             tolerances_said(away, USUAL),
         )  # fmt: skip
-        every, record = max(self.every), self.records[0]
+        every, record, zeros = max(self.every), self.records[0], zeros_said(c)
         rate = (RATE.format(every=every, hz=1.0 / (every * record.sample_time_s)),) if every > 1 else ()
         return Diagnosis(
             verdict=verdict,
@@ -280,6 +280,7 @@ class _Course:
             candidates=candidates(c),
             located=where,
             suspected=suspected,
+            zeros=zeros,
             next_experiment=next_experiment(c, verdict, where),
             nominal=self.rig,
             extended=with_errors(
@@ -289,7 +290,7 @@ class _Course:
             explained=much,
             checks=all_checks(c, tables, free),
             limits=limits(c) if depth == FULL else (),
-            notes=(*filter(None, (c.course, zeros_said(c))), *rate),
+            notes=(*filter(None, (c.course, zeros)), *rate),
             shown=shown(c, tables, much.causes),
             work=Work(
                 record.sample_time_s, sum(int(r.train.sum()) for r in self.records),

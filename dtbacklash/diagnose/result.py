@@ -144,7 +144,8 @@ class Diagnosis:
     calibration : of all known parameters, where the recording was diagnosed.
     modelled : what no name explains, as a table or formula in the rig.
     suspected : which number in the rig looks like a typo, in a sentence; else empty.
-    first : what its user has to know before he believes it; else empty.
+    first : what its user has to know before he believes it; else empty. zeros : those of the sensors of one recording
+        that begin anywhere, in a sentence that is a note as well.
     stopped : what was being done when it was stopped, of which this is what was known; else empty.
     observed : how the machine was seen to move and what is open, for the experiment after it.
     nominal : the rig as it was given. extended : recalibrated, with what was found. shown, work : for the report.
@@ -177,6 +178,7 @@ class Diagnosis:
     suspected: str = ""
     observed: Observed | None = None
     first: str = ""
+    zeros: str = ""
 
     @property
     def rig(self) -> Rig:

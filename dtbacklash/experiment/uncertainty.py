@@ -113,23 +113,17 @@ def _has(rig: Rig, title: str) -> bool:
 
 def _moved(rig: Rig, step: Step) -> Rig:
     """The rig with its parameters moved, within their bounds."""
-    parameters = dict(rig.config.parameters)
-    effects: dict[tuple[str, str], dict[str, float]] = {}
+    values: dict[tuple[str, ...], float] = {}
     for title, by in step.items():
-        if title in parameters:
-            p = parameters[title]
-            least = LEAST_SHARE * p.value
-            value = p.value + by
-            parameters[title] = replace(p, value=max(value, least) if p.value > 0.0 else min(value, least))
+        if title in rig.config.parameters:
+            known = rig.config.parameters[title].value
+            least, value = LEAST_SHARE * known, known + by
+            values[title,] = max(value, least) if known > 0.0 else min(value, least)
             continue
         place, effect, name = title.split(".", 2)
-        values = effects.setdefault((place, effect), dict(rig.effects[place][effect]))
         bounds = next(p for p in find(rig.kind_at(place), effect, place).parameters if p.name == name)
-        values[name] = min(max(values[name] + by, bounds.low), bounds.high)
-    moved = build_rig(replace(rig.config, parameters=parameters))
-    for key, values in effects.items():
-        moved = moved.with_effect(*key, values)
-    return moved
+        values[place, effect, name] = min(max(rig.effects[place][effect][name] + by, bounds.low), bounds.high)
+    return build_rig(rig.config.with_values(values))
 
 
 def _of(config: RunConfig, rig: Rig) -> RunConfig:

@@ -21,9 +21,15 @@ typedef struct {
 
 static void at_rest(slave *s) { controller_reset(&s->c, s->in + ANGLE); }
 
+static int anew(slave *s) {
+    memset(s, 0, sizeof *s);
+    s->in[HALF_GAP] = s->c.half_gap = FIRST_HALF_GAP;
+    return OK;
+}
+
 static void *born(const char *token) {
-    slave *s = token && strcmp(token, TOKEN) == 0 ? calloc(1, sizeof *s) : NULL;
-    if (s) s->in[HALF_GAP] = s->c.half_gap = FIRST_HALF_GAP;
+    slave *s = token && strcmp(token, TOKEN) == 0 ? malloc(sizeof *s) : NULL;
+    if (s) anew(s);
     return s;
 }
 
@@ -63,12 +69,6 @@ static int move(slave *s, double seconds) {
     return OK;
 }
 
-static int anew(slave *s) {
-    memset(s, 0, sizeof *s);
-    s->in[HALF_GAP] = s->c.half_gap = FIRST_HALF_GAP;
-    return OK;
-}
-
 static int keep(const slave *s, void **kept) {
     if (!*kept) *kept = malloc(sizeof *s);
     if (*kept) memcpy(*kept, s, sizeof *s);
@@ -95,6 +95,14 @@ static int read_back(const uint8_t *bytes, size_t n, void **kept) {
 #define HAS_NOT(name) API int name(void) { return WRONG; }
 #define DOES_NOTHING(name) API int name(void) { return OK; }
 #define IS_NONE(name) API void *name(void) { return NULL; }
+/* a state that is kept, brought back, forgotten, and written as bytes: alike in both versions, but for the names */
+#define STATES(get, set, drop, size, write, read) \
+    API int get(slave *s, void **kept) { return keep(s, kept); } \
+    API int set(slave *s, void *kept) { return bring_back(s, kept); } \
+    API int drop(slave *s, void **kept) { return (void)s, forget(kept); } \
+    API int size(slave *s, void *kept, size_t *n) { return (void)kept, *n = sizeof *s, OK; } \
+    API int write(slave *s, void *kept, uint8_t *bytes, size_t n) { return (void)s, write_down(kept, bytes, n); } \
+    API int read(slave *s, const uint8_t *bytes, size_t n, void **kept) { return (void)s, read_back(bytes, n, kept); }
 
 #if FMI == 2
 API const char *fmi2GetTypesPlatform(void) { return "default"; }
@@ -111,14 +119,8 @@ API int fmi2Reset(slave *s) { return anew(s); }
 API int fmi2GetReal(slave *s, const unsigned *which, size_t n, double *values) { return show(s, which, n, values); }
 API int fmi2SetReal(slave *s, const unsigned *which, size_t n, const double *values) { return put(s, which, n, values); }
 API int fmi2DoStep(slave *s, double now, double seconds) { return (void)now, move(s, seconds); }
-API int fmi2GetFMUstate(slave *s, void **kept) { return keep(s, kept); }
-API int fmi2SetFMUstate(slave *s, void *kept) { return bring_back(s, kept); }
-API int fmi2FreeFMUstate(slave *s, void **kept) { return (void)s, forget(kept); }
-API int fmi2SerializedFMUstateSize(slave *s, void *kept, size_t *n) { return (void)kept, *n = sizeof *s, OK; }
-API int fmi2SerializeFMUstate(slave *s, void *kept, uint8_t *bytes, size_t n) { return (void)s, write_down(kept, bytes, n); }
-API int fmi2DeSerializeFMUstate(slave *s, const uint8_t *bytes, size_t n, void **kept) {
-    return (void)s, read_back(bytes, n, kept);
-}
+STATES(fmi2GetFMUstate, fmi2SetFMUstate, fmi2FreeFMUstate, fmi2SerializedFMUstateSize, fmi2SerializeFMUstate,
+       fmi2DeSerializeFMUstate)
 DOES_NOTHING(fmi2SetDebugLogging) DOES_NOTHING(fmi2EnterInitializationMode) DOES_NOTHING(fmi2Terminate)
 HAS_NOT(fmi2GetInteger) HAS_NOT(fmi2SetInteger) HAS_NOT(fmi2GetBoolean) HAS_NOT(fmi2SetBoolean)
 HAS_NOT(fmi2GetString) HAS_NOT(fmi2SetString) HAS_NOT(fmi2GetDirectionalDerivative)
@@ -149,14 +151,8 @@ API int fmi3DoStep(slave *s, double now, double seconds, bool undone, bool *even
     *last = status == OK ? now + seconds : now;
     return status;
 }
-API int fmi3GetFMUState(slave *s, void **kept) { return keep(s, kept); }
-API int fmi3SetFMUState(slave *s, void *kept) { return bring_back(s, kept); }
-API int fmi3FreeFMUState(slave *s, void **kept) { return (void)s, forget(kept); }
-API int fmi3SerializedFMUStateSize(slave *s, void *kept, size_t *n) { return (void)kept, *n = sizeof *s, OK; }
-API int fmi3SerializeFMUState(slave *s, void *kept, uint8_t *bytes, size_t n) { return (void)s, write_down(kept, bytes, n); }
-API int fmi3DeserializeFMUState(slave *s, const uint8_t *bytes, size_t n, void **kept) {
-    return (void)s, read_back(bytes, n, kept);
-}
+STATES(fmi3GetFMUState, fmi3SetFMUState, fmi3FreeFMUState, fmi3SerializedFMUStateSize, fmi3SerializeFMUState,
+       fmi3DeserializeFMUState)
 DOES_NOTHING(fmi3SetDebugLogging) DOES_NOTHING(fmi3Terminate) DOES_NOTHING(fmi3EnterConfigurationMode)
 DOES_NOTHING(fmi3ExitConfigurationMode) DOES_NOTHING(fmi3EnterStepMode)
 IS_NONE(fmi3InstantiateModelExchange) IS_NONE(fmi3InstantiateScheduledExecution)

@@ -13,6 +13,7 @@ from pathlib import Path
 from xml.etree import ElementTree as xml
 
 from dtbacklash.errors import UserError
+from dtbacklash.fmu.interface import BASES
 from dtbacklash.version import __version__
 
 #: version of FMI -> folder of the library in the FMU, by operating system and processor
@@ -32,7 +33,6 @@ VARIABLES = (
     ("u", "V", "output", "continuous", "voltage"),
     ("held", "1", "output", "continuous", "samples in which the last good value stood for one that was not finite"),
 )
-BASES = {"m": {"m": "1"}, "rad": {"rad": "1"}, "V": {"kg": "1", "m": "2", "s": "-3", "A": "-1"}, "1": {}}
 
 
 def write_fmu(
@@ -86,7 +86,8 @@ def _described(name: str, token: str, first_half_gap_rad: float, sample_time_s: 
     else:
         run.set("fixedInternalStepSize", repr(sample_time_s))
     units = xml.SubElement(root, "UnitDefinitions")
-    for unit, base in BASES.items():
+    for unit in dict.fromkeys(unit for _, unit, *_ in VARIABLES):
+        base = {name: str(power) for name, power in BASES[unit].items()}
         xml.SubElement(xml.SubElement(units, "Unit", name=unit), "BaseUnit", base)
     xml.SubElement(root, "DefaultExperiment", stepSize=repr(sample_time_s))
     variables = xml.SubElement(root, "ModelVariables")

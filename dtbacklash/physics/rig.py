@@ -273,21 +273,16 @@ def build_rig(config: RigConfig, own: Own = ()) -> Rig:
 
 def _as_in(rig: Rig, own: Mapping[str, float]) -> Rig:
     """A rig with the values that one recording has; those of effects that it does not have do nothing."""
-    parameters = dict(rig.config.parameters)
-    effects = {p: {n: dict(leaves) for n, leaves in there.items()} for p, there in rig.config.effects.items()}
+    values: dict[tuple[str, ...], float] = {}
     zeros: dict[str, float] = {}
     for title, value in own.items():
         place, *rest = title.split(".")
-        if not rest:
-            parameters[title] = replace(parameters[title], value=value)
-        elif rest == [ZERO]:
+        if rest == [ZERO]:
             zeros[place.removeprefix(SENSOR_PREFIX)] = value
-        elif rig.effect(place, rest[0]) is not None:
-            leaves = effects[place][rest[0]]
-            leaf = leaves.get(rest[1])
-            leaves[rest[1]] = {**leaf, "value": value} if isinstance(leaf, dict) else value
+        elif not rest or rig.effect(place, rest[0]) is not None:
+            values[place, *rest] = value
     if len(zeros) < len(own):
-        rig = build_rig(replace(rig.config, parameters=parameters, effects=effects))
+        rig = build_rig(rig.config.with_values(values))
     sensors = {n: replace(s, zero=zeros[n]) if n in zeros else s for n, s in rig.sensors.items()}
     return replace(rig, sensors=sensors, own=(), _of={})
 

@@ -89,6 +89,11 @@ def simulate(
     return Response(sample_time_s * np.arange(n + 1, dtype=np.float64), sensors, x, theta_d)
 
 
+def simulate_roughly(rig: Rig, u: Floats, sample_time_s: float) -> Response:
+    """Like :func:`simulate`, as finely as is enough to compare models or commands with one another."""
+    return simulate(rig, u, sample_time_s, substeps=2, event_levels=4)
+
+
 def rig_half_gap(rig: Rig) -> float:
     """The half-gap of the rig's own backlash, rad; a profile adds to it."""
     gear = rig.only("gear")

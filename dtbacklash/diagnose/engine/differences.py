@@ -14,19 +14,18 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.bench import Bench
+from dtbacklash.diagnose.engine.columns import OWN
 from dtbacklash.diagnose.engine.exact import Model, Problem
 from dtbacklash.diagnose.engine.free import Free, Key
 from dtbacklash.diagnose.engine.motion import Motion
 from dtbacklash.physics.catalogue import find
-from dtbacklash.physics.rig import Rig
+from dtbacklash.physics.rig import Rig, build_rig
 
 if TYPE_CHECKING:
     from dtbacklash.diagnose.engine.search import Search
 
 #: so many of the likeliest differences are fitted, and so many are looked for at most
 FITTED, MOST = 2, 4
-#: what is left of a column beside the others (share of its square) below which it says nothing of its own
-OWN = 1e-6
 
 
 def differ(search: Search, named: Sequence[Model], proposed: Sequence[tuple[Rig, tuple[Key, ...]]]) -> bool:
@@ -157,14 +156,7 @@ def joined(rig: Rig, title: str, recordings: Sequence[int]) -> Rig:
     """The rig in which what was each recording's own is shared again, in their middle."""
     middle = float(np.median([rig.own[k][title] for k in recordings]))
     rig = rig.owning({(k, title): None for k in recordings})
-    place, *rest = title.split(".")
-    if not rest:
-        return rig.with_parameters({title: middle})
-    effect, parameter = rest
-    leaves = dict(rig.config.effects[place][effect])
-    leaf = leaves.get(parameter)
-    leaves[parameter] = {**leaf, "value": middle} if isinstance(leaf, dict) else middle
-    return rig.with_effect(place, effect, leaves)
+    return build_rig(rig.config.with_values({tuple(title.split(".")): middle}), rig.own)
 
 
 def shared_value(rig: Rig, title: str) -> float:

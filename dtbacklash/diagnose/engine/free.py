@@ -132,7 +132,7 @@ def nominal_free(nominal: Rig, rig: Rig | None = None, recordings: Sequence[int]
     recordings : those that are fitted to.
     """
     free, rig = [], rig or nominal
-    used = {name for spec in nominal.config.elements.values() for name in spec.values() if isinstance(name, str)}
+    used = nominal.config.used
     for name, p in nominal.config.parameters.items():
         if name not in used:
             continue
@@ -240,20 +240,15 @@ def standing(free: Free, rig: Rig) -> float:
 
 def apply(base: Rig, free: list[Free], x: Floats) -> Rig:
     """The base rig with the free parameters at ``x``."""
-    parameters = dict(base.config.parameters)
-    effects = {p: {n: dict(leaves) for n, leaves in there.items()} for p, there in base.config.effects.items()}
+    values: dict[tuple[str, ...], float] = {}
     own = [dict(there) for there in base.own]
     for f, xi in zip(free, x, strict=True):
         if f.recording is not None:
             own += [{} for _ in range(f.recording + 1 - len(own))]
             own[f.recording][f.shared_title] = f.value(xi)
-        elif f.effect:
-            leaves = effects[f.place][f.effect]
-            leaf, value = leaves.get(f.name), f.value(xi)
-            leaves[f.name] = {**leaf, "value": value} if isinstance(leaf, dict) else value
         else:
-            parameters[f.name] = replace(parameters[f.name], value=f.value(xi))
-    return build_rig(replace(base.config, effects=effects, parameters=parameters), tuple(own))
+            values[(f.place, f.effect, f.name) if f.effect else (f.name,)] = f.value(xi)
+    return build_rig(base.config.with_values(values), tuple(own))
 
 
 def with_priors(rig: Rig) -> Rig:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.experiments.rivalry import Rivalry
+from dtbacklash.diagnose.experiments.rivalry import Answer, Rivalry
 from dtbacklash.errors import UserError
 
 #: sines of a sum, levels of a set of moves
@@ -120,12 +120,12 @@ def chosen(rivalry: Rivalry, limits: Limits, commands: Mapping[str, Floats], tel
     for k, (name, u) in enumerate(commands.items()):
         if tell:
             tell(k / len(commands), name)
-        tried = _tried(rivalry, u, name)
-        ratio, which = (math.inf, "what stays finite") if tried is None else _beyond(limits, tried)
-        if tried is None or ratio > 1.0:
+        answer = rivalry.answer(rivalry.found, u)
+        ratio, which = _beyond(limits, answer)
+        if answer is None or ratio > 1.0:
             beyond.append(f"{name} goes beyond {which}")
         else:
-            found.append(_exactly(rivalry, tried))
+            found.append(_tried(rivalry, answer, name, exactly=True))
     if not found:
         raise UserError("commands", ", ".join(commands), "; ".join(beyond))
     ranked = tuple(sorted(found, key=lambda t: -t.score))
@@ -136,50 +136,46 @@ def _told(tried: Tried) -> str:
     return f"{math.sqrt(min(tried.apart)):.3g} standard errors apart"
 
 
-def _tried(rivalry: Rivalry, u: Floats, kind: str) -> Tried | None:
-    """A command without what it tells; None where the machine runs away."""
-    answer = rivalry.answer(rivalry.found, u)
-    return None if answer is None else Tried(kind, u, tuple(rivalry.apart(answer.record)), answer.travel, answer.speed)
+def _tried(rivalry: Rivalry, answer: Answer, kind: str, exactly: bool = False) -> Tried:
+    """What a command tells, by the found rig's answer to it."""
+    apart = tuple(rivalry.apart(answer.record, exactly))
+    return Tried(kind, answer.record.u, apart, answer.travel, answer.speed)
 
 
 def _exactly(rivalry: Rivalry, tried: Tried) -> Tried:
     answer = rivalry.answer(rivalry.found, tried.u)
     assert answer is not None
-    return Tried(tried.kind, tried.u, tuple(rivalry.apart(answer.record, exactly=True)), tried.travel, tried.speed)
+    return _tried(rivalry, answer, tried.kind, exactly=True)
 
 
 def _largest(rivalry: Rivalry, limits: Limits, u: Floats, kind: str) -> Tried | None:
     """A shape as large as the limits allow, for the found rig and every rival; None where nothing moves."""
-    scale, most = 1.0, float(np.abs(u).max())
+    most = float(np.abs(u).max())
     if not most > 0.0:
         return None
     scale = min(1.0, limits.command / most)
     for _ in range(SIMULATIONS):
-        ratios = [_ratio(limits, rivalry, rig, scale * u) for rig in (rivalry.found, *(r.rig for r in rivalry.rivals))]
-        worst = max(ratios)
+        answers = [rivalry.answer(rig, scale * u) for rig in (rivalry.found, *(r.rig for r in rivalry.rivals))]
+        worst = max(_beyond(limits, answer)[0] for answer in answers)
         if worst <= 1.0:
             break
         # dry friction and drift: the motion is not in proportion
         scale *= NEAR / worst if math.isfinite(worst) else 0.1
     else:
         return None
-    found = _tried(rivalry, scale * u, kind)
-    moves = found is not None and any(v > STILL * limits.speed.get(b, math.inf) for b, v in found.speed.items())
-    return found if moves else None
+    found = answers[0]
+    assert found is not None
+    moves = any(v > STILL * limits.speed.get(b, math.inf) for b, v in found.speed.items())
+    return _tried(rivalry, found, kind) if moves else None
 
 
-def _ratio(limits: Limits, rivalry: Rivalry, rig: object, u: Floats) -> float:
-    answer = rivalry.answer(rig, u)  # type: ignore[arg-type]
-    if answer is None:
-        return math.inf
-    return _beyond(limits, Tried("", u, (), answer.travel, answer.speed))[0]
-
-
-def _beyond(limits: Limits, tried: Tried) -> tuple[float, str]:
+def _beyond(limits: Limits, answer: Answer | None) -> tuple[float, str]:
     """How near a motion comes to the limits, 1 at the nearest, and which that is."""
-    ratios = {"command_max": float(np.abs(tried.u).max()) / limits.command}
-    ratios |= {f"travel of {b}": v / limits.travel[b] for b, v in tried.travel.items() if b in limits.travel}
-    ratios |= {f"speed of {b}": v / limits.speed[b] for b, v in tried.speed.items() if b in limits.speed}
+    if answer is None:
+        return math.inf, "what stays finite"
+    ratios = {"command_max": float(np.abs(answer.record.u).max()) / limits.command}
+    ratios |= {f"travel of {b}": v / limits.travel[b] for b, v in answer.travel.items() if b in limits.travel}
+    ratios |= {f"speed of {b}": v / limits.speed[b] for b, v in answer.speed.items() if b in limits.speed}
     which = max(ratios, key=lambda name: ratios[name])
     return ratios[which] / (1.0 + 1e-9), which
 

@@ -8,7 +8,7 @@ far they can be told apart: beside another effect, one has to be larger by 1/sin
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -134,7 +134,7 @@ def isolability(
         more = [s for s in rig.sensors if s not in recording.channels]
         others.append((f"with {' and '.join(more)} recorded as well", _columns(rig, complete(), share)[0]))
     pairs = tuple(sorted((_advised(p, others) for p in confused), key=lambda p: not p.advice))
-    return Isolability(found.effects, found.sines, pairs, found.hidden, one_way, found.every, found.readings)
+    return replace(found, pairs=pairs, one_way=one_way)
 
 
 def _advised(pair: Pair, others: list[tuple[str, Isolability]]) -> Pair:

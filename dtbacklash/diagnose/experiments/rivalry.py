@@ -25,7 +25,7 @@ from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.errors import UserError
 from dtbacklash.physics.assembly import compile_plant, state_names
 from dtbacklash.physics.rig import Rig
-from dtbacklash.physics.simulate import simulate
+from dtbacklash.physics.simulate import simulate_roughly
 
 #: seed of the noise that a simulated recording has: the same for all commands, so that they are compared alike
 SEED = 0
@@ -68,7 +68,7 @@ class Rivalry:
         plant = compile_plant(rig, step, 1, 1)
         names, first, n = state_names(rig, plant.imposed), plant.position, plant.n_bodies
         with np.errstate(over="ignore", invalid="ignore"):
-            shown = simulate(rig, u, step, substeps=2, event_levels=4)
+            shown = simulate_roughly(rig, u, step)
         if not all(np.isfinite(v).all() for v in shown.sensors.values()):
             return None
         rng = np.random.default_rng(SEED)

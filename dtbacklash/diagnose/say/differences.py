@@ -1,12 +1,11 @@
 """What differs between recordings, and what each of them says of each cause, in sentences and rows."""
 
 from dtbacklash.diagnose.conclusion import Conclusion
-from dtbacklash.diagnose.engine.free import unit_at
+from dtbacklash.diagnose.engine.free import unit_of
 from dtbacklash.diagnose.engine.in_each import InOne
 from dtbacklash.diagnose.engine.values import NORMAL95
 from dtbacklash.diagnose.named import Cause
 from dtbacklash.diagnose.say.sentences import quantity
-from dtbacklash.physics.catalogue import find
 
 SEEN, NOT_SEEN, CANNOT = "seen", "not seen", "cannot be seen here"
 
@@ -48,8 +47,4 @@ def _sizes(c: Conclusion, title: str, each: tuple[InOne, ...]) -> str:
 
 
 def _unit(c: Conclusion, title: str) -> str:
-    place, *rest = title.split(".")
-    if not rest:
-        return c.model.rig.config.parameters[title].unit
-    entry = find(c.model.rig.kind_at(place), rest[0], place)
-    return unit_at(c.model.rig, place, next(p.unit for p in entry.parameters if p.name == rest[1]))
+    return unit_of(c.model.rig, next(f for f in c.values.free if f.shared_title == title))

@@ -10,7 +10,7 @@ from dtbacklash.diagnose.result import UNEXPLAINED, Located, Verdict
 from dtbacklash.diagnose.words import place_in_words
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import Rig
-from dtbacklash.physics.simulate import simulate
+from dtbacklash.physics.simulate import simulate_roughly
 
 #: an experiment that makes two models differ by less is not advised (share of the signal)
 TOLD_APART_SHARE = 0.01
@@ -76,8 +76,8 @@ def _differences(c: Conclusion, first: Rig, second: Rig, factor: float) -> dict[
     record = c.seen.stretches[0].record
     u = factor * record.u[: min(record.samples, SAMPLES) - 1]
     with np.errstate(over="ignore", invalid="ignore"):
-        a = simulate(first, u, record.sample_time_s, substeps=2, event_levels=4).sensors
-        b = simulate(second, u, record.sample_time_s, substeps=2, event_levels=4).sensors
+        a = simulate_roughly(first, u, record.sample_time_s).sensors
+        b = simulate_roughly(second, u, record.sample_time_s).sensors
         return {name: _relative(a[name], b[name]) for name in a}
 
 

@@ -22,8 +22,6 @@ from dtbacklash.recording.model import Recording
 NEAR_S = (0.05, 0.1, 0.2, 0.3)
 #: speeds below this share of the fastest count as rest
 MOVES = 0.02
-#: how the note of the sensors' zeros begins
-ZEROS = "Zero of "
 #: a second best that leaves more than this many times the error explains nothing
 WORTH_SAYING = 10.0
 
@@ -46,7 +44,7 @@ def zeros_said(c: Conclusion) -> str:
     if not found or len({p.readings.recording for p in c.search.bench.predictors}) > 1:
         return ""
     rest = " Nothing in the rig holds a position: that is what each read first." if unseen == len(found) else ""
-    return f"{ZEROS}{', '.join(found)}.{rest}"
+    return f"Zero of {', '.join(found)}.{rest}"
 
 
 def less(instead: Instead | None) -> str:

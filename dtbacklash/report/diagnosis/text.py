@@ -7,7 +7,6 @@ from rich.text import Text
 
 from dtbacklash.diagnose.named import Calibration
 from dtbacklash.diagnose.result import Diagnosis
-from dtbacklash.diagnose.say.sentences import ZEROS
 from dtbacklash.report.diagnosis.blocks import in_each
 from dtbacklash.report.diagnosis.words import causes, checks_said, error_text, heading, left, together
 from dtbacklash.report.kit import tables
@@ -36,7 +35,7 @@ def lines(diagnosis: Diagnosis) -> list[RenderableType]:
     if diagnosis.calibration and not diagnosis.findings:
         told += _calibrated(diagnosis.calibration)
     told += ["", tables.of(rest)] if rest.rows else []
-    told += [_text(note) for note in diagnosis.notes if note.startswith(ZEROS)]
+    told += [_text(diagnosis.zeros)] if diagnosis.zeros else []
     ends = [
         [one.name, *(error_text(e, diagnosis.fit.metric) for e in (one.held_out.nominal, one.held_out.extended))]
         for one in diagnosis.recordings if one.held_out

@@ -16,7 +16,7 @@ from dtbacklash.diagnose.experiments.rivalry import Rivalry
 from dtbacklash.diagnose.say.sentences import quantity
 from dtbacklash.files import write_json
 from dtbacklash.physics.kinds import KINDS
-from dtbacklash.physics.simulate import simulate
+from dtbacklash.physics.simulate import simulate_roughly
 from dtbacklash.report.kit.blocks import Block, Code, Figure, Items, Table
 from dtbacklash.report.kit.decimate import envelope
 from dtbacklash.report.kit.page import embedded, render
@@ -111,9 +111,9 @@ def command_figure(found: Design, rivalry: Rivalry) -> Drawn:
     above.plot(*envelope(t, u), color=COLOUR["voltage"], lw=1.4)
     above.set_ylabel(f"u [{rivalry.found.command_unit}]")
     above.set_title("The command")
-    own = simulate(rivalry.found, u, step, substeps=2, event_levels=4).sensors
+    own = simulate_roughly(rivalry.found, u, step).sensors
     for k, rival in enumerate(rivalry.rivals[:DRAWN]):
-        other = simulate(rival.rig, u, step, substeps=2, event_levels=4).sensors
+        other = simulate_roughly(rival.rig, u, step).sensors
         differs = {c: (other[c] - own[c])[:-1] / noise[c] for c in noise}
         most = max(differs, key=lambda c: float(np.std(differs[c])))
         below.plot(*envelope(t, differs[most]), color=SERIES[k], lw=1.4, label=f"{rival.name} ({most})")

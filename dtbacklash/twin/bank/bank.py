@@ -264,9 +264,10 @@ class _Bank:
     def _values(self, tried: _Tried) -> Iterator[Value]:
         """What a change moved, with standard errors."""
         problem, model, change = tried.problem, tried.model, tried.candidate
-        rows = problem.rows(model.x, self.bench.gains(model.rig, model.sizes))
+        gains = self.bench.gains(model.rig, model.sizes)
+        rows = problem.rows(model.x, gains)
         assert rows is not None
-        J = problem.jacobian(model.x, self.bench.gains(model.rig, model.sizes), rows)
+        J = problem.jacobian(model.x, gains, rows)
         errors = np.sqrt(np.maximum(np.diag(np.linalg.pinv(J.T @ J)), 0.0))
         for f, x, error in zip(model.free, model.x, errors, strict=True):
             if f.key in (change.key, change.altered) or (not f.effect and f.name in change.moved):
@@ -323,10 +324,8 @@ def _freed(rig: Rig, candidate: _Candidate) -> Rig:
 def _parameters(rig: Rig) -> Iterator[_Candidate]:
     """What the rig has and may have moved: its parameters, those of its effects, both constants of a motor."""
     config = rig.config
-    used = dict.fromkeys(name for spec in config.elements.values() for name in spec.values() if isinstance(name, str))
-    for name in used:
-        if name in config.parameters:
-            yield _Candidate(name, rig, (name,))
+    for name in config.used:
+        yield _Candidate(name, rig, (name,))
     motor = rig.only("motor_circuit")
     if motor is not None:  # one magnet makes both
         pair = tuple(str(config.elements[motor.name][f]) for f in ("torque_constant", "emf_constant"))
