@@ -2,10 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
-from dtbacklash.diagnose.engine.exact import Model
+from dtbacklash.diagnose.engine.exact import Model, as_it_stands
 from dtbacklash.diagnose.engine.free import Key, standing
 from dtbacklash.diagnose.engine.in_each import InOne, stands
 from dtbacklash.diagnose.engine.judge import Judged
@@ -26,11 +27,13 @@ NOISES = 2.0
 class Conclusion:
     """Everything that is said and shown comes from here.
 
-    judged.model is the extended rig; modelled, with_table : what no name explains, and the rig that has it.
+    judged.model is the extended rig. given : the same names on the rig as it was given. modelled, with_table : what no
+    name explains, and the rig that has it.
     """
 
     search: Search
     judged: Judged
+    given: Model | None
     values: Values
     seen: Seen
     modelled: Modelled | None
@@ -78,17 +81,25 @@ class Conclusion:
         noises = [s.predictor.readings.noise for s in self.seen.stretches]
         return any(bool((np.nanstd(e, axis=0) > NOISES * n).any()) for e, n in zip(errors, noises, strict=True))
 
+    @cached_property
     def moved(self) -> dict[str, tuple[float, float]]:
-        """Title of a known parameter that had to move -> (value, standard error)."""
-        search, model = self.search, self.model
-        clears = search.unknown(search.nothing) < search.rules.clears * search.unknown_given
-        asked = 0.0 if clears else MISSED * search.rules.worth * search.bench.count
-        if search.given - search.nothing.loss < max(search.least, asked):
+        """Title of a known parameter that had to move -> (value, standard error).
+
+        The names are there in both: a friction that is missing moves a stiffness, and may hide that it had to move.
+        """
+        search, given = self.search, self.given
+        if given is None:
             return {}
-        away = {f.title: (standing(f, model.rig), f) for f in self.values.free if f.prior and not f.is_zero}
-        moved = {name: row for name, row in away.items() if abs(row[0]) > search.rules.moved}
-        errors = {name: self.values.errors.get((f.place, f.effect, f.label), np.inf) for name, (_, f) in moved.items()}
-        return {name: (f.value(x), errors[name]) for name, (x, f) in moved.items()}
+        last = as_it_stands(search.bench, search.motion, self.model)
+        clears = search.unknown(last) < search.rules.clears * search.unknown(given)
+        asked = 0.0 if clears else MISSED * search.rules.worth * search.bench.count
+        if given.loss - last.loss < max(search.least, asked):
+            return {}
+        away = [(f, standing(f, self.model.rig)) for f in self.values.free if f.prior and not f.is_zero]
+        return {
+            f.title: (f.value(x), self.values.errors.get((f.place, f.effect, f.label), np.inf))
+            for f, x in away if abs(x) > search.rules.moved
+        }  # fmt: skip
 
     @property
     def sizes(self) -> dict[Key, str]:
@@ -118,7 +129,7 @@ class Conclusion:
             return MISSING if enough or (self.sure and self.explains) else UNEXPLAINED
         if self.left > MISSED * rules.much and not enough and self.shows:
             return UNEXPLAINED
-        return PARAMETERS if self.moved() else CONSISTENT
+        return PARAMETERS if self.moved else CONSISTENT
 
 
 def is_there(model: Model, values: Values, key: Key) -> bool:

@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 from dtbacklash.campaign.progress import SO_FAR
 from dtbacklash.diagnose.conclusion import Conclusion, is_there
 from dtbacklash.diagnose.engine.bench import Bench
-from dtbacklash.diagnose.engine.exact import Model, Problem, without_name
+from dtbacklash.diagnose.engine.exact import Model, Problem, as_given, without_name
 from dtbacklash.diagnose.engine.formulas import modelled
 from dtbacklash.diagnose.engine.free import taken_out, tolerances_away, with_errors, with_priors
 from dtbacklash.diagnose.engine.in_each import in_each
@@ -222,8 +222,9 @@ class _Course:
         model, about, bench = self._last_word(search, judged.model)
         judged = replace(judged, model=model)
         seen = Seen(search.bench, self.records, self.every, (last or model).rig, (last or model).sizes)
-        c = Conclusion(search, judged, about, seen, said, last, self.course, full)
-        titles = {*c.sizes.values(), *search.differences, *(f.shared_title for f in about.free if f.title in c.moved())}
+        given = as_given(search.bench, search.motion, model)
+        c = Conclusion(search, judged, given, about, seen, said, last, self.course, full)
+        titles = {*c.sizes.values(), *search.differences, *(f.shared_title for f in about.free if f.title in c.moved)}
         c = replace(c, in_each=in_each(bench, model, about, titles))
         return self._diagnosis(c, depth)
 

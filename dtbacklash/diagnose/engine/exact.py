@@ -65,16 +65,19 @@ class Model:
 
 
 class Problem:
-    """The values of one proposed rig on a bench. keys : of what it has beside the nominal rig."""
+    """The values of one proposed rig on a bench.
+
+    keys : of what it has beside the nominal rig. held : whether what the nominal rig says stays as it is in the rig.
+    """
 
     def __init__(
         self, bench: Bench, rig: Rig, keys: Sequence[Key], motion: Motion, stiff: float = STIFF,
-        smooth: dict[Key, Floats] | None = None,
+        smooth: dict[Key, Floats] | None = None, held: bool = False,
     ) -> None:  # fmt: skip
         self.bench, self.base, self.keys, self.stiff = bench, rig, tuple(keys), stiff
         self.smooth = {key: root for key, root in (smooth or {}).items() if key in self.keys}
         self.motion = motion
-        self.free = nominal_free(bench.nominal, rig, bench.recordings)
+        self.free = [] if held else nominal_free(bench.nominal, rig, bench.recordings)
         self.free += zeros_free(bench.nominal, bench.spreads)
         self.priors = len(self.free)
         for key in self.keys:
@@ -246,6 +249,21 @@ def without_name(bench: Bench, model: Model, key: Key) -> Model:
     rig = taken_out(model.rig, key)
     keys = tuple(k for k in model.keys if rig.effect(*k) is not None)
     return replace(model, rig=rig, keys=keys, sizes=bench.tuned(rig, model.sizes, steps=(2.0, 0.7), refresh=1)[0])
+
+
+def as_given(bench: Bench, motion: Motion, model: Model) -> Model | None:
+    """A model with the parameters that the nominal rig gives, its names fitted anew; None where it is not finite."""
+    known = nominal_free(bench.nominal, model.rig, bench.recordings)
+    rig = apply(model.rig, known, np.zeros(len(known)))
+    problem = Problem(bench, rig, model.keys, motion, model.stiff, model.smooth, held=True)
+    found = [problem.ladder(sizes, None, (1.0, 0.1, 1.0)) for sizes in (model.sizes, bench.tuned(rig)[0])]
+    return min((m for m in found if m is not None), key=lambda m: m.loss, default=None)
+
+
+def as_it_stands(bench: Bench, motion: Motion, model: Model) -> Model:
+    """A model at the values of its rig and the likeliest sizes; what was believed of the rig counts as it was given."""
+    problem = Problem(bench, model.rig, model.keys, motion, 1.0, model.smooth)
+    return problem.model(problem.start(), *bench.tuned(model.rig, model.sizes))
 
 
 def share_of(bench: Bench, model: Model, key: Key) -> float:

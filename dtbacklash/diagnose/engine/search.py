@@ -41,8 +41,7 @@ Tell = Callable[[str, float], None]
 class Search:
     """What a rig lacks, on a bench.
 
-    nothing : the recalibrated rig. given, unknown_given : -2 log likelihood of the nominal one, and its
-    unknown force. now : the best model so far.
+    nothing : the recalibrated rig. now : the best model so far.
     names : the same before a table was added. beaten : name -> models that were tried in its place.
     tried : names -> the least score that an exact fit with them had. likely : what a glance shows first.
     differences : titles of what is free in each recording as the search found it to differ.
@@ -63,8 +62,7 @@ class Search:
         """Recalibrate the nominal rig."""
         self.quick = self.bench.first(SHARE)
         rig = self.bench.nominal
-        sizes, self.given = self.bench.tuned(rig)
-        self.unknown_given = self.bench.most_unknown(sizes)
+        sizes, _ = self.bench.tuned(rig)
         self.motion: Motion = motion_of(self.bench, rig, self.bench.gains(rig, sizes))
         found = Problem(self.bench, rig, (), self.motion).ladder(sizes, None, (1.0,), 6)
         if found is None:

@@ -117,7 +117,7 @@ class ErrorTables:
         explained = _share(errors.held_out, getattr(errors.held_out, last), table.noise_floor)
         least, seen = self._mean_square(passes[-1]), self._seen.free if alone else self._seen.errors
         rigs = {".".join(key): taken_out(c.last.rig, key) for key in c.last.keys}
-        moved = c.moved()
+        moved = c.moved
         rigs |= {f.title: apply(c.last.rig, [f], np.zeros(1)) for f in c.values.free if f.title in moved}
         added = {name: min(self._mean_square(seen(rig)) - least, 1e12) for name, rig in rigs.items()}
         total = sum(max(more, 0.0) for more in added.values())

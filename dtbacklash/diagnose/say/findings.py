@@ -164,7 +164,7 @@ def recalibrated(c: Conclusion) -> dict[str, Recalibrated]:
         name: Recalibrated(
             known[name].centre, value, unit_of(c.search.bench.nominal, known[name]), around(value, error)
         )
-        for name, (value, error) in c.moved().items()
+        for name, (value, error) in c.moved.items()
     }
 
 

@@ -126,8 +126,8 @@ def summary(
     left = "what was called enough" if enough else "the sensors' noise"
     if verdict == CONSISTENT:
         return f"The recording agrees with the rig: what is left is {left}."
+    names = ", ".join(f"{n} = {quantity(p.value, p.unit)}" for n, p in recalibrated.items())
     if verdict == PARAMETERS:
-        names = ", ".join(f"{n} = {quantity(p.value, p.unit)}" for n, p in recalibrated.items())
         if not looked or enough:
             return f"With recalibrated parameters ({names}) what is left is {left}."
         return f"No physics is missing: recalibrated parameters explain the recording ({names})."
@@ -136,6 +136,8 @@ def summary(
         if finding.also_fits:
             others = " or ".join(other_in_words(o) for o in finding.also_fits)
             parts.append(f"This recording cannot tell {name_in_words(finding.effect)} from {others}.")
+    if findings and names:
+        parts.append(f"Recalibrated beside that: {names}.")
     if verdict == UNEXPLAINED and located and looked:
         said = "What remains" if findings else "The mismatch"
         where = f" and lies at or near {place_in_words(located.location)}" if located.shown else ""

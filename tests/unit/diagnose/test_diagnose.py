@@ -10,7 +10,7 @@ from dtbacklash.diagnose import Record, diagnose, diagnose_records
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.recording.model import Recording
 
-from .conftest import recorded
+from .conftest import command, recorded
 
 KEYS = {"verdict", "summary", "findings", "recalibrated", "fit", "candidates", "next_experiment"}
 
@@ -30,6 +30,21 @@ def test_a_wrong_parameter_is_not_physics(rig):
     assert not document["findings"]
     low, high = document["recalibrated"]["k"]["ci95"]
     assert low < 1.08e4 < high
+
+
+@pytest.mark.check
+def test_a_parameter_that_a_missing_friction_hides_is_recalibrated_all_the_same():
+    """Without the friction no stiffness explains the recording: what had to move shows beside the name."""
+    rig, u = nominal_rig("oscillator"), command(8.0, 1)[::5]
+    truth = rig.with_parameters({"k": 2033.0}).with_effect("mass", "ground_friction", {"force": 6.0})
+    noisy = 1.0 + 1e-3 * np.random.default_rng(2).standard_normal(len(u))
+    y = {c: v * noisy for c, v in simulate(truth, u[:-1], 5e-3).sensors.items()}
+    train = np.arange(len(u)) < 0.8 * len(u)
+    found = diagnose_records(rig, [Record(5e-3, u, y, train, ~train)], depth="quick")
+    assert [f.effect for f in found.findings] == ["ground_friction"]
+    low, high = found.recalibrated["k"].ci95
+    assert low < 2033.0 < high
+    assert "Recalibrated beside that: k = 2.03e+03 N/m." in found.summary
 
 
 @pytest.mark.parametrize(
