@@ -12,7 +12,7 @@ from dtbacklash.diagnose.conclusion import Conclusion, is_there
 from dtbacklash.diagnose.engine.bench import Bench
 from dtbacklash.diagnose.engine.exact import Model, Problem, as_given, without_name
 from dtbacklash.diagnose.engine.formulas import modelled
-from dtbacklash.diagnose.engine.free import taken_out, tolerances_away, with_errors, with_priors
+from dtbacklash.diagnose.engine.free import tolerances_away, with_errors, with_priors
 from dtbacklash.diagnose.engine.in_each import in_each
 from dtbacklash.diagnose.engine.judge import Judge, Judged
 from dtbacklash.diagnose.engine.motion import Motion, motion_of
@@ -162,11 +162,13 @@ class _Course:
         return search
 
     def _likelier(self, records: list[Record], search: Search) -> bool:
-        """Whether records are likelier with a search's model, or with that without what makes a signal late."""
-        bench, now = bench_of(self.rig, records, self.every), search.now
+        """Whether records are likelier with a search's model, or, fitted anew, with that without what makes it late."""
+        bench, now = bench_of(search.bench.nominal, records, self.every), search.now
         late = [key for key in now.keys if self._of_timing(replace(now, keys=(key,)))]
-        rigs = [(now.rig, 0.0), *((taken_out(now.rig, key), np.log(bench.count)) for key in late)]
-        scores = [now.score - now.loss + bench.tuned(rig)[1] - fewer for rig, fewer in rigs]
+        scores = [now.score - now.loss + bench.tuned(now.rig)[1]]
+        # another course moves all delays and lags alike: where one goes, the values of the others follow
+        fitted = [_fitted(bench, search.motion, without_name(bench, now, key)) for key in late]
+        scores += [m.score for m in fitted if m is not None]
         return bool(min(scores) < now.score - search.least)
 
     def _begun(self, records: list[Record]) -> Search:
