@@ -58,6 +58,12 @@ class DiagnoseConfig:
         "recordings, the number (from 1) or name of one",
         path=INPUT,
     )
+    hold_out: str | None = setting(
+        None,
+        "which of several recordings judges: turns: each in turn (default from three on); ends: the last 20 % of each; "
+        "or the name or number (from 1) of one",
+        word="hold_out",
+    )
     enough: dict[str, str] = setting(
         dict, "what is good enough, per channel, e.g. enough={x2: 0.05 mm} or a share of its motion (2 %): such a rest "
         "is accepted", word="enough"

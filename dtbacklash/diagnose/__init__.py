@@ -13,7 +13,8 @@ from dtbacklash.diagnose.say.enough import Enough, read_enough
 from dtbacklash.diagnose.say.error_names import names_the_recording
 from dtbacklash.diagnose.say.sentences import notes_of, notes_of_several, units_of
 from dtbacklash.diagnose.settings import SETTINGS
-from dtbacklash.diagnose.several import Several, source_of
+from dtbacklash.diagnose.several import ENDS, Several, source_of
+from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.model import Recording
 from dtbacklash.recording.validation import check_alike, check_apart
@@ -38,6 +39,7 @@ def diagnose(
     keep: bool = False,
     own: Own | None = None,
     given: Given | None = None,
+    hold_out: str | int | None = None,
 ) -> Diagnosis:
     """Diagnose a recording, or several together, on a rig.
 
@@ -66,7 +68,7 @@ def diagnose(
         several, or, of one recording, lacks one of its channels or has another sample time.
     """
     accepted = read_enough(enough or {}, rig)
-    held_out = SETTINGS.held_out_share if held_out is None else held_out
+    held_out_given, held_out = held_out is not None, SETTINGS.held_out_share if held_out is None else held_out
     fitted = [recording] if isinstance(recording, Recording) else recording
     judging = [] if validation is None or isinstance(validation, (str, int)) else validation
     doubts = doubted(rig, [*fitted, *([judging] if isinstance(judging, Recording) else judging)])
@@ -75,11 +77,15 @@ def diagnose(
         validation = while_it_moves(validation, rig)
     if len(recordings) == 1 and (own or given):
         with_own(rig, 1, lambda key, wanted: 0, own, given)
+    if len(recordings) == 1 and hold_out not in (None, ENDS):
+        raise UserError("hold_out", hold_out, "leaves out one of several: give several, recording=[a.csv,b.csv]")
     if len(recordings) == 1 and (validation is None or isinstance(validation, Recording)):
         found = _one(recordings[0], rig, validation, held_out, progress, jobs, units, accepted, depth, keep)
         return said_first(found, fitted, doubts)
     others = [validation] if isinstance(validation, Recording) else validation
-    several = Several.of(recordings, others, rig)
+    if held_out_given and hold_out is None and others is None:
+        hold_out = ENDS
+    several = Several.of(recordings, others, rig, hold_out)
     rig = with_own(rig, len(several.recordings), several.number, own, given)
     records, left_out = long_enough(several.records(rig, held_out))
     check_parts(records, ("validation", several.judging) if several.judging else ("held_out", held_out))

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from dtbacklash.diagnose.engine.exact import Model, as_it_stands
-from dtbacklash.diagnose.engine.free import Key, standing
+from dtbacklash.diagnose.engine.free import Key, standing, tolerances_away
 from dtbacklash.diagnose.engine.in_each import InOne, stands
 from dtbacklash.diagnose.engine.judge import Judged
 from dtbacklash.diagnose.engine.search import Search
@@ -16,6 +16,7 @@ from dtbacklash.diagnose.named import Modelled
 from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Verdict
 from dtbacklash.diagnose.seen import Seen
 from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.rig import Rig
 
 #: something is missing, where nothing is named, above so many times what makes a search look for tables
 MISSED = 3.0
@@ -28,7 +29,9 @@ class Conclusion:
     """Everything that is said and shown comes from here.
 
     judged.model is the extended rig. given : the same names on the rig as it was given. modelled, with_table : what no
-    name explains, and the rig that has it.
+    name explains, and the rig that has it. in_each : title -> what each of several recordings says of it. left_out : of
+    the recalibrated and the extended rig, where each recording is left out in turn, number -> the rig as the others
+    have it. predicted : name -> what each recording, left out, loses without it (:func:`.turns.predicted`).
     """
 
     search: Search
@@ -41,6 +44,8 @@ class Conclusion:
     course: str
     full: bool
     in_each: Mapping[str, tuple[InOne, ...]] = field(default_factory=dict)
+    left_out: tuple[Mapping[int, Rig], Mapping[int, Rig]] = ({}, {})
+    predicted: Mapping[Key, tuple[float, ...]] = field(default_factory=dict)
 
     @property
     def model(self) -> Model:
@@ -97,9 +102,16 @@ class Conclusion:
             return {}
         away = [(f, standing(f, self.model.rig)) for f in self.values.free if f.prior and not f.is_zero]
         return {
-            f.title: (f.value(x), self.values.errors.get((f.place, f.effect, f.label), np.inf))
+            self.label(f.shared_title, f.recording): (
+                f.value(x), self.values.errors.get((f.place, f.effect, f.label), np.inf)
+            )
             for f, x in away if abs(x) > search.rules.moved
         }  # fmt: skip
+
+    def beyond(self) -> dict[str, float]:
+        """Title of a known parameter -> its distance from nominal, in tolerances."""
+        away = tolerances_away(self.search.bench.nominal, self.model.rig)
+        return {self.label(title, recording): far for (title, recording), far in away.items()}
 
     @property
     def sizes(self) -> dict[Key, str]:
@@ -109,15 +121,32 @@ class Conclusion:
 
     @property
     def sure(self) -> frozenset[Key]:
-        """The names that lead every rival, and stand in each of several recordings that can show them."""
+        """The names that lead every rival, stand in each of several recordings that can show them, and predict it."""
         sizes = self.sizes
         return frozenset(
-            key for key in self.judged.sure if self.full and key in sizes and self.stands_in_each(sizes[key])
-        )
+            key for key in self.judged.sure
+            if self.full and key in sizes and self.stands_in_each(sizes[key]) and not self.not_predicted(key)
+        )  # fmt: skip
 
     def stands_in_each(self, title: str) -> bool:
         """Whether a value is there, and alike, in each of several recordings that can show it."""
         return title not in self.in_each or stands(self.in_each[title], self.search.rules.lead)
+
+    def not_predicted(self, key: Key) -> tuple[int, ...]:
+        """The recordings that could show a name and, left out, are predicted no better with it."""
+        blind = {one.recording for one in self.in_each.get(self.sizes[key], ()) if not one.visible}
+        ratios = zip(self.search.bench.recordings, self.predicted.get(key, ()), strict=False)
+        return tuple(k for k, ratio in ratios if k not in blind and not ratio > 1.0)
+
+    def named(self, recording: int) -> str:
+        """What a recording is called."""
+        return next((s.record.name for s in self.seen.stretches if s.record.recording == recording), "") or (
+            f"recording {recording + 1}"
+        )
+
+    def label(self, name: str, recording: int | None) -> str:
+        """A parameter's name or title; of what belongs to one recording with what that is called."""
+        return name if recording is None else f"{name} in {self.named(recording)}"
 
     def verdict(self, enough: bool | None) -> Verdict:
         """The verdict. enough : whether what is left is what the user called so."""

@@ -64,7 +64,7 @@ class Ground:
     stands : whether the lead is clear. against : the best rival, None where there is none or where the effect is left
     out. ratio : of the rms that the two leave. t : the lead in standard errors. agree : share of the stretches.
     share : of the effort of free form that the law explains; of a law alone, None where it is not drawn over a state.
-    recordings : the ratio in each recording, where there are several: the name stands in those where it is above 1.
+    recordings : the ratio in each recording that was left out of both fits in turn, above 1 where the name predicts it.
     """
 
     stands: bool

@@ -12,12 +12,13 @@ from dtbacklash.diagnose.conclusion import Conclusion, is_there
 from dtbacklash.diagnose.engine.bench import Bench
 from dtbacklash.diagnose.engine.exact import Model, Problem, as_given, without_name
 from dtbacklash.diagnose.engine.formulas import modelled
-from dtbacklash.diagnose.engine.free import tolerances_away, with_errors, with_priors
+from dtbacklash.diagnose.engine.free import with_errors, with_priors
 from dtbacklash.diagnose.engine.in_each import in_each
 from dtbacklash.diagnose.engine.judge import Judge, Judged
 from dtbacklash.diagnose.engine.motion import Motion, motion_of
 from dtbacklash.diagnose.engine.readings import rate_of
 from dtbacklash.diagnose.engine.search import Search
+from dtbacklash.diagnose.engine.turns import left_out, predicted
 from dtbacklash.diagnose.engine.values import Values, polished
 from dtbacklash.diagnose.engine.zeros import zeroed
 from dtbacklash.diagnose.inspect.fault import faulty, mended, not_finite
@@ -226,9 +227,19 @@ class _Course:
         seen = Seen(search.bench, self.records, self.every, (last or model).rig, (last or model).sizes)
         given = as_given(search.bench, search.motion, model)
         c = Conclusion(search, judged, given, about, seen, said, last, self.course, full)
-        titles = {*c.sizes.values(), *search.differences, *(f.shared_title for f in about.free if f.title in c.moved)}
-        c = replace(c, in_each=in_each(bench, model, about, titles))
+        away = [f.shared_title for f in about.free if c.label(f.shared_title, f.recording) in c.moved]
+        c = replace(c, in_each=in_each(bench, model, about, {*c.sizes.values(), *search.differences, *away}))
+        if any((r.train & r.held).any() for r in self.records):
+            c = self._in_turns(c)
         return self._diagnosis(c, depth)
+
+    def _in_turns(self, c: Conclusion) -> Conclusion:
+        """Each recording left out in turn, to judge."""
+        bench, motion = c.search.bench, c.search.motion
+        nothing, extended = (left_out(bench, motion, m) for m in (c.search.nothing, c.model))
+        less = {key: r.model for key, those in c.judged.rivals.items() if key in c.sizes for r in those if not r.keys}
+        said = predicted(bench, motion, extended, c.model, less)
+        return replace(c, left_out=(nothing if c.model.keys else extended, extended), predicted=said)
 
     def _last_word(self, search: Search, model: Model) -> tuple[Model, Values, Bench]:
         """A model with the values that the recording has at its full rate, what they may be off by, and that bench.
@@ -263,13 +274,12 @@ class _Course:
         verdict = c.verdict(much.enough)
         named, moved, where = findings(c), recalibrated(c), located(c, verdict)
         told = replace(c.modelled, sentence=modelled_said(c.modelled, much)) if c.modelled else None
-        away = tolerances_away(c.search.bench.nominal, c.model.rig)
         suspected = suspects_said(c, suspects(c)) if verdict == UNEXPLAINED else ""
         parts = (
             suspected, SEARCHED[depth], differences_said(c),
             summary(verdict, named, moved, where, depth != NONE, much.enough),
             explained_said(much, bool(named)), unknown_said(much), told.sentence if told else "",
-            tolerances_said(away, USUAL),
+            tolerances_said(c.beyond(), USUAL),
         )  # fmt: skip
         every, record, zeros = max(self.every), self.records[0], zeros_said(c)
         rate = (RATE.format(every=every, hz=1.0 / (every * record.sample_time_s)),) if every > 1 else ()

@@ -42,8 +42,9 @@ class Record:
 
     u : (N,) command, V. y : channel -> (N,) measured, SI, NaN where a reading is missing. train, held : (N,) masks of
     the samples that are fitted to, and that are held out. from_s : time of its first sample since the recording began,
-    s. recording : the number of the recording that it is or belongs to, from 0. at_once : (N,) the command that a
-    sensor of acceleration shows; None: that which was held until then. columns : channel -> what it was read from.
+    s. recording, name : number, from 0, and name of the recording that it is or belongs to. at_once : (N,) the command
+    that a sensor of acceleration shows; None: that which was held until then. columns : channel -> what it was read
+    from.
     """
 
     sample_time_s: float
@@ -53,6 +54,7 @@ class Record:
     held: Mask
     from_s: float = 0.0
     recording: int = 0
+    name: str = ""
     at_once: Floats | None = None
     columns: dict[str, Channel] = field(default_factory=dict)
 

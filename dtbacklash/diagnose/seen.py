@@ -4,6 +4,7 @@ All models are compared at the gains of the last one, which forgive least; a fre
 samples only, in which the first state becomes known, and by the command alone from then on.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +18,8 @@ from dtbacklash.diagnose.engine.zeros import zeroed
 from dtbacklash.diagnose.records import Record
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
+
+NONE: Mapping[int, Rig] = {}
 
 
 @dataclass(frozen=True)
@@ -112,22 +115,26 @@ class Seen:
             found.append(np.sqrt(np.diag(root @ root.T)))
         return found
 
-    def errors(self, rig: Rig) -> list[Floats] | None:
-        """Per stretch (N, m) innovations of a rig, NaN where nothing was read; None where they do not stay finite."""
-        return self._passes(rig, self._gains)
+    def errors(self, rig: Rig, others: Mapping[int, Rig] = NONE) -> list[Floats] | None:
+        """Per stretch (N, m) innovations of a rig, NaN where nothing was read; None where they do not stay finite.
 
-    def free(self, rig: Rig) -> list[Floats] | None:
+        others : recording -> the rig there instead.
+        """
+        return self._passes(rig, self._gains, others)
+
+    def free(self, rig: Rig, others: Mapping[int, Rig] = NONE) -> list[Floats] | None:
         """The same of free runs."""
         alone = []
         for gains in self._gains:
             K = gains.K.copy()
             K[:, OPENING:] = 0.0
             alone.append(replace(gains, K=K))
-        return self._passes(rig, alone)
+        return self._passes(rig, alone, others)
 
-    def _passes(self, rig: Rig, gains: list[Gains]) -> list[Floats] | None:
+    def _passes(self, of: Rig, gains: list[Gains], others: Mapping[int, Rig]) -> list[Floats] | None:
         found = []
         for stretch, g in zip(self.stretches, gains, strict=True):
+            rig = others.get(stretch.record.recording, of)
             try:
                 with np.errstate(over="ignore", invalid="ignore"):
                     alone = stretch.record.recording not in self._fitted  # its sensors' zeros are its own

@@ -12,6 +12,9 @@ from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.model import Recording
 from dtbacklash.recording.validation import check_apart, shared_rows
 
+#: what judges: each in turn, by default from so many on; or the end of each
+TURNS, ENDS, TURNS_FROM = "turns", "ends", 3
+
 
 def source_of(recording: Recording) -> str:
     """The name of a recording and, after a colon, of its part."""
@@ -34,21 +37,25 @@ def names_of(recordings: Sequence[Recording]) -> list[str]:
 class Several:
     """Recordings, each with its own channels. judges : (recordings,) whether it judges alone, and is not fitted.
 
-    names : of the recordings. notes : on channels that not all have.
+    names : of the recordings. turns : whether each is left out in turn, to judge what the others say. notes : on
+    channels that not all have.
     """
 
     recordings: list[Recording]
     judges: list[bool]
     names: list[str]
+    turns: bool = False
     notes: tuple[str, ...] = ()
 
     @classmethod
     def of(
-        cls, recordings: Sequence[Recording], validation: Sequence[Recording] | str | int | None, rig: Rig
-    ) -> "Several":
+        cls, recordings: Sequence[Recording], validation: Sequence[Recording] | str | int | None, rig: Rig,
+        hold_out: str | int | None = None,
+    ) -> "Several":  # fmt: skip
         """The recordings to fit, then those of ``validation`` that are not among them.
 
-        validation : others; or the name, the file or the number (from 1) of one that is left out to judge.
+        validation : others; or the name, the file or the number (from 1) of one that is left out to judge. hold_out :
+            the same of one; :data:`TURNS`, each in turn, the default from three on; :data:`ENDS`, the end of each.
 
         Raises
         ------
@@ -57,16 +64,20 @@ class Several:
         fitted = len(recordings)
         names = names_of(recordings)
         judges = [False] * fitted
-        if isinstance(validation, (str, int)):
-            judges[_number("validation", recordings, names, validation)] = True
+        key, alone = ("validation", validation) if hold_out in (None, TURNS, ENDS) else ("hold_out", hold_out)
+        others = [] if validation is None or isinstance(validation, (str, int)) else list(validation)
+        if hold_out is not None and validation is not None:
+            raise UserError("hold_out", hold_out, f"says what judges, and so does validation={validation}: give one")
+        turns = validation is None and (hold_out == TURNS or (hold_out is None and fitted >= TURNS_FROM))
+        if isinstance(alone, (str, int)):
+            judges[_number(key, recordings, names, alone)] = True
             if all(judges):
-                raise UserError("validation", validation, "leaves no recording to fit to")
-        elif validation is not None:
-            recordings = [*recordings, *validation]
-            names = names_of(recordings)
-            judges += [True] * len(validation)
+                raise UserError(key, alone, "leaves no recording to fit to")
+        recordings = [*recordings, *others]
+        names = names_of(recordings)
+        judges += [True] * len(others)
         _check_apart(recordings, names, judges)
-        return cls(list(recordings), judges, names, _not_in_all(recordings, names, rig))
+        return cls(list(recordings), judges, names, turns, _not_in_all(recordings, names, rig))
 
     def number(self, key: str, wanted: str | int) -> int:
         """Which recording a name, a file or a number from 1 means; UserError, naming the key, where it is none."""
@@ -87,13 +98,16 @@ class Several:
             yield replace(known.get(number + 1, bare), name=name, samples=recording.samples)
 
     def records(self, rig: Rig, held_out: float) -> list[Record]:
-        """The stretches of all: where none judges alone, each gives its last share ``held_out``."""
-        alone = any(self.judges)
-        return [
-            record
-            for number, (recording, judges) in enumerate(zip(self.recordings, self.judges, strict=True))
-            for record in records_of(recording, rig, not judges, judges or not alone, held_out, number)
+        """The stretches of all: where none judges alone, each gives its last share ``held_out``, or in turn all."""
+        ends = not (any(self.judges) or self.turns)
+        found = [
+            replace(record, name=name)
+            for number, (recording, judges, name) in enumerate(
+                zip(self.recordings, self.judges, self.names, strict=True)
+            )
+            for record in records_of(recording, rig, not judges, judges or ends, held_out, number)
         ]
+        return [replace(r, held=r.train) if self.turns else r for r in found]
 
 
 def _number(key: str, recordings: Sequence[Recording], names: list[str], wanted: str | int) -> int:
@@ -105,7 +119,7 @@ def _number(key: str, recordings: Sequence[Recording], names: list[str], wanted:
     if stems.count(str(wanted)) == 1:
         return stems.index(str(wanted))
     known = ", ".join(f"{k} ({name})" for k, name in enumerate(names, 1))
-    other = ", or give another file" if key == "validation" else ""
+    other = {"validation": ", or give another file", "hold_out": f"; or {TURNS}, or {ENDS}"}.get(key, "")
     raise UserError(key, wanted, f"is none of the recordings; choose one of {known}{other}")
 
 

@@ -232,6 +232,7 @@ def diagnose(
     search: Depth = "full",
     own: Own | None = None,
     given: Given | None = None,
+    hold_out: str | int | None = None,
     jobs: int | None = None,
     progress: ShowProgress = False,
     trust_units: bool = False,
@@ -253,6 +254,8 @@ def diagnose(
         rig is calibrated as it is, with intervals, correlations and blind directions (:attr:`Found.calibration`).
     own : of several recordings, the parameters and effects that are free in each (``["carriage.mass"]``), or in one
         (``{"b": ["carriage.mass"]}``). given : what is known to differ, ``{"b": {"carriage.mass": "3.2 kg"}}``.
+    hold_out : which of several recordings judges: ``turns``, each in turn (default from three on); ``ends``, the last
+        share of each; or the name or number (from 1) of one.
     jobs : threads that share the work; None: one for each core.
     progress : True shows a bar; a function is called with the share done, 0 to 1, and what is being done.
     trust_units : of what is read here: do not ask whether the channels' sizes are what the rig can do.
@@ -288,7 +291,19 @@ def diagnose(
         said = None if tell is None else lambda text, share: tell(share, text)
         cores = jobs or os.cpu_count() or 1
         return Found(
-            compare(fitted, nominal, judged, held_out, said, cores, enough=enough, depth=search, own=own, given=given)
+            compare(
+                fitted,
+                nominal,
+                judged,
+                held_out,
+                said,
+                cores,
+                enough=enough,
+                depth=search,
+                own=own,
+                given=given,
+                hold_out=hold_out,
+            )
         )
 
 

@@ -20,10 +20,14 @@ Sizes = tuple[Floats, ...]
 
 @dataclass(frozen=True)
 class Bench:
-    """Predictors of one rig, a stretch each; their rows are stacked, their sizes are their own."""
+    """Predictors of one rig, a stretch each; their rows are stacked, their sizes are their own.
+
+    telling : the stretch on whose beginning quick fits are made.
+    """
 
     nominal: Rig
     predictors: tuple[Predictor, ...]
+    telling: int = 0
 
     @property
     def count(self) -> int:
@@ -55,21 +59,23 @@ class Bench:
         """Of the nominal rig, on the first stretch."""
         return self.predictors[0].linear
 
-    def first(self, share: float) -> "Bench":
-        """The beginning of the longest stretch, for quick fits; the whole where there are several recordings."""
-        longest = max(self.predictors, key=lambda p: p.count)
-        return Bench(self.nominal, (longest.first(share),))
+    def most_telling(self, sizes: Sizes) -> int:
+        """The stretch that says most of what is missing: by its unknown force, times its readings."""
+        each = [max(p.unknown(s).values()) * p.count for p, s in zip(self.predictors, sizes, strict=True)]
+        return each.index(max(each))
 
-    def longest(self, sizes: Sizes) -> Sizes:
+    def first(self, share: float) -> "Bench":
+        """The beginning of the telling stretch, for quick fits."""
+        return Bench(self.nominal, (self.predictors[self.telling].first(share),))
+
+    def of_first(self, sizes: Sizes) -> Sizes:
         """The sizes that belong to :meth:`first`."""
-        number = max(range(len(self.predictors)), key=lambda k: self.predictors[k].count)
-        return (sizes[number],)
+        return (sizes[self.telling],)
 
     def back(self, sizes: Sizes, before: Sizes) -> Sizes:
         """Sizes for all from those of :meth:`first`: unknown forces changed alike."""
-        number = max(range(len(self.predictors)), key=lambda k: self.predictors[k].count)
         n = len(self.linear.bodies)
-        by = sizes[0][:n] - before[number][:n]
+        by = sizes[0][:n] - before[self.telling][:n]
         return tuple(np.concatenate([s[:n] + by, s[n:]]) for s in before)
 
     def gains(self, rig: Rig, sizes: Sizes) -> list[Gains]:

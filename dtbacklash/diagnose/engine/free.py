@@ -324,10 +324,10 @@ def is_known(rig: Rig, key: Key) -> bool:
     return key[1] in rig.tolerances.get(key[0], {})
 
 
-def tolerances_away(nominal: Rig, rig: Rig) -> dict[str, float]:
-    """Title of a known parameter -> its distance from nominal, in tolerances."""
+def tolerances_away(nominal: Rig, rig: Rig) -> dict[tuple[str, int | None], float]:
+    """(shared title, recording) of a known parameter -> its distance from nominal, in tolerances."""
     recordings = range(max(len(rig.own), 1))
-    return {f.title: abs(standing(f, rig)) for f in nominal_free(nominal, rig, recordings)}
+    return {(f.shared_title, f.recording): abs(standing(f, rig)) for f in nominal_free(nominal, rig, recordings)}
 
 
 def taken_out(rig: Rig, key: Key) -> Rig:

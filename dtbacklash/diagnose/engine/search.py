@@ -60,9 +60,9 @@ class Search:
 
     def __post_init__(self) -> None:
         """Recalibrate the nominal rig."""
-        self.quick = self.bench.first(SHARE)
         rig = self.bench.nominal
         sizes, _ = self.bench.tuned(rig)
+        self.look_at(sizes)
         self.motion: Motion = motion_of(self.bench, rig, self.bench.gains(rig, sizes))
         found = Problem(self.bench, rig, (), self.motion).ladder(sizes, None, (1.0,), 6)
         if found is None:
@@ -86,8 +86,13 @@ class Search:
 
     def glance(self) -> None:
         """What explains most on the beginning, by its column: a first answer, and nothing else takes note of it."""
-        ranked = Columns(self.quick, self.now, self.bench.longest(self.now.sizes)).ranked
+        ranked = Columns(self.quick, self.now, self.bench.of_first(self.now.sizes)).ranked
         self.likely = ranked[0].keys[0] if ranked else None
+
+    def look_at(self, sizes: Sizes) -> None:
+        """Make quick fits on the stretch that says most of what is missing, at these sizes."""
+        self.bench = replace(self.bench, telling=self.bench.most_telling(sizes))
+        self.quick = self.bench.first(SHARE)
 
     def unknown(self, model: Model) -> float:
         """The largest unknown force of a model, a share of the motion."""
@@ -141,7 +146,7 @@ class Search:
         if far and not quick:
             levels += [(self.quick, share, 4 - n, 2 - n) for n, share in enumerate(STRICT)]
         for bench, share, singles, pairs in levels:
-            at = self.bench.longest(model.sizes) if bench is self.quick else model.sizes
+            at = self.bench.of_first(model.sizes) if bench is self.quick else model.sizes
             columns = Columns(bench, model, bench.scaled(at, share), without, alone=alone)
             ranked = columns.ranked
             if share == 1.0 and not quick:
@@ -195,7 +200,7 @@ class Search:
         if not proposals:
             return []
         quick, n = self.quick, np.log(self.quick.count)
-        sizes = self.bench.longest(model.sizes) if len(model.sizes) != len(quick.predictors) else model.sizes
+        sizes = self.bench.of_first(model.sizes) if len(model.sizes) != len(quick.predictors) else model.sizes
         most = self.unknown(model)
         strict = quick.scaled(sizes, 0.1 if most > self.rules.much else 1.0)
         near = self._near(model, strict)
@@ -267,6 +272,7 @@ class Search:
         count, been = self.bench.count, set()
         while len(self.now.keys) < MOST and frozenset(self.now.keys) not in been:
             been.add(frozenset(self.now.keys))
+            self.look_at(self.now.sizes)
             there = len(self.now.keys)
             self.tell(f"round {there + 1}: ranking what may be missing", 0.1 + 0.1 * there)
             proposed = self.proposals(self.now)
@@ -383,7 +389,7 @@ class Search:
         except UserError:
             return None
         quick = Problem(self.quick, rig, (*start.keys, h.key), self.motion, STIFF, model.smooth)
-        first = quick.ladder(self.bench.longest(start.sizes), None, (0.1, 1.0), 3)
+        first = quick.ladder(self.bench.of_first(start.sizes), None, (0.1, 1.0), 3)
         if first is None:
             return None
         back = replace(model, sizes=self.bench.back(first.sizes, start.sizes))

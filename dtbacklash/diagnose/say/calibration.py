@@ -32,22 +32,22 @@ def calibration(c: Conclusion) -> Calibration:
         return Calibration({}, {}, ())
     kept = [j for j, f in enumerate(values.free) if not f.is_zero]
     free, covariance = [values.free[j] for j in kept], values.covariance[np.ix_(kept, kept)]
-    titles = [f.title for f in free]
+    titles = [c.label(f.shared_title, f.recording) for f in free]
     sizes = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     correlation = covariance / np.outer(sizes, sizes)
     rows = {}
-    for f, x in zip(free, values.x[kept], strict=True):
+    for title, f, x in zip(titles, free, values.x[kept], strict=True):
         value, error = f.value(x), values.errors.get((f.place, f.effect, f.label), math.nan)
-        rows[f.title] = Recalibrated(f.centre, value, unit_of(rig, f), around(value, error))
+        rows[title] = Recalibrated(f.centre, value, unit_of(rig, f), around(value, error))
     data = sum(p.readings.y.size for p in c.search.bench.predictors)
     return Calibration(
         rows,
         {a: dict(zip(titles, map(float, row), strict=True)) for a, row in zip(titles, correlation, strict=True)},
-        tuple(_blind(free, values.jacobian[:data, kept])),
+        tuple(_blind(free, titles, values.jacobian[:data, kept])),
     )
 
 
-def _blind(free: list[Free], data: Floats) -> list[Blind]:
+def _blind(free: list[Free], titles: list[str], data: Floats) -> list[Blind]:
     """The directions that the data determine less than the tolerances do, the blindest first."""
     _, sizes, directions = np.linalg.svd(data, full_matrices=False)
     found = []
@@ -57,8 +57,8 @@ def _blind(free: list[Free], data: Floats) -> list[Blind]:
         changes = direction * np.array([_relative(one) for one in free])
         leading = changes[np.argmax(np.abs(changes))]  # upwards
         part = {
-            one.title: float(math.copysign(1.0, leading) * change)
-            for one, change in zip(free, changes, strict=True)
+            title: float(math.copysign(1.0, leading) * change)
+            for title, change in zip(titles, changes, strict=True)
             if abs(change) >= TAKES_PART * abs(leading)
         }
         found.append(Blind(part, float(1.0 / max(size, 1e-12)), blind_said(part)))

@@ -7,7 +7,6 @@ from scipy.stats import chi2
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.conclusion import Conclusion
-from dtbacklash.diagnose.engine.free import tolerances_away
 from dtbacklash.diagnose.engine.values import NORMAL95
 from dtbacklash.diagnose.result import Check
 from dtbacklash.diagnose.say.errors import ErrorTables
@@ -35,7 +34,7 @@ def all_checks(c: Conclusion, tables: ErrorTables, free: FreeRunning) -> tuple[C
     """All rows."""
     rows = [*_unknown(c), *_noise(c, tables), *_whiteness(c, tables), _generalises(c, tables)]
     rows += [_away_from_nothing(c, key) for key in c.model.keys if not _is_table(c, key)]
-    away = tolerances_away(c.search.bench.nominal, c.model.rig)
+    away = c.beyond()
     if away:
         name = max(away, key=lambda n: away[n])
         rows.append(_below(

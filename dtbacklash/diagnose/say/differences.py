@@ -1,7 +1,7 @@
 """What differs between recordings, and what each of them says of each cause, in sentences and rows."""
 
 from dtbacklash.diagnose.conclusion import Conclusion
-from dtbacklash.diagnose.engine.free import unit_of
+from dtbacklash.diagnose.engine.free import Key, unit_of
 from dtbacklash.diagnose.engine.in_each import InOne
 from dtbacklash.diagnose.engine.values import NORMAL95
 from dtbacklash.diagnose.named import Cause
@@ -15,14 +15,23 @@ def differences_said(c: Conclusion) -> str:
     return " ".join(_said(c, title, c.in_each[title]) for title in c.search.differences if title in c.in_each)
 
 
-def apart_said(c: Conclusion, title: str) -> str:
+def apart_said(c: Conclusion, key: Key) -> str:
     """Why a name does not stand in each recording; empty where it does."""
+    title = c.sizes[key]
     if c.stands_in_each(title):
-        return ""
-    missing = [f"recording {one.recording + 1}" for one in c.in_each[title] if one.visible and not one.there]
+        worse = [c.named(k) for k in c.not_predicted(key)]
+        return f" Fitted to the others, it predicts {' and '.join(worse)} no better." if worse else ""
+    missing = [c.named(one.recording) for one in c.in_each[title] if one.visible and not one.there]
     if missing:
         return f" It is not seen in {' and '.join(missing)}, which would show it."
     return f" The recordings do not agree on its size: {_sizes(c, title, c.in_each[title])}."
+
+
+def only_said(c: Conclusion, key: Key) -> str:
+    """In which recordings alone a name is seen, where its size is each one's own."""
+    each = [one for one in c.in_each.get(c.sizes[key], ()) if one.own]
+    seen = [c.named(one.recording) for one in each if one.there]
+    return f" It is seen in {' and '.join(seen)} only." if 0 < len(seen) < len(each) else ""
 
 
 def causes_in(c: Conclusion, recording: int) -> dict[str, Cause]:
@@ -43,7 +52,7 @@ def _said(c: Conclusion, title: str, each: tuple[InOne, ...]) -> str:
 
 def _sizes(c: Conclusion, title: str, each: tuple[InOne, ...]) -> str:
     unit = _unit(c, title)
-    return ", ".join(f"{quantity(one.value, unit)} in recording {one.recording + 1}" for one in each)
+    return ", ".join(f"{quantity(one.value, unit)} in {c.named(one.recording)}" for one in each)
 
 
 def _unit(c: Conclusion, title: str) -> str:

@@ -53,13 +53,13 @@ def _curves(c: Conclusion, tables: ErrorTables, nominal: Passes, extended: Passe
         for j, channel in enumerate(s.predictor.readings.channels):
             y = s.measured[:, j]
             there = [filled(y - e[k][:, j]) if e is not None else np.full(len(y), np.nan) for e in (nominal, extended)]
-            found.setdefault((channel, s.record.recording), []).append((s.t_s, filled(y), *there, s.held))
+            found.setdefault((channel, s.record.recording), []).append((s.t_s, filled(y), *there, s.held & ~s.train))
     curves = []
     for (channel, number), parts in found.items():
         t_s, y, first, last, held = (np.concatenate(column) for column in zip(*parts, strict=True))
         judged = np.flatnonzero(held)
         curves.append(Curve(
-            channel if number == 0 else f"{channel} (recording {number + 1})",
+            channel if number == 0 else f"{channel} ({c.named(number)})",
             c.search.bench.nominal.sensors[channel].unit, t_s, y, first, last,
             float(t_s[judged[0]]) if judged.size else None, tables.floor[channel],
         ))  # fmt: skip

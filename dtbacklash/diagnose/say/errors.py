@@ -16,7 +16,11 @@ Passes = list[Floats] | None
 
 
 class ErrorTables:
-    """Every model's errors on all records, predicted at one set of gains (``compared``) and freely (``free``)."""
+    """Every model's errors on all records, predicted at one set of gains (``compared``) and freely (``free``).
+
+    Where each recording is left out in turn these are those of the rig without it, and ``fitted`` those of the rig of
+    all.
+    """
 
     def __init__(self, c: Conclusion) -> None:
         self._c, self._seen = c, c.seen
@@ -24,19 +28,26 @@ class ErrorTables:
         rigs: list[Rig] = [c.search.bench.nominal, recalibrated, c.model.rig]
         if c.modelled is not None:
             rigs.append(c.modelled.rig)
-        self.compared: list[Passes] = [c.seen.errors(rig) for rig in rigs]
-        self.free: list[Passes] = [c.seen.free(rig) for rig in rigs]
+        self.fitted: list[Passes] = [c.seen.errors(rig) for rig in rigs]
+        self.fitted_free: list[Passes] = [c.seen.free(rig) for rig in rigs]
+        self.compared, self.free = self.fitted, self.fitted_free
+        if c.left_out[0]:  # what judges a recording has not seen it
+            others = [{}, *c.left_out, {}]
+            self.compared, self.free = (
+                [of(rig, without) for rig, without in zip(rigs, others, strict=False)]
+                for of in (c.seen.errors, c.seen.free)
+            )
         self.spread, self.floor = c.seen.spread(), c.seen.floor()
 
     def fit(self) -> FitTable:
         """As the models are compared."""
         floor = float(np.sqrt(np.mean([(self.floor[c] / self.spread[c]) ** 2 for c in self.floor])))
-        parts = [self._errors(self.compared, part) for part in ("train", "held")]
+        parts = self._errors(self.fitted, "train"), self._errors(self.compared, "held")
         return FitTable("nrmse", self._seen.channels, parts[0], parts[1], floor)
 
     def free_running(self) -> FreeRunning:
         """With nothing measured coming to help."""
-        return FreeRunning(*(self._errors(self.free, part) for part in ("train", "held")))
+        return FreeRunning(self._errors(self.fitted_free, "train"), self._errors(self.free, "held"))
 
     def _errors(self, passes: list[Passes], part: str, numbers: tuple[int, ...] | None = None) -> ModelErrors:
         """Normalised rms over the channels, of each model; None where one does not stay finite."""
@@ -113,12 +124,12 @@ class ErrorTables:
         """
         c, last = self._c, "modelled" if self._c.modelled is not None else "extended"
         alone = (getattr(free.held_out, last) or math.inf) < 1.0
-        passes, errors = (self.free, free) if alone else (self.compared, table)
+        passes, errors = (self.fitted_free, free) if alone else (self.fitted, table)
         explained = _share(errors.held_out, getattr(errors.held_out, last), table.noise_floor)
         least, seen = self._mean_square(passes[-1]), self._seen.free if alone else self._seen.errors
         rigs = {".".join(key): taken_out(c.last.rig, key) for key in c.last.keys}
-        moved = c.moved
-        rigs |= {f.title: apply(c.last.rig, [f], np.zeros(1)) for f in c.values.free if f.title in moved}
+        titles = {c.label(f.shared_title, f.recording): f for f in c.values.free}
+        rigs |= {title: apply(c.last.rig, [f], np.zeros(1)) for title, f in titles.items() if title in c.moved}
         added = {name: min(self._mean_square(seen(rig)) - least, 1e12) for name, rig in rigs.items()}
         total = sum(max(more, 0.0) for more in added.values())
         if explained is None or explained <= 0.0 or not total > 0.0:

@@ -1,6 +1,7 @@
 """Findings: from the names of the last model to what is said of them, with intervals, rivals and limits."""
 
 import math
+from dataclasses import replace
 
 from dtbacklash.diagnose.conclusion import Conclusion
 from dtbacklash.diagnose.engine.columns import Columns
@@ -19,7 +20,7 @@ from dtbacklash.diagnose.named import (
     Stands,
 )
 from dtbacklash.diagnose.result import UNEXPLAINED, Candidate, Limit, Located, Rest, Verdict
-from dtbacklash.diagnose.say.differences import apart_said
+from dtbacklash.diagnose.say.differences import apart_said, only_said
 from dtbacklash.diagnose.say.sentences import less, open_said, quantity, when
 from dtbacklash.diagnose.words import all_in_words, place_in_words
 from dtbacklash.physics.catalogue import find
@@ -39,6 +40,7 @@ def _finding(c: Conclusion, key: Key) -> Finding:
     entry, values = find(nominal.kind_at(place), name, place), rig.effects[place][name]
     parameters: dict[str, ParameterEstimate] = {}
     each: dict[str, ParameterEstimate] = {}
+    largest: dict[str, ParameterEstimate] = {}
     idle = entry.idle(values)
     for p in entry.parameters:
         if p.name in idle:
@@ -46,7 +48,9 @@ def _finding(c: Conclusion, key: Key) -> Finding:
         for f, x in zip(c.values.free, c.values.x, strict=True):
             if f.key == key and f.name == p.name and f.recording is not None:
                 there = around(f.value(x), c.values.errors[*key, f.label])
-                each[f.label] = ParameterEstimate(f.value(x), unit_at(nominal, place, p.unit), there)
+                own = ParameterEstimate(f.value(x), unit_at(nominal, place, p.unit), there)
+                each[c.label(f.name, f.recording)] = own
+                largest[p.name] = max(largest.get(p.name, own), own, key=lambda one: abs(one.value))
         last = held(rig, ".".join((*key, p.name)), c.search.bench.recordings)[-1]
         label = p.name if last is None else in_recording(p.name, last)
         value = values[p.name] if last is None else rig.own[last][".".join((*key, p.name))]
@@ -59,12 +63,12 @@ def _finding(c: Conclusion, key: Key) -> Finding:
         parameters[p.name] = ParameterEstimate(value, unit_at(nominal, place, p.unit), (low, high))
     grounds = stands(c, key)
     instead = _instead(c, key)
+    shown = {n: quantity(p.value, p.unit) for n, p in (parameters | largest).items()}
     parameters |= each
-    shown = {n: quantity(p.value, p.unit) for n, p in parameters.items()}
     silent = idle | _unseen(c, key)
     said = entry.said(silent).format(location=place_in_words(place), **shown)
     sure: Confidence = "sure" if key in c.sure else "partial"
-    opened = ("" if sure == "sure" else open_said(grounds)) + apart_said(c, c.sizes[key])
+    opened = ("" if sure == "sure" else open_said(grounds)) + apart_said(c, key) + only_said(c, key)
     return Finding(
         place, name, parameters, also_fits(c, key), when(c, key), instead,
         said[:1].upper() + said[1:] + entry.remark(values) + opened + less(instead), sure, grounds,
@@ -127,7 +131,8 @@ def stands(c: Conclusion, key: Key) -> Stands:
     )
     size = _ground(without)
     if c.left >= c.search.rules.left:
-        size = Ground(False, size.ratio, size.t, size.agree, size.against)
+        size = replace(size, stands=False)
+    size = replace(size, recordings=tuple(c.predicted.get(key, ())))
     return Stands(_ground(elsewhere), law, size)
 
 
@@ -159,7 +164,7 @@ def _instead(c: Conclusion, key: Key) -> Instead | None:
 
 def recalibrated(c: Conclusion) -> dict[str, Recalibrated]:
     """The known parameters that had to move."""
-    known = {f.title: f for f in c.values.free}
+    known = {c.label(f.shared_title, f.recording): f for f in c.values.free}
     return {
         name: Recalibrated(
             known[name].centre, value, unit_of(c.search.bench.nominal, known[name]), around(value, error)

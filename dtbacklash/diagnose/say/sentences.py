@@ -239,6 +239,8 @@ def notes_of_several(several: Several, share: float) -> tuple[str, ...]:
     parts = (
         f"{' and '.join(alone)} {'judges' if len(alone) == 1 else 'judge'} alone."
         if alone else
+        "Each recording is left out in turn: it judges the rig that the others alone ask for, by one step of the fit."
+        if several.turns else
         f"Of each recording {100 * (1 - share):.0f} % are fitted to, and the last {100 * share:.0f} % judge."
     )  # fmt: skip
     shared = ("The recordings share the rig's physics and parameters; first states and the sizes of what is unknown "

@@ -74,7 +74,7 @@ def recordings():
 def test_what_is_its_own_is_fitted_in_each(rig, recordings):
     found = dtb.diagnose(recordings, rig, search="none", own=["mass.mass"], trust_units=True)
     table = found.calibration
-    masses = [table.loc[f"m in recording {k}"] for k in (1, 2, 3)]
+    masses = [table.loc[f"m in frame ({k})"] for k in (1, 2, 3)]
     assert [row.value for row in masses] == pytest.approx(MASSES, rel=1e-3)
     # three standard errors: of three intervals of 95 %, one misses in one of ten tries
     errors = [(row.high - row.low) / (2 * 1.96) for row in masses]

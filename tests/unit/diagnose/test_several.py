@@ -98,3 +98,33 @@ def test_what_judges_may_not_be_part_of_what_is_fitted_to(rig, turned):
 def test_all_may_not_judge(rig):
     with pytest.raises(UserError, match="leaves no recording to fit to"):
         Several.of([recording("a.csv", 1)], 1, rig)
+
+
+def test_three_are_left_out_in_turn_and_two_judge_by_their_ends(rig):
+    three = [recording(f"{n}.csv", k) for k, n in enumerate("abc")]
+    several = Several.of(three, None, rig)
+    assert several.turns
+    assert all(r.train.all() and r.held.all() for r in several.records(rig, 0.4))
+    assert [r.name for r in several.records(rig, 0.4)] == ["a.csv", "b.csv", "c.csv"]
+    for few, how in ((three[:2], None), (three, "ends")):
+        ends = Several.of(few, None, rig, how)
+        assert not ends.turns
+        assert [int(r.held.sum()) for r in ends.records(rig, 0.4)] == [160] * len(few)
+        assert not any((r.train & r.held).any() for r in ends.records(rig, 0.4))
+    assert Several.of(three[:2], None, rig, "turns").turns
+    assert not Several.of(three, "b.csv", rig).turns
+
+
+@pytest.mark.parametrize("which", [2, "2", "b", "b.csv"])
+def test_one_may_be_held_out_by_name(rig, which):
+    several = Several.of([recording(f"{n}.csv", k) for k, n in enumerate("abc")], None, rig, which)
+    assert (several.judging, several.turns) == ("b.csv", False)
+
+
+def test_what_is_held_out_has_to_be_there_and_said_once(rig):
+    two = [recording("a.csv", 1), recording("b.csv", 2)]
+    said = r"hold_out=d: is none of the recordings; choose one of 1 \(a.csv\), 2 \(b.csv\); or turns, or ends"
+    with pytest.raises(UserError, match=said):
+        Several.of(two, None, rig, "d")
+    with pytest.raises(UserError, match="hold_out=turns: says what judges, and so does validation=2: give one"):
+        Several.of(two, 2, rig, "turns")

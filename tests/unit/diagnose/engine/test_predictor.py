@@ -346,11 +346,14 @@ def test_a_bench_stacks_stretches_and_sums_their_likelihoods():
     rows = bench.rows(rig, bench.gains(rig, sizes))
     assert len(rows) == bench.count == sum(p.count for p in parts)
     assert np.array_equal(rows[: parts[0].count], parts[0].run(rig, parts[0].gains(rig, sizes[0])).E.ravel())
-    # the longest stretch stands for all in quick fits
+    # the stretch with most that is unknown stands for all in quick fits
+    assert bench.most_telling(sizes) == 1
+    assert bench.most_telling((parts[0].scaled(sizes[0], 1e3), sizes[1])) == 0
+    bench = replace(bench, telling=1)
     quick = bench.first(1.0 / 3.0)
     assert quick.count == 2 * 2000
-    assert np.array_equal(bench.longest(sizes)[0], sizes[1])
-    back = bench.back(quick.scaled(bench.longest(sizes), 0.1), sizes)
+    assert np.array_equal(bench.of_first(sizes)[0], sizes[1])
+    back = bench.back(quick.scaled(bench.of_first(sizes), 0.1), sizes)
     for before, after in zip(sizes, back, strict=True):
         assert after[0] - before[0] == pytest.approx(np.log(0.1))
         assert np.array_equal(after[1:], before[1:])

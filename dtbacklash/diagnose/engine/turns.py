@@ -1,0 +1,72 @@
+"""Each recording is left out in turn: what the others alone say of the rig, and whether a name predicts it there.
+
+Recordings are factors of one likelihood, and their rows are stacked. So leaving one out is leaving its rows out of the
+Jacobian: the values move on by one step of the fit to the rows of the others.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.engine.bench import Bench, Sizes
+from dtbacklash.diagnose.engine.differences import split
+from dtbacklash.diagnose.engine.exact import STEP_MAX, Model, Problem
+from dtbacklash.diagnose.engine.free import Key
+from dtbacklash.diagnose.engine.motion import Motion
+from dtbacklash.diagnose.engine.values import inverse
+from dtbacklash.physics.rig import Rig
+
+#: what the others show of a parameter, at least (share of its column's square): else it stays as all have it
+SHOWN = 1e-6
+
+
+def left_out(bench: Bench, motion: Motion, model: Model, sizes: Sizes | None = None) -> dict[int, Rig]:
+    """Number of a recording -> the rig as the others alone have it.
+
+    What belongs to the recording itself (zeros, ``own``), and a law that it alone shows, stay as they were fitted.
+    sizes : of what is unknown, other than the model's.
+    """
+    problem = Problem(bench, model.rig, model.keys, motion, model.stiff, model.smooth)
+    x, gains = problem.start(), bench.gains(model.rig, sizes or model.sizes)
+    rows = problem.rows(x, gains)
+    if rows is None or not problem.free:
+        return dict.fromkeys(bench.recordings, model.rig)
+    J = problem.jacobian(x, gains, rows)
+    of = split(bench, np.ones(len(rows))) > 0.0
+    return {k: problem.rig(x + _step(J, rows, own)) for k, own in zip(bench.recordings, of.T, strict=True)}
+
+
+def _step(J: Floats, rows: Floats, own: np.ndarray) -> Floats:
+    """(free,) the step to the optimum of the other rows. own : (rows,) those that are left out."""
+    others = J[~own]
+    free = (others**2).sum(axis=0) > SHOWN * (J**2).sum(axis=0)
+    step = np.zeros(J.shape[1])
+    step[free] = -inverse(others[:, free]) @ (others[:, free].T @ rows[~own])
+    return np.clip(step, -STEP_MAX, STEP_MAX)
+
+
+def predicted(
+    bench: Bench, motion: Motion, rigs: Mapping[int, Rig], model: Model, less: Mapping[Key, Model]
+) -> dict[Key, tuple[float, ...]]:
+    """Name -> per recording, the rms that is left there without the name over that with it, left out of both fits.
+
+    rigs : :func:`left_out` of the model. less : the model without each name. At the sizes of the model; infinite
+    where the rig without it runs away, NaN where that with it does.
+    """
+    here = _left(bench, rigs, model.sizes)
+    return {
+        key: tuple((_left(bench, left_out(bench, motion, m, model.sizes), model.sizes) / here).tolist())
+        for key, m in less.items()
+    }
+
+
+def _left(bench: Bench, rigs: Mapping[int, Rig], sizes: Sizes) -> Floats:
+    """(recordings,) rms of the whitened innovations of each, by the rig for it; infinite where it runs away."""
+    found = []
+    for k, rig in rigs.items():
+        own = [(p, s) for p, s in zip(bench.predictors, sizes, strict=True) if p.readings.recording == k]
+        alone = Bench(bench.nominal, tuple(p for p, _ in own))
+        rows = alone.rows(rig, alone.gains(rig, tuple(s for _, s in own)))
+        found.append(np.inf if rows is None else float(np.sqrt(np.mean(rows**2))))
+    return np.array(found)
