@@ -10,8 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from dtbacklash.config.grammar import EXPORT, FILES, FOLDER_WORD, GRAMMARS, Grammar
-from dtbacklash.config.groups import LAUNCHER, LAUNCHER_NAMES, options, recordings
-from dtbacklash.config.new_rigs import MACHINES
+from dtbacklash.config.groups import LAUNCHER, LAUNCHER_NAMES, MACHINES, options, recordings
 from dtbacklash.config.setting import declared
 from dtbacklash.config.twin import PARTS
 from dtbacklash.errors import UserError

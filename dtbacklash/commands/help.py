@@ -6,8 +6,7 @@ import textwrap
 from collections.abc import Iterable, Sequence
 
 from dtbacklash.config.grammar import COMMON, EXPORT, FILES, GRAMMARS, Grammar
-from dtbacklash.config.groups import GROUPS, LAUNCHERS, options
-from dtbacklash.config.new_rigs import MACHINES
+from dtbacklash.config.groups import GROUPS, LAUNCHERS, MACHINES, options
 from dtbacklash.config.setting import Declared, declared
 from dtbacklash.config.twin import EXAMPLE, PARTS
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dtbacklash.commands.help import of_command
-from dtbacklash.config.new_rigs import MACHINES, text
+from dtbacklash.config.groups import MACHINES, new_rig
 from dtbacklash.errors import UserError
 
 if TYPE_CHECKING:
@@ -50,8 +50,10 @@ def _new(words: list[str]) -> None:
         raise UserError("file", file, "is there already; give another name, or remove it first")
     from dtbacklash.files import write_text
 
-    write_text(target.absolute(), text(machine, target.stem, file), "file", file)
-    print(f"{file}: {MACHINES[machine][0]}; change its numbers, then dtb rig check {shlex.quote(file)}")
+    written = new_rig(machine, target.stem, file)
+    write_text(target.absolute(), written, "file", file)
+    about = written.partition("\n")[0].removeprefix("# ")
+    print(f"{file}: {about}; change its numbers, then dtb rig check {shlex.quote(file)}")
 
 
 def check(words: Sequence[str]) -> list[str]:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import shlex
 from pathlib import Path
+from string import Template
 
 LAUNCHER, LAUNCHER_NAMES = "hydra/launcher", ["joblib", "basic", "submitit_local", "submitit_slurm"]
 #: group -> what is chosen by it
@@ -26,6 +29,8 @@ RIGS = ("rig", "model")
 LAUNCHERS = ", ".join(LAUNCHER_NAMES) + " (submitit: an extra)"
 PACKAGED = Path(__file__).parents[1] / "conf"
 SUFFIXES = (".yaml", ".yml")
+#: rigs to begin with, by what the machine is: files that a user changes, beside this one
+MACHINES = ("screw", "belt", "stage", "drive", "servo", "pendulum", "oscillator")
 NO_RECORDING = "none"  # the option of `dtb run` that says where nothing is saved
 
 
@@ -57,3 +62,9 @@ def _numbers_last(name: str) -> tuple[str, int]:
     """Sort fig4 before fig10."""
     stem = name.rstrip("0123456789")
     return stem, int(name[len(stem) :] or 0)
+
+
+def new_rig(machine: str, name: str, file: str) -> str:
+    """The YAML text of a rig to begin with; its first line says what the machine is."""
+    found = Path(__file__).with_name("machines") / f"{machine}.yaml"
+    return Template(found.read_text(encoding="utf-8")).substitute(name=json.dumps(name), file=shlex.quote(file))

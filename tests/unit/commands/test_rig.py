@@ -7,7 +7,7 @@ from PIL import Image
 from told import refusal
 
 from dtbacklash import cli
-from dtbacklash.config.new_rigs import MACHINES
+from dtbacklash.config.groups import MACHINES
 from dtbacklash.face.rigs import load_rig
 from dtbacklash.report.diagnosis.rig_drawing import draw_rig
 
