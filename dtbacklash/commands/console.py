@@ -155,12 +155,13 @@ def print_run(summary: dict[str, Any], moves: pd.DataFrame, estimates: pd.DataFr
 
 def print_beliefs(found: str, table: pd.DataFrame, folder: Path) -> None:
     """Print what was found, the loop with each belief, and where the report is."""
+    from dtbacklash.report.closing.page import beliefs_table
     from dtbacklash.report.kit import tables
 
     console = stdout_console()
     console.print(Text(found), soft_wrap=True)
     console.print()
-    tables.show(tables.beliefs(table))
+    tables.show(tables.of(beliefs_table(table)))
     console.print(escape(shown_path(folder / "report.html")), soft_wrap=True)
 
 

@@ -97,9 +97,10 @@ def report(outcome: Outcome) -> int:
     from dtbacklash.campaign.sweep import TABLE
     from dtbacklash.commands.console import shown_path, stdout_console
     from dtbacklash.report.kit import tables
+    from dtbacklash.report.sweep.page import terminal
 
     table, axes = outcome.table, outcome.axes
-    tables.show(tables.sweep(table.drop(columns="error"), axes), "")
+    tables.show(tables.of(terminal(table, axes)), "")
     for row in table[table["status"] != "done"].to_dict("records"):
         choices = ", ".join(f"{axis}={row[axis]}" for axis in axes)
         print(f"dtb: job {choices} failed: {row['error']}", file=sys.stderr)

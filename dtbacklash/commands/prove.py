@@ -33,7 +33,9 @@ def do(config: ProveConfig, folder: Path, command: str, tell: Tell | None) -> tu
     from dtbacklash.prove import run
 
     by = _workers(config)
-    plan = _with_known(_plan(config, folder), config)
+    plan = _plan(config, folder)
+    if config.known is not None:
+        plan = replace(plan, known=run.load_known(Path(config.known).absolute()))
     docs = Path(config.docs).absolute() if config.docs is not None else None
     if docs is not None:
         from dtbacklash.report.proof.page import check_docs
@@ -136,13 +138,6 @@ def _plan(config: ProveConfig, out: Path) -> Plan:
     return Plan(out, name, seeds, machine=config.machine)
 
 
-def _with_known(plan: Plan, config: ProveConfig) -> Plan:
-    """The plan, and what the user says is finished already."""
-    from dtbacklash.prove import known
-
-    return plan if config.known is None else replace(plan, known=known.load(Path(config.known).absolute()))
-
-
 def _plan_of_several(config: ProveConfig, out: Path) -> Plan:
     from dtbacklash.prove.conceal import nominal_rig
     from dtbacklash.prove.run import Plan
@@ -205,10 +200,10 @@ def show(proved: tuple[Plan, Score], config: ProveConfig, folder: Path) -> int:
 
     from dtbacklash.commands.console import shown_path, stdout_console
     from dtbacklash.report.kit import tables
-    from dtbacklash.report.proof.text import terminal
+    from dtbacklash.report.proof.text import shares_table, terminal
 
     plan, score = proved
-    tables.show(terminal(score), "")
+    tables.show(tables.of(shares_table(score)), "", *terminal(score), "")
     stdout_console().print(escape(shown_path(plan.out / "report.html")), soft_wrap=True)
     return _compare(plan, score, config) if config.quick else 0
 

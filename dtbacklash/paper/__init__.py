@@ -34,7 +34,7 @@ def run_paper(folder: Path, progress: Callable[[float], None] | None = None) -> 
     page.write(claims, paths, folder)
     failed = claims.loc[~claims["pass"], "claim"].tolist()
     write_json(folder / "summary.json", {"claims": len(claims), "passed": len(claims) - len(failed), "failed": failed})
-    tables.show(tables.claims(claims))
+    tables.show(tables.of(page.claims_table(claims, reasons=False)), "", *page.failures(claims))
     return not failed
 
 

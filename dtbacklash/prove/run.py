@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gzip
 import hashlib
+import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cache
@@ -14,7 +16,7 @@ from dtbacklash.campaign import engine
 from dtbacklash.campaign.engine import Backend, Tell
 from dtbacklash.campaign.jobs import Job
 from dtbacklash.errors import UserError
-from dtbacklash.files import read_json, write_json
+from dtbacklash.files import json_text, read_json, write_bytes, write_json
 from dtbacklash.prove import work
 from dtbacklash.prove.rules import Case
 from dtbacklash.prove.seal import RECORDING
@@ -22,6 +24,9 @@ from dtbacklash.prove.seal import RECORDING
 #: recordings with seeds from here on are for scores, those below are for tuning
 SCORING_FROM = 10_000
 CASES, CONCEALED, PLAN = "cases", "concealed", "plan.json"
+#: finished cases in one file, so that a long proof can be made in parts; keys of a diagnosis that no score reads
+FILE = "cases.json.gz"
+_LEFT_OUT = ("settings", "checks", "limits", "candidates", "notes", "units", "next_experiment")
 
 
 @dataclass(frozen=True)
@@ -217,3 +222,37 @@ def gather(plan: Plan, cases: Sequence[Path], secrets: dict[str, dict[str, Any]]
     wanted = {nominal(name).config.name: plan.seeds[:count] for name, count in plan.counts()}
     gathered += [c for c in plan.alike() if c.secret["seed"] in wanted.get(c.rig, ())]
     return sorted(gathered, key=lambda case: list(wanted).index(case.rig))
+
+
+def codes() -> dict[str, str]:
+    """Digests of the code that makes the cases of a proof."""
+    parts = {"concealed_by": work.CONCEALED_BY, "diagnosed_by": work.DIAGNOSED_BY, "oracle_by": work.ORACLE_BY}
+    return {name: sources.digest(files) for name, files in parts.items()}
+
+
+def save_known(cases: Sequence[Case], file: Path) -> None:
+    """Write finished cases, without the keys that no score reads."""
+    entries = [asdict(case) for case in cases]
+    for entry in entries:
+        if entry["diagnosis"] is not None:
+            entry["diagnosis"] = {k: v for k, v in entry["diagnosis"].items() if k not in _LEFT_OUT}
+    text = json_text({**codes(), "cases": entries})
+    write_bytes(file, gzip.compress(text.encode("utf-8"), mtime=0))
+
+
+def load_known(file: Path) -> tuple[Case, ...]:
+    """Read finished cases.
+
+    Raises
+    ------
+    UserError : :func:`save_known` did not write the file, or other code made its cases.
+    """
+    try:
+        content: dict[str, Any] = json.loads(gzip.decompress(file.read_bytes()))
+        cases = tuple(Case(**entry) for entry in content["cases"])
+    except (OSError, EOFError, ValueError, TypeError, KeyError) as error:
+        raise UserError("known", file, f"must be a {FILE} that dtb prove docs=FOLDER wrote") from error
+    others = [name for name, code in codes().items() if content.get(name) != code]
+    if others:
+        raise UserError("known", file, f"its cases are of other code ({', '.join(others)}); leave it out")
+    return cases

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.shown import Curve, LawShown
 from dtbacklash.physics.effects.declare import name_in_words
-from dtbacklash.report.kit.decimate import envelope
 from dtbacklash.report.kit.intervals import scaled, unit_in_signs
-from dtbacklash.report.kit.style import INK, MUTED, line_up, new_figure, styled
+from dtbacklash.report.kit.style import INK, MUTED, envelope, line_up, new_figure, styled
 
 MEASURED, NOMINAL, EXTENDED = INK, "#0072b2", "#d55e00"
 NOISE = r"noise ($\pm 2 \sigma$)"

@@ -18,9 +18,8 @@ from dtbacklash.files import write_json
 from dtbacklash.physics.kinds import KINDS
 from dtbacklash.physics.simulate import simulate_roughly
 from dtbacklash.report.kit.blocks import Block, Code, Figure, Items, Table
-from dtbacklash.report.kit.decimate import envelope
 from dtbacklash.report.kit.page import embedded, render
-from dtbacklash.report.kit.style import COLOUR, SERIES, new_figure, save, styled
+from dtbacklash.report.kit.style import COLOUR, SERIES, envelope, new_figure, save, styled
 
 #: rivals that the figure shows
 DRAWN = 3

@@ -15,6 +15,10 @@ from markupsafe import Markup, escape
 from dtbacklash.report.kit.blocks import Part
 
 TEMPLATE = "page.html.j2"
+#: what the pages cite, each once
+PAPER = "“The use of a digital twin to reconfigure a nonlinear internal model controller”"
+INTEGRATOR = "Cox and Matthews, J. Comput. Phys. 176 (2002) 430"
+SHARES = "Wilson, J. Am. Stat. Assoc. 22 (1927) 209; Newcombe, Statistics in Medicine 17 (1998) 857"
 #: how a cell of a few words looks with one of these in it
 MOODS = {
     "bad": {"fail", "miss", "failed", "rejected", "not"}, "good": {"pass", "sure", "done", "accepted"},

@@ -8,8 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from dtbacklash.report.kit.decimate import envelope
-from dtbacklash.report.kit.style import COLOUR, MUTED, legend_above, line_up
+from dtbacklash.report.kit.style import COLOUR, MUTED, envelope, legend_above, line_up
 
 
 def finish_time_axis(axes: list[Axes], trace: pd.DataFrame) -> None:

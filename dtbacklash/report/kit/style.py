@@ -6,16 +6,21 @@ Figures are built on `matplotlib.figure.Figure` without pyplot: no global state,
 from __future__ import annotations
 
 import io
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
 import matplotlib
+import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis, YAxis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
+from numpy.typing import ArrayLike, NDArray
 
 INK = "#1f2933"  # text, axes, the truth
 MUTED = "#7b8794"  # thresholds, notes, bands
@@ -36,6 +41,10 @@ SERIES = ["#0072b2", "#d55e00", "#00805f", "#b5478a", "#6a51a3", "#9a7d0a", "#56
 MARKERS = ["o", "s", "D", "^", "v", "P", "X", "*"]
 
 WIDTH = 9.0  # inch
+#: an axis shows at least this factor
+SPAN = 15.0
+#: from this many decades on only whole decades are labelled, and at most this many labels in all
+DECADES, LABELS = 2.2, 6
 
 RC = matplotlib.rc_params_from_file(Path(__file__).with_name("house.mplstyle"), use_default_template=False)
 
@@ -146,3 +155,73 @@ def save_png(content: bytes, path: Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(content)
     return path
+
+
+def envelope(t: ArrayLike, y: ArrayLike, bins: int = 1200) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The smallest and the largest sample of each of `bins` equal stretches, in the order of time.
+
+    On paper a line through them cannot be told from a line through all samples, as long as a bin is no wider
+    than a pixel or two.
+
+    Args:
+        t: times, shape (n,).
+        y: values, shape (n,). A NaN in a bin stays a NaN there, which leaves a gap in the line.
+        bins: number of stretches.
+
+    Returns:
+        Times and values, at most 2*bins + 2 of each; first and last sample are kept. With n <= 2*bins: all.
+    """
+    times, values = np.asarray(t, dtype=float), np.asarray(y, dtype=float)
+    n = times.size
+    if n <= 2 * bins:
+        return times, values
+    size = -(-n // bins)
+    full = n // size
+    blocks = values[: full * size].reshape(full, size)
+    offsets = np.arange(full) * size
+    picked = np.concatenate([offsets + blocks.argmin(axis=1), offsets + blocks.argmax(axis=1), [0, n - 1]])
+    if full * size < n:
+        rest = values[full * size :]
+        picked = np.append(picked, [full * size + int(rest.argmin()), full * size + int(rest.argmax())])
+    keep = np.unique(picked)
+    return times[keep], values[keep]
+
+
+def logarithmic(axis: Axis, values: Iterable[float], pad: float = 1.5) -> None:
+    """A logarithmic axis about these values; where none can stand on it, about one.
+
+    Labels are 1, 2, 5 within a decade or two, else powers of ten, as many as have room; plain numbers up to 1000.
+    """
+    fit = [v for v in values if math.isfinite(v) and v > 0.0] or [1.0]
+    low, high = min(fit) / pad, max(fit) * pad
+    high = max(high, SPAN * low)
+    axes = axis.axes
+    set_scale, set_limits = (
+        (axes.set_yscale, axes.set_ylim) if isinstance(axis, YAxis) else (axes.set_xscale, axes.set_xlim)
+    )
+    set_scale("log")
+    set_limits(low, high)
+    label_decades(axis, low, high)
+
+
+def label_decades(axis: Axis, low: float, high: float) -> None:
+    """Label an axis that is logarithmic from ``low`` to ``high`` already; thin ticks stand between the labels."""
+    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    between = [m * 10.0**k for k in decades for m in range(1, 10)]
+    if math.log10(high / low) < DECADES:
+        ticks = [m * 10.0**k for k in decades for m in (1, 2, 5)]
+    else:
+        step = math.ceil(sum(low <= 10.0**k <= high for k in decades) / LABELS)
+        ticks = [10.0**k for k in decades if k % step == 0]
+    axis.set_major_locator(FixedLocator([t for t in ticks if low <= t <= high]))
+    axis.set_minor_locator(
+        FixedLocator([t for t in between if low <= t <= high]) if len(decades) < 8 else NullLocator()
+    )
+    axis.set_major_formatter(FuncFormatter(_label))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _label(value: float, _position: int) -> str:
+    if 1e-3 < value < 1e4:
+        return f"{value:g}"
+    return f"$10^{{{round(math.log10(value))}}}$"

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
 from dtbacklash.report.kit.blocks import Block, Figure, Items, Table, Tiles
-from dtbacklash.report.kit.citations import PAPER
 from dtbacklash.report.kit.numbers import number, powers
-from dtbacklash.report.kit.page import embedded, render
+from dtbacklash.report.kit.page import PAPER, embedded, render
 
 #: number of the paper's figure: what it shows, and what to see in it
 CAPTIONS = {
@@ -34,6 +32,7 @@ CAPTIONS = {
          "differs from Figure 13."),
 }  # fmt: skip
 HEADS = ("verdict", "section", "claim, and why this tolerance", "paper", "ours", "tolerance")
+MEASURED = HEADS[3:]
 CLAIMS = (
     "These are the statements of the paper that can be checked, and what this program finds. A tolerance is what the "
     "paper's own words allow; the reason stands below each claim."
@@ -60,23 +59,15 @@ def write(claims: pd.DataFrame, figures: dict[str, Path], folder: Path) -> None:
             figures gets that caption, any other is its own caption.
         folder: an existing folder.
     """
-    rows = claims.rename(columns={"pass": "passed"}).to_dict("records")
-    for row in rows:
-        row |= {name: powers(number(row[name], 4)) for name in ("paper", "ours", "tolerance")}
-    failed = [row for row in rows if not row["passed"]]
-    cells = [
-        ["pass" if c["passed"] else "fail", c["section"], f"{c['claim']}\n{c['reason']}".strip(),
-         c["paper"], c["ours"], c["tolerance"]]
-        for c in rows
-    ]  # fmt: skip
-    done = f"{len(rows) - len(failed)} of {len(rows)}"
+    failed = failures(claims)
+    done = f"{len(claims) - len(failed)} of {len(claims)}"
     page = render(
         "The paper, reproduced",
         "The use of a digital twin to reconfigure a nonlinear internal model controller: its claims and figures.",
         [
             Tiles([(done, "claims reproduced"), (str(len(failed)), "not reproduced"), (str(len(figures)), "figures")]),
-            Block("Not reproduced", [Items([_why(c) for c in failed])]),
-            Block("Claims", [CLAIMS, Table(HEADS, cells)]),
+            Block("Not reproduced", [Items(failed)]),
+            Block("Claims", [CLAIMS, claims_table(claims)]),
             Block("Figures", [_figure(name, path) for name, path in figures.items()]),
             Block("Methods", METHODS, folded=True),
         ],
@@ -84,22 +75,31 @@ def write(claims: pd.DataFrame, figures: dict[str, Path], folder: Path) -> None:
     (folder / "report.html").write_text(page, encoding="utf-8")
 
 
-def _why(claim: dict[Any, Any]) -> str:
-    """What a claim says, what it is here, and why it fails."""
-    why, _, cause = claim["reason"].partition(". It fails because ")
-    said = f"{claim['claim']}: the paper says “{claim['paper']}”. It is {claim['ours']} here; "
-    said += f"the tolerance is {claim['tolerance']}"
-    return said + (f" ({why})." if why else ".") + (f" It fails because {cause}." if cause else "")
+def claims_table(claims: pd.DataFrame, reasons: bool = True) -> Table:
+    """A row a claim, on demand with the reason of its tolerance below it."""
+    rows = [
+        ["pass" if c["pass"] else "fail", c["section"],
+         f"{c['claim']}\n{c['reason']}".strip() if reasons else c["claim"],
+         *(powers(number(c[name], 4)) for name in MEASURED)]
+        for c in claims.to_dict("records")
+    ]  # fmt: skip
+    return Table(HEADS if reasons else (*HEADS[:2], "claim", *HEADS[3:]), rows, "Claims of the paper")
+
+
+def failures(claims: pd.DataFrame) -> list[str]:
+    """Of each claim that fails what it says, what it is here, and why."""
+    found = []
+    for claim in claims[~claims["pass"].astype(bool)].to_dict("records"):
+        why, _, cause = claim["reason"].partition(". It fails because ")
+        paper, ours, tolerance = (powers(number(claim[name], 4)) for name in MEASURED)
+        said = f"{claim['claim']}: the paper says “{paper}”. It is {ours} here; the tolerance is {tolerance}"
+        found.append(said + (f" ({why})." if why else ".") + (f" It fails because {cause}." if cause else ""))
+    return found
 
 
 def _figure(name: str, path: Path) -> Figure:
     """A figure with the caption of the paper's of that number."""
-    number = _number(name)
+    found = re.search(r"(\d+)\D*$", name)
+    number = int(found[1]) if found else 0
     caption, good = CAPTIONS.get(number, ("", ""))
     return Figure(embedded(path), caption, good, f"Figure {number}" if caption else name)
-
-
-def _number(name: str) -> int:
-    """The number with which a name ends; 0 without one."""
-    found = re.search(r"(\d+)\D*$", name)
-    return int(found.group(1)) if found else 0

@@ -14,12 +14,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from dtbacklash.prove.names import FAMILIES
-from dtbacklash.prove.rows import error_ratio
+from dtbacklash.prove.names import FAMILIES, error_ratio
 from dtbacklash.prove.score import RATIO_MAX, UNKNOWN, Bin, Score
 from dtbacklash.prove.score import Figure as Share
-from dtbacklash.report.kit.axes import label_decades, logarithmic
-from dtbacklash.report.kit.style import INK, MUTED, SERIES, new_figure, styled
+from dtbacklash.report.kit.style import INK, MUTED, SERIES, label_decades, logarithmic, new_figure, styled
 
 PASS, MISS = "#00704f", "#b3261e"
 #: a share of fewer things says little: it is drawn open

@@ -11,25 +11,26 @@ from PIL import Image
 
 from dtbacklash.errors import UserError
 from dtbacklash.files import read_json, write_json, write_text
-from dtbacklash.prove import known
-from dtbacklash.prove.rows import case_rows, confusion_rows
+from dtbacklash.prove import run
+from dtbacklash.prove.names import case_rows, confusion_rows
 from dtbacklash.prove.rules import Case
 from dtbacklash.prove.score import Score
 from dtbacklash.report.kit import style
 from dtbacklash.report.kit.blocks import Block, Code, Table, Tiles
 from dtbacklash.report.kit.blocks import Figure as Shown
-from dtbacklash.report.kit.citations import SHARES
 from dtbacklash.report.kit.numbers import number
-from dtbacklash.report.kit.page import embedded, render
+from dtbacklash.report.kit.page import SHARES, embedded, render
 from dtbacklash.report.proof.confusion import confusion_figure
 from dtbacklash.report.proof.figures import errors_figure, shares_figure, visibility_figure
 from dtbacklash.report.proof.text import (
+    HEADS,
     few,
-    figure_row,
     markdown,
+    plain,
     quantity_row,
     reliability_rows,
     rig_rows,
+    shares_table,
     which_seeds,
 )
 
@@ -81,7 +82,7 @@ def write(score: Score, cases: Sequence[Case], folder: Path) -> None:
     """Write all files of a proof into ``folder``; ``score.json`` comes last, when all others are whole."""
     rows = case_rows(cases)
     write_text(folder / "score.csv", rows.to_csv(index=False))
-    write_text(folder / "confusion.csv", confusion_rows(score).to_csv(index=False))
+    write_text(folder / "confusion.csv", confusion_rows(score.confusion).to_csv(index=False))
     write_text(folder / "table.md", markdown(score))
     figures = draw(score, rows, folder / "figures", "")
     write_text(folder / "report.html", page(score, rows, figures))
@@ -102,7 +103,6 @@ def draw(score: Score, rows: pd.DataFrame, folder: Path, prefix: str) -> dict[st
 def page(score: Score, rows: pd.DataFrame, figures: dict[str, Path]) -> str:
     """The text of ``report.html``."""
     met, barred = score.bars
-    shares = ("figure", "share#", "count#", "95 % interval#", "bar#", "met", "over all sizes#")
     drawn = [Shown(embedded(path), CAPTIONS[name], GOOD[name]) for name, path in figures.items()]
     counts = [
         (f"{met} of {barred}", "bars met") if few(score) == "" else ("-", few(score)),
@@ -115,8 +115,8 @@ def page(score: Score, rows: pd.DataFrame, figures: dict[str, Path]) -> str:
     return render("The blind proof", said, [
         Tiles(counts),
         Code(str(score.notes.get("command", ""))),
-        Block("Score", [SCORE, Table(shares, [_plain(figure_row(f)) for f in score.figures])]),
-        Block("Rig by rig", [Table(("rig", *shares), [_plain(row) for row in rig_rows(score)])], folded=True),
+        Block("Score", [SCORE, shares_table(score)]),
+        Block("Rig by rig", [Table(("rig", *HEADS), [plain(row) for row in rig_rows(score)])], folded=True),
         Block("Reliability of names", [RELIABLE, Table(
             ("confidence", "part of the rig", "names that are right#", "count#", "95 % interval#"),
             reliability_rows(score),
@@ -124,7 +124,7 @@ def page(score: Score, rows: pd.DataFrame, figures: dict[str, Path]) -> str:
         Block("Errors and time", [Table(
             ("figure", "median#", "90 % quantile#", "unit", "cases#", "bar#", "median", "90 %"),
             [[*row[:-1], *(row[-1].split(" / ") if row[-1] else ("", ""))]
-             for row in (_plain(quantity_row(q)) for q in score.quantities)],
+             for row in (plain(quantity_row(q)) for q in score.quantities)],
         )]),
         Block("Figures", drawn),
         Block("What went wrong", [
@@ -133,11 +133,6 @@ def page(score: Score, rows: pd.DataFrame, figures: dict[str, Path]) -> str:
         ] if wrong.rows else ["Nothing."]),
         Block("Methods", METHODS, folded=True),
     ])  # fmt: skip
-
-
-def _plain(row: list[str]) -> list[str]:
-    """A row without Markdown's stars."""
-    return [cell.replace("*", "") for cell in row]
 
 
 def _wrong(score: Score, rows: pd.DataFrame) -> Table:
@@ -173,7 +168,7 @@ def write_docs(score: Score, cases: Sequence[Case], folder: Path, machine: str) 
     rows, data = case_rows(cases), folder / DOCS[machine]
     write_text(data / "score.csv", rows.to_csv(index=False))
     write_json(data / "score.json", score.to_json())
-    known.save(cases, data / known.FILE)
+    run.save_known(cases, data / run.FILE)
     _fill_docs(score, rows, folder, machine)
 
 

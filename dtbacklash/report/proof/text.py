@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 
-import pandas as pd
-from rich.table import Table
-
 from dtbacklash.prove.run import SCORING_FROM
 from dtbacklash.prove.score import Figure, Quantity, Score
+from dtbacklash.report.kit.blocks import Table
 from dtbacklash.report.kit.markdown import table
 from dtbacklash.report.kit.numbers import number
-from dtbacklash.report.kit.tables import blank, fill, notes, plain_cell
 
 #: fewer recordings meet every bar by chance, or miss it
 ENOUGH = 20
+HEADS = ("figure", "share#", "count#", "95 % interval#", "bar#", "met", "over all sizes#")
 
 
 def bar_text(bar: tuple[float, float] | None) -> str:
@@ -30,6 +28,11 @@ def met_text(met: bool | None, bar: object) -> str:
     if bar is None:
         return ""
     return "-" if met is None else "pass" if met else "**miss**"
+
+
+def plain(row: list[str]) -> list[str]:
+    """A row without Markdown's stars."""
+    return [cell.replace("*", "") for cell in row]
 
 
 def few(score: Score) -> str:
@@ -119,19 +122,16 @@ KIND_WORDS = {
 }  # fmt: skip
 
 
-def terminal(score: Score) -> Table:
-    """The shares with their bars, and the errors and times below."""
-    names = ("figure", "share", "count", "interval", "bar", "met", "all")
-    frame = pd.DataFrame([dict(zip(names, figure_row(f), strict=True)) for f in score.figures])
-    shown = fill(blank("Blind proof"), frame.replace("**miss**", "MISS"), [
-        ("figure", "figure", plain_cell, False), ("share", "share", plain_cell, True),
-        ("count", "count", plain_cell, True), ("interval", "95 % interval", plain_cell, True),
-        ("bar", "bar", plain_cell, True), ("met", "", plain_cell, False), ("all", "all sizes", plain_cell, True),
-    ])  # fmt: skip
+def shares_table(score: Score) -> Table:
+    """The shares with their bars."""
+    return Table(HEADS, [plain(figure_row(f)) for f in score.figures], "Blind proof")
+
+
+def terminal(score: Score) -> list[str]:
+    """Errors and times, a line each."""
     lines = [f"{few(score)}: pass and miss say little."] if few(score) else []
     for q in score.quantities:
-        what, median, ninety, unit, of, bar, met = quantity_row(q)
-        judged = f"; {bar}: {met}".replace("**miss**", "MISS") if bar else ""
+        what, median, ninety, unit, of, bar, met = plain(quantity_row(q))
+        judged = f"; {bar}: {met}" if bar else ""
         lines.append(" ".join(f"{what}: median {median}, 90 % {ninety} {unit}".split()) + f" ({of} cases{judged})")
-    shown.caption = notes(lines)
-    return shown
+    return lines

@@ -14,7 +14,6 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 
-from dtbacklash.report.kit.decimate import envelope
 from dtbacklash.report.kit.intervals import scaled, unit_in_signs
 from dtbacklash.report.kit.panels import (
     finish_time_axis,
@@ -24,7 +23,7 @@ from dtbacklash.report.kit.panels import (
     response_panel,
     voltage_panel,
 )
-from dtbacklash.report.kit.style import COLOUR, MUTED, legend_above, letter, new_figure, panels, styled
+from dtbacklash.report.kit.style import COLOUR, MUTED, envelope, legend_above, letter, new_figure, panels, styled
 
 # dark to light without the palest end: a thin line must be seen on white, and the order in grey print too
 GAP_MAP = LinearSegmentedColormap.from_list("gap", ["#14365d", "#0072b2", "#3fa7a0", "#e0a100", "#d55e00"])

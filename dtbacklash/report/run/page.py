@@ -12,19 +12,18 @@ from dtbacklash.config.run import RunConfig
 from dtbacklash.kept import kept
 from dtbacklash.report.kit.blocks import Block, Code, Figure, Items, Table, Tiles
 from dtbacklash.report.kit.intervals import scaled, unit_in_signs
-from dtbacklash.report.kit.numbers import fixed, number
+from dtbacklash.report.kit.numbers import number
 from dtbacklash.report.kit.page import embedded, render
 from dtbacklash.report.kit.style import save, save_png
 from dtbacklash.report.run import loop as loop_page
 from dtbacklash.report.run.methods import methods
 from dtbacklash.report.run.overview import band_figure, moves_overlay, open_overview, run_overview
-from dtbacklash.report.run.text import alarms, indexes_drawn, network, pace_in_words
+from dtbacklash.report.run.text import alarms, estimates_table, indexes_drawn, moves_table, network, pace_in_words
 from dtbacklash.report.run.words import as_yaml, describe, has_gear, is_open, subjects
 
 ORIGIN = ("versions", "seed", "wall_s")
 SIGNALS = ("signal", "what it is", "lowest#", "highest#", "rms#", "unit")
-MOVE = ("move#", "at [s]#", "from [mm]#", "to [mm]#", "overshoot [%]#", "settling time [s]#", "peak voltage [V]#")
-ESTIMATE = ("event [s]#", "applied [s]#", "gap [deg]#", "true gap [deg]#", "verdict", "reason")
+NO_MOVE = "The reference never holds still before and after a change: there is no move to measure."
 #: of a figure: what it shows, and what to see in it
 OPEN = (
     "The whole run: the command, and what each sensor shows.",
@@ -65,7 +64,7 @@ def write(result: Any, moves: pd.DataFrame, folder: Path) -> None:
         Figure(embedded(path), *_caption(n, result.config, len(moves))) for n, path in figures.items() if n != "loop"
     ]
     of_loop = [Figure(embedded(figures["loop"]), *loop_page.CAPTION)] if "loop" in figures else []
-    summary, estimates = result.summary, result.estimates.to_dict("records")
+    summary = result.summary
     margins = loop_page.rows(result.design) if result.design else []
     origin = as_yaml({name: summary[name] for name in ORIGIN if name in summary})
     signals = summary["signals"] if opened else []
@@ -74,8 +73,8 @@ def write(result: Any, moves: pd.DataFrame, folder: Path) -> None:
         *summary.get("advice", []),
         Block("What happened", shown, id="figures"),
         Block("Signals", [Table(SIGNALS, [_row(_in_its_unit(s)) for s in signals])], id="signals"),
-        Block("Moves", [] if opened else [_moves(moves)], id="moves"),
-        Block("Estimates of the digital twin", [_estimates(estimates)], id="estimates"),
+        Block("Moves", [] if opened else [moves_table(moves) if len(moves) else NO_MOVE], id="moves"),
+        Block("Estimates of the digital twin", [estimates_table(result.estimates)], id="estimates"),
         Block("Margins of the design", [Table(("margin", "value#", "meaning"), margins), *of_loop], id="margins"),
         Block("Alarms of the novelty indexes", [Items(alarms(summary))], id="alarms"),
         Block("Deadlines", [Items(pace_in_words(summary))], id="pace"),
@@ -89,32 +88,6 @@ def write(result: Any, moves: pd.DataFrame, folder: Path) -> None:
         ], folded=True, id="repeat"),
     ])  # fmt: skip
     (folder / "report.html").write_text(page, encoding="utf-8")
-
-
-def _moves(moves: pd.DataFrame) -> Table | str:
-    """A row a move."""
-    rows = [
-        [str(m["move"]), fixed(m["t_s"], 1), fixed(m["from_mm"], 2), fixed(m["to_mm"], 2), fixed(m["overshoot_pct"], 2),
-         fixed(m["settling_time_s"], 3, "not settled"), fixed(m["peak_voltage_v"], 2)]
-        for m in moves.to_dict("records")
-    ]  # fmt: skip
-    return (
-        Table(MOVE, rows)
-        if rows
-        else "The reference never holds still before and after a change: there is no move to measure."
-    )
-
-
-def _estimates(estimates: list[dict[Any, Any]]) -> Table:
-    """A row an estimation, with the reason of each that was rejected."""
-    told = bool(estimates) and "subsystem" in estimates[0]
-    rows = [
-        [fixed(e["t_event_s"], 2), fixed(e["t_applied_s"], 2), fixed(e["gap_deg"], 2), fixed(e["true_gap_deg"], 2),
-         "accepted" if e["accepted"] else "rejected", number(e["reason"], missing=""),
-         *([str(e["subsystem"])] if told else [])]
-        for e in estimates
-    ]  # fmt: skip
-    return Table((*ESTIMATE, *(["subsystem"] if told else [])), rows)
 
 
 def _caption(name: str, config: RunConfig, moves: int) -> tuple[str, str]:

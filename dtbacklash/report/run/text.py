@@ -12,8 +12,11 @@ from rich.text import Text
 from dtbacklash.config.run import RunConfig
 from dtbacklash.experiment.watch import INDEXES
 from dtbacklash.report.kit import tables
-from dtbacklash.report.kit.numbers import number
+from dtbacklash.report.kit.blocks import Table
+from dtbacklash.report.kit.numbers import fixed, number
 
+MOVE = ("move#", "at [s]#", "from [mm]#", "to [mm]#", "overshoot [%]#", "settling time [s]#", "peak voltage [V]#")
+ESTIMATE = ("event [s]#", "applied [s]#", "gap [deg]#", "true gap [deg]#", "verdict", "reason")
 #: index -> unit of its column and of its threshold
 UNITS = {"frequency": "", "motor": "N m", "structure": "mm"}
 #: index -> what the figure calls it
@@ -31,12 +34,31 @@ IN_REAL_TIME_SHARE = 0.99
 def lines(summary: dict[str, Any], moves: pd.DataFrame, estimates: pd.DataFrame) -> list[RenderableType]:
     """The moves, the estimates, one line that sums them up, and what helps where the run does not settle."""
     told: list[RenderableType] = []
-    for table, frame in ((tables.moves, moves), (tables.estimates, estimates)):
-        if len(frame):
-            told += [table(frame), ""]
+    for table in (moves_table(moves), estimates_table(estimates)):
+        told += [tables.of(table), ""] if table.rows else []
     alarmed = [f"alarm at {text}" for text in alarms(summary)]
     said = [summary_line(summary), *pace_in_words(summary), *network(summary), *alarmed, *summary.get("advice", [])]
     return [*told, *map(Text, said)]
+
+
+def moves_table(moves: pd.DataFrame) -> Table:
+    """A row a move."""
+    return Table(MOVE, [
+        [str(m["move"]), fixed(m["t_s"], 1), fixed(m["from_mm"], 2), fixed(m["to_mm"], 2), fixed(m["overshoot_pct"], 2),
+         fixed(m["settling_time_s"], 3, "not settled"), fixed(m["peak_voltage_v"], 2)]
+        for m in moves.to_dict("records")
+    ], "Moves of the reference")  # fmt: skip
+
+
+def estimates_table(estimates: pd.DataFrame) -> Table:
+    """A row an estimation, with the reason of each that was rejected."""
+    told = "subsystem" in estimates
+    return Table((*ESTIMATE, *["subsystem"] * told), [
+        [fixed(e["t_event_s"], 2), fixed(e["t_applied_s"], 2), fixed(e["gap_deg"], 2), fixed(e["true_gap_deg"], 2),
+         "accepted" if e["accepted"] else "rejected", number(e["reason"], missing=""),
+         *[str(e.get("subsystem"))] * told]
+        for e in estimates.to_dict("records")
+    ], "Estimates of the twin")  # fmt: skip
 
 
 def pace_in_words(summary: dict[str, Any]) -> list[str]:

@@ -23,6 +23,11 @@ HEADINGS = {
     "n_estimations": "estimations",
     "n_accepted": "accepted",
 }
+#: the same for a terminal, without the accepted
+SHORT = {
+    "overshoot_pct_max": "over-\nshoot [%]", "settling_time_s_max": "settling\ntime [s]", "peak_voltage_v": "peak\n[V]",
+    "n_estimations": "esti-\nmates",
+}  # fmt: skip
 #: what a missing value of a job that is done means
 MISSING = {"settling_time_s_max": "not settled"}
 CAPTION = (
@@ -112,3 +117,16 @@ def _figure(folder: Path, table: pd.DataFrame, axes: list[str]) -> list[Figure]:
         return []
     path = folder / "sweep.png"
     return [Figure(embedded(path if path.is_file() else draw(table, axes, path)), *CAPTION)]
+
+
+def terminal(table: pd.DataFrame, axes: list[str]) -> Table:
+    """The jobs of a sweep for a terminal: the swept keys ``axes``, then what came out."""
+    results = {name: head for name, head in SHORT.items() if name in table}
+    if not results:  # of another command than `dtb run`
+        results = {str(n): str(n).replace("_", "\n") for n in table if n not in {*KEPT_BACK, *axes}}
+    rows = [
+        [*(number(row[name], 4, plain=True) for name in (*axes, *results)),
+         "ok" if row["status"] == "done" else "FAILED"]
+        for row in table.to_dict("records")
+    ]  # fmt: skip
+    return Table((*axes, *(f"{head}#" for head in results.values()), ""), rows, "Sweep")

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dtbacklash.errors import UserError
-from dtbacklash.prove import known
+from dtbacklash.prove import run
 from dtbacklash.prove.rules import Case
 
 
@@ -25,8 +25,8 @@ def cases():
 
 
 def test_what_is_scored_comes_back_and_the_rest_is_left_out(cases, tmp_path):
-    known.save(cases, tmp_path / known.FILE)
-    first, second = known.load(tmp_path / known.FILE)
+    run.save_known(cases, tmp_path / run.FILE)
+    first, second = run.load_known(tmp_path / run.FILE)
     assert second == cases[1]
     assert first.secret == cases[0].secret
     assert (first.findings, first.verdict, first.oracle) == (cases[0].findings, cases[0].verdict, cases[0].oracle)
@@ -35,22 +35,22 @@ def test_what_is_scored_comes_back_and_the_rest_is_left_out(cases, tmp_path):
 
 def test_the_same_cases_are_the_same_bytes(cases, tmp_path):
     for name in ("a", "b"):
-        known.save(cases, tmp_path / name)
+        run.save_known(cases, tmp_path / name)
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
 @pytest.mark.parametrize("part", ["concealed_by", "diagnosed_by", "oracle_by"])
 def test_cases_of_other_code_are_refused(cases, tmp_path, part):
-    known.save(cases, tmp_path / known.FILE)
-    content = json.loads(gzip.decompress((tmp_path / known.FILE).read_bytes()))
-    (tmp_path / known.FILE).write_bytes(gzip.compress(json.dumps({**content, part: "other"}).encode()))
+    run.save_known(cases, tmp_path / run.FILE)
+    content = json.loads(gzip.decompress((tmp_path / run.FILE).read_bytes()))
+    (tmp_path / run.FILE).write_bytes(gzip.compress(json.dumps({**content, part: "other"}).encode()))
     with pytest.raises(UserError, match=part):
-        known.load(tmp_path / known.FILE)
+        run.load_known(tmp_path / run.FILE)
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(st.one_of(st.binary(), st.text().map(lambda t: gzip.compress(t.encode("utf-8", "replace")))))
 def test_anything_else_is_one_line(tmp_path, content):
-    (tmp_path / known.FILE).write_bytes(content)
-    with pytest.raises(UserError, match=known.FILE):
-        known.load(tmp_path / known.FILE)
+    (tmp_path / run.FILE).write_bytes(content)
+    with pytest.raises(UserError, match=run.FILE):
+        run.load_known(tmp_path / run.FILE)

@@ -21,12 +21,13 @@ from dtbacklash.prove.names import (
     NOTHING,
     UNEXPLAINED,
     Reliability,
+    case_rows,
     confusion,
+    confusion_rows,
     family,
     reliability,
     wilson,
 )
-from dtbacklash.prove.rows import case_rows, confusion_rows
 from dtbacklash.prove.score import Figure, Score, bins, score
 from dtbacklash.report.proof.text import markdown, which_seeds
 
@@ -172,7 +173,7 @@ def test_every_hidden_thing_stands_in_the_confusion():
     found = confusion(cases)
     things = sum(max(len(c.hidden), 1) for c in cases)
     assert sum(c.count for c in found if c.hidden != EXTRA) >= things
-    assert len(confusion_rows(score(cases))) == len(found)
+    assert len(confusion_rows(score(cases).confusion)) == len(found)
 
 
 def test_the_score_survives_its_file():

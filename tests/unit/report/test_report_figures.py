@@ -11,7 +11,7 @@ from PIL import Image
 
 from dtbacklash.experiment.metrics import move_table, step_metrics
 from dtbacklash.report.kit import style
-from dtbacklash.report.kit.decimate import envelope
+from dtbacklash.report.kit.style import envelope
 from dtbacklash.report.paper import figures
 from dtbacklash.report.run import overview
 

@@ -1,6 +1,5 @@
 """The figures, the page and the docs of a proof."""
 
-import io
 import json
 import re
 from dataclasses import replace
@@ -16,10 +15,8 @@ from proved import COULOMB, CUBIC, case, diagnosis, finding, oracle, perfect, se
 
 from dtbacklash.errors import UserError
 from dtbacklash.files import read_json
-from dtbacklash.prove.names import Cell
-from dtbacklash.prove.rows import case_rows
+from dtbacklash.prove.names import Cell, case_rows
 from dtbacklash.prove.score import Score, score
-from dtbacklash.report.kit import tables
 from dtbacklash.report.proof import page as proof_page
 from dtbacklash.report.proof.confusion import RIGHT, STATED, WRONG, confusion_figure
 from dtbacklash.report.proof.figures import errors_figure, shares_figure, visibility_figure
@@ -136,9 +133,7 @@ def test_the_page_lists_what_went_wrong(tmp_path, undrawn):
     assert "(1 of 2)" in page
     assert "2 recordings are too few to judge a bar" in page
     assert "bars met" not in page
-    out = io.StringIO()
-    tables.show(terminal(score(few)), file=out)
-    assert "2 recordings are too few to judge a bar" in out.getvalue()
+    assert "2 recordings are too few to judge a bar" in terminal(score(few))[0]
     assert "<span>link_1 cubic_stiffness</span>" in page
     assert "<span>motor_bearing coulomb_friction</span>" in page
 

@@ -11,6 +11,9 @@ import synthetic
 from dtbacklash.experiment.metrics import move_table
 from dtbacklash.report.kit import tables
 from dtbacklash.report.kit.numbers import fixed, number, powers, quantity
+from dtbacklash.report.paper.page import claims_table, failures
+from dtbacklash.report.run.text import estimates_table, moves_table
+from dtbacklash.report.sweep.page import terminal
 
 AXES = {"controller": ["imc", "nimc_fixed", "nimc_twin", "nimc_novelty"], "profile": ["s_curve", "step"],
         "twin.delay_s": [0, 4]}  # fmt: skip
@@ -32,8 +35,9 @@ def moves():
 def everything(moves):
     sweep = synthetic.sweep_table(AXES)
     return [
-        tables.moves(moves), tables.estimates(synthetic.estimates_table()), tables.sweep(sweep, list(AXES)),
-        tables.claims(synthetic.claims_table()),
+        *map(tables.of, (moves_table(moves), estimates_table(synthetic.estimates_table()), terminal(sweep, list(AXES)),
+                         claims_table(synthetic.claims_table(), reasons=False))),
+        *failures(synthetic.claims_table()),
     ]  # fmt: skip
 
 
@@ -56,21 +60,19 @@ def test_brackets_are_text(moves):
 def test_missing_values_say_what_they_mean(moves):
     moves = moves.copy()
     moves.loc[0, "settling_time_s"] = math.nan
-    assert "not settled" in printed(tables.moves(moves))
+    assert "not settled" in printed(tables.of(moves_table(moves)))
 
 
 def test_a_failed_job_and_a_failed_claim_are_told_with_their_reason():
-    sweep = printed(tables.sweep(synthetic.sweep_table(AXES), list(AXES)))
-    assert sweep.count("FAILED") == 1
-    assert "job 2: controller.k_theta_v_per_rad=900: the loop diverged" in sweep
-    claims = printed(tables.claims(synthetic.claims_table()))
-    assert "FAIL estimates are unbiased: mean error" in claims
-    assert claims.count("pass") == 5
+    assert printed(tables.of(terminal(synthetic.sweep_table(AXES), list(AXES)))).count("FAILED") == 1
+    claims = synthetic.claims_table()
+    assert "estimates are unbiased: the paper says" in " ".join(failures(claims))
+    assert printed(tables.of(claims_table(claims, reasons=False))).count("pass") == 5
 
 
 def test_columns_that_a_table_does_not_have_are_left_out():
     short = synthetic.sweep_table(AXES)[["controller", "overshoot_pct_max", "status", "error"]]
-    text = printed(tables.sweep(short, ["controller"]))
+    text = printed(tables.of(terminal(short, ["controller"])))
     assert "settling" not in text
     assert "nimc_novelty" in text
 
