@@ -33,7 +33,7 @@ from dtbacklash.config.compose import compose
 from dtbacklash.config.run import RunConfig
 from dtbacklash.control.belief import Belief, Beliefs, settled
 from dtbacklash.errors import Diverged
-from dtbacklash.experiment.estimation import twin_of
+from dtbacklash.experiment.estimation import answering
 from dtbacklash.experiment.run import run_scenario, true_half_gap
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.twin.gap.estimate import Estimate, Problem
@@ -187,7 +187,9 @@ def live(config: RunConfig, believed: Rig, way: Way | None) -> Life:
         config = replace(config, controller=replace(config.controller, reconfigure="never"))
     else:
         t_s = config.sample_time_s * np.arange(config.samples + 1, dtype=np.float64)
-        service = _Answering(way, config, twin_of(config, belief), true_half_gap(config, build_rig(config.rig), t_s))
+        twin = answering(config, belief)
+        assert isinstance(twin, Twin)
+        service = _Answering(way, config, twin, true_half_gap(config, build_rig(config.rig), t_s))
     try:
         result = run_scenario(config, beliefs=beliefs, service=service)
     except Diverged:

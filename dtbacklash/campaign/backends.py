@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from dtbacklash.campaign.jobs import Job, perform
-from dtbacklash.config.prove import BACKENDS
+from dtbacklash.config.commands import BACKENDS
 from dtbacklash.errors import UserError
 
 #: one thread a worker: the workers themselves fill the cores

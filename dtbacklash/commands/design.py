@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dtbacklash.campaign.application import Application
-from dtbacklash.config.experiments import DesignConfig
+from dtbacklash.config.commands import DesignConfig
 from dtbacklash.config.grammar import RUN_FOLDER
 from dtbacklash.config.hydra_app import quoted
 from dtbacklash.config.load import settings_hash

@@ -5,69 +5,22 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable, Sequence
 
-from dtbacklash.config.grammar import COMMON, EXPORT, FILES, GRAMMARS, Grammar
+from dtbacklash.config.grammar import COMMON, EXPORT, FILES, GRAMMARS, HELP, Grammar
 from dtbacklash.config.groups import GROUPS, LAUNCHERS, MACHINES, options
 from dtbacklash.config.setting import Declared, declared
 from dtbacklash.config.twin import EXAMPLE, PARTS
 
 WIDTH, COLUMN = 116, 36
-RECORDINGS = """\
-usage: dtb recordings
-       dtb recordings fetch NAME [FILE]
-
-Lists the recordings that have a mapping (conf/recording/*.yaml): what they are, where they were found, how
-to cite them. fetch downloads the files of one of them from their public source and compares their SHA-256.
-
-A recording is looked for in the folder $DTB_RECORDINGS (also in its subfolder NAME), then in the download
-cache."""
-
-RIG = """\
-usage: dtb rig new MACHINE FILE.yaml
-       dtb rig check NAME|FILE.yaml [rig.KEY=VALUE ...] [out=FOLDER]
-
-new writes a commented rig that runs, to be changed: {machines}.
-check draws it (NAME_rig.png, here or in FOLDER) and lists its elements, parameters in SI, modes, the columns of a
-recording, and what a diagnosis can name where."""
-
-
-CONTROLLER = """usage: dtb export controller [out=FILE.c|FILE.fmu] [fmi=2|3] [group=option ...] [key=value ...]
-
-Writes the designed controller as C99 without dependencies: its matrices, the play, the prefilter, and one function,
-controller_step(&c, r, y), which does to the last digits but rounding what the controller of dtb run does. The gap in
-force is a field that a twin may set. A file that ends in .fmu is the same, compiled for co-simulation (FMI 2.0, or 3.0
-with fmi=3), with its source inside. The settings are those of dtb run (dtb run --help).
-
-examples:
-  dtb export controller out=controller.c
-  dtb export controller out=controller.fmu fmi=3 model=found/rig.yaml
-  dtb export controller controller=lqg controller.limit_v=12"""
-
-EFFECTS = """\
-usage: dtb effects [NAME] [rig=RIG]
-
-Lists the physics that a rig may have beside its linear model: by kind of element its effects, each with its law and its
-parameters [SI]; with rig= only what that rig takes, with the places. NAME shows one effect in detail.
-
-Laws of one's own are listed as well: those of conf/effect/*.yaml here, of the rig's file, and of installed packages.
-
-examples:
-  dtb effects
-  dtb effects coulomb_friction
-  dtb effects rig=lead_screw"""
 
 
 def of_command(name: str, words: Sequence[str]) -> str:
     """The help of the command ``name``; ``words`` : what stands behind it, of which one may name a part."""
-    if name == "recordings":
-        return RECORDINGS
-    if name == "rig":
-        return RIG.format(machines=", ".join(MACHINES))
-    if name == "effects":
-        return EFFECTS
+    if name in HELP:
+        return HELP[name].format(machines=", ".join(MACHINES)) if name == "rig" else HELP[name]
     if name == "twin":
         return of_the_twin(words[0]) if words[0] in PARTS else _twin()
     if name == EXPORT.name and words[:1] == ["controller"]:
-        return CONTROLLER
+        return HELP["controller"]
     return text((GRAMMARS | FILES)[name])
 
 

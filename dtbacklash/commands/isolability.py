@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dtbacklash.campaign.application import Application
-from dtbacklash.config.experiments import IsolabilityConfig
+from dtbacklash.config.commands import IsolabilityConfig
 from dtbacklash.config.grammar import RUN_FOLDER
 from dtbacklash.config.load import settings_hash
 from dtbacklash.files import run_folder

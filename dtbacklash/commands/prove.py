@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from dtbacklash.campaign import progress
 from dtbacklash.campaign.application import Application
+from dtbacklash.config.commands import ProveConfig
 from dtbacklash.config.load import settings_hash
-from dtbacklash.config.prove import ProveConfig
 from dtbacklash.errors import UserError
 
 if TYPE_CHECKING:

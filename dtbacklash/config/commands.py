@@ -1,13 +1,17 @@
-"""The schemas of ``dtb diagnose``, ``conceal``, ``export fmu`` and ``paper``."""
+"""The schemas of all commands but ``dtb run`` and ``twin``."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from dtbacklash.config.choices import COMMANDS, SEARCHES
 from dtbacklash.config.groups import recordings
 from dtbacklash.config.rig import RigConfig
+from dtbacklash.config.run import SEED_MAX as RUN_SEED_MAX
+from dtbacklash.config.run import ControllerConfig, ReferenceConfig, SensorsConfig
 from dtbacklash.config.setting import INPUT, OUTPUT, check, number, setting
 from dtbacklash.errors import UserError
 
@@ -17,7 +21,10 @@ KINDS = ("nothing", "parameters", "single", "several", "unknown")
 INSTRUMENTS = ("minimal", "rich")
 #: what there is beside that: nothing, or what a real machine has besides
 MACHINES = ("clean", "lifelike")
-COUNT_MAX, SEED_MAX = 100_000, 2**53
+COUNT_MAX, TRIES_MAX, SEED_MAX = 100_000, 100_000, 2**53
+BACKENDS = ("loky", "dask")
+COUNT, SEED = 500, 10_000
+QUICK = (6, 20)  # recordings of a quick proof
 
 
 @dataclass
@@ -143,3 +150,156 @@ class ExportConfig:
 @dataclass
 class PaperConfig:
     """Nothing to choose but the folder."""
+
+
+@dataclass
+class IsolabilityConfig:
+    """A planned experiment on a rig."""
+
+    rig: RigConfig = field(default_factory=RigConfig)
+    controller: ControllerConfig = field(
+        default_factory=lambda: ControllerConfig(name="open_loop", structure="open_loop", reconfigure="never")
+    )
+    reference: ReferenceConfig = field(default_factory=lambda: ReferenceConfig(kind="multisine"))
+    sensors: SensorsConfig = field(default_factory=SensorsConfig)
+    command: str | None = setting(
+        None, "FILE: CSV of the planned command with the columns t [s] and u, as in a recording; null: the reference",
+        path=INPUT,
+    )  # fmt: skip
+    record: list[str] = setting(list, "the sensors that are to be recorded (default: all of the rig)", shown="[]")
+    unknown: float | None = setting(
+        None, "unknown force at each body, as a share of the force that moves it: what no model of a machine explains "
+        "(default: `much` of the settings of the diagnosis, 0.01)", above=0, at_most=1,
+    )  # fmt: skip
+    duration_s: float = setting(20.0, "length of the experiment; of a file, its own", above=0)
+    sample_time_s: float = setting(0.001, "sample time of the recording; of a file, its own", above=0)
+    seed: int = setting(0, "seed of the noise and of a random reference", at_least=0, at_most=RUN_SEED_MAX)
+
+    def __post_init__(self) -> None:
+        check(self)
+        for name in self.record:
+            if name not in self.rig.sensors:
+                raise UserError("record", name, f"no such sensor; choose of {', '.join(self.rig.sensors)}")
+        if self.command is not None and self.controller.structure != "open_loop":
+            raise UserError("command", self.command, "is the rig's input; it goes with controller=open_loop alone")
+
+
+@dataclass
+class DesignConfig:
+    """The experiment that tells apart what a diagnosis left open."""
+
+    found: str | None = setting(
+        None, "FOLDER: of the diagnosis, as dtb diagnose out=FOLDER writes it", path=INPUT, shown="FOLDER"
+    )
+    commands: list[str] = setting(
+        list, "CSV files with the columns t [s] and u to choose from, instead of looking for one", shown="[]"
+    )
+    command_max: float | None = setting(
+        None, "largest absolute command, in the unit of the rig's command (default: as recorded)", above=0
+    )
+    travel: dict[str, str] = setting(
+        dict, "body -> how far it may go from where it begins, e.g. travel={carriage: 50 mm} (default: as recorded)",
+        word="travel",
+    )  # fmt: skip
+    speed: dict[str, str] = setting(
+        dict, "body -> how fast it may be, e.g. speed={carriage: 0.2 m/s} (default: as recorded)", word="speed"
+    )
+    duration_s: float | None = setting(
+        None, "length of the experiment (default: of the longest recording, at most 10 s)", above=0
+    )
+    tries: int = setting(40, "commands that are tried", at_least=2, at_most=TRIES_MAX)
+    seed: int = setting(0, "seed of the search", at_least=0, at_most=RUN_SEED_MAX)
+
+    def __post_init__(self) -> None:
+        check(self)
+        if not self.found:
+            raise UserError("found", "(missing)", "give the folder of a diagnosis: dtb design FOLDER")
+
+
+@dataclass
+class ProveConfig:
+    """Recordings to conceal and to diagnose blind, or a folder of such; and who does the work."""
+
+    rig: RigConfig = field(default_factory=RigConfig)
+    rigs: list[str] = setting(
+        list, "several rigs instead of one: [NAME, NAME:COUNT, ...], COUNT recordings of it instead of n", shown="[]"
+    )
+    n: int = setting(COUNT, "recordings of each rig", at_least=1, at_most=COUNT_MAX)
+    seed: int = setting(
+        SEED, "seed of the first; scoring seeds begin at 10000, the tool is tuned on those below", at_least=0,
+        at_most=SEED_MAX,
+    )  # fmt: skip
+    machine: str = setting(
+        MACHINES[0], "lifelike: small things beside what is hidden, as dtb conceal machine=lifelike makes them",
+        choices=MACHINES,
+    )  # fmt: skip
+    folder: str | None = setting(None, "recordings that dtb conceal made, instead of n and seed", path=INPUT)
+    key: str | None = setting(None, "what opens their seals (default: FOLDER.key)", path=INPUT)
+    jobs: int = setting(2, "recordings at once", at_least=1, at_most=JOBS_MAX)
+    backend: str = setting("loky", "loky: the cores of this machine; dask: a Dask cluster", choices=BACKENDS)
+    scheduler: str | None = setting(
+        None, "ADDRESS of a Dask scheduler that runs already (default: one is started here)", path=INPUT
+    )
+    docs: str | None = setting(None, "folder: also bring the score into FOLDER/proof.md, with its figures", path=OUTPUT)
+    known: str | None = setting(
+        None, "FILE of cases that the same code has finished (docs=FOLDER writes FOLDER/proof/cases.json.gz); they "
+        "are not done again", path=INPUT,
+    )  # fmt: skip
+    quick: bool = setting(
+        False,
+        "a fixed set of 20 scoring seeds, or with n=6 of 6; exit code 1 if the score is below what was reached",
+        flag="--quick",
+    )
+
+    def __post_init__(self) -> None:
+        check(self)
+        chosen: dict[str, tuple[object, object]] = {
+            "n": (self.n, COUNT), "seed": (self.seed, SEED), "folder": (self.folder, None), "key": (self.key, None),
+            "docs": (self.docs, None), "rigs": (self.rigs, []), "known": (self.known, None),
+            "machine": (self.machine, MACHINES[0]),
+        }  # fmt: skip
+        for key, (value, default) in chosen.items():
+            if value == default:
+                continue
+            if self.quick and not (key == "n" and value in QUICK):
+                raise UserError(key, value, "does not go with --quick")
+            if self.folder is not None and key in ("n", "seed", "rigs", "known", "machine"):
+                raise UserError(key, value, "does not go with folder")
+        if self.key is not None and self.folder is None:
+            raise UserError("key", self.key, "belongs to folder=FOLDER")
+        self.counts()
+
+    def quick_count(self) -> int:
+        """How many recordings a quick proof has."""
+        return self.n if self.n in QUICK else QUICK[-1]
+
+    def counts(self) -> dict[str, int]:
+        """How many recordings of each of several rigs.
+
+        Raises
+        ------
+        UserError : a count that is none, a rig that is named twice.
+        """
+        found: dict[str, int] = {}
+        for word in self.rigs:
+            name, _, count = word.partition(":")
+            if name in found:
+                raise UserError("rigs", word, "names a rig twice")
+            if count and not (count.isascii() and count.isdigit() and 1 <= int(count) <= COUNT_MAX):
+                raise UserError("rigs", word, f"write NAME or NAME:COUNT, COUNT from 1 to {COUNT_MAX}")
+            found[name] = int(count) if count else self.n
+        return found
+
+
+def folder_name(
+    quick: bool, folder: str | None, rig: str, seed: int, n: int, rigs: Sequence[str] = (), machine: str = MACHINES[0]
+) -> str:
+    """The folder of a proof, unless the user names one: the same proof finds its folder again."""
+    prove = "prove" if machine == MACHINES[0] else f"prove_{machine}"
+    if folder is not None:
+        return f"prove_{Path(folder).name}"
+    if rigs:
+        names = "_".join(Path(word.partition(":")[0]).stem for word in rigs)
+        return f"{prove}_{names}_{seed}"
+    few = f"_{n}" if n == QUICK[0] else ""
+    return f"prove_quick_{rig}{few}" if quick else f"{prove}_{rig}_{seed}_{n}"

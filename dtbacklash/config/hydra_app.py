@@ -20,9 +20,9 @@ from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf
 
 from dtbacklash import files
+from dtbacklash.config.commands import folder_name
 from dtbacklash.config.grammar import FILES, FOLDER_WORD, GRAMMARS, RUN_FOLDER, SWEEP_FOLDER, VERBOSE, Grammar
 from dtbacklash.config.groups import LAUNCHER, NO_RECORDING, RIGS, SUFFIXES, options
-from dtbacklash.config.prove import folder_name
 from dtbacklash.config.setting import INPUT
 from dtbacklash.errors import UserError
 

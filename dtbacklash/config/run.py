@@ -10,27 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from dtbacklash.config import choices as c
 from dtbacklash.config.changes import check_changes
-from dtbacklash.config.choices import (
-    BELIEFS,
-    COMPENSATED,
-    CROSSINGS,
-    INDEXES,
-    INTERNAL_MODELS,
-    INTERPOLATIONS,
-    NOVELTY_FILTERS,
-    ON_ALARM,
-    OPTIMIZERS,
-    PACES,
-    PREFILTERS,
-    PROFILES,
-    REFERENCES,
-    STRUCTURES,
-    TASKS,
-    TRIGGERS,
-    TWIN_METHODS,
-    TWIN_PLACES,
-)
 from dtbacklash.config.rig import RigConfig
 from dtbacklash.config.setting import INPUT, OUTPUT, check, number, setting
 from dtbacklash.errors import UserError
@@ -50,24 +31,24 @@ class ControllerConfig:
         "nimc",
         "linear IMC, IMC with a model of the backlash, a PID, an LQG, one with an offset state, an MPC, a law "
         "from a file, or the reference as the rig's input",
-        choices=STRUCTURES,
+        choices=c.STRUCTURES,
     )
     reconfigure: str = setting(
         "reference_change", "when the twin is asked: never, at a reference change, when the novelty index rises",
-        choices=TRIGGERS,
+        choices=c.TRIGGERS,
     )  # fmt: skip
     k_theta_v_per_rad: float = setting(15.0, "gain of the motor's inner loop", above=0)
     prefilter: str = setting(
-        "reduced", "`reduced`: 1/(tau_r s + 1) times the inverse of the dominant mode; `none`: 1", choices=PREFILTERS
+        "reduced", "`reduced`: 1/(tau_r s + 1) times the inverse of the dominant mode; `none`: 1", choices=c.PREFILTERS
     )
     tau_r_s: float = setting(1.0 / 6.0, "time constant of the reference model", above=0)
     internal_model: str = setting(
         "auto", "what drives the model of the structure: u, theta_m, a model of the inner loop (`inverse`: with an "
         "inverse of the backlash); `exact` (imc): G1 G2 sampled as one; `auto`: inverse where the reference is held or "
-        "the estimate is fixed, else inner_loop; see theory.md", choices=INTERNAL_MODELS,
+        "the estimate is fixed, else inner_loop; see theory.md", choices=c.INTERNAL_MODELS,
     )  # fmt: skip
     crossing: str = setting(
-        "hold", "with `inverse`, what a jump of the reference does while the motor crosses the gap", choices=CROSSINGS
+        "hold", "with `inverse`, what a jump of the reference does while the motor crosses the gap", choices=c.CROSSINGS
     )
     crossing_v: float = setting(12.0, "`hold`: steady voltage that crosses the gap, at most", above=0, unit="V")
     limit_v: float | None = setting(
@@ -81,10 +62,10 @@ class ControllerConfig:
     file: str | None = setting(
         None, "state_space: YAML file with the matrices A, B, C, D, E of the law; see controller.md", path=INPUT
     )
-    design_from: str = setting("model", "what it is designed for", choices=BELIEFS)
+    design_from: str = setting("model", "what it is designed for", choices=c.BELIEFS)
     compensate: list[str] = setting(
-        lambda: list(COMPENSATED), "effects of the model's motor that the voltage compensates; never Coulomb "
-        "friction", choices=COMPENSATED, shown=f"[{','.join(COMPENSATED)}]",
+        lambda: list(c.COMPENSATED), "effects of the model's motor that the voltage compensates; never Coulomb "
+        "friction", choices=c.COMPENSATED, shown=f"[{','.join(c.COMPENSATED)}]",
     )  # fmt: skip
     gap_hat_deg: float | None = setting(
         None, "first estimate of the gap; null: that of the model, else 0", at_least=0, at_most=360
@@ -102,7 +83,7 @@ class ControllerConfig:
 class ProfileConfig:
     """The gap over time. What a kind does not use it ignores; see :func:`dtbacklash.experiment.signals.gap_profile`."""
 
-    kind: str = setting("s_curve", "how the gap develops", choices=PROFILES)
+    kind: str = setting("s_curve", "how the gap develops", choices=c.PROFILES)
     start_deg: float = setting(0.0, "gap (half-width) at the start", at_least=0, at_most=360)
     end_deg: float = setting(100.0, "gap at the end; with `constant` it follows start_deg", at_least=0, at_most=360)
     t_start_s: float = setting(25.0, "growth begins (`step`: the jump)", at_least=0)
@@ -134,7 +115,7 @@ class ProfileConfig:
 class ReferenceConfig:
     """The reference r over time; see :func:`dtbacklash.experiment.signals.reference`."""
 
-    kind: str = setting("square", "form of the reference", choices=REFERENCES)
+    kind: str = setting("square", "form of the reference", choices=c.REFERENCES)
     amplitude_mm: float = setting(
         1.0, "square, trajectory: + and - this in turn; step: from 0 to this; in open loop write `amplitude_v`",
         at_least=-1e4,
@@ -153,7 +134,7 @@ class ReferenceConfig:
     f_max_hz: float = setting(2.0, "multisine: highest frequency, at most half the sample rate", above=0)
     rms_mm: float = setting(0.5, "multisine: root mean square; in open loop write `rms_v`", at_least=0, at_most=1e4)
     path: str | None = setting(None, "csv, trajectory: file with the columns t_s, r_mm", path=INPUT)
-    interpolation: str = setting("hold", "csv: between its rows", choices=INTERPOLATIONS)
+    interpolation: str = setting("hold", "csv: between its rows", choices=c.INTERPOLATIONS)
 
     def __post_init__(self) -> None:
         check(self, "reference.")
@@ -181,9 +162,9 @@ class TwinConfig:
     guard: bool = setting(True, "false: whatever the optimizer returns goes to the controller, as in the paper")
     method: str = setting(
         "auto", "how an estimate explains a buffer: through the structure's linear observer, or by simulating it with "
-        "its effects; `auto`: simulate where the model holds effects behind the gear", choices=TWIN_METHODS,
+        "its effects; `auto`: simulate where the model holds effects behind the gear", choices=c.TWIN_METHODS,
     )  # fmt: skip
-    on_alarm: str = setting("estimate", "what the twin does when it is asked; see bank.md", choices=ON_ALARM)
+    on_alarm: str = setting("estimate", "what the twin does when it is asked; see bank.md", choices=c.ON_ALARM)
     bank_buffer: int = setting(
         1500, "samples of one diagnosis by the bank", unit="samples", at_least=500, at_most=BANK_MAX
     )
@@ -196,11 +177,11 @@ class TwinConfig:
         None, "standard errors by which an estimate is put in force too small; null: 0.5 where the reference is held, "
         "which a gap too large harms no more than one too small, else 1", at_least=0, at_most=10,
     )  # fmt: skip
-    estimate_from: str = setting("model", "what the twin takes for the structure", choices=BELIEFS)
+    estimate_from: str = setting("model", "what the twin takes for the structure", choices=c.BELIEFS)
     novelty_threshold_mm: float = setting(0.1, "novelty index at which the twin is asked", above=0)
-    novelty_filter: str = setting("ellip", "low-pass of the index: elliptic or Chebyshev II", choices=NOVELTY_FILTERS)
+    novelty_filter: str = setting("ellip", "low-pass of the index: elliptic or Chebyshev II", choices=c.NOVELTY_FILTERS)
     indexes: list[str] = setting(
-        list, "further novelty indexes, each a column of the trace and an alarm of its own", choices=INDEXES,
+        list, "further novelty indexes, each a column of the trace and an alarm of its own", choices=c.INDEXES,
         shown="[]",
     )  # fmt: skip
     frequency_threshold: float = setting(
@@ -216,7 +197,7 @@ class TwinConfig:
     index_hysteresis: float = setting(
         0.7, "share of its threshold below which an index may raise its next alarm", above=0, at_most=1
     )
-    where: str = setting("local", "in this process, or at an MQTT broker (dtb twin serve)", choices=TWIN_PLACES)
+    where: str = setting("local", "in this process, or at an MQTT broker (dtb twin serve)", choices=c.TWIN_PLACES)
     broker: str = setting("127.0.0.1:1883", "remote: where the MQTT broker is, host:port")
     machine: str = setting("machine", "remote: name of this machine, in the topics and for its key")
     timeout_s: float = setting(
@@ -239,7 +220,7 @@ class TwinConfig:
 class OptimizerConfig:
     """The search for the gap: a method of scipy.optimize and when it stops."""
 
-    name: str = setting("bfgs", "method of scipy.optimize", choices=OPTIMIZERS)
+    name: str = setting("bfgs", "method of scipy.optimize", choices=c.OPTIMIZERS)
     max_evaluations: int = setting(200, "evaluations of the cost, at most", at_least=2, at_most=1_000_000)
     tolerance: float = setting(1e-6, "tolerance at which the method stops, as scipy defines it", above=0, below=1)
 
@@ -319,11 +300,11 @@ class RunConfig:
     )  # fmt: skip
     task: str = setting(
         "run", "one run; or record in the loop, diagnose, and run with what was found (experiment=close_the_loop)",
-        choices=TASKS,
+        choices=c.TASKS,
     )  # fmt: skip
     pace: str = setting(
         "free", "as fast as it goes, or every sample at its instant of the wall clock, with the twin in a process of "
-        "its own; the deadlines that were missed are then in summary.json (`pace`)", choices=PACES,
+        "its own; the deadlines that were missed are then in summary.json (`pace`)", choices=c.PACES,
     )  # fmt: skip
     uncertainty: str | None = setting(
         None, "FOLDER of the diagnosis that found the rig: draw the 95 % band of what its parameters may be off by",

@@ -13,9 +13,8 @@ from dtbacklash.arrays import Floats, Ints
 from dtbacklash.config.run import OptimizerConfig, RunConfig, TwinConfig
 from dtbacklash.control.belief import Belief
 from dtbacklash.errors import UserError
-from dtbacklash.experiment.growth import growth_ahead
 from dtbacklash.experiment.loop import GapInForce
-from dtbacklash.experiment.rest import AT_REST, JUDGED_AFTER_S, STRETCH_S, at_rest, cycles
+from dtbacklash.experiment.rest import AT_REST, JUDGED_AFTER_S, STRETCH_S, at_rest, cycles, growth_ahead
 from dtbacklash.experiment.sensors import roles as roles_of
 from dtbacklash.experiment.watch import Watcher
 from dtbacklash.twin.gap.guard import Attempt
@@ -74,7 +73,8 @@ ESTIMATE_COLUMNS = [name for name in EstimateRow.__annotations__ if name not in 
 
 def answering(config: RunConfig, belief: Belief) -> Answering:
     """The twin that ``twin.on_alarm`` asks for; raises UserError as :meth:`.service.Twin.of`."""
-    return twin_from(belief, _output(belief), config.twin, config.optimizer, config.sample_time_s)
+    output = list(belief.rig.sensors)[roles_of(belief.rig, True)[1]]
+    return twin_from(belief, output, config.twin, config.optimizer, config.sample_time_s)
 
 
 def twin_from(
@@ -100,22 +100,6 @@ def _estimating(
     """The twin that estimates the gap alone, of another belief than the settings were settled for."""
     settings = replace(settings, method="simulate" if believed.bends() else "linear")
     return Twin.of(believed, believed.rig.sensors[output], settings, optimizer, sample_time_s)
-
-
-def twin_of(config: RunConfig, belief: Belief) -> Twin:
-    """The twin of a configuration whose ``auto`` is settled; raises UserError as :meth:`.service.Twin.of`."""
-    sensor = belief.rig.sensors[_output(belief)]
-    return Twin.of(belief, sensor, config.twin, config.optimizer, config.sample_time_s)
-
-
-def _output(belief: Belief) -> str:
-    """The name of the sensor that shows q3."""
-    return list(belief.rig.sensors)[roles_of(belief.rig, True)[1]]
-
-
-def _event(row: EstimateRow) -> float:
-    """The time of a row, for sorting; a row without an event comes first."""
-    return -1.0 if math.isnan(row["t_event_s"]) else row["t_event_s"]
 
 
 @dataclass
@@ -334,7 +318,10 @@ class Estimation:
         columns += ["found"] * (self.config.twin.on_alarm == "bank")
         rows = [*self.rows, *(self._unanswered(full, RUN_ENDED) for full, _ in self.asked.values())]
         if isinstance(self.service, Elsewhere):
-            rows = sorted([*rows, *map(self._lost, self.service.dropped())], key=_event)  # stable
+            rows = sorted(
+                [*rows, *map(self._lost, self.service.dropped())],
+                key=lambda row: -1.0 if math.isnan(row["t_event_s"]) else row["t_event_s"],
+            )
         return pd.DataFrame(rows, columns=columns)
 
     def _exchange(self, k: int) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dtbacklash.config.experiments import DesignConfig, IsolabilityConfig
+from dtbacklash.config.commands import DesignConfig, IsolabilityConfig
 from dtbacklash.config.run import ProfileConfig, ReferenceConfig, RunConfig
 from dtbacklash.errors import UserError
 

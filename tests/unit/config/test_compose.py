@@ -16,8 +16,10 @@ from omegaconf import OmegaConf
 import dtbacklash
 from dtbacklash.config.commands import DiagnoseConfig
 from dtbacklash.config.compose import compose, compose_for
-from dtbacklash.config.grammar import DIAGNOSE
+from dtbacklash.config.grammar import GRAMMARS
 from dtbacklash.errors import UserError
+
+DIAGNOSE = GRAMMARS["diagnose"]
 
 LEAD_SCREW = Path(dtbacklash.__file__).parent / "conf" / "rig" / "lead_screw.yaml"
 

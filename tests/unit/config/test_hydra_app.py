@@ -4,8 +4,10 @@ import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from dtbacklash.config import hydra_app
-from dtbacklash.config.grammar import DIAGNOSE, GRAMMARS, PROVE, RUN
+from dtbacklash.config.grammar import GRAMMARS, RUN
 from dtbacklash.errors import UserError
+
+DIAGNOSE, PROVE = GRAMMARS["diagnose"], GRAMMARS["prove"]
 
 STRANGE = [
     "a b.csv", "ä.csv", "it's.csv", "a,b.csv", "a=b.csv", "(1).csv", "a:b", "x\\y.csv", "100%.csv", "$1.csv", "null",

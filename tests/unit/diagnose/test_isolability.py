@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 
 from dtbacklash import cli
+from dtbacklash.config.commands import IsolabilityConfig
 from dtbacklash.config.compose import compose_for
-from dtbacklash.config.experiments import IsolabilityConfig
-from dtbacklash.config.grammar import ISOLABILITY
+from dtbacklash.config.grammar import GRAMMARS
 from dtbacklash.diagnose.engine.exact import Problem
 from dtbacklash.diagnose.engine.motion import motion_of
 from dtbacklash.diagnose.experiments.isolability import SHOWS, isolability
@@ -110,8 +110,8 @@ def test_a_wrong_plan_is_one_line(tmp_path, monkeypatch, capsys, word, said):
 
 def test_a_sensor_that_is_left_out_is_advised_where_it_helps(drive):
     words = ("rig=pendulum", "reference.rms_v=2", "duration_s=6")
-    config = compose_for(ISOLABILITY, IsolabilityConfig, *words, "record=[theta]")
-    alone, whole = isolable(config), isolable(compose_for(ISOLABILITY, IsolabilityConfig, *words))
+    config = compose_for(GRAMMARS["isolability"], IsolabilityConfig, *words, "record=[theta]")
+    alone, whole = isolable(config), isolable(compose_for(GRAMMARS["isolability"], IsolabilityConfig, *words))
     helped = [p for p in alone.pairs if "omega recorded as well" in p.advice]
     assert all(whole.sine(p.first, p.second) > p.sine for p in helped)
     assert not {p for p, _ in (e.key for e in alone.effects)} & {"sensor_omega"}

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from dtbacklash.config.compose import compose
-from dtbacklash.experiment.growth import growth_ahead
+from dtbacklash.experiment.rest import growth_ahead
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.twin.gap.estimate import Estimate
 from dtbacklash.twin.gap.guard import Attempt, Verdict

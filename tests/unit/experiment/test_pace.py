@@ -13,7 +13,7 @@ from dtbacklash.config.compose import compose
 from dtbacklash.control.belief import beliefs_of, settled
 from dtbacklash.errors import UserError
 from dtbacklash.experiment import run as running
-from dtbacklash.experiment.estimation import twin_of
+from dtbacklash.experiment.estimation import answering
 from dtbacklash.experiment.loop import NOVELTY, RAN
 from dtbacklash.experiment.pace import RealTime, undisturbed
 from dtbacklash.experiment.run import run_scenario
@@ -109,7 +109,7 @@ class Slow(LocalTwin):
 def test_a_late_answer_counts_when_it_is_there_and_is_told():
     config = compose(*SHORT, "controller=nimc_twin", "twin.delay_s=0", "pace=real", "duration_s=1.3")
     beliefs = beliefs_of(config)
-    result = run_scenario(config, service=Slow(twin_of(settled(config, beliefs), beliefs.twin)))
+    result = run_scenario(config, service=Slow(answering(settled(config, beliefs), beliefs.twin)))
     row, unheard = result.estimates.to_dict("records")
     assert (unheard["reason"], unheard["accepted"]) == ("the run ended before an answer", False)
     (late,) = result.summary["pace"]["late_answers"]

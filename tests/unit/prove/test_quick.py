@@ -7,7 +7,7 @@ import pytest
 import yaml
 from proved import COULOMB, diagnosis, perfect
 
-from dtbacklash.config.prove import QUICK
+from dtbacklash.config.commands import QUICK
 from dtbacklash.prove import quick
 from dtbacklash.prove.draw import draw_kind
 from dtbacklash.prove.score import score

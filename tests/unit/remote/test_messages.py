@@ -139,7 +139,7 @@ def test_the_same_belief_makes_the_same_twin() -> None:
              "optimizer.max_evaluations=20")  # fmt: skip
     config = compose(*words)
     beliefs = beliefs_of(config)
-    here = estimation.twin_of(settled(config, beliefs), beliefs.twin)
+    here = estimation.answering(settled(config, beliefs), beliefs.twin)
     there = belief.twin_of(json.loads(json.dumps(belief.described(config))))
     assert there.settings.method == here.settings.method == "simulate"
     assert there.model.structure == here.model.structure

@@ -12,7 +12,7 @@ from dtbacklash import sources
 from dtbacklash.config.compose import compose
 from dtbacklash.control.belief import beliefs_of, settled
 from dtbacklash.errors import Failure, UserError
-from dtbacklash.experiment.estimation import twin_of
+from dtbacklash.experiment.estimation import answering
 from dtbacklash.twin.link import background, worker
 from dtbacklash.twin.link.background import GONE, BackgroundTwin
 from dtbacklash.twin.link.service import Request
@@ -27,7 +27,7 @@ def packaged(monkeypatch):
 def twin(*words):
     config = compose("controller=nimc_twin", "twin.buffer=300", "twin.settle=100", *words)
     beliefs = beliefs_of(config)
-    return twin_of(settled(config, beliefs), beliefs.twin)
+    return answering(settled(config, beliefs), beliefs.twin)
 
 
 def request(event=7):

@@ -11,7 +11,7 @@ import pytest
 from dtbacklash.config.compose import compose
 from dtbacklash.config.run import RunConfig
 from dtbacklash.control.belief import beliefs_of, settled
-from dtbacklash.experiment.estimation import twin_of
+from dtbacklash.experiment.estimation import answering
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.twin.link.service import LocalTwin, Reply, Request
 
@@ -49,7 +49,7 @@ class _Slow(LocalTwin):
 
 def _run(config: RunConfig, late: int | None) -> tuple[pd.DataFrame, pd.DataFrame, list[Request]]:
     beliefs = beliefs_of(config)
-    service = _Slow(twin_of(settled(config, beliefs), beliefs.twin), late=late)
+    service = _Slow(answering(settled(config, beliefs), beliefs.twin), late=late)
     result = run_scenario(config, service=service)
     return result.trace, result.estimates.drop(columns="wall_s"), service.requests
 
@@ -57,7 +57,7 @@ def _run(config: RunConfig, late: int | None) -> tuple[pd.DataFrame, pd.DataFram
 def test_a_request_has_the_same_answer_twice_and_the_runs_own_twin_gives_it(config: RunConfig) -> None:
     trace, estimates, requests = _run(config, 0)
     beliefs = beliefs_of(config)
-    twin = twin_of(settled(config, beliefs), beliefs.twin)
+    twin = answering(settled(config, beliefs), beliefs.twin)
     one, two = twin.answer(requests[0]), twin.answer(requests[0])
     assert replace(one.chosen.estimate, wall_s=0.0) == replace(two.chosen.estimate, wall_s=0.0)
     assert one.accepted
