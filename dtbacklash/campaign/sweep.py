@@ -60,7 +60,7 @@ class SweepJob(Job):
     record: Path = field(init=False)
 
     def __post_init__(self) -> None:
-        self.record = status_file(self.folder)
+        self.record = self.folder.parent / STATUS / f"{self.folder.name}.json"
 
     def status(self) -> dict[str, Any]:
         """Return what is known of the job now; ``{}`` if it has not run with these settings."""
@@ -133,11 +133,6 @@ class Outcome:
     axes: list[str]
     kept: int
     exit_code: int
-
-
-def status_file(folder: Path) -> Path:
-    """Where the job with the run folder ``folder`` says how it went."""
-    return folder.parent / STATUS / f"{folder.name}.json"
 
 
 def job(config: DictConfig, folder: Path, command: str) -> None:

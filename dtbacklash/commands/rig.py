@@ -88,7 +88,7 @@ def check(words: Sequence[str]) -> list[str]:
     lines += ["", f"recorded columns: t [s], u [{rig.command_unit}], " + ", ".join(
         f"{s.name} [{s.recorded_in or s.unit}] ({s.quantity} of {s.of})" for s in rig.sensors.values())]  # fmt: skip
     lines += ["", "what a diagnosis can name, and where:"]
-    lines += [f"  {place}: {', '.join(names)}" for place, names in nameable(rig).items()]
+    lines += [f"  {place}: {', '.join(rig.takes(place))}" for place in rig.places if rig.takes(place)]
     for sentence in beforehand(rig):
         lines += ["", sentence]
     more = "" if rig.only("gear") else " controller=open_loop"
@@ -157,9 +157,3 @@ def modes(rig: Rig) -> list[str]:
             told.append(f"time constant {1 / size:.3g} s")
     loose = ["free to drift: hold it by a loop, or record it briefly"] if free else []
     return [*loose, *told] or ["none: what is recorded follows the command at once"]
-
-
-def nameable(rig: Rig) -> dict[str, list[str]]:
-    """Place -> the effects that a diagnosis can name there."""
-    found = {place: list(rig.takes(place)) for place in rig.places}
-    return {place: names for place, names in found.items() if names}

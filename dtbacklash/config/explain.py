@@ -121,7 +121,8 @@ def _bad_setting(error: OmegaConfBaseException, words: Sequence[str], grammar: G
         key = next((w.partition("=")[0].lstrip("+") for w in words if f".{key}." in w.partition("=")[0]), key)
     value = value_of(key, words)
     if value is None:
-        value = str(error.value) if error.value is not None else _quoted_value(str(error))
+        quoted = re.search(r"Value '([^']*)'", str(error))
+        value = str(error.value) if error.value is not None else quoted[1] if quoted else "..."
     first_line = (str(error).splitlines() or ["not allowed"])[0]
     if isinstance(error, (ConfigAttributeError, ConfigKeyError)):
         # `foo.bar=1` is reported in the name of foo; show what was written
@@ -134,11 +135,6 @@ def _bad_setting(error: OmegaConfBaseException, words: Sequence[str], grammar: G
     if isinstance(error, ValidationError):
         return UserError(key, value, f"must be {kind_of(key, grammar)}")
     return UserError(key, value, first_line)
-
-
-def _quoted_value(text: str) -> str:
-    found = re.search(r"Value '([^']*)'", text)
-    return found.group(1) if found else "..."
 
 
 def _composition(error: Exception, words: Sequence[str], grammar: Grammar) -> UserError:

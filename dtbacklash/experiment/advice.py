@@ -82,7 +82,12 @@ def causes(config: RunConfig, rig: Rig, design: ControllerDesign) -> list[str]:
     """The causes that the configuration alone shows; also for a loop that diverged."""
     if design.law is not None:  # a PID, an LQG or an MPC has neither an internal model nor a prefilter
         return []
-    return [*_gain(config, rig, design), *_unmodelled(config, rig), *_prefilter(config)]
+    told = [*_gain(config, rig, design), *_unmodelled(config, rig)]
+    if config.controller.prefilter == "none":
+        told.append(
+            "Without a prefilter every move rings the structure: controller.prefilter=reduced cancels its mode."
+        )
+    return told
 
 
 def _gain(config: RunConfig, rig: Rig, design: ControllerDesign) -> Iterator[str]:
@@ -90,7 +95,8 @@ def _gain(config: RunConfig, rig: Rig, design: ControllerDesign) -> Iterator[str
     late_s = sum(
         there["delay"]["time"]
         for place, there in rig.effects.items()
-        if "delay" in there and (rig.kind_at(place) == "amplifier" or place == _motor_sensor(rig))
+        if "delay" in there
+        and (rig.kind_at(place) == "amplifier" or place == SENSOR_PREFIX + list(rig.sensors)[roles(rig, True)[0]])
     )
     limit = largest_gain(design.motor_position, round(late_s / config.sample_time_s))
     gain = config.controller.k_theta_v_per_rad
@@ -124,11 +130,6 @@ def _unmodelled(config: RunConfig, rig: Rig) -> Iterator[str]:
         f"The controller does not know of {' and '.join(found)}: its internal model ({model}) {how}; "
         f"controller.internal_model={better} takes it out."
     )
-
-
-def _prefilter(config: RunConfig) -> Iterator[str]:
-    if config.controller.prefilter == "none":
-        yield "Without a prefilter every move rings the structure: controller.prefilter=reduced cancels its mode."
 
 
 def _holds(trace: pd.DataFrame, moves: pd.DataFrame) -> pd.Series:
@@ -204,7 +205,3 @@ def _surplus(config: RunConfig, at: pd.DataFrame) -> Iterator[str]:
             f"({believed.max():.3g} deg) than it is ({true.min():.3g} deg): controller.internal_model=inverse, or "
             f"controller.gap_hat_deg={float(np.round(true.min(), 3)):g}."
         )
-
-
-def _motor_sensor(rig: Rig) -> str:
-    return SENSOR_PREFIX + list(rig.sensors)[roles(rig, True)[0]]

@@ -153,7 +153,8 @@ def run_scenario(
         machine = _build(config, rig, design, beliefs.design)
         machine.aged = aged_rigs(config, machine.plant)
         inputs, changes = _inputs(config, rig)
-        traces = _room(config, rig)
+        n, sensors = config.samples + 1, len(rig.sensors)
+        traces = loop.Traces(*(np.zeros(n) for _ in range(5)), *(np.zeros((n, sensors)) for _ in range(2)))
         which = roles(rig, design is not None)
         twin = Estimation.prepare(config, beliefs.twin, changes, traces.seen, which, inputs.gap, service)
         if design is not None:
@@ -230,12 +231,6 @@ def true_half_gap(config: RunConfig, rig: Rig, t_s: Floats) -> Floats:
     if rig.only("gear") is None:
         return np.zeros(t_s.size)
     return np.radians(signals.gap_profile(config.profile, t_s)) + rig_half_gap(rig)
-
-
-def _room(config: RunConfig, rig: Rig) -> loop.Traces:
-    """Traces to be filled."""
-    n, sensors = config.samples + 1, len(rig.sensors)
-    return loop.Traces(*(np.zeros(n) for _ in range(5)), *(np.zeros((n, sensors)) for _ in range(2)))
 
 
 def _segments(

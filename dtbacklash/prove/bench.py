@@ -11,7 +11,7 @@ from numpy.random import Generator
 
 from dtbacklash.arrays import Floats
 from dtbacklash.physics.rig import Rig
-from dtbacklash.prove import excitation, motion, tuning
+from dtbacklash.prove import excitation, tuning
 from dtbacklash.prove.secret import Secret
 from dtbacklash.prove.simulator.given import Loop, Unknown
 from dtbacklash.prove.simulator.rig import Run, roles, simulate_other
@@ -40,10 +40,11 @@ class Bench:
     def loop(self, *unknown: Unknown) -> Loop:
         """The signals of the excitation, with a course in time for each law that the catalogue lacks."""
         move, duration_s, step_s = self.secret.excitation, self.secret.duration_s, self.secret.sample_time_s
-        t_s = motion.times(duration_s, step_s)
+        t_s = excitation.times(duration_s, step_s)
         courses = [excitation.course_of(one.name, one.seed or move["seed"], t_s) for one in unknown]
         force = np.column_stack(courses) if courses else np.zeros(len(t_s))
-        return (motion if "pid" in move else excitation).loop_of(move, t_s, force)
+        made = excitation.loop_of_motion if "pid" in move else excitation.loop_of
+        return made(move, t_s, force)
 
     def quiet(self, rig: Rig, *unknown: Unknown) -> Run:
         """A run without noise and counts; in open loop a weak loop holds it to the motion of the plain run.

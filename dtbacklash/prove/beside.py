@@ -19,7 +19,7 @@ from dtbacklash.physics.catalogue import CATALOGUE, effects_of
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.kinds import GROUND, ROTARY
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
-from dtbacklash.prove import excitation, sizes, unlisted
+from dtbacklash.prove import excitation, sizes
 from dtbacklash.prove.bench import Bench
 from dtbacklash.prove.secret import Secret, laws, with_effects
 from dtbacklash.prove.simulator.given import Unknown
@@ -39,7 +39,7 @@ FACTOR_MOST = 10.0
 #: peaks only would have another size there
 ALONE_S, AT_PEAKS = 5.0, ("saturation", "bumper")
 
-DESCRIPTIONS = unlisted.DESCRIPTIONS | {
+DESCRIPTIONS = sizes.DESCRIPTIONS | {
     "coloured_force": "an unmeasured coloured force",
     "double_ripple": "a ripple of two frequencies over the position",
     "wandering_friction": "a dry friction whose level wanders",
@@ -59,7 +59,7 @@ FRICTIONS = ("coulomb_friction", "ground_friction", "stribeck_friction", "hyster
 
 def small_laws(rig: Rig, channels: Sequence[str]) -> list[tuple[str, str]]:
     """(location, name) of what the catalogue lacks wherever the rig takes it; sensors are those that are recorded."""
-    found = [*unlisted.unknown_entries(rig), (CLOCK, "clock_jitter")]
+    found = [*sizes.unknown_entries(rig), (CLOCK, "clock_jitter")]
     for element in rig.elements.values():
         if element.trait.trait == slots.BODY and element.name != carried_mass(rig):
             found += [(element.name, name) for name in _BODY]
@@ -197,8 +197,8 @@ def _listed(rng: Generator, secret: Secret, rig: Rig, moving: sizes.Motion, plac
 
 
 def _lacking(rng: Generator, secret: Secret, rig: Rig, moving: sizes.Motion, place: str, name: str) -> _Range:
-    if name in unlisted.DESCRIPTIONS:
-        scale, guess, most = unlisted.unknown_range(rng, rig, place, name, moving)
+    if name in sizes.DESCRIPTIONS:
+        scale, guess, most = sizes.unknown_range(rng, rig, place, name, moving)
         law = Unknown(place, name, 0.0, scale, seed=excitation.draw_seed(rng))
     elif place in rig.elements:
         law, guess, most = _of_body(rng, rig, moving, place, name)

@@ -14,13 +14,13 @@ from dtbacklash.arrays import Floats
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import CATALOGUE
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
-from dtbacklash.prove import beside, excitation, motion, sizes, tuning
+from dtbacklash.prove import beside, excitation, sizes, tuning
 from dtbacklash.prove.bench import Bench, errors_in_cascade, errors_of
 from dtbacklash.prove.secret import INSTRUMENTS, KINDS, MACHINES, Secret, with_effects
 from dtbacklash.prove.simulator.given import Errors, Loop, Unknown
 from dtbacklash.prove.simulator.machine import carried_mass
 from dtbacklash.prove.simulator.rig import EFFECTS, Run, check_concealable, simulate_other
-from dtbacklash.prove.unlisted import DESCRIPTIONS, unknown_entries, unknown_range
+from dtbacklash.prove.sizes import DESCRIPTIONS, unknown_entries, unknown_range
 
 #: how often each kind is drawn
 SHARES = {"nothing": 0.10, "parameters": 0.12, "single": 0.43, "several": 0.20, "unknown": 0.15}
@@ -139,7 +139,7 @@ def _draw(
         move = excitation.draw_excitation(rng, nominal)
         errors = errors_in_cascade(rng, nominal)
     else:
-        move = motion.draw_motion(rng, nominal, duration_s, step_s)
+        move = excitation.draw_motion(rng, nominal, duration_s, step_s)
     channels = tuning.fewest_sensors(nominal) if instruments == "minimal" else list(nominal.sensors)
     secret = Secret(
         seed=stream[0], rig=nominal.config.name, kind=kind, parameters=_parameters(rng, nominal, kind),

@@ -91,16 +91,6 @@ class Bin:
     intervals: int
     hold: int
 
-    @property
-    def named_interval(self) -> tuple[float, float]:
-        """Wilson's 95 % interval of the share that was named exactly."""
-        return wilson(self.exact, self.of)
-
-    @property
-    def hold_interval(self) -> tuple[float, float]:
-        """Wilson's 95 % interval of the share of intervals that hold the truth."""
-        return wilson(self.hold, self.intervals)
-
 
 @dataclass(frozen=True)
 class Score:

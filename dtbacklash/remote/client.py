@@ -220,7 +220,9 @@ class RemoteTwin:
 
     def _send(self, one: _Asked) -> None:
         """Send a request, unless something has come of it meanwhile."""
-        payload = one.payload or self._dumped(one)
+        left_s = round(max(one.until - time.monotonic(), 0.001), 3)
+        message = RequestMessage(self._machine, one.ticket, left_s, one.request, self.belief)
+        payload = one.payload or message.dumped()
         with self._state:
             if one.state != WAITING:
                 return
@@ -231,10 +233,6 @@ class RemoteTwin:
             self._by_mid[mid] = one
             if mid in self._told:
                 self._hear(self._by_mid.pop(mid), self._told.pop(mid))
-
-    def _dumped(self, one: _Asked) -> bytes:
-        left_s = max(one.until - time.monotonic(), 0.001)
-        return RequestMessage(self._machine, one.ticket, round(left_s, 3), one.request, self.belief).dumped()
 
     def _due(self) -> bool:
         """Whether the next request is to be sent now; those that were given up are forgotten."""
@@ -331,14 +329,9 @@ class RemoteTwin:
             self._delays.append(time.monotonic() - one.asked_at)
             self._done.append(Reply(one.request, message.answer))
             if message.answer.accepted:
-                self._overtake(one)
+                for old in [w for w in self._waiting.values() if w.ticket.counter < one.ticket.counter]:
+                    self._unanswered(old, "overtaken by the answer to a later buffer", OVERTAKEN)
         self._state.notify_all()
-
-    def _overtake(self, newer: _Asked) -> None:
-        """Give up the requests before one that was answered: their answers would be old."""
-        for one in list(self._waiting.values()):
-            if one.ticket.counter < newer.ticket.counter:
-                self._unanswered(one, "overtaken by the answer to a later buffer", OVERTAKEN)
 
     def _give_up(self, now: float) -> None:
         """Give up the requests that have waited for too long."""

@@ -163,7 +163,8 @@ class TwinServer:
         except Exception as error:  # whatever it is: a message must not end the network's thread
             refused = Refused.of(error)
             self.statistics.reject(refused.reason)
-            self._say(f"{_printable(topic)}: a message is dropped: {refused}")
+            printable = "".join(letter if letter.isprintable() else "?" for letter in topic[:100])
+            self._say(f"{printable}: a message is dropped: {refused}")
             if sender is not None and refused.reason in (MALFORMED, OTHER_VERSION):
                 self._send(sender, claimed_ticket(payload), digest(payload), None, str(refused))
             return
@@ -280,7 +281,3 @@ class TwinServer:
             threading.Thread(target=self._publish_status, args=(True,), daemon=True).start()
         elif link.refused and not self._was_connected:
             self.end()
-
-
-def _printable(topic: str) -> str:
-    return "".join(letter if letter.isprintable() else "?" for letter in topic[:100])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dtbacklash.diagnose.result import Diagnosis
 from dtbacklash.diagnose.settings import SETTINGS
-from dtbacklash.diagnose.shown import Work
 from dtbacklash.report.diagnosis.words import listed
 from dtbacklash.report.kit.intervals import interval
 from dtbacklash.report.kit.numbers import number
@@ -47,12 +46,14 @@ def methods(diagnosis: Diagnosis) -> tuple[str, list[str]]:
     work = diagnosis.work
     if work is None:
         return "", []
+    rate = f", a reading being the mean of {work.every} samples" if work.every > 1 else ""
+    floor = listed([f"{interval(v, None, diagnosis.nominal.sensors[c].unit)} of {c}" for c, v in work.floor.items()])
     cite = _Cited()
     total = work.fitted + work.judged
     told = [
         f"{_recorded(diagnosis, total, work.sample_time_s)} compared with the rig {diagnosis.nominal.config.name} by a "
         "predictor: the rig is simulated under the command and corrected, at each reading, by what was measured, with "
-        f"a white force of unknown size at each body {cite(UNKNOWN_FORCE)}{_rate(work)}."
+        f"a white force of unknown size at each body {cite(UNKNOWN_FORCE)}{rate}."
     ]
     if work.smooth:
         told.append("The command is a measured signal and was taken to pass smoothly through its samples.")
@@ -60,7 +61,7 @@ def methods(diagnosis: Diagnosis) -> tuple[str, list[str]]:
         f"Everything was fitted to {work.fitted} samples and judged on the other {work.judged} "
         f"({number(100 * work.judged / total, 2)} %), which chose nothing {cite(HELD_OUT)}.",
         "The sizes of the unknown forces and of the sensors' noise are those that make the predictor's errors "
-        f"likeliest {cite(LIKELIHOOD)}; were the rig true, it would leave an rms error of {_floor(diagnosis, work)}.",
+        f"likeliest {cite(LIKELIHOOD)}; were the rig true, it would leave an rms error of {floor}.",
         "The rig's parameters were recalibrated, each held by its tolerance; what the rig then lacks shows as unknown "
         "force.",
         f"{work.columns} effects of the catalogue, each at its place, were ranked by how much of the predictor's "
@@ -89,17 +90,6 @@ def _recorded(diagnosis: Diagnosis, total: int, sample_time_s: float) -> str:
     if not diagnosis.recordings:
         return f"The recording, {of}, was"
     return f"{len(diagnosis.recordings)} recordings, together {of}, each at its own rate, were"
-
-
-def _rate(work: Work) -> str:
-    """How many samples a reading is, where it is the mean of several."""
-    return f", a reading being the mean of {work.every} samples" if work.every > 1 else ""
-
-
-def _floor(diagnosis: Diagnosis, work: Work) -> str:
-    """Of every channel."""
-    sensors = diagnosis.nominal.sensors
-    return listed([f"{interval(v, None, sensors[c].unit)} of {c}" for c, v in work.floor.items()])
 
 
 def _fits(count: int) -> str:

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from dtbacklash.prove.names import FAMILIES, error_ratio
+from dtbacklash.prove.names import FAMILIES, error_ratio, wilson
 from dtbacklash.prove.score import RATIO_MAX, UNKNOWN, Bin, Score
 from dtbacklash.prove.score import Figure as Share
 from dtbacklash.report.kit.style import INK, MUTED, SERIES, label_decades, logarithmic, new_figure, styled
@@ -110,7 +110,7 @@ def _detection(ax: Axes, bins: Sequence[Bin], title: str) -> None:
     ax.set_ylabel("found [%]")
     x = [centre(b) for b in bins]
     _curve(ax, x, [(b.within, b.of) for b in bins], SERIES[1], "s", "--")
-    _curve(ax, x, [(b.exact, b.of) for b in bins], SERIES[0], "o", "-", [b.named_interval for b in bins])
+    _curve(ax, x, [(b.exact, b.of) for b in bins], SERIES[0], "o", "-", [wilson(b.exact, b.of) for b in bins])
 
 
 def _coverage(ax: Axes, bins: Sequence[Bin]) -> None:
@@ -119,7 +119,7 @@ def _coverage(ax: Axes, bins: Sequence[Bin]) -> None:
     ax.axhspan(90, 99, color=MUTED, alpha=0.25, lw=0)
     held = [b for b in bins if b.intervals]
     points = [(b.hold, b.intervals) for b in held]
-    _curve(ax, [centre(b) for b in held], points, SERIES[2], "o", "-", [b.hold_interval for b in held])
+    _curve(ax, [centre(b) for b in held], points, SERIES[2], "o", "-", [wilson(b.hold, b.intervals) for b in held])
 
 
 def _curve(

@@ -94,14 +94,11 @@ def summary_line(summary: dict[str, Any]) -> str:
         parts.insert(1, f"settling at most {number(longest)} s" if settles else "not every move settles")
     if summary.get("n_estimations"):
         parts.append(f"{summary.get('n_accepted')} of {summary.get('n_estimations')} estimates accepted")
-    parts.append(_time(summary.get("seconds_simulated"), summary.get("wall_s", {})))
+    seconds, wall = summary.get("seconds_simulated"), summary.get("wall_s", {})
+    parts.append(f"{number(seconds)} s simulated in {number(wall.get('simulate', 0.0) + wall.get('estimate', 0.0))} s")
+    if (compiled := wall.get("compile", 0.0)) >= WORTH_TELLING_S:
+        parts.append(f"after {number(compiled)} s of compiling, once")
     return f"{summary.get('controller')}: " + ", ".join(parts)
-
-
-def _time(seconds: float | None, wall: dict[str, float]) -> str:
-    text = f"{number(seconds)} s simulated in {number(wall.get('simulate', 0.0) + wall.get('estimate', 0.0))} s"
-    compiled = wall.get("compile", 0.0)
-    return text if compiled < WORTH_TELLING_S else f"{text}, after {number(compiled)} s of compiling, once"
 
 
 def indexes_drawn(config: RunConfig) -> list[tuple[str, str, list[float], str]]:

@@ -66,7 +66,9 @@ def describe(config: RunConfig) -> list[tuple[str, list[str]]]:
     if config.model is not None and not is_open(config):
         told.append(("Belief", _belief(config, config.model)))
     if config.controller.reconfigure != "never":
-        twin = [_trigger(config), _estimation(config)]
+        when = in_words(choices.TRIGGERS[config.controller.reconfigure], config.twin)
+        after = f"{number(config.twin.delay_s)} s after the buffer is full"
+        twin = [f"estimates the gap {when}, and the controller has it {after}", _estimation(config)]
         if config.twin.where != "local":
             twin.append(in_words(choices.TWIN_PLACES[config.twin.where], config.twin))
         told.append(("Digital twin", twin))
@@ -136,12 +138,6 @@ def _belief(config: RunConfig, model: RigConfig) -> list[str]:
     if taken and config.controller.design_from == "model":
         said.append("the voltage takes out beforehand: " + ", ".join(taken))
     return said
-
-
-def _trigger(config: RunConfig) -> str:
-    when = in_words(choices.TRIGGERS[config.controller.reconfigure], config.twin)
-    delay = number(config.twin.delay_s)
-    return f"estimates the gap {when}, and the controller has it {delay} s after the buffer is full"
 
 
 def _estimation(config: RunConfig) -> str:

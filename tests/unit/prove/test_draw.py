@@ -13,7 +13,7 @@ from dtbacklash.prove.bench import Bench
 from dtbacklash.prove.draw import check_choices, draw, entries, record
 from dtbacklash.prove.secret import KINDS, Secret
 from dtbacklash.prove.simulator.rig import EFFECTS
-from dtbacklash.prove.unlisted import DESCRIPTIONS, unknown_entries
+from dtbacklash.prove.sizes import DESCRIPTIONS, unknown_entries
 
 
 def test_the_same_seed_gives_the_same_secret_and_recording_to_the_last_bit(lead_screw, short):

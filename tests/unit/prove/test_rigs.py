@@ -10,11 +10,11 @@ from dtbacklash.config.groups import options
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import build_rig
 from dtbacklash.prove import draw as drawing
-from dtbacklash.prove import motion, tuning
+from dtbacklash.prove import excitation, tuning
 from dtbacklash.prove.bench import rms
 from dtbacklash.prove.draw import draw, entries, record
 from dtbacklash.prove.simulator.rig import check_concealable, simulate_other
-from dtbacklash.prove.unlisted import unknown_entries
+from dtbacklash.prove.sizes import unknown_entries
 
 STEP_S = 1e-3
 OTHERS = (
@@ -54,7 +54,7 @@ def test_what_is_hidden_can_be_seen_and_the_rig_stays_at_work(name, kind, short)
 @pytest.mark.parametrize("name", ["two_mass_stage", "rotary_drive", "pendulum", "oscillator"])
 def test_rigs_are_recorded_in_open_and_in_closed_loop(name):
     rig = nominal_rig(name)
-    moves = [motion.draw_motion(np.random.default_rng(seed), rig, 1.0, STEP_S) for seed in range(20)]
+    moves = [excitation.draw_motion(np.random.default_rng(seed), rig, 1.0, STEP_S) for seed in range(20)]
     assert 3 <= sum(bool(move["pid"]) for move in moves) <= 19
     assert {move["pid"] for move in moves} == {"", tuning.plant_of(rig).sensor}
 
@@ -71,12 +71,12 @@ def test_each_rig_draws_from_streams_of_its_own(short):
 def test_the_command_is_as_large_as_drawn_and_the_loop_follows(name):
     rig = nominal_rig(name)
     rng = np.random.default_rng(4)
-    move = next(m for m in (motion.draw_motion(rng, rig, 6.0, STEP_S) for _ in range(20)) if m["pid"])
-    t_s = motion.times(6.0, STEP_S)
-    run = simulate_other(rig, motion.loop_of(move, t_s, np.zeros(len(t_s))), STEP_S)
+    move = next(m for m in (excitation.draw_motion(rng, rig, 6.0, STEP_S) for _ in range(20)) if m["pid"])
+    t_s = excitation.times(6.0, STEP_S)
+    run = simulate_other(rig, excitation.loop_of_motion(move, t_s, np.zeros(len(t_s))), STEP_S)
     assert rms(run.u) == pytest.approx(move["rms_v"], rel=0.15)
     step = np.full(len(t_s), move["amplitude"])
-    held = replace(motion.loop_of(move, t_s, np.zeros(len(t_s))), reference=step, dither=np.zeros(len(t_s)))
+    held = replace(excitation.loop_of_motion(move, t_s, np.zeros(len(t_s))), reference=step, dither=np.zeros(len(t_s)))
     at = simulate_other(rig, held, STEP_S).truth[move["pid"]]
     assert at[-500:] == pytest.approx(step[-500:], rel=0.05)
 
@@ -104,10 +104,10 @@ def test_the_plant_is_read_off_the_rig():
 
 def test_a_free_mass_does_not_drift_away_in_open_loop():
     rig, rng = nominal_rig("two_mass_stage"), np.random.default_rng(0)
-    move = next(m for m in (motion.draw_motion(rng, rig, 8.0, STEP_S) for _ in range(40)) if not m["pid"])
-    t_s = motion.times(8.0, STEP_S)
-    loop = motion.loop_of(move, t_s, np.zeros(len(t_s)))
-    drifting = motion.loop_of({**move, "drifts": False}, t_s, np.zeros(len(t_s)))
+    move = next(m for m in (excitation.draw_motion(rng, rig, 8.0, STEP_S) for _ in range(40)) if not m["pid"])
+    t_s = excitation.times(8.0, STEP_S)
+    loop = excitation.loop_of_motion(move, t_s, np.zeros(len(t_s)))
+    drifting = excitation.loop_of_motion({**move, "drifts": False}, t_s, np.zeros(len(t_s)))
     still, away = (simulate_other(rig, one, STEP_S).truth["x_c"] for one in (loop, drifting))
     assert abs(still[2000:].mean()) < 1e-2 * np.std(still)
     assert abs(away[2000:].mean()) > np.std(still)

@@ -140,7 +140,7 @@ def test_the_bins_of_all_families_add_up():
     effects = [b for b in found.bins if b.family != "unknown"]
     assert sum(b.of for b in found.bins_of()) == sum(b.of for b in effects)
     assert found.bins_of("drive") == [b for b in effects if b.family == "drive"]
-    assert all(low <= b.exact / b.of <= high for b in effects for low, high in [b.named_interval])
+    assert all(low <= b.exact / b.of <= high for b in effects for low, high in [wilson(b.exact, b.of)])
 
 
 def test_the_bars_are_counted():

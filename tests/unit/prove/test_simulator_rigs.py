@@ -16,8 +16,7 @@ from dtbacklash.prove.draw import entries
 from dtbacklash.prove.simulator.given import Loop, Unknown
 from dtbacklash.prove.simulator.laws import held_stretch
 from dtbacklash.prove.simulator.rig import simulate_other
-from dtbacklash.prove.sizes import motion_of
-from dtbacklash.prove.unlisted import DESCRIPTIONS, unknown_entries
+from dtbacklash.prove.sizes import DESCRIPTIONS, motion_of, unknown_entries
 
 STEP_S, SECONDS = 1e-3, 1.0
 RIGS = ("two_mass_stage", "rotary_drive", "pendulum", "oscillator", "geared", "racked", "served")
