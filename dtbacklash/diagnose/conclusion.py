@@ -121,11 +121,12 @@ class Conclusion:
 
     @property
     def sure(self) -> frozenset[Key]:
-        """The names that lead every rival, stand in each of several recordings that can show them, and predict it."""
+        """The names that lead every rival, are more than nothing, stand in each of several recordings, and predict it."""
         sizes = self.sizes
         return frozenset(
             key for key in self.judged.sure
-            if self.full and key in sizes and self.stands_in_each(sizes[key]) and not self.not_predicted(key)
+            if self.full and key in sizes and is_there(self.model, self.values, key)
+            and self.stands_in_each(sizes[key]) and not self.not_predicted(key)
         )  # fmt: skip
 
     def stands_in_each(self, title: str) -> bool:

@@ -260,9 +260,9 @@ class _Course:
         ends = {f.key for f, x in zip(last.free, last.x, strict=True) if f.at_end(x)}
         last, about = polished(bench, motion, last)
         for key in model.keys:
-            nothing = key in ends or not is_there(last, about, key)
-            less = _fitted(bench, motion, without_name(bench, last, key)) if nothing or several else None
-            if less is not None and (nothing or less.score < last.score + search.asked(last, less)):
+            doubted = several or key in ends or not is_there(last, about, key)
+            less = _fitted(bench, motion, without_name(bench, last, key)) if doubted else None
+            if less is not None and (key in ends or less.score < last.score + search.asked(last, less)):
                 last, about = polished(bench, motion, less)
         if last.keys != model.keys:
             model = replace(model, keys=last.keys, sizes=search.bench.tuned(last.rig, model.sizes)[0])

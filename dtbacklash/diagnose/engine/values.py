@@ -6,7 +6,7 @@ and White over stretches of time is taken where it is wider. The catalogue adds 
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,7 +14,7 @@ from scipy import stats
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.bench import Bench
-from dtbacklash.diagnose.engine.exact import STEP_MAX, Model, Problem
+from dtbacklash.diagnose.engine.exact import LADDER, STEP_MAX, Model, Problem
 from dtbacklash.diagnose.engine.free import Errors, Free, Key
 from dtbacklash.diagnose.engine.motion import Motion
 from dtbacklash.diagnose.engine.predictor import Gains
@@ -77,12 +77,17 @@ def values(bench: Bench, motion: Motion, model: Model) -> Values:
         return Values(tuple(problem.free), x, np.zeros((len(nothing), n)), nothing, np.full((n, n), np.nan), {})
     jacobian = _along_the_least_seen(problem, x, gains, _columns(problem, x, gains, rows))
     covariance = covariance_of(jacobian, rows, stretches(bench))
+    return Values(tuple(problem.free), x, jacobian, rows, covariance, _errors(model, problem.free, x, covariance))
+
+
+def _errors(model: Model, free: Sequence[Free], x: Floats, covariance: Floats) -> Errors:
+    """Standard errors in the parameters' units, with those of how laws are formulated."""
     errors = {}
-    for f, xi, variance in zip(problem.free, x, np.diag(covariance), strict=True):
+    for f, xi, variance in zip(free, x, np.diag(covariance), strict=True):
         slope = abs(float(f.per_x(xi)))
         law = slope * find(model.rig.kind_at(f.place), f.effect, f.place).formulation_error if f.effect else 0.0
         errors[f.place, f.effect, f.label] = math.hypot(slope * math.sqrt(max(float(variance), 0.0)), law)
-    return Values(tuple(problem.free), x, jacobian, rows, covariance, errors)
+    return errors
 
 
 def polished(bench: Bench, motion: Motion, model: Model) -> tuple[Model, Values]:
@@ -106,7 +111,21 @@ def polished(bench: Bench, motion: Motion, model: Model) -> tuple[Model, Values]
             break
         model = better
         found = values(bench, motion, model)
-    return model, found
+    return model, _over_horizons(bench, motion, model, found)
+
+
+def _over_horizons(bench: Bench, motion: Motion, model: Model, found: Values) -> Values:
+    """The same values, as uncertain as they differ at a longer horizon of the predictor, too.
+
+    A right model has the same values at any horizon. What it lacks is systematic: it pulls alike in every stretch, so
+    that no scatter shows it, but it pulls more the less the readings correct the rig.
+    """
+    problem = _problem(bench, motion, model, model.stiff)
+    far, squares = problem.solve(bench.scaled(model.sizes, LADDER[0]), found.x, 2)
+    if not found.errors or not np.isfinite(squares):
+        return found
+    covariance = found.covariance + np.outer(far - found.x, far - found.x)
+    return replace(found, covariance=covariance, errors=_errors(model, found.free, found.x, covariance))
 
 
 def _problem(bench: Bench, motion: Motion, model: Model, stiff: float) -> Problem:

@@ -3,7 +3,7 @@
 import math
 from dataclasses import replace
 
-from dtbacklash.diagnose.conclusion import Conclusion
+from dtbacklash.diagnose.conclusion import Conclusion, is_there
 from dtbacklash.diagnose.engine.columns import Columns
 from dtbacklash.diagnose.engine.free import Key, held, in_recording, unit_at, unit_of
 from dtbacklash.diagnose.engine.judge import Rival
@@ -26,6 +26,9 @@ from dtbacklash.diagnose.words import all_in_words, place_in_words
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Role
 from dtbacklash.physics.effects.table import KNOTS, SHAPES
+
+#: of a law that the recording needs and that it bounds to one side only, as a friction that always holds
+UNSIZED = " The recording does not say how large it is."
 
 
 def findings(c: Conclusion) -> tuple[Finding, ...]:
@@ -69,6 +72,7 @@ def _finding(c: Conclusion, key: Key) -> Finding:
     said = entry.said(silent).format(location=place_in_words(place), **shown)
     sure: Confidence = "sure" if key in c.sure else "partial"
     opened = ("" if sure == "sure" else open_said(grounds)) + apart_said(c, key) + only_said(c, key)
+    opened += "" if is_there(c.model, c.values, key) else UNSIZED
     return Finding(
         place, name, parameters, also_fits(c, key), when(c, key), instead,
         said[:1].upper() + said[1:] + entry.remark(values) + opened + less(instead), sure, grounds,

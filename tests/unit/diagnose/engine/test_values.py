@@ -11,7 +11,7 @@ from dtbacklash.diagnose.engine.bench import Bench
 from dtbacklash.diagnose.engine.exact import Model, Problem
 from dtbacklash.diagnose.engine.free import apply, nominal_free
 from dtbacklash.diagnose.engine.motion import Motion, motion_of
-from dtbacklash.diagnose.engine.values import STRETCHES, Values, covariance_of, inverse, polished, stretches
+from dtbacklash.diagnose.engine.values import STRETCHES, Values, covariance_of, inverse, polished, stretches, values
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import build_rig
 
@@ -97,6 +97,17 @@ def test_a_polished_model_is_at_its_optimum():
     assert model.score < start.score
     step = inverse(found.jacobian) @ (found.jacobian.T @ found.rows)
     assert np.all(np.abs(step) < 0.1 * np.sqrt(np.diag(found.covariance)))
+
+
+@pytest.mark.parametrize(("k3", "wider"), [(0.0, (1.0, 1.1)), (2e5, (1.3, 3.0))])
+def test_what_a_model_lacks_widens_its_errors(k3, wider):
+    """A spring that stiffens pulls the mass alike in every stretch; at a longer horizon it pulls more."""
+    nominal, u = nominal_rig("oscillator"), command(4.0, 1.0)
+    damped = nominal.with_effect(*DAMPED, {"coefficient": COEFFICIENT})
+    bench = bench_of(nominal, u, recorded(damped.with_effect("spring", "cubic_stiffness", {"k3": k3}), u, 1e-2, 0))
+    motion, model, found = fitted(bench, damped, [DAMPED])
+    ratio = found.errors["", "", "m"] / values(bench, motion, model).errors["", "", "m"]
+    assert wider[0] <= ratio < wider[1]
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.9])
