@@ -58,20 +58,21 @@ static double feed_forward(controller *c, double theta_m) {
     return FORWARD[3] * speed - FORWARD[0] * sin(FORWARD[1] * theta_m + FORWARD[2]) - FORWARD[4];
 }
 
-/* A gap that grows moves nothing; a new estimate moves the screw behind the motor, and all that follows it. */
+/* A new estimate moves the screw behind the motor, and all that follows it; a gap that grows moves nothing. */
 static void take_gap(controller *c, double gap) {
-    if (c->grows > 0.0) {
-        double before = c->gap;
-        c->gap = before + c->growth > 0.0 ? before + c->growth : 0.0;
-        if (c->gap > 0.0) c->share = clip(c->share * before / c->gap, -1.0, 1.0);
+    double growth = c->grows > 0.0 ? c->growth : 0.0, estimate = gap > 0.0 ? gap - growth : 0.0;
+    if (estimate != c->gap) {
+        double gained = c->share * (estimate - c->gap);
+        c->gap = estimate;
+        c->screw -= gained;
+        for (int i = 0; i < NS; i++) c->s[i] -= gained * S_REST[i];
+        for (int i = 0; i < NLINE; i++) c->lines[2][i] -= gained * output(SC, S_REST, NS);
+        for (int i = 0; i < NW; i++) c->w[i] -= gained * W_REST[i];
     }
-    if (gap == c->gap) return;
-    double gained = c->share * (gap - c->gap);
-    c->gap = gap;
-    c->screw -= gained;
-    for (int i = 0; i < NS; i++) c->s[i] -= gained * S_REST[i];
-    for (int i = 0; i < NLINE; i++) c->lines[2][i] -= gained * output(SC, S_REST, NS);
-    for (int i = 0; i < NW; i++) c->w[i] -= gained * W_REST[i];
+    if (growth != 0.0) {
+        c->gap = estimate + growth > 0.0 ? estimate + growth : 0.0;
+        if (c->gap > 0.0) c->share = clip(c->share * estimate / c->gap, -1.0, 1.0);
+    }
 }
 
 /* The reference that is let through while the motor crosses the gap, m. */

@@ -371,8 +371,8 @@ def _taken_in(C, X, r, gap, growth, toward):
     """The model of `inverse` takes the present gap; returns the reference that is let through, m."""
     if C.model != INVERSE:
         return r
+    _reseat(C, X, gap - growth if gap > 0.0 else 0.0)  # first: what has grown from nothing forgets which tooth pushed
     _grow(X, growth)
-    _reseat(C, X, gap)
     if toward != 0.0:
         _set_out(C, X, gap, toward)
         X.inverse[3], X.inverse[4] = r, 0.0

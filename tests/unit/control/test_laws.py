@@ -192,6 +192,19 @@ def test_a_gap_that_grows_moves_nothing_and_a_new_estimate_keeps_the_share() -> 
     assert state.theta_d[0] == pytest.approx(-0.4, abs=2e-3)
 
 
+@pytest.mark.parametrize("growth", [1e-5, -1e-5])
+def test_a_gap_where_there_was_none_knows_the_tooth_that_pushes_though_it_grows_at_once(growth) -> None:
+    controller = build_controller(CONFIG.controller, DESIGN)
+    state = new_controller_state(controller)
+    state.inverse[0] = 1.0
+    for k in range(50):
+        control_step(controller, state, 0.0, 0.2 + k * growth, 0.0, 0.2 + k * growth, growth)
+    assert state.inverse[0] == pytest.approx(1.0, abs=0.03)
+    for _ in range(50):  # a gap that has shrunk to none moves nothing
+        control_step(controller, state, 0.0, 0.2, 0.0, 0.0, growth if growth < 0.0 else 0.0)
+    assert state.theta_d[0] == pytest.approx(0.0, abs=2e-3)
+
+
 def test_a_reference_without_jumps_is_not_held() -> None:
     found = []
     for how in ("hold", "run"):
