@@ -137,6 +137,13 @@ def _aging(options: argparse.Namespace) -> Result:
     return rows, []
 
 
+def _bank(options: argparse.Namespace) -> Result:
+    rows = bank.bank_rows(options.seed)
+    if options.docs:
+        bank.write_docs(rows, options.docs)
+    return rows, []
+
+
 def _second_recording(options: argparse.Namespace) -> Result:
     found = second_recording.rows(options.n, options.seed)
     return found, second_recording.said(found)
@@ -171,7 +178,7 @@ STUDIES = {
     ),
     "aging": Study("A machine that ages: the paper's twin beside the one that asks the bank", _aging, asked=True),
     "bank": Study(
-        "The bank in the loop: twelve changes, with it and without", _rows(bank.bank_rows, bank.write_docs), asked=True
+        "The bank in the loop: twelve changes, with it and without", _bank, seed=0, asked=True
     ),
     "close_the_loop": Study(
         "The loop with each belief, on concealed rigs: recorded, diagnosed, controlled",

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -25,14 +26,14 @@ TWINS = {"without": "estimate", "with": "bank"}
 PAGE, BEGIN, END = "bank.md", "<!-- bank: begin, made by python -m studies bank -->", "<!-- bank: end -->"
 
 
-def run_change(machine: str) -> Row:
+def run_change(seed: int, machine: str) -> Row:
     """Largest overshoot [%] without and with the bank; what it named in the loop, and when that was in force [s]."""
     row: Row = {"what": machine}
     for name, on_alarm in TWINS.items():
         config = compose(
             "controller=nimc_twin", f"twin.on_alarm={on_alarm}", "model=lead_screw", "sensors=encoder",
             f"duration_s={LIFE_S:g}", "profile.t_start_s=10", f"profile.t_end_s={LIFE_S - 10:g}",
-            f"profile.end_deg={END_DEG:g}", "figures=false", *MACHINES[machine],
+            f"profile.end_deg={END_DEG:g}", "figures=false", f"seed={seed}", *MACHINES[machine],
         )  # fmt: skip
         row[f"overshoot_{name}_pct"] = math.inf
         try:
@@ -50,10 +51,10 @@ def run_change(machine: str) -> Row:
     return row
 
 
-def bank_rows() -> list[Row]:
-    """A row a change; see :func:`run_change`."""
+def bank_rows(seed: int) -> list[Row]:
+    """A row a change, with the noise of a seed; see :func:`run_change`."""
     with ProcessPoolExecutor(2) as pool:
-        return list(pool.map(run_change, MACHINES))
+        return list(pool.map(partial(run_change, seed), MACHINES))
 
 
 def write_docs(rows: list[Row], folder: Path) -> None:

@@ -172,11 +172,9 @@ class _Bank:
 
     def said(self) -> Diagnosis:
         """The verdict, by the diagnosis's own bars."""
-        if self._explains(self.base, SETTINGS.much):
-            return self._as("nothing", ())
         tried = self._tried()
         if not tried or self.base.score - tried[0].score < LEAST:
-            return self._as("unknown", ())
+            return self._as("nothing" if self._explains(self.base, SETTINGS.much) else "unknown", ())
         rivals = [t for t in tried if t.score - tried[0].score < LEAST]
         # of those that are alike the ones with the fewest parameters
         fewest = min(t.counts for t in rivals)
