@@ -9,15 +9,19 @@ from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
+from scipy import linalg
 
 from dtbacklash.config.run import RunConfig
 from dtbacklash.control.belief import on_the_motor
 from dtbacklash.control.design import ControllerDesign, largest_gain
+from dtbacklash.control.linear_law import LinearLaw
 from dtbacklash.control.margins import DesignedLoop
 from dtbacklash.experiment.sensors import column, roles, trace_factor
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 
+#: a pole is outside the unit circle from here on: an integrator that is sampled twice lies on it to rounding
+UNSTABLE = 1e-5
 #: a gain above this share of the one from which the inner loop is unstable is too large: a gain margin of 2
 GAIN_SHARE = 0.5
 #: the prefilter's time constants that a move needs to come within 1 %, and a little more for the structure
@@ -80,14 +84,33 @@ def _late(rig: Rig, designed: DesignedLoop) -> Iterator[str]:
 
 def causes(config: RunConfig, rig: Rig, design: ControllerDesign) -> list[str]:
     """The causes that the configuration alone shows; also for a loop that diverged."""
-    if design.law is not None:  # a PID, an LQG or an MPC has neither an internal model nor a prefilter
-        return []
+    if design.law is not None:  # it has neither an internal model nor a prefilter
+        return list(_unstable(config, design, design.law))
     told = [*_gain(config, rig, design), *_unmodelled(config, rig)]
     if config.controller.prefilter == "none":
         told.append(
             "Without a prefilter every move rings the structure: controller.prefilter=reduced cancels its mode."
         )
     return told
+
+
+def _unstable(config: RunConfig, design: ControllerDesign, law: LinearLaw) -> Iterator[str]:
+    """A linear law whose loop around the believed rig is unstable, without a gap and a limit."""
+    motor, plant = design.motor_position, design.plant
+    seen = np.zeros((3, motor.order + plant.order))
+    seen[1, : motor.order], seen[2, motor.order :] = motor.C[0], plant.C[0]
+    driven = np.concatenate([motor.B, plant.B])
+    loop = np.block([
+        [linalg.block_diag(motor.A, plant.A) + driven @ (law.D @ seen)[None], driven @ law.C[None]],
+        [(law.B + np.outer(law.E, law.D)) @ seen, law.A + np.outer(law.E, law.C)],
+    ])  # fmt: skip
+    radius = float(np.abs(np.linalg.eigvals(loop)).max())
+    if radius > 1.0 + UNSTABLE:
+        which = f"controller.file={config.controller.file}" if config.controller.file else "this controller"
+        yield (
+            f"Around the believed rig {which} is unstable: a pole at a distance of {radius:.4g} from 0, its matrices "
+            f"taken for samples of {1e3 * config.sample_time_s:g} ms and y = (reference m, angle rad, output m)."
+        )
 
 
 def _gain(config: RunConfig, rig: Rig, design: ControllerDesign) -> Iterator[str]:

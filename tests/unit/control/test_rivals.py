@@ -1,5 +1,6 @@
 """PID, LQG and offset controller: their laws beside python-control's, and what they do with and without a gap."""
 
+import json
 import math
 
 import control
@@ -11,6 +12,7 @@ from dtbacklash.config.compose import compose
 from dtbacklash.control import observer, rivals
 from dtbacklash.control.belief import Belief, beliefs_of, design_for
 from dtbacklash.control.design import motor_tf, structure_tf
+from dtbacklash.errors import Diverged
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.physics.rig import build_rig
 
@@ -166,3 +168,56 @@ def test_a_file_that_is_no_law_is_refused_in_one_line(tmp_path, content, said):
     file.write_text(content, encoding="utf-8")
     with refused(said, key="controller.file"):
         law_of("controller=state_space", f"controller.file={file}")
+
+
+LAW = {"A": [[1.0]], "B": [[0.001, 0.0, -0.001]], "C": [6e4], "D": [0.0, -15.0, 0.0]}
+
+
+@pytest.mark.parametrize(("changed", "said"), [
+    ({"D": None}, "must have the matrices A, B, C, D"),
+    ({"F": [1.0]}, "and nothing else"),
+    ({"A": [[1.0, 2.0]]}, "A must have the shape (1, 1), as C has 1 states"),
+    ({"D": [1.0, 2.0]}, "D must have the shape (3,)"),
+    ({"B": [["a", 0.0, 0.0]]}, "B must have the shape (1, 3)"),
+    ({"A": [[math.nan]]}, "A must be of finite numbers"),
+])  # fmt: skip
+def test_a_law_that_is_none_is_refused(tmp_path, changed, said):
+    path = tmp_path / "law.yaml"
+    path.write_text(json.dumps({k: v for k, v in (LAW | changed).items() if v is not None}).replace("NaN", ".nan"))
+    with refused(said, start=f"controller.file={path}: "):
+        run_scenario(compose("controller=state_space", f"controller.file={path}", "duration_s=1"))
+
+
+def test_a_law_that_is_not_there_is_refused(tmp_path):
+    for path, said in (
+        (tmp_path / "gone.yaml", "can be read"),
+        (tmp_path, "can be read"),
+        ("null", "give a YAML file"),
+    ):
+        with refused(said, start=f"controller.file={path}: "):
+            run_scenario(compose("controller=state_space", f"controller.file={path}", "duration_s=1"))
+
+
+def test_a_law_from_a_file_gives_the_voltages_of_the_controller_that_it_was_taken_from(tmp_path):
+    words = ("sensors=encoder", "controller.limit_v=1", "duration_s=4", "reference.period_s=2")
+    law = design_for(compose("controller=lqg", *words), beliefs_of(compose("controller=lqg", *words)).design).law
+    path = tmp_path / "law.yaml"
+    path.write_text(json.dumps({name: getattr(law, name).tolist() for name in "ABCDE"}))
+    runs = [run_scenario(compose(*choice, *words)).seen["u"] for choice in (
+        ("controller=lqg",), ("controller=state_space", f"controller.file={path}", "controller.compensate=[]"),
+    )]  # fmt: skip
+    assert np.abs(runs[0]).max() == pytest.approx(1.0)
+    assert np.array_equal(*runs)
+
+
+def test_of_an_unstable_law_it_is_said_before_the_machine_is_blamed(tmp_path):
+    path = tmp_path / "law.yaml"
+    path.write_text(json.dumps(LAW | {"D": [0.0, 150.0, 0.0]}))  # a wrong sign
+    with pytest.raises(Diverged, match=r"law\.yaml is unstable: a pole at a distance of 2\.0"):
+        run_scenario(compose("controller=state_space", f"controller.file={path}", "duration_s=1"))
+    # beside a stable one there is no such word, though the machine is another and diverges
+    path.write_text(json.dumps(LAW))
+    with pytest.raises(Diverged) as diverged:
+        run_scenario(compose("controller=state_space", f"controller.file={path}", "duration_s=20", "model=lead_screw",
+                             "rig.parameters.k_B.value=1e-4", "rig.parameters.k_T.value=80"))  # fmt: skip
+    assert "unstable" not in str(diverged.value)
