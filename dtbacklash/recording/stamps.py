@@ -13,11 +13,15 @@ HOUR_S, DAY_S = 3600.0, 86400.0
 STAMP = re.compile(
     r"(?:(?:(?P<iso>\d{4}[-/.]\d{1,2}[-/.]\d{1,2})|(?P<german>\d{1,2}\.\d{1,2}\.\d{2,4})|(?P<us>\d{1,2}/\d{1,2}/\d{2,4})"
     r"|(?P<named>\d{1,2}[- ][A-Za-z]{3}[- ]\d{2,4})|(?P<compact>\d{8}(?=T\d)))(?:T|,?\s+))?"
-    r"(?:(?P<h>\d{1,2}):(?P<m>\d{2})(?::(?P<s>\d{1,2}(?:[.,:]\d*)?))?|(?P<m2>\d{1,2}):(?P<s2>\d{2}[.,]\d+)"
-    r"|(?<=T)(?P<h3>\d{2})(?P<m3>\d{2})(?P<s3>\d{2}(?:[.,]\d*)?))"
+    r"(?:(?P<h>\d{1,2}):\d{2}(?::\d{1,2}(?:[.,:]\d*)?)?|(?P<m2>\d{1,2}):\d{2}[.,]\d+|(?<=T)(?P<h3>\d{2})\d{4}(?:[.,]\d*)?)"
     r"\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|UTC|[+-]\d{2}:?\d{2})?"
 )
-_ORDER = {"iso": "%Y-%m-%d", "german": "%d-%m-%Y", "us": "%m-%d-%Y", "named": "%d-%b-%Y", "compact": "%Y%m%d"}
+#: the fields of a date, of a time of day, of a time in the hour, and of those without separators, in their order
+_FIELDS = {
+    "iso": "%Y %m %d", "german": "%d %m %Y", "us": "%m %d %Y", "named": "%d %b %Y", "compact": "%Y%m%d",
+    "h": "%H %M %S %f", "m2": "%M %S %f", "h3": "%H%M%S %f",
+}  # fmt: skip
+_FRACTION = re.compile(r"[.,:]%f")
 
 
 def seconds(values: object) -> Floats | None:
@@ -31,47 +35,55 @@ def seconds(values: object) -> Floats | None:
     """
     array = np.asarray(values)
     if array.dtype.kind in "mM":
-        counts = array.astype("datetime64[ns]" if array.dtype.kind == "M" else "timedelta64[ns]").astype(np.int64)
-        missing = np.isnat(array)
-        first = counts[~missing][0] if not missing.all() else 0
-        return np.where(missing, np.nan, (counts - first) * 1e-9)
+        return _from_first(pd.Series(array.reshape(-1)))
     texts = pd.Series(array.reshape(-1)).astype("string").str.strip()
     filled = texts[texts.notna() & ~texts.str.lower().isin(["", "nan", "nat", "na", "null", "none", "-"])]
-    if not len(filled) or STAMP.fullmatch(filled.iloc[0]) is None:
+    first = STAMP.fullmatch(filled.iloc[0]) if len(filled) else None
+    if first is None:
         return None
-    parts = filled.str.extract(rf"^{STAMP.pattern}$")
-    if parts["m"].fillna(parts["m2"]).fillna(parts["m3"]).isna().any():
+    form, turn = _form(first)
+    if first["half"]:
+        filled = filled.str.replace(".m", "m", case=False).str.rstrip(".")
+    ways = (_read(filled, one) for one in dict.fromkeys([form, form.replace("%m/%d", "%d/%m")]))
+    whole = [stamps for stamps in ways if not stamps.isna().any()]
+    if not whole:
         return None
-    h, m, s = (_number(parts[name].fillna(parts[f"{name}3"])) for name in "hms")
-    s = s + _number(parts["s2"]) + 60.0 * (m + _number(parts["m2"])) + HOUR_S * h
-    half = parts["half"].str[0].str.lower().fillna("").to_numpy(str)
-    s = s + 0.5 * DAY_S * ((half == "p") - 1.0 * ((half != "") & (h == 12)))
-    zone = parts["zone"].where(parts["zone"].str.contains(":|[0-9]", na=False))
-    sign = np.where(zone.str.startswith("-", na=False), -1.0, 1.0)
-    s = s - sign * (HOUR_S * _number(zone.str[1:3]) + 60.0 * _number(zone.str[-2:]))
-    days = _days(parts)
-    s = s - s[0] + DAY_S * (days - days[0])
-    if parts[list(_ORDER)].isna().all(axis=None):
-        turn = HOUR_S if parts["m2"].notna().all() else DAY_S
+    s = _from_first(min(whole, key=lambda stamps: stamps.max() - stamps.min()))  # a log does not jump by a month
+    if turn:
         s = s + turn * np.concatenate(([0.0], np.cumsum(np.diff(s) < -0.5 * turn)))
     result = np.full(len(texts), np.nan)
     result[filled.index] = s
     return result
 
 
-def _number(texts: pd.Series) -> Floats:
-    """(N,) numbers, 0 where nothing is written."""
-    return pd.to_numeric(texts.str.replace("[,:]", ".", regex=True).fillna("0")).to_numpy(dtype=float)
+def _read(texts: pd.Series, form: str) -> pd.Series:
+    """Dates of one form, whole seconds maybe without a fraction; NaT where it is another one."""
+    stamps = pd.to_datetime(texts, format=form, utc=True, errors="coerce")
+    plain, tenths = _FRACTION.sub("", form), re.sub(r"%S(?!.%f)", "%S.%f", form)
+    for other in dict.fromkeys([plain, tenths]):
+        if other != form and (rest := stamps.isna()).any():
+            stamps[rest] = pd.to_datetime(texts[rest], format=other, utc=True, errors="coerce")
+    return stamps
 
 
-def _days(parts: pd.DataFrame) -> Floats:
-    """(N,) days since 1970, 0 without a date; raises ValueError where a date does not exist."""
-    days = np.zeros(len(parts))
-    for form, order in _ORDER.items():
-        here = parts[form].notna().to_numpy()
-        if here.any():
-            codes, dates = pd.factorize(parts[form][here].str.replace(r"[/. ]", "-", regex=True))
-            short = order.endswith("%Y") and len(dates[0].rpartition("-")[2]) == 2
-            stamps = pd.to_datetime(pd.Series(dates), format=order.replace("%Y", "%y") if short else order)
-            days[here] = (stamps - pd.Timestamp(0)).dt.days.to_numpy()[codes]
-    return days
+def _from_first(stamps: pd.Series) -> Floats:
+    """(N,) seconds of dates or durations from the first one on."""
+    first = stamps.dropna().iloc[:1]
+    since = pd.TimedeltaIndex(stamps - (first.iloc[0] if len(first) else pd.NaT))
+    return np.asarray(since.total_seconds(), dtype=float)
+
+
+def _form(first: re.Match[str]) -> tuple[str, float]:
+    """The form of a stamp as strptime writes it, and after how many seconds it begins anew (0: it has a date)."""
+    kinds = [kind for kind in _FIELDS if first[kind]]
+    order = iter(" ".join(_FIELDS[kind] for kind in kinds).split())
+    form = first[0]
+    for name, directive in (("zone", "UTC" if first["zone"] == "UTC" else "%z"), ("half", "%p")):
+        if first[name]:
+            form = form[: first.start(name)] + directive + form[first.end(name) :]
+    form = re.sub(r"\d+|(?<=\d[- ])[A-Za-z]{3}(?=[- ])", lambda _: next(order), form)
+    if first["half"]:
+        form = form.replace("%H", "%I")
+    if kinds[0] in ("german", "us", "named") and re.search(r"\D\d\d$", first[kinds[0]]):
+        form = form.replace("%Y", "%y")
+    return form, {"h": DAY_S, "h3": DAY_S, "m2": HOUR_S}.get(kinds[0], 0.0)

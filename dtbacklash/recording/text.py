@@ -246,12 +246,12 @@ def _column(column: pd.Series, decimal: str) -> Column:
         if pd.api.types.is_integer_dtype(column) and abs(int(column.iloc[0])) > CLOCK_MIN:
             return Column((column - column.iloc[0]).to_numpy(dtype=float), since_1970(float(column.iloc[0])))
         return Column(column.to_numpy(dtype=float))
-    numbers, bad = _numbers(column, decimal)
-    if not len(bad):
-        return Column(numbers)
     clock = stamps.seconds(column)
     if clock is not None:
         return Column(clock, "s")
+    numbers, bad = _numbers(column, decimal)
+    if not len(bad):
+        return Column(numbers)
     times = f"{len(bad)} time{'s' if len(bad) > 1 else ''}"
     why = f"holds text ({str(column.iloc[bad[0]])[:30]!r}) in row {bad[0] + 1} of the numbers, {times}"
     return Column(unusable=why, labels=column.astype("string").str.strip() if 2 * len(bad) > len(column) else None)

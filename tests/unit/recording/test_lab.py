@@ -18,6 +18,8 @@ STAMPS = {
     "german": TIMES.dt.strftime("%d.%m.%Y %H:%M:%S,%f"), "clock": TIMES.dt.strftime("%H:%M:%S,%f"),
     "twelve hours": TIMES.dt.strftime("%m/%d/%Y %I:%M:%S.%f %p"), "month": TIMES.dt.strftime("%d-%b-%Y %H:%M:%S.%f"),
     "compact": TIMES.dt.strftime("%Y%m%dT%H%M%S.%f"), "no hours": TIMES.dt.strftime("%M:%S.%f"),
+    "day first": TIMES.dt.strftime("%d/%m/%Y %H:%M:%S.%f"), "two digits": TIMES.dt.strftime("%d.%m.%y %H:%M:%S,%f"),
+    "whole seconds": TIMES.dt.strftime("%Y-%m-%dT%H:%M:%S.%fZ").str.replace(".000000Z", "Z"),
     "colons": TIMES.dt.strftime("%H:%M:%S:%f").str[:-3], "utc": TIMES.dt.strftime("%Y-%m-%dT%H:%M:%S.%f000Z"),
 }  # fmt: skip
 
@@ -92,3 +94,4 @@ def test_an_infinite_value_is_not_a_missing_one():
 def test_what_is_no_stamp():
     assert stamps.seconds(["on", "off"]) is None
     assert stamps.seconds(["10:00:00", "off"]) is None
+    assert stamps.seconds(["31.02.2026 10:00:00", "31.02.2026 10:00:01"]) is None
