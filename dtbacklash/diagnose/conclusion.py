@@ -20,8 +20,6 @@ from dtbacklash.physics.rig import Rig
 
 #: something is missing, where nothing is named, above so many times what makes a search look for tables
 MISSED = 3.0
-#: a free run that errs by less shows nothing: it may be what a sensor cannot resolve (times its noise)
-NOISES = 2.0
 
 
 @dataclass(frozen=True)
@@ -80,11 +78,7 @@ class Conclusion:
     @property
     def shows(self) -> bool:
         """Whether a free run of the extended rig errs by more than its sensors' noise and counts."""
-        errors = self.seen.free(self.model.rig)
-        if errors is None:
-            return True
-        noises = [s.predictor.readings.noise for s in self.seen.stretches]
-        return any(bool((np.nanstd(e, axis=0) > NOISES * n).any()) for e, n in zip(errors, noises, strict=True))
+        return self.seen.errs_by_more(self.model.rig, [s.predictor.readings.noise for s in self.seen.stretches])
 
     @cached_property
     def moved(self) -> dict[str, tuple[float, float]]:
@@ -157,7 +151,7 @@ class Conclusion:
             return UNEXPLAINED
         if named:
             return MISSING if enough or (self.sure and self.explains) else UNEXPLAINED
-        if self.left > MISSED * rules.much and not enough and self.shows:
+        if self.left > MISSED * rules.much and not enough and self.shows and not self.seen.unlogged(self.model.rig):
             return UNEXPLAINED
         return PARAMETERS if self.moved else CONSISTENT
 

@@ -17,11 +17,11 @@ from dtbacklash.diagnose.engine.in_each import in_each
 from dtbacklash.diagnose.engine.judge import Judge, Judged
 from dtbacklash.diagnose.engine.motion import Motion, motion_of
 from dtbacklash.diagnose.engine.readings import rate_of
-from dtbacklash.diagnose.engine.search import Search
+from dtbacklash.diagnose.engine.search import MOST, Search
 from dtbacklash.diagnose.engine.turns import left_out, predicted
 from dtbacklash.diagnose.engine.values import Values, polished
 from dtbacklash.diagnose.engine.zeros import zeroed
-from dtbacklash.diagnose.inspect.fault import faulty, mended, not_finite
+from dtbacklash.diagnose.inspect.fault import faulty, mended, not_finite, undriven
 from dtbacklash.diagnose.inspect.inspection import inspect
 from dtbacklash.diagnose.records import SMOOTH, Record, ways_to_read
 from dtbacklash.diagnose.result import UNEXPLAINED, Diagnosis
@@ -57,6 +57,8 @@ STOPPED = "what was found until then, with nothing tried in its place. More may 
 TO_THE_END = "Let the diagnosis run to its end, before anything is measured because of it."
 RATE = "Compared at the rate of the motion: each reading is the mean of {every} samples ({hz:.4g} Hz)."
 
+#: where no command drives, so much force stays unknown with one name in a machine that something else moves (share)
+UNDRIVEN = 0.5
 #: how much is looked for: all; what is large, without rivals; nothing, the rig is calibrated as it is
 Depth = Literal["full", "quick", "none"]
 FULL: Depth = "full"
@@ -102,8 +104,14 @@ def diagnose_records(
             return mended(
                 _Course(with_priors(rig), inspected.records, tell, depth, enough or {}, keep).run(), inspected
             )
+        except _Undriven as error:
+            return faulty(rig, inspected, undriven(rig, inspected, *error.args))
         except np.linalg.LinAlgError as error:
             return faulty(rig, inspected, not_finite(rig, inspected, error))
+
+
+class _Undriven(Exception):
+    """A constant command does not move a machine so: what explains most, and the force that stays unknown (share)."""
 
 
 class _Course:
@@ -181,9 +189,15 @@ class _Course:
     def _at_rates(self, search: Search) -> Search:
         """The search at the rate of the motion; at faster ones where much force stays unknown."""
         while True:
+            now = search.now
+            if Seen(search.bench, self.records, self.every, now.rig, now.sizes).unlogged(now.rig):
+                self.search = search  # whatever would be found may be what is not in the log
+                return search
             if self.search is None and self.depth != NONE:
                 search.glance()
             self.search = search
+            if self.depth != NONE and all(np.ptp(r.u) == 0.0 for r in self.records):
+                self._moves_by_itself(search)
             if self.depth == FULL:
                 search.run()
             elif self.depth == QUICK:
@@ -195,6 +209,15 @@ class _Course:
             self.every = self._finer() if search.too_coarse else [1] * len(self.every)
             self.tell("looking closer, at a faster rate", 0.3)
             search = self._begun(self.records)
+
+    def _moves_by_itself(self, search: Search) -> None:
+        """Look for what explains most where no command drives; raises _Undriven where hardly anything does."""
+        search.most = 1
+        search.grow()
+        left, names = search.unknown(search.now), search.now.keys or ((search.likely,) if search.likely else ())
+        if left > UNDRIVEN and not search.too_coarse:
+            raise _Undriven(names, left)
+        search.most = MOST
 
     def _finer(self) -> list[int]:
         """A third of the samples for a reading, an odd number."""
@@ -277,7 +300,7 @@ class _Course:
         suspected = suspects_said(c, suspects(c)) if verdict == UNEXPLAINED else ""
         parts = (
             suspected, SEARCHED[depth], differences_said(c),
-            summary(verdict, named, moved, where, depth != NONE, much.enough),
+            summary(verdict, named, moved, where, depth != NONE, much.enough, c.seen.unlogged(c.model.rig)),
             explained_said(much, bool(named)), unknown_said(much), told.sentence if told else "",
             tolerances_said(c.beyond(), USUAL),
         )  # fmt: skip

@@ -31,6 +31,10 @@ PART_SAMPLES_MIN = 50
 SMOOTH = "The command is a measured signal: it passes smoothly through its samples instead of being held."
 AFTER = "What senses acceleration was read just after the command had stepped, not just before."
 
+STRAIGHT = "The command goes straight from each logged value to the next instead of being held."
+COURSES = (SMOOTH, AFTER, STRAIGHT)
+UNLOGGED = "what the command may have done between its logged values, which this log does not hold"
+
 UNCOMMANDED = "Nothing was commanded (u is 0): the state in which it begins is all that moves the machine."
 
 Mask = np.ndarray
@@ -44,7 +48,8 @@ class Record:
     the samples that are fitted to, and that are held out. from_s : time of its first sample since the recording began,
     s. recording, name : number, from 0, and name of the recording that it is or belongs to. at_once : (N,) the command
     that a sensor of acceleration shows; None: that which was held until then. columns : channel -> what it was read
-    from.
+    from. otherwise : (N,) the command as it may as well have been between its logged values; None where all of it was
+    logged.
     """
 
     sample_time_s: float
@@ -57,6 +62,7 @@ class Record:
     name: str = ""
     at_once: Floats | None = None
     columns: dict[str, Channel] = field(default_factory=dict)
+    otherwise: Floats | None = None
 
     @property
     def samples(self) -> int:
@@ -81,6 +87,7 @@ def records_of(
         Record(
             recording.sample_time_s, columns["u"][a:b], {c: v[a:b] for c, v in measured.items()}, mask[a:b], ~mask[a:b],
             float(recording.t_s[a] - recording.t_s[0]), number, columns=recording.columns,
+            otherwise=None if recording.straight is None else recording.straight[a:b],
         )
         for a, b in recording.stretches
     ]  # fmt: skip
@@ -160,9 +167,12 @@ def _end(values: Floats) -> int:
 
 def ways_to_read(records: list[Record], rig: Rig) -> dict[str, list[Record]]:
     """What is said -> the same records with another course of the command between its samples, where it matters."""
+    found = {}
+    if any(r.otherwise is not None for r in records):
+        found[STRAIGHT] = [r if r.otherwise is None else replace(r, u=r.otherwise, otherwise=r.u) for r in records]
     if rig.only("actuator") is None or not any(np.any(r.u) for r in records):
-        return {}
-    found = {SMOOTH: [replace(r, u=held_equivalent(r.u), at_once=r.u) for r in records]}
+        return found
+    found |= {SMOOTH: [replace(r, u=held_equivalent(r.u), at_once=r.u) for r in records]}
     if any(rig.sensors[c].quantity == "acceleration" for r in records for c in r.y if c in rig.sensors):
         found[AFTER] = [replace(r, at_once=r.u) for r in records]
     return found

@@ -18,6 +18,10 @@ from dtbacklash.diagnose.engine.zeros import zeroed
 from dtbacklash.diagnose.records import Record
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
+from dtbacklash.physics.simulate import simulate_roughly
+
+#: a free run that errs by less shows nothing: it may be what a sensor cannot resolve (times its noise)
+TIMES = 2.0
 
 NONE: Mapping[int, Rig] = {}
 
@@ -75,6 +79,22 @@ def predictor_of(rig: Rig, record: Record, every: int) -> Predictor:
     return Predictor(rig, Simulated(found))
 
 
+def _between(rig: Rig, s: Stretch) -> Floats:
+    """(m,) by how much each channel differs where a command comes early or late between its logged values, drawn.
+
+    It is off the straight line by as much as the held one is, to either side of it.
+    """
+    readings, record = s.predictor.readings, s.record
+    if record.otherwise is None:
+        return np.asarray(readings.noise)
+    held, straight = sorted((record.u, record.otherwise), key=lambda u: int(np.count_nonzero(np.diff(u))))
+    value = np.cumsum(np.diff(held, prepend=held[0]) != 0.0)
+    side = np.random.default_rng(0).choice((-1.0, 1.0), value[-1] + 1)[value]
+    ways = (straight, straight + side * (held - straight))
+    one, other = (simulate_roughly(rig, u[:-1], record.sample_time_s).sensors for u in ways)
+    return np.array([np.std(one[c] - other[c]) for c in readings.channels])
+
+
 class Seen:
     """All records, as rigs predict them at the gains of the last model."""
 
@@ -121,6 +141,21 @@ class Seen:
         others : recording -> the rig there instead.
         """
         return self._passes(rig, self._gains, others)
+
+    def errs_by_more(self, rig: Rig, most: list[Floats]) -> bool:
+        """Whether a free run errs by clearly more than some sizes, (m,) a stretch, in SI."""
+        errors = self.free(rig)
+        if errors is None:
+            return True
+        return any(bool((np.nanstd(e, axis=0) > TIMES * m).any()) for e, m in zip(errors, most, strict=True))
+
+    def unlogged(self, rig: Rig) -> bool:
+        """Whether a free run errs by about as much as what a command did between its logged values makes it err."""
+        noises = [s.predictor.readings.noise for s in self.stretches]
+        if all(s.record.otherwise is None for s in self.stretches) or not self.errs_by_more(rig, noises):
+            return False
+        most = [_between(rig, s) for s in self.stretches]
+        return self.errs_by_more(rig, [m / TIMES**2 for m in most]) and not self.errs_by_more(rig, most)
 
     def free(self, rig: Rig, others: Mapping[int, Rig] = NONE) -> list[Floats] | None:
         """The same of free runs."""

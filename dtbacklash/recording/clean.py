@@ -25,7 +25,7 @@ from dtbacklash.recording.pick import (
     without_command,
 )
 from dtbacklash.recording.refusal import CHANGE_MIN, VALUE_MAX, Refused
-from dtbacklash.recording.series import events, on_grid, own_paces, paces_said
+from dtbacklash.recording.series import events, on_grid, own_paces, paces_said, straight
 
 SAID = 3  # as many stretches are told one by one
 STEP_ASSUMED_MAX_S = 0.1  # nobody records a machine this slowly who does not say so: the unit of the time is wrong
@@ -36,7 +36,7 @@ class Clean:
     """What a recording holds, checked.
 
     stretches : half-open ranges of rows without a gap. assumed_units : channel -> unit it was read in, and who says so.
-    columns : channel -> what it was read from.
+    columns : channel -> what it was read from. straight : see :class:`.model.Recording`.
     """
 
     t_s: Floats
@@ -47,6 +47,7 @@ class Clean:
     assumed_units: dict[str, str]
     columns: dict[str, Channel]
     notes: list[str]
+    straight: Floats | None = None
 
 
 def clean(picked: Picked, rig: Rig | None, notes: list[str], command: str, sample_time_s: float | None) -> Clean:
@@ -78,6 +79,7 @@ def clean(picked: Picked, rig: Rig | None, notes: list[str], command: str, sampl
         filled = checks.fill(rows, grid.stamps_s, required, pieces)
         t_s, values, stretches = _on_grid(grid, filled)
         values |= {n: on_grid(n, own, t_s, grid.sample_time_s, command) for n, own in apart.items()}
+        seldom = straight(apart[COMMAND], t_s, grid.sample_time_s) if COMMAND in apart else None
         said = paces_said({n: own for n, own in apart.items() if n not in picked.channels}, grid.sample_time_s)
         idle = [] if command == NONE else checks.idle_command(values, picked.units[COMMAND])
         notes = idle + notes + picked.notes + said + grid.notes + filled.notes + _defects(values, t_s, stretches)
@@ -86,7 +88,15 @@ def clean(picked: Picked, rig: Rig | None, notes: list[str], command: str, sampl
         units = {name: picked.units[name] for name in values}
         assumed = {name: said for name, said in picked.assumed.items() if name in values or name == "t"}
     return Clean(
-        t_s, stretches, grid.sample_time_s, values, units, assumed, picked.columns, notes + unit_notes(assumed)
+        t_s,
+        stretches,
+        grid.sample_time_s,
+        values,
+        units,
+        assumed,
+        picked.columns,
+        notes + unit_notes(assumed),
+        seldom,
     )
 
 

@@ -48,6 +48,8 @@ class Recording:
     stretches : half-open ranges of samples without a gap, in their order; they hold all N. One if nothing is given.
     trust_units : whether a diagnosis takes the units as they are (:mod:`.wrong_units`).
     columns : name -> the column that it was read from, and how.
+    straight : (N,) the command if it goes straight from one logged value to the next, V, where it was logged more
+        seldom than the sensors; else None. ``channels["u"]`` is the command if each value is held.
     """
 
     name: str
@@ -67,6 +69,7 @@ class Recording:
     stretches: tuple[tuple[int, int], ...] = ()
     trust_units: bool = False
     columns: dict[str, Channel] = field(default_factory=dict)
+    straight: Floats | None = None
 
     def __post_init__(self) -> None:
         if not self.stretches:
@@ -117,7 +120,7 @@ class Recording:
         return cls(
             name, None, found.sample_time_s, found.t_s, found.channels, found.units, found.notes, command=command,
             assumed_units=found.assumed_units, stretches=found.stretches, trust_units=trust_units,
-            columns=found.columns,
+            columns=found.columns, straight=found.straight,
         )  # fmt: skip
 
     def to_frame(self) -> pd.DataFrame:
@@ -160,7 +163,8 @@ class Recording:
         channels = {name: values[start:stop] for name, values in self.channels.items()}
         ends = [(max(a, start) - start, min(b, stop) - start) for a, b in self.stretches]
         stretches = tuple((a, b) for a, b in ends if a < b)
-        return replace(self, t_s=self.t_s[start:stop], channels=channels, stretches=stretches)
+        straight = None if self.straight is None else self.straight[start:stop]
+        return replace(self, t_s=self.t_s[start:stop], channels=channels, stretches=stretches, straight=straight)
 
 
 def refined(recording: Recording, parts: int = 4) -> tuple[Floats, int]:

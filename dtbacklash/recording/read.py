@@ -153,4 +153,5 @@ def _read(
         stretches=found.stretches,
         trust_units=trust_units,
         columns=found.columns,
+        straight=found.straight,
     )

@@ -123,6 +123,15 @@ def on_grid(name: str, series: Series, t_s: Floats, step_s: float, command: str)
     return np.where(near, shown, np.nan)
 
 
+def straight(series: Series, t_s: Floats, step_s: float) -> Floats | None:
+    """(N,) a command that goes straight from each value to the next, where these are further apart than the samples.
+
+    Its value is that of the middle of the sample that begins at each time. None where the log has all of it.
+    """
+    seldom = float(np.median(np.diff(series.t_s))) > SLOW * step_s
+    return np.interp(t_s + 0.5 * step_s, series.t_s, series.values) if seldom else None
+
+
 def held_means(series: Series, t_s: Floats, step_s: float) -> Floats:
     """(N,) means, over the sample that begins at each time, of values that hold until the next one."""
     stamps, values = series

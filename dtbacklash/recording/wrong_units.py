@@ -113,10 +113,13 @@ def check_units(
     doubts = []
     for name, factor in off.items():
         blamed, by = _blamed(rig, name, factor, channels, sample_time_s, command, found, assumed)
-        looks = _looks(blamed, by, assumed.get(blamed) or _si(rig, blamed))
+        read, whole = assumed.get(blamed) or _si(rig, blamed), units.whole(_si(rig, blamed))
+        counts = by > SMALL and blamed != COMMAND and _are_whole(channels[blamed], read)
+        looks = _looks(blamed, found[blamed].factor if counts and blamed in found else by, read, counts)
         if max(factor, 1.0 / factor) > SMALL:
+            unit = f"{whole}/4096, for as many counts a {whole}," if counts else "UNIT,"
             raise Refused(
-                f"channel {blamed} looks to be in a wrong unit: {looks}; give recording.units.{blamed}=UNIT, or "
+                f"channel {blamed} looks to be in a wrong unit: {looks}; give recording.units.{blamed}={unit} or "
                 "recording.trust_units=true if they are right"
             )
         doubts.append(Doubt(blamed, looks))
@@ -164,12 +167,21 @@ def _explained(si: str, read: str, factor: float) -> bool:
     return min(sizes) < NEAR * abs(math.log(factor))
 
 
-def _looks(name: str, factor: float, read: str) -> str:
-    """How a channel looks beside what the command does."""
+def _are_whole(values: Floats, read: str) -> bool:
+    """Whether what was read in a unit was whole numbers, as a sensor's counts are."""
+    unit = units.find(read.partition(" (")[0])
+    raw = values / (unit.factor if unit else 1.0)
+    return bool(np.all(np.abs(raw - np.rint(raw)) < 1e-6 * np.maximum(1.0, np.abs(raw))))
+
+
+def _looks(name: str, factor: float, read: str, counts: bool) -> str:
+    """How a channel looks beside what the command does. counts : whether its values are whole numbers."""
     size = f"{factor:.4g} too large" if factor > 1 else f"{1 / factor:.4g} too small"
     said = f"it was read in {read}, and its values are about a factor {size} "
     if name == COMMAND:
         return said + "for what this rig does (as with mV, or counts of a converter, read as V)"
+    if counts:
+        return said + "for what the command u does to this rig, and whole numbers (as with counts of a sensor)"
     written = read.partition(" (")[0]
     per_read = (units.find(written) or units.Unit("", 1.0)).factor
     kind = units.of_kind((units.find(written) or units.Unit("", 1.0)).si)

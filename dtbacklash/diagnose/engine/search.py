@@ -44,6 +44,7 @@ class Search:
     nothing : the recalibrated rig. now : the best model so far.
     names : the same before a table was added. beaten : name -> models that were tried in its place.
     tried : names -> the least score that an exact fit with them had. likely : what a glance shows first.
+    most : so many names are looked for.
     differences : titles of what is free in each recording as the search found it to differ.
     """
 
@@ -51,6 +52,7 @@ class Search:
     rules: DiagnoseSettings = SETTINGS
     tell: Tell = lambda text, share: None
     finer: Callable[[Model], float] | None = None
+    most: int = MOST
     too_coarse: bool = False
     beaten: dict[Key, list[Model]] = field(default_factory=dict)
     tried: dict[tuple[Key, ...], float] = field(default_factory=dict)
@@ -270,7 +272,7 @@ class Search:
     def grow(self) -> None:
         """Add the best name or pair while one earns its place."""
         count, been = self.bench.count, set()
-        while len(self.now.keys) < MOST and frozenset(self.now.keys) not in been:
+        while len(self.now.keys) < self.most and frozenset(self.now.keys) not in been:
             been.add(frozenset(self.now.keys))
             self.look_at(self.now.sizes)
             there = len(self.now.keys)

@@ -1,5 +1,6 @@
 """What a diagnosis says of a recording that has a fault: where, what, how to mend it, and no physics."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from dtbacklash.diagnose.inspect.inspection import Fault, Inspected
 from dtbacklash.diagnose.records import Record, filled
 from dtbacklash.diagnose.result import UNEXPLAINED, Diagnosis, Located
 from dtbacklash.diagnose.shown import Curve, FitTable, ModelErrors, Shown
+from dtbacklash.diagnose.words import all_in_words
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 from dtbacklash.physics.simulate import simulate
@@ -56,6 +58,20 @@ def not_finite(rig: Rig, found: Inspected, error: Exception) -> Fault:
         SENSOR_PREFIX + channels[0], "The comparison of this recording with this rig does not stay finite",
         f"the nominal rig is so far from what was recorded that its fit breaks down ({str(error).rstrip('.')})",
         "Check units, signs and order of the channels and the rig's parameters, and diagnose again.",
+    )  # fmt: skip
+
+
+def undriven(rig: Rig, found: Inspected, likely: Sequence[tuple[str, str]], left: float) -> Fault:
+    """What is said where a machine moves as nothing does that a constant command drives. left : a share."""
+    channels = [n for n in rig.sensors if any(n in r.y for r in found.records)]
+    best = f", the likeliest included ({all_in_words(likely)})" if likely else ""
+    amplifier = rig.only("amplifier")
+    return Fault(
+        amplifier.name if amplifier else SENSOR_PREFIX + channels[0],
+        f"{' and '.join(channels)} {'moves' if len(channels) == 1 else 'move'} while the command is constant",
+        f"nothing that this rig may lack does that{best}: {'nearly all' if left > 1.0 else f'{100 * left:.0f} %'} of "
+        "the force that moves it stays unknown",
+        "Check that u is the command's column, and that nothing else moved the machine; diagnose again.",
     )  # fmt: skip
 
 

@@ -28,8 +28,8 @@ def names_the_recording(
             if error.key != "recording":
                 raise
             name = recording.name if isinstance(recording, Recording) else ", ".join(names_of(recording))
-            if not isinstance(recording, Recording) and str(error.value) in name:  # it says which one already
+            if error.value and str(error.value) in name:  # it says which one already
                 raise
-            raise UserError("recording", name, f"{error.value}: {error.allowed}") from error
+            raise UserError("recording", name, ": ".join(filter(None, (str(error.value), error.allowed)))) from error
 
     return named

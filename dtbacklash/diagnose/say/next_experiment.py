@@ -16,6 +16,8 @@ from dtbacklash.physics.simulate import simulate_roughly
 TOLD_APART_SHARE = 0.01
 DESIGN = "dtb design FOLDER, with the folder of this diagnosis, looks for the experiment that tells what is open apart."
 NOTHING = "Nothing is ambiguous in this recording; a second recording would confirm it."
+LOG_IT = "Log the command whenever it changes, or as often as the sensors: what is left then shows what it is."
+NOTHING_IN_ALL = "Nothing is ambiguous in these recordings, taken together."
 #: of the longest command, what is simulated (samples)
 SAMPLES = 20_000
 
@@ -26,9 +28,12 @@ def next_experiment(c: Conclusion, verdict: Verdict, where: Located | None) -> s
         (key, rival) for key in c.model.keys for rival in c.judged.rivals.get(key, ())
         if rival.keys and not rival.beaten
     ]  # fmt: skip
+    if c.seen.unlogged(c.model.rig):
+        return LOG_IT
     said = _where(c, where) if verdict == UNEXPLAINED and where is not None else ""
     if not said:
-        said = _told_apart(c, *pairs[0]) if pairs else NOTHING
+        alone = len({s.record.recording for s in c.seen.stretches}) == 1
+        said = _told_apart(c, *pairs[0]) if pairs else NOTHING if alone else NOTHING_IN_ALL
     return f"{said} {DESIGN}" if pairs else said
 
 

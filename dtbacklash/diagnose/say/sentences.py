@@ -10,6 +10,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.conclusion import Conclusion
 from dtbacklash.diagnose.engine.free import Key, taken_out, unit_of
 from dtbacklash.diagnose.named import Finding, Instead, Modelled, Recalibrated, Stands
+from dtbacklash.diagnose.records import UNLOGGED
 from dtbacklash.diagnose.result import CONSISTENT, PARAMETERS, UNEXPLAINED, Located, Verdict
 from dtbacklash.diagnose.several import Several, source_of
 from dtbacklash.diagnose.shown import Explained
@@ -120,10 +121,14 @@ def _how_busy(change: Floats) -> str:
 
 def summary(
     verdict: Verdict, findings: Sequence[Finding], recalibrated: dict[str, Recalibrated], located: Located | None,
-    looked: bool = True, enough: bool | None = None,
+    looked: bool = True, enough: bool | None = None, unlogged: bool = False,
 ) -> str:  # fmt: skip
-    """Two or three sentences. looked : whether physics was looked for. enough : whether what is left was called so."""
-    left = "what was called enough" if enough else "the sensors' noise"
+    """Two or three sentences.
+
+    looked : whether physics was looked for. enough : whether what is left was called so. unlogged : whether it may be
+    what a command did between its logged values.
+    """
+    left = "what was called enough" if enough else UNLOGGED if unlogged else "the sensors' noise"
     if verdict == CONSISTENT:
         return f"The recording agrees with the rig: what is left is {left}."
     names = ", ".join(f"{n} = {quantity(p.value, p.unit)}" for n, p in recalibrated.items())

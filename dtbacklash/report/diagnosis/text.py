@@ -6,6 +6,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from dtbacklash.diagnose.named import Calibration
+from dtbacklash.diagnose.records import COURSES
 from dtbacklash.diagnose.result import Diagnosis
 from dtbacklash.report.diagnosis.blocks import in_each
 from dtbacklash.report.diagnosis.words import causes, checks_said, error_text, heading, left, together
@@ -35,7 +36,7 @@ def lines(diagnosis: Diagnosis) -> list[RenderableType]:
     if diagnosis.calibration and not diagnosis.findings:
         told += _calibrated(diagnosis.calibration)
     told += ["", tables.of(rest)] if rest.rows else []
-    told += [_text(diagnosis.zeros)] if diagnosis.zeros else []
+    told += [_text(said) for said in (diagnosis.zeros, *(n for n in diagnosis.notes if n in COURSES)) if said]
     ends = [
         [one.name, *(error_text(e, diagnosis.fit.metric) for e in (one.held_out.nominal, one.held_out.extended))]
         for one in diagnosis.recordings if one.held_out

@@ -169,6 +169,16 @@ def test_the_channel_that_is_wrong_is_blamed(recorded, spoilt, factor, blamed):
             check_units(case.rig, {**channels, spoilt: factor * channels[spoilt]}, 1e-3, "held", read)
 
 
+def test_whole_numbers_are_counts(recorded):
+    case = by_name(recorded, "motor, plain")
+    u, theta = (case.frame[n].to_numpy() for n in ("u", "theta"))
+    counts = np.round(4096 / (2 * np.pi) * theta)
+    with pytest.raises(Refused, match=r"counts of a sensor.*recording.units.theta=rev/4096, for as many counts a rev"):
+        check_units(case.rig, {"u": u, "theta": counts}, 1e-3, "held", {"theta": "rad (assumed)"})
+    with pytest.raises(Refused, match="as with mrad"):
+        check_units(case.rig, {"u": u, "theta": counts + 0.25}, 1e-3, "held", {"theta": "rad (assumed)"})
+
+
 def test_what_physics_could_do_is_a_doubt(recorded):
     """Revolutions read as radians: a motor whose amplifier is clipped moves as little."""
     case = by_name(recorded, "motor, plain")
