@@ -128,7 +128,10 @@ def _grid(picked: Picked, sample_time_s: float | None) -> timebase.Grid:
         if not 0.0 < step < np.inf:
             raise UserError("recording.sample_time_s", step, "must be positive s")
         return timebase.constant_step(len(next(iter(picked.channels.values()))), step)
-    raise Refused("has no time column: add a column t [s], or give recording.sample_time_s=SECONDS")
+    raise Refused(
+        "has no time column: call it t [s], or name it in a mapping (time: COLUMN), or give "
+        "recording.sample_time_s=SECONDS"
+    )
 
 
 def _on_grid(

@@ -7,6 +7,7 @@ is, in this order: what ``units=`` says, what the mapping says, what the header 
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping as Dict
 from dataclasses import dataclass, field, replace
@@ -148,15 +149,13 @@ class _Names:
                 f"column {column} is in {text}: say how large one is, as units={{{channel}: {whole}/4096}} for 4096 of "
                 f"them per {whole}; in a mapping `unit: {counts}`, in the rig's sensor `recorded_in: {counts}`"
             )
-        if unit is None:
-            raise Refused(f"column {column} is in {text}, which is no known unit; give units={{{channel}: UNIT}}")
-        wanted = self.si(channel, text)
-        if unit.si not in wanted:
-            line = f"{channel}: {{column: {column}, scale: 0.5, unit: {wanted[0]}}}"
-            raise Refused(
-                f"column {column} is in {text} ({who}), and {channel} is measured in {wanted[0]}; where 1 {text} "
-                f"stands for 0.5 {wanted[0]}, a mapping says so with `{line}`"
-            )
+        wanted, give = self.si(channel, text), f"units={{{channel}: UNIT}}"
+        if unit is None or unit.si not in wanted:
+            si, key, name = wanted[0], "time" if channel == TIME else channel, json.dumps(column, ensure_ascii=False)
+            why = f" ({who}), and {channel} is measured in {si}" if unit else f", which is no known unit; give {give}"
+            line = f"`{key}: {{column: {name}, scale: 0.5, unit: {si}}}`"
+            mend = f"; where 1 {text} stands for 0.5 {si}, a mapping says so with {line}" if si else ""
+            raise Refused(f"column {column} is in {text}{why}{mend}")
         return unit, f"{text} ({who})"
 
     def overruled(self, channel: str, written: str, who: str) -> list[str]:
@@ -189,17 +188,16 @@ def plain(table: Table, rig: Rig | None, given: Dict[str, str]) -> Picked:
         if head is None or (head.channel == TIME and name != timed):
             unused.append(name)
             continue
-        if column.values is None:
-            raise Refused(f"column {name} {column.unusable}")
+        values = _numbers(table, name, picked)
         channel = head.channel
         if channel in taken:
             raise _two(channel, taken[channel], name)
         taken[channel] = name
         unit, picked.assumed[channel] = names.settle(name, channel, head.written)
         picked.notes += names.overruled(channel, head.written, HEADER)
-        raw[channel] = column.values
+        raw[channel] = values
         picked.columns[channel] = Channel(name)
-        picked.put(channel, column.values * unit.factor, unit.si, _clock(table, column, picked))
+        picked.put(channel, values * unit.factor, unit.si, _clock(table, column, picked))
     for name in unused:  # a bare x1 beside x1 [mm]: which of them is meant is not for us to say
         bare = name.rpartition(".")[2].strip()
         if bare in taken and bare != TIME:
@@ -277,8 +275,7 @@ def mapped(table: Table, mapping: Mapping, part: str, rig: Rig | None, given: Di
     time = mapping.time or _obvious(table, names, mapping)
     for name, channel in {**({TIME: time} if time else {}), **mapping.channels}.items():
         found = _find(table, channel.column, mapping)
-        column = table.columns[found]
-        assert column.values is not None
+        column, values = table.columns[found], _numbers(table, found, picked)
         if channel.si:  # a factor straight to SI, in a unit of the mapping's own
             unit, picked.assumed[name] = units.Unit(channel.si, 1.0), f"{channel.si} ({MAPPED})"
         else:
@@ -294,9 +291,7 @@ def mapped(table: Table, mapping: Mapping, part: str, rig: Rig | None, given: Di
                 )
         picked.columns[name] = replace(channel, column=found)
         clock = None if time else _clock(table, column, picked)
-        picked.put(
-            name, _scaled(column.values[rows], channel, unit.factor), unit.si, None if clock is None else clock[rows]
-        )
+        picked.put(name, _scaled(values[rows], channel, unit.factor), unit.si, None if clock is None else clock[rows])
     return picked
 
 
@@ -323,9 +318,17 @@ def _find(table: Table, name: str, mapping: Mapping) -> str:
     if found is None:
         known = ", ".join(list(table.columns)[:12])
         raise Refused(f"has no column {name}, which the mapping {mapping.name} needs; it has {known}")
-    if table.columns[found].values is None:
-        raise Refused(f"column {found} {table.columns[found].unusable}")
     return found
+
+
+def _numbers(table: Table, name: str, picked: Picked) -> Floats:
+    """The numbers of a column that is a channel; texts in their place are missing values (raises Refused)."""
+    column = table.columns[name]
+    if column.values is None:
+        raise Refused(f"column {name} {column.unusable}")
+    if column.unusable not in ("", EMPTY):
+        picked.notes.append(f"Column {name} {column.unusable}: missing values.")
+    return column.values
 
 
 def without_command(picked: Picked) -> None:

@@ -12,11 +12,15 @@ from dataclasses import dataclass, field
 from dtbacklash import units
 from dtbacklash.recording import heads
 
-_NAMES = re.compile(r"((signal|channel|kanal)?[ _]*(name|label|variable)s?|signal|channel|kanal)\W*", re.IGNORECASE)
-_UNITS = re.compile(r"(.*[\W_])?(units?|einheit(en)?)([\W_].*)?", re.IGNORECASE)
-_STEP = re.compile(
-    r"(delta[ _]?x|x?[ _]?increment|sampl(e|ing)[ _]?(time|interval|period)|abtastzeit|dt)\b.*", re.IGNORECASE
+_NAMES = re.compile(
+    r"((signal|channel|kanal|trace)?[ _]*(name|label|variable)s?|signal|channel|kanal)\W*", re.IGNORECASE
 )
+_UNITS = re.compile(r"(.*[\W_]|[vy])?(units?|einheit(en)?)([\W_].*)?", re.IGNORECASE)
+_STEP = re.compile(
+    r"(delta[ _]?x|x?[ _]?increment|[hx]_?resolution|sampl(e|ing)[ _]?(time|interval|period)|abtastzeit|dt)\b.*",
+    re.IGNORECASE,
+)
+_STEP_UNIT = re.compile(r"[hx][ _]?units?", re.IGNORECASE)
 _RATE = re.compile(
     r"(?:sampl\w*[ _]?(?:rate|frequency)|abtastrate)\W+(\d+\.?\d*(?:e[+-]?\d+)?)\s*(k?)Hz", re.IGNORECASE
 )
@@ -24,6 +28,8 @@ _RATE = re.compile(
 _LIKE_UNIT = re.compile(
     r"[\[({<].*[\])}>]|-|%|[°µ\w]{1,3}|counts?|digits?|inkremente?|increments?|ticks|sequence", re.IGNORECASE
 )
+#: how the values of a column are kept, in a line below its name
+_TYPE = re.compile(r"f[48]|[iu][1248]|u?int\d*|l?real|float\d*|double|single|bool(ean)?|number|numeric", re.IGNORECASE)
 _BRACKETS = "[](){}<> "
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")
 
@@ -48,7 +54,9 @@ def understood(rows: list[list[str]], width: int, decimal: str) -> Preamble:
     found = Preamble([], [""] * width, [-1] * width)
     if rate and float(rate[1]) > 0.0:
         found.step_s = 1.0 / (float(rate[1]) * (1e3 if rate[2] else 1.0))
-    rows = [row for row in rows if len(row) > 1]
+    rows = [
+        row for row in rows if len(row) > 1 and not all(map(_TYPE.fullmatch, row)) and not _STEP_UNIT.fullmatch(row[0])
+    ]
     named: list[str] = []
     keyed = False
     for row, above in zip(reversed(rows), [*reversed(rows[:-1]), []], strict=False):
@@ -66,6 +74,7 @@ def understood(rows: list[list[str]], width: int, decimal: str) -> Preamble:
         named = ["t", *named[1:]]
     found.spare = [name for name in named[width:] if name]
     found.names = [*named[:width], *[""] * (width - len(named))]
+    found.units = [u if u.lower() != n.lower() else "" for u, n in zip(found.units, found.names, strict=True)]
     _name_clocks(found, rows)
     return found
 
@@ -75,7 +84,8 @@ def _are_units(row: list[str], above: list[str], decimal: str) -> bool:
     filled = [text for text in row if text and _number(text, decimal) is None]
     known = sum(units.find(text.strip(_BRACKETS)) is not None for text in filled)
     like = all(units.find(text) or _LIKE_UNIT.fullmatch(text) for text in filled)
-    named = any(text.lower() in ("t", "u", "time", "zeit") for text in filled)
+    own = [text for k, text in enumerate(row) if text and [text.lower()] != [one.lower() for one in above[k : k + 1]]]
+    named = any(text.lower() in ("t", "u", "time", "zeit") for text in own)
     return sum(map(bool, above)) > 1 and not named and known > 0 and (2 * known >= len(filled) or like)
 
 

@@ -13,7 +13,7 @@ HOUR_S, DAY_S = 3600.0, 86400.0
 STAMP = re.compile(
     r"(?:(?:(?P<iso>\d{4}[-/.]\d{1,2}[-/.]\d{1,2})|(?P<german>\d{1,2}\.\d{1,2}\.\d{2,4})|(?P<us>\d{1,2}/\d{1,2}/\d{2,4})"
     r"|(?P<named>\d{1,2}[- ][A-Za-z]{3}[- ]\d{2,4})|(?P<compact>\d{8}(?=T\d)))(?:T|,?\s+))?"
-    r"(?:(?P<h>\d{1,2}):\d{2}(?::\d{1,2}(?:[.,:]\d*)?)?|(?P<m2>\d{1,2}):\d{2}[.,]\d+|(?<=T)(?P<h3>\d{2})\d{4}(?:[.,]\d*)?)"
+    r"(?:(?P<h>\d{1,3}):\d{2}(?::\d{1,2}(?:[.,:]\d*)?)?|(?P<m2>\d{1,2}):\d{2}[.,]\d+|(?<=T)(?P<h3>\d{2})\d{4}(?:[.,]\d*)?)"
     r"\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|UTC|[+-]\d{2}:?\d{2})?"
 )
 #: the fields of a date, of a time of day, of a time in the hour, and of those without separators, in their order
@@ -44,7 +44,9 @@ def seconds(values: object) -> Floats | None:
     form, turn = _form(first)
     if first["half"]:
         filled = filled.str.replace(".m", "m", case=False).str.rstrip(".")
-    ways = (_read(filled, one) for one in dict.fromkeys([form, form.replace("%m/%d", "%d/%m")]))
+    ways = [_read(filled, one) for one in dict.fromkeys([form, form.replace("%m/%d", "%d/%m")])]
+    if turn == DAY_S and ways[0].isna().any():  # more than a day
+        ways = [pd.to_timedelta(filled.str.replace(",", "."), errors="coerce")]
     whole = [stamps for stamps in ways if not stamps.isna().any()]
     if not whole:
         return None

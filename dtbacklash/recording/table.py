@@ -13,6 +13,7 @@ from dtbacklash.recording import heads
 from dtbacklash.recording.stamps import DAY_S
 
 LABELS_MAX = 100  # different signals in a log that has a row for each message
+_UNIT = re.compile(r"_?(units?|einheit)", re.IGNORECASE)
 _LABEL = re.compile(r".*(name|signal|topic|field|channel|variable|tag|key|message|id)", re.IGNORECASE)
 _VALUE = re.compile(r"_?(value|wert|data|phys(ical)?[ _]?value)s?\b.*", re.IGNORECASE)
 _CLOCK_OF = re.compile(
@@ -31,7 +32,7 @@ class Column:
     """A column of numbers, or of something else.
 
     values : (N,) numbers; None where it holds something else. unit : as the file states it. clock : the column of its
-    times; empty: that of all. unusable : why it holds no numbers ("is complex"); matters only where it is a channel.
+    times; empty: that of all. unusable : why it holds no numbers, or not all ("is complex"); matters only in a channel.
     labels : (N,) texts of a column of texts.
     """
 
@@ -95,6 +96,7 @@ def with_clocks(table: Table) -> Table:
             s, ns = table.columns[whole].values, table.columns[lower[name]].values
             if s is not None and ns is not None:
                 table.columns[whole] = Column(s - s[0] + 1e-9 * ns, "s")
+    _add_milliseconds(table, next((lower[n] for n in ("ms", "msec", "millisecond", "milliseconds") if n in lower), ""))
     for name, column in table.columns.items():
         of = _CLOCK_OF.fullmatch(name)
         signal = table.columns.get((of[1] or of[2]) if of else "")
@@ -110,6 +112,17 @@ def with_clocks(table: Table) -> Table:
         column.clock = ""
     table.columns = {"t": table.columns[first], **columns}
     return table
+
+
+def _add_milliseconds(table: Table, name: str) -> None:
+    """Put a column of milliseconds, 0 to 999, and one of whole seconds beside it together."""
+    ms = table.columns[name].values if name else None
+    whole = [c for n, c in table.columns.items() if n != name and heads.is_time(n) and c.unit == "s"]
+    t = whole[0].values if whole else None
+    if ms is None or t is None or not np.all((ms == ms // 1.0) & (ms >= 0.0) & (ms < 1e3)) or np.any(t % 1.0):
+        return
+    whole[0].values = t + 1e-3 * ms
+    del table.columns[name]
 
 
 def _date(name: str, column: Column) -> None:
@@ -130,8 +143,10 @@ def _spread(table: Table) -> None:
         if column.labels is None or not _LABEL.fullmatch(name):
             continue
         codes, labels = pd.factorize(column.labels)
+        units = next((c.labels for n, c in table.columns.items() if _UNIT.fullmatch(n) and c.labels is not None), None)
         for code, label in enumerate(labels) if 1 < len(labels) <= LABELS_MAX else ():
-            table.columns.setdefault(str(label), Column(np.where(codes == code, values[0], np.nan)))
+            unit = "" if units is None else str(units[codes == code].fillna("").iloc[0])
+            table.columns.setdefault(str(label), Column(np.where(codes == code, values[0], np.nan), unit))
     t = next((c.values for name, c in table.columns.items() if heads.is_time(name) and c.values is not None), None)
     if t is not None and np.any(np.diff(t) < 0.0) and len(table.columns) > count:  # one signal after the other
         order = np.argsort(t, kind="stable")

@@ -176,12 +176,14 @@ def _json(content: bytes) -> Table:
     if isinstance(data, list):
         data = {"data": data}
     names = data.get("columns")
-    rows = data.get("data")
+    rows = data.get("data", data.pop("rows", None))
     if isinstance(names, dict):  # {"columns": {"t": [...], ...}}
         return from_arrays(_flat({**data, **names}))
     if isinstance(rows, list) and rows and isinstance(rows[0], dict):
+        import pandas as pd
+
         rest = {key: value for key, value in data.items() if key not in ("data", "columns")}
-        return from_arrays(_flat({**rest, **{key: [row.get(key) for row in rows] for key in rows[0]}}))
+        return from_arrays({**_flat(rest), **{str(n): c for n, c in pd.json_normalize(rows).items()}})
     table = from_arrays(_flat({key: value for key, value in data.items() if key not in ("data", "columns")}))
     if isinstance(rows, dict):
         return from_arrays(_flat({**table.constants, **rows}))

@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 import pandas as pd
 
+from dtbacklash import units
 from dtbacklash.arrays import Floats
 from dtbacklash.recording import heads, preamble, stamps
 from dtbacklash.recording.channels import runs
@@ -22,10 +23,12 @@ from dtbacklash.recording.table import EMPTY, Column, Table, since_1970
 log = logging.getLogger(__name__)
 
 NUMBER, STAMP, TEXT = "number", "stamp", "text"
-COMMENTS = ("#", "%", "//")
+COMMENTS = ("#", "%", "//", "*", "!")
 HEAD_LINES = 400  # a preamble longer than this is not looked for
 FEW = 0.05  # of the lines with so many fields: a column that is filled in fewer decides nothing
+ODD = 0.05  # of a column's rows that may hold a text in place of a number: a reading that failed
 PAUSE = 100.0  # samples between two parts of a log whose clock begins anew
+COUNTERS, OVER_STEPS = (2.0**16, 2.0**32), 10.0  # a counter of so many bits runs over, from one sample to the next
 CLOCK_MIN = 2.0**53  # whole numbers beyond are nanoseconds of a clock, which count from the first on
 MANY = 2_000_000  # rows from which it is said beforehand what they cost
 READ_S, READ_GB = 3e-6, 1.5e-7  # what a row takes to read, and a value in memory (measured on 10^6 rows)
@@ -51,13 +54,16 @@ _VALUE = re.compile(
     rf"{preamble.NUMBER.pattern}|[+-]?(inf|infinity)|" + "|".join(re.escape(word) for word in MISSING if word),
     re.IGNORECASE,
 )
+_QUANTITY = re.compile(rf"({preamble.NUMBER.pattern})\s*([^\W\d]\D*|°|µ\D+)")
 #: digits in groups of three, which no decimal sign explains: 1,234.5 or 1,234,567 (for a point as decimal sign)
 _GROUPED = re.compile(r"[+-]?\d{1,3}(([,' \u00a0\u2009\u202f]\d{3})+\.\d*|([,' \u00a0\u2009\u202f]\d{3}){2,})")
 #: whole numbers in groups of three, and those that need none
 _WHOLE, _SHORT = re.compile(r"[+-]?[1-9]\d{0,2}([.,]\d{3})+"), re.compile(r"[+-]?\d{1,3}")
 _GROUPS = re.compile(r"(?<=\d)[,' \u00a0\u2009\u202f](?=\d{3})")
-_LABEL = re.compile(r"(?<!\w)([A-Za-z_]\w*)[:=][ \t]*")
-_LABELLED = re.compile(rf"\s*({_LABEL.pattern}{preamble.NUMBER.pattern}[,;\s]*){{2,}}")
+_PAIR = re.compile(
+    rf"(?<!\w)([A-Za-z_]\w*)\s*[:=]\s*\"?({preamble.NUMBER.pattern})\"?(?:\s?([A-Za-z°µ%/]+)(?!\s*[\w.:=])|(?![\w.]))"
+)
+_BEFORE = re.compile(rf"{stamps.STAMP.pattern}|{preamble.NUMBER.pattern}")
 _BEFORE_BRACKET = re.compile(r"\s+(?=[\[({<])")
 _POINT = str.maketrans(".,", ",.")
 
@@ -85,7 +91,10 @@ def read(content: bytes, rows: tuple[int, int] | None = None) -> Table:
     if table.numbered:
         head.names = [str(j) for j in range(width)]
     columns = {j: _column(frame[j], decimal) for j in range(width) if head.names[j] or _filled(frame[j])}
-    _cut_texts(table, columns, frame, decimal)
+    frame = _cut_texts(table, columns, frame, decimal)
+    for j, column in columns.items():
+        if column.values is None:
+            columns[j] = _column(frame[j], decimal, ODD)
     _shift(head, columns, width)
     for j, column in columns.items():
         column.unit = head.units[j] or column.unit
@@ -136,13 +145,28 @@ def _decoded(content: bytes) -> str:
 
 
 def _unlabelled(whole: str) -> str:
-    """The text with the names of its values in a head, where each value has its own before it: ``t:0.1,u:2``."""
+    """The text with the names of its values in a head, where each value has its own before it: ``t:0.1,u=2 V``.
+
+    What stands before the first name is the time, if it is a number or a stamp, also before an arrow.
+    """
     lines = whole.split("\n", HEAD_LINES)[:HEAD_LINES]
-    labelled = [line for line in lines if _LABELLED.fullmatch(line)]
-    if not labelled or 2 * len(labelled) < len(lines):
+    if 2 * sum(" -> " in line for line in lines) > len(lines):
+        return whole.replace(" -> ", "," if "," in lines[-1] else "\t" if "\t" in lines[-1] else " ")
+    found = [pairs for line in lines if len(pairs := _PAIR.findall(line)) > 1]
+    if 2 * len(found) < len(lines) or not found:
         return whole
-    rows = (_LABEL.sub(" ", line).replace(",", " ").split() for line in whole.split("\n") if _LABELLED.fullmatch(line))
-    return "\n".join(map(",".join, [_LABEL.findall(labelled[-1]), *rows]))
+    names = [name for name, *_ in found[-1]]
+    heads_ = [f"{name} [{unit}]" if units.find(unit) else name for name, *_, unit in found[-1]]
+    timed = not any(map(heads.is_time, names))
+    rows = [",".join(["t", *heads_] if timed else heads_)]
+    for line in whole.split("\n"):
+        pairs = _PAIR.findall(line)
+        if [name for name, *_ in pairs] == names:
+            before = _BEFORE.search(line[: line.index(names[0])]) if timed else None
+            rows.append(
+                ",".join([*([before[0] if before else ""] if timed else []), *(value for _, value, *_ in pairs)])
+            )
+    return "\n".join(rows)
 
 
 def _fields(line: str, delimiter: str) -> list[str]:
@@ -158,7 +182,9 @@ def _fields(line: str, delimiter: str) -> list[str]:
 def _is_number(field: str, decimal: str) -> bool:
     if decimal == ",":
         field = field.translate(_POINT)
-    return _VALUE.fullmatch(field) is not None or _GROUPED.fullmatch(field) is not None
+    said = _QUANTITY.fullmatch(field)  # 3.2 V
+    unit = units.find(said.groups()[-1]) if said else None
+    return unit is not None or _VALUE.fullmatch(field) is not None or _GROUPED.fullmatch(field) is not None
 
 
 def _skipped(line: str) -> bool:
@@ -183,7 +209,9 @@ def _dialect(lines: list[str]) -> tuple[str, str, int, int, int]:
         score = len(good) - kinds.count(TEXT)
         if len(good) < 2 or NUMBER not in kinds or (best is not None and score <= best[0]):
             continue
-        begins = ((k, _begins(fields, good, width, decimal)) for k, fields in split.items())
+        keyed = kinds[0] == "" and 1 in good  # a key there has its value among the numbers
+        rest = {k: fields for k, fields in split.items() if not (keyed and fields[0])}
+        begins = ((k, _begins(fields, good, width, decimal)) for k, fields in rest.items())
         first = next((k for (k, one), (_, next_one) in pairwise(begins) if one and next_one), None)
         if first is not None:
             sign = decimal.translate(_POINT) if _groups_whole(columns, decimal) else decimal
@@ -238,8 +266,8 @@ def _filled(column: pd.Series) -> bool:
     return bool(column.notna().any())
 
 
-def _column(column: pd.Series, decimal: str) -> Column:
-    """A column of numbers or stamps; else a phrase says what it holds instead."""
+def _column(column: pd.Series, decimal: str, odd: float = 0.0) -> Column:
+    """A column of numbers or stamps; else a phrase says what it holds instead. odd : share that may be texts."""
     if not _filled(column):
         return Column(np.full(len(column), np.nan), unusable=EMPTY)
     if column.dtype != object and pd.api.types.is_numeric_dtype(column):
@@ -252,8 +280,13 @@ def _column(column: pd.Series, decimal: str) -> Column:
     numbers, bad = _numbers(column, decimal)
     if not len(bad):
         return Column(numbers)
+    quantities = _quantities(column, decimal)
+    if quantities is not None:
+        return quantities
     times = f"{len(bad)} time{'s' if len(bad) > 1 else ''}"
     why = f"holds text ({str(column.iloc[bad[0]])[:30]!r}) in row {bad[0] + 1} of the numbers, {times}"
+    if len(bad) <= odd * len(column):
+        return Column(numbers, unusable=why)
     return Column(unusable=why, labels=column.astype("string").str.strip() if 2 * len(bad) > len(column) else None)
 
 
@@ -272,8 +305,21 @@ def _numbers(column: pd.Series, decimal: str) -> tuple[Floats, np.ndarray]:
     return numbers.to_numpy(dtype=float, na_value=np.nan), bad
 
 
-def _cut_texts(table: Table, columns: dict[int, Column], frame: pd.DataFrame, decimal: str) -> None:
-    """Leave out lines of text between or below the numbers; where they stand, the log may have begun anew.
+def _quantities(column: pd.Series, decimal: str) -> Column | None:
+    """A column of numbers that have their unit behind them, in the unit of the first: 900 mV, 1.1 V; else None."""
+    parts = column.astype("string").str.extract(r"^\s*(.*?[\d.,])\s*([^\d\s.,].*?)\s*$")
+    factors = {text: units.find(text) for text in parts[1].dropna().unique()}
+    kinds = {unit.si if unit else "" for unit in factors.values()}
+    if len(kinds) != 1 or "" in kinds or parts[1].notna().sum() < column.notna().sum():
+        return None
+    first = next(iter(factors))
+    numbers, bad = _numbers(parts[0], decimal)
+    per = parts[1].map({text: units.per_si(first) * unit.factor for text, unit in factors.items() if unit})
+    return None if len(bad) else Column(numbers * per.to_numpy(dtype=float, na_value=np.nan), first)
+
+
+def _cut_texts(table: Table, columns: dict[int, Column], frame: pd.DataFrame, decimal: str) -> pd.DataFrame:
+    """The rows without lines of text between or below the numbers; where they stand, the log may have begun anew.
 
     They are known by the first column that holds numbers otherwise.
     """
@@ -281,7 +327,7 @@ def _cut_texts(table: Table, columns: dict[int, Column], frame: pd.DataFrame, de
     mostly = [j for j, column in columns.items() if column.unusable != EMPTY
               and (j not in texts or 2 * np.isfinite(texts[j][0]).sum() > len(frame))]  # fmt: skip
     if not mostly or mostly[0] not in texts:
-        return
+        return frame
     lines, odd = np.zeros(len(frame), dtype=bool), np.zeros(len(frame), dtype=bool)
     lines[texts[mostly[0]][1]] = True
     for _, bad in texts.values():
@@ -289,29 +335,43 @@ def _cut_texts(table: Table, columns: dict[int, Column], frame: pd.DataFrame, de
     for start, stop in runs(odd):  # a head in between holds numbers as well
         lines[start:stop] |= lines[start:stop].any()
     keep = ~lines
+    frame = frame[keep].reset_index(drop=True)
     for j, column in columns.items():
         if column.unusable != EMPTY:
-            columns[j] = _column(frame[j][keep].reset_index(drop=True), decimal)
+            columns[j] = _column(frame[j], decimal)
     count = int(lines.sum())
     table.starts = tuple(np.unique((np.cumsum(keep))[lines]).tolist())
     table.notes.append(f"{count} line{'s' if count > 1 else ''} of text between or below the numbers left out.")
+    return frame
 
 
 def _follow_on(table: Table) -> None:
-    """Let a part of a log whose clock began anew follow on the one before, after a gap."""
+    """Let a part of a log whose clock began anew follow on the one before, after a gap.
+
+    A clock begins anew where it goes back behind a line of text, or to its first value. A counter runs over at once.
+    """
     clocks = {column.clock for column in table.columns.values()}
     timed = [name for name, c in table.columns.items() if c.values is not None and c.unusable != EMPTY
              and (name in clocks or heads.is_time(name))]  # fmt: skip
     if table.starts and "dt" in table.constants and not timed:
         parts = np.searchsorted(table.starts, np.arange(table.rows), "right") - (table.starts[0] == 0)
         table.add("t", Column(table.constants["dt"] * (np.arange(table.rows) + PAUSE * parts), "s"))
-    for name in timed if table.starts else ():
-        t = table.columns[name].values
-        assert t is not None
-        gap = PAUSE * float(np.nanmedian(np.abs(np.diff(t))))
-        for start in table.starts:
-            if 0 < start < len(t) and t[start] <= t[start - 1]:
-                t[start:] += t[start - 1] - t[start] + gap
+    alone = all(column.labels is None for column in table.columns.values())  # no signal behind another one
+    for name in timed:
+        raw = table.columns[name].values
+        assert raw is not None
+        t = table.columns[name].values = raw.copy()
+        steps = np.diff(raw)
+        usual = float(np.nanmedian(np.abs(steps))) if len(steps) else 0.0
+        with np.errstate(over="ignore"):
+            near = np.abs(raw - raw[:1]) <= 2.0 * usual
+        for k in np.flatnonzero(steps < 0.0) + 1:
+            over = [size for size in COUNTERS if abs(steps[k - 1] + size - usual) < OVER_STEPS * usual]
+            if over:  # it ran over
+                t[k:] += over[0]
+            elif k in table.starts or (alone and -steps[k - 1] > PAUSE * usual and near[k]):
+                t[k:] += t[k - 1] - t[k] + PAUSE * usual
+                table.notes.append(f"{name} begins anew in row {k + 1} of the numbers: a part of its own.")
 
 
 def _shift(head: Preamble, columns: dict[int, Column], width: int) -> None:

@@ -147,8 +147,9 @@ BAD = {
     "two rows": (lambda f: f.head(2).to_csv(index=False).encode(), "2 samples, at least 100"),
     "a head alone": (lambda f: f.head(0).to_csv(index=False).encode(), "holds no table of numbers"),
     "no header": (lambda f: f.to_csv(index=False, header=False).encode(), "has no header"),
-    "text among numbers": (lambda f: as_bytes("csv", f.astype({"q3": object}).replace({"q3": {f.q3[41]: "over"}})),
-                           "column q3 holds text ('over') in row 42"),
+    "text among numbers": (
+        lambda f: as_bytes("csv", f.astype({"q3": object}).replace({"q3": dict.fromkeys(f.q3[41:400], "over")})),
+        "column q3 holds text ('over') in row 42"),
     "lines of different lengths": (ragged, "lines of different lengths"),
 }  # fmt: skip
 

@@ -151,6 +151,45 @@ KINDS = {
     "message bus, sec and nanosec": (bus(True), None, 0.1),
     "simulation, events on its grid": (simulated(False), None, 1.0),
     "simulation, events in between": (simulated(True), None, 0.9),
+    "units behind the values": (
+        table(";", heads=("t", "u", "theta"), columns=(
+            [f"{1e3 * t:.6g} ms" for t in T], [f"{1e3 * u:.9g}mV" if abs(u) < 0.5 else f"{u:.9g}V" for u in U],
+            [f"{x:.9g} rad" for x in THETA])), None, 1.0),
+    "a row for each value, with its unit": (
+        "Time;Signal;Value;Unit\n" + "".join(f"{t:.6f};u;{u:.9g};V\n{t:.6f};theta;{np.rad2deg(x):.9g};deg\n"
+                                             for t, u, x in zip(T, U, THETA, strict=True)), None, 1.0),
+    "a name and a unit with each value": (
+        "".join(f"t={t:.6f}s, u={u:.9g}V, theta={x:.9g} rad\n" for t, u, x in zip(T, U, THETA, strict=True)),
+        None, 1.0),
+    "lines of a program": (
+        "".join(f"INFO [{t:.6f}] control: u={u:.9g} theta={x:.9g}\n" for t, u, x in zip(T, U, THETA, strict=True)),
+        None, 1.0),
+    "attributes of XML": (
+        "".join(f'<s t="{t:.6f}" u="{u:.9g}" theta="{x:.9g}"/>\n' for t, u, x in zip(T, U, THETA, strict=True)),
+        None, 1.0),
+    "a serial monitor": (
+        "".join(f"{s[11:23]} -> {u:.9g},{x:.9g}\n" for s, u, x in zip(STAMPS, U, THETA, strict=True)), BY_NUMBER, 1.0),
+    "how each column is kept": ("time;u;theta\ns;V;rad\nf8;f8;f8\n" + table(";", heads=()), None, 1.0),
+    "lines of JSON, nested": (
+        "".join(f'{{"ts": {t:.6f}, "cmd": {{"u": {u:.9g}}}, "joint": {{"theta": {x:.9g}}}}}\n'
+                for t, u, x in zip(T, U, THETA, strict=True)), None, 1.0),
+    "JSON, rows beside their names": (
+        f'{{"columns": ["t", "u", "theta"], "rows": {np.column_stack([T, U, THETA]).tolist()}}}', None, 1.0),
+    "more than a day": (
+        table(heads=("Elapsed", "u", "theta"), columns=([f"25:00:{t:06.3f}" for t in T], U, THETA)), None, 1.0),
+    "readings that failed": (
+        table(columns=(T, U, ["OVER" if k % 97 == 50 else f"{x:.9g}" for k, x in enumerate(THETA)])), None, 1.0),
+    "a counter of 32 bits": (
+        table(heads=("micros", "u", "theta"), columns=((4_294_000_000 + 5000 * K) % 2**32, U, THETA)), None, 1.0),
+    "a counter of 16 bits": (
+        table(heads=("t [ms]", "u", "theta"), columns=((65_000 + 5 * K) % 2**16, U, THETA)), None, 1.0),
+    "a clock that begins anew": (table(columns=(np.tile(T[:200], 2), U, THETA)), None, 1.0),
+    "seconds, and milliseconds beside them": (
+        "NO.,Time,ms,u,theta\nNO.,time,ms,V,rad\n" + table(
+            heads=(), columns=(K, [s[:19] for s in STAMPS], [s[20:23] for s in STAMPS], U, THETA)), None, 1.0),
+    "keys above the numbers' own columns": (
+        '"TraceName","u","theta"\n"BlockSize",400,400\n"VUnit","V","rad"\n"HResolution",5e-3,5e-3\n"SampleRate",200,200\n\n'
+        + "".join(f",{u:.9g},{x:.9g}\n" for u, x in zip(U, THETA, strict=True)), None, 1.0),
     "a unit nobody knows": ("t,u,theta,n,T,f\ns,Volt,rad,counts,°C,Hz\n"
                             + table(heads=(), columns=(T, U, THETA, K, K, K)), None, 1.0),
     "thousands": (table(";", heads=("t", "u", "theta [mrad]"), columns=(T, U, [f"{1e3 * x:,.3f}" for x in THETA])),
@@ -217,7 +256,7 @@ def test_each_kind_of_log_gives_back_command_and_angle(kind, arm, tmp_path):
     assert sum(b - a for a, b in found.stretches) in (len(K) - 1, len(K))
     offset = len(K) - found.samples
     close = np.isclose(found.channels["theta"], THETA[offset:], atol=0.15 if "apart" in kind else 1e-6)
-    assert close.mean() > 0.99
+    assert close.mean() > (0.98 if "failed" in kind else 0.99)
     assert np.isclose(found.channels["u"], U[offset:], atol=1e-8).mean() >= share
 
 
@@ -227,6 +266,7 @@ def test_what_was_done_is_said(arm, tmp_path):
         "message bus, ns since 1970": "Channel u has times of its own (50 values, 0.04 s apart): it is held until",
         "simulation, events on its grid": "the later one counts",
         "simulation, events in between": "the command after each holds from there",
+        "readings that failed": "Column theta holds text ('OVER') in row 51 of the numbers, 4 times: missing values.",
         "LVM, two segments": "lines of text between or below the numbers left out",
     }
     for kind, words in said.items():
