@@ -113,8 +113,6 @@ def _controllers(options: argparse.Namespace) -> Result:
 
 
 def _alternatives(options: argparse.Namespace) -> Result:
-    if options.docs:
-        alternatives.check_docs(options.docs)
     rows = alternatives.alternative_rows(options.n, options.seed)
     if options.docs:
         alternatives.write_docs(rows, options.n, options.seed, options.docs)
@@ -154,7 +152,7 @@ def _nimc_forms(options: argparse.Namespace) -> Result:
     grid.to_csv(options.out / "nimc_forms_runs.csv", index=False)
     ratios = nimc_forms.ratio_rows()
     if options.docs:
-        nimc_forms.write_docs(grid, ratios, options.docs)
+        nimc_forms.write_docs(grid, options.docs)
     return nimc_forms.form_rows(grid), [nimc_forms.in_words(row) for row in ratios]
 
 

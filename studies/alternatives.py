@@ -29,6 +29,7 @@ from dtbacklash.diagnose import Record, diagnose_records, records_of
 from dtbacklash.diagnose.engine.predictor import Predictor
 from dtbacklash.diagnose.engine.readings import readings
 from dtbacklash.diagnose.engine.simulated import Simulated
+from dtbacklash.files import write_json, write_text
 from dtbacklash.physics.rig import Rig
 from dtbacklash.prove.conceal import conceal, nominal_rig
 from dtbacklash.prove.seal import RECORDING, key_path, open_seal
@@ -330,23 +331,8 @@ def _finite(value: Any, number: Any) -> str:
     return "ran away" if value == "inf" or value == float("inf") else number(value, missing="")
 
 
-def check_docs(folder: Path) -> None:
-    """Refuse a folder of docs that has no place for the table, before the work is done.
-
-    Raises
-    ------
-    SystemExit : it has none.
-    """
-    page = folder / "proof.md"
-    text = page.read_text(encoding="utf-8") if page.is_file() else ""
-    if text.count(BEGIN) != 1 or text.count(END) != 1:
-        raise SystemExit(f"--docs={folder}: needs a proof.md with the lines {BEGIN} and {END}")
-
-
 def write_docs(rows: list[Row], n: int, seed: int, folder: Path) -> None:
     """Bring a run into ``proof.md`` of the docs, and its rows beside it."""
-    from dtbacklash.files import write_json, write_text
-
     kept = [{k: "inf" if v == float("inf") else v for k, v in row.items()} for row in rows]  # JSON knows no infinity
     document = {"n": n, "seed": seed, "rows": kept}
     page = folder / "proof.md"

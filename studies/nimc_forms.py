@@ -20,7 +20,7 @@ from dtbacklash.control import laws
 from dtbacklash.experiment import run
 from dtbacklash.experiment.run import RunResult, run_scenario
 from dtbacklash.files import write_text
-from dtbacklash.report.kit.markdown import table
+from dtbacklash.report.kit.markdown import between, table
 from studies.measure import Row
 
 FORMS = ("bare", "measured", "inner_loop", "inverse")
@@ -37,7 +37,8 @@ RATIOS = (1.0, 2.0, 3.0, 4.0, 6.0, 10.0)
 PERIOD_S, DURATION_S = 20.0, 40.0
 #: the end of a run over which its oscillation is taken
 TAIL_S = 3.0
-PAGE, FIGURE = "nimc-forms.md", "images/nimc_forms.png"
+PAGE, FIGURE = "theory.md", "images/nimc_forms.png"
+BEGIN, END = "<!-- forms: begin, made by python -m studies nimc_forms -->", "<!-- forms: end -->"
 
 
 @lru_cache(maxsize=64)
@@ -155,49 +156,6 @@ def form_rows(grid: pd.DataFrame) -> list[Row]:
     return rows
 
 
-def _cell(part: pd.DataFrame) -> str:
-    """The worst of some runs: overshoot %, settling s (or how many runs never do), oscillation at the end, um."""
-    restless = int((part["unsettled"] > 0).sum())
-    settling = f"**{restless} of {len(part)} do not**" if restless else f"{part['settling_s'].max():.1f}"
-    return f"{part['overshoot_pct'].max():.1f}; {settling}; {part['cycle_um'].max():.2g}"
-
-
-def _grid_table(grid: pd.DataFrame, errors: list[str]) -> str:
-    """Rows: friction and form; columns: the error of the estimate."""
-    part = grid[grid["error"].isin(errors)]
-    rows = [
-        [f"{friction:g}", f"`{form}`", *(_cell(rows[rows["error"] == error]) for error in errors)]
-        for (friction, form), rows in part.groupby(["friction_n_m", "form"], sort=False)
-    ]
-    order = {form: i for i, form in enumerate((*FORMS, "exact"))}
-    rows.sort(key=lambda row: (float(row[0]), order[row[1].strip("`")]))
-    return table(("friction N·m", "form", *errors), rows)
-
-
-def page(grid: pd.DataFrame, ratios: list[Row]) -> str:
-    """The text of ``docs/nimc-forms.md``."""
-    nimc = grid[grid["structure"] == "nimc"]
-    kinds = list(dict.fromkeys(nimc["error"]))
-    relative, absolute = kinds[: len(ERRORS_PCT)], kinds[len(ERRORS_PCT) : len(ERRORS_PCT) + len(ABSOLUTE_DEG)]
-    tables = {s: _grid_table(nimc[nimc["sensors"] == s], relative) for s in SENSORS}
-    wide = {s: _grid_table(nimc[nimc["sensors"] == s], absolute) for s in SENSORS}
-    imc = grid[grid["structure"] == "imc"].assign(error=lambda g: g["true_deg"].map("{:g}°".format))
-    heads = list(ratios[0])
-    ratio_table = table(
-        (head.removesuffix("_pct").replace("_at_", "° at ").replace("_", " ").replace("what", "") +
-         ("°" if "_at_" in head else "") for head in heads),
-        ([str(row["what"]), *(f"{row[head]:.1f}" for head in heads[1:])] for row in ratios),
-    )  # fmt: skip
-    return INTRO.format(
-        true=", ".join(f"{g:g}" for g in TRUE_DEG), tail=TAIL_S, period=PERIOD_S, duration=DURATION_S,
-        command=COMMAND, alt=ALT,
-        summary=_summary(grid), ideal=tables["ideal"], encoder=tables["encoder"],
-        ideal_wide=wide["ideal"], encoder_wide=wide["encoder"],
-        small=_grid_table(nimc, kinds[len(ERRORS_PCT) + len(ABSOLUTE_DEG) :]),
-        imc=_grid_table(imc, [f"{g:g}°" for g in TRUE_DEG]), ratio=ratio_table,
-    )  # fmt: skip
-
-
 def _summary(grid: pd.DataFrame) -> str:
     """A row a form of NIMC over all frictions and sensors."""
     rows = []
@@ -215,72 +173,10 @@ def _summary(grid: pd.DataFrame) -> str:
     return table(heads, rows)
 
 
-def write_docs(grid: pd.DataFrame, ratios: list[Row], folder: Path) -> None:
-    """Write the page and its figure."""
+def write_docs(grid: pd.DataFrame, folder: Path) -> None:
+    """Bring the summary into its page, and draw the figure."""
     from studies.nimc_figure import draw
 
     draw(grid, folder / FIGURE)
-    write_text(folder / PAGE, page(grid, ratios))
-
-
-COMMAND = (
-    "dtb run controller=nimc_fixed profile=constant profile.start_deg=0.5 controller.gap_hat_deg=50 "
-    "controller.internal_model=inverse reference.period_s=20 duration_s=40 "
-    "rig.effects.motor_bearing.coulomb_friction.torque=0.02"
-)
-ALT = "q3 with an estimate of 50 degrees and no gap, and the overshoot over the error of the estimate"
-INTRO = """\
-<!-- Made by `python -m studies nimc_forms --docs docs`. Run it again, do not change this page. -->
-
-# The forms of the internal model, compared
-
-What a wrong estimate of the gap does to each `controller.internal_model`, with Coulomb friction on the motor's bearing,
-ideal sensors and the encoder (`sensors=encoder`). Why they differ: [theory](theory.md#which-internal-model).
-Every run has a constant gap and a fixed estimate, moves of ±1 mm with a period of {period:g} s, {duration:g} s long:
-
-```sh
-python -m studies nimc_forms --docs docs
-{command}
-```
-
-![{alt}](images/nimc_forms.png)
-
-## In short
-
-All errors, frictions and sensors below:
-
-{summary}
-## Over the error of the estimate
-
-A cell is the worst over true gaps of {true} degrees: overshoot in %; settling time in s, or how many of the runs have
-moves that never settle within 1 %; half of q3's range over the last {tail:g} s, in µm. Ideal sensors:
-
-{ideal}
-With `sensors=encoder`:
-
-{encoder}
-## Much too large
-
-The estimate and the true gap, ideal sensors:
-
-{ideal_wide}
-With `sensors=encoder`:
-
-{encoder_wide}
-## Moves of 0.1 mm
-
-A tenth of the move (p times 36 degrees, there and back), the estimate and the true gap; both sets of sensors:
-
-{small}
-## Linear IMC
-
-IMC has no estimate; columns: the true gap, both sets of sensors. `inverse` is `inner_loop` there.
-
-{imc}
-## How fast the inverse crosses
-
-Overshoot in % with other ratios of the inverse's travel to the reference's, estimate and true gap, ideal sensors,
-no friction, and the largest voltage of these runs:
-
-{ratio}
-"""
+    page = folder / PAGE
+    write_text(page, between(page.read_text(encoding="utf-8"), BEGIN, END, _summary(grid)))
