@@ -36,7 +36,7 @@ class Tell(Protocol):
     def __call__(self, share: float, text: str = "") -> None: ...
 
 
-class Left(ProgressColumn):
+class TimeLeft(ProgressColumn):
     """The time left, by the share that was done when something was told last and by what has passed since."""
 
     def __init__(self) -> None:
@@ -71,7 +71,7 @@ def progress(what: str, compiles: bool = True) -> Iterator[Tell]:
     """
     console = Console(stderr=True)
     verbose = log.isEnabledFor(logging.INFO)
-    left, begun = Left(), time.monotonic()
+    left, begun = TimeLeft(), time.monotonic()
     columns = "{task.description}", BarColumn(bar_width=20), "{task.percentage:3.0f} %", TimeElapsedColumn(), left
     bar = Progress(*columns, console=console, transient=True)
     number = bar.add_task(what, total=1.0)

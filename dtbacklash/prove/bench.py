@@ -13,8 +13,8 @@ from dtbacklash.arrays import Floats
 from dtbacklash.physics.rig import Rig
 from dtbacklash.prove import excitation, tuning
 from dtbacklash.prove.secret import Secret
-from dtbacklash.prove.simulator.given import Loop, Unknown
-from dtbacklash.prove.simulator.rig import Run, roles, simulate_other
+from dtbacklash.prove.simulator.given import Loop, Unlisted
+from dtbacklash.prove.simulator.rig import Trial, roles, simulate_other
 
 #: bandwidth of the weak loop that keeps two open-loop runs together when they are compared, rad/s
 WEAK_RAD_S = 15.0
@@ -35,9 +35,9 @@ class Bench:
 
     rig: Rig
     secret: Secret
-    plain: Run | None = None
+    plain: Trial | None = None
 
-    def loop(self, *unknown: Unknown) -> Loop:
+    def loop(self, *unknown: Unlisted) -> Loop:
         """The signals of the excitation, with a course in time for each law that the catalogue lacks."""
         move, duration_s, step_s = self.secret.excitation, self.secret.duration_s, self.secret.sample_time_s
         t_s = excitation.times(duration_s, step_s)
@@ -46,7 +46,7 @@ class Bench:
         made = excitation.loop_of_motion if "pid" in move else excitation.loop_of
         return made(move, t_s, force)
 
-    def quiet(self, rig: Rig, *unknown: Unknown) -> Run:
+    def quiet(self, rig: Rig, *unknown: Unlisted) -> Trial:
         """A run without noise and counts; in open loop a weak loop holds it to the motion of the plain run.
 
         A lifelike rig is held so in any case: at the same command, as a diagnosis compares it.
@@ -56,11 +56,11 @@ class Bench:
             loop = self._held(loop, rig, self.plain)
         return simulate_other(rig, loop, self.secret.sample_time_s, None, *unknown)
 
-    def real(self, rig: Rig, *unknown: Unknown) -> Run:
+    def real(self, rig: Rig, *unknown: Unlisted) -> Trial:
         """A run without noise and counts, moved as in the recording."""
         return replace(self, plain=None).quiet(rig, *unknown)
 
-    def _held(self, loop: Loop, rig: Rig, plain: Run) -> Loop:
+    def _held(self, loop: Loop, rig: Rig, plain: Trial) -> Loop:
         """The loop that holds a rig to a run: by what the sensor showed, where the run may hide an error of it."""
         lifelike = self.secret.machine == "lifelike"
         if tuning.in_cascade(rig):
@@ -84,7 +84,7 @@ class Bench:
                      "limit": math.inf, **weak}
         )  # fmt: skip
 
-    def seen(self, changed: Run, plain: Run) -> float:
+    def seen(self, changed: Trial, plain: Trial) -> float:
         """How much two runs differ in the channel that shows it most, in units of its noise."""
         if changed.diverged or plain.diverged:
             return math.inf
@@ -95,7 +95,7 @@ class Bench:
             for c in self.secret.channels
         )
 
-    def wild(self, rig: Rig, run: Run, *unknown: Unknown) -> bool:
+    def wild(self, rig: Rig, run: Trial, *unknown: Unlisted) -> bool:
         """Whether a rig with what is hidden no longer works: it runs away in open loop, or its loop oscillates."""
         assert self.plain is not None
         if tuning.in_cascade(rig):
@@ -131,7 +131,9 @@ def errors_in_cascade(rng: Generator, rig: Rig) -> tuple[dict[str, float], dict[
     return noise, resolution
 
 
-def errors_of(rng: Generator, rig: Rig, move: dict[str, Any], plain: Run) -> tuple[dict[str, float], dict[str, float]]:
+def errors_of(
+    rng: Generator, rig: Rig, move: dict[str, Any], plain: Trial
+) -> tuple[dict[str, float], dict[str, float]]:
     """Noise and counts of each sensor, relative to its signal; a PID's sensor is quiet enough for its command.
 
     A position sensor is an encoder, whose counts are larger than its noise, or has fine counts and more noise.

@@ -22,9 +22,9 @@ from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 from dtbacklash.prove import excitation, sizes
 from dtbacklash.prove.bench import Bench
 from dtbacklash.prove.secret import Secret, laws, with_effects
-from dtbacklash.prove.simulator.given import Unknown
+from dtbacklash.prove.simulator.given import Unlisted
 from dtbacklash.prove.simulator.machine import carried_mass, driven_body
-from dtbacklash.prove.simulator.rig import Run
+from dtbacklash.prove.simulator.rig import Trial
 
 #: how many there are, and the share of them that is of the catalogue
 COUNT, LISTED = (3, 10), 0.5
@@ -108,8 +108,8 @@ class _Stage:
     """The rig with what is hidden, and its run: small things are compared with it at the same command."""
 
     bench: Bench
-    run: Run
-    main: tuple[Unknown, ...]
+    run: Trial
+    main: tuple[Unlisted, ...]
 
     @classmethod
     def of(cls, rig: Rig, secret: Secret) -> _Stage:
@@ -187,7 +187,7 @@ def _excluded(rig: Rig, place: str, name: str, taken: list[tuple[str, str]]) -> 
     return bool(alike & set(taken) or excludes & there)
 
 
-def _listed(rng: Generator, secret: Secret, rig: Rig, moving: sizes.Motion, place: str, name: str) -> _Range:
+def _listed(rng: Generator, secret: Secret, rig: Rig, moving: sizes.Moved, place: str, name: str) -> _Range:
     shape = rig.takes(place)[name].draw_shape(rng, moving.at(place))
 
     def made(strength: float) -> dict[str, Any]:
@@ -196,10 +196,10 @@ def _listed(rng: Generator, secret: Secret, rig: Rig, moving: sizes.Motion, plac
     return made, shape.guess, shape.most
 
 
-def _lacking(rng: Generator, secret: Secret, rig: Rig, moving: sizes.Motion, place: str, name: str) -> _Range:
+def _lacking(rng: Generator, secret: Secret, rig: Rig, moving: sizes.Moved, place: str, name: str) -> _Range:
     if name in sizes.DESCRIPTIONS:
         scale, guess, most = sizes.unknown_range(rng, rig, place, name, moving)
-        law = Unknown(place, name, 0.0, scale, seed=excitation.draw_seed(rng))
+        law = Unlisted(place, name, 0.0, scale, seed=excitation.draw_seed(rng))
     elif place in rig.elements:
         law, guess, most = _of_body(rng, rig, moving, place, name)
     else:
@@ -209,9 +209,9 @@ def _lacking(rng: Generator, secret: Secret, rig: Rig, moving: sizes.Motion, pla
     return lambda size: told | {"size": size} | more, guess, most
 
 
-def _of_body(rng: Generator, rig: Rig, moving: sizes.Motion, place: str, name: str) -> tuple[Unknown, float, float]:
+def _of_body(rng: Generator, rig: Rig, moving: sizes.Moved, place: str, name: str) -> tuple[Unlisted, float, float]:
     """(law without its size, first guess of the size, largest size) of a force, or of a drive's gain."""
-    law = Unknown(place, name, 0.0, seed=excitation.draw_seed(rng))
+    law = Unlisted(place, name, 0.0, seed=excitation.draw_seed(rng))
     if name in ("position_gain", "gain_drift"):
         return replace(law, scale=moving.place[driven_body(rig) or ""]), 0.02, 0.5
     at = moving.at(place)
@@ -230,10 +230,10 @@ def _of_body(rng: Generator, rig: Rig, moving: sizes.Motion, place: str, name: s
 
 
 def _of_sensor(
-    rng: Generator, secret: Secret, moving: sizes.Motion, place: str, name: str
-) -> tuple[Unknown, float, float]:
+    rng: Generator, secret: Secret, moving: sizes.Moved, place: str, name: str
+) -> tuple[Unlisted, float, float]:
     """The same of an error of a scale or of the clock."""
-    law = Unknown(place, name, 0.0, phase=float(rng.uniform(-3.1, 3.1)), seed=excitation.draw_seed(rng))
+    law = Unlisted(place, name, 0.0, phase=float(rng.uniform(-3.1, 3.1)), seed=excitation.draw_seed(rng))
     if name == "clock_jitter":
         return law, 0.02 * secret.sample_time_s, 0.3 * secret.sample_time_s
     sensor = place.removeprefix(SENSOR_PREFIX)

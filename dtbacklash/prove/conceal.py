@@ -19,7 +19,7 @@ from dtbacklash.prove import seal
 from dtbacklash.prove.draw import check_choices, draw, record
 from dtbacklash.prove.secret import Secret
 from dtbacklash.prove.simulator.given import Loop
-from dtbacklash.prove.simulator.rig import Run, check_concealable
+from dtbacklash.prove.simulator.rig import Trial, check_concealable
 
 
 def nominal_rig(name: str) -> Rig:
@@ -113,7 +113,7 @@ def write_case(case: Path, secret: Secret, nominal: Rig, key: bytes) -> None:
         (scratch / seal.SEALED).write_text(json_text(seal.seal(secret, content, key)), encoding="utf-8")
 
 
-def recording_table(secret: Secret, nominal: Rig, loop: Loop, run: Run) -> pd.DataFrame:
+def recording_table(secret: Secret, nominal: Rig, loop: Loop, run: Trial) -> pd.DataFrame:
     """The recording in the columns and units that the rig declares, as ``dtb run recording.save=`` writes it."""
     t_s = [round(k * secret.sample_time_s, 9) for k in range(len(run.u))]
     reference = loop.reference * (nominal.reference_per_si() if loop.closed else 1.0)

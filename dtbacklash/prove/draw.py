@@ -17,9 +17,9 @@ from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 from dtbacklash.prove import beside, excitation, sizes, tuning
 from dtbacklash.prove.bench import Bench, errors_in_cascade, errors_of
 from dtbacklash.prove.secret import INSTRUMENTS, KINDS, MACHINES, Secret, with_effects
-from dtbacklash.prove.simulator.given import Errors, Loop, Unknown
+from dtbacklash.prove.simulator.given import Errors, Loop, Unlisted
 from dtbacklash.prove.simulator.machine import carried_mass
-from dtbacklash.prove.simulator.rig import EFFECTS, Run, check_concealable, simulate_other
+from dtbacklash.prove.simulator.rig import EFFECTS, Trial, check_concealable, simulate_other
 from dtbacklash.prove.sizes import DESCRIPTIONS, unknown_entries, unknown_range
 
 #: how often each kind is drawn
@@ -191,7 +191,7 @@ def _strength_for(
 
 
 def _with_hidden_effects(
-    rng: Generator, stream: Stream, bench: Bench, plain: Run, chosen: tuple[str, str] | None
+    rng: Generator, stream: Stream, bench: Bench, plain: Trial, chosen: tuple[str, str] | None
 ) -> Secret | None:
     """Hide one effect of the catalogue, or two or three at different elements; None if the rig no longer works."""
     moving = _moving(bench, plain)
@@ -213,7 +213,7 @@ def _with_hidden_effects(
     return secret if all(math.isfinite(v) for v in secret.visibility.values()) else None
 
 
-def _moving(bench: Bench, plain: Run) -> sizes.Motion:
+def _moving(bench: Bench, plain: Trial) -> sizes.Moved:
     return sizes.motion_of(bench.rig, plain, bench.secret.duration_s, bench.secret.excitation["f_max_hz"])
 
 
@@ -254,7 +254,7 @@ def _with_needed_sensors(picked: list[tuple[str, str]], bench: Bench) -> Bench:
     return replace(bench, secret=replace(bench.secret, instruments="rich", channels=list(bench.rig.sensors)))
 
 
-def _sized(rng: Generator, bench: Bench, plain: Run, place: str, name: str, moving: sizes.Motion) -> dict[str, float]:
+def _sized(rng: Generator, bench: Bench, plain: Trial, place: str, name: str, moving: sizes.Moved) -> dict[str, float]:
     """The parameters of an effect, of a size at which its visibility is the drawn one."""
     effect = bench.rig.takes(place)[name]
     shape = effect.draw_shape(rng, moving.at(place))
@@ -265,16 +265,16 @@ def _sized(rng: Generator, bench: Bench, plain: Run, place: str, name: str, movi
     return shape.values(_strength_for(rng, bench, visibility, shape.guess, shape.most))
 
 
-def _with_unknown(stream: Stream, bench: Bench, plain: Run) -> Secret | None:
+def _with_unknown(stream: Stream, bench: Bench, plain: Trial) -> Secret | None:
     """Hide physics that the catalogue does not have; None if the rig no longer works."""
     place, name = _shuffled(stream, unknown_entries(bench.rig))[0]
     rng = _shape_rng(stream, place, name)
     scale, guess, most = unknown_range(rng, bench.rig, place, name, _moving(bench, plain))
 
     def visibility(strength: float) -> float:
-        return bench.seen(bench.quiet(bench.rig, Unknown(place, name, strength, scale)), plain)
+        return bench.seen(bench.quiet(bench.rig, Unlisted(place, name, strength, scale)), plain)
 
-    hidden = Unknown(place, name, _strength_for(rng, bench, visibility, guess, most), scale)
+    hidden = Unlisted(place, name, _strength_for(rng, bench, visibility, guess, most), scale)
     run = bench.quiet(bench.rig, hidden)
     seen = bench.seen(run, plain)
     if not math.isfinite(seen) or bench.wild(bench.rig, run, hidden):
@@ -283,7 +283,7 @@ def _with_unknown(stream: Stream, bench: Bench, plain: Run) -> Secret | None:
     return replace(bench.secret, unknown=asdict(hidden) | {"description": f"{DESCRIPTIONS[name]} ({place})"})
 
 
-def record(secret: Secret, nominal: Rig) -> tuple[Loop, Run]:
+def record(secret: Secret, nominal: Rig) -> tuple[Loop, Trial]:
     """Make the recording of a secret: the rig as it truly is, its sensors with noise and counts."""
     loop = Bench(nominal, secret).loop(*secret.laws)
     shape = len(loop.reference), len(nominal.sensors)

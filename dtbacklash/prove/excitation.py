@@ -14,7 +14,7 @@ from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.prove import tuning
 from dtbacklash.prove.simulator.given import Loop
 from dtbacklash.prove.simulator.rig import simulate_other
-from dtbacklash.prove.tuning import Plant
+from dtbacklash.prove.tuning import Drive
 
 #: the rig of the paper turns once in 2 mm; others with a screw move and are measured in proportion to their lead
 PAPER_TURN_M = 2e-3
@@ -204,7 +204,7 @@ def draw_motion(rng: Generator, rig: Rig, duration_s: float, step_s: float) -> d
     return move | {"amplitude": _amplitude(move, rig, duration_s, step_s)}
 
 
-def _highest_hz(rng: Generator, plant: Plant, step_s: float) -> float:
+def _highest_hz(rng: Generator, plant: Drive, step_s: float) -> float:
     free = float(rng.uniform(*WITHOUT_MODES_HZ))
     beyond = float(rng.uniform(*BEYOND_MODES))
     return min(beyond * float(plant.modes_hz.max()) if len(plant.modes_hz) else free, SAMPLING_SHARE / step_s)

@@ -66,7 +66,7 @@ LAWS_TRIED, STRICT, UNLISTED_LEFT = 5, 1e-3, 1.1
 
 
 @dataclass(frozen=True)
-class Seen:
+class Sight:
     """Mean squares of the clearest channel without and with an effect, t of their fall, and the score it has to spare.
 
     to_spare : what the score rises by without the effect, less what it has to.
@@ -130,10 +130,10 @@ class Oracle:
         E = self.predictor.run(rig, self.predictor.gains(rig, sizes[0])).E
         return E if np.isfinite(E).all() else np.full_like(E, ASTRAY)
 
-    def seen(self, best: Model, without: Model | None, pinned: str = "") -> Seen:
+    def seen(self, best: Model, without: Model | None, pinned: str = "") -> Sight:
         """The true structure beside one that lacks something (None: it does not follow the recording at all)."""
         if without is None:
-            return Seen(math.inf, 1.0, math.inf, math.inf)
+            return Sight(math.inf, 1.0, math.inf, math.inf)
         # at the sizes of the true structure, other values may follow the recording better
         there = self.at(best.sizes, without.rig, without.keys, pinned)
         lacks = [self.rows(rig, best.sizes) for rig in (without.rig, there)]
@@ -147,7 +147,7 @@ class Oracle:
             return math.nan
         return math.sqrt(_square(self.rows(rig, sizes)[len(self.bench.predictors[0].readings.u) :]))
 
-    def unlisted(self, recalibrated: Model, extended: Rig | None, truth: dict[str, Floats]) -> dict[str, Seen]:
+    def unlisted(self, recalibrated: Model, extended: Rig | None, truth: dict[str, Floats]) -> dict[str, Sight]:
         """{name of the catalogue's best law: beside the noise}; truth : sensor -> (N,) its reading without errors."""
         strict = recalibrated.sizes[0].copy()
         strict[: len(self.predictor.bodies)] = math.log(STRICT)
@@ -236,7 +236,7 @@ def better(oracle: Oracle, best: Model, extended: Rig | None) -> Model:
     return best if again is None or again.score >= best.score else again
 
 
-def compared(without: Floats, best: Floats) -> Seen:
+def compared(without: Floats, best: Floats) -> Sight:
     """Rows (N, channels) without and with an effect: the clearest channel, or all together, else that of the largest t.
 
     Mean squares are divided by that of the second where it is below 1: counts leave less than white noise of their
@@ -247,7 +247,7 @@ def compared(without: Floats, best: Floats) -> Seen:
     falls = np.log(first) - np.log(second)
     errors = falls.std(axis=0, ddof=1) / math.sqrt(STRETCHES) + 1e-12
     found = [
-        Seen(float(a), float(b), float(t))
+        Sight(float(a), float(b), float(t))
         for a, b, t in zip(
             (first / floor).mean(axis=0), (second / floor).mean(axis=0), falls.mean(axis=0) / errors, strict=True
         )

@@ -20,7 +20,7 @@ EDGES = tuple(float(f"{10 ** (k / 2):.3g}") for k in range(-2, 9))
 
 
 @dataclass(frozen=True)
-class Figure:
+class Share:
     """A share: ``right`` of ``of``, and the range ``bar`` that it should lie in.
 
     every_right, every_of : the same over all cases, where ``right`` and ``of`` count clear cases only.
@@ -102,16 +102,16 @@ class Score:
     kinds: dict[str, int]
     clear: dict[str, int]
     seeds: tuple[int, int] | None
-    figures: list[Figure]
+    figures: list[Share]
     quantities: list[Quantity]
     bins: list[Bin]
     confusion: list[Cell]
     notes: dict[str, Any] = field(default_factory=dict)
-    rigs: dict[str, list[Figure]] = field(default_factory=dict)
+    rigs: dict[str, list[Share]] = field(default_factory=dict)
     lifelike: int = 0
     reliability: list[Reliability] = field(default_factory=list)
 
-    def figure(self, name: str) -> Figure:
+    def figure(self, name: str) -> Share:
         """A figure by its name."""
         return next(f for f in self.figures if f.name == name)
 
@@ -172,13 +172,13 @@ class Score:
         })  # fmt: skip
 
 
-def _figure_rows(figures: list[Figure]) -> list[dict[str, Any]]:
+def _figure_rows(figures: list[Share]) -> list[dict[str, Any]]:
     return [asdict(f) | {"share": f.share, "ci95": list(f.interval), "met": f.met} for f in figures]
 
 
-def _figures(rows: list[dict[str, Any]]) -> list[Figure]:
+def _figures(rows: list[dict[str, Any]]) -> list[Share]:
     stored = [{k: v for k, v in row.items() if k not in ("share", "ci95", "met")} for row in rows]
-    return [Figure(**{**row, "bar": tuple(row["bar"]) if row["bar"] else None}) for row in stored]
+    return [Share(**{**row, "bar": tuple(row["bar"]) if row["bar"] else None}) for row in stored]
 
 
 def _number(value: float | None) -> float:
@@ -186,7 +186,7 @@ def _number(value: float | None) -> float:
 
 
 @dataclass(frozen=True)
-class _Declared:
+class _Tallied:
     """One figure: the kinds of case that it counts, its rule and bar, and which cases count (None: all of them)."""
 
     name: str
@@ -199,31 +199,31 @@ class _Declared:
 
 #: the figures that count cases, with the bar of each
 BY_CASE = (
-    _Declared("strict", "exactly the hidden effects, at their places", ("single", "several"), rules.strict, (0.93, 1)),
-    _Declared("strict_single", "the same where one effect is hidden", ("single",), rules.strict, None),
-    _Declared("strict_several", "the same where two or three are hidden", ("several",), rules.strict, (0.88, 1)),
-    _Declared("within_ambiguity", "each hidden effect named, or in the stated ambiguity; none too many",
+    _Tallied("strict", "exactly the hidden effects, at their places", ("single", "several"), rules.strict, (0.93, 1)),
+    _Tallied("strict_single", "the same where one effect is hidden", ("single",), rules.strict, None),
+    _Tallied("strict_several", "the same where two or three are hidden", ("several",), rules.strict, (0.88, 1)),
+    _Tallied("within_ambiguity", "each hidden effect named, or in the stated ambiguity; none too many",
               ("single", "several"), rules.within_ambiguity, (0.97, 1)),
-    _Declared("nothing_found", "nothing found where nothing is", ("nothing",), rules.no_physics, (0.95, 1), None),
-    _Declared("called_consistent", "of these, called consistent", ("nothing",), rules.called_consistent, None, None),
-    _Declared("parameters_told", "wrong parameters not taken for physics", ("parameters",), rules.no_physics,
+    _Tallied("nothing_found", "nothing found where nothing is", ("nothing",), rules.no_physics, (0.95, 1), None),
+    _Tallied("called_consistent", "of these, called consistent", ("nothing",), rules.called_consistent, None, None),
+    _Tallied("parameters_told", "wrong parameters not taken for physics", ("parameters",), rules.no_physics,
               (0.95, 1), None),
-    _Declared("unknown_admitted", "unknown physics called unexplained, or located rightly", ("unknown",),
+    _Tallied("unknown_admitted", "unknown physics called unexplained, or located rightly", ("unknown",),
               rules.unknown_admitted, (0.80, 1)),
-    _Declared("unknown_unnamed", "unknown physics whose true law clearly beats the catalogue's best, given no name",
+    _Tallied("unknown_unnamed", "unknown physics whose true law clearly beats the catalogue's best, given no name",
               ("unknown",), rules.unknown_unnamed, (0.97, 1), rules.beaten),
-    _Declared("no_false_name", "recordings of all kinds and sizes without a false name that is said to be sure",
+    _Tallied("no_false_name", "recordings of all kinds and sizes without a false name that is said to be sure",
               commands.KINDS, rules.no_false_name, None, None),
 )  # fmt: skip
 #: the same of lifelike recordings
 LIFELIKE = (
-    _Declared("main_named", "beside small things: each main effect named, or in the stated ambiguity",
+    _Tallied("main_named", "beside small things: each main effect named, or in the stated ambiguity",
               ("single", "several"), rules.main_named, (0.90, 1)),
-    _Declared("main_sure", "of these, said to be sure", ("single", "several"), rules.main_sure, (0.80, 1),
+    _Tallied("main_sure", "of these, said to be sure", ("single", "several"), rules.main_sure, (0.80, 1),
               rules.main_named),
-    _Declared("nothing_sure", "small things only, or with wrong parameters: no false sure name",
+    _Tallied("nothing_sure", "small things only, or with wrong parameters: no false sure name",
               ("nothing", "parameters"), rules.no_false_name, (0.98, 1), None),
-    _Declared("lifelike_no_false_name", "lifelike recordings of all kinds without a false sure name", commands.KINDS,
+    _Tallied("lifelike_no_false_name", "lifelike recordings of all kinds without a false sure name", commands.KINDS,
               rules.no_false_name, None, None),
 )  # fmt: skip
 #: sure names that are right
@@ -256,7 +256,7 @@ def score(cases: Sequence[Case], notes: dict[str, Any] | None = None) -> Score:
     )
 
 
-def _all_figures(cases: Sequence[Case]) -> list[Figure]:
+def _all_figures(cases: Sequence[Case]) -> list[Share]:
     """The figures of clean recordings, and those of lifelike ones where there are some."""
     lifelike = [c for c in cases if c.lifelike]
     clean = [c for c in cases if not c.lifelike]
@@ -264,39 +264,39 @@ def _all_figures(cases: Sequence[Case]) -> list[Figure]:
     return [*found, *(_by_case(d, lifelike) for d in LIFELIKE), *_by_name(lifelike)] if lifelike else found
 
 
-def _by_name(cases: Sequence[Case]) -> list[Figure]:
+def _by_name(cases: Sequence[Case]) -> list[Share]:
     """The figures that count names, or parameters, of lifelike recordings."""
     sure = sum(len(rules.sure(c)) for c in cases)
     right = sum(len(rules.sure(c) & rules.right_names(c)) for c in cases)
     held = [held for c in cases for held in rules.effect_intervals(c)]
     return [
-        Figure("sure_right", "sure names that are right: a main effect, or a small thing of the catalogue", right, sure,
+        Share("sure_right", "sure names that are right: a main effect, or a small thing of the catalogue", right, sure,
                SURE_RIGHT),
-        Figure("lifelike_coverage", "beside small things: 95 % intervals of main effects that hold the truth",
+        Share("lifelike_coverage", "beside small things: 95 % intervals of main effects that hold the truth",
                sum(held), len(held), COVERAGE_LIFELIKE),
     ]  # fmt: skip
 
 
-def _by_case(declared: _Declared, cases: Sequence[Case]) -> Figure:
+def _by_case(declared: _Tallied, cases: Sequence[Case]) -> Share:
     every = [c for c in cases if c.kind in declared.kinds]
     counted = [c for c in every if declared.clear is None or declared.clear(c)]
     right, every_right = (sum(map(declared.rule, chosen)) for chosen in (counted, every))
     both = () if declared.clear is None else (every_right, len(every))
-    return Figure(declared.name, declared.what, right, len(counted), declared.bar, *both)
+    return Share(declared.name, declared.what, right, len(counted), declared.bar, *both)
 
 
-def _by_parameter(cases: Sequence[Case]) -> list[Figure]:
+def _by_parameter(cases: Sequence[Case]) -> list[Share]:
     """The figures that count parameters."""
     clear = sum(len(rules.clear_parameters(c)) for c in cases)
     moved = sum(rules.right_parameters(c) for c in cases)
     effects = [held for c in cases for held in rules.effect_intervals(c)]
     nominal = [held for c in cases for held in rules.nominal_intervals(c)]
     return [
-        Figure("right_parameter", "a clear wrong parameter recalibrated, its interval holding the truth", moved, clear,
+        Share("right_parameter", "a clear wrong parameter recalibrated, its interval holding the truth", moved, clear,
                None),
-        Figure("coverage_effects", "95 % intervals of rightly named effects that hold the truth", sum(effects),
+        Share("coverage_effects", "95 % intervals of rightly named effects that hold the truth", sum(effects),
                len(effects), COVERAGE),
-        Figure("coverage_parameters", "95 % intervals of recalibrated parameters that hold the truth", sum(nominal),
+        Share("coverage_parameters", "95 % intervals of recalibrated parameters that hold the truth", sum(nominal),
                len(nominal), COVERAGE),
     ]  # fmt: skip
 

@@ -10,7 +10,7 @@ from typing import Any
 from dtbacklash.config.commands import INSTRUMENTS, KINDS, MACHINES
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
-from dtbacklash.prove.simulator.given import Unknown
+from dtbacklash.prove.simulator.given import Unlisted
 
 __all__ = ["INSTRUMENTS", "KINDS", "MACHINES", "Secret"]
 
@@ -81,7 +81,7 @@ class Secret:
         return with_effects(rig, [*self.effects, *(thing for thing in self.beside if "effect" in thing)])
 
     @property
-    def laws(self) -> tuple[Unknown, ...]:
+    def laws(self) -> tuple[Unlisted, ...]:
         """What acts that the catalogue lacks: first what is hidden, then the small things."""
         return laws([*([self.unknown] if self.unknown else []), *self.beside])
 
@@ -93,7 +93,9 @@ def with_effects(rig: Rig, effects: list[dict[str, Any]]) -> Rig:
     return rig
 
 
-def laws(things: Sequence[dict[str, Any]]) -> tuple[Unknown, ...]:
+def laws(things: Sequence[dict[str, Any]]) -> tuple[Unlisted, ...]:
     """Those of the things that are no effects of the catalogue."""
-    known = {f.name for f in fields(Unknown)}
-    return tuple(Unknown(**{k: v for k, v in thing.items() if k in known}) for thing in things if "effect" not in thing)
+    known = {f.name for f in fields(Unlisted)}
+    return tuple(
+        Unlisted(**{k: v for k, v in thing.items() if k in known}) for thing in things if "effect" not in thing
+    )

@@ -19,7 +19,7 @@ from dtbacklash.prove import tuning
 from dtbacklash.prove.bench import rms
 from dtbacklash.prove.excitation import turn_m
 from dtbacklash.prove.simulator.machine import carried_mass, driven_body
-from dtbacklash.prove.simulator.rig import Run
+from dtbacklash.prove.simulator.rig import Trial
 
 #: largest friction or load on the motor of a cascade, as the voltage that makes the same torque at rest, V
 EFFORT_MAX_V = 8.0
@@ -32,7 +32,7 @@ TRIALS, NEAR = 7, 1.2
 
 
 @dataclass(frozen=True)
-class Motion:
+class Moved:
     """How the plain rig moves under the excitation; SI, by name of link or body.
 
     command : (N,) V. current : rms, A. highest_hz : of the excitation. place, velocity : rms of each body. stretch,
@@ -95,7 +95,7 @@ class Motion:
         return max(pulls, default=0.0), EFFORT_MAX
 
 
-def motion_of(rig: Rig, run: Run, duration_s: float, highest_hz: float) -> Motion:
+def motion_of(rig: Rig, run: Trial, duration_s: float, highest_hz: float) -> Moved:
     """Measure how the rig moves in a run."""
     nb, x = len(run.bodies), run.states
     zero = np.zeros(len(x))
@@ -105,7 +105,7 @@ def motion_of(rig: Rig, run: Run, duration_s: float, highest_hz: float) -> Motio
         q.setdefault(name, place)
         v.setdefault(name, speed)
     shown = {name: rms(values) for name, values in run.truth.items()}
-    found = Motion(rig, run.u, rms(x[:, 0]), duration_s, highest_hz, shown=shown)
+    found = Moved(rig, run.u, rms(x[:, 0]), duration_s, highest_hz, shown=shown)
     for name in q:
         found.place[name], found.velocity[name] = rms(q[name]), rms(v[name])
         found.reach[name] = float(np.abs(q[name]).max())
@@ -125,7 +125,7 @@ def motion_of(rig: Rig, run: Run, duration_s: float, highest_hz: float) -> Motio
     return found
 
 
-def _borne(rig: Rig, run: Run) -> list[tuple[str, Floats, Floats]]:
+def _borne(rig: Rig, run: Trial) -> list[tuple[str, Floats, Floats]]:
     """(name, position, velocity) of what the screw or the positioner moves rigidly."""
     screw, positioner, x = rig.only("screw"), rig.only("positioner"), run.states
     found = []
@@ -195,7 +195,7 @@ def unknown_entries(rig: Rig) -> list[tuple[str, str]]:
     return found
 
 
-def unknown_range(rng: Generator, rig: Rig, place: str, name: str, motion: Motion) -> tuple[float, float, float]:
+def unknown_range(rng: Generator, rig: Rig, place: str, name: str, motion: Moved) -> tuple[float, float, float]:
     """(scale of the state, first guess of the size, largest size) of physics beyond the catalogue."""
     at, speed = motion.at(place), motion.velocity.get(place, 0.0)
     if name == "disturbance":

@@ -26,7 +26,7 @@ SAMPLE_TIME_S, SAMPLES_A_PERIOD = 1e-3, 8.0
 
 
 @dataclass(frozen=True)
-class Plant:
+class Drive:
     """A rig seen from its drive.
 
     Attributes
@@ -53,7 +53,7 @@ class Plant:
         return not self.grounded and math.isinf(self.winding_rad_s)
 
 
-def plant_of(rig: Rig) -> Plant:
+def plant_of(rig: Rig) -> Drive:
     """The rig as its drive sees it."""
     driven, circuit, actuator = driven_body(rig) or "", rig.only("motor_circuit"), rig.only("actuator")
     v = circuit.values if circuit else {}
@@ -62,7 +62,7 @@ def plant_of(rig: Rig) -> Plant:
     modes = natural_frequencies_hz(rig)
     bodies = take_apart(rig, rig.only("positioner") is not None).bodies
     shown = (n for n, s in rig.sensors.items() if s.of == driven and s.quantity == "position")
-    return Plant(
+    return Drive(
         driven, per_volt, _inertia(rig, driven), modes,
         len(modes) == len(bodies.names), rig.servo is not None,
         v["resistance"] / v["inductance"] if circuit else math.inf, next(shown, ""),
@@ -101,7 +101,7 @@ def sample_time_s(rig: Rig) -> float:
     return step
 
 
-def crossing_rad_s(rng: Generator, plant: Plant, step_s: float) -> float | None:
+def crossing_rad_s(rng: Generator, plant: Drive, step_s: float) -> float | None:
     """Where a loop around the driven body crosses 0 dB, drawn; None where no sensor or no sampling rate allows one."""
     low = SLOWEST
     if not plant.sensor or not plant.per_volt or plant.held:
@@ -117,7 +117,7 @@ def crossing_rad_s(rng: Generator, plant: Plant, step_s: float) -> float | None:
     return high * math.exp(float(rng.uniform(math.log(low), 0.0)))
 
 
-def pid(plant: Plant, omega: float) -> dict[str, float]:
+def pid(plant: Drive, omega: float) -> dict[str, float]:
     """Gains of a PID that crosses 0 dB at ``omega``, from the rigid-body model ``inertia s^2``.
 
     The rule of thumb of motion control: a lead from omega/3 to 3 omega, an integral below omega/10, and the gain that

@@ -26,7 +26,7 @@ from dtbacklash.remote.protocol import (
     REPLAYED,
     Counters,
     Document,
-    Refused,
+    Rejected,
     answer_topic,
     check_name,
     check_origin,
@@ -274,52 +274,52 @@ class RemoteTwin:
             with self._state:
                 self._accept(message)
         except Exception as error:  # whatever it is: a message must not end the network's thread
-            refused = Refused.of(error)
+            refused = Rejected.of(error)
             log.info("dropped an answer: %s", refused)
             with self._state:
                 if not self._over:
                     self._dropped[self._counter, refused.reason] += 1
 
     def _checked(self, topic: str, payload: bytes, signature: str | None) -> AnswerMessage:
-        """The answer in a message that passes all checks; raises Refused."""
+        """The answer in a message that passes all checks; raises Rejected."""
         check_origin("answer", self._key, topic, payload, signature)
         message = AnswerMessage.parsed(payload)
         if message.to.run != self._run or message.machine != self._machine:
-            raise Refused(OTHER_RUN)
+            raise Rejected(OTHER_RUN)
         if message.answer is not None:
             if self.settings.guard and not message.answer.guarded:
-                raise Refused(UNGUARDED)
+                raise Rejected(UNGUARDED)
             self._check_model(message.answer.belief)
             check_bounds(message.answer, self.settings.gap_max_deg)
         return message
 
     def _check_model(self, belief: Belief | None) -> None:
-        """Raise Refused for a model that was not asked for, that fits another machine, or that allows no controller."""
+        """Raise Rejected for a model that was not asked for, fits another machine, or allows no controller."""
         if belief is None:
             return
         if self.settings.on_alarm != "bank":
-            raise Refused(NO_MODEL, "it was not asked for")
+            raise Rejected(NO_MODEL, "it was not asked for")
         mine, said = self.belief["rig"], belief.rig.config
         if mine["elements"] != said.elements or mine["sensors"] != said.sensors or set(mine["parameters"]) != set(
             said.parameters
         ):  # fmt: skip
-            raise Refused(NO_MODEL, "its elements, sensors or parameters are others")
+            raise Rejected(NO_MODEL, "its elements, sensors or parameters are others")
         try:
             self._design(belief)
         except UserError as mistake:
-            raise Refused(NO_MODEL, str(mistake)) from mistake
+            raise Rejected(NO_MODEL, str(mistake)) from mistake
 
     def _accept(self, message: AnswerMessage) -> None:
-        """Take the answer to a request that waits for one; raises Refused for all others."""
+        """Take the answer to a request that waits for one; raises Rejected for all others."""
         one = self._asked.get(message.to.counter)
         if one is None:
-            raise Refused(UNKNOWN)
+            raise Rejected(UNKNOWN)
         if one.state == ANSWERED:
-            raise Refused(REPLAYED if message.ticket == one.accepted else DOUBLED)
+            raise Rejected(REPLAYED if message.ticket == one.accepted else DOUBLED)
         if one.state != WAITING:
-            raise Refused(LATE if one.state == GIVEN_UP else OLD_BUFFER)
+            raise Rejected(LATE if one.state == GIVEN_UP else OLD_BUFFER)
         if message.sha256 != one.sha256:
-            raise Refused(CHANGED)
+            raise Rejected(CHANGED)
         self._twins.advance(message.ticket.run, message.ticket.counter)
         one.accepted = message.ticket
         if message.answer is None:

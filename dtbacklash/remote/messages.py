@@ -22,7 +22,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.control.belief import Belief
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig_file import rig_content, rig_of
-from dtbacklash.remote.protocol import LIMITS, MALFORMED, VERSION, Document, Refused, dumped, parsed
+from dtbacklash.remote.protocol import LIMITS, MALFORMED, VERSION, Document, Rejected, dumped, parsed
 from dtbacklash.twin.gap.estimate import Estimate
 from dtbacklash.twin.gap.guard import Attempt, Verdict
 from dtbacklash.twin.link.service import Answer, Request
@@ -74,13 +74,13 @@ class RequestMessage:
 
     @classmethod
     def parsed(cls, payload: bytes) -> RequestMessage:
-        """The request in a message; raises Refused."""
+        """The request in a message; raises Rejected."""
         d = parsed(payload, "request")
         samples = {name: _unpacked(d[name]) for name in ("q3_m", "theta_m_rad", "u_v") if name in d}
         q3, theta_m, u = samples["q3_m"], samples["theta_m_rad"], samples.get("u_v")
         for name, one in samples.items():
             if one.size != q3.size:
-                raise Refused(MALFORMED, f"{one.size} samples of {name}, {q3.size} of q3_m")
+                raise Rejected(MALFORMED, f"{one.size} samples of {name}, {q3.size} of q3_m")
         where = int(d["event"]), int(d["first"])
         request = Request(*where, theta_m, q3, float(d["present_rad"]), int(d["seed"]), u, d.get("moved", 0))
         ticket = Ticket(d["run"], int(d["counter"]))
@@ -121,7 +121,7 @@ class AnswerMessage:
 
     @classmethod
     def parsed(cls, payload: bytes) -> AnswerMessage:
-        """The answer in a message; raises Refused."""
+        """The answer in a message; raises Rejected."""
         d = parsed(payload, "answer")
         answer = None
         if d["status"] == "answered":
@@ -134,7 +134,7 @@ class AnswerMessage:
 
 
 def check_bounds(answer: Answer, gap_max_deg: float) -> None:
-    """Raise Refused where an answer would put a gap in force that no machine has.
+    """Raise Rejected where an answer would put a gap in force that no machine has.
 
     Attempts that are not accepted may hold any number: they only go into the table.
     """
@@ -143,10 +143,10 @@ def check_bounds(answer: Answer, gap_max_deg: float) -> None:
     gap_deg = math.degrees(answer.gap_rad)
     # rounding from radians and back moves a gap at the bound by less than this
     if not 0.0 <= gap_deg <= gap_max_deg * (1.0 + 1e-12):
-        raise Refused(OUT_OF_BOUNDS, f"{gap_deg:g} deg, not within 0..{gap_max_deg:g}")
+        raise Rejected(OUT_OF_BOUNDS, f"{gap_deg:g} deg, not within 0..{gap_max_deg:g}")
     std_rad = answer.chosen.estimate.std_rad
     if answer.guarded and not std_rad >= 0.0:
-        raise Refused(OUT_OF_BOUNDS, f"a standard error of {std_rad:g} rad")
+        raise Rejected(OUT_OF_BOUNDS, f"a standard error of {std_rad:g} rad")
 
 
 def claimed_ticket(payload: bytes) -> Ticket:
@@ -181,17 +181,17 @@ def _unpacked(samples: str | list[float]) -> Floats:
         try:
             found = np.array(samples, dtype=np.float64)
         except OverflowError as error:
-            raise Refused(MALFORMED, "a sample beyond a double") from error
+            raise Rejected(MALFORMED, "a sample beyond a double") from error
     else:
         try:
             raw = base64.b64decode(samples, validate=True)
         except (binascii.Error, ValueError) as error:
-            raise Refused(MALFORMED, f"samples: {error}") from error
+            raise Rejected(MALFORMED, f"samples: {error}") from error
         if len(raw) % 8:
-            raise Refused(MALFORMED, "samples that are no doubles")
+            raise Rejected(MALFORMED, "samples that are no doubles")
         found = np.frombuffer(raw, dtype="<f8").astype(np.float64)
     if not np.all(np.isfinite(found)):
-        raise Refused(MALFORMED, "samples that are not finite")
+        raise Rejected(MALFORMED, "samples that are not finite")
     return found
 
 
@@ -199,7 +199,7 @@ def _belief_in(document: Document) -> Belief:
     try:
         return Belief(rig_of(document))
     except (UserError, TypeError, ValueError, KeyError) as error:
-        raise Refused(MALFORMED, f"no rig: {error}") from error
+        raise Rejected(MALFORMED, f"no rig: {error}") from error
 
 
 def _number_out(value: float) -> float | str:
@@ -211,7 +211,7 @@ def _number_in(value: float | str) -> float:
     try:
         return float(value)
     except OverflowError as error:
-        raise Refused(MALFORMED, "a number beyond a double") from error
+        raise Rejected(MALFORMED, "a number beyond a double") from error
 
 
 #: type of a field -> how it is written, and read

@@ -1,6 +1,6 @@
 """What the two ends of the network agree on: topics, limits, signed JSON documents, and why a message is dropped.
 
-A message that fails a check raises :class:`Refused`, with a short reason for the counters and more for the log.
+A message that fails a check raises :class:`Rejected`, with a short reason for the counters and more for the log.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ REQUESTS, STATUSES = f"{ROOT}/machine/+/request", f"{ROOT}/twin/+/status"
 Document = dict[str, Any]
 
 
-class Refused(Exception):
+class Rejected(Exception):
     """A message that fails a check.
 
     Parameters
@@ -46,7 +46,7 @@ class Refused(Exception):
         super().__init__(f"{reason}: {detail}" if detail else reason)
 
     @classmethod
-    def of(cls, error: Exception) -> Refused:
+    def of(cls, error: Exception) -> Rejected:
         """The refusal that an error stands for: any error but a refusal is a fault of the check."""
         return error if isinstance(error, cls) else cls(FAULT, repr(error))
 
@@ -66,9 +66,9 @@ class Counters:
         self._last: OrderedDict[Hashable, int] = OrderedDict()
 
     def advance(self, sender: Hashable, counter: int) -> None:
-        """Note the next counter of a sender; raises Refused where it is not above the last one."""
+        """Note the next counter of a sender; raises Rejected where it is not above the last one."""
         if counter <= self._last.get(sender, 0):
-            raise Refused(REPLAYED, f"message {counter}")
+            raise Rejected(REPLAYED, f"message {counter}")
         self._last[sender] = counter
         self._last.move_to_end(sender)
         if len(self._last) > self._limit:
@@ -108,11 +108,11 @@ def dumped(document: Document) -> bytes:
 
 
 def check_origin(kind: str, key: Signer, topic: str, payload: bytes, signature: str | None) -> None:
-    """Check size and signature of a message before its content is read; raises Refused."""
+    """Check size and signature of a message before its content is read; raises Rejected."""
     if len(payload) > LIMITS[kind]:
-        raise Refused(TOO_LARGE, f"{len(payload)} bytes, at most {LIMITS[kind]}")
+        raise Rejected(TOO_LARGE, f"{len(payload)} bytes, at most {LIMITS[kind]}")
     if not key.signed(topic, payload, signature):
-        raise Refused(SIGNATURE)
+        raise Rejected(SIGNATURE)
 
 
 def parsed(payload: bytes, kind: str) -> Document:
@@ -120,23 +120,23 @@ def parsed(payload: bytes, kind: str) -> Document:
 
     Raises
     ------
-    Refused : it is no JSON, of another version, or does not follow the schema.
+    Rejected : it is no JSON, of another version, or does not follow the schema.
     """
     try:
         document = json.loads(payload.decode("utf-8"), parse_constant=_not_a_number, parse_float=_finite)
     except (ValueError, RecursionError) as error:
-        raise Refused(MALFORMED, f"no JSON: {error}") from error
+        raise Rejected(MALFORMED, f"no JSON: {error}") from error
     if not isinstance(document, dict):
-        raise Refused(MALFORMED, "no JSON object")
+        raise Rejected(MALFORMED, "no JSON object")
     if (version := document.get("version")) != VERSION or isinstance(version, bool):
-        raise Refused(OTHER_VERSION, f"{str(version)[:40]}, not {VERSION}")
+        raise Rejected(OTHER_VERSION, f"{str(version)[:40]}, not {VERSION}")
     check, mistake = _validator(kind)
     try:
         check(document)
     except mistake as error:
-        raise Refused(MALFORMED, str(error)[:300]) from error
+        raise Rejected(MALFORMED, str(error)[:300]) from error
     except RecursionError as error:
-        raise Refused(MALFORMED, "nested too deeply") from error
+        raise Rejected(MALFORMED, "nested too deeply") from error
     return document
 
 

@@ -27,7 +27,7 @@ from dtbacklash.remote.protocol import (
     VERSION,
     Counters,
     Document,
-    Refused,
+    Rejected,
     answer_topic,
     check_name,
     check_origin,
@@ -36,7 +36,7 @@ from dtbacklash.remote.protocol import (
     status_topic,
 )
 from dtbacklash.remote.status import Statistics
-from dtbacklash.remote.workers import FairQueue, Result, Workers
+from dtbacklash.remote.workers import FairQueue, Processes, Result
 from dtbacklash.twin.link.service import Answer
 
 BUSY, OVERDUE = "dropped: the twin is busy", "dropped: the machine has stopped waiting"
@@ -115,7 +115,7 @@ class TwinServer:
         self.statistics = Statistics()
         self.queue: FairQueue[_Waiting] = FairQueue(config.queue, MACHINES_WAITING)
         self._runs = Counters(RUNS_KEPT)
-        self._workers: Workers | None = None
+        self._workers: Processes | None = None
         self._free = threading.Semaphore(config.workers)
         self._busy = 0
         self._ended = threading.Event()
@@ -128,7 +128,7 @@ class TwinServer:
 
     def run(self, belief: Document) -> None:
         """Serve until :meth:`end`; ``belief`` : of any machine, to load what estimates need."""
-        self._workers = Workers(self.config.workers)
+        self._workers = Processes(self.config.workers)
         try:
             self._workers.warm_up(belief)
             self._connection.open()
@@ -161,7 +161,7 @@ class TwinServer:
             sender = self._sender(topic, payload, signature)
             message = self._checked(sender, payload)
         except Exception as error:  # whatever it is: a message must not end the network's thread
-            refused = Refused.of(error)
+            refused = Rejected.of(error)
             self.statistics.reject(refused.reason)
             printable = "".join(letter if letter.isprintable() else "?" for letter in topic[:100])
             self._say(f"{printable}: a message is dropped: {refused}")
@@ -174,24 +174,24 @@ class TwinServer:
             self._refuse(dropped.message, BUSY, dropped=True)
 
     def _sender(self, topic: str, payload: bytes, signature: str | None) -> str:
-        """The machine that has signed a message; raises Refused."""
+        """The machine that has signed a message; raises Rejected."""
         machine = name_in(topic)
         if not NAME.fullmatch(machine):
-            raise Refused(MALFORMED, "the name of the machine")
+            raise Rejected(MALFORMED, "the name of the machine")
         check_origin("request", self._key.of_machine(machine), topic, payload, signature)
         return machine
 
     def _checked(self, machine: str, payload: bytes) -> RequestMessage:
-        """The request in a message of a machine that passes all checks; raises Refused."""
+        """The request in a message of a machine that passes all checks; raises Rejected."""
         message = RequestMessage.parsed(payload)
         if message.machine != machine:
-            raise Refused(MALFORMED, f"of machine {message.machine}")
+            raise Rejected(MALFORMED, f"of machine {message.machine}")
         self._runs.advance((machine, message.ticket.run), message.ticket.counter)
         return message
 
     # --- work
 
-    def _dispatch(self, workers: Workers) -> None:
+    def _dispatch(self, workers: Processes) -> None:
         """Give each request to a worker as soon as one is free."""
         while not self._ended.is_set():
             if not self._free.acquire(timeout=LOOK_S):

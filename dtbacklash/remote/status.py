@@ -17,7 +17,7 @@ from dtbacklash.config.twin import StatusConfig
 from dtbacklash.errors import Failure
 from dtbacklash.remote.connection import Connection
 from dtbacklash.remote.credentials import STATUS, load_credentials
-from dtbacklash.remote.protocol import STATUSES, Document, Refused, check_origin, name_in, parsed
+from dtbacklash.remote.protocol import STATUSES, Document, Rejected, check_origin, name_in, parsed
 from dtbacklash.twin.link.service import Answer
 
 #: what is counted of each machine: requests that passed all checks, estimates sent, those of them that the guard
@@ -101,7 +101,7 @@ def heard(config: StatusConfig) -> tuple[dict[str, Document], dict[str, int]]:
             document = parsed(payload, "status")
         except Exception as error:  # whatever it is: a message must not end the network's thread
             with lock:
-                rejected[Refused.of(error).reason] += 1
+                rejected[Rejected.of(error).reason] += 1
             return
         with lock:
             if document["name"] == name_in(topic) and (document["name"] in twins or len(twins) < TWINS_KEPT):

@@ -71,7 +71,7 @@ class FairQueue(Generic[Item]):
             return {machine: len(mine) for machine, mine in self._waiting.items()}
 
 
-class Workers:
+class Processes:
     """``count`` processes that estimate. A process that ends by itself is replaced; its request is refused."""
 
     def __init__(self, count: int) -> None:

@@ -8,7 +8,7 @@ from dtbacklash.prove.simulator import arrays as col
 
 
 @dataclass(frozen=True)
-class Unknown:
+class Unlisted:
     """Physics that the catalogue lacks; its kind is the constant of :mod:`.arrays` with its name in capitals.
 
     scale : the typical size of the state that it depends on, or the second ripple's share of the first.

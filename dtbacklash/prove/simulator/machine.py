@@ -10,7 +10,7 @@ from dtbacklash.physics.kinds import ROTARY
 from dtbacklash.physics.rig import SENSOR_PREFIX, Element, Rig
 from dtbacklash.prove.simulator import arrays as col
 from dtbacklash.prove.simulator.arrays import Machine
-from dtbacklash.prove.simulator.given import Errors, Unknown
+from dtbacklash.prove.simulator.given import Errors, Unlisted
 
 #: damping of a compliant screw against the mass that it carries
 SCREW_DAMPING_RATIO = 0.02
@@ -65,7 +65,7 @@ def carried_mass(rig: Rig) -> str | None:
     return screw.neighbours.get("carries") if screw else None
 
 
-def machine(rig: Rig, sample_time_s: float, errors: Errors, *unknown: Unknown) -> Machine:
+def machine(rig: Rig, sample_time_s: float, errors: Errors, *unknown: Unlisted) -> Machine:
     """The arrays of a rig for one sampling time."""
     net = _bodies(rig)
     links = _links(rig, net)
@@ -215,7 +215,7 @@ def _bristle(
     net.friction_ends.append((a, b))
 
 
-def _creep(net: _Net, unknown: tuple[Unknown, ...]) -> None:
+def _creep(net: _Net, unknown: tuple[Unlisted, ...]) -> None:
     """Add the bristles of what creeps before it slides: so soft that they give way by a part of the motion."""
     for one in unknown:
         if one.name == "creep":
@@ -306,7 +306,7 @@ def _sensors(rig: Rig, net: _Net, links: dict[str, int], errors: Errors) -> Floa
     return rows
 
 
-def _unknown(unknown: Unknown, rig: Rig, net: _Net, links: dict[str, int]) -> list[float]:
+def _unknown(unknown: Unlisted, rig: Rig, net: _Net, links: dict[str, int]) -> list[float]:
     """The row of a law that the catalogue does not have; its place is a link, a body, a sensor, or -1."""
     places = {SENSOR_PREFIX + name: j for j, name in enumerate(rig.sensors)}
     places |= {name: j for j, name in enumerate(net.names)} | links

@@ -10,7 +10,7 @@ from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 from dtbacklash.prove.simulator import arrays as col
 from dtbacklash.prove.simulator.arrays import Memory, Signals
-from dtbacklash.prove.simulator.given import Errors, Loop, Unknown
+from dtbacklash.prove.simulator.given import Errors, Loop, Unlisted
 from dtbacklash.prove.simulator.machine import body_names, machine
 from dtbacklash.prove.simulator.step import run_machine
 
@@ -29,7 +29,7 @@ EFFECTS = frozenset((
 
 
 @dataclass(frozen=True)
-class Run:
+class Trial:
     """The result of a run.
 
     u : (N+1,) V. truth, seen : sensor -> (N+1,) SI, without and with noise and counts. states : (N+1, 2 + 2 nb)
@@ -73,7 +73,9 @@ def check_concealable(rig: Rig) -> None:
         raise UserError("rig.sensors", "(none)", "to conceal, at least one sensor")
 
 
-def simulate_other(rig: Rig, loop: Loop, sample_time_s: float, errors: Errors | None = None, *unknown: Unknown) -> Run:
+def simulate_other(
+    rig: Rig, loop: Loop, sample_time_s: float, errors: Errors | None = None, *unknown: Unlisted
+) -> Trial:
     """Simulate a rig from rest by the concealing simulator; deterministic to the last bit.
 
     Raises
@@ -105,7 +107,7 @@ def simulate_other(rig: Rig, loop: Loop, sample_time_s: float, errors: Errors | 
     u, truth, seen, states = np.zeros(n), np.zeros((n, sensors)), np.zeros((n, sensors)), np.zeros((n, size))
     good = run_machine(m, memory, control, signals, history, u, truth, seen, states)
     by_sensor = dict(zip(rig.sensors, truth.T, strict=True)), dict(zip(rig.sensors, seen.T, strict=True))
-    return Run(u, *by_sensor, states, body_names(rig), int(good), sample_time_s)
+    return Trial(u, *by_sensor, states, body_names(rig), int(good), sample_time_s)
 
 
 def roles(rig: Rig) -> tuple[int, int]:

@@ -15,8 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from dtbacklash.prove.names import FAMILIES, error_ratio, wilson
-from dtbacklash.prove.score import RATIO_MAX, UNKNOWN, Bin, Score
-from dtbacklash.prove.score import Figure as Share
+from dtbacklash.prove.score import RATIO_MAX, UNKNOWN, Bin, Score, Share
 from dtbacklash.report.kit.style import INK, MUTED, SERIES, label_decades, logarithmic, new_figure, styled
 
 PASS, MISS = "#00704f", "#b3261e"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from dtbacklash.prove.run import SCORING_FROM
-from dtbacklash.prove.score import Figure, Quantity, Score
+from dtbacklash.prove.score import Quantity, Score, Share
 from dtbacklash.report.kit.blocks import Table
 from dtbacklash.report.kit.markdown import table
 from dtbacklash.report.kit.numbers import number
@@ -45,7 +45,7 @@ def percent(share: float) -> str:
     return "-" if math.isnan(share) else f"{100 * share:.1f} %"
 
 
-def figure_row(figure: Figure) -> list[str]:
+def figure_row(figure: Share) -> list[str]:
     """A share's row: what, value, count, interval, bar, verdict, and the same over all cases."""
     low, high = figure.interval
     every = "" if figure.every_of is None else f"{figure.every_right}/{figure.every_of}"

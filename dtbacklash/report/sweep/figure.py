@@ -31,7 +31,7 @@ JOB, COLUMN, FAILED = "job", "_column", "_failed"
 
 
 @dataclass(frozen=True)
-class Layout:
+class Swept:
     """Which swept choice goes where; ``column`` joins several choices if there are more than three."""
 
     x: str
@@ -82,7 +82,7 @@ def sweep_figure(table: pd.DataFrame, axes: list[str]) -> Figure:
     return figure
 
 
-def _layout(table: pd.DataFrame, axes: list[str]) -> Layout:
+def _layout(table: pd.DataFrame, axes: list[str]) -> Swept:
     """x axis, colour and columns for the swept keys; where that would be unreadable, the job's number is the x axis."""
     levels = {name: table[name].astype(str).nunique() for name in axes}
     axes = [name for name in axes if levels[name] > 1] or axes[:1]
@@ -93,10 +93,10 @@ def _layout(table: pd.DataFrame, axes: list[str]) -> Layout:
     columns = table[others].astype(str).drop_duplicates().shape[0] if others else 1
     too_many = columns > MAX_COLUMNS or (series is not None and levels[series] > MAX_SERIES)
     if x == JOB or too_many or (x not in numeric and levels[x] > MAX_NAMES):
-        return Layout(JOB, None, None, True)
+        return Swept(JOB, None, None, True)
     if others:
         table[COLUMN] = [", ".join(f"{k} = {_name(row[k])}" for k in others) for _, row in table.iterrows()]
-    return Layout(x, series, COLUMN if others else None, x in numeric)
+    return Swept(x, series, COLUMN if others else None, x in numeric)
 
 
 def _is_numeric(column: pd.Series) -> bool:
@@ -114,7 +114,7 @@ def _levels(column: pd.Series) -> list[str]:
     return list(dict.fromkeys(column.astype(str)))
 
 
-def _panel(ax: Axes, part: pd.DataFrame, table: pd.DataFrame, layout: Layout, name: str) -> None:
+def _panel(ax: Axes, part: pd.DataFrame, table: pd.DataFrame, layout: Swept, name: str) -> None:
     """One figure of merit over the x axis, a colour and marker a series."""
     names = _levels(table[layout.x])
     series = _levels(table[layout.series]) if layout.series else [""]
@@ -176,7 +176,7 @@ def _scale(ax: Axes, values: pd.Series, least: float) -> None:
     ax.set_ylim(-0.3 if logarithmic else -0.06 * top, (4.0 if logarithmic else 1.18) * top)
 
 
-def _legend(figure: Figure, table: pd.DataFrame, layout: Layout) -> None:
+def _legend(figure: Figure, table: pd.DataFrame, layout: Swept) -> None:
     """Series, and only those special marks that occur, above all panels."""
     series = _levels(table[layout.series]) if layout.series else []
     marks = [(label, *_marker(k)) for k, label in enumerate(series)]

@@ -109,7 +109,7 @@ def test_what_is_known_so_far_is_a_line_each_time_that_it_changes(capsys):
 def test_the_time_left_follows_from_what_was_done_and_goes_on_falling(monkeypatch, shares, said):
     now = [0.0]
     monkeypatch.setattr(console.time, "monotonic", lambda: now[0])
-    left = console.Left()
+    left = console.TimeLeft()
     for at, share in shares:
         now[0] = at
         if share is not None:

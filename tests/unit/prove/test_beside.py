@@ -9,7 +9,7 @@ from dtbacklash.prove import beside
 from dtbacklash.prove.bench import rms
 from dtbacklash.prove.draw import draw, record
 from dtbacklash.prove.secret import Secret
-from dtbacklash.prove.simulator.given import Loop, Unknown
+from dtbacklash.prove.simulator.given import Loop, Unlisted
 from dtbacklash.prove.simulator.rig import simulate_other
 
 STEP_S = 1e-3
@@ -85,9 +85,9 @@ def moved(rig, *laws, courses=0.0, n=2000):
 @pytest.mark.parametrize(
     ("law", "error"),
     [
-        (Unknown("sensor_theta", "interpolation", 1e-4, wave=300.0), lambda y: 1e-4 * np.sin(300.0 * y)),
-        (Unknown("sensor_theta", "curved_scale", 0.02, 0.5), lambda y: 0.02 * y**2 / 0.5),
-        (Unknown("sensor_theta", "reading_drift", 0.02), lambda y: 0.02 * np.cos(STEP_S * np.arange(len(y)))),
+        (Unlisted("sensor_theta", "interpolation", 1e-4, wave=300.0), lambda y: 1e-4 * np.sin(300.0 * y)),
+        (Unlisted("sensor_theta", "curved_scale", 0.02, 0.5), lambda y: 0.02 * y**2 / 0.5),
+        (Unlisted("sensor_theta", "reading_drift", 0.02), lambda y: 0.02 * np.cos(STEP_S * np.arange(len(y)))),
     ],
 )  # fmt: skip
 def test_an_error_of_a_scale_is_what_its_name_says(law, error):
@@ -99,7 +99,7 @@ def test_an_error_of_a_scale_is_what_its_name_says(law, error):
 
 def test_a_clock_that_jitters_samples_all_channels_at_another_time():
     early = 2e-4 * np.random.default_rng(0).standard_normal(2000)
-    run, plain = moved(nominal_rig("pendulum"), Unknown("clock", "clock_jitter", 2e-4), courses=early / 2e-4)
+    run, plain = moved(nominal_rig("pendulum"), Unlisted("clock", "clock_jitter", 2e-4), courses=early / 2e-4)
     for sensor in ("theta", "omega"):
         rate = np.gradient(plain.truth[sensor], STEP_S)
         error = run.truth[sensor] - plain.truth[sensor]
@@ -109,7 +109,7 @@ def test_a_clock_that_jitters_samples_all_channels_at_another_time():
 def test_creep_gives_way_like_a_spring_and_then_slides():
     """A force of 1 N holds a mass that creeps by 1 mm until it slides against 1 N (a spring of 1 N/mm at first)."""
     rig = nominal_rig("two_mass_stage")
-    law, n = Unknown("carriage", "creep", 1.0, 1e-3), 4000
+    law, n = Unlisted("carriage", "creep", 1.0, 1e-3), 4000
     none = np.zeros(n)
     loops = [Loop(False, none + force / 12.0, none, none) for force in (0.2, 3.0)]
     held, slid = (simulate_other(rig, loop, STEP_S, None, law).truth["x_c"] for loop in loops)

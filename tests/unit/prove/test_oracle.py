@@ -9,7 +9,7 @@ from nominal import nominal_rig
 from dtbacklash.diagnose.records import Record
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
-from dtbacklash.prove.oracle import HELD_OUT, Oracle, Seen, better, compared, look
+from dtbacklash.prove.oracle import HELD_OUT, Oracle, Sight, better, compared, look
 
 STEP_S, SECONDS = 1e-3, 3.0
 COUNT, NOISE = 2 * np.pi / 4096, 1e-6
@@ -114,8 +114,8 @@ def test_a_wrong_parameter_is_clear_where_no_other_can_stand_for_it(rig):
     ],
 )  # fmt: skip
 def test_the_rule_of_clear(without, with_it, t, clear):
-    assert Seen(without, with_it, t).clear is clear
-    assert not Seen(without, with_it, t, to_spare=-1.0).clear
+    assert Sight(without, with_it, t).clear is clear
+    assert not Sight(without, with_it, t, to_spare=-1.0).clear
 
 
 def test_one_channel_is_enough_and_what_is_read_in_counts_may_leave_less_than_white_noise_does():
@@ -145,10 +145,10 @@ def seen_of_unknown(rig, truth):
 
 def test_the_true_law_beats_the_catalogue_or_does_not():
     """A spring that stiffens with its rate is none of the catalogue's; too small to be seen, it beats nothing."""
-    from dtbacklash.prove.simulator.given import Unknown
+    from dtbacklash.prove.simulator.given import Unlisted
 
     rig = nominal_rig("oscillator")
-    large, small = (seen_of_unknown(rig, Unknown("spring", "speed_stiffening", s, 0.1)) for s in (0.3, 1e-7))
+    large, small = (seen_of_unknown(rig, Unlisted("spring", "speed_stiffening", s, 0.1)) for s in (0.3, 1e-7))
     assert large["unlisted_clear"]
     ((best, figures),) = large["seen"].items()
     assert best not in ("recalibrated", "diagnosed")

@@ -28,7 +28,7 @@ from dtbacklash.prove.names import (
     reliability,
     wilson,
 )
-from dtbacklash.prove.score import Figure, Score, bins, score
+from dtbacklash.prove.score import Score, Share, bins, score
 from dtbacklash.report.proof.text import markdown, which_seeds
 
 KEYS = list(proved.VALUES)
@@ -79,7 +79,7 @@ def test_what_is_not_clear_counts_beside_the_bar():
     ],
 )  # fmt: skip
 def test_a_bar_is_met_or_missed(right, of, bar, met):
-    assert Figure("a", "a", right, of, bar).met is met
+    assert Share("a", "a", right, of, bar).met is met
 
 
 def test_wilson_is_that_of_the_textbook():

@@ -10,7 +10,7 @@ from dtbacklash.physics.catalogue import effects_of
 from dtbacklash.physics.rig import build_rig
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.prove.draw import entries
-from dtbacklash.prove.simulator.given import Errors, Loop, Unknown
+from dtbacklash.prove.simulator.given import Errors, Loop, Unlisted
 from dtbacklash.prove.simulator.laws import bristle_after, softplus, yielded_after
 from dtbacklash.prove.simulator.rig import simulate_other
 
@@ -140,7 +140,9 @@ def test_a_mass_that_changes_with_the_position_keeps_its_energy():
     effects = {"mass_3": {"constant_force": {"force": 1.0}}}
     rig = build_rig(type(config)("free", "", parameters, elements, effects, config.sensors))
     none = np.zeros(1001)
-    run = simulate_other(rig, Loop(False, none, none, none), STEP_S, None, Unknown("mass_3", "position_mass", 0.5, 0.1))
+    run = simulate_other(
+        rig, Loop(False, none, none, none), STEP_S, None, Unlisted("mass_3", "position_mass", 0.5, 0.1)
+    )
     at = 2 + run.bodies.index("mass_3")
     q, v = run.states[:, at], run.states[:, at + len(run.bodies)]
     energy = 0.5 * config.parameters["m"].value * (1.0 + 0.5 * q / 0.1) * v**2

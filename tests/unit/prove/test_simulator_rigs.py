@@ -13,7 +13,7 @@ from dtbacklash.physics.catalogue import effects_of
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.prove.bench import rms
 from dtbacklash.prove.draw import entries
-from dtbacklash.prove.simulator.given import Loop, Unknown
+from dtbacklash.prove.simulator.given import Loop, Unlisted
 from dtbacklash.prove.simulator.laws import held_stretch
 from dtbacklash.prove.simulator.rig import simulate_other
 from dtbacklash.prove.sizes import DESCRIPTIONS, motion_of, unknown_entries
@@ -94,20 +94,20 @@ def test_what_is_held_behind_a_lost_motion():
 @pytest.mark.parametrize(
     ("name", "law"),
     [
-        ("lead_screw", Unknown("motor_bearing", "disturbance", 1.0)),
-        ("lead_screw", Unknown("motor_circuit", "directional_torque", 1.0)),
-        ("lead_screw", Unknown("gear", "angular_play", 1.0)),
-        ("pendulum", Unknown("disk", "position_damping", 1.0)),
-        ("two_mass_stage", Unknown("motor", "directional_torque", 1.0)),
-        ("rotary_drive", Unknown("shaft", "root_spring", 1.0)),
-        ("oscillator", Unknown("mass", "position_mass", 1.0)),
-        ("brfd", Unknown("joint", "speed_stiffening", 1.0)),
-        ("emps", Unknown("carriage", "disturbance", 1.0)),
-        ("two_mass_stage", Unknown("motor", "position_gain", 1.0, 0.1)),
-        ("two_mass_stage", Unknown("motor", "gain_drift", 1.0)),
-        ("two_mass_stage", Unknown("table", "coloured_force", 1.0)),
-        ("two_mass_stage", Unknown("table", "wandering_friction", 1.0, 0.01)),
-        ("pendulum", Unknown("disk", "double_ripple", 1.0, 0.5, 3.0, 0.1, 20.0, 0.7)),
+        ("lead_screw", Unlisted("motor_bearing", "disturbance", 1.0)),
+        ("lead_screw", Unlisted("motor_circuit", "directional_torque", 1.0)),
+        ("lead_screw", Unlisted("gear", "angular_play", 1.0)),
+        ("pendulum", Unlisted("disk", "position_damping", 1.0)),
+        ("two_mass_stage", Unlisted("motor", "directional_torque", 1.0)),
+        ("rotary_drive", Unlisted("shaft", "root_spring", 1.0)),
+        ("oscillator", Unlisted("mass", "position_mass", 1.0)),
+        ("brfd", Unlisted("joint", "speed_stiffening", 1.0)),
+        ("emps", Unlisted("carriage", "disturbance", 1.0)),
+        ("two_mass_stage", Unlisted("motor", "position_gain", 1.0, 0.1)),
+        ("two_mass_stage", Unlisted("motor", "gain_drift", 1.0)),
+        ("two_mass_stage", Unlisted("table", "coloured_force", 1.0)),
+        ("two_mass_stage", Unlisted("table", "wandering_friction", 1.0, 0.01)),
+        ("pendulum", Unlisted("disk", "double_ripple", 1.0, 0.5, 3.0, 0.1, 20.0, 0.7)),
     ],
     ids=lambda one: one if isinstance(one, str) else f"{one.location}.{one.name}",
 )

@@ -18,7 +18,7 @@ from dtbacklash.control.belief import beliefs_of, settled
 from dtbacklash.experiment import estimation
 from dtbacklash.remote import belief, messages
 from dtbacklash.remote.messages import AnswerMessage, RequestMessage, Ticket, check_bounds, claimed_ticket
-from dtbacklash.remote.protocol import LIMITS, Refused, parsed, schema
+from dtbacklash.remote.protocol import LIMITS, Rejected, parsed, schema
 from dtbacklash.twin.gap.estimate import Estimate
 from dtbacklash.twin.gap.guard import Attempt, Verdict
 from dtbacklash.twin.link.service import Answer, Request
@@ -97,7 +97,7 @@ def test_a_gap_out_of_bounds_is_refused(gap: float, guarded: bool) -> None:
     numbers = [0.1, 0.1 if guarded else gap, 0.0, 1e-9, 0.01, 0.0, gap if guarded else math.nan]
     answer = _answer(numbers, guarded=guarded).answer
     assert answer is not None
-    with pytest.raises(Refused, match="gap out of bounds"):
+    with pytest.raises(Rejected, match="gap out of bounds"):
         check_bounds(answer, 180.0)
     rejected = _answer(numbers, accepted=False, guarded=guarded).answer
     assert rejected is not None
@@ -158,13 +158,13 @@ def test_what_is_the_machines_affair_does_not_travel() -> None:
 @pytest.mark.parametrize("payload", [b"", b"null", b"[]", b'"x"', b"\x00", b"{" * 10**5, b'{"version":1}', b"1" * 5000])
 def test_anything_else_is_refused(payload: bytes) -> None:
     for kind in ("request", "answer", "status"):
-        with pytest.raises(Refused, match=r"malformed|wrong version"):
+        with pytest.raises(Rejected, match=r"malformed|wrong version"):
             parsed(payload, kind)
 
 
 @given(st.binary(max_size=300))
 def test_noise_is_refused(payload: bytes) -> None:
-    with pytest.raises(Refused):
+    with pytest.raises(Rejected):
         AnswerMessage.parsed(payload)
 
 
@@ -173,7 +173,7 @@ def test_a_message_with_a_changed_byte_is_refused_or_read(data: st.DataObject) -
     """Nothing but Refused ever comes out of reading a message."""
     payload = bytearray(_answer([0.1] * 7).dumped())
     payload[data.draw(st.integers(0, len(payload) - 1))] = data.draw(st.integers(0, 255))
-    with suppress(Refused):
+    with suppress(Rejected):
         AnswerMessage.parsed(bytes(payload))
 
 
