@@ -62,12 +62,7 @@ class Application:
 
 
 def find(name: str) -> Application:
-    """The application called ``name``, imported now.
-
-    Raises
-    ------
-    KeyError : there is none.
-    """
+    """The application called ``name``, imported now; raises KeyError: there is none."""
     module, _, attribute = APPLICATIONS[name].partition(":")
     found = getattr(importlib.import_module(module), attribute)
     assert isinstance(found, Application)

@@ -93,9 +93,7 @@ class Launcher:
 def check_backend(backend: str, scheduler: str | None) -> None:
     """Refuse a backend that is not known or not installed, before anything is written.
 
-    Raises
-    ------
-    UserError : no such backend; its extra is not installed; a scheduler for a backend that has none.
+    Raises UserError: no such backend; its extra is not installed; a scheduler for a backend that has none.
     """
     if backend not in BACKENDS:
         raise UserError("backend", backend, "choose one of " + ", ".join(BACKENDS))
@@ -117,9 +115,7 @@ def workers(backend: str, jobs: int, scheduler: str | None = None) -> Iterator[N
     scheduler : address of a Dask scheduler that runs already (its workers see the same folders and have this package);
         None starts a cluster of ``jobs`` workers here, for as long as the block lasts.
 
-    Raises
-    ------
-    UserError : the backend is not installed, or no scheduler answers at the address.
+    Raises UserError: the backend is not installed, or no scheduler answers at the address.
     """
     check_backend(backend, scheduler)
     for name in THREADS:

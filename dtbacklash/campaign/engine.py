@@ -32,9 +32,7 @@ class Backend(Protocol):
     def do(self, jobs: Sequence[Job]) -> None:
         """Have :func:`.jobs.perform` called for each job once, in any order and anywhere.
 
-        Raises
-        ------
-        UserError : it cannot work at all. Exception : what a worker died of.
+        Raises UserError: it cannot work at all. Exception: what a worker died of.
         """
 
     def alone(self) -> Backend:
@@ -52,10 +50,8 @@ def complete(jobs: Sequence[Job], backend: Backend, tell: Tell, stage: str = "",
     tell : is told the stage and how many jobs have ended, of how many.
     noun : what the jobs are called.
 
-    Raises
-    ------
-    KeyboardInterrupt : finished jobs stay; says how many. UserError : the backend or a job cannot work at all.
-    Failure : the disk is full; finished jobs stay.
+    Raises KeyboardInterrupt: finished jobs stay; says how many. UserError: the backend or a job cannot work at all.
+    Failure: the disk is full; finished jobs stay.
     """
     before = {job.record: _stamp(job.record) for job in jobs}  # first: what ends from here on, by whomever, is news
     todo = [job for job in jobs if not job.done()]

@@ -33,9 +33,7 @@ class Job(ABC):
     def work(self) -> None:
         """Do it and leave the record. What the job itself can fail by is a result, and stands in the record.
 
-        Raises
-        ------
-        UserError : the record cannot be written.
+        Raises UserError: the record cannot be written.
         """
 
     @abstractmethod

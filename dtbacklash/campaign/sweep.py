@@ -160,12 +160,9 @@ def run(sweeper: BasicSweeper, arguments: list[str], begin: Callable[[], None] =
     ----------
     begin : is called when there is something to do, before it is done.
 
-    Raises
-    ------
-    UserError : no job can even be set up, two would write one file (nothing is written then), or the folder cannot
-        be written to.
-    Failure : the disk is full; finished jobs stay.
-    KeyboardInterrupt : finished jobs stay; the same command does the rest.
+    Raises UserError: no job can even be set up, two would write one file (nothing is written then), or the folder
+    cannot be written to. Failure: the disk is full; finished jobs stay. KeyboardInterrupt: finished jobs stay; the same
+    command does the rest.
     """
     assert sweeper.config is not None
     folder = Path(str(sweeper.config.hydra.sweep.dir)).absolute()
@@ -284,9 +281,7 @@ def words(one: Job) -> list[str]:
 def finish(folder: Path, jobs: list[SweepJob], application: Application, kept: int) -> Outcome:
     """Write ``sweep.csv`` and what the application draws of the whole.
 
-    Raises
-    ------
-    UserError : the folder cannot be written to. Failure : the disk is full; finished jobs stay.
+    Raises UserError: the folder cannot be written to. Failure: the disk is full; finished jobs stay.
     """
     entries = [_entry(one) for one in jobs]
     table = gather(jobs, entries, application.figures)

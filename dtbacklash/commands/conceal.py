@@ -36,9 +36,7 @@ def make(config: ConcealConfig, folder: Path, tell: Tell | None = None) -> tuple
     -------
     the names of the recordings; what ``rig=`` takes to diagnose them.
 
-    Raises
-    ------
-    UserError : a folder with something in it, a choice that cannot be, a key that cannot be used.
+    Raises UserError: a folder with something in it, a choice that cannot be, a key that cannot be used.
     """
     from dtbacklash.face import rigs
     from dtbacklash.physics.rig import build_rig

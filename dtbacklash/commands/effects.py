@@ -15,9 +15,7 @@ if TYPE_CHECKING:
 def main(words: Sequence[str]) -> int:
     """Run ``dtb effects``; returns the exit code.
 
-    Raises
-    ------
-    UserError : whatever the user got wrong, also in a law of one's own.
+    Raises UserError: whatever the user got wrong, also in a law of one's own.
     """
     option = next((word for word in words if word.startswith("-")), None)
     if option is not None:

@@ -18,12 +18,7 @@ LIMIT_V = 12.0
 
 
 def main(words: Sequence[str]) -> int:
-    """Run ``dtb export``; returns the exit code.
-
-    Raises
-    ------
-    UserError : whatever the user got wrong.
-    """
+    """Run ``dtb export``; returns the exit code; raises UserError: whatever the user got wrong."""
     if not words or words[0] not in (FMU, CONTROLLER):
         allowed = "write dtb export fmu, or dtb export controller"
         raise UserError("argument", words[0] if words else "(missing)", allowed)

@@ -20,9 +20,7 @@ if TYPE_CHECKING:
 def main(name: str, words: Sequence[str]) -> int:
     """Run the command ``name`` with the words behind it; returns the exit code.
 
-    Raises
-    ------
-    UserError : whatever the user got wrong.
+    Raises UserError: whatever the user got wrong.
     """
     grammar = GRAMMARS[name]
     from dtbacklash.campaign.application import find

@@ -60,9 +60,7 @@ def _silent(stage: str, done: int, total: int) -> None:
 def prove(plan: Plan, by: Workers, tell: Tell, command: str = "", docs: Path | None = None) -> Score:
     """Do what is missing of a proof and write its score; the seals are opened after the last diagnosis.
 
-    Raises
-    ------
-    UserError : see :mod:`dtbacklash.prove.run`. KeyboardInterrupt : finished cases stay.
+    Raises UserError: see :mod:`dtbacklash.prove.run`. KeyboardInterrupt: finished cases stay.
     """
     from dtbacklash.prove import run
     from dtbacklash.prove.score import score
@@ -163,9 +161,7 @@ def _rig_is_chosen() -> bool:
 def _write_rig(config: ProveConfig, plan: Plan) -> None:
     """A rig that is no option of ``rig=``, or was changed, goes into the proof's folder: the workers read it there.
 
-    Raises
-    ------
-    UserError : the folder holds the proof of another rig.
+    Raises UserError: the folder holds the proof of another rig.
     """
     from dtbacklash.face import rigs
     from dtbacklash.physics.rig import build_rig

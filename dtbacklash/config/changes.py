@@ -18,9 +18,7 @@ def check_changes(changes: list[Any], duration_s: float, sample_time_s: float) -
 
     duration_s, sample_time_s : of the run.
 
-    Raises
-    ------
-    UserError : names ``changes[i]`` and the way to the mistake in it.
+    Raises UserError: names ``changes[i]`` and the way to the mistake in it.
     """
     for i, change in enumerate(changes):
         key = f"changes[{i}]"

@@ -276,9 +276,7 @@ class ProveConfig:
     def counts(self) -> dict[str, int]:
         """How many recordings of each of several rigs.
 
-        Raises
-        ------
-        UserError : a count that is none, a rig that is named twice.
+        Raises UserError: a count that is none, a rig that is named twice.
         """
         found: dict[str, int] = {}
         for word in self.rigs:

@@ -25,9 +25,7 @@ def compose(*overrides: str, rig: Mapping[str, Any] | None = None, model: Mappin
     rig : the content of a rig's YAML file, in place of ``rig=NAME``; overrides such as ``rig.parameters.k.value=9000``
         change it. model : the same in place of ``model=NAME``.
 
-    Raises
-    ------
-    UserError : a value out of range, an unknown key or choice, a word that is none.
+    Raises UserError: a value out of range, an unknown key or choice, a word that is none.
     """
     return compose_for(RUN, RunConfig, *overrides, rig=rig, model=model)
 

@@ -61,9 +61,7 @@ class NoteFolders(Callback):
 def overrides(grammar: Grammar, words: Sequence[str]) -> list[str]:
     """The command line as Hydra reads it, with what it demands and a person would not write.
 
-    Raises
-    ------
-    UserError : an unknown option, a word that is not ``key=value``, a setting taken away, or given twice.
+    Raises UserError: an unknown option, a word that is not ``key=value``, a setting taken away, or given twice.
     """
     sweeps = is_sweep(words)
     result: list[str] = []
@@ -193,9 +191,7 @@ def paths(key: str, value: str, sweeps: bool, literal: bool = False) -> str:
     ----------
     sweeps : whether commas outside of quotes separate paths. literal : a comma is a sign in any case.
 
-    Raises
-    ------
-    UserError : several where one is taken.
+    Raises UserError: several where one is taken.
     """
     if value == "null" or _FUNCTION.match(value):
         return value

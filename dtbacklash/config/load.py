@@ -27,9 +27,7 @@ Config = TypeVar("Config")
 def load(config: DictConfig, schema: type[Config]) -> Config:
     """Resolve and check ``config``.
 
-    Raises
-    ------
-    UserError : a value out of range, an unknown key, an interpolation that leads nowhere.
+    Raises UserError: a value out of range, an unknown key, an interpolation that leads nowhere.
     """
     _refuse_unknown(config, schema, grammar_of(schema), "")
     try:

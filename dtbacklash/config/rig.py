@@ -40,9 +40,7 @@ def finite(key: str, value: Any, allowed: str = "a finite number") -> float:
 def in_si(key: str, value: object, unit: str = "") -> tuple[float, str]:
     """A value and its unit in SI: of a number with the unit beside it, or of a text such as ``0.5 N/mm``.
 
-    Raises
-    ------
-    UserError : no finite number, a unit that is unknown or said twice.
+    Raises UserError: no finite number, a unit that is unknown or said twice.
     """
     number: Any = value
     written = unit

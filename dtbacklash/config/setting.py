@@ -81,9 +81,7 @@ class Setting:
 def number(key: str, value: float, unit: str = "", **bounds: Any) -> None:
     """Refuse NaN, infinities and values outside of ``bounds``, those of a :class:`Setting`.
 
-    Raises
-    ------
-    UserError : names ``key`` and the whole allowed range in ``unit`` (default: the one that the key ends in).
+    Raises UserError: names ``key`` and the whole allowed range in ``unit`` (default: the one that the key ends in).
     """
     Setting("", unit, **bounds).check(key, value)
 
@@ -99,9 +97,8 @@ def setting(default: Any, meaning: str, choices: Iterable[str] = (), **more: Any
 def check(section: Any, prefix: str = "") -> None:
     """Check every declared setting of a dataclass; for its ``__post_init__``.
 
-    Raises
-    ------
-    UserError : names the dotted key (``prefix`` and the field, or the setting's word), the value, what is allowed.
+    Raises UserError: names the dotted key (``prefix`` and the field, or the setting's word), the value, what is
+    allowed.
     """
     for one in dataclasses.fields(section):
         declared = one.metadata.get(METADATA)

@@ -75,9 +75,7 @@ PARTS = {
 def read(schema: type[Config], words: Sequence[str]) -> Config:
     """The settings in ``words``, checked.
 
-    Raises
-    ------
-    UserError : an unknown key, one given twice, a value of the wrong kind or out of range.
+    Raises UserError: an unknown key, one given twice, a value of the wrong kind or out of range.
     """
     known = {one.key: one for one in declared(schema)}
     given: dict[str, Any] = {}

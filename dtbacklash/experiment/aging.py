@@ -25,10 +25,8 @@ from dtbacklash.physics.rig import Rig, build_rig
 def aged_rigs(config: RunConfig, plant: Plant) -> list[tuple[int, Rig, Plant]]:
     """The sample from which on the machine is another one, that machine, and its plant, in order.
 
-    Raises
-    ------
-    UserError : a parameter that the rig has not, an effect that does not fit, the gear's gap, other bodies than those
-        of ``plant``.
+    Raises UserError: a parameter that the rig has not, an effect that does not fit, the gear's gap, other bodies than
+    those of ``plant``.
     """
     rig, found = build_rig(config.rig), []
     for i, change in sorted(enumerate(config.changes), key=lambda one: float(one[1]["at_s"])):

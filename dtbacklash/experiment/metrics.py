@@ -42,9 +42,7 @@ def step_metrics(
     The overshoot beyond the target (percent of the size, >= 0), the time, s, after which the response stays in the
     band (interpolated between samples; NaN if it is outside at the end), and the largest ``|u|``, V.
 
-    Raises
-    ------
-    ValueError : the arrays are empty or differ in length, the move has no size, the band is not positive.
+    Raises ValueError: the arrays are empty or differ in length, the move has no size, the band is not positive.
     """
     t, response, voltage = (np.asarray(a, dtype=float) for a in (t_s, y, u))
     size = abs(target - start)

@@ -138,9 +138,7 @@ def run_scenario(
     beliefs : what controller and twin believe of the rig; None: what the configuration says.
     service : who estimates for the twin; None: a twin in this process.
 
-    Raises
-    ------
-    UserError : the rig or the combination makes no sense. Diverged : the loop is unstable.
+    Raises UserError: the rig or the combination makes no sense. Diverged: the loop is unstable.
     """
     started = time.perf_counter()
     with compiling() as spent, ExitStack() as until_done:
@@ -248,9 +246,7 @@ def _segments(
 
     configs : as asked for, and with what is ``auto`` in it settled.
 
-    Raises
-    ------
-    Diverged : |q3| passes ``solver.divergence_mm`` in a closed loop.
+    Raises Diverged: |q3| passes ``solver.divergence_mm`` in a closed loop.
     """
     asked, config = configs
     aged = list(machine.aged)

@@ -26,9 +26,7 @@ def trace_factor(sensor: Sensor) -> float:
 def sensor_errors(config: RunConfig, sensors: list[Sensor], n: int) -> tuple[Floats, Floats]:
     """Noise (n, sensors) or (0, sensors), and resolutions (sensors,), in SI.
 
-    Raises
-    ------
-    UserError : a column that the rig has not.
+    Raises UserError: a column that the rig has not.
     """
     noise, resolution = np.zeros((0, len(sensors))), np.zeros(len(sensors))
     columns = {column(sensor): (j, trace_factor(sensor)) for j, sensor in enumerate(sensors)}
@@ -51,9 +49,7 @@ def sensor_errors(config: RunConfig, sensors: list[Sensor], n: int) -> tuple[Flo
 def roles(rig: Rig, closed: bool) -> tuple[int, int]:
     """Which sensors show the motor's angle and the position of the last mass (-1: none).
 
-    Raises
-    ------
-    UserError : a closed loop lacks one of them; a sensor has a name that means something else.
+    Raises UserError: a closed loop lacks one of them; a sensor has a name that means something else.
     """
     bodies = [e.name for e in rig.elements.values() if e.kind in ("mass", "carriage")]
     end = driven_chain(rig)[0][-1].name if closed else (bodies or [""])[-1]

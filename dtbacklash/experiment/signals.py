@@ -34,9 +34,7 @@ def reference(config: ReferenceConfig, t_s: Array, seed: int = 0, command: bool 
 
     command : whether r is the rig's command, as in open loop; a file may then have the columns ``t,u`` of a recording.
 
-    Raises
-    ------
-    UserError : a CSV that is unreadable, has NaN, holes, or does not cover ``t_s`` (key ``reference.path``).
+    Raises UserError: a CSV that is unreadable, has NaN, holes, or does not cover ``t_s`` (key ``reference.path``).
     """
     if config.kind == "csv" or (config.kind == "trajectory" and config.path is not None):
         columns = COMMAND if command and has_command(config.path) else ("t_s", "r_mm")
@@ -80,10 +78,8 @@ def gap_profile(config: ProfileConfig, t_s: Array) -> Array:
     minimum-jerk g = 10x^3 - 15x^4 + 6x^5 (Flash and Hogan, 1985); ``step`` jumps at ``t_start_s``;
     ``wear`` see :func:`wear_growth`.
 
-    Raises
-    ------
-    UserError : a CSV that is unreadable, has NaN, holes, a negative gap or one above 360 deg, or does not
-        cover ``t_s`` (key ``profile.path``).
+    Raises UserError: a CSV that is unreadable, has NaN, holes, a negative gap or one above 360 deg, or does not cover
+    ``t_s`` (key ``profile.path``).
     """
     if config.kind == "csv":
         key, path = "profile.path", config.path
@@ -174,9 +170,7 @@ def _reached(t_s: Array, at_s: float) -> NDArray[np.bool_]:
 def read_columns(key: str, path: str | None, columns: tuple[str, str], t_s: Array) -> tuple[Array, Array]:
     """Read two columns of a CSV file: the time, and a value that must be known over all of ``t_s``.
 
-    Raises
-    ------
-    UserError : in the name of ``key``, with the row that is wrong.
+    Raises UserError: in the name of ``key``, with the row that is wrong.
     """
     times, values = _read_pair(key, path, columns)
     slack_s = EDGE * max(1.0, float(t_s[-1]))

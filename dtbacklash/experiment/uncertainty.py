@@ -39,10 +39,8 @@ def with_band(result: RunResult, folder: str, progress: Callable[[float], None] 
 
     progress : called with the share done, 0 to 1.
 
-    Raises
-    ------
-    UserError : no folder of a diagnosis with intervals; parameters that the rig of the run does not have; a machine
-        that diverges within the band.
+    Raises UserError: no folder of a diagnosis with intervals; parameters that the rig of the run does not have; a
+    machine that diverges within the band.
     """
     config, rig = result.config, result.rig
     steps = list(_steps(_calibration(folder), rig, folder))

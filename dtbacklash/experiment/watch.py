@@ -57,9 +57,7 @@ class Watcher:
     def prepare(cls, config: RunConfig, belief: Belief, samples: int) -> Watcher | None:
         """Before the first sample; None where no index is asked for.
 
-        Raises
-        ------
-        UserError : the rig is no screw-driven chain of masses with a motor.
+        Raises UserError: the rig is no screw-driven chain of masses with a motor.
         """
         t, step_s = config.twin, config.sample_time_s
         if not t.indexes:

@@ -25,9 +25,7 @@ from dtbacklash.prove.simulator.rig import Trial, check_concealable
 def nominal_rig(name: str) -> Rig:
     """The rig called ``name`` (or in a YAML file), as ``rig=`` takes it in the other commands.
 
-    Raises
-    ------
-    UserError : no such rig, or something in it is wrong.
+    Raises UserError: no such rig, or something in it is wrong.
     """
     from dtbacklash.config.compose import compose
     from dtbacklash.physics.rig import build_rig
@@ -62,9 +60,7 @@ def conceal(
     -------
     ``folder/<id>`` with ``recording.csv.gz``, ``public.json`` (rig, channels) and ``sealed.json``.
 
-    Raises
-    ------
-    UserError : an impossible choice, a case that exists already, a folder or key that cannot be used.
+    Raises UserError: an impossible choice, a case that exists already, a folder or key that cannot be used.
     """
     folder = Path(folder).absolute()
     rig = nominal_rig(rig_name) if isinstance(rig_name, str) else rig_name
@@ -99,9 +95,7 @@ def case_id(
 def write_case(case: Path, secret: Secret, nominal: Rig, key: bytes) -> None:
     """Record a secret and seal it into the folder ``case``, complete or not at all.
 
-    Raises
-    ------
-    UserError : it cannot be written.
+    Raises UserError: it cannot be written.
     """
     loop, run = record(secret, nominal)
     content = csv_gz(recording_table(secret, nominal, loop, run))

@@ -63,9 +63,7 @@ def draw(
     instruments : ``minimal`` (the loop's sensors) or ``rich`` (all). None: drawn. machine : ``lifelike`` has small
     things beside that, see :mod:`.beside`; but for these it moves as the ``clean`` one of the same seed.
 
-    Raises
-    ------
-    UserError : a rig that cannot be concealed, an unknown kind, effect or instruments.
+    Raises UserError: a rig that cannot be concealed, an unknown kind, effect or instruments.
     """
     check_concealable(rig)
     wanted = check_choices(rig, kind, effect, instruments)
@@ -100,9 +98,7 @@ def check_choices(
 ) -> tuple[str | None, tuple[str, str] | None, str | None]:
     """Check the user's choices; returns kind, (location, effect) and instruments, or None for what is to be drawn.
 
-    Raises
-    ------
-    UserError : an unknown kind, effect or instruments, or choices that exclude each other.
+    Raises UserError: an unknown kind, effect or instruments, or choices that exclude each other.
     """
     if kind is not None and kind not in KINDS:
         raise UserError("kind", kind, f"choose one of {', '.join(KINDS)}")

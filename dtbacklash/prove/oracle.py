@@ -187,9 +187,7 @@ def look(
     ``nominal``, the ``recalibrated``, the ``extended`` and the ``oracle``'s rig; ``clear`` and ``clear_parameters`` :
     name -> bool; ``unlisted_clear`` : bool; ``seen`` : the figures behind them; ``wall_s``.
 
-    Raises
-    ------
-    Failure : the true structure, or the nominal one, does not follow the recording.
+    Raises Failure: the true structure, or the nominal one, does not follow the recording.
     """
     begin, oracle = time.perf_counter(), Oracle(nominal, record)
     keys = [(e["location"], e["effect"]) for e in secret["effects"]]

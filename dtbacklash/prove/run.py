@@ -77,9 +77,7 @@ class Plan:
 def claim(plan: Plan) -> None:
     """Write the plan into the folder of the results, or check that it is the plan there.
 
-    Raises
-    ------
-    UserError : the folder holds something else, or the proof of other recordings.
+    Raises UserError: the folder holds something else, or the proof of other recordings.
     """
     # other rig files or other code make other recordings of the same seeds
     files = {name for name in (plan.rig, *(name for name, _ in plan.counts())) if name and Path(name).is_file()}
@@ -105,9 +103,7 @@ def claim(plan: Plan) -> None:
 def conceal_missing(plan: Plan, by: Backend, tell: Tell) -> list[Path]:
     """The folders of the cases, rig by rig in order of their seeds; conceals those that are missing.
 
-    Raises
-    ------
-    UserError : no recording in the given folder, or no key to open its seals with.
+    Raises UserError: no recording in the given folder, or no key to open its seals with.
     """
     if plan.folder is not None:
         return given_cases(plan)
@@ -142,9 +138,7 @@ def given_cases(plan: Plan) -> list[Path]:
 def check_given(plan: Plan) -> None:
     """Check a folder's recordings, seals, key and rigs before the proof starts.
 
-    Raises
-    ------
-    UserError : as :func:`given_cases`, or one of them is wrong.
+    Raises UserError: as :func:`given_cases`, or one of them is wrong.
     """
     from dtbacklash.prove import conceal, seal
 
@@ -161,10 +155,8 @@ def diagnose_missing(
 ) -> None:
     """Diagnose every case that this code has not diagnosed yet.
 
-    Raises
-    ------
-    KeyboardInterrupt : finished cases stay; the same again does the rest.
-    UserError : the package was changed meanwhile.
+    Raises KeyboardInterrupt: finished cases stay; the same again does the rest. UserError: the package was changed
+    meanwhile.
     """
     function = diagnose or work.diagnose_folder
     jobs = [work.Diagnosing(plan.target(case), case, work.rig_of(case, plan.rig), function) for case in cases]
@@ -175,9 +167,7 @@ def diagnose_missing(
 def open_seals(plan: Plan, cases: Sequence[Path]) -> dict[str, dict[str, Any]]:
     """Name of the case -> its secret as a dict.
 
-    Raises
-    ------
-    UserError : a diagnosis is missing; the key is wrong; a seal was changed.
+    Raises UserError: a diagnosis is missing; the key is wrong; a seal was changed.
     """
     from dtbacklash.prove.seal import open_seal
 
@@ -243,9 +233,7 @@ def save_known(cases: Sequence[Case], file: Path) -> None:
 def load_known(file: Path) -> tuple[Case, ...]:
     """Read finished cases.
 
-    Raises
-    ------
-    UserError : :func:`save_known` did not write the file, or other code made its cases.
+    Raises UserError: :func:`save_known` did not write the file, or other code made its cases.
     """
     try:
         content: dict[str, Any] = json.loads(gzip.decompress(file.read_bytes()))

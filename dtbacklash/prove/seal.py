@@ -31,12 +31,7 @@ def key_path(folder: Path) -> Path:
 
 
 def read_key(path: Path) -> bytes:
-    """Read a key.
-
-    Raises
-    ------
-    UserError : it cannot be read, or is no key.
-    """
+    """Read a key; raises UserError: it cannot be read, or is no key."""
     try:
         key = path.read_bytes().strip()
     except OSError as error:
@@ -48,9 +43,7 @@ def read_key(path: Path) -> bytes:
 def read_or_make_key(path: Path) -> bytes:
     """The key in ``path``; if there is no such file, a new key is written there, readable by its owner only.
 
-    Raises
-    ------
-    UserError : it cannot be written, or is no key.
+    Raises UserError: it cannot be written, or is no key.
     """
     if not path.exists():
         write_once(path, Fernet.generate_key() + b"\n", "key")
@@ -85,9 +78,7 @@ def open_seal(case: Path | str, key_file: Path | str) -> Secret:
     ----------
     case : the folder of one concealed recording. key_file : the key that it was sealed with.
 
-    Raises
-    ------
-    UserError : no such case or key, a wrong key, a seal or a recording that has been changed.
+    Raises UserError: no such case or key, a wrong key, a seal or a recording that has been changed.
     """
     case, key_file = Path(case), Path(key_file)
     cipher = _cipher(read_key(key_file), key_file)
@@ -108,12 +99,7 @@ def open_seal(case: Path | str, key_file: Path | str) -> Secret:
 
 
 def read_seal(case: Path) -> dict[str, Any]:
-    """The content of a case's ``sealed.json``, still encrypted.
-
-    Raises
-    ------
-    UserError : it cannot be read, or is no seal.
-    """
+    """The content of a case's ``sealed.json``, still encrypted; raises UserError: it cannot be read, or is no seal."""
     try:
         sealed = json.loads((case / SEALED).read_text(encoding="utf-8"))
     except OSError as error:

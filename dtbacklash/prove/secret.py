@@ -62,9 +62,7 @@ class Secret:
     def from_json(cls, text: str) -> Secret:
         """Read what :meth:`to_json` wrote, or did before it had all of these fields.
 
-        Raises
-        ------
-        UserError : it is something else.
+        Raises UserError: it is something else.
         """
         try:
             data = json.loads(text)

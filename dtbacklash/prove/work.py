@@ -64,9 +64,7 @@ def oracle_folder(
 def rig_of(folder: Path, chosen: str | None) -> str:
     """The name or file of a case's nominal rig: the chosen one, else the one that the case names.
 
-    Raises
-    ------
-    UserError : neither says which.
+    Raises UserError: neither says which.
     """
     name = chosen or read_json(folder / PUBLIC).get("rig")
     if not name:

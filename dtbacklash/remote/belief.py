@@ -33,9 +33,7 @@ def described(config: RunConfig, belief: Belief | None = None) -> Document:
     ----------
     config : of a run. belief : what its twin believes about the rig; None: what the configuration says.
 
-    Raises
-    ------
-    UserError : the twin has no model of such a rig.
+    Raises UserError: the twin has no model of such a rig.
     """
     if belief is None:
         beliefs = beliefs_of(config)
@@ -53,9 +51,7 @@ def described(config: RunConfig, belief: Belief | None = None) -> Document:
 def twin_of(document: Document) -> Answering:
     """The twin that a document describes, whose form the schema has checked.
 
-    Raises
-    ------
-    UserError : a setting that is unknown or out of range; a rig that makes no sense.
+    Raises UserError: a setting that is unknown or out of range; a rig that makes no sense.
     """
     rig = rig_of(document["rig"])
     settings = _made(TwinConfig, document["twin"], "twin")

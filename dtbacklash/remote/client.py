@@ -76,9 +76,8 @@ class RemoteTwin:
     belief : see :mod:`.belief`. waits : whether :meth:`replies` waits for what is outstanding. design : designs the
         controller for another model that an answer holds; where it raises UserError the answer is dropped.
 
-    Raises
-    ------
-    UserError : no key, a file that others may read, no address, a buffer that no message holds; the extra is missing.
+    Raises UserError: no key, a file that others may read, no address, a buffer that no message holds; the extra is
+    missing.
     """
 
     def __init__(
@@ -125,9 +124,7 @@ class RemoteTwin:
     def warm_up(self) -> None:
         """Wait until the broker has answered, at most ``timeout_s``; without one the run goes on.
 
-        Raises
-        ------
-        UserError : the broker refuses user, password or certificate.
+        Raises UserError: the broker refuses user, password or certificate.
         """
         link = self._connection
         link.answered.wait(self.settings.timeout_s)

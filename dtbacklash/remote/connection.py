@@ -47,9 +47,7 @@ class Connection:
         this client be cut off. retained : whether to take what the broker has kept from before. kept_s : for how
         long the broker keeps what comes for this client while it is cut off.
 
-    Raises
-    ------
-    UserError : no address; the extra is not installed; a certificate that cannot be read.
+    Raises UserError: no address; the extra is not installed; a certificate that cannot be read.
     """
 
     def __init__(

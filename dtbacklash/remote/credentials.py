@@ -43,9 +43,7 @@ class Key:
     def parsed(cls, text: str, where: str) -> Key:
         """From ``64 hexadecimal digits``, or ``MACHINE:digits``.
 
-        Raises
-        ------
-        UserError : it is something else; without what was given.
+        Raises UserError: it is something else; without what was given.
         """
         found = _KEY.fullmatch(text.strip())
         if not found:
@@ -60,9 +58,7 @@ class Key:
     def of_machine(self, machine: str) -> Key:
         """The key that signs what a machine says and hears, or (STATUS) how the twin is.
 
-        Raises
-        ------
-        UserError : this is the key of another machine.
+        Raises UserError: this is the key of another machine.
         """
         if self.machine is None:
             return Key(hmac.digest(self.secret, b"machine " + machine.encode(), "sha256"), machine)
@@ -112,9 +108,7 @@ def load_credentials(file: str | None, setting: str) -> Credentials:
     ----------
     file : YAML with the keys of FIELDS; None: the environment alone. setting : the one to name in errors.
 
-    Raises
-    ------
-    UserError : others may read the file; it is none, or holds something else.
+    Raises UserError: others may read the file; it is none, or holds something else.
     """
     found = {} if file is None else _read(Path(file), setting)
     for name, variable in (("user", USER), ("password", PASSWORD), ("key", KEY)):

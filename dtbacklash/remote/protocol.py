@@ -118,9 +118,7 @@ def check_origin(kind: str, key: Signer, topic: str, payload: bytes, signature: 
 def parsed(payload: bytes, kind: str) -> Document:
     """The document in a message, checked against the schema of its ``kind``: request, answer or status.
 
-    Raises
-    ------
-    Rejected : it is no JSON, of another version, or does not follow the schema.
+    Raises Rejected: it is no JSON, of another version, or does not follow the schema.
     """
     try:
         document = json.loads(payload.decode("utf-8"), parse_constant=_not_a_number, parse_float=_finite)

@@ -96,9 +96,7 @@ class TwinServer:
     ----------
     config : of ``dtb twin serve``. say : gets a line for each request.
 
-    Raises
-    ------
-    UserError : no key, or that of one machine only; no address; the extra is not installed.
+    Raises UserError: no key, or that of one machine only; no address; the extra is not installed.
     """
 
     def __init__(self, config: ServeConfig, say: Say = lambda line: None) -> None:

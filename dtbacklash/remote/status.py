@@ -85,9 +85,7 @@ class Statistics:
 def heard(config: StatusConfig) -> tuple[dict[str, Document], dict[str, int]]:
     """The status of each twin by its name, and how many messages failed a check, by reason.
 
-    Raises
-    ------
-    UserError : no key, no address. Failure : no broker there, or it refuses.
+    Raises UserError: no key, no address. Failure: no broker there, or it refuses.
     """
     credentials = load_credentials(config.credentials, "credentials")
     key = credentials.needed_key("credentials").of_machine(STATUS)

@@ -53,9 +53,7 @@ class Trial:
 def check_concealable(rig: Rig) -> None:
     """Refuse a rig that this simulator cannot simulate, or that has no drive or no sensor.
 
-    Raises
-    ------
-    UserError : with what is allowed.
+    Raises UserError: with what is allowed.
     """
     for element in rig.elements.values():
         if element.kind not in KINDS:
@@ -78,9 +76,7 @@ def simulate_other(
 ) -> Trial:
     """Simulate a rig from rest by the concealing simulator; deterministic to the last bit.
 
-    Raises
-    ------
-    UserError : as :func:`check_concealable`.
+    Raises UserError: as :func:`check_concealable`.
     """
     check_concealable(rig)
     errors = errors or Errors()
@@ -113,9 +109,7 @@ def simulate_other(
 def roles(rig: Rig) -> tuple[int, int]:
     """The sensors of the cascade: the motor's angle, and the position of the body farthest from the screw.
 
-    Raises
-    ------
-    UserError : one of them is missing.
+    Raises UserError: one of them is missing.
     """
     order = list(rig.elements)
     positions = [(j, s.of, rig.elements[s.of].kind) for j, s in enumerate(rig.sensors.values())

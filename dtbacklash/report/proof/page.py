@@ -160,9 +160,7 @@ def docs_block(score: Score, machine: str) -> str:
 def write_docs(score: Score, cases: Sequence[Case], folder: Path, machine: str) -> None:
     """Bring a score into the docs: the block of the machine's page, the figures, and the data that they are made from.
 
-    Raises
-    ------
-    UserError : the folder has no such page with the two lines between which the block stands.
+    Raises UserError: the folder has no such page with the two lines between which the block stands.
     """
     check_docs(folder, machine)
     rows, data = case_rows(cases), folder / DOCS[machine]
