@@ -75,12 +75,6 @@ def test_strange_names_of_files_work(here, capsys):
     assert line == f"dtb diagnose 'recording=hidden ä, b/{case.name}/recording.csv.gz' rig=lead_screw"
 
 
-def test_help_says_what_can_be_chosen(capsys):
-    assert cli.main(["conceal", "--help"]) == 0
-    text = capsys.readouterr().out
-    assert all(f"{word}=" in text for word in ("out", "n", "seed", "kind", "effect", "instruments", "rig", "key"))
-
-
 @pytest.mark.parametrize(
     ("words", "line"),
     [

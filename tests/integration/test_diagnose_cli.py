@@ -257,11 +257,3 @@ def test_what_goes_wrong_inside_leaves_no_folder(dtb, tmp_path, monkeypatch):
     code, _, err = dtb("recording=bench.csv", "out=deep/found")
     assert (code, err) == (2, "dtb: error: recording=bench.csv: cannot be explained\n")
     assert [path.name for path in tmp_path.iterdir()] == ["bench.csv"]
-
-
-def test_help_needs_no_recording(dtb):
-    code, out, _ = dtb("--help")
-    assert code == 0
-    assert all(key in out for key in ("recording=FILE", "validation=", "rig ", "out=FOLDER", "-v", "units="))
-    assert max(map(len, out.splitlines())) <= 120
-    assert "diagnose" in cli.usage()

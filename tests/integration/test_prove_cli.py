@@ -263,11 +263,3 @@ def test_several_rigs_end_in_one_table(dtb, monkeypatch, tmp_path):
     assert "| rig | figure |" in table
     assert "| oscillator |" in table
     assert Score.from_json(document).to_json() == Score.from_json(json.loads(json.dumps(document))).to_json()
-
-
-def test_help_is_short_and_narrow(dtb):
-    code, out, _ = dtb("--help")
-    assert code == 0
-    assert max(map(len, out.splitlines())) <= 120
-    assert "--quick" in out
-    assert "prove" in cli.usage()

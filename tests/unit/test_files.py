@@ -103,25 +103,22 @@ def test_an_earlier_run_survives_a_failing_exchange(tmp_path, monkeypatch):
     assert listing(tmp_path) == ["run", "run/figures", "run/figures/a.png", "run/summary.json"]
 
 
-@pytest.mark.parametrize("content", [["thesis.tex"], ["summary.json", "thesis.tex"]])
-def test_a_folder_with_other_content_is_refused(tmp_path, content):
-    for name in content:
+@pytest.mark.parametrize(
+    ("there", "target", "said"),
+    [
+        (["thesis.tex"], "", r"^hydra\.run\.dir=.*not an earlier run"),
+        (["summary.json", "thesis.tex"], "", r"^hydra\.run\.dir=.*not an earlier run"),
+        (["run"], "run", "is a file"), (["file"], "file/run", "not a directory"), ([], "", "below the current one"),
+    ],
+)  # fmt: skip
+def test_a_place_with_something_else_is_refused(tmp_path, monkeypatch, there, target, said):
+    for name in there:
         (tmp_path / name).write_text("precious")
-    with pytest.raises(UserError, match=r"^hydra\.run\.dir=.*not an earlier run"):
-        write_run(tmp_path)
-    assert listing(tmp_path) == sorted(content)
-
-
-def test_a_file_is_refused(tmp_path):
-    (tmp_path / "run").write_text("precious")
-    with pytest.raises(UserError, match="is a file"):
-        write_run(tmp_path / "run")
-
-
-def test_the_current_folder_is_refused(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(UserError, match="below the current one"):
-        write_run(tmp_path)
+    if not there:
+        monkeypatch.chdir(tmp_path)
+    with pytest.raises(UserError, match=said):
+        write_run(tmp_path / target)
+    assert listing(tmp_path) == sorted(there)
 
 
 def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path):
@@ -135,12 +132,6 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path):
 def test_an_error_that_is_not_about_writing_is_not_hidden(tmp_path):
     with pytest.raises(ConnectionError), run_folder(tmp_path / "run"):
         raise ConnectionRefusedError(errno.ECONNREFUSED, "refused")
-
-
-def test_a_place_below_a_file_is_refused(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(UserError, match="not a directory"):
-        write_run(tmp_path / "file" / "run")
 
 
 def test_while_a_folder_is_exchanged_another_one_is_refused(tmp_path, monkeypatch):

@@ -75,15 +75,10 @@ def test_a_case_that_is_there_is_not_made_again(lead_screw, folder, monkeypatch)
     assert (case / "sealed.json").read_bytes() == before
 
 
-def test_the_key_stays_out_of_the_folder(lead_screw, folder):
-    with pytest.raises(UserError, match="a file outside"):
-        conceal(5, lead_screw, folder, key_file=folder / "key")
-    assert not folder.exists()
-
-
-def test_wrong_choices_leave_nothing(lead_screw, folder, tmp_path):
-    with pytest.raises(UserError, match="kind=odd"):
-        conceal(5, lead_screw, folder, kind="odd")
+def test_a_key_in_the_folder_and_wrong_choices_leave_nothing(lead_screw, folder, tmp_path):
+    for choice, said in (({"key_file": folder / "key"}, "a file outside"), ({"kind": "odd"}, "kind=odd")):
+        with pytest.raises(UserError, match=said):
+            conceal(5, lead_screw, folder, **choice)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -163,22 +163,23 @@ def test_an_oracle_that_fails_leaves_its_reason(plan):
 def test_the_folder_of_the_results_belongs_to_one_proof(plan, tmp_path):
     run.claim(plan)
     run.claim(plan)
-    with pytest.raises(UserError, match="holds a proof of other recordings"):
-        run.claim(Plan(plan.out, "lead_screw", (10_000,)))
-    with pytest.raises(UserError, match="holds files that are no proof"):
-        run.claim(Plan(tmp_path))
-    with pytest.raises(UserError, match="is a file"):
-        run.claim(Plan(plan.out / run.PLAN))
+    for other, said in (
+        (Plan(plan.out, "lead_screw", (10_000,)), "holds a proof of other recordings"),
+        (Plan(tmp_path), "holds files that are no proof"), (Plan(plan.out / run.PLAN), "is a file"),
+    ):  # fmt: skip
+        with pytest.raises(UserError, match=said):
+            run.claim(other)
 
 
 def test_a_given_folder_needs_recordings_and_a_key(plan, tmp_path):
-    with pytest.raises(UserError, match="is no folder"):
-        run.given_cases(Plan(plan.out, folder=tmp_path / "nowhere"))
-    with pytest.raises(UserError, match="holds no concealed recording"):
-        run.given_cases(Plan(plan.out, folder=tmp_path))
     plan.key_file.unlink()
-    with pytest.raises(UserError, match="without it the seals cannot be opened"):
-        run.given_cases(plan)
+    for given, said in (
+        (Plan(plan.out, folder=tmp_path / "nowhere"), "is no folder"),
+        (Plan(plan.out, folder=tmp_path), "holds no concealed recording"),
+        (plan, "without it the seals cannot be opened"),
+    ):
+        with pytest.raises(UserError, match=said):
+            run.given_cases(given)
 
 
 def test_a_case_that_names_no_rig_takes_the_chosen_one(plan):

@@ -64,53 +64,45 @@ def test_a_key_is_the_owners_alone_and_stays_as_it_is(case):
     assert not list(case[1].parent.glob(".*"))
 
 
-def test_another_key_does_not_open_it(case, tmp_path):
-    other = tmp_path / "other.key"
-    seal.read_or_make_key(other)
-    with pytest.raises(UserError, match="a wrong key, or a changed seal"):
-        seal.open_seal(case[0], other)
+def other_key(folder, key):
+    key.unlink()
+    seal.read_or_make_key(key)
 
 
-def test_what_is_no_key_is_refused(case, tmp_path):
-    bad = tmp_path / "bad.key"
-    bad.write_text("secret")
-    with pytest.raises(UserError, match="holds no key"):
-        seal.open_seal(case[0], bad)
-    with pytest.raises(UserError, match="cannot be read: no such file"):
-        seal.open_seal(case[0], tmp_path / "none.key")
+def changed_token(folder, key):
+    token = json.loads((folder / seal.SEALED).read_text())["token"]
+    change(folder, token=token[:-10] + ("A" if token[-10] != "A" else "B") + token[-9:])
 
 
-def test_a_changed_token_is_noticed(case):
-    token = json.loads((case[0] / seal.SEALED).read_text())["token"]
-    change(case[0], token=token[:-10] + ("A" if token[-10] != "A" else "B") + token[-9:])
-    with pytest.raises(UserError, match="a wrong key, or a changed seal"):
-        seal.open_seal(*case)
+def other_secret(folder, key):
+    other = seal.seal(Secret(seed=8, rig="lead_screw", kind="nothing"), b"samples", seal.read_key(key))
+    change(folder, token=other["token"])
 
 
-def test_another_secret_under_the_same_commitment_is_noticed(case):
-    other = seal.seal(Secret(seed=8, rig="lead_screw", kind="nothing"), b"samples", seal.read_key(case[1]))
-    change(case[0], token=other["token"])
-    with pytest.raises(UserError, match="the secret does not match its commitment"):
-        seal.open_seal(*case)
+def without(name):
+    return lambda folder, key: (folder / name).unlink()
 
 
-def test_an_exchanged_recording_is_noticed(case):
-    (case[0] / seal.RECORDING).write_bytes(b"other samples")
-    with pytest.raises(UserError, match=r"recording.csv.gz is not the one that was sealed"):
-        seal.open_seal(*case)
+def with_seal(text):
+    return lambda folder, key: (folder / seal.SEALED).write_text(text)
 
 
-@pytest.mark.parametrize("content", ["", "[]", "{}", '{"format": "x"}', '{"format": "dtbacklash sealed secret 1"}'])
-def test_what_is_no_seal_is_refused(case, content):
-    (case[0] / seal.SEALED).write_text(content)
-    with pytest.raises(UserError, match="is no seal of `dtb conceal`"):
-        seal.open_seal(*case)
-
-
-@pytest.mark.parametrize("name", [seal.SEALED, seal.RECORDING])
-def test_a_missing_file_is_named(case, name):
-    (case[0] / name).unlink()
-    with pytest.raises(UserError, match=f"{name} cannot be read: no such file"):
+@pytest.mark.parametrize(
+    ("tamper", "said"),
+    [
+        (other_key, "a wrong key, or a changed seal"), (changed_token, "a wrong key, or a changed seal"),
+        (lambda folder, key: key.write_text("secret"), "holds no key"),
+        (lambda folder, key: key.unlink(), "cannot be read: no such file"),
+        (other_secret, "the secret does not match its commitment"),
+        (lambda folder, key: (folder / seal.RECORDING).write_bytes(b"other"), "is not the one that was sealed"),
+        *((with_seal(text), "is no seal of `dtb conceal`")
+          for text in ("", "[]", "{}", '{"format": "x"}', '{"format": "dtbacklash sealed secret 1"}')),
+        *((without(name), f"{name} cannot be read: no such file") for name in (seal.SEALED, seal.RECORDING)),
+    ],
+)  # fmt: skip
+def test_what_was_changed_or_is_missing_opens_nothing(case, tamper, said):
+    tamper(*case)
+    with pytest.raises(UserError, match=said):
         seal.open_seal(*case)
 
 
