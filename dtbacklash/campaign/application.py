@@ -24,8 +24,6 @@ APPLICATIONS = {name: f"dtbacklash.commands.{name}:APPLICATION" for name in GRAM
 class Application:
     """One command, alone or as the jobs of a sweep.
 
-    Attributes
-    ----------
     name : as in ``hydra.job.name``.
     fingerprint : of the settings: a hash of all that decides the result.
     do : (settings, folder, command line, tell) writes the folder, complete or not at all. Gives what ``show`` shows and

@@ -20,8 +20,6 @@ THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_
 class Workers:
     """Workers of joblib.
 
-    Attributes
-    ----------
     backend : loky (processes here) or dask. jobs : how many at once; one of loky is this process itself.
     scheduler : address of a Dask scheduler that runs already; None starts one here.
     """
@@ -68,8 +66,6 @@ class OwnProcess:
 class Launcher:
     """A launcher of Hydra, which calls the command's task with the composed configuration of each job.
 
-    Attributes
-    ----------
     launch : its method of this name. words : what the command line of a job would be.
     """
 
@@ -110,8 +106,6 @@ def check_backend(backend: str, scheduler: str | None) -> None:
 def workers(backend: str, jobs: int, scheduler: str | None = None) -> Iterator[None]:
     """Let joblib's ``Parallel`` use ``jobs`` workers of a backend, each with one thread.
 
-    Parameters
-    ----------
     scheduler : address of a Dask scheduler that runs already (its workers see the same folders and have this package);
         None starts a cluster of ``jobs`` workers here, for as long as the block lasts.
 

@@ -45,8 +45,6 @@ def complete(jobs: Sequence[Job], backend: Backend, tell: Tell, stage: str = "",
     Other processes may work on the same jobs, with the same call: they share the work. Where a worker dies, each job
     that has not ended is tried once more, alone.
 
-    Parameters
-    ----------
     tell : is told the stage and how many jobs have ended, of how many.
     noun : what the jobs are called.
 

@@ -18,8 +18,6 @@ _directors: set[int] = set()  # the processes that direct a campaign: this one, 
 class Job(ABC):
     """One piece of a campaign. What it needs it carries with it: a worker may be another process or another machine.
 
-    Attributes
-    ----------
     record : the file or folder that appears, or is replaced as a whole, when the job has ended, well or not.
     """
 

@@ -40,8 +40,6 @@ SILENT = "its worker returned nothing"
 class SweepJob(Job):
     """One run of a sweep.
 
-    Attributes
-    ----------
     name : made of its choices. choices : what makes it differ from the others. overrides : all that is asked for.
     folder : of its results. fingerprint : of its settings. mark : a file that complete results hold.
     application, settings, command : what to do, for who does it. writes : the file that it writes elsewhere.
@@ -122,8 +120,6 @@ class SweepJob(Job):
 class Outcome:
     """How a sweep went.
 
-    Attributes
-    ----------
     folder : of the sweep. table : a row a job: the choices (columns ``axes``), figures, ``status``, ``error``.
     kept : jobs that were done before. exit_code : 0 all done, 1 some failed, 2 all failed by wrong input.
     """
@@ -156,8 +152,6 @@ def job(config: DictConfig, folder: Path, command: str) -> None:
 def run(sweeper: BasicSweeper, arguments: list[str], begin: Callable[[], None] = lambda: None) -> Outcome:
     """Run what is missing of a sweep, and write its table and what the application draws of it; how it went.
 
-    Parameters
-    ----------
     begin : is called when there is something to do, before it is done.
 
     Raises UserError: no job can even be set up, two would write one file (nothing is written then), or the folder

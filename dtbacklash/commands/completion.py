@@ -86,8 +86,6 @@ def _install(shell: str) -> int:
 def answers(line: str) -> list[str]:
     """The words that may stand where the line ends.
 
-    Parameters
-    ----------
     line : from its beginning, with ``dtb``, to the cursor.
     """
     *before, word = line.split(" ")

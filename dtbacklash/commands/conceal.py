@@ -32,9 +32,7 @@ def do(config: ConcealConfig, folder: Path, command: str, tell: Tell | None) -> 
 def make(config: ConcealConfig, folder: Path, tell: Tell | None = None) -> tuple[list[str], str]:
     """Write the folder, complete or not at all.
 
-    Returns
-    -------
-    the names of the recordings; what ``rig=`` takes to diagnose them.
+    Returns the names of the recordings; what ``rig=`` takes to diagnose them.
 
     Raises UserError: a folder with something in it, a choice that cannot be, a key that cannot be used.
     """

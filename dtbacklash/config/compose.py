@@ -19,8 +19,6 @@ _one_at_a_time = RLock()
 def compose(*overrides: str, rig: Mapping[str, Any] | None = None, model: Mapping[str, Any] | None = None) -> RunConfig:
     """The configuration of ``dtb run <overrides>``; Hydra's state in this process stays as it was.
 
-    Parameters
-    ----------
     overrides : words as on the command line, e.g. ``"controller=imc"``.
     rig : the content of a rig's YAML file, in place of ``rig=NAME``; overrides such as ``rig.parameters.k.value=9000``
         change it. model : the same in place of ``model=NAME``.

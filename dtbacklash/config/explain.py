@@ -30,8 +30,6 @@ from dtbacklash.files import cannot_write
 def explain(error: BaseException, words: Sequence[str], grammar: Grammar = RUN) -> UserError | None:
     """Return the user's mistake behind ``error``, or None if it is a mistake of ours.
 
-    Parameters
-    ----------
     error : what came out of Hydra.
     words : the overrides of the command line, to find the value that belongs to a key.
     grammar : of the command.

@@ -187,8 +187,6 @@ def _pairs(key: str, value: str) -> dict[str, str]:
 def paths(key: str, value: str, sweeps: bool, literal: bool = False) -> str:
     """One path, or several of a sweep, each in quotes where Hydra needs them: blanks, umlauts and commas are signs.
 
-    Parameters
-    ----------
     sweeps : whether commas outside of quotes separate paths. literal : a comma is a sign in any case.
 
     Raises UserError: several where one is taken.
@@ -261,16 +259,12 @@ def _register_schemas(store: ConfigStore) -> None:
 def call(task: Task, config_name: str, words: Sequence[str]) -> object:
     """Run ``task`` with the configuration of ``words``, or its jobs; exceptions come out as they are.
 
-    Parameters
-    ----------
     task : called with the composed configuration: once here, or once a job of a sweep in a worker, which finds it by
         its module and name. It never reads ``sys.argv``.
     config_name : of the primary config and its :class:`Grammar`.
     words : the command line behind the program.
 
-    Returns
-    -------
-    What ``task`` or the sweeper has returned; None if the configuration was only shown.
+    Returns what ``task`` or the sweeper has returned; None if the configuration was only shown.
     """
     register()
     asked = get_args_parser().parse_intermixed_args(overrides(GRAMMARS[config_name], words))

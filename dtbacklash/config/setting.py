@@ -25,8 +25,6 @@ INPUT, OUTPUT = "input", "output"
 class Setting:
     """What a field says of itself.
 
-    Attributes
-    ----------
     meaning : a phrase. unit : of a number, where the name does not end in it (``delay_s``).
     above, below : excluded bounds. at_least, at_most : included bounds.
     choices : what a text may be; empty: anything.

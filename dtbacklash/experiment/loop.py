@@ -72,16 +72,12 @@ def _measure(P, S, signals, k, rate, traces):
 def run_segment(P, S, C, X, detector, oscillator, signals, traces, roles, first, stop, in_force, limits, before):
     """Run the samples ``first <= k < stop``.
 
-    Parameters
-    ----------
     roles : sensors (index or -1) that show theta_m and q3. oscillator : (sos, cos_step, sin_step) of the lock-in filter
         and ``detector`` its state. in_force : :class:`GapInForce`. limits : |q3| that counts as diverged, m, and the
         novelty that ends the segment, m (inf for never). before : novelty before the first sample, m; it has to rise
         through its limit.
 
-    Returns
-    -------
-    (k, why) : the sample after the last one that was run, and RAN, NOVELTY or DIVERGED.
+    Returns (k, why) : the sample after the last one that was run, and RAN, NOVELTY or DIVERGED.
     """
     last = signals.gap.shape[0] - 1
     for k in range(first, stop):

@@ -32,15 +32,11 @@ def step_metrics(
 ) -> StepMetrics:
     """Measure one move from ``start`` to ``target``, which begins at ``t_s[0]``.
 
-    Parameters
-    ----------
     t_s, y, u : (n,) times, s, increasing; response, in the unit of ``target``; control voltage, V; n >= 1.
     band : half-width of the settling band, as a share of the move's size ``|target - start|``.
 
-    Returns
-    -------
-    The overshoot beyond the target (percent of the size, >= 0), the time, s, after which the response stays in the
-    band (interpolated between samples; NaN if it is outside at the end), and the largest ``|u|``, V.
+    Returns the overshoot beyond the target (percent of the size, >= 0), the time, s, after which the response stays in
+    the band (interpolated between samples; NaN if it is outside at the end), and the largest ``|u|``, V.
 
     Raises ValueError: the arrays are empty or differ in length, the move has no size, the band is not positive.
     """
@@ -80,13 +76,9 @@ def move_table(trace: pd.DataFrame, band: float = 0.01) -> pd.DataFrame:
     rests at 0 mm, so that one that begins elsewhere has a move at its first sample. One that changes all the time
     (multisine, ramp) has no moves. Each move is judged from where it sets out up to the next change of the reference.
 
-    Parameters
-    ----------
     trace : columns ``t_s, r_mm, q3_mm, u_v``, one row a sample. band : settling band as a share of the move.
 
-    Returns
-    -------
-    ``MOVE_COLUMNS``; ``settling_time_s`` is NaN where the response does not settle before the next change.
+    Returns ``MOVE_COLUMNS``; ``settling_time_s`` is NaN where the response does not settle before the next change.
     """
     t, r, q3, u = (trace[name].to_numpy(dtype=float) for name in ("t_s", "r_mm", "q3_mm", "u_v"))
     rows: list[tuple[float, ...]] = []

@@ -36,8 +36,6 @@ class RealTime:
     Sample k is due k sample times after the first one, whatever was late before it (absolute deadlines). Its work, from
     the sensors to the command and the plant's way to the next sample, has to be done when the next one is due.
 
-    Attributes
-    ----------
     done_s : (N+1,) when the work of each sample was done, after its instant, s; NaN where it was not run.
     """
 
@@ -58,14 +56,10 @@ class RealTime:
     def run(self, advance: Advance, novelty: Floats, first: int, stop: int, before: float) -> tuple[int, int]:
         """Run the samples ``first <= k < stop``, one by one, each at its instant.
 
-        Parameters
-        ----------
         advance : runs a stretch of samples. novelty : (N+1,) the index that it fills, m. before : the index before the
             first sample, m.
 
-        Returns
-        -------
-        (k, why) : as :func:`.loop.run_segment`, which one call for all of them would give.
+        Returns (k, why) : as :func:`.loop.run_segment`, which one call for all of them would give.
         """
         if self._began_s is None:
             self._began_s = time.perf_counter() - first * self.sample_time_s

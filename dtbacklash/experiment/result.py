@@ -23,8 +23,6 @@ from dtbacklash.physics.rig import Rig
 class RunResult:
     """What a run gives; the columns are those that ``dtb run`` writes.
 
-    Attributes
-    ----------
     config, rig : what was simulated.
     trace : a row a sample, N+1 of them, with the true values.
     seen : channel -> (N+1,) what controller and sensors saw, in SI: the reference ``r`` (m; V in open loop), the

@@ -132,8 +132,6 @@ def run_scenario(
 ) -> RunResult:
     """Simulate one experiment.
 
-    Parameters
-    ----------
     config : the checked configuration. progress : called with the share simulated, 0 to 1.
     beliefs : what controller and twin believe of the rig; None: what the configuration says.
     service : who estimates for the twin; None: a twin in this process.

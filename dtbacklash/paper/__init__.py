@@ -20,9 +20,7 @@ def run_paper(folder: Path, progress: Callable[[float], None] | None = None) -> 
 
     Writes ``figures/*.png``, ``claims.csv``, ``report.html`` and ``summary.json`` into ``folder`` and prints the table.
 
-    Returns
-    -------
-    Whether every claim holds.
+    Returns whether every claim holds.
     """
     experiments = run_experiments(progress)
     claims = all_claims(experiments)

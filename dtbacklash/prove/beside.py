@@ -126,8 +126,6 @@ class _Stage:
 def with_small_things(rng: Generator, listed: list[tuple[str, str]], plain: Rig, secret: Secret) -> Secret | None:
     """Add the small things; None if the rig does not bear them beside what is hidden.
 
-    Parameters
-    ----------
     listed : (location, effect) of the catalogue where the rig takes it. plain : the true rig without what is hidden.
     """
     rig = with_effects(plain, secret.effects)

@@ -48,17 +48,13 @@ def conceal(
 ) -> Path:
     """Make one concealed recording.
 
-    Parameters
-    ----------
     seed : the same seed and key give the same case and recording.
     rig_name : a rig's name or file, or the rig itself. folder : where the case's folder is made.
     kind, effect, instruments : choices that are otherwise drawn; they and ``machine``: see :func:`.draw.draw`.
     key_file : made if there is none. Default: ``<folder>.key``. keep : return an existing case instead of refusing it.
     called : the rig's name or file (relative to the case) in the public files. Default: the rig's name.
 
-    Returns
-    -------
-    ``folder/<id>`` with ``recording.csv.gz``, ``public.json`` (rig, channels) and ``sealed.json``.
+    Returns ``folder/<id>`` with ``recording.csv.gz``, ``public.json`` (rig, channels) and ``sealed.json``.
 
     Raises UserError: an impossible choice, a case that exists already, a folder or key that cannot be used.
     """

@@ -57,8 +57,6 @@ def draw(
 ) -> Secret:  # fmt: skip
     """Draw what one recording hides; the same seed and choices give the same secret to the last bit.
 
-    Parameters
-    ----------
     rig : the nominal rig. kind : one of KINDS. effect : ``location.effect``, which is then hidden alone.
     instruments : ``minimal`` (the loop's sensors) or ``rich`` (all). None: drawn. machine : ``lifelike`` has small
     things beside that, see :mod:`.beside`; but for these it moves as the ``clean`` one of the same seed.

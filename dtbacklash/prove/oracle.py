@@ -175,15 +175,11 @@ def look(
 ) -> dict[str, Any]:
     """The oracle's answer about one case.
 
-    Parameters
-    ----------
     nominal, record : the nominal rig and the recording. secret : what was hidden, as a dict.
     extended : the diagnosed rig, or None where the diagnosis failed.
     truth : sensor -> (N,) its reading without noise and counts, SI; needed for unknown physics.
 
-    Returns
-    -------
-    ``held_out`` : rms of the held-out part's whitened innovations, at the sizes of the oracle's fit, of the
+    Returns ``held_out`` : rms of the held-out part's whitened innovations, at the sizes of the oracle's fit, of the
     ``nominal``, the ``recalibrated``, the ``extended`` and the ``oracle``'s rig; ``clear`` and ``clear_parameters`` :
     name -> bool; ``unlisted_clear`` : bool; ``seen`` : the figures behind them; ``wall_s``.
 

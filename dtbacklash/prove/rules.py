@@ -30,8 +30,6 @@ NOTHING_MISSING = ("consistent", "parameters")
 class Case:
     """One concealed recording with its answer.
 
-    Attributes
-    ----------
     id : name of its folder. secret : :class:`.secret.Secret` as a dict. diagnosis : content of ``diagnosis.json``, or
     None where the diagnosis failed. oracle : see :func:`.oracle.look`. wall_s, cpu_s : time and processor time
     of the diagnosis. error : why it failed. kinds : element of the rig -> its kind. rig : name of the rig.

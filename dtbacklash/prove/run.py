@@ -33,8 +33,6 @@ _LEFT_OUT = ("settings", "checks", "limits", "candidates", "notes", "units", "ne
 class Plan:
     """The settings of a proof.
 
-    Attributes
-    ----------
     out : folder of the results. rig : name or file; None for the rig that each case names.
     seeds : of the recordings to conceal, or empty. rigs : several rigs, each with its number of seeds.
     folder : of recordings that are concealed already, instead of seeds. key : the file that opens their seals.

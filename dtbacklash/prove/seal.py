@@ -74,8 +74,6 @@ def commitment(nonce: str, text: str) -> str:
 def open_seal(case: Path | str, key_file: Path | str) -> Secret:
     """Open the seal of a case. Only scoring may call this, when all diagnoses are written.
 
-    Parameters
-    ----------
     case : the folder of one concealed recording. key_file : the key that it was sealed with.
 
     Raises UserError: no such case or key, a wrong key, a seal or a recording that has been changed.

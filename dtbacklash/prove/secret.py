@@ -19,8 +19,6 @@ __all__ = ["INSTRUMENTS", "KINDS", "MACHINES", "Secret"]
 class Secret:
     """Everything that was drawn for one recording; with the nominal rig it repeats the recording to the last bit.
 
-    Attributes
-    ----------
     seed : the seed it was drawn from. rig : name of the rig. kind : one of KINDS.
     effects : each ``{"location", "effect", "parameters": {name: value in SI}}``, names of the catalogue.
     unknown : None, or ``{"location", "name", "description", "size", "scale"}``: physics that the catalogue lacks.

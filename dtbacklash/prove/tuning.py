@@ -29,8 +29,6 @@ SAMPLE_TIME_S, SAMPLES_A_PERIOD = 1e-3, 8.0
 class Drive:
     """A rig seen from its drive.
 
-    Attributes
-    ----------
     driven : the body that is driven, or empty. per_volt : effort on it per volt at rest, N/V or N m/V. inertia : of all
     that springs tie to it, kg or kg m^2. modes_hz : ascending, without rigid motions. grounded : whether springs hold
     every body in its place. held : whether a servo holds the driven body, so that no loop is closed around it.

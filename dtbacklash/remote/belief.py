@@ -29,8 +29,6 @@ OF_THE_MACHINE = (
 def described(config: RunConfig, belief: Belief | None = None) -> Document:
     """The document for the twin of a run.
 
-    Parameters
-    ----------
     config : of a run. belief : what its twin believes about the rig; None: what the configuration says.
 
     Raises UserError: the twin has no model of such a rig.

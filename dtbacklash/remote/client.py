@@ -70,8 +70,6 @@ class _Asked:
 class RemoteTwin:
     """A :class:`~dtbacklash.twin.link.service.TwinService` whose twin is at the other end of a network.
 
-    Parameters
-    ----------
     settings : ``broker``, ``machine``, ``credentials``, ``timeout_s``, ``buffer``, ``gap_max_deg`` of a run's twin.
     belief : see :mod:`.belief`. waits : whether :meth:`replies` waits for what is outstanding. design : designs the
         controller for another model that an answer holds; where it raises UserError the answer is dropped.

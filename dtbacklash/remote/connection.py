@@ -38,8 +38,6 @@ Take = Callable[[str, bytes, str | None], None]
 class Connection:
     """A client of the broker at ``broker``.
 
-    Parameters
-    ----------
     broker : host:port; ``setting`` is its name in errors. subscribe : topics. take : called in the network's thread
         with topic, payload and signature of each message. name : of the client, at the broker. published : called there
         with the number of a message and what the broker has against it, or "". changed : called there when the

@@ -104,8 +104,6 @@ class Credentials:
 def load_credentials(file: str | None, setting: str) -> Credentials:
     """From a file of mode 600, and from the environment, which comes first.
 
-    Parameters
-    ----------
     file : YAML with the keys of FIELDS; None: the environment alone. setting : the one to name in errors.
 
     Raises UserError: others may read the file; it is none, or holds something else.

@@ -36,8 +36,6 @@ Document = dict[str, Any]
 class Rejected(Exception):
     """A message that fails a check.
 
-    Parameters
-    ----------
     reason : a few words, one of a fixed set. detail : what exactly, for the log.
     """
 

@@ -92,8 +92,6 @@ class _Waiting:
 class TwinServer:
     """The twin at the broker.
 
-    Parameters
-    ----------
     config : of ``dtb twin serve``. say : gets a line for each request.
 
     Raises UserError: no key, or that of one machine only; no address; the extra is not installed.

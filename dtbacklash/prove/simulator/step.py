@@ -358,8 +358,6 @@ def _impose(M, S, u, signals, k):
 def run_machine(M, S, C, signals, history, u, truth, seen, states):
     """Run all samples; returns the number of samples that stayed finite.
 
-    Parameters
-    ----------
     history : (m, ns) ring for the delays. u : (N+1,) V, truth, seen : (N+1, ns) SI without and with noise and counts,
         states : (N+1, n), all written.
     """
