@@ -123,7 +123,7 @@ def run_diagnosis(
     said, depth = config.enough, cast("Depth", config.search)
     return diagnose(
         train, rig, held_out, progress=lambda text, share: tell(share, text), jobs=jobs, enough=said, depth=depth,
-        keep=keep, own=config.own, given=config.given, hold_out=config.hold_out,
+        keep=keep, own=config.own, given=config.given, hold_out=config.hold_out, compare=config.compare,
     )  # fmt: skip
 
 

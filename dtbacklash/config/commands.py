@@ -71,6 +71,10 @@ class DiagnoseConfig:
         "or the name or number (from 1) of one",
         word="hold_out",
     )
+    compare: str | None = setting(
+        None, "change: what changed in a machine from the first of two recordings to the second, whatever else the rig "
+        "lacks", word="compare", choices=("change",),
+    )  # fmt: skip
     enough: dict[str, str] = setting(
         dict, "what is good enough, per channel, e.g. enough={x2: 0.05 mm} or a share of its motion (2 %): such a rest "
         "is accepted", word="enough"

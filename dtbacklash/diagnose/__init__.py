@@ -24,6 +24,9 @@ __all__ = ["Diagnosis", "Record", "diagnose", "diagnose_records", "records_of"]
 #: what judges: another recording, or several; or which of several recordings (number from 1, name) does
 Validation = Recording | Sequence[Recording] | str | int
 
+#: what two recordings are compared for
+CHANGE = "change"
+
 
 @names_the_recording
 def diagnose(
@@ -40,6 +43,7 @@ def diagnose(
     own: Own | None = None,
     given: Given | None = None,
     hold_out: str | int | None = None,
+    compare: str | None = None,
 ) -> Diagnosis:
     """Diagnose a recording, or several together, on a rig.
 
@@ -77,6 +81,8 @@ def diagnose(
         validation = while_it_moves(validation, rig)
     if len(recordings) == 1 and (own or given):
         with_own(rig, 1, lambda key, wanted: 0, own, given)
+    if compare is not None and (compare != CHANGE or len(recordings) != 2):
+        raise UserError("compare", compare, "choose change, and give two: recording=[before.csv,after.csv]")
     if len(recordings) == 1 and hold_out not in (None, ENDS):
         raise UserError("hold_out", hold_out, "leaves out one of several: give several, recording=[a.csv,b.csv]")
     if len(recordings) == 1 and (validation is None or isinstance(validation, Recording)):
@@ -86,10 +92,12 @@ def diagnose(
     if held_out_given and hold_out is None and others is None:
         hold_out = ENDS
     several = Several.of(recordings, others, rig, hold_out)
+    if compare is not None and any(several.judges[:2]):
+        raise UserError("compare", compare, "needs both recordings, and one of them judges alone: leave that out")
     rig = with_own(rig, len(several.recordings), several.number, own, given)
     records, left_out = long_enough(several.records(rig, held_out))
     check_parts(records, ("validation", several.judging) if several.judging else ("held_out", held_out))
-    found = diagnose_records(rig, records, progress, jobs, accepted, depth, keep)
+    found = diagnose_records(rig, records, progress, jobs, accepted, depth, keep, compare == CHANGE)
     used = tuple(several.used(records, found.recordings))
     untold = beforehand(rig, several.recordings[0].channels)
     notes = *notes_of_several(several, held_out), *untold, *left_out, *found.notes

@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from dtbacklash.diagnose.engine.changes import Change
 from dtbacklash.diagnose.engine.exact import Model, as_it_stands
 from dtbacklash.diagnose.engine.free import Key, standing, tolerances_away
 from dtbacklash.diagnose.engine.in_each import InOne, stands
@@ -29,7 +30,8 @@ class Conclusion:
     judged.model is the extended rig. given : the same names on the rig as it was given. modelled, with_table : what no
     name explains, and the rig that has it. in_each : title -> what each of several recordings says of it. left_out : of
     the recalibrated and the extended rig, where each recording is left out in turn, number -> the rig as the others
-    have it. predicted : name -> what each recording, left out, loses without it (:func:`.turns.predicted`).
+    have it. predicted : name -> what each recording, left out, loses without it (:func:`.turns.predicted`). changes :
+    between two recordings, where that was asked.
     """
 
     search: Search
@@ -44,6 +46,7 @@ class Conclusion:
     in_each: Mapping[str, tuple[InOne, ...]] = field(default_factory=dict)
     left_out: tuple[Mapping[int, Rig], Mapping[int, Rig]] = ({}, {})
     predicted: Mapping[Key, tuple[float, ...]] = field(default_factory=dict)
+    changes: tuple[Change, ...] | None = None
 
     @property
     def model(self) -> Model:
@@ -115,7 +118,7 @@ class Conclusion:
 
     @property
     def sure(self) -> frozenset[Key]:
-        """The names that lead every rival, are more than nothing, stand in each of several recordings, and predict it."""
+        """The names that lead every rival, are more than nothing, and stand in each recording and predict it."""
         sizes = self.sizes
         return frozenset(
             key for key in self.judged.sure

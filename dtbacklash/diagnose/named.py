@@ -145,6 +145,23 @@ class Cause:
 
 
 @dataclass(frozen=True)
+class Changed:
+    """A value that is not the same after as before: ``title`` (a parameter, or place.effect.size), in ``unit`` (SI).
+
+    before, after : value and 95 % interval in the two recordings. confidence : ``sure`` where the two are apart and no
+    other change explains as much. also_fits : titles of those that do. sentence : the same in words.
+    """
+
+    title: str
+    unit: str
+    before: ParameterEstimate
+    after: ParameterEstimate
+    confidence: Confidence
+    also_fits: tuple[str, ...]
+    sentence: str
+
+
+@dataclass(frozen=True)
 class Recalibrated:
     """A parameter of the rig that had to move: ``nominal``, ``value`` and ``ci95`` in ``unit`` (SI).
 

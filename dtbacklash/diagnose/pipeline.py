@@ -10,6 +10,8 @@ from threadpoolctl import threadpool_limits
 from dtbacklash.campaign.progress import SO_FAR
 from dtbacklash.diagnose.conclusion import Conclusion, is_there
 from dtbacklash.diagnose.engine.bench import Bench
+from dtbacklash.diagnose.engine.changes import Change, grow
+from dtbacklash.diagnose.engine.changes import judged as judged_changes
 from dtbacklash.diagnose.engine.exact import Model, Problem, as_given, without_name
 from dtbacklash.diagnose.engine.formulas import modelled
 from dtbacklash.diagnose.engine.free import with_errors, with_priors
@@ -27,7 +29,7 @@ from dtbacklash.diagnose.records import SMOOTH, Record, ways_to_read
 from dtbacklash.diagnose.result import UNEXPLAINED, Diagnosis
 from dtbacklash.diagnose.say.calibration import calibration
 from dtbacklash.diagnose.say.checks import USUAL, all_checks
-from dtbacklash.diagnose.say.differences import differences_said
+from dtbacklash.diagnose.say.differences import changes, changes_said, differences_said
 from dtbacklash.diagnose.say.drawn import shown
 from dtbacklash.diagnose.say.enough import Enough
 from dtbacklash.diagnose.say.errors import ErrorTables
@@ -77,7 +79,7 @@ def silent(text: str, share: float) -> None:
 
 def diagnose_records(
     rig: Rig, records: list[Record], progress: Callable[[str, float], None] | None = None, jobs: int | None = None,
-    enough: Enough | None = None, depth: Depth = FULL, keep: bool = False,
+    enough: Enough | None = None, depth: Depth = FULL, keep: bool = False, changes: bool = False,
 ) -> Diagnosis:  # fmt: skip
     """Diagnose recordings on a rig.
 
@@ -88,6 +90,7 @@ def diagnose_records(
     jobs : threads; None leaves what joblib has been told, else one. enough : a rest that the user accepts.
     depth : how much is looked for. keep : whether Ctrl-C, once the rig is recalibrated, gives what is known so far,
         judged as a quick search is; a second one ends it.
+    changes : look for what changed between two recordings, beside what is large and missing in both.
 
     Raises
     ------
@@ -102,7 +105,8 @@ def diagnose_records(
             return faulty(rig, inspected, inspected.fault)
         try:
             return mended(
-                _Course(with_priors(rig), inspected.records, tell, depth, enough or {}, keep).run(), inspected
+                _Course(with_priors(rig), inspected.records, tell, depth, enough or {}, keep, changes).run(),
+                inspected,
             )
         except _Undriven as error:
             return faulty(rig, inspected, undriven(rig, inspected, *error.args))
@@ -125,8 +129,11 @@ class _Course:
         depth: Depth,
         enough: Enough,
         keep: bool,
+        changes: bool = False,
     ) -> None:
-        self.rig, self.records, self._say, self.depth, self.enough, self.keep = rig, records, tell, depth, enough, keep
+        self.rig, self.records, self._say, self.enough, self.keep = rig, records, tell, enough, keep
+        self.depth: Depth = QUICK if changes and depth == FULL else depth
+        self.changes: tuple[Change, ...] | None = () if changes else None
         self.every = [
             rate_of(rig, {c: v for c, v in r.y.items() if c in rig.sensors}, r.sample_time_s) for r in records
         ]
@@ -143,7 +150,11 @@ class _Course:
     def run(self) -> Diagnosis:
         """Search, judge, and say it; where it is stopped, what is known so far."""
         try:
-            return self._found(self._searched(), self.depth)
+            search = self._searched()
+            if self.changes is not None:
+                grow(search)
+                self.changes = judged_changes(search)
+            return self._found(search, self.depth)
         except KeyboardInterrupt:
             if not self.keep or self.search is None:
                 raise
@@ -249,7 +260,7 @@ class _Course:
         judged = replace(judged, model=model)
         seen = Seen(search.bench, self.records, self.every, (last or model).rig, (last or model).sizes)
         given = as_given(search.bench, search.motion, model)
-        c = Conclusion(search, judged, given, about, seen, said, last, self.course, full)
+        c = Conclusion(search, judged, given, about, seen, said, last, self.course, full, changes=self.changes)
         away = [f.shared_title for f in about.free if c.label(f.shared_title, f.recording) in c.moved]
         c = replace(c, in_each=in_each(bench, model, about, {*c.sizes.values(), *search.differences, *away}))
         if any((r.train & r.held).any() for r in self.records):
@@ -299,8 +310,9 @@ class _Course:
         told = replace(c.modelled, sentence=modelled_said(c.modelled, much)) if c.modelled else None
         suspected = suspects_said(c, suspects(c)) if verdict == UNEXPLAINED else ""
         parts = (
-            suspected, SEARCHED[depth], differences_said(c),
-            summary(verdict, named, moved, where, depth != NONE, much.enough, c.seen.unlogged(c.model.rig)),
+            suspected, SEARCHED[depth] if c.changes is None else "", differences_said(c),
+            summary(verdict, named, moved, where, depth != NONE, much.enough, c.seen.unlogged(c.model.rig))
+            if c.changes is None else changes_said(c, named),
             explained_said(much, bool(named)), unknown_said(much), told.sentence if told else "",
             tolerances_said(c.beyond(), USUAL),
         )  # fmt: skip
@@ -336,6 +348,7 @@ class _Course:
             calibration=calibration(c),
             observed=observed(c),
             modelled=told,
+            changes=changes(c),
         )  # fmt: skip
 
 

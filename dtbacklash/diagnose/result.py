@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from dtbacklash.diagnose.named import Calibration, Document, Finding, Modelled, Recalibrated
+from dtbacklash.diagnose.named import Calibration, Changed, Document, Finding, Modelled, Recalibrated
 from dtbacklash.diagnose.planning import Observed
 from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.diagnose.shown import Explained, FitTable, FreeRunning, RecordingUsed, Shown, Work
@@ -146,6 +146,7 @@ class Diagnosis:
     suspected : which number in the rig looks like a typo, in a sentence; else empty.
     first : what its user has to know before he believes it; else empty. zeros : those of the sensors of one recording
         that begin anywhere, in a sentence that is a note as well.
+    changes : what changed from the first recording to the second, where that was asked (``compare=change``).
     stopped : what was being done when it was stopped, of which this is what was known; else empty.
     observed : how the machine was seen to move and what is open, for the experiment after it.
     nominal : the rig as it was given. extended : recalibrated, with what was found. shown, work : for the report.
@@ -179,6 +180,7 @@ class Diagnosis:
     observed: Observed | None = None
     first: str = ""
     zeros: str = ""
+    changes: tuple[Changed, ...] | None = None
 
     @property
     def rig(self) -> Rig:
@@ -209,6 +211,8 @@ class Diagnosis:
             tables = [document[name] for name in ("fit", "free_running") if document[name]]
             for errors in (table[part] for table in tables for part in ("train", "held_out")):
                 del errors["modelled"]
+        if self.changes is not None:
+            document["changes"] = [json_able(one) for one in self.changes]
         if self.recordings:
             document["recordings"] = [recording.to_json() for recording in self.recordings]
         return document

@@ -233,6 +233,7 @@ def diagnose(
     own: Own | None = None,
     given: Given | None = None,
     hold_out: str | int | None = None,
+    compare: str | None = None,
     jobs: int | None = None,
     progress: ShowProgress = False,
     trust_units: bool = False,
@@ -256,6 +257,8 @@ def diagnose(
         (``{"b": ["carriage.mass"]}``). given : what is known to differ, ``{"b": {"carriage.mass": "3.2 kg"}}``.
     hold_out : which of several recordings judges: ``turns``, each in turn (default from three on); ``ends``, the last
         share of each; or the name or number (from 1) of one.
+    compare : ``change``: what changed from the first of two recordings to the second (``found.to_json()["changes"]``),
+        whatever else the rig lacks.
     jobs : threads that share the work; None: one for each core.
     progress : True shows a bar; a function is called with the share done, 0 to 1, and what is being done.
     trust_units : of what is read here: do not ask whether the channels' sizes are what the rig can do.
@@ -278,7 +281,7 @@ def diagnose(
     'consistent'
     """
     from dtbacklash.config.choices import SEARCHES
-    from dtbacklash.diagnose import diagnose as compare
+    from dtbacklash.diagnose import diagnose as diagnosed
     from dtbacklash.recording import read_together
 
     nominal = load_rig(rig if rig is not None else _usual_rig(recording))
@@ -291,7 +294,7 @@ def diagnose(
         said = None if tell is None else lambda text, share: tell(share, text)
         cores = jobs or os.cpu_count() or 1
         return Found(
-            compare(
+            diagnosed(
                 fitted,
                 nominal,
                 judged,
@@ -303,6 +306,7 @@ def diagnose(
                 own=own,
                 given=given,
                 hold_out=hold_out,
+                compare=compare,
             )
         )
 

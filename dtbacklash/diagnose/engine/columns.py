@@ -6,7 +6,7 @@ counts as it is; a table is held back in how it bends as far as the evidence say
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -157,7 +157,7 @@ class Columns:
         norms = np.sqrt(np.einsum("ij,ij->j", jacobian, jacobian))
         J = jacobian / norms
         gram = J.T @ J + 1e-10 * np.eye(len(norms))
-        self._T, self._cross = columns, columns @ J[:data]
+        self._T, self._cross, self._base = columns, columns @ J[:data], (J[:data], gram, J.T @ base, e0)
         self._by = np.linalg.solve(gram, self._cross.T).T
         side = J.T @ base
         self._r = columns @ e0 - self._by @ side
@@ -222,6 +222,29 @@ class Columns:
             both = h.effect.size.low < 0.0 or bool(h.angle)
             most = float(np.linalg.norm(size)) if both else max(float(size[0]), 0.0)
             yield h, most + errors * float(error.max())
+
+    def differing(self, of: Floats) -> list[tuple[float, Hypothesis, Floats]]:
+        """What each name would explain, had it a size in each recording, beside what it explains with one for all.
+
+        of : (recordings, rows) 1 for the rows of each. Best of each name first: the fall of -2 log likelihood less its
+        cost, the hypothesis as it is best put in, (recordings,) its size in each.
+        """
+        J, gram, side, e0 = self._base
+        best: dict[Key, tuple[float, Hypothesis, Floats]] = {}
+        for h, at in self.hypotheses:
+            if h.effect.is_table or (np.diag(self._blocks[h]) < OWN).any():
+                continue
+            parts = (self._T[at] * of[:, None]).reshape(-1, len(e0))
+            cross = parts @ J
+            by = np.linalg.solve(gram, cross.T).T
+            g, r = parts @ parts.T - by @ cross.T, parts @ e0 - by @ side
+            theta = np.linalg.lstsq(g, -r, rcond=OWN)[0]
+            shared = np.linalg.lstsq(self._blocks[h], -self._r[at], rcond=OWN)[0]
+            gain = float(self._r[at] @ shared - r @ theta) - self.log_n * (len(theta) - len(shared))
+            if h.key not in best or gain > best[h.key][0]:
+                each = theta.reshape(len(of), -1) / self.scale[at]
+                best[h.key] = gain, *_put(h, each)
+        return sorted(best.values(), key=lambda row: -row[0])
 
     def single(self, h: Hypothesis, at: slice, g: Floats, r: Floats) -> Proposal | None:
         """What a hypothesis promises; None where its size is not one, or nothing of it is left.
@@ -293,3 +316,15 @@ class Columns:
                 if both.keys not in best or both.gain > best[both.keys].gain:
                     best[both.keys] = both
         return sorted(best.values(), key=lambda p: -p.gain)
+
+
+def _put(h: Hypothesis, each: Floats) -> tuple[Hypothesis, Floats]:
+    """A hypothesis with the phase at which it is largest, and its sizes. each : (recordings, columns) amounts."""
+    name = h.effect.size.name
+    if h.as_it_is:
+        return h, each[:, 0] * h.values[name]
+    if not h.angle:
+        return h, each[:, 0]
+    largest = each[np.argmax((each**2).sum(axis=1))]
+    phase = float(np.arctan2(largest[1], largest[0]))
+    return replace(h, values={**h.values, h.angle: phase}, angle=""), each @ [np.cos(phase), np.sin(phase)]

@@ -150,7 +150,7 @@ class Judge:
                 t[view] = 0.0
                 continue
             a, b = there.squares[view], self.here.squares[view]
-            t[view] = max(_t(a - b), _t(np.log(a / b)))
+            t[view] = lead(a, b)
             wins.append(np.mean(a > b))
         ratio = np.nan
         if there is not None and self.here is not None:
@@ -229,6 +229,11 @@ class Judge:
         """(STRETCHES,) sums of squares of innovations; what priors cost has no scatter: it counts in the lead."""
         each = np.concatenate([(e**2).sum(axis=1) for e in self._split(rows)])
         return np.array([part.sum() for part in np.array_split(each, STRETCHES)]) + 1e-12
+
+
+def lead(a: Floats, b: Floats) -> float:
+    """By how many standard errors the second model leads; a, b : (stretches,) sums of squares of the two."""
+    return max(_t(a - b), _t(np.log(a / b)))
 
 
 def _t(d: Floats) -> float:

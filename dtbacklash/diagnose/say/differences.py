@@ -1,18 +1,64 @@
 """What differs between recordings, and what each of them says of each cause, in sentences and rows."""
 
-from dtbacklash.diagnose.conclusion import Conclusion
+from collections.abc import Sequence
+
+import numpy as np
+
+from dtbacklash.diagnose.conclusion import MISSED, Conclusion
+from dtbacklash.diagnose.engine.changes import Change
 from dtbacklash.diagnose.engine.free import Key, unit_of
 from dtbacklash.diagnose.engine.in_each import InOne
 from dtbacklash.diagnose.engine.values import NORMAL95
-from dtbacklash.diagnose.named import Cause
+from dtbacklash.diagnose.named import Cause, Changed, Finding, ParameterEstimate
 from dtbacklash.diagnose.say.sentences import quantity
 
 SEEN, NOT_SEEN, CANNOT = "seen", "not seen", "cannot be seen here"
 
 
 def differences_said(c: Conclusion) -> str:
-    """Each value that was found to differ between recordings, with its sizes."""
+    """Each value that was found to differ between recordings, with its sizes; empty where what changed was asked."""
+    if c.changes is not None:
+        return ""
     return " ".join(_said(c, title, c.in_each[title]) for title in c.search.differences if title in c.in_each)
+
+
+def changes(c: Conclusion) -> tuple[Changed, ...] | None:
+    """What changed from the first recording to the second; None where that was not asked."""
+    if c.changes is None:
+        return None
+    return tuple(_changed(c, one) for one in c.changes if len(c.in_each.get(one.title, ())) > 1)
+
+
+def _changed(c: Conclusion, change: Change) -> Changed:
+    before, after = c.in_each[change.title]
+    unit, lead = _unit(c, change.title), c.search.rules.lead
+    others = tuple(title for title, t in change.rivals.items() if not t > lead)
+    apart = abs(after.value - before.value) > lead * np.hypot(before.error, after.error)
+    sure = apart and not others and c.left < c.search.rules.left
+    first, second = (
+        ParameterEstimate(e.value, unit, (e.value - NORMAL95 * e.error, e.value + NORMAL95 * e.error))
+        for e in (before, after)
+    )
+    instead = f" It may be {' or '.join(f'`{title}`' for title in others)} instead." if others else ""
+    was, now = (f"{_seen(e, change.title, unit)} in {c.named(e.recording)}" for e in (before, after))
+    said = f"`{change.title}` changed from {was} to {now}{'' if sure or others else ', which is open'}."
+    return Changed(change.title, unit, first, second, "sure" if sure else "partial", others, said + instead)
+
+
+def _seen(one: InOne, title: str, unit: str) -> str:
+    """A value in one recording; an effect that is not seen there is nothing."""
+    return quantity(one.value, unit) if one.there or "." not in title else "nothing"
+
+
+def changes_said(c: Conclusion, named: Sequence[Finding]) -> str:
+    """The same in words, also where nothing is seen to have changed, and what both have. named : the findings."""
+    found = changes(c) or ()
+    beside = "Beside what the rig lacks in both" if c.left > MISSED * c.search.rules.much else ""
+    nothing = f"{beside or 'From one recording to the other'}, nothing is seen to have changed."
+    titles = [one.title for one in found]
+    both = [one.sentence for one in named if c.sizes[one.location, one.effect] not in titles]
+    said = [one.sentence for one in found] or [nothing]
+    return " ".join([*said, *(["In both:", *both] if both else [])])
 
 
 def apart_said(c: Conclusion, key: Key) -> str:

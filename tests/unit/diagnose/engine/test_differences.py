@@ -46,6 +46,61 @@ def test_a_mass_that_differs_is_found_beside_a_friction_that_does_not():
     assert causes["m_t"].value == pytest.approx(3.0, rel=0.05)
 
 
+@pytest.mark.check
+def test_a_friction_that_one_alone_has_is_found_and_said_to_be_seen_there_only():
+    found = dtb.diagnose([recorded(10, 0.0), recorded(11, 4.0)], "two_mass_stage", trust_units=True)
+    (finding,) = found.diagnosis.findings
+    assert (finding.location, finding.effect, finding.confidence) == ("carriage", "coulomb_friction", "sure")
+    assert "friction of 4 N acts at the carriage" in finding.sentence
+    assert finding.sentence.endswith("It is seen in frame (2) only.")
+    causes = [one.causes["carriage.coulomb_friction.force"] for one in found.diagnosis.recordings]
+    assert [one.said for one in causes] == ["not seen", "seen"]
+    assert causes[1].value == pytest.approx(4.0, rel=0.02)
+
+
+SPRING = ("rig=oscillator", "controller=open_loop", "reference=multisine", "reference.f_min_hz=1",
+          "reference.f_max_hz=12", "duration_s=4")  # fmt: skip
+
+
+def sprung(seed: int, mass: float, friction: float):
+    """A run of the oscillator with a quadratic damping that its rig lacks."""
+    more = (f"rig.parameters.m.value={mass}", "rig.effects.spring.quadratic_damping.c2=20",
+            f"rig.effects.mass.ground_friction.force={friction}")  # fmt: skip
+    frame = dtb.run(*SPRING, f"seed={seed}", *more).recording.to_frame()
+    frame = frame[["t_s", "u_v", *(c for c in frame if c.startswith("x"))]].copy()
+    frame.iloc[:, 2] += np.random.default_rng(seed).normal(0.0, NOISE * frame.iloc[:, 2].std(), len(frame))
+    return frame
+
+
+@pytest.mark.check
+@pytest.mark.parametrize(("title", "after"), [("m", (1.26, 0.5)), ("mass.ground_friction.force", (1.2, 1.5))])
+def test_what_changed_is_said_beside_what_the_rig_lacks_in_both(title, after):
+    pair = [sprung(20, 1.2, 0.5), sprung(21, *after)]
+    found = dtb.diagnose(pair, "oscillator", compare="change", trust_units=True)
+    (change,) = found.diagnosis.changes
+    assert (change.title, change.confidence) == (title, "sure")
+    ends = (1.2, 1.26) if title == "m" else (0.5, 1.5)
+    assert (change.before.value, change.after.value) == pytest.approx(ends, rel=0.03)
+    assert found.summary.startswith(f"`{title}` changed from ")
+    assert [one["title"] for one in found.to_json()["changes"]] == [title]
+
+
+@pytest.mark.check
+def test_nothing_is_said_to_have_changed_where_nothing_did():
+    pair = [sprung(20, 1.2, 0.5), sprung(21, 1.2, 0.5)]
+    found = dtb.diagnose(pair, "oscillator", compare="change", trust_units=True)
+    assert found.diagnosis.changes == ()
+    assert "nothing is seen to have changed" in found.summary
+
+
+@pytest.mark.parametrize(("compare", "count"), [("change", 1), ("change", 3), ("wear", 2)])
+def test_two_recordings_are_compared_for_what_changed(compare, count):
+    frame = sprung(20, 1.2, 0.5)
+    frames = [frame.assign(u_v=frame["u_v"] + 1e-6 * k) for k in range(count)]
+    with pytest.raises(dtb.UserError, match=f"compare={compare}: choose change, and give two"):
+        dtb.diagnose(frames, "oscillator", compare=compare, trust_units=True)
+
+
 def test_a_name_stands_if_all_that_can_show_it_do_and_agree():
     a, b = InOne(0, 4.0, 0.1, True, True), InOne(1, 4.2, 0.1, True, True)
     blind, missing = InOne(2, 9.0, 8.0, False, False), InOne(2, 0.1, 0.1, True, False)
