@@ -85,8 +85,8 @@ class DiagnoseConfig:
         "own={b: [carriage.mass]}",
         word="own",
     )
-    given: dict[str, Any] = setting(
-        dict, "what is known to differ between recordings, e.g. given={b: {carriage.mass: 3.2 kg}}", word="given"
+    given: Any = setting(
+        None, "what is known to differ between recordings, e.g. given={b: {carriage.mass: 3.2 kg}}", word="given"
     )
     search: str = setting(
         "full",

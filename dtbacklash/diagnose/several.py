@@ -124,8 +124,11 @@ def _number(key: str, recordings: Sequence[Recording], names: list[str], wanted:
 
 
 def _check_apart(recordings: Sequence[Recording], names: list[str], judges: list[bool]) -> None:
-    """Refuse two recordings that are equal, and one to judge on whose samples are fitted to."""
+    """Refuse recordings of two rigs, two that are equal, and one to judge on whose samples are fitted to."""
     for k, second in enumerate(recordings):
+        if second.rig and recordings[0].rig and second.rig != recordings[0].rig:
+            said = f"is of the rig {second.rig}, and {names[0]} of {recordings[0].rig}: several are of one machine"
+            raise UserError("recording", names[k], said)
         for j, first in enumerate(recordings[:k]):
             if judges[k] != judges[j]:
                 check_apart(*((first, second) if judges[k] else (second, first)))

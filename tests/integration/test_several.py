@@ -75,6 +75,17 @@ def test_one_of_them_judges_alone(recorded, tmp_path):
     assert "slow.csv judges alone." in found["notes"]
 
 
+@pytest.mark.check
+def test_what_is_its_own_and_what_is_given_is_said_on_the_command_line(recorded, tmp_path):
+    word = ["own=[mass.mass]", "given={slow: {spring.stiffness: 1900 N/m}}", "search=none", "hold_out=turns", "out=found"]
+    assert cli.main([*recorded, *word]) == 0
+    found = json.loads((tmp_path / "found" / "diagnosis.json").read_text(encoding="utf-8"))
+    assert {"m in fast.csv", "m in slow.csv", "k"} <= found["calibration"]["parameters"].keys()
+    assert "m" not in found["calibration"]["parameters"]
+    assert any("Each recording is left out in turn" in note for note in found["notes"])
+    assert [one["judged"] for one in found["recordings"]] == [one["samples"] for one in found["recordings"]]
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -88,12 +99,21 @@ def test_one_of_them_judges_alone(recorded, tmp_path):
         ),
         (["recording=[a.csv,c.csv]", "validation=z.csv"], "validation=z.csv: no such file"),
         (["recording=[a.csv,c.csv]", "recording.path=b.csv"], "recording.path=b.csv: is the file of one recording"),
+        (["recording=[a.csv,c.csv]", "own=[mass.weight]"], "own=mass.weight: is no parameter or effect of this rig"),
+        (["recording=[a.csv,c.csv]", "own={d: [m]}"], "own=d: is none of the recordings; choose one of 1 (a.csv)"),
+        (["recording=[a.csv,c.csv]", "given={c: {m: 3 mm}}"], "given.c.m=3 mm: must be in kg, as m is"),
+        (["recording=[a.csv,more/a.csv]", "own={a: [m]}"], "own=a: is none of the recordings; choose one of 1 ("),
+        (["recording=[a.csv,c.csv]", "hold_out=d"], "hold_out=d: is none of the recordings; choose one of 1 (a.csv)"),
+        (["recording=a.csv", "hold_out=turns"], "hold_out=turns: leaves out one of several: give several"),
+        (["recording=a.csv", "compare=change"], "compare=change: choose change, and give two"),
+        (["recording=[a.csv,c.csv]", "compare=change", "hold_out=c"], "compare=change: needs both recordings"),
     ],
 )
 def test_mistakes_end_in_one_line(words, said, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     rng, t = np.random.default_rng(0), 1e-3 * np.arange(1000)
-    for name, channel in (("a.csv", "x"), ("b.csv", "w"), ("c.csv", "x")):
+    (tmp_path / "more").mkdir()
+    for name, channel in (("a.csv", "x"), ("b.csv", "w"), ("c.csv", "x"), ("more/a.csv", "x")):
         moves = 1e-3 * np.cumsum(rng.normal(size=1000))
         pd.DataFrame({"t": t, "u": rng.normal(size=1000), channel: moves}).to_csv(name, index=False)
     assert cli.main(["diagnose", *words, "rig=oscillator", "recording.trust_units=true", "out=found"]) == 2

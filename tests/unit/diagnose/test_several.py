@@ -128,3 +128,9 @@ def test_what_is_held_out_has_to_be_there_and_said_once(rig):
         Several.of(two, None, rig, "d")
     with pytest.raises(UserError, match="hold_out=turns: says what judges, and so does validation=2: give one"):
         Several.of(two, 2, rig, "turns")
+
+
+def test_recordings_of_two_rigs_are_refused(rig):
+    pair = [replace(recording(f"{n}.csv", k), rig=of) for k, (n, of) in enumerate((("a", "emps"), ("b", "disk")))]
+    with pytest.raises(UserError, match=r"recording=b.csv: is of the rig disk, and a.csv of emps: several are of one"):
+        Several.of(pair, None, rig)
