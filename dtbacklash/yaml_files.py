@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import pairwise
+from pathlib import Path
 from typing import Any, ClassVar
 
 import yaml
@@ -189,3 +190,10 @@ def _problem(error: yaml.YAMLError) -> str:
 def _where(node: Any) -> str:
     mark = getattr(node, "start_mark", None)
     return f" (line {mark.line + 1})" if mark is not None else ""
+
+
+def beside(content: Any, file: Path) -> Any:
+    """The content of a rig's file, in which the path of a simulator's model counts from that file; made absolute."""
+    if isinstance(content, dict) and isinstance(model := content.get("model"), str) and model:
+        content["model"] = str((file.parent / Path(model).expanduser()).resolve())
+    return content

@@ -59,6 +59,7 @@ class RigFileSource(ConfigSource):
             raise UserError(group, name, f"cannot be read: {(error.strerror or str(error)).lower()}") from error
         if not isinstance(data, dict):
             raise UserError(group, name, "must be a YAML file that describes a rig")
+        yaml_files.beside(data, file)
         return ConfigResult(
             config=OmegaConf.create(data), path=self.full_path(), provider=self.provider, header={"package": None}
         )

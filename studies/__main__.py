@@ -36,6 +36,7 @@ from studies import (
     real,
     remote,
     second_recording,
+    simulators,
     speed,
     wrong_models,
 )
@@ -147,6 +148,11 @@ def _second_recording(options: argparse.Namespace) -> Result:
     return found, second_recording.said(found)
 
 
+def _simulators(options: argparse.Namespace) -> Result:
+    found = simulators.simulator_rows(options.n, options.seed, options.out / "simulators_cases.csv")
+    return found, simulators.simulator_words(found)
+
+
 def _nimc_forms(options: argparse.Namespace) -> Result:
     grid = nimc_forms.run_grid(lambda said: console.print(said, style="dim"))
     grid.to_csv(options.out / "nimc_forms_runs.csv", index=False)
@@ -195,6 +201,10 @@ STUDIES = {
     "second_recording": Study(
         "Pairs that one recording confuses, with a second one: lead of the truth in -2 log likelihood",
         _second_recording, 30, 0, asked=True,
+    ),
+    "simulators": Study(
+        "Concealed recordings on MuJoCo models of gymnasium (extra mujoco): names, those that are sure with an !",
+        _simulators, 10, 0, asked=True,
     ),
     "crossing": Study(
         "The twin's controller beside the paper's on random machines, lives of 100 s", _crossing, 1000, 1, asked=True

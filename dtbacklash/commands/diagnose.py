@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from dtbacklash.recording import Recording
 
 MARK, TABLE = "diagnosis.json", "diagnose.csv"
-ENTRIES = frozenset({MARK, "report.html", "figures", "rig.yaml"})
+ENTRIES = frozenset({MARK, "report.html", "figures", "rig.yaml", "found"})
 INTERRUPTED = 130  # exit code
 FIGURES = ("verdict", "findings", "held_out_nominal", "held_out_extended", "noise_floor")
 

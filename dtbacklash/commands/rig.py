@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from dtbacklash.physics.rig import Rig
 
 PARTS = ("new", "check")
+#: what stands for a machine where it is a model of MuJoCo
+MJCF = "mjcf"
 #: of a plant that is only looked at, s
 STEP_S = 1e-4
 #: a parameter that is known no better says nothing (share)
@@ -39,20 +41,28 @@ def main(words: Sequence[str]) -> int:
 
 def _new(words: list[str]) -> None:
     if len(words) != 2:
-        raise UserError("argument", " ".join(words) or "(missing)", "write dtb rig new MACHINE FILE.yaml")
+        allowed = f"write dtb rig new MACHINE FILE.yaml, or dtb rig new {MJCF} MODEL.xml"
+        raise UserError("argument", " ".join(words) or "(missing)", allowed)
     machine, file = words
-    if machine not in MACHINES:
-        raise UserError("machine", machine, "choose one of " + ", ".join(MACHINES))
+    if machine not in (*MACHINES, MJCF):
+        raise UserError("machine", machine, "choose one of " + ", ".join((*MACHINES, MJCF)))
+    model = Path(file).expanduser()
+    if machine == MJCF:
+        file = str(Path(file).with_suffix(".yaml"))
     target = Path(file).expanduser()
     if target.suffix not in (".yaml", ".yml"):
         raise UserError("file", file, "must end in .yaml")
     if target.exists():
         raise UserError("file", file, "is there already; give another name, or remove it first")
     from dtbacklash.files import write_text
+    from dtbacklash.physics.mjcf import new_rig as mjcf_rig
 
-    written = new_rig(machine, target.stem, file)
+    if machine == MJCF:
+        written, about = mjcf_rig(str(model)), "joints, actuators and tolerances of the model"
+    else:
+        written = new_rig(machine, target.stem, file)
+        about = written.partition("\n")[0].removeprefix("# ")
     write_text(target.absolute(), written, "file", file)
-    about = written.partition("\n")[0].removeprefix("# ")
     print(f"{file}: {about}; change its numbers, then dtb rig check {shlex.quote(file)}")
 
 
@@ -82,10 +92,13 @@ def check(words: Sequence[str]) -> list[str]:
     ]
     for name, p in rig.config.parameters.items():
         users = [place for place, spec in rig.config.elements.items() if name in spec.values()]
+        users = users or ([Path(rig.config.model).name] if rig.config.model else [])
         where = f"of {', '.join(users)}" if users else "used by no element"
         lines.append(f"  {name} = {p.value:.6g} {p.unit}".rstrip() + f" +/- {100 * p.tolerance:.3g} %, {where}")
-    lines += ["", "modes:", *(f"  {mode}" for mode in modes(rig))]
-    lines += ["", f"recorded columns: t [s], u [{rig.command_unit}], " + ", ".join(
+    if not rig.config.model:
+        lines += ["", "modes:", *(f"  {mode}" for mode in modes(rig))]
+    told = [f"{c} ({a})" for c, a in rig.config.commands.items()] or [f"u [{rig.command_unit}]"]
+    lines += ["", f"recorded columns: t [s], {', '.join(told)}, " + ", ".join(
         f"{s.name} [{s.recorded_in or s.unit}] ({s.quantity} of {s.of})" for s in rig.sensors.values())]  # fmt: skip
     lines += ["", "what a diagnosis can name, and where:"]
     lines += [f"  {place}: {', '.join(rig.takes(place))}" for place in rig.places if rig.takes(place)]
@@ -93,7 +106,8 @@ def check(words: Sequence[str]) -> list[str]:
         lines += ["", sentence]
     more = "" if rig.only("gear") else " controller=open_loop"
     drawn = ["", f"drawn in {drawing}"] if drawing else []
-    return [*lines, *drawn, "", f"dtb run {shlex.quote(f'rig={words[0]}')}{more}"]
+    use = f"dtb diagnose recording=LOG.csv {shlex.quote(f'rig={words[0]}')} out=found"
+    return [*lines, *drawn, "", use if rig.config.model else f"dtb run {shlex.quote(f'rig={words[0]}')}{more}"]
 
 
 def doubts(rig: Rig) -> list[str]:
@@ -112,7 +126,7 @@ def doubts(rig: Rig) -> list[str]:
         reached.add(name)
         waiting += near[name] - reached
     said = []
-    for name in (name for name in rig.elements if name not in reached):
+    for name in (name for name in rig.elements if name not in reached and not rig.config.model):
         watch = [s.name for s in rig.sensors.values() if s.of == name]
         seen = f", and {', '.join(watch)} shows nothing" if watch else ""
         said.append(f"rig.elements.{name} is connected to nothing that the command moves{seen}")

@@ -93,6 +93,12 @@ class RigConfig:
         "name -> of (element), quantity, recorded_in (unit of its column; SI), absolute (false); see below",
     )
     laws: dict[str, Any] = setting(dict, "laws of one's own: name -> acts_on, law, parameters, ...; see own_laws.md")
+    model: str = setting("", "path of a simulator's model (MJCF) whose joints are the elements; see simulators.md")
+    commands: dict[str, Any] = setting(dict, "of a model: column of the log -> actuator")
+    tolerances: dict[str, Any] = setting(
+        dict, "of a model: its number (`joints.NAME.damping`) -> how far it may be off, one standard deviation (20 %)"
+    )
+    fixed: list[str] = setting(list, "of a model: joints that never move")
 
     def __post_init__(self) -> None:
         for name, element in self.elements.items():
@@ -111,7 +117,9 @@ class RigConfig:
 
     @property
     def used(self) -> list[str]:
-        """The parameters that elements have, in the order of the elements."""
+        """The parameters that elements have, in the order of the elements; all of a simulator's model."""
+        if self.model:
+            return list(self.parameters)
         named = (name for spec in self.elements.values() for name in spec.values() if isinstance(name, str))
         return [name for name in dict.fromkeys(named) if name in self.parameters]
 
@@ -151,6 +159,14 @@ class RigConfig:
                     raise UserError(key, values, "a mapping parameter -> value")
                 for parameter, value in values.items():
                     _check_value(f"{key}.{parameter}", value)
+
+
+def share_of(key: str, value: object) -> float:
+    """A tolerance, relative: a number, or a text such as ``20 %``."""
+    if isinstance(value, str) and value.strip().endswith("%"):
+        value = finite(key, value.strip()[:-1], "must be as 20 %, or a number, relative") / 100.0
+    _check_tolerance(key, value)
+    return float(value)  # type: ignore[arg-type]
 
 
 def of_the_model(mistake: UserError) -> UserError:

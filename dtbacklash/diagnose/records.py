@@ -44,12 +44,12 @@ Mask = np.ndarray
 class Record:
     """One recording, or one stretch of it, on its grid.
 
-    u : (N,) command, V. y : channel -> (N,) measured, SI, NaN where a reading is missing. train, held : (N,) masks of
-    the samples that are fitted to, and that are held out. from_s : time of its first sample since the recording began,
-    s. recording, name : number, from 0, and name of the recording that it is or belongs to. at_once : (N,) the command
-    that a sensor of acceleration shows; None: that which was held until then. columns : channel -> what it was read
-    from. otherwise : (N,) the command as it may as well have been between its logged values; None where all of it was
-    logged.
+    u : (N,) command, V. inputs : (N, commands) of a model, in the order of the rig's; None: u alone. y : channel ->
+    (N,) measured, SI, NaN where a reading is missing. train, held : (N,) masks of the samples that are fitted to, and
+    that are held out. from_s : time of its first sample since the recording began, s. recording, name : number, from 0,
+    and name of the recording that it is or belongs to. at_once : (N,) the command that a sensor of acceleration shows;
+    None: that which was held until then. columns : channel -> what it was read from. otherwise : (N,) the command as it
+    may as well have been between its logged values; None where all of it was logged.
     """
 
     sample_time_s: float
@@ -63,6 +63,7 @@ class Record:
     at_once: Floats | None = None
     columns: dict[str, Channel] = field(default_factory=dict)
     otherwise: Floats | None = None
+    inputs: Floats | None = None
 
     @property
     def samples(self) -> int:
@@ -83,11 +84,13 @@ def records_of(
     mask = np.arange(n) < cut_at
     columns = {c: np.ascontiguousarray(v, dtype=float) for c, v in recording.channels.items()}
     measured = {c: v for c, v in columns.items() if c in rig.sensors}
+    inputs = np.column_stack([columns[c] for c in rig.config.commands]) if rig.config.commands else None
     return [
         Record(
             recording.sample_time_s, columns["u"][a:b], {c: v[a:b] for c, v in measured.items()}, mask[a:b], ~mask[a:b],
             float(recording.t_s[a] - recording.t_s[0]), number, columns=recording.columns,
             otherwise=None if recording.straight is None else recording.straight[a:b],
+            inputs=None if inputs is None else inputs[a:b],
         )
         for a, b in recording.stretches
     ]  # fmt: skip
@@ -142,7 +145,7 @@ def while_it_moves(recording: Recording, rig: Rig) -> Recording:
     Rest says nothing: a part that rests would be chosen and judged by noise alone. Without a command, the first state
     moves the machine.
     """
-    commanded = np.flatnonzero(recording.channels["u"])
+    commanded = np.flatnonzero(np.any([recording.channels[c] for c in rig.config.commands or ("u",)], axis=0))
     end = max((_end(filled(v)) for name, v in recording.channels.items() if name in rig.sensors), default=0)
     if len(commanded):
         said, most = [], round((1.0 - SETTINGS.held_out_share) * recording.samples)

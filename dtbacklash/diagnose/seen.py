@@ -11,6 +11,7 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.bench import Bench, Sizes
+from dtbacklash.diagnose.engine.mujoco import Stepped
 from dtbacklash.diagnose.engine.predictor import Gains, Predictor
 from dtbacklash.diagnose.engine.readings import OPENING, readings
 from dtbacklash.diagnose.engine.simulated import Simulated
@@ -61,8 +62,9 @@ def bench_of(rig: Rig, records: list[Record], every: list[int]) -> Bench:
             continue
         end = int(np.flatnonzero(record.train)[-1]) + 1
         y = {c: np.where(record.train[:end], v[:end], np.nan) for c, v in record.y.items()}
-        at_once = None if record.at_once is None else record.at_once[:end]
-        found.append(predictor_of(rig, replace(record, u=record.u[:end], y=y, at_once=at_once), m))
+        at_once, inputs = (None if v is None else v[:end] for v in (record.at_once, record.inputs))
+        fitted = replace(record, u=record.u[:end], y=y, at_once=at_once, inputs=inputs)
+        found.append(predictor_of(rig, fitted, m))
     return Bench(rig, tuple(found))
 
 
@@ -76,6 +78,8 @@ def predictor_of(rig: Rig, record: Record, every: int) -> Predictor:
             y[c] = np.concatenate([[np.nan], y[c][1:]])
     at_once, number = record.at_once, record.recording
     found = readings(record.u, y, channels, record.sample_time_s, every, imposed, at_once, number)
+    if rig.config.model:
+        return Predictor(rig, Stepped(replace(found, inputs=record.inputs), rig))
     return Predictor(rig, Simulated(found))
 
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from dtbacklash.physics.rig import Rig
 
 DEFAULT_RIG = "lead_screw"
-ENTRIES = frozenset({"diagnosis.json", "report.html", "figures", "rig.yaml"})
+ENTRIES = frozenset({"diagnosis.json", "report.html", "figures", "rig.yaml", "found"})
 
 
 @dataclass(frozen=True, repr=False)

@@ -162,7 +162,7 @@ def _from_mapping(rig: Mapping[str, Any]) -> Any:
 
 def _from_file(path: Path) -> Any:
     try:
-        return yaml_files.read(path.read_bytes())
+        return yaml_files.beside(yaml_files.read(path.read_bytes()), path)
     except yaml_files.Mistake as mistake:
         raise UserError("rig", path, str(mistake)) from mistake
     except OSError as error:

@@ -97,6 +97,8 @@ def take_apart(rig: Rig, imposed: bool) -> Parts:
     ------
     UserError : an effect that cannot act in this rig: a force on a mass that moves as the screw does.
     """
+    if rig.config.model:
+        raise UserError("rig.model", rig.config.model, "is simulated in a diagnosis only, by its own simulator")
     screw, base = rig.only("screw"), _base(rig)
     carried = screw.neighbours.get("carries") if screw else None
     simulated = [e for e in rig.bodies() if e.name != base and not (imposed and e.trait.axis != LINEAR)]
@@ -231,6 +233,8 @@ def _check_base(rig: Rig, base: str | None) -> None:
 
 def natural_frequencies_hz(rig: Rig) -> Floats:
     """Undamped frequencies at which the bodies swing while the gear stands, ascending, Hz; without rigid motions."""
+    if rig.config.model:
+        return np.zeros(0)
     bodies = take_apart(rig, rig.only("positioner") is not None).bodies
     if not bodies.names:
         return np.zeros(0)

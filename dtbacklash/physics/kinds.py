@@ -173,6 +173,18 @@ KINDS: dict[str, Kind] = {
             "brake", {"mass": "kg", "friction": "N"}, {}, {}, "a mass held by dry friction of a known level",
             trait=slots.BODY, axis=LINEAR, inertia="mass", quantities=_MOTION[LINEAR],
         ),
+        *(
+            Kind(
+                name, {}, {}, {}, f"a joint of a simulator's model that {moves} ([how](simulators.md))",
+                trait=slots.BODY, axis=axis, quantities=_MOTION[axis],
+            )
+            for name, axis, moves in (("turning_joint", ROTARY, "turns"), ("sliding_joint", LINEAR, "slides"))
+        ),
+        Kind(
+            "joint_drive", {}, {}, {"drives": ("turning_joint", "sliding_joint")},
+            "an actuator of a simulator's model, with a command of its own ([how](simulators.md))",
+            trait=slots.JOINT_DRIVE, part=DRIVE, quantities={**_EFFORT[ROTARY], **_EFFORT[LINEAR]},
+        ),
     )
 }  # fmt: skip
 

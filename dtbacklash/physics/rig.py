@@ -11,6 +11,7 @@ from dtbacklash.physics import catalogue
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Effect, Values
 from dtbacklash.physics.kinds import AXES, GROUND, KINDS, LINEAR, OPTIONAL_NEIGHBOURS, SENSOR, Kind
+from dtbacklash.physics.mjcf import completed
 
 SENSOR_PREFIX = "sensor_"
 #: what a sensor's zero is called at its place
@@ -188,7 +189,9 @@ class Rig:
         return {name: effect for name, effect in known.items() if self.suits(location, effect)}
 
     def suits(self, location: str, effect: Effect) -> bool:
-        """Whether an effect of the kind at a location can act there: some need a sensor of one unit."""
+        """Whether an effect of the kind at a location can act there: some need a sensor of one unit, or states."""
+        if self.config.model and isinstance(effect.slot, (slots.BodyMemory, slots.Filter, slots.ShownPlay)):
+            return False
         return not effect.of_units or self.sensors[location.removeprefix(SENSOR_PREFIX)].unit in effect.of_units
 
     def effect(self, location: str, name: str) -> dict[str, float] | None:
@@ -245,6 +248,8 @@ def build_rig(config: RigConfig, own: Own = ()) -> Rig:
     ------
     UserError : an unknown kind, field, parameter, neighbour, effect or sensor; a value out of bounds.
     """
+    if config.model and not config.elements:
+        config = completed(config)
     catalogue.declare(config.laws, "rig.laws")
     elements = {name: _element(name, spec, config.parameters) for name, spec in config.elements.items()}
     _check_neighbours(elements)
@@ -279,7 +284,9 @@ def _as_in(rig: Rig, own: Mapping[str, float]) -> Rig:
         place, *rest = title.split(".")
         if rest == [ZERO]:
             zeros[place.removeprefix(SENSOR_PREFIX)] = value
-        elif not rest or rig.effect(place, rest[0]) is not None:
+        elif title in rig.config.parameters:
+            values[(title,)] = value
+        elif rest and rig.effect(place, rest[0]) is not None:
             values[place, *rest] = value
     if len(zeros) < len(own):
         rig = build_rig(rig.config.with_values(values))

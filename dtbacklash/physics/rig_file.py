@@ -14,7 +14,7 @@ from dtbacklash.physics.rig import Rig, build_rig
 #: what the names of tables end in
 TABLE = "_table"
 #: the sections of a rig's file below its name and description
-SECTIONS = ("parameters", "elements", "effects", "laws", "sensors")
+SECTIONS = ("commands", "fixed", "parameters", "elements", "effects", "laws", "sensors")
 
 
 def rig_content(rig: Rig) -> dict[str, Any]:
@@ -29,6 +29,8 @@ def rig_content(rig: Rig) -> dict[str, Any]:
         "parameters": {name: asdict(parameter) for name, parameter in config.parameters.items()},
         "elements": config.elements, "effects": effects, "laws": rig.laws(), "sensors": config.sensors,
     })  # fmt: skip
+    if config.model:
+        content |= {"model": config.model, "commands": config.commands, "fixed": list(config.fixed)}
     return content if content["laws"] else {name: one for name, one in content.items() if name != "laws"}
 
 

@@ -73,7 +73,7 @@ def clean(picked: Picked, rig: Rig | None, notes: list[str], command: str, sampl
                 _check_sizes(name, column)
         apart = own_paces(picked) or events(picked)
         grid = _grid(picked, sample_time_s)
-        required = frozenset({COMMAND, *(rig.sensors if rig else ())})
+        required = frozenset({COMMAND, *(rig.sensors if rig else ()), *(rig.config.commands if rig else ())})
         pieces = [(a, b) for a, b, _ in grid.pieces]
         rows = {n: v[grid.rows] for n, v in picked.channels.items()}
         filled = checks.fill(rows, grid.stamps_s, required, pieces)

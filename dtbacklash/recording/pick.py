@@ -76,10 +76,11 @@ class _Names:
     def __init__(self, rig: Rig | None, given: Dict[str, str]) -> None:
         self.rig, self.given = rig, dict(given)
         self.sensors = {s.name: s for s in rig.sensors.values()} if rig else {}
-        known = [*ALWAYS, *self.sensors, *self.given]
+        self.commands = rig.config.commands if rig else {}
+        known = [*ALWAYS, *self.sensors, *self.commands, *self.given]
         self.by_lower = {name.lower(): name for name in reversed(known)}
         for name, text in self.given.items():
-            if rig and name not in ALWAYS and name not in self.sensors:
+            if rig and name not in ALWAYS and name not in self.sensors and name not in self.commands:
                 raise UserError(f"recording.units.{name}", text, f"no such channel; {_has(rig)}")
             unit = units.find(str(text))
             wanted = self.si(name) if name in ALWAYS or name in self.sensors else ()
@@ -91,7 +92,7 @@ class _Names:
     def find(self, text: str) -> str | None:
         """The channel called ``text``, or None."""
         for name in (text, self.by_lower.get(text.lower(), text), text.lower()):
-            if name in ALWAYS or name in self.sensors or name in self.given:
+            if name in ALWAYS or name in self.sensors or name in self.commands or name in self.given:
                 return name
             if heads.names_time(name):
                 return TIME
@@ -117,6 +118,9 @@ class _Names:
             return (output.unit if output else "m", "m", "rad", "m/s", "rad/s", "V")
         if channel == COMMAND and self.rig and self.rig.command_unit != ALWAYS[COMMAND]:
             return self.rig.command_unit, ALWAYS[COMMAND]  # a volt stands for one
+        if channel in self.commands:  # whatever the model's actuator takes
+            said = units.find(self.given.get(channel, written))
+            return (said.si if said else "1",)
         if channel in ALWAYS:
             return (ALWAYS[channel],)
         if channel in self.sensors:
@@ -137,7 +141,7 @@ class _Names:
         said = [(self.given.get(channel, ""), GIVEN), (written, who), (self.declared(channel), DECLARED)]
         said.sort(key=lambda one: units.are_counts(one[0]))  # what says how large a count is comes first
         text, who = next(((text, who) for text, who in said if text), (self.si(channel)[0], ASSUMED))
-        unit = units.find(text)
+        unit = units.Unit("1", 1.0) if text == "1" else units.find(text)
         if not text:
             raise Refused(
                 f"nothing says the unit of column {column}; write {column} [UNIT], or give units={{{channel}: UNIT}}"
@@ -342,8 +346,16 @@ def without_command(picked: Picked) -> None:
 
 
 def check_present(picked: Picked, rig: Rig | None) -> None:
-    """Refuse a recording without the command or without a sensor (raises Refused)."""
+    """Refuse a recording without the command or without a sensor (raises Refused).
+
+    Of a model with several commands, the first one is ``u`` as well.
+    """
     names = list(picked.channels)
+    for column, actuator in (rig.config.commands if rig else {}).items():
+        if column not in names:
+            raise Refused(f"lacks the column {column}, the command of {actuator}; the file has {', '.join(names)}")
+        if COMMAND not in picked.channels:
+            picked.channels[COMMAND], picked.units[COMMAND] = picked.channels[column], picked.units[column]
     shown = picked.heads or names
     has = "the file has " + ", ".join(shown[:12]) + (", ..." if len(shown) > 12 else "")
     if rig is None:

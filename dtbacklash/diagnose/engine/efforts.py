@@ -119,7 +119,7 @@ def _entry(h: Hypothesis, rig: Rig, motion: Motion, element: Element | None) -> 
     """Where the efforts of a place enter."""
     if h.place.startswith(SENSOR_PREFIX):
         return Entry({}, channel=h.place.removeprefix(SENSOR_PREFIX))
-    if element is None:
+    if element is None or element.trait.trait == slots.JOINT_DRIVE:
         return None
     if isinstance(h.effect.slot, slots.Command):
         return Entry({}, voltage=True)

@@ -33,6 +33,9 @@ class Motion:
         self._recorded = np.concatenate([r.recorded for r in readings])
         step = self.step_s = readings[0].sample_time_s
         self._readings = readings
+        drives = [e.name for e in rig.elements.values() if e.trait.trait == slots.JOINT_DRIVE]
+        inputs = [r.inputs for r in readings if r.inputs is not None]
+        self._commands = dict(zip(drives, np.concatenate(inputs).T, strict=True)) if inputs else {}
         self.current = X[:, 0] if linear.states[0] == "current" else None
         self.shown = self._predicted(readings, passes)
         self.time = np.concatenate([r.sample_time_s * np.arange(len(r.u)) for r in readings])
@@ -83,7 +86,7 @@ class Motion:
         element = self.rig.elements.get(name)
         if element is None:
             return {}
-        found: dict[str, Floats] = {"command": self.command}
+        found: dict[str, Floats] = {"command": self._commands.get(name, self.command)}
         if name in self.position:
             found |= {"position": self.position[name], "speed": self.speed[name]}
         if element.trait.trait == slots.SPRING:
@@ -115,6 +118,8 @@ class Motion:
         if element.trait.trait == slots.BODY and name in self.position:
             force = self._force(name)
             return replace(place, force=force, force_most=3.0 * force)
+        if element.trait.trait == slots.JOINT_DRIVE:
+            return replace(place, command=self._commands[name])
         if element.trait.trait == slots.SERVO:
             asked = self.command - self.position[body]
             return replace(place, force=element.values["position_gain"] * float(np.quantile(np.abs(asked), 0.98)))

@@ -40,6 +40,7 @@ class Readings:
     whether it reads in counts. recorded : (M,) the command as recorded, for laws of the amplifier, which act
     before anything is averaged. step : (N,) what a sensor of acceleration shows of the command at once, beyond that of
     the sample before; empty where nothing. recording : the number of the one that it belongs to, from 0.
+    inputs : (M, commands) those of a simulator's model as recorded; None: u alone.
     opened : by how much the gear's half-gap was wider than the rig's, rad.
     """
 
@@ -55,6 +56,7 @@ class Readings:
     step: Floats
     recording: int = 0
     opened: float = 0.0
+    inputs: Floats | None = None
 
     @property
     def count(self) -> int:
@@ -117,7 +119,10 @@ class Readings:
         """The beginning of the same."""
         n = min(len(self.u), max(round(share * len(self.u)), READINGS_MIN))
         recorded = self.recorded[: n * self.every + 2 * self.every]
-        return replace(self, u=self.u[:n], rise=self.rise[:n], y=self.y[:n], recorded=recorded, step=self.step[:n])
+        inputs = None if self.inputs is None else self.inputs[: len(recorded)]
+        return replace(
+            self, u=self.u[:n], rise=self.rise[:n], y=self.y[:n], recorded=recorded, step=self.step[:n], inputs=inputs
+        )
 
 
 def readings(

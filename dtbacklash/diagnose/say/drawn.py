@@ -124,7 +124,8 @@ def _state(c: Conclusion, place: str, state: str) -> tuple[Floats, str] | None:
         states = motion.states(drive) if drive in motion.position else {}
     if state not in states:
         return None
-    turning = "rad" if rig.elements[place].kind in ("rotor", "shaft", "gearbox", "gear", "motor_circuit") else "m"
+    kinds = ("rotor", "turning_joint", "shaft", "gearbox", "gear", "motor_circuit")
+    turning = "rad" if rig.elements[place].kind in kinds else "m"
     return states[state], {"command": rig.command_unit, "speed": f"{turning}/s", "stretch rate": f"{turning}/s"}.get(
         state, turning
     )

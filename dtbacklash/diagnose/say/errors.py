@@ -10,6 +10,7 @@ from dtbacklash.diagnose.engine.free import apply, taken_out
 from dtbacklash.diagnose.say.differences import causes_in
 from dtbacklash.diagnose.say.enough import Enough
 from dtbacklash.diagnose.shown import Explained, FitTable, FreeRunning, Left, ModelErrors, RecordingUsed
+from dtbacklash.physics.kinds import AXES
 from dtbacklash.physics.rig import Rig
 
 Passes = list[Floats] | None
@@ -143,7 +144,7 @@ class ErrorTables:
 
 
 def _effort_unit(rig: Rig, body: str) -> str:
-    return "N m" if body in rig.elements and rig.elements[body].kind == "rotor" else "N"
+    return AXES[rig.elements[body].trait.axis][2] if body in rig.elements else "N"
 
 
 def _share(errors: ModelErrors, error: float | None, floor: float) -> float | None:

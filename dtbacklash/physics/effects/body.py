@@ -271,9 +271,12 @@ _MASS = [
 ]  # fmt: skip
 
 _CARRIAGE = _bearing(_LINEAR)
+_JOINTS = [replace(e, kind="turning_joint") for e in (*_bearing(_ROTARY), GRAVITY)]
+_JOINTS += [replace(e, kind="sliding_joint") for e in _CARRIAGE]
 
 EFFECTS = [
     *_bearing(_ROTARY), GRAVITY, *_CARRIAGE, replace(ABSORBER, kind="carriage"), *_MASS,
     # a brake's dry friction is one of its parameters
     *(replace(e, kind="brake") for e in _CARRIAGE if e.name not in ("coulomb_friction", "cogging")),
+    *_JOINTS,
 ]  # fmt: skip

@@ -1,5 +1,7 @@
 """Effects of the drive: the amplifier and the motor's winding."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.random import Generator
 
@@ -173,3 +175,5 @@ EFFECTS = [
         conceal=lambda place, sign: (0.8, 0.1), draws=_ripple_draws, formulation_error=CORNER_ERROR,
     ),
 ]  # fmt: skip
+#: what an amplifier does to the command, an actuator of a simulator's model may do to its own
+EFFECTS += [replace(e, kind="joint_drive") for e in EFFECTS if e.kind == "amplifier"]

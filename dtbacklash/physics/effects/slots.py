@@ -27,9 +27,11 @@ LAW_PARAMETERS, ROW_PARAMETERS = 6, 33
 ROW = "row"
 
 #: what an effect acts on: a body, a spring between two bodies, the amplifier, the motor's winding, an ideal actuator, a
-#: drive with a position loop, the gear, the screw, a sensor. An element's kind says which of these it is.
-BODY, SLIDING_BODY, SPRING, AMPLIFIER, WINDING, ACTUATOR, SERVO, GEAR, SCREW, SENSOR = (
+#: drive with a position loop, the gear, the screw, a sensor, an actuator of a simulator's model. An element's kind says
+#: which of these it is.
+BODY, SLIDING_BODY, SPRING, AMPLIFIER, WINDING, ACTUATOR, SERVO, GEAR, SCREW, SENSOR, JOINT_DRIVE = (
     "body", "sliding body", "spring", "amplifier", "winding", "actuator", "servo", "gear", "screw", "sensor",
+    "joint drive",
 )  # fmt: skip
 
 
@@ -121,7 +123,7 @@ class Passing(Contact):
     ``load`` : the effort that is passed on, seen at this body.
     """
 
-    on: ClassVar = (SERVO, ACTUATOR, WINDING, SCREW, SPRING)
+    on: ClassVar = (SERVO, ACTUATOR, WINDING, SCREW, SPRING, JOINT_DRIVE)
 
 
 @dataclass(frozen=True)
@@ -165,7 +167,7 @@ class Command(Slot):
     law: Law
     stage: int = 0
     states: ClassVar = ("command",)
-    on: ClassVar = (AMPLIFIER,)
+    on: ClassVar = (AMPLIFIER, JOINT_DRIVE)
 
 
 @dataclass(frozen=True)
@@ -180,7 +182,7 @@ class Late(Slot):
     """A pure delay, of the amplifier or of a sensor; names the parameter that is the time, s."""
 
     time: str
-    on: ClassVar = (AMPLIFIER, SENSOR)
+    on: ClassVar = (AMPLIFIER, SENSOR, JOINT_DRIVE)
     proportional: ClassVar = False
     delays: ClassVar = True
 

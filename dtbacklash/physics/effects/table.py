@@ -213,4 +213,6 @@ EFFECTS = [
     *_tables(("link", "coupling", "belt", "rack"), _SPRING, _SLIDING, SpringForce),
     *_tables(("shaft", "gearbox"), _SPRING, _TURNING, SpringForce),
     _table("command_table", "amplifier", ("V", "V"), Command(beside_command)),
+    *_tables(("turning_joint",), _BODY, _TURNING, BodyEffort),
+    *_tables(("sliding_joint",), _BODY, _SLIDING, BodyEffort),
 ]

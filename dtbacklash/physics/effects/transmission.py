@@ -92,4 +92,5 @@ EFFECTS = [
 PASSING = [
     *(_load_friction(kind, LOSS_OF_DRIVE) for kind in ("servo", "linear_servo", "actuator", "motor_circuit")),
     *(_load_friction(kind, LOSS_OF_WORM) for kind in ("gearbox", "belt", "rack", "screw")),
+    _load_friction("joint_drive", LOSS_OF_DRIVE),
 ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Collection
+from pathlib import Path
 
 import numpy as np
 
@@ -26,7 +27,13 @@ CAUSES = ("place", "law", "size, 95 % interval", "sure?", "explains#")
 
 
 def next_command(diagnosis: Diagnosis, file: str) -> str:
-    """The command that runs the rig that was found, complete: without a gear no controller but the open loop fits."""
+    """The command that runs the rig that was found, complete: without a gear no controller but the open loop fits.
+
+    A simulator's model that was found is shown by its simulator.
+    """
+    if model := diagnosis.rig.config.model:
+        found = Path(file).parent / "found" / Path(model).name
+        return shlex.join(["python", "-m", "mujoco.viewer", f"--mjcf={found}"])
     closed = diagnosis.rig.only("gear") is not None
     return shlex.join(["dtb", "run", f"rig={file}", *([] if closed else ["controller=open_loop"])])
 

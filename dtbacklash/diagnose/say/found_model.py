@@ -1,0 +1,101 @@
+"""What was found, put back into a simulator's model: ``arm.xml`` with the numbers, ``laws.py`` with what it has not.
+
+MuJoCo has dampings and dry frictions of its own; a law of another form is written out as plain Python, from the very
+functions that the diagnosis simulates.
+"""
+
+import inspect
+import re
+import types
+from pathlib import Path
+from typing import Any
+
+from dtbacklash.physics.effects import slots
+from dtbacklash.physics.effects.declare import Effect, Values
+from dtbacklash.physics.effects.slots import ROW, Law, arguments, plain_function
+from dtbacklash.physics.mjcf import ACTUATOR_PREFIX, mended
+from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
+
+HEAD = '''\
+"""What a diagnosis found in {model} and MuJoCo has not. Call ``apply(model, data)`` before each ``mujoco.mj_step``,
+after ``data.ctrl`` has been set{said}."""
+
+import math
+'''
+#: what a joint's law may ask for, in terms of MuJoCo's data
+STATES = {
+    "position": "float(q)", "velocity": "float(v)", "time": "data.time", "slip_speed": "abs(float(v))",
+    "direction": "math.copysign(1.0, v)", "load": "float(data.qfrc_actuator[dof])", "command": "float(data.ctrl[at])",
+}  # fmt: skip
+
+
+def found_model(rig: Rig) -> dict[str, str]:
+    """File name -> text: the model with a rig's numbers, dampings and dry frictions, and a script with the other laws.
+
+    Raises
+    ------
+    UserError : the model's file is not there any more.
+    """
+    frictions: dict[str, float] = {}
+    dampings: dict[str, float] = {}
+    calls: list[str] = []
+    sources: dict[str, str] = {}
+    beside: list[str] = []
+    for name in rig.effects:
+        for effect, values in rig.active(name, slots.Slot):
+            slot, element = effect.slot, rig.elements.get(name)
+            joint = str(element.neighbours.get("drives", name)) if element else ""
+            if isinstance(slot, slots.BodyDamping):
+                dampings[joint] = dampings.get(joint, 0.0) + values[slot.coefficient]
+            elif isinstance(slot, slots.Contact) and not slots.asked(effect):
+                given = [list(values.values())[n] for n in arguments(slot.level, (), effect) if isinstance(n, int)]
+                frictions[joint] = frictions.get(joint, 0.0) + float(plain_function(slot.level)(*given))
+            elif isinstance(slot, (slots.BodyEffort, slots.Contact, slots.Command)):
+                law = next(iter(slot.laws().values()))
+                _gather(plain_function(law), sources)
+                calls.append(_call(name, joint, effect, values, law))
+            else:
+                beside.append(f"{effect.name} of {name.removeprefix(SENSOR_PREFIX)}")
+    file = Path(rig.config.model).name
+    files = {file: mended(rig.config, frictions, dampings)}
+    if calls or beside:
+        said = f"; not in it, as it is no force: {', '.join(beside)}" if beside else ""
+        body = "\n".join(calls) or "    pass\n"
+        rest = sorted({f"model.joint({str(j)!r})" for j in rig.elements if f"model.joint({str(j)!r})" in body})
+        zero = "".join(f"    data.qfrc_applied[{joint}.dofadr[0]] = 0.0\n" for joint in rest)
+        texts = [HEAD.format(model=file, said=said), *sources.values()]
+        files["laws.py"] = "\n\n".join(texts) + f"\n\ndef apply(model, data):\n{zero}{body}"
+    return files
+
+
+def _call(name: str, joint: str, effect: Effect, values: Values, law: Law) -> str:
+    """The lines that apply one law."""
+    slot, numbers = effect.slot, list(values.values())
+    row = repr([float(v) for v in numbers])
+    names = arguments(law, slot.states, effect)
+    given = [repr(float(numbers[n])) if isinstance(n, int) else row if n == ROW else STATES[n] for n in names]
+    value = f"{plain_function(law).__name__}({', '.join(given)})"
+    if isinstance(slot, slots.Command):
+        at = f"model.actuator({name.removeprefix(ACTUATOR_PREFIX)!r}).id"
+        return f"    at = {at}  # {effect.name}\n    data.ctrl[at] = {value}\n"
+    lines = [f"joint = model.joint({joint!r})  # {effect.name}", "dof = joint.dofadr[0]",
+             "q, v = data.qpos[joint.qposadr[0]], data.qvel[dof]"]  # fmt: skip
+    if isinstance(slot, slots.Contact):
+        lines.append(f"model.dof_frictionloss[dof] = {value}")
+    else:
+        lines.append(f"data.qfrc_applied[dof] += {value}")
+    return "".join(f"    {line}\n" for line in lines)
+
+
+def _gather(function: Any, found: dict[str, str]) -> None:
+    """The source of a function of numbers and of those that it calls, without their decorators."""
+    if function.__name__ in found:
+        return
+    known = inspect.getclosurevars(function).globals
+    for name, value in known.items():
+        inner = plain_function(value)
+        if isinstance(inner, types.FunctionType):
+            _gather(inner, found)
+        elif not isinstance(value, types.ModuleType):
+            found.setdefault(name, f"{name} = {value!r}")
+    found[function.__name__] = re.sub(r"\A(@.*\n)+", "", inspect.getsource(function)).rstrip()

@@ -1,0 +1,261 @@
+"""A MuJoCo model as a rig: its joints and actuators are elements, and what is uncertain in it are parameters.
+
+A rig's file that names a model says which columns are commands of which actuators, what its sensors show, and which of
+the model's numbers may be off by how much; all else stays in the model. MuJoCo is imported where a model is read.
+"""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dtbacklash.config.rig import ParameterConfig, RigConfig, share_of
+from dtbacklash.errors import UserError
+from dtbacklash.physics.kinds import LINEAR, ROTARY
+
+if TYPE_CHECKING:
+    import mujoco
+
+#: what precedes an actuator's name where it is a place, as it may have that of its joint
+ACTUATOR_PREFIX = "actuator_"
+#: the kinds of a model's joints, by their axes
+KIND = {ROTARY: "turning_joint", LINEAR: "sliding_joint"}
+#: group -> number of one of it -> its unit: of what turns, and of what slides
+NUMBERS: dict[str, dict[str, tuple[str, str]]] = {
+    "joints": {
+        "damping": ("N m s/rad", "N s/m"), "armature": ("kg m^2", "kg"), "stiffness": ("N m/rad", "N/m"),
+        "frictionloss": ("N m", "N"),
+    },
+    "bodies": {"mass": ("kg", "kg")},
+    "actuators": {"gain": ("1", "1")},
+}  # fmt: skip
+#: how hard a dry friction holds, in MuJoCo's words: its impedance near 1, its time constant in steps
+FRICTION_IMPEDANCE, FRICTION_STEPS = 0.999, 2.0
+#: what ``dtb rig new mjcf`` writes where a model's number is not 0 (share); masses come from a drawing
+USUAL = {"damping": 0.3, "armature": 0.2, "stiffness": 0.2, "frictionloss": 0.3, "mass": 0.05}
+
+
+def _mujoco(path: str) -> Any:
+    try:
+        import mujoco
+    except ImportError:
+        raise UserError("rig.model", path, "needs MuJoCo: pip install dtbacklash[mujoco]") from None
+    return mujoco
+
+
+def specification(path: str, fixed: Iterable[str] = ()) -> mujoco.MjSpec:
+    """A model's description, each joint and actuator with a name; without the joints that are ``fixed``.
+
+    Raises
+    ------
+    UserError : with the key ``rig.model`` or ``rig.fixed``: no such file, no MJCF, no such joint; MuJoCo is missing.
+    """
+    if not Path(path).is_file():
+        raise UserError("rig.model", path, "no such file; a path from the rig's file on")
+    mj = _mujoco(path)
+    try:
+        spec = mj.MjSpec.from_file(path)
+    except ValueError as error:
+        raise UserError("rig.model", path, f"is no MJCF: {' '.join(str(error).split())}") from error
+    for k, joint in enumerate(spec.joints):
+        joint.name = joint.name or f"joint_{k}"
+    for k, actuator in enumerate(spec.actuators):
+        actuator.name = actuator.name or actuator.target or f"actuator_{k}"
+    for name in fixed:
+        spec.delete(_named("rig.fixed", name, {j.name: j for j in spec.joints}))
+    return spec
+
+
+@functools.lru_cache(maxsize=16)
+def _read(path: str, fixed: tuple[str, ...], stamp: int) -> mujoco.MjModel:
+    try:
+        return specification(path, fixed).compile()
+    except ValueError as error:
+        raise UserError("rig.model", path, f"is no MJCF: {' '.join(str(error).split())}") from error
+
+
+def model_of(config: RigConfig) -> mujoco.MjModel:
+    """A rig's model as its file has it, to be copied and not to be changed (raises UserError as above)."""
+    file = Path(config.model)
+    return _read(config.model, tuple(config.fixed), file.stat().st_mtime_ns if file.is_file() else 0)
+
+
+def completed(config: RigConfig) -> RigConfig:
+    """The description of a rig whose file names a model, with the model's joints, actuators and uncertain numbers.
+
+    Raises
+    ------
+    UserError : a name that the model has not; a joint that neither turns nor slides; an actuator without a command, or
+        one that has states of its own.
+    """
+    mj, model = _mujoco(config.model), model_of(config)
+    axes = {mj.mjtJoint.mjJNT_HINGE: ROTARY, mj.mjtJoint.mjJNT_SLIDE: LINEAR}
+    joints: dict[str, str] = {}
+    for j in range(model.njnt):
+        name, kind = model.joint(j).name, mj.mjtJoint(model.jnt_type[j])
+        if kind not in axes:
+            allowed = "neither turns nor slides, and no sensor shows it: fix it (fixed: [NAME]), or give it hinges"
+            raise UserError("rig.model", f"joint {name}", allowed)
+        joints[name] = axes[kind]
+    elements = {name: {"kind": KIND[axis]} for name, axis in joints.items()}
+    drives = {model.actuator(a).name: a for a in range(model.nu)}
+    for column, name in config.commands.items():
+        a = _named(f"rig.commands.{column}", name, drives)
+        if model.actuator_trntype[a] != mj.mjtTrn.mjTRN_JOINT or model.na:
+            raise UserError(f"rig.commands.{column}", name, "must be an actuator at a joint, without states of its own")
+        driven = model.joint(int(model.actuator_trnid[a, 0])).name
+        elements[ACTUATOR_PREFIX + str(name)] = {"kind": "joint_drive", "drives": driven}
+    idle = [name for name in drives if name not in config.commands.values()]
+    if idle or not config.commands:
+        raise UserError("rig.commands", ", ".join(idle) or "(none)", "every actuator of the model has a column: "
+                        f"{{COLUMN: {idle[0] if idle else 'ACTUATOR'}}}")  # fmt: skip
+    parameters = {title: _parameter(model, joints, title, share) for title, share in config.tolerances.items()}
+    name = config.name if config.name != RigConfig.name else Path(config.model).stem
+    return replace(config, name=name, elements=elements, parameters=parameters)
+
+
+def _parameter(model: mujoco.MjModel, joints: Mapping[str, str], title: str, share: object) -> ParameterConfig:
+    key = f"rig.tolerances.{title}"
+    group, _, rest = title.partition(".")
+    name, _, number = rest.rpartition(".")
+    if number not in NUMBERS.get(group, {}):
+        known = ", ".join(f"{g}.NAME.{n}" for g, numbers in NUMBERS.items() for n in numbers)
+        raise UserError(key, title, f"no number of a model; choose one of {known}")
+    there = {"joints": list(joints), "bodies": [model.body(b).name for b in range(1, model.nbody)],
+             "actuators": [model.actuator(a).name for a in range(model.nu)]}[group]  # fmt: skip
+    index = _named(key, name, {one: k for k, one in enumerate(there)})
+    turns = group != "joints" or joints[name] == ROTARY
+    unit = NUMBERS[group][number][0 if turns else 1]
+    return ParameterConfig(number_of(model, title, index), unit, share_of(key, share), f"{number} of {name}")
+
+
+def number_of(model: mujoco.MjModel, title: str, index: int | None = None) -> float:
+    """A number of a model by its title, ``joints.elbow.damping``; SI."""
+    array, at = _place(model, title, index)
+    return float(array[at])
+
+
+def set_number(model: mujoco.MjModel, title: str, value: float) -> None:
+    """Change one in a compiled model; after a mass, ``mj_setConst`` has to be called."""
+    array, at = _place(model, title)
+    ratio = value / array[at] if array[at] else 1.0
+    array[at] = value
+    if title.startswith("bodies."):
+        model.body_inertia[at] *= ratio
+    if title.startswith("actuators."):  # a servo takes back what it is told by the same gain
+        model.actuator_biasprm[at[0]] *= ratio
+
+
+def _place(model: mujoco.MjModel, title: str, index: int | None = None) -> tuple[Any, Any]:
+    group, _, rest = title.partition(".")
+    name, _, number = rest.rpartition(".")
+    if group == "joints":
+        j = model.joint(name).id
+        stiff = number == "stiffness"
+        return (model.jnt_stiffness, j) if stiff else (getattr(model, f"dof_{number}"), model.jnt_dofadr[j])
+    if group == "bodies":
+        return model.body_mass, model.body(name).id
+    return model.actuator_gainprm, (model.actuator(name).id, 0)
+
+
+def _named(key: str, name: object, there: Mapping[str, Any]) -> Any:
+    """What has this name in the model."""
+    if name in there:
+        return there[str(name)]
+    near = difflib.get_close_matches(str(name), there, n=1)
+    meant = f"; did you mean {near[0]}?" if near else ""
+    raise UserError(key, name, f"the model has no such name{meant} It has {', '.join(there) or 'none'}")
+
+
+def new_rig(model: str) -> str:
+    """The text of a rig's file for a model: all columns by the names of the model, usual tolerances."""
+    spec = specification(model)
+    mj, compiled = _mujoco(model), spec.compile()
+    slides = {j.name: compiled.jnt_type[compiled.joint(j.name).id] == mj.mjtJoint.mjJNT_SLIDE for j in spec.joints}
+    lines = [
+        f"model: {Path(model).name}",
+        "",
+        "# the column of the log: the actuator of the model that it commands",
+        "commands:",
+    ]
+    lines += [f"  u_{a.name}: {a.name}" for a in spec.actuators] or ["  # the model has no actuator"]
+    lines += ["", "# the column of the log: what it shows. quantity: position, velocity, acceleration of a joint, or",
+              "# torque, force of actuator_NAME; recorded_in: deg, say; absolute: it is 0 where the model's joint is",
+              "sensors:"]  # fmt: skip
+    for name, slide in slides.items():
+        lines.append(f"  q_{name}: {{of: {name}, quantity: position, absolute: true}}  # {'m' if slide else 'rad'}")
+    lines += ["", "# how far the model's numbers may be off, one standard deviation", "tolerances:"]
+    for group, owners in (("joints", spec.joints), ("bodies", spec.bodies)):
+        for name in (o.name for o in owners if o.name and o.name != "world"):
+            for number in NUMBERS[group]:
+                title = f"{group}.{name}.{number}"
+                if number_of(compiled, title):
+                    lines.append(f"  {title}: {100 * USUAL[number]:.3g} %")
+    return "\n".join([*lines, ""])
+
+
+def mended(config: RigConfig, frictions: Mapping[str, float], dampings: Mapping[str, float]) -> str:
+    """The MJCF of a rig's model with the rig's parameters, and with dry frictions and dampings added to its joints.
+
+    frictions, dampings : joint -> its, SI.
+    """
+    spec, model = specification(config.model), model_of(config)
+    joints, bodies, drives = ({one.name: one for one in there} for there in (spec.joints, spec.bodies, spec.actuators))
+    for title, parameter in config.parameters.items():
+        group, _, rest = title.partition(".")
+        name, _, number = rest.rpartition(".")
+        ratio = parameter.value / was if (was := number_of(model, title)) else 1.0
+        if group == "joints":
+            _set_first(joints[name], number, parameter.value)
+        elif group == "actuators":
+            drives[name].gainprm *= ratio
+            drives[name].biasprm *= ratio
+        elif bodies[name].explicitinertial:
+            bodies[name].mass *= ratio
+            bodies[name].inertia *= ratio
+            bodies[name].fullinertia *= ratio
+        else:
+            for geom in bodies[name].geoms:
+                geom.mass *= ratio  # NaN, where its density counts, stays NaN
+                geom.density *= ratio
+    for name, more in dampings.items():
+        _set_first(joints[name], "damping", float(_first(joints[name].damping)) + more)
+    for name, more in frictions.items():
+        joints[name].frictionloss += more
+        joints[name].solref_friction = FRICTION_STEPS * spec.option.timestep, 1.0
+        joints[name].solimp_friction[:2] = FRICTION_IMPEDANCE
+    spec.compile()
+    return str(spec.to_xml())
+
+
+def _first(values: Any) -> float:
+    """A number, or the linear one of MuJoCo's polynomials."""
+    return float(values if isinstance(values, float) else values[0])
+
+
+def _set_first(joint: Any, number: str, value: float) -> None:
+    there = getattr(joint, number)
+    if isinstance(there, float):
+        setattr(joint, number, value)
+    else:
+        there[0] = value
+
+
+def steps_of(model: mujoco.MjModel, path: str, sample_time_s: float) -> int:
+    """How many of the model's steps make a sample.
+
+    Raises
+    ------
+    UserError : the step is no divisor of the sample.
+    """
+    count = round(sample_time_s / model.opt.timestep)
+    if count < 1 or not math.isclose(count * model.opt.timestep, sample_time_s, rel_tol=1e-4):
+        step, near = model.opt.timestep, sample_time_s / max(math.ceil(sample_time_s / model.opt.timestep), 1)
+        allowed = f"its step, {step:.9g} s, must divide the sample, {sample_time_s:.9g} s: write "
+        raise UserError("rig.model", path, allowed + f'timestep="{near:.9g}" into its <option>')
+    return count

@@ -1,0 +1,168 @@
+"""A MuJoCo model as what a predictor asks: against solutions that are written by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from dtbacklash.diagnose.records import records_of
+from dtbacklash.diagnose.seen import bench_of
+from dtbacklash.errors import UserError
+from dtbacklash.face.rigs import load_rig
+from dtbacklash.recording.model import Recording
+
+mujoco = pytest.importorskip("mujoco")
+
+#: a turning and a sliding joint, each by itself: J = 0.25 + 0.05 kg m^2, m = 3 kg, no gravity
+MODEL = """<mujoco><option timestep="{step}" gravity="0 0 0"/>
+<worldbody>
+<body name="wheel"><joint name="axle" type="hinge" axis="0 0 1" damping="0.2" armature="0.05"/>
+<inertial pos="0 0 0" mass="1" diaginertia="0.25 0.25 0.25"/></body>
+<body name="cart" pos="0 3 0"><joint name="rail" type="slide" axis="1 0 0" damping="1.5"/>
+<inertial pos="0 0 0" mass="3" diaginertia="0.1 0.1 0.1"/></body>
+</worldbody>
+<actuator><motor name="spin" joint="axle" gear="2"/><motor joint="rail"/></actuator></mujoco>"""
+RIG = {
+    "commands": {"torque": "spin", "push": "rail"},
+    "sensors": {
+        "angle": {"of": "axle", "quantity": "position", "absolute": True},
+        "way": {"of": "rail", "quantity": "position", "absolute": True},
+        "shaken": {"of": "rail", "quantity": "acceleration"},
+    },
+    "tolerances": {"joints.axle.damping": "20 %", "bodies.cart.mass": 0.05},
+}
+STEP_S, N = 4e-3, 1500
+
+
+@pytest.fixture
+def rig(tmp_path):
+    (tmp_path / "machine.xml").write_text(MODEL.format(step=2e-3))
+    return load_rig({**RIG, "model": str(tmp_path / "machine.xml")})
+
+
+def commands() -> tuple[np.ndarray, np.ndarray]:
+    t = STEP_S * np.arange(N)
+    return 0.3 * np.sin(3.0 * t) + 0.2 * np.sin(11.0 * t), 4.0 * np.cos(2.0 * t) + 2.0 * np.sin(7.0 * t)
+
+
+def answered(u: np.ndarray, inertia: float, damping: float, level: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) position and speed of one body from rest, by small steps; ``level`` : of a dry friction that is smooth."""
+    q = v = 0.0
+    found, parts = np.zeros((N, 2)), 200
+    for k in range(N):
+        found[k] = q, v
+        for _ in range(parts):
+            force = u[k] - level * math.tanh(v / 1e-4)
+            v = (v + STEP_S / parts * force / inertia) / (1.0 + STEP_S / parts * damping / inertia)
+            q += STEP_S / parts * v
+    return found[:, 0], found[:, 1]
+
+
+def passed(rig, columns: dict[str, np.ndarray]) -> np.ndarray:
+    """(N, m) what a free run of the model leaves of the columns."""
+    frame = pd.DataFrame({"t": STEP_S * np.arange(N), **columns})
+    records = records_of(Recording.from_frame(frame, rig=rig), rig, True, False)
+    predictor = bench_of(rig, records, [1]).predictors[0]
+    gains = predictor.gains(rig, predictor.first_sizes())
+    gains.K[:] = 0.0
+    return predictor.run(rig, gains).D
+
+
+def test_two_commands_move_two_joints_as_their_equations_say(rig):
+    spin, push = commands()
+    angle, _ = answered(2.0 * spin, 0.3, 0.2)
+    way, speed = answered(push, 3.0, 1.5)
+    left = passed(rig, {"torque": spin, "push": push, "angle": angle, "way": way})
+    assert np.abs(left[:, 0]).max() < 1e-3 * np.ptp(angle)
+    assert np.abs(left[:, 1]).max() < 1e-3 * np.ptp(way)
+    before = np.concatenate([[0.0], push[:-1]])  # an accelerometer is read before the command steps
+    left = passed(rig, {"torque": spin, "push": push, "way": way, "shaken": (before - 1.5 * speed) / 3.0})
+    assert np.abs(left[2:, 1]).max() < 0.01
+
+
+@pytest.mark.parametrize(
+    ("place", "effect", "values", "change"),
+    [
+        ("axle", "viscous_friction", {"coefficient": 0.15}, {"damping": 0.35}),
+        ("axle", "constant_load", {"torque": 0.1}, {"more": 0.1}),
+        ("axle", "coulomb_friction", {"torque": 0.12}, {"level": 0.12}),
+        ("actuator_spin", "gain_error", {"relative": -0.2}, {"gain": 1.6}),
+        ("actuator_spin", "dead_zone", {"half_width": 0.1}, {"dead": 0.1}),
+        ("actuator_spin", "delay", {"time": 3 * STEP_S}, {"late": 3}),
+        ("sensor_angle", "gain_error", {"relative": 0.1}, {"shown": 1.1}),
+        ("sensor_angle", "delay", {"time": 7.5 * STEP_S}, {"seen": 7.5}),
+    ],
+)
+def test_the_catalogues_laws_act_in_a_model_as_written_by_hand(rig, place, effect, values, change):
+    spin, push = commands()
+    u = np.concatenate([np.zeros(change.get("late", 0)), spin])[:N]
+    if dead := change.get("dead"):
+        u = np.sign(u) * np.maximum(np.abs(u) - dead, 0.0)
+    u = change.get("gain", 2.0) * u + change.get("more", 0.0)
+    angle, _ = answered(u, 0.3, change.get("damping", 0.2), change.get("level", 0.0))
+    t = STEP_S * np.arange(N)
+    shown = change.get("shown", 1.0) * np.interp(t - change.get("seen", 0.0) * STEP_S, t, angle)
+    columns = {"torque": spin, "push": push, "angle": shown}
+    whole = np.ptp(angle)
+    without = np.abs(passed(rig, columns)[:, 0]).max()
+    left = np.abs(passed(rig.with_effect(place, effect, values), columns)[4:, 0]).max()
+    assert without > 0.01 * whole
+    assert left < (0.01 if effect == "coulomb_friction" else 0.002) * whole
+
+
+def test_the_linear_part_is_that_of_the_equations(rig):
+    spin, push = commands()
+    frame = pd.DataFrame({"t": STEP_S * np.arange(N), "torque": spin, "push": push, "angle": spin, "way": push})
+    records = records_of(Recording.from_frame(frame, rig=rig), rig, True, False)
+    L = bench_of(rig, records, [1]).linear
+    assert L.states == ("axle q", "rail q", "axle v", "rail v")
+    for j, (inertia, damping) in enumerate(((0.3, 0.2), (3.0, 1.5))):
+        keeps = math.exp(-damping / inertia * STEP_S)
+        assert L.A[1, 2 + j, 2 + j] == pytest.approx(keeps, rel=1e-6)
+        assert L.B[1, 2 + j, j] == pytest.approx((1.0 - keeps) / damping, rel=1e-6)
+        assert L.inertia[j] == pytest.approx(inertia, rel=0.02)
+
+
+def test_a_mass_moves_its_bodys_inertia_with_it(rig):
+    heavier = rig.with_parameters({"bodies.cart.mass": 6.0})
+    spin, push = commands()
+    way, _ = answered(push, 6.0, 1.5)
+    left = passed(heavier, {"torque": spin, "push": push, "way": way})
+    assert np.abs(left).max() < 1e-3 * np.ptp(way)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"sensors": {"x": {"of": "ralo", "quantity": "position"}}}, "rig.sensors.x.of"),
+        ({"commands": {"torque": "spun", "push": "rail"}}, "did you mean spin?"),
+        ({"commands": {"torque": "spin"}}, "every actuator of the model has a column: {COLUMN: rail}"),
+        ({"tolerances": {"joints.axel.damping": 0.1}}, "did you mean axle?"),
+        ({"tolerances": {"joints.axle.colour": 0.1}}, "joints.NAME.damping"),
+        ({"tolerances": {"joints.axle.damping": "many %"}}, "must be as 20 %"),
+        ({"fixed": ["door"]}, "the model has no such name"),
+        ({"model": "nowhere.xml"}, "no such file"),
+    ],
+)
+def test_what_the_model_has_not_is_told_in_one_line(rig, change, said):
+    with pytest.raises(UserError) as error:
+        load_rig({**RIG, "model": rig.config.model, **change})
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_free_joint_and_a_step_that_is_no_divisor_are_refused(rig, tmp_path):
+    free = tmp_path / "free.xml"
+    free.write_text(MODEL.format(step=2e-3).replace('<body name="cart"', '<body><freejoint name="loose"/>'
+                    '<geom size="0.1"/></body><body name="cart"'))  # fmt: skip
+    with pytest.raises(UserError, match=r"joint loose: neither turns nor slides.*fixed"):
+        load_rig({**RIG, "model": str(free)})
+    assert "loose" not in load_rig({**RIG, "model": str(free), "fixed": ["loose"]}).elements
+    coarse = tmp_path / "coarse.xml"
+    coarse.write_text(MODEL.format(step=3e-3))
+    spin, push = commands()
+    with pytest.raises(UserError, match=r'its step, 0.003 s, must divide the sample, 0.004 s.*timestep="0.002"'):
+        passed(load_rig({**RIG, "model": str(coarse)}), {"torque": spin, "push": push, "angle": spin, "way": push})
