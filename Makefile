@@ -84,7 +84,7 @@ COMPILE = $(BIN)/uv pip compile pyproject.toml --no-config --universal --python-
 FOR_RUNS := --extra build --extra excel --extra remote
 
 lock: $(ALL)
-	$(COMPILE) $(FOR_RUNS) --extra dask --extra dev --extra docs --extra fmu --extra matlab --extra submitit --upgrade \
+	$(COMPILE) $(FOR_RUNS) --extra dask --extra dev --extra docs --extra fmu --extra matlab --extra mujoco --extra submitit --upgrade \
 		--output-file requirements-all.lock
 	$(COMPILE) $(FOR_RUNS) --constraint requirements-all.lock --upgrade --output-file requirements.lock
 

@@ -98,7 +98,7 @@ class Machine:
         S = solve_discrete_are(A.T, C.T, B0 @ B0.T * 1e-2 + 1e-9 * np.eye(2 * n), noise)
         L = S @ C.T @ np.linalg.inv(C @ S @ C.T + noise)
         self.A, self.B = A, B
-        return F, L
+        return np.asarray(F), np.asarray(L)
 
     def run(self, law: Law, late: int, rng: np.random.Generator) -> tuple[Floats, Floats, Floats]:
         """(N, commands), (N, joints) as counted, and (N, joints) true speeds. late : samples, of the last joint."""

@@ -13,7 +13,7 @@ from typing import Any
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Effect, Values
 from dtbacklash.physics.effects.slots import ROW, Law, arguments, plain_function
-from dtbacklash.physics.mjcf import ACTUATOR_PREFIX, mended
+from dtbacklash.physics.mjcf import ACTUATOR_PREFIX, mended, model_of, number_of
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 
 HEAD = '''\
@@ -39,6 +39,7 @@ def found_model(rig: Rig) -> dict[str, str]:
     frictions: dict[str, float] = {}
     dampings: dict[str, float] = {}
     calls: list[str] = []
+    levels: dict[str, list[str]] = {}
     sources: dict[str, str] = {}
     beside: list[str] = []
     for name in rig.effects:
@@ -53,38 +54,46 @@ def found_model(rig: Rig) -> dict[str, str]:
             elif isinstance(slot, (slots.BodyEffort, slots.Contact, slots.Command)):
                 law = next(iter(slot.laws().values()))
                 _gather(plain_function(law), sources)
-                calls.append(_call(name, joint, effect, values, law))
+                value = _call(effect, values, law)
+                if isinstance(slot, slots.Contact):
+                    frictions.setdefault(joint, 0.0)
+                    levels.setdefault(joint, []).append(value)
+                elif isinstance(slot, slots.BodyEffort):
+                    calls += [*_at(joint), f"data.qfrc_applied[dof] += {value}  # {effect.name}"]
+                else:
+                    actuator = name.removeprefix(ACTUATOR_PREFIX)
+                    calls += [f"at = model.actuator({actuator!r}).id", f"data.ctrl[at] = {value}  # {effect.name}"]
             else:
                 beside.append(f"{effect.name} of {name.removeprefix(SENSOR_PREFIX)}")
+    for joint, values_of in levels.items():  # what holds at rest is the model's
+        title, known = f"joints.{joint}.frictionloss", rig.config.parameters
+        own = known[title].value if title in known else number_of(model_of(rig.config), title)
+        still = own + frictions[joint]
+        calls += [*_at(joint), f"model.dof_frictionloss[dof] = {' + '.join([repr(still), *values_of])}"]
     file = Path(rig.config.model).name
     files = {file: mended(rig.config, frictions, dampings)}
     if calls or beside:
         said = f"; not in it, as it is no force: {', '.join(beside)}" if beside else ""
-        body = "\n".join(calls) or "    pass\n"
-        rest = sorted({f"model.joint({str(j)!r})" for j in rig.elements if f"model.joint({str(j)!r})" in body})
-        zero = "".join(f"    data.qfrc_applied[{joint}.dofadr[0]] = 0.0\n" for joint in rest)
+        pushed = [_at(name)[0] for name in rig.elements if _at(name)[0] in calls]
+        lines = [*(f"data.qfrc_applied[{line.removeprefix('joint = ')}.dofadr[0]] = 0.0" for line in pushed), *calls]
+        body = "".join(f"    {line}\n" for line in lines or ["pass"])
         texts = [HEAD.format(model=file, said=said), *sources.values()]
-        files["laws.py"] = "\n\n".join(texts) + f"\n\ndef apply(model, data):\n{zero}{body}"
+        files["laws.py"] = "\n\n".join(texts) + f"\n\n\ndef apply(model, data):\n{body}"
     return files
 
 
-def _call(name: str, joint: str, effect: Effect, values: Values, law: Law) -> str:
-    """The lines that apply one law."""
-    slot, numbers = effect.slot, list(values.values())
-    row = repr([float(v) for v in numbers])
-    names = arguments(law, slot.states, effect)
-    given = [repr(float(numbers[n])) if isinstance(n, int) else row if n == ROW else STATES[n] for n in names]
-    value = f"{plain_function(law).__name__}({', '.join(given)})"
-    if isinstance(slot, slots.Command):
-        at = f"model.actuator({name.removeprefix(ACTUATOR_PREFIX)!r}).id"
-        return f"    at = {at}  # {effect.name}\n    data.ctrl[at] = {value}\n"
-    lines = [f"joint = model.joint({joint!r})  # {effect.name}", "dof = joint.dofadr[0]",
-             "q, v = data.qpos[joint.qposadr[0]], data.qvel[dof]"]  # fmt: skip
-    if isinstance(slot, slots.Contact):
-        lines.append(f"model.dof_frictionloss[dof] = {value}")
-    else:
-        lines.append(f"data.qfrc_applied[dof] += {value}")
-    return "".join(f"    {line}\n" for line in lines)
+def _at(joint: str) -> list[str]:
+    """The lines that find a joint and its state."""
+    return [f"joint = model.joint({joint!r})", "dof = joint.dofadr[0]",
+            "q, v = data.qpos[joint.qposadr[0]], data.qvel[dof]"]  # fmt: skip
+
+
+def _call(effect: Effect, values: Values, law: Law) -> str:
+    """A law with an effect's values, of MuJoCo's data."""
+    numbers = [float(v) for v in values.values()]
+    names = arguments(law, effect.slot.states, effect)
+    given = [repr(numbers[n]) if isinstance(n, int) else repr(numbers) if n == ROW else STATES[n] for n in names]
+    return f"{plain_function(law).__name__}({', '.join(given)})"
 
 
 def _gather(function: Any, found: dict[str, str]) -> None:
