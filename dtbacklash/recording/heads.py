@@ -76,7 +76,13 @@ def unit_of(text: str, written: str, si: tuple[str, ...]) -> str:
 
 def is_time(text: str) -> bool:
     """Whether a head is that of times."""
-    return any(reading.name.lower() == TIME or names_time(reading.name) for reading in readings(text))
+    names = [name for reading in readings(text) for name in (reading.name, last(reading.name))]
+    return any(name.lower() == TIME or names_time(name) for name in names)
+
+
+def last(name: str) -> str:
+    """The last part of a name in a structure, or of a topic: ``log.x1``, ``/joint/x1``."""
+    return re.split("[./]", name)[-1].strip()
 
 
 def names_time(name: str) -> bool:

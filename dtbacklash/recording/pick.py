@@ -103,10 +103,11 @@ class _Names:
     def parse(self, label: str, written: str) -> _Head | None:
         """Read the head of a column; ``written`` is its unit where a line of its own states it."""
         for head in heads.readings(label, written):
-            unit, last = head.unit or written, head.name.rpartition(".")[2].strip()
+            unit, last = head.unit or written, heads.last(head.name)
             channel = self.find(head.name) or self.find(last)
             if channel:
-                return _Head(channel, unit)
+                times = (units.find(unit) or units.Unit("", 1.0)).si == "s"  # whatever it is called: X in s
+                return _Head(TIME if times and "s" not in self.si(channel, unit) else channel, unit)
             if not self.rig and last and units.find(unit) and head.between != heads.BLANK:
                 return _Head(last, unit)
         return None
@@ -203,7 +204,7 @@ def plain(table: Table, rig: Rig | None, given: Dict[str, str]) -> Picked:
         picked.columns[channel] = Channel(name)
         picked.put(channel, values * unit.factor, unit.si, _clock(table, column, picked))
     for name in unused:  # a bare x1 beside x1 [mm]: which of them is meant is not for us to say
-        bare = name.rpartition(".")[2].strip()
+        bare = heads.last(name)
         if bare in taken and bare != TIME:
             raise _two(bare, taken[bare], name)
     clocks = {column.clock for column in table.columns.values()}
@@ -227,7 +228,7 @@ def _times(table: Table, found: Dict[str, _Head | None]) -> str:
     """The column of times: ``t`` rather than another one of such a name; empty where there is none."""
     timed = [name for name, head in found.items()
              if head and head.channel == TIME and table.columns[name].unusable != EMPTY]  # fmt: skip
-    plain = [name for name in timed if any(h.name.rpartition(".")[2].lower() == TIME for h in heads.readings(name))]
+    plain = [name for name in timed if any(heads.last(h.name).lower() == TIME for h in heads.readings(name))]
     return next(iter([*plain, *timed]), "")
 
 
@@ -244,11 +245,14 @@ def _clock(table: Table, column: Column, picked: Picked) -> Floats | None:
 def _unnamed(table: Table, rig: Rig | None) -> str:
     """What to write for a file whose columns have no names."""
     sensors = [name for name, _ in zip(rig.sensors if rig else ("SENSOR",), range(2, len(table.columns)), strict=False)]
-    channels = ", ".join(f"{name}: {k}" for k, name in enumerate([COMMAND, *sensors], 1))
-    return (
-        "has no header: write the numbers of its columns, from 0, into a mapping, as in "
-        f"MAPPING.yaml: {{files: [FILE], time: 0, channels: {{{channels}}}}}, and give recording=MAPPING.yaml"
-    )
+    columns = {name: str(k) for k, name in enumerate([COMMAND, *sensors], 1)}
+    return f"has no header: write the numbers of its columns, from 0, into a mapping, as in {_mapping('0', columns)}"
+
+
+def _mapping(time: str, columns: Dict[str, str]) -> str:
+    """A mapping in a line, and how it is given."""
+    channels = ", ".join(f"{name}: {column}" for name, column in columns.items())
+    return f"MAPPING.yaml: {{files: [FILE], time: {time}, channels: {{{channels}}}}}, and give recording=MAPPING.yaml"
 
 
 def _two(channel: str, one: str, other: str) -> Refused:
@@ -362,7 +366,8 @@ def check_present(picked: Picked, rig: Rig | None) -> None:
         has += "; without a rig a column needs a unit: x1 [mm]"
     else:
         has += f"; {rig.config.name} wants {COMMAND} and some of {', '.join(rig.sensors)}: "
-        has += "rename the columns or write a mapping"
+        columns = dict.fromkeys([COMMAND, *rig.sensors], "COLUMN")
+        has += f"rename the columns, or write a mapping, as in {_mapping('COLUMN', columns)}"
     if COMMAND not in picked.channels:
         raise Refused(
             f"lacks the column {COMMAND} (the command); {has}; or give recording.command=none if there was none"

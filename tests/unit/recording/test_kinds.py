@@ -169,6 +169,12 @@ KINDS = {
         None, 1.0),
     "a serial monitor": (
         "".join(f"{s[11:23]} -> {u:.9g},{x:.9g}\n" for s, u, x in zip(STAMPS, U, THETA, strict=True)), BY_NUMBER, 1.0),
+    "an analyser's blocks": (
+        "Export V4.2\nBlocksize:\t400\nCoupling:\tDC\tDC\nData:\tTime\n\nX\tCh1: Force in\tCh2: Laser\ns\tV\trad\n"
+        + table("\t", heads=()), {"channels": {"u": "Ch1: Force in", "theta": "Ch2: Laser"}}, 1.0),
+    "topics of a bus": (
+        bus(True).replace("header.stamp.sec,header.stamp.nanosec,cmd.u,joint.theta",
+                          "/header/stamp/secs,/header/stamp/nsecs,/cmd/u,/joint/theta"), None, 0.1),
     "how each column is kept": ("time;u;theta\ns;V;rad\nf8;f8;f8\n" + table(";", heads=()), None, 1.0),
     "lines of JSON, nested": (
         "".join(f'{{"ts": {t:.6f}, "cmd": {{"u": {u:.9g}}}, "joint": {{"theta": {x:.9g}}}}}\n'
