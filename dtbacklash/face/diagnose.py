@@ -286,10 +286,14 @@ def diagnose(
 
     nominal = load_rig(rig if rig is not None else _usual_rig(recording))
     fitted, judged = read_together(recording, validation, rig=nominal, trust_units=trust_units)
-    if held_out is not None and not 0.0 < held_out < 1.0:
+    if held_out is not None and not (isinstance(held_out, (int, float)) and 0.0 < held_out < 1.0):
         raise UserError("held_out", held_out, "must be above 0 and below 1")
     if search not in SEARCHES:
         raise UserError("search", search, f"choose one of {', '.join(SEARCHES)}")
+    if jobs is not None and not (isinstance(jobs, int) and jobs > 0):
+        raise UserError("jobs", jobs, "must be a whole number above 0")
+    if enough is not None and not isinstance(enough, Mapping):
+        raise UserError("enough", enough, "must be a mapping, channel: what is good enough, like 0.05 mm or 2 %")
     with shown(progress, "diagnosing") as tell:
         said = None if tell is None else lambda text, share: tell(share, text)
         cores = jobs or os.cpu_count() or 1

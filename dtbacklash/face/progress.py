@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import TypeAlias
 
+from dtbacklash.errors import UserError
+
 #: False: silent. True: a bar on stderr. A function: called with the share done, 0 to 1, and what is being done
 ShowProgress: TypeAlias = bool | Callable[[float, str], object]
 
@@ -19,7 +21,14 @@ EVERY_S = 10.0
 
 @contextmanager
 def shown(progress: ShowProgress, what: str) -> Iterator[Tell | None]:
-    """Give the function to call with the share done and the text of the stage, or None for silence."""
+    """Give the function to call with the share done and the text of the stage, or None for silence.
+
+    Raises
+    ------
+    UserError : ``progress`` is neither a truth value nor a function.
+    """
+    if not (progress is None or isinstance(progress, bool) or callable(progress)):
+        raise UserError("progress", progress, "must be True, False or a function of a share and a text")
     if progress is False or progress is None:
         yield None
     elif callable(progress):

@@ -224,11 +224,18 @@ def plain(table: Table, rig: Rig | None, given: Dict[str, str]) -> Picked:
     return picked
 
 
-def _times(table: Table, found: Dict[str, _Head | None]) -> str:
+def _times(table: Table, found: dict[str, _Head | None]) -> str:
     """The column of times: ``t`` rather than another one of such a name; empty where there is none."""
     timed = [name for name, head in found.items()
              if head and head.channel == TIME and table.columns[name].unusable != EMPTY]  # fmt: skip
     plain = [name for name in timed if any(heads.last(h.name).lower() == TIME for h in heads.readings(name))]
+    first = next(iter(table.columns.items()), None)
+    if not timed and first is not None and first[1].values is not None and found.get(first[0]) is None:
+        written = first[1].unit or next(heads.readings(first[0])).unit
+        unit = units.find(written)
+        if unit is not None and unit.si == "s" and bool(np.all(np.diff(first[1].values) > 0.0)):  # X in s
+            found[first[0]] = _Head(TIME, written)
+            return first[0]
     return next(iter([*plain, *timed]), "")
 
 

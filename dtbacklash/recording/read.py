@@ -53,12 +53,20 @@ def read_recording(
     UserError : with the key ``recording`` or ``recording.path``: nothing there, nothing readable, or a
         defect that cannot be handled; with ``recording.units.<channel>``: no such channel or unit.
     """
+    if not isinstance(source, (str, Path)):
+        allowed = "must be a path or a name; a DataFrame is read by Recording.from_frame, and diagnose takes it"
+        raise UserError("recording", f"a {type(source).__name__}", allowed)
+    if units is not None and not isinstance(units, Dict):
+        raise UserError("recording.units", units, "must be a mapping, channel: unit")
+    if sample_time_s is not None and not (isinstance(sample_time_s, (int, float)) and sample_time_s > 0.0):
+        raise UserError("recording.sample_time_s", sample_time_s, "must be positive s")
     if mapping is not None:
         source, path = mapping, str(source)
+    taken = _checked(rows)
     file, found, asked, key = locate.resolve(str(source), path)
     try:
         wanted = part if part is not None else asked or None
-        return _read(file, found, wanted, rig, sample_time_s, units or {}, trust_units, command, _checked(rows))
+        return _read(file, found, wanted, rig, sample_time_s, units or {}, trust_units, command, taken)
     except Refused as refusal:
         raise UserError(key, file.name if key == "recording.path" else source, str(refusal)) from refusal
 
@@ -108,9 +116,14 @@ def read_pair(
 def _checked(rows: Sequence[int] | None) -> tuple[int, int] | None:
     if rows is None:
         return None
-    if len(rows) != 2 or any(type(end) is not int for end in rows) or not 0 <= rows[0] < rows[1]:
+    if (
+        not isinstance(rows, Sequence)
+        or len(rows) != 2
+        or any(type(end) is not int for end in rows)
+        or not 0 <= rows[0] < rows[1]
+    ):
         allowed = "must be [first row, row after the last], counted from 0"
-        raise UserError("recording.rows", list(rows), allowed)
+        raise UserError("recording.rows", rows, allowed)
     return rows[0], rows[1]
 
 

@@ -25,6 +25,8 @@ def frame(rig):
     return result.recording.to_frame()[["t_s", "u_v", "theta_rad"]].round({"theta_rad": 4})
 
 
+SOUND = pd.DataFrame({"t": 1e-3 * np.arange(500), "u": np.sin(0.01 * np.arange(500)),
+                      "theta": np.cos(0.01 * np.arange(500))})  # fmt: skip
 MISTAKES = {
     "a list of words": (lambda rig: dtb.run(["controller=imc"]), "write run(*words)"),
     "a number for a word": (lambda rig: dtb.run(3), "argument=3: must be text"),
@@ -33,6 +35,25 @@ MISTAKES = {
     "a number for a recording": (lambda rig: dtb.diagnose(3, rig), "recording=3: must be a recording, a DataFrame"),
     "nothing for a recording": (lambda rig: dtb.diagnose(None), "recording=None: must be"),
     "a frame without channels": (lambda rig: dtb.diagnose(pd.DataFrame({"a": [1.0]}), rig), "lacks the column u"),
+    "a frame for a file": (
+        lambda rig: dtb.read_recording(pd.DataFrame({"a": [1.0]})),
+        "recording=a DataFrame: must be",
+    ),
+    "a number for rows": (lambda rig: dtb.read_recording("a.csv", rows=5), "recording.rows=5: must be [first row"),
+    "a list of units": (lambda rig: dtb.read_recording("a.csv", units=["mm"]), "recording.units=['mm']: must be a map"),
+    "text for a step": (
+        lambda rig: dtb.read_recording("a.csv", sample_time_s="1"),
+        "sample_time_s=1: must be positive s",
+    ),
+    **{
+        f"text for {key}": (lambda rig, key=key: dtb.diagnose(SOUND, rig, **{key: "x"}), f"{key}=x: must be {said}")
+        for key, said in (
+            ("jobs", "a whole number"),
+            ("enough", "a mapping"),
+            ("held_out", "above 0"),
+            ("progress", "True, False or a function"),
+        )
+    },
     "a number for a path": (lambda rig: dtb.save_rig(rig, 3), "path=3: must be the path"),
 }
 
