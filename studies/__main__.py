@@ -30,7 +30,6 @@ from studies import (
     crossing,
     diagnosis,
     gallery,
-    guard,
     indexes,
     nimc_forms,
     real,
@@ -80,7 +79,7 @@ def _rows(rows: Callable[[], list[Row]], docs: Callable[[list[Row], Path], None]
 def _guard(options: argparse.Namespace) -> Result:
     table = campaign.run_campaign(options.n, options.seed)
     table.to_csv(options.out / "guard_cases.csv", index=False)
-    return guard.guard_rows(table), guard.guard_words(table, options.seed)
+    return campaign.guard_rows(table), campaign.guard_words(table, options.seed)
 
 
 def _wrong_models(options: argparse.Namespace) -> Result:

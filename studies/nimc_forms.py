@@ -13,6 +13,7 @@ from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 
 from dtbacklash.config.compose import compose
 from dtbacklash.config.run import RunConfig
@@ -21,6 +22,7 @@ from dtbacklash.experiment import run
 from dtbacklash.experiment.run import RunResult, run_scenario
 from dtbacklash.files import write_text
 from dtbacklash.report.kit.markdown import between, table
+from dtbacklash.report.kit.style import MARKERS, MUTED, SERIES, letter, new_figure, save, styled
 from studies.measure import Row
 
 FORMS = ("bare", "measured", "inner_loop", "inverse")
@@ -37,7 +39,7 @@ RATIOS = (1.0, 2.0, 3.0, 4.0, 6.0, 10.0)
 PERIOD_S, DURATION_S = 20.0, 40.0
 #: the end of a run over which its oscillation is taken
 TAIL_S = 3.0
-PAGE, FIGURE = "theory.md", "images/nimc_forms.png"
+PAGE, FIGURE = "theory.md", "images/png"
 BEGIN, END = "<!-- forms: begin, made by python -m studies nimc_forms -->", "<!-- forms: end -->"
 
 
@@ -175,8 +177,63 @@ def _summary(grid: pd.DataFrame) -> str:
 
 def write_docs(grid: pd.DataFrame, folder: Path) -> None:
     """Bring the summary into its page, and draw the figure."""
-    from studies.nimc_figure import draw
-
     draw(grid, folder / FIGURE)
     page = folder / PAGE
     write_text(page, between(page.read_text(encoding="utf-8"), BEGIN, END, _summary(grid)))
+
+
+#: the left panel: true and believed gap, deg; friction, N m; sensors; until, s
+SHOWN, UNTIL_S = (0.0, 50.0, 0.0, "encoder"), 6.0
+#: the right panel: true gap, deg
+DRAWN_DEG = 20.0
+#: overshoots above are drawn here, %
+HIGHEST_PCT = 100.0
+
+
+def _response(ax: Axes) -> None:
+    """q3 of three forms over the first move; `measured` does as `inner_loop`."""
+    ax.axhline(1.0, color=MUTED, lw=1.0)
+    for form, colour in zip(FORMS, SERIES, strict=False):
+        if form == "measured":
+            continue
+        trace = one("nimc_fixed", form, *SHOWN).trace
+        early, front = trace["t_s"] < UNTIL_S, form == "inverse"
+        ax.plot(trace["t_s"][early], trace["q3_mm"][early], color=colour, lw=2.0 if front else 1.0,
+                zorder=3 if front else 2)  # fmt: skip
+    ax.set_xlabel("time [s]")
+    ax.set_ylabel("q3 [mm]")
+
+
+def _errors(ax: Axes, grid: pd.DataFrame) -> None:
+    """Largest overshoot over the error of the estimate; hollow where moves never settle."""
+    part = grid[(grid["structure"] == "nimc") & (grid["true_deg"] == DRAWN_DEG) & (grid["amplitude_mm"] == 1.0)]
+    part = part.assign(error_pct=(100 * (part["believed_deg"] / DRAWN_DEG - 1)).round())
+    part = part[part["error_pct"].abs() <= 100]
+    for form, colour, marker in zip(FORMS, SERIES, MARKERS, strict=False):
+        worst = part[part["form"] == form].groupby("error_pct").agg({"overshoot_pct": "max", "unsettled": "sum"})
+        y = worst["overshoot_pct"].clip(lower=0.1, upper=HIGHEST_PCT)
+        ax.plot(worst.index, y, color=colour, lw=1.4, label=form)
+        for settles, fill in ((True, colour), (False, "white")):
+            of = (worst["unsettled"] == 0) == settles
+            ax.plot(worst.index[of], y[of], marker, color=colour, mfc=fill, ms=7, zorder=4)
+    ax.set_yscale("log")
+    ax.set_xlabel("error of the estimate [%]")
+    ax.set_ylabel("largest overshoot [%]")
+
+
+@styled
+def draw(grid: pd.DataFrame, path: Path) -> None:
+    """Draw both panels."""
+    figure = new_figure(3.9, 9.0)
+    left, right = figure.subplots(1, 2)
+    _response(left)
+    _errors(right, grid)
+    true, believed, friction, sensors = SHOWN
+    letter([left, right], [
+        f"gap {true:g}°, believed {believed:g}°", f"gap {DRAWN_DEG:g}°; hollow: not all settle",
+    ])  # fmt: skip
+    figure.legend(
+        *right.get_legend_handles_labels(), loc="outside lower center", ncols=4,
+        title=f"(a) friction {friction:g} N m, {sensors}; (b) worst of 0, 0.02 and 0.05 N m, ideal and encoder",
+    )  # fmt: skip
+    save(figure, path)

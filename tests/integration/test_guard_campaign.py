@@ -6,8 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from studies.campaign import Bench, harmful, new_bench, random_case, run_campaign, run_case
-from studies.guard import guard_rows, guard_words
+from studies.campaign import Bench, guard_rows, guard_words, harmful, new_bench, random_case, run_campaign, run_case
 
 pytestmark = pytest.mark.nightly
 

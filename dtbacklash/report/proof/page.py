@@ -20,8 +20,7 @@ from dtbacklash.report.kit.blocks import Block, Code, Table, Tiles
 from dtbacklash.report.kit.blocks import Figure as Shown
 from dtbacklash.report.kit.numbers import number
 from dtbacklash.report.kit.page import SHARES, embedded, render
-from dtbacklash.report.proof.confusion import confusion_figure
-from dtbacklash.report.proof.figures import errors_figure, shares_figure, visibility_figure
+from dtbacklash.report.proof.figures import confusion_figure, errors_figure, shares_figure, visibility_figure
 from dtbacklash.report.proof.text import (
     HEADS,
     few,

@@ -18,8 +18,15 @@ from dtbacklash.files import read_json
 from dtbacklash.prove.names import Cell, case_rows
 from dtbacklash.prove.score import Score, score
 from dtbacklash.report.proof import page as proof_page
-from dtbacklash.report.proof.confusion import RIGHT, STATED, WRONG, confusion_figure
-from dtbacklash.report.proof.figures import errors_figure, shares_figure, visibility_figure
+from dtbacklash.report.proof.figures import (
+    RIGHT,
+    STATED,
+    WRONG,
+    confusion_figure,
+    errors_figure,
+    shares_figure,
+    visibility_figure,
+)
 from dtbacklash.report.proof.text import terminal
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
