@@ -104,7 +104,7 @@ def test_a_folder_is_no_rig_but_may_hold_one(monkeypatch, tmp_path):
         (
             RUN,
             ["reference.rms_v=2", "reference.rms_mm=2", "controller=open_loop"],
-            "reference.rms_mm=2: is given twice; the first is 2",
+            "reference.rms_mm=2: is given twice",
         ),
         (RUN, ["--quick"], "option=--quick: choose one of --cfg"),
         (DIAGNOSE, ["recording="], "recording=: give a value"),

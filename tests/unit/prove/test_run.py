@@ -64,11 +64,8 @@ def course(plan, by=ALONE):
     return run.gather(plan, cases, secrets)
 
 
-DASK = pytest.param(
-    Workers("dask", 2),
-    id="dask",
-    marks=pytest.mark.skipif(find_spec("distributed") is None, reason="the extra dask is not installed"),
-)
+NO_DASK = pytest.mark.skipif(find_spec("distributed") is None, reason="the extra dask is not installed")
+DASK = pytest.param(Workers("dask", 2), id="dask", marks=NO_DASK)
 
 
 @pytest.mark.parametrize("by", [pytest.param(ALONE, id="here"), pytest.param(TWO, id="loky"), DASK])
@@ -153,11 +150,8 @@ def test_an_oracle_that_fails_leaves_its_reason(plan):
 
     run.ask_oracle(plan, cases, secrets, ALONE, silent, broken)
     found = score(run.gather(plan, cases, secrets))
-    assert (found.oracle_failed, found.figure("strict").of, found.figure("strict").every_right) == (
-        N,
-        1,
-        3,
-    )  # of which one was not diagnosed either
+    strict = found.figure("strict")
+    assert (found.oracle_failed, strict.of, strict.every_right) == (N, 1, 3)  # one was not diagnosed either
 
 
 def test_the_folder_of_the_results_belongs_to_one_proof(plan, tmp_path):
