@@ -86,9 +86,19 @@ class Bench:
         """Sizes with other unknown forces."""
         return tuple(p.scaled(s, factor) for p, s in zip(self.predictors, sizes, strict=True))
 
-    def rows(self, rig: Rig, gains: Sequence[Gains]) -> Floats | None:
-        """(readings,) whitened innovations, sample after sample; None where a pass does not stay finite."""
-        found = [p.run(rig, g).E.ravel() for p, g in zip(self.predictors, gains, strict=True)]
+    def rows(
+        self, rig: Rig, gains: Sequence[Gains], recording: int | None = None, others: Floats | None = None
+    ) -> Floats | None:
+        """(readings,) whitened innovations, sample after sample; None where a pass does not stay finite.
+
+        recording, others : only this one is run; those of the others are taken from there.
+        """
+        found, first = [], 0
+        for p, g in zip(self.predictors, gains, strict=True):
+            at = slice(first, first + p.readings.y.size)
+            first = at.stop
+            known = others is not None and recording not in (None, p.readings.recording)
+            found.append(others[at] if known and others is not None else p.run(rig, g).E.ravel())
         rows = found[0] if len(found) == 1 else np.concatenate(found)
         return rows if np.isfinite(rows).all() and np.abs(rows).max() < ASTRAY else None
 

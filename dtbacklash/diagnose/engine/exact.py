@@ -119,10 +119,15 @@ class Problem:
             rows.append(root @ np.array(values))
         return np.concatenate(rows)
 
-    def rows(self, x: Floats, gains: Sequence[Gains]) -> Floats | None:
-        """Whitened innovations, then :meth:`beside`; None where the rig cannot be, or does not stay finite."""
+    def rows(
+        self, x: Floats, gains: Sequence[Gains], recording: int | None = None, others: Floats | None = None
+    ) -> Floats | None:
+        """Whitened innovations, then :meth:`beside`; None where the rig cannot be, or does not stay finite.
+
+        recording, others : see :meth:`.Bench.rows`.
+        """
         try:
-            found = self.bench.rows(self.rig(x), gains)
+            found = self.bench.rows(self.rig(x), gains, recording, others)
         except (UserError, np.linalg.LinAlgError):
             return None
         return None if found is None else np.concatenate([found, self.beside(x)])
@@ -132,7 +137,7 @@ class Problem:
         for step in (self.free[j].step, -self.free[j].step):
             z = x.copy()
             z[j] += step
-            there = self.rows(z, gains)
+            there = self.rows(z, gains, self.free[j].recording, rows)
             if there is not None:
                 return (there - rows) / step
         return np.zeros_like(rows)

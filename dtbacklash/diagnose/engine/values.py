@@ -229,7 +229,11 @@ def _columns(problem: Problem, x: Floats, gains: Sequence[Gains], rows: Floats) 
         for sign in (-1.0, 1.0):
             z = x.copy()
             z[j] += sign * h
-            there = problem.rows(z, gains) if f.role is Role.ANGLE or f.low < f.value(z[j]) < f.high else None
+            there = (
+                problem.rows(z, gains, f.recording, rows)
+                if f.role is Role.ANGLE or f.low < f.value(z[j]) < f.high
+                else None
+            )
             if there is not None:
                 ends[sign] = there
         if ends:

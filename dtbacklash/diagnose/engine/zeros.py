@@ -23,9 +23,9 @@ def zeroed(bench: Bench, rig: Rig) -> Rig:
         return rig
     gains = bench.gains(rig, tuple(p.first_sizes() for p in bench.predictors))
 
-    def rows(x: Floats, start: Floats) -> Floats | None:
+    def rows(x: Floats, start: Floats, recording: int | None = None, others: Floats | None = None) -> Floats | None:
         try:
-            there = bench.rows(apply(rig, free, x), gains)
+            there = bench.rows(apply(rig, free, x), gains, recording, others)
         except (UserError, np.linalg.LinAlgError):
             return None
         return None if there is None else np.append(there, x - start)  # what shows nowhere stays where it starts
@@ -41,7 +41,8 @@ def zeroed(bench: Bench, rig: Rig) -> Rig:
             if here is None:
                 break
             steps = np.diag([f.step for f in free])
-            moved = [there for step in steps if (there := rows(x + step, start)) is not None]
+            each = (rows(x + step, start, f.recording, here) for f, step in zip(free, steps, strict=True))
+            moved = [there for there in each if there is not None]
             if len(moved) < len(free):
                 break
             J = (np.column_stack(moved) - here[:, None]) / steps.diagonal()

@@ -84,3 +84,23 @@ def test_what_a_recording_alone_has_stays_with_it():
     assert own == pytest.approx([model.rig.own[k][title] for k in range(3)], abs=0.02)
     assert own[2] == pytest.approx(2.0, rel=0.05)
     assert np.abs(own[:2]).max() < 0.1
+
+
+def test_a_column_of_one_recording_runs_it_alone(monkeypatch):
+    masses = dict.fromkeys(range(3), 1.2)
+    bench = bench_of(masses, dict.fromkeys(masses, 0.0))
+    rig = bench.nominal.owning({(1, "m"): 1.2})
+    sizes = tuple(p.first_sizes() for p in bench.predictors)
+    problem = Problem(bench, rig, (), motion_of(bench, rig, bench.gains(rig, sizes)), 1.0)
+    x, gains = problem.start(), bench.gains(rig, sizes)
+    rows = problem.rows(x, gains)
+    ran = []
+    run = Predictor.run
+    monkeypatch.setattr(Predictor, "run", lambda p, *how: ran.append(p.readings.recording) or run(p, *how))
+    j = next(j for j, f in enumerate(problem.free) if f.recording == 1 and f.name == "m")
+    column = problem.column(j, x, gains, rows)
+    assert ran == [1]
+    step = np.eye(len(x))[j] * problem.free[j].step
+    whole = (problem.rows(x + step, gains) - rows) / problem.free[j].step
+    assert column == pytest.approx(whole)
+    assert np.any(column)
