@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from dtbacklash.errors import Diverged, UserError
     from dtbacklash.face.diagnose import Found, diagnose
+    from dtbacklash.face.experiments import design, isolability
     from dtbacklash.face.recordings import read_recording
     from dtbacklash.face.rigs import load_rig, save_rig
     from dtbacklash.face.run import Run, run
@@ -38,7 +39,9 @@ __all__ = [
     "Run",
     "UserError",
     "__version__",
+    "design",
     "diagnose",
+    "isolability",
     "load_rig",
     "read_recording",
     "run",
@@ -53,6 +56,8 @@ _FOUND_IN = {
     "Rig": "physics.rig",
     "Run": "face.run",
     "UserError": "errors",
+    "design": "face.experiments",
+    "isolability": "face.experiments",
     "load_rig": "face.rigs",
     "read_recording": "face.recordings",
     "run": "face.run",

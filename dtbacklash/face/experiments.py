@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,8 +12,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dtbacklash.config.commands import DesignConfig, IsolabilityConfig
+from dtbacklash.config.compose import compose_for
+from dtbacklash.config.grammar import DESIGN, ISOLABILITY
+from dtbacklash.config.hydra_app import quoted
 from dtbacklash.config.run import ProfileConfig, ReferenceConfig, RunConfig
 from dtbacklash.errors import UserError
+from dtbacklash.face.progress import ShowProgress, shown
+from dtbacklash.face.rigs import RigLike, description, load_rig
 
 if TYPE_CHECKING:
     from dtbacklash.arrays import Floats
@@ -110,7 +116,66 @@ def _only(recording: Recording, config: IsolabilityConfig) -> Recording:
     return replace(recording, channels=kept)
 
 
-def design(config: DesignConfig, jobs: int = 1, tell: Tell | None = None) -> tuple[Design, Rivalry]:
+def isolability(
+    *overrides: str, rig: RigLike | None = None, jobs: int | None = None, progress: ShowProgress = False
+) -> Isolability:
+    """What a planned experiment would show, and what it would confuse: ``dtb isolability`` without files.
+
+    Parameters
+    ----------
+    overrides : settings as on the command line: ``"command=planned.csv"``, ``"record=[theta_m]"``,
+        ``"sensors.noise.theta_m_rad=0.001"``. rig : a rig, a name, the path of a YAML file, or a mapping; default:
+        ``lead_screw``. jobs : threads that share the work; None: one for each core. progress : as for ``run``.
+
+    Raises
+    ------
+    UserError : a setting is wrong; a plan that cannot be simulated, moves nothing, or leaves a part unseen.
+
+    Examples
+    --------
+    >>> import dtbacklash as dtb
+    >>> ahead = dtb.isolability("duration_s=4", "sensors.noise.x_mm=0.01", rig="oscillator")
+    >>> ahead.sine(("mass", "ground_friction"), ("mass", "constant_force")) > 0.9
+    True
+    """
+    content = {} if rig is None else {"rig": description(load_rig(rig))}
+    config = compose_for(ISOLABILITY, IsolabilityConfig, *overrides, **content)
+    with shown(progress, "looking ahead") as tell:
+        return isolable(config, jobs or os.cpu_count() or 1, tell)
+
+
+def design(found: str | Path, *overrides: str, jobs: int | None = None, progress: ShowProgress = False) -> Design:
+    """The experiment that tells apart what a diagnosis left open: ``dtb design FOLDER`` without files.
+
+    Parameters
+    ----------
+    found : the folder of the diagnosis (:meth:`.Found.save`). overrides : settings as on the command line:
+        ``"command_max=5"``, ``"travel={load: 2 rev}"``, ``"duration_s=8"``. jobs, progress : as for
+        :func:`isolability`.
+
+    Returns
+    -------
+    ``best.u`` is the command, (N,) in the rig's unit, a sample of the recording each; ``best.apart`` by how much each
+    rival would miss it, -2 log likelihood.
+
+    Raises
+    ------
+    UserError : no folder of a diagnosis; nothing is open in it; limits that allow no motion.
+
+    Examples
+    --------
+    >>> import dtbacklash as dtb
+    >>> dtb.design("nowhere", "duration_s=8")
+    Traceback (most recent call last):
+        ...
+    dtbacklash.errors.UserError: found=nowhere: must be the folder of a diagnosis, with diagnosis.json and rig.yaml
+    """
+    config = compose_for(DESIGN, DesignConfig, f"found={quoted(str(found))}", *overrides)
+    with shown(progress, "designing") as tell:
+        return experiment(config, jobs or os.cpu_count() or 1, tell)[0]
+
+
+def experiment(config: DesignConfig, jobs: int = 1, tell: Tell | None = None) -> tuple[Design, Rivalry]:
     """The experiment that tells apart what a diagnosis left open, and the models. jobs : threads that share the work.
 
     Raises
@@ -138,7 +203,6 @@ def _open_models(config: DesignConfig) -> tuple[Rig, Observed, list[Rival]]:
     from dtbacklash.diagnose.experiments.rivalry import Rival
     from dtbacklash.diagnose.planning import Observed
     from dtbacklash.diagnose.words import all_in_words
-    from dtbacklash.face.rigs import load_rig
     from dtbacklash.files import read_json
     from dtbacklash.physics.rig_file import rig_of
 

@@ -77,7 +77,13 @@ def test_one_of_them_judges_alone(recorded, tmp_path):
 
 @pytest.mark.check
 def test_what_is_its_own_and_what_is_given_is_said_on_the_command_line(recorded, tmp_path):
-    word = ["own=[mass.mass]", "given={slow: {spring.stiffness: 1900 N/m}}", "search=none", "hold_out=turns", "out=found"]
+    word = [
+        "own=[mass.mass]",
+        "given={slow: {spring.stiffness: 1900 N/m}}",
+        "search=none",
+        "hold_out=turns",
+        "out=found",
+    ]
     assert cli.main([*recorded, *word]) == 0
     found = json.loads((tmp_path / "found" / "diagnosis.json").read_text(encoding="utf-8"))
     assert {"m in fast.csv", "m in slow.csv", "k"} <= found["calibration"]["parameters"].keys()

@@ -7,9 +7,10 @@ import pytest
 
 import dtbacklash as dtb
 
-MODULES = ("face.diagnose", "face.recordings", "face.rigs", "face.run", "recording.model", "recording.stamps", "units")
+MODULES = ("face.diagnose", "face.experiments", "face.recordings", "face.rigs", "face.run", "recording.model",
+           "recording.stamps", "units")  # fmt: skip
 #: what is a class, or an exception, has its example where it is made
-FUNCTIONS = ("diagnose", "load_rig", "read_recording", "run", "save_rig")
+FUNCTIONS = ("design", "diagnose", "isolability", "load_rig", "read_recording", "run", "save_rig")
 
 
 @pytest.mark.parametrize("module", MODULES)
