@@ -87,6 +87,8 @@ def _export(words: Sequence[str]) -> None:
 
     export.check_extra()
     config = compose_for(EXPORT, ExportConfig, *words)
+    if config.rig.model:
+        raise UserError("rig.model", config.rig.model, "is a simulator's model already: no FMU is made of it")
     content = interface.Export(build_rig(config.rig), config.sample_time_s, config.substeps, config.event_levels)
     file = export.write_fmu(content, export.target(config.out, content), config.out)
     offered = interface.variables(content.rig)

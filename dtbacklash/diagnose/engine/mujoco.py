@@ -46,6 +46,8 @@ from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 ROUGH, FINE = 2, 2
 #: differences of states and of efforts for the linear part
 MOVED, PUSHED = 1e-5, 1e-3
+#: a joint is looked for in readings up to 2 to this power samples later
+HORIZON = 12
 #: the slots whose laws are simulated
 JOINTS = slots.BodyEffort, slots.Contact
 KNOWN = (*JOINTS, slots.BodyDamping, slots.Command, slots.Late, slots.Reading)
@@ -111,8 +113,21 @@ class Stepped(Simulated):
             np.array([A, A]), np.array([B, B]), np.array([C, C]), D, np.zeros((2, 2 * n)), np.zeros(len(r.channels)),
             states, tuple(self._joints), step / np.diag(B[n:]), n,
         )  # fmt: skip
+        self._check_seen(A, C)
         self._linears[key] = found
         return found
+
+    def _check_seen(self, A: Floats, C: Floats) -> None:
+        """Refuse a joint whose speed never shows in any reading."""
+        n, shown = len(self._joints), np.zeros(len(A), dtype=bool)
+        for _ in range(HORIZON):
+            shown |= (C @ A).any(axis=0)
+            A = A @ A / max(float(np.abs(A).max()), 1.0)
+        for joint, seen in zip(self._joints, shown[n:], strict=True):
+            if not seen:
+                read = ", ".join(self.readings.channels)
+                allowed = f"joint {joint} moves none of them: give it a sensor, or fix it (fixed: [{joint}])"
+                raise UserError("rig.sensors", read, allowed)
 
     def observe(self, rig: Rig, K: Floats, W: Floats, opening: int) -> Pass:
         """Predict and correct, sample by sample."""

@@ -61,14 +61,14 @@ def answered(u: np.ndarray, inertia: float, damping: float, level: float = 0.0) 
     return found[:, 0], found[:, 1]
 
 
-def passed(rig, columns: dict[str, np.ndarray]) -> np.ndarray:
-    """(N, m) what a free run of the model leaves of the columns."""
+def passed(rig, columns: dict[str, np.ndarray], every: int = 1) -> dict[str, np.ndarray]:
+    """Channel -> (N,) what a free run of the model leaves of it."""
     frame = pd.DataFrame({"t": STEP_S * np.arange(N), **columns})
     records = records_of(Recording.from_frame(frame, rig=rig), rig, True, False)
-    predictor = bench_of(rig, records, [1]).predictors[0]
+    predictor = bench_of(rig, records, [every]).predictors[0]
     gains = predictor.gains(rig, predictor.first_sizes())
     gains.K[:] = 0.0
-    return predictor.run(rig, gains).D
+    return dict(zip(predictor.readings.channels, predictor.run(rig, gains).D.T, strict=True))
 
 
 def test_two_commands_move_two_joints_as_their_equations_say(rig):
@@ -76,11 +76,12 @@ def test_two_commands_move_two_joints_as_their_equations_say(rig):
     angle, _ = answered(2.0 * spin, 0.3, 0.2)
     way, speed = answered(push, 3.0, 1.5)
     left = passed(rig, {"torque": spin, "push": push, "angle": angle, "way": way})
-    assert np.abs(left[:, 0]).max() < 1e-3 * np.ptp(angle)
-    assert np.abs(left[:, 1]).max() < 1e-3 * np.ptp(way)
+    assert np.abs(left["angle"]).max() < 1e-3 * np.ptp(angle)
+    assert np.abs(left["way"]).max() < 1e-3 * np.ptp(way)
     before = np.concatenate([[0.0], push[:-1]])  # an accelerometer is read before the command steps
-    left = passed(rig, {"torque": spin, "push": push, "way": way, "shaken": (before - 1.5 * speed) / 3.0})
-    assert np.abs(left[2:, 1]).max() < 0.01
+    shaken = (before - 1.5 * speed) / 3.0
+    left = passed(rig, {"torque": spin, "push": push, "angle": angle, "way": way, "shaken": shaken})
+    assert np.abs(left["shaken"][2:]).max() < 0.01
 
 
 @pytest.mark.parametrize(
@@ -105,10 +106,10 @@ def test_the_catalogues_laws_act_in_a_model_as_written_by_hand(rig, place, effec
     angle, _ = answered(u, 0.3, change.get("damping", 0.2), change.get("level", 0.0))
     t = STEP_S * np.arange(N)
     shown = change.get("shown", 1.0) * np.interp(t - change.get("seen", 0.0) * STEP_S, t, angle)
-    columns = {"torque": spin, "push": push, "angle": shown}
+    columns = {"torque": spin, "push": push, "angle": shown, "way": answered(push, 3.0, 1.5)[0]}
     whole = np.ptp(angle)
-    without = np.abs(passed(rig, columns)[:, 0]).max()
-    left = np.abs(passed(rig.with_effect(place, effect, values), columns)[4:, 0]).max()
+    without = np.abs(passed(rig, columns)["angle"]).max()
+    left = np.abs(passed(rig.with_effect(place, effect, values), columns)["angle"][4:]).max()
     assert without > 0.01 * whole
     assert left < (0.01 if effect == "coulomb_friction" else 0.002) * whole
 
@@ -130,8 +131,8 @@ def test_a_mass_moves_its_bodys_inertia_with_it(rig):
     heavier = rig.with_parameters({"bodies.cart.mass": 6.0})
     spin, push = commands()
     way, _ = answered(push, 6.0, 1.5)
-    left = passed(heavier, {"torque": spin, "push": push, "way": way})
-    assert np.abs(left).max() < 1e-3 * np.ptp(way)
+    left = passed(heavier, {"torque": spin, "push": push, "angle": spin, "way": way})
+    assert np.abs(left["way"]).max() < 1e-3 * np.ptp(way)
 
 
 @pytest.mark.parametrize(
@@ -166,3 +167,20 @@ def test_a_free_joint_and_a_step_that_is_no_divisor_are_refused(rig, tmp_path):
     spin, push = commands()
     with pytest.raises(UserError, match=r'its step, 0.003 s, must divide the sample, 0.004 s.*timestep="0.002"'):
         passed(load_rig({**RIG, "model": str(coarse)}), {"torque": spin, "push": push, "angle": spin, "way": push})
+
+
+def test_a_joint_that_no_reading_shows_is_told(rig):
+    spin, push = commands()
+    with pytest.raises(UserError, match=r"rig.sensors=angle: joint rail moves none of them: give it a sensor"):
+        passed(rig, {"torque": spin, "push": push, "angle": spin})
+
+
+def test_averaged_readings_are_predicted_by_commands_that_are_averaged_alike(rig):
+    spin, push = commands()
+    angle, _ = answered(2.0 * spin, 0.3, 0.2)
+    way, _ = answered(push, 3.0, 1.5)
+    left = passed(rig, {"torque": spin, "push": push, "angle": angle, "way": way}, every=5)
+    assert len(left["way"]) == N // 5
+    # the first mean is not the first position: what is left is a start that drifts by it
+    assert np.abs(np.diff(left["angle"])).max() < 1e-3 * np.ptp(angle)
+    assert np.abs(np.diff(left["way"])).max() < 1e-3 * np.ptp(way)
