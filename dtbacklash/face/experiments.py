@@ -13,7 +13,7 @@ import numpy as np
 
 from dtbacklash.config.commands import DesignConfig, IsolabilityConfig
 from dtbacklash.config.compose import compose_for
-from dtbacklash.config.grammar import DESIGN, ISOLABILITY
+from dtbacklash.config.grammar import grammar_of
 from dtbacklash.config.hydra_app import quoted
 from dtbacklash.config.run import ProfileConfig, ReferenceConfig, RunConfig
 from dtbacklash.errors import UserError
@@ -139,7 +139,7 @@ def isolability(
     True
     """
     content = {} if rig is None else {"rig": description(load_rig(rig))}
-    config = compose_for(ISOLABILITY, IsolabilityConfig, *overrides, **content)
+    config = compose_for(grammar_of(IsolabilityConfig), IsolabilityConfig, *overrides, **content)
     with shown(progress, "looking ahead") as tell:
         return isolable(config, jobs or os.cpu_count() or 1, tell)
 
@@ -170,7 +170,7 @@ def design(found: str | Path, *overrides: str, jobs: int | None = None, progress
         ...
     dtbacklash.errors.UserError: found=nowhere: must be the folder of a diagnosis, with diagnosis.json and rig.yaml
     """
-    config = compose_for(DESIGN, DesignConfig, f"found={quoted(str(found))}", *overrides)
+    config = compose_for(grammar_of(DesignConfig), DesignConfig, f"found={quoted(str(found))}", *overrides)
     with shown(progress, "designing") as tell:
         return experiment(config, jobs or os.cpu_count() or 1, tell)[0]
 
