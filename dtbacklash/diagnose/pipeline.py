@@ -13,6 +13,7 @@ from dtbacklash.diagnose.engine.bench import Bench
 from dtbacklash.diagnose.engine.changes import Change, grow
 from dtbacklash.diagnose.engine.changes import judged as judged_changes
 from dtbacklash.diagnose.engine.exact import Model, Problem, as_given, without_name
+from dtbacklash.diagnose.engine.factors import Off, begin
 from dtbacklash.diagnose.engine.formulas import modelled
 from dtbacklash.diagnose.engine.free import with_errors, with_priors
 from dtbacklash.diagnose.engine.in_each import in_each
@@ -139,6 +140,7 @@ class _Course:
         ]
         self.stage, self._pace = "", Pace()
         self.search: Search | None = None
+        self.begin: Off | None = None
         self.course = ""
 
     def tell(self, stage: str, share: float) -> None:
@@ -169,9 +171,13 @@ class _Course:
         """The search with the command held between its samples; with another course where that is likelier."""
         self.tell("recalibrating the rig", 0.02)
         ways = {"": self.records, **ways_to_read(self.records, self.rig)}
-        begun = {course: self._begun(records) for course, records in ways.items()}
-        held, scores = begun[""], {course: search.nothing.score for course, search in begun.items()}
-        likelier = [c for c in ways if scores[c] < scores[""] - held.asked(begun[c].nothing, held.nothing)]
+        held = self._begun(self.records)
+        if held.unknown(held.nothing) > held.rules.left:
+            self.begin = begin(held.quick, held.rules)
+            held = self._begun(self.records) if self.begin else held
+        begun = {course: self._begun(records) if course else held for course, records in ways.items()}
+        scores = {course: search.now.score for course, search in begun.items()}
+        likelier = [c for c in ways if scores[c] < scores[""] - held.asked(begun[c].now, held.now)]
         self.course = min(likelier, key=lambda course: scores[course], default="")
         self.records = ways[self.course]
         search = self._at_rates(begun[self.course])
@@ -183,7 +189,7 @@ class _Course:
 
     def _likelier(self, records: list[Record], search: Search) -> bool:
         """Whether records are likelier with a search's model, or, fitted anew, with that without what makes it late."""
-        bench, now = bench_of(search.bench.nominal, records, self.every), search.now
+        bench, now = replace(self._bench(records, self.every), nominal=search.bench.nominal), search.now
         late = [key for key in now.keys if self._of_timing(replace(now, keys=(key,)))]
         scores = [now.score - now.loss + bench.tuned(now.rig)[1]]
         # another course moves all delays and lags alike: where one goes, the values of the others follow
@@ -194,8 +200,14 @@ class _Course:
     def _begun(self, records: list[Record]) -> Search:
         """A search that has recalibrated the nominal rig."""
         finer = self._at_finer if max(self.every) > 1 else None
-        bench = bench_of(self.rig, records, self.every)
-        return Search(replace(bench, nominal=zeroed(bench, self.rig)), tell=self.tell, finer=finer)
+        bench, first = self._bench(records, self.every), self.begin
+        if first:
+            first = replace(first, rig=zeroed(bench, first.rig))
+        return Search(replace(bench, nominal=zeroed(bench, self.rig)), tell=self.tell, finer=finer, begin=first)
+
+    def _bench(self, records: list[Record], every: list[int]) -> Bench:
+        """Predictors of records, with the forces that move the rig from which a search begins."""
+        return replace(bench_of(self.begin.rig if self.begin else self.rig, records, every), nominal=self.rig)
 
     def _at_rates(self, search: Search) -> Search:
         """The search at the rate of the motion; at faster ones where much force stays unknown."""
@@ -236,7 +248,7 @@ class _Course:
 
     def _at_finer(self, model: Model) -> float:
         """The largest unknown force of a model at a finer rate."""
-        bench = bench_of(self.rig, self.records, self._finer())
+        bench = self._bench(self.records, self._finer())
         return bench.most_unknown(bench.tuned(model.rig)[0])
 
     def _of_timing(self, model: Model) -> bool:
@@ -282,7 +294,7 @@ class _Course:
         """
         bench, motion, last = search.bench, search.motion, model
         if max(self.every) > 1 and model.keys:
-            full = bench_of(bench.nominal, self.records, [1] * len(self.every))
+            full = replace(self._bench(self.records, [1] * len(self.every)), nominal=bench.nominal)
             sizes, _ = full.tuned(model.rig)
             if full.refine(model.rig, sizes, search.rules.worth * search.bench.count):
                 sizes, _ = full.tuned(model.rig, sizes)
@@ -311,8 +323,10 @@ class _Course:
         suspected = suspects_said(c, suspects(c)) if verdict == UNEXPLAINED else ""
         parts = (
             suspected, SEARCHED[depth] if c.changes is None else "", differences_said(c),
-            summary(verdict, named, moved, where, depth != NONE, much.enough, c.seen.unlogged(c.model.rig))
-            if c.changes is None else changes_said(c, named),
+            summary(
+                verdict, named, moved, where, depth != NONE, much.enough, c.seen.unlogged(c.model.rig),
+                c.explains and c.with_table is None,
+            ) if c.changes is None else changes_said(c, named),
             explained_said(much, bool(named)), unknown_said(much), told.sentence if told else "",
             tolerances_said(c.beyond(), USUAL),
         )  # fmt: skip

@@ -78,6 +78,12 @@ class Bench:
         by = sizes[0][:n] - before[self.telling][:n]
         return tuple(np.concatenate([s[:n] + by, s[n:]]) for s in before)
 
+    @property
+    def floor(self) -> float:
+        """-2 log likelihood of a model that leaves each sensor's noise and nothing else."""
+        each = (p.readings.there.sum(axis=0) @ (2.0 * p.nominal_noise + 1.0) for p in self.predictors)
+        return float(sum(each))
+
     def gains(self, rig: Rig, sizes: Sizes) -> list[Gains]:
         """Of each stretch."""
         return [p.gains(rig, s) for p, s in zip(self.predictors, sizes, strict=True)]

@@ -11,12 +11,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
+from scipy.optimize import lsq_linear
 from scipy.signal import lfilter
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.columns import Columns, Proposal
 from dtbacklash.diagnose.engine.exact import Model, Problem
+from dtbacklash.diagnose.engine.factors import Off, numbers_instead
 from dtbacklash.diagnose.engine.free import Key
+from dtbacklash.diagnose.engine.predictor import ASTRAY
 from dtbacklash.diagnose.engine.search import Search
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects import slots
@@ -70,7 +73,7 @@ class Judged:
     rivals : per name. explains : per name, the fall of -2 log likelihood beside the model without it. adds : per name,
     what the best table at its place adds beside it, a share of that. tables : per name, the table that comes nearest to
     the force that is missing without it (recovered, with its errors). sure : the names that are.
-    rest : the best tables beside all names, best first.
+    rest : the best tables beside all names, best first. numbers : of the rig, that a wrong gain only stands for.
     """
 
     model: Model
@@ -80,6 +83,7 @@ class Judged:
     tables: dict[Key, tuple[Proposal, ...]]
     sure: frozenset[Key]
     rest: tuple[Proposal, ...]
+    numbers: tuple[Off, ...] = ()
 
 
 class Judge:
@@ -97,7 +101,8 @@ class Judge:
         rivals: dict[Key, tuple[Rival, ...]] = {}
         explains, adds, tables = {}, {}, {}
         rest = self._tables(model, None)
-        sure = set()
+        first = self.bench.of_first(model.sizes)
+        sure, numbers = set(), numbers_instead(search.quick, first, model, search.motion, self.rules.worth)
         for n, key in enumerate(model.keys):
             search.tell(f"trying what else could stand for {key[1]} at {key[0]}", 0.6 + 0.3 * n / len(model.keys))
             entry = find(model.rig.kind_at(key[0]), key[1], key[0])
@@ -113,9 +118,10 @@ class Judge:
             best = max((p.gain for p in rest if p.keys[0][0] == key[0]), default=0.0)
             adds[key] = max(best, 0.0) / max(explains[key], 1e-300)
             lost = sum(r.beaten for r in rivals[key]) < len(rivals[key]) or not rivals[key]
-            if not lost and adds[key] < self.rules.alike and search.unknown(model) < self.rules.left:
+            # where a number of the rig does the same, only ratios show, and no size is known
+            if not (lost or numbers) and adds[key] < self.rules.alike and search.unknown(model) < self.rules.left:
                 sure.add(key)
-        return Judged(model, rivals, explains, adds, tables, frozenset(sure), tuple(rest))
+        return Judged(model, rivals, explains, adds, tables, frozenset(sure), tuple(rest), tuple(numbers))
 
     def _others(self, less: Model, key: Key) -> list[Model]:
         """The best other names in the place of one: those of the search, and those that columns now propose."""
@@ -146,8 +152,9 @@ class Judge:
         there = self._compared(m)
         t, wins = {}, []
         for view in VIEWS:
-            if there is None or self.here is None:
-                t[view] = 0.0
+            if there is None or self.here is None:  # a rival that strays at these sizes, far behind at its own, is none
+                strays = self.here is not None and m.score - self.model.score > self.rules.worth * self.bench.count
+                t[view] = ASTRAY if strays else 0.0
                 continue
             a, b = there.squares[view], self.here.squares[view]
             t[view] = lead(a, b)
@@ -204,8 +211,9 @@ class Judge:
         )
         all_rows, all_K = np.concatenate([white, rows[data:]]), np.vstack([K, J[data:]])
         norms = np.sqrt(np.einsum("ij,ij->j", all_K, all_K)) + 1e-300
-        step = np.linalg.lstsq(all_K / norms, all_rows, rcond=1e-8)[0] if len(norms) else np.zeros(0)
-        left = all_rows - (all_K / norms) @ step
+        room = [(low * n, high * n) for (low, high), n in zip(_room(problem, x), norms, strict=True)]
+        step = _within(all_K / norms, all_rows, room)
+        left = all_rows + (all_K / norms) @ step
         found["white"] = self._sums(left[:data])
         return Compared(found)
 
@@ -234,6 +242,25 @@ class Judge:
 def lead(a: Floats, b: Floats) -> float:
     """By how many standard errors the second model leads; a, b : (stretches,) sums of squares of the two."""
     return max(_t(a - b), _t(np.log(a / b)))
+
+
+def _room(problem: Problem, x: Floats) -> list[tuple[float, float]]:
+    """How far each free parameter may move from x: the rig's own within their ends, others anywhere."""
+    ends = [((f.low - f.centre) / f.scale, (f.high - f.centre) / f.scale) if f.prior and f.role is not Role.ANGLE else
+            (-np.inf, np.inf) for f in problem.free]  # fmt: skip
+    return [(low - at, high - at) for (low, high), at in zip(ends, x.tolist(), strict=True)]
+
+
+def _within(K: Floats, rows: Floats, ends: list[tuple[float, float]]) -> Floats:
+    """The step within its ends that leaves least of ``rows + K step``."""
+    if not ends:
+        return np.zeros(0)
+    step = np.asarray(-np.linalg.lstsq(K, rows, rcond=1e-8)[0], dtype=float)
+    low, high = np.array(ends).T
+    if (step < low).any() or (step > high).any():
+        small = np.asarray(np.linalg.qr(np.column_stack([K, -rows]), mode="reduced")[1], dtype=float)
+        step = np.asarray(lsq_linear(small[:, :-1], small[:, -1], (low, high), method="bvls").x, dtype=float)
+    return step
 
 
 def _t(d: Floats) -> float:

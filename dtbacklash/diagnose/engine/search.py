@@ -14,6 +14,7 @@ from dtbacklash.diagnose.engine.bench import Bench, Sizes
 from dtbacklash.diagnose.engine.columns import Columns, Proposal
 from dtbacklash.diagnose.engine.differences import alike, differ
 from dtbacklash.diagnose.engine.exact import STIFF, Model, Problem, share_of, without_name
+from dtbacklash.diagnose.engine.factors import Off
 from dtbacklash.diagnose.engine.free import Key, taken_out
 from dtbacklash.diagnose.engine.motion import Motion, motion_of
 from dtbacklash.diagnose.settings import SETTINGS, DiagnoseSettings
@@ -44,7 +45,7 @@ class Search:
     nothing : the recalibrated rig. now : the best model so far.
     names : the same before a table was added. beaten : name -> models that were tried in its place.
     tried : names -> the least score that an exact fit with them had. likely : what a glance shows first.
-    most : so many names are looked for.
+    most : so many names are looked for. begin : a gain that is so far off that the search begins with it.
     differences : titles of what is free in each recording as the search found it to differ.
     """
 
@@ -54,6 +55,7 @@ class Search:
     finer: Callable[[Model], float] | None = None
     most: int = MOST
     too_coarse: bool = False
+    begin: Off | None = None
     beaten: dict[Key, list[Model]] = field(default_factory=dict)
     tried: dict[tuple[Key, ...], float] = field(default_factory=dict)
     gains: dict[Key, float] = field(default_factory=dict)
@@ -65,11 +67,17 @@ class Search:
         rig = self.bench.nominal
         sizes, _ = self.bench.tuned(rig)
         self.look_at(sizes)
-        self.motion: Motion = motion_of(self.bench, rig, self.bench.gains(rig, sizes))
+        far = self.begin.rig if self.begin else rig
+        at = self.bench.tuned(far)[0] if self.begin else sizes
+        self.motion: Motion = motion_of(self.bench, far, self.bench.gains(far, at))
         found = Problem(self.bench, rig, (), self.motion).ladder(sizes, None, (1.0,), 6)
         if found is None:
             raise UserError("recording", "", "the nominal rig does not follow it: its simulation does not stay finite")
         self.nothing = self.now = self.names = found
+        keys = (self.begin.key,) if self.begin else ()
+        begun = keys and Problem(self.bench, far, keys, self.motion).ladder(at, None, (1.0, 0.1, 1.0))
+        if begun and not begun.at_end and begun.score < found.score - self.asked(begun, found):
+            self.now = self.names = begun
 
     def run(self) -> Model:
         """The whole search; it ends early where the rate turns out to be too coarse."""

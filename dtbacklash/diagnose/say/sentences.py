@@ -121,12 +121,12 @@ def _how_busy(change: Floats) -> str:
 
 def summary(
     verdict: Verdict, findings: Sequence[Finding], recalibrated: dict[str, Recalibrated], located: Located | None,
-    looked: bool = True, enough: bool | None = None, unlogged: bool = False,
+    looked: bool = True, enough: bool | None = None, unlogged: bool = False, explains: bool = False,
 ) -> str:  # fmt: skip
     """Two or three sentences.
 
     looked : whether physics was looked for. enough : whether what is left was called so. unlogged : whether it may be
-    what a command did between its logged values.
+    what a command did between its logged values. explains : whether little is left.
     """
     left = "what was called enough" if enough else UNLOGGED if unlogged else "the sensors' noise"
     if verdict == CONSISTENT:
@@ -143,7 +143,9 @@ def summary(
             parts.append(f"This recording cannot tell {name_in_words(finding.effect)} from {others}.")
     if findings and names:
         parts.append(f"Recalibrated beside that: {names}.")
-    if verdict == UNEXPLAINED and located and looked:
+    if verdict == UNEXPLAINED and findings and explains:
+        parts.append("Little is left beside that, but none of it is sure.")
+    elif verdict == UNEXPLAINED and located and looked:
         said = "What remains" if findings else "The mismatch"
         where = f" and lies at or near {place_in_words(located.location)}" if located.shown else ""
         parts.append(f"{said} is real{where}, but nothing in the catalogue was found that explains it"

@@ -14,8 +14,8 @@ from dtbacklash.physics.effects.slots import Clipping, Command, Lag, Late, Motor
 DELAY_MAX_S, GAIN_MAX = 6e-3, 0.4
 #: a lag is concealed up to this, s, and its search starts at these, samples
 LAG_MAX_S, LAGS_SAMPLES = 2e-2, (1.0, 5.0, 20.0)
-#: a gain that is off by a factor of ten is a wrong unit, a wrong sensor or none: at these ends it is not believed
-GAIN_ENDS = -0.9, 9.0
+#: a gain that is off by a factor of twenty is a wrong unit, a wrong sensor or none: at these ends it is not believed
+GAIN_ENDS = -0.95, 19.0
 #: where the search for a delay starts, samples: its fit has a valley for every turn of the signal
 DELAYS_SAMPLES = (0.3, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0)
 

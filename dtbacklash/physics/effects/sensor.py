@@ -54,13 +54,14 @@ CUTOFFS = (0.4, 0.15, 0.05, 0.015, 0.005)
 
 
 def _miscounted(values: Values) -> str:
-    """What a gain that is a whole number, or one over it, comes from."""
+    """What a gain comes from that is off by a factor: by a whole number, or one over it, or by any."""
     times = 1.0 + values["relative"]
-    for n in (2, 4, 8, 10):
-        for ratio, said in ((float(n), f"{n} times"), (1.0 / n, f"1/{n} of")):
-            if abs(times / ratio - 1.0) < ROUND:
-                return f" It shows {said} what is there, as with a wrong number of lines a turn or counts a line."
-    return ""
+    large = max(times, 1.0 / times)
+    if large < FAR:
+        return ""
+    whole = round(large) if abs(large / round(large) - 1.0) < ROUND else 0
+    said = (f"{whole} times" if times > 1.0 else f"1/{whole} of") if whole else f"{times:.3g} times"
+    return f" It reads {said} what is there, as with a wrong number of lines a turn, counts a line, or unit."
 
 
 def _within_the_way(place: Place) -> dict[str, tuple[float, float]]:
@@ -73,8 +74,8 @@ def _not_concealed(place: Place, sign: float) -> tuple[float, float]:
     return 1.0, 0.1
 
 
-#: a gain this near to a whole number is one
-ROUND = 0.01
+#: a gain this near to a whole number is one; one that is off by such a factor is no tolerance
+ROUND, FAR = 0.01, 1.4
 #: where the search for a play starts, shares of the way
 WIDTHS = (0.002, 0.01, 0.05, 0.2)
 

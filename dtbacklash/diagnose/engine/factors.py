@@ -1,0 +1,123 @@
+"""What is off by a factor, too far for a column to show: lines of an encoder, a slipped point, a radius for a diameter.
+
+Where one sensor reads four times what is there, nothing else that the rig predicts is right, and everything seems to be
+missing. So before anything is searched, each gain is tried at the factors that a wrong number makes of it, and so is
+each parameter of the rig. A gain that explains most of what could be explained is where a search starts.
+"""
+
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dtbacklash.diagnose.engine.bench import Bench, Sizes
+from dtbacklash.diagnose.engine.exact import Model, Problem
+from dtbacklash.diagnose.engine.free import Key, nominal_free, taken_out
+from dtbacklash.diagnose.engine.motion import Motion
+from dtbacklash.diagnose.engine.zeros import zeroed
+from dtbacklash.diagnose.settings import DiagnoseSettings
+from dtbacklash.errors import UserError
+from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
+
+GAIN = "gain_error"
+#: of a gain: lines, edges and bits of an encoder, radians of a turn, a range
+GAINS = (2.0, 2.5, 4.0, 5.0, 2.0 * np.pi, 8.0, 10.0)
+#: of a parameter: a radius for a diameter, a slipped point, a prefix
+NUMBERS = (2.0, 10.0, 100.0, 1e3)
+#: a factor is what is wrong if it brings so much of what a perfect model would (share of -2 log likelihood)
+MOSTLY = 0.5
+#: a gain that is off by less is no wrong number (logarithm)
+LEAST = np.log(1.4)
+
+
+@dataclass(frozen=True)
+class Off:
+    """A gain (place, effect) or a parameter ("", name) that is off by a factor, the rig with it, and how likely."""
+
+    key: Key
+    factor: float
+    rig: Rig
+    sizes: Sizes
+    loss: float
+
+
+def begin(bench: Bench, rules: DiagnoseSettings) -> Off | None:
+    """The gain that is off by a factor, if one explains most of what the nominal rig lacks, and no parameter more.
+
+    Of several that nothing tells apart a sensor's; the amplifier's is none where a parameter does the same.
+    """
+    gains = near_best(bench, gains_off(bench, bench.nominal), rules.worth)
+    if not gains:
+        return None
+    sensors = [one for one in gains if one.key[0].startswith(SENSOR_PREFIX)]
+    best = [*sensors, *gains][0]
+    factors = {*NUMBERS, best.factor, 1.0 / best.factor}
+    near = near_best(bench, [best, *numbers_off(bench, bench.nominal, factors)], rules.worth)
+    return best if best in near and (sensors or len(near) == 1) else None
+
+
+def numbers_instead(bench: Bench, sizes: Sizes, model: Model, motion: Motion, worth: float) -> list[Off]:
+    """Parameters of the rig that, off by the factor of a gain of a model, do what it does; all else fitted anew.
+
+    sizes : of the model, on this bench. A gain that is off by less than a radius for a diameter has none.
+    """
+    found: list[Off] = []
+    for key in model.keys:
+        times = 1.0 + model.rig.effects[key[0]][key[1]]["relative"] if key[1] == GAIN else 1.0
+        if abs(np.log(times)) < LEAST:
+            continue
+        here = Problem(bench, model.rig, model.keys, motion, model.stiff).ladder(sizes, None, (1.0,))
+        others = [k for k in model.keys if k != key]
+        for name, value in _numbers(bench, bench.nominal).items() if here else ():
+            for factor in (times, 1.0 / times):
+                away = {name: factor * value}
+                there = replace(bench, nominal=bench.nominal.with_parameters(away))
+                rig = taken_out(model.rig, key).with_parameters(away)
+                m = Problem(there, rig, others, motion, model.stiff).ladder(sizes, None, (1.0, 0.1, 1.0))
+                if m is not None and here is not None and m.loss < here.loss + worth * bench.count:
+                    found.append(Off(("", name), factor, m.rig, m.sizes, m.loss))
+    return sorted(found, key=lambda one: one.loss)
+
+
+def _numbers(bench: Bench, rig: Rig) -> dict[str, float]:
+    """The parameters of a rig that have a tolerance."""
+    return {f.name: rig.config.parameters[f.name].value for f in nominal_free(bench.nominal) if not f.effect}
+
+
+def gains_off(bench: Bench, rig: Rig) -> list[Off]:
+    """Each gain of a sensor or an amplifier at its likeliest factor, if that explains most of what is missing."""
+    amplifier = rig.only("amplifier")
+    places = [*sorted(bench.sensors), *([amplifier.name] if amplifier else [])]
+    return _likely(bench, rig, (
+        ((place, GAIN), factor, rig.with_effect(place, GAIN, {"relative": factor - 1.0}))
+        for place in places if GAIN in rig.takes(place) and rig.effect(place, GAIN) is None
+        for one in GAINS for factor in (one, 1.0 / one)
+    ))  # fmt: skip
+
+
+def numbers_off(bench: Bench, rig: Rig, factors: Collection[float] = NUMBERS) -> list[Off]:
+    """The same of the rig's parameters."""
+    return _likely(bench, rig, (
+        (("", name), factor, rig.with_parameters({name: factor * value}))
+        for name, value in _numbers(bench, rig).items() for one in factors for factor in (one, 1.0 / one)
+    ))  # fmt: skip
+
+
+def _likely(bench: Bench, rig: Rig, tried: Iterator[tuple[Key, float, Rig]]) -> list[Off]:
+    found: dict[Key, Off] = {}
+    for key, factor, other in tried:
+        try:
+            there = zeroed(bench, other)
+            sizes, loss = bench.tuned(there)
+        except (UserError, np.linalg.LinAlgError):
+            continue
+        if key not in found or loss < found[key].loss:
+            found[key] = Off(key, factor, there, sizes, loss)
+    before = bench.tuned(rig)[1]
+    return [one for one in found.values() if before - one.loss > MOSTLY * max(before - bench.floor, 0.0)]
+
+
+def near_best(bench: Bench, found: Sequence[Off], worth: float) -> list[Off]:
+    """The likeliest, and what a name's worth does not tell from it: only ratios of some numbers show; best first."""
+    best = min((one.loss for one in found), default=0.0)
+    return sorted((one for one in found if one.loss <= best + worth * bench.count), key=lambda one: one.loss)
