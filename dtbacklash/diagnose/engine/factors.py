@@ -52,7 +52,7 @@ def begin(bench: Bench, rules: DiagnoseSettings) -> Off | None:
     sensors = [one for one in gains if one.key[0].startswith(SENSOR_PREFIX)]
     best = [*sensors, *gains][0]
     factors = {*NUMBERS, best.factor, 1.0 / best.factor}
-    near = near_best(bench, [best, *numbers_off(bench, bench.nominal, factors)], rules.worth)
+    near = near_best(bench, [best, *numbers_off(bench, bench.nominal, rules, factors)], rules.worth)
     return best if best in near and (sensors or len(near) == 1) else None
 
 
@@ -95,15 +95,17 @@ def gains_off(bench: Bench, rig: Rig) -> list[Off]:
     ))  # fmt: skip
 
 
-def numbers_off(bench: Bench, rig: Rig, factors: Collection[float] = NUMBERS) -> list[Off]:
-    """The same of the rig's parameters."""
+def numbers_off(bench: Bench, rig: Rig, rules: DiagnoseSettings, factors: Collection[float] = NUMBERS) -> list[Off]:
+    """The same of the rig's parameters; or those that earn what a name does, and clear the unknown force as it does."""
     return _likely(bench, rig, (
         (("", name), factor, rig.with_parameters({name: factor * value}))
         for name, value in _numbers(bench, rig).items() for one in factors for factor in (one, 1.0 / one)
-    ))  # fmt: skip
+    ), rules)  # fmt: skip
 
 
-def _likely(bench: Bench, rig: Rig, tried: Iterator[tuple[Key, float, Rig]]) -> list[Off]:
+def _likely(
+    bench: Bench, rig: Rig, tried: Iterator[tuple[Key, float, Rig]], rules: DiagnoseSettings | None = None
+) -> list[Off]:
     found: dict[Key, Off] = {}
     for key, factor, other in tried:
         try:
@@ -113,8 +115,14 @@ def _likely(bench: Bench, rig: Rig, tried: Iterator[tuple[Key, float, Rig]]) -> 
             continue
         if key not in found or loss < found[key].loss:
             found[key] = Off(key, factor, there, sizes, loss)
-    before = bench.tuned(rig)[1]
-    return [one for one in found.values() if before - one.loss > MOSTLY * max(before - bench.floor, 0.0)]
+    first, before = bench.tuned(rig)
+    mostly, most = MOSTLY * max(before - bench.floor, 0.0), bench.most_unknown(first)
+
+    def clears(one: Off) -> bool:
+        little = rules is not None and bench.most_unknown(one.sizes) < rules.clears * most
+        return little and rules is not None and before - one.loss > rules.worth * bench.count
+
+    return [one for one in found.values() if before - one.loss > mostly or clears(one)]
 
 
 def near_best(bench: Bench, found: Sequence[Off], worth: float) -> list[Off]:

@@ -18,7 +18,9 @@ def suspects(c: Conclusion) -> list[Off]:
     """Parameters that are off by a factor, the likeliest first: in the place of a gain, or of what no name explains."""
     search = c.search
     rig = search.begin.rig if search.begin else search.bench.nominal
-    return list(c.judged.numbers) or near_best(search.quick, numbers_off(search.quick, rig), search.rules.worth)
+    return list(c.judged.numbers) or near_best(
+        search.quick, numbers_off(search.quick, rig, search.rules), search.rules.worth
+    )
 
 
 def suspects_said(c: Conclusion, found: Sequence[Off]) -> str:
