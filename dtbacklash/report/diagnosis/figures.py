@@ -36,8 +36,7 @@ TURNS, SAMPLES_MIN = 16, 60
 def judged_figure(curve: Curve, unit: tuple[float, str], size: tuple[float, float] = WIDE) -> Figure:
     """The recording and the model before and after on the part that was not fitted, and below it what is left.
 
-    Args:
-        curve: one channel. unit: to draw it in, its size in SI and its name. size: of the figure, inch.
+    curve: one channel. unit: to draw it in, its size in SI and its name. size: of the figure, inch.
     """
     window = look(curve)
     part = (curve.t_s >= window[0]) & (curve.t_s <= window[1])
@@ -82,9 +81,8 @@ def look(curve: Curve) -> tuple[float, float]:
 def curve_figure(curve: Curve, model: str = "extended") -> Figure:
     """Signal above, what each model leaves unexplained below; left the whole record, right a closer look.
 
-    Args:
-        curve: one channel.
-        model: what to call the better model: ``extended`` or ``recalibrated``.
+    curve: one channel.
+    model: what to call the better model: ``extended`` or ``recalibrated``.
     """
     curve = replace(
         curve, nominal=_drawable(curve.nominal, curve.measured), extended=_drawable(curve.extended, curve.measured)

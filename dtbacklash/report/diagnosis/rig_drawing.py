@@ -135,10 +135,9 @@ class _Row:
 def draw_rig(rig: Rig, evidence: dict[str, float], labels: list[tuple[str, str]]) -> Figure:
     """The chain of elements, coloured by the evidence located at each.
 
-    Args:
-        rig: gives elements, their neighbours and the sensors.
-        evidence: element or ``sensor_<name>`` -> share, 0 to 1; what is not there stays white.
-        labels: (location, text of one or two lines) to be shown below their element; several at one are stacked.
+    rig: gives elements, their neighbours and the sensors.
+    evidence: element or ``sensor_<name>`` -> share, 0 to 1; what is not there stays white.
+    labels: (location, text of one or two lines) to be shown below their element; several at one are stacked.
     """
     names = chain(rig)
     rows_needed = -(-len(names) // PER_ROW)

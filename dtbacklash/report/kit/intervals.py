@@ -21,12 +21,11 @@ def interval(
 ) -> str:
     """A value, its 95 % interval and its unit.
 
-    Args:
-        value: SI.
-        ci95: the interval's two ends, SI; None, or an end that is None, NaN or infinite where it is open.
-        unit: SI unit as in the catalogue, ``1`` for a share.
-        plain: write it in letters that every terminal has.
-        size: chooses the unit's prefix, for values to be compared; None: the value itself.
+    value: SI.
+    ci95: the interval's two ends, SI; None, or an end that is None, NaN or infinite where it is open.
+    unit: SI unit as in the catalogue, ``1`` for a share.
+    plain: write it in letters that every terminal has.
+    size: chooses the unit's prefix, for values to be compared; None: the value itself.
     """
     low, high = (_end(end) for end in (ci95 if ci95 is not None else (None, None)))
     factor, shown = scaled(unit, value if size is None else size)

@@ -28,11 +28,10 @@ MOODS = {
 def render(title: str, lead: str, parts: Sequence[Part], badges: Sequence[tuple[str, str]] = ()) -> str:
     """A page of blocks; every text is escaped for HTML.
 
-    Args:
-        title: of the page, in one sentence what came out.
-        lead: a line below it.
-        parts: see :mod:`.blocks`.
-        badges: (text, class ``good``, ``fair``, ``warm`` or ``bad``) above the title.
+    title: of the page, in one sentence what came out.
+    lead: a line below it.
+    parts: see :mod:`.blocks`.
+    badges: (text, class ``good``, ``fair``, ``warm`` or ``bad``) above the title.
     """
     environment = Environment(
         loader=PackageLoader("dtbacklash.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,

@@ -66,9 +66,8 @@ def styled(draw: Callable[P, T]) -> Callable[P, T]:
 def panels(heights: list[float], sharex: bool = True) -> tuple[Figure, list[Axes]]:
     """A figure with one panel below the other.
 
-    Args:
-        heights: height of each panel [inch].
-        sharex: whether the panels share their x axis.
+    heights: height of each panel [inch].
+    sharex: whether the panels share their x axis.
     """
     figure = new_figure(sum(heights) + 0.4)
     axes = figure.subplots(len(heights), 1, sharex=sharex, squeeze=False, height_ratios=heights)[:, 0]
@@ -163,10 +162,9 @@ def envelope(t: ArrayLike, y: ArrayLike, bins: int = 1200) -> tuple[NDArray[np.f
     On paper a line through them cannot be told from a line through all samples, as long as a bin is no wider
     than a pixel or two.
 
-    Args:
-        t: times, shape (n,).
-        y: values, shape (n,). A NaN in a bin stays a NaN there, which leaves a gap in the line.
-        bins: number of stretches.
+    t: times, shape (n,).
+    y: values, shape (n,). A NaN in a bin stays a NaN there, which leaves a gap in the line.
+    bins: number of stretches.
 
     Returns:
         Times and values, at most 2*bins + 2 of each; first and last sample are kept. With n <= 2*bins: all.

@@ -25,13 +25,12 @@ def response_and_voltage(
 ) -> Figure:
     """Step response and control voltage (Figures 4 and 6), with overshoot, settling time and peak marked.
 
-    Args:
-        t_s: times [s], shape (n,); the step comes at t_s[0], from rest at 0 mm.
-        q3_mm: position of the top mass [mm], shape (n,).
-        u_v: control voltage [V], shape (n,).
-        found: what the step did, by `metrics.step_metrics` or a row of the moves.
-        target_mm: size of the step [mm].
-        band: settling band as a share of the step.
+    t_s: times [s], shape (n,); the step comes at t_s[0], from rest at 0 mm.
+    q3_mm: position of the top mass [mm], shape (n,).
+    u_v: control voltage [V], shape (n,).
+    found: what the step did, by `metrics.step_metrics` or a row of the moves.
+    target_mm: size of the step [mm].
+    band: settling band as a share of the step.
     """
     t, q3, u = (np.asarray(a, dtype=float) for a in (t_s, q3_mm, u_v))
     figure, (top, bottom) = panels([2.9, 2.4])
@@ -93,11 +92,10 @@ def _mark_settling(ax: Axes, t0: float, settling_s: float, band: float, target: 
 def play_figure(t_s: ArrayLike, theta_m_deg: ArrayLike, theta_d_deg: ArrayLike, gap_deg: float) -> Figure:
     """Input and output of the play over time and against each other (Figure 7).
 
-    Args:
-        t_s: times [s], shape (n,).
-        theta_m_deg: motor angle [deg], shape (n,).
-        theta_d_deg: angle of the lead screw [deg], shape (n,).
-        gap_deg: gap angle, the half-width of the play [deg]; the lag marked is twice this.
+    t_s: times [s], shape (n,).
+    theta_m_deg: motor angle [deg], shape (n,).
+    theta_d_deg: angle of the lead screw [deg], shape (n,).
+    gap_deg: gap angle, the half-width of the play [deg]; the lag marked is twice this.
     """
     t, motor, screw = (np.asarray(a, dtype=float) for a in (t_s, theta_m_deg, theta_d_deg))
     figure, (left, right) = panels([2.6, 4.2], sharex=False)
@@ -133,10 +131,9 @@ def play_figure(t_s: ArrayLike, theta_m_deg: ArrayLike, theta_d_deg: ArrayLike, 
 def gap_scenario(trace: pd.DataFrame, estimates: pd.DataFrame | None = None) -> Figure:
     """Reference and output above, actual and estimated gap below (Figures 8, 10, 13).
 
-    Args:
-        trace: columns `t_s, r_mm, q3_mm, gap_deg, gap_hat_deg`. The estimate is drawn unless it is 0 or NaN
-            throughout (a controller without a model of the gap).
-        estimates: table of estimations, marked as accepted or rejected; None or empty: no marks.
+    trace: columns `t_s, r_mm, q3_mm, gap_deg, gap_hat_deg`. The estimate is drawn unless it is 0 or NaN
+        throughout (a controller without a model of the gap).
+    estimates: table of estimations, marked as accepted or rejected; None or empty: no marks.
     """
     figure, axes = panels([2.7, 2.3])
     response_panel(axes[0], trace)
@@ -150,10 +147,9 @@ def gap_scenario(trace: pd.DataFrame, estimates: pd.DataFrame | None = None) -> 
 def novelty_scenario(trace: pd.DataFrame, estimates: pd.DataFrame | None, threshold_mm: float) -> Figure:
     """As `gap_scenario`, and below it the novelty index with its threshold and the events (Figure 14).
 
-    Args:
-        trace: columns `t_s, r_mm, q3_mm, gap_deg, gap_hat_deg, novelty_mm`.
-        estimates: table of estimations; each is an event.
-        threshold_mm: index above which an event is raised [mm].
+    trace: columns `t_s, r_mm, q3_mm, gap_deg, gap_hat_deg, novelty_mm`.
+    estimates: table of estimations; each is an event.
+    threshold_mm: index above which an event is raised [mm].
     """
     figure, axes = panels([2.5, 2.1, 1.8])
     response_panel(axes[0], trace)

@@ -52,12 +52,11 @@ METHODS = [
 def write(claims: pd.DataFrame, figures: dict[str, Path], folder: Path) -> None:
     """Write `report.html` into `folder`.
 
-    Args:
-        claims: columns `claim, section, paper, ours, tolerance, pass` and `reason` (why this tolerance, or why the
-            claim fails).
-        figures: name -> PNG in the order to be shown. A name that ends in the number of one of the paper's
-            figures gets that caption, any other is its own caption.
-        folder: an existing folder.
+    claims: columns `claim, section, paper, ours, tolerance, pass` and `reason` (why this tolerance, or why the
+        claim fails).
+    figures: name -> PNG in the order to be shown. A name that ends in the number of one of the paper's
+        figures gets that caption, any other is its own caption.
+    folder: an existing folder.
     """
     failed = failures(claims)
     done = f"{len(claims) - len(failed)} of {len(claims)}"

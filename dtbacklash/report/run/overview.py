@@ -41,12 +41,11 @@ def run_overview(
 ) -> Figure:
     """Everything over time; the panels follow what the run has.
 
-    Args:
-        trace: columns `t_s, r_mm, q3_mm, u_v, gap_deg, gap_hat_deg, novelty_mm`.
-        estimates: table of estimations, may be empty.
-        moves: `metrics.move_table` of the trace; if it is empty the tracking error gets a panel.
-        threshold_mm: novelty threshold [mm] if the novelty index triggers the twin, else None (no panel).
-        indexes: further indexes: title, column of the trace, thresholds, unit.
+    trace: columns `t_s, r_mm, q3_mm, u_v, gap_deg, gap_hat_deg, novelty_mm`.
+    estimates: table of estimations, may be empty.
+    moves: `metrics.move_table` of the trace; if it is empty the tracking error gets a panel.
+    threshold_mm: novelty threshold [mm] if the novelty index triggers the twin, else None (no panel).
+    indexes: further indexes: title, column of the trace, thresholds, unit.
     """
     chosen: list[Panel] = [("reference and output", 2.5, lambda ax: response_panel(ax, trace))]
     if moves.empty:
@@ -68,9 +67,8 @@ def run_overview(
 def open_overview(trace: pd.DataFrame, signals: list[dict[str, Any]]) -> Figure:
     """An open-loop run over time: the command, then what each sensor shows, then the gap if there is one.
 
-    Args:
-        trace: columns `t_s, gap_deg` and those that `signals` names.
-        signals: `signal, column, unit, of, quantity, rms` of the command and of each sensor, as in a run's summary.
+    trace: columns `t_s, gap_deg` and those that `signals` names.
+    signals: `signal, column, unit, of, quantity, rms` of the command and of each sensor, as in a run's summary.
     """
     height = 1.7 if len(signals) <= 4 else 1.3
     chosen: list[Panel] = [(_signal_title(s), height, partial(_signal_panel, trace=trace, signal=s)) for s in signals]
@@ -117,10 +115,9 @@ def moves_overlay(trace: pd.DataFrame, moves: pd.DataFrame, band: float = 0.01) 
 
     Left the whole response, right a closer look at the target with the settling band.
 
-    Args:
-        trace: columns `t_s, q3_mm, gap_deg`.
-        moves: `metrics.move_table` of the trace, at least one row.
-        band: settling band as a share of the move.
+    trace: columns `t_s, q3_mm, gap_deg`.
+    moves: `metrics.move_table` of the trace, at least one row.
+    band: settling band as a share of the move.
     """
     t, q3, gap = (trace[name].to_numpy(dtype=float) for name in ("t_s", "q3_mm", "gap_deg"))
     begins = np.searchsorted(t, moves["t_s"].to_numpy() - 1e-9)

@@ -48,12 +48,11 @@ ONE_MOVE = (
 def write(result: Any, moves: pd.DataFrame, folder: Path) -> None:
     """Write `figures/*.png` (unless `config.figures` is false) and `report.html` into `folder`.
 
-    Args:
-        result: a `RunResult`: `config`, `trace`, `estimates`, `summary`, `design`. Of the summary the page uses
-            `tracking_rms_mm`, `peak_voltage_v`, `signals`, `n_accepted`, `n_attempts` and, where they are there,
-            `command` (repeats the run), `versions`, `seed` and `wall_s`.
-        moves: `metrics.move_table` of the trace.
-        folder: an existing folder.
+    result: a `RunResult`: `config`, `trace`, `estimates`, `summary`, `design`. Of the summary the page uses
+        `tracking_rms_mm`, `peak_voltage_v`, `signals`, `n_accepted`, `n_attempts` and, where they are there,
+        `command` (repeats the run), `versions`, `seed` and `wall_s`.
+    moves: `metrics.move_table` of the trace.
+    folder: an existing folder.
     """
     opened = is_open(result.config)
     figures = _draw(result, moves, folder / "figures") if result.config.figures else {}

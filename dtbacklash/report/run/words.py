@@ -37,10 +37,9 @@ def as_yaml(value: Any) -> str:
 def in_words(meaning: str, settings: Any, unit: str = "") -> str:
     """A meaning of :mod:`dtbacklash.config.choices` with the settings beside it filled in.
 
-    Args:
-        meaning: the template.
-        settings: the dataclass of which its names are fields.
-        unit: the reference's unit.
+    meaning: the template.
+    settings: the dataclass of which its names are fields.
+    unit: the reference's unit.
     """
     plain_ones = {f.name: getattr(settings, f.name) for f in fields(settings)}
     values = {name: number(v, DIGITS) for name, v in plain_ones.items() if not isinstance(v, (list, dict))}

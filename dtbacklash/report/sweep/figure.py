@@ -48,11 +48,10 @@ class Swept:
 def draw(table: pd.DataFrame, axes: list[str], path: Path) -> Path:
     """Draw the sweep and write the PNG to ``path``.
 
-    Args:
-        table: one row a job. Columns: the swept keys, `overshoot_pct_max`, `settling_time_s_max` (NaN: not
-            settled), `n_estimations`, and `status` (what is not "done" has failed).
-        axes: names of the swept keys, in the order to be read; may be empty.
-        path: PNG to write.
+    table: one row a job. Columns: the swept keys, `overshoot_pct_max`, `settling_time_s_max` (NaN: not
+        settled), `n_estimations`, and `status` (what is not "done" has failed).
+    axes: names of the swept keys, in the order to be read; may be empty.
+    path: PNG to write.
     """
     return save(sweep_figure(table, axes), path)
 

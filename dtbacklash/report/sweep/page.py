@@ -40,13 +40,12 @@ CAPTION = (
 def write(folder: Path, table: pd.DataFrame, axes: list[str]) -> None:
     """Write `report.html` into the folder of a sweep, at once.
 
-    Args:
-        folder: where the jobs' folders are; its `sweep.png` is shown, or drawn if it is not there yet and the table has
-            something to draw.
-        table: one row a job. Columns: the swept keys, results (numbers, or words), `status` (see `figure.draw`),
-            `error` (why it failed), and `folder`: the name of the job's folder within `folder`, to which the page
-            links if there is a report.
-        axes: names of the swept keys, in the order to be read; may be empty.
+    folder: where the jobs' folders are; its `sweep.png` is shown, or drawn if it is not there yet and the table has
+        something to draw.
+    table: one row a job. Columns: the swept keys, results (numbers, or words), `status` (see `figure.draw`),
+        `error` (why it failed), and `folder`: the name of the job's folder within `folder`, to which the page
+        links if there is a report.
+    axes: names of the swept keys, in the order to be read; may be empty.
     """
     failed = table["status"] != "done"
     axes = [name for name in axes if name in table]
