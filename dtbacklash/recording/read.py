@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping as Dict
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
@@ -75,40 +76,29 @@ def read_pair(
     source: str | Path,
     validation: str | Path | None = None,
     share: float = 0.3,
-    *,
-    path: str | None = None,
-    rig: Rig | None = None,
-    sample_time_s: float | None = None,
-    units: Dict[str, str] | None = None,
-    trust_units: bool = False,
-    command: str | None = None,
-    rows: Sequence[int] | None = None,
+    **how: Any,
 ) -> tuple[Recording, Recording]:
     """Read what to fit and what to judge on.
 
     To judge on is ``validation`` (a file like ``source``, or a mapping's name or part); without it the last
-    ``share`` of the recording. The other arguments are those of :func:`read_recording` and hold for both.
+    ``share`` of the recording. how : the other arguments of :func:`read_recording`, which hold for both.
 
     Raises
     ------
     UserError : as :func:`read_recording`; for the second recording with the key ``validation``.
     """
-    recording = read_recording(
-        source, path=path, rig=rig, sample_time_s=sample_time_s, units=units, trust_units=trust_units, command=command,
-        rows=rows,
-    )  # fmt: skip
+    recording = read_recording(source, **how)
     if validation is None:
         return split(recording, share)
     name = str(source).partition(":")[0]
     mapping = mapping_of(str(source))
     own = mapping is not None and (Path(str(validation)).is_file() or str(validation) in mapping.files)
     try:
-        held_out = read_recording(
-            validation, name if own else None, part="" if own else None, rig=rig, sample_time_s=sample_time_s,
-            units=units, trust_units=trust_units, command=command, rows=rows,
-        )  # fmt: skip
+        alike = {**how, "path": None, "part": "" if own else None}
+        held_out = read_recording(validation, name if own else None, **alike)
     except UserError as error:
         raise UserError("validation", validation, error.allowed) from error
+    rig = how.get("rig")
     check_alike(recording, held_out, None if rig is None else rig.sensors, validation)
     return recording, held_out
 
@@ -116,14 +106,9 @@ def read_pair(
 def _checked(rows: Sequence[int] | None) -> tuple[int, int] | None:
     if rows is None:
         return None
-    if (
-        not isinstance(rows, Sequence)
-        or len(rows) != 2
-        or any(type(end) is not int for end in rows)
-        or not 0 <= rows[0] < rows[1]
-    ):
-        allowed = "must be [first row, row after the last], counted from 0"
-        raise UserError("recording.rows", rows, allowed)
+    good = isinstance(rows, Sequence) and len(rows) == 2 and all(type(end) is int for end in rows)
+    if not good or not 0 <= rows[0] < rows[1]:
+        raise UserError("recording.rows", rows, "must be [first row, row after the last], counted from 0")
     return rows[0], rows[1]
 
 
@@ -148,23 +133,9 @@ def _read(
     picked = mapped(table, mapping, part or "", rig, units) if mapping else plain(table, rig, units)
     command = command or (mapping.command if mapping else HELD)
     found = clean(picked, rig, table.notes, command, sample_time_s)
+    about = {key: getattr(mapping, key) for key in ("citation", "licence", "rig")} if mapping else {}
+    splits = dict(mapping.parts) if mapping else {}
+    name = mapping.name if mapping else file.name
     return Recording(
-        name=mapping.name if mapping else file.name,
-        source=file,
-        sample_time_s=found.sample_time_s,
-        t_s=found.t_s,
-        channels=found.channels,
-        units=found.units,
-        notes=found.notes,
-        citation=mapping.citation if mapping else "",
-        licence=mapping.licence if mapping else "",
-        rig=mapping.rig if mapping else None,
-        splits=dict(mapping.parts) if mapping else {},
-        part=part or "",
-        command=command,
-        assumed_units=found.assumed_units,
-        stretches=found.stretches,
-        trust_units=trust_units,
-        columns=found.columns,
-        straight=found.straight,
+        name, file, part=part or "", command=command, trust_units=trust_units, splits=splits, **about, **vars(found)
     )
