@@ -78,11 +78,6 @@ class Conclusion:
         rules = self.search.rules
         return self.left < rules.left and (self.left < rules.clears * self.before or self.left < rules.much)
 
-    @property
-    def shows(self) -> bool:
-        """Whether a free run of the extended rig errs by more than its sensors' noise and counts."""
-        return self.seen.errs_by_more(self.model.rig, [s.predictor.readings.noise for s in self.seen.stretches])
-
     @cached_property
     def moved(self) -> dict[str, tuple[float, float]]:
         """Title of a known parameter that had to move -> (value, standard error).
@@ -154,7 +149,8 @@ class Conclusion:
             return UNEXPLAINED
         if named:
             return MISSING if enough or (self.sure and self.explains) else UNEXPLAINED
-        if self.left > MISSED * rules.much and not enough and self.shows and not self.seen.unlogged(self.model.rig):
+        rig, missed = self.model.rig, self.left > MISSED * rules.much and not enough
+        if missed and self.seen.shows(rig) and not self.seen.unlogged(rig):
             return UNEXPLAINED
         return PARAMETERS if self.moved else CONSISTENT
 

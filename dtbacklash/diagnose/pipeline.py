@@ -212,8 +212,7 @@ class _Course:
     def _at_rates(self, search: Search) -> Search:
         """The search at the rate of the motion; at faster ones where much force stays unknown."""
         while True:
-            now = search.now
-            if Seen(search.bench, self.records, self.every, now.rig, now.sizes).unlogged(now.rig):
+            if self._seen(search).unlogged(search.now.rig):
                 self.search = search  # whatever would be found may be what is not in the log
                 return search
             if self.search is None and self.depth != NONE:
@@ -233,12 +232,16 @@ class _Course:
             self.tell("looking closer, at a faster rate", 0.3)
             search = self._begun(self.records)
 
+    def _seen(self, search: Search) -> Seen:
+        """All records, as the search's present model sees them."""
+        return Seen(search.bench, self.records, self.every, search.now.rig, search.now.sizes)
+
     def _moves_by_itself(self, search: Search) -> None:
         """Look for what explains most where no command drives; raises _Undriven where hardly anything does."""
         search.most = 1
         search.grow()
         left, names = search.unknown(search.now), search.now.keys or ((search.likely,) if search.likely else ())
-        if left > UNDRIVEN and not search.too_coarse:
+        if left > UNDRIVEN and not search.too_coarse and self._seen(search).shows(search.now.rig):
             raise _Undriven(names, left)
         search.most = MOST
 

@@ -153,10 +153,13 @@ class Seen:
             return True
         return any(bool((np.nanstd(e, axis=0) > TIMES * m).any()) for e, m in zip(errors, most, strict=True))
 
+    def shows(self, rig: Rig) -> bool:
+        """Whether a free run errs by more than its sensors' noise and counts."""
+        return self.errs_by_more(rig, [s.predictor.readings.noise for s in self.stretches])
+
     def unlogged(self, rig: Rig) -> bool:
         """Whether a free run errs by about as much as what a command did between its logged values makes it err."""
-        noises = [s.predictor.readings.noise for s in self.stretches]
-        if all(s.record.otherwise is None for s in self.stretches) or not self.errs_by_more(rig, noises):
+        if all(s.record.otherwise is None for s in self.stretches) or not self.shows(rig):
             return False
         most = [_between(rig, s) for s in self.stretches]
         return self.errs_by_more(rig, [m / TIMES**2 for m in most]) and not self.errs_by_more(rig, most)
