@@ -126,3 +126,28 @@ def test_mistakes_end_in_one_line(words, said, tmp_path, monkeypatch, capsys):
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert line.startswith(f"dtb: error: {said}")
     assert not (tmp_path / "found").exists()
+
+
+@pytest.mark.nightly
+def test_three_files_lead_to_a_controller_that_uses_the_result(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    section = DOCS.read_text(encoding="utf-8").partition("### From three files to a controller")[2]
+    *runs, diagnose, nominal, found = [
+        shlex.split(line, comments=True)[1:]
+        for line in section.partition("```sh\n")[2].partition("```")[0].splitlines()
+    ]
+    for number, words in enumerate(runs):
+        assert cli.main([*words, f"out=run_{number}"]) == 0
+    assert cli.main(diagnose) == 0
+    said = json.loads((tmp_path / "found" / "diagnosis.json").read_text(encoding="utf-8"))
+    (friction,) = [f for f in said["findings"] if f["confidence"] == "sure"]
+    assert (friction["location"], friction["effect"]) == ("motor_bearing", "coulomb_friction")
+    assert friction["parameters"]["torque"]["value"] == pytest.approx(0.02, rel=0.05)
+    assert len(friction["stands"]["size"]["recordings"]) == 3
+    assert min(friction["stands"]["size"]["recordings"]) > 1.0
+    overshoots = []
+    for words, folder in ((nominal, "nominal"), (found, "told")):
+        assert cli.main([*words, f"out={folder}"]) == 0
+        summary = json.loads((tmp_path / folder / "summary.json").read_text(encoding="utf-8"))
+        overshoots.append(summary["overshoot_pct_max"])
+    assert overshoots[1] < 0.5 * overshoots[0]

@@ -15,6 +15,7 @@ from dtbacklash.diagnose.engine.exact import STEP_MAX, Model, Problem
 from dtbacklash.diagnose.engine.free import Key
 from dtbacklash.diagnose.engine.motion import Motion
 from dtbacklash.diagnose.engine.values import inverse
+from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 
 #: what the others show of a parameter, at least (share of its column's square): else it stays as all have it
@@ -67,6 +68,9 @@ def _left(bench: Bench, rigs: Mapping[int, Rig], sizes: Sizes) -> Floats:
     for k, rig in rigs.items():
         own = [(p, s) for p, s in zip(bench.predictors, sizes, strict=True) if p.readings.recording == k]
         alone = Bench(bench.nominal, tuple(p for p, _ in own))
-        rows = alone.rows(rig, alone.gains(rig, tuple(s for _, s in own)))
+        try:
+            rows = alone.rows(rig, alone.gains(rig, tuple(s for _, s in own)))
+        except (UserError, np.linalg.LinAlgError):
+            rows = None
         found.append(np.inf if rows is None else float(np.sqrt(np.mean(rows**2))))
     return np.array(found)

@@ -103,7 +103,7 @@ def _curves(rig: Rig, number: int, record: Record) -> list[Compared]:
             continue
         if free and rig.sensors[channel].quantity == "position":
             nominal = nominal + measured[0] - nominal[0]
-        name = channel if number == 0 else f"{channel} (recording {number + 1})"
+        name = channel if number == 0 else f"{channel} ({record.name or number + 1})"
         from_s = float(t_s[held[0]]) if held.size else None
         curve = Curve(name, rig.sensors[channel].unit, t_s, measured, nominal, nominal, from_s)
         found.append((record, channel, curve))
