@@ -9,6 +9,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.readings import noise_of
 from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.errors import UserError
+from dtbacklash.physics.mjcf import steps_roughly
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.mapping import Channel
 from dtbacklash.recording.model import Recording
@@ -32,7 +33,8 @@ SMOOTH = "The command is a measured signal: it passes smoothly through its sampl
 AFTER = "What senses acceleration was read just after the command had stepped, not just before."
 
 STRAIGHT = "The command goes straight from each logged value to the next instead of being held."
-COURSES = (SMOOTH, AFTER, STRAIGHT)
+STEPPED = "The log follows the model's own steps, which move positions half a step early: a simulation made it."
+COURSES = (SMOOTH, AFTER, STRAIGHT, STEPPED)
 UNLOGGED = "what the command may have done between its logged values, which this log does not hold"
 
 UNCOMMANDED = "Nothing was commanded (u is 0): the state in which it begins is all that moves the machine."
@@ -49,7 +51,8 @@ class Record:
     that are held out. from_s : time of its first sample since the recording began, s. recording, name : number, from 0,
     and name of the recording that it is or belongs to. at_once : (N,) the command that a sensor of acceleration shows;
     None: that which was held until then. columns : channel -> what it was read from. otherwise : (N,) the command as it
-    may as well have been between its logged values; None where all of it was logged.
+    may as well have been between its logged values; None where all of it was logged. as_stepped : whether a simulator's
+    own steps made it, as they are.
     """
 
     sample_time_s: float
@@ -64,6 +67,7 @@ class Record:
     columns: dict[str, Channel] = field(default_factory=dict)
     otherwise: Floats | None = None
     inputs: Floats | None = None
+    as_stepped: bool = False
 
     @property
     def samples(self) -> int:
@@ -170,6 +174,8 @@ def _end(values: Floats) -> int:
 
 def ways_to_read(records: list[Record], rig: Rig) -> dict[str, list[Record]]:
     """What is said -> the same records with another course of the command between its samples, where it matters."""
+    if rig.config.model:
+        return {STEPPED: [replace(r, as_stepped=True) for r in records]} if steps_roughly(rig.config) else {}
     found = {}
     if any(r.otherwise is not None for r in records):
         found[STRAIGHT] = [r if r.otherwise is None else replace(r, u=r.otherwise, otherwise=r.u) for r in records]

@@ -79,7 +79,7 @@ def predictor_of(rig: Rig, record: Record, every: int) -> Predictor:
     at_once, number = record.at_once, record.recording
     found = readings(record.u, y, channels, record.sample_time_s, every, imposed, at_once, number)
     if rig.config.model:
-        return Predictor(rig, Stepped(replace(found, inputs=record.inputs), rig))
+        return Predictor(rig, Stepped(replace(found, inputs=record.inputs, as_stepped=record.as_stepped), rig))
     return Predictor(rig, Simulated(found))
 
 

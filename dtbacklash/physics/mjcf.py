@@ -246,6 +246,12 @@ def _set_first(joint: Any, number: str, value: float) -> None:
         there[0] = value
 
 
+def steps_roughly(config: RigConfig) -> bool:
+    """Whether a rig's model is stepped by a method of first order, unlike a machine."""
+    method = _mujoco(config.model).mjtIntegrator.mjINT_RK4
+    return bool(model_of(config).opt.integrator != method)
+
+
 def steps_of(model: mujoco.MjModel, path: str, sample_time_s: float) -> int:
     """How many of the model's steps make a sample.
 

@@ -2,8 +2,9 @@
 
 Positions and speeds of its joints are the states. Between two readings the model takes its own steps, contacts and
 limits as they are, by the Runge-Kutta method: a semi-implicit step shows positions half a step too early, which a
-predictor takes for late sensors. Dry friction is MuJoCo's own (``frictionloss``), as hard as its step allows; efforts
-are held over a step, at the positions in its middle. Gains and columns are those of the model about its mean position.
+predictor takes for late sensors; it is taken where readings are ``as_stepped``. Dry friction is MuJoCo's own
+(``frictionloss``), as hard as its step allows; efforts are held over a step, at the positions in its middle. Gains and
+columns are those of the model about its mean position.
 """
 
 import copy
@@ -171,11 +172,13 @@ class Stepped(Simulated):
         """Model and data, which have to be kept, with what the loops need of a rig; ``bare``: without laws that are not
         linear."""
         mj, m, r = self._mj, copy.copy(self._nominal), self.readings
-        m.opt.integrator = mj.mjtIntegrator.mjINT_RK4
         unused = mj.mjtDisableBit
         m.opt.disableflags |= unused.mjDSBL_AUTORESET | unused.mjDSBL_SENSOR | unused.mjDSBL_ISLAND
         rough = bare or not any(rig.active(p, slots.Contact) for p in rig.elements)
-        held = FINE * self._own if self.finely else max(math.ceil(self._own / ROUGH), 1) if rough else self._own
+        held = self._own
+        if not r.as_stepped:
+            m.opt.integrator = mj.mjtIntegrator.mjINT_RK4
+            held = FINE * held if self.finely else max(math.ceil(held / ROUGH), 1) if rough else held
         m.opt.timestep = r.sample_time_s / r.every / held
         changed = {t: p.value for t, p in rig.config.parameters.items() if p.value != number_of(self._nominal, t)}
         for title, value in changed.items():

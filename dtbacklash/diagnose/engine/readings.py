@@ -40,7 +40,8 @@ class Readings:
     whether it reads in counts. recorded : (M,) the command as recorded, for laws of the amplifier, which act
     before anything is averaged. step : (N,) what a sensor of acceleration shows of the command at once, beyond that of
     the sample before; empty where nothing. recording : the number of the one that it belongs to, from 0.
-    inputs : (M, commands) those of a simulator's model as recorded; None: u alone.
+    inputs : (M, commands) those of a simulator's model as recorded; None: u alone. as_stepped : whether its own steps
+    made the recording, as they are.
     opened : by how much the gear's half-gap was wider than the rig's, rad.
     """
 
@@ -57,6 +58,7 @@ class Readings:
     recording: int = 0
     opened: float = 0.0
     inputs: Floats | None = None
+    as_stepped: bool = False
 
     @property
     def count(self) -> int:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from dtbacklash.diagnose.records import records_of
+from dtbacklash.diagnose.records import STEPPED, records_of, ways_to_read
 from dtbacklash.diagnose.seen import bench_of
 from dtbacklash.errors import UserError
 from dtbacklash.face.rigs import load_rig
@@ -61,10 +62,11 @@ def answered(u: np.ndarray, inertia: float, damping: float, level: float = 0.0) 
     return found[:, 0], found[:, 1]
 
 
-def passed(rig, columns: dict[str, np.ndarray], every: int = 1) -> dict[str, np.ndarray]:
+def passed(rig, columns: dict[str, np.ndarray], every: int = 1, way: str = "") -> dict[str, np.ndarray]:
     """Channel -> (N,) what a free run of the model leaves of it."""
     frame = pd.DataFrame({"t": STEP_S * np.arange(N), **columns})
     records = records_of(Recording.from_frame(frame, rig=rig), rig, True, False)
+    records = {"": records, **ways_to_read(records, rig)}[way]
     predictor = bench_of(rig, records, [every]).predictors[0]
     gains = predictor.gains(rig, predictor.first_sizes())
     gains.K[:] = 0.0
@@ -184,3 +186,18 @@ def test_averaged_readings_are_predicted_by_commands_that_are_averaged_alike(rig
     # the first mean is not the first position: what is left is a start that drifts by it
     assert np.abs(np.diff(left["angle"])).max() < 1e-3 * np.ptp(angle)
     assert np.abs(np.diff(left["way"])).max() < 1e-3 * np.ptp(way)
+
+
+def test_a_log_that_a_simulation_made_follows_its_own_steps(rig):
+    spin, push = commands()
+    m = mujoco.MjModel.from_xml_path(rig.config.model)
+    d, found = mujoco.MjData(m), np.zeros((N, 2))
+    for k in range(N):
+        found[k], d.ctrl[:] = d.qpos, (spin[k], push[k])
+        mujoco.mj_step(m, d, nstep=2)
+    columns = {"torque": spin, "push": push, "angle": found[:, 0], "way": found[:, 1]}
+    assert np.abs(passed(rig, columns, way=STEPPED)["angle"]).max() < 1e-10
+    assert np.abs(passed(rig, columns)["angle"]).max() > 1e-4
+    runge = Path(rig.config.model).with_name("runge.xml")
+    runge.write_text(MODEL.format(step=2e-3).replace("<option", '<option integrator="RK4"'))
+    assert not ways_to_read([], load_rig({**RIG, "model": str(runge)}))
