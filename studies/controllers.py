@@ -131,8 +131,10 @@ def draw(moves: pd.DataFrame, path: Path) -> None:
     """Overshoot and settling time of each move over the gap at its beginning: the median of the noises, and all."""
     figure = new_figure(4.4)
     left, right = figure.subplots(1, 2)
-    for (name, own), colour, marker in zip(moves.groupby("what", sort=False), SERIES, MARKERS, strict=False):
-        style = {"color": colour, "marker": marker, "ms": 5, "lw": 1.4, "label": name}
+    for i, (name, own) in enumerate(moves.groupby("what", sort=False)):
+        colour, again = SERIES[i % len(SERIES)], i // len(SERIES)  # more of them than colours: those again, with dashes
+        style = {"color": colour, "marker": MARKERS[(i + again) % len(MARKERS)], "ms": 5, "lw": 1.4, "label": name,
+                 "ls": "--" if again else "-"}  # fmt: skip
         for ax, column in ((left, "overshoot_pct"), (right, "settling_time_s")):
             found = own.groupby("gap_deg")[column]
             ax.plot(found.median().index, found.median(), **style)
