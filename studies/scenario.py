@@ -11,7 +11,8 @@ from dtbacklash.arrays import Floats
 from dtbacklash.config.compose import compose
 from dtbacklash.config.run import RunConfig
 from dtbacklash.control.belief import beliefs_of, design_for, settled
-from dtbacklash.control.design import ControllerDesign, MotorParameters, StructureParameters
+from dtbacklash.control.chain import MotorParameters, StructureParameters
+from dtbacklash.control.design import ControllerDesign
 from dtbacklash.control.laws import Controller, build_controller, new_controller_state
 from dtbacklash.experiment import loop
 from dtbacklash.experiment.run import RunResult, run_scenario

@@ -13,14 +13,15 @@ from dataclasses import dataclass, replace
 from dtbacklash import units
 from dtbacklash.config.rig import RigConfig, of_the_model
 from dtbacklash.config.run import RunConfig, SensorsConfig
-from dtbacklash.control.chain import driven_chain, motor_parameters, structure_parameters
-from dtbacklash.control.design import (
-    ControllerDesign,
+from dtbacklash.control.chain import (
     MotorParameters,
     StructureParameters,
-    design_controller,
     dominant_frequency,
+    driven_chain,
+    motor_parameters,
+    structure_parameters,
 )
+from dtbacklash.control.design import ControllerDesign, design_controller
 from dtbacklash.control.linear_law import LinearLaw
 from dtbacklash.control.margins import DesignedLoop
 from dtbacklash.control.own_law import read_law

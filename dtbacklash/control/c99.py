@@ -11,14 +11,13 @@ from dtbacklash.arrays import Floats
 from dtbacklash.control.handover import rests
 from dtbacklash.control.laws import (
     CATCHING_MOST,
-    FOUND_V,
     NEAR_RAD,
-    SEARCH_STEPS,
     SMALL_GAP_RAD,
     Controller,
     control_step,
     new_controller_state,
 )
+from dtbacklash.control.linear_law import FOUND_V, SEARCH_STEPS
 
 HEAD = """/* {about}
  *

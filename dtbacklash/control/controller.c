@@ -1,4 +1,4 @@
-/* The law: dtbacklash/control/laws.py, line by line. C99, no library but math.h, no memory that is asked for. */
+/* The law: dtbacklash/control/laws.py and linear_law.py, line by line. C99, no library but math.h, no memory that is asked for. */
 
 #define IMC 0
 #define NIMC 1

@@ -36,12 +36,10 @@ from dtbacklash.compiled import inlined
 from dtbacklash.config.run import ControllerConfig
 from dtbacklash.control.belief import FeedForward
 from dtbacklash.control.design import ControllerDesign
-from dtbacklash.control.linear_law import LinearLaw
+from dtbacklash.control.linear_law import LinearLaw, advance_model, limited, linear_step, output, search_lengths
 from dtbacklash.physics.effects.play import play
 
 IMC, NIMC, OPEN_LOOP, LINEAR = 0, 1, 2, 3
-#: steps towards the moves of a predictive law in a sample, at most, and the change, V, below which none follows
-SEARCH_STEPS, FOUND_V = 60, 1e-9
 BARE, MEASURED, INNER_LOOP, EXACT, INVERSE = 0, 1, 2, 3, 4
 _STRUCTURES = {"imc": IMC, "nimc": NIMC, "open_loop": OPEN_LOOP}  # all others are linear
 _MODELS = {"bare": BARE, "measured": MEASURED, "inner_loop": INNER_LOOP, "exact": EXACT, "inverse": INVERSE}
@@ -145,7 +143,7 @@ def build_controller(
     known = np.array(astuple(forward or FeedForward()))
     limit = math.inf if config.limit_v is None else config.limit_v
     law = (design.law if design else None) or LinearLaw(*(np.zeros(n) for n in ((0, 0), (0, 3), 0, 3, 0)))
-    laws = law.A, law.B, law.C, law.D, law.E, law.H, law.F, _search(law.H)
+    laws = law.A, law.B, law.C, law.D, law.E, law.H, law.F, search_lengths(law.H)
     structure, model = _STRUCTURES.get(config.structure, LINEAR), _MODELS[config.internal_model]
     if design is None:
         none, row = np.zeros((0, 0)), np.zeros(0)
@@ -173,15 +171,6 @@ def build_controller(
     )  # fmt: skip
 
 
-def _search(H: Floats) -> Floats:
-    """(2,) of Nesterov's method with a constant step for a cost between mu and L: 1/L, and the momentum."""
-    if not H.size:
-        return np.zeros(2)
-    curved = np.linalg.eigvalsh(H)
-    low, high = math.sqrt(curved[0]), math.sqrt(curved[-1])
-    return np.array([1.0 / curved[-1], (high - low) / (high + low)])
-
-
 def new_controller_state(controller: Controller) -> ControllerState:
     """The controller at rest."""
     sizes = len(controller.wb), len(controller.mb), len(controller.sb)
@@ -190,27 +179,6 @@ def new_controller_state(controller: Controller) -> ControllerState:
     spare = np.zeros(max(*sizes, law.size, 2 * len(controller.lh), 1))
     return ControllerState(w, m, s, np.zeros(2), spare, np.zeros(1), w.copy(), np.zeros(5), np.zeros(3), lines, law,
                            np.zeros((2, len(controller.lh))))  # fmt: skip
-
-
-@inlined
-def _advance_model(A, B, u, x, spare):
-    """x = A x + B u."""
-    n = x.shape[0]
-    for i in range(n):
-        total = B[i] * u
-        for j in range(n):
-            total += A[i, j] * x[j]
-        spare[i] = total
-    for i in range(n):
-        x[i] = spare[i]
-
-
-@inlined
-def _output(C, x):
-    total = 0.0
-    for i in range(x.shape[0]):
-        total += C[i] * x[i]
-    return total
 
 
 @inlined
@@ -227,54 +195,9 @@ def _late(line, samples, value):
 
 
 @inlined
-def _limited(C, u):
-    return min(max(u, -C.limit), C.limit)
-
-
-@inlined
 def _predict(C, X):
     """The predicted output q3^, m, as the sensor shows it at the present sample."""
-    return _late(X.lines[2], C.late[2], _output(C.sc, X.s))
-
-
-@inlined
-def _planned(C, X, forward):
-    """The first move of a predictive law, V: projected fast gradient steps from the moves of the sample before."""
-    last, ahead = X.moves[0], X.moves[1]
-    n = last.shape[0]
-    for i in range(n):
-        ahead[i] = last[i]
-        X.spare[i] = _output(C.lf[i], X.law)
-    for _ in range(SEARCH_STEPS):
-        changed = 0.0
-        for i in range(n):
-            X.spare[n + i] = ahead[i] - C.search[0] * (_output(C.lh[i], ahead) + X.spare[i])
-        for i in range(n):
-            found = min(max(X.spare[n + i], -C.limit - forward), C.limit - forward)
-            changed = max(changed, abs(found - last[i]))
-            ahead[i] = found + C.search[1] * (found - last[i])
-            last[i] = found
-        if changed < FOUND_V:
-            break
-    return last[0]
-
-
-@inlined
-def _linear(C, X, r, theta_m, q3, forward):
-    """One sample of a linear law; returns the voltage."""
-    x = X.law
-    if C.lh.shape[0] > 0:
-        u = _planned(C, X, forward) + forward
-    else:
-        u = _limited(C, _output(C.lc, x) + C.ld[0] * r + C.ld[1] * theta_m + C.ld[2] * q3 + forward)
-    for i in range(x.shape[0]):
-        total = C.lb[i, 0] * r + C.lb[i, 1] * theta_m + C.lb[i, 2] * q3 + C.le[i] * (u - forward)
-        for j in range(x.shape[0]):
-            total += C.la[i, j] * x[j]
-        X.spare[i] = total
-    for i in range(x.shape[0]):
-        x[i] = X.spare[i]
-    return u
+    return _late(X.lines[2], C.late[2], output(C.sc, X.s))
 
 
 @inlined
@@ -313,7 +236,7 @@ def _reseat(C, X, gap):
     for i in range(X.s.shape[0]):
         X.s[i] -= gained * C.s_rest[i]
     for i in range(X.lines.shape[1]):
-        X.lines[2, i] -= gained * _output(C.sc, C.s_rest)
+        X.lines[2, i] -= gained * output(C.sc, C.s_rest)
     for i in range(X.w.shape[0]):
         X.w[i] -= gained * C.w_rest[i]
 
@@ -387,8 +310,8 @@ def _inverse(C, X, r, error, gap):
     Across the gap the motor's angle is the loop's, not an integral of its error: b alone integrates, and no faster than
     the output can tell whether the gap is there. Only the reference, which no feedback passes, moves it faster.
     """
-    ahead = _output(C.wc, X.w_r) + C.wd * r
-    _advance_model(C.wa, C.wb, r, X.w_r, X.spare)
+    ahead = output(C.wc, X.w_r) + C.wd * r
+    advance_model(C.wa, C.wb, r, X.w_r, X.spare)
     moved = C.crossing_ratio * (ahead - X.inverse[1]) + C.crossing_rate * C.sample_time * error
     if X.inverse[4] == 0.0:  # else it is on its way, or waits there
         X.inverse[0] = min(max(X.inverse[0] + moved / max(gap, SMALL_GAP_RAD), -1.0), 1.0)
@@ -414,15 +337,15 @@ def control_step(C, X, r, theta_m, q3, gap_hat, growth=0.0, toward=0.0):
     gap = gap_hat if C.structure == NIMC else 0.0
     forward = feed_forward(C, X, theta_m) if C.forwards else 0.0
     if C.structure == LINEAR:
-        return _linear(C, X, r, theta_m, q3, forward), 0.0
+        return linear_step(C, X, r, theta_m, q3, forward), 0.0
     r = _taken_in(C, X, r, gap, growth, toward)
     eps = q3 - _predict(C, X)
     error = r - eps
-    theta_ref = _output(C.wc, X.w) + C.wd * error
-    _advance_model(C.wa, C.wb, error, X.w, X.spare)
+    theta_ref = output(C.wc, X.w) + C.wd * error
+    advance_model(C.wa, C.wb, error, X.w, X.spare)
     if C.model == EXACT:
-        u = _limited(C, C.gain * (theta_ref - theta_m) + forward)
-        _advance_model(C.sa, C.sb, _late(X.lines[0], C.late[0], u - forward), X.s, X.spare)
+        u = limited(C, C.gain * (theta_ref - theta_m) + forward)
+        advance_model(C.sa, C.sb, _late(X.lines[0], C.late[0], u - forward), X.s, X.spare)
         return u, eps
     if C.model == BARE:
         theta_d = X.theta_d[0] if C.structure == NIMC else X.m[2]
@@ -439,18 +362,18 @@ def control_step(C, X, r, theta_m, q3, gap_hat, growth=0.0, toward=0.0):
         # the inner loop acts on the screw's angle; the complete model has its own, so the loop takes the measured one
         X.theta_d[1] = play(X.theta_d[1], theta_m, gap)
         feedback = X.theta_d[1] if C.model == INNER_LOOP else theta_d
-    u = _limited(C, C.gain * (theta_ref - feedback) + forward)
-    _advance_model(C.sa, C.sb, theta_d, X.s, X.spare)
+    u = limited(C, C.gain * (theta_ref - feedback) + forward)
+    advance_model(C.sa, C.sb, theta_d, X.s, X.spare)
     if C.model == BARE:
         if C.structure == NIMC:  # Eqs (16)-(17) with the sampled sG1's speed, integrated forward
             z, omega = theta_m - X.theta_d[0], X.m[1]
             if (omega > 0.0 and z >= gap) or (omega < 0.0 and z <= -gap):
                 X.theta_d[0] += omega * C.sample_time
-        _advance_model(C.ma, C.mb, _late(X.lines[0], C.late[0], u - forward), X.m, X.spare)
+        advance_model(C.ma, C.mb, _late(X.lines[0], C.late[0], u - forward), X.m, X.spare)
     elif C.model in (INNER_LOOP, INVERSE):
         ahead, own = (X.inverse[0] * gap, X.m[2]) if C.model == INVERSE else (0.0, theta_d)
         own = _late(X.lines[1], C.late[1], own)
         _catch_up(C, X, theta_m - own)
-        own_u = _limited(C, C.gain * (theta_ref + ahead - own))
-        _advance_model(C.ma, C.mb, _late(X.lines[0], C.late[0], own_u), X.m, X.spare)
+        own_u = limited(C, C.gain * (theta_ref + ahead - own))
+        advance_model(C.ma, C.mb, _late(X.lines[0], C.late[0], own_u), X.m, X.spare)
     return u, eps

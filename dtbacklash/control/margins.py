@@ -24,7 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dtbacklash.config.run import RunConfig
-from dtbacklash.control.design import ControllerDesign, SampledModel, motor_ss, sampled, structure_ss
+from dtbacklash.control.chain import motor_ss, structure_ss
+from dtbacklash.control.design import ControllerDesign, SampledModel, sampled
 from dtbacklash.kept import kept
 
 if TYPE_CHECKING:

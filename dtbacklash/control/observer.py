@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
-from dtbacklash.control.design import Array, MotorParameters, StructureParameters, motor_ss, structure_ss
+from dtbacklash.control.chain import Array, MotorParameters, StructureParameters, motor_ss, structure_ss
 
 #: disturbing voltage, V rms, and the least noise of angle (rad: counts of 4096 a turn) and output (m), rms
 DISTURBING_V, ANGLE_RAD, OUTPUT_M = 1.0, 2.0 * math.pi / 4096 / math.sqrt(12.0), 1e-6

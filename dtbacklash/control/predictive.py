@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
-from dtbacklash.control.design import Array, MotorParameters, StructureParameters
+from dtbacklash.control.chain import Array, MotorParameters, StructureParameters
 from dtbacklash.control.linear_law import LinearLaw
 from dtbacklash.control.observer import kalman, plant
 from dtbacklash.control.rivals import EFFORT_V, ERROR_M

@@ -14,16 +14,8 @@ import numpy as np
 from scipy import optimize
 from scipy.linalg import block_diag
 
-from dtbacklash.control.design import (
-    Array,
-    ControllerDesign,
-    MotorParameters,
-    SampledModel,
-    StructureParameters,
-    dominant_frequency,
-    prefilter,
-    sampled,
-)
+from dtbacklash.control.chain import Array, MotorParameters, StructureParameters, dominant_frequency
+from dtbacklash.control.design import ControllerDesign, SampledModel, prefilter, sampled
 from dtbacklash.control.linear_law import LinearLaw
 from dtbacklash.control.margins import Curves, DesignedLoop, response
 from dtbacklash.control.observer import OUTPUT_M, kalman, plant

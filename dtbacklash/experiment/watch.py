@@ -12,7 +12,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.compiled import compiled
 from dtbacklash.config.run import RunConfig
 from dtbacklash.control.belief import Belief
-from dtbacklash.control.design import dominant_frequency
+from dtbacklash.control.chain import dominant_frequency
 from dtbacklash.experiment.loop import RAN, run_segment
 from dtbacklash.kept import kept
 from dtbacklash.twin.bank.equation import motor_equation

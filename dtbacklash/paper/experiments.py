@@ -9,7 +9,8 @@ from dtbacklash.arrays import Floats
 from dtbacklash.config.compose import compose
 from dtbacklash.config.run import RunConfig
 from dtbacklash.control.belief import beliefs_of, design_for
-from dtbacklash.control.design import ControllerDesign, MotorParameters, StructureParameters
+from dtbacklash.control.chain import MotorParameters, StructureParameters
+from dtbacklash.control.design import ControllerDesign
 from dtbacklash.experiment.run import RunResult, run_scenario
 from dtbacklash.physics.effects.play import play
 

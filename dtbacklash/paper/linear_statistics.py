@@ -3,7 +3,8 @@
 import control
 import numpy as np
 
-from dtbacklash.control.design import inner_loop, prefilter, reduced_structure, structure_tf
+from dtbacklash.control.chain import structure_tf
+from dtbacklash.control.design import inner_loop, prefilter, reduced_structure
 from dtbacklash.paper.experiments import FORCE_N, PLAY_GAP_DEG, TORQUE_N_M, Experiments
 
 

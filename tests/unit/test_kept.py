@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dtbacklash import kept as keeping
-from dtbacklash.control.design import StructureParameters, dominant_frequency
+from dtbacklash.control.chain import StructureParameters, dominant_frequency
 from dtbacklash.kept import kept
 
 CHAIN = StructureParameters((5.2, 5.2), (1e4, 1e4), (36.9, 36.9), 3e-4)

@@ -16,8 +16,7 @@ from scipy import linalg
 from dtbacklash.arrays import Floats
 from dtbacklash.compiled import compiled_allocating, inlined
 from dtbacklash.control.belief import Belief
-from dtbacklash.control.chain import motor_parameters
-from dtbacklash.control.design import MotorParameters
+from dtbacklash.control.chain import MotorParameters, motor_parameters
 
 #: slower than this, rad/s, the rotor may be at rest: an encoder's counts are no motion
 REST_RAD_S = 0.3

@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dtbacklash.control.design import (
+from dtbacklash.control.chain import (
     StructureParameters,
     structure_matrices,
     structure_polynomials,

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from dtbacklash.compiled import compiled_allocating
-from dtbacklash.control.design import StructureParameters, structure_polynomials
+from dtbacklash.control.chain import StructureParameters, structure_polynomials
 from dtbacklash.errors import UserError
 
 Array = NDArray[np.float64]

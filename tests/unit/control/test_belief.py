@@ -7,7 +7,7 @@ from told import refused
 
 from dtbacklash.config.compose import compose
 from dtbacklash.control.belief import Belief, FeedForward, beliefs_of, settled
-from dtbacklash.control.design import motor_ss, structure_ss
+from dtbacklash.control.chain import motor_ss, structure_ss
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import simulate

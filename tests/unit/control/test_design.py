@@ -6,8 +6,8 @@ import control
 import numpy as np
 import pytest
 
-from dtbacklash.control import design
-from dtbacklash.control.design import MotorParameters, StructureParameters
+from dtbacklash.control import chain, design
+from dtbacklash.control.chain import MotorParameters, StructureParameters
 from dtbacklash.errors import UserError
 
 M, K, C, PITCH = 5.2, 1e4, 36.9, 1e-3 / np.pi
@@ -17,7 +17,7 @@ K_THETA, TAU_R = 15.0, 1.0 / 6.0
 POINTS = [1.0, 20j, 27j + 1, -3 + 200j, 1e3j]
 
 
-def chain(count: int) -> StructureParameters:
+def chain_of(count: int) -> StructureParameters:
     """An uneven chain, so that a mixed-up index shows."""
     i = np.arange(1.0, count + 1)
     return StructureParameters(tuple(2 + i), tuple(8e3 + 500 * i), tuple(30 + 3 * i), 4e-4)
@@ -31,28 +31,28 @@ def step(system: control.StateSpace, duration_s: float, step_s: float) -> tuple[
 @pytest.mark.parametrize("s", POINTS)
 def test_motor_is_equation_6(s: complex) -> None:
     expected = 0.8 / (s * (5e-6 * 1e-3 * s**2 + 5e-6 * 12 * s + 0.1 * 0.8))
-    assert design.motor_tf(MOTOR)(s) == pytest.approx(expected, rel=1e-12)
-    assert design.motor_ss(MOTOR)(s)[1, 0] == pytest.approx(expected, rel=1e-9)
-    assert design.motor_ss(MOTOR)(s)[0, 0] == pytest.approx(expected * s, rel=1e-9)
+    assert chain.motor_tf(MOTOR)(s) == pytest.approx(expected, rel=1e-12)
+    assert chain.motor_ss(MOTOR)(s)[1, 0] == pytest.approx(expected, rel=1e-9)
+    assert chain.motor_ss(MOTOR)(s)[0, 0] == pytest.approx(expected * s, rel=1e-9)
 
 
 @pytest.mark.parametrize("s", POINTS)
 def test_structure_is_equation_9(s: complex) -> None:
     num = C**2 * s**2 + 2 * C * K * s + K**2
     den = M**2 * s**4 + 3 * C * M * s**3 + (C**2 + 3 * K * M) * s**2 + 2 * C * K * s + K**2
-    assert design.structure_tf(STRUCTURE)(s) == pytest.approx(PITCH * num / den, rel=1e-10)
-    assert design.structure_ss(STRUCTURE)(s) == pytest.approx(PITCH * num / den, rel=1e-8)
+    assert chain.structure_tf(STRUCTURE)(s) == pytest.approx(PITCH * num / den, rel=1e-10)
+    assert chain.structure_ss(STRUCTURE)(s) == pytest.approx(PITCH * num / den, rel=1e-8)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 6])
 def test_a_chain_of_any_length_solves_its_equations_of_motion(count: int) -> None:
-    structure = chain(count)
-    mass, damping, stiffness, base_c, base_k = design.structure_matrices(structure)
+    structure = chain_of(count)
+    mass, damping, stiffness, base_c, base_k = chain.structure_matrices(structure)
     for s in POINTS:
         dynamic = mass * s**2 + damping * s + stiffness
         expected = np.linalg.solve(dynamic, (base_c * s + base_k) * structure.pitch_m_per_rad)[-1]
-        assert design.structure_tf(structure)(s) == pytest.approx(expected, rel=1e-8)
-        assert design.structure_ss(structure)(s) == pytest.approx(expected, rel=1e-8)
+        assert chain.structure_tf(structure)(s) == pytest.approx(expected, rel=1e-8)
+        assert chain.structure_ss(structure)(s) == pytest.approx(expected, rel=1e-8)
 
 
 def test_reduced_model_has_the_paper_readings_zeros() -> None:
@@ -65,7 +65,7 @@ def test_reduced_model_has_the_paper_readings_zeros() -> None:
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 def test_balanced_reduction_keeps_dc_and_the_error_bound(order: int) -> None:
-    full = design.structure_ss(STRUCTURE)
+    full = chain.structure_ss(STRUCTURE)
     reduced = design.balanced_reduction(full, order)
     assert reduced.nstates == order
     assert reduced.dcgain() == pytest.approx(full.dcgain(), rel=1e-8)
@@ -93,23 +93,23 @@ def test_minimum_phase_factor_keeps_the_magnitude() -> None:
 
 @pytest.mark.parametrize("count", [1, 2, 3, 6])
 def test_prefilter_is_stable_proper_and_has_dc_gain_one_over_pitch(count: int) -> None:
-    w = design.prefilter(chain(count), "reduced", TAU_R)
+    w = design.prefilter(chain_of(count), "reduced", TAU_R)
     assert np.all(w.poles().real < 0)
-    assert w.dcgain() * chain(count).pitch_m_per_rad == pytest.approx(1.0, rel=1e-9)
+    assert w.dcgain() * chain_of(count).pitch_m_per_rad == pytest.approx(1.0, rel=1e-9)
 
 
 def test_single_mass_is_inverted_exactly() -> None:
-    structure = chain(1)
-    w, g2 = design.prefilter(structure, "reduced", 0.2), design.structure_tf(structure)
+    structure = chain_of(1)
+    w, g2 = design.prefilter(structure, "reduced", 0.2), chain.structure_tf(structure)
     for s in POINTS:
         assert w(s) * g2(s) == pytest.approx(1 / (0.2 * s + 1), rel=1e-8)
 
 
 def test_dominant_frequency() -> None:
-    assert design.dominant_frequency(STRUCTURE) == pytest.approx(27.07, abs=0.005)
+    assert chain.dominant_frequency(STRUCTURE) == pytest.approx(27.07, abs=0.005)
     undamped = StructureParameters((M, M), (K, K), (0.0, 0.0), PITCH)
     lowest = np.sqrt(K / M * (3 - np.sqrt(5)) / 2)
-    assert design.dominant_frequency(undamped) == pytest.approx(lowest, rel=1e-6)
+    assert chain.dominant_frequency(undamped) == pytest.approx(lowest, rel=1e-6)
 
 
 def designed(kind: str = "reduced") -> design.ControllerDesign:
@@ -121,9 +121,9 @@ def test_sampled_models_hold_at_the_samples(name: str) -> None:
     """A zero-order-hold model answers a step, which is constant between samples, exactly."""
     continuous = {
         "prefilter": design.prefilter(STRUCTURE, "reduced", TAU_R),
-        "motor_position": control.ss(design.motor_tf(MOTOR)),
-        "structure": design.structure_ss(STRUCTURE),
-        "plant": control.series(control.ss(design.motor_tf(MOTOR)), design.structure_ss(STRUCTURE)),
+        "motor_position": control.ss(chain.motor_tf(MOTOR)),
+        "structure": chain.structure_ss(STRUCTURE),
+        "plant": control.series(control.ss(chain.motor_tf(MOTOR)), chain.structure_ss(STRUCTURE)),
     }[name]
     model = getattr(designed(), name)
     _, expected = step(continuous, 0.3, 1e-3)

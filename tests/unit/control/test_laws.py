@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from dtbacklash.config.compose import compose
-from dtbacklash.control import design
+from dtbacklash.control import chain, design
 from dtbacklash.control.belief import beliefs_of, design_for
 from dtbacklash.control.chain import motor_parameters, structure_parameters
 from dtbacklash.control.laws import CROSSING_RATIO, build_controller, control_step, new_controller_state
@@ -33,12 +33,12 @@ def run(true_deg: float, believed_deg: float, model: str, *words: str) -> pd.Dat
 def prefiltered() -> control.TransferFunction:
     """F = W G2, theta_d [rad] -> theta_ref [rad]."""
     w = control.tf(design.prefilter(STRUCTURE, "reduced", TAU_R))
-    return control.minreal(w * design.structure_tf(STRUCTURE), 1e-4, verbose=False)
+    return control.minreal(w * chain.structure_tf(STRUCTURE), 1e-4, verbose=False)
 
 
 def test_inside_a_gap_that_is_not_there_the_paper_loop_is_unstable_and_the_inverse_has_margins() -> None:
     f = prefiltered()
-    open_loop = K_THETA * design.motor_tf(MOTOR) * f
+    open_loop = K_THETA * chain.motor_tf(MOTOR) * f
     gain, _, _, _ = control.margin(open_loop)
     assert gain == pytest.approx(0.254, abs=0.001)  # stable below 3.8 V/rad only
     assert max(control.feedback(open_loop, 1).poles().real) > 6
@@ -58,7 +58,7 @@ def test_the_describing_function_predicts_the_cycle_in_a_gap_that_is_not_there()
     """1 + K G1 (N + F (1 - N)) = 0, N of the believed gap: the output follows the motor by all that N leaves."""
     share, frequency = np.linspace(0.5, 0.99, 500), np.linspace(20, 80, 600)
     n, at = play_gain(share)[:, None], 1j * frequency
-    loop = K_THETA * design.motor_tf(MOTOR)(at) * (n + prefiltered()(at) * (1 - n))
+    loop = K_THETA * chain.motor_tf(MOTOR)(at) * (n + prefiltered()(at) * (1 - n))
     i, j = np.unravel_index(np.abs(1 + loop).argmin(), loop.shape)
     assert abs(1 + loop[i, j]) < 0.01
     words = ("profile.start_deg=0", "controller.gap_hat_deg=50", "controller.internal_model=inner_loop")
@@ -77,7 +77,7 @@ def test_no_true_gap_gives_the_inverse_a_cycle_inside_the_believed_one() -> None
     integral = 1 + 1 / (TAU_R * at)
     servo, f = design.inner_loop(MOTOR, K_THETA)(at), prefiltered()(at)
     assert (servo * f * integral).real.min() > -0.25
-    assert (K_THETA * design.motor_tf(MOTOR)(at) * f).real.min() < -20
+    assert (K_THETA * chain.motor_tf(MOTOR)(at) * f).real.min() < -20
     assert (-1 / play_gain(np.linspace(1e-6, 1 - 1e-6, 2000))).real.max() < -0.999
 
 

@@ -8,7 +8,8 @@ import pytest
 
 from dtbacklash.config.compose import compose
 from dtbacklash.control.belief import Belief, beliefs_of, design_for
-from dtbacklash.control.design import largest_gain, sampled, structure_ss
+from dtbacklash.control.chain import structure_ss
+from dtbacklash.control.design import largest_gain, sampled
 from dtbacklash.control.margins import Curves, DesignedLoop, frequencies, margins
 from dtbacklash.errors import Diverged
 from dtbacklash.experiment.run import run_scenario

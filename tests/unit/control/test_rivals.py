@@ -11,7 +11,7 @@ from told import refused
 from dtbacklash.config.compose import compose
 from dtbacklash.control import observer, rivals
 from dtbacklash.control.belief import Belief, beliefs_of, design_for
-from dtbacklash.control.design import motor_tf, structure_tf
+from dtbacklash.control.chain import motor_tf, structure_tf
 from dtbacklash.errors import Diverged
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.physics.rig import build_rig

@@ -11,7 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from dtbacklash.control.design import StructureParameters
+from dtbacklash.control.chain import StructureParameters
 from dtbacklash.twin.gap.estimate import Problem
 from dtbacklash.twin.gap.observer import TwinModel, twin_model
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dtbacklash.config.run import OptimizerConfig
-from dtbacklash.control.design import StructureParameters
+from dtbacklash.control.chain import StructureParameters
 from dtbacklash.twin.gap import observer
 from dtbacklash.twin.gap.estimate import Problem, default_start, estimate_gap
 from dtbacklash.twin.gap.guard import guarded_estimates

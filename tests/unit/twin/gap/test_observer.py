@@ -10,8 +10,8 @@ import control
 import numpy as np
 import pytest
 
-from dtbacklash.control import design
-from dtbacklash.control.design import StructureParameters
+from dtbacklash.control import chain
+from dtbacklash.control.chain import StructureParameters
 from dtbacklash.errors import UserError
 from dtbacklash.twin.gap import observer
 from dtbacklash.twin.gap.observer import TwinModel, twin_model
@@ -52,7 +52,7 @@ def test_play_with_growth_refers_to_the_middle_of_the_buffer() -> None:
 
 def test_output_error_is_that_of_an_observer_with_the_wanted_poles(paper_structure: StructureParameters) -> None:
     """Against a Luenberger observer whose gain python-control places, simulated ten times finer."""
-    system, fine, n = design.structure_ss(paper_structure), 10, 1500
+    system, fine, n = chain.structure_ss(paper_structure), 10, 1500
     gain = np.reshape(control.acker(system.A.T, system.C.T, [-40.0] * 4), (4, 1))
     t = np.arange(n * fine) * 1e-3 / fine
     theta_d, q3 = np.sin(7 * t) + 0.2 * np.sin(31 * t), 1e-3 * np.sin(5 * t)
