@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
+from catalogued import OF_A_MODEL
 from nominal import nominal_rig
 from numpy.typing import NDArray
 from scipy.linalg import expm
@@ -266,8 +267,9 @@ def closed_loop_voltage(gap: Array, period_s: float) -> Array:
 
 
 def places() -> list[tuple[str, str, str]]:
-    """Every entry of the catalogue; one without a case shows up with an empty place."""
-    return [(k, n, place) for k, n in CATALOGUE for place in getattr(CASES.get((k, n)), "places", ("",))]
+    """Every entry of the catalogue that the kernel moves; one without a case shows up with an empty place."""
+    moved = [key for key in CATALOGUE if key[0] not in OF_A_MODEL]
+    return [(k, n, place) for k, n in moved for place in getattr(CASES.get((k, n)), "places", ("",))]
 
 
 def _effect(kind: str, name: str, place: str) -> Problem:
