@@ -107,7 +107,13 @@ def _likely(
     bench: Bench, rig: Rig, tried: Iterator[tuple[Key, float, Rig]], rules: DiagnoseSettings | None = None
 ) -> list[Off]:
     found: dict[Key, Off] = {}
+    first, before = bench.tuned(rig)
+    least: dict[tuple[Key, bool], float] = {}
+    ended: set[tuple[Key, bool]] = set()
     for key, factor, other in tried:
+        way = key, factor > 1.0
+        if way in ended:
+            continue
         try:
             there = zeroed(bench, other)
             sizes, loss = bench.tuned(there)
@@ -115,7 +121,9 @@ def _likely(
             continue
         if key not in found or loss < found[key].loss:
             found[key] = Off(key, factor, there, sizes, loss)
-    first, before = bench.tuned(rig)
+        if rules is None and not loss < least.get(way, before):
+            ended.add(way)  # what is left of a gain's error falls all the way to its factor
+        least[way] = loss
     mostly, most = MOSTLY * max(before - bench.floor, 0.0), bench.most_unknown(first)
 
     def clears(one: Off) -> bool:
