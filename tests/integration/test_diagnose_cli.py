@@ -233,7 +233,7 @@ def test_verbose_says_what_it_is_doing_once_each_and_leaves_logging_alone(dtb):
         (["recording=bench.csv", "validation=gone.csv"], "validation=gone.csv: no such file"),
         (
             ["recording=bench.csv", "colour=red"],
-            "colour=red: no such setting; choose one of enough, given, jobs, keep, out",
+            "colour=red: no such setting; choose one of compare, enough, given, hold_out, jobs, keep, out",
         ),
         (["recording=bench.csv", "-x"], "option=-x: choose one of"),
         (["bench.csv"], "argument=bench.csv: write key=value"),

@@ -266,8 +266,8 @@ def as_given(bench: Bench, motion: Motion, model: Model) -> Model | None:
 
 
 def as_it_stands(bench: Bench, motion: Motion, model: Model) -> Model:
-    """A model at the values of its rig and the likeliest sizes; what was believed of the rig counts as it was given."""
-    problem = Problem(bench, model.rig, model.keys, motion, 1.0, model.smooth)
+    """A model at the values of its rig and the likeliest sizes, with priors as stiff as where names are compared."""
+    problem = Problem(bench, model.rig, model.keys, motion, STIFF, model.smooth)
     return problem.model(problem.start(), *bench.tuned(model.rig, model.sizes))
 
 
