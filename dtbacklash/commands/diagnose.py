@@ -188,6 +188,7 @@ def fingerprint(config: DiagnoseConfig) -> str:
     from dtbacklash.recording import locate, sources_of
 
     files = [*(sources_of(config.validation, "validation") if config.validation else []), config.recording.path]
+    files += [config.rig.model] if config.rig.model else []
     for source in sources_of(config.recording.source) if config.recording.source else []:
         files.append(str(locate.resolve(source, config.recording.path)[0]))
     return settings_hash(replace(config, jobs=None, keep=None), files)

@@ -160,7 +160,7 @@ class _Course:
         except KeyboardInterrupt:
             if not self.keep or self.search is None:
                 raise
-            stage = self.stage
+            stage, self.changes = self.stage, None  # what changed has not been judged
             self.tell(ENDING, 0.9)
             found = self._found(self.search, QUICK if self.depth == FULL else self.depth)
             said = found.summary.removeprefix(SEARCHED[QUICK]).strip()
@@ -218,7 +218,7 @@ class _Course:
             if self.search is None and self.depth != NONE:
                 search.glance()
             self.search = search
-            if self.depth != NONE and all(np.ptp(r.u) == 0.0 for r in self.records):
+            if self.depth != NONE and not any(r.driven for r in self.records):
                 self._moves_by_itself(search)
             if self.depth == FULL:
                 search.run()
@@ -238,7 +238,7 @@ class _Course:
 
     def _moves_by_itself(self, search: Search) -> None:
         """Look for what explains most where no command drives; raises _Undriven where hardly anything does."""
-        search.most = 1
+        search.most = len(search.now.keys) + 1
         search.grow()
         left, names = search.unknown(search.now), search.now.keys or ((search.likely,) if search.likely else ())
         if left > UNDRIVEN and not search.too_coarse and self._seen(search).shows(search.now.rig):

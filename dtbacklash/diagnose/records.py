@@ -74,6 +74,11 @@ class Record:
         """Number of samples."""
         return len(self.u)
 
+    @property
+    def driven(self) -> bool:
+        """Whether a command changes."""
+        return bool(np.any(np.ptp(self.u if self.inputs is None else self.inputs, axis=0)))
+
 
 def records_of(
     recording: Recording, rig: Rig, train: bool, held: bool, share: float | None = None, number: int = 0
@@ -93,7 +98,7 @@ def records_of(
         Record(
             recording.sample_time_s, columns["u"][a:b], {c: v[a:b] for c, v in measured.items()}, mask[a:b], ~mask[a:b],
             float(recording.t_s[a] - recording.t_s[0]), number, columns=recording.columns,
-            otherwise=None if recording.straight is None else recording.straight[a:b],
+            otherwise=None if recording.straight is None or rig.config.model else recording.straight[a:b],
             inputs=None if inputs is None else inputs[a:b],
         )
         for a, b in recording.stretches

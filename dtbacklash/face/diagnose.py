@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from dtbacklash.errors import UserError
-from dtbacklash.face.progress import ShowProgress, shown
+from dtbacklash.face.progress import ShowProgress, cores_of, shown
 from dtbacklash.face.rigs import RigLike, load_rig
 from dtbacklash.recording import Recording
 from dtbacklash.recording.several import Source
@@ -290,13 +289,11 @@ def diagnose(
         raise UserError("held_out", held_out, "must be above 0 and below 1")
     if search not in SEARCHES:
         raise UserError("search", search, f"choose one of {', '.join(SEARCHES)}")
-    if jobs is not None and not (isinstance(jobs, int) and jobs > 0):
-        raise UserError("jobs", jobs, "must be a whole number above 0")
+    cores = cores_of(jobs)
     if enough is not None and not isinstance(enough, Mapping):
         raise UserError("enough", enough, "must be a mapping, channel: what is good enough, like 0.05 mm or 2 %")
     with shown(progress, "diagnosing") as tell:
         said = None if tell is None else lambda text, share: tell(share, text)
-        cores = jobs or os.cpu_count() or 1
         return Found(
             diagnosed(
                 fitted,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +16,7 @@ from dtbacklash.config.grammar import grammar_of
 from dtbacklash.config.hydra_app import quoted
 from dtbacklash.config.run import ProfileConfig, ReferenceConfig, RunConfig
 from dtbacklash.errors import UserError
-from dtbacklash.face.progress import ShowProgress, shown
+from dtbacklash.face.progress import ShowProgress, cores_of, shown
 from dtbacklash.face.rigs import RigLike, description, load_rig
 
 if TYPE_CHECKING:
@@ -141,7 +140,7 @@ def isolability(
     content = {} if rig is None else {"rig": description(load_rig(rig))}
     config = compose_for(grammar_of(IsolabilityConfig), IsolabilityConfig, *overrides, **content)
     with shown(progress, "looking ahead") as tell:
-        return isolable(config, jobs or os.cpu_count() or 1, tell)
+        return isolable(config, cores_of(jobs), tell)
 
 
 def design(found: str | Path, *overrides: str, jobs: int | None = None, progress: ShowProgress = False) -> Design:
@@ -172,7 +171,7 @@ def design(found: str | Path, *overrides: str, jobs: int | None = None, progress
     """
     config = compose_for(grammar_of(DesignConfig), DesignConfig, f"found={quoted(str(found))}", *overrides)
     with shown(progress, "designing") as tell:
-        return experiment(config, jobs or os.cpu_count() or 1, tell)[0]
+        return experiment(config, cores_of(jobs), tell)[0]
 
 
 def experiment(config: DesignConfig, jobs: int = 1, tell: Tell | None = None) -> tuple[Design, Rivalry]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -17,6 +18,13 @@ ShowProgress: TypeAlias = bool | Callable[[float, str], object]
 Tell: TypeAlias = Callable[[float, str], None]
 
 EVERY_S = 10.0
+
+
+def cores_of(jobs: int | None) -> int:
+    """How many threads share the work; None: one for each core. Raises UserError: no whole number above 0."""
+    if jobs is not None and not (isinstance(jobs, int) and jobs > 0):
+        raise UserError("jobs", jobs, "must be a whole number above 0")
+    return jobs or os.cpu_count() or 1
 
 
 @contextmanager

@@ -73,8 +73,12 @@ def specification(path: str, fixed: Iterable[str] = ()) -> mujoco.MjSpec:
 
 @functools.lru_cache(maxsize=16)
 def _read(path: str, fixed: tuple[str, ...], stamp: int) -> mujoco.MjModel:
+    return _compiled(specification(path, fixed), path)
+
+
+def _compiled(spec: Any, path: str) -> mujoco.MjModel:
     try:
-        return specification(path, fixed).compile()
+        return spec.compile()
     except ValueError as error:
         raise UserError("rig.model", path, f"is no MJCF: {' '.join(str(error).split())}") from error
 
@@ -110,6 +114,14 @@ def completed(config: RigConfig) -> RigConfig:
             raise UserError(f"rig.commands.{column}", name, "must be an actuator at a joint, without states of its own")
         driven = model.joint(int(model.actuator_trnid[a, 0])).name
         elements[ACTUATOR_PREFIX + str(name)] = {"kind": "joint_drive", "drives": driven}
+    twice = [name for name in drives if list(config.commands.values()).count(name) > 1]
+    if twice:
+        raise UserError("rig.commands", twice[0], "is commanded by two columns; each actuator has one")
+    both = sorted({*config.commands} & {*config.sensors, "t"})
+    if both:
+        raise UserError(
+            f"rig.commands.{both[0]}", config.commands[both[0]], "is no command: the column is a sensor or the time"
+        )
     idle = [name for name in drives if name not in config.commands.values()]
     if idle or not config.commands:
         raise UserError("rig.commands", ", ".join(idle) or "(none)", "every actuator of the model has a column: "
@@ -168,14 +180,14 @@ def _named(key: str, name: object, there: Mapping[str, Any]) -> Any:
     if name in there:
         return there[str(name)]
     near = difflib.get_close_matches(str(name), there, n=1)
-    meant = f"; did you mean {near[0]}?" if near else ""
-    raise UserError(key, name, f"the model has no such name{meant} It has {', '.join(there) or 'none'}")
+    meant = f"; did you mean {near[0]}" if near else ""
+    raise UserError(key, name, f"the model has no such name{meant}; it has {', '.join(there) or 'none'}")
 
 
 def new_rig(model: str) -> str:
     """The text of a rig's file for a model: all columns by the names of the model, usual tolerances."""
     spec = specification(model)
-    mj, compiled = _mujoco(model), spec.compile()
+    mj, compiled = _mujoco(model), _compiled(spec, model)
     slides = {j.name: compiled.jnt_type[compiled.joint(j.name).id] == mj.mjtJoint.mjJNT_SLIDE for j in spec.joints}
     lines = [
         f"model: {Path(model).name}",
@@ -229,6 +241,9 @@ def mended(config: RigConfig, frictions: Mapping[str, float], dampings: Mapping[
         joints[name].frictionloss += more
         joints[name].solref_friction = FRICTION_STEPS * spec.option.timestep, 1.0
         joints[name].solimp_friction[:2] = FRICTION_IMPEDANCE
+    # what the model is made of stays where it is: the file is written elsewhere
+    home = Path(config.model).resolve().parent
+    spec.meshdir, spec.texturedir = str(home / spec.meshdir), str(home / spec.texturedir)
     spec.compile()
     return str(spec.to_xml())
 

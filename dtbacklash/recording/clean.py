@@ -12,7 +12,7 @@ from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording import channels as checks
 from dtbacklash.recording import timebase
-from dtbacklash.recording.command import NONE
+from dtbacklash.recording.command import BAND_LIMITED, NONE
 from dtbacklash.recording.heads import TIME
 from dtbacklash.recording.mapping import Channel
 from dtbacklash.recording.pick import (
@@ -73,15 +73,18 @@ def clean(picked: Picked, rig: Rig | None, notes: list[str], command: str, sampl
                 _check_sizes(name, column)
         apart = own_paces(picked) or events(picked)
         grid = _grid(picked, sample_time_s)
-        required = frozenset({COMMAND, *(rig.sensors if rig else ()), *(rig.config.commands if rig else ())})
+        commands = {COMMAND, *(rig.config.commands if rig else ())}
+        required, held = frozenset({*commands, *(rig.sensors if rig else ())}), {*commands, REFERENCE}
         pieces = [(a, b) for a, b, _ in grid.pieces]
         rows = {n: v[grid.rows] for n, v in picked.channels.items()}
         filled = checks.fill(rows, grid.stamps_s, required, pieces)
         t_s, values, stretches = _on_grid(grid, filled)
-        values |= {n: on_grid(n, own, t_s, grid.sample_time_s, command) for n, own in apart.items()}
+        values |= {
+            n: on_grid(own, t_s, grid.sample_time_s, n in held and command != BAND_LIMITED) for n, own in apart.items()
+        }
         seldom = straight(apart[COMMAND], t_s, grid.sample_time_s) if COMMAND in apart else None
-        said = paces_said({n: own for n, own in apart.items() if n not in picked.channels}, grid.sample_time_s)
-        idle = [] if command == NONE else checks.idle_command(values, picked.units[COMMAND])
+        said = paces_said({n: own for n, own in apart.items() if n not in picked.channels}, grid.sample_time_s, held)
+        idle = [] if command == NONE or len(commands) > 1 else checks.idle_command(values, picked.units[COMMAND])
         notes = idle + notes + picked.notes + said + grid.notes + filled.notes + _defects(values, t_s, stretches)
         if len(stretches) > 1:
             notes.append(_said(t_s, stretches))

@@ -5,12 +5,12 @@ A command holds until the next one. A sensor is taken where it was read; in betw
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.recording.command import BAND_LIMITED
 from dtbacklash.recording.pick import COMMAND, REFERENCE, Picked
 from dtbacklash.recording.refusal import SAMPLES_MIN, Refused
 from dtbacklash.recording.timebase import BAD_STAMPS_MAX, of_the_grid
@@ -103,13 +103,13 @@ def _series(name: str, t_s: Floats, picked: Picked) -> Series:
     return Series(stamps[last], values[rows][last])
 
 
-def on_grid(name: str, series: Series, t_s: Floats, step_s: float, command: str) -> Floats:
+def on_grid(series: Series, t_s: Floats, step_s: float, held: bool) -> Floats:
     """(N,) a channel at the times of a uniform grid.
 
     A held command is its mean over the sample that begins there: what is done where it changes within a sample.
     """
     stamps, values = series
-    if name in (COMMAND, REFERENCE) and command != BAND_LIMITED:
+    if held:
         return held_means(series, t_s, step_s)
     own = float(np.median(np.diff(stamps)))
     shown = np.interp(t_s, stamps, values)
@@ -146,15 +146,19 @@ def held_means(series: Series, t_s: Floats, step_s: float) -> Floats:
     return np.where(changes, (until(t_s + step_s) - until(t_s)) / step_s, values[at])
 
 
-def paces_said(apart: dict[str, Series], step_s: float) -> list[str]:
-    """A sentence on each channel that was recorded at its own times."""
+def paces_said(apart: dict[str, Series], step_s: float, held: Collection[str]) -> list[str]:
+    """A sentence on each channel that was recorded at its own times. held : the commands, and the reference."""
     notes = []
     for name, series in apart.items():
         own = float(np.median(np.diff(series.t_s)))
-        how = "held until the next value" if name in (COMMAND, REFERENCE) else "taken where it was read"
-        if name not in (COMMAND, REFERENCE) and own <= SLOW * step_s:
+        how = "held until the next value" if name in held else "taken where it was read"
+        if name not in held and own <= SLOW * step_s:
             how = "brought to the others' times"
-        gap = " What it did in between is not in the file." if name == COMMAND and own > SLOW * step_s else ""
+        gap = (
+            " What it did in between is not in the file."
+            if name in held and name != REFERENCE and own > SLOW * step_s
+            else ""
+        )
         count = f"{len(series.t_s)} values, {own:.4g} s apart"
         notes.append(f"Channel {name} has times of its own ({count}): it is {how}.{gap}")
     return notes

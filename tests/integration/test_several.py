@@ -111,7 +111,7 @@ def test_what_is_its_own_and_what_is_given_is_said_on_the_command_line(recorded,
         (["recording=[a.csv,more/a.csv]", "own={a: [m]}"], "own=a: is none of the recordings; choose one of 1 ("),
         (["recording=[a.csv,c.csv]", "hold_out=d"], "hold_out=d: is none of the recordings; choose one of 1 (a.csv)"),
         (["recording=a.csv", "hold_out=turns"], "hold_out=turns: leaves out one of several: give several"),
-        (["recording=a.csv", "compare=change"], "compare=change: choose change, and give two"),
+        (["recording=a.csv", "compare=change"], "compare=change: must be change, of two recordings"),
         (["recording=[a.csv,c.csv]", "compare=change", "hold_out=c"], "compare=change: needs both recordings"),
     ],
 )

@@ -60,10 +60,9 @@ def judged(search: Search) -> tuple[Change, ...]:
         search.tell(f"trying what else could have changed for {title}", 0.8)
         now = search.now
         less = _shared(search, now, title)
-        if less is None:
-            continue
-        others = [one for one in fits(search, less) if one.title != title]
-        found.append(Change(title, less.score - now.score, {one.title: _lead(search, one.model) for one in others}))
+        others = [one for one in fits(search, less) if one.title != title] if less else []
+        gained = less.score - now.score if less else np.inf
+        found.append(Change(title, gained, {one.title: _lead(search, one.model) for one in others}))
     return tuple(found)
 
 

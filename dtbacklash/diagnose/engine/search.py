@@ -78,6 +78,8 @@ class Search:
         begun = keys and Problem(self.bench, far, keys, self.motion).ladder(at, None, (1.0, 0.1, 1.0))
         if begun and not begun.at_end and begun.score < found.score - self.asked(begun, found):
             self.now = self.names = begun
+        else:
+            self.begin = None
 
     def run(self) -> Model:
         """The whole search; it ends early where the rate turns out to be too coarse."""

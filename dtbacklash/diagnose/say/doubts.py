@@ -34,7 +34,13 @@ def doubted(rig: Rig, recordings: Sequence[Recording]) -> list[Doubt]:
 
 def said_first(found: Diagnosis, recordings: Sequence[Recording], doubts: Sequence[Doubt]) -> Diagnosis:
     """The diagnosis with what its user has to know before he believes it."""
-    idle = [text for r in recordings if r.command != NONE for text in idle_command(r.channels, r.units.get("u", "V"))]
+    rigged = found.nominal.config.commands  # of several commands one may well be idle
+    idle = [
+        text
+        for r in recordings
+        if r.command != NONE and not rigged
+        for text in idle_command(r.channels, r.units.get("u", "V"))
+    ]
     open_ = () if found.suspected else doubts  # a wrong number of the rig is what looks like a wrong unit
     said = " ".join([*dict.fromkeys(idle), *_short(recordings), *(_what_it_was(found, doubt) for doubt in open_)])
     return replace(found, first=said, summary=f"{said} {found.summary}") if said else found

@@ -34,7 +34,7 @@ def next_experiment(c: Conclusion, verdict: Verdict, where: Located | None) -> s
     if not said:
         alone = len({s.record.recording for s in c.seen.stretches}) == 1
         said = _told_apart(c, *pairs[0]) if pairs else NOTHING if alone else NOTHING_IN_ALL
-    return f"{said} {DESIGN}" if pairs else said
+    return f"{said} {DESIGN}" if pairs and not c.model.rig.config.model else said
 
 
 def _where(c: Conclusion, where: Located) -> str:
@@ -59,6 +59,8 @@ def _told_apart(c: Conclusion, key: Key, rival: Rival) -> str:
     other = rival.keys[0]
     what = f"{name_in_words(key[1])} ({key[0]}) from {name_in_words(other[1])} ({other[0]})"
     first, second = c.model.rig, rival.model.rig
+    if first.config.model:
+        return f"What tells {what} has to be looked for with the model's own simulator."
     here = _differences(c, first, second, 1.0)
     hidden = {n: d for n, d in here.items() if n not in recorded}
     if hidden and max(hidden.values()) > TOLD_APART_SHARE:
@@ -78,8 +80,6 @@ def _told_apart(c: Conclusion, key: Key, rival: Rival) -> str:
 
 def _differences(c: Conclusion, first: Rig, second: Rig, factor: float) -> dict[str, float]:
     """Per sensor, the rms difference of two rigs' answers to the scaled command, relative to the signal."""
-    if first.config.model:
-        return {}
     record = c.seen.stretches[0].record
     u = factor * record.u[: min(record.samples, SAMPLES) - 1]
     with np.errstate(over="ignore", invalid="ignore"):

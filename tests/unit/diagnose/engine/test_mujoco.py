@@ -13,6 +13,7 @@ from dtbacklash.diagnose.records import STEPPED, records_of, ways_to_read
 from dtbacklash.diagnose.seen import bench_of
 from dtbacklash.errors import UserError
 from dtbacklash.face.rigs import load_rig
+from dtbacklash.physics.mjcf import mended
 from dtbacklash.recording.model import Recording
 
 mujoco = pytest.importorskip("mujoco")
@@ -141,9 +142,11 @@ def test_a_mass_moves_its_bodys_inertia_with_it(rig):
     ("change", "said"),
     [
         ({"sensors": {"x": {"of": "ralo", "quantity": "position"}}}, "rig.sensors.x.of"),
-        ({"commands": {"torque": "spun", "push": "rail"}}, "did you mean spin?"),
+        ({"commands": {"torque": "spun", "push": "rail"}}, "did you mean spin; it has"),
+        ({"commands": {"torque": "spin", "push": "rail", "more": "spin"}}, "is commanded by two columns"),
+        ({"commands": {"angle": "spin", "push": "rail"}}, "is no command: the column is a sensor or the time"),
         ({"commands": {"torque": "spin"}}, "every actuator of the model has a column: {COLUMN: rail}"),
-        ({"tolerances": {"joints.axel.damping": 0.1}}, "did you mean axle?"),
+        ({"tolerances": {"joints.axel.damping": 0.1}}, "did you mean axle; it has"),
         ({"tolerances": {"joints.axle.colour": 0.1}}, "joints.NAME.damping"),
         ({"tolerances": {"joints.axle.damping": "many %"}}, "must be as 20 %"),
         ({"fixed": ["door"]}, "the model has no such name"),
@@ -155,6 +158,41 @@ def test_what_the_model_has_not_is_told_in_one_line(rig, change, said):
         load_rig({**RIG, "model": rig.config.model, **change})
     assert said in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_commands_that_are_logged_more_seldom_are_held(rig):
+    spin, push = (np.where(np.arange(N) % 4 == 0, u, np.nan) for u in commands())
+    frame = pd.DataFrame(
+        {"t": STEP_S * np.arange(N), "torque": spin, "push": push, "angle": commands()[1], "way": commands()[0]}
+    )
+    (record,) = records_of(Recording.from_frame(frame, rig=rig), rig, True, False)
+    assert record.inputs is not None
+    assert record.inputs[:8, 1].tolist() == push[[0, 0, 0, 0, 4, 4, 4, 4]].tolist()
+
+
+def test_one_of_two_commands_may_be_idle(rig):
+    _, push = commands()
+    frame = pd.DataFrame({"t": STEP_S * np.arange(N), "torque": 0.0, "push": push, "angle": -push, "way": push})
+    recording = Recording.from_frame(frame, rig=rig)
+    assert not [note for note in recording.notes if "while" in note]
+    assert records_of(recording, rig, True, False)[0].driven
+
+
+def test_a_mended_model_finds_what_lies_beside_the_model(rig, tmp_path):
+    corners = ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1))
+    faces = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "corner.obj").write_text(
+        "".join(f"v {x} {y} {z}\n" for x, y, z in corners)
+        + "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in faces)
+    )
+    text = MODEL.format(step=2e-3).replace("<worldbody>", '<compiler meshdir="parts"/><asset><mesh name="corner" '
+        'file="corner.obj"/></asset><worldbody><geom type="mesh" mesh="corner"/>')  # fmt: skip
+    (tmp_path / "meshed.xml").write_text(text)
+    config = load_rig({**RIG, "model": str(tmp_path / "meshed.xml")}).config
+    (tmp_path / "found").mkdir()
+    (tmp_path / "found" / "meshed.xml").write_text(mended(config, {}, {}))
+    assert mujoco.MjModel.from_xml_path(str(tmp_path / "found" / "meshed.xml")).nmesh == 1
 
 
 def test_a_free_joint_and_a_step_that_is_no_divisor_are_refused(rig, tmp_path):
