@@ -81,7 +81,11 @@ def _gaps(ax: Axes, results: dict[str, RunResult]) -> None:
     ax.set_ylim(-3.0, 102.0)
     heights = iter((80.0, 92.0, 80.0, 92.0))
     for row in results["bank"].estimates.to_dict("records"):
-        if row["found"] not in ("", "gap", "nothing"):
+        if (
+            row["found"] not in ("", "gap", "nothing", "unknown")
+            and not row["found"].startswith("ambiguous")
+            and not row["found"].endswith("(not sure)")
+        ):  # what the twin goes on with
             high = next(heights, 80.0)
             text = row["found"].replace("motor_bearing", "of the bearing").replace("stiffness all", "stiffness of all")
             ax.annotate(text, (row["t_applied_s"], 62.0), xytext=(row["t_applied_s"] + 8.0, high), ha="right",

@@ -94,7 +94,8 @@ def test_a_command_that_does_nothing_is_said_first(rig, frame):
     ],
 )
 def test_a_doubt_about_a_unit_is_settled_in_the_end(verdict, findings, said, frame, monkeypatch):
-    found = SimpleNamespace(suspected="", verdict=verdict, summary="All else.", recalibrated={},
+    rig = SimpleNamespace(config=SimpleNamespace(commands={}))
+    found = SimpleNamespace(suspected="", verdict=verdict, summary="All else.", recalibrated={}, nominal=rig,
                             findings=[SimpleNamespace(location=at, effect=name) for at, name in findings])  # fmt: skip
     monkeypatch.setattr("dtbacklash.diagnose.say.doubts.replace", lambda found, first, summary: summary)
     doubt = Doubt("theta", "its values are about a factor 6.28 too small")
