@@ -79,18 +79,14 @@ def _gaps(ax: Axes, results: dict[str, RunResult]) -> None:
         seen: pd.DataFrame = result.trace.iloc[::200]
         ax.plot(seen["t_s"], seen["gap_hat_deg"], color=COLOURS[twin], lw=1.4)
     ax.set_ylim(-3.0, 102.0)
-    heights = iter((80.0, 92.0, 80.0, 92.0))
+    heights, blue = iter((80.0, 92.0, 80.0, 92.0)), COLOURS["bank"]
     for row in results["bank"].estimates.to_dict("records"):
-        if (
-            row["found"] not in ("", "gap", "nothing", "unknown")
-            and not row["found"].startswith("ambiguous")
-            and not row["found"].endswith("(not sure)")
-        ):  # what the twin goes on with
+        said = row["found"]  # what the twin goes on with is labelled
+        if said and not said.startswith(("gap", "nothing", "unknown", "ambiguous")) and "(not sure)" not in said:
             high = next(heights, 80.0)
-            text = row["found"].replace("motor_bearing", "of the bearing").replace("stiffness all", "stiffness of all")
+            text = said.replace("motor_bearing", "of the bearing").replace("stiffness all", "stiffness of all")
             ax.annotate(text, (row["t_applied_s"], 62.0), xytext=(row["t_applied_s"] + 8.0, high), ha="right",
-                        fontsize=8, color=COLOURS["bank"],
-                        arrowprops={"arrowstyle": "->", "color": COLOURS["bank"]})  # fmt: skip
+                        fontsize=8, color=blue, arrowprops={"arrowstyle": "->", "color": blue})  # fmt: skip
     ax.set_ylabel("gap [deg]")
     ax.set_xlabel("time [s]")
 
