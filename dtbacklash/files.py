@@ -20,6 +20,7 @@ from typing import Any
 
 from dtbacklash.errors import Failure, UserError
 
+DIAGNOSIS_ENTRIES = frozenset({"diagnosis.json", "report.html", "figures", "rig.yaml", "found"})
 RUN_ENTRIES = frozenset({"summary.json", "metrics.csv", "estimates.csv", "trace.parquet", "figures", "report.html"})
 
 PARTIAL = ".partial"

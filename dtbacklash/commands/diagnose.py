@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from dtbacklash.recording import Recording
 
 MARK, TABLE = "diagnosis.json", "diagnose.csv"
-ENTRIES = frozenset({MARK, "report.html", "figures", "rig.yaml", "found"})
 INTERRUPTED = 130  # exit code
 FIGURES = ("verdict", "findings", "held_out_nominal", "held_out_extended", "noise_floor")
 
@@ -49,7 +48,7 @@ def do(config: DiagnoseConfig, folder: Path, command: str, tell: Tell | None) ->
     say = tell or _silent
     diagnosis = None
     try:
-        with run_folder(folder, RUN_FOLDER, MARK, ENTRIES) as scratch:
+        with run_folder(folder, RUN_FOLDER, MARK, files.DIAGNOSIS_ENTRIES) as scratch:
             rig = build_rig(config.rig)
             say(0.0, "reading the recording")
             train, held_out = read(config, rig)

@@ -1,14 +1,13 @@
 """What a finished search and its judgement amount to: verdict, moved parameters, and what is left."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 
 from dtbacklash.diagnose.engine.changes import Change
-from dtbacklash.diagnose.engine.exact import Model, as_it_stands
-from dtbacklash.diagnose.engine.free import Key, standing, tolerances_away
+from dtbacklash.diagnose.engine.exact import Model, as_given, as_it_stands
+from dtbacklash.diagnose.engine.free import Free, Key, standing, tolerances_away
 from dtbacklash.diagnose.engine.in_each import InOne, stands
 from dtbacklash.diagnose.engine.judge import Judged
 from dtbacklash.diagnose.engine.search import Search
@@ -27,7 +26,7 @@ MISSED = 3.0
 class Conclusion:
     """Everything that is said and shown comes from here.
 
-    judged.model is the extended rig. given : the same names on the rig as it was given. modelled, with_table : what no
+    judged.model is the extended rig. away : :func:`had_to_move`. modelled, with_table : what no
     name explains, and the rig that has it. in_each : title -> what each of several recordings says of it. left_out : of
     the recalibrated and the extended rig, where each recording is left out in turn, number -> the rig as the others
     have it. predicted : name -> what each recording, left out, loses without it (:func:`.turns.predicted`). changes :
@@ -36,7 +35,7 @@ class Conclusion:
 
     search: Search
     judged: Judged
-    given: Model | None
+    away: Sequence[Free]
     values: Values
     seen: Seen
     modelled: Modelled | None
@@ -78,26 +77,15 @@ class Conclusion:
         rules = self.search.rules
         return self.left < rules.left and (self.left < rules.clears * self.before or self.left < rules.much)
 
-    @cached_property
+    @property
     def moved(self) -> dict[str, tuple[float, float]]:
-        """Title of a known parameter that had to move -> (value, standard error).
-
-        The names are there in both: a friction that is missing moves a stiffness, and may hide that it had to move.
-        """
-        search, given = self.search, self.given
-        if given is None:
-            return {}
-        last = as_it_stands(search.bench, search.motion, self.model)
-        clears = search.unknown(last) < search.rules.clears * search.unknown(given)
-        asked = 0.0 if clears else MISSED * search.rules.worth * search.bench.count
-        if given.loss - last.loss < max(search.least, asked):
-            return {}
-        away = [(f, standing(f, self.model.rig)) for f in self.values.free if f.prior and not f.is_zero]
+        """Title of a known parameter that had to move -> (value, standard error)."""
+        errors = self.values.errors
         return {
             self.label(f.shared_title, f.recording): (
-                f.value(x), self.values.errors.get((f.place, f.effect, f.label), np.inf)
+                f.value(standing(f, self.model.rig)), errors.get((f.place, f.effect, f.label), np.inf)
             )
-            for f, x in away if abs(x) > search.rules.moved
+            for f in self.away
         }  # fmt: skip
 
     def beyond(self) -> dict[str, float]:
@@ -153,6 +141,22 @@ class Conclusion:
         if missed and self.seen.shows(rig) and not self.seen.unlogged(rig):
             return UNEXPLAINED
         return PARAMETERS if self.moved else CONSISTENT
+
+
+def had_to_move(search: Search, model: Model, values: Values) -> list[Free]:
+    """The known parameters that had to move beside a model's names, against the same names on the rig as it was given.
+
+    The names are there in both: a friction that is missing moves a stiffness, and may hide that it had to move.
+    """
+    known = [f for f in values.free if f.prior and not f.is_zero]
+    away = [f for f in known if abs(standing(f, model.rig)) > search.rules.moved]
+    given = as_given(search.bench, search.motion, model) if away else None
+    if given is None:
+        return []
+    last = as_it_stands(search.bench, search.motion, model)
+    clears = search.unknown(last) < search.rules.clears * search.unknown(given)
+    asked = 0.0 if clears else MISSED * search.rules.worth * search.bench.count
+    return [] if given.loss - last.loss < max(search.least, asked) else away
 
 
 def is_there(model: Model, values: Values, key: Key) -> bool:

@@ -8,11 +8,11 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from dtbacklash.campaign.progress import SO_FAR
-from dtbacklash.diagnose.conclusion import Conclusion, is_there
+from dtbacklash.diagnose.conclusion import Conclusion, had_to_move, is_there
 from dtbacklash.diagnose.engine.bench import Bench
 from dtbacklash.diagnose.engine.changes import Change, grow
 from dtbacklash.diagnose.engine.changes import judged as judged_changes
-from dtbacklash.diagnose.engine.exact import Model, Problem, as_given, without_name
+from dtbacklash.diagnose.engine.exact import Model, Problem, without_name
 from dtbacklash.diagnose.engine.factors import Off, begin
 from dtbacklash.diagnose.engine.formulas import modelled
 from dtbacklash.diagnose.engine.free import with_errors, with_priors
@@ -274,9 +274,9 @@ class _Course:
         model, about, bench = self._last_word(search, judged.model)
         judged = replace(judged, model=model)
         seen = Seen(search.bench, self.records, self.every, (last or model).rig, (last or model).sizes)
-        given = as_given(search.bench, search.motion, model)
-        c = Conclusion(search, judged, given, about, seen, said, last, self.course, full, changes=self.changes)
-        away = [f.shared_title for f in about.free if c.label(f.shared_title, f.recording) in c.moved]
+        moved = had_to_move(search, model, about)
+        c = Conclusion(search, judged, moved, about, seen, said, last, self.course, full, changes=self.changes)
+        away = [f.shared_title for f in moved]
         c = replace(c, in_each=in_each(bench, model, about, {*c.sizes.values(), *search.differences, *away}))
         if any((r.train & r.held).any() for r in self.records):
             c = self._in_turns(c)

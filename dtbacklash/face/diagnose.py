@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from dtbacklash.physics.rig import Rig
 
 DEFAULT_RIG = "lead_screw"
-ENTRIES = frozenset({"diagnosis.json", "report.html", "figures", "rig.yaml", "found"})
 
 
 @dataclass(frozen=True, repr=False)
@@ -200,11 +199,11 @@ class Found:
         ------
         UserError : the folder holds something else, or cannot be written.
         """
-        from dtbacklash.files import run_folder
+        from dtbacklash.files import DIAGNOSIS_ENTRIES, run_folder
         from dtbacklash.report.diagnosis import page
 
         target = Path(folder).expanduser()
-        with run_folder(target, key="folder", mark="diagnosis.json", known=ENTRIES) as scratch:
+        with run_folder(target, key="folder", mark="diagnosis.json", known=DIAGNOSIS_ENTRIES) as scratch:
             page.write(self.diagnosis, scratch)
         return target
 
@@ -294,22 +293,11 @@ def diagnose(
         raise UserError("enough", enough, "must be a mapping, channel: what is good enough, like 0.05 mm or 2 %")
     with shown(progress, "diagnosing") as tell:
         said = None if tell is None else lambda text, share: tell(share, text)
-        return Found(
-            diagnosed(
-                fitted,
-                nominal,
-                judged,
-                held_out,
-                said,
-                cores,
-                enough=enough,
-                depth=search,
-                own=own,
-                given=given,
-                hold_out=hold_out,
-                compare=compare,
-            )
-        )
+        found = diagnosed(
+            fitted, nominal, judged, held_out, said, cores, enough=enough, depth=search, own=own, given=given,
+            hold_out=hold_out, compare=compare,
+        )  # fmt: skip
+    return Found(found)
 
 
 def _usual_rig(recording: Source | Sequence[Source]) -> str:

@@ -133,22 +133,28 @@ def completed(config: RigConfig) -> RigConfig:
 
 def _parameter(model: mujoco.MjModel, joints: Mapping[str, str], title: str, share: object) -> ParameterConfig:
     key = f"rig.tolerances.{title}"
-    group, _, rest = title.partition(".")
-    name, _, number = rest.rpartition(".")
+    group, name, number = _parts(title)
     if number not in NUMBERS.get(group, {}):
         known = ", ".join(f"{g}.NAME.{n}" for g, numbers in NUMBERS.items() for n in numbers)
         raise UserError(key, title, f"no number of a model; choose one of {known}")
     there = {"joints": list(joints), "bodies": [model.body(b).name for b in range(1, model.nbody)],
              "actuators": [model.actuator(a).name for a in range(model.nu)]}[group]  # fmt: skip
-    index = _named(key, name, {one: k for k, one in enumerate(there)})
+    _named(key, name, dict.fromkeys(there))
     turns = group != "joints" or joints[name] == ROTARY
     unit = NUMBERS[group][number][0 if turns else 1]
-    return ParameterConfig(number_of(model, title, index), unit, share_of(key, share), f"{number} of {name}")
+    return ParameterConfig(number_of(model, title), unit, share_of(key, share), f"{number} of {name}")
 
 
-def number_of(model: mujoco.MjModel, title: str, index: int | None = None) -> float:
+def _parts(title: str) -> tuple[str, str, str]:
+    """Group, owner and number of a title, ``joints.elbow.damping``; an owner's name may have dots."""
+    group, _, rest = title.partition(".")
+    name, _, number = rest.rpartition(".")
+    return group, name, number
+
+
+def number_of(model: mujoco.MjModel, title: str) -> float:
     """A number of a model by its title, ``joints.elbow.damping``; SI."""
-    array, at = _place(model, title, index)
+    array, at = _place(model, title)
     return float(array[at])
 
 
@@ -163,9 +169,8 @@ def set_number(model: mujoco.MjModel, title: str, value: float) -> None:
         model.actuator_biasprm[at[0]] *= ratio
 
 
-def _place(model: mujoco.MjModel, title: str, index: int | None = None) -> tuple[Any, Any]:
-    group, _, rest = title.partition(".")
-    name, _, number = rest.rpartition(".")
+def _place(model: mujoco.MjModel, title: str) -> tuple[Any, Any]:
+    group, name, number = _parts(title)
     if group == "joints":
         j = model.joint(name).id
         stiff = number == "stiffness"
@@ -219,8 +224,7 @@ def mended(config: RigConfig, frictions: Mapping[str, float], dampings: Mapping[
     spec, model = specification(config.model), model_of(config)
     joints, bodies, drives = ({one.name: one for one in there} for there in (spec.joints, spec.bodies, spec.actuators))
     for title, parameter in config.parameters.items():
-        group, _, rest = title.partition(".")
-        name, _, number = rest.rpartition(".")
+        group, name, number = _parts(title)
         ratio = parameter.value / was if (was := number_of(model, title)) else 1.0
         if group == "joints":
             _set_first(joints[name], number, parameter.value)

@@ -35,6 +35,11 @@ class Bench:
         return sum(p.count for p in self.predictors)
 
     @property
+    def innovations(self) -> int:
+        """Rows that are innovations, missing readings with them."""
+        return sum(p.readings.y.size for p in self.predictors)
+
+    @property
     def sensors(self) -> set[str]:
         """Places of the sensors that were recorded."""
         return {SENSOR_PREFIX + c for p in self.predictors for c in p.readings.channels}

@@ -100,22 +100,16 @@ def _ranked(search: Search, model: Model, at: Model) -> list[tuple[str, Rig, tup
         for gain, title in differing(bench, at, search.motion)
     ]
     columns = Columns(bench, model, at.sizes)
-    for gain, h, sizes in columns.differing(split(bench, np.ones(sum(p.readings.y.size for p in bench.predictors))).T):
+    for gain, h, sizes in columns.differing(split(bench, np.ones(bench.innovations)).T):
         size = h.effect.size
         title = f"{h.place}.{h.effect.name}.{size.name}"
-        each = np.clip(sizes, size.low, size.high)
+        owned = ((k, title) for k in bench.recordings)
+        each = dict(zip(owned, np.clip(sizes, size.low, size.high), strict=True))
         try:
             rig = h.put(model.rig, None if h.as_it_is else sizes[np.argmax(np.abs(sizes))][None])
         except UserError:
             continue
-        found.append(
-            (
-                gain,
-                title,
-                rig.owning(dict(zip(((k, title) for k in bench.recordings), each, strict=True))),
-                (*model.keys, h.key),
-            )
-        )
+        found.append((gain, title, rig.owning(each), (*model.keys, h.key)))
     return [row[1:] for row in sorted(found, key=lambda row: -row[0]) if row[0] > 0.0]
 
 

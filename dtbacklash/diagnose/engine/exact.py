@@ -165,7 +165,7 @@ class Problem:
     @property
     def bench_rows(self) -> int:
         """Rows that are innovations."""
-        return sum(p.readings.y.size for p in self.bench.predictors)
+        return self.bench.innovations
 
     def solve(self, sizes: Sizes, x: Floats, steps: int, near: dict[str, Floats] | None = None) -> tuple[Floats, float]:
         """(values at given sizes, sum of squares); infinite where the start does not stay finite."""

@@ -5,7 +5,7 @@ missing. So before anything is searched, each gain is tried at the factors that 
 each parameter of the rig. A gain that explains most of what could be explained is where a search starts.
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -86,51 +86,55 @@ def _numbers(bench: Bench, rig: Rig) -> dict[str, float]:
 
 def gains_off(bench: Bench, rig: Rig) -> list[Off]:
     """Each gain of a sensor or an amplifier at its likeliest factor, if that explains most of what is missing."""
-    amplifier = rig.only("amplifier")
-    places = [*sorted(bench.sensors), *([amplifier.name] if amplifier else [])]
-    return _likely(bench, rig, (
-        ((place, GAIN), factor, rig.with_effect(place, GAIN, {"relative": factor - 1.0}))
-        for place in places if GAIN in rig.takes(place) and rig.effect(place, GAIN) is None
-        for one in GAINS for factor in (one, 1.0 / one)
-    ))  # fmt: skip
+    amplifier, before = rig.only("amplifier"), bench.tuned(rig)[1]
+    best: dict[Key, Off] = {}
+    for place in [*sorted(bench.sensors), *([amplifier.name] if amplifier else [])]:
+        if GAIN not in rig.takes(place) or rig.effect(place, GAIN) is not None:
+            continue
+        for way in (GAINS, tuple(1.0 / one for one in GAINS)):
+            last = before
+            for factor in way:
+                one = _off(bench, (place, GAIN), factor, rig.with_effect(place, GAIN, {"relative": factor - 1.0}))
+                if one is None:
+                    continue
+                if not one.loss < last:
+                    break  # what is left of a gain's error falls all the way to its factor
+                last, best[one.key] = one.loss, _likelier(best.get(one.key), one)
+    return [one for one in best.values() if before - one.loss > _mostly(bench, before)]
 
 
 def numbers_off(bench: Bench, rig: Rig, rules: DiagnoseSettings, factors: Collection[float] = NUMBERS) -> list[Off]:
     """The same of the rig's parameters; or those that earn what a name does, and clear the unknown force as it does."""
-    return _likely(bench, rig, (
-        (("", name), factor, rig.with_parameters({name: factor * value}))
-        for name, value in _numbers(bench, rig).items() for one in factors for factor in (one, 1.0 / one)
-    ), rules)  # fmt: skip
+    sizes, before = bench.tuned(rig)
+    little, earned = rules.clears * bench.most_unknown(sizes), rules.worth * bench.count
+    best: dict[Key, Off] = {}
+    for name, value in _numbers(bench, rig).items():
+        for factor in (way for one in factors for way in (one, 1.0 / one)):
+            one = _off(bench, ("", name), factor, rig.with_parameters({name: factor * value}))
+            if one is not None:
+                best[one.key] = _likelier(best.get(one.key), one)
+    return [
+        one for one in best.values() if before - one.loss > _mostly(bench, before)
+        or (bench.most_unknown(one.sizes) < little and before - one.loss > earned)
+    ]  # fmt: skip
 
 
-def _likely(
-    bench: Bench, rig: Rig, tried: Iterator[tuple[Key, float, Rig]], rules: DiagnoseSettings | None = None
-) -> list[Off]:
-    found: dict[Key, Off] = {}
-    first, before = bench.tuned(rig)
-    least: dict[tuple[Key, bool], float] = {}
-    ended: set[tuple[Key, bool]] = set()
-    for key, factor, other in tried:
-        way = key, factor > 1.0
-        if way in ended:
-            continue
-        try:
-            there = zeroed(bench, other)
-            sizes, loss = bench.tuned(there)
-        except (UserError, np.linalg.LinAlgError):
-            continue
-        if key not in found or loss < found[key].loss:
-            found[key] = Off(key, factor, there, sizes, loss)
-        if rules is None and not loss < least.get(way, before):
-            ended.add(way)  # what is left of a gain's error falls all the way to its factor
-        least[way] = loss
-    mostly, most = MOSTLY * max(before - bench.floor, 0.0), bench.most_unknown(first)
+def _off(bench: Bench, key: Key, factor: float, other: Rig) -> Off | None:
+    """What is off by a factor, with zeros and sizes anew; None where the rig cannot be so."""
+    try:
+        there = zeroed(bench, other)
+        return Off(key, factor, there, *bench.tuned(there))
+    except (UserError, np.linalg.LinAlgError):
+        return None
 
-    def clears(one: Off) -> bool:
-        little = rules is not None and bench.most_unknown(one.sizes) < rules.clears * most
-        return little and rules is not None and before - one.loss > rules.worth * bench.count
 
-    return [one for one in found.values() if before - one.loss > mostly or clears(one)]
+def _likelier(first: Off | None, second: Off) -> Off:
+    return second if first is None or second.loss < first.loss else first
+
+
+def _mostly(bench: Bench, before: float) -> float:
+    """Most of what a model could bring that leaves noise alone, -2 log likelihood."""
+    return MOSTLY * max(before - bench.floor, 0.0)
 
 
 def near_best(bench: Bench, found: Sequence[Off], worth: float) -> list[Off]:

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.signal import find_peaks
 
 from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.engine.factors import GAIN
 from dtbacklash.diagnose.result import UNEXPLAINED, Diagnosis
 from dtbacklash.diagnose.words import all_in_words
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
@@ -15,7 +16,6 @@ from dtbacklash.recording.command import NONE
 from dtbacklash.recording.model import Recording
 from dtbacklash.recording.wrong_units import Doubt, doubts_of
 
-GAIN = "gain_error"
 #: a recording in which nothing turns round so often is short, or one that does not at all and is no longer than that
 TURNS_MIN, SHORT_S = 8, 10.0
 #: means over so many parts of a recording are looked at
@@ -34,13 +34,9 @@ def doubted(rig: Rig, recordings: Sequence[Recording]) -> list[Doubt]:
 
 def said_first(found: Diagnosis, recordings: Sequence[Recording], doubts: Sequence[Doubt]) -> Diagnosis:
     """The diagnosis with what its user has to know before he believes it."""
-    rigged = found.nominal.config.commands  # of several commands one may well be idle
-    idle = [
-        text
-        for r in recordings
-        if r.command != NONE and not rigged
-        for text in idle_command(r.channels, r.units.get("u", "V"))
-    ]
+    alone = not found.nominal.config.commands  # of several commands one may well be idle
+    driven = [r for r in recordings if alone and r.command != NONE]
+    idle = [text for r in driven for text in idle_command(r.channels, r.units.get("u", "V"))]
     open_ = () if found.suspected else doubts  # a wrong number of the rig is what looks like a wrong unit
     said = " ".join([*dict.fromkeys(idle), *_short(recordings), *(_what_it_was(found, doubt) for doubt in open_)])
     return replace(found, first=said, summary=f"{said} {found.summary}") if said else found
