@@ -7,7 +7,7 @@ one's own is added by :func:`register`, at any time.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -108,9 +108,13 @@ def declarations(names: set[str]) -> dict[str, Any]:
     return {name: dict(e.declared) for (_, name), e in CATALOGUE.items() if name in names and e.declared is not None}
 
 
-def effects_of(kind: str) -> dict[str, Effect]:
-    """The effects that an element of this kind takes, by name."""
-    return {name: effect for (k, name), effect in list(CATALOGUE.items()) if k == kind}
+def effects_of(kind: str, names: Collection[str] | None = None) -> dict[str, Effect]:
+    """The effects that an element of this kind takes, by name; those of these names only."""
+    if names is not None and len(names) == 1:
+        (name,) = names
+        return {name: CATALOGUE[kind, name]} if (kind, name) in CATALOGUE else {}
+    among = CATALOGUE.copy().items()
+    return {name: effect for (k, name), effect in among if k == kind and (names is None or name in names)}
 
 
 def is_found(effect: Effect) -> bool:

@@ -203,8 +203,8 @@ class Rig:
         there = self.effects.get(location)
         if not there:
             return []
-        known = catalogue.effects_of(self.kind_at(location))
-        return [(e, there[name]) for name, e in known.items() if name in there and isinstance(e.slot, slot)]
+        known = catalogue.effects_of(self.kind_at(location), there)
+        return [(e, there[name]) for name, e in known.items() if isinstance(e.slot, slot)]
 
     def amount(self, location: str, slot: type[slots.Slot], parameter: str) -> float:
         """The sum of what the effects in a slot say of one of the slot's parameters; 0 if there are none."""

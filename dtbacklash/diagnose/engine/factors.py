@@ -22,6 +22,8 @@ from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 GAIN = "gain_error"
 #: of a gain: lines, edges and bits of an encoder, radians of a turn, a range
 GAINS = (2.0, 2.5, 4.0, 5.0, 2.0 * np.pi, 8.0, 10.0)
+#: beyond the last of them: what still falls there is a sensor that the rig does better without
+BEYOND = 20.0
 #: of a parameter: a radius for a diameter, a slipped point, a prefix
 NUMBERS = (2.0, 10.0, 100.0, 1e3)
 #: a factor is what is wrong if it brings so much of what a perfect model would (share of -2 log likelihood)
@@ -51,8 +53,7 @@ def begin(bench: Bench, rules: DiagnoseSettings) -> Off | None:
         return None
     sensors = [one for one in gains if one.key[0].startswith(SENSOR_PREFIX)]
     best = [*sensors, *gains][0]
-    factors = {*NUMBERS, best.factor, 1.0 / best.factor}
-    near = near_best(bench, [best, *numbers_off(bench, bench.nominal, rules, factors)], rules.worth)
+    near = near_best(bench, [best, *numbers_off(bench, bench.nominal, rules, {*NUMBERS, best.factor})], rules.worth)
     return best if best in near and (sensors or len(near) == 1) else None
 
 
@@ -91,15 +92,16 @@ def gains_off(bench: Bench, rig: Rig) -> list[Off]:
     for place in [*sorted(bench.sensors), *([amplifier.name] if amplifier else [])]:
         if GAIN not in rig.takes(place) or rig.effect(place, GAIN) is not None:
             continue
-        for way in (GAINS, tuple(1.0 / one for one in GAINS)):
-            last = before
-            for factor in way:
-                one = _off(bench, (place, GAIN), factor, rig.with_effect(place, GAIN, {"relative": factor - 1.0}))
-                if one is None:
-                    continue
-                if not one.loss < last:
-                    break  # what is left of a gain's error falls all the way to its factor
-                last, best[one.key] = one.loss, _likelier(best.get(one.key), one)
+        for way in (1.0, -1.0):
+            last: Off | None = None
+            for factor in (*GAINS, BEYOND):
+                times = factor**way
+                one = _off(bench, (place, GAIN), times, rig.with_effect(place, GAIN, {"relative": times - 1.0}))
+                if one is None or not one.loss < (last.loss if last else before):
+                    if last is not None:  # what is left of a gain's error falls all the way to its factor
+                        best[last.key] = _likelier(best.get(last.key), last)
+                    break
+                last = one
     return [one for one in best.values() if before - one.loss > _mostly(bench, before)]
 
 
@@ -109,7 +111,7 @@ def numbers_off(bench: Bench, rig: Rig, rules: DiagnoseSettings, factors: Collec
     little, earned = rules.clears * bench.most_unknown(sizes), rules.worth * bench.count
     best: dict[Key, Off] = {}
     for name, value in _numbers(bench, rig).items():
-        for factor in (way for one in factors for way in (one, 1.0 / one)):
+        for factor in sorted({way for one in factors for way in (one, 1.0 / one)}):
             one = _off(bench, ("", name), factor, rig.with_parameters({name: factor * value}))
             if one is not None:
                 best[one.key] = _likelier(best.get(one.key), one)

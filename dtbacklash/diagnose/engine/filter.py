@@ -2,8 +2,10 @@
 
 import numpy as np
 
-from dtbacklash.arrays import Floats
 from dtbacklash.compiled import compiled_allocating, inlined
+
+#: by so much a covariance that has settled still changes from sample to sample, a share
+SETTLED = 1e-9
 
 
 @inlined
@@ -95,8 +97,8 @@ def answers(A, C, K, W, which, F, b, c, missing, at_once):
     return E
 
 
-@np.errstate(over="ignore", invalid="ignore")
-def riccati(A: Floats, C: Floats, Q: Floats, R: Floats) -> Floats:
+@compiled_allocating
+def riccati(A, C, Q, R):
     """(n, n) the steady covariance of a predicted state, by the structure-preserving doubling algorithm.
 
     Source: Chu, Fan, Lin, Linear Algebra Appl. 396 (2005) 55. It doubles the horizon in each step; what does not settle
@@ -107,7 +109,7 @@ def riccati(A: Floats, C: Floats, Q: Floats, R: Floats) -> Floats:
     for _ in range(60):
         w = one + g @ h
         v = np.linalg.solve(w, a)
-        aw = np.linalg.solve(w.T, a.T).T
+        aw = np.linalg.solve(w.T.copy(), a.T.copy()).T
         more = a.T @ h @ v
         a, g, h = aw @ a, g + aw @ g @ a.T, h + more
         g, h = 0.5 * (g + g.T), 0.5 * (h + h.T)
@@ -120,19 +122,36 @@ def riccati(A: Floats, C: Floats, Q: Floats, R: Floats) -> Floats:
 def opening(A, C, Q, R, P, there):
     """Gains (n0, n, m), whitening (n0, m, m) and the sum of log determinants of the first n0 samples.
 
-    P : covariance of the first state. there : (n0, m) whether each reading is. Joseph's form keeps P positive.
+    P : covariance of the first state. there : (n0, m) whether each reading is. Joseph's form keeps P positive; where it
+    has settled, and the same readings are there until the end, so have the gains.
     """
     n, m, n0 = A.shape[0], C.shape[0], there.shape[0]
     K, W = np.zeros((n0, n, m)), np.zeros((n0, m, m))
-    logs, one = 0.0, np.eye(n)
+    logs, one, last, same = 0.0, np.eye(n), P, n0 - 1
+    while same > 0 and (there[same - 1] == there[n0 - 1]).all():
+        same -= 1
     for k in range(n0):
         gain, white, log = update(C, R, P, there[k])
         K[k], W[k] = gain, white
         logs += log
+        if k > same and settled(P, last):
+            K[k:], W[k:] = gain, white
+            return K, W, logs + (n0 - 1 - k) * log
+        last = P
         M = one - gain @ C
         P = A @ (M @ P @ M.T + gain @ R @ gain.T) @ A.T + Q
         P = 0.5 * (P + P.T)
     return K, W, logs
+
+
+@inlined
+def settled(P, last):
+    """Whether a covariance stays as it was, in units of its states."""
+    for i in range(P.shape[0]):
+        for j in range(i + 1):
+            if abs(P[i, j] - last[i, j]) > SETTLED * np.sqrt(P[i, i] * P[j, j]):
+                return False
+    return True
 
 
 @compiled_allocating

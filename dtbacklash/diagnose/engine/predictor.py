@@ -143,8 +143,8 @@ class Predictor:
         """Body -> its unknown force, a share of what moves it."""
         return dict(zip(self.bodies, np.exp(sizes[: len(self.bodies)]).tolist(), strict=True))
 
-    def gains(self, rig: Rig, sizes: Floats, linear: Linear | None = None) -> Gains:
-        """The gains of a rig's linear part at these sizes."""
+    def gains(self, rig: Rig, sizes: Floats, linear: Linear | None = None, contact: bool = False) -> Gains:
+        """The gains of a rig's linear part at these sizes; contact : those in contact only, for both modes."""
         L = linear or self.simulated.linear(rig)
         n, known = len(L.states), [L.bodies.index(b) for b in self.bodies if b in L.bodies]
         q = (
@@ -156,7 +156,7 @@ class Predictor:
         n0 = r.opening if self.spread or r.seldom else 0
         there = self.simulated.there(rig)[:n0] if r.seldom else r.there[:n0]
         counts, Ks, Ws, logs = r.counts(n0), [], [], 0.0
-        modes = (0, 1) if not np.array_equal(L.A[0], L.A[1]) else (1,)
+        modes = (0, 1) if not contact and not np.array_equal(L.A[0], L.A[1]) else (1,)
         for mode in modes:
             A, C, B = L.A[mode], L.C[mode], L.B[mode][:, known]
             if at_once:  # the unknown force of the sample before shows in an acceleration: it becomes a state
@@ -231,7 +231,7 @@ class Predictor:
 
         def cost(sizes: Floats) -> float:
             try:
-                gains = self.gains(rig, sizes, L)
+                gains = self.gains(rig, sizes, L, contact=True)
             except np.linalg.LinAlgError:
                 return LOST
             K = gains.K[1]

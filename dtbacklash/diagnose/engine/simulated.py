@@ -10,6 +10,7 @@ from dtbacklash.diagnose.engine.simulator import Linear, Pass
 from dtbacklash.physics.assembly import compile_plant, state_names
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.kernel import plant as pl
+from dtbacklash.physics.kernel.exponential import discretise
 from dtbacklash.physics.kernel.plant import Plant, State, new_state
 from dtbacklash.physics.kernel.sample import sense
 from dtbacklash.physics.kinds import GROUND
@@ -119,7 +120,7 @@ class Simulated:
         found = Pass(np.zeros(shape), np.zeros(shape), np.zeros((len(u), n)), state.x.copy())
         theta = u if p.imposed else np.zeros(1)
         observe(
-            p, state, u, rise, self._ramp(rig, p), self._half_gap(rig), theta, Y, np.ascontiguousarray(K[:, :, :n]), W,
+            p, state, u, rise, self._ramp(p), self._half_gap(rig), theta, Y, np.ascontiguousarray(K[:, :, :n]), W,
             self.readings.which(opening, Y), chan, found.E, found.X,
             found.D, np.zeros(len(rig.sensors)),
         )  # fmt: skip
@@ -182,14 +183,13 @@ class Simulated:
         """That of the rig, opened by as much as the stretch has it."""
         return max(rig_half_gap(rig) + self.readings.opened, 0.0)
 
-    def _ramp(self, rig: Rig, p: Plant) -> Floats:
+    def _ramp(self, p: Plant) -> Floats:
         """(n,) what a command that rises by 1 about its mean adds within a sample."""
         if self.readings.every == 1:
             return np.zeros(p.A.shape[1])
-        if p.substeps > 1:
-            p = compile_plant(rig, self.readings.sample_time_s, 1, 1)
+        _, P1, P2 = discretise(p.A, p.G, self.readings.sample_time_s, 1)
         mode = 1 if p.rotor >= 0 else 0
-        ramp: Floats = p.P2[mode, 0, pl.CH_V] - 0.5 * p.P1[mode, 0, pl.CH_V]
+        ramp: Floats = P2[mode, 0, pl.CH_V] - 0.5 * P1[mode, 0, pl.CH_V]
         return ramp
 
     def _driven(self, rig: Rig) -> tuple[Floats, Floats, Rig]:

@@ -24,6 +24,7 @@ OTHERWISE = {
     "an amplifier that clips": ("pendulum", ("amplifier", "saturation", {"limit": 0.15}), {}, {}),
     "a wrong inertia": ("two_mass_stage", None, {"m_t": 10.0}, {}),
     "a wrong stiffness": ("two_mass_stage", None, {"k": 0.25}, {}),
+    "a sensor that the rig does better without": ("pendulum", DRY, {}, {"omega": "noise"}),
     "a wrong drive": ("pendulum", DRY, {"K_t": 0.1}, {}),
 }
 
@@ -34,7 +35,9 @@ def measured(case):
     true = true.with_effect(*law) if law else true
     true = true.with_parameters({n: f * rig.config.parameters[n].value for n, f in off.items()})
     u = command(8.0, 0.4 if name == "pendulum" else 1.0)
-    return rig, u, {c: factors.get(c, 1.0) * y for c, y in recorded(true, u).items()}
+    noise = np.random.default_rng(3).normal(size=len(u))
+    read = recorded(true, u).items()
+    return rig, u, {c: noise * y if (by := factors.get(c, 1.0)) == "noise" else by * y for c, y in read}
 
 
 @pytest.mark.parametrize("case", [*MISCOUNTED, *OTHERWISE])
