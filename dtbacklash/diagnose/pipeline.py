@@ -171,7 +171,10 @@ class _Course:
         """The search with the command held between its samples; with another course where that is likelier."""
         self.tell("recalibrating the rig", 0.02)
         ways = {"": self.records, **ways_to_read(self.records, self.rig)}
-        held = self._begun(self.records)
+        held = self.search = self._begun(self.records)
+        if self.depth != NONE and not self._seen(held).unlogged(held.now.rig):
+            held.glance()
+            self.tell("recalibrating the rig", 0.04)
         if held.unknown(held.nothing) > held.rules.left:
             self.begin = begin(held.quick, held.rules)
             held = self._begun(self.records) if self.begin else held
@@ -215,8 +218,7 @@ class _Course:
             if self._seen(search).unlogged(search.now.rig):
                 self.search = search  # whatever would be found may be what is not in the log
                 return search
-            if self.search is None and self.depth != NONE:
-                search.glance()
+            search.likely = search.likely or (self.search.likely if self.search else None)
             self.search = search
             if self.depth != NONE and not any(r.driven for r in self.records):
                 self._moves_by_itself(search)
