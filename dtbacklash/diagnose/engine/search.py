@@ -17,6 +17,7 @@ from dtbacklash.diagnose.engine.exact import STIFF, Model, Problem, share_of, wi
 from dtbacklash.diagnose.engine.factors import Off
 from dtbacklash.diagnose.engine.free import Key, taken_out
 from dtbacklash.diagnose.engine.motion import Motion, motion_of
+from dtbacklash.diagnose.engine.predictor import LOST
 from dtbacklash.diagnose.settings import SETTINGS, DiagnoseSettings
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find
@@ -251,7 +252,7 @@ class Search:
         for m in some:
             if len(full) < 2 and (m.score < some[0].score + 0.1 * quick.count or len(m.keys) == few):
                 full += self._on_all(m, model, small)
-        return sorted(full, key=lambda m: m.score)
+        return sorted((m for m in full if m.score < LOST), key=lambda m: m.score)
 
     def _on_all(self, m: Model, model: Model, small: bool) -> list[Model]:
         """A proposed model fitted on all, without what is too small a law beside the model; none where that is all."""
