@@ -12,10 +12,10 @@ from dtbacklash.arrays import Floats
 from dtbacklash.errors import UserError
 from dtbacklash.recording.clean import clean
 from dtbacklash.recording.command import HELD, stepped
-from dtbacklash.recording.frames import frame_table
 from dtbacklash.recording.mapping import Channel
 from dtbacklash.recording.pick import plain
 from dtbacklash.recording.refusal import SAMPLES_MIN, Refused
+from dtbacklash.recording.tables import frame_table
 
 if TYPE_CHECKING:
     import pandas as pd

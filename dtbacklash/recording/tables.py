@@ -1,4 +1,4 @@
-"""From a file's bytes to named columns: CSV, Excel, Parquet, MATLAB, NumPy, JSON, each also gzipped."""
+"""From a file's bytes, gzipped or not, or from a DataFrame, to named columns."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from dtbacklash.arrays import Floats
 from dtbacklash.recording import heads, stamps, text
@@ -113,8 +114,6 @@ def _is_excel(content: bytes) -> bool:
 
 def _excel(content: bytes) -> Table:
     """The first sheet, read as the text that it shows: heads, a line of units and remarks as in a CSV."""
-    import pandas as pd
-
     try:
         sheet = pd.read_excel(io.BytesIO(content), header=None, dtype=object)
     except ImportError:
@@ -123,22 +122,10 @@ def _excel(content: bytes) -> Table:
 
 
 def _parquet(content: bytes) -> Table:
-    import pyarrow as pa
     from pyarrow import parquet
 
-    table = parquet.read_table(io.BytesIO(content))
-    found, others = Table(), dict[str, object]()
-    for name, column in zip(table.column_names, table.columns, strict=True):
-        kind = column.type
-        if pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_decimal(kind):
-            values = np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=float)
-            found.columns[name] = Column(values)
-        elif pa.types.is_dictionary(kind) or pa.types.is_nested(kind) or pa.types.is_boolean(kind):
-            found.columns[name] = Column(unusable="holds no numbers")
-        else:
-            others[name] = column.to_pandas().to_numpy()
-    found.columns |= from_arrays(others, whole=True).columns
-    return found
+    frame = parquet.read_table(io.BytesIO(content)).to_pandas(ignore_metadata=True)
+    return from_arrays(dict(frame.items()), whole=True)
 
 
 def _matlab5(content: bytes) -> Table:
@@ -180,8 +167,6 @@ def _json(content: bytes) -> Table:
     if isinstance(names, dict):  # {"columns": {"t": [...], ...}}
         return from_arrays(_flat({**data, **names}))
     if isinstance(rows, list) and rows and isinstance(rows[0], dict):
-        import pandas as pd
-
         rest = {key: value for key, value in data.items() if key not in ("data", "columns")}
         return from_arrays({**_flat(rest), **{str(n): c for n, c in pd.json_normalize(rows).items()}})
     table = from_arrays(_flat({key: value for key, value in data.items() if key not in ("data", "columns")}))
@@ -207,6 +192,34 @@ def _flat(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
         else:
             result[f"{prefix}{key}"] = value
     return result
+
+
+def frame_table(frame: pd.DataFrame) -> Table:
+    """The columns of a DataFrame; its index is the column ``t`` unless it only counts the rows.
+
+    Raises
+    ------
+    Refused : no frame, no rows, two columns of one name, or an index of something else than times.
+    """
+    if not isinstance(frame, pd.DataFrame):
+        raise Refused(f"must be a DataFrame, not a {type(frame).__name__}")
+    names = [str(name) for name in frame.columns]
+    double = next((name for name in names if names.count(name) > 1), None)
+    if double is not None:
+        raise Refused(f"has two columns named {double}")
+    if not len(frame) or not names:
+        raise Refused("is empty")
+    index = frame.index
+    apart = not isinstance(index, pd.RangeIndex) and not any(map(heads.is_time, names))
+    arrays: dict[str, object] = {str(index.name or heads.TIME): index.to_numpy()} if apart else {}
+    for name, (_, column) in zip(names, frame.items(), strict=True):
+        kind = column.dtype
+        missing = pd.api.types.is_extension_array_dtype(kind) and pd.api.types.is_numeric_dtype(kind)
+        arrays[name] = column.to_numpy(dtype=float, na_value=np.nan) if missing else column.to_numpy()
+    table = from_arrays(arrays, whole=True)
+    if apart and next(iter(table.columns.values())).values is None:
+        raise Refused("has neither a column t nor an index of times")
+    return with_clocks(table)
 
 
 def from_arrays(arrays: Mapping[str, object], whole: bool = False) -> Table:
