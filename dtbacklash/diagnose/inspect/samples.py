@@ -8,9 +8,10 @@ from collections.abc import Mapping
 
 import numpy as np
 from scipy.ndimage import median_filter
-from scipy.signal import coherence, welch
+from scipy.signal import coherence
 
 from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.engine.readings import noise_of
 from dtbacklash.diagnose.records import Mask, filled
 from dtbacklash.recording.channels import clipped, runs
 
@@ -48,21 +49,14 @@ CHANGES_MIN = 30
 BESIDE = 2
 #: a channel of whose variance more is white noise, coherent with nothing, is dead (share)
 DEAD_NOISE_SHARE = 0.8
+#: samples back to which white noise is compared with itself
+WHITE_LAGS = 8
 #: with fewer, noise is coherent by chance (stretches)
 COHERENCE_STRETCHES_MIN = 16
 #: how seldom noise alone may be taken for a signal (probability)
 COHERENCE_CHANCE = 1e-3
 #: a channel of counts repeats its values: it has this many at most (share of samples)
 COUNTED_SHARE = 0.5
-#: no noise is lower: two integrators of the same equations differ by less (share of the signal)
-NUMERICAL_SHARE = 3e-5
-#: fewer have no spectrum (samples)
-SPECTRUM_SAMPLES_MIN = 64
-#: relative variance of a band's level, times its bins and segments: 1/(ln 2)^2 for a median of periodograms, twice as
-#: much because the window correlates neighbouring bins
-MEDIAN_OF_PERIODOGRAMS = 2.0 / np.log(2.0) ** 2
-#: bands within so many standard errors have the same level
-SAME_LEVEL_ERRORS = 2.0
 
 
 def spikes(values: Floats, u: Floats) -> Mask:
@@ -103,7 +97,7 @@ def _roughness(values: Floats) -> Floats:
 def _least(values: Floats, away: Floats, usual: float) -> float:
     """How far off its median a sample has to be: beyond what is usual (a quantile), an encoder's jitter, and noise."""
     counts = SPIKE_COUNTS * quantum(values)
-    return max(SPIKE_RATIO * float(np.quantile(away, usual)), counts, SPIKE_RATIO * _noise(values))
+    return max(SPIKE_RATIO * float(np.quantile(away, usual)), counts, SPIKE_RATIO * noise_of(values)[0])
 
 
 def _furthest(away: Floats, start: int, stop: int) -> Mask:
@@ -150,11 +144,6 @@ def jump(steps: Floats) -> float:
     return JUMP_RATIO * float(np.sqrt(np.mean(steps**2)))
 
 
-def _noise(values: Floats) -> float:
-    """Noise from sample to sample, robustly: the median step, as of a normal distribution."""
-    return float(np.median(np.abs(np.diff(values, 2)))) / (0.6745 * math.sqrt(6.0))
-
-
 def at_limits(values: Floats) -> Mask:
     """(N,) the samples at which a sensor's range ends; none where only a few levels are ever taken."""
     found = np.zeros(len(values), dtype=bool)
@@ -166,8 +155,10 @@ def at_limits(values: Floats) -> Mask:
 def noise_alone(values: Floats, others: Mapping[str, Floats]) -> float:
     """Share of a channel's variance that is white noise; 0 if the channel is coherent with anything.
 
-    White noise is coherent by chance: of K independent stretches, the coherence at a frequency exceeds x with the
-    probability (1 - x)^(K - 1). A machine that rests shows noise alone as well; then nothing can be said of it either.
+    White noise is like none of the samples before (Box and Pierce, J. Am. Stat. Assoc. 65 (1970) 1509); what moves
+    slowly is, by its share of the variance. Noise is coherent by chance: of K independent stretches, the coherence at a
+    frequency exceeds x with the probability (1 - x)^(K - 1). A machine that rests shows noise alone as well; then
+    nothing can be said of it either.
 
     Parameters
     ----------
@@ -179,7 +170,9 @@ def noise_alone(values: Floats, others: Mapping[str, Floats]) -> float:
     """
     if not len(values) or np.ptp(values) == 0.0:
         return 1.0
-    share = min(white_noise(values) ** 2 / float(np.var(values)), 1.0)
+    off = values - values.mean()
+    alike = max(abs(float(off[lag:] @ off[:-lag])) for lag in range(1, min(WHITE_LAGS, len(off) - 1) + 1))
+    share = 1.0 - alike / float(off @ off)
     if share < DEAD_NOISE_SHARE:
         return share
     length = max(32, min(1024, len(values) // COHERENCE_STRETCHES_MIN))
@@ -201,35 +194,6 @@ def quantum(values: Floats) -> float:
     counts = steps / step
     regular = np.abs(counts - np.round(counts)) < 0.05
     return step if regular[counts < 20].mean() > 0.95 else 0.0
-
-
-def white_noise(values: Floats) -> float:
-    """Standard deviation of the white noise: the lowest level of the spectrum, at all frequencies; 0 of few values.
-
-    The signal is differenced before the spectrum is taken, so that its slow parts do not leak. The lowest band alone
-    would be too low by chance (minimum statistics: Martin, IEEE Trans. Speech Audio Process. 9 (2001) 504): so the mean
-    of all bands that are as low within their errors counts.
-    """
-    if len(values) < SPECTRUM_SAMPLES_MIN:
-        return 0.0
-    steps = np.diff(values)
-    length = int(min(1024, len(steps) // 4))
-    frequency, density = welch(steps, 1.0, "blackmanharris", length, detrend=False, average="median")
-    density = density[1:] / (2.0 * np.sin(np.pi * frequency[1:])) ** 2
-    width = max(4, len(density) // 8)
-    bands = density[: len(density) // width * width].reshape(-1, width).mean(axis=1)
-    levels = np.sort(bands[len(bands) // 4 :])
-    error = np.sqrt(MEDIAN_OF_PERIODOGRAMS / ((2 * len(steps) // length - 1) * width))
-    count = np.arange(1, len(levels) + 1)
-    mean = np.cumsum(levels) / count
-    most = (1.0 + SAME_LEVEL_ERRORS * error * np.sqrt(1.0 + 1.0 / count)) * mean
-    alike = np.append(levels[1:] <= most[:-1], False).argmin()
-    return float(np.sqrt(0.5 * mean[alike]))
-
-
-def sensor_noise(values: Floats) -> float:
-    """Standard deviation of a channel's noise, in its unit, also where it moves from one sample to the next."""
-    return max(white_noise(values), quantum(values) / math.sqrt(12.0), NUMERICAL_SHARE * float(np.std(values)))
 
 
 def stale(values: Floats) -> Mask:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.signal import welch
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.inspect.samples import sensor_noise
+from dtbacklash.diagnose.engine.readings import noise_of
 from dtbacklash.diagnose.records import Record
 from dtbacklash.errors import UserError
 from dtbacklash.physics.bodies import natural_frequencies_hz
@@ -54,7 +54,7 @@ def carried(rig: Rig, record: Record) -> Carried:
         shown = _response(rig, record)
     except UserError:
         return nothing
-    noise = {name: sensor_noise(record.y[name][np.isfinite(record.y[name])]) for name in shown}
+    noise = {name: noise_of(record.y[name])[0] for name in shown}
     for frequency in sorted(fast, reverse=True):
         if any(_rms_above(v, MODE_BAND_SHARE * frequency, step / FINE) > noise[name] for name, v in shown.items()):
             return Carried(frequency, 1.0 / (frequency * step))
