@@ -15,8 +15,8 @@ inertia, back-emf or stiffness, and the factor s on it is 1 in right units and 1
 no physics that is missing moves it by a factor 20. On the recordings of the tests that differ most from their rigs
 (friction near stalling, loads as large as the drive, play, PID loops) it lies between 0.3 and 3.
 
-Two channels of unlike quantities that have changed places are found the same way (:func:`places`): each is held against
-the command alone, with its own column and with the other's. The share that a motion accounts for knows no scale, so it
+Two channels of unlike quantities that have changed places are found the same way: each is held against the command
+alone, with its own column and with the other's. The share that a motion accounts for knows no scale, so it
 does not matter in which unit a column in the wrong place was read. On 19 pairs of the tests' recordings the mean of the
 two shares is larger by 0.58 to 1 with the columns in their places.
 
@@ -27,6 +27,7 @@ is recorded: the angle drives the structure in place of the command, and a play 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from collections.abc import Mapping as Dict
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -36,16 +37,21 @@ from scipy.optimize import lsq_linear
 
 from dtbacklash.arrays import Floats
 from dtbacklash.errors import UserError
-from dtbacklash.physics.rig import Element, Rig, Sensor, build_rig
+from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.recording.command import stepped
 
-EXCHANGED = 0.5  # share of effort by which two columns have to agree better with the command the other way round
-SAMPLES_PLACES = 20_000  # of the part that is looked at for that
 SAMPLES_MAX = 60_000  # of the part that is looked at: where the command moves most
+SAMPLES_WIRING = 20_000  # of that which is looked at for signs and places
+#: a sign or a place is wrong above it; of 431 channels that were wired right the largest had 0.34 (share of effort)
+REVERSAL_SHARE = 0.5
+PACES = (0.5, 0.7, 1.4, 2.0)  # factors on the speed of the rig's modes
 BLOCKS = (200, 600, 2000)  # means over so many parts of the recording
 NOTHING = 1e-6  # of the effort: what remains of it without the motion says nothing below this
 REST = 0.03  # of the rms speed, below which a body rests
+
+Channels = Dict[str, Floats]
+Names = tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -63,6 +69,29 @@ class Scale:
 
 
 @dataclass(frozen=True)
+class Reversal:
+    """Shares of the effort that a channel, or two, account for as recorded, and turned round or exchanged.
+
+    unlike : two channels of which no difference can be taken; the mean of their shares.
+    """
+
+    names: Names
+    straight: float
+    turned: float
+    unlike: bool = False
+
+    @property
+    def value(self) -> float:
+        """The second share less the first."""
+        return self.turned - self.straight
+
+    @property
+    def wrong(self) -> bool:
+        """Whether a sign is turned round, or two channels have changed places."""
+        return self.value > REVERSAL_SHARE
+
+
+@dataclass(frozen=True)
 class Question:
     """``target = s y + sum_j b_j other_j``, with ``low_j <= b_j <= high_j``, after differencing ``order`` times."""
 
@@ -72,71 +101,13 @@ class Question:
     order: int
 
 
-@dataclass(frozen=True)
-class Places:
-    """Mean share of the command's effort that two channels account for: as recorded, with their columns exchanged."""
-
-    straight: float
-    turned: float
-
-    @property
-    def exchanged(self) -> bool:
-        """Whether only the exchanged columns are what the command does to the rig."""
-        return self.turned - self.straight > EXCHANGED
-
-
-def unlike(rig: Rig, channels: Dict[str, Floats]) -> list[tuple[str, str]]:
-    """Recorded pairs of motions of two quantities or units."""
-    moving = [s for s in rig.sensors.values() if s.name in channels and s.quantity != "current"]
-    return [(a.name, b.name) for a, b in combinations(moving, 2) if (a.quantity, a.unit) != (b.quantity, b.unit)]
-
-
-def places(
-    rig: Rig, pair: tuple[str, str], channels: Dict[str, Floats], sample_time_s: float, command: str, pace: float = 1.0
-) -> Places:
-    """How well two channels and their exchange agree with the command; 0 and 0 where nothing can be compared.
-
-    pace : factor on the speed of the rig's modes.
-    """
-    part = busiest(channels["u"], SAMPLES_PLACES)
-    u, (a, b) = channels["u"][part], (channels[name][part] for name in pair)
-
-    def share(columns: tuple[Floats, Floats]) -> float:
-        each = (
-            balance(plain_rig(rig), (name,), {"u": u, name: values}, pace * sample_time_s, command)
-            for name, values in zip(pair, columns, strict=True)
-        )
-        return sum(scale_of(question).share for question in each if question is not None) / 2
-
-    try:
-        return Places(share((a, b)), share((b, a)))
-    except UserError:  # a rig that cannot be simulated says nothing
-        return Places(0.0, 0.0)
-
-
-def scales(rig: Rig, channels: dict[str, Floats], sample_time_s: float, command: str) -> dict[str, Scale]:
+def scales(rig: Rig, channels: Channels, sample_time_s: float, command: str) -> dict[str, Scale]:
     """What the units of the rig's channels look like; channels that say nothing are left out."""
     u = channels.get("u")
     if u is None or len(u) < 2 or not np.any(u):
         return {}
-    part = busiest(u)
-    cut = {name: values[part] for name, values in channels.items()}
-    bare = plain_rig(rig)
-    try:
-        questions = {name: balance(bare, (name,), cut, sample_time_s, command) for name in rig.sensors}
-    except UserError:  # a rig that cannot be simulated says nothing about units
-        return {}
-    return {name: scale_of(question) for name, question in questions.items() if question is not None}
-
-
-def busiest(u: Floats, samples: int = SAMPLES_MAX) -> slice:
-    """The stretch of at most ``samples`` in which the command varies most."""
-    count = len(u) // samples
-    if count < 1:
-        return slice(0, len(u))
-    sizes = [float(np.std(u[k * samples : (k + 1) * samples])) for k in range(count)]
-    k = int(np.argmax(sizes))
-    return slice(k * samples, (k + 1) * samples)
+    bench = Bench.of(rig, channels, sample_time_s, command)
+    return {name: scale for name in rig.sensors if (scale := bench.scale((name,))) is not None}
 
 
 def plain_rig(rig: Rig) -> Rig:
@@ -144,132 +115,181 @@ def plain_rig(rig: Rig) -> Rig:
     return build_rig(replace(rig.config, effects={}))
 
 
-def driver(rig: Rig, name: str, channels: Dict[str, Floats]) -> str:
-    """The signal that makes a channel in the nominal rig: the command, or behind a screw the recorded motor's angle."""
-    angle = _angle(rig)
-    behind = angle in channels and rig.only("screw") is not None
-    sensor = rig.sensors[name]
-    return angle if behind and sensor.quantity != "current" and _kind(rig, sensor) != "rotor" else "u"
+def _busiest(u: Floats, samples: int) -> slice:
+    """The stretch of at most ``samples`` in which the command varies most."""
+    starts = range(0, max(len(u) // samples, 1) * samples, samples)
+    first = max(starts, key=lambda k: float(np.std(u[k : k + samples])))
+    return slice(first, first + samples)
 
 
-def balance(
-    rig: Rig, names: tuple[str, ...], channels: Dict[str, Floats], sample_time_s: float, command: str
-) -> Question | None:
-    """What drives a channel, or the difference of two, against what it shows.
+@dataclass(frozen=True)
+class Bench:
+    """A rig without its effects, and what it showed.
 
-    Parameters
-    ----------
-    rig : without effects (:func:`plain_rig`). names : of one channel, or of two whose difference is asked for (both
-        driven by the same signal). channels : (N,) values in SI. command : see :mod:`.command`.
-
-    Returns
-    -------
-    None where nothing was recorded, nothing moves, or the rig has no drive.
-
-    Raises
-    ------
-    UserError : the rig cannot be simulated.
+    channels : (N,) values in SI, the command ``u`` among them. command : see :mod:`.command`.
     """
-    if any(name not in channels for name in names):
-        return None
-    y = _shown(channels, names)
-    if not np.any(y != y[0]):
-        return None
-    theta = channels.get(_angle(rig))
-    circuit = rig.only("motor_circuit")
-    if rig.sensors[names[0]].quantity == "current" and circuit is not None:
-        return _current(circuit, channels["u"], y, theta, sample_time_s)
-    if theta is not None and driver(rig, names[0], channels) != "u":
-        return _behind_screw(rig, names, y, theta, sample_time_s)
-    return _effort(rig, names, channels, sample_time_s, command)
+
+    rig: Rig
+    channels: Channels
+    step_s: float
+    command: str
+
+    @classmethod
+    def of(cls, rig: Rig, channels: Channels, step_s: float, command: str, samples: int = SAMPLES_MAX) -> Bench:
+        """With the part of a recording in which the command varies most."""
+        part = _busiest(channels["u"], samples)
+        return cls(plain_rig(rig), {name: values[part] for name, values in channels.items()}, step_s, command)
+
+    def pairs(self, alike: bool) -> Iterator[tuple[str, str]]:
+        """Recorded channels of one quantity and unit that one signal drives; or of two, but for currents."""
+        recorded = [s for s in self.rig.sensors.values() if s.name in self.channels]
+        for a, b in combinations(recorded, 2):
+            if (a.quantity, a.unit) == (b.quantity, b.unit):
+                fits = alike and self.driver(a.name) == self.driver(b.name)
+            else:
+                fits = not alike and "current" not in (a.quantity, b.quantity)
+            if fits:
+                yield a.name, b.name
+
+    def changed(self, turned: Names = (), swapped: Names = ()) -> Bench:
+        """The same with two channels that have changed places, then with some signs turned round."""
+        channels = {**self.channels, **{a: self.channels[b] for a, b in zip(swapped, reversed(swapped), strict=True)}}
+        return replace(self, channels={**channels, **{name: -channels[name] for name in turned}})
+
+    def reversal(self, names: Names, unlike: bool = False) -> Reversal | None:
+        """The reversal of a channel or of a pair; None where nothing can be compared."""
+        other = self.changed(turned=names) if len(names) == 1 else self.changed(swapped=names)
+        first, second = self._share(names, unlike), other._share(names, unlike)
+        if first is None or second is None:
+            return None
+        if second - first > REVERSAL_SHARE:
+            paces = (replace(self, step_s=pace * self.step_s)._share(names, unlike) or 0.0 for pace in PACES)
+            first = max(first, *paces)
+        return Reversal(names, first, second, unlike)
+
+    def _share(self, names: Names, unlike: bool) -> float | None:
+        if not unlike:
+            found = self.scale(names)
+            return None if found is None else found.share
+        alone = (replace(self, channels={name: self.channels[name] for name in ("u", one)}) for one in names)
+        each = [bench.scale((one,)) for bench, one in zip(alone, names, strict=True)]
+        return sum(found.share for found in each if found is not None) / len(names)
+
+    def scale(self, names: Names) -> Scale | None:
+        """What a channel's unit looks like, or that of a difference; None where nothing is said."""
+        try:
+            question = self._question(names)
+        except UserError:  # a rig that cannot be simulated says nothing
+            return None
+        return None if question is None else scale_of(question)
+
+    def driver(self, name: str) -> str:
+        """The signal that makes a channel: the command, or behind a screw the recorded motor's angle."""
+        angle = self._angle()
+        behind = angle in self.channels and self.rig.only("screw") is not None
+        return angle if behind and self.rig.sensors[name].quantity != "current" and self._kind(name) != "rotor" else "u"
+
+    def _question(self, names: Names) -> Question | None:
+        """What drives a channel, or the difference of two that one signal drives, against what it shows.
+
+        None where nothing was recorded, nothing moves, or the rig has no drive (raises UserError: it cannot be
+        simulated).
+        """
+        if any(name not in self.channels for name in names):
+            return None
+        y = _shown(self.channels, names)
+        if not np.any(y != y[0]):
+            return None
+        theta = self.channels.get(self._angle())
+        circuit = self.rig.only("motor_circuit")
+        if self.rig.sensors[names[0]].quantity == "current" and circuit is not None:
+            return self._current(circuit.values, y, theta)
+        if theta is not None and self.driver(names[0]) != "u":
+            return self._behind_screw(names, y, theta)
+        return self._effort(names, y)
+
+    def _angle(self) -> str:
+        """The sensor of the rotor's angle, or empty."""
+        angles = (s.name for s in self.rig.sensors.values() if s.quantity == "position")
+        return next((name for name in angles if self._kind(name) == "rotor"), "")
+
+    def _kind(self, name: str) -> str:
+        return self.rig.elements[self.rig.sensors[name].of].kind
+
+    def _answer(self, u: Floats, names: Names, step_s: float) -> Floats:
+        """What the rig shows."""
+        return _shown(simulate(self.rig, u, step_s).sensors, names)
+
+    def _current(self, circuit: Dict[str, float], i: Floats, theta: Floats | None) -> Question:
+        """The balance of the circuit; where no angle is recorded the back-emf is unknown."""
+        voltage = circuit["resistance"] * i + circuit["inductance"] * np.gradient(i, self.step_s)
+        emf = None if theta is None else circuit["emf_constant"] * np.gradient(theta, self.step_s)
+        return Question(self.channels["u"], voltage, () if emf is None else ((emf, -np.inf, np.inf),), 0)
+
+    def _behind_screw(self, names: Names, y: Floats, theta: Floats) -> Question:
+        """The structure driven by the recorded angle, without play or with the play that fits best."""
+        angle, u = theta - theta[0], np.zeros(len(theta) - 1)
+        width = float(np.ptp(angle)) / 2
+        gear = self.rig.only("gear")
+        best, likeness = np.zeros(len(y)), -1.0
+        for share in (0.0, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9) if gear and width > 0.0 else (0.0,):
+            gap = {"half_gap": min(share * width, 6.0)}
+            worn = self.rig.with_effect(gear.name, "backlash", gap) if gear and share else self.rig
+            driven = _shown(simulate(worn, u, self.step_s, theta_m_rad=angle).sensors, names)
+            size = float(np.std(driven))
+            like = float(np.mean((driven - driven.mean()) * (y - y.mean()))) / size if size > 0.0 else -1.0
+            if like > likeness:
+                best, likeness = driven, like
+        return Question(best, y, (), 0)
+
+    def _effort(self, names: Names, y: Floats) -> Question | None:
+        """The effort of the command against that of the recorded motion, with all that may use it up."""
+        if self.rig.only("positioner") is None and self.rig.only("amplifier") is None:
+            return None
+        sensor, u = self.rig.sensors[names[0]], self.channels["u"]
+        fine, parts = stepped(u, self.command)
+
+        def answer(held: Floats) -> Floats:
+            return self._answer(np.repeat(held[:-1], parts), names, self.step_s / parts)[::parts]
+
+        target = self._answer(fine, names, self.step_s / parts)[::parts]
+        if self.rig.only("positioner") is not None:
+            return Question(target, y, (), 0)
+        top, order = float(np.abs(u).max()), self._integrators(names)
+        motion = _smooth(self.channels[names[0]])
+        speed = motion if sensor.quantity == "velocity" else np.gradient(motion)
+        speed = _smooth(speed)
+        moving = np.abs(speed) > REST * float(np.sqrt(np.mean(speed**2)))
+        used: list[tuple[Floats, float, float]] = [
+            (np.where(moving, 0.0, u), 0.0, 1.0),  # friction that holds
+            (np.where(moving, top * np.sign(speed), 0.0), 0.0, 1.5),
+            (top * speed / max(float(np.abs(speed).max()), 1e-300), 0.0, 2.0),
+            (np.full(len(u), top), -2.0, 2.0),  # a load
+        ]
+        if order and sensor.quantity == "position":
+            off = y - y.mean()
+            used.append((top * off / float(np.abs(off).max()), 0.0, 2.0))  # a spring
+        others = [(answer(effort), low, high) for effort, low, high in used]
+        if not order:
+            decay = answer(np.where(np.arange(len(u)) == 0, top, 0.0))
+            others += [(decay, -np.inf, np.inf), (np.gradient(decay), -np.inf, np.inf)]
+        return Question(target, y, tuple(others), order)
+
+    def _integrators(self, names: Names) -> int:
+        """How often the rig integrates on the way to a sensor: how its answer to a step grows."""
+        n = 4000
+        y = np.abs(self._answer(np.ones(n), names, 5 * self.step_s))
+        return min(2, max(0, round(math.log2(max(y[n], 1e-300) / max(y[n // 2], 1e-300)))))
 
 
-def _angle(rig: Rig) -> str:
-    """The sensor of the rotor's angle, or empty."""
-    found = (s.name for s in rig.sensors.values() if s.quantity == "position" and _kind(rig, s) == "rotor")
-    return next(found, "")
-
-
-def _shown(channels: Dict[str, Floats], names: tuple[str, ...]) -> Floats:
+def _shown(channels: Channels, names: Names) -> Floats:
     """One channel, or the difference of two."""
     return channels[names[0]] if len(names) == 1 else channels[names[0]] - channels[names[1]]
-
-
-def _kind(rig: Rig, sensor: Sensor) -> str:
-    return rig.elements[sensor.of].kind
-
-
-def _current(circuit: Element, u: Floats, i: Floats, theta: Floats | None, step: float) -> Question:
-    """The balance of the circuit; where no angle is recorded the back-emf is unknown."""
-    voltage = circuit.values["resistance"] * i + circuit.values["inductance"] * np.gradient(i, step)
-    others: tuple[tuple[Floats, float, float], ...] = ()
-    if theta is not None:
-        others = ((circuit.values["emf_constant"] * np.gradient(theta, step), -np.inf, np.inf),)
-    return Question(u, voltage, others, 0)
-
-
-def _behind_screw(rig: Rig, names: tuple[str, ...], y: Floats, theta: Floats, step: float) -> Question:
-    """The structure driven by the recorded angle, without play or with the play that fits best."""
-    angle, u = theta - theta[0], np.zeros(len(theta) - 1)
-    width = float(np.ptp(angle)) / 2
-    gear = rig.only("gear")
-    best, likeness = np.zeros(len(y)), -1.0
-    for share in (0.0, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 0.9) if gear and width > 0.0 else (0.0,):
-        worn = rig.with_effect(gear.name, "backlash", {"half_gap": min(share * width, 6.0)}) if gear and share else rig
-        driven = _shown(simulate(worn, u, step, theta_m_rad=angle).sensors, names)
-        size = float(np.std(driven))
-        like = float(np.mean((driven - driven.mean()) * (y - y.mean()))) / size if size > 0.0 else -1.0
-        if like > likeness:
-            best, likeness = driven, like
-    return Question(best, y, (), 0)
-
-
-def _effort(
-    rig: Rig, names: tuple[str, ...], channels: Dict[str, Floats], step: float, command: str
-) -> Question | None:
-    """The effort of the command against that of the recorded motion, with all that may use it up."""
-    if rig.only("positioner") is None and rig.only("amplifier") is None:
-        return None
-    sensor, u, y = rig.sensors[names[0]], channels["u"], _shown(channels, names)
-    fine, parts = stepped(u, command)
-
-    def answer(held: Floats) -> Floats:
-        return _shown(simulate(rig, np.repeat(held[:-1], parts), step / parts).sensors, names)[::parts]
-
-    target = _shown(simulate(rig, fine, step / parts).sensors, names)[::parts]
-    if rig.only("positioner") is not None:
-        return Question(target, y, (), 0)
-    top, order = float(np.abs(u).max()), _integrators(rig, names, step)
-    motion = _smooth(channels[names[0]])
-    speed = motion if sensor.quantity == "velocity" else np.gradient(motion)
-    speed = _smooth(speed)
-    moving = np.abs(speed) > REST * float(np.sqrt(np.mean(speed**2)))
-    used: list[tuple[Floats, float, float]] = [
-        (np.where(moving, 0.0, u), 0.0, 1.0),  # friction that holds
-        (np.where(moving, top * np.sign(speed), 0.0), 0.0, 1.5),
-        (top * speed / max(float(np.abs(speed).max()), 1e-300), 0.0, 2.0),
-        (np.full(len(u), top), -2.0, 2.0),  # a load
-    ]
-    if order and sensor.quantity == "position":
-        off = y - y.mean()
-        used.append((top * off / float(np.abs(off).max()), 0.0, 2.0))  # a spring
-    others = [(answer(effort), low, high) for effort, low, high in used]
-    if not order:
-        decay = answer(np.where(np.arange(len(u)) == 0, top, 0.0))
-        others += [(decay, -np.inf, np.inf), (np.gradient(decay), -np.inf, np.inf)]
-    return Question(target, y, tuple(others), order)
 
 
 def _smooth(values: Floats) -> Floats:
     width = max(1, len(values) // 1000)
     return np.convolve(np.pad(values, width, mode="edge"), np.ones(width) / width, "same")[width : len(values) + width]
-
-
-def _integrators(rig: Rig, names: tuple[str, ...], step: float) -> int:
-    """How often the rig integrates on the way to a sensor: how its answer to a step grows."""
-    n = 4000
-    y = np.abs(_shown(simulate(rig, np.ones(n), 5 * step).sensors, names))
-    return min(2, max(0, round(math.log2(max(y[n], 1e-300) / max(y[n // 2], 1e-300)))))
 
 
 def scale_of(question: Question) -> Scale:

@@ -29,7 +29,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.model import Recording
-from dtbacklash.recording.plausible import Scale, driver, places, scales, unlike
+from dtbacklash.recording.plausible import SAMPLES_WIRING, Bench, Scale, scales
 from dtbacklash.recording.refusal import Refused
 
 #: SI unit -> units that are mistaken for one another; the first is SI
@@ -100,23 +100,24 @@ def check_units(
     """
     found = scales(rig, channels, sample_time_s, command)
     off = {name: factor for name, scale in found.items() if (factor := _off(rig.sensors[name].unit, scale))}
-    for name, factor in off.items():
-        large = max(factor, 1.0 / factor) > SMALL
-        for pair in unlike(rig, channels) if large else ():
-            if name in pair and places(rig, pair, channels, sample_time_s, command).exchanged:
-                a, b = pair
-                raise Refused(
-                    f"channels {a} and {b} look to have changed places: only the other way round they are what the "
-                    "command u does to this rig; swap them in the file or in its mapping, or give "
-                    "recording.trust_units=true if they are right"
-                )
+    large = {name for name, factor in off.items() if max(factor, 1.0 / factor) > SMALL}
+    bench = Bench.of(rig, channels, sample_time_s, command, SAMPLES_WIRING) if large else None
+    for pair in bench.pairs(alike=False) if bench else ():
+        reversal = bench.reversal(pair, unlike=True) if bench and large & set(pair) else None
+        if reversal is not None and reversal.wrong:
+            a, b = pair
+            raise Refused(
+                f"channels {a} and {b} look to have changed places: only the other way round they are what the "
+                "command u does to this rig; swap them in the file or in its mapping, or give "
+                "recording.trust_units=true if they are right"
+            )
     doubts = []
     for name, factor in off.items():
         blamed, by = _blamed(rig, name, factor, channels, sample_time_s, command, found, assumed)
         read, whole = assumed.get(blamed) or _si(rig, blamed), units.whole(_si(rig, blamed))
         counts = by > SMALL and blamed != COMMAND and _are_whole(channels[blamed], read)
         looks = _looks(blamed, found[blamed].factor if counts and blamed in found else by, read, counts)
-        if max(factor, 1.0 / factor) > SMALL:
+        if name in large:
             unit = f"{whole}/4096, for as many counts a {whole}," if counts else "UNIT,"
             raise Refused(
                 f"channel {blamed} looks to be in a wrong unit: {looks}; give recording.units.{blamed}={unit} or "
@@ -149,7 +150,7 @@ def _blamed(
     found: dict[str, Scale], assumed: Dict[str, str],
 ) -> tuple[str, float]:  # fmt: skip
     """Which channel is wrong where ``name`` does not fit what drives it, and by what factor."""
-    angle = driver(rig, name, channels)
+    angle = Bench(rig, channels, step_s, command).driver(name)
     if angle != COMMAND:
         alone = scales(rig, {COMMAND: channels[COMMAND], name: channels[name]}, step_s, command).get(name)
         if alone and alone.share > SHARE and abs(math.log(max(alone.factor, 1e-300))) < math.log(ALIKE):

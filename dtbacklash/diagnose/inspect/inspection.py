@@ -9,12 +9,13 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.inspect import samples
 from dtbacklash.diagnose.inspect.sampling import MODE_SAMPLES_MIN, Carried, carried
-from dtbacklash.diagnose.inspect.wiring import REVERSAL_SHARE, Reversal, Rewiring, wiring
+from dtbacklash.diagnose.inspect.wiring import Rewiring, wiring
 from dtbacklash.diagnose.records import Mask, Record, filled
 from dtbacklash.diagnose.result import Check
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 from dtbacklash.recording.channels import CLIPPED_SHARE
 from dtbacklash.recording.mapping import Channel
+from dtbacklash.recording.plausible import REVERSAL_SHARE, Reversal
 from dtbacklash.recording.refusal import SAMPLES_MIN
 
 #: a channel of which more is missing is a fault (share of its samples)
@@ -298,8 +299,7 @@ def _miswired(
     rig: Rig, record: Record, wired: list[tuple[list[Reversal], Rewiring | None]], rewiring: Rewiring
 ) -> Fault:
     reversals = next(found for found, mending in wired if mending is rewiring)
-    wrong = [r for r in reversals if r.value > REVERSAL_SHARE]
-    best = max(wrong, key=lambda r: r.turned)
+    best = max((r for r in reversals if r.wrong), key=lambda r: r.turned)
     if rewiring.swapped:
         a, b = rewiring.swapped
         signs = f", and the sign of {_listed(list(rewiring.turned))} is turned round" if rewiring.turned else ""

@@ -12,7 +12,7 @@ is near -1 on a clean recording, near 0 where friction leaves nothing of the rig
 wrong. A swap of two channels turns the sign of their difference, so it has the same statistic. Near a resonance a
 wrong mass turns the phase: the largest share as recorded over rigs whose modes are up to twice as fast or half as
 fast counts. Two channels of unlike quantities have no difference: there the mean of the two shares is compared
-(``places`` of :mod:`dtbacklash.recording.plausible`).
+(:class:`dtbacklash.recording.plausible.Reversal`).
 
 Of 431 reversals on drawn machines that are wired right (friction near stalling, loads as large as the drive, play as
 wide as the motion, masses off by half, PID loops) two exceed 0.05, and the largest is 0.34 (a single tone between two
@@ -21,55 +21,24 @@ nothing.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
-from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.records import Record, filled
-from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.command import HELD
-from dtbacklash.recording.plausible import balance, busiest, driver, places, plain_rig, scale_of, unlike
+from dtbacklash.recording.plausible import SAMPLES_WIRING, Bench, Reversal
 
-#: a sign is wrong above it; of 431 channels that were wired right the largest had 0.34 (share of effort)
-REVERSAL_SHARE = 0.5
 #: two rewirings mend alike where their sums of reversals differ by less (share of effort)
 REWIRING_SHARE = 0.1
-
-#: factors on the speed of the rig's modes
-PACES = (0.5, 0.7, 1.4, 2.0)
-#: of the part of a recording that is looked at, where the command moves most
-SAMPLES_MAX = 20_000
-
-Channels = dict[str, Floats]
-Pair = tuple[str, str]
-
-
-@dataclass(frozen=True)
-class Reversal:
-    """Shares of the effort that a channel, or the difference of two, accounts for as recorded and turned round.
-
-    unlike : two channels of which no difference can be taken; the mean of their shares.
-    """
-
-    names: tuple[str, ...]
-    straight: float
-    turned: float
-    unlike: bool = False
-
-    @property
-    def value(self) -> float:
-        """Above ``REVERSAL_SHARE`` the sign is wrong."""
-        return self.turned - self.straight
 
 
 @dataclass(frozen=True)
 class Rewiring:
     """What mends a recording: signals to turn (``u`` among them), a pair to swap first; what would do as well."""
 
-    turned: tuple[str, ...]
-    swapped: Pair | None = None
+    turned: tuple[str, ...] = ()
+    swapped: tuple[str, ...] | None = None
     instead: tuple[str, ...] = ()
 
 
@@ -82,101 +51,42 @@ def wiring(rig: Rig, record: Record) -> tuple[list[Reversal], Rewiring | None]:
     """
     if rig.config.model:
         return [], None
-    part = busiest(record.u, SAMPLES_MAX)
-    channels = {"u": record.u[part], **{n: filled(v)[part] for n, v in record.y.items() if n in rig.sensors}}
-    bench = Bench(plain_rig(rig), record.sample_time_s)
-    exchanges = [_exchange(rig, pair, channels, record.sample_time_s) for pair in unlike(rig, channels)]
-    found = [*exchanges, *bench.reversals(channels)]
+    channels = {"u": record.u, **{n: filled(v) for n, v in record.y.items() if n in rig.sensors}}
+    bench = Bench.of(rig, channels, record.sample_time_s, HELD, SAMPLES_WIRING)
+    exchanges = [r for pair in bench.pairs(alike=False) if (r := bench.reversal(pair, unlike=True)) is not None]
+    found = [*exchanges, *_reversals(bench)]
     most = max(exchanges, key=lambda r: r.value, default=None)
-    if most is not None and most.value > REVERSAL_SHARE:
-        a, b = most.names
-        return found, Rewiring((), (a, b))
-    if not any(r.value > REVERSAL_SHARE for r in found):
-        return found, None
-    return found, bench.mended(channels, found)
+    if most is not None and most.wrong:
+        return found, Rewiring(swapped=most.names)
+    return found, _mended(bench, found) if any(r.wrong for r in found) else None
 
 
-def _exchange(rig: Rig, pair: Pair, channels: Channels, step_s: float) -> Reversal:
-    """The reversal of two channels of unlike quantities."""
-    found = places(rig, pair, channels, step_s, HELD)
-    straight = found.straight
-    if found.exchanged:
-        straight = max(straight, *(places(rig, pair, channels, step_s, HELD, pace).straight for pace in PACES))
-    return Reversal(pair, straight, found.turned, unlike=True)
+def _reversals(bench: Bench) -> list[Reversal]:
+    """Of every channel, then of every pair, that say anything."""
+    single = [(name,) for name in bench.rig.sensors if name in bench.channels]
+    every = (bench.reversal(names) for names in (*single, *bench.pairs(alike=True)))
+    return [r for r in every if r is not None]
 
 
-@dataclass(frozen=True)
-class Bench:
-    """A rig without effects on which recordings are tried."""
-
-    rig: Rig
-    step_s: float
-
-    def reversals(self, channels: Channels) -> list[Reversal]:
-        """Of every channel, then of every pair, that say anything."""
-        single = [(name,) for name in self.rig.sensors if name in channels]
-        every = (self.reversal(names, channels) for names in (*single, *self.pairs(channels)))
-        return [r for r in every if r is not None]
-
-    def pairs(self, channels: Channels) -> Iterator[Pair]:
-        """Channels of the same quantity and unit that the same signal drives."""
-        for a, b in combinations([n for n in self.rig.sensors if n in channels], 2):
-            one, other = self.rig.sensors[a], self.rig.sensors[b]
-            alike = (one.quantity, one.unit) == (other.quantity, other.unit)
-            if alike and driver(self.rig, a, channels) == driver(self.rig, b, channels):
-                yield a, b
-
-    def reversal(self, names: tuple[str, ...], channels: Channels) -> Reversal | None:
-        """The reversal of a channel or of a pair; None where nothing can be compared."""
-        other = turned(channels, names) if len(names) == 1 else swapped(channels, names)
-        first, second = self._share(names, channels), self._share(names, other)
-        if first is None or second is None:
-            return None
-        if second - first > REVERSAL_SHARE:
-            first = max(first, *(self._share(names, channels, pace) or 0.0 for pace in PACES))
-        return Reversal(names, first, second)
-
-    def _share(self, names: tuple[str, ...], channels: Channels, pace: float = 1.0) -> float | None:
-        try:
-            question = balance(self.rig, names, channels, pace * self.step_s, HELD)
-        except UserError:  # a rig that cannot be simulated says nothing
-            return None
-        return None if question is None else scale_of(question).share
-
-    def mended(self, channels: Channels, found: list[Reversal]) -> Rewiring:
-        """The fewest changes after which no reversal is left: one sign, one swap, one swap and a sign, two signs."""
-        reversed_ = {r.names for r in found if r.value > REVERSAL_SHARE}
-        wrong = {names[0] for names in reversed_ if len(names) == 1}
-        if not wrong:
-            (a, b) = next(iter(reversed_))
-            return Rewiring((), (a, b))
-        signals = [n for n in ("u", *self.rig.sensors) if n in channels]
-        left = {s: self._left(turned(channels, (s,))) for s in signals}
-        best = min(left, key=lambda s: (left[s], s == "u"))
-        if left[best] < math.inf:
-            alike = sorted((s for s in signals if left[s] < left[best] + REWIRING_SHARE), key=lambda s: s == "u")
-            return Rewiring((alike[0],), None, tuple(alike[1:]))  # one sensor alone: rather it than the command
-        for pair in self.pairs(channels):
-            back = swapped(channels, pair)
-            if self._left(back) < math.inf:
-                return Rewiring((), pair)
-            for name in pair:
-                if self._left(turned(back, (name,))) < math.inf:
-                    return Rewiring((name,), pair)
-        return Rewiring(tuple(sorted(wrong)))
-
-    def _left(self, channels: Channels) -> float:
-        """The sum of the reversals of the channels, which is low where all are right; infinite if one is wrong."""
-        found = [r.value for r in self.reversals(channels)]
-        return math.inf if any(value > REVERSAL_SHARE for value in found) else sum(found)
+def _mended(bench: Bench, found: Sequence[Reversal]) -> Rewiring:
+    """The fewest changes after which no reversal is left: one sign, one swap, one swap and a sign, two signs."""
+    wrong = sorted((r.names for r in found if r.wrong), key=lambda names: (len(names), names))
+    if len(wrong[0]) == 2:
+        return Rewiring(swapped=wrong[0])
+    signals = [n for n in ("u", *bench.rig.sensors) if n in bench.channels]
+    left = {s: _left(bench.changed(turned=(s,))) for s in signals}
+    least = min(left.values())
+    if least < math.inf:  # one sensor alone: rather it than the command
+        first, *alike = sorted((s for s in signals if left[s] < least + REWIRING_SHARE), key=lambda s: s == "u")
+        return Rewiring((first,), None, tuple(alike))
+    for pair in bench.pairs(alike=True):
+        for turned in ((), *((name,) for name in pair)):
+            if _left(bench.changed(turned, pair)) < math.inf:
+                return Rewiring(turned, pair)
+    return Rewiring(tuple(names[0] for names in wrong if len(names) == 1))
 
 
-def turned(channels: Channels, names: tuple[str, ...]) -> Channels:
-    """The channels with some signs turned round."""
-    return {**channels, **{name: -channels[name] for name in names}}
-
-
-def swapped(channels: Channels, names: tuple[str, ...]) -> Channels:
-    """The channels with two that have changed places."""
-    a, b = names
-    return {**channels, a: channels[b], b: channels[a]}
+def _left(bench: Bench) -> float:
+    """The sum of the reversals of the channels, which is low where all are right; infinite if one is wrong."""
+    found = _reversals(bench)
+    return math.inf if any(r.wrong for r in found) else sum(r.value for r in found)

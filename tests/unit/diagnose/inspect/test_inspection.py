@@ -10,9 +10,10 @@ import pytest
 from dtbacklash.config.compose import compose
 from dtbacklash.diagnose.inspect.fault import faulty
 from dtbacklash.diagnose.inspect.inspection import Fault, Inspected, inspect
-from dtbacklash.diagnose.inspect.wiring import REVERSAL_SHARE, wiring
+from dtbacklash.diagnose.inspect.wiring import wiring
 from dtbacklash.diagnose.records import Record
 from dtbacklash.physics.rig import build_rig
+from dtbacklash.recording.plausible import REVERSAL_SHARE
 
 from ..conftest import STEP_S, failed, record_of, with_
 
