@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from dtbacklash.recording import channels as checks
 from dtbacklash.recording import timebase
 from dtbacklash.recording.command import BAND_LIMITED, NONE
 from dtbacklash.recording.heads import TIME
-from dtbacklash.recording.mapping import Channel
 from dtbacklash.recording.pick import (
     ASSUMED,
     COMMAND,
@@ -31,31 +30,18 @@ SAID = 3  # as many stretches are told one by one
 STEP_ASSUMED_MAX_S = 0.1  # nobody records a machine this slowly who does not say so: the unit of the time is wrong
 
 
-@dataclass(frozen=True)
-class Clean:
-    """What a recording holds, checked.
-
-    stretches : half-open ranges of rows without a gap. assumed_units : channel -> unit it was read in, and who says so.
-    columns : channel -> what it was read from. straight : see :class:`.model.Recording`.
-    """
-
-    t_s: Floats
-    stretches: tuple[tuple[int, int], ...]
-    sample_time_s: float
-    channels: dict[str, Floats]
-    units: dict[str, str]
-    assumed_units: dict[str, str]
-    columns: dict[str, Channel]
-    notes: list[str]
-    straight: Floats | None = None
-
-
-def clean(picked: Picked, rig: Rig | None, notes: list[str], command: str, sample_time_s: float | None) -> Clean:
+def clean(
+    picked: Picked, rig: Rig | None, notes: list[str], command: str, sample_time_s: float | None
+) -> dict[str, Any]:
     """Bring the channels to a uniform grid and check them.
 
     Parameters
     ----------
     notes : what had to be said before. command : see :mod:`.command`. sample_time_s : for columns without times.
+
+    Returns
+    -------
+    What a :class:`.model.Recording` holds of it, by the names of its fields.
 
     Raises
     ------
@@ -88,19 +74,12 @@ def clean(picked: Picked, rig: Rig | None, notes: list[str], command: str, sampl
         notes = idle + notes + picked.notes + said + grid.notes + filled.notes + _defects(values, t_s, stretches)
         if len(stretches) > 1:
             notes.append(_said(t_s, stretches))
-        units = {name: picked.units[name] for name in values}
-        assumed = {name: said for name, said in picked.assumed.items() if name in values or name == "t"}
-    return Clean(
-        t_s,
-        stretches,
-        grid.sample_time_s,
-        values,
-        units,
-        assumed,
-        picked.columns,
-        notes + unit_notes(assumed),
-        seldom,
-    )
+    assumed = {name: said for name, said in picked.assumed.items() if name in values or name == "t"}
+    return {
+        "sample_time_s": grid.sample_time_s, "t_s": t_s, "channels": values, "stretches": stretches,
+        "units": {name: picked.units[name] for name in values}, "assumed_units": assumed, "columns": picked.columns,
+        "notes": notes + unit_notes(assumed), "straight": seldom,
+    }  # fmt: skip
 
 
 def _check_sizes(name: str, values: Floats) -> None:

@@ -117,7 +117,7 @@ class Recording:
             found = clean(picked, rig, table.notes, command, sample_time_s)
         except Refused as refusal:
             raise UserError("recording", name, str(refusal)) from refusal
-        return cls(name, None, command=command, trust_units=trust_units, **vars(found))
+        return cls(name, None, command=command, trust_units=trust_units, **found)
 
     def to_frame(self) -> pd.DataFrame:
         """The recording as a DataFrame, a row a sample, with its units (SI) in its columns: ``t_s, u_v, q3_m``.

@@ -12,7 +12,7 @@ from dtbacklash.physics.rig import Rig
 from dtbacklash.recording import locate
 from dtbacklash.recording.clean import clean
 from dtbacklash.recording.command import HELD
-from dtbacklash.recording.mapping import Mapping, mapping_of
+from dtbacklash.recording.mapping import mapping_of
 from dtbacklash.recording.model import Recording, split
 from dtbacklash.recording.pick import mapped, plain
 from dtbacklash.recording.refusal import Refused
@@ -33,21 +33,13 @@ def read_recording(
     command: str | None = None,
     rows: Sequence[int] | None = None,
 ) -> Recording:
-    """Read and check a recording.
+    """Read and check a recording, as :func:`dtbacklash.read_recording` does, whose arguments these are.
 
     Parameters
     ----------
     source : the path of a file with plain columns; or the name of a mapping, ``name:part`` for one of its parts.
     mapping : a mapping to read the file ``source`` with.
-    path : the file of a mapping, where it is not in the usual places; or the name of one of its public files.
     part : the part of the mapping to use; None: its part ``train`` if it has one, else all; "": all.
-    rig : tells which sensors there are, in which units they are recorded, and what signals to expect.
-    sample_time_s : for a file without a time column.
-    units : channel -> unit of its column (``{"q3": "mm"}``), before all that mapping, header and rig say. Where
-        nothing is said, SI holds. What each channel was read in stands in ``assumed_units``.
-    trust_units : a diagnosis does not ask whether the channels' sizes are what the rig can do (:mod:`.wrong_units`).
-    command : what ``u`` does between two samples (:mod:`.command`); None: as the mapping says, else held.
-    rows : first row and the one after the last, counted from 0; None: all.
 
     Raises
     ------
@@ -65,11 +57,24 @@ def read_recording(
         source, path = mapping, str(source)
     taken = _checked(rows)
     file, found, asked, key = locate.resolve(str(source), path)
+    part = part if part is not None else asked or ("train" if found and "train" in found.parts else "")
+    about: dict[str, Any] = {"name": file.name}
+    if found is not None:
+        about = {key: getattr(found, key) for key in ("name", "citation", "licence", "rig")} | {
+            "splits": dict(found.parts)
+        }
+    command = command or (found.command if found else HELD)
     try:
-        wanted = part if part is not None else asked or None
-        return _read(file, found, wanted, rig, sample_time_s, units or {}, trust_units, command, taken)
+        content = load(file)
+        table = read_table(content, file.name, taken)
+        public = found.files.get(file.name.removesuffix(".gz")) if found else None
+        if public is not None and not locate.is_genuine(content, public):
+            table.notes.append(f"{file.name} differs from the published file (SHA-256).")
+        picked = mapped(table, found, part, rig, units or {}) if found else plain(table, rig, units or {})
+        read = clean(picked, rig, table.notes, command, sample_time_s)
     except Refused as refusal:
         raise UserError(key, file.name if key == "recording.path" else source, str(refusal)) from refusal
+    return Recording(source=file, part=part, command=command, trust_units=trust_units, **about, **read)
 
 
 def read_pair(
@@ -110,32 +115,3 @@ def _checked(rows: Sequence[int] | None) -> tuple[int, int] | None:
     if not good or not 0 <= rows[0] < rows[1]:
         raise UserError("recording.rows", rows, "must be [first row, row after the last], counted from 0")
     return rows[0], rows[1]
-
-
-def _read(
-    file: Path,
-    mapping: Mapping | None,
-    part: str | None,
-    rig: Rig | None,
-    sample_time_s: float | None,
-    units: Dict[str, str],
-    trust_units: bool,
-    command: str | None,
-    rows: tuple[int, int] | None,
-) -> Recording:
-    content = load(file)
-    table = read_table(content, file.name, rows)
-    public = mapping.files.get(file.name.removesuffix(".gz")) if mapping else None
-    if public is not None and not locate.is_genuine(content, public):
-        table.notes.append(f"{file.name} differs from the published file (SHA-256).")
-    if mapping is not None and part is None:
-        part = "train" if "train" in mapping.parts else ""
-    picked = mapped(table, mapping, part or "", rig, units) if mapping else plain(table, rig, units)
-    command = command or (mapping.command if mapping else HELD)
-    found = clean(picked, rig, table.notes, command, sample_time_s)
-    about = {key: getattr(mapping, key) for key in ("citation", "licence", "rig")} if mapping else {}
-    splits = dict(mapping.parts) if mapping else {}
-    name = mapping.name if mapping else file.name
-    return Recording(
-        name, file, part=part or "", command=command, trust_units=trust_units, splits=splits, **about, **vars(found)
-    )
