@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
@@ -127,126 +128,120 @@ def _checked(name: str, content: bytes, folder: Path | None) -> Mapping:
     if not isinstance(data, dict):
         raise UserError("recording", name, "the mapping must hold `key: value` lines")
     try:
-        return _build(Path(name).stem, data, folder)
-    except _Mistake as mistake:
-        raise UserError(f"recording.{mistake.key}", mistake.value, f"{mistake.allowed} (mapping {name})") from None
-
-
-class _Mistake(Exception):
-    def __init__(self, key: str, value: object, allowed: str) -> None:
-        super().__init__(key)
-        self.key, self.value, self.allowed = key, value, allowed
-
-
-def _build(name: str, data: dict[str, Any], folder: Path | None) -> Mapping:
-    known = {
-        "name", "title", "rig", "citation", "licence", "page", "file", "files", "time", "sample_time_s", "command",
-        "channels", "parts", "notes",
-    }  # fmt: skip
-    for key, value in data.items():
-        if key not in known:
-            raise _Mistake(str(key), value, "no such key; choose one of " + ", ".join(sorted(known)))
-    channels = _section(data, "channels")
-    if not channels:
-        raise _Mistake("channels", "{}", "name at least one channel: {u: {column: ..., unit: ...}}")
-    command = data.get("command", HELD)
-    if command not in COMMANDS:
-        raise _Mistake("command", command, "choose one of " + ", ".join(COMMANDS))
-    step = data.get("sample_time_s")
-    if step is not None and not (isinstance(step, (int, float)) and not isinstance(step, bool) and step > 0):
-        raise _Mistake("sample_time_s", step, "must be positive s")
-    rig = data.get("rig")
-    if rig is not None and not isinstance(rig, str):
-        raise _Mistake("rig", rig, "must be the name of a rig, or the path of its YAML file")
+        for key in data:
+            if key not in FIELDS:
+                raise UserError(str(key), data[key], "no such key; choose one of " + ", ".join(sorted(FIELDS)))
+        said = {key: check(key, data[key]) for key, check in FIELDS.items() if data.get(key) is not None}
+        if not said.get("channels"):
+            raise UserError("channels", "{}", "name at least one channel: {u: {column: ..., unit: ...}}")
+    except UserError as mistake:
+        allowed = f"{mistake.allowed} (mapping {name})"
+        raise UserError(f"recording.{mistake.key}", mistake.value, allowed) from None
+    rig = said.get("rig")
     if rig and folder and rig.endswith(SUFFIXES) and (folder / rig).is_file():
-        rig = str(folder / rig)
-    notes = data.get("notes") or []
-    if not isinstance(notes, list):
-        raise _Mistake("notes", notes, "must be a list of texts")
-    texts = {key: str(data.get(key) or "") for key in ("title", "citation", "licence", "page", "file")}
-    files = _files(data.get("files") or {})
-    if not texts["file"] and files:
-        texts["file"] = next(iter(files))
-    return Mapping(
-        name=str(data.get("name") or name),
-        rig=rig,
-        command=command,
-        files=files,
-        time=_channel("time", data["time"]) if data.get("time") is not None else None,
-        sample_time_s=float(step) if step is not None else None,
-        channels={str(key): _channel(f"channels.{key}", value) for key, value in channels.items()},
-        parts={str(key): _range(f"parts.{key}", value) for key, value in _section(data, "parts").items()},
-        notes=tuple(str(note) for note in notes),
-        folder=folder,
-        **texts,
-    )
+        said["rig"] = str(folder / rig)
+    return Mapping(**{"name": Path(name).stem, "file": next(iter(said.get("files", ())), ""), "folder": folder, **said})
 
 
-def _section(data: dict[str, Any], key: str) -> dict[str, Any]:
-    value = data.get(key) or {}
-    if not isinstance(value, dict):
-        raise _Mistake(key, value, "must be a mapping")
-    for name in value:
-        if isinstance(name, bool):  # on, off, yes and no are truth values to YAML
-            raise _Mistake(
-                f"{key}.{name}".lower(), value[name], "YAML reads on, off, yes, no so: put quotes round the name"
-            )
+def _text(_: str, value: Any) -> str:
+    return str(value)
+
+
+def _texts(key: str, value: Any) -> tuple[str, ...]:
+    if not isinstance(value, list):
+        raise UserError(key, value, "must be a list of texts")
+    return tuple(map(str, value))
+
+
+def _rig(key: str, value: Any) -> str:
+    if not isinstance(value, str):
+        raise UserError(key, value, "must be the name of a rig, or the path of its YAML file")
     return value
+
+
+def _command(key: str, value: Any) -> str:
+    if value not in COMMANDS:
+        raise UserError(key, value, "choose one of " + ", ".join(COMMANDS))
+    return str(value)
+
+
+def _seconds(key: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not value > 0:
+        raise UserError(key, value, "must be positive s")
+    return float(value)
+
+
+def _each(check: Callable[[str, Any], Any]) -> Callable[[str, Any], dict[str, Any]]:
+    """The check of a section: one check for each of its entries."""
+
+    def checked(key: str, value: Any) -> dict[str, Any]:
+        if value and not isinstance(value, dict):
+            raise UserError(key, value, "must be a mapping")
+        for name in value or ():
+            if isinstance(name, bool):  # on, off, yes and no are truth values to YAML
+                why = "YAML reads on, off, yes, no so: put quotes round the name"
+                raise UserError(f"{key}.{name}".lower(), value[name], why)
+        return {str(name): check(f"{key}.{name}", value[name]) for name in value or ()}
+
+    return checked
 
 
 def _channel(key: str, spec: Any) -> Channel:
     if isinstance(spec, (str, int)) and not isinstance(spec, bool):
         return Channel(str(spec))
-    if (
-        not isinstance(spec, dict)
-        or "column" not in spec
-        or set(spec) - {"column", "unit", "scale", "offset", "si_unit"}
-    ):
-        raise _Mistake(key, spec, "must be a column's name, or {column, unit, scale, offset}")
-    scale, offset = (
-        _number(f"{key}.{name}", spec.get(name, default)) for name, default in (("scale", 1), ("offset", 0))
-    )
+    known = {"column", "unit", "scale", "offset", "si_unit"}
+    if not isinstance(spec, dict) or "column" not in spec or set(spec) - known:
+        raise UserError(key, spec, "must be a column's name, or {column, unit, scale, offset}")
+    scale, offset = (_number(f"{key}.{name}", spec.get(name, plain)) for name, plain in (("scale", 1), ("offset", 0)))
     if not scale:
-        raise _Mistake(f"{key}.scale", spec["scale"], "must be a number other than 0")
+        raise UserError(f"{key}.scale", spec["scale"], "must be a number other than 0")
     unit, si = units.in_words(spec.get("unit")), str(spec.get("si_unit") or "")
     if unit and units.find(unit) is None:
         allowed = "choose one of " + ", ".join(units.UNITS) + "; or counts, as {counts: 4096, per: rev}"
-        raise _Mistake(f"{key}.unit", unit, allowed)
+        raise UserError(f"{key}.unit", unit, allowed)
     if unit and si:
-        raise _Mistake(f"{key}.si_unit", si, "give `unit` or `si_unit`, not both")
+        raise UserError(f"{key}.si_unit", si, "give `unit` or `si_unit`, not both")
     return Channel(str(spec["column"]), unit, scale, offset, si)
 
 
 def _number(key: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise _Mistake(key, value, "must be a number")
+        raise UserError(key, value, "must be a number")
     return float(value)
 
 
-def _files(value: Any) -> dict[str, PublicFile]:
+def _files(key: str, value: Any) -> dict[str, PublicFile]:
     """A list of names, or a mapping name -> what is known of the file."""
     if isinstance(value, list) and all(isinstance(name, str) for name in value):
         value = dict.fromkeys(value)
     if not isinstance(value, dict):
-        raise _Mistake("files", value, "must be a list of names, or a mapping name: {about, url, sha256}")
-    return {str(name): _file(str(name), spec) for name, spec in value.items()}
+        raise UserError(key, value, "must be a list of names, or a mapping name: {about, url, sha256}")
+    return {str(name): _file(f"{key}.{name}", str(name), {} if spec is None else spec) for name, spec in value.items()}
 
 
-def _range(key: str, value: Any) -> tuple[int, int]:
-    good = isinstance(value, list) and len(value) == 2 and all(type(end) is int for end in value)
+def _file(key: str, name: str, spec: Any) -> PublicFile:
+    known = ("url", "member", "sha256", "size_bytes", "about")
+    if not isinstance(spec, dict) or set(spec) - set(known):
+        raise UserError(key, spec, "must be a mapping with some of " + ", ".join(known))
+    if "sha256" in spec and not _SHA256.fullmatch(str(spec["sha256"])):
+        raise UserError(f"{key}.sha256", spec["sha256"], "must be 64 hexadecimal digits")
+    if "url" in spec and not str(spec["url"]).startswith("https://"):
+        raise UserError(f"{key}.url", spec["url"], "must start with https://")
+    texts = {k: str(spec.get(k) or "") for k in ("url", "member", "sha256", "about")}
+    return PublicFile(name, size_bytes=int(_number(f"{key}.size_bytes", spec.get("size_bytes", 0))), **texts)
+
+
+def rows_of(key: str, value: Any) -> tuple[int, int]:
+    """A half-open range of rows (raises UserError)."""
+    good = isinstance(value, Sequence) and len(value) == 2 and all(type(end) is int for end in value)
     if not good or not 0 <= value[0] < value[1]:
-        raise _Mistake(key, value, "must be [first row, row after the last], counted from 0")
+        raise UserError(key, value, "must be [first row, row after the last], counted from 0")
     return value[0], value[1]
 
 
-def _file(name: str, spec: Any) -> PublicFile:
-    key, known = f"files.{name}", ("url", "member", "sha256", "size_bytes", "about")
-    spec = {} if spec is None else spec
-    if not isinstance(spec, dict) or set(spec) - set(known):
-        raise _Mistake(key, spec, "must be a mapping with some of " + ", ".join(known))
-    if "sha256" in spec and not _SHA256.fullmatch(str(spec["sha256"])):
-        raise _Mistake(f"{key}.sha256", spec["sha256"], "must be 64 hexadecimal digits")
-    if "url" in spec and not str(spec["url"]).startswith("https://"):
-        raise _Mistake(f"{key}.url", spec["url"], "must start with https://")
-    texts = {name: str(spec.get(name) or "") for name in ("url", "sha256", "member", "about")}
-    return PublicFile(name, size_bytes=int(_number(f"{key}.size_bytes", spec.get("size_bytes", 0))), **texts)
+#: what a mapping may say, and how that is checked
+FIELDS: dict[str, Callable[[str, Any], Any]] = {
+    "name": _text, "title": _text, "rig": _rig, "citation": _text, "licence": _text, "page": _text, "file": _text,
+    "files": _files, "time": _channel, "sample_time_s": _seconds, "command": _command, "channels": _each(_channel),
+    "parts": _each(rows_of), "notes": _texts,
+}  # fmt: skip

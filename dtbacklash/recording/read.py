@@ -12,7 +12,7 @@ from dtbacklash.physics.rig import Rig
 from dtbacklash.recording import locate
 from dtbacklash.recording.clean import clean
 from dtbacklash.recording.command import HELD
-from dtbacklash.recording.mapping import mapping_of
+from dtbacklash.recording.mapping import mapping_of, rows_of
 from dtbacklash.recording.model import Recording, split
 from dtbacklash.recording.pick import mapped, plain
 from dtbacklash.recording.refusal import Refused
@@ -55,7 +55,7 @@ def read_recording(
         raise UserError("recording.sample_time_s", sample_time_s, "must be positive s")
     if mapping is not None:
         source, path = mapping, str(source)
-    taken = _checked(rows)
+    taken = None if rows is None else rows_of("recording.rows", rows)
     file, found, asked, key = locate.resolve(str(source), path)
     part = part if part is not None else asked or ("train" if found and "train" in found.parts else "")
     about: dict[str, Any] = {"name": file.name}
@@ -106,12 +106,3 @@ def read_pair(
     rig = how.get("rig")
     check_alike(recording, held_out, None if rig is None else rig.sensors, validation)
     return recording, held_out
-
-
-def _checked(rows: Sequence[int] | None) -> tuple[int, int] | None:
-    if rows is None:
-        return None
-    good = isinstance(rows, Sequence) and len(rows) == 2 and all(type(end) is int for end in rows)
-    if not good or not 0 <= rows[0] < rows[1]:
-        raise UserError("recording.rows", rows, "must be [first row, row after the last], counted from 0")
-    return rows[0], rows[1]
