@@ -13,7 +13,7 @@ from dtbacklash.errors import UserError
 from dtbacklash.recording.clean import clean
 from dtbacklash.recording.command import HELD, stepped
 from dtbacklash.recording.mapping import Channel
-from dtbacklash.recording.pick import plain
+from dtbacklash.recording.pick import pick
 from dtbacklash.recording.refusal import SAMPLES_MIN, Refused
 from dtbacklash.recording.tables import frame_table
 
@@ -113,7 +113,7 @@ class Recording:
         """
         try:
             table = frame_table(frame)
-            picked = plain(table, rig, units or {})
+            picked = pick(table, rig, units or {})
             found = clean(picked, rig, table.notes, command, sample_time_s)
         except Refused as refusal:
             raise UserError("recording", name, str(refusal)) from refusal

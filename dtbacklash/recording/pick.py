@@ -11,6 +11,7 @@ import json
 import re
 from collections.abc import Mapping as Dict
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -52,18 +53,8 @@ class Picked:
     notes: list[str] = field(default_factory=list)
     heads: list[str] = field(default_factory=list)
 
-    def put(self, channel: str, values: Floats, si: str, clock: Floats | None) -> None:
-        """Add a channel in SI, with its own times where it has some; or the times of all."""
-        if channel == TIME:
-            self.t_s = values
-            return
-        self.channels[channel], self.units[channel] = values, si
-        if clock is not None:
-            self.clocks[channel] = clock
 
-
-@dataclass(frozen=True)
-class _Head:
+class _Head(NamedTuple):
     """A column that is a channel: the channel's name, and the unit as the header has it (empty: none)."""
 
     channel: str
@@ -171,8 +162,14 @@ class _Names:
         return [f"Channel {channel} is read in {given}, as given, though the {who} says {written}."]
 
 
-def plain(table: Table, rig: Rig | None, given: Dict[str, str]) -> Picked:
-    """Channels by their names.
+#: channel -> the column that becomes it, and how; the unit that is said for it, and who says that
+_Chosen = dict[str, tuple[Channel, str, str]]
+
+
+def pick(
+    table: Table, rig: Rig | None, given: Dict[str, str], mapping: Mapping | None = None, part: str = ""
+) -> Picked:
+    """Channels by their names, or by a mapping and cut to one of its parts.
 
     Raises
     ------
@@ -180,33 +177,59 @@ def plain(table: Table, rig: Rig | None, given: Dict[str, str]) -> Picked:
     UserError : ``units`` names a channel or a unit that is not known.
     """
     names = _Names(rig, given)
-    picked = Picked(sample_time_s=table.constants.get("dt"), heads=list(table.columns))
+    step = table.constants.get("dt")
+    picked = Picked(sample_time_s=step, heads=list(table.columns))
+    if mapping is None:
+        chosen = _by_name(table, names, picked)
+    else:
+        picked.sample_time_s, picked.notes = mapping.sample_time_s or step, list(mapping.notes)
+        chosen = _by_mapping(table, names, mapping, picked)
+    absent = [name for name in given if name not in chosen]
+    if absent:
+        allowed = f"no such column; {mapping.name if mapping else 'it'} has {', '.join(chosen)}"
+        raise UserError(f"recording.units.{absent[0]}", given[absent[0]], allowed)
+    rows = slice(*mapping.parts[part]) if mapping and part else slice(None)
+    if rows.stop and rows.stop > table.rows:
+        raise Refused(f"has {table.rows} rows, and the part {part} ends at row {rows.stop}")
+    for name, (channel, written, who) in chosen.items():
+        values = _numbers(table, channel.column, picked)[rows]
+        if channel.si:  # a factor straight to SI, in a unit of the mapping's own
+            unit, picked.assumed[name] = units.Unit(channel.si, 1.0), f"{channel.si} ({MAPPED})"
+        else:
+            unit, picked.assumed[name] = names.settle(channel.column, name, written, who)
+            picked.notes += names.overruled(name, written, who)
+        picked.columns[name] = channel
+        values = values * (channel.scale * unit.factor)
+        values = values + channel.offset * unit.factor if channel.offset else values
+        if name == TIME:
+            picked.t_s = values
+            continue
+        picked.channels[name], picked.units[name] = values, unit.si
+        clock = None if mapping and TIME in chosen else _clock(table, table.columns[channel.column], picked)
+        if clock is not None:
+            picked.clocks[name] = clock[rows]
+    if mapping is None and _is_command(table, picked):  # open loop: the reference is the command
+        picked.channels[REFERENCE], picked.units[REFERENCE] = picked.channels[COMMAND], "V"
+        picked.assumed[REFERENCE] = "V (it is the command)"
+    return picked
+
+
+def _by_name(table: Table, names: _Names, picked: Picked) -> _Chosen:
+    """The columns that are called like a channel; the others are noted."""
     if table.numbered:
-        raise Refused(_unnamed(table, rig))
-    raw: dict[str, Floats] = {}
-    taken: dict[str, str] = {}
-    unused = []
+        raise Refused(_unnamed(table, names.rig))
     found = {name: names.parse(name, column.unit) for name, column in table.columns.items()}
     timed = _times(table, found)
-    for name, column in table.columns.items():
-        head = found[name]
-        if head is None or (head.channel == TIME and name != timed):
-            unused.append(name)
-            continue
-        values = _numbers(table, name, picked)
-        channel = head.channel
-        if channel in taken:
-            raise _two(channel, taken[channel], name)
-        taken[channel] = name
-        unit, picked.assumed[channel] = names.settle(name, channel, head.written)
-        picked.notes += names.overruled(channel, head.written, HEADER)
-        raw[channel] = values
-        picked.columns[channel] = Channel(name)
-        picked.put(channel, values * unit.factor, unit.si, _clock(table, column, picked))
-    for name in unused:  # a bare x1 beside x1 [mm]: which of them is meant is not for us to say
-        bare = heads.last(name)
-        if bare in taken and bare != TIME:
-            raise _two(bare, taken[bare], name)
+    chosen: _Chosen = {}
+    unused = [name for name, head in found.items() if head is None or (head.channel == TIME and name != timed)]
+    for name, head in sorted(found.items(), key=lambda one: one[0] in unused):
+        # a bare x1 beside x1 [mm]: which of them is meant is not for us to say
+        channel = heads.last(name) if name in unused or head is None else head.channel
+        if channel in chosen and (name not in unused or channel != TIME):
+            one = chosen[channel][0].column
+            raise Refused(f"has two columns for {channel}, {one} and {name}; leave one out")
+        if head is not None and name not in unused:
+            chosen[channel] = Channel(name), head.written, HEADER
     clocks = {column.clock for column in table.columns.values()}
     unused = [name for name in unused if name not in clocks]
     empty = [name for name in unused if table.columns[name].unusable == EMPTY]
@@ -215,13 +238,28 @@ def plain(table: Table, rig: Rig | None, given: Dict[str, str]) -> Picked:
         if those:
             shown = ", ".join(those[:8]) + (" ..." if len(those) > 8 else "")
             picked.notes.append(f"Columns {what} are not used: {shown}.")
-    if _is_command(raw, picked):  # open loop: the reference is the command
-        picked.channels[REFERENCE], picked.units[REFERENCE] = picked.channels[COMMAND], "V"
-        picked.assumed[REFERENCE] = "V (it is the command)"
-    absent = [name for name in given if name not in raw]
-    if absent:
-        raise UserError(f"recording.units.{absent[0]}", given[absent[0]], f"no such column; it has {', '.join(raw)}")
-    return picked
+    return chosen
+
+
+def _by_mapping(table: Table, names: _Names, mapping: Mapping, picked: Picked) -> _Chosen:
+    """The columns that a mapping names."""
+    time, chosen = mapping.time, _Chosen()
+    if time is None and not mapping.sample_time_s:
+        used = {channel.column for channel in mapping.channels.values()}
+        left = {name: names.parse(name, c.unit) for name, c in table.columns.items() if name not in used}
+        time = Channel(timed) if (timed := _times(table, left)) else None
+    for name, channel in {**({TIME: time} if time else {}), **mapping.channels}.items():
+        column = _find(table, channel.column, mapping)
+        head = heads.unit_of(column, table.columns[column].unit, names.si(name))
+        other = (units.find(head) or units.Unit("", 1.0)).si not in names.si(name)
+        head = "" if channel.scale != 1.0 and other else head  # the scale is that of a count, or of a volt
+        said = (channel.unit, MAPPED) if channel.unit else (head, HEADER)
+        chosen[name] = replace(channel, column=column), *said
+        if channel.unit and head and units.find(head) != units.find(channel.unit) and name not in names.given:
+            picked.notes.append(
+                f"Channel {name} is read in {channel.unit}, as the mapping says, though the header says {head}."
+            )
+    return chosen
 
 
 def _times(table: Table, found: dict[str, _Head | None]) -> str:
@@ -262,67 +300,12 @@ def _mapping(time: str, columns: Dict[str, str]) -> str:
     return f"MAPPING.yaml: {{files: [FILE], time: {time}, channels: {{{channels}}}}}, and give recording=MAPPING.yaml"
 
 
-def _two(channel: str, one: str, other: str) -> Refused:
-    return Refused(f"has two columns for {channel}, {one} and {other}; leave one out")
-
-
-def _is_command(raw: dict[str, Floats], picked: Picked) -> bool:
+def _is_command(table: Table, picked: Picked) -> bool:
     """Whether the column r repeats the column u."""
-    r, u = raw.get(REFERENCE), raw.get(COMMAND)
+    r, u = (table.columns[picked.columns[name].column].values if name in picked.channels else None
+            for name in (REFERENCE, COMMAND))  # fmt: skip
     said = picked.assumed.get(REFERENCE, "").endswith((f"({ASSUMED})", f"({DECLARED})"))
     return r is not None and u is not None and said and np.allclose(r, u, rtol=1e-12, atol=0.0)
-
-
-def mapped(table: Table, mapping: Mapping, part: str, rig: Rig | None, given: Dict[str, str]) -> Picked:
-    """Channels by a mapping, cut to one of its parts (raises Refused and UserError, see :func:`plain`)."""
-    names = _Names(
-        rig, {name: unit for name, unit in given.items() if rig is None or name in (TIME, *mapping.channels)}
-    )
-    absent = [name for name in given if name not in mapping.channels and not (name == TIME and mapping.time)]
-    if absent:
-        allowed = f"no such channel; the mapping {mapping.name} has {', '.join(mapping.channels)}"
-        raise UserError(f"recording.units.{absent[0]}", given[absent[0]], allowed)
-    rows = slice(*mapping.parts[part]) if part else slice(None)
-    if part and mapping.parts[part][1] > table.rows:
-        raise Refused(f"has {table.rows} rows, and the part {part} ends at row {mapping.parts[part][1]}")
-    step = mapping.sample_time_s or table.constants.get("dt")
-    picked = Picked(sample_time_s=step, notes=list(mapping.notes), heads=list(table.columns))
-    time = mapping.time or _obvious(table, names, mapping)
-    for name, channel in {**({TIME: time} if time else {}), **mapping.channels}.items():
-        found = _find(table, channel.column, mapping)
-        column, values = table.columns[found], _numbers(table, found, picked)
-        if channel.si:  # a factor straight to SI, in a unit of the mapping's own
-            unit, picked.assumed[name] = units.Unit(channel.si, 1.0), f"{channel.si} ({MAPPED})"
-        else:
-            head = heads.unit_of(found, column.unit, names.si(name))
-            other = (units.find(head) or units.Unit("", 1.0)).si not in names.si(name)
-            head = "" if channel.scale != 1.0 and other else head  # the scale is that of a count, or of a volt
-            said, who = (channel.unit, MAPPED) if channel.unit else (head, HEADER)
-            unit, picked.assumed[name] = names.settle(found, name, said, who)
-            picked.notes += names.overruled(name, said, who)
-            if channel.unit and head and units.find(head) != units.find(channel.unit) and name not in given:
-                picked.notes.append(
-                    f"Channel {name} is read in {channel.unit}, as the mapping says, though the header says {head}."
-                )
-        picked.columns[name] = replace(channel, column=found)
-        clock = None if time else _clock(table, column, picked)
-        picked.put(name, _scaled(values[rows], channel, unit.factor), unit.si, None if clock is None else clock[rows])
-    return picked
-
-
-def _obvious(table: Table, names: _Names, mapping: Mapping) -> Channel | None:
-    """The column that is the time by its name, where a mapping names none."""
-    if mapping.sample_time_s:
-        return None
-    used = {channel.column for channel in mapping.channels.values()}
-    found = {name: names.parse(name, c.unit) for name, c in table.columns.items() if name not in used}
-    time = _times(table, found)
-    return Channel(time) if time else None
-
-
-def _scaled(values: Floats, channel: Channel, factor: float) -> Floats:
-    values = values * (channel.scale * factor)
-    return values + channel.offset * factor if channel.offset else values
 
 
 def _find(table: Table, name: str, mapping: Mapping) -> str:

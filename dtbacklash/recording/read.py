@@ -14,7 +14,7 @@ from dtbacklash.recording.clean import clean
 from dtbacklash.recording.command import HELD
 from dtbacklash.recording.mapping import mapping_of, rows_of
 from dtbacklash.recording.model import Recording, split
-from dtbacklash.recording.pick import mapped, plain
+from dtbacklash.recording.pick import pick
 from dtbacklash.recording.refusal import Refused
 from dtbacklash.recording.tables import load, read_table
 from dtbacklash.recording.validation import check_alike
@@ -70,7 +70,7 @@ def read_recording(
         public = found.files.get(file.name.removesuffix(".gz")) if found else None
         if public is not None and not locate.is_genuine(content, public):
             table.notes.append(f"{file.name} differs from the published file (SHA-256).")
-        picked = mapped(table, found, part, rig, units or {}) if found else plain(table, rig, units or {})
+        picked = pick(table, rig, units or {}, found, part)
         read = clean(picked, rig, table.notes, command, sample_time_s)
     except Refused as refusal:
         raise UserError(key, file.name if key == "recording.path" else source, str(refusal)) from refusal
