@@ -11,6 +11,7 @@ from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.errors import UserError
 from dtbacklash.physics.mjcf import steps_roughly
 from dtbacklash.physics.rig import Rig
+from dtbacklash.recording.channels import filled
 from dtbacklash.recording.mapping import Channel
 from dtbacklash.recording.model import Recording
 from dtbacklash.recording.refusal import SAMPLES_MIN
@@ -137,15 +138,6 @@ def check_parts(records: list[Record], given: tuple[str, object]) -> None:
     least = min(counts, key=lambda part: counts[part])
     if counts[least] < PART_SAMPLES_MIN:
         raise UserError(*given, f"leaves {counts[least]} samples {least}, and at least {PART_SAMPLES_MIN} are needed")
-
-
-def filled(values: Floats) -> Floats:
-    """(N,) the values with straight lines over those that are missing (NaN); 0 where all are."""
-    read = np.isfinite(values)
-    if read.all():
-        return values
-    at = np.arange(len(values))
-    return np.interp(at, at[read], values[read]) if read.any() else np.zeros(len(values))
 
 
 def while_it_moves(recording: Recording, rig: Rig) -> Recording:

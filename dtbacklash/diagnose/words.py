@@ -24,6 +24,11 @@ def all_in_words(keys: Iterable[tuple[str, str]]) -> str:
     return " and ".join(named_in_words(effect, place) for place, effect in keys)
 
 
+def listed(names: list[str]) -> str:
+    """``a``, ``a and b``, ``a, b and c``."""
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
 def other_in_words(other: Alternative) -> str:
     """What cannot be told from a finding, and why no recording can where that is known."""
     named = named_in_words(other.effect, other.location)

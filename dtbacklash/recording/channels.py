@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from dtbacklash.arrays import Floats
@@ -29,19 +27,25 @@ def runs(mask: np.ndarray) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
-@dataclass
-class Filled:
-    """Channels without missing values in the stretches of rows that remain, half-open, and what was done."""
+def filled(values: Floats) -> Floats:
+    """(N,) the values with straight lines over those that are missing (NaN); 0 where all are."""
+    read = np.isfinite(values)
+    if read.all():
+        return values
+    at = np.arange(len(values))
+    return np.interp(at, at[read], values[read]) if read.any() else np.zeros(len(values))
 
-    stretches: list[tuple[int, int]]
-    channels: dict[str, Floats]
-    notes: list[str]
 
-
-def fill(channels: dict[str, Floats], t_s: Floats, required: frozenset[str], pieces: list[tuple[int, int]]) -> Filled:
+def fill(
+    channels: dict[str, Floats], t_s: Floats, required: frozenset[str], pieces: list[tuple[int, int]]
+) -> tuple[list[tuple[int, int]], dict[str, Floats], list[str]]:
     """Interpolate short runs of missing values, cut off missing ends, and cut at long runs.
 
     ``pieces`` : half-open ranges of rows that follow one another in time.
+
+    Returns
+    -------
+    The stretches of rows that remain, half-open; the channels, without missing values in these; what was done.
 
     Raises
     ------
@@ -64,8 +68,7 @@ def fill(channels: dict[str, Floats], t_s: Floats, required: frozenset[str], pie
         share = f"{100 * used / rows:.0f} % of the rows only"
         raise Refused(f"the channels have values at the same time, in stretches without holes, in {share}")
     _note_losses(kept, t_s, pieces, stretches, notes)
-    filled = {name: _filled(name, values, t_s, stretches, notes) for name, values in kept.items()}
-    return Filled(stretches, filled, notes)
+    return stretches, {name: _bridged(name, values, t_s, stretches, notes) for name, values in kept.items()}, notes
 
 
 def _stretches(channels: dict[str, Floats], start: int, stop: int) -> list[tuple[int, int]]:
@@ -104,7 +107,7 @@ def _note_losses(
             notes.append(f"Channel {name} drops out {times}, for {where} at t = {t_s[out[0][0]]:.6g} s.")
 
 
-def _filled(name: str, values: Floats, t_s: Floats, stretches: list[tuple[int, int]], notes: list[str]) -> Floats:
+def _bridged(name: str, values: Floats, t_s: Floats, stretches: list[tuple[int, int]], notes: list[str]) -> Floats:
     """The channel with its short runs of missing values interpolated within each stretch."""
     values, count, longest = values.copy(), 0, 0
     for a, b in stretches:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -63,15 +64,15 @@ def clean(
         required, held = frozenset({*commands, *(rig.sensors if rig else ())}), {*commands, REFERENCE}
         pieces = [(a, b) for a, b, _ in grid.pieces]
         rows = {n: v[grid.rows] for n, v in picked.channels.items()}
-        filled = checks.fill(rows, grid.stamps_s, required, pieces)
-        t_s, values, stretches = _on_grid(grid, filled)
+        used, filled, lost = checks.fill(rows, grid.stamps_s, required, pieces)
+        t_s, values, stretches = _on_grid(grid, used, filled)
         values |= {
             n: on_grid(own, t_s, grid.sample_time_s, n in held and command != BAND_LIMITED) for n, own in apart.items()
         }
         seldom = straight(apart[COMMAND], t_s, grid.sample_time_s) if COMMAND in apart else None
         said = paces_said({n: own for n, own in apart.items() if n not in picked.channels}, grid.sample_time_s, held)
         idle = [] if command == NONE or len(commands) > 1 else checks.idle_command(values, picked.units[COMMAND])
-        notes = idle + notes + picked.notes + said + grid.notes + filled.notes + _defects(values, t_s, stretches)
+        notes = idle + notes + picked.notes + said + grid.notes + lost + _defects(values, t_s, stretches)
         if len(stretches) > 1:
             notes.append(_said(t_s, stretches))
     assumed = {name: said for name, said in picked.assumed.items() if name in values or name == "t"}
@@ -117,30 +118,23 @@ def _grid(picked: Picked, sample_time_s: float | None) -> timebase.Grid:
 
 
 def _on_grid(
-    grid: timebase.Grid, filled: checks.Filled
+    grid: timebase.Grid, used: list[tuple[int, int]], filled: dict[str, Floats]
 ) -> tuple[Floats, dict[str, Floats], tuple[tuple[int, int], ...]]:
-    """Times, channels, and the stretches that they consist of."""
-    times, columns, stretches = [], {name: list[Floats]() for name in filled.channels}, list[tuple[int, int]]()
-    slack, count = 1e-6 * grid.sample_time_s, 0
+    """Times, channels, and the stretches that they consist of. used : of the rows, half-open."""
+    times, columns, ends = list[Floats](), {name: list[Floats]() for name in filled}, [0]
+    slack = 1e-6 * grid.sample_time_s
     for first, last, t_s in grid.pieces:
-        for a, b in filled.stretches:
-            if not first <= a < last:
-                continue
-            stamps = grid.stamps_s[a:b]
+        for a, b in ((a, b) for a, b in used if first <= a < last):
+            stamps, t = grid.stamps_s[a:b], t_s[a - first : b - first]
             if grid.resample:
                 t = t_s[(t_s >= stamps[0] - slack) & (t_s <= stamps[-1] + slack)]
-                for name, column in filled.channels.items():
-                    columns[name].append(np.interp(t, stamps, column[a:b]))
-            else:
-                t = t_s[a - first : b - first]
-                for name, column in filled.channels.items():
-                    columns[name].append(column[a:b])
+            for name, column in filled.items():
+                columns[name].append(np.interp(t, stamps, column[a:b]) if grid.resample else column[a:b])
             times.append(t)
-            stretches.append((count, count + len(t)))
-            count += len(t)
-    timebase.check_length(count)
+            ends.append(ends[-1] + len(t))
+    timebase.check_length(ends[-1])
     channels = {name: np.ascontiguousarray(np.concatenate(parts)) for name, parts in columns.items()}
-    return np.concatenate(times), channels, tuple(stretches)
+    return np.concatenate(times), channels, tuple(pairwise(ends))
 
 
 def _said(t_s: Floats, stretches: tuple[tuple[int, int], ...]) -> str:

@@ -28,6 +28,7 @@ from dtbacklash import units
 from dtbacklash.arrays import Floats
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
+from dtbacklash.recording.channels import filled
 from dtbacklash.recording.model import Recording
 from dtbacklash.recording.plausible import SAMPLES_WIRING, Bench, Scale, scales
 from dtbacklash.recording.refusal import Refused
@@ -72,12 +73,8 @@ def doubts_of(rig: Rig, recording: Recording) -> list[Doubt]:
     if recording.trust_units:
         return []
     a, b = max(recording.stretches, key=lambda s: s[1] - s[0])
-    at = np.arange(b - a)
-    channels = {}
-    for name, values in recording.channels.items():
-        read = np.isfinite(values[a:b])
-        if read.any():
-            channels[name] = np.interp(at, at[read], values[a:b][read])
+    parts = {name: values[a:b] for name, values in recording.channels.items()}
+    channels = {name: filled(part) for name, part in parts.items() if np.isfinite(part).any()}
     try:
         with np.errstate(all="ignore"):  # squares of values like 1e-300 are zero; nothing here depends on them
             return check_units(rig, channels, recording.sample_time_s, recording.command, recording.assumed_units)

@@ -13,6 +13,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.physics.bodies import natural_frequencies_hz
 from dtbacklash.physics.rig import Rig
+from dtbacklash.recording.channels import filled
 
 #: samples for each period of the fastest motion, and of the rig's fastest mode (ratio)
 MOTION_RATIO, MODE_RATIO = 12.0, 6.0
@@ -216,7 +217,7 @@ def band_hz(values: Floats, sample_time_s: float, position: bool) -> float:
 
     White noise is told from the upper half of the spectrum, and taken off so many times that hardly any of it is left.
     """
-    v = np.diff(_filled(values)) if position else _filled(values)
+    v = np.diff(filled(values)) if position else filled(values)
     window = np.hanning(len(v))
     v = (v - v.mean()) * window
     power = np.abs(np.fft.rfft(v)) ** 2
@@ -229,8 +230,3 @@ def band_hz(values: Floats, sample_time_s: float, position: bool) -> float:
     if not total[-1] > 0.0:
         return 0.0
     return float(np.searchsorted(total, BAND_SHARE * total[-1])) / (len(v) * sample_time_s)
-
-
-def _filled(values: Floats) -> Floats:
-    there = np.isfinite(values)
-    return values if there.all() else np.interp(np.arange(len(values)), np.flatnonzero(there), values[there])

@@ -9,13 +9,14 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.readings import noise_of
 from dtbacklash.diagnose.engine.simulated import linear_of
 from dtbacklash.diagnose.inspect.inspection import Fault, Inspected
-from dtbacklash.diagnose.records import Record, filled
+from dtbacklash.diagnose.records import Record
 from dtbacklash.diagnose.result import UNEXPLAINED, Diagnosis, Located
 from dtbacklash.diagnose.shown import Curve, FitTable, ModelErrors, Shown
 from dtbacklash.diagnose.words import all_in_words
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 from dtbacklash.physics.simulate import simulate
+from dtbacklash.recording.channels import filled
 
 #: a mode that so nearly stays where it is (eigenvalue of a sample) is a position from which nothing pulls back
 STAYS = 1e-6

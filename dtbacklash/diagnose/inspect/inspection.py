@@ -10,10 +10,11 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.inspect import samples
 from dtbacklash.diagnose.inspect.sampling import MODE_SAMPLES_MIN, Carried, carried
 from dtbacklash.diagnose.inspect.wiring import Rewiring, wiring
-from dtbacklash.diagnose.records import Mask, Record, filled
+from dtbacklash.diagnose.records import Mask, Record
 from dtbacklash.diagnose.result import Check
+from dtbacklash.diagnose.words import listed
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
-from dtbacklash.recording.channels import CLIPPED_SHARE
+from dtbacklash.recording.channels import CLIPPED_SHARE, filled
 from dtbacklash.recording.mapping import Channel
 from dtbacklash.recording.plausible import REVERSAL_SHARE, Reversal
 from dtbacklash.recording.refusal import SAMPLES_MIN
@@ -108,10 +109,10 @@ def _dead(rig: Rig, found: Inspected) -> None:
     dead = [n for n, share in shares.items() if share >= samples.DEAD_NOISE_SHARE]
     if not dead:
         return
-    what = f"{_listed(dead)} {'shows' if len(dead) == 1 else 'show'} nothing but noise"
+    what = f"{listed(dead)} {'shows' if len(dead) == 1 else 'show'} nothing but noise"
     fault = Fault(
         SENSOR_PREFIX + dead[0], what, "it has nothing to do with the command or another channel",
-        f"Check the wiring of {_listed(dead)}, and that the machine moves, and record again.",
+        f"Check the wiring of {listed(dead)}, and that the machine moves, and record again.",
     )  # fmt: skip
     was = "was" if len(dead) == 1 else "were"
     _do_without(dead, fault, f"{what} (dead, disconnected, or nothing moves there) and {was} left out.", found)
@@ -302,20 +303,20 @@ def _miswired(
     best = max((r for r in reversals if r.wrong), key=lambda r: r.turned)
     if rewiring.swapped:
         a, b = rewiring.swapped
-        signs = f", and the sign of {_listed(list(rewiring.turned))} is turned round" if rewiring.turned else ""
+        signs = f", and the sign of {listed(list(rewiring.turned))} is turned round" if rewiring.turned else ""
         what, how = f"{a} and {b} have changed places{signs}", "swapped back"
         mend = f"Swap {a} and {b} in the recording (or in its mapping)"
         where = a
     else:
-        names = _listed(list(rewiring.turned))
+        names = listed(list(rewiring.turned))
         what = f"{names} {'has its sign' if len(rewiring.turned) == 1 else 'have their signs'} turned round"
-        what += f" (or {_listed(list(rewiring.instead))} instead)" if rewiring.instead else ""
+        what += f" (or {listed(list(rewiring.instead))} instead)" if rewiring.instead else ""
         how, mend, where = "turned back", f"Turn {names} back", rewiring.turned[0]
     if rewiring.turned:
         mend += f" ({_turned_back(rewiring.turned[0], record)} in a mapping)"
     shown = best.names[0] if len(best.names) == 1 else f"the difference of {best.names[0]} and {best.names[1]}"
     if best.unlike:
-        shown = f"each of {_listed(list(best.names))}"
+        shown = f"each of {listed(list(best.names))}"
     why = (f"{how}, {shown} accounts for {100 * best.turned:.0f} % of what the command does to the nominal rig, as "
            f"recorded for {100 * best.straight:.0f} %")  # fmt: skip
     amplifier = rig.only("amplifier")
@@ -347,7 +348,3 @@ def _too_slow(rig: Rig, found: Inspected, slowest: Carried) -> Fault | None:
 
 def _row(check: str, statistic: float, threshold: float, comment: str, source: str) -> Check:
     return Check(check, statistic, "<", threshold, statistic < threshold, comment, source)
-
-
-def _listed(names: list[str]) -> str:
-    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)

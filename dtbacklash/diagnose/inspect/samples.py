@@ -12,8 +12,8 @@ from scipy.signal import coherence
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.readings import noise_of
-from dtbacklash.diagnose.records import Mask, filled
-from dtbacklash.recording.channels import clipped, runs
+from dtbacklash.diagnose.records import Mask
+from dtbacklash.recording.channels import clipped, filled, runs
 
 #: what lasts longer than a spike is a motion (samples)
 SPIKE_SAMPLES_MAX = 2

@@ -24,8 +24,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from dtbacklash.diagnose.records import Record, filled
+from dtbacklash.diagnose.records import Record
 from dtbacklash.physics.rig import Rig
+from dtbacklash.recording.channels import filled
 from dtbacklash.recording.command import HELD
 from dtbacklash.recording.plausible import SAMPLES_WIRING, Bench, Reversal
 

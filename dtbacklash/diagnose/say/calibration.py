@@ -16,6 +16,7 @@ from dtbacklash.diagnose.conclusion import Conclusion
 from dtbacklash.diagnose.engine.free import Free, unit_of
 from dtbacklash.diagnose.named import Blind, Calibration, Recalibrated
 from dtbacklash.diagnose.say.findings import around
+from dtbacklash.diagnose.words import listed
 
 #: along a blind direction the data alone leave an error of so many tolerances or more
 BLIND_TOLERANCES = 1.0
@@ -75,13 +76,9 @@ def blind_said(changes: dict[str, float]) -> str:
     up = [f"`{name}`" for name, change in changes.items() if change > 0.0]
     down = [f"`{name}`" for name, change in changes.items() if change < 0.0]
     if len(changes) == 1:
-        return f"{_listed(up or down)} is not seen: it stays as it was believed."
+        return f"{listed(up or down)} is not seen: it stays as it was believed."
     sizes = np.abs(list(changes.values()))
     alike = " alike" if sizes.max() < ALIKE_RATIO * sizes.min() else " together"
-    while_ = f" while {_listed(down)} {'falls' if len(down) == 1 else 'fall'}" if up and down else ""
+    while_ = f" while {listed(down)} {'falls' if len(down) == 1 else 'fall'}" if up and down else ""
     how = "" if len(up or down) == 1 else alike
-    return f"{_listed(up or down)} can grow{how}{while_}: the recording does not notice."
-
-
-def _listed(names: list[str]) -> str:
-    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+    return f"{listed(up or down)} can grow{how}{while_}: the recording does not notice."

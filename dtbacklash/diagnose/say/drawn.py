@@ -7,13 +7,13 @@ from dtbacklash.diagnose.conclusion import Conclusion
 from dtbacklash.diagnose.engine.columns import Proposal
 from dtbacklash.diagnose.engine.free import Key
 from dtbacklash.diagnose.named import Modelled
-from dtbacklash.diagnose.records import filled
 from dtbacklash.diagnose.say.errors import ErrorTables, Passes
 from dtbacklash.diagnose.shown import Curve, LawShown, Shown
 from dtbacklash.diagnose.words import place_in_words
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.drawing import POINTS, drawing_of, effort_over, law_curve
 from dtbacklash.physics.effects.table import KNOTS, SHAPES
+from dtbacklash.recording.channels import filled
 
 EFFORTS = {"N m": "missing torque", "N": "missing force", "V": "missing voltage", "m": "missing displacement"}
 #: the loop of a recording's own stroke: this quantile of the state about its middle

@@ -8,7 +8,7 @@ from dtbacklash import units
 from dtbacklash.diagnose.named import Finding, Recalibrated
 from dtbacklash.diagnose.result import UNEXPLAINED, Diagnosis
 from dtbacklash.diagnose.settings import SETTINGS
-from dtbacklash.diagnose.words import named_in_words, other_in_words, place_in_words
+from dtbacklash.diagnose.words import listed, named_in_words, other_in_words, place_in_words
 from dtbacklash.files import json_text
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import Rig
@@ -21,7 +21,6 @@ from dtbacklash.report.diagnosis.words import (
     error_text,
     formula_values,
     grounds,
-    listed,
 )
 from dtbacklash.report.kit.blocks import Block, Code, Figure, Items, Table
 from dtbacklash.report.kit.intervals import interval

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dtbacklash.diagnose.result import Diagnosis
 from dtbacklash.diagnose.settings import SETTINGS
-from dtbacklash.report.diagnosis.words import listed
+from dtbacklash.diagnose.words import listed
 from dtbacklash.report.kit.intervals import interval
 from dtbacklash.report.kit.numbers import number
 

@@ -14,7 +14,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.named import Finding, Recalibrated
 from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Diagnosis
 from dtbacklash.diagnose.shown import Curve
-from dtbacklash.diagnose.words import named_in_words, other_in_words, place_in_words
+from dtbacklash.diagnose.words import listed, named_in_words, other_in_words, place_in_words
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import SENSOR_PREFIX
@@ -242,11 +242,6 @@ def together(diagnosis: Diagnosis) -> str:
             "What is left is " + ("what was called enough." if much.enough else "more than what was called enough.")
         )
     return " ".join(said)
-
-
-def listed(names: list[str]) -> str:
-    """``a``, ``a and b``, ``a, b and c``."""
-    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def better_model(diagnosis: Diagnosis) -> str:

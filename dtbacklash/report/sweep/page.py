@@ -8,6 +8,7 @@ from urllib.parse import quote
 
 import pandas as pd
 
+from dtbacklash.diagnose.words import listed
 from dtbacklash.files import write_text
 from dtbacklash.report.kit.blocks import Block, Figure, Link, Table, Tiles
 from dtbacklash.report.kit.numbers import number
@@ -64,7 +65,7 @@ def write(folder: Path, table: pd.DataFrame, axes: list[str]) -> None:
         [_choices(row, axes), str(row.get("error") or "it left no reason")] for row in table[failed].to_dict("records")
     ]
     page = render(
-        f"Sweep over {_listed(axes)}" if axes else "Sweep",
+        f"Sweep over {listed(axes)}" if axes else "Sweep",
         f"{len(table)} jobs, one for each combination of what was swept.",
         [
             Tiles(_tiles(table, axes, failed)),
@@ -104,10 +105,6 @@ def _tiles(table: pd.DataFrame, axes: list[str], failed: pd.Series) -> list[tupl
 
 def _choices(row: dict[Any, Any], axes: list[str]) -> str:
     return ", ".join(f"{name}={row[name]}" for name in axes) or str(row.get("folder", "the job"))
-
-
-def _listed(names: list[str]) -> str:
-    return names[0] if len(names) == 1 else ", ".join(names[:-1]) + " and " + names[-1]
 
 
 def _figure(folder: Path, table: pd.DataFrame, axes: list[str]) -> list[Figure]:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from nominal import nominal_rig
 
-from dtbacklash.diagnose.records import RESTS, filled, held_equivalent, long_enough, records_of, while_it_moves
+from dtbacklash.diagnose.records import RESTS, held_equivalent, long_enough, records_of, while_it_moves
+from dtbacklash.recording.channels import filled
 from dtbacklash.recording.model import Recording
 
 STEP_S, NOISE = 1e-3, 1e-6
