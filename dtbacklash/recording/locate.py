@@ -56,7 +56,7 @@ def resolve(source: str, path: str | None) -> tuple[Path, Mapping | None, str, s
     if mapping is None:
         if path is not None:
             raise UserError("recording.path", path, f"belongs to a mapping, and recording={source} is a file")
-        return _plain(source), None, "", "recording"
+        return _file("recording", source, ", ".join(mapping_names())), None, "", "recording"
     if part and part not in mapping.parts:
         if not mapping.parts:
             raise UserError("recording", source, f"{name} has no parts: write recording={name}")
@@ -75,31 +75,25 @@ def resolve(source: str, path: str | None) -> tuple[Path, Mapping | None, str, s
     return found, mapping, part, "recording"
 
 
-def _plain(source: str) -> Path:
-    path = Path(source).expanduser()
-    if path.is_file():
-        return path
-    if path.is_dir():
-        raise UserError("recording", source, "is a folder; give a file")
-    known = ", ".join(mapping_names())
-    raise UserError("recording", source, f"no such file; give the path of a file or one of {known}")
-
-
 def _given(mapping: Mapping, path: str) -> Path:
     """A path, or the name of one of the mapping's files."""
-    own = Path(path).expanduser()
-    if own.is_file():
-        return own
-    if path in mapping.files:
-        found = find(mapping, path)
-        if found is not None:
-            return found
+    if path not in mapping.files or Path(path).expanduser().is_file():
+        return _file("recording.path", path, ", ".join(mapping.files))
+    found = find(mapping, path)
+    if found is None:
         get = f"run `dtb recordings fetch {mapping.name}`" if mapping.files[path].url else "give the path of the file"
         raise UserError("recording.path", path, f"is not here; {get}")
-    if own.is_dir():
-        raise UserError("recording.path", path, "is a folder; give a file")
-    known = f" or one of {', '.join(mapping.files)}" if mapping.files else ""
-    raise UserError("recording.path", path, f"no such file; give the path of a file{known}")
+    return found
+
+
+def _file(key: str, text: str, known: str) -> Path:
+    """The file at a path. known : what else may be said."""
+    path = Path(text).expanduser()
+    if path.is_dir():
+        raise UserError(key, text, "is a folder; give a file")
+    if not path.is_file():
+        raise UserError(key, text, "no such file; give the path of a file" + (f" or one of {known}" if known else ""))
+    return path
 
 
 def is_genuine(content: bytes, file: PublicFile) -> bool:

@@ -105,25 +105,20 @@ def _read(source: Source, key: str, how: dict[str, Any]) -> Recording:
 
 def _among(sources: list[Source], validation: Source) -> int | None:
     """The number, from 1, of the one of several sources that a validation names; None where it is another one."""
-    text = str(validation)
-    if isinstance(validation, Recording):
+    if not isinstance(validation, (str, Path)):
         return None
-    if text.isdecimal() and not Path(text).is_file():
+    text, here = str(validation), Path(validation).expanduser()
+    if text.isdecimal() and not here.is_file():
         return int(text)
-    here = Path(text).expanduser()
     for number, source in enumerate(sources, 1):
-        if isinstance(source, Recording):
-            names = {source.name}
-            file = source.source
-        elif isinstance(source, pd.DataFrame):
+        if isinstance(source, pd.DataFrame):
             continue
+        if isinstance(source, Recording):
+            names, file = [source.name], source.source
         else:
-            names, file = {str(source)}, Path(source).expanduser()
-            if mapping_of(str(source)) is None:
-                names.add(file.name)
-        if here.is_file() and file is not None and file.is_file():
-            if here.samefile(file):
-                return number
-        elif text in names:
+            file = Path(source).expanduser()
+            names = [str(source), *([file.name] if mapping_of(str(source)) is None else [])]
+        same = file is not None and file.is_file() and here.is_file() and here.samefile(file)
+        if same or (text in names and not here.is_file()):
             return number
     return None

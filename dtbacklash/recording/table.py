@@ -24,7 +24,9 @@ SINCE_1970 = (1e9, 4e9)
 #: days since 1900 and since 0 in the years 2001 to 2096; a clock in s that began so long ago has longer steps
 DAYS, STEP_MAX_DAYS = ((36892.0, 71955.0), (730852.0, 765914.0)), 1e-5
 EMPTY = "has no values"  # why an empty column holds no numbers
-_NANOSECONDS = re.compile(r"(.*?)(nano_?sec(ond)?s?|nsecs?)")
+#: fractions of a second, behind what stands before the seconds as well
+_FRACTION = re.compile(r"(.*?)((nano|micro|milli)_?sec(?:ond)?s?|[nmu]secs?|ms|us|ns)")
+_PER = {"n": 1e-9, "u": 1e-6, "m": 1e-3}
 
 
 @dataclass
@@ -83,20 +85,11 @@ def since_1970(value: float) -> str:
 def with_clocks(table: Table) -> Table:
     """The table with its signals and their times in columns of their own.
 
-    A signal that a row names becomes a column; whole seconds and the nanoseconds in a column beside them are one, as
-    are equal clocks; ``u_time`` is the clock of ``u``.
+    A signal that a row names becomes a column; whole seconds and their fraction in a column beside them are one, as are
+    equal clocks; ``u_time`` is the clock of ``u``.
     """
     _spread(table)
-    lower = {name.lower(): name for name in table.columns}
-    for name in lower:
-        found = _NANOSECONDS.fullmatch(name)
-        ends = ("sec", "secs", "s", "seconds")
-        whole = found and next((lower[found[1] + s] for s in ends if found[1] + s in lower), "")
-        if whole:
-            s, ns = table.columns[whole].values, table.columns[lower[name]].values
-            if s is not None and ns is not None:
-                table.columns[whole] = Column(s - s[0] + 1e-9 * ns, "s")
-    _add_milliseconds(table, next((lower[n] for n in ("ms", "msec", "millisecond", "milliseconds") if n in lower), ""))
+    _add_fractions(table)
     for name, column in table.columns.items():
         of = _CLOCK_OF.fullmatch(name)
         signal = table.columns.get((of[1] or of[2]) if of else "")
@@ -114,15 +107,23 @@ def with_clocks(table: Table) -> Table:
     return table
 
 
-def _add_milliseconds(table: Table, name: str) -> None:
-    """Put a column of milliseconds, 0 to 999, and one of whole seconds beside it together."""
-    ms = table.columns[name].values if name else None
-    whole = [c for n, c in table.columns.items() if n != name and heads.is_time(n) and c.unit == "s"]
-    t = whole[0].values if whole else None
-    if ms is None or t is None or not np.all((ms == ms // 1.0) & (ms >= 0.0) & (ms < 1e3)) or np.any(t % 1.0):
-        return
-    whole[0].values = t + 1e-3 * ms
-    del table.columns[name]
+def _add_fractions(table: Table) -> None:
+    """Put whole seconds and whole parts of one together: ``sec`` and ``nanosec``, a time stamp and ``ms``."""
+    for name, column in list(table.columns.items()):
+        found, part = _FRACTION.fullmatch(name.lower()), column.values
+        if not found or part is None:
+            continue
+        own, per = [found[1] + end for end in ("sec", "secs", "s", "seconds")], _PER[found[2][0]]
+        for other, c in table.columns.items():
+            t = c.values if other.lower() in own or (not found[1] and c.unit == "s" and heads.is_time(other)) else None
+            if (
+                t is not None
+                and not np.any(t % 1.0)
+                and np.all((part % 1.0 == 0.0) & (part >= 0.0) & (part * per < 1.0))
+            ):
+                c.values, c.unit = t - t[0] + per * part, "s"
+                del table.columns[name]
+                break
 
 
 def _date(name: str, column: Column) -> None:

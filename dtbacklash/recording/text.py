@@ -38,17 +38,7 @@ COST = (
 )
 _SPACE = r"\s+"
 #: delimiter and decimal sign, in the order in which they are tried: the unmistakable ones first
-DIALECTS = (
-    ("\t", "."),
-    (";", "."),
-    ("|", "."),
-    (",", "."),
-    (_SPACE, "."),
-    ("\t", ","),
-    (";", ","),
-    (_SPACE, ","),
-    (",", ","),
-)
+DIALECTS = (*((d, ".") for d in "\t;|,"), (_SPACE, "."), ("\t", ","), (";", ","), (_SPACE, ","), (",", ","))
 MISSING = frozenset({"", "-", "--", "---", "nan", "na", "n/a", "#n/a", "nat", "null", "none"})
 _VALUE = re.compile(
     rf"{preamble.NUMBER.pattern}|[+-]?(inf|infinity)|" + "|".join(re.escape(word) for word in MISSING if word),

@@ -45,21 +45,17 @@ class Carried:
 def carried(rig: Rig, record: Record) -> Carried:
     """The fastest of the rig's modes that its recorded channels show, against the sampling."""
     step = record.sample_time_s
-    nothing = Carried(None, 2.0 * MODE_SAMPLES_MIN)
-    modes = natural_frequencies_hz(rig)
-    fast = [float(f) for f in modes if f * step * MODE_SAMPLES_MIN > 1.0]
-    if not fast:
-        return Carried(float(modes.max()), 1.0 / (float(modes.max()) * step)) if len(modes) else nothing
+    modes = sorted(map(float, natural_frequencies_hz(rig)), reverse=True)
+    fast = [f for f in modes if f * step * MODE_SAMPLES_MIN > 1.0]
     try:
-        shown = _response(rig, record)
+        shown = _response(rig, record) if fast else {}
     except UserError:
-        return nothing
-    noise = {name: noise_of(record.y[name])[0] for name in shown}
-    for frequency in sorted(fast, reverse=True):
-        if any(_rms_above(v, MODE_BAND_SHARE * frequency, step / FINE) > noise[name] for name, v in shown.items()):
-            return Carried(frequency, 1.0 / (frequency * step))
-    slow = [float(f) for f in modes if float(f) not in fast]
-    return Carried(max(slow), 1.0 / (max(slow) * step)) if slow else nothing
+        modes = []
+    noise = {name: noise_of(record.y[name])[0] for name in shown} if modes else {}
+    for f in modes:
+        if f not in fast or any(_rms_above(shown[n], MODE_BAND_SHARE * f, step / FINE) > noise[n] for n in noise):
+            return Carried(f, 1.0 / (f * step))
+    return Carried(None, 2.0 * MODE_SAMPLES_MIN)
 
 
 def _response(rig: Rig, record: Record) -> dict[str, Floats]:

@@ -193,6 +193,8 @@ KINDS = {
     "seconds, and milliseconds beside them": (
         "NO.,Time,ms,u,theta\nNO.,time,ms,V,rad\n" + table(
             heads=(), columns=(K, [s[:19] for s in STAMPS], [s[20:23] for s in STAMPS], U, THETA)), None, 1.0),
+    "seconds since 1970, and microseconds": (table(heads=("tv_sec", "tv_usec", "u", "theta"), columns=(
+        1_767_225_600 + K // 200, K % 200 * 5000, U, THETA)), None, 1.0),
     "keys above the numbers' own columns": (
         '"TraceName","u","theta"\n"BlockSize",400,400\n"VUnit","V","rad"\n"HResolution",5e-3,5e-3\n"SampleRate",200,200\n\n'
         + "".join(f",{u:.9g},{x:.9g}\n" for u, x in zip(U, THETA, strict=True)), None, 1.0),
