@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
+from dtbacklash import units
 from dtbacklash.arrays import Floats
 from dtbacklash.recording import heads
 from dtbacklash.recording.stamps import DAY_S
@@ -26,7 +27,6 @@ DAYS, STEP_MAX_DAYS = ((36892.0, 71955.0), (730852.0, 765914.0)), 1e-5
 EMPTY = "has no values"  # why an empty column holds no numbers
 #: fractions of a second, behind what stands before the seconds as well
 _FRACTION = re.compile(r"(.*?)((nano|micro|milli)_?sec(?:ond)?s?|[nmu]secs?|ms|us|ns)")
-_PER = {"n": 1e-9, "u": 1e-6, "m": 1e-3}
 
 
 @dataclass
@@ -113,7 +113,7 @@ def _add_fractions(table: Table) -> None:
         found, part = _FRACTION.fullmatch(name.lower()), column.values
         if not found or part is None:
             continue
-        own, per = [found[1] + end for end in ("sec", "secs", "s", "seconds")], _PER[found[2][0]]
+        own, per = [found[1] + end for end in ("sec", "secs", "s", "seconds")], units.UNITS[found[2][0] + "s"].factor
         for other, c in table.columns.items():
             t = c.values if other.lower() in own or (not found[1] and c.unit == "s" and heads.is_time(other)) else None
             if (
