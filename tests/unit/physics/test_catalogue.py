@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reference import rigs
 from told import refused
 
 from dtbacklash.errors import UserError
@@ -16,7 +15,6 @@ from dtbacklash.physics.effects.body import GRAVITY
 from dtbacklash.physics.effects.declare import Place, Role
 from dtbacklash.physics.effects.table import KNOTS
 from dtbacklash.physics.kinds import KINDS
-from dtbacklash.physics.simulate import simulate
 
 PLACE = Place(
     values={"stiffness": 1e4, "damping": 30.0, "mass": 5.0, "resistance": 12.0}, duration_s=20.0,
@@ -125,16 +123,6 @@ def test_friction_that_differs_by_direction_takes_either_difference(kind):
     assert effect.idle(both) == {"coulomb_difference"}
     assert effect.idle(both | {"coulomb_difference": -2.0}) == {"viscous_difference"}
     assert effect.idle({"viscous_difference": 3.0, "coulomb_difference": -2.0}) == set()
-
-
-def test_levels_that_differ_are_the_mean_level_and_a_constant_force():
-    dry = rigs.carriage().with_effect("carriage", "coulomb_friction", {"force": 15.0})
-    u = rigs.random_steps(800, 25, 5.0)
-    differ = simulate(dry.with_effect("carriage", "asymmetric_friction", {"coulomb_difference": 4.0}), u, 1e-3)
-    loaded = simulate(dry.with_effect("carriage", "constant_force", {"force": -4.0}), u, 1e-3)
-    for name, shown in loaded.sensors.items():
-        assert np.array_equal(differ.sensors[name], shown)
-        assert not np.array_equal(shown, simulate(dry, u, 1e-3).sensors[name])
 
 
 @pytest.mark.parametrize(("kind", "name", "values"), [

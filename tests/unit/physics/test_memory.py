@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from dtbacklash.physics.catalogue import CATALOGUE
 from dtbacklash.physics.effects.spring import bouc_wen_after
 from dtbacklash.physics.simulate import simulate
 
@@ -54,23 +53,3 @@ def test_few_steps_tell_what_many_tell(force, displacement):
         errors = [float(np.std(seen[n][name] - finely) / np.std(finely)) for n in (2, 8)]
         assert errors[0] < 2e-2
         assert errors[1] < 0.3 * errors[0]
-
-
-def test_the_hysteretic_spring_takes_energy_and_gives_none():
-    rig = ringing.known(ringing.blade())
-    u = np.zeros(4000)
-    u[:20] = 1.0
-    held = {"force": 0.05, "displacement": 1e-6}
-    swings = {
-        name: simulate(machine, u, 1e-3).sensors["x_1"]
-        for name, machine in (("plain", rig), ("hysteretic", rig.with_effect("foot", "hysteresis", held)))
-    }
-    late = slice(500, None)
-    assert np.ptp(swings["hysteretic"][late]) < np.ptp(swings["plain"][late])
-    assert np.ptp(swings["hysteretic"][2000:]) <= np.ptp(swings["hysteretic"][late])
-
-
-def test_every_spring_with_a_memory_says_how_far_it_reaches():
-    for kind in ("link", "shaft", "coupling"):
-        effect = CATALOGUE[kind, "hysteresis"]
-        assert effect.slot.named() == {"reach": "displacement"}

@@ -35,15 +35,6 @@ def test_the_modes_are_those_of_the_inertias_seen_at_the_motor(last):
     assert natural_frequencies_hz(rigs.geared(last)) == pytest.approx(expected, rel=1e-9)
 
 
-@LAST
-def test_all_accelerate_as_one_and_by_their_ratios(last):
-    seen = simulate(rigs.geared(last), np.full(4000, 1.0), 1e-3).sensors
-    t = 4.0
-    total = 1e-4 + 5e-4 / RATIO**2 + 2.0 * (RADIUS / RATIO) ** 2
-    assert seen["theta"][-1] == pytest.approx(0.05 / total * t**2 / 2, rel=1e-4)
-    assert seen["x"][-1] / seen["theta"][-1] == pytest.approx(RADIUS / RATIO, rel=1e-4)
-
-
 def test_a_ratio_of_the_gear_makes_the_lead_shorter():
     """Its play is seen at the rotor, before the ratio."""
     plain = rigs.lead_screw().with_effect("gear", "backlash", {"half_gap": 0.3})
