@@ -92,7 +92,9 @@ def test_all_files_are_there_and_the_page_needs_none_of_them(written):
 
 def test_the_first_screen_answers_and_all_else_is_folded(written):
     made, folder, *_ = written
+    assert json.loads((folder / "diagnosis.json").read_text(encoding="utf-8")) == made.to_json()
     page = (folder / "report.html").read_text(encoding="utf-8")
+    assert page.count('<span class="good-one">') == len(made.shown.curves) + len(made.shown.laws)
     first = page[: page.index("<details")]
     marks = ["<h1>", '<table class="causes">', "<figure>", "What is left", "dtb run rig=rig.yaml"]
     there = [mark for mark in marks if mark in first]
@@ -116,6 +118,14 @@ def test_the_page_holds_what_was_found(written):
     assert text.count("low score") >= 1 or made.verdict == "parameters"
     assert all(note in text for note in made.notes)
     assert "nan" not in text.replace("nano", "").lower().split()
+    checks = [
+        "1 of 2 pass", "Residual of q3 is white 210 < 31.4 fail", "Biometrika 65 (1978) 297",
+        "Residual of q3 is noise 1.03 < 1.2 pass Mean square; more is unexplained. (the recording)",
+    ]  # fmt: skip
+    assert [said for said in checks if said not in text] == []
+    assert text.index(checks[1]) < text.index(checks[3])
+    assert "held out, on its own over 1000 % runs away" in text
+    assert "theta_m 290 220" in text
 
 
 def test_a_cause_has_its_place_law_size_doubt_and_share():
@@ -169,27 +179,6 @@ def test_what_is_left_is_in_the_unit_that_was_read(read, unit, left_at_q3):
     assert float(row[4]) == pytest.approx(left_at_q3 * diagnosed.NOISE["q3"] * 1e3)
 
 
-def test_every_curve_and_law_says_what_to_see_in_it(written):
-    made, folder, _, _ = written
-    page = (folder / "report.html").read_text(encoding="utf-8")
-    assert page.count('<span class="good-one">') == len(made.shown.curves) + len(made.shown.laws)
-
-
-def test_checks_stand_with_statistic_threshold_and_source(written):
-    _, _, text, _ = written
-    assert "1 of 2 pass" in text
-    assert "Residual of q3 is noise 1.03 < 1.2 pass Mean square; more is unexplained. (the recording)" in text
-    failed = text.index("Residual of q3 is white 210 < 31.4 fail")
-    assert failed < text.index("Residual of q3 is noise 1.03")
-    assert "Biometrika 65 (1978) 297" in text
-
-
-def test_free_running_errors_and_those_of_each_channel_are_said(written):
-    _, _, text, _ = written
-    assert "held out, on its own over 1000 % runs away" in text
-    assert "theta_m 290 220" in text
-
-
 def test_the_methods_hold_the_numbers_of_this_diagnosis_and_cite_in_order(written):
     made, _, page, _ = written
     text, works = methods(made)
@@ -201,11 +190,6 @@ def test_the_methods_hold_the_numbers_of_this_diagnosis_and_cite_in_order(writte
     assert list(dict.fromkeys(cited)) == list(range(1, len(works) + 1))
     assert ("restoring force" in " ".join(works)) == bool(made.shown.laws)
     assert methods(replace(made, work=None)) == ("", [])
-
-
-def test_the_json_is_the_diagnosis(written):
-    made, folder, _, _ = written
-    assert json.loads((folder / "diagnosis.json").read_text(encoding="utf-8")) == made.to_json()
 
 
 def test_the_rig_runs_from_its_file(written):
@@ -242,9 +226,6 @@ def test_several_recordings_have_a_row_each(page_of, tmp_path):
     assert "zeros" not in found[0]
     assert found[1]["zeros"] == zeros
     assert found[1]["held_out"] is None
-
-
-def test_one_recording_has_no_list_of_recordings():
     assert "recordings" not in diagnosed.missing().to_json()
 
 
@@ -343,9 +324,7 @@ def test_intervals(value, ci95, unit, text):
 def test_an_interval_for_a_plain_terminal_is_ascii():
     assert interval(5.1e-6, [5.02e-6, 5.18e-6], "kg m^2", plain=True) == "(5.10 +/- 0.08)e-6 kg m^2"
     assert interval(2e-5, [1e-5, 3e-5], "m", plain=True) == "20 +/- 10 um"
-
-
-def test_values_to_be_compared_share_their_unit():
+    # values to be compared share their unit
     assert interval(9020.0, [9001.0, 9039.0], "N/m", size=10000.0) == "9.020 ± 0.019 kN/m"
 
 

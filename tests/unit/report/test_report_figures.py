@@ -93,24 +93,17 @@ def test_accepted_estimates_stand_where_they_were_applied_and_rejected_ones_wher
     good, bad = estimates[estimates["accepted"]], estimates[~estimates["accepted"]]
     assert line(gap, "accepted").get_xydata().tolist() == good[["t_applied_s", "gap_deg"]].values.tolist()
     assert line(gap, "rejected").get_xdata().tolist() == bad["t_event_s"].tolist()
+    # an absurd one leaves the scale alone and is told as a number
+    assert gap.get_ylim()[1] < 150
+    assert [text.get_text() for text in gap.texts] == ["432°"]
 
 
 def test_an_estimate_that_comes_after_the_end_is_not_drawn_outside(trace, estimates):
     late = estimates.copy()
     late.loc[8, "t_applied_s"] = 203.0
     assert np.nanmax(line(figures.gap_scenario(trace, late).axes[1], "accepted").get_xdata()) == 165.0
-
-
-def test_an_absurd_rejected_estimate_leaves_the_scale_alone_and_is_told_as_a_number(trace, estimates):
-    gap = figures.gap_scenario(trace, estimates).axes[1]
-    assert gap.get_ylim()[1] < 150
-    assert [text.get_text() for text in gap.texts] == ["432°"]
-
-
-def test_a_rejected_estimate_without_a_value_is_drawn_too(trace, estimates):
-    lost = estimates.copy()
-    lost.loc[3, "gap_deg"] = np.nan
-    assert "none" in [text.get_text() for text in figures.gap_scenario(trace, lost).axes[1].texts]
+    late.loc[3, "gap_deg"] = np.nan
+    assert "none" in [text.get_text() for text in figures.gap_scenario(trace, late).axes[1].texts]
 
 
 def test_a_controller_without_a_gap_model_has_no_estimate_in_the_figure():
@@ -154,11 +147,8 @@ def test_every_move_is_laid_over_the_others_from_zero_to_one(trace):
 def test_one_move_at_a_constant_gap_needs_no_colour_bar(trace):
     part = trace[trace["t_s"] < 10]
     assert len(overview.moves_overlay(part, move_table(part)).axes) == 2
-
-
-def test_moves_that_never_settle_are_shown_for_three_seconds(trace):
-    part = trace[trace["t_s"] < 40].assign(q3_mm=lambda x: np.sin(30 * x["t_s"]))
-    assert overview.moves_overlay(part, move_table(part)).axes[0].get_xlim()[1] == pytest.approx(3.0)
+    swings = trace[trace["t_s"] < 40].assign(q3_mm=lambda x: np.sin(30 * x["t_s"]))  # moves that never settle
+    assert overview.moves_overlay(swings, move_table(swings)).axes[0].get_xlim()[1] == pytest.approx(3.0)
 
 
 def test_a_long_trace_makes_a_small_sharp_and_repeatable_file(trace, estimates, tmp_path):

@@ -45,22 +45,11 @@ def test_every_table_fits_into_a_hundred_columns_without_control_codes(moves):
     text = printed(*everything(moves))
     assert max(len(line) for line in text.splitlines()) <= 100
     assert "\x1b" not in text
-
-
-def test_a_stream_that_knows_ascii_only_gets_question_marks_not_an_error(moves):
-    assert "?0.5 V" in printed(*everything(moves), encoding="ascii")
-
-
-def test_brackets_are_text(moves):
-    text = printed(*everything(moves))
     assert "at [s]" in text
     assert "bounds [0, 180]" in text
-
-
-def test_missing_values_say_what_they_mean(moves):
-    moves = moves.copy()
-    moves.loc[0, "settling_time_s"] = math.nan
-    assert "not settled" in printed(tables.of(moves_table(moves)))
+    assert "?0.5 V" in printed(*everything(moves), encoding="ascii")  # no error
+    unsettled = moves.assign(settling_time_s=math.nan)
+    assert "not settled" in printed(tables.of(moves_table(unsettled)))
 
 
 def test_a_failed_job_and_a_failed_claim_are_told_with_their_reason():
