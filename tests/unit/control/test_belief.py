@@ -6,7 +6,7 @@ from scipy.signal import cont2discrete, dlsim
 from told import refused
 
 from dtbacklash.config.compose import compose
-from dtbacklash.control.belief import Belief, FeedForward, beliefs_of, settled
+from dtbacklash.control.belief import Belief, FeedForward, beliefs_of, design_for, settled
 from dtbacklash.control.chain import motor_ss, structure_ss
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.physics.rig import Rig, build_rig
@@ -117,17 +117,22 @@ def test_where_the_reference_is_held_the_gap_grows_on_and_is_put_in_force_less_l
 
 
 @pytest.mark.parametrize(
-    ("words", "key"),
+    ("words", "said"),
     [
-        ((MODEL, "model.effects.gear.nonsense.gap=1"), "model.effects.gear.nonsense"),
-        ((MODEL, "model.parameters.k.tolerance=20"), "model.parameters.k.tolerance"),
-        (("model.parameters.k.value=9000",), "model.parameters.k.value"),
-        (("controller.compensate=[coulomb_friction]",), "controller.compensate"),
+        ((MODEL, "model.effects.gear.nonsense.gap=1"), "model.effects.gear.nonsense="),
+        ((MODEL, "model.parameters.k.tolerance=20"), "model.parameters.k.tolerance="),
+        (("model.parameters.k.value=9000",), "model.parameters.k.value="),
+        (("controller.compensate=[coulomb_friction]",), "controller.compensate="),
+        (("rig=emps", "controller=nimc_fixed"),
+         "controller=nimc_fixed: needs a rig with a gear; emps has none: give controller=open_loop"),
+        (("rig=emps", "controller=imc"), "rig=emps: this controller needs a rig with a motor"),
+        (("rig.parameters.k.value=0",), "rig.parameters.k.value=0.0: above 0 N/m: link_1 drives mass_2"),
     ],
-)
-def test_a_wrong_model_is_refused_in_its_own_name(words, key):
-    with refused(key=key):
-        beliefs_of(compose(*words))
+)  # fmt: skip
+def test_what_cannot_be_believed_or_designed_for_is_refused_in_its_own_name(words, said):
+    with refused(start=said):
+        config = compose(*words)
+        design_for(config, beliefs_of(config).design)
 
 
 COGGING = [
