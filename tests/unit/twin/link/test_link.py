@@ -30,14 +30,6 @@ def test_the_papers_timing() -> None:
     assert link.next_sample() is None
 
 
-def test_without_delay_the_answer_is_in_force_at_once() -> None:
-    link = paper_link(0.0)
-    link.open(0)
-    assert link.full_buffer(1000) is not None
-    assert link.send(1000, 1.0) == 1000
-    assert link.arrived(1000) == [1.0]
-
-
 def test_an_event_while_filling_is_ignored() -> None:
     link = paper_link()
     assert link.open(100)
@@ -75,9 +67,12 @@ def test_memory_before_the_event_can_be_sent() -> None:
     assert link.full_buffer(20_000) == FullBuffer(20_000, 10_000, 11_000)
 
 
-def test_a_delay_is_rounded_to_samples() -> None:
+def test_a_delay_is_rounded_to_samples_and_none_is_none() -> None:
     assert TwinLink(buffer=1, delay_s=0.0123, sample_time_s=0.005).delay == 2
     assert TwinLink(buffer=1, delay_s=0.3, sample_time_s=0.1).delay == 3
+    link = paper_link(0.0)
+    assert link.send(1000, 1.0) == 1000
+    assert link.arrived(1000) == [1.0]
 
 
 def test_wrong_values_are_refused() -> None:
