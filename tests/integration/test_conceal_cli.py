@@ -6,6 +6,7 @@ import pytest
 from told import refusal
 
 from dtbacklash import cli
+from dtbacklash.physics.rig_file import rig_yaml
 from dtbacklash.prove import conceal as concealing
 from dtbacklash.prove import draw as drawing
 from dtbacklash.prove.conceal import nominal_rig
@@ -49,22 +50,17 @@ def test_one_effect_and_instruments_can_be_chosen_and_the_key_put_elsewhere(here
     assert "backlash" not in capsys.readouterr().out
 
 
-def test_a_rig_of_the_users_own(here, capsys):
-    from dtbacklash.physics.rig_file import rig_yaml
-
+@pytest.mark.parametrize(("words", "parameters"), [
+    (["rig=mine.yaml"], {"m": 2.0, "p": 1e-3}), (["rig.parameters.k.value=9500"], {"k": 9500.0}),
+])  # fmt: skip
+def test_a_rig_of_the_users_own_or_one_that_is_changed_is_kept_with_the_recordings(here, capsys, words, parameters):
     (here / "mine.yaml").write_text(rig_yaml(nominal_rig("lead_screw").with_parameters({"m": 2.0, "p": 1e-3})))
-    assert cli.main(["conceal", "out=hidden", "rig=mine.yaml", "kind=nothing"]) == 0
+    assert cli.main(["conceal", "out=hidden", *words, "kind=nothing"]) == 0
     (case,) = (here / "hidden").glob("*/")
     assert json.loads((case / "public.json").read_text())["rig"] == "../rig.yaml"
     assert "rig=hidden/rig.yaml" in capsys.readouterr().out
-    kept = nominal_rig(str(here / "hidden" / "rig.yaml"))
-    assert (kept.config.parameters["m"].value, kept.config.parameters["p"].value) == (2.0, 1e-3)
-
-
-def test_a_rig_that_is_changed_on_the_command_line_is_kept_with_the_recordings(here, capsys):
-    assert cli.main(["conceal", "out=hidden", "rig.parameters.k.value=9500", "kind=nothing"]) == 0
-    assert "rig=hidden/rig.yaml" in capsys.readouterr().out
-    assert nominal_rig("hidden/rig.yaml").config.parameters["k"].value == 9500.0
+    kept = nominal_rig("hidden/rig.yaml").config.parameters
+    assert {name: kept[name].value for name in parameters} == parameters
 
 
 def test_strange_names_of_files_work(here, capsys):
@@ -88,6 +84,9 @@ def test_strange_names_of_files_work(here, capsys):
         (["out=x", "n=many"], "n=many: must be a whole number"),
         (["out=x", "seed=-1"], "seed=-1: must be at least 0"),
         (["out=x", "kind=odd"], "kind=odd: choose one of nothing, parameters, single, several, unknown"),
+        (["out=x", "effect=sensor_q2.delay", "instruments=minimal"], "instruments=minimal: rich, or sensor_q2 is not"),
+        (["out=x", "effect=mass_1.absorber"], "effect=mass_1.absorber: write location.effect; locations: amplifier"),
+        (["out=x", "effect=backlash"], "effect=backlash: write location.effect"),
         (["out=x", "effect=gear.slip"], "effect=gear.slip: at gear choose one of backlash"),
         (["out=x", "effect=gear.backlash", "kind=nothing"], "kind=nothing: effect= hides a single one"),
         (["out=x", "instruments=all"], "instruments=all: choose one of minimal, rich"),

@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 import pytest
+from told import refused
 
-from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import CATALOGUE
 from dtbacklash.prove import draw as drawing
 from dtbacklash.prove import excitation, sizes
 from dtbacklash.prove.bench import Bench
-from dtbacklash.prove.draw import check_choices, draw, entries, record
+from dtbacklash.prove.draw import draw, entries, record
 from dtbacklash.prove.secret import KINDS, Secret
 from dtbacklash.prove.simulator.rig import EFFECTS
 from dtbacklash.prove.sizes import DESCRIPTIONS, unknown_entries
@@ -122,6 +122,8 @@ def test_an_error_of_a_sensor_is_recorded(lead_screw, short):
     assert secret.instruments == "rich"
     assert secret.channels == list(lead_screw.sensors)
     assert draw(1, lead_screw, kind="nothing", instruments="minimal").channels == ["theta_m", "q3"]
+    with refused("instruments=all: choose one of minimal, rich"):
+        draw(1, lead_screw, instruments="all")
 
 
 @pytest.mark.parametrize("form", ["steps", "staircase", "multisine", "voltage_multisine", "voltage_chirp"])
@@ -149,20 +151,3 @@ def test_a_disturbance_has_a_course_of_its_own():
     one, two = excitation.disturbance(1, 20.0, 1e-3), excitation.disturbance(2, 20.0, 1e-3)
     assert np.sqrt(np.mean(one**2)) == pytest.approx(1.0)
     assert abs(np.corrcoef(one, two)[0, 1]) < 0.3
-
-
-@pytest.mark.parametrize(
-    ("choices", "words"),
-    [
-        (("some", None, None), "kind=some: choose one of nothing, parameters"),
-        ((None, None, "all"), "instruments=all: choose one of minimal, rich"),
-        (("unknown", "gear.backlash", None), "effect= hides a single one"),
-        ((None, "gear.slip", None), "effect=gear.slip: at gear choose one of backlash"),
-        ((None, "mass_1.absorber", None), "write location.effect; locations: amplifier"),
-        ((None, "backlash", None), "write location.effect"),
-        ((None, "sensor_q2.delay", "minimal"), "instruments=minimal: rich, or sensor_q2 is not recorded"),
-    ],
-)
-def test_choices_that_cannot_be_are_refused(lead_screw, choices, words):
-    with pytest.raises(UserError, match=words):
-        check_choices(lead_screw, *choices)

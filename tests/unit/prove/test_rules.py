@@ -86,10 +86,6 @@ def test_a_false_name_is_one_that_pairs_with_nothing_hidden(kind, hidden, found,
     assert rules.no_false_name(case(kind, hidden, *found, verdict="unexplained")) == without
 
 
-def test_a_diagnosis_that_failed_says_nothing_true():
-    assert not rules.no_false_name(replace(case("single", [COULOMB]), diagnosis=None))
-
-
 def test_exact_matches_come_first():
     judged = case("several", [COULOMB, DEAD_ZONE], finding(DEAD_ZONE, COULOMB), finding(COULOMB, DEAD_ZONE))
     assert rules.matches(judged) == {0: 1, 1: 0}
@@ -137,6 +133,7 @@ def test_a_failed_diagnosis_is_never_right():
         assert not rules.within_ambiguity(judged)
         assert rules.error_ratio(judged) == float("inf")
         assert judged.verdict == "failed"
+        assert not rules.no_false_name(judged)
 
 
 def test_clear_means_that_the_oracle_sees_every_effect():

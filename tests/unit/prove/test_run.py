@@ -5,6 +5,7 @@ from importlib.util import find_spec
 import proved
 import pytest
 from proved import COULOMB
+from told import refused
 
 from dtbacklash import sources
 from dtbacklash.campaign.backends import Workers
@@ -79,18 +80,11 @@ def test_a_whole_course_with_a_case_that_fails(plan, by):
     assert "raise RuntimeError" in read_json(plan.target(plan.concealed / "case2"))["traceback"]
 
 
-def test_what_is_done_is_not_done_again(plan):
+def test_what_is_done_is_not_done_again_and_a_missing_or_broken_file_is(plan):
     course(plan)
-    told = []
-    cases = run.given_cases(plan)
+    cases, told = run.given_cases(plan), []
     run.diagnose_missing(plan, cases, ALONE, lambda *words: told.append(words), diagnose)
-    assert asked(plan) == [1] * N
-    assert told == [("diagnosing", N, N)]
-
-
-def test_a_missing_or_broken_file_is_done_again(plan):
-    course(plan)
-    cases = run.given_cases(plan)
+    assert (asked(plan), told) == ([1] * N, [("diagnosing", N, N)])
     plan.target(cases[0]).unlink()
     plan.target(cases[3]).write_text('{"id": "case3", "diag')
     run.diagnose_missing(plan, cases, ALONE, silent, diagnose)
@@ -104,21 +98,6 @@ def test_other_code_diagnoses_again(plan, monkeypatch):
     monkeypatch.setattr(work.sources, "digest", lambda parts: "other")
     run.diagnose_missing(plan, run.given_cases(plan), ALONE, silent, diagnose)
     assert asked(plan) == [2] * N
-
-
-def test_ctrl_c_leaves_what_is_finished(plan):
-    cases = run.given_cases(plan)
-
-    def interrupted(folder, rig_name):
-        if folder.name == "case2":
-            raise KeyboardInterrupt
-        return diagnose(folder, rig_name)
-
-    with pytest.raises(KeyboardInterrupt, match="2 of 4 cases are done and stay"):
-        run.diagnose_missing(plan, cases, ALONE, silent, interrupted)
-    assert sorted(path.name for path in (plan.out / run.CASES).iterdir()) == ["case0.json", "case1.json"]
-    run.diagnose_missing(plan, cases, ALONE, silent, diagnose)
-    assert asked(plan) == [1, 1, 1, 1]
 
 
 def test_the_seals_stay_shut_until_every_case_is_diagnosed(plan, monkeypatch):
@@ -154,25 +133,22 @@ def test_an_oracle_that_fails_leaves_its_reason(plan):
     assert (found.oracle_failed, strict.of, strict.every_right) == (N, 1, 3)  # one was not diagnosed either
 
 
-def test_the_folder_of_the_results_belongs_to_one_proof(plan, tmp_path):
-    run.claim(plan)
-    run.claim(plan)
+def test_what_does_not_belong_to_a_proof_is_refused(plan, tmp_path):
+    for _ in range(2):
+        run.claim(plan)
     for other, said in (
         (Plan(plan.out, "lead_screw", (10_000,)), "holds a proof of other recordings"),
         (Plan(tmp_path), "holds files that are no proof"), (Plan(plan.out / run.PLAN), "is a file"),
     ):  # fmt: skip
-        with pytest.raises(UserError, match=said):
+        with refused(said):
             run.claim(other)
-
-
-def test_a_given_folder_needs_recordings_and_a_key(plan, tmp_path):
     plan.key_file.unlink()
     for given, said in (
         (Plan(plan.out, folder=tmp_path / "nowhere"), "is no folder"),
         (Plan(plan.out, folder=tmp_path), "holds no concealed recording"),
         (plan, "without it the seals cannot be opened"),
     ):
-        with pytest.raises(UserError, match=said):
+        with refused(said):
             run.given_cases(given)
 
 

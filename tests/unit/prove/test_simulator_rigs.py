@@ -14,7 +14,6 @@ from dtbacklash.physics.simulate import simulate
 from dtbacklash.prove.bench import rms
 from dtbacklash.prove.draw import entries
 from dtbacklash.prove.simulator.given import Loop, Unlisted
-from dtbacklash.prove.simulator.laws import held_stretch
 from dtbacklash.prove.simulator.rig import simulate_other
 from dtbacklash.prove.sizes import DESCRIPTIONS, motion_of, unknown_entries
 
@@ -83,12 +82,6 @@ def test_new_laws_agree_with_the_reference(name, place, effect):
     run, without = (simulate_other(rig, given(u), STEP_S).truth for rig in (problem.rig, nominal_rig(name)))
     for sensor in problem.rig.sensors:
         assert rms(run[sensor] - truth[sensor]) < SHARE * rms(truth[sensor] - without[sensor])
-
-
-def test_what_is_held_behind_a_lost_motion():
-    assert held_stretch(0.3, 0.2) == pytest.approx(0.2, abs=1e-6)
-    assert held_stretch(-0.3, 0.2) == pytest.approx(-0.2, abs=1e-6)
-    assert held_stretch(0.05, 0.2) == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(
