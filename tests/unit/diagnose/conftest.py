@@ -1,7 +1,5 @@
 """Recordings for the diagnosis: commands, the rig, and what its sensors would show."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import machine_cases as cases

@@ -36,28 +36,15 @@ def test_what_comes_after_the_motion_is_left_out_and_said(oscillator):
         "Nothing was commanded (u is 0): the state in which it begins is all that moves the machine. "
         f"What comes after {part.samples * STEP_S:.4g} s is left out: there it rests."
     )
-
-
-def test_a_decay_that_lasts_stays_whole(oscillator):
-    part = while_it_moves(decay(3.0, 0.5), oscillator)
-    assert part.samples == 3000
-    assert "left out" not in part.notes[1]
-
-
-def test_a_commanded_recording_is_no_decay(oscillator):
-    whole = decay(20.0, 2.0, u=0.1)
-    assert while_it_moves(whole, oscillator) is whole
-
-
-def test_where_nothing_moves_all_is_kept(oscillator):
-    assert while_it_moves(decay(5.0, 2.0, first=0.0), oscillator).samples == 5000
-
-
-def test_what_is_missing_in_between_changes_no_end(oscillator):
-    whole = decay(20.0, 2.0)
     holes = replace(whole, channels={**whole.channels, "x": whole.channels["x"].copy()})
     holes.channels["x"][500:510] = np.nan
-    assert while_it_moves(holes, oscillator).samples == while_it_moves(whole, oscillator).samples
+    assert while_it_moves(holes, oscillator).samples == part.samples
+    lasts = while_it_moves(decay(3.0, 0.5), oscillator)
+    assert lasts.samples == 3000
+    assert "left out" not in lasts.notes[1]
+    assert while_it_moves(decay(5.0, 2.0, first=0.0), oscillator).samples == 5000  # where nothing moves
+    commanded = decay(20.0, 2.0, u=0.1)
+    assert while_it_moves(commanded, oscillator) is commanded
 
 
 def test_each_stretch_has_its_part_of_the_masks_and_its_time(oscillator):

@@ -46,6 +46,13 @@ def test_findings_and_parameters_are_what_they_always_were():
     assert made.to_json()["recalibrated"]["k"] == {
         "nominal": 10000.0, "value": 9020.0, "unit": "N/m", "ci95": [9001.0, 9039.0],
     }  # fmt: skip
+    row = made.to_json()["checks"][0]
+    assert list(row) == ["check", "statistic", "operator", "threshold", "pass", "comment", "source"]
+    assert row["pass"] is True
+    assert Located("motor", "motor", 0.5).to_json() == {"block": "motor", "location": "motor", "share": 0.5}
+    left = diagnosed.unexplained().to_json()["located"]
+    assert list(left) == ["block", "location", "share", "state", "state_unit", "effort_unit", "explained", "recovered"]
+    assert len(left["recovered"][0]) == 3
 
 
 def test_what_a_name_rests_on_and_what_is_left_stand_in_the_document():
@@ -94,19 +101,6 @@ def test_no_physics_is_said_to_be_absent_that_was_not_looked_for_or_did_not_matt
 @pytest.mark.parametrize("open_one", ["where", "law", "size", ""])
 def test_a_name_is_sure_where_place_law_and_size_stand(open_one):
     assert Stands(*(Ground(part != open_one) for part in ("where", "law", "size"))).sure == (not open_one)
-
-
-def test_a_check_says_pass_as_other_tools_do():
-    row = diagnosed.missing().to_json()["checks"][0]
-    assert list(row) == ["check", "statistic", "operator", "threshold", "pass", "comment", "source"]
-    assert row["pass"] is True
-
-
-def test_what_is_left_names_its_state_only_where_one_explains_it():
-    assert Located("motor", "motor", 0.5).to_json() == {"block": "motor", "location": "motor", "share": 0.5}
-    found = diagnosed.unexplained().to_json()["located"]
-    assert list(found) == ["block", "location", "share", "state", "state_unit", "effort_unit", "explained", "recovered"]
-    assert len(found["recovered"][0]) == 3
 
 
 def test_where_nothing_explains_what_is_left_no_place_is_said():

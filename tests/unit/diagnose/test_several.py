@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from nominal import nominal_rig
+from told import refused
 
 from dtbacklash.diagnose.several import Several, names_of
-from dtbacklash.errors import UserError
 from dtbacklash.recording import Recording
 
 
@@ -35,37 +35,40 @@ def test_each_keeps_its_own_channels_and_that_is_said(rig):
     assert several.notes == ("x is in a.csv and b.csv only.", "v is in a.csv and c.csv only.")
 
 
-def test_a_recording_without_a_channel_of_the_rig_is_refused(rig):
-    with pytest.raises(UserError) as caught:
-        Several.of([recording("a.csv", 1), recording("b.csv", 2, "w")], None, rig)
-    assert str(caught.value) == "recording=b.csv: has no channel of this rig (x, v)"
-
-
-@pytest.mark.parametrize("which", [2, "2", "b.csv", "bench/b.csv"])
-def test_one_of_them_may_judge(rig, which):
-    several = Several.of([recording(f"{n}.csv", k) for k, n in enumerate("abc")], which, rig)
-    assert several.judging == "b.csv"
+@pytest.mark.parametrize(("which", "hold_out"), [(2, None), ("2", None), ("b.csv", None), ("bench/b.csv", None),
+                                                 (None, 2), (None, "2"), (None, "b"), (None, "b.csv")])  # fmt: skip
+def test_one_of_them_may_judge(rig, which, hold_out):
+    several = Several.of([recording(f"{n}.csv", k) for k, n in enumerate("abc")], which, rig, hold_out)
+    assert (several.judging, several.turns) == ("b.csv", False)
     records = several.records(rig, 0.4)
     assert [bool(r.train.all()) for r in records] == [True, False, True]
     assert [bool(r.held.all()) for r in records] == [False, True, False]
     assert [r.recording for r in records] == [0, 1, 2]
 
 
+A, B = recording("a.csv", 1), recording("b.csv", 2)
+NONE = "is none of the recordings; choose one of 1 (a.csv), 2 (b.csv)"
+
+
+@pytest.mark.parametrize(("given", "which", "hold_out", "said"), [
+    ([A, recording("b.csv", 2, "w")], None, None, "recording=b.csv: has no channel of this rig (x, v)"),
+    *(([A, B], which, None, f"validation={which}: {NONE}") for which in (0, 3, "d.csv")),
+    ([A, recording("b.csv", 1)], None, None, "recording=b.csv: is equal to a.csv, sample by sample: give each once"),
+    ([A], 1, None, "validation=1: leaves no recording to fit to"),
+    ([A, B], None, "d", f"hold_out=d: {NONE}; or turns, or ends"),
+    ([A, B], 2, "turns", "hold_out=turns: says what judges, and so does validation=2: give one"),
+    ([replace(A, rig="emps"), replace(B, rig="disk")], None, None,
+     "recording=b.csv: is of the rig disk, and a.csv of emps: several are of one"),
+])  # fmt: skip
+def test_what_is_no_set_of_recordings_is_refused(rig, given, which, hold_out, said):
+    with refused(start=said):
+        Several.of(given, which, rig, hold_out)
+
+
 def test_others_may_judge(rig):
     several = Several.of([recording("a.csv", 1)], [recording("b.csv", 2), recording("c.csv", 3, samples=300)], rig)
     assert several.judging == "b.csv, c.csv"
     assert [r.samples for r in several.records(rig, 0.4)] == [400, 400, 300]
-
-
-@pytest.mark.parametrize("which", [0, 3, "d.csv"])
-def test_a_validation_that_is_none_of_them_is_refused(rig, which):
-    with pytest.raises(UserError, match=r"is none of the recordings; choose one of 1 \(a.csv\), 2 \(b.csv\)"):
-        Several.of([recording("a.csv", 1), recording("b.csv", 2)], which, rig)
-
-
-def test_the_same_samples_twice_are_refused(rig):
-    with pytest.raises(UserError, match=r"recording=b.csv: is equal to a.csv, sample by sample: give each once"):
-        Several.of([recording("a.csv", 1), recording("b.csv", 1)], None, rig)
 
 
 def counted(name: str, seed: int, channel: str = "x") -> Recording:
@@ -90,14 +93,9 @@ def test_one_command_seen_by_two_sensors_is_no_copy(rig):
 def test_what_judges_may_not_be_part_of_what_is_fitted_to(rig, turned):
     whole = recording("a.csv", 1)
     both = [whole, replace(whole.section(100, 300), name="b.csv")]
-    with pytest.raises(UserError, match="holds 200 samples of the recording itself"):
+    with refused("holds 200 samples of the recording itself"):
         Several.of(both[::-1] if turned else both, "b.csv", rig)
     assert Several.of(both, None, rig).judging == ""
-
-
-def test_all_may_not_judge(rig):
-    with pytest.raises(UserError, match="leaves no recording to fit to"):
-        Several.of([recording("a.csv", 1)], 1, rig)
 
 
 def test_three_are_left_out_in_turn_and_two_judge_by_their_ends(rig):
@@ -113,24 +111,3 @@ def test_three_are_left_out_in_turn_and_two_judge_by_their_ends(rig):
         assert not any((r.train & r.held).any() for r in ends.records(rig, 0.4))
     assert Several.of(three[:2], None, rig, "turns").turns
     assert not Several.of(three, "b.csv", rig).turns
-
-
-@pytest.mark.parametrize("which", [2, "2", "b", "b.csv"])
-def test_one_may_be_held_out_by_name(rig, which):
-    several = Several.of([recording(f"{n}.csv", k) for k, n in enumerate("abc")], None, rig, which)
-    assert (several.judging, several.turns) == ("b.csv", False)
-
-
-def test_what_is_held_out_has_to_be_there_and_said_once(rig):
-    two = [recording("a.csv", 1), recording("b.csv", 2)]
-    said = r"hold_out=d: is none of the recordings; choose one of 1 \(a.csv\), 2 \(b.csv\); or turns, or ends"
-    with pytest.raises(UserError, match=said):
-        Several.of(two, None, rig, "d")
-    with pytest.raises(UserError, match="hold_out=turns: says what judges, and so does validation=2: give one"):
-        Several.of(two, 2, rig, "turns")
-
-
-def test_recordings_of_two_rigs_are_refused(rig):
-    pair = [replace(recording(f"{n}.csv", k), rig=of) for k, (n, of) in enumerate((("a", "emps"), ("b", "disk")))]
-    with pytest.raises(UserError, match=r"recording=b.csv: is of the rig disk, and a.csv of emps: several are of one"):
-        Several.of(pair, None, rig)

@@ -1,7 +1,5 @@
 """Small recordings of known origin, made in closed form, that tell little or were read in another way."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from textwrap import dedent
 

@@ -1,7 +1,5 @@
 """Recordings for the engine: commands, what sensors show under noise, and predictors of these."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -62,36 +62,24 @@ def test_a_gain_that_another_sensors_gain_explains_as_well_is_not_sure():
     assert not found.sure
 
 
-def contains(rig: str, place: str, *names: str) -> bool:
-    """Whether the first law counts as one that holds the second."""
+@pytest.mark.parametrize(("rig", "laws", "law", "held"), [
+    *(("pendulum", (f"disk.{table}",), "disk.coulomb_friction", True)
+      for table in ("speed_table", "position_table", "position_damping_table", "stribeck_friction")),
+    ("pendulum", ("disk.coulomb_friction",), "disk.stribeck_friction", False),
+    ("pendulum", ("disk.viscous_friction",), "disk.coulomb_friction", False),
+    ("pendulum", ("disk.gravity",), "disk.coulomb_friction", False),
+    ("pendulum", ("disk.cogging",), "disk.asymmetric_friction", False),  # of the position, and of the speed
+    ("pendulum", ("disk.stribeck_friction", "disk.speed_table"), "disk.coulomb_friction", False),
+    ("oscillator", ("spring.hysteresis",), "spring.dry_friction", True),  # which it becomes
+    ("oscillator", ("spring.dry_friction",), "spring.hysteresis", False),
+    *(("rotary_drive", (f"load.{table}",), f"{place}.coulomb_friction", place == "load")
+      for table in ("speed_table", "stribeck_friction") for place in ("load", "motor_rotor")),
+    ("rotary_drive", (), "load.coulomb_friction", False),
+])  # fmt: skip
+def test_a_law_is_held_by_tables_of_its_place_and_by_what_has_it_as_a_special_case(rig, laws, law, held):
     judge = object.__new__(Judge)
     judge.model = SimpleNamespace(rig=nominal_rig(rig))
-    return judge._contains(tuple((place, name) for name in names[:-1]), (place, names[-1]))
-
-
-def test_a_law_is_held_by_tables_of_its_place_and_by_what_has_it_as_a_special_case():
-    for table in ("speed_table", "position_table", "position_damping_table"):
-        assert contains("pendulum", "disk", table, "coulomb_friction")
-    assert contains("pendulum", "disk", "stribeck_friction", "coulomb_friction")
-    assert not contains("pendulum", "disk", "coulomb_friction", "stribeck_friction")
-    assert not contains("pendulum", "disk", "viscous_friction", "coulomb_friction")
-    assert not contains("pendulum", "disk", "gravity", "coulomb_friction")
-    assert contains("oscillator", "spring", "hysteresis", "dry_friction")  # which it becomes
-    assert not contains("oscillator", "spring", "dry_friction", "hysteresis")
-
-
-def test_two_laws_or_one_at_another_place_hold_none():
-    assert not contains("pendulum", "disk", "stribeck_friction", "speed_table", "coulomb_friction")
-    judge = object.__new__(Judge)
-    judge.model = SimpleNamespace(rig=nominal_rig("rotary_drive"))
-    for table in ("speed_table", "stribeck_friction"):
-        assert not judge._contains((("load", table),), ("motor_rotor", "coulomb_friction"))
-        assert judge._contains((("load", table),), ("load", "coulomb_friction"))
-    assert not judge._contains((), ("load", "coulomb_friction"))
-
-
-def test_a_law_of_the_position_holds_none_of_the_speed():
-    assert not contains("pendulum", "disk", "cogging", "asymmetric_friction")
+    assert judge._contains(tuple(tuple(one.split(".")) for one in laws), tuple(law.split("."))) == held
 
 
 def test_differences_are_counted_in_standard_errors():

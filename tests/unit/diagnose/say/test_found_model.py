@@ -1,7 +1,5 @@
 """What is put back into a MuJoCo model moves it as the diagnosis' own simulation does."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest
