@@ -18,7 +18,7 @@ def without_progress(err: str) -> str:
 
 
 @contextmanager
-def refused(*words: str, start: str = "", key: str | None = None) -> Iterator[None]:
+def refused(*words: str, start: str = "", key: str | None = None, whole: str | None = None) -> Iterator[None]:
     """What is done here is refused in one line, with exit code 2. words : what it has. key : what it is about."""
     with pytest.raises(UserError) as caught:
         yield
@@ -26,6 +26,7 @@ def refused(*words: str, start: str = "", key: str | None = None) -> Iterator[No
     assert [word for word in words if word not in line] == [], line
     assert line.startswith(start)
     assert key in (None, caught.value.key)
+    assert whole in (None, line)
     assert "\n" not in line
     assert caught.value.exit_code == 2
 
@@ -34,8 +35,12 @@ def refusal(capsys: pytest.CaptureFixture[str], *words: str) -> str:
     """What ``dtb`` says where it refuses these words: one line on stderr, exit code 2."""
     capsys.readouterr()
     code = cli.main(list(words))
-    out, err = capsys.readouterr()
-    assert (code, out) == (2, ""), err
+    return one_line((code, *capsys.readouterr()))
+
+
+def one_line(answer: tuple[int, str, str]) -> str:
+    """What a command says that refuses its words, of its exit code, stdout and stderr."""
+    code, out, err = answer
+    assert (code, out, err.count("\n")) == (2, "", 1), err
     assert err.startswith("dtb: error: ")
-    assert err.count("\n") == 1
     return err.removeprefix("dtb: error: ")

@@ -37,6 +37,7 @@ def test_names_that_a_file_cannot_have_stay_apart():
 def test_the_same_command_finds_its_sweep_again_in_any_order():
     assert sweep_name(["a=1,2", "b=3"])[-8:] == sweep_name(["b=3", "a=1,2"])[-8:]
     assert sweep_name(["a=1,2"]) != sweep_name(["a=1,3"])
+    assert sweep_name(["rig=lead_screw,emps", "seed=1"], "diagnose").startswith("diagnose_rig_seed_")
 
 
 @pytest.mark.parametrize("name", APPLICATIONS)

@@ -3,9 +3,9 @@
 import math
 
 import pytest
+from told import refused
 
 from dtbacklash.config import run
-from dtbacklash.errors import UserError
 
 REFUSED = [
     (run.ControllerConfig, {"structure": "pd"}, "controller.structure"),
@@ -72,11 +72,8 @@ REFUSED += [
 
 @pytest.mark.parametrize(("kind", "values", "key"), REFUSED, ids=[f"{k}-{i}" for i, (_, _, k) in enumerate(REFUSED)])
 def test_refuses_in_one_line_that_names_the_key(kind, values, key):
-    with pytest.raises(UserError) as caught:
+    with refused(key=key, start=f"{key}="):
         kind(**values)
-    assert caught.value.key == key
-    assert str(caught.value).startswith(f"{key}=")
-    assert "\n" not in str(caught.value)
 
 
 def test_the_defaults_are_the_papers_scenario():
@@ -84,15 +81,9 @@ def test_the_defaults_are_the_papers_scenario():
     assert config.samples == 200_000
     assert (config.twin.delay_s, config.twin.buffer, config.twin.settle) == (4.0, 1000, 400)
     assert config.controller.tau_r_s == pytest.approx(1 / 6)
-
-
-def test_a_short_run_without_a_twin_needs_no_buffer():
+    assert run.ControllerConfig(k_theta_v_per_rad=1e6).k_theta_v_per_rad == 1e6  # a run says that it diverges
     controller = run.ControllerConfig(name="imc", structure="imc", reconfigure="never")
-    assert run.RunConfig(controller=controller, duration_s=0.5).samples == 500
-
-
-def test_any_gain_is_allowed_because_divergence_is_reported_by_the_run():
-    assert run.ControllerConfig(k_theta_v_per_rad=1e6).k_theta_v_per_rad == 1e6
+    assert run.RunConfig(controller=controller, duration_s=0.5).samples == 500  # without a twin there is no buffer
 
 
 def test_the_buffer_of_the_bank_counts_only_where_the_bank_is_asked():
@@ -129,8 +120,5 @@ WRONG_CHANGES = [
 @pytest.mark.parametrize(("change", "way", "allowed"), WRONG_CHANGES)
 def test_a_change_of_the_wrong_form_is_refused(change, way, allowed):
     right = {"at_s": 1.999, "parameters": {"k": 7000}, "effects": {"motor_bearing": {"coulomb_friction": None}}}
-    with pytest.raises(UserError) as caught:
+    with refused(allowed, key="changes[1]" + way):
         run.RunConfig(duration_s=2.0, changes=[right, change])
-    assert caught.value.key == "changes[1]" + way
-    assert allowed in caught.value.allowed
-    assert "\n" not in str(caught.value)

@@ -67,22 +67,14 @@ def test_mistakes_are_one_line(source, said, tmp_path, monkeypatch):
         dtb.load_rig(source)
 
 
-def test_a_rig_is_given_once():
-    with pytest.raises(dtb.UserError, match="given twice"):
-        dtb.run("rig=emps", rig="lead_screw")
-    with pytest.raises(dtb.UserError, match=r"write rig\.KEY=VALUE"):
-        dtb.load_rig("lead_screw", "duration_s=3")
-
-
-def test_a_file_that_cannot_be_written(tmp_path):
-    rig = dtb.load_rig("lead_screw")
-    with pytest.raises(dtb.UserError, match=r"must end in \.yaml"):
-        dtb.save_rig(rig, tmp_path / "rig.txt")
-    with pytest.raises(dtb.UserError, match="cannot be written"):
-        dtb.save_rig(rig, tmp_path / "nowhere" / "rig.yaml")
-
-
-@pytest.mark.parametrize("word", ["out=here", "hydra.run.dir=here"])
-def test_a_folder_is_for_save(word):
-    with refused("call save(folder)"):
-        dtb.run(word, "duration_s=2")
+@pytest.mark.parametrize(("call", "said"), [
+    (lambda: dtb.run("rig=emps", rig="lead_screw"), "given twice"),
+    (lambda: dtb.load_rig("lead_screw", "duration_s=3"), "write rig.KEY=VALUE"),
+    (lambda: dtb.save_rig(dtb.load_rig("lead_screw"), "rig.txt"), "must end in .yaml"),
+    (lambda: dtb.save_rig(dtb.load_rig("lead_screw"), "nowhere/rig.yaml"), "cannot be written"),
+    *((lambda word=word: dtb.run(word, "duration_s=2"), "call save(folder)") for word in ("out=x", "hydra.run.dir=x")),
+])  # fmt: skip
+def test_what_does_not_go_together_or_there_is_one_line(call, said, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with refused(said):
+        call()
