@@ -67,8 +67,8 @@ def scenario(monkeypatch):
 
 
 @pytest.fixture
-def dtb(tmp_path, monkeypatch, capsys, scenario):
-    """Run ``dtb`` here, in an empty folder, with the stand-in: words -> (exit code, stdout, stderr)."""
+def typed(tmp_path, monkeypatch, capsys):
+    """Run ``dtb`` here, in an empty folder: words -> (exit code, stdout, stderr)."""
     monkeypatch.chdir(tmp_path)
 
     def call(*words):
@@ -79,6 +79,12 @@ def dtb(tmp_path, monkeypatch, capsys, scenario):
 
     yield call
     GlobalHydra.instance().clear()
+
+
+@pytest.fixture
+def dtb(typed, scenario):
+    """The same with the stand-in."""
+    return typed
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -4,16 +4,15 @@ import errno
 import json
 import logging
 from dataclasses import replace
+from functools import partial
 
 import diagnosed
 import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from hydra.core.global_hydra import GlobalHydra
-from told import without_progress
+from told import one_line
 
-from dtbacklash import cli
 from dtbacklash.commands import diagnose as command
 from dtbacklash.compiled import cache_folder
 from dtbacklash.diagnose.say.sentences import notes_of
@@ -45,9 +44,8 @@ def asked(monkeypatch, undrawn):
 
 
 @pytest.fixture
-def dtb(tmp_path, tmp_path_factory, monkeypatch, capsys, asked):
-    """Run ``dtb`` here in an empty folder that holds bench.csv: words -> (exit code, stdout, stderr)."""
-    monkeypatch.chdir(tmp_path)
+def dtb(typed, tmp_path_factory, monkeypatch, asked):
+    """Run ``dtb diagnose`` here in an empty folder that holds bench.csv: words -> (exit code, stdout, stderr)."""
     monkeypatch.delenv("DTB_RECORDINGS", raising=False)
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache_folder()))  # compiled code stays where it is
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
@@ -56,15 +54,7 @@ def dtb(tmp_path, tmp_path_factory, monkeypatch, capsys, asked):
     slow = np.sin(7 * t) + 0.3 * np.sin(23 * t)
     table = pd.DataFrame({"t": t, "u": 2 * slow, "theta_m": 3 * slow, "q3": slow, "lab": 1.0 + t})
     table.to_csv("bench.csv", index=False)
-
-    def call(*words):
-        GlobalHydra.instance().clear()
-        code = cli.main(["diagnose", *map(str, words)])
-        out, err = capsys.readouterr()
-        return code, out, without_progress(err)
-
-    yield call
-    GlobalHydra.instance().clear()
+    return partial(typed, "diagnose")
 
 
 def test_what_was_known_when_it_was_stopped_is_written_and_marked(dtb, asked, tmp_path):
@@ -76,9 +66,7 @@ def test_what_was_known_when_it_was_stopped_is_written_and_marked(dtb, asked, tm
     code, out, _ = dtb("recording=bench.csv", "out=found")  # takes its place
     assert code == 0
     assert "stopped" not in out + (tmp_path / "found" / "diagnosis.json").read_text()
-    code, _, err = dtb("recording=bench.csv", "out=other", "keep=all")
-    assert code == 2
-    assert "keep=all: choose one of partial" in err
+    assert one_line(dtb("recording=bench.csv", "out=other", "keep=all")).startswith("keep=all: choose one of partial")
     dtb("-m", "recording=bench.csv", "search=full,quick", "keep=partial", "out=jobs", "hydra/launcher=basic")
     assert asked["keep"] is False  # a job of a sweep that was stopped is not done
 
@@ -127,9 +115,7 @@ def test_an_earlier_diagnosis_is_replaced_but_nothing_else(dtb, tmp_path):
     assert dtb("recording=bench.csv", "out=found")[0] == 0
     assert dtb("recording=bench.csv", "out=found")[0] == 0
     (tmp_path / "found" / "notes.txt").write_text("mine")
-    code, _, err = dtb("recording=bench.csv", "out=found")
-    assert code == 2
-    assert err.startswith("dtb: error: out=")
+    assert one_line(dtb("recording=bench.csv", "out=found")).startswith("out=")
 
 
 def test_rig_names_files_and_changes_work_as_in_a_run(dtb, asked, tmp_path):
@@ -241,11 +227,7 @@ def test_verbose_says_what_it_is_doing_once_each_and_leaves_logging_alone(dtb):
     ],
 )
 def test_a_mistake_is_one_line_and_leaves_nothing(dtb, tmp_path, words, line):
-    code, out, err = dtb(*words)
-    assert code == 2
-    assert err.startswith(f"dtb: error: {line}"), err
-    assert err.count("\n") == 1
-    assert out == ""
+    assert one_line(dtb(*words)).startswith(line)
     assert [path.name for path in tmp_path.iterdir()] == ["bench.csv"]
 
 
@@ -254,6 +236,5 @@ def test_what_goes_wrong_inside_leaves_no_folder(dtb, tmp_path, monkeypatch):
         raise UserError("recording", "bench.csv", "cannot be explained")
 
     monkeypatch.setattr(command, "run_diagnosis", fail)
-    code, _, err = dtb("recording=bench.csv", "out=deep/found")
-    assert (code, err) == (2, "dtb: error: recording=bench.csv: cannot be explained\n")
+    assert one_line(dtb("recording=bench.csv", "out=deep/found")) == "recording=bench.csv: cannot be explained\n"
     assert [path.name for path in tmp_path.iterdir()] == ["bench.csv"]

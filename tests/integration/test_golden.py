@@ -1,7 +1,5 @@
 """The golden set: what each recording hides is said; and each number that decides is seen to decide."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The guarded twin in the closed loop: random starts, noises, gaps and buffers (``python -m studies guard``)."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest

@@ -1,7 +1,5 @@
 """Wheel and source distribution: they build, hold what a user needs, and run away from the checkout."""
 
-from __future__ import annotations
-
 import email
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """`dtb paper`: which claims of the paper hold and which are known not to, and that every claim could turn."""
 
-from __future__ import annotations
-
 import contextlib
 import copy
 import io

@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from nominal import nominal_rig
+from told import refusal
 
 from dtbacklash import cli
+from dtbacklash.physics.simulate import simulate
 from dtbacklash.recording import mapping_names, read_recording, refined
 
 FOLDER = os.environ.get("DTB_RECORDINGS", "")
@@ -44,6 +46,8 @@ def test_the_list_names_every_recording_and_how_to_cite_it(offline, capsys):
     text = capsys.readouterr().out
     for name in mapping_names():
         assert f"{name} (rig=" in text
+    assert cli.main(["recordings", "--help"]) == 0
+    assert "fetch NAME" in capsys.readouterr().out
     for word in ("missing", "DATA_EMPS.mat", "626 kB", "Janot", "CC BY-SA 4.0", "silverbox:test", "https://"):
         assert word in text
 
@@ -70,11 +74,9 @@ def test_the_size_of_a_file_of_ones_own_is_that_of_the_file(offline, tmp_path, m
 
 
 def test_fetch_without_a_network_is_one_line(offline, capsys, tmp_path):
-    assert cli.main(["recordings", "fetch", "emps"]) == 2
-    shown = capsys.readouterr()
-    assert shown.err.startswith("dtb: error: recordings=emps: the source cannot be reached; get DATA_EMPS.mat")
-    assert str(tmp_path / "cache" / "dtbacklash" / "recordings" / "emps") in shown.err
-    assert shown.err.count("\n") == 1
+    said = refusal(capsys, "recordings", "fetch", "emps")
+    assert said.startswith("recordings=emps: the source cannot be reached; get DATA_EMPS.mat")
+    assert str(tmp_path / "cache" / "dtbacklash" / "recordings" / "emps") in said
     assert not (tmp_path / "cache").exists()
 
 
@@ -94,20 +96,7 @@ def test_fetch_of_what_is_here_needs_no_network(public, monkeypatch, capsys):
     ],
 )
 def test_wrong_words_are_one_line(words, said, offline, capsys):
-    assert cli.main(["recordings", *words]) == 2
-    error = capsys.readouterr().err
-    assert said in error
-    assert error.count("\n") == 1
-
-
-def test_help(capsys):
-    assert cli.main(["recordings", "--help"]) == 0
-    assert "fetch NAME" in capsys.readouterr().out
-
-
-def rig_of(name: str):
-
-    return nominal_rig(name)
+    assert said in refusal(capsys, "recordings", *words)
 
 
 def rms_mm(values: np.ndarray) -> float:
@@ -116,9 +105,7 @@ def rms_mm(values: np.ndarray) -> float:
 
 def test_emps_drifts_away_without_friction_and_stays_with_the_published_one(public):
     """The published parameters leave 7 mm open loop, the bare mass metres."""
-    from dtbacklash.physics.simulate import simulate
-
-    rig = rig_of("emps")
+    rig = nominal_rig("emps")
     recording = read_recording("emps", rig=rig)
     assert (recording.samples, recording.notes, recording.rig) == (24841, [], "emps")
     measured = recording.channels["qm"] - recording.channels["qm"][0]
@@ -132,9 +119,7 @@ def test_emps_drifts_away_without_friction_and_stays_with_the_published_one(publ
 
 def test_silverbox_is_nearly_linear_and_a_cubic_spring_predicts_the_arrow(public):
     """With the values that a least-squares fit to the multisine gives, the arrow is predicted to below 1 mV."""
-    from dtbacklash.physics.simulate import simulate
-
-    rig = rig_of("silverbox")
+    rig = nominal_rig("silverbox")
     train, arrow = read_recording("silverbox", rig=rig), read_recording("silverbox:test", rig=rig)
     assert (train.samples, arrow.samples, train.command) == (65062, 40475, "band_limited")
     cubic = rig.with_parameters({"m": 5.3697e-6, "c": 2.2493e-4, "k": 0.98918})
@@ -162,9 +147,7 @@ def test_brfd_is_read_in_si(file, public):
 
 def test_the_disk_swings_with_its_off_centre_mass_and_not_without(public):
     """Gravity of 136.3 1/s^2, dry friction of 6.51 rad/s^2 and one sample of delay, as fitted by hand, over 875 s."""
-    from dtbacklash.physics.simulate import simulate
-
-    rig = rig_of("disk")
+    rig = nominal_rig("disk")
     recording = read_recording("disk", rig=rig)
     assert (recording.samples, recording.sample_time_s, recording.rig) == (35000, 0.025, "disk")
     u, _ = refined(recording)
@@ -187,7 +170,7 @@ def rms_rad(error):
 
 @pytest.mark.parametrize(("part", "first_s", "ripple"), [("off", 0.0, 3.31), ("on", 15.002, 0.81)])
 def test_compensation_steadies_the_motor(part, first_s, ripple, public):
-    recording = read_recording(f"anticogging:{part}", rig=rig_of("anticogging"))
+    recording = read_recording(f"anticogging:{part}", rig=nominal_rig("anticogging"))
     assert recording.t_s[0] == pytest.approx(first_s)
     assert recording.samples == pytest.approx(15000, abs=5)
     assert recording.sample_time_s == pytest.approx(1e-3, rel=1e-3)

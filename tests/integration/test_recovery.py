@@ -5,8 +5,6 @@ ones, by a Runge-Kutta method of fixed steps; it shares no code with the simulat
 development seeds. `dtb prove` scores the same on seeds that nothing was tuned on.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from nominal import nominal_rig

@@ -1,7 +1,5 @@
 """The twin over a network, with a real broker and a real ``dtb twin serve``: same answers, status, metrics, an end."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

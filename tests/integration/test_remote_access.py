@@ -1,7 +1,5 @@
 """Who may say what to the twin over a network, and what becomes of what should not have been said."""
 
-from __future__ import annotations
-
 import datetime
 import hashlib
 import ipaddress

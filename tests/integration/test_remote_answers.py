@@ -3,8 +3,6 @@
 A real broker; twins that do as the test says.
 """
 
-from __future__ import annotations
-
 import json
 import threading
 import time

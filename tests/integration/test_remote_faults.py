@@ -3,8 +3,6 @@
 A real broker; twins that do as the test says, or ``dtb twin serve`` itself.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

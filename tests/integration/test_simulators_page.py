@@ -1,7 +1,5 @@
 """docs/simulators.md from end to end: its model and its log, the cause by name, and the mended model."""
 
-from __future__ import annotations
-
 import re
 import runpy
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Speed as ratios within one process; absolute times are measured by ``python -m studies``."""
 
-from __future__ import annotations
-
 import math
 import statistics
 

@@ -1,7 +1,5 @@
 """The guarded twin in loops whose model is wrong (``python -m studies wrong_models``)."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

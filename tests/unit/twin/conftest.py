@@ -1,12 +1,9 @@
 """An independent plant for the twin's tests: simulated finely, measured at 1 kHz, with noise."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import pytest
 from numba import njit
 from numpy.typing import NDArray
 from scipy.signal import lfilter
@@ -117,22 +114,5 @@ def experiment(
     return Measured(*sampled)
 
 
-@pytest.fixture(scope="session")
-def paper_twin() -> TwinModel:
-    """The paper's twin: observer poles at -40 rad/s, 400 samples to settle."""
-    return twin_model(PAPER, 40.0, SAMPLE_TIME_S, 400)
-
-
-@pytest.fixture(scope="session")
-def paper_structure() -> StructureParameters:
-    return PAPER
-
-
-@pytest.fixture(scope="session")
-def run_experiment() -> Callable[..., Measured]:
-    return experiment
-
-
-@pytest.fixture(scope="session")
-def move() -> type[Move]:
-    return Move
+#: the paper's twin: observer poles at -40 rad/s, 400 samples to settle
+PAPER_TWIN = twin_model(PAPER, 40.0, SAMPLE_TIME_S, 400)
