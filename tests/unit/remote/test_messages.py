@@ -1,7 +1,5 @@
 """Messages keep their bits, and what is none is refused."""
 
-from __future__ import annotations
-
 import json
 import math
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Lines for a person: in order, and of no consequence for who tells them."""
 
-from __future__ import annotations
-
 import threading
 import time
 
