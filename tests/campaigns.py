@@ -1,7 +1,5 @@
 """Jobs that do nothing but say that they were done; in a file of their own, so that workers can import them."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

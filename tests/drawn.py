@@ -1,7 +1,5 @@
 """Looks at figures as a reader would."""
 
-from __future__ import annotations
-
 import itertools
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The golden set: recordings by seed, what each hides, and what a diagnosis has to say of it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Made-up answers and diagnoses of concealed recordings; no simulation."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -4,8 +4,6 @@ A number that somebody chose is one in a constant of a module or a class, or in 
 1, 2, 1/2 and their negatives. The laws of physics are what they are: numbers in ``physics/effects`` do not count.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 import sys

@@ -1,7 +1,5 @@
 """Synthetic results that look like the real ones: closed-form responses, no simulation."""
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """What is solved independently and kept: a rig and a command for every effect of the catalogue, and some more."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from functools import cache
 

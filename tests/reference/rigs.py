@@ -1,7 +1,5 @@
 """The rigs and the commands on which the compiled simulation is compared with the reference."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

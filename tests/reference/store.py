@@ -4,8 +4,6 @@
 far below what a test can tell, as second differences, which compress to a third.
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 import sys

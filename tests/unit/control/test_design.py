@@ -1,7 +1,5 @@
 """The linear design against the paper's equations and its numbers (sections 2.1 and 2.2)."""
 
-from __future__ import annotations
-
 import control
 import numpy as np
 import pytest

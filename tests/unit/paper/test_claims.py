@@ -1,7 +1,5 @@
 """The table of the paper's claims is whole, and what is no number fails."""
 
-from __future__ import annotations
-
 import math
 import re
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """Energy that nothing takes is kept, and what is at rest stays at rest."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from reference import rigs

@@ -1,7 +1,5 @@
 """What an imposed motion drives: the structure behind a given motor angle, and what hangs on a positioner."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Laws for whatever they may meet; test_truth.py holds each of them against an independent solution."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

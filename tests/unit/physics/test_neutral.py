@@ -1,7 +1,5 @@
 """An effect at its neutral value changes nothing, to the last bit; a tiny one changes next to nothing."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from catalogued import of_each_law_and_kind

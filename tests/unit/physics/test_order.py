@@ -1,7 +1,5 @@
 """How the error falls when the step is refined."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from reference.cases import SAMPLE_TIME_S, problems

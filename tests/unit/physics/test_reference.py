@@ -1,7 +1,5 @@
 """The reference itself: converged, right where there is a closed form, and still what is kept of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A rig's description: what is refused, in which words, and how copies are made."""
 
-from __future__ import annotations
-
 import copy
 import math
 from collections.abc import Callable

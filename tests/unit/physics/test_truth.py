@@ -1,7 +1,5 @@
 """The compiled simulation against the kept solutions of ``tests/reference``, effect by effect."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray

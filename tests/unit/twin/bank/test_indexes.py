@@ -1,7 +1,5 @@
 """The novelty indexes beside the mode's amplitude: what each sees, and what it does not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,8 +1,5 @@
 """The guard: each reason for rejection, and a campaign of random buffers, noises, gaps and starts."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,18 +18,18 @@ from dtbacklash.twin.gap.guard import (
     profile,
     warm_up,
 )
-from dtbacklash.twin.gap.observer import TwinModel
 
-Experiment = Callable[..., Any]
+from ..conftest import PAPER_TWIN, Move, experiment
+
 TRUE_DEG = 50.0
 CASES = 120
 
 
 @pytest.fixture(scope="module")
-def change(run_experiment: Experiment, move: Any, paper_twin: TwinModel) -> Problem:
+def change() -> Problem:
     """The 1000 samples after a change from +180 to -180 deg, true gap 50 deg: all that a twin could wish."""
-    moves = [move(0.1, 180.0, 1 / 6), move(3.0, -180.0, 1 / 6)]
-    return run_experiment(moves, TRUE_DEG, 4.5).problem(3000, 1000, paper_twin)
+    moves = [Move(0.1, 180.0, 1 / 6), Move(3.0, -180.0, 1 / 6)]
+    return experiment(moves, TRUE_DEG, 4.5).problem(3000, 1000, PAPER_TWIN)
 
 
 def estimated(problem: Problem, gap_deg: float = TRUE_DEG) -> Estimate:
@@ -49,9 +46,9 @@ def test_a_good_estimate_passes_and_one_that_agrees_changes_nothing(change: Prob
     assert attempt.verdict.reason == "agrees with the present 50.0 deg"
 
 
-def test_warm_up_runs_for_any_model(paper_twin: TwinModel) -> None:
-    warm_up(paper_twin, OptimizerConfig())
-    warm_up(replace(paper_twin, settle=0), OptimizerConfig("nelder_mead"))
+def test_warm_up_runs_for_any_model() -> None:
+    warm_up(PAPER_TWIN, OptimizerConfig())
+    warm_up(replace(PAPER_TWIN, settle=0), OptimizerConfig("nelder_mead"))
 
 
 def test_an_estimate_is_shaded_low_by_its_error(change: Problem) -> None:
@@ -72,25 +69,25 @@ def test_outside_the_bounds_or_not_converged(change: Problem, changed: dict[str,
     assert said in verdict.reason
 
 
-def test_no_motion_no_contact(run_experiment: Experiment, paper_twin: TwinModel) -> None:
-    problem = run_experiment([], 30.0, 1.5).problem(0, 1000, paper_twin)
+def test_no_motion_no_contact() -> None:
+    problem = experiment([], 30.0, 1.5).problem(0, 1000, PAPER_TWIN)
     attempts = guarded_estimates(problem, OptimizerConfig(), np.radians(40.0))
     assert not attempts[-1].verdict.accepted
     assert {a.verdict.reason for a in attempts} == {"no contact seen in the buffer"}
 
 
-def test_motion_within_the_gap(run_experiment: Experiment, move: Any, paper_twin: TwinModel) -> None:
+def test_motion_within_the_gap() -> None:
     """The motor turns back by 90 of the 100 deg between the flanks: the other flank is not seen."""
-    moves = [move(0.1, 180.0, 1 / 6), move(3.0, 90.0, 1 / 6)]
-    problem = run_experiment(moves, TRUE_DEG, 4.5).problem(3000, 1000, paper_twin)
+    moves = [Move(0.1, 180.0, 1 / 6), Move(3.0, 90.0, 1 / 6)]
+    problem = experiment(moves, TRUE_DEG, 4.5).problem(3000, 1000, PAPER_TWIN)
     for present_deg in (0.0, 20.0, TRUE_DEG, 120.0):
         assert not guarded_estimates(problem, OptimizerConfig(), np.radians(present_deg))[-1].verdict.accepted
 
 
-def test_contact_before_the_cost_looks(run_experiment: Experiment, move: Any, paper_twin: TwinModel) -> None:
+def test_contact_before_the_cost_looks() -> None:
     """A move that is over long before sample 400 leaves a rest position: any larger gap explains it."""
-    moves = [move(0.1, 60.0, 0.02), move(0.7, 61.0, 0.02)]
-    problem = run_experiment(moves, 5.0, 2.0).problem(600, 1000, paper_twin)
+    moves = [Move(0.1, 60.0, 0.02), Move(0.7, 61.0, 0.02)]
+    problem = experiment(moves, 5.0, 2.0).problem(600, 1000, PAPER_TWIN)
     assert not guarded_estimates(problem, OptimizerConfig(), np.radians(40.0))[-1].verdict.accepted
 
 
@@ -117,11 +114,11 @@ def test_a_false_valley(change: Problem) -> None:
     assert (verdict.accepted, verdict.reason) == (False, "120 deg explains the buffer as well")
 
 
-def test_no_better_than_the_present(run_experiment: Experiment, move: Any, paper_twin: TwinModel) -> None:
+def test_no_better_than_the_present() -> None:
     """Where noise hides what may be wrong, a difference within the error is no reason to change the controller."""
-    moves = [move(0.1, 180.0, 1 / 6), move(3.0, -180.0, 1 / 6)]
-    measured = run_experiment(moves, TRUE_DEG, 4.5, q3_noise_m=20e-6, seed=3)
-    problem = measured.problem(3000, 1000, paper_twin)
+    moves = [Move(0.1, 180.0, 1 / 6), Move(3.0, -180.0, 1 / 6)]
+    measured = experiment(moves, TRUE_DEG, 4.5, q3_noise_m=20e-6, seed=3)
+    problem = measured.problem(3000, 1000, PAPER_TWIN)
     judged = Guard(problem, np.radians(TRUE_DEG), GuardSettings(precise_deg=0.1)).judged(estimated(problem))
     assert not judged.verdict.accepted
     assert judged.verdict.reason.startswith("no better than the present 50.0 deg: +- ")
@@ -162,25 +159,23 @@ def test_the_twin_tries_again(change: Problem) -> None:
 
 
 @pytest.mark.parametrize("gap_deg", [0.0, 1.0, 17.0, 50.0, 85.0, 99.0, 100.0])
-def test_the_changes_of_a_square_wave_are_all_accepted(
-    run_experiment: Experiment, move: Any, paper_twin: TwinModel, gap_deg: float
-) -> None:
+def test_the_changes_of_a_square_wave_are_all_accepted(gap_deg: float) -> None:
     for sign in (1.0, -1.0):
         to_deg = sign * (180.0 + gap_deg)  # the controller goes on until the screw has arrived
-        moves = [move(0.1, -to_deg, 1 / 6), move(3.0, to_deg, 1 / 6)]
-        problem = run_experiment(moves, gap_deg, 4.5).problem(3000, 1000, paper_twin)
+        moves = [Move(0.1, -to_deg, 1 / 6), Move(3.0, to_deg, 1 / 6)]
+        problem = experiment(moves, gap_deg, 4.5).problem(3000, 1000, PAPER_TWIN)
         for present_deg in (max(gap_deg - 30.0, 0.0), gap_deg, gap_deg + 10.0):
             attempts = guarded_estimates(problem, OptimizerConfig(), np.radians(present_deg))
             assert attempts[-1].verdict.accepted
             assert np.degrees(attempts[-1].estimate.gap_rad) == pytest.approx(gap_deg, abs=0.02)
 
 
-def test_no_gap_in_noise_is_accepted(run_experiment: Experiment, move: Any, paper_twin: TwinModel) -> None:
+def test_no_gap_in_noise_is_accepted() -> None:
     """At gap zero, the bound, the cost has a corner in noise: what goes to the controller is 0, or nearly."""
-    moves = [move(0.1, 180.0, 1 / 6), move(3.0, -180.0, 1 / 6)]
+    moves = [Move(0.1, 180.0, 1 / 6), Move(3.0, -180.0, 1 / 6)]
     for seed in range(20):
-        measured = run_experiment(moves, 0.0, 4.5, q3_noise_m=20e-6, seed=seed)
-        last = guarded_estimates(measured.problem(3000, 1000, paper_twin), OptimizerConfig(), np.radians(20.0))[-1]
+        measured = experiment(moves, 0.0, 4.5, q3_noise_m=20e-6, seed=seed)
+        last = guarded_estimates(measured.problem(3000, 1000, PAPER_TWIN), OptimizerConfig(), np.radians(20.0))[-1]
         assert last.verdict.accepted
         assert np.degrees(last.applied_rad) < 0.6
         assert last.estimate.gap_rad < 4.0 * last.estimate.std_rad
@@ -207,22 +202,22 @@ class Case:
         return abs(after - self.true) - abs(self.present - self.true)
 
 
-def random_case(seed: int, run_experiment: Experiment, move: Any, model: TwinModel) -> Case:
+def random_case(seed: int) -> Case:
     """A random gap, buffer, noise and start; random moves, some outside the buffer or within the gap."""
     rng = np.random.default_rng([2024, seed])
     true = float(rng.choice([0.0, rng.uniform(0, 120)], p=[0.1, 0.9]))
     times = np.sort(rng.uniform(0.2, 5.0, rng.integers(1, 4)))
     size = rng.choice([20.0, 100.0, 360.0, 600.0])
-    moves = [move(float(t), float(rng.uniform(-size, size)), float(rng.uniform(0.05, 0.3))) for t in times]
+    moves = [Move(float(t), float(rng.uniform(-size, size)), float(rng.uniform(0.05, 0.3))) for t in times]
     q3_noise, theta_noise = rng.integers(0, 2, 2) * rng.uniform(0, 1, 2) * [5e-6, 1e-3]
     length = int(rng.integers(600, 2001))
     first = int(1000 * times[-1]) if rng.random() < 0.6 else int(rng.integers(0, 5500))
-    measured = run_experiment(moves, true, (first + length) / 1000, q3_noise, theta_noise, seed)
-    problem = measured.problem(first, length, model)
+    measured = experiment(moves, true, (first + length) / 1000, q3_noise, theta_noise, seed)
+    problem = measured.problem(first, length, PAPER_TWIN)
     present = float(rng.choice([rng.uniform(0, 120), np.clip(true + 3 * rng.standard_normal(), 0, 180), true]))
     gap = np.radians(rng.uniform(0, 400))
     start = (gap, problem.theta_m[0] + rng.uniform(-1, 1) * gap)
-    travel = np.sum(np.abs(np.diff(measured.theta_d_rad[first + model.settle : first + length])))
+    travel = np.sum(np.abs(np.diff(measured.theta_d_rad[first + PAPER_TWIN.settle : first + length])))
     return Case(
         true=true,
         present=present,
@@ -233,8 +228,8 @@ def random_case(seed: int, run_experiment: Experiment, move: Any, model: TwinMod
 
 
 @pytest.fixture(scope="module")
-def campaign(run_experiment: Experiment, move: Any, paper_twin: TwinModel) -> list[Case]:
-    return [random_case(seed, run_experiment, move, paper_twin) for seed in range(CASES)]
+def campaign() -> list[Case]:
+    return [random_case(seed) for seed in range(CASES)]
 
 
 @pytest.mark.check

@@ -1,7 +1,5 @@
 """The lock-in amplitude (19)-(21): what it passes, what it suppresses."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import sosfreqz

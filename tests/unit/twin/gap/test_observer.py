@@ -1,10 +1,6 @@
 """The twin's simulation: backlash, observer, cost and derivatives."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
 from itertools import pairwise
-from typing import Any
 
 import control
 import numpy as np
@@ -14,9 +10,9 @@ from dtbacklash.control import chain
 from dtbacklash.control.chain import StructureParameters
 from dtbacklash.errors import UserError
 from dtbacklash.twin.gap import observer
-from dtbacklash.twin.gap.observer import TwinModel, twin_model
+from dtbacklash.twin.gap.observer import twin_model
 
-Experiment = Callable[..., Any]
+from ..conftest import PAPER, PAPER_TWIN, Move, experiment
 
 
 def slow_play(theta_m: np.ndarray, gap: float, start: float) -> np.ndarray:
@@ -50,16 +46,16 @@ def test_play_with_growth_refers_to_the_middle_of_the_buffer() -> None:
     assert theta_m[60:] - theta_d[60:] == pytest.approx(1.0 + 0.01 * (np.arange(60, 101) - 50))
 
 
-def test_output_error_is_that_of_an_observer_with_the_wanted_poles(paper_structure: StructureParameters) -> None:
+def test_output_error_is_that_of_an_observer_with_the_wanted_poles() -> None:
     """Against a Luenberger observer whose gain python-control places, simulated ten times finer."""
-    system, fine, n = chain.structure_ss(paper_structure), 10, 1500
+    system, fine, n = chain.structure_ss(PAPER), 10, 1500
     gain = np.reshape(control.acker(system.A.T, system.C.T, [-40.0] * 4), (4, 1))
     t = np.arange(n * fine) * 1e-3 / fine
     theta_d, q3 = np.sin(7 * t) + 0.2 * np.sin(31 * t), 1e-3 * np.sin(5 * t)
     closed = control.ss(system.A - gain @ system.C, np.hstack([system.B, gain]), system.C, [[0.0, 0.0]])
     estimated = control.forced_response(closed, t, np.vstack([theta_d, q3])).outputs
     expected = np.array(q3 - np.squeeze(estimated))[::fine]
-    model = twin_model(paper_structure, 40.0, 1e-3, 0)
+    model = twin_model(PAPER, 40.0, 1e-3, 0)
     paths = ((q3, model.from_q3), (theta_d, model.from_theta_d))
     actual = sum(observer.filtered(u[::fine].copy(), path) for u, path in paths)
     # from 0.6 s on: until then both forget that they start differently
@@ -76,25 +72,25 @@ def test_error_vanishes_at_rest_for_any_chain(count: int) -> None:
     assert model.from_q3.b.size == 2 * count
 
 
-def test_true_parameters_leave_nanometres(run_experiment: Experiment, move: Any, paper_twin: TwinModel) -> None:
-    measured = run_experiment([move(0.1, 180.0, 0.2), move(1.0, -150.0, 0.2)], 40.0, 2.5)
-    problem = measured.problem(1000, 1000, paper_twin)
+def test_true_parameters_leave_nanometres() -> None:
+    measured = experiment([Move(0.1, 180.0, 0.2), Move(1.0, -150.0, 0.2)], 40.0, 2.5)
+    problem = measured.problem(1000, 1000, PAPER_TWIN)
     rms = np.sqrt(problem.cost(np.radians(40.0), measured.theta_d_rad[1000]))
     assert rms < 5e-9
     assert np.sqrt(problem.cost(np.radians(41.0), measured.theta_d_rad[1000])) > 1e-6
 
 
-def test_initial_vibration_is_forgotten(run_experiment: Experiment, move: Any, paper_twin: TwinModel) -> None:
+def test_initial_vibration_is_forgotten() -> None:
     """A buffer that opens in mid-swing: the observer needs no initial condition."""
-    measured = run_experiment([move(0.1, 300.0, 0.02), move(0.5, 100.0, 0.2)], 10.0, 2.0)
-    problem = measured.problem(450, 1000, paper_twin)
+    measured = experiment([Move(0.1, 300.0, 0.02), Move(0.5, 100.0, 0.2)], 10.0, 2.0)
+    problem = measured.problem(450, 1000, PAPER_TWIN)
     rows = problem.rows(np.radians(10.0), measured.theta_d_rad[450])
     assert np.max(np.abs(rows[0])) < 5e-7
 
 
-def test_derivatives_agree_with_differences(run_experiment: Experiment, move: Any, paper_twin: TwinModel) -> None:
-    measured = run_experiment([move(0.1, 180.0, 0.2), move(1.0, -150.0, 0.3)], 60.0, 2.5)
-    problem = measured.problem(1000, 1000, paper_twin)
+def test_derivatives_agree_with_differences() -> None:
+    measured = experiment([Move(0.1, 180.0, 0.2), Move(1.0, -150.0, 0.3)], 60.0, 2.5)
+    problem = measured.problem(1000, 1000, PAPER_TWIN)
     point = np.array([1.0, measured.theta_d_rad[1000] + 0.2, 0.2])
     rows = problem.rows(*point)
     for i in range(3):
@@ -102,7 +98,7 @@ def test_derivatives_agree_with_differences(run_experiment: Experiment, move: An
         difference = (problem.rows(*(point + step))[0] - problem.rows(*(point - step))[0]) / 2e-6
         assert rows[i + 1] == pytest.approx(difference, abs=2e-3 * float(np.max(np.abs(rows[i + 1]))) + 1e-12)
         assert np.max(np.abs(rows[i + 1])) > 1e-6
-    path, settle = paper_twin.from_theta_d, paper_twin.settle
+    path, settle = PAPER_TWIN.from_theta_d, PAPER_TWIN.settle
     value, by_gap, by_start = observer.cost_and_gradient(
         problem.theta_m, problem.eps_q, point[0], point[1], path, settle
     )
@@ -113,14 +109,14 @@ def test_derivatives_agree_with_differences(run_experiment: Experiment, move: An
         assert derivative == pytest.approx((high - low) / 2e-6, rel=1e-3)
 
 
-def test_cost_is_even_in_the_gap(run_experiment: Experiment, move: Any, paper_twin: TwinModel) -> None:
-    problem = run_experiment([move(0.1, 100.0, 0.2)], 5.0, 1.5).problem(100, 1000, paper_twin)
+def test_cost_is_even_in_the_gap() -> None:
+    problem = experiment([Move(0.1, 100.0, 0.2)], 5.0, 1.5).problem(100, 1000, PAPER_TWIN)
     assert problem.cost(-0.3, 0.1) == problem.cost(0.3, 0.1)
     plus, minus = problem.gradient(np.array([20.0, 3.0])), problem.gradient(np.array([-20.0, 3.0]))
     assert plus[0] == minus[0]
     assert plus[1][0] == pytest.approx(-minus[1][0])
 
 
-def test_wrong_pole_is_named(paper_structure: StructureParameters) -> None:
+def test_wrong_pole_is_named() -> None:
     with pytest.raises(UserError, match="observer_pole_rad_s=0"):
-        twin_model(paper_structure, 0.0, 1e-3, 400)
+        twin_model(PAPER, 0.0, 1e-3, 400)

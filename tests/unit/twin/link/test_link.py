@@ -1,7 +1,5 @@
 """The link's timing: paper's case, fast events, memory, no delay."""
 
-from __future__ import annotations
-
 import pytest
 
 from dtbacklash.errors import UserError

@@ -1,7 +1,5 @@
 """The twin as a service: the same request has the same answer, and what does not answer leaves the loop as it is."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 import numpy as np
