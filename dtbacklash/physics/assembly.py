@@ -1,6 +1,7 @@
 """From a checked rig to the arrays of the compiled simulation."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -351,15 +352,23 @@ def _filtered(rig: Rig, A: Floats, G: Floats, sensors: Floats) -> tuple[Floats, 
             if not row[pl.Y_INDEX] >= 0:
                 key = f"rig.effects.{SENSOR_PREFIX}{name}.{effect.name}"
                 raise UserError(key, name, "a sensor of a body's position or speed, or of a current")
-            n, order = A.shape[1], 2 if effect.slot.damping_ratio else 1
-            w = 2.0 * math.pi * values[effect.slot.cutoff]
+            F, g = _realised(*effect.slot.transfer(values))
+            n, order, source = A.shape[1], len(g), int(row[pl.Y_INDEX])
             A = np.pad(A, ((0, 0), (0, order), (0, order)))
             G = np.pad(G, ((0, 0), (0, 0), (0, order)))
-            source, last = int(row[pl.Y_INDEX]), n + order - 1
-            if order == 1:
-                A[:, n, [source, n]] = w, -w
-            else:
-                A[:, n, last] = 1.0
-                A[:, last, [source, n, last]] = w * w, -w * w, -2.0 * values[effect.slot.damping_ratio] * w
-            row[pl.Y_INDEX] = n
+            A[:, n:, n:], A[:, n:, source] = F, g
+            row[[pl.Y_INDEX, pl.Y_PLACE]] = n, order
     return A, G
+
+
+def _realised(numerator: Sequence[float], denominator: Sequence[float]) -> tuple[Floats, Floats]:
+    """F (k, k), g (k,) of x' = F x + g u: a filter that shows its first state; at rest all of them are u.
+
+    The observable canonical form (Kailath, Linear Systems, 1980, section 2.1), with its states scaled.
+    """
+    a, order = np.asarray(denominator) / denominator[0], len(denominator) - 1
+    b = np.pad(np.asarray(numerator) / denominator[0], (order + 1 - len(numerator), 0))
+    scale = (a - b)[:order]
+    F = np.diag(scale[1:] / scale[:-1], 1)
+    F[:, 0] -= a[1:] / scale
+    return F, b[1:] / scale

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
-from catalogued import OF_A_MODEL
+from catalogued import IN_CLOSED_FORM, OF_A_MODEL
 from nominal import nominal_rig
 from numpy.typing import NDArray
 from scipy.linalg import expm
@@ -229,8 +229,8 @@ def closed_loop_voltage(gap: Array, period_s: float) -> Array:
 
 
 def places() -> list[tuple[str, str, str]]:
-    """Every entry of the catalogue that the kernel moves; one without a case shows up with an empty place."""
-    moved = [key for key in CATALOGUE if key[0] not in OF_A_MODEL]
+    """Every entry of the catalogue that the kernel integrates; one without a case shows up with an empty place."""
+    moved = [key for key in CATALOGUE if key[0] not in OF_A_MODEL and key not in IN_CLOSED_FORM]
     return [(k, n, place) for k, n in moved for place in getattr(CASES.get((k, n)), "places", ("",))]
 
 

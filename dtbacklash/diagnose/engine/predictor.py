@@ -13,7 +13,7 @@ the recording itself: the unknown force is large while physics is missing, and n
 
 import copy
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.filter import frozen, opening, riccati, update
 from dtbacklash.diagnose.engine.simulator import Linear, Pass, Simulator
 from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.effects.slots import Filter, Slot
 from dtbacklash.physics.rig import Rig
 
 #: what laws add to the linear recursion along a pass: A, C, drive (N, n), readings, first state, and the linear part
@@ -180,13 +181,23 @@ class Predictor:
         return Gains(np.ascontiguousarray(K), np.ascontiguousarray(W), n0, logs, L.states, sizes)
 
     def run(self, rig: Rig, gains: Gains) -> Pass:
-        """A pass of a rig; where it has other states than the gains were made for, they are made anew."""
-        L = None
-        if _adds_states(rig):
-            L = self.simulated.linear(rig)
-            if L.states != gains.states:
-                gains = self.gains(rig, gains.sizes, L)
-        return self.simulated.observe(rig, gains.K, gains.W, gains.opening)
+        """A pass of a rig; where it has other states than the gains were made for, or filters, they are made anew.
+
+        What a filter's states are changes with its values: corrections of the first samples would miss them.
+        Innovations are scaled so that the sum of their squares compares as likelihoods do, determinants included.
+        """
+        slots_there = _slots(rig)
+        if not any(slot.adds_states for slot in slots_there):
+            return self.simulated.observe(rig, gains.K, gains.W, gains.opening)
+        L, scale = self.simulated.linear(rig), 1.0
+        filtered = any(isinstance(slot, Filter) for slot in slots_there)
+        if filtered or L.states != gains.states:
+            fresh = self.gains(rig, gains.sizes, L)
+            if filtered and L.states == gains.states:
+                scale = float(np.exp((fresh.logs - gains.logs) / (2.0 * self.count)))
+            gains = fresh
+        found = self.simulated.observe(rig, gains.K, gains.W, gains.opening)
+        return replace(found, E=scale * found.E) if scale != 1.0 else found
 
     def tuned(
         self, rig: Rig, sizes: Floats | None = None, steps: tuple[float, ...] = STEPS, refresh: int = 2
@@ -273,9 +284,9 @@ def corrected(X: Floats, D: Floats, gains: Gains, which: np.ndarray) -> Floats:
     return Z
 
 
-def _adds_states(rig: Rig) -> bool:
-    """Whether an effect of a rig may add states to its linear part."""
-    return any(find(rig.kind_at(p), n, p).slot.adds_states for p, there in rig.effects.items() for n in there)
+def _slots(rig: Rig) -> list[Slot]:
+    """The slots of a rig's effects."""
+    return [find(rig.kind_at(p), n, p).slot for p, there in rig.effects.items() for n in there]
 
 
 def _pattern(

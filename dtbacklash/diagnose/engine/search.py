@@ -22,6 +22,7 @@ from dtbacklash.diagnose.settings import SETTINGS, DiagnoseSettings
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Values
+from dtbacklash.physics.effects.slots import Filter
 from dtbacklash.physics.effects.table import VALUES
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 
@@ -201,14 +202,14 @@ class Search:
                 proposals.append((bare.rig.with_effect(place, key[1], dict(values)), (*bare.keys, (place, key[1]))))
             except UserError:
                 continue
-        return self.sifted(less, proposals, best, True)
+        return self.sifted(less, proposals, best, key)
 
     def sifted(
-        self, model: Model, proposals: list[tuple[Rig, tuple[Key, ...]]], best: int = 3, small: bool = False
+        self, model: Model, proposals: list[tuple[Rig, tuple[Key, ...]]], best: int = 3, instead: Key | None = None
     ) -> list[Model]:
         """The likeliest of some rigs, best first: quick fits of all on the beginning, exact ones of the best on all.
 
-        small : whether a law may make less than what is a law, as one in whose place it is tried.
+        instead : the name in whose place they are tried; they may make less than what is a law.
         """
         if not proposals:
             return []
@@ -217,13 +218,14 @@ class Search:
         most = self.unknown(model)
         strict = quick.scaled(sizes, 0.1 if most > self.rules.much else 1.0)
         near = self._near(model, strict)
-        rough = []
-        for rig, keys in proposals:
-            problem = Problem(quick, rig, keys, self.motion, model.stiff, model.smooth)
-            x, squares = problem.solve(strict, problem.better_start(strict), 3, near)
-            if np.isfinite(squares):
-                rough.append((squares + n * problem.counts, problem, x))
-        rough.sort(key=lambda r: r[0])
+        rough: list[tuple[float, Problem, Floats]] = []
+        for filters in (False, True):
+            for rig, keys in _as_late(rough, model, instead) if filters else proposals:
+                problem = Problem(quick, rig, keys, self.motion, model.stiff, model.smooth)
+                x, squares = problem.solve(strict, problem.better_start(strict), 3, near)
+                if np.isfinite(squares):
+                    rough.append((squares + n * problem.counts, problem, x))
+            rough.sort(key=lambda r: r[0])
         second: list[tuple[float, Rig, tuple[Key, ...], Sizes]] = []
         names: set[frozenset[Key]] = set()
         for _, problem, x in rough:
@@ -251,7 +253,7 @@ class Search:
         full: list[Model] = []
         for m in some:
             if len(full) < 2 and (m.score < some[0].score + 0.1 * quick.count or len(m.keys) == few):
-                full += self._on_all(m, model, small)
+                full += self._on_all(m, model, instead is not None)
         return sorted((m for m in full if m.score < LOST), key=lambda m: m.score)
 
     def _on_all(self, m: Model, model: Model, small: bool) -> list[Model]:
@@ -422,6 +424,30 @@ class Search:
         """Laws of a model that make little of what moves their place, and hardly more than what stays unknown."""
         least = min(self.rules.small, self.unknown(model) / self.rules.clears)
         return tuple(key for key in model.keys if share_of(self.bench, model, key) < least)
+
+
+def _as_late(
+    rough: list[tuple[float, Problem, Floats]], model: Model, without: Key | None
+) -> list[tuple[Rig, tuple[Key, ...]]]:
+    """Other filters in the place of the best new one of fitted rigs, or of a sensor's delay: each as late as that."""
+    for _, problem, x in rough:
+        rig = problem.rig(x)
+        for key in set(problem.keys) - set(model.keys):
+            entry, values = rig.takes(key[0])[key[1]], rig.effect(*key)
+            late = entry.slot.late(values) if isinstance(entry.slot, Filter) and values else 0.0
+            late = values[entry.size.name] if entry.is_delay and values else late
+            others = {
+                e.name: e.slot for e in rig.takes(key[0]).values()
+                if isinstance(e.slot, Filter) and rig.effect(key[0], e.name) is None and (key[0], e.name) != without
+            }  # fmt: skip
+            if not late > 0.0 or not others:
+                continue
+            bare, rest = taken_out(rig, key), [k for k in problem.keys if k != key]
+            return [
+                (bare.with_effect(key[0], name, slot.as_late(late)), (*rest, (key[0], name)))
+                for name, slot in others.items()
+            ]
+    return []
 
 
 def described(model: Model) -> list[str]:

@@ -230,7 +230,7 @@ class Simulated:
             i, sensor = p.sensor[j, pl.Y_INDEX], rig.sensors[channel]
             filtered = i >= p.position + 2 * p.n_bodies
             if i >= 0 and (filtered or sensor.quantity in ("velocity", "current")):
-                state.x[int(i)] = value
+                state.x[int(i) : int(i) + (int(p.sensor[j, pl.Y_PLACE]) if filtered else 1)] = value
             if filtered and sensor.quantity == "velocity":
                 state.x[p.position + p.n_bodies + names.index(sensor.of)] = value
         return p, state, chan

@@ -1,6 +1,7 @@
 """Errors of sensors."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.random import Generator
@@ -47,6 +48,50 @@ def centred(reading, amplitude, phase):
     return angle
 
 
+def _first_order(values: Values) -> tuple[Sequence[float], Sequence[float]]:
+    w = 2.0 * math.pi * values["cutoff"]
+    return [w], [1.0, w]
+
+
+def _second_order(values: Values) -> tuple[Sequence[float], Sequence[float]]:
+    w = 2.0 * math.pi * values["cutoff"]
+    return [w * w], [1.0, 2.0 * values["damping_ratio"] * w, w * w]
+
+
+def _mean(values: Values) -> tuple[Sequence[float], Sequence[float]]:
+    """The Pade approximant [4/5] of ``(1 - e^(-s window)) step / (window (1 - e^(-s step)))``, step = window - 2 delay.
+
+    It is stable, and within 0.4 % up to the first null (Baker and Graves-Morris, Pade Approximants, 1996). The step is
+    that of the samples that are averaged; 0 where all instants are.
+    """
+    window = values["window"]
+    share = min(max(1.0 - 2.0 * values["delay"] / window, -MOST_STEP), MOST_STEP)
+    of_window = np.array([(-1) ** k / math.factorial(k + 1) for k in range(10)])
+    of_step, mean = of_window * share ** np.arange(10), np.zeros(10)
+    for k in range(10):
+        mean[k] = of_window[k] - of_step[1 : k + 1] @ mean[:k][::-1]
+    at = np.arange(5)
+    q = np.append(1.0, np.linalg.solve(mean[4 + at[:, None] - at], -mean[5:]))
+    p = np.convolve(q, mean)[:5]
+    return (p * window**at)[::-1].tolist(), (q * window ** np.arange(6))[::-1].tolist()
+
+
+def _late_first_order(time: float) -> Values:
+    return {"cutoff": 0.5 / (math.pi * time)}
+
+
+def _late_second_order(time: float) -> Values:
+    return {"cutoff": math.sqrt(0.5) / (math.pi * time), "damping_ratio": math.sqrt(0.5)}
+
+
+def _late_mean(time: float) -> Values:
+    return {"window": 2.0 * time, "delay": time}
+
+
+#: a mean over fewer than two samples is none (share of its window)
+MOST_STEP = 0.45
+
+
 #: of a filter; a sensor without one has an infinite cut-off
 CUTOFF = Parameter("cutoff", "Hz", 1e-3, INF, 50.0, INF, role=Role.SIZE)
 #: where the search for a cut-off starts, shares of the rate of the readings
@@ -84,6 +129,11 @@ def _cutoffs(place: Place) -> list[Values]:
     return [{"cutoff": share / place.sample_time_s} for share in CUTOFFS]
 
 
+def _windows(place: Place) -> list[Values]:
+    """As late as the filters of these cut-offs."""
+    return [_late_mean(0.5 * place.sample_time_s / (math.pi * share)) for share in CUTOFFS[1:]]
+
+
 def _any_phase(rng: Generator, place: Place) -> Values:
     return {"phase": float(rng.uniform(-3.1, 3.1))}
 
@@ -115,14 +165,27 @@ EFFECTS = [
         remark=_miscounted, conceal=lambda place, sign: (GAIN_MAX, 0.02), visible=lambda place: {"relative": GAIN_ENDS},
     ),
     Effect(
-        "low_pass", "sensor", (CUTOFF,), "y', y' = 2 pi cutoff (q - y)", Filter("cutoff"), "first-order low-pass",
+        "low_pass", "sensor", (CUTOFF,), "y', y' = 2 pi cutoff (q - y)", Filter(_first_order, _late_first_order),
+        "first-order low-pass",
         "{location} is filtered: first order, {cutoff}.", conceal=_not_concealed, starts=_cutoffs,
     ),
     Effect(
         "second_order_low_pass", "sensor", (CUTOFF, Parameter("damping_ratio", "1", 0.2, 5.0, 0.707)),
-        "y, y'' = w^2 (q - y) - 2 damping_ratio w y', w = 2 pi cutoff", Filter("cutoff", "damping_ratio"),
+        "y, y'' = w^2 (q - y) - 2 damping_ratio w y', w = 2 pi cutoff", Filter(_second_order, _late_second_order),
         "second-order low-pass", "{location} is filtered: second order, {cutoff}, damping ratio {damping_ratio}.",
         conceal=_not_concealed, starts=_cutoffs,
+    ),
+    Effect(
+        "moving_average", "sensor",
+        (
+            Parameter("window", "s", 0.0, 1e3, 0.02, 0.0, role=Role.SIZE),
+            Parameter("delay", "s", 0.0, 1e3, 0.01),
+        ),
+        "mean of y over window, whose middle is delay ago (window / 2, or half a sample less)",
+        Filter(_mean, _late_mean),
+        "moving average; in the simulation its Pade approximant [4/5]",
+        "{location} shows a moving average over {window}, {delay} late.",
+        conceal=_not_concealed, starts=_windows,
     ),
     Effect(
         "offset", "sensor", (Parameter("offset", SENSOR_UNIT, -1e3, 1e3, 1e-5, 0.0, role=Role.SIZE),),

@@ -9,7 +9,7 @@ their order, as one array. A slot without a law names the parameter that the lin
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -202,16 +202,26 @@ class Lag(Slot):
 
 @dataclass(frozen=True)
 class Filter(Slot):
-    """A low-pass before what a sensor shows; names its cut-off, Hz, and of one of second order its damping ratio.
+    """A linear filter before what a sensor shows.
 
-    It is linear and becomes part of the exact plant.
+    transfer : values -> numerator and denominator of its transfer function, highest power of s (rad/s) first: of lower
+    degree, and equal at s = 0. It becomes part of the exact plant. as_late : seconds -> values of one that is as late.
     """
 
-    cutoff: str
-    damping_ratio: str = ""
+    transfer: Callable[[dict[str, float]], tuple[Sequence[float], Sequence[float]]]
+    as_late: Callable[[float], dict[str, float]]
     on: ClassVar = (SENSOR,)
     proportional: ClassVar = False
     adds_states: ClassVar = True
+
+    def laws(self) -> dict[str, Law]:
+        """None: it is no law of states."""
+        return {}
+
+    def late(self, values: dict[str, float]) -> float:
+        """How late it shows what changes slowly, s."""
+        above, below = self.transfer(values)
+        return float(below[-2] - (above[-2] if len(above) > 1 else 0.0)) / float(below[-1])
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ L_K, L_C, L_LEVER, N_LINK = range(4)
 C_R, C_KT, C_GAIN, C_POSITION, C_SPEED, C_ASKED, C_LARGEST, N_CIRCUIT = range(8)
 # entries of `screw`; the base's stiffness and damping are those that it feels while everything else stands
 S_LEAD, S_SHARE, S_BASE_MASS, S_INERTIA, S_BASE_K, S_BASE_C, N_SCREW = range(7)
-# columns of `sensor`
+# columns of `sensor`; the place of one behind a filter is the filter's order
 Y_INDEX, Y_PLACE, N_SENSOR = range(3)
 #: `sensor[:, Y_INDEX]` of a sensor on the base (the mass that a rigid screw carries): position, velocity; and of one
 #: that shows the force of the link, or the acceleration of the body, `sensor[:, Y_PLACE]`

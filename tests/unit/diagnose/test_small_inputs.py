@@ -6,6 +6,7 @@ from textwrap import dedent
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 
 import dtbacklash as dtb
@@ -205,6 +206,34 @@ def test_a_filtered_sensor_is_no_delay(tmp_path, order):
     else:
         assert (finding.effect, finding.confidence) == ("second_order_low_pass", "sure")
         assert finding.parameters["cutoff"].value == pytest.approx(25.0, rel=0.02)
+
+
+@pytest.mark.parametrize("step", ["samples", "instants"])
+def test_a_moving_average_is_one_where_its_null_is_seen(tmp_path, step):
+    u, n = steps(12000, 40, 7), 20
+    x = driven(u, np.array([[0.0, 1.0], [-400.0, -2.0]]), np.array([0.0, 2.0]))[:, 0]
+    if step == "samples":
+        shown = np.convolve(x, np.full(n, 1.0 / n))[: len(x)]
+    else:
+        area = CubicSpline(STEP_S * np.arange(len(x)), x).antiderivative()(STEP_S * np.arange(len(x)))
+        shown = (area - np.concatenate([np.zeros(n), area[:-n]])) / (n * STEP_S)
+    noise = 2e-6 * np.random.default_rng(4).standard_normal(len(u))
+    (finding,) = diagnosed(tmp_path, SPRUNG, t=STEP_S * np.arange(len(u)), u=u, x=shown + noise).findings
+    assert (finding.location, finding.effect, finding.confidence) == ("sensor_x", "moving_average", "sure")
+    late = 0.5 * STEP_S * (n - (step == "samples"))
+    for name, truth in (("window", n * STEP_S), ("delay", late)):
+        low, high = finding.parameters[name].ci95
+        assert low < truth < high
+        assert high - low < 0.01 * truth
+
+
+def test_a_moving_average_whose_null_is_not_seen_is_no_sure_filter(tmp_path):
+    u = steps(12000, 40, 7)
+    x = driven(u, np.array([[0.0, 1.0], [-400.0, -2.0]]), np.array([0.0, 2.0]))[:, 0]
+    shown = np.convolve(x, np.full(5, 0.2))[: len(x)] + 2e-6 * np.random.default_rng(4).standard_normal(len(u))
+    for finding in diagnosed(tmp_path, SPRUNG, t=STEP_S * np.arange(len(u)), u=u, x=shown).findings:
+        could = {finding.effect, *(other.effect for other in finding.also_fits)}
+        assert (finding.confidence, "moving_average" in could) == ("partial", True)
 
 
 def test_a_sensor_behind_a_play(tmp_path):
