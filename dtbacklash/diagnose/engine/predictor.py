@@ -189,15 +189,16 @@ class Predictor:
         slots_there = _slots(rig)
         if not any(slot.adds_states for slot in slots_there):
             return self.simulated.observe(rig, gains.K, gains.W, gains.opening)
-        L, scale = self.simulated.linear(rig), 1.0
+        L, logs = self.simulated.linear(rig), 0.0
         filtered = any(isinstance(slot, Filter) for slot in slots_there)
         if filtered or L.states != gains.states:
             fresh = self.gains(rig, gains.sizes, L)
             if filtered and L.states == gains.states:
-                scale = float(np.exp((fresh.logs - gains.logs) / (2.0 * self.count)))
+                logs = (fresh.logs - gains.logs) / (2.0 * self.count)
             gains = fresh
         found = self.simulated.observe(rig, gains.K, gains.W, gains.opening)
-        return replace(found, E=scale * found.E) if scale != 1.0 else found
+        with np.errstate(over="ignore", invalid="ignore"):  # what does not stay finite is no model
+            return replace(found, E=np.exp(logs) * found.E) if logs else found
 
     def tuned(
         self, rig: Rig, sizes: Floats | None = None, steps: tuple[float, ...] = STEPS, refresh: int = 2
