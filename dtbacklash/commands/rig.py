@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from dtbacklash.physics.rig import Rig
 
 PARTS = ("new", "check")
-#: what stands for a machine where it is a model of MuJoCo
-MJCF = "mjcf"
+#: what stands for a machine where it is a simulator's model
+MODELS = ("mjcf", "fmu")
 #: of a plant that is only looked at, s
 STEP_S = 1e-4
 #: a parameter that is known no better says nothing (share)
@@ -41,13 +41,15 @@ def main(words: Sequence[str]) -> int:
 
 def _new(words: list[str]) -> None:
     if len(words) != 2:
-        allowed = f"write dtb rig new MACHINE FILE.yaml, or dtb rig new {MJCF} MODEL.xml"
+        allowed = "write dtb rig new MACHINE FILE.yaml, or dtb rig new mjcf MODEL.xml, or fmu MODEL.fmu"
         raise UserError("argument", " ".join(words) or "(missing)", allowed)
     machine, file = words
-    if machine not in (*MACHINES, MJCF):
-        raise UserError("machine", machine, "choose one of " + ", ".join((*MACHINES, MJCF)))
+    if machine not in (*MACHINES, *MODELS):
+        raise UserError("machine", machine, "choose one of " + ", ".join((*MACHINES, *MODELS)))
     model = Path(file).expanduser()
-    if machine == MJCF:
+    if machine in MODELS:
+        if (machine == "fmu") != (model.suffix.lower() == ".fmu"):
+            raise UserError("file", file, "an FMU ends in .fmu, and an MJCF does not")
         file = str(Path(file).with_suffix(".yaml"))
     target = Path(file).expanduser()
     if target.suffix not in (".yaml", ".yml"):
@@ -55,10 +57,11 @@ def _new(words: list[str]) -> None:
     if target.exists():
         raise UserError("file", file, "is there already; give another name, or remove it first")
     from dtbacklash.files import write_text
-    from dtbacklash.physics.mjcf import new_rig as mjcf_rig
+    from dtbacklash.physics import fmus, mjcf
 
-    if machine == MJCF:
-        written, about = mjcf_rig(str(model)), "joints, actuators and tolerances of the model"
+    if machine in MODELS:
+        described = {"mjcf": mjcf, "fmu": fmus}[machine].new_rig(str(model))
+        written, about = described, "joints, actuators and tolerances of the model"
     else:
         written = new_rig(machine, target.stem, file)
         about = written.partition("\n")[0].removeprefix("# ")

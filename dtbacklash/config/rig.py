@@ -93,10 +93,14 @@ class RigConfig:
         "name -> of (element), quantity, recorded_in (unit of its column; SI), absolute (false); see below",
     )
     laws: dict[str, Any] = setting(dict, "laws of one's own: name -> acts_on, law, parameters, ...; see own_laws.md")
-    model: str = setting("", "path of a simulator's model (MJCF) whose joints are the elements; see simulators.md")
-    commands: dict[str, Any] = setting(dict, "of a model: column of the log -> actuator")
+    model: str = setting("", "path of a simulator's model (MJCF, FMU) whose joints are the elements; see simulators.md")
+    commands: dict[str, Any] = setting(dict, "of a model: column of the log -> actuator, or input of an FMU")
     tolerances: dict[str, Any] = setting(
-        dict, "of a model: its number (`joints.NAME.damping`) -> how far it may be off, one standard deviation (20 %)"
+        dict, "of a model: its number (`joints.NAME.damping`; a parameter of an FMU) -> how far it may be off, one "
+        "standard deviation (20 %)"
+    )  # fmt: skip
+    joints: dict[str, Any] = setting(
+        dict, "of an FMU: name -> position, speed (states), force (an input), slides (bool)"
     )
     fixed: list[str] = setting(list, "of a model: joints that never move")
 
@@ -114,6 +118,11 @@ class RigConfig:
             if not isinstance(sensor, dict) or not {"of", "quantity"} <= set(sensor):
                 raise UserError(f"rig.sensors.{name}", sensor, "a mapping with `of` and `quantity`")
         self._check_effects()
+
+    @property
+    def simulator(self) -> str:
+        """What simulates it: "mujoco" or "fmu" the model that it names; empty: the package itself."""
+        return "" if not self.model else "fmu" if self.model.lower().endswith(".fmu") else "mujoco"
 
     @property
     def used(self) -> list[str]:

@@ -172,7 +172,8 @@ def _end(values: Floats) -> int:
 def ways_to_read(records: list[Record], rig: Rig) -> dict[str, list[Record]]:
     """What is said -> the same records with another course of the command between its samples, where it matters."""
     if rig.config.model:
-        return {STEPPED: [replace(r, as_stepped=True) for r in records]} if steps_roughly(rig.config) else {}
+        roughly = rig.config.simulator == "mujoco" and steps_roughly(rig.config)
+        return {STEPPED: [replace(r, as_stepped=True) for r in records]} if roughly else {}
     found = {}
     if any(r.otherwise is not None for r in records):
         found[STRAIGHT] = [r if r.otherwise is None else replace(r, u=r.otherwise, otherwise=r.u) for r in records]

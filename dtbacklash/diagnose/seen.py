@@ -11,6 +11,7 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.bench import Bench, Sizes
+from dtbacklash.diagnose.engine.fmu import Exchanged
 from dtbacklash.diagnose.engine.mujoco import Stepped
 from dtbacklash.diagnose.engine.predictor import Gains, Predictor
 from dtbacklash.diagnose.engine.readings import OPENING, readings
@@ -79,7 +80,8 @@ def predictor_of(rig: Rig, record: Record, every: int) -> Predictor:
     at_once, number = record.at_once, record.recording
     found = readings(record.u, y, channels, record.sample_time_s, every, imposed, at_once, number)
     if rig.config.model:
-        return Predictor(rig, Stepped(replace(found, inputs=record.inputs, as_stepped=record.as_stepped), rig))
+        found = replace(found, inputs=record.inputs, as_stepped=record.as_stepped)
+        return Predictor(rig, {"mujoco": Stepped, "fmu": Exchanged}[rig.config.simulator](found, rig))
     return Predictor(rig, Simulated(found))
 
 

@@ -16,6 +16,8 @@ ROTARY, LINEAR = "rotary", "linear"
 
 #: units of position, velocity and effort along an axis
 AXES: dict[str, tuple[str, str, str]] = {ROTARY: ("rad", "rad/s", "N m"), LINEAR: ("m", "m/s", "N")}
+#: what is of a simulator's model, and only shown
+MODEL_OUTPUT = "model_output"
 #: the parts of a machine, in the order of the power flow
 DRIVE, TRANSMISSION, STRUCTURE = PARTS = ("drive", "transmission", "structure")
 #: one constant serves as torque and as emf constant, since 1 N m/A = 1 V s/rad
@@ -184,6 +186,10 @@ KINDS: dict[str, Kind] = {
             "joint_drive", {}, {}, {"drives": ("turning_joint", "sliding_joint")},
             "an actuator of a simulator's model, with a command of its own ([how](simulators.md))",
             trait=slots.JOINT_DRIVE, part=DRIVE, quantities={**_EFFORT[ROTARY], **_EFFORT[LINEAR]},
+        ),
+        Kind(
+            MODEL_OUTPUT, {}, {}, {}, "a variable of an FMU that a sensor shows, in its unit ([how](simulators.md))",
+            quantities={"value": "1"},
         ),
     )
 }  # fmt: skip

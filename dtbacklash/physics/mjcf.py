@@ -67,7 +67,7 @@ def specification(path: str, fixed: Iterable[str] = ()) -> mujoco.MjSpec:
     for k, actuator in enumerate(spec.actuators):
         actuator.name = actuator.name or actuator.target or f"actuator_{k}"
     for name in fixed:
-        spec.delete(_named("rig.fixed", name, {j.name: j for j in spec.joints}))
+        spec.delete(named("rig.fixed", name, {j.name: j for j in spec.joints}))
     return spec
 
 
@@ -109,19 +109,12 @@ def completed(config: RigConfig) -> RigConfig:
     elements = {name: {"kind": KIND[axis]} for name, axis in joints.items()}
     drives = {model.actuator(a).name: a for a in range(model.nu)}
     for column, name in config.commands.items():
-        a = _named(f"rig.commands.{column}", name, drives)
+        a = named(f"rig.commands.{column}", name, drives)
         if model.actuator_trntype[a] != mj.mjtTrn.mjTRN_JOINT or model.na:
             raise UserError(f"rig.commands.{column}", name, "must be an actuator at a joint, without states of its own")
         driven = model.joint(int(model.actuator_trnid[a, 0])).name
         elements[ACTUATOR_PREFIX + str(name)] = {"kind": "joint_drive", "drives": driven}
-    twice = [name for name in drives if list(config.commands.values()).count(name) > 1]
-    if twice:
-        raise UserError("rig.commands", twice[0], "is commanded by two columns; each actuator has one")
-    both = sorted({*config.commands} & {*config.sensors, "t"})
-    if both:
-        raise UserError(
-            f"rig.commands.{both[0]}", config.commands[both[0]], "is no command: the column is a sensor or the time"
-        )
+    check_columns(config)
     idle = [name for name in drives if name not in config.commands.values()]
     if idle or not config.commands:
         raise UserError("rig.commands", ", ".join(idle) or "(none)", "every actuator of the model has a column: "
@@ -129,6 +122,18 @@ def completed(config: RigConfig) -> RigConfig:
     parameters = {title: _parameter(model, joints, title, share) for title, share in config.tolerances.items()}
     name = config.name if config.name != RigConfig.name else Path(config.model).stem
     return replace(config, name=name, elements=elements, parameters=parameters)
+
+
+def check_columns(config: RigConfig) -> None:
+    """Refuse an actuator that two columns command, and a command whose column is something else."""
+    told = list(config.commands.values())
+    twice = [name for name in told if told.count(name) > 1]
+    if twice:
+        raise UserError("rig.commands", twice[0], "is commanded by two columns; each actuator has one")
+    for both in sorted({*config.commands} & {*config.sensors, "t"}):
+        raise UserError(
+            f"rig.commands.{both}", config.commands[both], "is no command: the column is a sensor or the time"
+        )
 
 
 def _parameter(model: mujoco.MjModel, joints: Mapping[str, str], title: str, share: object) -> ParameterConfig:
@@ -139,7 +144,7 @@ def _parameter(model: mujoco.MjModel, joints: Mapping[str, str], title: str, sha
         raise UserError(key, title, f"no number of a model; choose one of {known}")
     there = {"joints": list(joints), "bodies": [model.body(b).name for b in range(1, model.nbody)],
              "actuators": [model.actuator(a).name for a in range(model.nu)]}[group]  # fmt: skip
-    _named(key, name, dict.fromkeys(there))
+    named(key, name, dict.fromkeys(there))
     turns = group != "joints" or joints[name] == ROTARY
     unit = NUMBERS[group][number][0 if turns else 1]
     return ParameterConfig(number_of(model, title), unit, share_of(key, share), f"{number} of {name}")
@@ -180,7 +185,7 @@ def _place(model: mujoco.MjModel, title: str) -> tuple[Any, Any]:
     return model.actuator_gainprm, (model.actuator(name).id, 0)
 
 
-def _named(key: str, name: object, there: Mapping[str, Any]) -> Any:
+def named(key: str, name: object, there: Mapping[str, Any]) -> Any:
     """What has this name in the model."""
     if name in there:
         return there[str(name)]

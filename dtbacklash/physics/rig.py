@@ -7,11 +7,10 @@ from typing import Any
 from dtbacklash import units
 from dtbacklash.config.rig import ParameterConfig, RigConfig, finite
 from dtbacklash.errors import UserError
-from dtbacklash.physics import catalogue
+from dtbacklash.physics import catalogue, fmus, mjcf
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Effect, Values
 from dtbacklash.physics.kinds import AXES, GROUND, KINDS, LINEAR, OPTIONAL_NEIGHBOURS, SENSOR, Kind
-from dtbacklash.physics.mjcf import completed
 
 SENSOR_PREFIX = "sensor_"
 #: what a sensor's zero is called at its place
@@ -183,6 +182,12 @@ class Rig:
         """All locations of the vocabulary: the elements, then ``sensor_<name>``."""
         return [*self.elements, *(SENSOR_PREFIX + name for name in self.sensors)]
 
+    @property
+    def forceless(self) -> list[str]:
+        """Joints of an FMU that has no input through which a force acts on them, and what drives these."""
+        still = [name for name, joint in self.config.joints.items() if not joint.get("force")]
+        return [e.name for e in self.elements.values() if e.neighbours.get("drives", e.name) in still]
+
     def takes(self, location: str) -> dict[str, Effect]:
         """The effects that a location takes, by name."""
         known = catalogue.effects_of(self.kind_at(location))
@@ -191,6 +196,8 @@ class Rig:
     def suits(self, location: str, effect: Effect) -> bool:
         """Whether an effect of the kind at a location can act there: some need a sensor of one unit, or states."""
         if self.config.model and isinstance(effect.slot, (slots.BodyMemory, slots.Filter, slots.ShownPlay)):
+            return False
+        if location in self.forceless and isinstance(effect.slot, (slots.BodyEffort, slots.BodyDamping, slots.Contact)):
             return False
         return not effect.of_units or self.sensors[location.removeprefix(SENSOR_PREFIX)].unit in effect.of_units
 
@@ -249,7 +256,7 @@ def build_rig(config: RigConfig, own: Own = ()) -> Rig:
     UserError : an unknown kind, field, parameter, neighbour, effect or sensor; a value out of bounds.
     """
     if config.model and not config.elements:
-        config = completed(config)
+        config = {"mujoco": mjcf, "fmu": fmus}[config.simulator].completed(config)
     catalogue.declare(config.laws, "rig.laws")
     elements = {name: _element(name, spec, config.parameters) for name, spec in config.elements.items()}
     _check_neighbours(elements)

@@ -14,7 +14,7 @@ from dtbacklash.physics.rig import Rig, build_rig
 #: what the names of tables end in
 TABLE = "_table"
 #: the sections of a rig's file below its name and description
-SECTIONS = ("commands", "fixed", "parameters", "elements", "effects", "laws", "sensors")
+SECTIONS = ("commands", "fixed", "joints", "parameters", "elements", "effects", "laws", "sensors")
 
 
 def rig_content(rig: Rig) -> dict[str, Any]:
@@ -31,6 +31,8 @@ def rig_content(rig: Rig) -> dict[str, Any]:
     })  # fmt: skip
     if config.model:
         content |= {"model": config.model, "commands": config.commands, "fixed": list(config.fixed)}
+    if config.joints:
+        content["joints"] = config.joints
     return content if content["laws"] else {name: one for name, one in content.items() if name != "laws"}
 
 

@@ -14,7 +14,8 @@ def beforehand(rig: Rig, channels: Container[str] | None = None) -> tuple[str, .
     channels : that are recorded; None: all sensors of the rig.
     """
     shown = [s for s in rig.sensors.values() if channels is None or s.name in channels]
-    return _accelerations_alone([s.quantity for s in shown]) + _servo_alone(rig, [s.quantity for s in shown])
+    quantities = [s.quantity for s in shown]
+    return _accelerations_alone(quantities) + _servo_alone(rig, quantities) + _forceless(rig)
 
 
 def _accelerations_alone(shown: list[str]) -> tuple[str, ...]:
@@ -36,4 +37,14 @@ def _servo_alone(rig: Rig, shown: list[str]) -> tuple[str, ...]:
         "only: all of them can grow alike. Viscous friction of what it drives is the same as more speed_gain, a "
         "constant load the same as an offset of the command. How large each is comes from the tolerances, or from a "
         "recorded force.",
+    )
+
+
+def _forceless(rig: Rig) -> tuple[str, ...]:
+    if not rig.forceless:
+        return ()
+    places = " and ".join(name for name in rig.forceless if name in rig.config.joints)
+    return (
+        f"The FMU has no input that pushes {places}: friction, cogging and loads are not looked for there. Give it a "
+        "force input, and name that in `joints`.",
     )

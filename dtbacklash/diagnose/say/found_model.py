@@ -1,15 +1,18 @@
 """What was found, put back into a simulator's model: ``arm.xml`` with the numbers, ``laws.py`` with what it has not.
 
 MuJoCo has dampings and dry frictions of its own; a law of another form is written out as plain Python, from the very
-functions that the diagnosis simulates.
+functions that the diagnosis simulates. Of an FMU the numbers are start values, ``parameters.yaml``, and all laws stand
+in ``laws.py``, as what is added to its inputs.
 """
 
 import inspect
 import re
 import types
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from dtbacklash.physics import fmus
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Effect, Values
 from dtbacklash.physics.effects.slots import ROW, Law, arguments, plain_function
@@ -22,10 +25,24 @@ after ``data.ctrl`` has been set{said}."""
 
 import math
 '''
+FMU_HEAD = '''\
+"""What a diagnosis found in {model} beside its parameters. ``inputs(time, position, speed, command)`` takes joint ->
+its position and speed, and input -> its command, and gives the FMU's inputs with what was found{said}.
+Below SLOW, m/s or rad/s, a dry friction grows with the speed."""
+
+import math
+
+SLOW = 1e-4
+'''
 #: what a joint's law may ask for, in terms of MuJoCo's data
 STATES = {
     "position": "float(q)", "velocity": "float(v)", "time": "data.time", "slip_speed": "abs(float(v))",
     "direction": "math.copysign(1.0, v)", "load": "float(data.qfrc_actuator[dof])", "command": "float(data.ctrl[at])",
+}  # fmt: skip
+#: and in what an FMU's function is given
+FMU_STATES = {
+    "position": "q", "velocity": "v", "time": "time", "slip_speed": "abs(v)", "direction": "math.copysign(1.0, v)",
+    "load": "load", "command": "u",
 }  # fmt: skip
 
 
@@ -36,6 +53,10 @@ def found_model(rig: Rig) -> dict[str, str]:
     ------
     UserError : the model's file is not there any more.
     """
+    return {"mujoco": _found_mjcf, "fmu": _found_fmu}[rig.config.simulator](rig)
+
+
+def _found_mjcf(rig: Rig) -> dict[str, str]:
     frictions: dict[str, float] = {}
     dampings: dict[str, float] = {}
     calls: list[str] = []
@@ -82,17 +103,59 @@ def found_model(rig: Rig) -> dict[str, str]:
     return files
 
 
+def _found_fmu(rig: Rig) -> dict[str, str]:
+    told: list[str] = []
+    forces: list[str] = []
+    sources: dict[str, str] = {}
+    beside: list[str] = []
+    model = fmus.model_of(rig.config)
+    effects = fmus.effects_of_inputs(model, {})
+    for name in rig.effects:
+        for effect, values in rig.active(name, slots.Slot):
+            slot, element = effect.slot, rig.elements.get(name)
+            joint = str(element.neighbours.get("drives", name)) if element else ""
+            if not isinstance(slot, (slots.BodyDamping, slots.BodyEffort, slots.Contact, slots.Command)):
+                beside.append(f"{effect.name} of {name.removeprefix(SENSOR_PREFIX)}")
+                continue
+            value = f"-{float(next(iter(values.values())))!r} * v"
+            if not isinstance(slot, slots.BodyDamping):
+                law = next(iter(slot.laws().values()))
+                _gather(plain_function(law), sources)
+                value = _call(effect, values, law, FMU_STATES)
+            if isinstance(slot, slots.Command):
+                u = f"found[{name.removeprefix(ACTUATOR_PREFIX)!r}]"
+                told += [f"u = {u}", f"{u} = {value}  # {effect.name}"]
+                continue
+            spec = rig.config.joints[joint]
+            at, force = list(model.states).index(spec["speed"]), spec["force"]
+            if isinstance(slot, slots.Contact):
+                value = f"-max({value}, 0.0) * math.tanh(v / SLOW)"
+                loads = {i: float(effects[i][at] / effects[force][at]) for i in rig.config.commands.values()}
+                load = " + ".join(f"{by!r} * command[{i!r}]" for i, by in loads.items() if by)
+                forces.append(f"load = {load or '0.0'}")
+            forces += [f"q, v = position[{joint!r}], speed[{joint!r}]",
+                       f"found[{force!r}] = found.get({force!r}, 0.0) + {value}  # {effect.name}"]  # fmt: skip
+    files = {"parameters.yaml": fmus.start_values(rig.config)}
+    if told or forces or beside:
+        said = f"; not in it, as it is no force: {', '.join(beside)}" if beside else ""
+        lines = ["found = dict(command)", *told, *forces, "return found"]
+        texts = [FMU_HEAD.format(model=Path(rig.config.model).name, said=said), *sources.values()]
+        body = "".join(f"    {line}\n" for line in lines)
+        files["laws.py"] = "\n\n".join(texts) + f"\n\n\ndef inputs(time, position, speed, command):\n{body}"
+    return files
+
+
 def _at(joint: str) -> list[str]:
     """The lines that find a joint and its state."""
     return [f"joint = model.joint({joint!r})", "dof = joint.dofadr[0]",
             "q, v = data.qpos[joint.qposadr[0]], data.qvel[dof]"]  # fmt: skip
 
 
-def _call(effect: Effect, values: Values, law: Law) -> str:
-    """A law with an effect's values, of MuJoCo's data."""
+def _call(effect: Effect, values: Values, law: Law, states: Mapping[str, str] = STATES) -> str:
+    """A law with an effect's values, of a simulator's data."""
     numbers = [float(v) for v in values.values()]
     names = arguments(law, effect.slot.states, effect)
-    given = [repr(numbers[n]) if isinstance(n, int) else repr(numbers) if n == ROW else STATES[n] for n in names]
+    given = [repr(numbers[n]) if isinstance(n, int) else repr(numbers) if n == ROW else states[n] for n in names]
     return f"{plain_function(law).__name__}({', '.join(given)})"
 
 

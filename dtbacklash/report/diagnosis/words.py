@@ -31,8 +31,12 @@ def next_command(diagnosis: Diagnosis, file: str) -> str:
 
     A simulator's model that was found is shown by its simulator.
     """
-    if model := diagnosis.rig.config.model:
-        found = Path(file).parent / "found" / Path(model).name
+    config = diagnosis.rig.config
+    if config.simulator == "fmu":
+        start = [word for name, p in config.parameters.items() for word in (name, f"{p.value:.9g}")]
+        return shlex.join(["fmpy", "simulate", config.model, *(["--start-values", *start] if start else [])])
+    if config.simulator == "mujoco":
+        found = Path(file).parent / "found" / Path(config.model).name
         return shlex.join(["python", "-m", "mujoco.viewer", f"--mjcf={found}"])
     closed = diagnosis.rig.only("gear") is not None
     return shlex.join(["dtb", "run", f"rig={file}", *([] if closed else ["controller=open_loop"])])

@@ -1,14 +1,10 @@
-"""Compiled loops over a MuJoCo model: its own step, called at its address, with laws and corrections between."""
+"""Compiled loops over a simulator's model: its own step, called at its address, with laws and corrections between."""
 
-import ctypes
-import functools
-import re
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from llvmlite import ir
-from numba import cfunc, types
+from numba import types
 from numba.extending import intrinsic
 
 from dtbacklash.arrays import Floats
@@ -19,20 +15,21 @@ from dtbacklash.physics.kernel import dispatch
 
 #: a state that large is lost
 LOST = 1e8
-#: columns of what a sensor shows: its quantity, its joint, and how late it is, s
-POSITION, VELOCITY, ACCELERATION, EFFORT = range(4)
+#: columns of what a sensor shows: its quantity, its joint or output, and how late it is, s
+POSITION, VELOCITY, ACCELERATION, EFFORT, OUTPUT = range(5)
 QUANTITIES = {
     "position": POSITION,
     "velocity": VELOCITY,
     "acceleration": ACCELERATION,
     "torque": EFFORT,
     "force": EFFORT,
+    "value": OUTPUT,
 }
 
 
 @intrinsic
 def _call(typingctx, function, model, data):
-    """Call MuJoCo's function at an address with the addresses of a model and its data."""
+    """Call a simulator's function at an address with the addresses of a model and its data."""
 
     def generate(context, builder, signature, values):
         kind = ir.FunctionType(ir.VoidType(), [ir.IntType(64)] * 2)
@@ -53,8 +50,10 @@ class Laws(NamedTuple):
 class Compiled(NamedTuple):
     """A model with the parameters of a rig, what acts at each step, and what its sensors show.
 
-    step, forward : addresses of MuJoCo's functions; 0 where nothing shown needs the second. m, d : of model and data.
-    q, v, acceleration, push, load, ctrl, friction : (joints,) views of them. still : (joints,) the model's friction.
+    step, forward, back : addresses of the simulator's functions: a step, what follows from a state (0 where nothing
+    shown needs it), and to its first state (0 where nothing is kept beside the states). m, d : of model and data.
+    q, v, acceleration, push, load, friction : (joints,) views of them, and more : of other states, ctrl : of commands,
+    shown : of outputs. still : (joints,) the model's friction.
     U : (fine steps, commands). first, whole : the fine step of the first reading, and fine steps of a reading.
     h : fine step, s. efforts, levels, reads : laws of position, speed and time; of slip speed, direction and load; of
     readings. sensors (m, 3).
@@ -62,15 +61,18 @@ class Compiled(NamedTuple):
 
     step: int
     forward: int
+    back: int
     m: int
     d: int
     q: Floats
     v: Floats
+    more: Floats
     acceleration: Floats
     push: Floats
     load: Floats
     ctrl: Floats
     friction: Floats
+    shown: Floats
     still: Floats
     U: Floats
     first: int
@@ -117,6 +119,8 @@ def show(c, y):
             y[i] = c.v[j] - late * c.acceleration[j]
         elif what == ACCELERATION:
             y[i] = c.acceleration[j]
+        elif what == OUTPUT:
+            y[i] = c.shown[j]
         else:
             y[i] = c.load[j]
     for e in range(len(c.reads.at)):
@@ -125,13 +129,46 @@ def show(c, y):
 
 
 @kept(nogil=True)
+def put(c, z):
+    """Set the state."""
+    n = len(c.q)
+    c.q[:] = z[:n]
+    c.v[:] = z[n : 2 * n]
+    c.more[:] = z[2 * n :]
+
+
+@kept(nogil=True)
+def take(c, z):
+    """What the state is."""
+    n = len(c.q)
+    z[:n] = c.q
+    z[n : 2 * n] = c.v
+    z[2 * n :] = c.more
+
+
+@kept(nogil=True)
+def led(c, z, force, u, far, out):
+    """Where a sample leads from a state under forces and commands that stay, or what the sensors show of it at once."""
+    if c.back:
+        _call(c.back, c.m, c.d)
+    put(c, z)
+    c.push[:] = force
+    c.ctrl[:] = u
+    if far:
+        for _ in range(c.whole):
+            _call(c.step, c.m, c.d)
+        take(c, out)
+    else:
+        show(c, out)
+
+
+@kept(nogil=True)
 def observe(c, Y, K, which, D, X):
     """Predict and correct, sample by sample; NaN from where it is lost."""
     n, y = len(c.q), np.zeros(Y.shape[1])
     for k in range(len(Y)):
         show(c, y)
-        X[k, :n] = c.q
-        X[k, n:] = c.v
+        take(c, X[k])
         for i in range(len(y)):
             D[k, i] = Y[k, i] - y[i] if np.isfinite(Y[k, i]) else 0.0
         g = K[which[k]]
@@ -141,6 +178,9 @@ def observe(c, Y, K, which, D, X):
                 c.q[j] += g[j, i] * D[k, i]
                 c.v[j] += g[n + j, i] * D[k, i]
             size += c.v[j] ** 2
+        for j in range(len(c.more)):
+            for i in range(len(y)):
+                c.more[j] += g[2 * n + j, i] * D[k, i]
         if not size < LOST:
             D[k:] = np.nan
             return
@@ -150,31 +190,10 @@ def observe(c, Y, K, which, D, X):
 
 @kept(nogil=True)
 def onwards(c, Z, X):
-    n = len(c.q)
     for k in range(len(Z) - 1):
-        c.q[:] = Z[k, :n]
-        c.v[:] = Z[k, n : 2 * n]
+        put(c, Z[k])
         advance(c, k)
-        X[k, :n] = c.q
-        X[k, n : 2 * n] = c.v
-
-
-@cfunc(types.void(types.voidptr))
-def _quiet(text):
-    pass
-
-
-@functools.cache
-def functions() -> tuple[int, int]:
-    """Addresses of MuJoCo's step and forward; its warnings are not printed, as what is not finite is seen here."""
-    import mujoco
-
-    folder = Path(mujoco.__file__).parent
-    file = next(f for f in folder.iterdir() if re.fullmatch(r"(lib)?mujoco\.(so|dll|[\d.]*dylib).*", f.name))
-    library = ctypes.CDLL(str(file))
-    ctypes.c_void_p.in_dll(library, "mju_user_warning").value = _quiet.address
-    step, forward = (ctypes.cast(f, ctypes.c_void_p).value for f in (library.mj_step, library.mj_forward))
-    return int(step or 0), int(forward or 0)
+        take(c, X[k])
 
 
 def laws(found: list[tuple[int, Effect, Values]]) -> Laws:

@@ -1,15 +1,23 @@
-"""A MuJoCo model as what a predictor asks: against solutions that are written by hand."""
+"""Models of MuJoCo and FMUs as what a predictor asks: against solutions that are written by hand."""
 
 from __future__ import annotations
 
 import math
+import re
+import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
+from fmus import Machine
 
+from dtbacklash.cli import main
 from dtbacklash.diagnose.records import STEPPED, records_of, ways_to_read
+from dtbacklash.diagnose.say.beforehand import beforehand
+from dtbacklash.diagnose.say.found_model import found_model
 from dtbacklash.diagnose.seen import bench_of
 from dtbacklash.errors import UserError
 from dtbacklash.face.rigs import load_rig
@@ -17,6 +25,7 @@ from dtbacklash.physics.mjcf import mended
 from dtbacklash.recording.model import Recording
 
 mujoco = pytest.importorskip("mujoco")
+pytest.importorskip("fmpy")
 
 #: a turning and a sliding joint, each by itself: J = 0.25 + 0.05 kg m^2, m = 3 kg, no gravity
 MODEL = """<mujoco><option timestep="{step}" gravity="0 0 0"/>
@@ -37,12 +46,37 @@ RIG = {
     "tolerances": {"joints.axle.damping": "20 %", "bodies.cart.mass": 0.05},
 }
 STEP_S, N = 4e-3, 1500
+#: the same as equations
+EQUATIONS = Machine(
+    {"rail.s": (0.0, "m"), "rail.v": (0.0, "m/s"), "axle.w": (0.0, "rad/s"), "axle.phi": (0.0, "rad")},
+    {"axle.d": 0.2, "cart.m": 3.0, "J": 0.3},
+    {"spin": "N.m", "rail": "N", "tau": "N.m", "push": "N"},
+    """  D_axle_phi = axle_w; D_axle_w = (2.0 * spin + tau - axle_d * axle_w) / J;
+  D_rail_s = rail_v; D_rail_v = (rail + push - 1.5 * rail_v) / cart_m; power = rail * rail_v;""",
+    {"power": "W"},
+)
+JOINTS = {"axle": {"position": "axle.phi", "force": "tau"}, "rail": {"position": "rail.s", "force": "push"}}
+EXCHANGED = {**RIG, "joints": JOINTS, "tolerances": {"parameters.axle.d": "20 %", "cart.m": 0.05}}
+MASS = {"mujoco": "bodies.cart.mass", "fmu": "cart.m"}
 
 
 @pytest.fixture
 def rig(tmp_path):
     (tmp_path / "machine.xml").write_text(MODEL.format(step=2e-3))
     return load_rig({**RIG, "model": str(tmp_path / "machine.xml")})
+
+
+@pytest.fixture(scope="module")
+def exchanged(tmp_path_factory):
+    """FMI version -> the machine as an FMU."""
+    folder = tmp_path_factory.mktemp("fmus")
+    return {version: EQUATIONS.build(folder / f"machine{version}.fmu", version) for version in (2, 3)}
+
+
+@pytest.fixture(params=["mujoco", 2, 3])
+def either(request, rig, exchanged):
+    """The rig of each simulator."""
+    return rig if request.param == "mujoco" else load_rig({**EXCHANGED, "model": str(exchanged[request.param])})
 
 
 def commands() -> tuple[np.ndarray, np.ndarray]:
@@ -74,16 +108,16 @@ def passed(rig, columns: dict[str, np.ndarray], every: int = 1, way: str = "") -
     return dict(zip(predictor.readings.channels, predictor.run(rig, gains).D.T, strict=True))
 
 
-def test_two_commands_move_two_joints_as_their_equations_say(rig):
+def test_two_commands_move_two_joints_as_their_equations_say(either):
     spin, push = commands()
     angle, _ = answered(2.0 * spin, 0.3, 0.2)
     way, speed = answered(push, 3.0, 1.5)
-    left = passed(rig, {"torque": spin, "push": push, "angle": angle, "way": way})
+    left = passed(either, {"torque": spin, "push": push, "angle": angle, "way": way})
     assert np.abs(left["angle"]).max() < 1e-3 * np.ptp(angle)
     assert np.abs(left["way"]).max() < 1e-3 * np.ptp(way)
     before = np.concatenate([[0.0], push[:-1]])  # an accelerometer is read before the command steps
     shaken = (before - 1.5 * speed) / 3.0
-    left = passed(rig, {"torque": spin, "push": push, "angle": angle, "way": way, "shaken": shaken})
+    left = passed(either, {"torque": spin, "push": push, "angle": angle, "way": way, "shaken": shaken})
     assert np.abs(left["shaken"][2:]).max() < 0.01
 
 
@@ -100,7 +134,7 @@ def test_two_commands_move_two_joints_as_their_equations_say(rig):
         ("sensor_angle", "delay", {"time": 7.5 * STEP_S}, {"seen": 7.5}),
     ],
 )
-def test_the_catalogues_laws_act_in_a_model_as_written_by_hand(rig, place, effect, values, change):
+def test_the_catalogues_laws_act_in_a_model_as_written_by_hand(either, place, effect, values, change):
     spin, push = commands()
     u = np.concatenate([np.zeros(change.get("late", 0)), spin])[:N]
     if dead := change.get("dead"):
@@ -111,17 +145,17 @@ def test_the_catalogues_laws_act_in_a_model_as_written_by_hand(rig, place, effec
     shown = change.get("shown", 1.0) * np.interp(t - change.get("seen", 0.0) * STEP_S, t, angle)
     columns = {"torque": spin, "push": push, "angle": shown, "way": answered(push, 3.0, 1.5)[0]}
     whole = np.ptp(angle)
-    without = np.abs(passed(rig, columns)["angle"]).max()
-    left = np.abs(passed(rig.with_effect(place, effect, values), columns)["angle"][4:]).max()
+    without = np.abs(passed(either, columns)["angle"]).max()
+    left = np.abs(passed(either.with_effect(place, effect, values), columns)["angle"][4:]).max()
     assert without > 0.01 * whole
     assert left < (0.01 if effect == "coulomb_friction" else 0.002) * whole
 
 
-def test_the_linear_part_is_that_of_the_equations(rig):
+def test_the_linear_part_is_that_of_the_equations(either):
     spin, push = commands()
     frame = pd.DataFrame({"t": STEP_S * np.arange(N), "torque": spin, "push": push, "angle": spin, "way": push})
-    records = records_of(Recording.from_frame(frame, rig=rig), rig, True, False)
-    L = bench_of(rig, records, [1]).linear
+    records = records_of(Recording.from_frame(frame, rig=either), either, True, False)
+    L = bench_of(either, records, [1]).linear
     assert L.states == ("axle q", "rail q", "axle v", "rail v")
     for j, (inertia, damping) in enumerate(((0.3, 0.2), (3.0, 1.5))):
         keeps = math.exp(-damping / inertia * STEP_S)
@@ -130,8 +164,8 @@ def test_the_linear_part_is_that_of_the_equations(rig):
         assert L.inertia[j] == pytest.approx(inertia, rel=0.02)
 
 
-def test_a_mass_moves_its_bodys_inertia_with_it(rig):
-    heavier = rig.with_parameters({"bodies.cart.mass": 6.0})
+def test_a_mass_moves_its_bodys_inertia_with_it(either):
+    heavier = either.with_parameters({MASS[either.config.simulator]: 6.0})
     spin, push = commands()
     way, _ = answered(push, 6.0, 1.5)
     left = passed(heavier, {"torque": spin, "push": push, "angle": spin, "way": way})
@@ -160,22 +194,22 @@ def test_what_the_model_has_not_is_told_in_one_line(rig, change, said):
     assert "\n" not in str(error.value)
 
 
-def test_commands_that_are_logged_more_seldom_are_held(rig):
+def test_commands_that_are_logged_more_seldom_are_held(either):
     spin, push = (np.where(np.arange(N) % 4 == 0, u, np.nan) for u in commands())
     frame = pd.DataFrame(
         {"t": STEP_S * np.arange(N), "torque": spin, "push": push, "angle": commands()[1], "way": commands()[0]}
     )
-    (record,) = records_of(Recording.from_frame(frame, rig=rig), rig, True, False)
+    (record,) = records_of(Recording.from_frame(frame, rig=either), either, True, False)
     assert record.inputs is not None
     assert record.inputs[:8, 1].tolist() == push[[0, 0, 0, 0, 4, 4, 4, 4]].tolist()
 
 
-def test_one_of_two_commands_may_be_idle(rig):
+def test_one_of_two_commands_may_be_idle(either):
     _, push = commands()
     frame = pd.DataFrame({"t": STEP_S * np.arange(N), "torque": 0.0, "push": push, "angle": -push, "way": push})
-    recording = Recording.from_frame(frame, rig=rig)
+    recording = Recording.from_frame(frame, rig=either)
     assert not [note for note in recording.notes if "while" in note]
-    assert records_of(recording, rig, True, False)[0].driven
+    assert records_of(recording, either, True, False)[0].driven
 
 
 def test_a_mended_model_finds_what_lies_beside_the_model(rig, tmp_path):
@@ -209,17 +243,17 @@ def test_a_free_joint_and_a_step_that_is_no_divisor_are_refused(rig, tmp_path):
         passed(load_rig({**RIG, "model": str(coarse)}), {"torque": spin, "push": push, "angle": spin, "way": push})
 
 
-def test_a_joint_that_no_reading_shows_is_told(rig):
+def test_a_joint_that_no_reading_shows_is_told(either):
     spin, push = commands()
     with pytest.raises(UserError, match=r"rig.sensors=angle: joint rail moves none of them: give it a sensor"):
-        passed(rig, {"torque": spin, "push": push, "angle": spin})
+        passed(either, {"torque": spin, "push": push, "angle": spin})
 
 
-def test_averaged_readings_are_predicted_by_commands_that_are_averaged_alike(rig):
+def test_averaged_readings_are_predicted_by_commands_that_are_averaged_alike(either):
     spin, push = commands()
     angle, _ = answered(2.0 * spin, 0.3, 0.2)
     way, _ = answered(push, 3.0, 1.5)
-    left = passed(rig, {"torque": spin, "push": push, "angle": angle, "way": way}, every=5)
+    left = passed(either, {"torque": spin, "push": push, "angle": angle, "way": way}, every=5)
     assert len(left["way"]) == N // 5
     # the first mean is not the first position: what is left is a start that drifts by it
     assert np.abs(np.diff(left["angle"])).max() < 1e-3 * np.ptp(angle)
@@ -239,3 +273,123 @@ def test_a_log_that_a_simulation_made_follows_its_own_steps(rig):
     runge = Path(rig.config.model).with_name("runge.xml")
     runge.write_text(MODEL.format(step=2e-3).replace("<option", '<option integrator="RK4"'))
     assert not ways_to_read([], load_rig({**RIG, "model": str(runge)}))
+
+
+def test_an_fmus_states_inputs_and_parameters_are_found(exchanged, capsys):
+    assert main(["rig", "new", "fmu", str(exchanged[2])]) == 0
+    assert main(["rig", "check", str(exchanged[2].with_suffix(".yaml"))]) == 0
+    assert "axle: coulomb_friction" in capsys.readouterr().out
+    text = exchanged[2].with_suffix(".yaml").read_text()
+    assert "axle: {position: axle.phi, speed: axle.w, force: tau}" in text
+    assert "rail: {position: rail.s, speed: rail.v, force: push}" in text
+    assert "  cart.m: 10 %" in text
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"joints": {}}, "rig.joints=(none): name at least one, as {rail: {position: rail.s}, axle: "),
+        ({"joints": {"axle": {"position": "axle.phy"}}}, "did you mean axle.phi; it has"),
+        (
+            {"joints": {"axle": {"position": "axle.phi", "speed": "rail.v"}}},
+            "is not the derivative of axle.phi, which is",
+        ),
+        ({"joints": {"axle": {"position": "axle.w"}}}, "no state is its derivative; name the state that is its speed"),
+        ({"joints": {"axle": {"position": "axle.phi", "force": "tao"}}}, "did you mean tau; it has"),
+        ({"joints": {"axle": {"position": "axle.phi", "force": "push"}}}, "does not push axle.w forward at once"),
+        ({"joints": {"axle": {"place": "axle.phi"}}}, "a mapping with position"),
+        ({"commands": {"torque": "spun", "push": "rail"}}, "did you mean spin; it has"),
+        ({"commands": {}}, "an input of the FMU has a column: {COLUMN: spin}"),
+        ({"sensors": {"x": {"of": "ralo", "quantity": "position"}}}, "rig.sensors.x.of"),
+        ({"tolerances": {"cart.n": 0.1}}, "did you mean cart.m; it has"),
+        ({"model": "nowhere.fmu"}, "no such file"),
+    ],
+)
+def test_what_an_fmu_has_not_is_told_in_one_line(exchanged, change, said):
+    with pytest.raises(UserError) as error:
+        load_rig({**EXCHANGED, "model": str(exchanged[2]), **change})
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_an_fmu_that_cannot_be_a_model_is_refused_in_one_line(exchanged, tmp_path):
+    def refused(path: Path) -> str:
+        with pytest.raises(UserError) as error:
+            load_rig({**EXCHANGED, "model": str(path)})
+        return str(error.value)
+
+    (tmp_path / "text.fmu").write_text("no archive")
+    assert "is no FMU: " in refused(tmp_path / "text.fmu")
+    alone = EQUATIONS.build(tmp_path / "alone.fmu", 2, **{"<ModelExchange": "<CoSimulation"})
+    assert "is for Co-Simulation only: it hides its states" in refused(alone)
+    still = replace(EQUATIONS, states={}, equations="  power = 0.0;", parameters={}).build(tmp_path / "still.fmu", 3)
+    assert "has no continuous states" in refused(still)
+    with zipfile.ZipFile(exchanged[2]) as there, zipfile.ZipFile(tmp_path / "other.fmu", "w") as other:
+        for name in there.namelist():
+            other.writestr(name.replace("linux64/machine.so", "win32/machine.dll"), there.read(name))
+    assert re.search(r"is for win32; this one is \w+", refused(tmp_path / "other.fmu"))
+    degrees = replace(EQUATIONS, states={**EQUATIONS.states, "axle.phi": (0.0, "deg")}).build(tmp_path / "deg.fmu")
+    assert "is in deg; a joint's state must be in m or rad" in refused(degrees)
+
+
+def test_a_sample_that_is_far_too_long_for_an_fmu_is_told(tmp_path):
+    stiff = replace(EQUATIONS, equations=EQUATIONS.equations.replace("1.5 *", "1e7 *")).build(tmp_path / "stiff.fmu")
+    spin, push = commands()
+    with pytest.raises(UserError, match=r"its fastest motion, 3.33e\+06 rad/s, takes \d+ steps a sample; at most 2000"):
+        passed(load_rig({**EXCHANGED, "model": str(stiff)}), {"torque": spin, "push": push, "angle": spin, "way": push})
+
+
+def test_where_an_fmu_takes_no_force_nothing_is_looked_for_and_that_is_said(exchanged):
+    joints = {**JOINTS, "axle": {"position": "axle.phi"}}
+    rig = load_rig({**EXCHANGED, "model": str(exchanged[3]), "joints": joints})
+    assert not rig.takes("axle")
+    assert {"dead_zone", "delay"} <= set(rig.takes("actuator_spin"))
+    assert "load_friction" not in rig.takes("actuator_spin")
+    assert "coulomb_friction" in rig.takes("rail")
+    (sentence,) = beforehand(rig)
+    assert sentence.startswith("The FMU has no input that pushes axle: friction, cogging and loads are not looked for")
+    with pytest.raises(UserError, match="coulomb_friction"):
+        rig.with_effect("axle", "coulomb_friction", {"torque": 0.1})
+    spin, push = commands()
+    angle, _ = answered(2.0 * spin, 0.3, 0.2)
+    left = passed(rig, {"torque": spin, "push": push, "angle": angle, "way": push})
+    assert np.abs(left["angle"]).max() < 1e-3 * np.ptp(angle)
+
+
+def test_any_variable_of_an_fmu_is_a_sensor(exchanged):
+    sensors = {**RIG["sensors"], "watts": {"of": "power", "quantity": "value"}}
+    rig = load_rig({**EXCHANGED, "model": str(exchanged[3]), "sensors": sensors})
+    spin, push = commands()
+    way, speed = answered(push, 3.0, 1.5)
+    before = np.concatenate([[0.0], push[:-1]])
+    left = passed(rig, {"torque": spin, "push": push, "angle": spin, "way": way, "watts": before * speed})
+    assert np.abs(left["watts"][1:]).max() < 1e-3 * np.ptp(before * speed)
+
+
+def test_what_is_found_in_an_fmu_moves_it_from_outside_as_it_does_inside(exchanged):
+    rig = load_rig({**EXCHANGED, "model": str(exchanged[2])}).with_parameters({"cart.m": 4.0})
+    found = [
+        ("rail", "coulomb_friction", {"force": 0.8}), ("rail", "viscous_friction", {"coefficient": 0.7}),
+        ("rail", "constant_force", {"force": 0.3}), ("actuator_rail", "dead_zone", {"half_width": 0.5}),
+        ("sensor_way", "offset", {"offset": 0.1}),
+    ]  # fmt: skip
+    for place, name, values in found:
+        rig = rig.with_effect(place, name, values)
+    files = found_model(rig)
+    assert yaml.safe_load(files["parameters.yaml"]) == {"axle.d": 0.2, "cart.m": 4.0}
+    assert "not in it, as it is no force: offset of way" in files["laws.py"]
+    laws: dict = {}
+    exec(files["laws.py"], laws)  # the script that users are given
+    spin, push = commands()
+    q = v = 0.0
+    way = np.zeros(N)
+    for k in range(N):
+        way[k] = q + 0.1
+        for part in range(200):
+            told = laws["inputs"](
+                STEP_S * (k + part / 200), {"rail": q}, {"rail": v}, {"spin": spin[k], "rail": push[k]}
+            )
+            v += STEP_S / 200 * (told["rail"] + told["push"] - 1.5 * v) / 4.0
+            q += STEP_S / 200 * v
+    left = passed(rig, {"torque": spin, "push": push, "angle": spin, "way": way})
+    assert np.abs(left["way"] - left["way"][0]).max() < 0.01 * np.ptp(way)

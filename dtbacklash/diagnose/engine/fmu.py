@@ -1,0 +1,93 @@
+"""An FMU for Model Exchange as a simulator that a predictor can ask.
+
+Its continuous states are set, its real inputs are commands and forces. Steps are as short as its fastest motion asks.
+"""
+
+import math
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.engine.fmu_passes import STEP, block, functions, length_of
+from dtbacklash.diagnose.engine.modelled import Modelled, Parts
+from dtbacklash.diagnose.engine.readings import Readings
+from dtbacklash.errors import UserError
+from dtbacklash.physics.fmus import effects_of_inputs, first_inputs, model_of, rates_by_states
+from dtbacklash.physics.mjcf import ACTUATOR_PREFIX
+from dtbacklash.physics.rig import Rig
+
+#: a step of the Runge-Kutta method, of the fastest motion (rad); steps of a sample where laws act; finer ones
+FASTEST, ACTING, FINE = 0.3, 2, 2
+#: steps of a sample at most
+MOST = 2000
+
+
+class Exchanged(Modelled):
+    """An FMU on one stretch of a recording.
+
+    Raises UserError where its motion is so fast that a sample takes too many steps.
+    """
+
+    def __init__(self, readings: Readings, rig: Rig, finely: bool = False) -> None:
+        super().__init__(readings, rig, finely)
+        config = rig.config
+        self._fmu = model_of(config)
+        joints = [config.joints[name] for name in self._joints]
+        moved = [j["position"] for j in joints] + [j["speed"] for j in joints]
+        self.names = tuple(s for s in self._fmu.states if s not in moved)
+        order = list(self._fmu.states)
+        self._order = [order.index(s) for s in (*moved, *self.names)]
+        self.commands = tuple(ACTUATOR_PREFIX + str(i) for i in config.commands.values())
+        inputs = list(self._fmu.inputs)
+        self._told = [inputs.index(i) for i in config.commands.values()]
+        self._forces = [inputs.index(j["force"]) if j["force"] else -1 for j in joints]
+        rates = float(np.abs(np.linalg.eigvals(rates_by_states(self._fmu, self._values(rig)))).max())
+        self._own: int = max(1, math.ceil(rates * readings.sample_time_s / readings.every / FASTEST))
+        if self._own > MOST:
+            allowed = f"its fastest motion, {rates:.3g} rad/s, takes {self._own} steps a sample; at most {MOST}"
+            raise UserError("rig.model", config.model, allowed)
+
+    @staticmethod
+    def _values(rig: Rig) -> dict[str, float]:
+        return {title: float(p.value) for title, p in rig.config.parameters.items()}
+
+    def steps(self, bare: bool, laws: bool, contacts: bool) -> int:
+        """As many as its fastest motion takes, and as laws do."""
+        held = max(self._own, ACTING) if laws or contacts else self._own
+        return FINE * held if self.finely else held
+
+    def parts(self, rig: Rig, step_s: float, dampings: Floats, contacts: list[int], bare: bool) -> Parts:
+        """The instance of this thread, begun anew."""
+        fmu, instance, values = self._fmu, self._fmu.instance(), self._values(rig)
+        j, u = len(self._joints), len(self._told)
+        effects = np.array(list(effects_of_inputs(fmu, values).values()))
+        speeds = self._order[j : 2 * j]
+        share = np.array([
+            [effects[told, at] / effects[force, at] if force >= 0 else 0.0 for told in self._told]
+            for at, force in zip(speeds, self._forces, strict=True)
+        ])  # fmt: skip
+        x = instance.begin(values)
+        outputs = [fmu.variables[name].valueReference for name in self.outputs(rig)]
+        names = [np.array(refs, dtype=np.uint32) for refs in ([v.valueReference for v in fmu.inputs.values()], outputs)]
+        sizes = len(x), j, u, len(names[0]), len(outputs)
+        d = np.zeros(length_of(*sizes))
+        rates, put, get = (
+            ("GetContinuousStateDerivatives", "SetFloat64", "GetFloat64")
+            if instance.threes
+            else ("GetDerivatives", "SetReal", "GetReal")
+        )
+        called = ("SetTime", "SetContinuousStates", rates, put, get, "CompletedIntegratorStep")
+        tables = [*self._order, *self._told, *self._forces]
+        m = np.array([
+            0, len(d), d.ctypes.data, int(instance.fmu.component), *(instance.address(name) for name in called),
+            *sizes, *(n.ctypes.data for n in names), *tables,
+        ], dtype=np.int64)  # fmt: skip
+        m[0], d[STEP] = len(m), step_s
+        b = block.py_func(m, d)
+        b.x[:], b.still[:] = x[self._order], list(first_inputs(fmu).values())
+        b.damping[:], b.share[:] = dampings, share.ravel()
+        step, forward = functions()
+        return Parts(
+            (m, d, names, instance), step.address, forward.address, 0, m.ctypes.data, d.ctypes.data, b.x[:j],
+            b.x[j : 2 * j], b.x[2 * j :], b.rate[j : 2 * j], b.push, b.load, b.ctrl, b.friction, b.outputs,
+        )  # fmt: skip

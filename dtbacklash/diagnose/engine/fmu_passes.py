@@ -1,0 +1,231 @@
+"""A step of an FMU, compiled: its library's functions are called at their addresses.
+
+The Runge-Kutta method of fourth order goes over the continuous states. Dry friction holds what it can by an impulse
+after each step: one evaluation a joint says how its force changes the accelerations, and the force that stops all
+joints at once is cut to the levels (projected Gauss-Seidel; Moreau's time-stepping: Acary and Brogliato, Numerical
+Methods for Nonsmooth Dynamical Systems (2008), chapter 10). The force of a step goes on in the next one, so that
+sliding is as accurate as the method. A step is a function of two addresses, as MuJoCo's is: of whole numbers and of a
+block of floats.
+"""
+
+import functools
+from typing import Any, NamedTuple
+
+import numpy as np
+from llvmlite import ir
+from numba import carray, cfunc, types
+from numba.extending import intrinsic
+
+from dtbacklash.arrays import Floats
+from dtbacklash.compiled import kept
+
+#: places of whole numbers: lengths of both blocks, the address of the second, and of the instance and its functions
+(WHOLE, BLOCK, BASE, INSTANCE, SET_TIME, SET_STATES, GET_RATES, SET_INPUTS, GET_OUTPUTS, COMPLETED) = range(10)
+#: counts of states, joints, commands, inputs, outputs; addresses of the references of inputs and outputs
+(STATES, JOINTS, COMMANDS, INPUTS, OUTPUTS, INPUT_NAMES, OUTPUT_NAMES) = range(10, 17)
+#: what follows: the FMU's place of each state, the input of each command, that of each joint's force (-1: none)
+TABLES = 17
+#: an FMI status above a warning
+BAD = 1
+#: turns in which the forces of several joints find each other
+SWEEPS = 20
+TIME, STEP = 0, 1
+#: Runge-Kutta: how far into the step, and how much each slope counts
+STAGES, WEIGHTS = (0.0, 0.5, 0.5, 1.0), (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
+
+
+class Block(NamedTuple):
+    """Views of the floats: states and derivatives in our order (positions, speeds, others), and what else there is.
+
+    theirs, theirs_rate : (states,) in the FMU's order. begun, total, rest : (states,) of a step. inputs, still :
+    (inputs,) as set, and where nothing acts. outputs. ctrl (commands,). push, friction, held, damping, load, mark :
+    (joints,) forces, levels, shares of them that hold, coefficients, efforts of the commands, shares before. share :
+    (joints * commands,) efforts by commands. pair : (joints * joints,) accelerations by forces.
+    """
+
+    x: Floats
+    rate: Floats
+    theirs: Floats
+    theirs_rate: Floats
+    begun: Floats
+    total: Floats
+    rest: Floats
+    inputs: Floats
+    still: Floats
+    outputs: Floats
+    ctrl: Floats
+    push: Floats
+    friction: Floats
+    held: Floats
+    damping: Floats
+    load: Floats
+    mark: Floats
+    share: Floats
+    pair: Floats
+
+
+@intrinsic
+def _call(typingctx, function, a, b, c, d, e):
+    """Call a function of whole numbers and addresses; its status. What it has no use for does no harm."""
+
+    def generate(context, builder, signature, values):
+        kind = ir.FunctionType(ir.IntType(32), [ir.IntType(64)] * 5)
+        status = builder.call(builder.inttoptr(values[0], kind.as_pointer()), values[1:])
+        return builder.sext(status, ir.IntType(64))
+
+    return types.int64(*[types.int64] * 6), generate
+
+
+@intrinsic
+def _call_with_time(typingctx, function, instance, time):
+    """Call a function of an instance and a number; its status."""
+
+    def generate(context, builder, signature, values):
+        kind = ir.FunctionType(ir.IntType(32), [ir.IntType(64), ir.DoubleType()])
+        status = builder.call(builder.inttoptr(values[0], kind.as_pointer()), values[1:])
+        return builder.sext(status, ir.IntType(64))
+
+    return types.int64(types.int64, types.int64, types.float64), generate
+
+
+@kept(nogil=True)
+def block(m, d):
+    """The views of a block."""
+    n, j, u, i, o = m[STATES], m[JOINTS], m[COMMANDS], m[INPUTS], m[OUTPUTS]
+    a, b = 2 + 7 * n, 2 + 7 * n + 2 * i + o + u
+    return Block(
+        d[2 : 2 + n], d[2 + n : 2 + 2 * n], d[2 + 2 * n : 2 + 3 * n], d[2 + 3 * n : 2 + 4 * n],
+        d[2 + 4 * n : 2 + 5 * n], d[2 + 5 * n : 2 + 6 * n], d[2 + 6 * n : a],
+        d[a : a + i], d[a + i : a + 2 * i], d[a + 2 * i : a + 2 * i + o], d[a + 2 * i + o : b],
+        d[b : b + j], d[b + j : b + 2 * j], d[b + 2 * j : b + 3 * j], d[b + 3 * j : b + 4 * j],
+        d[b + 4 * j : b + 5 * j], d[b + 5 * j : b + 6 * j], d[b + 6 * j : b + 6 * j + j * u],
+        d[b + 6 * j + j * u : b + 6 * j + j * u + j * j],
+    )  # fmt: skip
+
+
+def length_of(n: int, j: int, u: int, i: int, o: int) -> int:
+    """Floats of a block."""
+    return 2 + 7 * n + 2 * i + o + u + 6 * j + j * u + j * j
+
+
+@kept(nogil=True)
+def _rates(m, d, b, time):
+    """Derivatives at the states and forces of the block; whether the FMU gives them."""
+    n, j, u, i = m[STATES], m[JOINTS], m[COMMANDS], m[INPUTS]
+    at, instance = m[BASE], m[INSTANCE]
+    for k in range(n):
+        b.theirs[m[TABLES + k]] = b.x[k]
+    b.inputs[:] = b.still
+    for k in range(u):
+        b.inputs[m[TABLES + n + k]] = b.ctrl[k]
+    for k in range(j):
+        place = m[TABLES + n + u + k]
+        if place >= 0:
+            b.inputs[place] += b.push[k] + b.held[k] * b.friction[k] - b.damping[k] * b.x[j + k]
+    status = _call_with_time(m[SET_TIME], instance, time)
+    status = max(status, _call(m[SET_STATES], instance, at + 8 * (2 + 2 * n), n, 0, 0))
+    status = max(status, _call(m[SET_INPUTS], instance, m[INPUT_NAMES], i, at + 8 * (2 + 7 * n), i))
+    status = max(status, _call(m[GET_RATES], instance, at + 8 * (2 + 3 * n), n, 0, 0))
+    for k in range(n):
+        b.rate[k] = b.theirs_rate[m[TABLES + k]]
+    for k in range(j):
+        if m[TABLES + n + u + k] < 0:  # no force: an acceleration, of the linear part alone
+            b.rate[j + k] += b.push[k]
+    return status <= BAD
+
+
+@kept(nogil=True)
+def _more(b, k, j):
+    """What the shares that hold have added to a joint's speed since they were marked."""
+    more = 0.0
+    for i in range(j):
+        more += b.pair[k * j + i] * (b.held[i] - b.mark[i])
+    return more
+
+
+@kept(nogil=True)
+def _hold(m, d, b, time, h):
+    """Let dry friction stop, after a step, what it can; a joint without any has no column in ``pair``."""
+    j = m[JOINTS]
+    slides = True  # all on, as they did
+    for k in range(j):
+        slides = slides and (b.friction[k] == 0.0 or (abs(b.held[k]) == 1.0 and b.held[k] * b.x[j + k] < 0.0))
+    if slides or not _rates(m, d, b, time):
+        return
+    b.rest[:] = b.rate
+    b.mark[:] = b.held
+    b.pair[:] = 0.0
+    for k in range(j):
+        if b.friction[k] > 0.0:
+            b.held[k] += 1.0
+            _rates(m, d, b, time)
+            b.held[k] = b.mark[k]
+            for i in range(j):
+                b.pair[i * j + k] = (b.rate[j + i] - b.rest[j + i]) * h
+    for _ in range(SWEEPS):
+        for k in range(j):
+            if b.pair[k * j + k] > 0.0:
+                left = b.x[j + k] + _more(b, k, j)
+                b.held[k] = min(max(b.held[k] - left / b.pair[k * j + k], -1.0), 1.0)
+    for k in range(j):
+        more = _more(b, k, j)
+        b.x[j + k] += more
+        b.x[k] += 0.5 * h * more
+
+
+@kept(nogil=True)
+def _loads(m, b):
+    j, u = m[JOINTS], m[COMMANDS]
+    for k in range(j):
+        b.load[k] = 0.0
+        for i in range(u):
+            b.load[k] += b.share[k * u + i] * b.ctrl[i]
+
+
+@kept(nogil=True)
+def advance(m, d):
+    """One step; NaN where the FMU refuses."""
+    b = block(m, d)
+    time, h = d[TIME], d[STEP]
+    b.begun[:] = b.x
+    b.total[:] = 0.0
+    _loads(m, b)
+    good = True
+    for s in range(4):
+        if s:
+            b.x[:] = b.begun + STAGES[s] * h * b.rate
+        good = good and _rates(m, d, b, time + STAGES[s] * h)
+        b.total[:] += WEIGHTS[s] * b.rate
+    b.x[:] = b.begun + h * b.total
+    if b.friction.any():
+        _hold(m, d, b, time + h, h)
+    d[TIME] = time + h
+    if not good:
+        b.x[:] = np.nan
+
+
+@kept(nogil=True)
+def follow(m, d):
+    """Accelerations and outputs of the state."""
+    b = block(m, d)
+    _loads(m, b)
+    _rates(m, d, b, d[TIME])
+    n, i, o = m[STATES], m[INPUTS], m[OUTPUTS]
+    if o:
+        _call(m[GET_OUTPUTS], m[INSTANCE], m[OUTPUT_NAMES], o, m[BASE] + 8 * (2 + 7 * n + 2 * i), o)
+
+
+@functools.cache
+def functions() -> tuple[Any, Any]:
+    """A step, and what follows from a state, as functions with addresses."""
+    kind = types.void(types.CPointer(types.int64), types.CPointer(types.float64))
+
+    @cfunc(kind)
+    def step(m, d):
+        advance(carray(m, carray(m, 1)[WHOLE]), carray(d, carray(m, 2)[BLOCK]))
+
+    @cfunc(kind)
+    def forward(m, d):
+        follow(carray(m, carray(m, 1)[WHOLE]), carray(d, carray(m, 2)[BLOCK]))
+
+    return step, forward

@@ -1,0 +1,261 @@
+"""A simulator's model as what a predictor can ask: stepped as it is, with the rig's laws as applied forces.
+
+Positions and speeds of its joints are the states, and what else the model has. What a simulator has to give for that
+is its parts (:class:`Parts`): a function that takes a step, and views of states, forces and commands. Efforts are held
+over a step, at the positions in its middle. Gains and columns are those of the model about its mean position.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.engine.model_passes import (
+    OUTPUT,
+    QUANTITIES,
+    VELOCITY,
+    Compiled,
+    laws,
+    led,
+    observe,
+    onwards,
+    put,
+    show,
+    take,
+    told_by,
+)
+from dtbacklash.diagnose.engine.readings import Readings, first_read
+from dtbacklash.diagnose.engine.simulated import Simulated, late_by
+from dtbacklash.diagnose.engine.simulator import Linear, Pass
+from dtbacklash.errors import UserError
+from dtbacklash.physics.effects import slots
+from dtbacklash.physics.effects.declare import Effect, Values
+from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
+
+#: differences of states and of efforts for the linear part
+MOVED, PUSHED = 1e-5, 1e-3
+#: a joint is looked for in readings up to 2 to this power samples later
+HORIZON = 12
+#: the slots whose laws are simulated
+JOINTS = slots.BodyEffort, slots.Contact
+KNOWN = (*JOINTS, slots.BodyDamping, slots.Command, slots.Late, slots.Reading)
+
+#: what acts: of which joint or channel, the effect, its values
+Acting = list[tuple[int, Effect, Values]]
+
+
+class Parts(NamedTuple):
+    """What a simulator gives for a rig: ``owner`` is to be kept; else as in :class:`.model_passes.Compiled`."""
+
+    owner: Any
+    step: int
+    forward: int
+    back: int
+    m: int
+    d: int
+    q: Floats
+    v: Floats
+    more: Floats
+    acceleration: Floats
+    push: Floats
+    load: Floats
+    ctrl: Floats
+    friction: Floats
+    shown: Floats
+
+
+class Modelled(Simulated):
+    """A simulator's model on one stretch of a recording: a :class:`.simulator.Simulator`.
+
+    names : of its states beside positions and speeds. commands : element of each actuator, in the model's order.
+    """
+
+    names: tuple[str, ...] = ()
+    commands: tuple[str, ...]
+
+    def __init__(self, readings: Readings, rig: Rig, finely: bool = False) -> None:
+        super().__init__(readings)
+        self.finely, self._rig = finely, rig
+        self._joints = [e.name for e in rig.bodies()]
+        self._linears: dict[Any, Linear] = {}
+
+    def on(self, readings: Readings) -> "Modelled":
+        """The same on other readings."""
+        return type(self)(readings, self._rig, self.finely)
+
+    def steps(self, bare: bool, laws: bool, contacts: bool) -> int:
+        """Steps of a sample as recorded. bare : of the linear part. laws, contacts : whether such act on joints."""
+        raise NotImplementedError
+
+    def parts(self, rig: Rig, step_s: float, dampings: Floats, contacts: list[int], bare: bool) -> Parts:
+        """The model with a rig's parameters, in its first state.
+
+        dampings : (joints,) that are added. contacts : joints with dry friction beside the model's. bare : without the
+        model's own friction, contacts and limits.
+        """
+        raise NotImplementedError
+
+    def linear(self, rig: Rig) -> Linear:
+        """Its linear part, about the mean of the recorded positions, where no dry friction, contact or limit acts."""
+        rig = self._here(rig)
+        r = self.readings
+        kinds = slots.BodyDamping, slots.Reading, slots.Late
+        linear = [(p, e.name, *v.values()) for p in rig.effects for kind in kinds for e, v in rig.active(p, kind)]
+        key = (*(p.value for p in rig.config.parameters.values()), *linear)
+        if key in self._linears:
+            return self._linears[key]
+        _, c = self._model(rig, bare=True)
+        n, step = len(self._joints), r.sample_time_s
+        middle = self._start(rig, c, np.nan_to_num(np.nanmean(r.y, axis=0)))
+        size, u = len(middle), c.U.mean(axis=0)
+        middle[n : 2 * n] = 0.0
+
+        def go(z: Floats, force: Floats, far: bool) -> Floats:
+            out = np.zeros(size if far else len(r.channels))
+            led(c, z, force, u, far, out)
+            return out
+
+        def slopes(far: bool) -> tuple[Floats, Floats]:
+            none, out = np.zeros(n), []
+            for by, moves, pushes in ((MOVED, np.eye(size), np.zeros((size, n))),
+                                      (PUSHED, np.zeros((n, size)), np.eye(n))):  # fmt: skip
+                out.append(np.array([
+                    (go(middle + by * z, none + by * f, far) - go(middle - by * z, none - by * f, far)) / (2 * by)
+                    for z, f in zip(moves, pushes, strict=True)
+                ]).T)  # fmt: skip
+            return out[0], out[1]
+
+        (A, B), (C, D) = slopes(True), slopes(False)
+        states = (*(f"{b} q" for b in self._joints), *(f"{b} v" for b in self._joints), *self.names)
+        found = Linear(
+            np.array([A, A]), np.array([B, B]), np.array([C, C]), D, np.zeros((2, size)), np.zeros(len(r.channels)),
+            states, tuple(self._joints), step / np.diag(B[n : 2 * n]), n,
+        )  # fmt: skip
+        self._check_seen(A, C)
+        self._linears[key] = found
+        return found
+
+    def _check_seen(self, A: Floats, C: Floats) -> None:
+        """Refuse a joint whose speed never shows in any reading."""
+        n, shown = len(self._joints), np.zeros(len(A), dtype=bool)
+        for _ in range(HORIZON):
+            shown |= (C @ A).any(axis=0)
+            A = A @ A / max(float(np.abs(A).max()), 1.0)
+        for joint, seen in zip(self._joints, shown[n : 2 * n], strict=True):
+            if not seen:
+                read = ", ".join(self.readings.channels)
+                allowed = f"joint {joint} moves none of them: give it a sensor, or fix it (fixed: [{joint}])"
+                raise UserError("rig.sensors", read, allowed)
+
+    def observe(self, rig: Rig, K: Floats, W: Floats, opening: int) -> Pass:
+        """Predict and correct, sample by sample."""
+        rig, Y = self._in_time(self._here(rig))
+        owner, c = self._model(rig)
+        which = self.readings.which(opening, Y)
+        first = self._start(rig, c, np.array([first_read(y) for y in Y.T]))
+        D, X = np.zeros(Y.shape), np.zeros((len(Y), len(first)))
+        put(c, first)
+        observe(c, Y, K[1], which, D, X)
+        E = np.einsum("kij,kj->ki", W[1][which], D)
+        del owner
+        return Pass(np.where(np.isfinite(Y), E, 0.0 * E), D, X, first)
+
+    def onwards(self, rig: Rig, Z: Floats) -> Floats:
+        """(N, n) where one sample leads from each state; the last row is 0."""
+        owner, c = self._model(self._in_time(self._here(rig))[0])
+        X = np.zeros_like(Z)
+        onwards(c, np.ascontiguousarray(Z), X)
+        del owner
+        return X
+
+    def shown(self, rig: Rig, Z: Floats) -> Floats:
+        """(N, m) what the sensors show of states at once."""
+        owner, c = self._model(self._here(rig))
+        Y = np.zeros((len(Z), len(self.readings.channels)))
+        for z, y in zip(Z, Y, strict=True):
+            put(c, z)
+            show(c, y)
+        del owner
+        return Y
+
+    def _start(self, rig: Rig, c: Compiled, read: Floats) -> Floats:
+        """(n,) positions as they were read, others as in the model."""
+        start = np.zeros(2 * len(c.q) + len(c.more))
+        take(c, start)
+        for channel, value in zip(self.readings.channels, read, strict=True):
+            sensor = rig.sensors[channel]
+            if sensor.quantity == "position":
+                start[self._joints.index(sensor.of)] = value
+        return start
+
+    def _model(self, rig: Rig, bare: bool = False) -> tuple[Any, Compiled]:
+        """What has to be kept, with what the loops need of a rig; ``bare``: without laws that are not linear."""
+        r = self.readings
+        found: dict[type, Acting] = {kind: [] for kind in (*JOINTS, slots.Reading)}
+        dampings = np.zeros(len(self._joints))
+        for name in rig.effects:
+            element = rig.elements.get(name)
+            for effect, values in rig.active(name, slots.Slot):
+                slot = effect.slot
+                if not isinstance(slot, KNOWN):
+                    raise UserError(f"rig.effects.{name}.{effect.name}", dict(values), "cannot be simulated in a model")
+                if element is None:
+                    channel = name.removeprefix(SENSOR_PREFIX)
+                    if isinstance(slot, slots.Reading) and channel in r.channels:
+                        found[slots.Reading].append((r.channels.index(channel), effect, values))
+                    continue
+                joint = self._joints.index(element.neighbours.get("drives", name))
+                if isinstance(slot, slots.BodyDamping):
+                    dampings[joint] += values[slot.coefficient]
+                for kind in () if bare else JOINTS:
+                    if isinstance(slot, kind):
+                        found[kind].append((joint, effect, values))
+        contacts = [joint for joint, _, _ in found[slots.Contact]]
+        held = self.steps(bare, bool(found[slots.BodyEffort]), bool(contacts))
+        step_s = r.sample_time_s / r.every / held
+        parts = self.parts(rig, step_s, dampings, contacts, bare)
+        sensors = np.array([self._sensor(rig, c) for c in r.channels])
+        needs = bool(((sensors[:, 0] > VELOCITY) | ((sensors[:, 0] == VELOCITY) & (sensors[:, 2] > 0.0))).any())
+        if not needs:
+            parts = parts._replace(forward=0)
+        return parts.owner, Compiled(
+            *parts[1:], parts.friction.copy(), self._commands(rig, held),
+            r.every // 2 * held, r.every * held, step_s, laws(found[slots.BodyEffort]),
+            laws(found[slots.Contact]), laws(found[slots.Reading]), sensors,
+        )  # fmt: skip
+
+    def _sensor(self, rig: Rig, channel: str) -> tuple[float, float, float]:
+        """Its row of :class:`Compiled`."""
+        sensor = rig.sensors[channel]
+        quantity = QUANTITIES[sensor.quantity]
+        late = late_by(rig, channel, self.readings.sample_time_s)[1]
+        if quantity == OUTPUT:
+            return quantity, list(self.outputs(rig)).index(sensor.of), late
+        joint = rig.elements[sensor.of].neighbours.get("drives", sensor.of)
+        return quantity, self._joints.index(joint), late
+
+    @staticmethod
+    def outputs(rig: Rig) -> dict[str, None]:
+        """Variables of the model that sensors show."""
+        return {s.of: None for s in rig.sensors.values() if s.quantity == "value"}
+
+    def _commands(self, rig: Rig, held: int) -> Floats:
+        """(fine steps, commands) what the actuators are told, averaged as the readings are."""
+        r = self.readings
+        recorded = r.inputs if r.inputs is not None else r.recorded[:, None]
+        drives = [e for e in rig.elements.values() if e.trait.trait == slots.JOINT_DRIVE]
+        columns = [np.zeros(0)] * len(drives)
+        for element, column in zip(drives, recorded.T, strict=True):
+            u = np.ascontiguousarray(column)
+            for effect, values in rig.active(element.name, slots.Command):
+                told = np.zeros(len(u))
+                told_by(laws([(0, effect, values)]), u, told)
+                u = told
+            if r.every > 1:
+                u = np.convolve(np.pad(u, r.every // 2, "edge"), np.full(r.every, 1.0 / r.every), "valid")
+            fine = np.repeat(u, held)
+            if late := rig.amount(element.name, slots.Late, "time") / (r.sample_time_s / r.every) * held:
+                at = np.arange(len(fine))
+                fine = np.interp(at - late, at, fine)
+            columns[self.commands.index(element.name)] = fine
+        return np.ascontiguousarray(np.column_stack(columns))

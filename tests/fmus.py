@@ -1,0 +1,179 @@
+"""Model Exchange FMUs of small machines for tests, 2.0 and 3.0: equations in C, compiled by the system."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import zipfile
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+
+#: all variables are numbers in one array ``m->v``; its place is the value reference
+SOURCE = """
+#include <stdlib.h>
+#include <string.h>
+#include <math.h>
+#include "fmi{version}Functions.h"
+typedef struct {{ double v[{count}]; double t; }} M;
+{defines}
+static const double start[{count}] = {{ {start} }};
+static void equations(M *m) {{
+  double t = m->t; (void)t;
+{equations}
+}}
+static void *begin(void) {{ M *m = malloc(sizeof(M)); memcpy(m->v, start, sizeof start); m->t = 0.0; return m; }}
+#define X(k) (((M *)c)->v[k])
+"""
+TWO = """
+#define OK { return fmi2OK; }
+#define S fmi2Status
+#define C fmi2Component c
+typedef const fmi2ValueReference *R; typedef size_t N;
+C0 fmi2Instantiate(fmi2String a, fmi2Type b, fmi2String g, fmi2String r, const fmi2CallbackFunctions *f, fmi2Boolean v,
+  fmi2Boolean l) { return begin(); }
+void fmi2FreeInstance(C) { free(c); }
+S fmi2SetupExperiment(C, fmi2Boolean a, double b, double d, fmi2Boolean e, double f) OK
+S fmi2EnterInitializationMode(C) OK
+S fmi2ExitInitializationMode(C) OK
+S fmi2Terminate(C) OK
+S fmi2Reset(C) { memcpy(((M *)c)->v, start, sizeof start); ((M *)c)->t = 0.0; return fmi2OK; }
+S fmi2GetReal(C, R r, N n, double *y) { equations(c); for (N i = 0; i < n; i++) y[i] = X(r[i]); return fmi2OK; }
+S fmi2SetReal(C, R r, N n, const double *y) { for (N i = 0; i < n; i++) { if (!isfinite(y[i])) return fmi2Error;
+  X(r[i]) = y[i]; } return fmi2OK; }
+S fmi2EnterEventMode(C) OK
+S fmi2NewDiscreteStates(C, fmi2EventInfo *e) { memset(e, 0, sizeof *e); return fmi2OK; }
+S fmi2EnterContinuousTimeMode(C) OK
+S fmi2CompletedIntegratorStep(C, fmi2Boolean a, fmi2Boolean *b, fmi2Boolean *d) { *b = *d = 0; return fmi2OK; }
+S fmi2SetTime(C, double t) { ((M *)c)->t = t; return fmi2OK; }
+S fmi2SetContinuousStates(C, const double *x, N n) { for (N i = 0; i < n; i++) X(STATE[i]) = x[i]; return fmi2OK; }
+S fmi2GetDerivatives(C, double *d, N n) { equations(c); for (N i = 0; i < n; i++) d[i] = X(RATE[i]); return fmi2OK; }
+S fmi2GetNominalsOfContinuousStates(C, double *x, N n) { for (N i = 0; i < n; i++) x[i] = 1.0; return fmi2OK; }
+S fmi2GetContinuousStates(C, double *x, N n) { for (N i = 0; i < n; i++) x[i] = X(STATE[i]); return fmi2OK; }
+""".replace("C0", "fmi2Component")
+THREE = """
+#define OK { return fmi3OK; }
+#define S fmi3Status
+#define C fmi3Instance c
+typedef const fmi3ValueReference *R; typedef size_t N; typedef bool B;
+fmi3Instance fmi3InstantiateModelExchange(fmi3String a, fmi3String g, fmi3String r, B v, B l,
+  fmi3InstanceEnvironment e, fmi3LogMessageCallback f) { return begin(); }
+void fmi3FreeInstance(C) { free(c); }
+S fmi3EnterInitializationMode(C, B a, double b, double d, B e, double f) OK
+S fmi3ExitInitializationMode(C) OK
+S fmi3EnterEventMode(C) OK
+S fmi3Terminate(C) OK
+S fmi3Reset(C) { memcpy(((M *)c)->v, start, sizeof start); ((M *)c)->t = 0.0; return fmi3OK; }
+S fmi3GetFloat64(C, R r, N n, double *y, N k) { equations(c); for (N i = 0; i < n; i++) y[i] = X(r[i]); return fmi3OK; }
+S fmi3SetFloat64(C, R r, N n, const double *y, N k) { for (N i = 0; i < n; i++) { if (!isfinite(y[i])) return fmi3Error;
+  X(r[i]) = y[i]; } return fmi3OK; }
+S fmi3UpdateDiscreteStates(C, B *a, B *b, B *d, B *e, B *f, double *g) { *a = *b = *d = *e = *f = 0; return fmi3OK; }
+S fmi3EnterContinuousTimeMode(C) OK
+S fmi3CompletedIntegratorStep(C, B a, B *b, B *d) { *b = *d = false; return fmi3OK; }
+S fmi3SetTime(C, double t) { ((M *)c)->t = t; return fmi3OK; }
+S fmi3SetContinuousStates(C, const double *x, N n) { for (N i = 0; i < n; i++) X(STATE[i]) = x[i]; return fmi3OK; }
+S fmi3GetContinuousStateDerivatives(C, double *d, N n) { equations(c); for (N i = 0; i < n; i++) d[i] = X(RATE[i]);
+  return fmi3OK; }
+S fmi3GetNominalsOfContinuousStates(C, double *x, N n) { for (N i = 0; i < n; i++) x[i] = 1.0; return fmi3OK; }
+S fmi3GetContinuousStates(C, double *x, N n) { for (N i = 0; i < n; i++) x[i] = X(STATE[i]); return fmi3OK; }
+"""
+Unit = str
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A machine as C: ``equations`` set ``D_STATE`` of each state, and outputs; a dot in a name is ``_`` in them."""
+
+    states: dict[str, tuple[float, Unit]]
+    parameters: dict[str, float]
+    inputs: dict[str, Unit]
+    equations: str
+    outputs: dict[str, Unit] = field(default_factory=dict)
+
+    def build(self, path: Path, version: int = 2, **changes: str) -> Path:
+        """Write it as an FMU. changes : texts of its description -> others, without their signs."""
+        import fmpy
+
+        names = [*self.states, *(f"D_{s}" for s in self.states), *self.parameters, *self.inputs, *self.outputs]
+        n, first = len(self.states), dict.fromkeys(names, 0.0)
+        first |= {s: x for s, (x, _) in self.states.items()} | self.parameters
+        source = SOURCE.format(
+            version=version, count=len(names), start=", ".join(map(repr, first.values())), equations=self.equations,
+            defines="\n".join([
+                *(f"#define {name.replace('.', '_')} (m->v[{k}])" for k, name in enumerate(names)),
+                f"static const int STATE[] = {{ {', '.join(map(str, range(n)))} }};",
+                f"static const int RATE[] = {{ {', '.join(map(str, range(n, 2 * n)))} }};",
+            ]),
+        )  # fmt: skip
+        work = path.with_suffix("")
+        folder = work / "binaries" / ("linux64" if version == 2 else "x86_64-linux")
+        folder.mkdir(parents=True)
+        undefined = "".join(f"#undef {name.replace('.', '_')}\n" for name in names)
+        (work / "model.c").write_text(source + undefined + (TWO if version == 2 else THREE))
+        headers = Path(fmpy.__file__).parent / "c-code"
+        known = set(re.findall(r"Export\s+\w+TYPE\s+(fmi\d\w+);", (headers / f"fmi{version}Functions.h").read_text()))
+        rest = known - set(re.findall(r"fmi\d\w+", TWO if version == 2 else THREE))
+        (work / "rest.c").write_text("".join(f"int {name}(void) {{ return 3; }}\n" for name in sorted(rest)))
+        if not shutil.which("gcc"):
+            pytest.skip("no C compiler (gcc) to build a test FMU with")
+        words = ["gcc", "-shared", "-fPIC", "-O2", "-w", f"-I{headers}", *map(str, work.glob("*.c")), "-lm"]
+        subprocess.run([*words, "-o", str(folder / "machine.so")], check=True)
+        text = self._description(version, first)
+        for old, new in changes.items():
+            assert old in text
+            text = text.replace(old, new)
+        with zipfile.ZipFile(path, "w") as out:
+            out.writestr("modelDescription.xml", text)
+            out.write(folder / "machine.so", str((folder / "machine.so").relative_to(work)))
+        shutil.rmtree(work)
+        return path
+
+    def _description(self, version: int, first: dict[str, float]) -> str:
+        units = {s: u for s, (_, u) in self.states.items()} | self.inputs | self.outputs
+        lines, n = [], len(self.states)
+        for k, (name, value) in enumerate(first.items()):
+            kind = ('causality="parameter" variability="tunable"' if name in self.parameters else
+                    'causality="input"' if name in self.inputs else
+                    'causality="output"' if name in self.outputs else
+                    'causality="local"')  # fmt: skip
+            start = name in self.parameters or name in self.inputs or name in self.states
+            number = f' start="{value!r}"' * start + f' unit="{units.get(name)}"' * bool(units.get(name))
+            exact = ' initial="exact"' * (name in self.states)
+            shown = f"der({name[2:]})" if n <= k < 2 * n else name
+            rate = n <= k < 2 * n
+            if version == 2:
+                number += f' derivative="{k - n + 1}"' * rate
+                lines.append(f'<ScalarVariable name="{shown}" valueReference="{k}" {kind}{exact}><Real{number}/>'
+                             "</ScalarVariable>")  # fmt: skip
+            else:
+                number += f' derivative="{k - n}"' * rate
+                lines.append(f'<Float64 name="{shown}" valueReference="{k}" {kind}{exact}{number}/>')
+        names = sorted({u for u in units.values() if u})
+        if version == 2:
+            told = "".join(f'<Unknown index="{n + k + 1}"/>' for k in range(n))
+            structure = f"<Derivatives>{told}</Derivatives>"
+            head = '<fmiModelDescription fmiVersion="2.0" modelName="machine" guid="{1}" numberOfEventIndicators="0">'
+        else:
+            structure = "".join(f'<ContinuousStateDerivative valueReference="{n + k}"/>' for k in range(n))
+            lines.append(f'<Float64 name="time" valueReference="{len(first)}" causality="independent"/>')
+            head = '<fmiModelDescription fmiVersion="3.0" modelName="machine" instantiationToken="{1}">'
+        defined = "".join(f'<Unit name="{u}"/>' for u in names)
+        variables = "\n".join(lines)
+        return (
+            f'<?xml version="1.0"?>\n{head}<ModelExchange modelIdentifier="machine"/>'
+            f"<UnitDefinitions>{defined}</UnitDefinitions><ModelVariables>\n{variables}\n</ModelVariables>"
+            f"<ModelStructure>{structure}</ModelStructure></fmiModelDescription>"
+        )
+
+
+#: ``two_mass_stage`` of the package
+STAGE = Machine(
+    {"x_c": (0.0, "m"), "x_t": (0.0, "m"), "v_c": (0.0, "m/s"), "v_t": (0.0, "m/s")},
+    {"K_f": 12.0, "m_c": 4.0, "m_t": 2.5, "k": 2.5e4, "c": 15.0},
+    {"u": "V", "F_c": "N", "F_t": "N"},
+    """  double s = k * (x_t - x_c) + c * (v_t - v_c);
+  D_x_c = v_c; D_x_t = v_t; D_v_c = (K_f * u + F_c + s) / m_c; D_v_t = (F_t - s) / m_t; pull = s;""",
+    {"pull": "N"},
+)
