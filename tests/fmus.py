@@ -24,6 +24,8 @@ static void equations(M *m) {{
   double t = m->t; (void)t;
 {equations}
 }}
+static void signs(M *m, double *z) {{ {signs} }}
+static int event(M *m) {{ double t = m->t; int moved = 0; (void)t; {event} return moved; }}
 static void *begin(void) {{ M *m = malloc(sizeof(M)); memcpy(m->v, start, sizeof start); m->t = 0.0; return m; }}
 #define X(k) (((M *)c)->v[k])
 """
@@ -44,7 +46,9 @@ S fmi2GetReal(C, R r, N n, double *y) { equations(c); for (N i = 0; i < n; i++) 
 S fmi2SetReal(C, R r, N n, const double *y) { for (N i = 0; i < n; i++) { if (!isfinite(y[i])) return fmi2Error;
   X(r[i]) = y[i]; } return fmi2OK; }
 S fmi2EnterEventMode(C) OK
-S fmi2NewDiscreteStates(C, fmi2EventInfo *e) { memset(e, 0, sizeof *e); return fmi2OK; }
+S fmi2NewDiscreteStates(C, fmi2EventInfo *e) { memset(e, 0, sizeof *e);
+  e->valuesOfContinuousStatesChanged = event(c); return fmi2OK; }
+S fmi2GetEventIndicators(C, double *z, N n) { signs(c, z); return fmi2OK; }
 S fmi2EnterContinuousTimeMode(C) OK
 S fmi2CompletedIntegratorStep(C, fmi2Boolean a, fmi2Boolean *b, fmi2Boolean *d) { *b = *d = 0; return fmi2OK; }
 S fmi2SetTime(C, double t) { ((M *)c)->t = t; return fmi2OK; }
@@ -69,7 +73,9 @@ S fmi3Reset(C) { memcpy(((M *)c)->v, start, sizeof start); ((M *)c)->t = 0.0; re
 S fmi3GetFloat64(C, R r, N n, double *y, N k) { equations(c); for (N i = 0; i < n; i++) y[i] = X(r[i]); return fmi3OK; }
 S fmi3SetFloat64(C, R r, N n, const double *y, N k) { for (N i = 0; i < n; i++) { if (!isfinite(y[i])) return fmi3Error;
   X(r[i]) = y[i]; } return fmi3OK; }
-S fmi3UpdateDiscreteStates(C, B *a, B *b, B *d, B *e, B *f, double *g) { *a = *b = *d = *e = *f = 0; return fmi3OK; }
+S fmi3UpdateDiscreteStates(C, B *a, B *b, B *d, B *e, B *f, double *g) { *a = *b = *d = *f = 0; *e = event(c);
+  return fmi3OK; }
+S fmi3GetEventIndicators(C, double *z, N n) { signs(c, z); return fmi3OK; }
 S fmi3EnterContinuousTimeMode(C) OK
 S fmi3CompletedIntegratorStep(C, B a, B *b, B *d) { *b = *d = false; return fmi3OK; }
 S fmi3SetTime(C, double t) { ((M *)c)->t = t; return fmi3OK; }
@@ -91,16 +97,28 @@ class Machine:
     inputs: dict[str, Unit]
     equations: str
     outputs: dict[str, Unit] = field(default_factory=dict)
+    #: numbers that change at events alone; event indicators; what an event does, ``moved = 1`` where it moves states
+    discrete: dict[str, float] = field(default_factory=dict)
+    signs: tuple[str, ...] = ()
+    event: str = ""
 
     def build(self, path: Path, version: int = 2, **changes: str) -> Path:
         """Write it as an FMU. changes : texts of its description -> others, without their signs."""
         import fmpy
 
-        names = [*self.states, *(f"D_{s}" for s in self.states), *self.parameters, *self.inputs, *self.outputs]
+        names = [
+            *self.states,
+            *(f"D_{s}" for s in self.states),
+            *self.parameters,
+            *self.inputs,
+            *self.outputs,
+            *self.discrete,
+        ]
         n, first = len(self.states), dict.fromkeys(names, 0.0)
-        first |= {s: x for s, (x, _) in self.states.items()} | self.parameters
+        first |= {s: x for s, (x, _) in self.states.items()} | self.parameters | self.discrete
         source = SOURCE.format(
             version=version, count=len(names), start=", ".join(map(repr, first.values())), equations=self.equations,
+            signs=" ".join(f"z[{k}] = {sign};" for k, sign in enumerate(self.signs)), event=self.event,
             defines="\n".join([
                 *(f"#define {name.replace('.', '_')} (m->v[{k}])" for k, name in enumerate(names)),
                 f"static const int STATE[] = {{ {', '.join(map(str, range(n)))} }};",
@@ -137,6 +155,7 @@ class Machine:
             kind = ('causality="parameter" variability="tunable"' if name in self.parameters else
                     'causality="input"' if name in self.inputs else
                     'causality="output"' if name in self.outputs else
+                    'causality="local" variability="discrete"' if name in self.discrete else
                     'causality="local"')  # fmt: skip
             start = name in self.parameters or name in self.inputs or name in self.states
             number = f' start="{value!r}"' * start + f' unit="{units.get(name)}"' * bool(units.get(name))
@@ -154,9 +173,11 @@ class Machine:
         if version == 2:
             told = "".join(f'<Unknown index="{n + k + 1}"/>' for k in range(n))
             structure = f"<Derivatives>{told}</Derivatives>"
-            head = '<fmiModelDescription fmiVersion="2.0" modelName="machine" guid="{1}" numberOfEventIndicators="0">'
+            head = '<fmiModelDescription fmiVersion="2.0" modelName="machine" guid="{1}" '
+            head += f'numberOfEventIndicators="{len(self.signs)}">'
         else:
             structure = "".join(f'<ContinuousStateDerivative valueReference="{n + k}"/>' for k in range(n))
+            structure += "".join(f'<EventIndicator valueReference="{k}"/>' for k in range(len(self.signs)))
             lines.append(f'<Float64 name="time" valueReference="{len(first)}" causality="independent"/>')
             head = '<fmiModelDescription fmiVersion="3.0" modelName="machine" instantiationToken="{1}">'
         defined = "".join(f'<Unit name="{u}"/>' for u in names)
@@ -177,3 +198,23 @@ STAGE = Machine(
   D_x_c = v_c; D_x_t = v_t; D_v_c = (K_f * u + F_c + s) / m_c; D_v_t = (F_t - s) / m_t; pull = s;""",
     {"pull": "N"},
 )
+#: of a machine of a turning and a sliding joint
+COLUMNS = {
+    "commands": {"torque": "spin", "push": "rail"},
+    "sensors": {
+        "angle": {"of": "axle", "quantity": "position", "absolute": True},
+        "way": {"of": "rail", "quantity": "position", "absolute": True},
+        "shaken": {"of": "rail", "quantity": "acceleration"},
+    },
+}
+#: and it as equations
+EQUATIONS = Machine(
+    {"rail.s": (0.0, "m"), "rail.v": (0.0, "m/s"), "axle.w": (0.0, "rad/s"), "axle.phi": (0.0, "rad")},
+    {"axle.d": 0.2, "cart.m": 3.0, "J": 0.3},
+    {"spin": "N.m", "rail": "N", "tau": "N.m", "push": "N"},
+    """  D_axle_phi = axle_w; D_axle_w = (2.0 * spin + tau - axle_d * axle_w) / J;
+  D_rail_s = rail_v; D_rail_v = (rail + push - 1.5 * rail_v) / cart_m; power = rail * rail_v;""",
+    {"power": "W"},
+)
+JOINTS = {"axle": {"position": "axle.phi", "force": "tau"}, "rail": {"position": "rail.s", "force": "push"}}
+EXCHANGED = {**COLUMNS, "joints": JOINTS, "tolerances": {"parameters.axle.d": "20 %", "cart.m": 0.05}}

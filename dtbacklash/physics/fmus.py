@@ -36,6 +36,7 @@ FIELDS, PREFIX = ("position", "speed", "force", "slides"), "parameters."
 USUAL, LISTED = "10 %", 40
 #: states and inputs are moved by so much to see what is whose derivative (relative)
 MOVED, ALIKE = 1e-3, 1e-6
+LOADING = threading.Lock()
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +64,22 @@ class Model:
         """Its real parameters that may be set."""
         known = {**self.of("parameter"), **{n: v for n, v in self.variables.items() if v.variability == "tunable"}}
         return {n: v for n, v in known.items() if v.start is not None and v.causality != "calculatedParameter"}
+
+    @property
+    def signs(self) -> int:
+        """Event indicators."""
+        return int(self.description.numberOfEventIndicators or 0)
+
+    @property
+    def switches(self) -> bool:
+        """Whether something in it may switch, or it has to be told of each step."""
+        told = bool(self.description.modelExchange.needsCompletedIntegratorStep)
+        return self.signs > 0 or told or self.instance().next_s < math.inf
+
+    @property
+    def threes(self) -> bool:
+        """Whether it is of FMI 3.0."""
+        return str(self.description.fmiVersion).startswith("3")
 
     def instance(self) -> Instance:
         """An instance of this thread: a library may keep nothing apart that two threads change."""
@@ -113,15 +130,16 @@ def _read(path: str, stamp: int) -> Model:
 
 
 class Instance:
-    """An FMU that runs. fmu : FMPy's. said : what its library said last."""
+    """An FMU that runs. fmu : FMPy's. said : what its library said last. next_s : when its clock strikes first."""
 
     def __init__(self, model: Model) -> None:
         from fmpy.simulation import instantiate_fmu
 
-        self.model, self.said, self._begun = model, "", False
-        self.threes = model.description.fmiVersion.startswith("3")
+        self.model, self.said, self.next_s, self._begun = model, "", math.inf, False
+        self.threes = model.threes
         try:
-            self.fmu = instantiate_fmu(model.folder.name, model.description, "ModelExchange", logger=self._log)
+            with LOADING:  # FMPy goes to the library's folder and back
+                self.fmu = instantiate_fmu(model.folder.name, model.description, "ModelExchange", logger=self._log)
         except Exception as error:
             raise UserError("rig.model", model.path, f"does not load: {' '.join(str(error).split())}") from error
 
@@ -150,9 +168,10 @@ class Instance:
                 fmu.setupExperiment()
                 fmu.enterInitializationMode()
             fmu.exitInitializationMode()
-            again = True
-            while again:
-                again = fmu.updateDiscreteStates()[0] if self.threes else fmu.newDiscreteStates()[0]
+            said: Any = (True,)
+            while said[0]:
+                said = fmu.updateDiscreteStates() if self.threes else fmu.newDiscreteStates()
+            self.next_s = float(said[-1]) if said[-2] else math.inf
             fmu.enterContinuousTimeMode()
             x = (self._doubles * len(self.model.states))()
             fmu.getContinuousStates(x, len(x))

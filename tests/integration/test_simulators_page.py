@@ -1,5 +1,7 @@
 """docs/simulators.md from end to end: its model and its log, the cause by name, and the mended model."""
 
+import json
+import math
 import re
 import runpy
 from pathlib import Path
@@ -7,21 +9,21 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
+from fmus import STAGE
 
+import dtbacklash as dtb
 from dtbacklash.cli import main
 
-mujoco = pytest.importorskip("mujoco")
 PAGE = Path(__file__).parents[2] / "docs" / "simulators.md"
 pytestmark = pytest.mark.check
 
 
-def block(language: str) -> str:
-    found = re.search(rf"```{language}\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
-    assert found
-    return found[1]
+def block(language: str, number: int = 0) -> str:
+    return re.findall(rf"```{language}\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)[number]
 
 
-def left(model: str, log: pd.DataFrame) -> np.ndarray:
+def left(mujoco, model: str, log: pd.DataFrame) -> np.ndarray:
     """How far a model is from the log after a tenth of a second from each fifth sample, rms of each joint."""
     m = mujoco.MjModel.from_xml_path(model)
     m.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
@@ -38,6 +40,7 @@ def left(model: str, log: pd.DataFrame) -> np.ndarray:
 
 
 def test_from_a_model_and_a_log_to_a_named_cause_and_a_mended_model(tmp_path, monkeypatch, capsys):
+    mujoco = pytest.importorskip("mujoco")
     monkeypatch.chdir(tmp_path)
     Path("arm.xml").write_text(block("xml"))
     Path("log.py").write_text(block("python"))
@@ -54,5 +57,50 @@ def test_from_a_model_and_a_log_to_a_named_cause_and_a_mended_model(tmp_path, mo
     assert mended.joint("shoulder").frictionloss[0] == 0.0
     assert mended.body("fore").mass[0] == pytest.approx(1.03 * 0.8, rel=0.01)
     log = pd.read_csv("log.csv")
-    before, after = left("arm.xml", log), left("diagnosis/found/arm.xml", log)
+    before, after = left(mujoco, "arm.xml", log), left(mujoco, "diagnosis/found/arm.xml", log)
     assert (after < 0.3 * before).all()
+
+
+def stage_log(level: float, load: float, table: float = 2.5, parts: int = 40) -> pd.DataFrame:
+    """The stage in closed loop on counts of 1 um, by small steps; dry friction of the carriage, a load on the table."""
+    rng, rows, xc, xt, vc, vt, last, h = np.random.default_rng(1), [], 0.0, 0.0, 0.0, 0.0, 0.0, 1e-3 / parts
+    for k in range(5000):
+        t = 1e-3 * k
+        c, b = (float(v) for v in np.round(1e6 * np.array([xc, xt]) + 0.2 * rng.standard_normal(2)) / 1e6)
+        reference = 0.05 * math.sin(4.4 * t) + 0.02 * math.sin(11.9 * t + 1.0) + 0.004 * math.sin(38.0 * t)
+        u, last = min(max(150.0 * (reference - c) - 6.0 * (c - last) / 1e-3, -30.0), 30.0), c
+        rows.append((t, u, c, b))
+        for _ in range(parts):
+            s = 2.5e4 * (xt - xc) + 15.0 * (vt - vc)
+            vc += h * (12.0 * u + s - level * math.tanh(vc / 1e-4)) / 4.0
+            vt += h * (load - s) / table
+            xc, xt = xc + h * vc, xt + h * vt
+    return pd.DataFrame(rows, columns=["t", "u", "x_c", "x_t"])
+
+
+@pytest.mark.parametrize(("version", "level", "load"), [(2, 6.0, 0.0), (3, 0.0, 4.0), (3, 0.0, 0.0)])
+def test_an_fmu_is_diagnosed_as_the_rig_that_it_was_made_from(tmp_path, monkeypatch, capsys, version, level, load):
+    pytest.importorskip("fmpy")
+    monkeypatch.chdir(tmp_path)
+    STAGE.build(Path("stage.fmu"), version)
+    stage_log(level, load).to_csv("log.csv", index=False)
+    assert main(["rig", "new", "fmu", "stage.fmu"]) == 0
+    assert "x_c: {position: x_c, speed: v_c, force: F_c}" in Path("stage.yaml").read_text()
+    Path("stage.yaml").write_text(block("yaml", 1))
+    assert main(["rig", "check", "stage.yaml"]) == 0
+    assert "carriage: coulomb_friction" in capsys.readouterr().out
+    assert main(["diagnose", "recording=log.csv", "rig=stage.yaml", "out=diagnosis", "jobs=1"]) == 0
+    assert "fmpy simulate" in capsys.readouterr().out
+    found = json.loads(Path("diagnosis/diagnosis.json").read_text())["findings"]
+    known = dtb.diagnose("log.csv", "two_mass_stage", jobs=1).diagnosis.findings
+    assert [(f["location"], f["effect"], f["confidence"]) for f in found] == [
+        (f.location, f.effect, f.confidence) for f in known
+    ]
+    assert len(found) == bool(level or load)
+    for theirs, ours in zip(found, known, strict=True):
+        low, high = ours.parameters["force"].ci95
+        assert low < theirs["parameters"]["force"]["value"] < high
+        assert theirs["parameters"]["force"]["value"] == pytest.approx(level + load, rel=0.03)
+        assert "def inputs(" in Path("diagnosis/found/laws.py").read_text()
+    assert set(yaml.safe_load(Path("diagnosis/found/parameters.yaml").read_text())) == {"K_f", "m_c", "m_t", "k", "c"}
+    assert dtb.load_rig("diagnosis/rig.yaml").config.joints["table"]["force"] == "F_t"  # it can be diagnosed with again

@@ -8,8 +8,9 @@ import math
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.engine.fmu_passes import STEP, block, functions, length_of
-from dtbacklash.diagnose.engine.modelled import Modelled, Parts
+from dtbacklash.diagnose.engine.fmu_passes import NEXT, STEP, block, functions, length_of
+from dtbacklash.diagnose.engine.model_passes import Compiled
+from dtbacklash.diagnose.engine.modelled import MOVED, Modelled, Parts
 from dtbacklash.diagnose.engine.readings import Readings
 from dtbacklash.errors import UserError
 from dtbacklash.physics.fmus import effects_of_inputs, first_inputs, model_of, rates_by_states
@@ -18,6 +19,8 @@ from dtbacklash.physics.rig import Rig
 
 #: a step of the Runge-Kutta method, of the fastest motion (rad); steps of a sample where laws act; finer ones
 FASTEST, ACTING, FINE = 0.3, 2, 2
+#: turns in which positions that nobody reads find their rest, which a spring needs one of
+TURNS = 3
 #: steps of a sample at most
 MOST = 2000
 
@@ -51,6 +54,25 @@ class Exchanged(Modelled):
     def _values(rig: Rig) -> dict[str, float]:
         return {title: float(p.value) for title, p in rig.config.parameters.items()}
 
+    def _start(self, rig: Rig, c: Compiled, read: Floats) -> Floats:
+        """Positions that no sensor reads begin where nothing would move them, without a command."""
+        start = super()._start(rig, c, read)
+        known = [rig.sensors[channel] for channel in self.readings.channels]
+        known_of = [s.of for s in known if s.quantity == "position"]
+        free = [k for k, joint in enumerate(self._joints) if joint not in known_of]
+        instance, inputs, n = self._fmu.instance(), first_inputs(self._fmu), len(self._joints)
+
+        def pulled(z: Floats) -> Floats:
+            theirs = np.zeros(len(z))
+            theirs[self._order] = z
+            return instance.rates(theirs, inputs)[self._order][n:][free]
+
+        for _ in range(TURNS if free else 0):
+            moves = MOVED * np.eye(len(start))[free]
+            slopes = np.array([(pulled(start + z) - pulled(start - z)) / (2.0 * MOVED) for z in moves]).T
+            start[free] -= np.linalg.lstsq(slopes, pulled(start), rcond=1e-9)[0]
+        return start
+
     def steps(self, bare: bool, laws: bool, contacts: bool) -> int:
         """As many as its fastest motion takes, and as laws do."""
         held = max(self._own, ACTING) if laws or contacts else self._own
@@ -69,20 +91,24 @@ class Exchanged(Modelled):
         x = instance.begin(values)
         outputs = [fmu.variables[name].valueReference for name in self.outputs(rig)]
         names = [np.array(refs, dtype=np.uint32) for refs in ([v.valueReference for v in fmu.inputs.values()], outputs)]
-        sizes = len(x), j, u, len(names[0]), len(outputs)
+        sizes = len(x), j, u, len(names[0]), len(outputs), fmu.signs
         d = np.zeros(length_of(*sizes))
         rates, put, get = (
             ("GetContinuousStateDerivatives", "SetFloat64", "GetFloat64")
             if instance.threes
             else ("GetDerivatives", "SetReal", "GetReal")
         )
-        called = ("SetTime", "SetContinuousStates", rates, put, get, "CompletedIntegratorStep")
+        called = (
+            "SetTime", "SetContinuousStates", rates, put, get, "CompletedIntegratorStep", "GetEventIndicators",
+            "EnterEventMode", "UpdateDiscreteStates" if instance.threes else "NewDiscreteStates",
+            "EnterContinuousTimeMode", "GetContinuousStates",
+        )  # fmt: skip
         tables = [*self._order, *self._told, *self._forces]
         m = np.array([
             0, len(d), d.ctypes.data, int(instance.fmu.component), *(instance.address(name) for name in called),
-            *sizes, *(n.ctypes.data for n in names), *tables,
+            *sizes, fmu.switches and not bare, *(n.ctypes.data for n in names), *tables,
         ], dtype=np.int64)  # fmt: skip
-        m[0], d[STEP] = len(m), step_s
+        m[0], d[STEP], d[NEXT] = len(m), step_s, instance.next_s
         b = block.py_func(m, d)
         b.x[:], b.still[:] = x[self._order], list(first_inputs(fmu).values())
         b.damping[:], b.share[:] = dampings, share.ravel()

@@ -4,8 +4,8 @@ The Runge-Kutta method of fourth order goes over the continuous states. Dry fric
 after each step: one evaluation a joint says how its force changes the accelerations, and the force that stops all
 joints at once is cut to the levels (projected Gauss-Seidel; Moreau's time-stepping: Acary and Brogliato, Numerical
 Methods for Nonsmooth Dynamical Systems (2008), chapter 10). The force of a step goes on in the next one, so that
-sliding is as accurate as the method. A step is a function of two addresses, as MuJoCo's is: of whole numbers and of a
-block of floats.
+sliding is as accurate as the method. What switches in the FMU does so at the end of a step. A step is a function of two
+addresses, as MuJoCo's is: of whole numbers and of a block of floats.
 """
 
 import functools
@@ -20,16 +20,23 @@ from dtbacklash.arrays import Floats
 from dtbacklash.compiled import kept
 
 #: places of whole numbers: lengths of both blocks, the address of the second, and of the instance and its functions
-(WHOLE, BLOCK, BASE, INSTANCE, SET_TIME, SET_STATES, GET_RATES, SET_INPUTS, GET_OUTPUTS, COMPLETED) = range(10)
-#: counts of states, joints, commands, inputs, outputs; addresses of the references of inputs and outputs
-(STATES, JOINTS, COMMANDS, INPUTS, OUTPUTS, INPUT_NAMES, OUTPUT_NAMES) = range(10, 17)
+(WHOLE, BLOCK, BASE, INSTANCE, SET_TIME, SET_STATES, GET_RATES, SET_INPUTS, GET_OUTPUTS) = range(9)
+#: functions of events
+(COMPLETED, GET_SIGNS, BEGIN_EVENT, DECIDE, END_EVENT, GET_STATES) = range(9, 15)
+#: counts of states, joints, commands, inputs, outputs, event indicators; whether events are followed; addresses of the
+#: references of inputs and outputs
+(STATES, JOINTS, COMMANDS, INPUTS, OUTPUTS, SIGNS, EVENTS, INPUT_NAMES, OUTPUT_NAMES) = range(15, 24)
 #: what follows: the FMU's place of each state, the input of each command, that of each joint's force (-1: none)
-TABLES = 17
+TABLES = 24
+#: turns in which discrete states find each other, at most
+DECISIONS = 100
 #: an FMI status above a warning
 BAD = 1
 #: turns in which the forces of several joints find each other
 SWEEPS = 20
-TIME, STEP = 0, 1
+#: the first floats: time, step, when the FMU's clock strikes next, and room for what its functions say: whole numbers
+#: at multiples of 4 bytes (new states needed, end, other nominals, other states, a next time), and the next time
+TIME, STEP, NEXT, SAID, FIRST = 0, 1, 2, 3, 8
 #: Runge-Kutta: how far into the step, and how much each slope counts
 STAGES, WEIGHTS = (0.0, 0.5, 0.5, 1.0), (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
 
@@ -40,7 +47,8 @@ class Block(NamedTuple):
     theirs, theirs_rate : (states,) in the FMU's order. begun, total, rest : (states,) of a step. inputs, still :
     (inputs,) as set, and where nothing acts. outputs. ctrl (commands,). push, friction, held, damping, load, mark :
     (joints,) forces, levels, shares of them that hold, coefficients, efforts of the commands, shares before. share :
-    (joints * commands,) efforts by commands. pair : (joints * joints,) accelerations by forces.
+    (joints * commands,) efforts by commands. pair : (joints * joints,) accelerations by forces. signs, before :
+    (indicators,) now, and when events were last looked for.
     """
 
     x: Floats
@@ -62,18 +70,20 @@ class Block(NamedTuple):
     mark: Floats
     share: Floats
     pair: Floats
+    signs: Floats
+    before: Floats
 
 
 @intrinsic
-def _call(typingctx, function, a, b, c, d, e):
+def _call(typingctx, function, a, b, c, d, e, f, g):
     """Call a function of whole numbers and addresses; its status. What it has no use for does no harm."""
 
     def generate(context, builder, signature, values):
-        kind = ir.FunctionType(ir.IntType(32), [ir.IntType(64)] * 5)
+        kind = ir.FunctionType(ir.IntType(32), [ir.IntType(64)] * 7)
         status = builder.call(builder.inttoptr(values[0], kind.as_pointer()), values[1:])
         return builder.sext(status, ir.IntType(64))
 
-    return types.int64(*[types.int64] * 6), generate
+    return types.int64(*[types.int64] * 8), generate
 
 
 @intrinsic
@@ -91,28 +101,35 @@ def _call_with_time(typingctx, function, instance, time):
 @kept(nogil=True)
 def block(m, d):
     """The views of a block."""
-    n, j, u, i, o = m[STATES], m[JOINTS], m[COMMANDS], m[INPUTS], m[OUTPUTS]
-    a, b = 2 + 7 * n, 2 + 7 * n + 2 * i + o + u
+    n, j, u, i, o, z = m[STATES], m[JOINTS], m[COMMANDS], m[INPUTS], m[OUTPUTS], m[SIGNS]
+    x, a = FIRST, FIRST + 7 * n
+    b = a + 2 * i + o + u
+    c = b + 6 * j + j * u + j * j
     return Block(
-        d[2 : 2 + n], d[2 + n : 2 + 2 * n], d[2 + 2 * n : 2 + 3 * n], d[2 + 3 * n : 2 + 4 * n],
-        d[2 + 4 * n : 2 + 5 * n], d[2 + 5 * n : 2 + 6 * n], d[2 + 6 * n : a],
+        d[x : x + n], d[x + n : x + 2 * n], d[x + 2 * n : x + 3 * n], d[x + 3 * n : x + 4 * n],
+        d[x + 4 * n : x + 5 * n], d[x + 5 * n : x + 6 * n], d[x + 6 * n : a],
         d[a : a + i], d[a + i : a + 2 * i], d[a + 2 * i : a + 2 * i + o], d[a + 2 * i + o : b],
         d[b : b + j], d[b + j : b + 2 * j], d[b + 2 * j : b + 3 * j], d[b + 3 * j : b + 4 * j],
         d[b + 4 * j : b + 5 * j], d[b + 5 * j : b + 6 * j], d[b + 6 * j : b + 6 * j + j * u],
-        d[b + 6 * j + j * u : b + 6 * j + j * u + j * j],
+        d[b + 6 * j + j * u : c], d[c : c + z], d[c + z : c + 2 * z],
     )  # fmt: skip
 
 
-def length_of(n: int, j: int, u: int, i: int, o: int) -> int:
+def length_of(n: int, j: int, u: int, i: int, o: int, z: int) -> int:
     """Floats of a block."""
-    return 2 + 7 * n + 2 * i + o + u + 6 * j + j * u + j * j
+    return FIRST + 7 * n + 2 * i + o + u + 6 * j + j * u + j * j + 2 * z
 
 
 @kept(nogil=True)
-def _rates(m, d, b, time):
-    """Derivatives at the states and forces of the block; whether the FMU gives them."""
+def _address(m, at):
+    """Of a float of the block."""
+    return m[BASE] + 8 * at
+
+
+@kept(nogil=True)
+def _tell(m, b, time):
+    """Give the FMU states, forces and time; its status."""
     n, j, u, i = m[STATES], m[JOINTS], m[COMMANDS], m[INPUTS]
-    at, instance = m[BASE], m[INSTANCE]
     for k in range(n):
         b.theirs[m[TABLES + k]] = b.x[k]
     b.inputs[:] = b.still
@@ -122,16 +139,57 @@ def _rates(m, d, b, time):
         place = m[TABLES + n + u + k]
         if place >= 0:
             b.inputs[place] += b.push[k] + b.held[k] * b.friction[k] - b.damping[k] * b.x[j + k]
-    status = _call_with_time(m[SET_TIME], instance, time)
-    status = max(status, _call(m[SET_STATES], instance, at + 8 * (2 + 2 * n), n, 0, 0))
-    status = max(status, _call(m[SET_INPUTS], instance, m[INPUT_NAMES], i, at + 8 * (2 + 7 * n), i))
-    status = max(status, _call(m[GET_RATES], instance, at + 8 * (2 + 3 * n), n, 0, 0))
+    status = _call_with_time(m[SET_TIME], m[INSTANCE], time)
+    status = max(status, _call(m[SET_STATES], m[INSTANCE], _address(m, FIRST + 2 * n), n, 0, 0, 0, 0))
+    at = _address(m, FIRST + 7 * n)
+    return max(status, _call(m[SET_INPUTS], m[INSTANCE], m[INPUT_NAMES], i, at, i, 0, 0))
+
+
+@kept(nogil=True)
+def _rates(m, b, time):
+    """Derivatives at the states and forces of the block; whether the FMU gives them."""
+    n, j = m[STATES], m[JOINTS]
+    status = _tell(m, b, time)
+    status = max(status, _call(m[GET_RATES], m[INSTANCE], _address(m, FIRST + 3 * n), n, 0, 0, 0, 0))
     for k in range(n):
         b.rate[k] = b.theirs_rate[m[TABLES + k]]
     for k in range(j):
-        if m[TABLES + n + u + k] < 0:  # no force: an acceleration, of the linear part alone
+        if m[TABLES + n + m[COMMANDS] + k] < 0:  # no force: an acceleration, of the linear part alone
             b.rate[j + k] += b.push[k]
     return status <= BAD
+
+
+@kept(nogil=True)
+def _switch(m, d, b):
+    """At the end of a step let the FMU switch, where an indicator changed its sign, its clock struck, or it asks to."""
+    n, z, instance, at = m[STATES], m[SIGNS], m[INSTANCE], _address(m, SAID)
+    said = d[SAID:FIRST].view(np.int32)
+    _tell(m, b, d[TIME])
+    d[SAID:FIRST] = 0.0
+    _call(m[COMPLETED], instance, 1, at, at + 4, 0, 0, 0)
+    event = said[0] != 0 or d[TIME] >= d[NEXT]
+    _call(m[GET_SIGNS], instance, _address(m, len(d) - 2 * z), z, 0, 0, 0, 0)
+    for k in range(z):
+        event = event or (b.signs[k] > 0.0) != (b.before[k] > 0.0)
+    b.before[:] = b.signs
+    if not event:
+        return
+    _call(m[BEGIN_EVENT], instance, 0, 0, 0, 0, 0, 0)
+    moved = False
+    for _ in range(DECISIONS):
+        d[SAID:FIRST] = 0.0
+        _call(m[DECIDE], instance, at, at + 4, at + 8, at + 12, at + 16, at + 24)
+        moved = moved or said[3] != 0
+        if said[0] == 0:
+            break
+    d[NEXT] = d[SAID + 3] if said[4] != 0 else np.inf
+    _call(m[END_EVENT], instance, 0, 0, 0, 0, 0, 0)
+    if moved:
+        _call(m[GET_STATES], instance, _address(m, FIRST + 2 * n), n, 0, 0, 0, 0)
+        for k in range(n):
+            b.x[k] = b.theirs[m[TABLES + k]]
+    _call(m[GET_SIGNS], instance, _address(m, len(d) - 2 * z), z, 0, 0, 0, 0)
+    b.before[:] = b.signs
 
 
 @kept(nogil=True)
@@ -144,13 +202,13 @@ def _more(b, k, j):
 
 
 @kept(nogil=True)
-def _hold(m, d, b, time, h):
+def _hold(m, b, time, h):
     """Let dry friction stop, after a step, what it can; a joint without any has no column in ``pair``."""
     j = m[JOINTS]
     slides = True  # all on, as they did
     for k in range(j):
         slides = slides and (b.friction[k] == 0.0 or (abs(b.held[k]) == 1.0 and b.held[k] * b.x[j + k] < 0.0))
-    if slides or not _rates(m, d, b, time):
+    if slides or not _rates(m, b, time):
         return
     b.rest[:] = b.rate
     b.mark[:] = b.held
@@ -158,7 +216,7 @@ def _hold(m, d, b, time, h):
     for k in range(j):
         if b.friction[k] > 0.0:
             b.held[k] += 1.0
-            _rates(m, d, b, time)
+            _rates(m, b, time)
             b.held[k] = b.mark[k]
             for i in range(j):
                 b.pair[i * j + k] = (b.rate[j + i] - b.rest[j + i]) * h
@@ -194,12 +252,14 @@ def advance(m, d):
     for s in range(4):
         if s:
             b.x[:] = b.begun + STAGES[s] * h * b.rate
-        good = good and _rates(m, d, b, time + STAGES[s] * h)
+        good = good and _rates(m, b, time + STAGES[s] * h)
         b.total[:] += WEIGHTS[s] * b.rate
     b.x[:] = b.begun + h * b.total
     if b.friction.any():
-        _hold(m, d, b, time + h, h)
+        _hold(m, b, time + h, h)
     d[TIME] = time + h
+    if m[EVENTS]:
+        _switch(m, d, b)
     if not good:
         b.x[:] = np.nan
 
@@ -209,10 +269,10 @@ def follow(m, d):
     """Accelerations and outputs of the state."""
     b = block(m, d)
     _loads(m, b)
-    _rates(m, d, b, d[TIME])
+    _rates(m, b, d[TIME])
     n, i, o = m[STATES], m[INPUTS], m[OUTPUTS]
     if o:
-        _call(m[GET_OUTPUTS], m[INSTANCE], m[OUTPUT_NAMES], o, m[BASE] + 8 * (2 + 7 * n + 2 * i), o)
+        _call(m[GET_OUTPUTS], m[INSTANCE], m[OUTPUT_NAMES], o, _address(m, FIRST + 7 * n + 2 * i), o, 0, 0)
 
 
 @functools.cache

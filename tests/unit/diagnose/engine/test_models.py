@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,9 +10,8 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from fmus import Machine
+from fmus import COLUMNS, EQUATIONS, EXCHANGED, JOINTS, STAGE
 
-from dtbacklash.cli import main
 from dtbacklash.diagnose.records import STEPPED, records_of, ways_to_read
 from dtbacklash.diagnose.say.beforehand import beforehand
 from dtbacklash.diagnose.say.found_model import found_model
@@ -36,27 +33,8 @@ MODEL = """<mujoco><option timestep="{step}" gravity="0 0 0"/>
 <inertial pos="0 0 0" mass="3" diaginertia="0.1 0.1 0.1"/></body>
 </worldbody>
 <actuator><motor name="spin" joint="axle" gear="2"/><motor joint="rail"/></actuator></mujoco>"""
-RIG = {
-    "commands": {"torque": "spin", "push": "rail"},
-    "sensors": {
-        "angle": {"of": "axle", "quantity": "position", "absolute": True},
-        "way": {"of": "rail", "quantity": "position", "absolute": True},
-        "shaken": {"of": "rail", "quantity": "acceleration"},
-    },
-    "tolerances": {"joints.axle.damping": "20 %", "bodies.cart.mass": 0.05},
-}
+RIG = {**COLUMNS, "tolerances": {"joints.axle.damping": "20 %", "bodies.cart.mass": 0.05}}
 STEP_S, N = 4e-3, 1500
-#: the same as equations
-EQUATIONS = Machine(
-    {"rail.s": (0.0, "m"), "rail.v": (0.0, "m/s"), "axle.w": (0.0, "rad/s"), "axle.phi": (0.0, "rad")},
-    {"axle.d": 0.2, "cart.m": 3.0, "J": 0.3},
-    {"spin": "N.m", "rail": "N", "tau": "N.m", "push": "N"},
-    """  D_axle_phi = axle_w; D_axle_w = (2.0 * spin + tau - axle_d * axle_w) / J;
-  D_rail_s = rail_v; D_rail_v = (rail + push - 1.5 * rail_v) / cart_m; power = rail * rail_v;""",
-    {"power": "W"},
-)
-JOINTS = {"axle": {"position": "axle.phi", "force": "tau"}, "rail": {"position": "rail.s", "force": "push"}}
-EXCHANGED = {**RIG, "joints": JOINTS, "tolerances": {"parameters.axle.d": "20 %", "cart.m": 0.05}}
 MASS = {"mujoco": "bodies.cart.mass", "fmu": "cart.m"}
 
 
@@ -275,63 +253,6 @@ def test_a_log_that_a_simulation_made_follows_its_own_steps(rig):
     assert not ways_to_read([], load_rig({**RIG, "model": str(runge)}))
 
 
-def test_an_fmus_states_inputs_and_parameters_are_found(exchanged, capsys):
-    assert main(["rig", "new", "fmu", str(exchanged[2])]) == 0
-    assert main(["rig", "check", str(exchanged[2].with_suffix(".yaml"))]) == 0
-    assert "axle: coulomb_friction" in capsys.readouterr().out
-    text = exchanged[2].with_suffix(".yaml").read_text()
-    assert "axle: {position: axle.phi, speed: axle.w, force: tau}" in text
-    assert "rail: {position: rail.s, speed: rail.v, force: push}" in text
-    assert "  cart.m: 10 %" in text
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"joints": {}}, "rig.joints=(none): name at least one, as {rail: {position: rail.s}, axle: "),
-        ({"joints": {"axle": {"position": "axle.phy"}}}, "did you mean axle.phi; it has"),
-        (
-            {"joints": {"axle": {"position": "axle.phi", "speed": "rail.v"}}},
-            "is not the derivative of axle.phi, which is",
-        ),
-        ({"joints": {"axle": {"position": "axle.w"}}}, "no state is its derivative; name the state that is its speed"),
-        ({"joints": {"axle": {"position": "axle.phi", "force": "tao"}}}, "did you mean tau; it has"),
-        ({"joints": {"axle": {"position": "axle.phi", "force": "push"}}}, "does not push axle.w forward at once"),
-        ({"joints": {"axle": {"place": "axle.phi"}}}, "a mapping with position"),
-        ({"commands": {"torque": "spun", "push": "rail"}}, "did you mean spin; it has"),
-        ({"commands": {}}, "an input of the FMU has a column: {COLUMN: spin}"),
-        ({"sensors": {"x": {"of": "ralo", "quantity": "position"}}}, "rig.sensors.x.of"),
-        ({"tolerances": {"cart.n": 0.1}}, "did you mean cart.m; it has"),
-        ({"model": "nowhere.fmu"}, "no such file"),
-    ],
-)
-def test_what_an_fmu_has_not_is_told_in_one_line(exchanged, change, said):
-    with pytest.raises(UserError) as error:
-        load_rig({**EXCHANGED, "model": str(exchanged[2]), **change})
-    assert said in str(error.value)
-    assert "\n" not in str(error.value)
-
-
-def test_an_fmu_that_cannot_be_a_model_is_refused_in_one_line(exchanged, tmp_path):
-    def refused(path: Path) -> str:
-        with pytest.raises(UserError) as error:
-            load_rig({**EXCHANGED, "model": str(path)})
-        return str(error.value)
-
-    (tmp_path / "text.fmu").write_text("no archive")
-    assert "is no FMU: " in refused(tmp_path / "text.fmu")
-    alone = EQUATIONS.build(tmp_path / "alone.fmu", 2, **{"<ModelExchange": "<CoSimulation"})
-    assert "is for Co-Simulation only: it hides its states" in refused(alone)
-    still = replace(EQUATIONS, states={}, equations="  power = 0.0;", parameters={}).build(tmp_path / "still.fmu", 3)
-    assert "has no continuous states" in refused(still)
-    with zipfile.ZipFile(exchanged[2]) as there, zipfile.ZipFile(tmp_path / "other.fmu", "w") as other:
-        for name in there.namelist():
-            other.writestr(name.replace("linux64/machine.so", "win32/machine.dll"), there.read(name))
-    assert re.search(r"is for win32; this one is \w+", refused(tmp_path / "other.fmu"))
-    degrees = replace(EQUATIONS, states={**EQUATIONS.states, "axle.phi": (0.0, "deg")}).build(tmp_path / "deg.fmu")
-    assert "is in deg; a joint's state must be in m or rad" in refused(degrees)
-
-
 def test_a_sample_that_is_far_too_long_for_an_fmu_is_told(tmp_path):
     stiff = replace(EQUATIONS, equations=EQUATIONS.equations.replace("1.5 *", "1e7 *")).build(tmp_path / "stiff.fmu")
     spin, push = commands()
@@ -357,7 +278,7 @@ def test_where_an_fmu_takes_no_force_nothing_is_looked_for_and_that_is_said(exch
 
 
 def test_any_variable_of_an_fmu_is_a_sensor(exchanged):
-    sensors = {**RIG["sensors"], "watts": {"of": "power", "quantity": "value"}}
+    sensors = {**COLUMNS["sensors"], "watts": {"of": "power", "quantity": "value"}}
     rig = load_rig({**EXCHANGED, "model": str(exchanged[3]), "sensors": sensors})
     spin, push = commands()
     way, speed = answered(push, 3.0, 1.5)
@@ -393,3 +314,39 @@ def test_what_is_found_in_an_fmu_moves_it_from_outside_as_it_does_inside(exchang
             q += STEP_S / 200 * v
     left = passed(rig, {"torque": spin, "push": push, "angle": spin, "way": way})
     assert np.abs(left["way"] - left["way"][0]).max() < 0.01 * np.ptp(way)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_what_switches_in_an_fmu_switches(tmp_path, version):
+    wall = replace(
+        EQUATIONS,
+        equations=EQUATIONS.equations.replace("- 1.5", "- touch * 400.0 * (rail_s - 0.2) - 1.5"),
+        discrete={"touch": 0.0, "jumps": 0.0}, signs=("rail_s - 0.2",),
+        event="touch = rail_s > 0.2; if (t > 0.6 && jumps < 1.0) { jumps = 1.0; axle_phi += 1.0; moved = 1; }",
+    )  # fmt: skip
+    rig = load_rig({**EXCHANGED, "model": str(wall.build(tmp_path / "wall.fmu", version))})
+    spin, push = commands()
+    q = v = 0.0
+    way = np.zeros(N)
+    for k in range(N):
+        way[k] = q
+        for _ in range(200):
+            v += STEP_S / 200 / 3.0 * (push[k] - 1.5 * v - 400.0 * max(q - 0.2, 0.0))
+            q += STEP_S / 200 * v
+    assert way.max() > 0.21
+    first = int(np.argmax((way[1:] - 0.2) * (way[:-1] - 0.2) * (np.arange(N - 1) * STEP_S > 0.6) < 0.0))
+    angle, _ = answered(2.0 * spin, 0.3, 0.2)
+    angle[first + 1 :] += 1.0  # the first event after 0.6 s
+    left = passed(rig, {"torque": spin, "push": push, "angle": angle, "way": way})
+    assert np.abs(left["way"]).max() < 0.01 * np.ptp(way)
+    assert np.abs(np.delete(left["angle"], [first, first + 1, first + 2])).max() < 0.01
+
+
+def test_a_position_that_nobody_reads_begins_where_its_spring_leaves_it(tmp_path):
+    joints = {"carriage": {"position": "x_c", "force": "F_c"}, "table": {"position": "x_t", "force": "F_t"}}
+    rig = load_rig({
+        "model": str(STAGE.build(tmp_path / "stage.fmu", 3)), "commands": {"u": "u"}, "joints": joints,
+        "sensors": {"x_c": {"of": "carriage", "quantity": "position", "absolute": True}},
+    })  # fmt: skip
+    left = passed(rig, {"u": 1e-9 * commands()[0], "x_c": 0.5 + 1e-9 * commands()[1]})
+    assert np.abs(left["x_c"]).max() < 1e-7

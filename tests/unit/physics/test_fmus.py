@@ -1,0 +1,79 @@
+"""An FMU as a rig: what is found in it, and what is refused."""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from fmus import EQUATIONS, EXCHANGED
+
+from dtbacklash.cli import main
+from dtbacklash.errors import UserError
+from dtbacklash.face.rigs import load_rig
+
+pytest.importorskip("fmpy")
+
+
+@pytest.fixture(scope="module")
+def exchanged(tmp_path_factory):
+    return {2: EQUATIONS.build(tmp_path_factory.mktemp("fmus") / "machine2.fmu")}
+
+
+def test_an_fmus_states_inputs_and_parameters_are_found(exchanged, capsys):
+    assert main(["rig", "new", "fmu", str(exchanged[2])]) == 0
+    assert main(["rig", "check", str(exchanged[2].with_suffix(".yaml"))]) == 0
+    assert "axle: coulomb_friction" in capsys.readouterr().out
+    text = exchanged[2].with_suffix(".yaml").read_text()
+    assert "axle: {position: axle.phi, speed: axle.w, force: tau}" in text
+    assert "rail: {position: rail.s, speed: rail.v, force: push}" in text
+    assert "  cart.m: 10 %" in text
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"joints": {}}, "rig.joints=(none): name at least one, as {rail: {position: rail.s}, axle: "),
+        ({"joints": {"axle": {"position": "axle.phy"}}}, "did you mean axle.phi; it has"),
+        (
+            {"joints": {"axle": {"position": "axle.phi", "speed": "rail.v"}}},
+            "is not the derivative of axle.phi, which is",
+        ),
+        ({"joints": {"axle": {"position": "axle.w"}}}, "no state is its derivative; name the state that is its speed"),
+        ({"joints": {"axle": {"position": "axle.phi", "force": "tao"}}}, "did you mean tau; it has"),
+        ({"joints": {"axle": {"position": "axle.phi", "force": "push"}}}, "does not push axle.w forward at once"),
+        ({"joints": {"axle": {"place": "axle.phi"}}}, "a mapping with position"),
+        ({"commands": {"torque": "spun", "push": "rail"}}, "did you mean spin; it has"),
+        ({"commands": {}}, "an input of the FMU has a column: {COLUMN: spin}"),
+        ({"sensors": {"x": {"of": "ralo", "quantity": "position"}}}, "rig.sensors.x.of"),
+        ({"tolerances": {"cart.n": 0.1}}, "did you mean cart.m; it has"),
+        ({"model": "nowhere.fmu"}, "no such file"),
+    ],
+)
+def test_what_an_fmu_has_not_is_told_in_one_line(exchanged, change, said):
+    with pytest.raises(UserError) as error:
+        load_rig({**EXCHANGED, "model": str(exchanged[2]), **change})
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_an_fmu_that_cannot_be_a_model_is_refused_in_one_line(exchanged, tmp_path):
+    def refused(path: Path) -> str:
+        with pytest.raises(UserError) as error:
+            load_rig({**EXCHANGED, "model": str(path)})
+        return str(error.value)
+
+    (tmp_path / "text.fmu").write_text("no archive")
+    assert "is no FMU: " in refused(tmp_path / "text.fmu")
+    alone = EQUATIONS.build(tmp_path / "alone.fmu", 2, **{"<ModelExchange": "<CoSimulation"})
+    assert "is for Co-Simulation only: it hides its states" in refused(alone)
+    still = replace(EQUATIONS, states={}, equations="  power = 0.0;", parameters={}).build(tmp_path / "still.fmu", 3)
+    assert "has no continuous states" in refused(still)
+    with zipfile.ZipFile(exchanged[2]) as there, zipfile.ZipFile(tmp_path / "other.fmu", "w") as other:
+        for name in there.namelist():
+            other.writestr(name.replace("linux64/machine.so", "win32/machine.dll"), there.read(name))
+    assert re.search(r"is for win32; this one is \w+", refused(tmp_path / "other.fmu"))
+    degrees = replace(EQUATIONS, states={**EQUATIONS.states, "axle.phi": (0.0, "deg")}).build(tmp_path / "deg.fmu")
+    assert "is in deg; a joint's state must be in m or rad" in refused(degrees)
