@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
-#: all variables are numbers in one array ``m->v``; its place is the value reference
+#: all variables are numbers in one array ``m->number``; its place is the value reference
 SOURCE = """
 #include <stdlib.h>
 #include <string.h>
 #include <math.h>
 #include "fmi{version}Functions.h"
-typedef struct {{ double v[{count}]; double t; }} M;
+typedef struct {{ double number[{count}]; double t; }} M;
 {defines}
 static const double start[{count}] = {{ {start} }};
 static void equations(M *m) {{
@@ -26,8 +26,8 @@ static void equations(M *m) {{
 }}
 static void signs(M *m, double *z) {{ {signs} }}
 static int event(M *m) {{ double t = m->t; int moved = 0; (void)t; {event} return moved; }}
-static void *begin(void) {{ M *m = malloc(sizeof(M)); memcpy(m->v, start, sizeof start); m->t = 0.0; return m; }}
-#define X(k) (((M *)c)->v[k])
+static void *begin(void) {{ M *m = malloc(sizeof(M)); memcpy(m->number, start, sizeof start); m->t = 0.0; return m; }}
+#define X(k) (((M *)c)->number[k])
 """
 TWO = """
 #define OK { return fmi2OK; }
@@ -41,7 +41,7 @@ S fmi2SetupExperiment(C, fmi2Boolean a, double b, double d, fmi2Boolean e, doubl
 S fmi2EnterInitializationMode(C) OK
 S fmi2ExitInitializationMode(C) OK
 S fmi2Terminate(C) OK
-S fmi2Reset(C) { memcpy(((M *)c)->v, start, sizeof start); ((M *)c)->t = 0.0; return fmi2OK; }
+S fmi2Reset(C) { memcpy(((M *)c)->number, start, sizeof start); ((M *)c)->t = 0.0; return fmi2OK; }
 S fmi2GetReal(C, R r, N n, double *y) { equations(c); for (N i = 0; i < n; i++) y[i] = X(r[i]); return fmi2OK; }
 S fmi2SetReal(C, R r, N n, const double *y) { for (N i = 0; i < n; i++) { if (!isfinite(y[i])) return fmi2Error;
   X(r[i]) = y[i]; } return fmi2OK; }
@@ -69,7 +69,7 @@ S fmi3EnterInitializationMode(C, B a, double b, double d, B e, double f) OK
 S fmi3ExitInitializationMode(C) OK
 S fmi3EnterEventMode(C) OK
 S fmi3Terminate(C) OK
-S fmi3Reset(C) { memcpy(((M *)c)->v, start, sizeof start); ((M *)c)->t = 0.0; return fmi3OK; }
+S fmi3Reset(C) { memcpy(((M *)c)->number, start, sizeof start); ((M *)c)->t = 0.0; return fmi3OK; }
 S fmi3GetFloat64(C, R r, N n, double *y, N k) { equations(c); for (N i = 0; i < n; i++) y[i] = X(r[i]); return fmi3OK; }
 S fmi3SetFloat64(C, R r, N n, const double *y, N k) { for (N i = 0; i < n; i++) { if (!isfinite(y[i])) return fmi3Error;
   X(r[i]) = y[i]; } return fmi3OK; }
@@ -120,7 +120,7 @@ class Machine:
             version=version, count=len(names), start=", ".join(map(repr, first.values())), equations=self.equations,
             signs=" ".join(f"z[{k}] = {sign};" for k, sign in enumerate(self.signs)), event=self.event,
             defines="\n".join([
-                *(f"#define {name.replace('.', '_')} (m->v[{k}])" for k, name in enumerate(names)),
+                *(f"#define {name.replace('.', '_')} (m->number[{k}])" for k, name in enumerate(names)),
                 f"static const int STATE[] = {{ {', '.join(map(str, range(n)))} }};",
                 f"static const int RATE[] = {{ {', '.join(map(str, range(n, 2 * n)))} }};",
             ]),

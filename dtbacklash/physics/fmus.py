@@ -260,7 +260,11 @@ def completed(config: RigConfig) -> RigConfig:
         raise UserError("rig.joints", "(none)", f"name at least one, as {{{usual or 'NAME: {position: STATE}'}}}")
     for name, joint in joints.items():
         elements[name] = {"kind": KIND[LINEAR if joint["slides"] else ROTARY]}
-    speeds = [order.index(joint["speed"]) for joint in joints.values()]
+        if "." in name:
+            raise UserError(f"rig.joints.{name}", name, "a name without dots; it is yours, and not the FMU's")
+    if config.fixed:
+        raise UserError("rig.fixed", config.fixed[0], "an FMU's joints cannot be taken out; leave it out of `joints`")
+    speeds, slopes = [order.index(joint["speed"]) for joint in joints.values()], rates_by_states(model, {})
     check_columns(config)
     if not config.commands:
         raise UserError(
@@ -269,12 +273,18 @@ def completed(config: RigConfig) -> RigConfig:
     for column, name in config.commands.items():
         named(f"rig.commands.{column}", name, inputs)
         own = [j for j, joint in joints.items() if joint["force"] == name]
-        moved = np.abs(at_once[name][speeds])
-        driven = own[0] if own else list(joints)[int(np.argmax(moved))]
+        way = [at_once[name]]  # through a winding, say, to what it drives
+        while not way[-1][speeds].any() and len(way) < len(order):
+            way.append(slopes @ way[-1])
+        driven = own[0] if own else list(joints)[int(np.argmax(np.abs(way[-1][speeds])))]
         elements[ACTUATOR_PREFIX + str(name)] = {"kind": "joint_drive", "drives": driven}
-    for sensor in config.sensors.values():
-        if sensor["of"] not in elements and sensor["of"] in model.variables:
-            elements[sensor["of"]] = {"kind": MODEL_OUTPUT}
+    for column, sensor in config.sensors.items():
+        of = sensor["of"]
+        if of not in elements and of in model.variables:
+            elements[of] = {"kind": MODEL_OUTPUT}
+        elif (driven := elements.get(of, {}).get("drives")) and not passes(joints[driven], at_once, of, order):
+            allowed = "how this input acts on its joint is the FMU's; name a variable of it, with the quantity value"
+            raise UserError(f"rig.sensors.{column}.of", of, allowed)
     parameters = {}
     for written, share in config.tolerances.items():
         title = written if written in model.variables else written.removeprefix(PREFIX)
@@ -287,6 +297,16 @@ def completed(config: RigConfig) -> RigConfig:
         )
     name = config.name if config.name != RigConfig.name else Path(config.model).stem
     return replace(config, name=name, elements=elements, joints=joints, parameters=parameters)
+
+
+def passes(joint: Mapping[str, Any], at_once: Mapping[str, Floats], actuator: str, order: list[str]) -> float:
+    """The force on a joint by a unit of an actuator's input, N or N m; 0 where that acts through other states."""
+    at = order.index(joint["speed"])
+    return (
+        float(at_once[actuator.removeprefix(ACTUATOR_PREFIX)][at] / at_once[force][at])
+        if (force := joint["force"])
+        else 0.0
+    )
 
 
 def _joint(

@@ -97,6 +97,8 @@ def completed(config: RigConfig) -> RigConfig:
     UserError : a name that the model has not; a joint that neither turns nor slides; an actuator without a command, or
         one that has states of its own.
     """
+    if config.joints:
+        raise UserError("rig.joints", ", ".join(config.joints), "are of an FMU; an MJCF names its joints itself")
     mj, model = _mujoco(config.model), model_of(config)
     axes = {mj.mjtJoint.mjJNT_HINGE: ROTARY, mj.mjtJoint.mjJNT_SLIDE: LINEAR}
     joints: dict[str, str] = {}

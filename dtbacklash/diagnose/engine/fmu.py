@@ -13,7 +13,7 @@ from dtbacklash.diagnose.engine.model_passes import Compiled
 from dtbacklash.diagnose.engine.modelled import MOVED, Modelled, Parts
 from dtbacklash.diagnose.engine.readings import Readings
 from dtbacklash.errors import UserError
-from dtbacklash.physics.fmus import effects_of_inputs, first_inputs, model_of, rates_by_states
+from dtbacklash.physics.fmus import effects_of_inputs, first_inputs, model_of, passes, rates_by_states
 from dtbacklash.physics.mjcf import ACTUATOR_PREFIX
 from dtbacklash.physics.rig import Rig
 
@@ -30,6 +30,8 @@ class Exchanged(Modelled):
 
     Raises UserError where its motion is so fast that a sample takes too many steps.
     """
+
+    without = "leave it out of `joints`"
 
     def __init__(self, readings: Readings, rig: Rig, finely: bool = False) -> None:
         super().__init__(readings, rig, finely)
@@ -82,11 +84,10 @@ class Exchanged(Modelled):
         """The instance of this thread, begun anew."""
         fmu, instance, values = self._fmu, self._fmu.instance(), self._values(rig)
         j, u = len(self._joints), len(self._told)
-        effects = np.array(list(effects_of_inputs(fmu, values).values()))
-        speeds = self._order[j : 2 * j]
+        at_once, joints, order = effects_of_inputs(fmu, values), rig.config.joints, list(fmu.states)
+        drives = {a: rig.elements[a].neighbours["drives"] for a in self.commands}
         share = np.array([
-            [effects[told, at] / effects[force, at] if force >= 0 else 0.0 for told in self._told]
-            for at, force in zip(speeds, self._forces, strict=True)
+            [passes(joints[b], at_once, a, order) if b == drives[a] else 0.0 for a in drives] for b in self._joints
         ])  # fmt: skip
         x = instance.begin(values)
         outputs = [fmu.variables[name].valueReference for name in self.outputs(rig)]

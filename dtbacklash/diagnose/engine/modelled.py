@@ -68,10 +68,12 @@ class Modelled(Simulated):
     """A simulator's model on one stretch of a recording: a :class:`.simulator.Simulator`.
 
     names : of its states beside positions and speeds. commands : element of each actuator, in the model's order.
+    without : what to do about a joint that no sensor shows.
     """
 
     names: tuple[str, ...] = ()
     commands: tuple[str, ...]
+    without = "fix it (fixed: [its name])"
 
     def __init__(self, readings: Readings, rig: Rig, finely: bool = False) -> None:
         super().__init__(readings)
@@ -144,7 +146,7 @@ class Modelled(Simulated):
         for joint, seen in zip(self._joints, shown[n : 2 * n], strict=True):
             if not seen:
                 read = ", ".join(self.readings.channels)
-                allowed = f"joint {joint} moves none of them: give it a sensor, or fix it (fixed: [{joint}])"
+                allowed = f"joint {joint} moves none of them: give it a sensor, or {self.without}"
                 raise UserError("rig.sensors", read, allowed)
 
     def observe(self, rig: Rig, K: Floats, W: Floats, opening: int) -> Pass:

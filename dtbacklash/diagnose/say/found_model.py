@@ -127,10 +127,13 @@ def _found_fmu(rig: Rig) -> dict[str, str]:
                 told += [f"u = {u}", f"{u} = {value}  # {effect.name}"]
                 continue
             spec = rig.config.joints[joint]
-            at, force = list(model.states).index(spec["speed"]), spec["force"]
+            force = spec["force"]
             if isinstance(slot, slots.Contact):
                 value = f"-max({value}, 0.0) * math.tanh(v / SLOW)"
-                loads = {i: float(effects[i][at] / effects[force][at]) for i in rig.config.commands.values()}
+                drives = [a for a in rig.elements if rig.elements[a].neighbours.get("drives") == joint]
+                loads = {
+                    a.removeprefix(ACTUATOR_PREFIX): fmus.passes(spec, effects, a, list(model.states)) for a in drives
+                }
                 load = " + ".join(f"{by!r} * command[{i!r}]" for i, by in loads.items() if by)
                 forces.append(f"load = {load or '0.0'}")
             forces += [f"q, v = position[{joint!r}], speed[{joint!r}]",

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from fmus import EQUATIONS, EXCHANGED
+from fmus import EQUATIONS, EXCHANGED, Machine
 
 from dtbacklash.cli import main
 from dtbacklash.errors import UserError
@@ -50,6 +50,8 @@ def test_an_fmus_states_inputs_and_parameters_are_found(exchanged, capsys):
         ({"sensors": {"x": {"of": "ralo", "quantity": "position"}}}, "rig.sensors.x.of"),
         ({"tolerances": {"cart.n": 0.1}}, "did you mean cart.m; it has"),
         ({"model": "nowhere.fmu"}, "no such file"),
+        ({"joints": {"my.axle": {"position": "axle.phi"}}}, "a name without dots; it is yours"),
+        ({"fixed": ["axle"]}, "leave it out of `joints`"),
     ],
 )
 def test_what_an_fmu_has_not_is_told_in_one_line(exchanged, change, said):
@@ -77,3 +79,22 @@ def test_an_fmu_that_cannot_be_a_model_is_refused_in_one_line(exchanged, tmp_pat
     assert re.search(r"is for win32; this one is \w+", refused(tmp_path / "other.fmu"))
     degrees = replace(EQUATIONS, states={**EQUATIONS.states, "axle.phi": (0.0, "deg")}).build(tmp_path / "deg.fmu")
     assert "is in deg; a joint's state must be in m or rad" in refused(degrees)
+
+
+def test_a_command_that_acts_through_a_winding_drives_what_that_turns(tmp_path):
+    motor = Machine(
+        {"i": (0.0, "A"), "cart": (0.0, "m"), "v": (0.0, "m/s"), "phi": (0.0, "rad"), "w": (0.0, "rad/s")},
+        {"R": 2.0, "k": 0.5},
+        {"volts": "V", "tau": "N.m", "push": "N"},
+        "  D_i = (volts - R * i - k * w) / 0.02; D_phi = w; D_w = (k * i + tau) / 0.05; D_cart = v; D_v = push;",
+    )
+    content = {
+        "model": str(motor.build(tmp_path / "motor.fmu", 3)), "commands": {"u": "volts"},
+        "joints": {"cart": {"position": "cart", "force": "push"}, "rotor": {"position": "phi", "force": "tau"}},
+        "sensors": {"x": {"of": "cart", "quantity": "position"}, "angle": {"of": "rotor", "quantity": "position"},
+                    "amps": {"of": "i", "quantity": "value"}},
+    }  # fmt: skip
+    rig = load_rig(content)
+    assert rig.elements["actuator_volts"].neighbours["drives"] == "rotor"
+    with pytest.raises(UserError, match=r"rig.sensors.moment.of=actuator_volts: .* name a variable of it"):
+        load_rig({**content, "sensors": {"moment": {"of": "actuator_volts", "quantity": "torque"}}})
