@@ -218,3 +218,16 @@ EQUATIONS = Machine(
 )
 JOINTS = {"axle": {"position": "axle.phi", "force": "tau"}, "rail": {"position": "rail.s", "force": "push"}}
 EXCHANGED = {**COLUMNS, "joints": JOINTS, "tolerances": {"parameters.axle.d": "20 %", "cart.m": 0.05}}
+
+#: the arm of docs/simulators.md: two links, capsules of the inertias that MuJoCo gives them
+ARM = Machine(
+    {"q1": (0.0, "rad"), "q2": (0.0, "rad"), "w1": (0.0, "rad/s"), "w2": (0.0, "rad/s")},
+    {"m1": 1.5, "m2": 0.8, "d1": 0.3, "d2": 0.15},
+    {"u1": "N.m", "u2": "N.m", "tau1": "N.m", "tau2": "N.m"},
+    """  double l = 0.4, c1 = 0.2, c2 = 0.15, g = 9.81, P = m2 * (0.0075575 / 0.8 + c2 * c2), M22 = P + 0.01;
+  double M12 = P + m2 * l * c2 * cos(q2), h = m2 * l * c2 * sin(q2), G2 = m2 * g * c2 * sin(q1 + q2);
+  double M11 = 0.02 + 0.02460591 + m1 * c1 * c1 + P + m2 * (l * l + 2 * l * c2 * cos(q2));
+  double T1 = u1 + tau1 - d1 * w1 + h * (2 * w1 * w2 + w2 * w2) - (m1 * c1 + m2 * l) * g * sin(q1) - G2;
+  double T2 = u2 + tau2 - d2 * w2 - h * w1 * w1 - G2, D = M11 * M22 - M12 * M12;
+  D_q1 = w1; D_q2 = w2; D_w1 = (M22 * T1 - M12 * T2) / D; D_w2 = (M11 * T2 - M12 * T1) / D;""",
+)

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from fmus import STAGE
+from fmus import ARM, STAGE
 
 import dtbacklash as dtb
 from dtbacklash.cli import main
@@ -104,3 +104,22 @@ def test_an_fmu_is_diagnosed_as_the_rig_that_it_was_made_from(tmp_path, monkeypa
         assert "def inputs(" in Path("diagnosis/found/laws.py").read_text()
     assert set(yaml.safe_load(Path("diagnosis/found/parameters.yaml").read_text())) == {"K_f", "m_c", "m_t", "k", "c"}
     assert dtb.load_rig("diagnosis/rig.yaml").config.joints["table"]["force"] == "F_t"  # it can be diagnosed with again
+
+
+def test_an_fmu_of_the_same_arm_names_the_same_cause(tmp_path, monkeypatch):
+    pytest.importorskip("mujoco")
+    pytest.importorskip("fmpy")
+    monkeypatch.chdir(tmp_path)
+    Path("arm.xml").write_text(block("xml"))
+    Path("log.py").write_text(block("python"))
+    runpy.run_path("log.py")
+    rig = {
+        **yaml.safe_load(block("yaml")), "model": str(ARM.build(tmp_path / "arm.fmu")),
+        "commands": {"u1": "u1", "u2": "u2"}, "tolerances": {"d1": "30 %", "d2": "30 %", "m2": "5 %"},
+        "joints": {"shoulder": {"position": "q1", "force": "tau1"}, "elbow": {"position": "q2", "force": "tau2"}},
+    }  # fmt: skip
+    found = dtb.diagnose("log.csv", rig, jobs=1).diagnosis
+    (cause,) = found.findings
+    assert (cause.location, cause.effect, cause.confidence) == ("elbow", "coulomb_friction", "sure")
+    assert cause.parameters["torque"].value == pytest.approx(0.25, rel=0.03)
+    assert found.recalibrated["m2"].value == pytest.approx(1.03 * 0.8, rel=0.01)
