@@ -50,6 +50,13 @@ class Bench:
         return tuple(sorted({p.readings.recording for p in self.predictors}))
 
     @cached_property
+    def anywhere(self) -> tuple[int, ...]:
+        """The recordings, where there are several and no position that is read in them has a known zero."""
+        read = {c: self.nominal.sensors[c] for p in self.predictors for c in p.readings.channels}
+        known = any(s.quantity == "position" and not s.relative for s in read.values())
+        return () if known or len(self.recordings) < 2 else self.recordings
+
+    @cached_property
     def spreads(self) -> dict[tuple[str, int], float]:
         """(channel, recording) -> how much its readings vary, rms, SI."""
         found: dict[tuple[str, int], float] = {}

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dtbacklash.diagnose.engine.columns import Columns
-from dtbacklash.diagnose.engine.differences import MOST, differing, freed, joined, split
+from dtbacklash.diagnose.engine.differences import MOST, differing, freed, joined
 from dtbacklash.diagnose.engine.exact import Model
 from dtbacklash.diagnose.engine.free import Key
 from dtbacklash.diagnose.engine.judge import STRETCHES, lead
@@ -100,7 +100,7 @@ def _ranked(search: Search, model: Model, at: Model) -> list[tuple[str, Rig, tup
         for gain, title in differing(bench, at, search.motion)
     ]
     columns = Columns(bench, model, at.sizes)
-    for gain, h, sizes in columns.differing(split(bench, np.ones(bench.innovations)).T):
+    for gain, h, sizes in columns.differing():
         size = h.effect.size
         title = f"{h.place}.{h.effect.name}.{size.name}"
         owned = ((k, title) for k in bench.recordings)

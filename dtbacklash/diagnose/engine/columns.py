@@ -223,33 +223,50 @@ class Columns:
             most = float(np.linalg.norm(size)) if both else max(float(size[0]), 0.0)
             yield h, most + errors * float(error.max())
 
-    def differing(self, of: Floats) -> list[tuple[float, Hypothesis, Floats]]:
+    def _each(self, at: slice) -> tuple[Floats, Floats]:
+        """Products of columns, those of each recording for themselves, with one another and with the innovations."""
+        J, gram, side, e0 = self._base
+        count, n, first = len(self.bench.recordings), at.stop - at.start, 0
+        own, cross = np.zeros((count, n, count, n)), np.zeros((count, n, J.shape[1]))
+        r = np.zeros((count, n))
+        for p in self.bench.predictors:
+            k, rows = self.bench.recordings.index(p.readings.recording), slice(first, first + p.readings.y.size)
+            first, T = rows.stop, self._T[at, rows]
+            own[k, :, k] += T @ T.T
+            cross[k] += T @ J[rows]
+            r[k] += T @ e0[rows]
+        flat = cross.reshape(count * n, -1)
+        by = np.linalg.solve(gram, flat.T).T
+        return own.reshape(count * n, -1) - by @ flat.T, r.ravel() - by @ side
+
+    def differing(self) -> list[tuple[float, Hypothesis, Floats]]:
         """What each name would explain, had it a size in each recording, beside what it explains with one for all.
 
-        of : (recordings, rows) 1 for the rows of each. Best of each name first: the fall of -2 log likelihood less its
-        cost, the hypothesis as it is best put in, (recordings,) its size in each.
+        Best of each name first: the fall of -2 log likelihood less its cost, the hypothesis as it is best put in,
+        (recordings,) its size in each.
         """
-        J, gram, side, e0 = self._base
         best: dict[Key, tuple[float, Hypothesis, Floats]] = {}
         for h, at in self.hypotheses:
             if h.effect.is_table or (np.diag(self._blocks[h]) < OWN).any():
                 continue
-            parts = (self._T[at] * of[:, None]).reshape(-1, len(e0))
-            cross = parts @ J
-            by = np.linalg.solve(gram, cross.T).T
-            g, r = parts @ parts.T - by @ cross.T, parts @ e0 - by @ side
+            g, r = self._each(at)
             theta = np.linalg.lstsq(g, -r, rcond=OWN)[0]
-            shared = np.linalg.lstsq(self._blocks[h], -self._r[at], rcond=OWN)[0]
-            gain = float(self._r[at] @ shared - r @ theta) - self.log_n * (len(theta) - len(shared))
+            each = theta.reshape(-1, at.stop - at.start) / self.scale[at]
+            if h.recordings:  # one size, at the phase of each
+                alike = (each / (np.linalg.norm(each, axis=1, keepdims=True) + 1e-300) * self.scale[at]).ravel()
+                one, counts = float(alike @ r) ** 2 / float(alike @ g @ alike), len(each) - 1
+            else:
+                shared = np.linalg.lstsq(self._blocks[h], -self._r[at], rcond=OWN)[0]
+                one, counts = -float(self._r[at] @ shared), len(theta) - len(shared)
+            gain = -float(r @ theta) - one - self.log_n * counts
             if h.key not in best or gain > best[h.key][0]:
-                each = theta.reshape(len(of), -1) / self.scale[at]
                 best[h.key] = gain, *_put(h, each)
         return sorted(best.values(), key=lambda row: -row[0])
 
     def single(self, h: Hypothesis, at: slice, g: Floats, r: Floats) -> Proposal | None:
         """What a hypothesis promises; None where its size is not one, or nothing of it is left.
 
-        g, r : products of its columns with one another and with the innovations.
+        g, r : products of its columns, or of those of each recording, with one another and with the innovations.
         """
         if h.effect.is_table:
             return self._table(h, at, g, r)
@@ -260,7 +277,9 @@ class Columns:
             t = float(self.scale[at][0])
             return Proposal(float(-(2.0 * t * r[0] + t * t * g[0, 0])) - cost, ((h, None),))
         theta = -np.linalg.solve(g + 1e-12 * np.eye(len(r)), r)
-        size = theta / self.scale[at]
+        size = theta / np.resize(self.scale[at], len(r))
+        if len(r) > at.stop - at.start:  # a phase more for each recording but one
+            cost += self.log_n * (len(h.recordings) - 1)
         if not h.angle and not h.effect.size.low <= size[0] <= h.effect.size.high:
             return None
         return Proposal(float(-(r @ theta)) - cost, ((h, size),))
@@ -300,6 +319,8 @@ class Columns:
                 else:
                     taken = np.linalg.solve(g1 + 1e-12 * np.eye(len(g1)), np.column_stack([c.T, self._r[at_first]]))
                     g, r = g - c @ taken[:, :-1], r - c @ taken[:, -1]
+            elif h.recordings:
+                g, r = self._each(at)
             found = self.single(h, at, g, r)
             if found is not None and (h.key not in best or found.gain > best[h.key].gain):
                 best[h.key] = found
@@ -325,6 +346,11 @@ def _put(h: Hypothesis, each: Floats) -> tuple[Hypothesis, Floats]:
         return h, each[:, 0] * h.values[name]
     if not h.angle:
         return h, each[:, 0]
+    if h.recordings:
+        sizes, phases = np.linalg.norm(each, axis=1), np.arctan2(each[:, 1], each[:, 0])
+        values = {**h.values, h.angle: float(phases[np.argmax(sizes)])}
+        own = tuple(zip(h.recordings, phases.tolist(), strict=True))
+        return replace(h, values=values, angle="", recordings=(), own=own), sizes
     largest = each[np.argmax((each**2).sum(axis=1))]
     phase = float(np.arctan2(largest[1], largest[0]))
     return replace(h, values={**h.values, h.angle: phase}, angle=""), each @ [np.cos(phase), np.sin(phase)]

@@ -32,7 +32,8 @@ class Hypothesis:
     """One way in which a rig may differ.
 
     values : where it begins. as_it_is : whether its column is that of these values, and not one per unit of its size.
-    angle : the phase that goes with its size as two columns, or empty. rows : its columns in :class:`.Columns`.
+    angle : the phase that goes with its size as two columns, or empty. recordings : those in which its phase is free,
+    as positions begin anywhere in each; empty: it is shared. own : recording -> phase there.
     """
 
     place: str
@@ -40,6 +41,8 @@ class Hypothesis:
     values: Values
     as_it_is: bool
     angle: str = ""
+    recordings: tuple[int, ...] = ()
+    own: tuple[tuple[int, float], ...] = ()
 
     @property
     def key(self) -> Key:
@@ -53,7 +56,8 @@ class Hypothesis:
         return sum(p.role is not Role.GIVEN and p.name not in idle for p in self.effect.parameters)
 
     def put(self, rig: Rig, size: Floats | None) -> Rig:
-        """The rig with it; size : (1,) its size, (2,) its sine and cosine, (KNOTS,) a table's values; None as it is.
+        """The rig with it; size : (1,) its size, (2,) its sine and cosine, (2 recordings,) the same in each, (KNOTS,) a
+        table's values; None as it is.
 
         Raises
         ------
@@ -64,14 +68,20 @@ class Hypothesis:
             assert size is not None
             values |= dict(zip(VALUES, map(float, size), strict=True))
             return rig.with_effect(*self.key, values)
+        own = self.own
         if self.angle and size is not None:
-            values[of.name], values[self.angle] = float(np.hypot(*size)), float(np.arctan2(size[1], size[0]))
+            waves = size.reshape(-1, 2)
+            sizes, phases = np.hypot(*waves.T), np.arctan2(waves[:, 1], waves[:, 0])
+            values[of.name], values[self.angle] = float(np.sqrt(np.mean(sizes**2))), float(phases[np.argmax(sizes)])
+            own = tuple(zip(self.recordings, phases.tolist(), strict=True)) if len(waves) > 1 else ()
         elif not self.as_it_is and size is not None:
             values[of.name] = float(size[0])
         values[of.name] = float(np.clip(values[of.name], of.low, of.high))
         if values[of.name] == of.neutral:
             values[of.name] = 0.1 * self.values[of.name]
-        return rig.with_effect(*self.key, values)
+        angle = self.effect.of_role(Role.ANGLE)
+        title = ".".join((*self.key, angle.name if angle else ""))
+        return rig.with_effect(*self.key, values).owning({(k, title): phase for k, phase in own})
 
 
 def hypotheses(
@@ -99,7 +109,7 @@ def hypotheses(
             if tables:
                 yield from _table(place, effect, motion)
             else:
-                yield from _laws(place, effect, motion(place))
+                yield from _laws(place, effect, motion(place), bench.anywhere)
 
 
 def unseen_positions(bench: Bench) -> set[str]:
@@ -139,8 +149,8 @@ def _of_both_signs(effect: Effect, states: dict[str, Floats]) -> bool:
     return bool(low < 0.0 < high)
 
 
-def _laws(place: str, effect: Effect, here: Place) -> Iterator[Hypothesis]:
-    """A law at each of its starts, within what the recording can show."""
+def _laws(place: str, effect: Effect, here: Place, anywhere: tuple[int, ...]) -> Iterator[Hypothesis]:
+    """A law at each of its starts, within what the recording can show. anywhere : see :class:`.Bench`."""
     if not effect.is_shown(here):
         return
     bounds, angle = effect.bounds_at(here), effect.of_role(Role.ANGLE)
@@ -164,7 +174,8 @@ def _laws(place: str, effect: Effect, here: Place) -> Iterator[Hypothesis]:
         if values in seen:
             continue
         seen.append(values)
-        yield Hypothesis(place, effect, values, as_it_is, angle.name if paired and angle else "")
+        turned = (angle.name, anywhere) if paired and angle else ()
+        yield Hypothesis(place, effect, values, as_it_is, *turned)
         if isinstance(effect.slot, slots.Contact):
             for factor in FRICTIONS:
                 size = effect.size

@@ -198,8 +198,14 @@ class Search:
             takes = key[1] in self.now.rig.takes(place) and bare.rig.effect(place, key[1]) is None
             if place == key[0] or unread or not takes:
                 continue
+            own = {
+                (k, title.replace(".".join(key), f"{place}.{key[1]}")): value
+                for k, there in enumerate(self.now.rig.own) for title, value in there.items()
+                if title.startswith(f"{'.'.join(key)}.")
+            }  # fmt: skip
             try:
-                proposals.append((bare.rig.with_effect(place, key[1], dict(values)), (*bare.keys, (place, key[1]))))
+                rig = bare.rig.with_effect(place, key[1], dict(values)).owning(own)
+                proposals.append((rig, (*bare.keys, (place, key[1]))))
             except UserError:
                 continue
         return self.sifted(less, proposals, best, key)

@@ -50,7 +50,8 @@ def _finding(c: Conclusion, key: Key) -> Finding:
             continue  # nothing asked for it
         for f, x in zip(c.values.free, c.values.x, strict=True):
             if f.key == key and f.name == p.name and f.recording is not None:
-                there = around(f.value(x), c.values.errors[*key, f.label])
+                low, high = around(f.value(x), c.values.errors[*key, f.label])
+                there = max(low, p.low), min(high, p.high)
                 own = ParameterEstimate(f.value(x), unit_at(nominal, place, p.unit), there)
                 each[c.label(f.name, f.recording)] = own
                 largest[p.name] = max(largest.get(p.name, own), own, key=lambda one: abs(one.value))

@@ -1,5 +1,7 @@
 """What differs between recordings is freed in each; what does not is not, and a wrong parameter stands for no law."""
 
+from importlib.resources import files
+
 import numpy as np
 import pytest
 
@@ -12,10 +14,11 @@ MOTION = ("rig=two_mass_stage", "controller=open_loop", "reference=multisine", "
 NOISE = 5e-4
 
 
-def recorded(seed: int, force: float, mass: float = 2.5):
+def recorded(seed: int, force: float, mass: float = 2.5, more: tuple[str, ...] = ()):
     """A run of the stage with dry friction at its carriage, and a table of this mass."""
-    more = [f"rig.effects.carriage.coulomb_friction.force={force}", f"rig.parameters.m_t.value={mass}"]
-    frame = dtb.run(*MOTION, f"seed={seed}", *more).recording.to_frame()
+    truth = [f"rig.effects.carriage.coulomb_friction.force={force}", f"rig.parameters.m_t.value={mass}"]
+    motion = [m for m in MOTION if m.split("=")[0] not in {n.split("=")[0] for n in more}]
+    frame = dtb.run(*motion, f"seed={seed}", *truth, *more).recording.to_frame()
     frame = frame[[c for c in frame if c[:2] in ("t_", "u_", "x_")]].copy()
     rng = np.random.default_rng(seed)
     for c in (c for c in frame if c.startswith("x_")):
@@ -56,6 +59,25 @@ def test_a_friction_that_one_alone_has_is_found_and_said_to_be_seen_there_only()
     causes = [one.causes["carriage.coulomb_friction.force"] for one in found.diagnosis.recordings]
     assert [one.said for one in causes] == ["not seen", "seen"]
     assert causes[1].value == pytest.approx(4.0, rel=0.02)
+
+
+@pytest.mark.check
+def test_a_ripple_is_found_where_each_recording_begins_at_another_zero(tmp_path):
+    """Beside a friction, and half a period apart: with one phase for both the ripple would add up to nothing."""
+    description = (files("dtbacklash.conf.rig") / "two_mass_stage.yaml").read_text()
+    rig = tmp_path / "relative.yaml"
+    rig.write_text(description.replace(", absolute: true", ""))
+    frames = []
+    for seed, phase in ((10, 0.5), (11, 0.5 - np.pi)):
+        ripple = {"force": 0.2, "wave_number": 600.0, "phase": phase}
+        more = [f"rig.effects.carriage.cogging.{name}={value}" for name, value in ripple.items()]
+        frames.append(recorded(seed, 4.0, more=("duration_s=4", *more)))
+    found = dtb.diagnose(frames, str(rig), trust_units=True, search="quick")
+    assert {(f.location, f.effect) for f in found.diagnosis.findings} == {
+        ("carriage", "coulomb_friction"), ("carriage", "cogging")}  # fmt: skip
+    values = found.rig.effects["carriage"]["cogging"]
+    assert values["force"] == pytest.approx(0.2, rel=0.02)
+    assert values["wave_number"] == pytest.approx(600.0, rel=1e-3)
 
 
 SPRING = ("rig=oscillator", "controller=open_loop", "reference=multisine", "reference.f_min_hz=1",
