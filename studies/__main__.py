@@ -29,6 +29,7 @@ from studies import (
     controllers,
     crossing,
     diagnosis,
+    fleets,
     gallery,
     indexes,
     nimc_forms,
@@ -147,6 +148,13 @@ def _second_recording(options: argparse.Namespace) -> Result:
     return found, second_recording.said(found)
 
 
+def _fleets(options: argparse.Namespace) -> Result:
+    found = fleets.fleet_rows(options.n, options.seed, options.out / "fleets_cases.csv")
+    if options.docs:
+        fleets.write_docs(found, options.docs)
+    return found, fleets.fleet_words(found)
+
+
 def _simulators(options: argparse.Namespace) -> Result:
     found = simulators.simulator_rows(options.n, options.seed, options.out / "simulators_cases.csv")
     return found, simulators.simulator_words(found)
@@ -200,6 +208,10 @@ STUDIES = {
     "second_recording": Study(
         "Pairs that one recording confuses, with a second one: lead of the truth in -2 log likelihood",
         _second_recording, 30, 0, asked=True,
+    ),
+    "fleets": Study(
+        "Concealed fleets of three recordings, and changes between two; sure names have an !",
+        _fleets, 8, 91_000, asked=True,
     ),
     "simulators": Study(
         "Concealed recordings on MuJoCo models of gymnasium (extra mujoco): names, those that are sure with an !",
