@@ -102,7 +102,9 @@ class Columns:
                 return None
             found = simulated
         with np.errstate(over="ignore"):
-            squares = [float(c @ c) for c in found]
+            # of what it begins with: a column is per unit of a size, whose number may be large
+            begun = 1.0 if h.as_it_is or h.effect.is_table else h.values[h.effect.size.name]
+            squares = [float(c @ c) * begun**2 for c in found]
         # a table's outer value may lie where the motion never is
         enough = any(s > 1e-12 for s in squares) if h.effect.is_table else all(s > 1e-12 for s in squares)
         return found if enough and np.isfinite(squares).all() else None

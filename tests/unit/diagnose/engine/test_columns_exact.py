@@ -34,6 +34,7 @@ CASES = {
     "cogging": Case("pendulum", ("disk", "cogging"), {"torque": 0.03, "periods": 7.0, "phase": 0.3}, 0.6),
     "viscous": Case("two_mass_stage", ("carriage", "viscous_friction"), {"coefficient": 12.0}, 1.0),
     "cubic": Case("oscillator", ("spring", "cubic_stiffness"), {"k3": 2e6}, 1.5),
+    "a cubic of stiff springs": Case("lead_screw", ("link_1", "cubic_stiffness"), {"k3": 1e10}, 3.0),
     "constant": Case("two_mass_stage", ("table", "constant_force"), {"force": 0.7}, 1.0),
 }
 
