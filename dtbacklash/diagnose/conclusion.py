@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -71,11 +72,16 @@ class Conclusion:
         """The largest unknown force of the extended rig."""
         return self.search.unknown(self.model)
 
+    @cached_property
+    def follows(self) -> bool:
+        """Whether the extended rig's simulation stays finite on all of every recording, with readings to correct it."""
+        return self.seen.errors(self.model.rig) is not None
+
     @property
     def explains(self) -> bool:
         """Whether little is left, and little beside what was missing."""
         rules = self.search.rules
-        return self.left < rules.left and (self.left < rules.clears * self.before or self.left < rules.much)
+        return self.follows and self.left < rules.left and (self.left < rules.clears * self.before or self.left < rules.much)
 
     @property
     def moved(self) -> dict[str, tuple[float, float]]:
@@ -105,7 +111,7 @@ class Conclusion:
         sizes = self.sizes
         return frozenset(
             key for key in self.judged.sure
-            if self.full and key in sizes and is_there(self.model, self.values, key)
+            if self.full and self.follows and key in sizes and is_there(self.model, self.values, key)
             and self.stands_in_each(sizes[key]) and not self.not_predicted(key)
         )  # fmt: skip
 

@@ -169,6 +169,8 @@ def explained_said(much: Explained, findings: bool) -> str:
     ]
     by = "The extended rig" if findings else "The recalibrated rig"
     said = f"{by} explains {' and '.join(shares)}. " if shares else ""
+    if not left:
+        return f"{by} does not follow the recording: its simulation does not stay finite."
     if much.enough is not None:
         left.append("which is what was called enough" if much.enough else "more than what was called enough")
     return f"{said}Left: {', '.join(left)}."

@@ -7,6 +7,7 @@ import pytest
 from nominal import nominal_rig
 
 from dtbacklash.diagnose import Record, diagnose, diagnose_records
+from dtbacklash.diagnose.seen import Seen
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.recording.model import Recording
 
@@ -72,6 +73,16 @@ def test_one_effect_is_named(rig, place, effect, values):
     held = document["fit"]["held_out"]
     assert held["extended"] < 1.2 * document["fit"]["noise_floor"] < held["nominal"]
     assert found.extended.effect(place, effect) is not None
+
+
+@pytest.mark.check
+def test_no_name_is_sure_where_the_extended_rig_does_not_stay_finite(rig, monkeypatch):
+    truth = rig.with_effect("motor_bearing", "coulomb_friction", {"torque": 0.02})
+    monkeypatch.setattr(Seen, "errors", lambda self, rig, others=None: None)
+    found = diagnose_records(rig, [recorded(truth, seconds=4.0)])
+    assert found.verdict == "unexplained"
+    assert [(f.effect, f.confidence) for f in found.findings] == [("coulomb_friction", "partial")]
+    assert "does not follow the recording: its simulation does not stay finite." in found.summary
 
 
 @pytest.mark.check
