@@ -81,7 +81,8 @@ class Conclusion:
     def explains(self) -> bool:
         """Whether little is left, and little beside what was missing."""
         rules = self.search.rules
-        return self.follows and self.left < rules.left and (self.left < rules.clears * self.before or self.left < rules.much)
+        little = self.left < rules.clears * self.before or self.left < rules.much
+        return self.follows and little and self.left < rules.left
 
     @property
     def moved(self) -> dict[str, tuple[float, float]]:
