@@ -59,13 +59,12 @@ def _second_order(values: Values) -> tuple[Sequence[float], Sequence[float]]:
 
 
 def _mean(values: Values) -> tuple[Sequence[float], Sequence[float]]:
-    """The Pade approximant [4/5] of ``(1 - e^(-s window)) step / (window (1 - e^(-s step)))``, step = window - 2 delay.
+    """The Pade approximant [4/5] of ``(1 - e^(-s window)) step / (window (1 - e^(-s step)))``.
 
-    It is stable, and within 0.4 % up to the first null (Baker and Graves-Morris, Pade Approximants, 1996). The step is
-    that of the samples that are averaged; 0 where all instants are.
+    step = window (1 - 2 middle): that of the samples that are averaged; 0 where all instants are. It is stable, and
+    within 0.4 % up to the first null (Baker and Graves-Morris, Pade Approximants, 1996).
     """
-    window = values["window"]
-    share = min(max(1.0 - 2.0 * values["delay"] / window, -MOST_STEP), MOST_STEP)
+    window, share = values["window"], 1.0 - 2.0 * values["middle"]
     of_window = np.array([(-1) ** k / math.factorial(k + 1) for k in range(10)])
     of_step, mean = of_window * share ** np.arange(10), np.zeros(10)
     for k in range(10):
@@ -85,11 +84,7 @@ def _late_second_order(time: float) -> Values:
 
 
 def _late_mean(time: float) -> Values:
-    return {"window": 2.0 * time, "delay": time}
-
-
-#: a mean over fewer than two samples is none (share of its window)
-MOST_STEP = 0.45
+    return {"window": 2.0 * time, "middle": 0.5}
 
 
 #: of a filter; a sensor without one has an infinite cut-off
@@ -179,12 +174,12 @@ EFFECTS = [
         "moving_average", "sensor",
         (
             Parameter("window", "s", 0.0, 1e3, 0.02, 0.0, role=Role.SIZE),
-            Parameter("delay", "s", 0.0, 1e3, 0.01),
+            Parameter("middle", "1", 0.275, 0.725, 0.5),
         ),
-        "mean of y over window, whose middle is delay ago (window / 2, or half a sample less)",
+        "mean of y over window, middle * window late: 1/2, or (n - 1) / 2n of n samples, n > 2",
         Filter(_mean, _late_mean),
         "moving average; in the simulation its Pade approximant [4/5]",
-        "{location} shows a moving average over {window}, {delay} late.",
+        "{location} shows a moving average over {window}, whose middle is {middle} of it ago.",
         conceal=_not_concealed, starts=_windows,
     ),
     Effect(
