@@ -189,8 +189,8 @@ def _place(model: mujoco.MjModel, title: str) -> tuple[Any, Any]:
 
 def named(key: str, name: object, there: Mapping[str, Any]) -> Any:
     """What has this name in the model."""
-    if name in there:
-        return there[str(name)]
+    if isinstance(name, str) and name in there:
+        return there[name]
     near = difflib.get_close_matches(str(name), there, n=1)
     meant = f"; did you mean {near[0]}" if near else ""
     raise UserError(key, name, f"the model has no such name{meant}; it has {', '.join(there) or 'none'}")
