@@ -26,6 +26,8 @@ static void equations(M *m) {{
 }}
 static void signs(M *m, double *z) {{ {signs} }}
 static int event(M *m) {{ double t = m->t; int moved = 0; (void)t; {event} return moved; }}
+static int again(M *m) {{ return {again}; }}
+static int refuses(M *m) {{ double t = m->t; (void)t; return {refuses}; }}
 static void *begin(void) {{ M *m = malloc(sizeof(M)); memcpy(m->number, start, sizeof start); m->t = 0.0; return m; }}
 #define X(k) (((M *)c)->number[k])
 """
@@ -47,13 +49,14 @@ S fmi2SetReal(C, R r, N n, const double *y) { for (N i = 0; i < n; i++) { if (!i
   X(r[i]) = y[i]; } return fmi2OK; }
 S fmi2EnterEventMode(C) OK
 S fmi2NewDiscreteStates(C, fmi2EventInfo *e) { memset(e, 0, sizeof *e);
-  e->valuesOfContinuousStatesChanged = event(c); return fmi2OK; }
+  e->newDiscreteStatesNeeded = again(c); e->valuesOfContinuousStatesChanged = event(c); return fmi2OK; }
 S fmi2GetEventIndicators(C, double *z, N n) { signs(c, z); return fmi2OK; }
 S fmi2EnterContinuousTimeMode(C) OK
 S fmi2CompletedIntegratorStep(C, fmi2Boolean a, fmi2Boolean *b, fmi2Boolean *d) { *b = *d = 0; return fmi2OK; }
 S fmi2SetTime(C, double t) { ((M *)c)->t = t; return fmi2OK; }
 S fmi2SetContinuousStates(C, const double *x, N n) { for (N i = 0; i < n; i++) X(STATE[i]) = x[i]; return fmi2OK; }
-S fmi2GetDerivatives(C, double *d, N n) { equations(c); for (N i = 0; i < n; i++) d[i] = X(RATE[i]); return fmi2OK; }
+S fmi2GetDerivatives(C, double *d, N n) { equations(c); for (N i = 0; i < n; i++) d[i] = X(RATE[i]);
+  return refuses(c) ? fmi2Error : fmi2OK; }
 S fmi2GetNominalsOfContinuousStates(C, double *x, N n) { for (N i = 0; i < n; i++) x[i] = 1.0; return fmi2OK; }
 S fmi2GetContinuousStates(C, double *x, N n) { for (N i = 0; i < n; i++) x[i] = X(STATE[i]); return fmi2OK; }
 """.replace("C0", "fmi2Component")
@@ -73,7 +76,7 @@ S fmi3Reset(C) { memcpy(((M *)c)->number, start, sizeof start); ((M *)c)->t = 0.
 S fmi3GetFloat64(C, R r, N n, double *y, N k) { equations(c); for (N i = 0; i < n; i++) y[i] = X(r[i]); return fmi3OK; }
 S fmi3SetFloat64(C, R r, N n, const double *y, N k) { for (N i = 0; i < n; i++) { if (!isfinite(y[i])) return fmi3Error;
   X(r[i]) = y[i]; } return fmi3OK; }
-S fmi3UpdateDiscreteStates(C, B *a, B *b, B *d, B *e, B *f, double *g) { *a = *b = *d = *f = 0; *e = event(c);
+S fmi3UpdateDiscreteStates(C, B *a, B *b, B *d, B *e, B *f, double *g) { *b = *d = *f = 0; *a = again(c); *e = event(c);
   return fmi3OK; }
 S fmi3GetEventIndicators(C, double *z, N n) { signs(c, z); return fmi3OK; }
 S fmi3EnterContinuousTimeMode(C) OK
@@ -81,16 +84,20 @@ S fmi3CompletedIntegratorStep(C, B a, B *b, B *d) { *b = *d = false; return fmi3
 S fmi3SetTime(C, double t) { ((M *)c)->t = t; return fmi3OK; }
 S fmi3SetContinuousStates(C, const double *x, N n) { for (N i = 0; i < n; i++) X(STATE[i]) = x[i]; return fmi3OK; }
 S fmi3GetContinuousStateDerivatives(C, double *d, N n) { equations(c); for (N i = 0; i < n; i++) d[i] = X(RATE[i]);
-  return fmi3OK; }
+  return refuses(c) ? fmi3Error : fmi3OK; }
 S fmi3GetNominalsOfContinuousStates(C, double *x, N n) { for (N i = 0; i < n; i++) x[i] = 1.0; return fmi3OK; }
 S fmi3GetContinuousStates(C, double *x, N n) { for (N i = 0; i < n; i++) x[i] = X(STATE[i]); return fmi3OK; }
 """
 Unit = str
 
 
+def _in_c(name: str) -> str:
+    return re.sub(r"\W", "_", name)
+
+
 @dataclass(frozen=True)
 class Machine:
-    """A machine as C: ``equations`` set ``D_STATE`` of each state, and outputs; a dot in a name is ``_`` in them."""
+    """A machine as C: ``equations`` set ``D_STATE`` of each state, and outputs; a dot or bracket in a name is ``_``."""
 
     states: dict[str, tuple[float, Unit]]
     parameters: dict[str, float]
@@ -101,6 +108,9 @@ class Machine:
     discrete: dict[str, float] = field(default_factory=dict)
     signs: tuple[str, ...] = ()
     event: str = ""
+    #: when its discrete states want another turn, and when it refuses its derivatives
+    again: str = "0"
+    refuses: str = "0"
 
     def build(self, path: Path, version: int = 2, **changes: str) -> Path:
         """Write it as an FMU. changes : texts of its description -> others, without their signs."""
@@ -119,8 +129,9 @@ class Machine:
         source = SOURCE.format(
             version=version, count=len(names), start=", ".join(map(repr, first.values())), equations=self.equations,
             signs=" ".join(f"z[{k}] = {sign};" for k, sign in enumerate(self.signs)), event=self.event,
+            again=self.again, refuses=self.refuses,
             defines="\n".join([
-                *(f"#define {name.replace('.', '_')} (m->number[{k}])" for k, name in enumerate(names)),
+                *(f"#define {_in_c(name)} (m->number[{k}])" for k, name in enumerate(names)),
                 f"static const int STATE[] = {{ {', '.join(map(str, range(n)))} }};",
                 f"static const int RATE[] = {{ {', '.join(map(str, range(n, 2 * n)))} }};",
             ]),
@@ -128,7 +139,7 @@ class Machine:
         work = path.with_suffix("")
         folder = work / "binaries" / ("linux64" if version == 2 else "x86_64-linux")
         folder.mkdir(parents=True)
-        undefined = "".join(f"#undef {name.replace('.', '_')}\n" for name in names)
+        undefined = "".join(f"#undef {_in_c(name)}\n" for name in names)
         (work / "model.c").write_text(source + undefined + (TWO if version == 2 else THREE))
         headers = Path(fmpy.__file__).parent / "c-code"
         known = set(re.findall(r"Export\s+\w+TYPE\s+(fmi\d\w+);", (headers / f"fmi{version}Functions.h").read_text()))

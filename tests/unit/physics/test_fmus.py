@@ -8,11 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from fmus import EQUATIONS, EXCHANGED, Machine
+from fmus import COLUMNS, EQUATIONS, EXCHANGED, JOINTS, STAGE, Machine
 
 from dtbacklash.cli import main
+from dtbacklash.config.rig import RigConfig
 from dtbacklash.errors import UserError
 from dtbacklash.face.rigs import load_rig
+from dtbacklash.physics.fmus import model_of
 
 pytest.importorskip("fmpy")
 
@@ -52,6 +54,31 @@ def test_an_fmus_states_inputs_and_parameters_are_found(exchanged, capsys):
         ({"model": "nowhere.fmu"}, "no such file"),
         ({"joints": {"my.axle": {"position": "axle.phi"}}}, "a name without dots; it is yours"),
         ({"fixed": ["axle"]}, "leave it out of `joints`"),
+        (
+            {"joints": {"axle": {"position": ["axle.phi"]}}},
+            "rig.joints.axle.position=['axle.phi']: the model has no such",
+        ),
+        ({"joints": {"axle": {"position": "axle.phi", "force": ["tau"]}}}, "rig.joints.axle.force=['tau']: the model"),
+        (
+            {"commands": {"torque": ["spin"], "push": "rail"}},
+            "rig.commands.torque=['spin']: the model has no such name",
+        ),
+        (
+            {"sensors": {"x": {"of": ["axle"], "quantity": "position"}}},
+            "rig.sensors.x.of=['axle']: one name: of a joint",
+        ),
+        (
+            {"joints": {"a": {"position": "axle.phi"}, "b": {"position": "axle.phi"}}},
+            "rig.joints.a.position=axle.phi: is of two joints; each has its own",
+        ),
+        ({"joints": {**JOINTS, "axle": {**JOINTS["axle"], "slides": "no"}}}, "axle.slides=no: true or false"),
+        ({"joints": {**JOINTS, "axle": {**JOINTS["axle"], "slides": True}}}, "axle.phi is in rad; leave it out"),
+        ({"joints": {**JOINTS, "rail": {**JOINTS["rail"], "slides": False}}}, "rail.s is in m; leave it out"),
+        (
+            {"tolerances": {"cart.m": "5 %", "parameters.cart.m": "20 %"}},
+            "rig.tolerances.parameters.cart.m=20 %: cart.m is named twice",
+        ),
+        ({"joints": {"axle": JOINTS["axle"]}}, "rig.commands.push=rail: moves none of the joints"),
     ],
 )
 def test_what_an_fmu_has_not_is_told_in_one_line(exchanged, change, said):
@@ -79,6 +106,58 @@ def test_an_fmu_that_cannot_be_a_model_is_refused_in_one_line(exchanged, tmp_pat
     assert re.search(r"is for win32; this one is \w+", refused(tmp_path / "other.fmu"))
     degrees = replace(EQUATIONS, states={**EQUATIONS.states, "axle.phi": (0.0, "deg")}).build(tmp_path / "deg.fmu")
     assert "is in deg; a joint's state must be in m or rad" in refused(degrees)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"refuses": "1"}, "machine.fmu: the FMU refuses its derivatives where it begins: "),
+        ({"equations": EQUATIONS.equations + " D_rail_v = sqrt(-1.0 - t);"}, "the derivative of rail.v is "),
+        ({"again": "1"}, "the FMU does not begin with it: its discrete states do not settle in 100 turns"),
+    ],
+)
+def test_an_fmu_that_does_not_give_its_motion_is_refused_in_one_line(tmp_path, capsys, version, wrong, said):
+    path = replace(EQUATIONS, **wrong).build(tmp_path / "machine.fmu", version)
+    with pytest.raises(UserError) as error:
+        load_rig({**EXCHANGED, "model": str(path)})
+    assert said in str(error.value)
+    assert main(["rig", "new", "fmu", str(path)]) == 2
+    assert said in capsys.readouterr().err
+    assert not path.with_suffix(".yaml").exists()
+
+
+def test_two_joints_have_no_force_in_common(tmp_path):
+    both = replace(STAGE, equations=STAGE.equations.replace("(F_t - s)", "(F_t + F_c - s)"))
+    path = both.build(tmp_path / "both.fmu")
+    joints = {n: {"position": x, "force": "F_c"} for n, x in {"carriage": "x_c", "table": "x_t"}.items()}
+    with pytest.raises(UserError, match=r"rig.joints.carriage.force=F_c: is of two joints; each has its own"):
+        load_rig({"model": str(path), "commands": {"u": "u"}, "joints": joints})
+
+
+def test_what_a_library_said_before_is_no_reason(exchanged):
+    instance = model_of(replace(RigConfig(), model=str(exchanged[2]))).instance()
+    instance.said = "a text of long ago"
+    with pytest.raises(UserError, match=r"rig.tolerances.cart.m=nan: the FMU does not begin with it: ") as error:
+        instance.begin({"cart.m": float("nan")})
+    assert "long ago" not in str(error.value)
+
+
+def test_names_that_are_no_plain_yaml_are_quoted(tmp_path, capsys):
+    machine = Machine(
+        {"rail.r[1]": (0.0, "m"), "rail.v[1]": (0.0, "m/s")},
+        {"no": 2.0, "m[1,2]": 3.0},
+        {"u[1]": "V", "F[1]": "N"},
+        "  D_rail_r_1_ = rail_v_1_; D_rail_v_1_ = (no * u_1_ + F_1_) / m_1_2_;",
+    )
+    path = machine.build(tmp_path / "bracket.fmu", 3)
+    assert main(["rig", "new", "fmu", str(path)]) == 0
+    assert main(["rig", "check", str(path.with_suffix(".yaml"))]) == 0
+    assert "m[1,2] = 3" in capsys.readouterr().out
+    text = path.with_suffix(".yaml").read_text()
+    assert 'rail_r_1: {position: "rail.r[1]", speed: "rail.v[1]", force: "F[1]"}' in text
+    with pytest.raises(UserError, match=r'name at least one, as {rail_r_1: {position: "rail.r\[1\]"}}'):
+        load_rig({**COLUMNS, "model": str(path)})
 
 
 def test_a_command_that_acts_through_a_winding_drives_what_that_turns(tmp_path):

@@ -1,0 +1,216 @@
+"""An FMU for Model Exchange: its archive unpacked, its description read, its library loaded, and it run.
+
+FMPy does so; it is imported where an FMU is read.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import tempfile
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.config.rig import RigConfig
+from dtbacklash.errors import UserError
+
+LOADING = threading.Lock()
+#: turns in which discrete states find each other, at most
+DECISIONS = 100
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """An FMU, unpacked. states : in its own order -> its derivative. variables : all numbers by name."""
+
+    path: str
+    folder: tempfile.TemporaryDirectory[str]
+    description: Any
+    states: dict[str, Any]
+    variables: dict[str, Any]
+    own: threading.local
+
+    def of(self, *causalities: str) -> dict[str, Any]:
+        """Its real variables of these causalities."""
+        return {name: v for name, v in self.variables.items() if v.causality in causalities}
+
+    @property
+    def inputs(self) -> dict[str, Any]:
+        """Its real inputs that may change at any time."""
+        return {name: v for name, v in self.of("input").items() if v.variability in (None, "continuous")}
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """Its real parameters that may be set."""
+        known = {**self.of("parameter"), **{n: v for n, v in self.variables.items() if v.variability == "tunable"}}
+        return {n: v for n, v in known.items() if v.start is not None and v.causality != "calculatedParameter"}
+
+    @property
+    def signs(self) -> int:
+        """Event indicators."""
+        return int(self.description.numberOfEventIndicators or 0)
+
+    @property
+    def switches(self) -> bool:
+        """Whether something in it may switch, or it has to be told of each step."""
+        told = bool(self.description.modelExchange.needsCompletedIntegratorStep)
+        return self.signs > 0 or told or self.instance().next_s < math.inf
+
+    @property
+    def threes(self) -> bool:
+        """Whether it is of FMI 3.0."""
+        return str(self.description.fmiVersion).startswith("3")
+
+    def instance(self) -> Instance:
+        """An instance of this thread: a library may keep nothing apart that two threads change."""
+        if not hasattr(self.own, "instance"):
+            self.own.instance = Instance(self)
+        found: Instance = self.own.instance
+        return found
+
+
+def model_of(config: RigConfig) -> Model:
+    """A rig's FMU.
+
+    Raises
+    ------
+    UserError : no such file, no FMU, none for Model Exchange, for another platform, without states; FMPy is missing.
+    """
+    file = Path(config.model)
+    if not file.is_file():
+        raise UserError("rig.model", config.model, "no such file; a path from the rig's file on")
+    return _read(config.model, file.stat().st_mtime_ns)
+
+
+@functools.lru_cache(maxsize=16)
+def _read(path: str, stamp: int) -> Model:
+    try:
+        import fmpy
+    except ImportError:
+        raise UserError("rig.model", path, "needs FMPy: pip install dtbacklash[fmu]") from None
+    folder = tempfile.TemporaryDirectory()
+    try:
+        described = fmpy.read_model_description(path, validate=False)
+        fmpy.extract(path, folder.name)
+    except Exception as error:  # FMPy has no class of its own for what is wrong in a file
+        raise UserError("rig.model", path, f"is no FMU: {' '.join(str(error).split())}") from error
+    if described.fmiVersion not in ("2.0", "3.0"):
+        raise UserError("rig.model", path, f"is FMI {described.fmiVersion}; FMI 2.0 and 3.0 are read")
+    if described.modelExchange is None:
+        allowed = "is for Co-Simulation only: it hides its states, and a diagnosis has to set them; export it for Model"
+        raise UserError("rig.model", path, f"{allowed} Exchange")
+    there = fmpy.supported_platforms(path)
+    if fmpy.platform not in there:
+        raise UserError("rig.model", path, f"is for {', '.join(there) or 'no platform'}; this one is {fmpy.platform}")
+    real = {v.name: v for v in described.modelVariables if v.type in ("Real", "Float64") and not v.dimensions}
+    states = {u.variable.derivative.name: u.variable for u in described.derivatives if u.variable.derivative}
+    if not states or len(states) != len(described.derivatives) or not states.keys() <= real.keys():
+        raise UserError("rig.model", path, "has no continuous states, each a number, that could be set")
+    return Model(path, folder, described, states, real, threading.local())
+
+
+class Instance:
+    """An FMU that runs. fmu : FMPy's. said : what its library said last. next_s : when its clock strikes first."""
+
+    def __init__(self, model: Model) -> None:
+        from fmpy.simulation import instantiate_fmu
+
+        self.model, self.said, self.next_s, self._begun = model, "", math.inf, False
+        self.threes = model.threes
+        try:
+            with LOADING:  # FMPy goes to the library's folder and back
+                self.fmu = instantiate_fmu(model.folder.name, model.description, "ModelExchange", logger=self._log)
+        except Exception as error:
+            raise UserError("rig.model", model.path, f"does not load: {' '.join(str(error).split())}") from error
+
+    def _log(self, *arguments: Any) -> None:
+        text = arguments[-1]
+        self.said = text.decode(errors="replace") if isinstance(text, bytes) else str(text)
+
+    def begin(self, values: Mapping[str, float]) -> Floats:
+        """(states,) its first state with these parameters, ready for continuous time.
+
+        Raises
+        ------
+        UserError : it does not take a value, or does not begin.
+        """
+        fmu, title, self.said = self.fmu, "", ""
+        try:
+            if self._begun:
+                fmu.reset()
+            self._begun = True
+            for title, value in values.items():
+                self._set([self.model.variables[title].valueReference], [value])
+            title = ""
+            if self.threes:
+                fmu.enterInitializationMode()
+            else:
+                fmu.setupExperiment()
+                fmu.enterInitializationMode()
+            fmu.exitInitializationMode()
+            self._decide()
+            fmu.enterContinuousTimeMode()
+            x = (self._doubles * len(self.model.states))()
+            fmu.getContinuousStates(x, len(x))
+        except Exception as error:
+            key, given = (f"rig.tolerances.{title}", f"{values[title]:g}") if title else ("rig.model", self.model.path)
+            raise UserError(key, given, f"the FMU does not begin with it: {self._why(error)}") from error
+        return np.array(x)
+
+    def _decide(self) -> None:
+        """Let its discrete states find each other, as at each event."""
+        for _ in range(DECISIONS):
+            again, *_, struck, when = self.fmu.updateDiscreteStates() if self.threes else self.fmu.newDiscreteStates()
+            if not again:
+                self.next_s = float(when) if struck else math.inf
+                return
+        raise ValueError(f"its discrete states do not settle in {DECISIONS} turns")
+
+    def _why(self, error: Exception) -> str:
+        """What its library said of an error, else the error itself."""
+        return " ".join((self.said or str(error)).split())
+
+    @property
+    def _doubles(self) -> Any:
+        from ctypes import c_double
+
+        return c_double
+
+    def _set(self, references: Sequence[int], values: Sequence[float]) -> None:
+        (self.fmu.setFloat64 if self.threes else self.fmu.setReal)(references, values)
+
+    def address(self, name: str) -> int:
+        """Of a function of its library; ``name`` without fmi2 or fmi3."""
+        import ctypes
+
+        function = getattr(self.fmu.dll, f"fmi{3 if self.threes else 2}{name}")
+        return int(ctypes.cast(function, ctypes.c_void_p).value or 0)
+
+    def rates(self, x: Floats, inputs: Mapping[str, float]) -> Floats:
+        """(states,) derivatives at states and inputs, at the time 0.
+
+        Raises
+        ------
+        UserError : it refuses them, or one is not finite.
+        """
+        self.said = ""
+        given, found = (self._doubles * len(x))(*x), (self._doubles * len(x))()
+        try:
+            self._set([self.model.variables[name].valueReference for name in inputs], list(inputs.values()))
+            self.fmu.setTime(0.0)
+            self.fmu.setContinuousStates(given, len(x))
+            (self.fmu.getContinuousStateDerivatives if self.threes else self.fmu.getDerivatives)(found, len(x))
+        except Exception as error:
+            allowed = f"the FMU refuses its derivatives where it begins: {self._why(error)}"
+            raise UserError("rig.model", self.model.path, allowed) from error
+        rate = np.array(found)
+        for state, size in zip(self.model.states, rate, strict=True):
+            if not math.isfinite(size):
+                raise UserError("rig.model", self.model.path, f"the derivative of {state} is {size:g} where it begins")
+        return rate
