@@ -212,5 +212,6 @@ class Instance:
         rate = np.array(found)
         for state, size in zip(self.model.states, rate, strict=True):
             if not math.isfinite(size):
-                raise UserError("rig.model", self.model.path, f"the derivative of {state} is {size:g} where it begins")
+                allowed = f"the derivative of {state} is {size:g} where it begins, or close to it"
+                raise UserError("rig.model", self.model.path, allowed)
         return rate

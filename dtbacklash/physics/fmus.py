@@ -100,6 +100,9 @@ def completed(config: RigConfig) -> RigConfig:
         driven = elements.get(of, {}).get("drives")
         if of not in elements and of in model.variables:
             elements[of] = {"kind": MODEL_OUTPUT}
+            if sensor.get("recorded_in"):
+                allowed = f"leave it out: a column of {of} is in what the FMU gives"
+                raise UserError(f"rig.sensors.{column}.recorded_in", sensor["recorded_in"], allowed)
         elif driven and not passes(joints[driven], at_once, of, list(model.states)):
             allowed = "how this input acts on its joint is the FMU's; name a variable of it, with the quantity value"
             raise UserError(f"rig.sensors.{column}.of", of, allowed)
@@ -249,7 +252,8 @@ def new_rig(path: str) -> str:
         states = f"position: {_plain(position)}, speed: {_plain(speed)}"
         lines.append(f"  {_plain(_short(position))}: {{{states}{force}}}")
     lines += ["", "# the column of the log: what it shows. quantity: position, velocity, acceleration of a joint;",
-              "# value of any variable of the FMU; recorded_in: deg, say; absolute: it is 0 where the FMU's state is",
+              "# value of any variable of the FMU, without a unit; recorded_in: deg, say; absolute: it is 0 where the",
+              "# FMU's state is",
               "sensors:"]  # fmt: skip
     for position in found:
         unit, joint = _unit(model.variables[position]) or "rad", _short(position)

@@ -188,7 +188,8 @@ KINDS: dict[str, Kind] = {
             trait=slots.JOINT_DRIVE, part=DRIVE, quantities={**_EFFORT[ROTARY], **_EFFORT[LINEAR]},
         ),
         Kind(
-            MODEL_OUTPUT, {}, {}, {}, "a variable of an FMU that a sensor shows, in its unit ([how](simulators.md))",
+            MODEL_OUTPUT, {}, {}, {},
+            "a variable of an FMU that a sensor shows, as the FMU gives it ([how](simulators.md))",
             quantities={"value": "1"},
         ),
     )

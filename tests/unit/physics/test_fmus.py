@@ -78,6 +78,10 @@ def test_an_fmus_states_inputs_and_parameters_are_found(exchanged, capsys):
             {"tolerances": {"cart.m": "5 %", "parameters.cart.m": "20 %"}},
             "rig.tolerances.parameters.cart.m=20 %: cart.m is named twice",
         ),
+        (
+            {"sensors": {"watts": {"of": "power", "quantity": "value", "recorded_in": "W"}}},
+            "rig.sensors.watts.recorded_in=W: leave it out: a column of power is in what the FMU gives",
+        ),
         ({"joints": {"axle": JOINTS["axle"]}}, "rig.commands.push=rail: moves none of the joints"),
     ],
 )
