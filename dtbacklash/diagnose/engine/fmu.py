@@ -113,8 +113,8 @@ class Exchanged(Modelled):
         b = block.py_func(m, d)
         b.x[:], b.still[:] = x[self._order], list(first_inputs(fmu).values())
         b.damping[:], b.share[:] = dampings, share.ravel()
-        step, forward = functions()
+        step, forward, back = functions()
         return Parts(
-            (m, d, names, instance), step.address, forward.address, 0, m.ctypes.data, d.ctypes.data, b.x[:j],
+            (m, d, names, instance), step.address, forward.address, back.address, m.ctypes.data, d.ctypes.data, b.x[:j],
             b.x[j : 2 * j], b.x[2 * j :], b.rate[j : 2 * j], b.push, b.load, b.ctrl, b.friction, b.outputs,
         )  # fmt: skip

@@ -276,8 +276,8 @@ def follow(m, d):
 
 
 @functools.cache
-def functions() -> tuple[Any, Any]:
-    """A step, and what follows from a state, as functions with addresses."""
+def functions() -> tuple[Any, Any, Any]:
+    """A step, what follows from a state, and back to the first time, as functions with addresses."""
     kind = types.void(types.CPointer(types.int64), types.CPointer(types.float64))
 
     @cfunc(kind)
@@ -288,4 +288,9 @@ def functions() -> tuple[Any, Any]:
     def forward(m, d):
         follow(carray(m, carray(m, 1)[WHOLE]), carray(d, carray(m, 2)[BLOCK]))
 
-    return step, forward
+    @cfunc(kind)
+    def back(m, d):
+        """Its states are put after that; its clock strikes nowhere in the linear part, which follows no events."""
+        carray(d, carray(m, 2)[BLOCK])[TIME] = 0.0
+
+    return step, forward, back

@@ -51,7 +51,7 @@ class Compiled(NamedTuple):
     """A model with the parameters of a rig, what acts at each step, and what its sensors show.
 
     step, forward, back : addresses of the simulator's functions: a step, what follows from a state (0 where nothing
-    shown needs it), and to its first state (0 where nothing is kept beside the states). m, d : of model and data.
+    shown needs it), and to its first state and time. m, d : of model and data.
     q, v, acceleration, push, load, friction : (joints,) views of them, and more : of other states, ctrl : of commands,
     shown : of outputs. still : (joints,) the model's friction.
     U : (fine steps, commands). first, whole : the fine step of the first reading, and fine steps of a reading.
@@ -149,8 +149,7 @@ def take(c, z):
 @kept(nogil=True)
 def led(c, z, force, u, far, out):
     """Where a sample leads from a state under forces and commands that stay, or what the sensors show of it at once."""
-    if c.back:
-        _call(c.back, c.m, c.d)
+    _call(c.back, c.m, c.d)
     put(c, z)
     c.push[:] = force
     c.ctrl[:] = u

@@ -130,6 +130,17 @@ def test_the_catalogues_laws_act_in_a_model_as_written_by_hand(either, place, ef
 
 
 def test_the_linear_part_is_that_of_the_equations(either):
+    has_the_linear_part_of_the_equations(either)
+
+
+def test_the_linear_part_of_an_fmu_that_moves_by_its_clock_is_that_without(tmp_path):
+    shaking = EQUATIONS.equations.replace("axle_w) / J;", "axle_w) / J + 0.5 * sin(5.0 * t);")
+    assert shaking != EQUATIONS.equations
+    fmu = replace(EQUATIONS, equations=shaking).build(tmp_path / "shaken.fmu")
+    has_the_linear_part_of_the_equations(load_rig({**EXCHANGED, "model": str(fmu)}))
+
+
+def has_the_linear_part_of_the_equations(either):
     spin, push = commands()
     frame = pd.DataFrame({"t": STEP_S * np.arange(N), "torque": spin, "push": push, "angle": spin, "way": push})
     records = records_of(Recording.from_frame(frame, rig=either), either, True, False)
