@@ -9,10 +9,12 @@ import functools
 import math
 import tempfile
 import threading
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import weakref
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext, suppress
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -23,18 +25,28 @@ from dtbacklash.errors import UserError
 LOADING = threading.Lock()
 #: turns in which discrete states find each other, at most
 DECISIONS = 100
+R = TypeVar("R")
 
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """An FMU, unpacked. states : in its own order -> its derivative. variables : all numbers by name."""
+    """An FMU, unpacked. states : in its own order -> its derivative. variables : all numbers by name.
+
+    own : what each thread has of it. spare : instances of threads that have ended.
+    """
 
     path: str
     folder: tempfile.TemporaryDirectory[str]
     description: Any
     states: dict[str, Any]
     variables: dict[str, Any]
-    own: threading.local
+    own: threading.local = field(default_factory=threading.local)
+    spare: list[Instance] = field(default_factory=list)
+    lock: threading.RLock = field(default_factory=threading.RLock)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Read anew by another process."""
+        return _read, (self.path, Path(self.path).stat().st_mtime_ns)
 
     def of(self, *causalities: str) -> dict[str, Any]:
         """Its real variables of these causalities."""
@@ -67,12 +79,49 @@ class Model:
         """Whether it is of FMI 3.0."""
         return str(self.description.fmiVersion).startswith("3")
 
+    @property
+    def once(self) -> bool:
+        """Whether a process may have one instance alone."""
+        return bool(self.description.modelExchange.canBeInstantiatedOnlyOncePerProcess)
+
+    def alone(self) -> AbstractContextManager[object]:
+        """Within it, no other thread uses this thread's instance: they wait where all share one."""
+        return self.lock if self.once else nullcontext()
+
     def instance(self) -> Instance:
-        """An instance of this thread: a library may keep nothing apart that two threads change."""
-        if not hasattr(self.own, "instance"):
-            self.own.instance = Instance(self)
-        found: Instance = self.own.instance
-        return found
+        """An instance of this thread, that of one that has ended or a new one; where all share one, see :meth:`alone`.
+
+        A library may keep nothing apart that two threads change.
+        """
+        with self.lock:
+            if self.once:
+                self.spare[:] = self.spare or [Instance(self)]
+                return self.spare[0]
+            if not hasattr(self.own, "lent"):
+                self.own.lent = Lent(self.spare.pop() if self.spare else Instance(self), self.spare)
+            found: Instance = self.own.lent.instance
+            return found
+
+
+class Lent:
+    """An instance that a thread has; it is spare when that ends."""
+
+    def __init__(self, instance: Instance, spare: list[Instance]) -> None:
+        self.instance, self._spare = instance, spare
+
+    def __del__(self) -> None:
+        self._spare.append(self.instance)
+
+
+def alone(function: Callable[..., R]) -> Callable[..., R]:
+    """Have a function of a model use its instance alone."""
+
+    @functools.wraps(function)
+    def held(model: Model, *arguments: Any) -> R:
+        with model.alone():
+            return function(model, *arguments)
+
+    return held
 
 
 def model_of(config: RigConfig) -> Model:
@@ -112,7 +161,7 @@ def _read(path: str, stamp: int) -> Model:
     states = {u.variable.derivative.name: u.variable for u in described.derivatives if u.variable.derivative}
     if not states or len(states) != len(described.derivatives) or not states.keys() <= real.keys():
         raise UserError("rig.model", path, "has no continuous states, each a number, that could be set")
-    return Model(path, folder, described, states, real, threading.local())
+    return Model(path, folder, described, states, real)
 
 
 class Instance:
@@ -121,17 +170,20 @@ class Instance:
     def __init__(self, model: Model) -> None:
         from fmpy.simulation import instantiate_fmu
 
-        self.model, self.said, self.next_s, self._begun = model, "", math.inf, False
+        said: list[str] = []
+        self.model, self.said, self.next_s, self._begun = model, said, math.inf, False
         self.threes = model.threes
+
+        def log(*arguments: Any) -> None:  # without the instance, which would never be freed
+            text = arguments[-1]
+            said[:] = [text.decode(errors="replace") if isinstance(text, bytes) else str(text)]
+
         try:
             with LOADING:  # FMPy goes to the library's folder and back
-                self.fmu = instantiate_fmu(model.folder.name, model.description, "ModelExchange", logger=self._log)
+                self.fmu = instantiate_fmu(model.folder.name, model.description, "ModelExchange", logger=log)
         except Exception as error:
             raise UserError("rig.model", model.path, f"does not load: {' '.join(str(error).split())}") from error
-
-    def _log(self, *arguments: Any) -> None:
-        text = arguments[-1]
-        self.said = text.decode(errors="replace") if isinstance(text, bytes) else str(text)
+        weakref.finalize(self, _free, self.fmu)
 
     def begin(self, values: Mapping[str, float]) -> Floats:
         """(states,) its first state with these parameters, ready for continuous time.
@@ -140,7 +192,8 @@ class Instance:
         ------
         UserError : it does not take a value, or does not begin.
         """
-        fmu, title, self.said = self.fmu, "", ""
+        fmu, title = self.fmu, ""
+        self.said.clear()
         try:
             if self._begun:
                 fmu.reset()
@@ -174,7 +227,7 @@ class Instance:
 
     def _why(self, error: Exception) -> str:
         """What its library said of an error, else the error itself."""
-        return " ".join((self.said or str(error)).split())
+        return " ".join("".join(self.said or [str(error)]).split())
 
     @property
     def _doubles(self) -> Any:
@@ -199,7 +252,7 @@ class Instance:
         ------
         UserError : it refuses them, or one is not finite.
         """
-        self.said = ""
+        self.said.clear()
         given, found = (self._doubles * len(x))(*x), (self._doubles * len(x))()
         try:
             self._set([self.model.variables[name].valueReference for name in inputs], list(inputs.values()))
@@ -215,3 +268,9 @@ class Instance:
                 allowed = f"the derivative of {state} is {size:g} where it begins, or close to it"
                 raise UserError("rig.model", self.model.path, allowed)
         return rate
+
+
+def _free(fmu: Any) -> None:
+    """Give back what a library took; it may say no."""
+    with suppress(Exception):  # no lock: the collector may come where one is held
+        fmu.freeInstance()

@@ -20,7 +20,7 @@ import yaml
 from dtbacklash.arrays import Floats
 from dtbacklash.config.rig import ParameterConfig, RigConfig, share_of
 from dtbacklash.errors import UserError
-from dtbacklash.physics.fmu_file import Model, model_of
+from dtbacklash.physics.fmu_file import Model, alone, model_of
 from dtbacklash.physics.kinds import LINEAR, MODEL_OUTPUT, ROTARY
 from dtbacklash.physics.mjcf import ACTUATOR_PREFIX, KIND, check_columns, named
 
@@ -44,6 +44,7 @@ def first_inputs(model: Model) -> dict[str, float]:
     return {name: float(v.start or 0.0) for name, v in model.inputs.items()}
 
 
+@alone
 def pairs(model: Model) -> dict[str, str]:
     """Position -> speed: states of which one is the derivative of the other, wherever they are."""
     instance, rng = model.instance(), np.random.default_rng(0)
@@ -57,6 +58,7 @@ def pairs(model: Model) -> dict[str, str]:
     return {names[i]: names[int(np.argmax(row))] for i, row in enumerate(whose) if row.sum() == 1}
 
 
+@alone
 def effects_of_inputs(model: Model, values: Mapping[str, float]) -> dict[str, Floats]:
     """Input -> (states,) by how much a unit of it changes the derivatives at once, at the first state."""
     instance, inputs = model.instance(), first_inputs(model)
@@ -65,6 +67,7 @@ def effects_of_inputs(model: Model, values: Mapping[str, float]) -> dict[str, Fl
     return {name: instance.rates(x, {**inputs, name: inputs[name] + 1.0}) - rest for name in inputs}
 
 
+@alone
 def rates_by_states(model: Model, values: Mapping[str, float]) -> Floats:
     """(states, states) derivatives of the derivatives by the states, at the first state."""
     instance, inputs = model.instance(), first_inputs(model)

@@ -4,6 +4,7 @@ Its continuous states are set, its real inputs are commands and forces. Steps ar
 """
 
 import math
+from contextlib import AbstractContextManager
 
 import numpy as np
 
@@ -51,6 +52,10 @@ class Exchanged(Modelled):
         if self._own > MOST:
             allowed = f"its fastest motion, {rates:.3g} rad/s, takes {self._own} steps a sample; at most {MOST}"
             raise UserError("rig.model", config.model, allowed)
+
+    def alone(self) -> AbstractContextManager[object]:
+        """Where a process may have one instance alone, threads take turns."""
+        return self._fmu.alone()
 
     @staticmethod
     def _values(rig: Rig) -> dict[str, float]:

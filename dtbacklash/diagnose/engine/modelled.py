@@ -5,7 +5,10 @@ is its parts (:class:`Parts`): a function that takes a step, and views of states
 over a step, at the positions in its middle. Gains and columns are those of the model about its mean position.
 """
 
-from typing import Any, NamedTuple
+import functools
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -64,6 +67,20 @@ class Parts(NamedTuple):
     shown: Floats
 
 
+R = TypeVar("R")
+
+
+def _alone(method: Callable[..., R]) -> Callable[..., R]:
+    """Have a method use the model alone."""
+
+    @functools.wraps(method)
+    def held(self: "Modelled", *arguments: Any) -> R:
+        with self.alone():
+            return method(self, *arguments)
+
+    return held
+
+
 class Modelled(Simulated):
     """A simulator's model on one stretch of a recording: a :class:`.simulator.Simulator`.
 
@@ -85,6 +102,10 @@ class Modelled(Simulated):
         """The same on other readings."""
         return type(self)(readings, self._rig, self.finely)
 
+    def alone(self) -> AbstractContextManager[object]:
+        """Within it, the model is this thread's."""
+        return nullcontext()
+
     def steps(self, bare: bool, laws: bool, contacts: bool) -> int:
         """Steps of a sample as recorded. bare : of the linear part. laws, contacts : whether such act on joints."""
         raise NotImplementedError
@@ -97,6 +118,7 @@ class Modelled(Simulated):
         """
         raise NotImplementedError
 
+    @_alone
     def linear(self, rig: Rig) -> Linear:
         """Its linear part, about the mean of the recorded positions, where no dry friction, contact or limit acts."""
         rig = self._here(rig)
@@ -149,6 +171,7 @@ class Modelled(Simulated):
                 allowed = f"joint {joint} moves none of them: give it a sensor, or {self.without}"
                 raise UserError("rig.sensors", read, allowed)
 
+    @_alone
     def observe(self, rig: Rig, K: Floats, W: Floats, opening: int) -> Pass:
         """Predict and correct, sample by sample."""
         rig, Y = self._in_time(self._here(rig))
@@ -162,6 +185,7 @@ class Modelled(Simulated):
         del owner
         return Pass(np.where(np.isfinite(Y), E, 0.0 * E), D, X, first)
 
+    @_alone
     def onwards(self, rig: Rig, Z: Floats) -> Floats:
         """(N, n) where one sample leads from each state; the last row is 0."""
         owner, c = self._model(self._in_time(self._here(rig))[0])
@@ -170,6 +194,7 @@ class Modelled(Simulated):
         del owner
         return X
 
+    @_alone
     def shown(self, rig: Rig, Z: Floats) -> Floats:
         """(N, m) what the sensors show of states at once."""
         owner, c = self._model(self._here(rig))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import pickle
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,8 +18,10 @@ from dtbacklash.diagnose.records import STEPPED, records_of, ways_to_read
 from dtbacklash.diagnose.say.beforehand import beforehand
 from dtbacklash.diagnose.say.found_model import found_model
 from dtbacklash.diagnose.seen import bench_of
+from dtbacklash.diagnose.spread import on_cores, spread
 from dtbacklash.errors import UserError
 from dtbacklash.face.rigs import load_rig
+from dtbacklash.physics import fmus
 from dtbacklash.physics.mjcf import mended
 from dtbacklash.recording.model import Recording
 
@@ -351,6 +355,51 @@ def test_what_switches_in_an_fmu_switches(tmp_path, version):
     left = passed(rig, {"torque": spin, "push": push, "angle": angle, "way": way})
     assert np.abs(left["way"]).max() < 0.01 * np.ptp(way)
     assert np.abs(np.delete(left["angle"], [first, first + 1, first + 2])).max() < 0.01
+
+
+@pytest.mark.parametrize("once", [False, True])
+def test_threads_find_in_an_fmu_what_one_finds(tmp_path, monkeypatch, once):
+    head = '<ModelExchange modelIdentifier="machine"'
+    only = {head: f'{head} canBeInstantiatedOnlyOncePerProcess="{str(once).lower()}"'}
+    rig = load_rig({**EXCHANGED, "model": str(EQUATIONS.build(tmp_path / "machine.fmu", 2, **only))})
+    made, begun = [], fmus.Instance.__init__
+
+    def counted(self, model):
+        made.append(model)
+        begun(self, model)
+
+    monkeypatch.setattr(fmus.Instance, "__init__", counted)
+    spin, push = commands()
+    frame = pd.DataFrame({"t": STEP_S * np.arange(N), "torque": spin, "push": push, "angle": spin, "way": push})
+    predictor = bench_of(rig, records_of(Recording.from_frame(frame, rig=rig), rig, True, False), [1]).predictors[0]
+    gains = predictor.gains(rig, predictor.first_sizes())
+
+    def left(mass: float) -> np.ndarray:
+        changed = rig.with_parameters({"cart.m": mass}).with_effect("rail", "coulomb_friction", {"force": 0.8})
+        return predictor.run(changed, gains).D
+
+    masses = np.linspace(2.0, 6.0, 6)
+    found = {}
+    for jobs in (1, 2, 2):
+        with on_cores(jobs):
+            found[jobs] = spread(left, masses)
+        np.testing.assert_array_equal(found[jobs], found[1])
+    assert np.ptp(found[1], axis=0).max() > 0.0
+    for _ in range(3):
+        thread = threading.Thread(target=left, args=(2.0,))
+        thread.start()
+        thread.join()
+    assert len(made) <= (0 if once else 4)  # the first one was made as the rig was read
+
+
+def test_an_fmu_goes_to_another_process_and_is_freed(exchanged):
+    model = fmus.model_of(load_rig({**EXCHANGED, "model": str(exchanged[3])}).config)
+    again = pickle.loads(pickle.dumps(model))  # what was written a moment ago
+    assert again.states.keys() == model.states.keys()
+    freed, instance = [], fmus.Instance(model)
+    instance.fmu.fmi3FreeInstance = freed.append
+    del instance
+    assert len(freed) == 1
 
 
 def test_a_position_that_nobody_reads_begins_where_its_spring_leaves_it(tmp_path):
