@@ -28,6 +28,7 @@ static void signs(M *m, double *z) {{ {signs} }}
 static int event(M *m) {{ double t = m->t; int moved = 0; (void)t; {event} return moved; }}
 static int again(M *m) {{ return {again}; }}
 static int refuses(M *m) {{ double t = m->t; (void)t; return {refuses}; }}
+static double next(M *m) {{ return {clock}; }}
 static void *begin(void) {{ M *m = malloc(sizeof(M)); memcpy(m->number, start, sizeof start); m->t = 0.0; return m; }}
 #define X(k) (((M *)c)->number[k])
 """
@@ -49,7 +50,8 @@ S fmi2SetReal(C, R r, N n, const double *y) { for (N i = 0; i < n; i++) { if (!i
   X(r[i]) = y[i]; } return fmi2OK; }
 S fmi2EnterEventMode(C) OK
 S fmi2NewDiscreteStates(C, fmi2EventInfo *e) { memset(e, 0, sizeof *e);
-  e->newDiscreteStatesNeeded = again(c); e->valuesOfContinuousStatesChanged = event(c); return fmi2OK; }
+  e->newDiscreteStatesNeeded = again(c); e->valuesOfContinuousStatesChanged = event(c); e->nextEventTime = next(c);
+  e->nextEventTimeDefined = isfinite(e->nextEventTime); return fmi2OK; }
 S fmi2GetEventIndicators(C, double *z, N n) { signs(c, z); return fmi2OK; }
 S fmi2EnterContinuousTimeMode(C) OK
 S fmi2CompletedIntegratorStep(C, fmi2Boolean a, fmi2Boolean *b, fmi2Boolean *d) { *b = *d = 0; return fmi2OK; }
@@ -76,8 +78,8 @@ S fmi3Reset(C) { memcpy(((M *)c)->number, start, sizeof start); ((M *)c)->t = 0.
 S fmi3GetFloat64(C, R r, N n, double *y, N k) { equations(c); for (N i = 0; i < n; i++) y[i] = X(r[i]); return fmi3OK; }
 S fmi3SetFloat64(C, R r, N n, const double *y, N k) { for (N i = 0; i < n; i++) { if (!isfinite(y[i])) return fmi3Error;
   X(r[i]) = y[i]; } return fmi3OK; }
-S fmi3UpdateDiscreteStates(C, B *a, B *b, B *d, B *e, B *f, double *g) { *b = *d = *f = 0; *a = again(c); *e = event(c);
-  return fmi3OK; }
+S fmi3UpdateDiscreteStates(C, B *a, B *b, B *d, B *e, B *f, double *g) { *b = *d = 0; *a = again(c); *e = event(c);
+  *g = next(c); *f = isfinite(*g); return fmi3OK; }
 S fmi3GetEventIndicators(C, double *z, N n) { signs(c, z); return fmi3OK; }
 S fmi3EnterContinuousTimeMode(C) OK
 S fmi3CompletedIntegratorStep(C, B a, B *b, B *d) { *b = *d = false; return fmi3OK; }
@@ -111,6 +113,8 @@ class Machine:
     #: when its discrete states want another turn, and when it refuses its derivatives
     again: str = "0"
     refuses: str = "0"
+    #: when its clock strikes next
+    clock: str = "INFINITY"
 
     def build(self, path: Path, version: int = 2, **changes: str) -> Path:
         """Write it as an FMU. changes : texts of its description -> others, without their signs."""
@@ -130,6 +134,7 @@ class Machine:
             version=version, count=len(names), start=", ".join(map(repr, first.values())), equations=self.equations,
             signs=" ".join(f"z[{k}] = {sign};" for k, sign in enumerate(self.signs)), event=self.event,
             again=self.again, refuses=self.refuses,
+            clock=self.clock,
             defines="\n".join([
                 *(f"#define {_in_c(name)} (m->number[{k}])" for k, name in enumerate(names)),
                 f"static const int STATE[] = {{ {', '.join(map(str, range(n)))} }};",

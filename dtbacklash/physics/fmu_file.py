@@ -245,6 +245,13 @@ class Instance:
         function = getattr(self.fmu.dll, f"fmi{3 if self.threes else 2}{name}")
         return int(ctypes.cast(function, ctypes.c_void_p).value or 0)
 
+    def signs(self) -> Floats:
+        """(indicators,) what changes its sign at an event, as it is."""
+        found = (self._doubles * self.model.signs)()
+        if len(found):
+            self.fmu.getEventIndicators(found, len(found))
+        return np.array(found)
+
     def rates(self, x: Floats, inputs: Mapping[str, float]) -> Floats:
         """(states,) derivatives at states and inputs, at the time 0.
 

@@ -117,6 +117,7 @@ class Exchanged(Modelled):
         m[0], d[STEP], d[NEXT] = len(m), step_s, instance.next_s
         b = block.py_func(m, d)
         b.x[:], b.still[:] = x[self._order], list(first_inputs(fmu).values())
+        b.before[:] = instance.signs()
         b.damping[:], b.share[:] = dampings, share.ravel()
         step, forward, back = functions()
         return Parts(

@@ -30,6 +30,8 @@ from dtbacklash.compiled import kept
 TABLES = 24
 #: turns in which discrete states find each other, at most
 DECISIONS = 100
+#: the clock of steps is that of the FMU up to such a part of a step: it is a sum of them
+ROUNDING = 1e-6
 #: an FMI status above a warning
 BAD = 1
 #: turns in which the forces of several joints find each other
@@ -164,10 +166,13 @@ def _switch(m, d, b):
     """At the end of a step let the FMU switch, where an indicator changed its sign, its clock struck, or it asks to."""
     n, z, instance, at = m[STATES], m[SIGNS], m[INSTANCE], _address(m, SAID)
     said = d[SAID:FIRST].view(np.int32)
+    struck = d[TIME] >= d[NEXT] - ROUNDING * d[STEP]
+    if struck:
+        d[TIME] = max(d[TIME], d[NEXT])
     _tell(m, b, d[TIME])
     d[SAID:FIRST] = 0.0
     _call(m[COMPLETED], instance, 1, at, at + 4, 0, 0, 0)
-    event = said[0] != 0 or d[TIME] >= d[NEXT]
+    event = said[0] != 0 or struck
     _call(m[GET_SIGNS], instance, _address(m, len(d) - 2 * z), z, 0, 0, 0, 0)
     for k in range(z):
         event = event or (b.signs[k] > 0.0) != (b.before[k] > 0.0)

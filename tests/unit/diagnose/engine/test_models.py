@@ -357,6 +357,20 @@ def test_what_switches_in_an_fmu_switches(tmp_path, version):
     assert np.abs(np.delete(left["angle"], [first, first + 1, first + 2])).max() < 0.01
 
 
+@pytest.mark.parametrize("version", [2, 3])
+def test_an_fmu_switches_as_its_clock_strikes_and_no_earlier(tmp_path, version):
+    ticking = replace(
+        EQUATIONS, discrete={"due": 0.1, "begun": 0.0}, signs=("1.0",), clock="due",
+        event="if (t >= due) { due += 0.1; axle_phi += 0.01; moved = 1; } "
+        "else if (begun > 0.5) { axle_phi += 1.0; moved = 1; } begun = 1.0;",
+    )  # fmt: skip
+    rig = load_rig({**EXCHANGED, "model": str(ticking.build(tmp_path / "ticking.fmu", version))})
+    spin, push = commands()
+    angle = answered(2.0 * spin, 0.3, 0.2)[0] + 0.01 * (np.arange(N) // 25)
+    left = passed(rig, {"torque": spin, "push": push, "angle": angle, "way": answered(push, 3.0, 1.5)[0]})
+    assert np.abs(left["angle"]).max() < 5e-3
+
+
 @pytest.mark.parametrize("once", [False, True])
 def test_threads_find_in_an_fmu_what_one_finds(tmp_path, monkeypatch, once):
     head = '<ModelExchange modelIdentifier="machine"'
