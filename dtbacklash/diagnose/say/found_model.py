@@ -109,7 +109,7 @@ def _found_fmu(rig: Rig) -> dict[str, str]:
     sources: dict[str, str] = {}
     beside: list[str] = []
     model = fmus.model_of(rig.config)
-    effects = fmus.effects_of_inputs(model, {})
+    effects = fmus.effects_of_inputs(model, {n: float(p.value) for n, p in rig.config.parameters.items()})
     for name in rig.effects:
         for effect, values in rig.active(name, slots.Slot):
             slot, element = effect.slot, rig.elements.get(name)
@@ -134,14 +134,15 @@ def _found_fmu(rig: Rig) -> dict[str, str]:
                 loads = {
                     a.removeprefix(ACTUATOR_PREFIX): fmus.passes(spec, effects, a, list(model.states)) for a in drives
                 }
-                load = " + ".join(f"{by!r} * command[{i!r}]" for i, by in loads.items() if by)
+                load = " + ".join(f"{by!r} * sent[{i!r}]" for i, by in loads.items() if by)
                 forces.append(f"load = {load or '0.0'}")
             forces += [f"q, v = position[{joint!r}], speed[{joint!r}]",
                        f"found[{force!r}] = found.get({force!r}, 0.0) + {value}  # {effect.name}"]  # fmt: skip
     files = {"parameters.yaml": fmus.start_values(rig.config)}
     if told or forces or beside:
         said = f"; not in it, as it is no force: {', '.join(beside)}" if beside else ""
-        lines = ["found = dict(command)", *told, *forces, "return found"]
+        sent = ["sent = dict(found)"] if any(" sent[" in line for line in forces) else []
+        lines = ["found = dict(command)", *told, *sent, *forces, "return found"]
         texts = [FMU_HEAD.format(model=Path(rig.config.model).name, said=said), *sources.values()]
         body = "".join(f"    {line}\n" for line in lines)
         files["laws.py"] = "\n\n".join(texts) + f"\n\n\ndef inputs(time, position, speed, command):\n{body}"

@@ -302,17 +302,24 @@ def test_any_variable_of_an_fmu_is_a_sensor(exchanged):
     assert np.abs(left["watts"][1:]).max() < 1e-3 * np.ptp(before * speed)
 
 
-def test_what_is_found_in_an_fmu_moves_it_from_outside_as_it_does_inside(exchanged):
-    rig = load_rig({**EXCHANGED, "model": str(exchanged[2])}).with_parameters({"cart.m": 4.0})
+def test_what_is_found_in_an_fmu_moves_it_from_outside_as_it_does_inside(tmp_path):
+    geared = replace(
+        EQUATIONS, equations=EQUATIONS.equations.replace("(rail +", "(gear * rail +"),
+        parameters={**EQUATIONS.parameters, "gear": 1.0},
+    )  # fmt: skip
+    tolerances = {**EXCHANGED["tolerances"], "gear": 0.1}
+    rig = load_rig({**EXCHANGED, "model": str(geared.build(tmp_path / "geared.fmu")), "tolerances": tolerances})
+    rig = rig.with_parameters({"cart.m": 4.0, "gear": 1.5})
     found = [
         ("rail", "coulomb_friction", {"force": 0.8}), ("rail", "viscous_friction", {"coefficient": 0.7}),
-        ("rail", "constant_force", {"force": 0.3}), ("actuator_rail", "dead_zone", {"half_width": 0.5}),
+        ("rail", "constant_force", {"force": 0.3}), ("actuator_rail", "dead_zone", {"half_width": 1.5}),
+        ("actuator_rail", "load_friction", {"share": 0.3}),
         ("sensor_way", "offset", {"offset": 0.1}),
     ]  # fmt: skip
     for place, name, values in found:
         rig = rig.with_effect(place, name, values)
     files = found_model(rig)
-    assert yaml.safe_load(files["parameters.yaml"]) == {"axle.d": 0.2, "cart.m": 4.0}
+    assert yaml.safe_load(files["parameters.yaml"]) == {"axle.d": 0.2, "cart.m": 4.0, "gear": 1.5}
     assert "not in it, as it is no force: offset of way" in files["laws.py"]
     laws: dict = {}
     exec(files["laws.py"], laws)  # the script that users are given
@@ -325,7 +332,7 @@ def test_what_is_found_in_an_fmu_moves_it_from_outside_as_it_does_inside(exchang
             told = laws["inputs"](
                 STEP_S * (k + part / 200), {"rail": q}, {"rail": v}, {"spin": spin[k], "rail": push[k]}
             )
-            v += STEP_S / 200 * (told["rail"] + told["push"] - 1.5 * v) / 4.0
+            v += STEP_S / 200 * (1.5 * told["rail"] + told["push"] - 1.5 * v) / 4.0
             q += STEP_S / 200 * v
     left = passed(rig, {"torque": spin, "push": push, "angle": spin, "way": way})
     assert np.abs(left["way"] - left["way"][0]).max() < 0.01 * np.ptp(way)
