@@ -438,7 +438,7 @@ def _as_late(
     """Other filters in the place of the best new one of fitted rigs, or of a sensor's delay: each as late as that."""
     for _, problem, x in rough:
         rig = problem.rig(x)
-        for key in set(problem.keys) - set(model.keys):
+        for key in (k for k in problem.keys if k not in model.keys):
             entry, values = rig.takes(key[0])[key[1]], rig.effect(*key)
             late = entry.slot.late(values) if isinstance(entry.slot, Filter) and values else 0.0
             late = values[entry.size.name] if entry.is_delay and values else late
