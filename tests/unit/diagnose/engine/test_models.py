@@ -413,11 +413,21 @@ def test_threads_find_in_an_fmu_what_one_finds(tmp_path, monkeypatch, once):
     assert len(made) <= (0 if once else 4)  # the first one was made as the rig was read
 
 
-def test_an_fmu_goes_to_another_process_and_is_freed(exchanged):
-    model = fmus.model_of(load_rig({**EXCHANGED, "model": str(exchanged[3])}).config)
-    again = pickle.loads(pickle.dumps(model))  # what was written a moment ago
-    assert again.states.keys() == model.states.keys()
-    freed, instance = [], fmus.Instance(model)
+def test_an_fmu_goes_to_another_process(exchanged):
+    rig = load_rig({**EXCHANGED, "model": str(exchanged[3])})
+    spin, push = commands()
+    frame = pd.DataFrame({"t": STEP_S * np.arange(N), "torque": spin, "push": push, "angle": spin, "way": push})
+    predictor = bench_of(rig, records_of(Recording.from_frame(frame, rig=rig), rig, True, False), [1]).predictors[0]
+    gains = predictor.gains(rig, predictor.first_sizes())
+    before = predictor.run(rig, gains).D
+    away = pickle.dumps((predictor, rig, gains))
+    fmus._read.cache_clear()
+    there, rig, gains = pickle.loads(away)  # what was written a moment ago
+    np.testing.assert_array_equal(there.run(rig, gains).D, before)
+
+
+def test_an_instance_of_an_fmu_is_freed(exchanged):
+    freed, instance = [], fmus.Instance(fmus.model_of(load_rig({**EXCHANGED, "model": str(exchanged[3])}).config))
     instance.fmu.fmi3FreeInstance = freed.append
     del instance
     assert len(freed) == 1
