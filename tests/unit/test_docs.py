@@ -101,7 +101,7 @@ def test_commands_in_the_docs_are_accepted(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.chdir(tmp_path)
     rig = ROOT / "dtbacklash" / "conf" / "rig" / "lead_screw.yaml"
     (tmp_path / "found").mkdir()
-    for name in ("my_rig.yaml", "mine.yaml", "arm.yaml", "found/rig.yaml"):
+    for name in ("my_rig.yaml", "mine.yaml", "arm.yaml", "stage.yaml", "found/rig.yaml"):
         (tmp_path / name).write_text(rig.read_text(encoding="utf-8"), encoding="utf-8")
     (tmp_path / "next").mkdir()
     (tmp_path / "next" / "command.csv").write_text("t,u\n0,0\n200,1\n", encoding="utf-8")
