@@ -165,7 +165,7 @@ def _read(path: str, stamp: int) -> Model:
 
 
 class Instance:
-    """An FMU that runs. fmu : FMPy's. said : what its library said last. next_s : when its clock strikes first."""
+    """An FMU that runs. fmu : FMPy's. said : its library's last text, if any. next_s : when its clock strikes first."""
 
     def __init__(self, model: Model) -> None:
         from fmpy.simulation import instantiate_fmu

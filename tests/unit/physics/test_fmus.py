@@ -141,7 +141,7 @@ def test_two_joints_have_no_force_in_common(tmp_path):
 
 def test_what_a_library_said_before_is_no_reason(exchanged):
     instance = model_of(replace(RigConfig(), model=str(exchanged[2]))).instance()
-    instance.said = "a text of long ago"
+    instance.said[:] = ["a text of long ago"]
     with pytest.raises(UserError, match=r"rig.tolerances.cart.m=nan: the FMU does not begin with it: ") as error:
         instance.begin({"cart.m": float("nan")})
     assert "long ago" not in str(error.value)

@@ -21,7 +21,7 @@ from dtbacklash.diagnose.seen import bench_of
 from dtbacklash.diagnose.spread import on_cores, spread
 from dtbacklash.errors import UserError
 from dtbacklash.face.rigs import load_rig
-from dtbacklash.physics import fmus
+from dtbacklash.physics import fmu_file
 from dtbacklash.physics.mjcf import mended
 from dtbacklash.recording.model import Recording
 
@@ -383,13 +383,13 @@ def test_threads_find_in_an_fmu_what_one_finds(tmp_path, monkeypatch, once):
     head = '<ModelExchange modelIdentifier="machine"'
     only = {head: f'{head} canBeInstantiatedOnlyOncePerProcess="{str(once).lower()}"'}
     rig = load_rig({**EXCHANGED, "model": str(EQUATIONS.build(tmp_path / "machine.fmu", 2, **only))})
-    made, begun = [], fmus.Instance.__init__
+    made, begun = [], fmu_file.Instance.__init__
 
     def counted(self, model):
         made.append(model)
         begun(self, model)
 
-    monkeypatch.setattr(fmus.Instance, "__init__", counted)
+    monkeypatch.setattr(fmu_file.Instance, "__init__", counted)
     spin, push = commands()
     frame = pd.DataFrame({"t": STEP_S * np.arange(N), "torque": spin, "push": push, "angle": spin, "way": push})
     predictor = bench_of(rig, records_of(Recording.from_frame(frame, rig=rig), rig, True, False), [1]).predictors[0]
@@ -421,13 +421,16 @@ def test_an_fmu_goes_to_another_process(exchanged):
     gains = predictor.gains(rig, predictor.first_sizes())
     before = predictor.run(rig, gains).D
     away = pickle.dumps((predictor, rig, gains))
-    fmus._read.cache_clear()
+    fmu_file._read.cache_clear()
     there, rig, gains = pickle.loads(away)  # what was written a moment ago
     np.testing.assert_array_equal(there.run(rig, gains).D, before)
 
 
 def test_an_instance_of_an_fmu_is_freed(exchanged):
-    freed, instance = [], fmus.Instance(fmus.model_of(load_rig({**EXCHANGED, "model": str(exchanged[3])}).config))
+    freed, instance = (
+        [],
+        fmu_file.Instance(fmu_file.model_of(load_rig({**EXCHANGED, "model": str(exchanged[3])}).config)),
+    )
     instance.fmu.fmi3FreeInstance = freed.append
     del instance
     assert len(freed) == 1
