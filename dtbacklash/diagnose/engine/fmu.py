@@ -47,6 +47,7 @@ class Exchanged(Modelled):
         inputs = list(self._fmu.inputs)
         self._told = [inputs.index(i) for i in config.commands.values()]
         self._forces = [inputs.index(j["force"]) if j["force"] else -1 for j in joints]
+        self._share: tuple[dict[str, float] | None, Floats] = None, np.zeros(0)
         rates = float(np.abs(np.linalg.eigvals(rates_by_states(self._fmu, self._values(rig)))).max())
         self._own: int = max(1, math.ceil(rates * readings.sample_time_s / readings.every / FASTEST))
         if self._own > MOST:
@@ -85,15 +86,22 @@ class Exchanged(Modelled):
         held = max(self._own, ACTING) if laws or contacts else self._own
         return FINE * held if self.finely else held
 
+    def _shares(self, rig: Rig, values: dict[str, float]) -> Floats:
+        """(joints, commands) the effort on each joint by a unit of each command; kept while parameters stay."""
+        known, found = self._share
+        if known != values:
+            at_once, joints, order = effects_of_inputs(self._fmu, values), rig.config.joints, list(self._fmu.states)
+            drives = {a: rig.elements[a].neighbours["drives"] for a in self.commands}
+            found = np.array([
+                [passes(joints[b], at_once, a, order) if b == drives[a] else 0.0 for a in drives] for b in self._joints
+            ])  # fmt: skip
+            self._share = values, found
+        return found
+
     def parts(self, rig: Rig, step_s: float, dampings: Floats, contacts: list[int], bare: bool) -> Parts:
         """The instance of this thread, begun anew."""
         fmu, instance, values = self._fmu, self._fmu.instance(), self._values(rig)
-        j, u = len(self._joints), len(self._told)
-        at_once, joints, order = effects_of_inputs(fmu, values), rig.config.joints, list(fmu.states)
-        drives = {a: rig.elements[a].neighbours["drives"] for a in self.commands}
-        share = np.array([
-            [passes(joints[b], at_once, a, order) if b == drives[a] else 0.0 for a in drives] for b in self._joints
-        ])  # fmt: skip
+        j, u, share = len(self._joints), len(self._told), self._shares(rig, values)
         x = instance.begin(values)
         outputs = [fmu.variables[name].valueReference for name in self.outputs(rig)]
         names = [np.array(refs, dtype=np.uint32) for refs in ([v.valueReference for v in fmu.inputs.values()], outputs)]

@@ -18,6 +18,7 @@ from numba.extending import intrinsic
 
 from dtbacklash.arrays import Floats
 from dtbacklash.compiled import kept
+from dtbacklash.physics.fmu_file import DECISIONS
 
 #: places of whole numbers: lengths of both blocks, the address of the second, and of the instance and its functions
 (WHOLE, BLOCK, BASE, INSTANCE, SET_TIME, SET_STATES, GET_RATES, SET_INPUTS, GET_OUTPUTS) = range(9)
@@ -28,8 +29,6 @@ from dtbacklash.compiled import kept
 (STATES, JOINTS, COMMANDS, INPUTS, OUTPUTS, SIGNS, EVENTS, INPUT_NAMES, OUTPUT_NAMES) = range(15, 24)
 #: what follows: the FMU's place of each state, the input of each command, that of each joint's force (-1: none)
 TABLES = 24
-#: turns in which discrete states find each other, at most
-DECISIONS = 100
 #: the clock of steps is that of the FMU up to such a part of a step: it is a sum of them
 ROUNDING = 1e-6
 #: an FMI status above a warning
