@@ -16,6 +16,8 @@ from dtbacklash.prove.simulator.given import Errors, Unlisted
 SCREW_DAMPING_RATIO = 0.02
 #: least number of steps per sample; more where the rig is faster than STEP_RATE per step
 STEPS_MIN, STEP_RATE = 50, 0.25
+#: a lag of the drive that needs more steps per sample is too short to show, and is left out
+STEPS_LAG = 1000
 #: the same where the nominal model has dry friction, or a friction grows with its load: no bristle may show as a spring
 STEPS_BRAKE = 200
 #: (frequency, damping ratio) of a bristle at rest with what it holds, frequency per step: the first body's, others'
@@ -70,6 +72,8 @@ def machine(rig: Rig, sample_time_s: float, errors: Errors, *unknown: Unlisted) 
     net = _bodies(rig)
     links = _links(rig, net)
     drive = _drive(rig, net)
+    if drive[col.D_LAG] * STEP_RATE * STEPS_LAG < sample_time_s:
+        drive[col.D_LAG] = 0.0
     rubs = any("friction" in e.values for e in rig.bodies()) or any(_loss(rig, e) for e in rig.elements.values())
     least = STEPS_BRAKE if rubs else STEPS_MIN
     substeps = max(least, _substeps(net, drive, sample_time_s))

@@ -13,7 +13,8 @@ from dtbacklash.physics.catalogue import effects_of
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.prove.bench import rms
 from dtbacklash.prove.draw import entries
-from dtbacklash.prove.simulator.given import Loop, Unlisted
+from dtbacklash.prove.simulator.given import Errors, Loop, Unlisted
+from dtbacklash.prove.simulator.machine import machine
 from dtbacklash.prove.simulator.rig import simulate_other
 from dtbacklash.prove.sizes import DESCRIPTIONS, motion_of, unknown_entries
 
@@ -115,3 +116,13 @@ def test_physics_that_the_catalogue_lacks_acts_in_proportion_to_its_size(name, l
     assert none < 1e-200
     assert one > 1e-12
     assert two / one == pytest.approx(2.0, rel=0.1)
+
+
+def test_a_lag_that_a_thousandth_of_a_sample_does_not_show_costs_no_steps():
+    lags = [
+        nominal_rig("two_mass_stage").with_effect("motor", "lag", {"time": share * STEP_S}) for share in (5e-3, 1e-5)
+    ]
+    long, short, none = (machine(rig, STEP_S, Errors()) for rig in (*lags, nominal_rig("two_mass_stage")))
+    assert long.substeps == 800
+    assert short.substeps == none.substeps
+    assert np.array_equal(short.drive, none.drive)
