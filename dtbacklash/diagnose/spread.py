@@ -4,7 +4,7 @@ The simulation releases the interpreter's lock, so that threads are enough on on
 ``joblib.parallel_config(backend="dask")`` and the like the same calls go to other machines.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from typing import TypeVar
 
@@ -14,8 +14,10 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 
-def spread(function: Callable[[T], R], items: Iterable[T]) -> list[R]:
+def spread(function: Callable[[T], R], items: Sequence[T]) -> list[R]:
     """The function's value at every item, in their order; one after the other unless joblib has been told of jobs."""
+    if len(items) < 2:
+        return [function(item) for item in items]
     return list(Parallel()(delayed(function)(item) for item in items))
 
 

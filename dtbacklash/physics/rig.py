@@ -1,8 +1,8 @@
 """A rig whose description has been checked: elements in order, values resolved, effects complete."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
 from dtbacklash import units
 from dtbacklash.config.rig import ParameterConfig, RigConfig, finite
@@ -18,6 +18,7 @@ ZERO = "zero"
 Effects = dict[str, dict[str, dict[str, float]]]
 #: per recording, by its number: title -> value, SI
 Own = tuple[dict[str, float], ...]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class Rig:
     sensors: dict[str, Sensor]
     tolerances: Effects = field(default_factory=dict)
     own: Own = ()
-    _of: dict[int, "Rig"] = field(default_factory=dict, repr=False, compare=False)
+    _made: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """In another process: its own laws have to be known there as well."""
@@ -92,16 +93,21 @@ class Rig:
 
     def __getstate__(self) -> dict[str, Any]:
         """With the laws that a user wrote, wherever they stand."""
-        return self.__dict__ | {"config": replace(self.config, laws=self.laws()), "_of": {}}
+        return self.__dict__ | {"config": replace(self.config, laws=self.laws()), "_made": {}}
 
     def of(self, recording: int) -> "Rig":
         """The rig as it is in one recording of a diagnosis, by its number from 0."""
         there = self.own[recording] if recording < len(self.own) else {}
         if not there:
             return self
-        if recording not in self._of:
-            self._of[recording] = _as_in(self, there)
-        return self._of[recording]
+        return self.once(recording, lambda: _as_in(self, there))
+
+    def once(self, key: Hashable, make: Callable[[], T]) -> T:
+        """What follows from the rig alone: made where it is first asked for by this key, and kept with the rig."""
+        if key not in self._made:
+            self._made[key] = make()
+        found: T = self._made[key]
+        return found
 
     def owning(self, values: Mapping[tuple[int, str], float | None]) -> "Rig":
         """A copy in which recordings have values of their own. values : (recording, title) -> value, SI; None: none."""
@@ -111,7 +117,7 @@ class Rig:
             own[recording].pop(title, None)
             if value is not None:
                 own[recording][title] = value
-        return replace(self, own=tuple(own), _of={})
+        return replace(self, own=tuple(own))
 
     def laws(self) -> dict[str, Any]:
         """The declarations of the laws that a user wrote: those of its file, and those that it has as effects."""
@@ -280,7 +286,7 @@ def build_rig(config: RigConfig, own: Own = ()) -> Rig:
             known = {p: float(leaf["tolerance"]) for p, leaf in leaves.items() if isinstance(leaf, dict)}
             if known:
                 tolerances.setdefault(location, {})[name] = known
-    return replace(rig, effects=effects, tolerances=tolerances, _of={})
+    return replace(rig, effects=effects, tolerances=tolerances)
 
 
 def _as_in(rig: Rig, own: Mapping[str, float]) -> Rig:
@@ -298,7 +304,7 @@ def _as_in(rig: Rig, own: Mapping[str, float]) -> Rig:
     if len(zeros) < len(own):
         rig = build_rig(rig.config.with_values(values))
     sensors = {n: replace(s, zero=zeros[n]) if n in zeros else s for n, s in rig.sensors.items()}
-    return replace(rig, sensors=sensors, own=(), _of={})
+    return replace(rig, sensors=sensors, own=())
 
 
 def _element(name: str, spec: dict[str, Any], parameters: dict[str, ParameterConfig]) -> Element:

@@ -9,6 +9,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.predictor import ASTRAY, LOST, Gains, Predictor
 from dtbacklash.diagnose.engine.simulator import Linear
+from dtbacklash.diagnose.spread import spread
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 
 #: share of the unknown forces at which it is asked whether steps are fine enough
@@ -111,12 +112,14 @@ class Bench:
 
         recording, others : only this one is run; those of the others are taken from there.
         """
-        found, first = [], 0
-        for p, g in zip(self.predictors, gains, strict=True):
-            at = slice(first, first + p.readings.y.size)
-            first = at.stop
-            known = others is not None and recording not in (None, p.readings.recording)
-            found.append(others[at] if known and others is not None else p.run(rig, g).E.ravel())
+        ends = np.cumsum([0, *(p.readings.y.size for p in self.predictors)])
+
+        def of(k: int) -> Floats:
+            if others is not None and recording not in (None, self.predictors[k].readings.recording):
+                return others[ends[k] : ends[k + 1]]
+            return self.predictors[k].run(rig, gains[k]).E.ravel()
+
+        found = spread(of, range(len(self.predictors)))
         rows = found[0] if len(found) == 1 else np.concatenate(found)
         return rows if np.isfinite(rows).all() and np.abs(rows).max() < ASTRAY else None
 
@@ -141,10 +144,10 @@ class Bench:
 
     def tuned(self, rig: Rig, sizes: Sizes | None = None, **how: object) -> tuple[Sizes, float]:
         """Sizes that make a rig likeliest, and -2 log likelihood."""
-        each = [
-            p.tuned(rig, None if sizes is None else sizes[k], **how)  # type: ignore[arg-type]
-            for k, p in enumerate(self.predictors)
-        ]
+        each = spread(
+            lambda k: self.predictors[k].tuned(rig, None if sizes is None else sizes[k], **how),  # type: ignore[arg-type]
+            range(len(self.predictors)),
+        )
         return tuple(s for s, _ in each), min(sum(v for _, v in each), LOST)
 
     def unknown(self, sizes: Sizes) -> dict[str, float]:

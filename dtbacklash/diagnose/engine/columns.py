@@ -61,11 +61,12 @@ class Columns:
     """Columns around a fitted rig at given sizes.
 
     ranked : the best of each name, best first. alone : nothing is projected out, as all else stays as it is.
+    bounded : only those that :meth:`bounds` takes; a law that a small one bounds is not looked at as it is.
     """
 
     def __init__(
         self, bench: Bench, model: Model, sizes: Sizes, without: tuple[Key, ...] = (), tables: bool = False,
-        alone: bool = False,
+        alone: bool = False, bounded: bool = False,
     ) -> None:  # fmt: skip
         self.bench, self.rig, self.log_n = bench, model.rig, float(np.log(bench.count))
         gains = bench.gains(model.rig, sizes)
@@ -79,14 +80,18 @@ class Columns:
         jacobian = np.zeros((len(base), 0)) if alone else problem.jacobian(x, gains, base)
         e0 = base[:data]
         self.hypotheses: list[tuple[Hypothesis, slice]] = []
-        columns: list[Floats] = []
         asked = list(hypotheses(bench, model.rig, motion, without, tables))
-        for h, made in zip(asked, spread(lambda h: self._made(h, gains, e0), asked), strict=True):
-            if made is not None:
-                self.hypotheses.append((h, slice(len(columns), len(columns) + len(made))))
-                columns += made
+        asked = [h for h in asked if not (bounded and h.as_it_is and h.effect.size.neutral == 0.0)]
+        made = spread(lambda h: self._made(h, gains, e0), asked)
+        columns, first = np.empty((sum(len(m) for m in made if m), data)), 0
+        for h in asked:  # one by one, as many recordings fill the memory
+            for column in (found := made.pop(0) or []):
+                columns[first] = column
+                first += 1
+            if found:
+                self.hypotheses.append((h, slice(first - len(found), first)))
         used = jacobian[:, np.einsum("ij,ij->j", jacobian, jacobian) > 1e-12]
-        self._project(np.array(columns).reshape(-1, data), e0, base, used, data)
+        self._project(columns, e0, base, used, data)
         self.ranked = self._ranked()
 
     def _made(self, h: Hypothesis, gains: Sequence[Gains], e0: Floats) -> list[Floats] | None:
@@ -216,9 +221,8 @@ class Columns:
                 continue
             error = self.wider[js] / np.sqrt(np.diag(g)) / self.scale[js]
             if h.as_it_is:
-                if h.effect.size.neutral != 0.0:
-                    share = -float(r[0]) / float(g[0, 0]) / float(self.scale[at][0])
-                    yield h, (h.values[h.effect.size.name] if share + errors * float(error[0]) < 1.0 else None)
+                share = -float(r[0]) / float(g[0, 0]) / float(self.scale[at][0])
+                yield h, (h.values[h.effect.size.name] if share + errors * float(error[0]) < 1.0 else None)
                 continue
             size = -np.linalg.solve(g + 1e-12 * np.eye(len(r)), r) / self.scale[js]
             both = h.effect.size.low < 0.0 or bool(h.angle)

@@ -100,8 +100,10 @@ class Simulated:
         return rig.of(self.readings.recording)
 
     def linear(self, rig: Rig) -> Linear:
-        """Its linear part."""
-        return linear_of(self._here(rig), self.readings.sample_time_s, self.readings.channels)
+        """Its linear part; recordings that are sampled alike share it."""
+        here, r = self._here(rig), self.readings
+        key = "linear", r.sample_time_s, r.channels
+        return here.once(key, lambda: linear_of(here, r.sample_time_s, r.channels))
 
     def observe(self, rig: Rig, K: Floats, W: Floats, opening: int) -> Pass:
         """Predict and correct, sample by sample, by gains of the rig's linear states; others are not corrected.
@@ -210,7 +212,8 @@ class Simulated:
         """The compiled rig in its first state: positions as they were read first, at rest."""
         r = self.readings
         steps = STEPS_FINE if self.finely else STEPS
-        p = compile_plant(rig, r.sample_time_s, 0, 10, False, steps)
+        key = "plant", r.sample_time_s, steps
+        p = rig.once(key, lambda: compile_plant(rig, r.sample_time_s, 0, 10, False, steps))
         state, sensors = new_state(p), list(rig.sensors)
         chan = np.array([sensors.index(c) for c in r.channels])
         first = np.array([first_read(y) for y in Y.T])

@@ -1,10 +1,10 @@
 """Each recording is left out in turn: what the others alone say of the rig, and whether a name predicts it there.
 
-Recordings are factors of one likelihood, and their rows are stacked. So leaving one out is leaving its rows out of the
-Jacobian: the values move on by one step of the fit to the rows of the others.
+Recordings are factors of one likelihood. Each has a triangular factor of its rows of the Jacobian, and those of several
+are stacked: leaving one out is leaving its factor out, and the values move on by one step of the fit to the others.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -33,17 +33,18 @@ def left_out(bench: Bench, motion: Motion, model: Model, sizes: Sizes | None = N
     rows = problem.rows(x, gains)
     if rows is None or not problem.free:
         return dict.fromkeys(bench.recordings, model.rig)
-    J = problem.jacobian(x, gains, rows)
-    of = split(bench, np.ones(len(rows))) > 0.0
-    return {k: problem.rig(x + _step(J, rows, own)) for k, own in zip(bench.recordings, of.T, strict=True)}
+    J = np.column_stack([problem.jacobian(x, gains, rows), rows])
+    of = split(bench, np.ones(len(rows))).T > 0.0
+    factors = [*(np.asarray(np.linalg.qr(J[own], mode="r")) for own in of), J[problem.bench_rows :]]
+    return {k: problem.rig(x + _step(factors, n)) for n, k in enumerate(bench.recordings)}
 
 
-def _step(J: Floats, rows: Floats, own: np.ndarray) -> Floats:
-    """(free,) the step to the optimum of the other rows. own : (rows,) those that are left out."""
-    others = J[~own]
-    free = (others**2).sum(axis=0) > SHOWN * (J**2).sum(axis=0)
-    step = np.zeros(J.shape[1])
-    step[free] = -inverse(others[:, free]) @ (others[:, free].T @ rows[~own])
+def _step(factors: Sequence[Floats], n: int) -> Floats:
+    """(free,) the step to the optimum without one of the factors, of a Jacobian and, behind it, its rows."""
+    others, most = np.vstack([f for k, f in enumerate(factors) if k != n]), np.vstack(factors)
+    free = (others[:, :-1] ** 2).sum(axis=0) > SHOWN * (most[:, :-1] ** 2).sum(axis=0)
+    step, J = np.zeros(len(free)), others[:, np.flatnonzero(free)]
+    step[free] = -inverse(J) @ (J.T @ others[:, -1])
     return np.clip(step, -STEP_MAX, STEP_MAX)
 
 

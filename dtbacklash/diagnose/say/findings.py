@@ -225,7 +225,7 @@ def candidates(c: Conclusion) -> tuple[Candidate, ...]:
 
 def limits(c: Conclusion) -> tuple[Limit, ...]:
     """For each effect that was not found, how large it could still be, from its column beside the last model."""
-    columns = Columns(c.search.bench, c.last, c.last.sizes)
+    columns = Columns(c.search.bench, c.last, c.last.sizes, bounded=True)
     found: dict[Key, Limit] = {}
     for h, bound in columns.bounds(NORMAL95):
         place, name = h.key

@@ -13,6 +13,7 @@ from dtbacklash.diagnose.engine.predictor import Predictor
 from dtbacklash.diagnose.engine.readings import readings
 from dtbacklash.diagnose.engine.simulated import Simulated
 from dtbacklash.diagnose.engine.turns import left_out, predicted
+from dtbacklash.diagnose.spread import on_cores
 
 from .conftest import STEP_S, command, recorded
 
@@ -39,6 +40,21 @@ def fitted(bench: Bench, keys=()):
     sizes, _ = bench.tuned(rig)
     motion = motion_of(bench, rig, bench.gains(rig, sizes))
     return motion, Problem(bench, rig, keys, motion, 1.0).ladder(sizes, None, (1.0, 0.1, 1.0), 6)
+
+
+def test_recordings_share_one_compiled_rig_and_threads_give_the_same_rows():
+    bench = bench_of({0: 1.2, 1: 1.2}, {0: 0.0, 1: 0.0})
+    own = bench.nominal.owning({(1, "m"): 1.3})
+    one, other = (p.simulated.linear(bench.nominal) for p in bench.predictors)
+    alone, heavier = (p.simulated.linear(own) for p in bench.predictors)
+    assert one is other
+    assert heavier.inertia[0] == pytest.approx(1.3 / bench.nominal.config.parameters["m"].value * alone.inertia[0])
+    sizes, value = bench.tuned(own)
+    rows = bench.rows(own, bench.gains(own, sizes))
+    with on_cores(2):
+        again, same = bench.tuned(own)
+        assert same == value
+        assert np.array_equal(bench.rows(own, bench.gains(own, again)), rows)
 
 
 def stiffness(rig) -> float:
