@@ -149,7 +149,7 @@ def _second_recording(options: argparse.Namespace) -> Result:
 
 
 def _fleets(options: argparse.Namespace) -> Result:
-    found = fleets.fleet_rows(options.n, options.seed, options.out / "fleets_cases.csv")
+    found = fleets.fleet_rows(options.n, options.seed, options.out / f"fleets_{options.n}_{options.seed}.csv")
     if options.docs:
         fleets.write_docs(found, options.docs)
     return found, fleets.fleet_words(found)

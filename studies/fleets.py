@@ -18,6 +18,7 @@ import pandas as pd
 from numpy.random import Generator
 
 import dtbacklash as dtb
+from dtbacklash.diagnose.records import records_of
 from dtbacklash.files import write_text
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig
@@ -25,7 +26,9 @@ from dtbacklash.prove import rules
 from dtbacklash.prove.bench import Bench
 from dtbacklash.prove.conceal import nominal_rig, recording_table
 from dtbacklash.prove.draw import draw, record
+from dtbacklash.prove.oracle import look
 from dtbacklash.prove.secret import Secret
+from dtbacklash.recording.model import Recording
 from dtbacklash.report.kit.markdown import between, table
 from studies.measure import Row
 
@@ -42,9 +45,9 @@ CLEAR = 30.0
 
 
 def fleet_rows(n: int, seed: int, kept: Path) -> list[Row]:
-    """A row a case, of n fleets and a quarter more changes; each is written as it is done."""
-    rows: list[Row] = []
-    for j in range(n + n * len(CHANGES) // 4):
+    """A row a case, of n fleets and a quarter more changes; each is written as it is done, and not done again."""
+    rows: list[Any] = pd.read_csv(kept).to_dict("records") if kept.exists() else []
+    for j in range(len(rows), n + n * len(CHANGES) // 4):
         k = j - n
         one = _fleet(seed + j, RIGS[j % 4], FLEETS[j // 4 % 2]) if k < 0 else _change(seed + j, CHANGES[k % 5], k)
         rows.append(one)
@@ -71,6 +74,7 @@ def _fleet(seed: int, name: str, mode: str) -> Row:
     return {
         "what": f"{name}: {place}.{effect}", "mode": mode if only is None else f"in {only + 1} only",
         "seen": _least_seen([s for k, s in enumerate(each) if only in (None, k)], nominal),
+        "clear": _is_clear(each[only or 0], nominal),
         "said": ", ".join(f"{p}.{e}{'!' * (j in sure)}" for j, (p, e) in enumerate(case.named)) or "-",
         "right": bool(matched), "sure": len(sure), "sure_false": len(false),
         "there_only": None if only is None else any(f"It is seen in frame ({only + 1}) only." in one for one in said),
@@ -96,7 +100,7 @@ def _change(seed: int, mode: str, number: int) -> Row:
     named = any(truth == c.title or truth in c.also_fits for c in changes) if truth else not changes
     return {
         "what": f"{name}: {truth or '-'}", "mode": mode,
-        "seen": _least_seen(each[1:], nominal) if mode in ("added", "grown", "gap") else np.nan,
+        "seen": _least_seen(each[1:], nominal) if mode in ("added", "grown", "gap") else np.nan, "clear": None,
         "said": ", ".join(f"{c.title}{'!' * (c.confidence == 'sure')}" for c in changes) or "-",
         "right": named, "sure": len(sure), "sure_false": sum(title != truth for title in sure),
         "there_only": None, "cpu_s": seconds,
@@ -136,6 +140,13 @@ def _least_seen(each: list[Secret], nominal: Rig) -> float:
     return min(seen)
 
 
+def _is_clear(secret: Secret, nominal: Rig) -> bool:
+    """Whether the oracle of the blind proof sees the main effect in a recording: a first state may stand for it."""
+    frame = recording_table(secret, nominal, *record(secret, nominal))
+    (there,) = records_of(Recording.from_frame(frame, rig=nominal, trust_units=True), nominal, True, True)
+    return all(look(nominal, there, asdict(secret), None)["clear"].values())
+
+
 def _diagnosed(each: list[Secret], nominal: Rig, **options: Any) -> tuple[dtb.Diagnosis, float]:
     frames = [recording_table(s, nominal, *record(s, nominal)) for s in each]
     begun = time.process_time()
@@ -156,11 +167,13 @@ def fleet_words(rows: list[Row]) -> list[str]:
     for some, what in ((all_of[~pair], "fleets"), (all_of[pair], "pairs")):
         if some.empty:
             continue
-        clear = some[~(some.seen < CLEAR)]
+        clear, told = some[~(some.seen < CLEAR)], some[some.clear.eq(True)]
+        oracle = f", where an oracle sees it {int(told.right.sum())} of {len(told)}" if len(told) else ""
+        sure = f"{int(some.sure.sum())} sure, {int(some.sure_false.sum())} of them false"
         words.append(
             f"{what}: right {int(some.right.sum())} of {len(some)}, of those that show it {CLEAR:.0f} times the noise "
-            f"{int(clear.right.sum())} of {len(clear)}; {int(some.sure.sum())} sure, {int(some.sure_false.sum())} of "
-            f"them false; median {some.cpu_s.median():.0f} s of processor time."
+            f"{int(clear.right.sum())} of {len(clear)}{oracle}; {sure}; "
+            f"median {some.cpu_s.median():.0f} s of processor time."
         )
     only = all_of[all_of.there_only.notna()]
     said = f"Seen in one recording only, and said so: {int(only.there_only.sum())} of {len(only)}."
@@ -173,6 +186,7 @@ def write_docs(rows: list[Row], folder: Path) -> None:
         "machine and main effect",
         "hidden",
         "times the noise",
+        "an oracle sees it",
         "said (! sure)",
         "right",
         "sure",

@@ -8,7 +8,9 @@ import pytest
 from nominal import nominal_rig
 from told import refused
 
+import dtbacklash as dtb
 from dtbacklash.diagnose.several import Several, names_of
+from dtbacklash.physics.simulate import simulate
 from dtbacklash.recording import Recording
 
 
@@ -111,3 +113,29 @@ def test_three_are_left_out_in_turn_and_two_judge_by_their_ends(rig):
         assert not any((r.train & r.held).any() for r in ends.records(rig, 0.4))
     assert Several.of(three[:2], None, rig, "turns").turns
     assert not Several.of(three, "b.csv", rig).turns
+
+
+def one_way(nominal, sign: float, seed: int) -> Recording:
+    """A drive with dry friction of 0.02 N m at its load, turning in one direction only, from when it turns."""
+    rng, step, start = np.random.default_rng(seed), 1e-3, 1500
+    t = step * np.arange(3000)
+    u = 3.0 + np.sin(2.0 * np.pi * (0.9 + 0.1 * seed) * t) + 0.5 * np.sin(2.0 * np.pi * 3.3 * t + seed)
+    u = sign * np.concatenate([np.full(start, 3.0), u])
+    shown = simulate(nominal.with_effect("load", "coulomb_friction", {"torque": 0.02}), u, step).sensors
+    noise = {"theta_m": 1e-3, "theta_l": 1e-3, "i_m": 2e-3}
+    y = {c: shown[c][start:-1] + n * rng.standard_normal(len(t)) for c, n in noise.items()}
+    return Recording("plus" if sign > 0 else "minus", None, step, t, {"u": u[start:], **y}, {})
+
+
+@pytest.mark.check
+def test_what_one_direction_leaves_open_the_other_settles():
+    nominal = nominal_rig("rotary_drive")
+    plus, minus = one_way(nominal, 1.0, 1), one_way(nominal, -1.0, 2)
+    (alone,) = dtb.diagnose(plus, nominal).diagnosis.findings
+    open_between = {(alone.location, alone.effect), *((a.location, a.effect) for a in alone.also_fits)}
+    assert alone.confidence == "partial"
+    assert {("load", "constant_load"), ("load", "coulomb_friction")} <= open_between
+    (both,) = dtb.diagnose([plus, minus], nominal).diagnosis.findings
+    assert (both.location, both.effect, both.confidence, both.also_fits) == ("load", "coulomb_friction", "sure", ())
+    low, high = both.parameters["torque"].ci95
+    assert low < 0.02 < high < 1.05 * low

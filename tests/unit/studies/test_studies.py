@@ -3,8 +3,10 @@
 import re
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
+from studies import fleets
 from studies.__main__ import PAGES, STUDIES, _options, main
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -32,3 +34,36 @@ def test_a_name_that_is_unknown_is_refused(words, capsys):
     with pytest.raises(SystemExit) as end:
         main(words)
     assert "choose of " in f"{end.value} {capsys.readouterr().err}"
+
+
+CASE = {
+    "what": "oscillator: spring.hysteresis", "mode": "payloads", "seen": 50.0, "clear": True, "said": "-",
+    "right": True, "sure": 1, "sure_false": 0, "there_only": None, "cpu_s": 2.0,
+}  # fmt: skip
+
+
+def test_fleets_that_are_done_are_counted_and_not_done_again(tmp_path):
+    only = CASE | {"mode": "in 2 only", "seen": 10.0, "clear": False, "right": False, "there_only": True}
+    pair = CASE | {"mode": "nothing", "seen": None, "clear": None}
+    cases = [CASE, only, pair, pair]
+    pd.DataFrame(cases).to_csv(tmp_path / "kept.csv", index=False)
+    rows = fleets.fleet_rows(2, 91_000, tmp_path / "kept.csv")
+    assert [row["mode"] for row in rows] == [case["mode"] for case in cases]
+    of_fleets, of_pairs, seen = fleets.fleet_words(rows)
+    assert of_fleets.startswith(
+        "fleets: right 1 of 2, of those that show it 30 times the noise 1 of 1, where an oracle"
+    )
+    assert of_pairs.startswith("pairs: right 2 of 2, ")
+    assert seen == "Seen in one recording only, and said so: 1 of 1."
+    page = tmp_path / fleets.PAGE
+    page.write_text(f"{fleets.BEGIN}\n{fleets.END}", encoding="utf-8")
+    fleets.write_docs(rows, tmp_path)
+    assert page.read_text(encoding="utf-8").count("| oscillator: spring.hysteresis | ") == len(cases)
+
+
+@pytest.mark.check
+def test_a_fleet_of_specimens_names_what_all_of_them_hide():
+    row = fleets._fleet(91_000, "oscillator", "payloads")
+    assert row["what"] == "oscillator: mass.constant_force"
+    assert (row["right"], row["clear"], row["sure_false"], row["there_only"]) == (True, True, 0, None)
+    assert row["seen"] > fleets.CLEAR
