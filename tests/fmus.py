@@ -75,9 +75,11 @@ S fmi3ExitInitializationMode(C) OK
 S fmi3EnterEventMode(C) OK
 S fmi3Terminate(C) OK
 S fmi3Reset(C) { memcpy(((M *)c)->number, start, sizeof start); ((M *)c)->t = 0.0; return fmi3OK; }
-S fmi3GetFloat64(C, R r, N n, double *y, N k) { equations(c); for (N i = 0; i < n; i++) y[i] = X(r[i]); return fmi3OK; }
-S fmi3SetFloat64(C, R r, N n, const double *y, N k) { for (N i = 0; i < n; i++) { if (!isfinite(y[i])) return fmi3Error;
-  X(r[i]) = y[i]; } return fmi3OK; }
+S fmi3GetFloat64(C, R r, N n, double *y, N k) { equations(c); for (N i = 0, a = 0; i < n; i++)
+  for (N e = 0; e < SIZE[r[i]]; e++) { if (a >= k) return fmi3Error; y[a++] = X(r[i] + e); } return fmi3OK; }
+S fmi3SetFloat64(C, R r, N n, const double *y, N k) { for (N i = 0, a = 0; i < n; i++)
+  for (N e = 0; e < SIZE[r[i]]; e++) { if (a >= k || !isfinite(y[a])) return fmi3Error; X(r[i] + e) = y[a++]; }
+  return fmi3OK; }
 S fmi3UpdateDiscreteStates(C, B *a, B *b, B *d, B *e, B *f, double *g) { *b = *d = 0; *a = again(c); *e = event(c);
   *g = next(c); *f = isfinite(*g); return fmi3OK; }
 S fmi3GetEventIndicators(C, double *z, N n) { signs(c, z); return fmi3OK; }
@@ -95,6 +97,12 @@ Unit = str
 
 def _in_c(name: str) -> str:
     return re.sub(r"\W", "_", name)
+
+
+def _sizes(names: list[str], arrays: bool) -> dict[str, int]:
+    """Elements of the array whose first one a number is; 0 of the others, 1 of a number by itself."""
+    whole = [re.sub(r"\[\d+\]$", "[1]", name) if arrays else name for name in names]
+    return {name: whole.count(name) for name in names}
 
 
 @dataclass(frozen=True)
@@ -116,8 +124,8 @@ class Machine:
     #: when its clock strikes next
     clock: str = "INFINITY"
 
-    def build(self, path: Path, version: int = 2, **changes: str) -> Path:
-        """Write it as an FMU. changes : texts of its description -> others, without their signs."""
+    def build(self, path: Path, version: int = 2, arrays: bool = False, **changes: str) -> Path:
+        """Write it as an FMU. arrays : ``a[1]``, ``a[2]`` are one variable. changes : texts of its description."""
         import fmpy
 
         names = [
@@ -138,6 +146,7 @@ class Machine:
             defines="\n".join([
                 *(f"#define {_in_c(name)} (m->number[{k}])" for k, name in enumerate(names)),
                 f"static const int STATE[] = {{ {', '.join(map(str, range(n)))} }};",
+                f"static const size_t SIZE[] = {{ {', '.join(map(str, _sizes(names, arrays).values()))} }};",
                 f"static const int RATE[] = {{ {', '.join(map(str, range(n, 2 * n)))} }};",
             ]),
         )  # fmt: skip
@@ -154,7 +163,7 @@ class Machine:
             pytest.skip("no C compiler (gcc) to build a test FMU with")
         words = ["gcc", "-shared", "-fPIC", "-O2", "-w", f"-I{headers}", *map(str, work.glob("*.c")), "-lm"]
         subprocess.run([*words, "-o", str(folder / "machine.so")], check=True)
-        text = self._description(version, first)
+        text = self._description(version, first, arrays)
         for old, new in changes.items():
             assert old in text
             text = text.replace(old, new)
@@ -164,19 +173,24 @@ class Machine:
         shutil.rmtree(work)
         return path
 
-    def _description(self, version: int, first: dict[str, float]) -> str:
+    def _description(self, version: int, first: dict[str, float], arrays: bool) -> str:
         units = {s: u for s, (_, u) in self.states.items()} | self.inputs | self.outputs
         lines, n = [], len(self.states)
-        for k, (name, value) in enumerate(first.items()):
+        sizes = _sizes(list(first), arrays)
+        for k, name in enumerate(first):
+            if not sizes[name]:
+                continue
             kind = ('causality="parameter" variability="tunable"' if name in self.parameters else
                     'causality="input"' if name in self.inputs else
                     'causality="output"' if name in self.outputs else
                     'causality="local" variability="discrete"' if name in self.discrete else
                     'causality="local"')  # fmt: skip
             start = name in self.parameters or name in self.inputs or name in self.states
-            number = f' start="{value!r}"' * start + f' unit="{units.get(name)}"' * bool(units.get(name))
+            numbers = " ".join(map(repr, list(first.values())[k : k + sizes[name]]))
+            number = f' start="{numbers}"' * start + f' unit="{units.get(name)}"' * bool(units.get(name))
             exact = ' initial="exact"' * (name in self.states)
-            shown = f"der({name[2:]})" if n <= k < 2 * n else name
+            size = sizes[name] if sizes[name] > 1 else 0
+            shown = (f"der({name[2:]})" if n <= k < 2 * n else name).replace("[1]", "" if size else "[1]")
             rate = n <= k < 2 * n
             if version == 2:
                 number += f' derivative="{k - n + 1}"' * rate
@@ -184,7 +198,8 @@ class Machine:
                              "</ScalarVariable>")  # fmt: skip
             else:
                 number += f' derivative="{k - n}"' * rate
-                lines.append(f'<Float64 name="{shown}" valueReference="{k}" {kind}{exact}{number}/>')
+                lines.append(f'<Float64 name="{shown}" valueReference="{k}" {kind}{exact}{number}>'
+                             + f'<Dimension start="{size}"/>' * bool(size) + "</Float64>")  # fmt: skip
         names = sorted({u for u in units.values() if u})
         if version == 2:
             told = "".join(f'<Unknown index="{n + k + 1}"/>' for k in range(n))
@@ -192,7 +207,8 @@ class Machine:
             head = '<fmiModelDescription fmiVersion="2.0" modelName="machine" guid="{1}" '
             head += f'numberOfEventIndicators="{len(self.signs)}">'
         else:
-            structure = "".join(f'<ContinuousStateDerivative valueReference="{n + k}"/>' for k in range(n))
+            whole = [k for k, name in enumerate(self.states) if sizes[name]]
+            structure = "".join(f'<ContinuousStateDerivative valueReference="{n + k}"/>' for k in whole)
             structure += "".join(f'<EventIndicator valueReference="{k}"/>' for k in range(len(self.signs)))
             lines.append(f'<Float64 name="time" valueReference="{len(first)}" causality="independent"/>')
             head = '<fmiModelDescription fmiVersion="3.0" modelName="machine" instantiationToken="{1}">'

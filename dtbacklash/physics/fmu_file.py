@@ -5,12 +5,13 @@ FMPy does so; it is imported where an FMU is read.
 
 from __future__ import annotations
 
+import copy
 import functools
 import math
 import tempfile
 import threading
 import weakref
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -30,16 +31,18 @@ R = TypeVar("R")
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """An FMU, unpacked. states : in its own order -> its derivative. variables : all numbers by name.
+    """An FMU, unpacked. states : in its own order. variables : all numbers by name, and elements of arrays.
 
-    own : what each thread has of it. spare : instances of threads that have ended.
+    arrays : element -> its array (``damping[2]``: ``damping``). own : what each thread has of it. spare : instances of
+    threads that have ended.
     """
 
     path: str
     folder: tempfile.TemporaryDirectory[str]
     description: Any
-    states: dict[str, Any]
+    states: list[str]
     variables: dict[str, Any]
+    arrays: dict[str, str]
     own: threading.local = field(default_factory=threading.local)
     spare: list[Instance] = field(default_factory=list)
     lock: threading.RLock = field(default_factory=threading.RLock)
@@ -47,6 +50,15 @@ class Model:
     def __reduce__(self) -> tuple[Any, ...]:
         """Read anew by another process."""
         return _read, (self.path, Path(self.path).stat().st_mtime_ns)
+
+    def whole(self, names: Iterable[str]) -> dict[str, None]:
+        """These variables, and the elements that stand in arrays with them, in the order of the arrays."""
+        there = {n: [e for e, array in self.arrays.items() if array == self.arrays.get(n)] or [n] for n in names}
+        return dict.fromkeys(e for elements in there.values() for e in elements)
+
+    def references(self, names: Iterable[str]) -> list[int]:
+        """Value references of these variables, one for each array."""
+        return list({self.arrays.get(name, name): self.variables[name].valueReference for name in names}.values())
 
     def of(self, *causalities: str) -> dict[str, Any]:
         """Its real variables of these causalities."""
@@ -157,11 +169,31 @@ def _read(path: str, stamp: int) -> Model:
     there = fmpy.supported_platforms(path)
     if fmpy.platform not in there:
         raise UserError("rig.model", path, f"is for {', '.join(there) or 'no platform'}; this one is {fmpy.platform}")
-    real = {v.name: v for v in described.modelVariables if v.type in ("Real", "Float64") and not v.dimensions}
-    states = {u.variable.derivative.name: u.variable for u in described.derivatives if u.variable.derivative}
-    if not states or len(states) != len(described.derivatives) or not states.keys() <= real.keys():
-        raise UserError("rig.model", path, "has no continuous states, each a number, that could be set")
-    return Model(path, folder, described, states, real)
+    split = {v.name: _elements(v) for v in described.modelVariables if v.type in ("Real", "Float64")}
+    real = {e.name: e for elements in split.values() for e in elements}
+    arrays = {e.name: array for array, elements in split.items() for e in elements if e.name != array}
+    named = [u.variable.derivative.name if u.variable.derivative else "" for u in described.derivatives]
+    if not named or not set(named) <= split.keys():
+        raise UserError("rig.model", path, "has no continuous states that could be set")
+    return Model(path, folder, described, [e.name for name in named for e in split[name]], real, arrays)
+
+
+def _elements(variable: Any) -> list[Any]:
+    """A variable, or those of its array: ``damping[1]``, ``A[2,1]``, each with its own start value.
+
+    Some tools leave out the dimensions of a vector: it has several start values.
+    """
+    starts = str(variable.start).split() if variable.start is not None else []
+    shape = variable.shape if variable.dimensions else (len(starts),) if len(starts) > 1 else ()
+    if not shape:
+        return [variable]
+    found = []
+    for k, index in enumerate(np.ndindex(*shape)):
+        element = copy.copy(variable)
+        element.name = f"{variable.name}[{','.join(str(i + 1) for i in index)}]"
+        element.start = starts[k if len(starts) > 1 else 0] if starts else None
+        found.append(element)
+    return found
 
 
 class Instance:
@@ -199,7 +231,7 @@ class Instance:
                 fmu.reset()
             self._begun = True
             for title, value in values.items():
-                self._set([self.model.variables[title].valueReference], [value])
+                self._set_one(title, value)
             title = ""
             if self.threes:
                 fmu.enterInitializationMode()
@@ -238,6 +270,13 @@ class Instance:
     def _set(self, references: Sequence[int], values: Sequence[float]) -> None:
         (self.fmu.setFloat64 if self.threes else self.fmu.setReal)(references, values)
 
+    def _set_one(self, title: str, value: float) -> None:
+        """Set a number; of an array, the others stay."""
+        whole, references = list(self.model.whole([title])), self.model.references([title])
+        numbers = self.fmu.getFloat64(references, len(whole)) if title in self.model.arrays else [value]
+        numbers[whole.index(title)] = value
+        self._set(references, numbers)
+
     def address(self, name: str) -> int:
         """Of a function of its library; ``name`` without fmi2 or fmi3."""
         import ctypes
@@ -262,7 +301,7 @@ class Instance:
         self.said.clear()
         given, found = (self._doubles * len(x))(*x), (self._doubles * len(x))()
         try:
-            self._set([self.model.variables[name].valueReference for name in inputs], list(inputs.values()))
+            self._set(self.model.references(inputs), list(inputs.values()))
             self.fmu.setTime(0.0)
             self.fmu.setContinuousStates(given, len(x))
             (self.fmu.getContinuousStateDerivatives if self.threes else self.fmu.getDerivatives)(found, len(x))

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from dtbacklash import units
 from dtbacklash.arrays import Floats
 from dtbacklash.config.rig import ParameterConfig, RigConfig, share_of
 from dtbacklash.errors import UserError
@@ -25,7 +26,7 @@ from dtbacklash.physics.kinds import LINEAR, MODEL_OUTPUT, ROTARY
 from dtbacklash.physics.mjcf import ACTUATOR_PREFIX, KIND, check_columns, named
 
 __all__ = ["completed", "effects_of_inputs", "first_inputs", "model_of", "new_rig", "pairs", "passes",
-           "rates_by_states", "start_values"]  # fmt: skip
+           "rates_by_states", "start_values", "unit_of"]  # fmt: skip
 
 #: units of positions that turn, and that slide
 AXIS = {"rad": ROTARY, "m": LINEAR}
@@ -48,7 +49,7 @@ def first_inputs(model: Model) -> dict[str, float]:
 def pairs(model: Model) -> dict[str, str]:
     """Position -> speed: states of which one is the derivative of the other, wherever they are."""
     instance, rng = model.instance(), np.random.default_rng(0)
-    x, names = instance.begin({}), list(model.states)
+    x, names = instance.begin({}), model.states
     inputs, found = first_inputs(model), []
     for _ in range(3):
         z = x + MOVED * np.maximum(np.abs(x), 1.0) * rng.uniform(0.5, 1.0, len(x))
@@ -106,7 +107,7 @@ def completed(config: RigConfig) -> RigConfig:
             if sensor.get("recorded_in"):
                 allowed = f"leave it out: a column of {of} is in what the FMU gives"
                 raise UserError(f"rig.sensors.{column}.recorded_in", sensor["recorded_in"], allowed)
-        elif driven and not passes(joints[driven], at_once, of, list(model.states)):
+        elif driven and not passes(joints[driven], at_once, of, model.states):
             allowed = "how this input acts on its joint is the FMU's; name a variable of it, with the quantity value"
             raise UserError(f"rig.sensors.{column}.of", of, allowed)
     name = config.name if config.name != RigConfig.name else Path(config.model).stem
@@ -135,7 +136,7 @@ def _drives(
     if not config.commands:
         usual = _plain(next(iter(model.inputs), "INPUT"))
         raise UserError("rig.commands", "(none)", f"an input of the FMU has a column: {{COLUMN: {usual}}}")
-    order, slopes = list(model.states), rates_by_states(model, {})
+    order, slopes = model.states, rates_by_states(model, {})
     speeds, drives = [order.index(joint["speed"]) for joint in joints.values()], {}
     for column, name in config.commands.items():
         named(f"rig.commands.{column}", name, model.inputs)
@@ -160,7 +161,7 @@ def _parameters(model: Model, config: RigConfig) -> dict[str, ParameterConfig]:
         if title in parameters:
             raise UserError(key, share, f"{title} is named twice; once is enough")
         about = variable.description or ""
-        parameters[title] = ParameterConfig(float(variable.start), _unit(variable), share_of(key, share), about)
+        parameters[title] = ParameterConfig(float(variable.start), _in_si(variable), share_of(key, share), about)
     return parameters
 
 
@@ -184,11 +185,11 @@ def _joint(
     if not isinstance(spec, Mapping) or "position" not in spec or not set(spec) <= set(FIELDS):
         raise UserError(key, spec, "a mapping with position and, where wanted, speed, force (an input), slides (true)")
     position = spec["position"]
-    named(f"{key}.position", position, model.states)
+    named(f"{key}.position", position, dict.fromkeys(model.states))
     speed = spec.get("speed") or found.get(position)
     if speed is None:
         raise UserError(f"{key}.position", position, "no state is its derivative; name the state that is its speed")
-    named(f"{key}.speed", speed, model.states)
+    named(f"{key}.speed", speed, dict.fromkeys(model.states))
     if found.get(position) != speed:
         raise UserError(
             f"{key}.speed", speed, f"is not the derivative of {position}, which is {found.get(position, 'no state')}"
@@ -203,7 +204,7 @@ def _joint(
         raise UserError(f"{key}.slides", slides, f"{position} is in {unit}; leave it out")
     if (force := spec.get("force")) not in (None, ""):
         named(f"{key}.force", force, model.inputs)
-        if not at_once[force][list(model.states).index(speed)] > 0.0:
+        if not at_once[force][model.states.index(speed)] > 0.0:
             raise UserError(f"{key}.force", force, f"does not push {speed} forward at once: no force on this joint")
     return {"position": position, "speed": speed, "force": force or "", "slides": slides}
 
@@ -211,6 +212,17 @@ def _joint(
 def _unit(variable: Any) -> str:
     """The unit of a variable, its own or its type's."""
     return str(variable.unit or (variable.declaredType.unit if variable.declaredType else "") or "")
+
+
+def unit_of(config: RigConfig, name: str) -> str:
+    """The unit of a variable of a rig's FMU as that writes it, or empty."""
+    return _unit(model_of(config).variables[name])
+
+
+def _in_si(variable: Any) -> str:
+    """The unit of a variable, written as ours (``kg.m2``: kg m^2); empty where it is another than SI, or unknown."""
+    found = units.composed(re.sub(r"(?<=[A-Za-z])-?[2-9]", r"^\g<0>", re.sub("[.*]", " ", _unit(variable))))
+    return found.si if found and found.factor == 1.0 else ""
 
 
 def _short(state: str) -> str:
@@ -227,7 +239,7 @@ def _plain(name: str) -> str:
 def new_rig(path: str) -> str:
     """The text of a rig's file for an FMU: its pairs of states as joints, its inputs, usual tolerances."""
     model = model_of(replace(RigConfig(), model=path))
-    found, at_once, order = pairs(model), effects_of_inputs(model, {}), list(model.states)
+    found, at_once, order = pairs(model), effects_of_inputs(model, {}), model.states
     forces: dict[str, str] = {}
     for position, speed in found.items():
         axis = AXIS.get(_unit(model.variables[position]), ROTARY)
@@ -249,17 +261,16 @@ def new_rig(path: str) -> str:
     lines += [f"  u_{_short(name)}: {_plain(name)}" for name in told] or ["  # the FMU has no real input"]
     lines += ["", "# position and speed: states, of which one is the other's derivative; force: the input through",
               "# which a force acts on it, positive along its motion; without one no friction is looked for there",
-              "joints:"]  # fmt: skip
+              "joints:" if found else "joints: {}  # no state of the FMU is another's derivative"]  # fmt: skip
     for position, speed in found.items():
         force = f", force: {_plain(forces[position])}" if forces[position] else ""
         states = f"position: {_plain(position)}, speed: {_plain(speed)}"
         lines.append(f"  {_plain(_short(position))}: {{{states}{force}}}")
     lines += ["", "# the column of the log: what it shows. quantity: position, velocity, acceleration of a joint;",
-              "# value of any variable of the FMU, without a unit; recorded_in: deg, say; absolute: it is 0 where the",
-              "# FMU's state is",
-              "sensors:"]  # fmt: skip
+              "# value of any variable of the FMU; recorded_in: deg, say; absolute: it is 0 where the FMU's state is",
+              "sensors:" if found else "sensors: {}"]  # fmt: skip
     for position in found:
-        unit, joint = _unit(model.variables[position]) or "rad", _short(position)
+        unit, joint = _unit(model.variables[position]) or "rad; m if its joint has slides: true", _short(position)
         lines.append(f"  q_{joint}: {{of: {_plain(joint)}, quantity: position, absolute: true}}  # {unit}")
     lines += ["", "# how far parameters of the FMU may be off, one standard deviation", "tolerances:"]
     known = {n: v for n, v in model.parameters.items() if float(v.start) and math.isfinite(float(v.start))}

@@ -18,6 +18,7 @@ import numpy as np
 from dtbacklash import units
 from dtbacklash.arrays import Floats
 from dtbacklash.errors import UserError
+from dtbacklash.physics.fmus import unit_of
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording import heads
 from dtbacklash.recording.command import NONE
@@ -134,6 +135,8 @@ class _Names:
         said.sort(key=lambda one: units.are_counts(one[0]))  # what says how large a count is comes first
         text, who = next(((text, who) for text, who in said if text), (self.si(channel)[0], ASSUMED))
         unit = units.Unit("1", 1.0) if text == "1" else units.find(text)
+        if self.rig and channel in self.sensors and self.sensors[channel].quantity == "value":
+            return self._per_model(self.rig, column, channel, text), f"{text} ({who})"
         if not text:
             raise Refused(
                 f"nothing says the unit of column {column}; write {column} [UNIT], or give units={{{channel}: UNIT}}"
@@ -153,6 +156,17 @@ class _Names:
             mend = f"; where 1 {text} stands for 0.5 {si}, a mapping says so with {line}" if si else ""
             raise Refused(f"column {column} is in {text}{why}{mend}")
         return unit, f"{text} ({who})"
+
+    def _per_model(self, rig: Rig, column: str, channel: str, text: str) -> units.Unit:
+        """From a column's unit to that of a model's variable; where either says none, numbers stand as they are."""
+        variable = self.sensors[channel].of
+        own = unit_of(rig.config, variable)
+        said, theirs = units.find(text), units.find(own)
+        if said and theirs and said.si == theirs.si:
+            return units.Unit("1", said.factor / theirs.factor)
+        if own and text not in ("1", own):
+            raise Refused(f"column {column} is in {text}, and {variable} of the FMU in {own}")
+        return units.Unit("1", 1.0)
 
     def overruled(self, channel: str, written: str, who: str) -> list[str]:
         """A sentence where ``units=`` says another unit than the head or the mapping; else none."""

@@ -41,7 +41,7 @@ class Exchanged(Modelled):
         joints = [config.joints[name] for name in self._joints]
         moved = [j["position"] for j in joints] + [j["speed"] for j in joints]
         self.names = tuple(s for s in self._fmu.states if s not in moved)
-        order = list(self._fmu.states)
+        order = self._fmu.states
         self._order = [order.index(s) for s in (*moved, *self.names)]
         self.commands = tuple(ACTUATOR_PREFIX + str(i) for i in config.commands.values())
         inputs = list(self._fmu.inputs)
@@ -86,11 +86,15 @@ class Exchanged(Modelled):
         held = max(self._own, ACTING) if laws or contacts else self._own
         return FINE * held if self.finely else held
 
+    def outputs(self, rig: Rig) -> dict[str, None]:
+        """With what stands in arrays beside them."""
+        return self._fmu.whole(super().outputs(rig))
+
     def _shares(self, rig: Rig, values: dict[str, float]) -> Floats:
         """(joints, commands) the effort on each joint by a unit of each command; kept while parameters stay."""
         known, found = self._share
         if known != values:
-            at_once, joints, order = effects_of_inputs(self._fmu, values), rig.config.joints, list(self._fmu.states)
+            at_once, joints, order = effects_of_inputs(self._fmu, values), rig.config.joints, self._fmu.states
             drives = {a: rig.elements[a].neighbours["drives"] for a in self.commands}
             found = np.array([
                 [passes(joints[b], at_once, a, order) if b == drives[a] else 0.0 for a in drives] for b in self._joints
@@ -103,9 +107,9 @@ class Exchanged(Modelled):
         fmu, instance, values = self._fmu, self._fmu.instance(), self._values(rig)
         j, u, share = len(self._joints), len(self._told), self._shares(rig, values)
         x = instance.begin(values)
-        outputs = [fmu.variables[name].valueReference for name in self.outputs(rig)]
-        names = [np.array(refs, dtype=np.uint32) for refs in ([v.valueReference for v in fmu.inputs.values()], outputs)]
-        sizes = len(x), j, u, len(names[0]), len(outputs), fmu.signs
+        told, shown = fmu.inputs, self.outputs(rig)
+        names = [np.array(fmu.references(which), dtype=np.uint32) for which in (told, shown)]
+        sizes = len(x), j, u, len(told), len(shown), fmu.signs
         d = np.zeros(length_of(*sizes))
         rates, put, get = (
             ("GetContinuousStateDerivatives", "SetFloat64", "GetFloat64")
@@ -120,7 +124,8 @@ class Exchanged(Modelled):
         tables = [*self._order, *self._told, *self._forces]
         m = np.array([
             0, len(d), d.ctypes.data, int(instance.fmu.component), *(instance.address(name) for name in called),
-            *sizes, fmu.switches and not bare, *(n.ctypes.data for n in names), *tables,
+            *sizes, fmu.switches and not bare, *(n.ctypes.data for n in names),
+            *map(len, names), *tables,
         ], dtype=np.int64)  # fmt: skip
         m[0], d[STEP], d[NEXT] = len(m), step_s, instance.next_s
         b = block.py_func(m, d)

@@ -25,10 +25,11 @@ from dtbacklash.physics.fmu_file import DECISIONS
 #: functions of events
 (COMPLETED, GET_SIGNS, BEGIN_EVENT, DECIDE, END_EVENT, GET_STATES) = range(9, 15)
 #: counts of states, joints, commands, inputs, outputs, event indicators; whether events are followed; addresses of the
-#: references of inputs and outputs
-(STATES, JOINTS, COMMANDS, INPUTS, OUTPUTS, SIGNS, EVENTS, INPUT_NAMES, OUTPUT_NAMES) = range(15, 24)
+#: references of inputs and outputs, and how many these are (fewer where an array has one for all of its numbers)
+(STATES, JOINTS, COMMANDS, INPUTS, OUTPUTS, SIGNS, EVENTS, INPUT_NAMES, OUTPUT_NAMES, INPUTS_NAMED,
+ OUTPUTS_NAMED) = range(15, 26)  # fmt: skip
 #: what follows: the FMU's place of each state, the input of each command, that of each joint's force (-1: none)
-TABLES = 24
+TABLES = 26
 #: the clock of steps is that of the FMU up to such a part of a step: it is a sum of them
 ROUNDING = 1e-6
 #: an FMI status above a warning
@@ -143,7 +144,7 @@ def _tell(m, b, time):
     status = _call_with_time(m[SET_TIME], m[INSTANCE], time)
     status = max(status, _call(m[SET_STATES], m[INSTANCE], _address(m, FIRST + 2 * n), n, 0, 0, 0, 0))
     at = _address(m, FIRST + 7 * n)
-    return max(status, _call(m[SET_INPUTS], m[INSTANCE], m[INPUT_NAMES], i, at, i, 0, 0))
+    return max(status, _call(m[SET_INPUTS], m[INSTANCE], m[INPUT_NAMES], m[INPUTS_NAMED], at, i, 0, 0))
 
 
 @kept(nogil=True)
@@ -276,7 +277,8 @@ def follow(m, d):
     _rates(m, b, d[TIME])
     n, i, o = m[STATES], m[INPUTS], m[OUTPUTS]
     if o:
-        _call(m[GET_OUTPUTS], m[INSTANCE], m[OUTPUT_NAMES], o, _address(m, FIRST + 7 * n + 2 * i), o, 0, 0)
+        at = _address(m, FIRST + 7 * n + 2 * i)
+        _call(m[GET_OUTPUTS], m[INSTANCE], m[OUTPUT_NAMES], m[OUTPUTS_NAMED], at, o, 0, 0)
 
 
 @functools.cache

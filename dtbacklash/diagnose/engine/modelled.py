@@ -261,8 +261,7 @@ class Modelled(Simulated):
         joint = rig.elements[sensor.of].neighbours.get("drives", sensor.of)
         return quantity, self._joints.index(joint), late
 
-    @staticmethod
-    def outputs(rig: Rig) -> dict[str, None]:
+    def outputs(self, rig: Rig) -> dict[str, None]:
         """Variables of the model that sensors show."""
         return {s.of: None for s in rig.sensors.values() if s.quantity == "value"}
 

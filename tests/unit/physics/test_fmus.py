@@ -181,3 +181,23 @@ def test_a_command_that_acts_through_a_winding_drives_what_that_turns(tmp_path):
     assert rig.elements["actuator_volts"].neighbours["drives"] == "rotor"
     with pytest.raises(UserError, match=r"rig.sensors.moment.of=actuator_volts: .* name a variable of it"):
         load_rig({**content, "sensors": {"moment": {"of": "actuator_volts", "quantity": "torque"}}})
+
+
+def test_units_of_parameters_are_read_as_fmus_write_them_and_change_no_number(tmp_path):
+    said = {'start="0.2"': 'start="0.2" unit="N.m.s/rad"', 'start="3.0"': 'start="3.0" unit="g"',
+            'start="0.3"': 'start="0.3" unit="kg.m2"'}  # fmt: skip
+    path = EQUATIONS.build(tmp_path / "units.fmu", 3, **said)
+    tolerances = {"axle.d": 0.1, "cart.m": 0.1, "J": 0.1}
+    parameters = load_rig({**EXCHANGED, "model": str(path), "tolerances": tolerances}).config.parameters
+    assert {n: (p.value, p.unit) for n, p in parameters.items()} == {
+        "axle.d": (0.2, "N m s/rad"), "cart.m": (3.0, ""), "J": (0.3, "kg m^2"),
+    }  # fmt: skip
+
+
+def test_an_fmu_without_pairs_of_states_says_so(tmp_path, capsys):
+    tank = Machine({"level": (1.0, "m")}, {"area": 2.0}, {"flow": "m3/s"}, "  D_level = (flow - 0.1 * level) / area;")
+    path = tank.build(tmp_path / "tank.fmu", 3)
+    assert main(["rig", "new", "fmu", str(path)]) == 0
+    assert "joints: {}  # no state of the FMU is another's derivative" in path.with_suffix(".yaml").read_text()
+    assert main(["rig", "check", str(path.with_suffix(".yaml"))]) == 2
+    assert "rig.joints=(none): name at least one" in capsys.readouterr().err

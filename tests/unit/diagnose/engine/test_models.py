@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import pickle
 import threading
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from fmus import COLUMNS, EQUATIONS, EXCHANGED, JOINTS, STAGE
+from fmus import COLUMNS, EQUATIONS, EXCHANGED, JOINTS, STAGE, Machine
 
 from dtbacklash.diagnose.records import STEPPED, records_of, ways_to_read
 from dtbacklash.diagnose.say.beforehand import beforehand
@@ -300,6 +301,48 @@ def test_any_variable_of_an_fmu_is_a_sensor(exchanged):
     before = np.concatenate([[0.0], push[:-1]])
     left = passed(rig, {"torque": spin, "push": push, "angle": spin, "way": way, "watts": before * speed})
     assert np.abs(left["watts"][1:]).max() < 1e-3 * np.ptp(before * speed)
+
+
+def test_a_value_is_read_in_the_unit_of_the_fmus_variable(exchanged):
+    sensors = {"way": COLUMNS["sensors"]["way"], "watts": {"of": "power", "quantity": "value"},
+               "tug": {"of": "push", "quantity": "value"}}  # fmt: skip
+    rig = load_rig({**EXCHANGED, "model": str(exchanged[3]), "sensors": sensors})
+    spin, push = commands()
+
+    def read(*heads: str) -> Recording:
+        frame = pd.DataFrame({"t": STEP_S * np.arange(N), "torque": spin, "push": push, "way": push})
+        return Recording.from_frame(frame.assign(**dict.fromkeys(heads, push)), rig=rig)
+
+    np.testing.assert_array_equal(read("watts [W]", "tug").channels["watts"], push)  # W: no unit of recordings
+    np.testing.assert_allclose(read("watts", "tug [mN]").channels["tug"], 1e-3 * push)
+    with pytest.raises(UserError, match=r"column watts \[mV\] is in mV, and power of the FMU in W"):
+        read("watts [mV]", "tug")
+
+
+def test_arrays_of_an_fmu_are_numbers_of_which_each_is_named(tmp_path):
+    pair = Machine(
+        {"x[1]": (0.0, "m"), "x[2]": (0.0, "m"), "v[1]": (0.0, "m/s"), "v[2]": (0.0, "m/s")},
+        {"k": 900.0, "m[1]": 4.0, "m[2]": 2.5, "c": 15.0},
+        {"u": "V", "F[1]": "N", "F[2]": "N"},
+        """  double s = k * (x_2_ - x_1_) + c * (v_2_ - v_1_); pull_1_ = s; pull_2_ = u - s;
+  D_x_1_ = v_1_; D_x_2_ = v_2_; D_v_1_ = (12.0 * u + F_1_ + s) / m_1_; D_v_2_ = (F_2_ - s) / m_2_;""",
+        {"pull[1]": "N", "pull[2]": "N"},
+    )
+    joints = {n: {"position": f"x[{k}]", "force": f"F[{k}]"} for k, n in ((1, "carriage"), (2, "table"))}
+    sensors = {"x_c": {"of": "carriage", "quantity": "position", "absolute": True},
+               "pull": {"of": "pull[2]", "quantity": "value"}}  # fmt: skip
+    spin, push = commands()
+    found = []
+    for arrays in (False, True):
+        path = pair.build(tmp_path / f"pair_{arrays}.fmu", 3, arrays)
+        content = {"model": str(path), "commands": {"u": "u"}, "joints": joints, "sensors": sensors}
+        rig = load_rig({**content, "tolerances": {"m[2]": 0.1}}).with_parameters({"m[2]": 1.7})
+        rig = rig.with_effect("table", "coulomb_friction", {"force": 2.0})
+        found.append(passed(rig, {"u": spin, "x_c": 0.01 * push, "pull": push}))
+    assert b'name="m" valueReference="9"' in zipfile.ZipFile(path).read("modelDescription.xml")
+    for channel in sensors:
+        np.testing.assert_array_equal(found[1][channel], found[0][channel])
+    assert np.ptp(found[0]["pull"] - push) > 0.1
 
 
 def test_what_is_found_in_an_fmu_moves_it_from_outside_as_it_does_inside(tmp_path):
