@@ -100,7 +100,7 @@ def _call_with_time(typingctx, function, instance, time):
     return types.int64(types.int64, types.int64, types.float64), generate
 
 
-@kept(nogil=True)
+@kept(nogil=True, forceinline=True)
 def block(m, d):
     """The views of a block."""
     n, j, u, i, o, z = m[STATES], m[JOINTS], m[COMMANDS], m[INPUTS], m[OUTPUTS], m[SIGNS]
@@ -122,36 +122,43 @@ def length_of(n: int, j: int, u: int, i: int, o: int, z: int) -> int:
     return FIRST + 7 * n + 2 * i + o + u + 6 * j + j * u + j * j + 2 * z
 
 
-@kept(nogil=True)
+@kept(nogil=True, forceinline=True)
 def _address(m, at):
     """Of a float of the block."""
     return m[BASE] + 8 * at
 
 
-@kept(nogil=True)
+@kept(nogil=True, forceinline=True)
 def _tell(m, b, time):
     """Give the FMU states, forces and time; its status."""
     n, j, u, i = m[STATES], m[JOINTS], m[COMMANDS], m[INPUTS]
-    for k in range(n):
-        b.theirs[m[TABLES + k]] = b.x[k]
-    b.inputs[:] = b.still
+    status = _call_with_time(m[SET_TIME], m[INSTANCE], time)
+    status = max(status, _tell_states(m, b))
+    for k in range(i):
+        b.inputs[k] = b.still[k]
     for k in range(u):
         b.inputs[m[TABLES + n + k]] = b.ctrl[k]
     for k in range(j):
         place = m[TABLES + n + u + k]
         if place >= 0:
             b.inputs[place] += b.push[k] + b.held[k] * b.friction[k] - b.damping[k] * b.x[j + k]
-    status = _call_with_time(m[SET_TIME], m[INSTANCE], time)
-    status = max(status, _call(m[SET_STATES], m[INSTANCE], _address(m, FIRST + 2 * n), n, 0, 0, 0, 0))
     at = _address(m, FIRST + 7 * n)
     return max(status, _call(m[SET_INPUTS], m[INSTANCE], m[INPUT_NAMES], m[INPUTS_NAMED], at, i, 0, 0))
 
 
-@kept(nogil=True)
-def _rates(m, b, time):
-    """Derivatives at the states and forces of the block; whether the FMU gives them."""
+@kept(nogil=True, forceinline=True)
+def _tell_states(m, b):
+    n = m[STATES]
+    for k in range(n):
+        b.theirs[m[TABLES + k]] = b.x[k]
+    return _call(m[SET_STATES], m[INSTANCE], _address(m, FIRST + 2 * n), n, 0, 0, 0, 0)
+
+
+@kept(nogil=True, forceinline=True)
+def _rates(m, b, time, alike=False):
+    """Derivatives at the states and forces of the block; whether the FMU gives them. alike : time and inputs stay."""
     n, j = m[STATES], m[JOINTS]
-    status = _tell(m, b, time)
+    status = _tell_states(m, b) if alike else _tell(m, b, time)
     status = max(status, _call(m[GET_RATES], m[INSTANCE], _address(m, FIRST + 3 * n), n, 0, 0, 0, 0))
     for k in range(n):
         b.rate[k] = b.theirs_rate[m[TABLES + k]]
@@ -197,7 +204,7 @@ def _switch(m, d, b):
     b.before[:] = b.signs
 
 
-@kept(nogil=True)
+@kept(nogil=True, forceinline=True)
 def _more(b, k, j):
     """What the shares that hold have added to a joint's speed since they were marked."""
     more = 0.0
@@ -206,7 +213,7 @@ def _more(b, k, j):
     return more
 
 
-@kept(nogil=True)
+@kept(nogil=True, forceinline=True)
 def _hold(m, b, time, h):
     """Let dry friction stop, after a step, what it can; a joint without any has no column in ``pair``."""
     j = m[JOINTS]
@@ -236,7 +243,7 @@ def _hold(m, b, time, h):
         b.x[k] += 0.5 * h * more
 
 
-@kept(nogil=True)
+@kept(nogil=True, forceinline=True)
 def _loads(m, b):
     j, u = m[JOINTS], m[COMMANDS]
     for k in range(j):
@@ -249,18 +256,22 @@ def _loads(m, b):
 def advance(m, d):
     """One step; NaN where the FMU refuses."""
     b = block(m, d)
-    time, h = d[TIME], d[STEP]
-    b.begun[:] = b.x
-    b.total[:] = 0.0
+    time, h, n = d[TIME], d[STEP], m[STATES]
     _loads(m, b)
-    good = True
+    good, damped, rubbed = True, False, False
+    for k in range(m[JOINTS]):
+        damped, rubbed = damped or b.damping[k] != 0.0, rubbed or b.friction[k] != 0.0
+    for k in range(n):
+        b.begun[k], b.total[k] = b.x[k], 0.0
     for s in range(4):
-        if s:
-            b.x[:] = b.begun + STAGES[s] * h * b.rate
-        good = good and _rates(m, b, time + STAGES[s] * h)
-        b.total[:] += WEIGHTS[s] * b.rate
-    b.x[:] = b.begun + h * b.total
-    if b.friction.any():
+        for k in range(n if s else 0):
+            b.x[k] = b.begun[k] + STAGES[s] * h * b.rate[k]
+        good = _rates(m, b, time + STAGES[s] * h, s == 2 and not damped) and good
+        for k in range(n):
+            b.total[k] += WEIGHTS[s] * b.rate[k]
+    for k in range(n):
+        b.x[k] = b.begun[k] + h * b.total[k]
+    if rubbed:
         _hold(m, b, time + h, h)
     d[TIME] = time + h
     if m[EVENTS]:

@@ -84,12 +84,13 @@ class Compiled(NamedTuple):
     sensors: Floats
 
 
-@kept(nogil=True)
+@kept(nogil=True, forceinline=True)
 def advance(c, k):
     """From a reading of this number to the next one."""
     begin = c.first + k * c.whole
     for s in range(begin, begin + c.whole):
-        c.ctrl[:] = c.U[min(s, len(c.U) - 1)]
+        for i in range(len(c.ctrl)):
+            c.ctrl[i] = c.U[min(s, len(c.U) - 1), i]
         if len(c.efforts.at):
             c.push[:] = 0.0
         for e in range(len(c.efforts.at)):
@@ -106,7 +107,7 @@ def advance(c, k):
         _call(c.step, c.m, c.d)
 
 
-@kept(nogil=True)
+@kept(nogil=True, forceinline=True)
 def show(c, y):
     """What the sensors show of the state."""
     if c.forward:
@@ -128,7 +129,7 @@ def show(c, y):
         y[i] = dispatch.shown(c.reads.codes[e], y[i], c.reads.numbers, e)
 
 
-@kept(nogil=True)
+@kept(nogil=True, forceinline=True)
 def put(c, z):
     """Set the state."""
     n = len(c.q)
@@ -137,7 +138,7 @@ def put(c, z):
     c.more[:] = z[2 * n :]
 
 
-@kept(nogil=True)
+@kept(nogil=True, forceinline=True)
 def take(c, z):
     """What the state is."""
     n = len(c.q)
