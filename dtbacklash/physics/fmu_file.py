@@ -248,6 +248,21 @@ class Instance:
             raise UserError(key, given, f"the FMU does not begin with it: {self._why(error)}") from error
         return np.array(x)
 
+    def visit(self, x: Floats) -> None:
+        """Put a state, and let what switches there switch.
+
+        Raises
+        ------
+        UserError : it refuses that.
+        """
+        try:
+            self.fmu.setContinuousStates((self._doubles * len(x))(*x), len(x))
+            self.fmu.enterEventMode()
+            self._decide()
+            self.fmu.enterContinuousTimeMode()
+        except Exception as error:
+            raise UserError("rig.model", self.model.path, f"the FMU refuses a state: {self._why(error)}") from error
+
     def _decide(self) -> None:
         """Let its discrete states find each other, as at each event."""
         for _ in range(DECISIONS):

@@ -69,10 +69,18 @@ def effects_of_inputs(model: Model, values: Mapping[str, float]) -> dict[str, Fl
 
 
 @alone
-def rates_by_states(model: Model, values: Mapping[str, float]) -> Floats:
-    """(states, states) derivatives of the derivatives by the states, at the first state."""
+def rates_by_states(model: Model, values: Mapping[str, float], at: Mapping[int, float] | None = None) -> Floats:
+    """(states, states) derivatives of the derivatives by the states, at the first state, or with some states moved.
+
+    Raises
+    ------
+    UserError : the FMU refuses that state.
+    """
     instance, inputs = model.instance(), first_inputs(model)
     x = instance.begin(values)
+    if at:
+        x[list(at)] = list(at.values())
+        instance.visit(x)
     moves = MOVED * np.diag(np.maximum(np.abs(x), 1.0))
     slopes = [(instance.rates(x + z, inputs) - instance.rates(x - z, inputs)) / (2.0 * z.sum()) for z in moves]
     return np.array(slopes).T

@@ -4,7 +4,7 @@ Its continuous states are set, its real inputs are commands and forces. Steps ar
 """
 
 import math
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 
 import numpy as np
 
@@ -20,6 +20,8 @@ from dtbacklash.physics.rig import Rig
 
 #: a step of the Runge-Kutta method, of the fastest motion (rad); steps of a sample where laws act; finer ones
 FASTEST, ACTING, FINE = 0.3, 2, 2
+#: samples at which it is asked for its fastest motion, for each position
+LOOKED = 12
 #: turns in which positions that nobody reads find their rest, which a spring needs one of
 TURNS = 3
 #: steps of a sample at most
@@ -48,11 +50,35 @@ class Exchanged(Modelled):
         self._told = [inputs.index(i) for i in config.commands.values()]
         self._forces = [inputs.index(j["force"]) if j["force"] else -1 for j in joints]
         self._share: tuple[dict[str, float] | None, Floats] = None, np.zeros(0)
-        rates = float(np.abs(np.linalg.eigvals(rates_by_states(self._fmu, self._values(rig)))).max())
-        self._own: int = max(1, math.ceil(rates * readings.sample_time_s / readings.every / FASTEST))
+        self._own: int = self._steps(rig)
         if self._own > MOST:
+            rates = self._own * FASTEST / readings.sample_time_s * readings.every
             allowed = f"its fastest motion, {rates:.3g} rad/s, takes {self._own} steps a sample; at most {MOST}"
             raise UserError("rig.model", config.model, allowed)
+        for moved_to in self._places(rig):
+            with suppress(UserError):  # a state that the FMU refuses, as behind a wall
+                self._own = max(self._own, min(self._steps(rig, moved_to), MOST))
+
+    def _steps(self, rig: Rig, at: dict[int, float] | None = None) -> int:
+        """Steps of a sample as recorded that its fastest motion takes, at the first state or with some states moved."""
+        rates = float(np.abs(np.linalg.eigvals(rates_by_states(self._fmu, self._values(rig), at))).max())
+        return max(1, math.ceil(rates * self.readings.sample_time_s / self.readings.every / FASTEST))
+
+    def _places(self, rig: Rig) -> list[dict[int, float]]:
+        """Place of a state in the FMU -> value, at some samples: each position from its least to its largest."""
+        r, n = self.readings, len(self._joints)
+        told = {i: self._joints.index(rig.sensors[c].of) for i, c in enumerate(r.channels)
+                if rig.sensors[c].quantity == "position"}  # fmt: skip
+        whole = np.flatnonzero(np.isfinite(r.y[:, list(told)]).all(axis=1)) if told else np.zeros(0, dtype=int)
+        if len(whole) < 2:
+            return []
+        y = r.y[whole]
+        v = np.gradient(y, r.sample_time_s * whole, axis=0)
+        ranks = np.linspace(0, len(y) - 1, LOOKED).astype(int)
+        return [
+            {self._order[j]: y[k, i] for i, j in told.items()} | {self._order[n + j]: v[k, i] for i, j in told.items()}
+            for k in np.unique([np.argsort(y[:, i])[ranks] for i in told])
+        ]
 
     def alone(self) -> AbstractContextManager[object]:
         """Where a process may have one instance alone, threads take turns."""

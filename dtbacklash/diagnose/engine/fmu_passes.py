@@ -4,7 +4,7 @@ The Runge-Kutta method of fourth order goes over the continuous states. Dry fric
 after each step: one evaluation a joint says how its force changes the accelerations, and the force that stops all
 joints at once is cut to the levels (projected Gauss-Seidel; Moreau's time-stepping: Acary and Brogliato, Numerical
 Methods for Nonsmooth Dynamical Systems (2008), chapter 10). The force of a step goes on in the next one, so that
-sliding is as accurate as the method. What switches in the FMU does so at the end of a step. A step is a function of two
+sliding is as accurate as the method. What switches in the FMU ends a part of the step. A step is a function of two
 addresses, as MuJoCo's is: of whole numbers and of a block of floats.
 """
 
@@ -32,6 +32,8 @@ from dtbacklash.physics.fmu_file import DECISIONS
 TABLES = 26
 #: the clock of steps is that of the FMU up to such a part of a step: it is a sum of them
 ROUNDING = 1e-6
+#: parts of a step that need not be halved to find when something switches
+SHORTEST = 1.0 / 64.0
 #: an FMI status above a warning
 BAD = 1
 #: turns in which the forces of several joints find each other
@@ -180,9 +182,7 @@ def _switch(m, d, b):
     d[SAID:FIRST] = 0.0
     _call(m[COMPLETED], instance, 1, at, at + 4, 0, 0, 0)
     event = said[0] != 0 or struck
-    _call(m[GET_SIGNS], instance, _address(m, len(d) - 2 * z), z, 0, 0, 0, 0)
-    for k in range(z):
-        event = event or (b.signs[k] > 0.0) != (b.before[k] > 0.0)
+    event = _turned(m, d, b, d[TIME]) or event
     b.before[:] = b.signs
     if not event:
         return
@@ -253,14 +253,23 @@ def _loads(m, b):
 
 
 @kept(nogil=True)
-def advance(m, d):
-    """One step; NaN where the FMU refuses."""
-    b = block(m, d)
-    time, h, n = d[TIME], d[STEP], m[STATES]
-    _loads(m, b)
-    good, damped, rubbed = True, False, False
+def _turned(m, d, b, time):
+    """Whether an indicator has changed its sign, at a time."""
+    z = m[SIGNS]
+    _tell(m, b, time)
+    _call(m[GET_SIGNS], m[INSTANCE], _address(m, len(d) - 2 * z), z, 0, 0, 0, 0)
+    turned = False
+    for k in range(z):
+        turned = turned or (b.signs[k] > 0.0) != (b.before[k] > 0.0)
+    return turned
+
+
+@kept(nogil=True, forceinline=True)
+def _runge(m, b, time, h):
+    """Over a time, without what holds or switches; whether the FMU gave its derivatives."""
+    n, good, damped = m[STATES], True, False
     for k in range(m[JOINTS]):
-        damped, rubbed = damped or b.damping[k] != 0.0, rubbed or b.friction[k] != 0.0
+        damped = damped or b.damping[k] != 0.0
     for k in range(n):
         b.begun[k], b.total[k] = b.x[k], 0.0
     for s in range(4):
@@ -271,11 +280,34 @@ def advance(m, d):
             b.total[k] += WEIGHTS[s] * b.rate[k]
     for k in range(n):
         b.x[k] = b.begun[k] + h * b.total[k]
-    if rubbed:
-        _hold(m, b, time + h, h)
-    d[TIME] = time + h
-    if m[EVENTS]:
-        _switch(m, d, b)
+    return good
+
+
+@kept(nogil=True)
+def advance(m, d):
+    """One step, in parts where something switches in it, of which halves are taken; NaN where the FMU refuses."""
+    b = block(m, d)
+    begun, h, good, rubbed = d[TIME], d[STEP], True, False
+    _loads(m, b)
+    for k in range(m[JOINTS]):
+        rubbed = rubbed or b.friction[k] != 0.0
+    part = h
+    while part > ROUNDING * h:
+        time = d[TIME]
+        if m[EVENTS] and d[NEXT] > time + ROUNDING * h:
+            part = min(part, d[NEXT] - time)
+        good = _runge(m, b, time, part) and good
+        if m[EVENTS] and part > SHORTEST * h and _turned(m, d, b, time + part):
+            for k in range(m[STATES]):
+                b.x[k] = b.begun[k]
+            part *= 0.5
+            continue
+        if rubbed:
+            _hold(m, b, time + part, part)
+        d[TIME] = time + part
+        if m[EVENTS]:
+            _switch(m, d, b)
+        part = begun + h - d[TIME]
     if not good:
         b.x[:] = np.nan
 

@@ -407,6 +407,49 @@ def test_what_switches_in_an_fmu_switches(tmp_path, version):
     assert np.abs(np.delete(left["angle"], [first, first + 1, first + 2])).max() < 0.01
 
 
+@pytest.mark.parametrize("switches", [False, True])
+def test_a_stiff_wall_that_an_fmu_meets_later_takes_the_steps_that_it_needs(tmp_path, switches):
+    pressed = "touch * 2e6 * (rail_s - 0.2)" if switches else "2e6 * fmax(rail_s - 0.2, 0.0)"
+    stiff = replace(EQUATIONS, equations=EQUATIONS.equations.replace("- 1.5", f"- {pressed} - 1.5"))
+    if switches:
+        stiff = replace(stiff, discrete={"touch": 0.0}, signs=("rail_s - 0.2",), event="touch = rail_s > 0.2;")
+    rig = load_rig({**EXCHANGED, "model": str(stiff.build(tmp_path / "stiff.fmu", 3))})
+    spin, push = commands()
+    q = v = 0.0
+    way = np.zeros(N)
+    for k in range(N):
+        way[k] = q
+        for _ in range(400):
+            v += STEP_S / 400 / 3.0 * (push[k] - 1.5 * v - 2e6 * max(q - 0.2, 0.0))
+            q += STEP_S / 400 * v
+    assert 0.19 < way.max() < 0.201 < answered(push, 3.0, 1.5)[0].max()  # it meets the wall and comes back
+    angle, _ = answered(2.0 * spin, 0.3, 0.2)
+    left = passed(rig, {"torque": spin, "push": push, "angle": angle, "way": way})["way"]
+    assert np.abs(left).max() < 0.01 * np.ptp(way)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_an_event_of_an_fmu_takes_place_within_a_step(tmp_path, version):
+    bounces = replace(
+        EQUATIONS, signs=("rail_s - 0.2",),
+        event="if (rail_s > 0.2 && rail_v > 0.0) { rail_v = -0.8 * rail_v; moved = 1; }",
+    )  # fmt: skip
+    rig = load_rig({**EXCHANGED, "model": str(bounces.build(tmp_path / "bounces.fmu", version))})
+    spin, push = commands()
+    q = v = 0.0
+    way = np.zeros(N)
+    for k in range(N):
+        way[k] = q
+        for _ in range(400):
+            v += STEP_S / 400 / 3.0 * (push[k] - 1.5 * v)
+            v = -0.8 * v if q > 0.2 and v > 0.0 else v
+            q += STEP_S / 400 * v
+    assert 0.19 < way.max() < 0.201 < answered(push, 3.0, 1.5)[0].max()
+    angle, _ = answered(2.0 * spin, 0.3, 0.2)
+    left = passed(rig, {"torque": spin, "push": push, "angle": angle, "way": way})["way"]
+    assert np.abs(left).max() < 2e-4
+
+
 @pytest.mark.parametrize("version", [2, 3])
 def test_an_fmu_switches_as_its_clock_strikes_and_no_earlier(tmp_path, version):
     ticking = replace(
