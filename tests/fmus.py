@@ -99,6 +99,31 @@ def _in_c(name: str) -> str:
     return re.sub(r"\W", "_", name)
 
 
+def _compile(sources: Path, library: Path) -> None:
+    import fmpy
+
+    if not shutil.which("gcc"):
+        pytest.skip("no C compiler (gcc) to build a test FMU with")
+    headers = Path(fmpy.__file__).parent / "c-code"
+    words = ["gcc", "-shared", "-fPIC", "-O2", "-w", f"-I{headers}", *map(str, sources.glob("*.c")), "-lm"]
+    subprocess.run([*words, "-o", str(library)], check=True)
+
+
+def compiled(name: str, path: Path) -> Path:
+    """An FMU that CasADi has exported (``stage``, ``crane``: casadi_machines.py), with a library of this computer."""
+    work = path.with_suffix("")
+    with zipfile.ZipFile(Path(__file__).parent / "reference" / f"casadi_{name}.zip") as archive:
+        archive.extractall(work)
+    folder = work / "binaries" / "x86_64-linux"
+    folder.mkdir(parents=True)
+    _compile(work / "sources", folder / f"{name}.so")
+    with zipfile.ZipFile(path, "w") as out:
+        for file in [f for f in work.rglob("*") if f.is_file()]:
+            out.write(file, str(file.relative_to(work)))
+    shutil.rmtree(work)
+    return path
+
+
 def _sizes(names: list[str], arrays: bool) -> dict[str, int]:
     """Elements of the array whose first one a number is; 0 of the others, 1 of a number by itself."""
     whole = [re.sub(r"\[\d+\]$", "[1]", name) if arrays else name for name in names]
@@ -159,10 +184,7 @@ class Machine:
         known = set(re.findall(r"Export\s+\w+TYPE\s+(fmi\d\w+);", (headers / f"fmi{version}Functions.h").read_text()))
         rest = known - set(re.findall(r"fmi\d\w+", TWO if version == 2 else THREE))
         (work / "rest.c").write_text("".join(f"int {name}(void) {{ return 3; }}\n" for name in sorted(rest)))
-        if not shutil.which("gcc"):
-            pytest.skip("no C compiler (gcc) to build a test FMU with")
-        words = ["gcc", "-shared", "-fPIC", "-O2", "-w", f"-I{headers}", *map(str, work.glob("*.c")), "-lm"]
-        subprocess.run([*words, "-o", str(folder / "machine.so")], check=True)
+        _compile(work, folder / "machine.so")
         text = self._description(version, first, arrays)
         for old, new in changes.items():
             assert old in text

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from fmus import ARM, STAGE
+from fmus import ARM, STAGE, compiled
 
 import dtbacklash as dtb
 from dtbacklash.cli import main
@@ -78,11 +78,11 @@ def stage_log(level: float, load: float, table: float = 2.5, parts: int = 40) ->
     return pd.DataFrame(rows, columns=["t", "u", "x_c", "x_t"])
 
 
-@pytest.mark.parametrize(("version", "level", "load"), [(2, 6.0, 0.0), (3, 0.0, 4.0), (3, 0.0, 0.0)])
+@pytest.mark.parametrize(("version", "level", "load"), [(2, 6.0, 0.0), (3, 0.0, 4.0), (3, 0.0, 0.0), (0, 6.0, 0.0)])
 def test_an_fmu_is_diagnosed_as_the_rig_that_it_was_made_from(tmp_path, monkeypatch, capsys, version, level, load):
     pytest.importorskip("fmpy")
     monkeypatch.chdir(tmp_path)
-    STAGE.build(Path("stage.fmu"), version)
+    STAGE.build(Path("stage.fmu"), version) if version else compiled("stage", Path("stage.fmu"))
     stage_log(level, load).to_csv("log.csv", index=False)
     assert main(["rig", "new", "fmu", "stage.fmu"]) == 0
     assert "x_c: {position: x_c, speed: v_c, force: F_c}" in Path("stage.yaml").read_text()
@@ -104,6 +104,65 @@ def test_an_fmu_is_diagnosed_as_the_rig_that_it_was_made_from(tmp_path, monkeypa
         assert "def inputs(" in Path("diagnosis/found/laws.py").read_text()
     assert set(yaml.safe_load(Path("diagnosis/found/parameters.yaml").read_text())) == {"K_f", "m_c", "m_t", "k", "c"}
     assert dtb.load_rig("diagnosis/rig.yaml").config.joints["table"]["force"] == "F_t"  # it can be diagnosed with again
+
+
+def test_two_recordings_of_an_fmu_say_what_both_show(tmp_path, monkeypatch):
+    pytest.importorskip("fmpy")
+    monkeypatch.chdir(tmp_path)
+    compiled("stage", Path("stage.fmu"))
+    Path("stage.yaml").write_text(block("yaml", 1))
+    log = stage_log(6.0, 0.0)
+    log[:3000].to_csv("a.csv", index=False)
+    log[3000:].to_csv("b.csv", index=False)  # it begins in motion
+    found = dtb.diagnose(["a.csv", "b.csv"], "stage.yaml", jobs=1).diagnosis
+    (cause,) = found.findings
+    assert (cause.location, cause.effect, cause.confidence) == ("carriage", "coulomb_friction", "sure")
+    assert cause.parameters["force"].value == pytest.approx(6.0, rel=0.02)
+    assert [record.name for record in found.recordings] == ["a.csv", "b.csv"]
+
+
+def crane_log(level: float, load: float) -> pd.DataFrame:
+    """The crane in closed loop on counts, by small steps; dry friction of the trolley, kg on the hook."""
+    rng, rows, last, h = np.random.default_rng(1), [], 0.0, 5e-3 / 40
+    s, a, v, w, i = np.zeros(5)
+    for k in range(3000):
+        t = 5e-3 * k
+        q = round((s + 2e-5 * rng.standard_normal()) / 5e-5) * 5e-5
+        angle = round((a + 2e-4 * rng.standard_normal()) / 1e-4) * 1e-4
+        reference = 0.5 * math.sin(0.9 * t) + 0.15 * math.sin(2.6 * t + 1.0) + 0.03 * math.sin(7.0 * t)
+        u, last = min(max(60.0 * (reference - q) - 3.0 * (q - last) / 5e-3, -48.0), 48.0), q
+        rows.append((t, u, q, angle))
+        for _ in range(40):
+            coupled, own = load * 1.2 * math.cos(a), load * 1.2**2
+            pull = 40.0 * i - 25.0 * v + load * 1.2 * math.sin(a) * w**2 - level * math.tanh(v / 1e-3)
+            swing = -0.8 * w - load * 9.81 * 1.2 * math.sin(a)
+            whole = (60.0 + load) * own - coupled**2
+            v += h * (own * pull - coupled * swing) / whole
+            w += h * ((60.0 + load) * swing - coupled * pull) / whole
+            i += h * (u - 0.8 * i - 40.0 * v) / 4e-3
+            s, a = s + h * v, a + h * w
+    return pd.DataFrame(rows, columns=["t", "u", "way", "angle"])
+
+
+def test_a_crane_of_another_tool_is_diagnosed(tmp_path, monkeypatch):
+    pytest.importorskip("fmpy")
+    monkeypatch.chdir(tmp_path)
+    rig = {
+        "model": str(compiled("crane", tmp_path / "crane.fmu")), "commands": {"u": "volts"},
+        "joints": {"trolley": {"position": "crane.q[1]", "force": "F[1]", "slides": True},
+                   "rope": {"position": "crane.q[2]", "force": "F[2]"}},
+        "sensors": {"way": {"of": "trolley", "quantity": "position", "absolute": True},
+                    "angle": {"of": "rope", "quantity": "position", "absolute": True}},
+        "tolerances": {"trolley.mass": "5 %", "load.mass": "10 %", "damping[1]": "20 %", "damping[2]": "30 %",
+                       "motor.k": "5 %"},
+    }  # fmt: skip
+    crane_log(30.0, 22.0).to_csv("log.csv", index=False)
+    found = dtb.diagnose("log.csv", rig, jobs=1).diagnosis
+    (cause,) = found.findings
+    assert (cause.location, cause.effect, cause.confidence) == ("trolley", "coulomb_friction", "sure")
+    low, high = cause.parameters["force"].ci95
+    assert low < 30.0 < high
+    assert found.recalibrated["load.mass"].value == pytest.approx(22.0, rel=0.01)
 
 
 def test_an_fmu_of_the_same_arm_names_the_same_cause(tmp_path, monkeypatch):
