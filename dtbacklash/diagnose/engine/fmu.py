@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager, suppress
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.engine.fmu_passes import NEXT, STEP, block, functions, length_of
+from dtbacklash.diagnose.engine.fmu_passes import NEXT, STEP, TIME, block, functions, length_of
 from dtbacklash.diagnose.engine.model_passes import Compiled
 from dtbacklash.diagnose.engine.modelled import MOVED, Modelled, Parts
 from dtbacklash.diagnose.engine.readings import Readings
@@ -162,4 +162,5 @@ class Exchanged(Modelled):
         return Parts(
             (m, d, names, instance), step.address, forward.address, back.address, m.ctypes.data, d.ctypes.data, b.x[:j],
             b.x[j : 2 * j], b.x[2 * j :], b.rate[j : 2 * j], b.push, b.load, b.ctrl, b.friction, b.outputs,
+            d[TIME : TIME + 1],
         )  # fmt: skip

@@ -53,7 +53,7 @@ class Compiled(NamedTuple):
     step, forward, back : addresses of the simulator's functions: a step, what follows from a state (0 where nothing
     shown needs it), and to its first state and time. m, d : of model and data.
     q, v, acceleration, push, load, friction : (joints,) views of them, and more : of other states, ctrl : of commands,
-    shown : of outputs. still : (joints,) the model's friction.
+    shown : of outputs, clock : (1,) of its time, s. still : (joints,) the model's friction.
     U : (fine steps, commands). first, whole : the fine step of the first reading, and fine steps of a reading.
     h : fine step, s. efforts, levels, reads : laws of position, speed and time; of slip speed, direction and load; of
     readings. sensors (m, 3).
@@ -73,6 +73,7 @@ class Compiled(NamedTuple):
     ctrl: Floats
     friction: Floats
     shown: Floats
+    clock: Floats
     still: Floats
     U: Floats
     first: int
@@ -194,6 +195,16 @@ def onwards(c, Z, X):
         put(c, Z[k])
         advance(c, k)
         take(c, X[k])
+
+
+@kept(nogil=True)
+def shown(c, Z, Y):
+    for k in range(len(Z)):
+        put(c, Z[k])
+        c.clock[0] = k * c.whole * c.h
+        if k:
+            c.ctrl[:] = c.U[min(c.first + k * c.whole, len(c.U)) - 1]
+        show(c, Y[k])
 
 
 def laws(found: list[tuple[int, Effect, Values]]) -> Laws:

@@ -23,7 +23,7 @@ from dtbacklash.diagnose.engine.model_passes import (
     observe,
     onwards,
     put,
-    show,
+    shown,
     take,
     told_by,
 )
@@ -65,6 +65,7 @@ class Parts(NamedTuple):
     ctrl: Floats
     friction: Floats
     shown: Floats
+    clock: Floats
 
 
 R = TypeVar("R")
@@ -196,12 +197,10 @@ class Modelled(Simulated):
 
     @_alone
     def shown(self, rig: Rig, Z: Floats) -> Floats:
-        """(N, m) what the sensors show of states at once."""
+        """(N, m) what the sensors show of states, each at the time and the commands of its reading."""
         owner, c = self._model(self._here(rig))
         Y = np.zeros((len(Z), len(self.readings.channels)))
-        for z, y in zip(Z, Y, strict=True):
-            put(c, z)
-            show(c, y)
+        shown(c, np.ascontiguousarray(Z), Y)
         del owner
         return Y
 

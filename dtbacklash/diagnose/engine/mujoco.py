@@ -78,7 +78,7 @@ class Stepped(Modelled):
             m.opt.disableflags |= unused.mjDSBL_CONTACT | unused.mjDSBL_LIMIT
         return Parts(
             (m, d), *functions(), m._address, d._address, d.qpos, d.qvel, d.act, d.qacc, d.qfrc_applied,
-            d.qfrc_actuator, d.ctrl, m.dof_frictionloss, np.zeros(0),
+            d.qfrc_actuator, d.ctrl, m.dof_frictionloss, np.zeros(0), np.zeros(1),
         )  # fmt: skip
 
 

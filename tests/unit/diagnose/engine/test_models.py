@@ -303,6 +303,26 @@ def test_any_variable_of_an_fmu_is_a_sensor(exchanged):
     assert np.abs(left["watts"][1:]).max() < 1e-3 * np.ptp(before * speed)
 
 
+def test_what_sensors_show_of_states_is_what_they_showed_in_the_pass(tmp_path):
+    timed = replace(EQUATIONS, equations=EQUATIONS.equations.replace("rail * rail_v;", "rail * rail_v + sin(5.0 * t);"))
+    sensors = {"way": COLUMNS["sensors"]["way"], "angle": COLUMNS["sensors"]["angle"],
+               "watts": {"of": "power", "quantity": "value"}}  # fmt: skip
+    rig = load_rig({**EXCHANGED, "model": str(timed.build(tmp_path / "timed.fmu")), "sensors": sensors})
+    spin, push = commands()
+    frame = pd.DataFrame({"t": STEP_S * np.arange(N), "torque": spin, "push": push, "angle": spin, "way": push})
+    predictor = bench_of(
+        rig, records_of(Recording.from_frame(frame.assign(watts=push), rig=rig), rig, True, False), [1]
+    )
+    predictor = predictor.predictors[0]
+    gains = predictor.gains(rig, predictor.first_sizes())
+    gains.K[:] = 0.0
+    found = predictor.run(rig, gains)
+    there = predictor.simulated.shown(rig, found.X)
+    np.testing.assert_allclose(there, predictor.readings.y - found.D, rtol=0, atol=1e-9)
+    watts = predictor.readings.channels.index("watts")
+    assert np.ptp(there[:, watts] - np.sin(5.0 * STEP_S * np.arange(len(there)))) > 1.0
+
+
 def test_a_value_is_read_in_the_unit_of_the_fmus_variable(exchanged):
     sensors = {"way": COLUMNS["sensors"]["way"], "watts": {"of": "power", "quantity": "value"},
                "tug": {"of": "push", "quantity": "value"}}  # fmt: skip
