@@ -26,7 +26,7 @@ from dtbacklash.diagnose.engine.values import Values, polished
 from dtbacklash.diagnose.engine.zeros import zeroed
 from dtbacklash.diagnose.inspect.fault import faulty, mended, not_finite, undriven
 from dtbacklash.diagnose.inspect.inspection import inspect
-from dtbacklash.diagnose.records import SMOOTH, Record, ways_to_read
+from dtbacklash.diagnose.records import SMOOTH, STEPPED, Record, ways_to_read
 from dtbacklash.diagnose.result import UNEXPLAINED, Diagnosis
 from dtbacklash.diagnose.say.calibration import calibration
 from dtbacklash.diagnose.say.checks import USUAL, all_checks
@@ -178,9 +178,12 @@ class _Course:
         if held.unknown(held.nothing) > held.rules.left:
             self.begin = begin(held.quick, held.rules)
             held = self._begun(self.records) if self.begin else held
-        begun = {course: self._begun(records) if course else held for course, records in ways.items()}
+        begun = {
+            course: self._begun(records) if course else held
+            for course, records in ways.items() if course != STEPPED or self._clears(records, held)
+        }  # fmt: skip
         scores = {course: search.now.score for course, search in begun.items()}
-        likelier = [c for c in ways if scores[c] < scores[""] - held.asked(begun[c].now, held.now)]
+        likelier = [c for c in begun if scores[c] < scores[""] - held.asked(begun[c].now, held.now)]
         self.course = min(likelier, key=lambda course: scores[course], default="")
         self.records = ways[self.course]
         search = self._at_rates(begun[self.course])
@@ -189,6 +192,12 @@ class _Course:
                 self.course, self.records = course, records
                 return self._at_rates(self._begun(records))
         return search
+
+    def _clears(self, records: list[Record], held: Search) -> bool:
+        """Whether with another course hardly any force stays unknown: what is missing looks like steps, too."""
+        bench = replace(self._bench(records, self.every), nominal=held.bench.nominal)
+        left = bench.most_unknown(bench.tuned(held.now.rig)[0])
+        return left < held.rules.clears * held.unknown(held.now)
 
     def _likelier(self, records: list[Record], search: Search) -> bool:
         """Whether records are likelier with a search's model, or, fitted anew, with that without what makes it late."""

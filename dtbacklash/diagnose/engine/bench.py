@@ -123,6 +123,11 @@ class Bench:
         rows = found[0] if len(found) == 1 else np.concatenate(found)
         return rows if np.isfinite(rows).all() and np.abs(rows).max() < ASTRAY else None
 
+    def leads(self, rig: Rig, moved: dict[str, tuple[Rig, float]], gains: Sequence[Gains]) -> dict[str, Floats]:
+        """See :meth:`.Predictor.leads`."""
+        each = [p.leads(rig, moved, g) for p, g in zip(self.predictors, gains, strict=True)]
+        return {title: np.concatenate([one[title] for one in each]) for title in moved}
+
     def refine(self, rig: Rig, sizes: Sizes, worth: float) -> bool:
         """Simulate in finer steps from now on, if that changes innovations by so much; whether it does.
 

@@ -144,6 +144,8 @@ class Columns:
                     found.append(np.zeros((len(F), r.y.size)))
                     continue
                 c[r.channels.index(entry.channel)] = 1.0
+            if entry.drive:
+                b, c = L.drives[entry.drive]
             if entry.voltage:
                 b, c = L.volt[1].copy(), L.volt_at_once.copy()
             for body, factor in entry.bodies.items():

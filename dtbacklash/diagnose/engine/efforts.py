@@ -27,11 +27,12 @@ SMALL = 0.2
 
 @dataclass(frozen=True)
 class Entry:
-    """Where an effort enters: bodies with factors, the voltage, or a channel's reading."""
+    """Where an effort enters: bodies with factors, the voltage, a channel's reading, or a model's actuator."""
 
     bodies: dict[str, float]
     voltage: bool = False
     channel: str = ""
+    drive: str = ""
 
 
 @compiled_free
@@ -91,9 +92,10 @@ def _filled(run: Callable[..., None], effect: Effect, values: Values, n: int, *s
 def efforts(h: Hypothesis, rig: Rig, motion: Motion) -> tuple[Floats, Entry] | None:
     """(columns, N) of what a hypothesis adds per unit of its size or of each value of a table; None where no effort is.
 
-    Of a phase that goes with the size the columns are its sine and its cosine.
+    Of a phase that goes with the size the columns are its sine and its cosine. A hypothesis as it is adds all of
+    itself: in a simulator's model, whose passes are dear, along the motion as well.
     """
-    if h.as_it_is:
+    if h.as_it_is and not rig.config.model:
         return None
     element = rig.elements.get(h.place)
     where = _entry(h, rig, motion, element)
@@ -103,7 +105,7 @@ def efforts(h: Hypothesis, rig: Rig, motion: Motion) -> tuple[Floats, Entry] | N
         return _table(h, motion), where
     size, found = h.effect.size, []
     for phase in (0.0, 0.5 * np.pi) if h.angle else (None,):
-        values = {**h.values, size.name: SMALL * h.values[size.name]}
+        values = {**h.values, size.name: (1.0 if h.as_it_is else SMALL) * h.values[size.name]}
         if phase is not None:
             values[h.angle] = phase
         if not values[size.name]:
@@ -111,7 +113,7 @@ def efforts(h: Hypothesis, rig: Rig, motion: Motion) -> tuple[Floats, Entry] | N
         F = _law(h, values, rig, motion, element)
         if F is None:
             return None
-        found.append(F / values[size.name])
+        found.append(F if h.as_it_is else F / values[size.name])
     return np.array(found), where
 
 
@@ -119,8 +121,10 @@ def _entry(h: Hypothesis, rig: Rig, motion: Motion, element: Element | None) -> 
     """Where the efforts of a place enter."""
     if h.place.startswith(SENSOR_PREFIX):
         return Entry({}, channel=h.place.removeprefix(SENSOR_PREFIX))
-    if element is None or element.trait.trait == slots.JOINT_DRIVE:
+    if element is None:
         return None
+    if element.trait.trait == slots.JOINT_DRIVE:
+        return Entry({}, drive=h.place) if isinstance(h.effect.slot, (slots.Command, slots.Late)) else None
     if isinstance(h.effect.slot, slots.Command):
         return Entry({}, voltage=True)
     if element.trait.trait == slots.SPRING:
@@ -139,8 +143,10 @@ def _law(h: Hypothesis, values: Values, rig: Rig, motion: Motion, element: Eleme
         return None if shown is None else _filled(_shown, h.effect, values, n, shown)
     if element is None:
         return None
+    if isinstance(slot, slots.Late) and element.trait.trait == slots.JOINT_DRIVE:
+        return _late(h, values[slot.time], motion)
     if isinstance(slot, slots.Command):
-        return motion.averaged(lambda u: _filled(_in_command, h.effect, values, len(u), u))
+        return motion.averaged(lambda u: _filled(_in_command, h.effect, values, len(u), u), h.place)
     if isinstance(slot, slots.BodyDamping):
         return -values[slot.coefficient] * states["speed"]
     if isinstance(slot, slots.BodyEffort):
@@ -157,6 +163,17 @@ def _law(h: Hypothesis, values: Values, rig: Rig, motion: Motion, element: Eleme
     if isinstance(slot, slots.HiddenBody):
         return _absorber(values[slot.mass], values[slot.frequency], values[slot.damping_ratio], h.place, motion)
     return None
+
+
+def _late(h: Hypothesis, time_s: float, motion: Motion) -> Floats:
+    """(N,) what a delay of an actuator's command changes."""
+    samples = time_s / motion.recorded_s
+
+    def moved(u: Floats) -> Floats:
+        at = np.arange(len(u))
+        return np.asarray(np.interp(at - samples, at, u) - u)
+
+    return motion.averaged(moved, h.place)
 
 
 def _friction(h: Hypothesis, values: Values, motion: Motion, element: Element, n: int) -> Floats | None:

@@ -24,6 +24,7 @@ from dtbacklash.diagnose.engine.free import (
 )
 from dtbacklash.diagnose.engine.motion import Motion
 from dtbacklash.diagnose.engine.predictor import Gains
+from dtbacklash.diagnose.spread import spread
 from dtbacklash.errors import UserError
 from dtbacklash.physics.effects.table import VALUES
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
@@ -149,18 +150,41 @@ class Problem:
         """(rows, free). kept : an earlier one whose nominal columns are used again. near : nominal columns of another
         rig nearby, by title, without the rows beside."""
         J = np.zeros((len(rows), len(self.free))) if kept is None else kept.copy()
-        data = self.bench_rows
+        data, asked = self.bench_rows, []
+        if near is None and kept is None and self.dear:
+            near = self.leads(x, gains)
         for j, f in enumerate(self.free):
             if f.prior and kept is not None:
                 continue
-            if f.prior and near is not None:
+            if f.prior and near is not None and (f.title in near or not self.dear):
                 J[:, j] = 0.0
                 if f.title in near:
                     J[:data, j] = near[f.title]
                 J[data + j, j] = self.weights[j]
                 continue
-            J[:, j] = self.column(j, x, gains, rows)
+            asked.append(j)
+        some = spread if self.dear else map
+        for j, column in zip(asked, some(lambda j: self.column(j, x, gains, rows), asked), strict=True):
+            J[:, j] = column
         return J
+
+    @property
+    def dear(self) -> bool:
+        """Whether passes are those of a simulator's model, and what it shows is its state."""
+        shown = {self.base.sensors[c].quantity for p in self.bench.predictors for c in p.readings.channels}
+        return bool(self.base.config.model) and shown <= {"position", "velocity"}
+
+    def leads(self, x: Floats, gains: Sequence[Gains]) -> dict[str, Floats]:
+        """Columns of the rig's parameters by what they add to each sample, by title."""
+        rig, moved, per = self.rig(x), {}, {}
+        for f, xi in zip(self.free, x, strict=True):
+            if f.prior and not f.place and f.recording is None:
+                by = f.value(xi + f.step) - f.value(xi) or f.value(xi - f.step) - f.value(xi)
+                if by:
+                    moved[f.title] = rig.with_parameters({f.name: f.value(xi) + by}), by
+                    per[f.title] = f.per_x(xi)
+        found = self.bench.leads(rig, moved, gains) if moved else {}
+        return {title: per[title] * column for title, column in found.items()}
 
     @property
     def bench_rows(self) -> int:

@@ -16,6 +16,7 @@ from dtbacklash.diagnose.engine.free import Key, nominal_free, taken_out
 from dtbacklash.diagnose.engine.motion import Motion
 from dtbacklash.diagnose.engine.zeros import zeroed
 from dtbacklash.diagnose.settings import DiagnoseSettings
+from dtbacklash.diagnose.spread import spread
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 
@@ -110,11 +111,11 @@ def numbers_off(bench: Bench, rig: Rig, rules: DiagnoseSettings, factors: Collec
     sizes, before = bench.tuned(rig)
     little, earned = rules.clears * bench.most_unknown(sizes), rules.worth * bench.count
     best: dict[Key, Off] = {}
-    for name, value in _numbers(bench, rig).items():
-        for factor in sorted({way for one in factors for way in (one, 1.0 / one)}):
-            one = _off(bench, ("", name), factor, rig.with_parameters({name: factor * value}))
-            if one is not None:
-                best[one.key] = _likelier(best.get(one.key), one)
+    ways = sorted({way for one in factors for way in (one, 1.0 / one)})
+    asked = [(name, by, rig.with_parameters({name: by * v})) for name, v in _numbers(bench, rig).items() for by in ways]
+    for one in spread(lambda a: _off(bench, ("", a[0]), *a[1:]), asked):
+        if one is not None:
+            best[one.key] = _likelier(best.get(one.key), one)
     return [
         one for one in best.values() if before - one.loss > _mostly(bench, before)
         or (bench.most_unknown(one.sizes) < little and before - one.loss > earned)

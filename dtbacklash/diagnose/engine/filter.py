@@ -98,6 +98,30 @@ def answers(A, C, K, W, which, F, b, c, missing, at_once):
 
 
 @compiled_allocating
+def driven(A, C, K, W, which, drive, missing):
+    """(N m,) by which whitened innovations change with what is added to the state after each sample, drive (N, n)."""
+    N, n, m = drive.shape[0], A.shape[0], C.shape[0]
+    E, x, new, d = np.zeros(N * m), np.zeros(n), np.zeros(n), np.zeros(m)
+    for k in range(N):
+        g = which[k]
+        for r in range(m):
+            s = 0.0
+            for i in range(n):
+                s += C[r, i] * x[i]
+            d[r] = 0.0 if missing[k, r] else -s
+        for r in range(m):
+            if not missing[k, r]:
+                E[k * m + r] = whitened(W, g, d, r)
+        correct(K, g, x, d, new)
+        for i in range(n):
+            s = drive[k, i]
+            for q in range(n):
+                s += A[i, q] * new[q]
+            x[i] = s
+    return E
+
+
+@compiled_allocating
 def riccati(A, C, Q, R):
     """(n, n) the steady covariance of a predicted state, by the structure-preserving doubling algorithm.
 

@@ -107,10 +107,10 @@ class Exchanged(Modelled):
             start[free] -= np.linalg.lstsq(slopes, pulled(start), rcond=1e-9)[0]
         return start
 
-    def steps(self, bare: bool, laws: bool, contacts: bool) -> int:
+    def steps(self, laws: bool, contacts: bool) -> tuple[int, int]:
         """As many as its fastest motion takes, and as laws do."""
-        held = max(self._own, ACTING) if laws or contacts else self._own
-        return FINE * held if self.finely else held
+        held = (max(self._own, ACTING) if laws or contacts else self._own) * self.readings.every
+        return FINE * held if self.finely else held, 1
 
     def outputs(self, rig: Rig) -> dict[str, None]:
         """With what stands in arrays beside them."""
@@ -128,7 +128,7 @@ class Exchanged(Modelled):
             self._share = values, found
         return found
 
-    def parts(self, rig: Rig, step_s: float, dampings: Floats, contacts: list[int], bare: bool) -> Parts:
+    def parts(self, rig: Rig, step_s: float, ratio: int, dampings: Floats, contacts: list[int], bare: bool) -> Parts:
         """The instance of this thread, begun anew."""
         fmu, instance, values = self._fmu, self._fmu.instance(), self._values(rig)
         j, u, share = len(self._joints), len(self._told), self._shares(rig, values)
@@ -160,7 +160,7 @@ class Exchanged(Modelled):
         b.damping[:], b.share[:] = dampings, share.ravel()
         step, forward, back = functions()
         return Parts(
-            (m, d, names, instance), step.address, forward.address, back.address, m.ctypes.data, d.ctypes.data, b.x[:j],
-            b.x[j : 2 * j], b.x[2 * j :], b.rate[j : 2 * j], b.push, b.load, b.ctrl, b.friction, b.outputs,
+            (m, d, names, instance), step.address, forward.address, back.address, m.ctypes.data, 0, d.ctypes.data,
+            b.x[:j], b.x[j : 2 * j], b.x[2 * j :], b.rate[j : 2 * j], b.push, b.load, b.ctrl, b.friction, b.outputs,
             d[TIME : TIME + 1],
         )  # fmt: skip

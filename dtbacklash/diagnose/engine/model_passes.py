@@ -15,6 +15,8 @@ from dtbacklash.physics.kernel import dispatch
 
 #: a state that large is lost
 LOST = 1e8
+#: a joint may turn within a step in which its speed could change by a part of it (ratio)
+TURNS = 2.0
 #: columns of what a sensor shows: its quantity, its joint or output, and how late it is, s
 POSITION, VELOCITY, ACCELERATION, EFFORT, OUTPUT = range(5)
 QUANTITIES = {
@@ -51,10 +53,11 @@ class Compiled(NamedTuple):
     """A model with the parameters of a rig, what acts at each step, and what its sensors show.
 
     step, forward, back : addresses of the simulator's functions: a step, what follows from a state (0 where nothing
-    shown needs it), and to its first state and time. m, d : of model and data.
+    shown needs it), and to its first state and time. m, d : of model and data. far : of the model whose step is
+    ``ratio`` of those of m, and whose friction is without that of laws.
     q, v, acceleration, push, load, friction : (joints,) views of them, and more : of other states, ctrl : of commands,
     shown : of outputs, clock : (1,) of its time, s. still : (joints,) the model's friction.
-    U : (fine steps, commands). first, whole : the fine step of the first reading, and fine steps of a reading.
+    U : (fine steps, commands) from the first reading on, which is at ``begin``, s. whole : fine steps of a reading.
     h : fine step, s. efforts, levels, reads : laws of position, speed and time; of slip speed, direction and load; of
     readings. sensors (m, 3).
     """
@@ -63,6 +66,7 @@ class Compiled(NamedTuple):
     forward: int
     back: int
     m: int
+    far: int
     d: int
     q: Floats
     v: Floats
@@ -76,8 +80,9 @@ class Compiled(NamedTuple):
     clock: Floats
     still: Floats
     U: Floats
-    first: int
+    begin: float
     whole: int
+    ratio: int
     h: float
     efforts: Laws
     levels: Laws
@@ -87,25 +92,49 @@ class Compiled(NamedTuple):
 
 @kept(nogil=True, forceinline=True)
 def advance(c, k):
-    """From a reading of this number to the next one."""
-    begin = c.first + k * c.whole
-    for s in range(begin, begin + c.whole):
-        for i in range(len(c.ctrl)):
-            c.ctrl[i] = c.U[min(s, len(c.U) - 1), i]
-        if len(c.efforts.at):
-            c.push[:] = 0.0
-        for e in range(len(c.efforts.at)):
-            j = c.efforts.at[e]
-            at = c.q[j] + 0.5 * c.h * c.v[j]
-            c.push[j] += dispatch.body_effort(c.efforts.codes[e], at, c.v[j], (s + 0.5) * c.h, c.efforts.numbers, e)
-        if len(c.levels.at):
-            c.friction[:] = c.still
-        for e in range(len(c.levels.at)):
-            j = c.levels.at[e]
-            side = 1.0 if c.v[j] >= 0.0 else -1.0
-            level = dispatch.friction_level(c.levels.codes[e], abs(c.v[j]), side, c.load[j], c.levels.numbers, e)
+    """From a reading of this number to the next one: in far steps, and in small ones where a dry friction may turn."""
+    for s in range(k * c.whole, (k + 1) * c.whole, c.ratio):
+        if c.ratio > 1 and slides(c):
+            stride(c, s, c.ratio)
+        else:
+            for i in range(s, s + c.ratio):
+                stride(c, i, 1)
+
+
+@kept(nogil=True)
+def slides(c):
+    """Whether no joint with a friction of a law comes near to rest within a far step."""
+    for j in c.levels.at:  # noqa: SIM110 - compiled
+        if not abs(c.v[j]) > TURNS * abs(c.acceleration[j]) * c.ratio * c.h:
+            return False
+    return True
+
+
+@kept(nogil=True)
+def stride(c, s, many):
+    """One step of the simulator over so many small ones; a friction that slides in a far one is a force."""
+    h = many * c.h
+    for a in range(len(c.ctrl)):
+        told = 0.0
+        for i in range(s, s + many):
+            told += c.U[min(i, len(c.U) - 1), a]
+        c.ctrl[a] = told / many
+    if len(c.efforts.at) or len(c.levels.at):
+        c.push[:] = 0.0
+    for e in range(len(c.efforts.at)):
+        j, time = c.efforts.at[e], c.begin + (s + 0.5 * many) * c.h
+        at = c.q[j] + 0.5 * h * c.v[j]
+        c.push[j] += dispatch.body_effort(c.efforts.codes[e], at, c.v[j], time, c.efforts.numbers, e)
+    c.friction[:] = c.still
+    for e in range(len(c.levels.at)):
+        j = c.levels.at[e]
+        side = 1.0 if c.v[j] >= 0.0 else -1.0
+        level = dispatch.friction_level(c.levels.codes[e], abs(c.v[j]), side, c.load[j], c.levels.numbers, e)
+        if many > 1:
+            c.push[j] -= side * max(level, 0.0)
+        else:
             c.friction[j] += max(level, 0.0)
-        _call(c.step, c.m, c.d)
+    _call(c.step, c.far if many > 1 else c.m, c.d)
 
 
 @kept(nogil=True, forceinline=True)
@@ -203,7 +232,7 @@ def shown(c, Z, Y):
         put(c, Z[k])
         c.clock[0] = k * c.whole * c.h
         if k:
-            c.ctrl[:] = c.U[min(c.first + k * c.whole, len(c.U)) - 1]
+            c.ctrl[:] = c.U[min(k * c.whole, len(c.U)) - 1]
         show(c, Y[k])
 
 

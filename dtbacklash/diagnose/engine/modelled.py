@@ -55,6 +55,7 @@ class Parts(NamedTuple):
     forward: int
     back: int
     m: int
+    far: int
     d: int
     q: Floats
     v: Floats
@@ -107,15 +108,15 @@ class Modelled(Simulated):
         """Within it, the model is this thread's."""
         return nullcontext()
 
-    def steps(self, bare: bool, laws: bool, contacts: bool) -> int:
-        """Steps of a sample as recorded. bare : of the linear part. laws, contacts : whether such act on joints."""
+    def steps(self, laws: bool, contacts: bool) -> tuple[int, int]:
+        """Far steps of a reading, and small ones of a far one. laws, contacts : whether such act on joints."""
         raise NotImplementedError
 
-    def parts(self, rig: Rig, step_s: float, dampings: Floats, contacts: list[int], bare: bool) -> Parts:
+    def parts(self, rig: Rig, step_s: float, ratio: int, dampings: Floats, contacts: list[int], bare: bool) -> Parts:
         """The model with a rig's parameters, in its first state.
 
-        dampings : (joints,) that are added. contacts : joints with dry friction beside the model's. bare : without the
-        model's own friction, contacts and limits.
+        step_s, ratio : its small step, and how many are a far one. dampings : (joints,) that are added. contacts :
+        joints with dry friction beside the model's. bare : without the model's own friction, contacts and limits.
         """
         raise NotImplementedError
 
@@ -135,26 +136,25 @@ class Modelled(Simulated):
         size, u = len(middle), c.U.mean(axis=0)
         middle[n : 2 * n] = 0.0
 
-        def go(z: Floats, force: Floats, far: bool) -> Floats:
+        base = np.concatenate([middle, np.zeros(n), u])
+        ends, by = np.cumsum([size, n, len(u)]), np.repeat([MOVED, PUSHED, PUSHED], [size, n, len(u)])
+        by[ends[1] :] *= np.maximum(c.U.std(axis=0), 1e-3)
+
+        def go(at: Floats, far: bool) -> Floats:
             out = np.zeros(size if far else len(r.channels))
-            led(c, z, force, u, far, out)
+            led(c, *np.split(at, ends[:2]), far, out)
             return out
 
-        def slopes(far: bool) -> tuple[Floats, Floats]:
-            none, out = np.zeros(n), []
-            for by, moves, pushes in ((MOVED, np.eye(size), np.zeros((size, n))),
-                                      (PUSHED, np.zeros((n, size)), np.eye(n))):  # fmt: skip
-                out.append(np.array([
-                    (go(middle + by * z, none + by * f, far) - go(middle - by * z, none - by * f, far)) / (2 * by)
-                    for z, f in zip(moves, pushes, strict=True)
-                ]).T)  # fmt: skip
-            return out[0], out[1]
+        def slopes(far: bool) -> list[Floats]:
+            found = [(go(base + move, far) - go(base - move, far)) / (2.0 * move.sum()) for move in np.diag(by)]
+            return np.split(np.array(found).T, ends[:2], axis=1)
 
-        (A, B), (C, D) = slopes(True), slopes(False)
+        (A, B, told), (C, D, at_once) = slopes(True), slopes(False)
         states = (*(f"{b} q" for b in self._joints), *(f"{b} v" for b in self._joints), *self.names)
         found = Linear(
             np.array([A, A]), np.array([B, B]), np.array([C, C]), D, np.zeros((2, size)), np.zeros(len(r.channels)),
             states, tuple(self._joints), step / np.diag(B[n : 2 * n]), n,
+            {name: (told[:, k].copy(), at_once[:, k].copy()) for k, name in enumerate(self.commands)},
         )  # fmt: skip
         self._check_seen(A, C)
         self._linears[key] = found
@@ -237,16 +237,16 @@ class Modelled(Simulated):
                     if isinstance(slot, kind):
                         found[kind].append((joint, effect, values))
         contacts = [joint for joint, _, _ in found[slots.Contact]]
-        held = self.steps(bare, bool(found[slots.BodyEffort]), bool(contacts))
-        step_s = r.sample_time_s / r.every / held
-        parts = self.parts(rig, step_s, dampings, contacts, bare)
+        far, ratio = self.steps(bool(found[slots.BodyEffort]), bool(contacts))
+        whole, begin = far * ratio, r.every // 2 * r.sample_time_s / r.every
+        parts = self.parts(rig, r.sample_time_s / whole, ratio, dampings, contacts, bare)
         sensors = np.array([self._sensor(rig, c) for c in r.channels])
         needs = bool(((sensors[:, 0] > VELOCITY) | ((sensors[:, 0] == VELOCITY) & (sensors[:, 2] > 0.0))).any())
         if not needs:
             parts = parts._replace(forward=0)
         return parts.owner, Compiled(
-            *parts[1:], parts.friction.copy(), self._commands(rig, held),
-            r.every // 2 * held, r.every * held, step_s, laws(found[slots.BodyEffort]),
+            *parts[1:], parts.friction.copy(), self._commands(rig, whole), begin, whole, ratio,
+            r.sample_time_s / whole, laws(found[slots.BodyEffort]),
             laws(found[slots.Contact]), laws(found[slots.Reading]), sensors,
         )  # fmt: skip
 
@@ -264,9 +264,10 @@ class Modelled(Simulated):
         """Variables of the model that sensors show."""
         return {s.of: None for s in rig.sensors.values() if s.quantity == "value"}
 
-    def _commands(self, rig: Rig, held: int) -> Floats:
-        """(fine steps, commands) what the actuators are told, averaged as the readings are."""
+    def _commands(self, rig: Rig, whole: int) -> Floats:
+        """(fine steps, commands) what the actuators are told in each, averaged as the readings are."""
         r = self.readings
+        edges = r.every // 2 + np.arange(len(r.y) * whole + 1) * (r.every / whole)
         recorded = r.inputs if r.inputs is not None else r.recorded[:, None]
         drives = [e for e in rig.elements.values() if e.trait.trait == slots.JOINT_DRIVE]
         columns = [np.zeros(0)] * len(drives)
@@ -278,9 +279,14 @@ class Modelled(Simulated):
                 u = told
             if r.every > 1:
                 u = np.convolve(np.pad(u, r.every // 2, "edge"), np.full(r.every, 1.0 / r.every), "valid")
-            fine = np.repeat(u, held)
-            if late := rig.amount(element.name, slots.Late, "time") / (r.sample_time_s / r.every) * held:
-                at = np.arange(len(fine))
-                fine = np.interp(at - late, at, fine)
-            columns[self.commands.index(element.name)] = fine
+            late = rig.amount(element.name, slots.Late, "time") / (r.sample_time_s / r.every)
+            columns[self.commands.index(element.name)] = _means(u, np.asarray(edges - late))
         return np.ascontiguousarray(np.column_stack(columns))
+
+
+def _means(u: Floats, edges: Floats) -> Floats:
+    """(E - 1,) means between edges (E,), samples, of what is held over each sample, and beyond its ends."""
+    known = np.concatenate([[0.0], np.cumsum(u)])
+    sums = np.interp(edges, np.arange(len(known)), known)
+    sums += u[0] * np.minimum(edges, 0.0) + u[-1] * np.maximum(edges - len(u), 0.0)
+    return np.asarray(np.diff(sums) / np.diff(edges))

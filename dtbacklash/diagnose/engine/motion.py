@@ -32,6 +32,7 @@ class Motion:
         self.command = np.concatenate([r.u for r in readings])
         self._recorded = np.concatenate([r.recorded for r in readings])
         step = self.step_s = readings[0].sample_time_s
+        self.recorded_s = step / readings[0].every
         self._readings = readings
         drives = [e.name for e in rig.elements.values() if e.trait.trait == slots.JOINT_DRIVE]
         inputs = [r.inputs for r in readings if r.inputs is not None]
@@ -66,9 +67,13 @@ class Motion:
             found[channel] = np.concatenate(parts)
         return found
 
-    def averaged(self, law: Callable[[Floats], Floats]) -> Floats:
-        """(N,) a function of the command as recorded, averaged as the command is."""
-        return np.concatenate([between(law(r.recorded), r.every)[0][: len(r.u)] for r in self._readings])
+    def averaged(self, law: Callable[[Floats], Floats], drive: str = "") -> Floats:
+        """(N,) a function of the command as recorded, or that of an actuator of several, averaged as the command is."""
+        parts = []
+        for r in self._readings:
+            u = r.recorded if r.inputs is None or not drive else r.inputs[:, list(self._commands).index(drive)]
+            parts.append(between(law(np.ascontiguousarray(u)), r.every)[0][: len(r.u)])
+        return np.concatenate(parts)
 
     def driving(self, drive: Element) -> Floats | None:
         """(N,) the effort of a drive on the body that it drives, N or N m; None where it is not known."""

@@ -2,7 +2,8 @@
 
 Between two readings the model takes its own steps, contacts and limits as they are, by the Runge-Kutta method: a
 semi-implicit step shows positions half a step too early, which a predictor takes for late sensors; it is taken where
-readings are ``as_stepped``. Dry friction is MuJoCo's own (``frictionloss``), as hard as its step allows.
+readings are ``as_stepped``. Dry friction is MuJoCo's own (``frictionloss``), as hard as its step allows, where a joint
+may turn; while it slides it is a force. Where no friction turns, steps are as far as the model's rates allow.
 """
 
 import copy
@@ -30,9 +31,13 @@ from dtbacklash.physics.mjcf import (
 )
 from dtbacklash.physics.rig import Rig
 
-#: without dry friction the Runge-Kutta method needs no more than a step for so many of the model's, or so many parts of
-#: one where that matters
-ROUGH, FINE = 2, 2
+#: the Runge-Kutta method needs no more than a step for so many of the model's, of so many where laws act at a place,
+#: or so many parts of one where that matters
+FAR, ROUGH, FINE = 4, 2, 2
+#: by so much the model's fastest part may turn or decay within a step (rad)
+TURN = 0.3
+#: steps of a reading that is a mean: its command rises within it
+MEAN = 2
 
 
 class Stepped(Modelled):
@@ -44,16 +49,21 @@ class Stepped(Modelled):
     def __init__(self, readings: Readings, rig: Rig, finely: bool = False) -> None:
         super().__init__(readings, rig, finely)
         self._nominal = m = model_of(rig.config)
-        self._own = steps_of(m, rig.config.model, readings.sample_time_s / readings.every)
+        self._own = readings.every * steps_of(m, rig.config.model, readings.sample_time_s / readings.every)
+        self._least = min(math.ceil(rate_of(m) * readings.sample_time_s / TURN), self._own)
         self.commands = tuple(ACTUATOR_PREFIX + m.actuator(a).name for a in range(m.nu))
 
-    def steps(self, bare: bool, laws: bool, contacts: bool) -> int:
-        """The model's own, fewer where nothing is hard."""
+    def steps(self, laws: bool, contacts: bool) -> tuple[int, int]:
+        """The model's own where a friction may turn, fewer where nothing is hard."""
         if self.readings.as_stepped:
-            return self._own
-        return FINE * self._own if self.finely else self._own if contacts else max(math.ceil(self._own / ROUGH), 1)
+            return self._own, 1
+        parts = FINE if self.finely else 1
+        far = parts * max(
+            math.ceil(self._own / (ROUGH if laws else FAR)), self._least, MEAN if self.readings.every > 1 else 1
+        )
+        return far, math.ceil(parts * self._own / far) if contacts else 1
 
-    def parts(self, rig: Rig, step_s: float, dampings: Floats, contacts: list[int], bare: bool) -> Parts:
+    def parts(self, rig: Rig, step_s: float, ratio: int, dampings: Floats, contacts: list[int], bare: bool) -> Parts:
         """A copy of the model, with its data."""
         import mujoco as mj
 
@@ -71,15 +81,29 @@ class Stepped(Modelled):
             mj.mj_setConst(m, d)
             mj.mj_resetData(m, d)
         m.dof_damping += dampings
+        far = copy.copy(m) if ratio > 1 else m
+        far.opt.timestep = ratio * step_s
         for joint in contacts:
             m.dof_solref[joint], m.dof_solimp[joint, :2] = (FRICTION_STEPS * step_s, 1.0), FRICTION_IMPEDANCE
         if bare:
             m.dof_frictionloss[:] = 0.0
             m.opt.disableflags |= unused.mjDSBL_CONTACT | unused.mjDSBL_LIMIT
         return Parts(
-            (m, d), *functions(), m._address, d._address, d.qpos, d.qvel, d.act, d.qacc, d.qfrc_applied,
-            d.qfrc_actuator, d.ctrl, m.dof_frictionloss, np.zeros(0), np.zeros(1),
+            (m, far, d), *functions(), m._address, far._address, d._address, d.qpos, d.qvel, d.act, d.qacc,
+            d.qfrc_applied, d.qfrc_actuator, d.ctrl, m.dof_frictionloss, np.zeros(0), np.zeros(1),
         )  # fmt: skip
+
+
+def rate_of(model: Any) -> float:
+    """How fast the fastest part of a model decays or turns about its first pose, rad/s."""
+    import mujoco as mj
+
+    m = copy.copy(model)
+    m.opt.disableflags |= mj.mjtDisableBit.mjDSBL_CONTACT | mj.mjtDisableBit.mjDSBL_LIMIT
+    m.opt.integrator, m.dof_frictionloss[:] = mj.mjtIntegrator.mjINT_IMPLICIT, 0.0
+    A = np.zeros((2 * m.nv, 2 * m.nv))
+    mj.mjd_transitionFD(m, mj.MjData(m), 1e-6, True, A, None, None, None)
+    return float(np.abs(np.log(np.linalg.eigvals(A) + 1e-12)).max() / m.opt.timestep)
 
 
 @cfunc(types.void(types.voidptr))  # type: ignore[untyped-decorator]

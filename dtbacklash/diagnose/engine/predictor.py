@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.engine.filter import frozen, opening, riccati, update
+from dtbacklash.diagnose.engine.filter import driven, frozen, opening, riccati, update
 from dtbacklash.diagnose.engine.simulator import Linear, Pass, Simulator
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.slots import Filter, Slot
@@ -73,6 +73,7 @@ class Predictor:
         self.bodies, self.count = self.linear.bodies, readings.count
         self.nominal_noise = np.log(readings.noise)
         self.spread: dict[str, float] = {}
+        self._leads: dict[str, Floats] = {}
         self.force = self.linear.inertia * self._rough_speed(rig)
         sizes = self.first_sizes()
         for _ in range(2):
@@ -199,6 +200,23 @@ class Predictor:
         found = self.simulated.observe(rig, gains.K, gains.W, gains.opening)
         with np.errstate(over="ignore", invalid="ignore"):  # what does not stay finite is no model
             return replace(found, E=np.exp(logs) * found.E) if logs else found
+
+    def leads(self, rig: Rig, moved: dict[str, tuple[Rig, float]], gains: Gains) -> dict[str, Floats]:
+        """Parameter -> (N m,) by which whitened innovations change per unit of it, by what it adds to each sample.
+
+        moved : parameter -> a rig with more of it, and how much more. What it adds follows from where samples lead from
+        the predicted states, and what becomes of that from the linear part; it is kept, as readings hold the states.
+        """
+        n, r, L = len(self.readings.u), self.readings, self.simulated.linear(rig)
+        which = r.which(gains.opening, r.y)
+        if any(len(self._leads.get(title, ())) < n for title in moved):
+            found = self.run(rig, gains)
+            Z = corrected(found.X, found.D, gains, which)
+            base = self.simulated.onwards(rig, Z)
+            for title, (other, by) in moved.items():
+                self._leads[title] = (self.simulated.onwards(other, Z) - base) / by
+        there = np.ascontiguousarray(L.A[1]), np.ascontiguousarray(L.C[1]), np.ascontiguousarray(gains.K[1]), gains.W[1]
+        return {title: driven(*there, which, self._leads[title][:n], ~r.there) for title in moved}
 
     def tuned(
         self, rig: Rig, sizes: Floats | None = None, steps: tuple[float, ...] = STEPS, refresh: int = 2

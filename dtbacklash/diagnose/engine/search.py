@@ -19,6 +19,7 @@ from dtbacklash.diagnose.engine.free import Key, taken_out
 from dtbacklash.diagnose.engine.motion import Motion, motion_of
 from dtbacklash.diagnose.engine.predictor import LOST
 from dtbacklash.diagnose.settings import SETTINGS, DiagnoseSettings
+from dtbacklash.diagnose.spread import spread
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Values
@@ -226,9 +227,12 @@ class Search:
         near = self._near(model, strict)
         rough: list[tuple[float, Problem, Floats]] = []
         for filters in (False, True):
-            for rig, keys in _as_late(rough, model, instead) if filters else proposals:
-                problem = Problem(quick, rig, keys, self.motion, model.stiff, model.smooth)
-                x, squares = problem.solve(strict, problem.better_start(strict), 3, near)
+            problems = [
+                Problem(quick, rig, keys, self.motion, model.stiff, model.smooth)
+                for rig, keys in (_as_late(rough, model, instead) if filters else proposals)
+            ]
+            solved = spread(lambda p: p.solve(strict, p.better_start(strict), 3, near), problems)
+            for problem, (x, squares) in zip(problems, solved, strict=True):
                 if np.isfinite(squares):
                     rough.append((squares + n * problem.counts, problem, x))
             rough.sort(key=lambda r: r[0])
@@ -245,16 +249,17 @@ class Search:
             beside = problem.beside(x)
             second.append((likelihood + float(beside @ beside) + n * problem.counts, rig, problem.keys, tuned))
         second.sort(key=lambda r: r[0])
-        some = []
         few = min(len(keys) for _, _, keys, _ in second) if second else 0
         near_best = [s for s in second if s[0] < second[0][0] + 0.2 * quick.count][:best]
         # a pair may have been first by what it cannot keep
         simple = [s for s in second if len(s[2]) == few][:1] if all(len(s[2]) > few for s in near_best) else []
-        for _, rig, keys, tuned in near_best + simple:
+
+        def climbed(one: tuple[float, Rig, tuple[Key, ...], Sizes]) -> Model | None:
+            _, rig, keys, tuned = one
             rungs = (0.1, 0.1, 1.0) if quick.most_unknown(tuned) > 3e-3 else (1.0,)
-            m = Problem(quick, rig, keys, self.motion, model.stiff, model.smooth).ladder(tuned, None, rungs)
-            if m is not None and not m.at_end:
-                some.append(m)
+            return Problem(quick, rig, keys, self.motion, model.stiff, model.smooth).ladder(tuned, None, rungs)
+
+        some = [m for m in spread(climbed, near_best + simple) if m is not None and not m.at_end]
         some.sort(key=lambda m: m.score)
         full: list[Model] = []
         for m in some:

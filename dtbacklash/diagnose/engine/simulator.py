@@ -3,7 +3,7 @@
 This is the whole contract between the diagnosis and what simulates. :mod:`.simulated` fulfils it by the compiled rig.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol, Self
 
 import numpy as np
@@ -20,7 +20,8 @@ class Linear:
     A (2, n, n), B (2, n, bodies) : what a force at each body adds within a sample. C (2, m, n), D (m, bodies) : what
     readings show of states, and of the forces of the sample before at once. states : their names. bodies : in order.
     volt (2, n), volt_at_once (m,) : the same of the voltage. inertia : (bodies,) force by acceleration. speed : index
-    of the first body's speed.
+    of the first body's speed. drives : actuator of a simulator's model -> what a unit of its command does, as
+    :meth:`force`.
     """
 
     A: Floats
@@ -33,6 +34,7 @@ class Linear:
     bodies: tuple[str, ...]
     inertia: Floats
     speed: int
+    drives: dict[str, tuple[Floats, Floats]] = field(default_factory=dict)
 
     def index(self, body: str) -> int:
         """Of a body's speed among the states."""

@@ -18,6 +18,7 @@ from dtbacklash.diagnose.engine.exact import LADDER, STEP_MAX, Model, Problem
 from dtbacklash.diagnose.engine.free import Errors, Free, Key
 from dtbacklash.diagnose.engine.motion import Motion
 from dtbacklash.diagnose.engine.predictor import Gains
+from dtbacklash.diagnose.spread import spread
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Role
@@ -219,14 +220,19 @@ def _decomposed(jacobian: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def _columns(problem: Problem, x: Floats, gains: Sequence[Gains], rows: Floats) -> Floats:
-    """(rows, free) Jacobian by central differences, by one side only where a value stands at its end."""
+    """(rows, free) Jacobian by central differences, by one side only where a value stands at its end or is dear."""
     found = np.zeros((len(rows), len(x)))
-    for j, f in enumerate(problem.free):
+    near = problem.leads(x, gains) if problem.dear else {}
+
+    def fill(j: int) -> None:
+        f = problem.free[j]
         # over the usual step of a fit the innovations of a light resonance bend by more than what is unseen adds up to
-        rough = float(np.linalg.norm(problem.column(j, x, gains, rows)))
+        rough = float(np.linalg.norm(near[f.title] if f.title in near else problem.column(j, x, gains, rows)))
         h = min(f.step, CHANGE / max(rough, 1e-300))
-        ends = {}
+        ends: dict[float, Floats] = {}
         for sign in (-1.0, 1.0):
+            if ends and f.title in near:
+                continue
             z = x.copy()
             z[j] += sign * h
             there = (
@@ -239,6 +245,9 @@ def _columns(problem: Problem, x: Floats, gains: Sequence[Gains], rows: Floats) 
         if ends:
             low, high = ends.get(-1.0, rows), ends.get(1.0, rows)
             found[:, j] = (high - low) / (len(ends) * h)
+
+    some = spread if problem.dear else map
+    list(some(fill, range(len(x))))
     return found
 
 

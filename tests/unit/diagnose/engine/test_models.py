@@ -15,6 +15,10 @@ import pytest
 import yaml
 from fmus import COLUMNS, EQUATIONS, EXCHANGED, JOINTS, STAGE, Machine
 
+from dtbacklash.diagnose.engine.columns import Columns
+from dtbacklash.diagnose.engine.efforts import efforts
+from dtbacklash.diagnose.engine.exact import Problem
+from dtbacklash.diagnose.engine.motion import motion_of
 from dtbacklash.diagnose.records import STEPPED, records_of, ways_to_read
 from dtbacklash.diagnose.say.beforehand import beforehand
 from dtbacklash.diagnose.say.found_model import found_model
@@ -23,6 +27,7 @@ from dtbacklash.diagnose.spread import on_cores, spread
 from dtbacklash.errors import UserError
 from dtbacklash.face.rigs import load_rig
 from dtbacklash.physics import fmu_file
+from dtbacklash.physics.effects.slots import Contact
 from dtbacklash.physics.mjcf import mended
 from dtbacklash.recording.model import Recording
 
@@ -252,6 +257,53 @@ def test_averaged_readings_are_predicted_by_commands_that_are_averaged_alike(eit
     # the first mean is not the first position: what is left is a start that drifts by it
     assert np.abs(np.diff(left["angle"])).max() < 1e-3 * np.ptp(angle)
     assert np.abs(np.diff(left["way"])).max() < 1e-3 * np.ptp(way)
+
+
+def held(rig, level: float = 0.0) -> tuple:
+    """Bench, and sizes of unknown forces, of a log in which the axle rubs."""
+    spin, push = commands()
+    angle, way = answered(2.0 * spin, 0.3, 0.2, level)[0], answered(push, 3.0, 1.5)[0]
+    noise = 1e-4 * np.random.default_rng(3).standard_normal((2, N))
+    columns = {"torque": spin, "push": push, "angle": angle + noise[0], "way": way + noise[1]}
+    frame = pd.DataFrame({"t": STEP_S * np.arange(N), **columns})
+    bench = bench_of(rig, records_of(Recording.from_frame(frame, rig=rig), rig, True, False), [1])
+    return bench, bench.tuned(rig)[0]
+
+
+def test_columns_by_the_linear_part_are_those_of_passes(either):
+    bench, sizes = held(either, 0.12)
+    motion = motion_of(bench, either, bench.gains(either, sizes))
+    model = Problem(bench, either, (), motion).model(np.zeros(2), sizes, 0.0)
+    columns, gains = Columns(bench, model, sizes), bench.gains(either, sizes)
+    problem = Problem(bench, either, (), columns.motion)
+    x, kinds = problem.start(), set()
+    rows = problem.rows(x, gains)
+    for title, near in problem.leads(x, gains).items():
+        j = [f.title for f in problem.free].index(title)
+        exact = problem.column(j, x, gains, rows)[: problem.bench_rows]
+        assert np.linalg.norm(near - exact) < 0.02 * np.linalg.norm(exact)
+    for h, _ in columns.hypotheses:
+        if efforts(h, either, columns.motion) is None or isinstance(h.effect.slot, Contact):
+            continue  # a friction that is large holds, which no effort does
+        near, exact = (made(h, gains, rows[: problem.bench_rows]) for made in (columns._made, columns._simulated))
+        for one, other in zip(near, exact, strict=True):
+            # what has a kink has it where the predicted motion has: a little elsewhere
+            cosine = one @ other / np.linalg.norm(one) / np.linalg.norm(other)
+            assert cosine > 0.9, (h.key, h.values)
+        kinds.add((h.effect.name, h.as_it_is))
+    assert {("dead_zone", True), ("saturation", True), ("delay", True), ("viscous_friction", False)} <= kinds
+
+
+def test_a_friction_is_the_same_at_each_step_of_the_model(rig, tmp_path):
+    sizes = []
+    for step in (2e-3, 1e-3, 5e-4):
+        (tmp_path / "machine.xml").write_text(MODEL.format(step=step))
+        bench, at = held(rig, 0.12)
+        start = rig.with_effect("axle", "coulomb_friction", {"torque": 0.2})
+        motion = motion_of(bench, rig, bench.gains(rig, at))
+        model = Problem(bench, start, [("axle", "coulomb_friction")], motion).ladder(at)
+        sizes.append(model.rig.effects["axle"]["coulomb_friction"]["torque"])
+    assert sizes == pytest.approx([0.12] * 3, rel=0.01)
 
 
 def test_a_log_that_a_simulation_made_follows_its_own_steps(rig):
