@@ -231,21 +231,46 @@ class Columns:
             most = float(np.linalg.norm(size)) if both else max(float(size[0]), 0.0)
             yield h, most + errors * float(error.max())
 
-    def _each(self, at: slice) -> tuple[Floats, Floats]:
-        """Products of columns, those of each recording for themselves, with one another and with the innovations."""
+    def _each(self, a: slice, b: slice | None = None) -> tuple[Floats, Floats]:
+        """Products of columns, those of each recording for themselves, with others (as they are None: themselves).
+
+        Returns
+        -------
+        (recordings, a, recordings, b) products; (recordings, a) those with the innovations.
+        """
+        b = b or a
         J, gram, side, e0 = self._base
-        count, n, first = len(self.bench.recordings), at.stop - at.start, 0
-        own, cross = np.zeros((count, n, count, n)), np.zeros((count, n, J.shape[1]))
-        r = np.zeros((count, n))
+        count, n, m, first = len(self.bench.recordings), a.stop - a.start, b.stop - b.start, 0
+        own, cross, r = (
+            np.zeros((count, n, count, m)),
+            np.zeros((2, count, max(n, m), J.shape[1])),
+            np.zeros((count, n)),
+        )
         for p in self.bench.predictors:
             k, rows = self.bench.recordings.index(p.readings.recording), slice(first, first + p.readings.y.size)
-            first, T = rows.stop, self._T[at, rows]
-            own[k, :, k] += T @ T.T
-            cross[k] += T @ J[rows]
+            first, T = rows.stop, self._T[a, rows]
+            own[k, :, k] += T @ self._T[b, rows].T
+            cross[0, k, :n] += T @ J[rows]
+            cross[1, k, :m] += self._T[b, rows] @ J[rows]
             r[k] += T @ e0[rows]
-        flat = cross.reshape(count * n, -1)
-        by = np.linalg.solve(gram, flat.T).T
-        return own.reshape(count * n, -1) - by @ flat.T, r.ravel() - by @ side
+        by = np.linalg.solve(gram, cross[0, :, :n].reshape(count * n, -1).T).T
+        taken = by @ cross[1, :, :m].reshape(count * m, -1).T
+        return own - taken.reshape(own.shape), r - (by @ side).reshape(r.shape)
+
+    def _of(self, h: Hypothesis, at: slice) -> tuple[Floats, Floats]:
+        """Products of a hypothesis' columns and with innovations, of each recording where its phase is free in each."""
+        if not h.recordings:
+            return self._blocks[h], self._r[at]
+        g, r = self._each(at)
+        return g.reshape(r.size, -1), r.ravel()
+
+    def _between(self, a: tuple[Hypothesis, slice], b: tuple[Hypothesis, slice]) -> Floats:
+        """Products of the columns of one hypothesis with those of another, as :meth:`_of` has them."""
+        g, _ = self._each(a[1], b[1])
+        for axis, (h, _) in ((0, a), (2, b)):
+            g = g if h.recordings else g.sum(axis=axis, keepdims=True)
+        found: Floats = g.reshape(g.shape[0] * g.shape[1], -1)
+        return found
 
     def differing(self) -> list[tuple[float, Hypothesis, Floats]]:
         """What each name would explain, had it a size in each recording, beside what it explains with one for all.
@@ -257,7 +282,9 @@ class Columns:
         for h, at in self.hypotheses:
             if h.effect.is_table or (np.diag(self._blocks[h]) < OWN).any():
                 continue
-            g, r = self._each(at)
+            own, with_each = self._each(at)
+            r = with_each.ravel()
+            g = own.reshape(r.size, -1)
             theta = np.linalg.lstsq(g, -r, rcond=OWN)[0]
             each = theta.reshape(-1, at.stop - at.start) / self.scale[at]
             if h.recordings:  # one size, at the phase of each
@@ -312,23 +339,24 @@ class Columns:
                 best = Proposal(gain, ((h, theta),), np.sqrt(share) * D, errors)
         return best
 
-    def _ranked(self, first: Hypothesis | None = None, at_first: slice | None = None) -> list[Proposal]:
+    def _ranked(self, beside: tuple[Hypothesis, slice] | None = None) -> list[Proposal]:
         """The best of each name, best first; beside a first hypothesis where one is given."""
-        beside = self._products(slice(None), at_first) if at_first is not None else None
         best: dict[Key, Proposal] = {}
+        if beside is not None:
+            first, shared = beside[0], self._products(slice(None), beside[1])
+            g1, r1 = self._of(*beside)
         for h, at in self.hypotheses:
-            g, r = self._blocks[h], self._r[at]
-            if first is not None and at_first is not None and beside is not None:
-                if h.key == first.key:
-                    continue
-                c, g1 = beside[at], self._blocks[first]
+            if beside is not None and h.key == first.key:
+                continue
+            g, r = self._of(h, at)
+            if beside is not None:
+                turned = h.recordings or first.recordings
+                c = self._between((h, at), beside) if turned else shared[at]
                 if first.as_it_is:
-                    r = r + c[:, 0] * self.scale[at_first][0]
+                    r = r + c[:, 0] * self.scale[beside[1]][0]
                 else:
-                    taken = np.linalg.solve(g1 + 1e-12 * np.eye(len(g1)), np.column_stack([c.T, self._r[at_first]]))
+                    taken = np.linalg.solve(g1 + 1e-12 * np.eye(len(g1)), np.column_stack([c.T, r1]))
                     g, r = g - c @ taken[:, :-1], r - c @ taken[:, -1]
-            elif h.recordings:
-                g, r = self._each(at)
             found = self.single(h, at, g, r)
             if found is not None and (h.key not in best or found.gain > best[h.key].gain):
                 best[h.key] = found
@@ -340,7 +368,7 @@ class Columns:
         slices = dict(self.hypotheses)
         for first in firsts:
             ((h, _),) = first.parts
-            for second in self._ranked(h, slices[h])[:partners]:
+            for second in self._ranked((h, slices[h]))[:partners]:
                 both = Proposal(first.gain + second.gain, (*first.parts, *second.parts))
                 if both.keys not in best or both.gain > best[both.keys].gain:
                     best[both.keys] = both

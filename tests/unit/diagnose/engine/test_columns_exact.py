@@ -12,10 +12,13 @@ from dtbacklash.diagnose.engine.columns import Columns
 from dtbacklash.diagnose.engine.exact import Model, Problem
 from dtbacklash.diagnose.engine.free import Key, standing, taken_out
 from dtbacklash.diagnose.engine.motion import Motion, motion_of
+from dtbacklash.diagnose.engine.predictor import Predictor
+from dtbacklash.diagnose.engine.readings import readings
+from dtbacklash.diagnose.engine.simulated import Simulated
 from dtbacklash.physics.effects.table import VALUES, weights
 from dtbacklash.physics.rig import Rig
 
-from .conftest import STEP_S, bench_of, command, recorded
+from .conftest import STEP_S, bench_of, command, recorded, with_sensors
 
 
 @dataclass(frozen=True)
@@ -196,7 +199,7 @@ def test_what_columns_promise_is_by_least_squares():
         made = columns.T[slices[first]]
         base, beside = (columns.base + made[0], ()) if first.as_it_is else (columns.base, tuple(made))
         before = columns.left(base, *beside)
-        others = columns._ranked(first, slices[first])
+        others = columns._ranked((first, slices[first]))
         assert len(others) >= 5
         assert first.key not in {p.parts[0][0].key for p in others}
         for p in others[:8]:
@@ -298,3 +301,29 @@ def test_a_rig_that_cannot_be_compiled_is_passed_over():
     assert problem.better_start(sizes) == pytest.approx(problem.start())
     assert problem.solve(sizes, problem.start(), 2)[1] == np.inf
     assert problem.ladder(sizes) is None
+
+
+def test_two_laws_over_a_position_that_begins_anywhere_have_phases_in_each_recording():
+    """Zeros half a turn apart: with one phase for both, weight and a cogging of odd periods would add up to nothing."""
+    nominal, found = nominal_rig("pendulum"), []
+    nominal = with_sensors(nominal, theta={"of": "disk", "quantity": "position"})
+    weight, cogging, zeros = ("disk", "gravity"), ("disk", "cogging"), (0.0, -np.pi)
+    for k, zero in enumerate(zeros):
+        rig = nominal.with_effect(*weight, {"torque": 0.03, "phase": 0.6 + zero})
+        rig = rig.with_effect(*cogging, {"torque": 0.03, "periods": 7.0, "phase": 0.3 + zero})
+        u = command(8.0, 0.6, 1 + k)
+        y = recorded(rig, u, seed=k)
+        found.append(Predictor(nominal, Simulated(readings(u, y, tuple(y), STEP_S, 1, False, None, k))))
+    bench = Bench(nominal, tuple(found))
+    assert bench.anywhere == (0, 1)
+    model, _ = recalibrated(nominal, bench)
+    columns = Columns(bench, model, bench.scaled(model.sizes, 0.1))
+    pair = columns.pairs(columns.ranked[:3])[0]
+    assert pair.keys == (cogging, weight)
+    rig = pair.put(nominal)
+    for k, zero in enumerate(zeros):
+        there = rig.of(k)
+        for key, phase in ((weight, 0.6 + zero), (cogging, 0.3 + zero)):
+            values = there.effects[key[0]][key[1]]
+            assert values["torque"] == pytest.approx(0.03, rel=0.3)
+            assert abs(np.angle(np.exp(1j * (values["phase"] - phase)))) < 0.4
