@@ -10,12 +10,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dtbacklash.diagnose.engine.columns import Columns
-from dtbacklash.diagnose.engine.differences import MOST, differing, freed, joined
+from dtbacklash.diagnose.engine.differences import MOST, differing, freed, joined, named_apart
 from dtbacklash.diagnose.engine.exact import Model
 from dtbacklash.diagnose.engine.free import Key
 from dtbacklash.diagnose.engine.judge import STRETCHES, lead
 from dtbacklash.diagnose.engine.search import STRICT, Search
-from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 
 #: so many of the likeliest changes are fitted, of each set of columns
@@ -99,17 +98,7 @@ def _ranked(search: Search, model: Model, at: Model) -> list[tuple[str, Rig, tup
         (gain, title, freed(model.rig, title, bench.recordings), model.keys)
         for gain, title in differing(bench, at, search.motion)
     ]
-    columns = Columns(bench, model, at.sizes)
-    for gain, h, sizes in columns.differing():
-        size = h.effect.size
-        title = f"{h.place}.{h.effect.name}.{size.name}"
-        owned = ((k, title) for k in bench.recordings)
-        each = dict(zip(owned, np.clip(sizes, size.low, size.high), strict=True))
-        try:
-            rig = h.put(model.rig, None if h.as_it_is else sizes[np.argmax(np.abs(sizes))][None])
-        except UserError:
-            continue
-        found.append((gain, title, rig.owning(each), (*model.keys, h.key)))
+    found += named_apart(bench, model, Columns(bench, model, at.sizes).differing())
     return [row[1:] for row in sorted(found, key=lambda row: -row[0]) if row[0] > 0.0]
 
 

@@ -7,7 +7,6 @@ explain follows from the columns that a fit has anyway, with all that is shared 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +16,9 @@ from dtbacklash.diagnose.engine.bench import Bench
 from dtbacklash.diagnose.engine.columns import OWN
 from dtbacklash.diagnose.engine.exact import Model, Problem
 from dtbacklash.diagnose.engine.free import Free, Key
+from dtbacklash.diagnose.engine.hypotheses import Hypothesis
 from dtbacklash.diagnose.engine.motion import Motion
+from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig, build_rig
 
@@ -28,11 +29,11 @@ if TYPE_CHECKING:
 FITTED, MOST = 2, 4
 
 
-def differ(search: Search, named: Sequence[Model], proposed: Sequence[tuple[Rig, tuple[Key, ...]]]) -> bool:
+def differ(search: Search, named: Sequence[Model]) -> bool:
     """Free in each recording what differs between them, of the present model or of one with a new name; whether.
 
-    named : models with a new name that is shared. proposed : rigs with new names, and all their names; those of the
-    likeliest are fitted with sizes that differ, where what is shared leaves much unknown.
+    named : models with a new name that is shared. Where those leave much unknown, the names that explain most beyond
+    what they do with one size are fitted with a size in each recording: one recording alone may have it.
 
     It has to earn what a name has to, and more than the best new name. A parameter of the rig is not freed while much
     is unknown: it would stand for what is missing.
@@ -48,7 +49,7 @@ def differ(search: Search, named: Sequence[Model], proposed: Sequence[tuple[Rig,
                 if "." in title or left < max(rules.much, min(rules.left, rules.clears * search.unknown(now))):
                     found.append((done, title))
     if not named or search.unknown(named[0]) > rules.left:
-        found += _differing_names(search, proposed)
+        found += _differing_names(search)
     if not found:
         return False
     best, title = min(found, key=lambda one: one[0].score)
@@ -60,19 +61,34 @@ def differ(search: Search, named: Sequence[Model], proposed: Sequence[tuple[Rig,
     return True
 
 
-def _differing_names(search: Search, proposed: Sequence[tuple[Rig, tuple[Key, ...]]]) -> list[tuple[Model, str]]:
-    """The likeliest new names, one alone, each with a size that is free in each recording."""
+def _differing_names(search: Search) -> list[tuple[Model, str]]:
+    """The likeliest new names, one alone, each with a size that is free in each recording, from what each asks for."""
     found: list[tuple[Model, str]] = []
-    tried: set[Key] = set()
-    for rig, keys in proposed:
-        if len(keys) != len(search.now.keys) + 1 or keys[-1] in tried or len(tried) >= FITTED:
-            continue
-        tried.add(keys[-1])
-        place, name = keys[-1]
-        title = f"{place}.{name}.{find(rig.kind_at(place), name, place).size.name}"
-        model = replace(search.now, rig=rig, keys=keys)
-        if (done := _freed(search, model, title, (0.1, 0.1, 1.0))) is not None:
+    for gain, title, rig, keys in named_apart(search.bench, search.now, search.apart)[:FITTED]:
+        done = search.fitted(rig, search.now, keys, (0.1, 0.1, 1.0), 5) if gain > search.least else None
+        if done is not None and not done.at_end:
             found.append((done, title))
+    return found
+
+
+def named_apart(
+    bench: Bench, model: Model, differing: Sequence[tuple[float, Hypothesis, Floats]]
+) -> list[tuple[float, str, Rig, tuple[Key, ...]]]:
+    """Gain, title, rig with a new name whose size is each recording's own, and all its names, best first.
+
+    differing : :meth:`.Columns.differing` of the model.
+    """
+    found = []
+    for gain, h, sizes in differing:
+        size = h.effect.size
+        title = f"{h.place}.{h.effect.name}.{size.name}"
+        owned = ((k, title) for k in bench.recordings)
+        each = dict(zip(owned, np.clip(sizes, size.low, size.high), strict=True))
+        try:
+            rig = h.put(model.rig, None if h.as_it_is else sizes[np.argmax(np.abs(sizes))][None])
+        except UserError:
+            continue
+        found.append((gain, title, rig.owning(each), (*model.keys, h.key)))
     return found
 
 

@@ -16,6 +16,7 @@ from dtbacklash.diagnose.engine.differences import alike, differ
 from dtbacklash.diagnose.engine.exact import STIFF, Model, Problem, share_of, without_name
 from dtbacklash.diagnose.engine.factors import Off
 from dtbacklash.diagnose.engine.free import Key, taken_out
+from dtbacklash.diagnose.engine.hypotheses import Hypothesis
 from dtbacklash.diagnose.engine.motion import Motion, motion_of
 from dtbacklash.diagnose.engine.predictor import LOST
 from dtbacklash.diagnose.settings import SETTINGS, DiagnoseSettings
@@ -50,6 +51,7 @@ class Search:
     tried : names -> the least score that an exact fit with them had. likely : what a glance shows first.
     most : so many names are looked for. begin : a gain that is so far off that the search begins with it.
     differences : titles of what is free in each recording as the search found it to differ.
+    apart : what names with a size in each recording would explain beside the model that was last proposed to.
     """
 
     bench: Bench
@@ -64,6 +66,7 @@ class Search:
     gains: dict[Key, float] = field(default_factory=dict)
     likely: Key | None = None
     differences: tuple[str, ...] = ()
+    apart: list[tuple[float, Hypothesis, Floats]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         """Recalibrate the nominal rig."""
@@ -167,6 +170,7 @@ class Search:
             if share == 1.0 and not quick:
                 for p in ranked:
                     self.gains.setdefault(p.keys[0], p.gain)
+                self.apart = columns.differing() if len(bench.recordings) > 1 else []
             ranked = [p for p in ranked if far or p.gain > 0.3 * self.rules.worth * bench.count]
             chosen: list[Proposal] = ranked[:singles] + (columns.pairs(ranked[:5])[:pairs] if pairs else [])
             for p in ranked[:singles]:  # the simpler law that it may become
@@ -305,7 +309,7 @@ class Search:
             if proposed:
                 self.tell(f"round {there + 1}: fitting the {len(proposed)} likeliest", 0.1 + 0.1 * there)
             found = self.sifted(self.now, proposed)
-            if differ(self, found, proposed):
+            if differ(self, found):
                 been.clear()
                 continue
             if not found:
