@@ -257,9 +257,10 @@ class Instance:
         """
         try:
             self.fmu.setContinuousStates((self._doubles * len(x))(*x), len(x))
-            self.fmu.enterEventMode()
-            self._decide()
-            self.fmu.enterContinuousTimeMode()
+            if self.model.signs:
+                self.fmu.enterEventMode()
+                self._decide()
+                self.fmu.enterContinuousTimeMode()
         except Exception as error:
             raise UserError("rig.model", self.model.path, f"the FMU refuses a state: {self._why(error)}") from error
 
