@@ -83,7 +83,7 @@ def _titles(key: str, rig: Rig, name: str) -> dict[str, float]:
 
 def _checked(key: str, rig: Rig, title: str, value: object) -> float:
     """A value in SI that the rig can have there."""
-    place, *rest = title.split(".")
+    place, *rest = rig.path(title)
     if not rest:
         nominal = rig.config.parameters[title]
         size, unit = in_si(key, value)

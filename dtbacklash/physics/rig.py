@@ -119,6 +119,10 @@ class Rig:
                 own[recording][title] = value
         return replace(self, own=tuple(own))
 
+    def path(self, title: str) -> tuple[str, ...]:
+        """What a title names: (parameter,), whose name may have dots in a simulator's model, or (place, more, ...)."""
+        return (title,) if title in self.config.parameters else tuple(title.split("."))
+
     def laws(self) -> dict[str, Any]:
         """The declarations of the laws that a user wrote: those of its file, and those that it has as effects."""
         used = {name for there in self.effects.values() for name in there}
@@ -294,13 +298,11 @@ def _as_in(rig: Rig, own: Mapping[str, float]) -> Rig:
     values: dict[tuple[str, ...], float] = {}
     zeros: dict[str, float] = {}
     for title, value in own.items():
-        place, *rest = title.split(".")
+        place, *rest = path = rig.path(title)
         if rest == [ZERO]:
             zeros[place.removeprefix(SENSOR_PREFIX)] = value
-        elif title in rig.config.parameters:
-            values[(title,)] = value
-        elif rest and rig.effect(place, rest[0]) is not None:
-            values[place, *rest] = value
+        elif not rest or (rest and rig.effect(place, rest[0]) is not None):
+            values[path] = value
     if len(zeros) < len(own):
         rig = build_rig(rig.config.with_values(values))
     sensors = {n: replace(s, zero=zeros[n]) if n in zeros else s for n, s in rig.sensors.items()}

@@ -102,7 +102,7 @@ def _freed(search: Search, model: Model, title: str, rungs: tuple[float, ...] = 
 def alike(search: Search) -> None:
     """Share again what was found to differ, if it differs by less than it is worth; or free another in its place."""
     for title in search.differences:
-        place, *rest = title.split(".")
+        place, *rest = search.now.rig.path(title)
         others = tuple(t for t in search.differences if t != title)
         if rest and search.now.rig.effect(place, rest[0]) is None:
             search.differences = others
@@ -172,10 +172,10 @@ def joined(rig: Rig, title: str, recordings: Sequence[int]) -> Rig:
     """The rig in which what was each recording's own is shared again, in their middle."""
     middle = float(np.median([rig.own[k][title] for k in recordings]))
     rig = rig.owning({(k, title): None for k in recordings})
-    return build_rig(rig.config.with_values({tuple(title.split(".")): middle}), rig.own)
+    return build_rig(rig.config.with_values({rig.path(title): middle}), rig.own)
 
 
 def shared_value(rig: Rig, title: str) -> float:
     """A parameter's value that recordings share, SI."""
-    place, *rest = title.split(".")
+    place, *rest = rig.path(title)
     return rig.effects[place][rest[0]][rest[1]] if rest else rig.config.parameters[title].value

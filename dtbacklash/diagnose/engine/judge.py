@@ -118,6 +118,7 @@ class Judge:
             best = max((p.gain for p in rest if p.keys[0][0] == key[0]), default=0.0)
             adds[key] = max(best, 0.0) / max(explains[key], 1e-300)
             lost = sum(r.beaten for r in rivals[key]) < len(rivals[key]) or not rivals[key]
+            lost = lost or not entry.is_told(search.motion(key[0]))
             # where a number of the rig does the same, only ratios show, and no size is known
             if not (lost or numbers) and adds[key] < self.rules.alike and search.unknown(model) < self.rules.left:
                 sure.add(key)

@@ -41,6 +41,8 @@ CORNER_ERROR = 2e-3
 SAMPLES_A_PERIOD, PERIODS = 4.0, 2.0
 #: of what waves over a position, as much of a wave has to lie within the way
 WAVES = 0.5
+#: over less of a turn what goes with its sine is no more than a spring, or a wave of any length (share)
+TOLD = 0.1
 
 
 class Role(StrEnum):
@@ -318,6 +320,11 @@ class Effect:
     def is_shown(self, place: Place) -> bool:
         """Whether a recording can show the effect at all: a law that waves, some wave number of it."""
         return all(high > low for low, high in self._waves_at(place).values())
+
+    def is_told(self, place: Place) -> bool:
+        """Whether the way at a place tells a law of one wave a turn from waves of other lengths."""
+        once = self.of_role(Role.ANGLE) is not None and self.of_role(Role.WAVE) is None
+        return not (once and 0.0 < place.way < 2.0 * np.pi * TOLD)
 
     def _waves_at(self, place: Place) -> Bounds:
         """The wave numbers that a recording can show."""

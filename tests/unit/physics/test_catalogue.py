@@ -23,6 +23,14 @@ PLACE = Place(
 )  # fmt: skip
 
 
+def test_a_small_way_tells_no_wave_of_a_turn():
+    """Over 0.1 rad a cogging of eight waves is the same spring as an off-centre mass."""
+    small, large = replace(PLACE, way=0.1), replace(PLACE, way=3.0)
+    cogging, eccentric = CATALOGUE["rotor", "cogging"], CATALOGUE["sensor", "eccentricity"]
+    assert [e.is_told(small) for e in (GRAVITY, eccentric, cogging)] == [False, False, True]
+    assert all(e.is_told(large) for e in (GRAVITY, eccentric, cogging))
+
+
 def test_every_effect_has_a_slot_starts_and_a_concealed_size():
     for key, effect in CATALOGUE.items():
         whole(key, effect)
