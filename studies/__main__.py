@@ -160,6 +160,11 @@ def _simulators(options: argparse.Namespace) -> Result:
     return found, simulators.simulator_words(found)
 
 
+def _arms(options: argparse.Namespace) -> Result:
+    found = simulators.simulator_rows(options.n, options.seed, options.out / "arms_cases.csv", simulators.OWN)
+    return found, simulators.simulator_words(found)
+
+
 def _nimc_forms(options: argparse.Namespace) -> Result:
     grid = nimc_forms.run_grid(lambda said: console.print(said, style="dim"))
     grid.to_csv(options.out / "nimc_forms_runs.csv", index=False)
@@ -216,6 +221,9 @@ STUDIES = {
     "simulators": Study(
         "Concealed recordings on MuJoCo models of gymnasium (extra mujoco): names, those that are sure with an !",
         _simulators, 10, 0, asked=True,
+    ),
+    "arms": Study(
+        "The same on an arm of six joints, 30 s at 500 Hz each", _arms, 7, 0, asked=True,
     ),
     "crossing": Study(
         "The twin's controller beside the paper's on random machines, lives of 100 s", _crossing, 1000, 1, asked=True

@@ -1,9 +1,9 @@
-"""Concealed recordings on MuJoCo models that nobody here wrote: those in gymnasium's wheel, in closed loop.
+"""Concealed recordings on MuJoCo models in closed loop: two of gymnasium's wheel, and an arm of six joints.
 
 Models and laws (or that nothing is hidden) take turns, the joint and all sizes are drawn. The machine is the model with
 masses and dampings off within their tolerances, in steps twenty times finer, with the law as a formula of its own. A
-controller on counts and noise moves it; the diagnosis gets the log and the model as gymnasium has it (extra mujoco;
-gymnasium is only looked for, as a folder).
+controller on counts and noise moves it; the diagnosis gets the log and the model as it was (extra mujoco; gymnasium is
+only looked for, as a folder).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -24,12 +24,54 @@ from dtbacklash.arrays import Floats
 from dtbacklash.physics.mjcf import new_rig
 from studies.measure import Row
 
-#: model -> joints that never move, size of the reference or of the push, and a count of each joint, m or rad
-MODELS: dict[str, tuple[list[str], float, list[float]]] = {
-    "inverted_double_pendulum": ([], 0.12, [1e-5, 2 * np.pi / 65536, 2 * np.pi / 65536]),
-    "reacher": (["target_x", "target_y"], 0.5, [2 * np.pi / 65536] * 2),
-}
-SAMPLES, FINER, WARM = 1500, 20, 200
+COUNT = 2 * np.pi / 65536
+
+
+class Moved(NamedTuple):
+    """A model as it is moved. fixed : joints that never move. reach : size of the reference or of the push.
+
+    counts : of each joint, m or rad. gains : by actuator, proportional and derivative ones; None: an LQG's. most : what
+    an actuator is told at most. fed : whether it is told what the model needs for the reference, too. samples : that
+    are recorded.
+    """
+
+    fixed: tuple[str, ...]
+    reach: float
+    counts: list[float]
+    gains: tuple[list[float], list[float]] | None
+    most: float = 1.0
+    fed: bool = False
+    samples: int = 1500
+
+
+MODELS = {
+    "inverted_double_pendulum": Moved((), 0.12, [1e-5, COUNT, COUNT], None),
+    "reacher": Moved(("target_x", "target_y"), 0.5, [COUNT] * 2, ([0.6] * 2, [0.06] * 2)),
+    "arm": Moved((), 0.3, [COUNT / 4] * 6, ([14, 14, 3.3, 0.6, 0.6, 0.3], [1.1, 1.1, 0.27, 0.05, 0.05, 0.025]),
+                 5.0, True, 15000),
+}  # fmt: skip
+#: those that take turns in a study, and the arm's
+OTHERS, OWN = ("inverted_double_pendulum", "reacher"), ("arm",)
+#: an arm of six geared joints, of 18 kg and 0.9 m
+ARM = """<mujoco model="arm"><option timestep="0.002"/><default>
+<joint type="hinge" axis="0 1 0"/><geom type="capsule" size="0.05" contype="0" conaffinity="0"/><motor gear="100"/>
+<default class="wrist"><joint damping="0.6" armature="0.06"/><geom size="0.035"/><motor gear="50"/></default></default>
+<worldbody><body name="base" pos="0 0 0.1"><joint name="yaw" axis="0 0 1" damping="6" armature="0.8"/>
+<geom fromto="0 0 0 0 0 0.12" mass="3.7"/>
+<body name="upper" pos="0 0 0.12"><joint name="shoulder" damping="6" armature="0.8"/>
+<geom fromto="0 0 0 0 0 0.42" mass="8"/>
+<body name="fore" pos="0 0 0.42"><joint name="elbow" damping="4" armature="0.5"/>
+<geom fromto="0 0 0 0 0 0.38" mass="3"/>
+<body name="wrist" pos="0 0 0.38" childclass="wrist"><joint name="roll" axis="0 0 1"/>
+<geom fromto="0 0 0 0 0.08 0" mass="1.2"/>
+<body name="palm" pos="0 0.08 0"><joint name="pitch"/><geom fromto="0 0 0 0.05 0 0.1" mass="1.2"/>
+<body name="hand" pos="0.05 0 0.1"><joint name="twist" axis="0 0 1" damping="0.3" armature="0.03"/>
+<geom fromto="0 0 0 0.06 0.03 0.09" mass="0.6"/></body></body></body></body></body></body></worldbody>
+<actuator><motor name="m1" joint="yaw"/><motor name="m2" joint="shoulder"/><motor name="m3" joint="elbow"/>
+<motor name="m4" joint="roll" class="wrist"/><motor name="m5" joint="pitch" class="wrist"/>
+<motor name="m6" joint="twist" class="wrist"/></actuator></mujoco>
+"""
+WARM, FINER = 200, 20
 MASSES, DAMPINGS = 0.05, 0.3
 #: what is hidden: its name in the catalogue (of what turns), or empty
 LAWS = ("coulomb_friction", "viscous_friction", "cogging", "constant_load", "quadratic_drag", "delay", "")
@@ -38,12 +80,14 @@ ALIKE = {"constant_load": {"constant_load", "constant_force"}}
 Law = Callable[[Floats, Floats], Floats]
 
 
-def folder() -> Path:
-    """gymnasium's models."""
+def text_of(name: str) -> str:
+    """A model's MJCF: our arm's, or one of gymnasium's."""
+    if name in OWN:
+        return ARM
     found = importlib.util.find_spec("gymnasium")
     if found is None or found.origin is None:
         raise SystemExit("the study needs gymnasium's models: pip install --no-deps gymnasium")
-    return Path(found.origin).parent / "envs" / "mujoco" / "assets"
+    return (Path(found.origin).parent / "envs" / "mujoco" / "assets" / f"{name}.xml").read_text()
 
 
 def law_of(name: str, j: int, share: float, force: Floats, speed: Floats, phase: float) -> Law:
@@ -68,10 +112,9 @@ class Machine:
     def __init__(self, name: str, rng: np.random.Generator) -> None:
         import mujoco
 
-        self.mj, self.name = mujoco, name
-        fixed, self.reach, self.counts = MODELS[name]
-        spec = mujoco.MjSpec.from_file(str(folder() / f"{name}.xml"))
-        for joint in fixed:
+        self.mj, self.moved = mujoco, MODELS[name]
+        spec = mujoco.MjSpec.from_string(text_of(name))
+        for joint in self.moved.fixed:
             spec.delete(spec.joint(joint))
         self.plain, self.m = spec.compile(), spec.compile()
         self.m.body_mass *= (ratio := 1.0 + MASSES * np.clip(rng.standard_normal(self.m.nbody), -2, 2))
@@ -80,10 +123,24 @@ class Machine:
         self.step_s = self.m.opt.timestep
         self.m.opt.timestep /= FINER
         mujoco.mj_setConst(self.m, mujoco.MjData(self.m))
-        self.t = self.step_s * np.arange(SAMPLES + WARM)
+        self.t = self.step_s * np.arange(self.moved.samples + WARM)
         hz, phases = np.array([0.17, 0.31, 0.53, 0.83, 1.31, 1.9]), rng.uniform(0.0, 6.28, (self.m.nu, 6))
         waves = np.sin(6.283 * hz[:, None] * self.t + phases[..., None]) / (1.0 + hz[:, None])
-        self.reference = self.reach * waves.sum(axis=1).T
+        self.reference = self.moved.reach * waves.sum(axis=1).T
+
+        self.feed = self.needed() if self.moved.fed else np.zeros_like(self.reference)
+
+    def needed(self) -> Floats:
+        """(N, commands) what moves the plain model along the reference, where each joint has an actuator."""
+        d, q = self.mj.MjData(self.plain), self.reference
+        v = np.gradient(q, self.step_s, axis=0)
+        a = np.gradient(v, self.step_s, axis=0)
+        feed = np.zeros_like(q)
+        for k in range(len(q)):
+            d.qpos[:], d.qvel[:], d.qacc[:] = q[k], v[k], a[k]
+            self.mj.mj_inverse(self.plain, d)
+            feed[k] = d.qfrc_inverse / self.plain.actuator_gear[:, 0] + np.array(self.moved.gains)[1] * v[k]
+        return feed
 
     def gains(self) -> tuple[Floats, Floats]:
         """An LQG of the plain model about its rest: feedback, and the correction of its state."""
@@ -102,21 +159,24 @@ class Machine:
 
     def run(self, law: Law, late: int, rng: np.random.Generator) -> tuple[Floats, Floats, Floats]:
         """(N, commands), (N, joints) as counted, and (N, joints) true speeds. late : samples, of the last joint."""
-        d, n, counts = self.mj.MjData(self.m), self.m.nv, np.array(self.counts)
-        F, L = self.gains() if self.name == "inverted_double_pendulum" else (np.zeros(0), np.zeros(0))
-        x, last = np.zeros(2 * n), np.zeros(n)
+        d, n, counts = self.mj.MjData(self.m), self.m.nv, np.array(self.moved.counts)
+        gains, most = np.array(self.moved.gains or 0.0), self.moved.most
+        F, L = self.gains() if self.moved.gains is None else (np.zeros(0), np.zeros(0))
+        if self.moved.fed:
+            d.qpos[:] = self.reference[0]
+        x, last = np.zeros(2 * n), d.qpos.copy()
         U, Y, V, past = [], [], [], [d.qpos.copy()] * (late + 1)
-        for r in self.reference:
+        for r, feed in zip(self.reference, self.feed, strict=True):
             past.append(d.qpos.copy())
             y = d.qpos.copy()
             y[-1] = past[-1 - late][-1]
             y = np.round((y + 0.5 * counts * rng.standard_normal(n)) / counts) * counts
             if len(F):
                 x = x + L @ (y - x[:n])
-                u = np.clip(-F @ x + r, -1.0, 1.0)
+                u = np.clip(-F @ x + r, -most, most)
                 x = self.A @ x + self.B @ u
             else:
-                u = np.clip(0.6 * (r - y) - 0.06 * (y - last) / self.step_s, -1.0, 1.0)
+                u = np.clip(feed + gains[0] * (r - y) - gains[1] * (y - last) / self.step_s, -most, most)
             last = y
             U.append(u)
             Y.append(y)
@@ -128,10 +188,10 @@ class Machine:
         return np.array(U)[WARM:], np.array(Y)[WARM:], np.array(V)[WARM:]
 
 
-def case(seed: int) -> Row:
-    """One concealed recording and what a diagnosis says of it."""
+def case(seed: int, models: tuple[str, ...]) -> Row:
+    """One concealed recording of one of these models, and what a diagnosis says of it."""
     rng = np.random.default_rng(seed)
-    name = list(MODELS)[seed % len(MODELS)]
+    name = models[seed % len(models)]
     machine = Machine(name, rng)
     _, _, V = machine.run(lambda q, v: np.zeros(len(q)), 0, rng)
     inverse = np.zeros((machine.m.nv, machine.m.nv))
@@ -139,24 +199,24 @@ def case(seed: int) -> Row:
     machine.mj.mj_forward(machine.m, d)
     machine.mj.mj_solveM(machine.m, d, inverse, np.eye(machine.m.nv))
     force = np.gradient(V, machine.step_s, axis=0).std(axis=0) / np.diag(inverse)
-    hidden, j = LAWS[seed // len(MODELS) % len(LAWS)], int(rng.integers(machine.m.nv))
+    hidden, j = LAWS[seed // len(models) % len(LAWS)], int(rng.integers(machine.m.nv))
     late = int(hidden == "delay") * int(rng.integers(1, 4))
     law = law_of(hidden, j, float(rng.uniform(0.1, 0.3)), force, V.std(axis=0), float(rng.uniform(0.0, 6.28)))
     U, Y, _ = machine.run(law, late, rng)
     joints = [machine.m.joint(k).name for k in range(machine.m.nv)]
     with tempfile.TemporaryDirectory() as place:
         model = Path(place) / f"{name}.xml"
-        model.write_bytes((folder() / model.name).read_bytes())
+        model.write_text(text_of(name))
         rig = model.with_suffix(".yaml")
-        fixed = MODELS[name][0]
+        fixed = MODELS[name].fixed
         text = [line for line in new_rig(str(model)).splitlines() if not any(f in line for f in fixed)]
         rig.write_text("\n".join([*text, f"fixed: [{', '.join(fixed)}]", ""]))
         commands = {c: U[:, k] for k, c in enumerate(dtb.load_rig(rig).config.commands)}
         frame = pd.DataFrame({"t": machine.step_s * np.arange(len(U)), **commands,
                               **{f"q_{b}": Y[:, k] for k, b in enumerate(joints)}})  # fmt: skip
-        begun = time.process_time()
-        found = dtb.diagnose(frame, rig, jobs=1)
-        seconds = time.process_time() - begun
+        begun, there = time.process_time(), time.monotonic()
+        found = dtb.diagnose(frame, rig, jobs=2)
+        seconds, wall = time.process_time() - begun, time.monotonic() - there
     place_hidden = f"sensor_q_{joints[-1]}" if hidden == "delay" else joints[j]
     names = ALIKE.get(hidden, {hidden})
     moved = sorted(found.diagnosis.recalibrated)
@@ -172,17 +232,18 @@ def case(seed: int) -> Row:
         "named": ", ".join(f"{p}.{e}{'!' if (p, e) in sure else ''}" for p, e in named) or "-",
         "recalibrated": ", ".join(moved), "right": damped or any(map(is_true, named)) if hidden else not named,
         "sure": len(sure),
-        "sure_false": sum(not is_true(one) for one in sure), "cpu_s": seconds,
+        "sure_false": sum(not is_true(one) for one in sure), "cpu_s": seconds, "wall_s": wall,
     }  # fmt: skip
 
 
-def simulator_rows(n: int, seed: int, kept: Path) -> list[Row]:
-    """A row a case; each is written as it is done."""
-    rows: list[Any] = []
-    for k in range(seed, seed + n):
-        rows.append(case(k))
+def simulator_rows(n: int, seed: int, kept: Path, models: tuple[str, ...] = OTHERS) -> list[Row]:
+    """A row a case; each is written as it is done, and those that are there already are taken from there."""
+    rows: list[Any] = pd.read_csv(kept).to_dict("records") if kept.is_file() else []
+    done = {row["seed"] for row in rows}
+    for k in (k for k in range(seed, seed + n) if k not in done):
+        rows.append(case(k, models))
         pd.DataFrame(rows).to_csv(kept, index=False)
-    return rows
+    return [row for row in rows if seed <= row["seed"] < seed + n]
 
 
 def simulator_words(rows: list[Row]) -> list[str]:
