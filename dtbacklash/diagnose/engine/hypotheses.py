@@ -13,11 +13,12 @@ from dtbacklash.diagnose.engine.motion import Motion
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import is_found
 from dtbacklash.physics.effects import slots
-from dtbacklash.physics.effects.declare import Effect, Place, Role, Values
+from dtbacklash.physics.effects.declare import Effect, Role, Values
 from dtbacklash.physics.effects.table import KNOTS, SHAPES, STATES, VALUES
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 
-#: wave numbers that are scanned: of a rotor up to so many a turn, of what slides so many over the way, at such steps
+#: wave numbers that are scanned: of a rotor up to so many a turn, and finer ones that stand out in what the
+#: predictor has to correct (:meth:`.Motion.ripples`); of what slides so many over the way, at such steps
 WAVES_A_TURN, WAVES_OF_WAY, WAVE_STEP = 48, 24, 0.25
 #: and of a law that has to be simulated for each of them
 WAVES_SIMULATED = 12
@@ -109,7 +110,7 @@ def hypotheses(
             if tables:
                 yield from _table(place, effect, motion)
             else:
-                yield from _laws(place, effect, motion(place), bench.anywhere)
+                yield from _laws(place, effect, motion, bench.anywhere)
 
 
 def unseen_positions(bench: Bench) -> set[str]:
@@ -149,8 +150,9 @@ def _of_both_signs(effect: Effect, states: dict[str, Floats]) -> bool:
     return bool(low < 0.0 < high)
 
 
-def _laws(place: str, effect: Effect, here: Place, anywhere: tuple[int, ...]) -> Iterator[Hypothesis]:
+def _laws(place: str, effect: Effect, motion: Motion, anywhere: tuple[int, ...]) -> Iterator[Hypothesis]:
     """A law at each of its starts, within what the recording can show. anywhere : see :class:`.Bench`."""
+    here = motion(place)
     if not effect.is_shown(here):
         return
     bounds, angle = effect.bounds_at(here), effect.of_role(Role.ANGLE)
@@ -158,9 +160,12 @@ def _laws(place: str, effect: Effect, here: Place, anywhere: tuple[int, ...]) ->
     wave = effect.of_role(Role.WAVE)
     if wave is not None:
         low, high = bounds.get(wave.name, (wave.low, wave.high))
-        if isinstance(effect.slot, slots.Lead):
-            high = min(high, WAVES_SIMULATED)
-        starts = [{**starts[0], wave.name: float(w)} for w in _waves(low, high, wave.unit == "1/rev", here.way)]
+        turns, lead = wave.unit == "1/rev", isinstance(effect.slot, slots.Lead)
+        waves = _waves(low, min(high, WAVES_SIMULATED) if lead else high, turns, here.way)
+        if turns and not lead:
+            finer = motion.ripples(place, WAVES_A_TURN)
+            waves = np.append(waves, finer[finer <= high])
+        starts = [{**starts[0], wave.name: float(w)} for w in waves]
     as_it_is = effect.size.role is not Role.SIZE or not effect.slot.proportional
     # a phase that scales with the size is two columns
     paired = angle is not None and not as_it_is and (effect.size.neutral == 0.0)

@@ -17,18 +17,21 @@ from dtbacklash.physics.rig import SENSOR_PREFIX, Element, Rig
 
 #: of the fastest speed, what is no standstill (share)
 MOVES = 0.02
+#: fine waves are looked for up to so many a turn; so many are taken, the largest, of so many times the median power
+FINEST_WAVE, RIPPLES, STANDS_OUT = 400, 4, 30.0
 
 
 class Motion:
     """Predicted states of all stretches, one after the other: places in motion, and the states that laws are over."""
 
-    def __init__(self, bench: Bench, rig: Rig, passes: list[Pass]) -> None:
+    def __init__(self, bench: Bench, rig: Rig, passes: list[Pass], kicks: Floats | None = None) -> None:
         linear, readings = bench.linear, [p.readings for p in bench.predictors]
         self.rig, self._linear = rig, linear
         X = np.concatenate([p.X[:, : len(linear.states)] for p in passes])
         n, v = len(linear.bodies), linear.speed
         self.position = dict(zip(linear.bodies, X[:, v - n : v].T, strict=True))
         self.speed = dict(zip(linear.bodies, X[:, v : v + n].T, strict=True))
+        self._kicks = {} if kicks is None else dict(zip(linear.bodies, kicks[:, v : v + n].T, strict=True))
         self.command = np.concatenate([r.u for r in readings])
         self._recorded = np.concatenate([r.recorded for r in readings])
         step = self.step_s = readings[0].sample_time_s
@@ -66,6 +69,43 @@ class Motion:
                 parts.append(np.nan_to_num(r.y[:, j]) - p.D[:, j] if j >= 0 else np.zeros(len(r.u)))
             found[channel] = np.concatenate(parts)
         return found
+
+    def ripples(self, name: str, above: float) -> Floats:
+        """Waves a turn of a place that turns, of more than a number, that stand out in what corrects its speed.
+
+        A force that is unknown there has to be corrected so.
+
+        Returns
+        -------
+        (up to RIPPLES,) whole numbers; none that passes by in less than four samples.
+        """
+        body = self._moved(self.rig.elements[name]) if name in self.rig.elements else None
+        if body not in self._kicks:
+            return np.zeros(0)
+        fastest = float(np.quantile(np.abs(self.speed[body]), 0.98)) * self.step_s
+        most = int(min(FINEST_WAVE, 0.5 * np.pi / fastest)) if fastest > 0.0 else 0
+        if most <= above:
+            return np.zeros(0)
+        bins, power = 8 * FINEST_WAVE, np.zeros(most + 2)
+        ends = np.cumsum([0, *(len(r.u) for r in self._readings)])
+        for number in {r.recording for r in self._readings}:  # positions begin anywhere in each
+            parts = [
+                slice(a, b) for r, a, b in zip(self._readings, ends, ends[1:], strict=False) if r.recording == number
+            ]
+            q, kick = (np.concatenate([x[part] for part in parts]) for x in (self.position[body], self._kicks[body]))
+            bin_of = np.floor(bins * (q / (2.0 * np.pi) % 1.0)).astype(int) % bins
+            power += np.abs(np.fft.rfft(np.bincount(bin_of, kick - kick.mean(), bins))[: most + 2]) ** 2
+        k = np.arange(max(int(above) + 1, 1), most + 1)
+        least = STANDS_OUT * np.median(power[k])
+        k = k[(power[k] >= power[k - 1]) & (power[k] >= power[k + 1]) & (power[k] > least)]
+        return np.sort(k[np.argsort(-power[k])[:RIPPLES]]).astype(float)
+
+    def unknown_means(self, stretches: int) -> dict[str, Floats]:
+        """Body -> (stretches,) mean acceleration that the predictor adds there; empty where its states are others."""
+        return {
+            body: np.array([np.mean(part) for part in np.array_split(kick, stretches)]) / self.step_s
+            for body, kick in self._kicks.items()
+        }
 
     def averaged(self, law: Callable[[Floats], Floats], drive: str = "") -> Floats:
         """(N,) a function of the command as recorded, or that of an actuator of several, averaged as the command is."""
@@ -171,13 +211,14 @@ class Motion:
 
 def motion_of(bench: Bench, rig: Rig, gains: list[Gains]) -> Motion:
     """The motion of a rig as predicted at given gains: in the middle of each sample, behind its correction."""
-    passes = []
+    passes, kicks = [], []
     for p, g in zip(bench.predictors, gains, strict=True):
         found = p.run(rig, g)
         X = found.X
         if X.shape[1] == g.K.shape[2]:
             Z = corrected(X, found.D, g, p.readings.which(g.opening, p.readings.y))
+            kicks.append(Z[:, : len(bench.linear.states)] - X[:, : len(bench.linear.states)])
             Z[:-1] = 0.5 * (Z[:-1] + X[1:])
             found = replace(found, X=Z)
         passes.append(found)
-    return Motion(bench, rig, passes)
+    return Motion(bench, rig, passes, np.concatenate(kicks) if len(kicks) == len(passes) else None)

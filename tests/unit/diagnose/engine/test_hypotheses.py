@@ -140,6 +140,17 @@ def test_a_law_of_ones_own_is_offered_and_one_that_another_recording_showed_only
     assert key in {h.key for h in offered(bringing, seen)}
 
 
+def test_a_wave_finer_than_those_that_are_scanned_stands_out_in_what_has_to_be_corrected():
+    rig, u = nominal_rig("pendulum"), command(6.0, RIGS["pendulum"])
+    still = moved(rig, bench_of(rig, u, recorded(rig, u)))
+    assert not len(still.ripples("disk", 48.0))
+    true = rig.with_effect("disk", "cogging", {"torque": 0.2 * still("disk").force, "periods": 72.0, "phase": 1.0})
+    seen = bench_of(rig, u, recorded(true, u))
+    assert 72.0 in moved(rig, seen).ripples("disk", 48.0)
+    assert 72.0 in [h.values["periods"] for h in offered(rig, seen) if h.key == ("disk", "cogging")]
+    assert not len(moved(rig, seen).ripples("disk", 400.0))
+
+
 def test_waves_are_scanned_over_whole_turns_and_over_the_way():
     rig, seen = bench("pendulum")
     (wave,) = {h.effect.of_role(Role.WAVE).name for h in offered(rig, seen) if h.key == ("disk", "cogging")}
