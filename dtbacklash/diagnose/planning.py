@@ -33,6 +33,7 @@ class Observed:
     sample_time_s, duration_s : of the longest recording. command : largest absolute command, in the rig's unit.
     travel, speed : body -> how far it went from where it began, and how fast, at most, SI.
     noise : channel -> rms, SI. unknown : body -> rms force that stays unknown, SI. open : the models.
+    slow : body -> rms over stretches of ``stretch_s`` of the mean force that the found rig lacks there, SI.
     """
 
     sample_time_s: float
@@ -43,6 +44,8 @@ class Observed:
     noise: dict[str, float]
     unknown: dict[str, float]
     open: tuple[OpenModel, ...] = field(repr=False, default=())
+    slow: dict[str, float] = field(default_factory=dict)
+    stretch_s: float = 0.0
 
     def to_json(self) -> dict[str, Any]:
         """``observed`` of ``diagnosis.json``."""

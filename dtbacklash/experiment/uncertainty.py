@@ -2,7 +2,10 @@
 
 The covariance of the fitted parameters is that of ``calibration`` in ``diagnosis.json``. Along each of its principal
 directions the rig is simulated one standard error to both sides; the mean squares of what that changes add up.
-Controller and twin stay as they are: they know nothing of it.
+
+So do those of a force at each body that the rig lacks, as large as the recording needed it on average over a stretch
+(``slow`` in ``observed``). It is simulated as a constant one; stretches are taken as independent, so that after n of
+them a force that adds up changes 1 / sqrt(n) of that. Controller and twin stay as they are: they know nothing of it.
 """
 
 import math
@@ -43,11 +46,14 @@ def with_band(result: RunResult, folder: str, progress: Callable[[float], None] 
     machine that diverges within the band.
     """
     config, rig = result.config, result.rig
-    steps = list(_steps(_calibration(folder), rig, folder))
+    found = _found(folder)
+    steps = list(_steps(found["calibration"], rig, folder))
+    forces, stretch_s = list(_forces(found.get("observed") or {}, rig)), (found.get("observed") or {}).get("stretch_s")
     columns = [c["column"] for c in result.summary["signals"] if c["signal"] != "u"]
-    here = result.trace[columns].to_numpy()
+    here, time_s = result.trace[columns].to_numpy(), result.trace["t_s"].to_numpy()
     beliefs, squares = beliefs_of(config), np.zeros_like(here)
-    for k, step in enumerate(steps):
+    for k, step in enumerate([*steps, *forces]):
+        changed = np.zeros_like(here)
         for side in (-1.0, 1.0):
             moved = _moved(rig, {title: side * by for title, by in step.items()})
             try:
@@ -55,28 +61,41 @@ def with_band(result: RunResult, folder: str, progress: Callable[[float], None] 
             except Diverged as error:
                 off = "within what the diagnosis leaves open the machine diverges, so that there is no band"
                 raise UserError("uncertainty", folder, off) from error
-            squares += 0.5 * (there - here) ** 2
+            changed += 0.5 * (there - here) ** 2
+        if k >= len(steps):  # another force in each stretch
+            changed *= np.minimum(1.0, stretch_s / np.maximum(time_s - time_s[0], 1e-9))[:, None]
+            changed = np.maximum.accumulate(changed, axis=0)
+        squares += changed
         if progress:
-            progress((k + 1) / len(steps))
+            progress((k + 1) / (len(steps) + len(forces)))
     half = NORMAL95 * np.sqrt(squares)
     ends = {"low": here - half, "high": here + half}
     bands = {f"{name}_{end}": v[:, j] for j, name in enumerate(columns) for end, v in ends.items()}
     result.trace = result.trace.assign(**bands)
     result.summary["uncertainty"] = {
-        "folder": folder, "directions": len(steps),
+        "folder": folder, "directions": len(steps), "unknown_forces": len(forces),
         "half_width_max": dict(zip(columns, half.max(axis=0).tolist(), strict=True)),
     }  # fmt: skip
 
 
-def _calibration(folder: str) -> Mapping[str, Any]:
+def _found(folder: str) -> Mapping[str, Any]:
     file = Path(folder) / "diagnosis.json"
     if not file.is_file():
         raise UserError("uncertainty", folder, "must be the folder of a diagnosis, with diagnosis.json")
-    found = read_json(file).get("calibration")
-    if not found or not found.get("parameters"):
+    found = read_json(file)
+    if not (found.get("calibration") or {}).get("parameters"):
         raise UserError("uncertainty", folder, "holds a diagnosis without intervals of parameters (calibration)")
     assert isinstance(found, dict)
     return found
+
+
+def _forces(observed: Mapping[str, Any], rig: Rig) -> Iterator[Step]:
+    """A constant force at each body that can have one, of the size that is unknown there."""
+    for body, size in observed.get("slow", {}).items():
+        constant = {"constant_force", "constant_load"} & set(rig.takes(body)) if body in rig.places else set()
+        if constant and size:
+            effect = rig.takes(body)[constant.pop()]
+            yield {f"{body}.{effect.name}.{effect.size.name}": size}
 
 
 def _steps(calibration: Mapping[str, Any], rig: Rig, folder: str) -> Iterator[Step]:
@@ -120,7 +139,11 @@ def _moved(rig: Rig, step: Step) -> Rig:
             continue
         place, effect, name = title.split(".", 2)
         bounds = next(p for p in find(rig.kind_at(place), effect, place).parameters if p.name == name)
-        values[place, effect, name] = min(max(rig.effects[place][effect][name] + by, bounds.low), bounds.high)
+        there = rig.effect(place, effect)
+        if there is None:
+            rig = rig.with_effect(place, effect, {name: by})
+        else:
+            values[place, effect, name] = min(max(there[name] + by, bounds.low), bounds.high)
     return build_rig(rig.config.with_values(values))
 
 

@@ -4,6 +4,8 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.conclusion import Conclusion
+from dtbacklash.diagnose.engine.judge import STRETCHES
+from dtbacklash.diagnose.engine.motion import motion_of
 from dtbacklash.diagnose.planning import Observed, OpenModel
 from dtbacklash.physics.rig_file import rig_content
 
@@ -30,8 +32,20 @@ def observed(c: Conclusion) -> Observed:
         max(float(np.abs(p.readings.recorded).max()) for p in bench.predictors),
         {b: most(motion.position[b], True) for b in motion.position},
         {b: most(motion.speed[b], False) for b in motion.speed},
-        noise, {b: share * force[b] for b, share in unknown.items()}, tuple(_open(c)),
+        noise, {b: share * force[b] for b, share in unknown.items()}, tuple(_open(c)), *_slow(c),
     )  # fmt: skip
+
+
+def _slow(c: Conclusion) -> tuple[dict[str, float], float]:
+    """Body -> rms over stretches of the mean force that the found rig lacks there; how long a stretch is, s.
+
+    Over a stretch the corrections of a speed add up to the impulse of what is unknown.
+    """
+    bench, rig = c.search.bench, c.model.rig
+    means = motion_of(bench, rig, bench.gains(rig, c.model.sizes)).unknown_means(STRETCHES)
+    inertia = dict(zip(bench.linear.bodies, bench.linear.inertia.tolist(), strict=True))
+    length = sum(len(p.readings.u) * p.readings.sample_time_s for p in bench.predictors) / STRETCHES
+    return {b: inertia[b] * float(np.sqrt(np.mean(a**2))) for b, a in means.items()}, length
 
 
 def _open(c: Conclusion) -> list[OpenModel]:

@@ -12,6 +12,7 @@ from dtbacklash import cli
 from dtbacklash.config.compose import compose
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.files import write_json
+from dtbacklash.physics.rig import build_rig
 
 RUN = ("rig=pendulum", "controller=open_loop", "reference=multisine", "reference.rms_v=1", "duration_s=2")
 
@@ -84,3 +85,27 @@ def test_a_folder_without_intervals_or_of_another_rig_is_refused(tmp_path, monke
         write_json(Path("found/diagnosis.json"), content)
     assert said in refusal(capsys, "run", *RUN, "uncertainty=found", "out=ran")
     assert not Path("ran").exists()
+
+
+def test_a_force_that_stays_unknown_widens_the_band_as_a_constant_one_does_for_a_stretch(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (name, _) = names()
+    calibrated({name: 1e-9})
+    (body,) = (e.name for e in build_rig(compose(*RUN).rig).elements.values() if e.trait.trait == "body")
+    found = json.loads(Path("found/diagnosis.json").read_text())
+    write_json(Path("found/diagnosis.json"), found | {"observed": {"slow": {body: 0.01}, "stretch_s": 0.5}})
+    trace, summary = run("uncertainty=found")
+
+    load = "{constant_load: {torque: TORQUE}}"
+    low, high = (
+        run_scenario(compose(*RUN, f"+rig.effects.{body}={load.replace('TORQUE', s)}")).trace["theta_m_rad"]
+        for s in ("-0.01", "0.01")
+    )
+    here, first = trace["theta_m_rad"], trace["t_s"] <= 0.5
+    half = 1.96 * np.sqrt(np.maximum.accumulate(0.5 * ((low - here) ** 2 + (high - here) ** 2)))
+    band = trace["theta_m_rad_high"] - here
+    assert half[first].max() > 1e-4
+    assert np.allclose(band[first], half[first], rtol=1e-4, atol=1e-9)
+    assert band.is_monotonic_increasing
+    assert band.iloc[-1] < half.iloc[-1]
+    assert summary["uncertainty"]["unknown_forces"] == 1
