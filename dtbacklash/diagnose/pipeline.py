@@ -189,8 +189,13 @@ class _Course:
         search = self._at_rates(begun[self.course])
         for course, records in ways.items():  # what was missing may have looked like another course
             if course != self.course and self._likelier(records, search):
+                before = self.course, self.records, self.every
                 self.course, self.records = course, records
-                return self._at_rates(self._begun(records))
+                other = self._at_rates(self._begun(records))
+                if self.every != before[2] or other.now.score < search.now.score:
+                    return other  # at another rate the two cannot be compared
+                self.course, self.records, self.every = before
+                self.search = search
         return search
 
     def _clears(self, records: list[Record], held: Search) -> bool:

@@ -92,10 +92,10 @@ def named_apart(
     return found
 
 
-def _freed(search: Search, model: Model, title: str, rungs: tuple[float, ...] = (1.0, 0.1, 1.0)) -> Model | None:
+def _freed(search: Search, model: Model, title: str) -> Model | None:
     """A model with a value free in each recording; None where it does not fit."""
     rig = freed(model.rig, title, search.bench.recordings)
-    done = search.fitted(rig, model, model.keys, rungs, 5)
+    done = search.fitted(rig, model, model.keys, (1.0, 0.1, 1.0), 5)
     return None if done is None or done.at_end else done
 
 
