@@ -10,11 +10,13 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 from nominal import nominal_rig
 from told import refusal
 
+import dtbacklash as dtb
 from dtbacklash import cli
 from dtbacklash.diagnose import Diagnosis, diagnose
 from dtbacklash.diagnose.named import Alternative
@@ -179,6 +181,21 @@ def test_a_motor_that_snaps_from_tooth_to_tooth_has_no_dead_zone(part: str) -> N
     found = diagnose(read_recording(f"anticogging:{part}", rig=rig).section(0, 8000), rig)
     assert ("amplifier", "dead_zone") not in named(found)
     assert found.verdict != "missing_physics" or ("rotor", "cogging") in named(found)
+
+
+@pytest.mark.nightly
+def test_a_compensated_cogging_is_what_changed_from_what_the_speed_controller_asks_for() -> None:
+    """The controller is proportional, two samples late; what is added to its current takes the cogging away."""
+    seen = read_recording("anticogging", rig=nominal_rig("anticogging")).channels
+    frame = pd.DataFrame({
+        "t": 1e-3 * np.arange(len(seen["u"])), "u": 0.0871 * (seen["r"] - np.roll(seen["omega"], 2)),
+        "theta": seen["theta"], "omega": seen["omega"],
+    })  # fmt: skip
+    parts = [frame[100:6100], frame[15301:21301]]
+    found = dtb.diagnose(parts, nominal_rig("anticogging"), compare="change").diagnosis
+    (cogging,) = (one for one in found.changes or () if one.title == "rotor.cogging.torque")
+    assert cogging.before.value > 5.0 * cogging.after.value
+    assert near(found.extended.effects["rotor"]["cogging"]["periods"], 72.0, 0.005)
 
 
 def test_a_run_says_that_a_public_recording_is_for_a_diagnosis(capsys) -> None:
