@@ -301,7 +301,7 @@ def _as_in(rig: Rig, own: Mapping[str, float]) -> Rig:
         place, *rest = path = rig.path(title)
         if rest == [ZERO]:
             zeros[place.removeprefix(SENSOR_PREFIX)] = value
-        elif not rest or (rest and rig.effect(place, rest[0]) is not None):
+        elif not rest or rig.effect(place, rest[0]) is not None:
             values[path] = value
     if len(zeros) < len(own):
         rig = build_rig(rig.config.with_values(values))
