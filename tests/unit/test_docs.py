@@ -104,7 +104,8 @@ def test_commands_in_the_docs_are_accepted(tmp_path: Path, monkeypatch: pytest.M
     for name in ("my_rig.yaml", "mine.yaml", "arm.yaml", "stage.yaml", "found/rig.yaml"):
         (tmp_path / name).write_text(rig.read_text(encoding="utf-8"), encoding="utf-8")
     (tmp_path / "next").mkdir()
-    (tmp_path / "next" / "command.csv").write_text("t,u\n0,0\n200,1\n", encoding="utf-8")
+    for name in ("next/command.csv", "second.csv"):
+        (tmp_path / name).write_text("t,u\n0,0\n200,1\n", encoding="utf-8")
     (tmp_path / "gap.csv").write_text("t_s,gap_deg\n0,0\n200,50\n", encoding="utf-8")
     assert len(COMMANDS) > 20
     refused = {command: error for command in COMMANDS if (error := _refusal(command))}

@@ -169,8 +169,9 @@ def freed(rig: Rig, title: str, recordings: Sequence[int]) -> Rig:
 
 
 def joined(rig: Rig, title: str, recordings: Sequence[int]) -> Rig:
-    """The rig in which what was each recording's own is shared again, in their middle."""
-    middle = float(np.median([rig.own[k][title] for k in recordings]))
+    """The rig in which what was each recording's own is shared again, in their middle; an effect stays one."""
+    each = [rig.own[k][title] for k in recordings]
+    middle = float(np.median(each)) or max(each, key=abs)
     rig = rig.owning({(k, title): None for k in recordings})
     return build_rig(rig.config.with_values({rig.path(title): middle}), rig.own)
 

@@ -12,7 +12,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.bench import Bench, Sizes
 from dtbacklash.diagnose.engine.columns import Columns, Proposal
-from dtbacklash.diagnose.engine.differences import alike, differ
+from dtbacklash.diagnose.engine.differences import alike, differ, named_apart
 from dtbacklash.diagnose.engine.exact import STIFF, Model, Problem, share_of, without_name
 from dtbacklash.diagnose.engine.factors import Off
 from dtbacklash.diagnose.engine.free import Key, taken_out
@@ -196,7 +196,15 @@ class Search:
         What stands for it explains what is left where it is taken out and all else stays; or what is left at last.
         """
         bare = replace(self.now, rig=taken_out(self.now.rig, key), keys=less.keys)
-        proposals = [p for m in (bare, less) for p in self.proposals(m, (key,), quick=True, alone=m is bare)]
+        mine, proposals = ".".join(key) + ".", []
+        if any(title.startswith(mine) for there in self.now.rig.own for title in there):
+            self.look_at(less.sizes)  # one recording alone may show it, and others have sizes of their own as well
+            for m in (bare, less):
+                columns = Columns(self.bench, m, m.sizes, (key,), alone=m is bare)
+                found = named_apart(self.bench, m, columns.differing()[: best + 1])
+                proposals += [(rig, keys) for *_, rig, keys in found]
+        else:
+            proposals = [p for m in (bare, less) for p in self.proposals(m, (key,), quick=True, alone=m is bare)]
         values = self.now.rig.effects[key[0]][key[1]]
         for place in self.now.rig.places:  # the same law elsewhere
             unread = place.startswith(SENSOR_PREFIX) and place not in self.bench.sensors
@@ -204,9 +212,8 @@ class Search:
             if place == key[0] or unread or not takes:
                 continue
             own = {
-                (k, title.replace(".".join(key), f"{place}.{key[1]}")): value
-                for k, there in enumerate(self.now.rig.own) for title, value in there.items()
-                if title.startswith(f"{'.'.join(key)}.")
+                (k, title.replace(mine, f"{place}.{key[1]}.")): value
+                for k, there in enumerate(self.now.rig.own) for title, value in there.items() if title.startswith(mine)
             }  # fmt: skip
             try:
                 rig = bare.rig.with_effect(place, key[1], dict(values)).owning(own)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import dtbacklash as dtb
+from dtbacklash.diagnose.engine.differences import joined
 from dtbacklash.diagnose.engine.in_each import InOne, stands
 
 MOTION = ("rig=two_mass_stage", "controller=open_loop", "reference=multisine", "reference.f_min_hz=0.5",
@@ -131,3 +132,12 @@ def test_a_name_stands_if_all_that_can_show_it_do_and_agree():
     assert not stands([a, b, missing], 3.0)
     assert not stands([a, InOne(1, 5.0, 0.1, True, True)], 3.0)
     assert stands([InOne(0, 0.0, 0.1, True, False, own=True), InOne(1, 5.0, 0.1, True, True, own=True)], 3.0)
+
+
+def test_what_one_recording_alone_has_stays_an_effect_where_it_is_shared_again():
+    title = "carriage.coulomb_friction.force"
+    rig = dtb.load_rig("two_mass_stage").with_effect("carriage", "coulomb_friction", {"force": 5.0})
+    rig = rig.owning({(0, title): 0.0, (1, title): 5.0, (2, title): 0.0})
+    shared = joined(rig, title, (0, 1, 2))
+    assert shared.effects["carriage"]["coulomb_friction"]["force"] == 5.0
+    assert not any(shared.own)
