@@ -208,11 +208,11 @@ class _Course:
         """Whether records are likelier with a search's model, or, fitted anew, with that without what makes it late."""
         bench, now = replace(self._bench(records, self.every), nominal=search.bench.nominal), search.now
         late = [key for key in now.keys if self._of_timing(replace(now, keys=(key,)))]
-        scores = [now.score - now.loss + bench.tuned(now.rig)[1]]
+        alike = now.score - now.loss + bench.tuned(now.rig)[1]
         # another course moves all delays and lags alike: where one goes, the values of the others follow
         fitted = [_fitted(bench, search.motion, without_name(bench, now, key)) for key in late]
-        scores += [m.score for m in fitted if m is not None]
-        return bool(min(scores) < now.score - search.least)
+        fewer = any(m is not None and m.score < now.score for m in fitted)  # with a name less it has nothing to earn
+        return fewer or bool(alike < now.score - search.least)
 
     def _begun(self, records: list[Record]) -> Search:
         """A search that has recalibrated the nominal rig."""

@@ -36,3 +36,9 @@ def test_friction_by_load_is_named_at_a_servo(tmp_path):
     diagnosis, said = diagnosed(tmp_path, "rig=servo_arm", "effect=servo.load_friction", "seed=1601")
     assert named(diagnosis) == [("servo", "load_friction", "sure")]
     assert "load friction at the servo" in said
+
+
+def test_half_a_sample_of_a_held_command_is_no_late_sensor(tmp_path):
+    """With its friction missing the command looked smooth, and then the encoder half a sample late: sure, and false."""
+    diagnosis, _ = diagnosed(tmp_path, "rig=pendulum", "seed=82000")
+    assert named(diagnosis) == [("disk", "viscous_friction", "sure")]

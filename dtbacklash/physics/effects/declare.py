@@ -342,6 +342,10 @@ class Effect:
         sign = float(rng.choice([-1.0, 1.0])) if size.low < 0.0 and strength is None else 1.0
         most, guess = self.conceal(place, sign)
         others = {p.name: p.typical for p in self.parameters[1:]} | self.draws(rng, place)
+        ends = {
+            p.name: (p.low, p.high) for p in self.parameters
+        }  # of a body that hardly moves, a speed may be too small
+        others = {name: min(max(value, ends[name][0]), ends[name][1]) for name, value in others.items()}
         if strength is not None:
             of_size = strength
             return Shape(most, guess, lambda s: {size.name: of_size(place, s), **others})

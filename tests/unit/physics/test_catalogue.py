@@ -61,6 +61,12 @@ def whole(key, effect):
         assert "{" not in effect.said(idle).format(location="here", **{p.name: p.name for p in effect.parameters}), key
 
 
+def test_what_is_drawn_of_a_concealed_friction_is_allowed_at_a_body_that_hardly_moves():
+    effect = CATALOGUE["rotor", "stribeck_friction"]
+    shape = effect.draw_shape(np.random.default_rng(0), replace(PLACE, speed=1e-12))
+    assert effect.complete(shape.values(shape.guess), "key")["speed"] == 1e-9
+
+
 def test_bounds_are_inclusive_and_kept():
     for effect in CATALOGUE.values():
         everything = {p.name: p.typical for p in effect.parameters}
