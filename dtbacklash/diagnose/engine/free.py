@@ -100,7 +100,7 @@ class Free:
         """Whether a law's parameter stands at the end of what the recording can show: the data did not choose it."""
         if self.prior or self.role in (Role.ANGLE, Role.KNOT):
             return False
-        if self.recording is not None and self.role is Role.SIZE:  # one recording may have nothing of it
+        if self.recording is not None and self.role in (Role.SIZE, Role.TIME):  # one may have nothing of it
             return False
         value = self.value(x)
         ends = any(
