@@ -241,20 +241,18 @@ class Columns:
         b = b or a
         J, gram, side, e0 = self._base
         count, n, m, first = len(self.bench.recordings), a.stop - a.start, b.stop - b.start, 0
-        own, cross, r = (
-            np.zeros((count, n, count, m)),
-            np.zeros((2, count, max(n, m), J.shape[1])),
-            np.zeros((count, n)),
-        )
+        own, r = np.zeros((count, n, count, m)), np.zeros((count, n))
+        cross = {(at.start, at.stop): np.zeros((count, at.stop - at.start, J.shape[1])) for at in (a, b)}
         for p in self.bench.predictors:
             k, rows = self.bench.recordings.index(p.readings.recording), slice(first, first + p.readings.y.size)
             first, T = rows.stop, self._T[a, rows]
             own[k, :, k] += T @ self._T[b, rows].T
-            cross[0, k, :n] += T @ J[rows]
-            cross[1, k, :m] += self._T[b, rows] @ J[rows]
+            for (start, stop), products in cross.items():
+                products[k] += self._T[start:stop, rows] @ J[rows]
             r[k] += T @ e0[rows]
-        by = np.linalg.solve(gram, cross[0, :, :n].reshape(count * n, -1).T).T
-        taken = by @ cross[1, :, :m].reshape(count * m, -1).T
+        of_a, of_b = (cross[at.start, at.stop].reshape(count * (at.stop - at.start), -1) for at in (a, b))
+        by = np.linalg.solve(gram, of_a.T).T
+        taken = by @ of_b.T
         return own - taken.reshape(own.shape), r - (by @ side).reshape(r.shape)
 
     def _of(self, h: Hypothesis, at: slice) -> tuple[Floats, Floats]:

@@ -61,51 +61,17 @@ def frozen(A, C, K, W, which, drive, Y, x0):
 
 
 @compiled_allocating
-def answers(A, C, K, W, which, F, b, c, missing, at_once):
-    """(J, N m) by which whitened innovations change with efforts F (J, N).
+def driven(A, C, K, W, which, drive, shown, missing):
+    """(N m,) by which whitened innovations change with what is added to the state after each sample, and to readings.
 
-    b (n,) : what an effort over a sample adds to the state. c (m,) : and to the readings behind it, or (at_once) to
-    those of its own sample. missing : (N, m).
+    drive (N, n), shown (N, m). missing : (N, m).
     """
-    J, N = F.shape
-    n, m = A.shape[0], C.shape[0]
-    E = np.zeros((J, N * m))
-    d = np.zeros(m)
-    new = np.zeros(n)
-    for j in range(J):
-        x = np.zeros(n)
-        before = 0.0
-        for k in range(N):
-            g = which[k]
-            if at_once:
-                before = F[j, k]
-            for r in range(m):
-                s = c[r] * before
-                for i in range(n):
-                    s += C[r, i] * x[i]
-                d[r] = 0.0 if missing[k, r] else -s
-            for r in range(m):
-                if not missing[k, r]:
-                    E[j, k * m + r] = whitened(W, g, d, r)
-            correct(K, g, x, d, new)
-            for i in range(n):
-                s = b[i] * F[j, k]
-                for q in range(n):
-                    s += A[i, q] * new[q]
-                x[i] = s
-            before = F[j, k]
-    return E
-
-
-@compiled_allocating
-def driven(A, C, K, W, which, drive, missing):
-    """(N m,) by which whitened innovations change with what is added to the state after each sample, drive (N, n)."""
     N, n, m = drive.shape[0], A.shape[0], C.shape[0]
     E, x, new, d = np.zeros(N * m), np.zeros(n), np.zeros(n), np.zeros(m)
     for k in range(N):
         g = which[k]
         for r in range(m):
-            s = 0.0
+            s = shown[k, r]
             for i in range(n):
                 s += C[r, i] * x[i]
             d[r] = 0.0 if missing[k, r] else -s
@@ -118,6 +84,26 @@ def driven(A, C, K, W, which, drive, missing):
             for q in range(n):
                 s += A[i, q] * new[q]
             x[i] = s
+    return E
+
+
+@compiled_allocating
+def answers(A, C, K, W, which, F, b, c, missing, at_once):
+    """(J, N m) by which whitened innovations change with efforts F (J, N).
+
+    b (n,) : what an effort over a sample adds to the state. c (m,) : and to the readings behind it, or (at_once) to
+    those of its own sample. missing : (N, m).
+    """
+    J, N = F.shape
+    E, drive, shown = np.zeros((J, missing.size)), np.zeros((N, len(b))), np.zeros((N, len(c)))
+    behind = 0 if at_once else 1
+    for j in range(J):
+        for k in range(N):
+            for i in range(len(b)):
+                drive[k, i] = b[i] * F[j, k]
+            for r in range(len(c) if k >= behind else 0):
+                shown[k, r] = c[r] * F[j, k - behind]
+        E[j] = driven(A, C, K, W, which, drive, shown, missing)
     return E
 
 

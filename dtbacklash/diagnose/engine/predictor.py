@@ -216,7 +216,8 @@ class Predictor:
             for title, (other, by) in moved.items():
                 self._leads[title] = (self.simulated.onwards(other, Z) - base) / by
         there = np.ascontiguousarray(L.A[1]), np.ascontiguousarray(L.C[1]), np.ascontiguousarray(gains.K[1]), gains.W[1]
-        return {title: driven(*there, which, self._leads[title][:n], ~r.there) for title in moved}
+        none = np.zeros(r.there.shape)
+        return {title: driven(*there, which, self._leads[title][:n], none, ~r.there) for title in moved}
 
     def tuned(
         self, rig: Rig, sizes: Floats | None = None, steps: tuple[float, ...] = STEPS, refresh: int = 2

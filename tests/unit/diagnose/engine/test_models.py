@@ -72,15 +72,26 @@ def commands() -> tuple[np.ndarray, np.ndarray]:
     return 0.3 * np.sin(3.0 * t) + 0.2 * np.sin(11.0 * t), 4.0 * np.cos(2.0 * t) + 2.0 * np.sin(7.0 * t)
 
 
-def answered(u: np.ndarray, inertia: float, damping: float, level: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) position and speed of one body from rest, by small steps; ``level`` : of a dry friction that is smooth."""
+def answered(
+    u: np.ndarray,
+    inertia: float,
+    damping: float,
+    level: float = 0.0,
+    held=lambda q: 0.0,
+    after=lambda q, v: v,
+    parts=200,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) position and speed of one body from rest, by small steps.
+
+    level : of a dry friction that is smooth. held : force against it by position. after : its speed behind a step.
+    """
     q = v = 0.0
-    found, parts = np.zeros((N, 2)), 200
+    found = np.zeros((N, 2))
     for k in range(N):
         found[k] = q, v
         for _ in range(parts):
-            force = u[k] - level * math.tanh(v / 1e-4)
-            v = (v + STEP_S / parts * force / inertia) / (1.0 + STEP_S / parts * damping / inertia)
+            force = u[k] - level * math.tanh(v / 1e-4) - held(q)
+            v = after(q, (v + STEP_S / parts * force / inertia) / (1.0 + STEP_S / parts * damping / inertia))
             q += STEP_S / parts * v
     return found[:, 0], found[:, 1]
 
@@ -463,13 +474,7 @@ def test_what_switches_in_an_fmu_switches(tmp_path, version):
     )  # fmt: skip
     rig = load_rig({**EXCHANGED, "model": str(wall.build(tmp_path / "wall.fmu", version))})
     spin, push = commands()
-    q = v = 0.0
-    way = np.zeros(N)
-    for k in range(N):
-        way[k] = q
-        for _ in range(200):
-            v += STEP_S / 200 / 3.0 * (push[k] - 1.5 * v - 400.0 * max(q - 0.2, 0.0))
-            q += STEP_S / 200 * v
+    way = answered(push, 3.0, 1.5, held=lambda q: 400.0 * max(q - 0.2, 0.0))[0]
     assert way.max() > 0.21
     first = int(np.argmax((way[1:] - 0.2) * (way[:-1] - 0.2) * (np.arange(N - 1) * STEP_S > 0.6) < 0.0))
     angle, _ = answered(2.0 * spin, 0.3, 0.2)
@@ -487,13 +492,7 @@ def test_a_stiff_wall_that_an_fmu_meets_later_takes_the_steps_that_it_needs(tmp_
         stiff = replace(stiff, discrete={"touch": 0.0}, signs=("rail_s - 0.2",), event="touch = rail_s > 0.2;")
     rig = load_rig({**EXCHANGED, "model": str(stiff.build(tmp_path / "stiff.fmu", 3))})
     spin, push = commands()
-    q = v = 0.0
-    way = np.zeros(N)
-    for k in range(N):
-        way[k] = q
-        for _ in range(400):
-            v += STEP_S / 400 / 3.0 * (push[k] - 1.5 * v - 2e6 * max(q - 0.2, 0.0))
-            q += STEP_S / 400 * v
+    way = answered(push, 3.0, 1.5, held=lambda q: 2e6 * max(q - 0.2, 0.0), parts=400)[0]
     assert 0.19 < way.max() < 0.201 < answered(push, 3.0, 1.5)[0].max()  # it meets the wall and comes back
     angle, _ = answered(2.0 * spin, 0.3, 0.2)
     left = passed(rig, {"torque": spin, "push": push, "angle": angle, "way": way})["way"]
@@ -508,14 +507,7 @@ def test_an_event_of_an_fmu_takes_place_within_a_step(tmp_path, version):
     )  # fmt: skip
     rig = load_rig({**EXCHANGED, "model": str(bounces.build(tmp_path / "bounces.fmu", version))})
     spin, push = commands()
-    q = v = 0.0
-    way = np.zeros(N)
-    for k in range(N):
-        way[k] = q
-        for _ in range(400):
-            v += STEP_S / 400 / 3.0 * (push[k] - 1.5 * v)
-            v = -0.8 * v if q > 0.2 and v > 0.0 else v
-            q += STEP_S / 400 * v
+    way = answered(push, 3.0, 1.5, after=lambda q, v: -0.8 * v if q > 0.2 and v > 0.0 else v, parts=400)[0]
     assert 0.19 < way.max() < 0.201 < answered(push, 3.0, 1.5)[0].max()
     angle, _ = answered(2.0 * spin, 0.3, 0.2)
     left = passed(rig, {"torque": spin, "push": push, "angle": angle, "way": way})["way"]
