@@ -143,8 +143,10 @@ def _parameter(diagnosis: Diagnosis, name: str, row: Recalibrated, share: str, p
     given = interval(row.nominal, None, row.unit, plain, size=row.nominal)
     others = "; ".join(other_in_words(a) for a in row.also_fits)
     sure = f"open against {others}" if others else _away(known.tolerance if known else 0.0, row)
-    where = ", ".join(map(place_in_words, users)) or name.rpartition(".")[0].replace(".", ", ").replace("_", " ")
-    return [where, f"{name.rpartition('.')[2]}, {said}", f"{value}\ninstead of {given}", sure, share]
+    owner, _, short = name.rpartition(".")
+    where = ", ".join(map(place_in_words, users)) or owner.rpartition(".")[2].replace("_", " ")
+    what = said if said.startswith(f"{short} of ") else f"{short}, {said}"
+    return [where, what, f"{value}\ninstead of {given}", sure, share]
 
 
 def _away(tolerance: float, row: Recalibrated) -> str:
