@@ -163,8 +163,8 @@ def _drawn(rig: Rig, said: dict[str, Any], rng: Generator) -> Rig:
 
     for f in said["findings"]:
         law = rig.takes(f["location"])[f["effect"]]
-        drawn = {p.name: draw(f["parameters"][p.name]) for p in law.parameters}
-        within = {p.name: float(np.clip(drawn[p.name], p.low, p.high)) for p in law.parameters}
+        given = [p for p in law.parameters if p.name in f["parameters"]]  # others do nothing
+        within = {p.name: float(np.clip(draw(f["parameters"][p.name]), p.low, p.high)) for p in given}
         rig = rig.with_effect(f["location"], f["effect"], within)
     return rig.with_parameters({n: draw(p) for n, p in said["recalibrated"].items() if n in rig.config.parameters})
 

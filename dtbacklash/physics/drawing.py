@@ -215,24 +215,27 @@ def _lead(effect: Effect, slot: Any) -> Drawing:
     return _wave(effect, "angle", effort)
 
 
-def _gear_play(effect: Effect, slot: Any) -> Drawing:
-    """Angle behind the gap over a sweep of the angle before it."""
+def _play(effect: Effect, slot: Any) -> Drawing:
+    """Position behind the gap over a sweep of that before it."""
+    of_gear = isinstance(slot, slots.GearPlay)
+    state, name, part = ("angle", slot.half_gap, 1.0) if of_gear else ("position", slot.width, 0.5)
 
     def effort(values: Values, element: Values, sweep: Floats) -> Floats:
         function, out = plain_function(play), np.empty(len(sweep))
         last = float(sweep[0])
         for k, angle in enumerate(sweep):
-            last = out[k] = function(last, float(angle), values[slot.half_gap])
+            last = out[k] = function(last, float(angle), part * values[name])
         return out
 
     return Drawing(
-        "angle", effort, "loop", width=lambda values: 2.0 * values[slot.half_gap], stroke=1.5, effort_unit="rad",
-        effort_label="angle behind the gap",
+        state, effort, "loop", width=lambda values: 2.0 * part * values[name], stroke=1.5,
+        effort_unit=effect.size.unit, effort_label=f"{state} behind the gap",
     )  # fmt: skip
 
 
 _DRAWN: dict[type[slots.Slot], Callable[[Effect, Any], Drawing]] = {
     slots.BodyEffort: _body_effort, slots.BodyDamping: _damping, slots.Contact: _contact,
     slots.SpringForce: _spring_force, slots.SpringPlay: _spring_play, slots.SpringMemory: _spring_memory,
-    slots.Command: _command, slots.Lead: _lead, slots.GearPlay: _gear_play,
+    slots.Command: _command, slots.Lead: _lead, slots.GearPlay: _play,
+    slots.JointPlay: _play,
 }  # fmt: skip

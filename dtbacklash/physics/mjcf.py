@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 #: what precedes an actuator's name where it is a place, as it may have that of its joint
 ACTUATOR_PREFIX = "actuator_"
+#: and the name of a joint that is the gap behind another one
+PLAY_PREFIX = "play_"
 #: the kinds of a model's joints, by their axes
 KIND = {ROTARY: "turning_joint", LINEAR: "sliding_joint"}
 #: group -> number of one of it -> its unit: of what turns, and of what slides
@@ -72,8 +74,21 @@ def specification(path: str, fixed: Iterable[str] = ()) -> mujoco.MjSpec:
 
 
 @functools.lru_cache(maxsize=16)
-def _read(path: str, fixed: tuple[str, ...], stamp: int) -> mujoco.MjModel:
-    return _compiled(specification(path, fixed), path)
+def _read(path: str, fixed: tuple[str, ...], plays: tuple[str, ...], stamp: int) -> mujoco.MjModel:
+    spec = specification(path, fixed)
+    for name in plays:
+        _add_play(spec, name, 1.0)
+    return _compiled(spec, path)
+
+
+def _add_play(spec: Any, name: str, width: float) -> None:
+    """A joint behind a joint of the same axis, which goes so far: the actuator turns the first one's armature."""
+    first = next(j for j in spec.joints if j.name == name)
+    play = first.parent.add_joint(name=PLAY_PREFIX + name, type=first.type, axis=first.axis, pos=first.pos)
+    degrees = spec.compiler.degree and first.type == _mujoco("").mjtJoint.mjJNT_HINGE
+    half = 0.5 * (math.degrees(width) if degrees else width)
+    play.limited, play.range = True, (-half, half)
+    play.solref_limit, play.solimp_limit[:2] = (FRICTION_STEPS * spec.option.timestep, 1.0), FRICTION_IMPEDANCE
 
 
 def _compiled(spec: Any, path: str) -> mujoco.MjModel:
@@ -83,10 +98,24 @@ def _compiled(spec: Any, path: str) -> mujoco.MjModel:
         raise UserError("rig.model", path, f"is no MJCF: {' '.join(str(error).split())}") from error
 
 
-def model_of(config: RigConfig) -> mujoco.MjModel:
-    """A rig's model as its file has it, to be copied and not to be changed (raises UserError as above)."""
+def model_of(config: RigConfig, plays: tuple[str, ...] = ()) -> mujoco.MjModel:
+    """A rig's model as its file has it, to be copied and not to be changed (raises UserError as above).
+
+    plays : joints that have a second one behind them, ``play_NAME``, for a gap.
+    """
     file = Path(config.model)
-    return _read(config.model, tuple(config.fixed), file.stat().st_mtime_ns if file.is_file() else 0)
+    return _read(config.model, tuple(config.fixed), plays, file.stat().st_mtime_ns if file.is_file() else 0)
+
+
+def geared(config: RigConfig) -> list[str]:
+    """Joints with an armature that an actuator of the rig turns, the last ones of their bodies: where a gap may be."""
+    model = model_of(config)
+    driven = [int(model.actuator_trnid[a, 0]) for a in range(model.nu)]
+    return [
+        model.joint(j).name for j in dict.fromkeys(driven)
+        if model.dof_armature[model.jnt_dofadr[j]] > 0.0
+        and j == model.body_jntadr[b := model.jnt_bodyid[j]] + model.body_jntnum[b] - 1
+    ]  # fmt: skip
 
 
 def completed(config: RigConfig) -> RigConfig:
@@ -223,10 +252,12 @@ def new_rig(model: str) -> str:
     return "\n".join([*lines, ""])
 
 
-def mended(config: RigConfig, frictions: Mapping[str, float], dampings: Mapping[str, float]) -> str:
-    """The MJCF of a rig's model with the rig's parameters, and with dry frictions and dampings added to its joints.
+def mended(
+    config: RigConfig, frictions: Mapping[str, float], dampings: Mapping[str, float], plays: Mapping[str, float]
+) -> str:
+    """The MJCF of a rig's model with the rig's parameters, and with what was found at its joints.
 
-    frictions, dampings : joint -> its, SI.
+    frictions, dampings, plays : joint -> its dry friction, its damping beside the model's, its lost motion, SI.
     """
     spec, model = specification(config.model), model_of(config)
     joints, bodies, drives = ({one.name: one for one in there} for there in (spec.joints, spec.bodies, spec.actuators))
@@ -252,6 +283,8 @@ def mended(config: RigConfig, frictions: Mapping[str, float], dampings: Mapping[
         joints[name].frictionloss += more
         joints[name].solref_friction = FRICTION_STEPS * spec.option.timestep, 1.0
         joints[name].solimp_friction[:2] = FRICTION_IMPEDANCE
+    for name, width in plays.items():
+        _add_play(spec, name, width)
     # what the model is made of stays where it is: the file is written elsewhere
     home = Path(config.model).resolve().parent
     spec.meshdir, spec.texturedir = str(home / spec.meshdir), str(home / spec.texturedir)

@@ -198,6 +198,11 @@ class Rig:
         still = [name for name, joint in self.config.joints.items() if not joint.get("force")]
         return [e.name for e in self.elements.values() if e.neighbours.get("drives", e.name) in still]
 
+    @property
+    def geared(self) -> list[str]:
+        """Joints of a MuJoCo model behind whose actuator there may be a gap."""
+        return mjcf.geared(self.config) if self.config.simulator == "mujoco" else []
+
     def takes(self, location: str) -> dict[str, Effect]:
         """The effects that a location takes, by name."""
         known = catalogue.effects_of(self.kind_at(location))
@@ -207,6 +212,8 @@ class Rig:
         """Whether an effect of the kind at a location can act there: some need a sensor of one unit, or states."""
         if self.config.model and isinstance(effect.slot, (slots.BodyMemory, slots.Filter, slots.ShownPlay)):
             return False
+        if isinstance(effect.slot, slots.JointPlay):
+            return location in self.geared
         if location in self.forceless and isinstance(effect.slot, (slots.BodyEffort, slots.BodyDamping, slots.Contact)):
             return False
         return not effect.of_units or self.sensors[location.removeprefix(SENSOR_PREFIX)].unit in effect.of_units

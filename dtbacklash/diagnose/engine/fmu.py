@@ -162,5 +162,5 @@ class Exchanged(Modelled):
         return Parts(
             (m, d, names, instance), step.address, forward.address, back.address, m.ctypes.data, 0, d.ctypes.data,
             b.x[:j], b.x[j : 2 * j], b.x[2 * j :], b.rate[j : 2 * j], b.push, b.load, b.ctrl, b.friction, b.outputs,
-            d[TIME : TIME + 1],
+            d[TIME : TIME + 1], np.arange(j), np.full(j, -1),
         )  # fmt: skip

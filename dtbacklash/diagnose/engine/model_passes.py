@@ -55,8 +55,10 @@ class Compiled(NamedTuple):
     step, forward, back : addresses of the simulator's functions: a step, what follows from a state (0 where nothing
     shown needs it), and to its first state and time. m, d : of model and data. far : of the model whose step is
     ``ratio`` of those of m, and whose friction is without that of laws.
-    q, v, acceleration, push, load, friction : (joints,) views of them, and more : of other states, ctrl : of commands,
-    shown : of outputs, clock : (1,) of its time, s. still : (joints,) the model's friction.
+    q, v, acceleration, push, load, friction : (degrees of freedom,) views of them, and more : of other states, ctrl :
+    of commands, shown : of outputs, clock : (1,) of its time, s. still : the model's friction. at, behind : (joints,)
+    which degree of freedom each is, and which is the gap behind it, or -1. A state is positions and speeds of joints,
+    other states, positions and speeds in gaps.
     U : (fine steps, commands) from the first reading on, which is at ``begin``, s. whole : fine steps of a reading.
     h : fine step, s. efforts, levels, reads : laws of position, speed and time; of slip speed, direction and load; of
     readings. sensors (m, 3).
@@ -78,6 +80,8 @@ class Compiled(NamedTuple):
     friction: Floats
     shown: Floats
     clock: Floats
+    at: np.ndarray
+    behind: np.ndarray
     still: Floats
     U: Floats
     begin: float
@@ -104,7 +108,8 @@ def advance(c, k):
 @kept(nogil=True)
 def slides(c):
     """Whether no joint with a friction of a law comes near to rest within a far step."""
-    for j in c.levels.at:  # noqa: SIM110 - compiled
+    for joint in c.levels.at:
+        j = c.at[joint]
         if not abs(c.v[j]) > TURNS * abs(c.acceleration[j]) * c.ratio * c.h:
             return False
     return True
@@ -122,12 +127,12 @@ def stride(c, s, many):
     if len(c.efforts.at) or len(c.levels.at):
         c.push[:] = 0.0
     for e in range(len(c.efforts.at)):
-        j, time = c.efforts.at[e], c.begin + (s + 0.5 * many) * c.h
+        j, time = c.at[c.efforts.at[e]], c.begin + (s + 0.5 * many) * c.h
         at = c.q[j] + 0.5 * h * c.v[j]
         c.push[j] += dispatch.body_effort(c.efforts.codes[e], at, c.v[j], time, c.efforts.numbers, e)
     c.friction[:] = c.still
     for e in range(len(c.levels.at)):
-        j = c.levels.at[e]
+        j = c.at[c.levels.at[e]]
         side = 1.0 if c.v[j] >= 0.0 else -1.0
         level = dispatch.friction_level(c.levels.codes[e], abs(c.v[j]), side, c.load[j], c.levels.numbers, e)
         if many > 1:
@@ -143,15 +148,23 @@ def show(c, y):
     if c.forward:
         _call(c.forward, c.m, c.d)
     for i in range(len(y)):
-        what, j, late = c.sensors[i, 0], int(c.sensors[i, 1]), c.sensors[i, 2]
+        what, joint, late = c.sensors[i, 0], int(c.sensors[i, 1]), c.sensors[i, 2]
+        if what == OUTPUT:
+            y[i] = c.shown[joint]
+            continue
+        j, k = c.at[joint], c.behind[joint]
         if what == POSITION:
             y[i] = c.q[j] - late * c.v[j]
+            if k >= 0:
+                y[i] += c.q[k] - late * c.v[k]
         elif what == VELOCITY:
             y[i] = c.v[j] - late * c.acceleration[j]
+            if k >= 0:
+                y[i] += c.v[k] - late * c.acceleration[k]
         elif what == ACCELERATION:
             y[i] = c.acceleration[j]
-        elif what == OUTPUT:
-            y[i] = c.shown[j]
+            if k >= 0:
+                y[i] += c.acceleration[k]
         else:
             y[i] = c.load[j]
     for e in range(len(c.reads.at)):
@@ -162,19 +175,25 @@ def show(c, y):
 @kept(nogil=True, forceinline=True)
 def put(c, z):
     """Set the state."""
-    n = len(c.q)
-    c.q[:] = z[:n]
-    c.v[:] = z[n : 2 * n]
-    c.more[:] = z[2 * n :]
+    n, first = len(c.at), 2 * len(c.at) + len(c.more)
+    c.more[:] = z[2 * n : first]
+    for j in range(n):
+        c.q[c.at[j]], c.v[c.at[j]] = z[j], z[n + j]
+        if c.behind[j] >= 0:
+            c.q[c.behind[j]], c.v[c.behind[j]] = z[first], z[first + 1]
+            first += 2
 
 
 @kept(nogil=True, forceinline=True)
 def take(c, z):
     """What the state is."""
-    n = len(c.q)
-    z[:n] = c.q
-    z[n : 2 * n] = c.v
-    z[2 * n :] = c.more
+    n, first = len(c.at), 2 * len(c.at) + len(c.more)
+    z[2 * n : first] = c.more
+    for j in range(n):
+        z[j], z[n + j] = c.q[c.at[j]], c.v[c.at[j]]
+        if c.behind[j] >= 0:
+            z[first], z[first + 1] = c.q[c.behind[j]], c.v[c.behind[j]]
+            first += 2
 
 
 @kept(nogil=True)
@@ -195,7 +214,7 @@ def led(c, z, force, u, far, out):
 @kept(nogil=True)
 def observe(c, Y, K, which, D, X):
     """Predict and correct, sample by sample; NaN from where it is lost."""
-    n, y = len(c.q), np.zeros(Y.shape[1])
+    n, y = len(c.at), np.zeros(Y.shape[1])
     for k in range(len(Y)):
         show(c, y)
         take(c, X[k])
@@ -203,10 +222,11 @@ def observe(c, Y, K, which, D, X):
             D[k, i] = Y[k, i] - y[i] if np.isfinite(Y[k, i]) else 0.0
         g = K[which[k]]
         size = 0.0
-        for j in range(n):
+        for joint in range(n):
+            j = c.at[joint]
             for i in range(len(y)):
-                c.q[j] += g[j, i] * D[k, i]
-                c.v[j] += g[n + j, i] * D[k, i]
+                c.q[j] += g[joint, i] * D[k, i]
+                c.v[j] += g[n + joint, i] * D[k, i]
             size += c.v[j] ** 2
         for j in range(len(c.more)):
             for i in range(len(y)):

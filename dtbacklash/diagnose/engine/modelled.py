@@ -41,7 +41,9 @@ MOVED, PUSHED = 1e-5, 1e-3
 HORIZON = 12
 #: the slots whose laws are simulated
 JOINTS = slots.BodyEffort, slots.Contact
-KNOWN = (*JOINTS, slots.BodyDamping, slots.Command, slots.Late, slots.Reading)
+#: fine steps are so much smaller where a gap closes
+HARD = 2
+KNOWN = (*JOINTS, slots.JointPlay, slots.BodyDamping, slots.Command, slots.Late, slots.Reading)
 
 #: what acts: of which joint or channel, the effect, its values
 Acting = list[tuple[int, Effect, Values]]
@@ -67,6 +69,8 @@ class Parts(NamedTuple):
     friction: Floats
     shown: Floats
     clock: Floats
+    at: np.ndarray
+    behind: np.ndarray
 
 
 R = TypeVar("R")
@@ -116,7 +120,8 @@ class Modelled(Simulated):
         """The model with a rig's parameters, in its first state.
 
         step_s, ratio : its small step, and how many are a far one. dampings : (joints,) that are added. contacts :
-        joints with dry friction beside the model's. bare : without the model's own friction, contacts and limits.
+        joints with dry friction beside the model's. bare : without the model's own friction, contacts and limits, and
+        without gaps.
         """
         raise NotImplementedError
 
@@ -181,7 +186,8 @@ class Modelled(Simulated):
         first = self._start(rig, c, np.array([first_read(y) for y in Y.T]))
         D, X = np.zeros(Y.shape), np.zeros((len(Y), len(first)))
         put(c, first)
-        observe(c, Y, K[1], which, D, X)
+        gaps = np.zeros((len(K[1]), len(first) - K.shape[2], Y.shape[1]))  # what is in them is not corrected
+        observe(c, Y, np.concatenate([K[1], gaps], axis=1), which, D, X)
         E = np.einsum("kij,kj->ki", W[1][which], D)
         del owner
         return Pass(np.where(np.isfinite(Y), E, 0.0 * E), D, X, first)
@@ -206,7 +212,7 @@ class Modelled(Simulated):
 
     def _start(self, rig: Rig, c: Compiled, read: Floats) -> Floats:
         """(n,) positions as they were read, others as in the model."""
-        start = np.zeros(2 * len(c.q) + len(c.more))
+        start = np.zeros(2 * len(c.q) + len(c.more))  # of joints, what else the model has, and gaps
         take(c, start)
         for channel, value in zip(self.readings.channels, read, strict=True):
             sensor = rig.sensors[channel]
@@ -237,7 +243,9 @@ class Modelled(Simulated):
                     if isinstance(slot, kind):
                         found[kind].append((joint, effect, values))
         contacts = [joint for joint, _, _ in found[slots.Contact]]
-        far, ratio = self.steps(bool(found[slots.BodyEffort]), bool(contacts))
+        hard = not bare and any(rig.active(name, slots.JointPlay) for name in self._joints)
+        far, ratio = self.steps(bool(found[slots.BodyEffort]), bool(contacts) or hard)
+        far, ratio = (far * ratio * (HARD if self.finely else 1), 1) if hard else (far, ratio)
         whole, begin = far * ratio, r.every // 2 * r.sample_time_s / r.every
         parts = self.parts(rig, r.sample_time_s / whole, ratio, dampings, contacts, bare)
         sensors = np.array([self._sensor(rig, c) for c in r.channels])

@@ -20,10 +20,12 @@ from numba import cfunc, types
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.modelled import Modelled, Parts
 from dtbacklash.diagnose.engine.readings import Readings
+from dtbacklash.physics.effects import slots
 from dtbacklash.physics.mjcf import (
     ACTUATOR_PREFIX,
     FRICTION_IMPEDANCE,
     FRICTION_STEPS,
+    PLAY_PREFIX,
     model_of,
     number_of,
     set_number,
@@ -67,7 +69,8 @@ class Stepped(Modelled):
         """A copy of the model, with its data."""
         import mujoco as mj
 
-        m = copy.copy(self._nominal)
+        gaps = {} if bare else {j: w for j in self._joints if (w := rig.amount(j, slots.JointPlay, "width"))}
+        m = copy.copy(model_of(rig.config, tuple(gaps)))
         unused = mj.mjtDisableBit
         m.opt.disableflags |= unused.mjDSBL_AUTORESET | unused.mjDSBL_SENSOR | unused.mjDSBL_ISLAND
         if not self.readings.as_stepped:
@@ -80,10 +83,16 @@ class Stepped(Modelled):
         if any(title.startswith("bodies.") for title in changed):
             mj.mj_setConst(m, d)
             mj.mj_resetData(m, d)
-        m.dof_damping += dampings
+        at, behind = m.jnt_dofadr[[m.joint(name).id for name in self._joints]], np.full(len(self._joints), -1)
+        for name, width in gaps.items():
+            gap = m.joint(PLAY_PREFIX + name)
+            gap.range[:] = -0.5 * width, 0.5 * width
+            m.jnt_solref[gap.id, 0] = FRICTION_STEPS * step_s
+            behind[self._joints.index(name)] = gap.dofadr[0]
+        m.dof_damping[at] += dampings
         far = copy.copy(m) if ratio > 1 else m
         far.opt.timestep = ratio * step_s
-        for joint in contacts:
+        for joint in at[contacts]:
             m.dof_solref[joint], m.dof_solimp[joint, :2] = (FRICTION_STEPS * step_s, 1.0), FRICTION_IMPEDANCE
         if bare:
             m.dof_frictionloss[:] = 0.0
@@ -91,6 +100,7 @@ class Stepped(Modelled):
         return Parts(
             (m, far, d), *functions(), m._address, far._address, d._address, d.qpos, d.qvel, d.act, d.qacc,
             d.qfrc_applied, d.qfrc_actuator, d.ctrl, m.dof_frictionloss, np.zeros(0), np.zeros(1),
+            at, behind,
         )  # fmt: skip
 
 

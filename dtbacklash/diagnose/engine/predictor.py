@@ -214,7 +214,8 @@ class Predictor:
             Z = corrected(found.X, found.D, gains, which)
             base = self.simulated.onwards(rig, Z)
             for title, (other, by) in moved.items():
-                self._leads[title] = (self.simulated.onwards(other, Z) - base) / by
+                led = (self.simulated.onwards(other, Z) - base) / by
+                self._leads[title] = led[:, : len(L.states)]
         there = np.ascontiguousarray(L.A[1]), np.ascontiguousarray(L.C[1]), np.ascontiguousarray(gains.K[1]), gains.W[1]
         none = np.zeros(r.there.shape)
         return {title: driven(*there, which, self._leads[title][:n], none, ~r.there) for title in moved}

@@ -59,6 +59,7 @@ def found_model(rig: Rig) -> dict[str, str]:
 def _found_mjcf(rig: Rig) -> dict[str, str]:
     frictions: dict[str, float] = {}
     dampings: dict[str, float] = {}
+    plays: dict[str, float] = {}
     calls: list[str] = []
     levels: dict[str, list[str]] = {}
     sources: dict[str, str] = {}
@@ -69,6 +70,8 @@ def _found_mjcf(rig: Rig) -> dict[str, str]:
             joint = str(element.neighbours.get("drives", name)) if element else ""
             if isinstance(slot, slots.BodyDamping):
                 dampings[joint] = dampings.get(joint, 0.0) + values[slot.coefficient]
+            elif isinstance(slot, slots.JointPlay):
+                plays[joint] = values[slot.width]
             elif isinstance(slot, slots.Contact) and not slots.asked(effect):
                 given = [list(values.values())[n] for n in arguments(slot.level, (), effect) if isinstance(n, int)]
                 frictions[joint] = frictions.get(joint, 0.0) + float(plain_function(slot.level)(*given))
@@ -92,7 +95,7 @@ def _found_mjcf(rig: Rig) -> dict[str, str]:
         still = own + frictions[joint]
         calls += [*_at(joint), f"model.dof_frictionloss[dof] = {' + '.join([repr(still), *values_of])}"]
     file = Path(rig.config.model).name
-    files = {file: mended(rig.config, frictions, dampings)}
+    files = {file: mended(rig.config, frictions, dampings, plays)}
     if calls or beside:
         said = f"; not in it, as it is no force: {', '.join(beside)}" if beside else ""
         pushed = [_at(name)[0] for name in rig.elements if _at(name)[0] in calls]

@@ -311,6 +311,18 @@ class GearPlay(Slot):
 
 
 @dataclass(frozen=True)
+class JointPlay(Slot):
+    """A gap between a joint of a MuJoCo model and what its actuator turns; names its whole width, m or rad.
+
+    The actuator turns the joint's armature, with the joint's damping and friction; behind the gap is all else.
+    """
+
+    width: str
+    on: ClassVar = (BODY,)
+    proportional: ClassVar = False
+
+
+@dataclass(frozen=True)
 class HiddenBody(Slot):
     """A body that nobody drew, on a spring and a damper; names the parameters for kg, Hz and the damping ratio."""
 

@@ -6,7 +6,7 @@ from numpy.random import Generator
 from dtbacklash.compiled import law
 from dtbacklash.physics.effects.declare import REST_ERROR, Effect, Parameter, Place, Role, Values
 from dtbacklash.physics.effects.periodic import periodic, periodic_slope
-from dtbacklash.physics.effects.slots import GearPlay, Lead, Passing, Reaction, Yielding
+from dtbacklash.physics.effects.slots import GearPlay, JointPlay, Lead, Passing, Reaction, Yielding
 
 #: largest concealed half-gap, rad
 GAP_MAX = 3.141592653589793
@@ -14,6 +14,8 @@ GAP_MAX = 3.141592653589793
 LOSS_OF_DRIVE, LOSS_OF_WORM = 0.95, 5.0
 #: where the search for a loss starts, and the largest concealed one
 LOSSES, LOSS_MAX = (0.05, 0.25), 0.5
+#: where the search for a play of a joint begins, and the largest concealed one, shares of the way
+PLAYS, PLAY_MAX = (0.003, 0.01, 0.03, 0.1), 0.2
 
 
 @law
@@ -86,6 +88,20 @@ EFFECTS = [
         "The structure pushes back on the motor through the {location} ({share} of the full reaction).",
         conceal=lambda place, sign: (1.0, 0.3), excludes=("backlash",),
     ),
+]  # fmt: skip
+
+#: of joints of a MuJoCo model
+EFFECTS += [
+    Effect(
+        "backlash", kind, (Parameter("lost_motion", unit, 0.0, 1e3, typical, 0.0, role=Role.SIZE),),
+        "|q - q_a| <= lost_motion/2; the actuator turns q_a, the joint's armature", JointPlay("lost_motion"),
+        "a second joint with a range, as MuJoCo models have it",
+        "The {location} has backlash: a lost motion of {lost_motion} between it and its actuator.",
+        conceal=lambda place, sign: (PLAY_MAX * (place.way or 1.0), 0.01 * (place.way or 1.0)),
+        starts=lambda place: [{"size": share * place.way} for share in PLAYS],
+        visible=lambda place: {"lost_motion": (0.0, place.way)},
+    )
+    for kind, unit, typical in (("turning_joint", "rad", 0.01), ("sliding_joint", "m", 1e-3))
 ]  # fmt: skip
 
 #: of whatever passes on an effort

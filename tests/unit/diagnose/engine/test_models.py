@@ -15,6 +15,7 @@ import pytest
 import yaml
 from fmus import COLUMNS, EQUATIONS, EXCHANGED, JOINTS, STAGE, Machine
 
+import dtbacklash as dtb
 from dtbacklash.diagnose.engine.columns import Columns
 from dtbacklash.diagnose.engine.efforts import efforts
 from dtbacklash.diagnose.engine.exact import Problem
@@ -235,7 +236,7 @@ def test_a_mended_model_finds_what_lies_beside_the_model(rig, tmp_path):
     (tmp_path / "meshed.xml").write_text(text)
     config = load_rig({**RIG, "model": str(tmp_path / "meshed.xml")}).config
     (tmp_path / "found").mkdir()
-    (tmp_path / "found" / "meshed.xml").write_text(mended(config, {}, {}))
+    (tmp_path / "found" / "meshed.xml").write_text(mended(config, {}, {}, {}))
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "found" / "meshed.xml")).nmesh == 1
 
 
@@ -315,6 +316,45 @@ def test_a_friction_is_the_same_at_each_step_of_the_model(rig, tmp_path):
         model = Problem(bench, start, [("axle", "coulomb_friction")], motion).ladder(at)
         sizes.append(model.rig.effects["axle"]["coulomb_friction"]["torque"])
     assert sizes == pytest.approx([0.12] * 3, rel=0.01)
+
+
+def geared(u: np.ndarray, gap: float, parts: int = 400) -> np.ndarray:
+    """(N,) angle of the wheel that a rotor of its armature turns through a gap, on teeth that hardly give way."""
+    a = w = q = v = 0.0
+    found, h = np.zeros(N), STEP_S / parts
+    for k in range(N):
+        found[k] = q
+        for _ in range(parts):
+            bent = (a - q) - min(max(a - q, -0.5 * gap), 0.5 * gap)
+            teeth = 5e3 * bent + 20.0 * (w - v) if bent else 0.0
+            w, v = w + h * (2.0 * u[k] - 0.2 * w - teeth) / 0.05, v + h * teeth / 0.25
+            a, q = a + h * w, q + h * v
+    return found
+
+
+def test_a_gap_between_an_actuator_and_its_joint_opens_and_closes(rig):
+    u, push = commands()
+    way, speed = answered(push, 3.0, 1.5)
+    shaken = (push - 1.5 * speed) / 3.0
+    there = {"torque": u, "push": push, "angle": geared(u, 0.05), "way": way, "shaken": shaken}
+    with_gap = passed(rig.with_effect("axle", "backlash", {"lost_motion": 0.05}), there)["angle"]
+    assert np.sqrt(np.mean(with_gap**2)) < 0.05 * np.sqrt(np.mean(passed(rig, there)["angle"] ** 2))
+    assert "backlash" not in rig.takes("rail")  # no armature there
+    m = mujoco.MjModel.from_xml_string(mended(rig.config, {}, {}, {"axle": 0.05}))
+    assert np.ptp(m.joint("play_axle").range) == pytest.approx(0.05, rel=1e-4)
+
+
+@pytest.mark.check
+def test_a_gap_between_an_actuator_and_its_joint_is_named(rig):
+    (u, push), rng = commands(), np.random.default_rng(1)
+    way, speed = answered(push, 3.0, 1.5)
+    angle = np.round(geared(u, 0.03) / 1e-4 + 0.3 * rng.standard_normal(N)) * 1e-4
+    there = {"t": STEP_S * np.arange(N), "torque": u, "push": push, "angle": angle,
+             "way": np.round(way / 1e-5 + 0.3 * rng.standard_normal(N)) * 1e-5,
+             "shaken": (push - 1.5 * speed) / 3.0 + 0.01 * rng.standard_normal(N)}  # fmt: skip
+    (cause,) = dtb.diagnose(pd.DataFrame(there), rig, jobs=1).diagnosis.findings
+    assert (cause.location, cause.effect, cause.confidence) == ("axle", "backlash", "sure")
+    assert cause.parameters["lost_motion"].value == pytest.approx(0.03, rel=0.03)
 
 
 def test_a_log_that_a_simulation_made_follows_its_own_steps(rig):
