@@ -28,10 +28,11 @@ def do(
 ) -> tuple[tuple[Design, Rivalry], dict[str, Any]]:
     """Look for the command, and write the folder, complete or not at all."""
     from dtbacklash.face.experiments import experiment
-    from dtbacklash.report.experiments import design as report
 
     with run_folder(folder, RUN_FOLDER, MARK, ENTRIES) as scratch:
         found, rivalry = experiment(config, (os.cpu_count() if tell else None) or 1, tell)
+        from dtbacklash.report.experiments import design as report
+
         report.write(found, rivalry, scratch, command)
     return (found, rivalry), {"least_apart": report.errors_of(found.best)[0], "tries": found.tries}
 

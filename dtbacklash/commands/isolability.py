@@ -24,10 +24,11 @@ FIGURES = ("effects", "confused", "hidden")
 def do(config: IsolabilityConfig, folder: Path, command: str, tell: Tell | None) -> tuple[Isolability, dict[str, Any]]:
     """Simulate, compare, and write the folder, complete or not at all."""
     from dtbacklash.face.experiments import isolable
-    from dtbacklash.report.experiments import isolability as report
 
     with run_folder(folder, RUN_FOLDER, MARK, ENTRIES) as scratch:
         found = isolable(config, (os.cpu_count() if tell else None) or 1, tell)
+        from dtbacklash.report.experiments import isolability as report
+
         if tell:
             tell(0.95, "drawing the matrix")
         report.write(found, scratch, command)

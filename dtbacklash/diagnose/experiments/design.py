@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dtbacklash.arrays import Floats
+from dtbacklash.campaign.progress import SO_FAR
 from dtbacklash.diagnose.experiments.rivalry import Answer, Rivalry
 from dtbacklash.errors import UserError
 
@@ -27,6 +28,12 @@ RAMPS = 0.02, 0.9
 PERIODS, SAMPLES_A_PERIOD = 2.0, 40.0
 #: a command is made so large that its motion comes as near to the limits (share), in so many simulations at most
 NEAR, SIMULATIONS = 0.97, 8
+#: a drift without a command takes at most this share of a limit; else the experiment is so many times as long, again
+DRIFTS, SHORTER = 0.5, 0.8
+#: fewer samples than this are no experiment
+FEWEST = 20
+#: what is known so far is told anew where it is so many times as far apart; an exact comparison takes so many tries
+NEWS, EXACT = 1.5, 2
 #: where so many of each kind do not move, none does
 GIVEN_UP = 4
 #: no command moves less than this share of what a limit allows
@@ -67,46 +74,87 @@ class Tried:
 class Design:
     """The best command, exactly compared; a multisine as it was drawn, within the same limits; how many were tried.
 
-    commands : of files, all of them, the best first.
+    commands : of files, all of them, the best first. drifts : the model that moves so far without a command that the
+    experiment has been shortened; empty: none.
     """
 
     best: Tried
     beside: Tried | None
     tries: int
     commands: tuple[Tried, ...] = ()
+    drifts: str = ""
 
 
 def designed(
     rivalry: Rivalry, limits: Limits, duration_s: float, tries: int, seed: int = 0, tell: Tell | None = None
 ) -> Design:
-    """The best of many commands of a length.
+    """The best of many commands of a length; after Ctrl-C of those that were tried until then.
+
+    Where a model drifts to its limits without a command, the experiment is so much shorter.
 
     Raises
     ------
-    UserError : the limits allow no motion.
+    UserError : the limits allow no motion, or the time is too short.
     """
     rng, step = np.random.default_rng(seed), rivalry.seen.sample_time_s
-    n = max(round(duration_s / step), 2)
+    _long_enough("duration_s", f"{duration_s:g}", round(duration_s / step), step)
+    n, drifts = _while_within(rivalry, limits, round(duration_s / step))
     best: tuple[_Shape, Tried] | None = None
     beside: Tried | None = None
-    for k in range(tries):
-        if tell:
-            tell(k / tries, "trying commands" if best is None else f"trying commands; {_told(best[1])} so far")
-        if best is None and k >= GIVEN_UP * len(_SHAPES):
-            break
-        drawn = best is None or k < DRAWN * tries
-        shape = _SHAPES[k % len(_SHAPES)].drawn(rng) if drawn or best is None else best[0].changed(rng)
-        found = _largest(rivalry, limits, shape.command(n, step, limits.command), shape.kind)
-        if found is None:
-            continue
-        beside = found if beside is None and shape.kind == "multisine" else beside
-        if best is None or found.score > best[1].score:
-            best = shape, found
+    said, told, k = "", 0.0, 0
+    try:
+        for k in range(tries):
+            if tell:
+                tell(k / (tries + 2 * EXACT), f"trying commands{said}")
+            if best is None and k >= GIVEN_UP * len(_SHAPES):
+                break
+            drawn = best is None or k < DRAWN * tries
+            shape = _SHAPES[k % len(_SHAPES)].drawn(rng) if drawn or best is None else best[0].changed(rng)
+            found = _largest(rivalry, limits, shape.command(n, step, limits.command), shape.kind)
+            if found is None:
+                continue
+            beside = found if beside is None and shape.kind == "multisine" else beside
+            if best is None or found.score > best[1].score:
+                best = shape, found
+                if not said or min(found.apart) > NEWS**2 * told:
+                    told, said = min(found.apart), f"{SO_FAR}{_told(found)}; Ctrl-C keeps the best"
+    except KeyboardInterrupt:
+        if best is None:
+            raise
+        tries = k
     if best is None:
-        given = ", ".join(f"{body} {most:g}" for body, most in limits.travel.items())
-        allowed = f"with command_max={limits.command:g} and speed, these limits allow no motion; give larger ones"
-        raise UserError("travel", given, allowed)
-    return Design(_exactly(rivalry, best[1]), None if beside is None else _exactly(rivalry, beside), tries)
+        largest = rivalry.answer(rivalry.found, np.full(n, limits.command))
+        raise UserError(*_limit(limits, _beyond(limits, largest)[1]), "allows no motion; give a larger one")
+    if tell:
+        tell(tries / (tries + 2 * EXACT), f"fitting the models to what the best would show{said}")
+    return Design(
+        _exactly(rivalry, best[1]), None if beside is None else _exactly(rivalry, beside), tries, drifts=drifts
+    )
+
+
+def _while_within(rivalry: Rivalry, limits: Limits, n: int) -> tuple[int, str]:
+    """For how many of n samples every model stays clear of the limits without a command; the one that does not."""
+    drifts = ""
+    for name, rig in (("what was found", rivalry.found), *((r.name, r.rig) for r in rivalry.rivals)):
+        while (near := _beyond(limits, rivalry.answer(rig, np.zeros(n))))[0] > DRIFTS:
+            n, drifts = int(SHORTER * n), name
+            if n < FEWEST:
+                allowed = f"{name} moves so far without a command in {FEWEST} samples; give a larger one"
+                raise UserError(*_limit(limits, near[1]), allowed)
+    return n, drifts
+
+
+def _limit(limits: Limits, which: str) -> tuple[str, str]:
+    """Key and value of a limit that :func:`_beyond` names."""
+    key, _, body = which.partition(" of ")
+    if not body:
+        return "command_max", f"{limits.command:g}"
+    return f"{key}.{body}", f"{getattr(limits, key)[body]:g}"
+
+
+def _long_enough(key: str, value: str, samples: int, step_s: float) -> None:
+    if samples < FEWEST:
+        raise UserError(key, value, f"at least {FEWEST} samples, {FEWEST * step_s:g} s")
 
 
 def chosen(rivalry: Rivalry, limits: Limits, commands: Mapping[str, Floats], tell: Tell | None = None) -> Design:
@@ -114,9 +162,11 @@ def chosen(rivalry: Rivalry, limits: Limits, commands: Mapping[str, Floats], tel
 
     Raises
     ------
-    UserError : each goes beyond a limit, or does not stay finite.
+    UserError : each goes beyond a limit, or does not stay finite; one is too short.
     """
     found, beyond = [], []
+    for name, u in commands.items():
+        _long_enough("commands", name, len(u), rivalry.seen.sample_time_s)
     for k, (name, u) in enumerate(commands.items()):
         if tell:
             tell(k / len(commands), name)
@@ -133,7 +183,7 @@ def chosen(rivalry: Rivalry, limits: Limits, commands: Mapping[str, Floats], tel
 
 
 def _told(tried: Tried) -> str:
-    return f"{math.sqrt(min(tried.apart)):.3g} standard errors apart"
+    return f"{tried.kind} tell the models apart by {math.sqrt(min(tried.apart)):.3g} standard errors at least"
 
 
 def _tried(rivalry: Rivalry, answer: Answer, kind: str, exactly: bool = False) -> Tried:

@@ -22,6 +22,7 @@ from dtbacklash.diagnose.planning import Observed
 from dtbacklash.diagnose.records import Record
 from dtbacklash.diagnose.seen import bench_of
 from dtbacklash.diagnose.settings import SETTINGS
+from dtbacklash.diagnose.spread import spread
 from dtbacklash.errors import UserError
 from dtbacklash.physics.assembly import compile_plant, state_names
 from dtbacklash.physics.rig import Rig
@@ -103,7 +104,7 @@ class Rivalry:
         own = bench.rows(self.found, gains)
         if own is None:
             return [0.0] * len(self.rivals)
-        return [self._apart(bench, sizes, gains, own, rival, exactly) for rival in self.rivals]
+        return spread(lambda rival: self._apart(bench, sizes, gains, own, rival, exactly), self.rivals)
 
     def _apart(self, bench: Bench, sizes: Sizes, gains: list[Gains], own: Floats, rival: Rival, exactly: bool) -> float:
         rig = rival.rig

@@ -87,6 +87,8 @@ def sentences(found: Design, rivalry: Rivalry) -> list[str]:
     way = f"{body} goes {goes} from where it begins, at {fast} at most"
     moves = f"{best.kind} of {len(best.u) * rivalry.seen.sample_time_s:.3g} s, at most {largest}; {way}."
     said = [first, moves[:1].upper() + moves[1:]]
+    if found.drifts:
+        said.append(f"It is no longer, since {found.drifts} moves without a command.")
     if told < many:
         said.append("What stays open needs larger limits, more time, or another sensor.")
     return said

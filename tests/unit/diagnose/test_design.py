@@ -94,8 +94,49 @@ def test_the_best_of_given_commands_is_the_one_that_reverses(rivalry, seen):
 def test_limits_that_nothing_keeps_are_refused(rivalry, seen):
     with refused("goes beyond command_max"):
         chosen(rivalry, limits(seen, command=0.5), {"swing.csv": SWING})
-    with refused("allow no motion"):
+    with refused("commands=short.csv: at least 20 samples"):
+        chosen(rivalry, limits(seen), {"swing.csv": SWING, "short.csv": SWING[:19]})
+
+
+@pytest.mark.parametrize(
+    ("less", "seconds", "said"),
+    [
+        ({"travel": {"load": 1e-12}}, 1.0, "travel.load=1e-12: allows no motion"),
+        ({"speed": {"load": 1e-12}}, 1.0, "speed.load=1e-12: allows no motion"),
+        ({"command": 1e-9}, 1.0, "command_max=1e-09: allows no motion"),
+        ({}, 0.019, "duration_s=0.019: at least 20 samples, 0.02 s"),
+    ],
+)
+def test_limits_that_allow_no_motion_are_one_line(rivalry, seen, less, seconds, said):
+    twin = Rivalry(rivalry.found, [Rival("itself", rivalry.found, (FRICTION,))], seen)
+    with refused(said):
+        designed(twin, limits(seen, **less), seconds, 4)
+
+
+def test_a_rival_that_moves_without_a_command_shortens_the_experiment(rivalry, seen):
+    # the load turns what rests by 10 rad within a second: the machine could be that
+    found = designed(rivalry, limits(seen, travel={"motor_rotor": 3.0, "load": 3.0}), 3.0, 4)
+    assert found.drifts == "constant load"
+    assert 0.2 < STEP_S * len(found.best.u) < 2.0
+    for rig in (rivalry.found, rivalry.rivals[0].rig):
+        assert max(rivalry.answer(rig, found.best.u).travel.values()) <= 3.0 * (1 + 1e-9)
+    assert designed(rivalry, limits(seen), 1.0, 2).drifts == ""
+    with refused("travel.load=1e-12: constant load moves so far without a command"):
         designed(rivalry, limits(seen, travel={"load": 1e-12}), 1.0, 4)
+
+
+def test_ctrl_c_keeps_the_best_and_what_is_known_is_told_early(rivalry, seen):
+    told = []
+
+    def stop(share, text):
+        told.append((share, text))
+        if len(told) == 4:
+            raise KeyboardInterrupt
+
+    found = designed(rivalry, limits(seen), 1.0, 20, tell=stop)
+    assert found.tries == 3
+    assert min(found.best.apart) > 0.0
+    assert "so far multisine tell the models apart by" in told[1][1]
 
 
 def test_what_is_observed_comes_back_from_its_file(seen, tmp_path):
