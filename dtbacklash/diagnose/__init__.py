@@ -82,7 +82,8 @@ def diagnose(
     if len(recordings) == 1 and (own or given):
         with_own(rig, 1, lambda key, wanted: 0, own, given)
     if compare is not None and (compare != CHANGE or len(recordings) != 2):
-        raise UserError("compare", compare, "must be change, of two recordings: recording=[before.csv,after.csv]")
+        allowed = f"is of two recordings, recording=[before.csv,after.csv], not of {len(recordings)}"
+        raise UserError("compare", compare, allowed if compare == CHANGE else f"choose {CHANGE}, of two recordings")
     if hold_out is not None and (held_out_given or isinstance(hold_out, bool) or not isinstance(hold_out, (str, int))):
         allowed = "says what judges, and so does held_out: give one" if held_out_given else "is no name or number"
         raise UserError("hold_out", hold_out, allowed)

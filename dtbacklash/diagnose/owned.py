@@ -32,6 +32,8 @@ def with_own(
     for k, names in _each(own, count, number):
         for name in names:
             values |= {(k, title): value for title, value in _titles("own", rig, name).items()}
+    if given and not isinstance(given, Mapping):
+        raise UserError("given", given, "must be a mapping, as {b: {carriage.mass: 3.2 kg}}")
     for recording, there in (given or {}).items():
         if not isinstance(there, Mapping):
             raise UserError(f"given.{recording}", there, "must be a mapping, as {carriage.mass: 3.2 kg}")
@@ -46,7 +48,7 @@ def _each(own: Own | None, count: int, number: Callable[[str, str | int], int]) 
     """Number of a recording and what is its own."""
     if not own:
         return []
-    if isinstance(own, str):
+    if isinstance(own, str) or not isinstance(own, (Sequence, Mapping)):
         raise UserError("own", own, "must be a list, as [carriage.mass], or one for a recording, {b: [carriage.mass]}")
     if not isinstance(own, Mapping):
         return [(k, own) for k in range(count)]
@@ -64,7 +66,7 @@ def _titles(key: str, rig: Rig, name: str) -> dict[str, float]:
     Of an effect it is the size.
     """
     parameters = rig.config.parameters
-    if name in parameters:
+    if isinstance(name, str) and name in parameters:
         return {name: parameters[name].value}
     place, _, rest = str(name).partition(".")
     field = rig.config.elements.get(place, {}).get(rest)

@@ -8,11 +8,15 @@ from __future__ import annotations
 
 import difflib
 import functools
+import json
 import math
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import yaml
 
 from dtbacklash.config.rig import ParameterConfig, RigConfig, share_of
 from dtbacklash.errors import UserError
@@ -226,30 +230,55 @@ def named(key: str, name: object, there: Mapping[str, Any]) -> Any:
 
 
 def new_rig(model: str) -> str:
-    """The text of a rig's file for a model: all columns by the names of the model, usual tolerances."""
-    spec = specification(model)
-    mj, compiled = _mujoco(model), _compiled(spec, model)
-    slides = {j.name: compiled.jnt_type[compiled.joint(j.name).id] == mj.mjtJoint.mjJNT_SLIDE for j in spec.joints}
+    """The text of a rig's file for a model: all columns by the names of the model, usual tolerances.
+
+    Joints that neither turn nor slide are fixed there.
+
+    Raises
+    ------
+    UserError : no such file, no MJCF; it has no actuator, or no joint that turns or slides; as :func:`completed`.
+    """
+    mj = _mujoco(model)
+    kinds = {j.name: j.type for j in specification(model).joints}
+    fixed = [name for name, kind in kinds.items() if kind not in (mj.mjtJoint.mjJNT_HINGE, mj.mjtJoint.mjJNT_SLIDE)]
+    spec = specification(model, fixed)
+    compiled = _compiled(spec, model)
+    if not spec.actuators or len(fixed) == len(kinds):
+        raise UserError("rig.model", model, "has no actuator that moves a joint")
+    slides = {name: kind == mj.mjtJoint.mjJNT_SLIDE for name, kind in kinds.items() if name not in fixed}
     lines = [
         f"model: {Path(model).name}",
         "",
         "# the column of the log: the actuator of the model that it commands",
         "commands:",
     ]
-    lines += [f"  u_{a.name}: {a.name}" for a in spec.actuators] or ["  # the model has no actuator"]
+    lines += [f"  {_written(f'u_{a.name}')}: {_written(a.name)}" for a in spec.actuators]
     lines += ["", "# the column of the log: what it shows. quantity: position, velocity, acceleration of a joint, or",
               "# torque, force of actuator_NAME; recorded_in: deg, say; absolute: it is 0 where the model's joint is",
               "sensors:"]  # fmt: skip
     for name, slide in slides.items():
-        lines.append(f"  q_{name}: {{of: {name}, quantity: position, absolute: true}}  # {'m' if slide else 'rad'}")
+        said = f"{{of: {_written(name)}, quantity: position, absolute: true}}  # {'m' if slide else 'rad'}"
+        lines.append(f"  {_written(f'q_{name}')}: {said}")
+    if fixed:
+        lines += ["", "# joints that neither turn nor slide: taken out, they never move"]
+        lines += [f"fixed: [{', '.join(map(_written, fixed))}]"]
     lines += ["", "# how far the model's numbers may be off, one standard deviation", "tolerances:"]
     for group, owners in (("joints", spec.joints), ("bodies", spec.bodies)):
         for name in (o.name for o in owners if o.name and o.name != "world"):
             for number in NUMBERS[group]:
                 title = f"{group}.{name}.{number}"
                 if number_of(compiled, title):
-                    lines.append(f"  {title}: {100 * USUAL[number]:.3g} %")
-    return "\n".join([*lines, ""])
+                    lines.append(f"  {_written(title)}: {100 * USUAL[number]:.3g} %")
+    lines[-1] += " {}" if lines[-1] == "tolerances:" else ""
+    text = "\n".join([*lines, ""])
+    completed(RigConfig(**{**yaml.safe_load(text), "model": model}))
+    return text
+
+
+def _written(name: str) -> str:
+    """A name as YAML takes it."""
+    plain = re.fullmatch(r"\w[\w./-]*", name) and yaml.safe_load(name) == name
+    return name if plain else json.dumps(name, ensure_ascii=False)
 
 
 def mended(

@@ -79,6 +79,20 @@ def _of(f: Free, model: Model, value: float, error: float, shared: float, own: b
     return InOne(recording, value, error, own or abs(shared - nothing) > NORMAL95 * error, bool(there), own)
 
 
+def difference(model: Model, values: Values, title: str) -> tuple[float, float]:
+    """How much larger a value that is free in each of two recordings is in the second one, and its standard error.
+
+    What is uncertain in both alike, as the scale of all forces, is not in it.
+    """
+    js = [j for j, f in enumerate(values.free) if f.shared_title == title]
+    of, slopes = values.free[js[0]], np.array([float(values.free[j].per_x(values.x[j])) for j in js])
+    turned = slopes * [-1.0, 1.0]
+    law = find(model.rig.kind_at(of.place), of.effect, of.place).formulation_error if of.effect else 0.0
+    error = np.hypot(np.sqrt(turned @ values.covariance[np.ix_(js, js)] @ turned), law * turned.sum())
+    first, second = (values.free[j].value(values.x[j]) for j in js)
+    return second - first, float(error)
+
+
 def stands(each: Collection[InOne], apart: float) -> bool:
     """Whether a shared value is there in each recording that can show it, and alike: no two further apart than that.
 

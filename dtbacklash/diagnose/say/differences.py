@@ -2,12 +2,10 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from dtbacklash.diagnose.conclusion import MISSED, Conclusion
 from dtbacklash.diagnose.engine.changes import Change
 from dtbacklash.diagnose.engine.free import Key, unit_of
-from dtbacklash.diagnose.engine.in_each import InOne
+from dtbacklash.diagnose.engine.in_each import InOne, difference
 from dtbacklash.diagnose.engine.values import NORMAL95
 from dtbacklash.diagnose.named import Cause, Changed, Finding, ParameterEstimate
 from dtbacklash.diagnose.say.sentences import quantity
@@ -33,21 +31,23 @@ def _changed(c: Conclusion, change: Change) -> Changed:
     before, after = c.in_each[change.title]
     unit, lead = _unit(c, change.title), c.search.rules.lead
     others = tuple(title for title, t in change.rivals.items() if not t > lead)
-    apart = abs(after.value - before.value) > lead * np.hypot(before.error, after.error)
-    sure = apart and not others and c.left < c.search.rules.left
+    more, error = difference(c.model, c.values, change.title)
+    sure = abs(more) > lead * error and not others and c.left < c.search.rules.left
     first, second = (
         ParameterEstimate(e.value, unit, (e.value - NORMAL95 * e.error, e.value + NORMAL95 * e.error))
         for e in (before, after)
     )
     instead = f" It may be {' or '.join(f'`{title}`' for title in others)} instead." if others else ""
-    was, now = (f"{_seen(e, change.title, unit)} in {c.named(e.recording)}" for e in (before, after))
-    said = f"`{change.title}` changed from {was} to {now}{'' if sure or others else ', which is open'}."
+    none = before.there or after.there  # what is seen in one alone is nothing in the other
+    was, now = (f"{_seen(e, change.title, unit, none)} in {c.named(e.recording)}" for e in (before, after))
+    by = f"by {quantity(more, unit)} +/- {quantity(NORMAL95 * error, unit)}"
+    said = f"`{change.title}` changed from {was} to {now}, {by}{'' if sure or others else ', which is open'}."
     return Changed(change.title, unit, first, second, "sure" if sure else "partial", others, said + instead)
 
 
-def _seen(one: InOne, title: str, unit: str) -> str:
-    """A value in one recording; an effect that is not seen there is nothing."""
-    return quantity(one.value, unit) if one.there or "." not in title else "nothing"
+def _seen(one: InOne, title: str, unit: str, none: bool) -> str:
+    """A value in one recording. none : whether an effect that is not seen there is nothing."""
+    return "nothing" if none and not one.there and "." in title else quantity(one.value, unit)
 
 
 def changes_said(c: Conclusion, named: Sequence[Finding]) -> str:

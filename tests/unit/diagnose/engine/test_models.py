@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+import re
 import threading
 import zipfile
 from dataclasses import replace
@@ -29,7 +30,7 @@ from dtbacklash.errors import UserError
 from dtbacklash.face.rigs import load_rig
 from dtbacklash.physics import fmu_file
 from dtbacklash.physics.effects.slots import Contact
-from dtbacklash.physics.mjcf import mended
+from dtbacklash.physics.mjcf import mended, new_rig
 from dtbacklash.recording.model import Recording
 
 mujoco = pytest.importorskip("mujoco")
@@ -238,6 +239,21 @@ def test_a_mended_model_finds_what_lies_beside_the_model(rig, tmp_path):
     (tmp_path / "found").mkdir()
     (tmp_path / "found" / "meshed.xml").write_text(mended(config, {}, {}, {}))
     assert mujoco.MjModel.from_xml_path(str(tmp_path / "found" / "meshed.xml")).nmesh == 1
+
+
+def test_a_new_rig_of_a_model_can_be_read(tmp_path):
+    text = MODEL.format(step=2e-3).replace('"spin"', '"no: 1"').replace('"rail"', '"on"')
+    thrown = '<body name="ball" pos="0 9 0"><freejoint name="free"/><geom size="0.1"/></body></worldbody>'
+    for damped in (True, False):
+        bare = re.sub(r'damping="[\d.]+"|armature="[\d.]+"|name="(wheel|cart)"', "", text)  # nothing may be off
+        (tmp_path / "machine.xml").write_text(text.replace("</worldbody>", thrown) if damped else bare)
+        described = yaml.safe_load(new_rig(str(tmp_path / "machine.xml")))
+        rig = load_rig({**described, "model": str(tmp_path / "machine.xml")})
+        assert (rig.config.commands["u_no: 1"], list(rig.bodies())[1].name) == ("no: 1", "on")
+        assert described.get("fixed", []) == ["free"] * damped
+    (tmp_path / "machine.xml").write_text(re.sub("<actuator>.*</actuator>", "", text, flags=re.DOTALL))
+    with pytest.raises(UserError, match=r"rig.model=.*machine.xml: has no actuator that moves a joint"):
+        new_rig(str(tmp_path / "machine.xml"))
 
 
 def test_a_free_joint_and_a_step_that_is_no_divisor_are_refused(rig, tmp_path):
