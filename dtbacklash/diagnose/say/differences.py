@@ -21,17 +21,22 @@ def differences_said(c: Conclusion) -> str:
 
 
 def changes(c: Conclusion) -> tuple[Changed, ...] | None:
-    """What changed from the first recording to the second; None where that was not asked."""
+    """What changed from the first recording to the second; None where that was not asked.
+
+    A value that may be the same in both, within the error of its difference, did not change.
+    """
     if c.changes is None:
         return None
-    return tuple(_changed(c, one) for one in c.changes if len(c.in_each.get(one.title, ())) > 1)
+    both = [one for one in c.changes if len(c.in_each.get(one.title, ())) > 1]
+    by = [difference(c.model, c.values, one.title) for one in both]
+    return tuple(_changed(c, one, *d) for one, d in zip(both, by, strict=True) if abs(d[0]) > NORMAL95 * d[1])
 
 
-def _changed(c: Conclusion, change: Change) -> Changed:
+def _changed(c: Conclusion, change: Change, more: float, error: float) -> Changed:
+    """more, error : its difference."""
     before, after = c.in_each[change.title]
     unit, lead = _unit(c, change.title), c.search.rules.lead
     others = tuple(title for title, t in change.rivals.items() if not t > lead)
-    more, error = difference(c.model, c.values, change.title)
     sure = abs(more) > lead * error and not others and c.left < c.search.rules.left
     first, second = (
         ParameterEstimate(e.value, unit, (e.value - NORMAL95 * e.error, e.value + NORMAL95 * e.error))
