@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import os
-import shlex
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -164,7 +163,7 @@ def show(diagnosis: Diagnosis, config: DiagnoseConfig, folder: Path | None) -> i
     from dtbacklash.commands.console import shown_path, stdout_console
     from dtbacklash.physics.rig_file import rig_yaml
     from dtbacklash.report.diagnosis.text import lines
-    from dtbacklash.report.diagnosis.words import next_command
+    from dtbacklash.report.diagnosis.words import design_command, next_command
     from dtbacklash.report.kit import tables
 
     console = stdout_console()
@@ -175,8 +174,7 @@ def show(diagnosis: Diagnosis, config: DiagnoseConfig, folder: Path | None) -> i
     if not diagnosis.fault:
         run = next_command(diagnosis, shown_path(folder / "rig.yaml"))
         console.print(escape(f"To use what was found: {run}"), soft_wrap=True)
-        if any(finding.also_fits for finding in diagnosis.findings):
-            design = shlex.join(["dtb", "design", shown_path(folder)])
+        if design := design_command(diagnosis, shown_path(folder)):
             console.print(escape(f"To tell apart what is open: {design}"), soft_wrap=True)
     console.print(escape(shown_path(folder / "report.html")), soft_wrap=True)
     return INTERRUPTED if diagnosis.stopped else 0

@@ -14,7 +14,8 @@ class OpenModel:
     """A model that the recording does not tell from the one that was found.
 
     instead_of : (place, effect) that was found. effects : what stands in its place; nothing, where that does as well.
-    rig : the content of its rig file, with its values as fitted. lead : by which the found one is likelier (-2 log
+    Where what changed is open (``compare=change``), both are ("", title). rig : the content of its rig file, with its
+    values as fitted; of several recordings, as in the last. lead : by which the found one is likelier (-2 log
     likelihood, with what parameters cost).
     """
 

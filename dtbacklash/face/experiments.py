@@ -220,8 +220,10 @@ def _open_models(config: DesignConfig) -> tuple[Rig, Observed, list[Rival]]:
         raise UserError("found", config.found, "leaves nothing open: no rival is left to be told apart")
     rivals = []
     for one, rig in zip(seen.open, rigs, strict=True):
-        without = all_in_words([one.instead_of])
-        name = f"{all_in_words(one.effects)} instead of {without}" if one.effects else f"no {without}"
+        place, what = one.instead_of
+        without = all_in_words([one.instead_of]) if place else f"`{what}`"
+        there = all_in_words(one.effects) if place else f"change of `{one.effects[0][1]}`"
+        name = f"{there} instead of {without}" if one.effects else f"no {without}"
         keys = [(place, effect) for place, there in rig.effects.items() for effect in there]
         new = [key for key in keys if key[1] not in rig.tolerances.get(key[0], {})]
         rivals.append(Rival(name, rig, tuple(new)))

@@ -34,11 +34,12 @@ class Tried:
 
 @dataclass(frozen=True)
 class Change:
-    """A change that was found, and what was tried in its place: title -> lead over it in standard errors."""
+    """A change that was found, and what was tried in its place: title -> lead over it in standard errors,
+    and the model."""
 
     title: str
     gain: float
-    rivals: dict[str, float]
+    rivals: dict[str, tuple[float, Model]]
 
 
 def grow(search: Search) -> None:
@@ -61,7 +62,7 @@ def judged(search: Search) -> tuple[Change, ...]:
         less = _shared(search, now, title)
         others = [one for one in fits(search, less) if one.title != title] if less else []
         gained = less.score - now.score if less else np.inf
-        found.append(Change(title, gained, {one.title: _lead(search, one.model) for one in others}))
+        found.append(Change(title, gained, {one.title: (_lead(search, one.model), one.model) for one in others}))
     return tuple(found)
 
 

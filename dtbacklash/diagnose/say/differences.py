@@ -36,7 +36,7 @@ def _changed(c: Conclusion, change: Change, more: float, error: float) -> Change
     """more, error : its difference."""
     before, after = c.in_each[change.title]
     unit, lead = _unit(c, change.title), c.search.rules.lead
-    others = tuple(title for title, t in change.rivals.items() if not t > lead)
+    others = tuple(title for title, (t, _) in change.rivals.items() if not t > lead)
     sure = abs(more) > lead * error and not others and c.left < c.search.rules.left
     first, second = (
         ParameterEstimate(e.value, unit, (e.value - NORMAL95 * e.error, e.value + NORMAL95 * e.error))

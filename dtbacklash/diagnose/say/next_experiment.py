@@ -7,6 +7,7 @@ from dtbacklash.diagnose.conclusion import Conclusion
 from dtbacklash.diagnose.engine.free import Key
 from dtbacklash.diagnose.engine.judge import Rival
 from dtbacklash.diagnose.result import UNEXPLAINED, Located, Verdict
+from dtbacklash.diagnose.say.differences import changes
 from dtbacklash.diagnose.words import place_in_words
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import Rig
@@ -28,13 +29,16 @@ def next_experiment(c: Conclusion, verdict: Verdict, where: Located | None) -> s
         (key, rival) for key in c.model.keys for rival in c.judged.rivals.get(key, ())
         if rival.keys and not rival.beaten
     ]  # fmt: skip
-    if c.seen.unlogged(c.model.rig):
-        return LOG_IT
-    said = _where(c, where) if verdict == UNEXPLAINED and where is not None else ""
+    changed = [(one.title, *one.also_fits) for one in changes(c) or () if one.also_fits]
+    said = LOG_IT if c.seen.unlogged(c.model.rig) else ""
+    if not said and verdict == UNEXPLAINED and where is not None:
+        said = _where(c, where)
+    if not said and changed:
+        said = f"What changed is open: {' or '.join(f'`{title}`' for title in changed[0])}."
     if not said:
         alone = len({s.record.recording for s in c.seen.stretches}) == 1
         said = _told_apart(c, *pairs[0]) if pairs else NOTHING if alone else NOTHING_IN_ALL
-    return f"{said} {DESIGN}" if pairs and not c.model.rig.config.model else said
+    return f"{said} {DESIGN}" if (pairs or changed) and not c.model.rig.config.model else said
 
 
 def _where(c: Conclusion, where: Located) -> str:

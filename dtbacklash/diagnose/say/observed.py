@@ -49,11 +49,19 @@ def _slow(c: Conclusion) -> tuple[dict[str, float], float]:
 
 
 def _open(c: Conclusion) -> list[OpenModel]:
-    """The rivals of every name that are not beaten, the closest first; each model once."""
+    """The rivals of every name that are not beaten, the closest first; each model once. What else may have changed."""
     rivals = [(key, r) for key in c.model.keys for r in c.judged.rivals.get(key, ()) if not r.beaten]
     found: dict[tuple[tuple[str, str], ...], OpenModel] = {}
+    last = c.search.bench.recordings[-1]
     for key, rival in sorted(rivals, key=lambda one: one[1].lead):
         others = tuple(sorted(rival.model.keys))
         if others != tuple(sorted(c.model.keys)):
-            found.setdefault(others, OpenModel(key, rival.keys, rig_content(rival.model.rig), rival.lead))
+            found.setdefault(others, OpenModel(key, rival.keys, rig_content(rival.model.rig.of(last)), rival.lead))
+    for change in c.changes or ():
+        for title, (t, model) in change.rivals.items():
+            if not t > c.search.rules.lead:
+                is_, lead = ("", title), model.score - c.model.score
+                found[(("", change.title), is_)] = OpenModel(
+                    ("", change.title), (is_,), rig_content(model.rig.of(last)), lead
+                )
     return list(found.values())

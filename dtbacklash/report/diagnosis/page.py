@@ -18,6 +18,7 @@ from dtbacklash.report.diagnosis.words import (
     better_model,
     capital,
     causes,
+    design_command,
     heading,
     judged,
     judged_how,
@@ -55,7 +56,7 @@ def first_screen(diagnosis: Diagnosis, folder: Path) -> list[Part]:
     table, rest, curve = causes(diagnosis), left(diagnosis), judged_curve(diagnosis)
     right: list[Part] = [
         Block("What is left", [rest]),
-        Block("What next", [diagnosis.next_experiment]),
+        Block("What next", [diagnosis.next_experiment, Code(design_command(diagnosis, "."))]),
         Block(
             "Use it", [Code("" if diagnosis.fault else next_command(diagnosis, "rig.yaml"))], "in this page's folder"
         ),

@@ -13,6 +13,7 @@ from dtbacklash import units
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.named import Finding, Recalibrated
 from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Diagnosis
+from dtbacklash.diagnose.say.next_experiment import DESIGN
 from dtbacklash.diagnose.shown import Curve
 from dtbacklash.diagnose.words import listed, named_in_words, other_in_words, place_in_words
 from dtbacklash.physics.catalogue import find
@@ -24,6 +25,11 @@ from dtbacklash.report.kit.numbers import number
 
 #: heads of the table of causes
 CAUSES = ("place", "law", "size, 95 % interval", "sure?", "explains#")
+
+
+def design_command(diagnosis: Diagnosis, folder: str) -> str:
+    """The command that designs the experiment for what is open, with the folder of the diagnosis; else empty."""
+    return shlex.join(["dtb", "design", folder]) if diagnosis.next_experiment.endswith(DESIGN) else ""
 
 
 def next_command(diagnosis: Diagnosis, file: str) -> str:

@@ -4,17 +4,20 @@ import json
 import math
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 from told import refusal, refused
 
+import dtbacklash as dtb
 from dtbacklash import cli
 from dtbacklash.diagnose import diagnose
 from dtbacklash.diagnose.experiments.design import Limits, chosen, designed
 from dtbacklash.diagnose.experiments.rivalry import Rival, Rivalry
 from dtbacklash.diagnose.planning import Observed, OpenModel
+from dtbacklash.diagnose.say import next_experiment
 from dtbacklash.face.rigs import load_rig
 from dtbacklash.files import json_text, write_json
 from dtbacklash.physics.rig_file import rig_content, rig_yaml
@@ -187,6 +190,51 @@ def test_a_wrong_choice_is_one_line(folder, capsys, seen, words, said):
     write_json(Path("closed/diagnosis.json"), {"observed": {**seen.to_json(), "open": []}})
     assert said in refusal(capsys, "design", *words, "out=next")
     assert not Path("next").exists()
+
+
+@pytest.mark.parametrize(
+    ("unlogged", "rivals", "changed", "model", "said", "ends"),
+    [
+        (True, True, False, "", "Log the command", True),
+        (False, False, True, "", "What changed is open: `J_l` or `load.coulomb_friction.torque`.", True),
+        (False, False, False, "", "Nothing is ambiguous in these recordings", False),
+        (True, True, False, "arm.xml", "Log the command", False),  # a design simulates rigs, not models
+        (True, False, False, "", "Log the command", False),
+    ],
+)
+def test_what_is_open_ends_with_the_command(monkeypatch, unlogged, rivals, changed, model, said, ends):
+    rival = SimpleNamespace(keys=(LOAD,), beaten=False)
+    open_change = SimpleNamespace(title="J_l", also_fits=("load.coulomb_friction.torque",))
+    monkeypatch.setattr(next_experiment, "changes", lambda c: (open_change,) if changed else None)
+    c = SimpleNamespace(
+        model=SimpleNamespace(keys=(FRICTION,), rig=SimpleNamespace(config=SimpleNamespace(model=model))),
+        judged=SimpleNamespace(rivals={FRICTION: (rival,)} if rivals else {}),
+        seen=SimpleNamespace(unlogged=lambda rig: unlogged, stretches=()),
+    )
+    told = next_experiment.next_experiment(c, "missing physics", None)
+    assert told.startswith(said)
+    assert told.endswith(next_experiment.DESIGN) == ends
+
+
+@pytest.mark.check
+def test_a_change_that_is_open_can_be_designed_for(nominal, tmp_path):
+    # after a stay in one direction nobody knows what holds the load back since
+    rng, u = np.random.default_rng(3), np.concatenate([np.full(1500, 3.0), ONE_WAY, ONE_WAY])
+    parts = []
+    for name, rig in ("before", nominal), ("after", nominal.with_effect(*FRICTION, {"torque": 0.015})):
+        shown = simulate(rig, u, STEP_S).sensors
+        y = {c: shown[c][1500:-1] + 1e-3 * rng.standard_normal(len(u) - 1500) for c in ("theta_m", "theta_l")}
+        parts.append(Recording(name, None, STEP_S, STEP_S * np.arange(len(u) - 1500), {"u": u[1500:], **y}, {}))
+    found = dtb.diagnose(parts, nominal, compare="change")
+
+    (change,) = found.diagnosis.changes
+    assert change.also_fits
+    assert found.next_experiment.endswith(next_experiment.DESIGN)
+    found.save(tmp_path / "found")
+    page = (tmp_path / "found" / "report.html").read_text()
+    assert "dtb design ." in page
+    best = dtb.design(tmp_path / "found", "tries=2", "duration_s=2").best
+    assert len(best.apart) >= len(change.also_fits)
 
 
 @pytest.mark.check
