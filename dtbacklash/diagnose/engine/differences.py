@@ -32,8 +32,9 @@ FITTED, MOST = 2, 4
 def differ(search: Search, named: Sequence[Model]) -> bool:
     """Free in each recording what differs between them, of the present model or of one with a new name; whether.
 
-    named : models with a new name that is shared. Where those leave much unknown, the names that explain most beyond
-    what they do with one size are fitted with a size in each recording: one recording alone may have it.
+    named : models with a new name that is shared. Where those leave much unknown, or gain less than sizes that differ
+    promise, the names that explain most beyond what they do with one size are fitted with a size in each recording: one
+    alone may have it, and what it leaves there is little in all of them.
 
     It has to earn what a name has to, and more than the best new name. A parameter of the rig is not freed while much
     is unknown: it would stand for what is missing.
@@ -48,7 +49,8 @@ def differ(search: Search, named: Sequence[Model]) -> bool:
                 left = search.unknown(done)
                 if "." in title or left < max(rules.much, min(rules.left, rules.clears * search.unknown(now))):
                     found.append((done, title))
-    if not named or search.unknown(named[0]) > rules.left:
+    gained = now.score - named[0].score if named else -np.inf
+    if gained < max((gain for gain, *_ in search.apart), default=-np.inf) or search.unknown(named[0]) > rules.left:
         found += _differing_names(search)
     if not found:
         return False
@@ -108,7 +110,9 @@ def alike(search: Search) -> None:
             search.differences = others
             continue
         now, bench = search.now, search.bench
-        less = search.fitted(joined(now.rig, title, bench.recordings), now, now.keys, (1.0, 0.1, 1.0), 5)
+        one = joined(now.rig, title, bench.recordings)
+        whole = all(one.effect(*key) is not None for key in now.keys)
+        less = search.fitted(one, now, now.keys, (1.0, 0.1, 1.0), 5) if whole else None
         if less is None or less.at_end:
             continue
         if less.score < now.score + search.asked(now, less):

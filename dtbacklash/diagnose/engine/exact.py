@@ -203,7 +203,8 @@ class Problem:
             return x, np.inf
         if not self.free:
             return x, float(rows @ rows)
-        for turn in range(steps):
+        turn, cut, own = 0, 0, [f.prior and f.recording is not None and not f.is_zero for f in self.free]
+        while turn - cut < steps:
             J = self.jacobian(x, gains, rows, J if turn not in (0, 4) else None, near)
             gram, side, here = J.T @ J, J.T @ rows, float(rows @ rows)
             taken: tuple[Floats, Floats] | None = None
@@ -219,10 +220,22 @@ class Problem:
                 damping = max(8.0 * damping, 1e-3)
             if taken is None:
                 break
+            # what is one recording's own is hardly known: a step of it that is cut short is on its way still
+            cut += cut < steps and bool((np.abs(taken[0] - x)[own] >= STEP_MAX).any())
+            turn += 1
             (x, rows), damping = taken, damping / 8.0
             if here - rows @ rows < min(ENOUGH[0] * here, ENOUGH[1]):
                 break
         return x, float(rows @ rows)
+
+    def solved(self, sizes: Sizes, steps: int, near: dict[str, Floats] | None = None) -> tuple[Floats, float]:
+        """The same from the better start; from both where a parameter has left its tolerance.
+
+        What is missing moves a parameter that is hardly known far away, and few steps do not bring it back.
+        """
+        both = (self.start(), np.zeros(len(self.free))) if np.abs(self.start()).max(initial=0.0) > 1.0 else (
+            self.better_start(sizes),)  # fmt: skip
+        return min((self.solve(sizes, x, steps, near) for x in both), key=lambda found: found[1])
 
     def model(self, x: Floats, sizes: Sizes, likelihood: float) -> Model:
         """What came of a fit."""

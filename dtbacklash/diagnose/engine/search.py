@@ -242,7 +242,7 @@ class Search:
                 Problem(quick, rig, keys, self.motion, model.stiff, model.smooth)
                 for rig, keys in (_as_late(rough, model, instead) if filters else proposals)
             ]
-            solved = spread(lambda p: p.solve(strict, p.better_start(strict), 3, near), problems)
+            solved = spread(lambda p: p.solved(strict, 3, near), problems)
             for problem, (x, squares) in zip(problems, solved, strict=True):
                 if np.isfinite(squares):
                     rough.append((squares + n * problem.counts, problem, x))

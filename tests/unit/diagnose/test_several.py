@@ -139,3 +139,21 @@ def test_what_one_direction_leaves_open_the_other_settles():
     assert (both.location, both.effect, both.confidence, both.also_fits) == ("load", "coulomb_friction", "sure", ())
     low, high = both.parameters["torque"].ci95
     assert low < 0.02 < high < 1.05 * low
+
+
+@pytest.mark.check
+def test_half_a_sample_of_delay_in_one_of_three_is_seen_there_only(rig):
+    """In all three together it leaves 0.5 % of what moves the mass, and the shared delay is next to nothing."""
+    step_s, n = 1e-3, 4000
+    t, parts = step_s * np.arange(n), []
+    for k in range(3):
+        rng = np.random.default_rng(k)
+        u = sum(rng.uniform(0.5, 2.0) * np.sin(2 * np.pi * f * t + rng.uniform(0, 6)) for f in (0.7, 2.3, 6.1, 11.3))
+        late = rig if k else rig.with_effect("amplifier", "delay", {"time": 0.5 * step_s})
+        shown = simulate(late, u, step_s).sensors
+        y = {c: v[:n] + 1e-3 * np.std(v) * rng.standard_normal(n) for c, v in shown.items()}
+        parts.append(Recording(f"{'abc'[k]}.csv", None, step_s, t, {"u": u, **y}, {}))
+    found = dtb.diagnose(parts, rig, jobs=1).diagnosis
+    (one,) = found.findings
+    assert (one.location, one.effect) in {("amplifier", "delay"), ("shaker", "lag")}
+    assert "It is seen in a.csv only." in one.sentence

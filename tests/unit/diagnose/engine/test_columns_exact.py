@@ -10,7 +10,7 @@ from nominal import nominal_rig
 from dtbacklash.diagnose.engine.bench import Bench
 from dtbacklash.diagnose.engine.columns import Columns
 from dtbacklash.diagnose.engine.exact import Model, Problem
-from dtbacklash.diagnose.engine.free import Key, standing, taken_out
+from dtbacklash.diagnose.engine.free import Key, apply, standing, taken_out
 from dtbacklash.diagnose.engine.motion import Motion, motion_of
 from dtbacklash.diagnose.engine.predictor import Predictor
 from dtbacklash.diagnose.engine.readings import readings
@@ -288,6 +288,18 @@ def test_a_rig_that_cannot_be_has_no_rows():
     with np.errstate(all="ignore"):
         assert problem.rows(x, bench.gains(rig, model.sizes)) is None
     assert taken_out(problem.base, key).effect(*key) is None
+
+
+def test_a_parameter_that_has_left_its_tolerance_begins_where_it_was_given_too():
+    rig, bench, model, motion = looked_at("gravity")
+    key = CASES["gravity"].key
+    free = Problem(bench, rig, (), motion).free
+    away = apply(rig, free, np.array([3.0 * (j == 0) for j in range(len(free))]))
+    problem = Problem(bench, away.with_effect(*key, dict(CASES["gravity"].values)), (key,), motion)
+    few = [problem.solve(model.sizes, x, 1)[1] for x in (problem.start(), np.zeros(len(problem.free)))]
+    assert problem.start()[0] == pytest.approx(3.0)
+    assert problem.solved(model.sizes, 1)[1] == min(few)
+    assert few[1] < few[0]
 
 
 def test_a_rig_that_cannot_be_compiled_is_passed_over():
