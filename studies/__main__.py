@@ -181,6 +181,10 @@ STUDIES = {
         "Diagnosing a recording of one effect, two threads; ratio: time per recorded second over that of 15 s",
         _rows(diagnosis.diagnosis_rows),
     ),
+    "several": Study(
+        "One recording and n of them in one diagnosis: a two-mass stage, 30 s at 1 kHz each",
+        lambda options: (diagnosis.several_rows(options.n), []), 2, asked=True,
+    ),
     "alternatives": Study(
         "Beside the diagnosis, on concealed recordings: PySINDy on the residual, NARX by sysidentpy (extra compare)",
         _alternatives, 5, 10_000, asked=True,

@@ -6,11 +6,14 @@ import resource
 import time
 
 import numpy as np
+import pandas as pd
 
+import dtbacklash as dtb
 from dtbacklash.config.compose import compose
 from dtbacklash.diagnose import Record, diagnose_records
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.physics.rig import Rig, build_rig
+from dtbacklash.physics.simulate import simulate
 from studies.measure import Row, verdict
 
 SECONDS_MAX, MEMORY_MAX_MB = 30.0, 1000.0
@@ -18,6 +21,8 @@ SECONDS_MAX, MEMORY_MAX_MB = 30.0, 1000.0
 LINEARITY_MAX = 1.5
 LENGTHS_S = (15.0, 30.0, 60.0)
 JOBS = 2
+#: what several recordings of a stage hide, and its parameters over those of the nominal rig
+FRICTION_N, OFF = 0.428, {"m_c": 1.02, "m_t": 0.97, "k": 1.03}
 EFFECTS = (
     "motor_bearing.coulomb_friction.torque=0.02", "gear.backlash.half_gap=0.05", "link_1.cubic_stiffness.k3=1e10",
 )  # fmt: skip
@@ -56,6 +61,39 @@ def diagnosis_rows() -> list[Row]:
         "pass": verdict(memory_mb, MEMORY_MAX_MB),
     })  # fmt: skip
     return rows
+
+
+def several_rows(n: int) -> list[Row]:
+    """One recording and n of a two-mass stage in one diagnosis: 30 s at 1 kHz, another motion and noise in each."""
+    nominal = build_rig(compose("rig=two_mass_stage").rig)
+    wrong = {name: factor * nominal.config.parameters[name].value for name, factor in OFF.items()}
+    true = nominal.with_parameters(wrong).with_effect("carriage", "coulomb_friction", {"force": FRICTION_N})
+    recordings = [_of_stage(true, k) for k in range(n)]
+    rows: list[Row] = []
+    for count in sorted({1, n}):
+        begin, wall = time.process_time(), time.perf_counter()
+        found = dtb.diagnose(recordings[:count], nominal, trust_units=True, jobs=JOBS).diagnosis
+        seconds, memory_mb = time.process_time() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+        said = [
+            f"{f.location}.{f.effect} {next(iter(f.parameters.values())).value:.4g} ({f.confidence})"
+            for f in found.findings
+        ]
+        rows.append({
+            "what": f"{count} recordings", "cpu_s": seconds, "wall_s": time.perf_counter() - wall,
+            "memory_mb": memory_mb, "named": ", ".join(said),
+        })  # fmt: skip
+    return rows
+
+
+def _of_stage(rig: Rig, seed: int) -> pd.DataFrame:
+    """30 s of sums of sines that differ by their seed, with a noise of 1 um."""
+    rng, t = np.random.default_rng(seed), 1e-3 * np.arange(30_000)
+    lines = np.geomspace(0.3, 20.0, 12)
+    u = np.sum([np.sin(2.0 * np.pi * f * t + rng.uniform(0.0, 6.3)) for f in lines * rng.uniform(0.9, 1.1, 12)], axis=0)
+    shown = simulate(rig, u, 1e-3, substeps=8).sensors
+    return pd.DataFrame(
+        {"t": t, "u": u} | {c: v[: len(t)] + 1e-6 * rng.standard_normal(len(t)) for c, v in shown.items()}
+    )
 
 
 def _record(rig: Rig, effect: str, seconds: float) -> Record:
