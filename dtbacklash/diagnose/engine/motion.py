@@ -24,13 +24,15 @@ FINEST_WAVE, RIPPLES, STANDS_OUT = 400, 4, 30.0
 class Motion:
     """Predicted states of all stretches, one after the other: places in motion, and the states that laws are over."""
 
-    def __init__(self, bench: Bench, rig: Rig, passes: list[Pass], kicks: Floats | None = None) -> None:
+    def __init__(self, bench: Bench, rig: Rig, passes: list[Pass], read: Floats, kicks: Floats | None = None) -> None:
         linear, readings = bench.linear, [p.readings for p in bench.predictors]
         self.rig, self._linear = rig, linear
         X = np.concatenate([p.X[:, : len(linear.states)] for p in passes])
         n, v = len(linear.bodies), linear.speed
         self.position = dict(zip(linear.bodies, X[:, v - n : v].T, strict=True))
         self.speed = dict(zip(linear.bodies, X[:, v : v + n].T, strict=True))
+        #: speeds at each reading, before its correction
+        self.read_speed = dict(zip(linear.bodies, read.T, strict=True))
         self._kicks = {} if kicks is None else dict(zip(linear.bodies, kicks[:, v : v + n].T, strict=True))
         self.command = np.concatenate([r.u for r in readings])
         self._recorded = np.concatenate([r.recorded for r in readings])
@@ -118,6 +120,10 @@ class Motion:
     def driving(self, drive: Element) -> Floats | None:
         """(N,) the effort of a drive on the body that it drives, N or N m; None where it is not known."""
         v = drive.values
+        if drive.trait.trait == slots.JOINT_DRIVE:  # of a simulator's model, by its linear part
+            told, force = self._linear.drives[drive.name][0], self._linear.index(drive.neighbours["drives"])
+            pushed = self._linear.B[1][:, self._linear.bodies.index(drive.neighbours["drives"])]
+            return np.asarray(told[force] / pushed[force] * self._commands[drive.name])
         if "torque_constant" in v:
             return np.asarray(v["torque_constant"] * self.current) if self.current is not None else None
         if "position_gain" in v:
@@ -211,14 +217,16 @@ class Motion:
 
 def motion_of(bench: Bench, rig: Rig, gains: list[Gains]) -> Motion:
     """The motion of a rig as predicted at given gains: in the middle of each sample, behind its correction."""
-    passes, kicks = [], []
+    passes, kicks, read = [], [], []
     for p, g in zip(bench.predictors, gains, strict=True):
         found = p.run(rig, g)
         X = found.X
+        read.append(X[:, p.linear.speed : p.linear.speed + len(p.linear.bodies)])
         if X.shape[1] == g.K.shape[2]:
             Z = corrected(X, found.D, g, p.readings.which(g.opening, p.readings.y))
             kicks.append(Z[:, : len(bench.linear.states)] - X[:, : len(bench.linear.states)])
             Z[:-1] = 0.5 * (Z[:-1] + X[1:])
             found = replace(found, X=Z)
         passes.append(found)
-    return Motion(bench, rig, passes, np.concatenate(kicks) if len(kicks) == len(passes) else None)
+    known = np.concatenate(kicks) if len(kicks) == len(passes) else None
+    return Motion(bench, rig, passes, np.concatenate(read), known)
