@@ -14,6 +14,7 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.model_passes import (
+    EFFORT,
     OUTPUT,
     QUANTITIES,
     VELOCITY,
@@ -210,6 +211,15 @@ class Modelled(Simulated):
         del owner
         return Y
 
+    @_alone
+    def loads(self, rig: Rig, Z: Floats) -> Floats:
+        """(N, joints) what actuators exert on each joint at states Z (N, n), under the commands that follow; N, N m."""
+        owner, c = self._model(self._here(rig), loads=True)
+        Y = np.zeros((len(Z) + 1, len(self._joints)))
+        shown(c, np.concatenate([Z[:1], Z]), Y)
+        del owner
+        return Y[1:]
+
     def _start(self, rig: Rig, c: Compiled, read: Floats) -> Floats:
         """(n,) positions as they were read, others as in the model."""
         start = np.zeros(2 * len(c.q) + len(c.more))  # of joints, what else the model has, and gaps
@@ -220,8 +230,11 @@ class Modelled(Simulated):
                 start[self._joints.index(sensor.of)] = value
         return start
 
-    def _model(self, rig: Rig, bare: bool = False) -> tuple[Any, Compiled]:
-        """What has to be kept, with what the loops need of a rig; ``bare``: without laws that are not linear."""
+    def _model(self, rig: Rig, bare: bool = False, loads: bool = False) -> tuple[Any, Compiled]:
+        """What has to be kept, with what the loops need of a rig.
+
+        bare : without laws that are not linear. loads : sensors are of what actuators exert on each joint.
+        """
         r = self.readings
         found: dict[type, Acting] = {kind: [] for kind in (*JOINTS, slots.Reading)}
         dampings = np.zeros(len(self._joints))
@@ -248,14 +261,15 @@ class Modelled(Simulated):
         far, ratio = (far * ratio * (HARD if self.finely else 1), 1) if hard else (far, ratio)
         whole, begin = far * ratio, r.every // 2 * r.sample_time_s / r.every
         parts = self.parts(rig, r.sample_time_s / whole, ratio, dampings, contacts, bare)
-        sensors = np.array([self._sensor(rig, c) for c in r.channels])
+        efforts = [(EFFORT, j, 0.0) for j in range(len(self._joints))]
+        sensors = np.array(efforts if loads else [self._sensor(rig, c) for c in r.channels], dtype=float)
         needs = bool(((sensors[:, 0] > VELOCITY) | ((sensors[:, 0] == VELOCITY) & (sensors[:, 2] > 0.0))).any())
         if not needs:
             parts = parts._replace(forward=0)
         return parts.owner, Compiled(
             *parts[1:], parts.friction.copy(), self._commands(rig, whole), begin, whole, ratio,
             r.sample_time_s / whole, laws(found[slots.BodyEffort]),
-            laws(found[slots.Contact]), laws(found[slots.Reading]), sensors,
+            laws(found[slots.Contact]), laws([] if loads else found[slots.Reading]), sensors,
         )  # fmt: skip
 
     def _sensor(self, rig: Rig, channel: str) -> tuple[float, float, float]:

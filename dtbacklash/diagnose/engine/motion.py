@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -27,6 +28,7 @@ class Motion:
     def __init__(self, bench: Bench, rig: Rig, passes: list[Pass], read: Floats, kicks: Floats | None = None) -> None:
         linear, readings = bench.linear, [p.readings for p in bench.predictors]
         self.rig, self._linear = rig, linear
+        self._predictors, self._passes = bench.predictors, passes
         X = np.concatenate([p.X[:, : len(linear.states)] for p in passes])
         n, v = len(linear.bodies), linear.speed
         self.position = dict(zip(linear.bodies, X[:, v - n : v].T, strict=True))
@@ -117,13 +119,20 @@ class Motion:
             parts.append(between(law(np.ascontiguousarray(u)), r.every)[0][: len(r.u)])
         return np.concatenate(parts)
 
+    @cached_property
+    def _loads(self) -> dict[str, Floats]:
+        """Joint of a simulator's model -> (N,) what actuators exert on it."""
+        loads = [
+            p.simulated.loads(self.rig, np.ascontiguousarray(found.X))
+            for p, found in zip(self._predictors, self._passes, strict=True)
+        ]
+        return dict(zip(self._linear.bodies, np.concatenate(loads).T, strict=True))
+
     def driving(self, drive: Element) -> Floats | None:
         """(N,) the effort of a drive on the body that it drives, N or N m; None where it is not known."""
         v = drive.values
-        if drive.trait.trait == slots.JOINT_DRIVE:  # of a simulator's model, by its linear part
-            told, force = self._linear.drives[drive.name][0], self._linear.index(drive.neighbours["drives"])
-            pushed = self._linear.B[1][:, self._linear.bodies.index(drive.neighbours["drives"])]
-            return np.asarray(told[force] / pushed[force] * self._commands[drive.name])
+        if drive.trait.trait == slots.JOINT_DRIVE:
+            return self._loads[drive.neighbours["drives"]]
         if "torque_constant" in v:
             return np.asarray(v["torque_constant"] * self.current) if self.current is not None else None
         if "position_gain" in v:

@@ -143,6 +143,10 @@ class Simulated:
         shown(p, state, self._half_gap(rig), np.ascontiguousarray(Z), np.zeros(len(rig.sensors)), Y)
         return Y[:, chan]
 
+    def loads(self, rig: Rig, Z: Floats) -> Floats:
+        """Of a simulator's model only: a rig's drives say themselves what they exert."""
+        raise NotImplementedError
+
     def there(self, rig: Rig) -> np.ndarray:
         """(N, m) whether each reading is, where a rig moves those of late sensors to."""
         return np.isfinite(self._in_time(self._here(rig))[1])

@@ -88,6 +88,9 @@ class Simulator(Protocol):
     def shown(self, rig: Rig, Z: Floats) -> Floats:
         """(N, m) what the sensors show of the states Z (N, n) at once."""
 
+    def loads(self, rig: Rig, Z: Floats) -> Floats:
+        """(N, bodies) what actuators exert on each joint of a simulator's model at states Z (N, n), N or N m."""
+
     def there(self, rig: Rig) -> np.ndarray:
         """(N, m) whether each reading is, where those of late sensors are moved in time."""
 
