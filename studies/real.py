@@ -12,7 +12,7 @@ import shlex
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -125,23 +125,20 @@ def predicted(rig: Rig, said: dict[str, Any], part: str, smooth: bool) -> dict[s
     common is not known here, so that it is rather too wide. smooth : as the diagnosis read the command.
     """
     from dtbacklash.diagnose import records_of
-    from dtbacklash.diagnose.engine.predictor import Predictor
-    from dtbacklash.diagnose.engine.readings import readings
-    from dtbacklash.diagnose.engine.simulated import Simulated
+    from dtbacklash.diagnose.engine.zeros import zeroed
     from dtbacklash.diagnose.records import held_equivalent
+    from dtbacklash.diagnose.seen import bench_of
     from dtbacklash.recording import read_recording
 
-    records = records_of(read_recording(part, rig=rig), rig, False, True)
+    records = records_of(read_recording(part, rig=rig), rig, True, False)
     (channel,) = records[0].y
-    commands = [held_equivalent(r.u) if smooth else r.u for r in records]
-    predictors = [
-        Predictor(rig, Simulated(readings(u, r.y, (channel,), r.sample_time_s, 1, False)))
-        for u, r in zip(commands, records, strict=True)
-    ]
+    records = [replace(r, u=held_equivalent(r.u)) if smooth else r for r in records]
+    bench = bench_of(rig, records, [1] * len(records))
+    rig = zeroed(bench, rig)  # a sensor's zero is each recording's own
 
     def error(of: Rig) -> float:
         squares = []
-        for p in predictors:
+        for p in bench.predictors:
             gains = p.gains(of, p.first_sizes())
             gains.K[:, FIRST:] = 0.0  # the first samples show the first state; from there on nothing comes to help
             squares.append(p.run(of, gains).D[FIRST:] ** 2)
@@ -220,7 +217,7 @@ def block(docs: Path) -> str:
     known = [(case, found) for case, found in there if found]
     if not known:
         return f"{BEGIN}\n{END}"
-    heads = ("recording", "verdict", "named", "what is left", "samples", "time")
+    heads = ("recording", "verdict", "named", "what is left", "samples", "time on busy cores")
     said = [
         [c.title, f"`{f['verdict']}`", _named(f), _left(f), str(f["samples"]), f"{f['seconds']:.0f} s"]
         for c, f in known

@@ -26,6 +26,7 @@ from dtbacklash.diagnose.engine.motion import Motion
 from dtbacklash.diagnose.engine.predictor import Gains
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.errors import UserError
+from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.table import VALUES
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 
@@ -313,7 +314,8 @@ def share_of(bench: Bench, model: Model, key: Key) -> float:
 
     Rms, or a tenth of its largest where it acts rarely.
     """
-    if model.rig.takes(key[0])[key[1]].is_delay:
+    entry = model.rig.takes(key[0])[key[1]]
+    if entry.is_delay:
         return np.inf
     most = 0.0
     try:
@@ -326,14 +328,18 @@ def share_of(bench: Bench, model: Model, key: Key) -> float:
     for p, gains in zip(bench.predictors, all_gains, strict=True):
         found = p.run(model.rig, gains)
         n, v = len(p.linear.bodies), p.linear.speed
-        if found.X.shape[1] != len(p.simulated.linear(bare).states):
+        gaps = sum(bool(bare.active(place, slots.JointPlay)) for place in bare.effects)
+        needs = len(p.simulated.linear(bare).states) + 2 * gaps  # with position and speed in each
+        only_gap = isinstance(entry.slot, slots.JointPlay) and not gaps
+        if found.X.shape[1] != needs + 2 * only_gap:
             return np.inf
+        X = found.X[:, :needs]
         if key[0].startswith(SENSOR_PREFIX):
             there = p.simulated.shown(model.rig, found.X)
-            made, moved = there - p.simulated.shown(bare, found.X), there - there.mean(axis=0)
+            made, moved = there - p.simulated.shown(bare, X), there - there.mean(axis=0)
         else:
             there = p.simulated.onwards(model.rig, found.X)[:-1, v : v + n]
-            made = there - p.simulated.onwards(bare, found.X)[:-1, v : v + n]
+            made = there - p.simulated.onwards(bare, X)[:-1, v : v + n]
             moved = there - found.X[:-1, v : v + n]
         size = np.maximum(np.sqrt((made**2).mean(axis=0)), 0.1 * np.abs(made).max(axis=0))
         share = size / (np.sqrt((moved**2).mean(axis=0)) + 1e-300)

@@ -164,6 +164,7 @@ def _bearing(axis: _Axis) -> list[Effect]:
             f"Friction at the {{location}} is higher by {{{effort}}} at rest and falls off within {{speed}}.",
             conceal=_effort_range, draws=lambda rng, place: {"speed": place.speed * float(rng.uniform(0.05, 0.4))},
             starts=_stribeck_starts, visible=lambda place: {"speed": (0.0, place.speed)},
+            becomes=("speed", "coulomb_friction"),
             formulation_error=0.05,  # how far it rises before it falls off depends on how a body is held at rest
         ),
         Effect(
