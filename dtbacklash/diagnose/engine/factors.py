@@ -113,7 +113,7 @@ def numbers_off(bench: Bench, rig: Rig, rules: DiagnoseSettings, factors: Collec
     best: dict[Key, Off] = {}
     ways = sorted({way for one in factors for way in (one, 1.0 / one)})
     asked = [(name, by, rig.with_parameters({name: by * v})) for name, v in _numbers(bench, rig).items() for by in ways]
-    for one in spread(lambda a: _off(bench, ("", a[0]), *a[1:], sizes, before), asked):
+    for one in spread(lambda a: _off(bench, ("", a[0]), *a[1:]), asked):
         if one is not None:
             best[one.key] = _likelier(best.get(one.key), one)
     return [
@@ -122,16 +122,10 @@ def numbers_off(bench: Bench, rig: Rig, rules: DiagnoseSettings, factors: Collec
     ]  # fmt: skip
 
 
-def _off(bench: Bench, key: Key, factor: float, other: Rig, at: Sizes = (), most: float = np.inf) -> Off | None:
-    """What is off by a factor, with zeros and sizes anew; None where the rig cannot be so.
-
-    at, most : sizes at which it has to be likelier than that already.
-    """
+def _off(bench: Bench, key: Key, factor: float, other: Rig) -> Off | None:
+    """What is off by a factor, with zeros and sizes anew; None where the rig cannot be so."""
     try:
         there = zeroed(bench, other)
-        tried = zip(bench.predictors, bench.gains(there, at) if at else (), strict=False)
-        if at and not sum(p.likelihood(there, g) for p, g in tried) < most:
-            return None
         return Off(key, factor, there, *bench.tuned(there))
     except (UserError, np.linalg.LinAlgError):
         return None

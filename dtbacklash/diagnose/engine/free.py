@@ -198,7 +198,8 @@ def effect_free(rig: Rig, key: Key, here: Place, recordings: Sequence[int] = (0,
     for p in entry.parameters:
         if p.name in idle or p.role is Role.GIVEN:
             continue
-        low, high = shown.get(p.name, (p.low, p.high)) if p is not entry.size else (p.low, p.high)
+        of_shape = p is not entry.size or isinstance(entry.slot, slots.JointPlay)  # a gap of nothing has other steps
+        low, high = shown.get(p.name, (p.low, p.high)) if of_shape else (p.low, p.high)
         low, high = max(low, p.low), min(high, p.high)
         holders = held(rig, ".".join((*key, p.name)), recordings)
         free += [_own_free(rig, key, p, k, low, high) for k in holders if k is not None]

@@ -14,8 +14,8 @@ GAP_MAX = 3.141592653589793
 LOSS_OF_DRIVE, LOSS_OF_WORM = 0.95, 5.0
 #: where the search for a loss starts, and the largest concealed one
 LOSSES, LOSS_MAX = (0.05, 0.25), 0.5
-#: where the search for a play of a joint begins, and the largest concealed one, shares of the way
-PLAYS, PLAY_MAX = (0.003, 0.01, 0.03, 0.1), 0.2
+#: where the search for a play of a joint begins, the least and the largest concealed one, shares of the way
+PLAYS, PLAY_LEAST, PLAY_MAX = (0.003, 0.01, 0.03), 5e-4, 0.2
 
 
 @law
@@ -99,7 +99,7 @@ EFFECTS += [
         "The {location} has backlash: a lost motion of {lost_motion} between it and its actuator.",
         conceal=lambda place, sign: (PLAY_MAX * (place.way or 1.0), 0.01 * (place.way or 1.0)),
         starts=lambda place: [{"size": share * place.way} for share in PLAYS],
-        visible=lambda place: {"lost_motion": (0.0, place.way)},
+        visible=lambda place: {"lost_motion": (PLAY_LEAST * place.way, place.way)},
     )
     for kind, unit, typical in (("turning_joint", "rad", 0.01), ("sliding_joint", "m", 1e-3))
 ]  # fmt: skip
