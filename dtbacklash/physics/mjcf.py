@@ -89,6 +89,8 @@ def _add_play(spec: Any, name: str, width: float) -> None:
     """A joint behind a joint of the same axis, which goes so far: the actuator turns the first one's armature."""
     first = next(j for j in spec.joints if j.name == name)
     play = first.parent.add_joint(name=PLAY_PREFIX + name, type=first.type, axis=first.axis, pos=first.pos)
+    for number in ("damping", "armature", "stiffness", "frictionloss", "ref", "springref", "margin"):
+        _set_first(play, number, 0.0)  # a default of the model's joints is none of a gap
     degrees = spec.compiler.degree and first.type == _mujoco("").mjtJoint.mjJNT_HINGE
     half = 0.5 * (math.degrees(width) if degrees else width)
     play.limited, play.range = True, (-half, half)

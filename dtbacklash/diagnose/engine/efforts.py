@@ -169,7 +169,7 @@ def _late(h: Hypothesis, time_s: float, rig: Rig, motion: Motion) -> Floats:
     """(N,) what a delay of an actuator's command changes, or of what a sensor shows."""
     samples = time_s / motion.recorded_s
     channel = h.place.removeprefix(SENSOR_PREFIX)
-    if channel in motion.shown:
+    if h.place.startswith(SENSOR_PREFIX) and channel in motion.shown:
         shown, at = motion.shown[channel], np.arange(len(motion.time))
         sensor = rig.sensors[channel]
         if sensor.quantity == "position" and sensor.of in motion.speed:  # what corrects a position is no motion

@@ -361,6 +361,12 @@ def test_a_gap_between_an_actuator_and_its_joint_opens_and_closes(rig):
     assert "backlash" not in rig.takes("rail")  # no armature there
     m = mujoco.MjModel.from_xml_string(mended(rig.config, {}, {}, {"axle": 0.05}))
     assert np.ptp(m.joint("play_axle").range) == pytest.approx(0.05, rel=1e-4)
+    usual = '<default><joint damping="0.7" armature="0.3" frictionloss="0.2" stiffness="5" ref="10"/></default>'
+    (place := Path(rig.config.model)).write_text(place.read_text().replace("<worldbody>", usual + "<worldbody>"))
+    m = mujoco.MjModel.from_xml_string(mended(rig.config, {}, {}, {"axle": 0.05}))
+    gap = m.joint("play_axle")
+    own = (gap.damping, gap.armature, gap.frictionloss, gap.qpos0, m.jnt_stiffness[gap.id], m.qpos_spring[gap.qposadr])
+    assert not np.concatenate([np.ravel(one) for one in own]).any()
 
 
 @pytest.mark.check
