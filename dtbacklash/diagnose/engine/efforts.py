@@ -141,10 +141,10 @@ def _law(h: Hypothesis, values: Values, rig: Rig, motion: Motion, element: Eleme
     if isinstance(slot, slots.Reading):
         shown = motion.shown.get(h.place.removeprefix(SENSOR_PREFIX))
         return None if shown is None else _filled(_shown, h.effect, values, n, shown)
-    if isinstance(slot, slots.Late) and rig.config.model:
-        return _late(h, values[slot.time], rig, motion)
     if element is None:
         return None
+    if isinstance(slot, slots.Late) and element.trait.trait == slots.JOINT_DRIVE:
+        return _late(h, values[slot.time], motion)
     if isinstance(slot, slots.Command):
         return motion.averaged(lambda u: _filled(_in_command, h.effect, values, len(u), u), h.place)
     if isinstance(slot, slots.BodyDamping):
@@ -165,16 +165,9 @@ def _law(h: Hypothesis, values: Values, rig: Rig, motion: Motion, element: Eleme
     return None
 
 
-def _late(h: Hypothesis, time_s: float, rig: Rig, motion: Motion) -> Floats:
-    """(N,) what a delay of an actuator's command changes, or of what a sensor shows."""
+def _late(h: Hypothesis, time_s: float, motion: Motion) -> Floats:
+    """(N,) what a delay of an actuator's command changes."""
     samples = time_s / motion.recorded_s
-    channel = h.place.removeprefix(SENSOR_PREFIX)
-    if h.place.startswith(SENSOR_PREFIX) and channel in motion.shown:
-        shown, at = motion.shown[channel], np.arange(len(motion.time))
-        sensor = rig.sensors[channel]
-        if sensor.quantity == "position" and sensor.of in motion.speed:  # what corrects a position is no motion
-            shown = np.cumsum(motion.read_speed[sensor.of]) * motion.step_s
-        return np.asarray(np.interp(at - time_s / motion.step_s, at, shown) - shown)
 
     def moved(u: Floats) -> Floats:
         at = np.arange(len(u))

@@ -25,7 +25,7 @@ FINEST_WAVE, RIPPLES, STANDS_OUT = 400, 4, 30.0
 class Motion:
     """Predicted states of all stretches, one after the other: places in motion, and the states that laws are over."""
 
-    def __init__(self, bench: Bench, rig: Rig, passes: list[Pass], read: Floats, kicks: Floats | None = None) -> None:
+    def __init__(self, bench: Bench, rig: Rig, passes: list[Pass], kicks: Floats | None = None) -> None:
         linear, readings = bench.linear, [p.readings for p in bench.predictors]
         self.rig, self._linear = rig, linear
         self._predictors, self._passes = bench.predictors, passes
@@ -33,8 +33,6 @@ class Motion:
         n, v = len(linear.bodies), linear.speed
         self.position = dict(zip(linear.bodies, X[:, v - n : v].T, strict=True))
         self.speed = dict(zip(linear.bodies, X[:, v : v + n].T, strict=True))
-        #: speeds at each reading, before its correction
-        self.read_speed = dict(zip(linear.bodies, read.T, strict=True))
         self._kicks = {} if kicks is None else dict(zip(linear.bodies, kicks[:, v : v + n].T, strict=True))
         self.command = np.concatenate([r.u for r in readings])
         self._recorded = np.concatenate([r.recorded for r in readings])
@@ -226,16 +224,14 @@ class Motion:
 
 def motion_of(bench: Bench, rig: Rig, gains: list[Gains]) -> Motion:
     """The motion of a rig as predicted at given gains: in the middle of each sample, behind its correction."""
-    passes, kicks, read = [], [], []
+    passes, kicks = [], []
     for p, g in zip(bench.predictors, gains, strict=True):
         found = p.run(rig, g)
         X = found.X
-        read.append(X[:, p.linear.speed : p.linear.speed + len(p.linear.bodies)])
         if X.shape[1] == g.K.shape[2]:
             Z = corrected(X, found.D, g, p.readings.which(g.opening, p.readings.y))
             kicks.append(Z[:, : len(bench.linear.states)] - X[:, : len(bench.linear.states)])
             Z[:-1] = 0.5 * (Z[:-1] + X[1:])
             found = replace(found, X=Z)
         passes.append(found)
-    known = np.concatenate(kicks) if len(kicks) == len(passes) else None
-    return Motion(bench, rig, passes, np.concatenate(read), known)
+    return Motion(bench, rig, passes, np.concatenate(kicks) if len(kicks) == len(passes) else None)

@@ -314,8 +314,6 @@ def test_columns_by_the_linear_part_are_those_of_passes(either):
         small = isinstance(h.effect.slot, Passing) and not h.as_it_is
         if efforts(h, either, columns.motion) is None or (isinstance(h.effect.slot, Contact) and not small):
             continue  # a friction that is large holds, which no effort does
-        if h.place.startswith("sensor_") and h.values.get("time", 0.0) >= STEP_S:
-            continue  # a pass moves readings by whole samples, and so its innovations
         near, exact = (made(h, gains, rows[: problem.bench_rows]) for made in (columns._made, columns._simulated))
         for one, other in zip(near, exact, strict=True):
             # what has a kink has it where the predicted motion has: a little elsewhere
