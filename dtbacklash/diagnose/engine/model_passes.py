@@ -143,30 +143,29 @@ def stride(c, s, many):
 
 
 @kept(nogil=True, forceinline=True)
+def whole(c, joint, moves):
+    """Of a joint, with what the gap behind it adds: its position, speed or acceleration."""
+    k = c.behind[joint]
+    return moves[c.at[joint]] + (moves[k] if k >= 0 else 0.0)
+
+
+@kept(nogil=True, forceinline=True)
 def show(c, y):
     """What the sensors show of the state."""
     if c.forward:
         _call(c.forward, c.m, c.d)
     for i in range(len(y)):
         what, joint, late = c.sensors[i, 0], int(c.sensors[i, 1]), c.sensors[i, 2]
-        if what == OUTPUT:
-            y[i] = c.shown[joint]
-            continue
-        j, k = c.at[joint], c.behind[joint]
         if what == POSITION:
-            y[i] = c.q[j] - late * c.v[j]
-            if k >= 0:
-                y[i] += c.q[k] - late * c.v[k]
+            y[i] = whole(c, joint, c.q) - late * whole(c, joint, c.v)
         elif what == VELOCITY:
-            y[i] = c.v[j] - late * c.acceleration[j]
-            if k >= 0:
-                y[i] += c.v[k] - late * c.acceleration[k]
+            y[i] = whole(c, joint, c.v) - late * whole(c, joint, c.acceleration)
         elif what == ACCELERATION:
-            y[i] = c.acceleration[j]
-            if k >= 0:
-                y[i] += c.acceleration[k]
+            y[i] = whole(c, joint, c.acceleration)
+        elif what == OUTPUT:
+            y[i] = c.shown[joint]
         else:
-            y[i] = c.load[j]
+            y[i] = c.load[c.at[joint]]
     for e in range(len(c.reads.at)):
         i = c.reads.at[e]
         y[i] = dispatch.shown(c.reads.codes[e], y[i], c.reads.numbers, e)

@@ -105,7 +105,7 @@ def designed(
     try:
         for k in range(tries):
             if tell:
-                tell(k / (tries + 2 * EXACT), f"trying commands{said}")
+                tell(k / (tries + 2 * EXACT), f"trying commands{said}{'; Ctrl-C keeps the best' if said else ''}")
             if best is None and k >= GIVEN_UP * len(_SHAPES):
                 break
             drawn = best is None or k < DRAWN * tries
@@ -117,7 +117,7 @@ def designed(
             if best is None or found.score > best[1].score:
                 best = shape, found
                 if not said or min(found.apart) > NEWS**2 * told:
-                    told, said = min(found.apart), f"{SO_FAR}{_told(found)}; Ctrl-C keeps the best"
+                    told, said = min(found.apart), f"{SO_FAR}{_told(found)}"
     except KeyboardInterrupt:
         if best is None:
             raise

@@ -20,16 +20,16 @@ def differences_said(c: Conclusion) -> str:
     return " ".join(_said(c, title, c.in_each[title]) for title in c.search.differences if title in c.in_each)
 
 
-def changes(c: Conclusion) -> tuple[Changed, ...] | None:
-    """What changed from the first recording to the second; None where that was not asked.
+def changed(c: Conclusion) -> list[tuple[Change, float, float]]:
+    """What changed, by how much, and the standard error of that; a value that may be the same in both did not."""
+    both = [one for one in c.changes or () if len(c.in_each.get(one.title, ())) > 1]
+    found = [(one, *difference(c.model, c.values, one.title)) for one in both]
+    return [row for row in found if abs(row[1]) > NORMAL95 * row[2]]
 
-    A value that may be the same in both, within the error of its difference, did not change.
-    """
-    if c.changes is None:
-        return None
-    both = [one for one in c.changes if len(c.in_each.get(one.title, ())) > 1]
-    by = [difference(c.model, c.values, one.title) for one in both]
-    return tuple(_changed(c, one, *d) for one, d in zip(both, by, strict=True) if abs(d[0]) > NORMAL95 * d[1])
+
+def changes(c: Conclusion) -> tuple[Changed, ...] | None:
+    """What changed from the first recording to the second; None where that was not asked."""
+    return None if c.changes is None else tuple(_changed(c, *row) for row in changed(c))
 
 
 def _changed(c: Conclusion, change: Change, more: float, error: float) -> Changed:

@@ -7,6 +7,7 @@ from dtbacklash.diagnose.conclusion import Conclusion
 from dtbacklash.diagnose.engine.judge import STRETCHES
 from dtbacklash.diagnose.engine.motion import motion_of
 from dtbacklash.diagnose.planning import Observed, OpenModel
+from dtbacklash.diagnose.say.differences import changed
 from dtbacklash.physics.rig_file import rig_content
 
 
@@ -57,7 +58,7 @@ def _open(c: Conclusion) -> list[OpenModel]:
         others = tuple(sorted(rival.model.keys))
         if others != tuple(sorted(c.model.keys)):
             found.setdefault(others, OpenModel(key, rival.keys, rig_content(rival.model.rig.of(last)), rival.lead))
-    for change in c.changes or ():
+    for change, *_ in changed(c):
         for title, (t, model) in change.rivals.items():
             if not t > c.search.rules.lead:
                 is_, lead = ("", title), model.score - c.model.score
