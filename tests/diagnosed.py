@@ -9,6 +9,7 @@ from nominal import nominal_rig
 from dtbacklash.diagnose.named import (
     Alternative,
     Calibration,
+    Confidence,
     Finding,
     Formula,
     Modelled,
@@ -93,7 +94,8 @@ def made(verdict: str, summary: str, held_out: tuple, rigs: tuple[Rig, Rig], sho
 def found(place: str, effect: str, sentence: str, values: dict, also: tuple = (), when: str = "") -> Finding:
     """A finding; values : name -> (value, unit, low, high)."""
     parameters = {n: ParameterEstimate(v, unit, (low, high)) for n, (v, unit, low, high) in values.items()}
-    return Finding(place, effect, parameters, tuple(Alternative(*a) for a in also), when, None, sentence)
+    mark: Confidence = "partial" if also else "sure"
+    return Finding(place, effect, parameters, tuple(Alternative(*a) for a in also), when, None, sentence, mark)
 
 
 def candidates(chosen: list[tuple[str, str]]) -> tuple[Candidate, ...]:

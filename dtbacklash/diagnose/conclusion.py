@@ -13,7 +13,7 @@ from dtbacklash.diagnose.engine.in_each import InOne, stands
 from dtbacklash.diagnose.engine.judge import Judged
 from dtbacklash.diagnose.engine.search import Search
 from dtbacklash.diagnose.engine.values import NORMAL95, Values
-from dtbacklash.diagnose.named import Modelled
+from dtbacklash.diagnose.named import Confidence, Modelled
 from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Verdict
 from dtbacklash.diagnose.seen import Seen
 from dtbacklash.physics.catalogue import find
@@ -59,7 +59,7 @@ class Conclusion:
         return self.with_table or self.model
 
     def unknown(self, model: Model) -> dict[str, float]:
-        """Body -> unknown force, a share of what moves it."""
+        """Body -> unknown force, a share of what acts there."""
         return self.search.bench.unknown(model.sizes)
 
     @property
@@ -79,10 +79,9 @@ class Conclusion:
 
     @property
     def explains(self) -> bool:
-        """Whether little is left, and little beside what was missing."""
+        """Whether little is left beside what was missing."""
         rules = self.search.rules
-        little = self.left < rules.clears * self.before or self.left < rules.much
-        return self.follows and little and self.left < rules.left
+        return self.follows and self.left < max(rules.clears * self.before, rules.much)
 
     @property
     def moved(self) -> dict[str, tuple[float, float]]:
@@ -106,15 +105,21 @@ class Conclusion:
         entries = {key: find(self.model.rig.kind_at(key[0]), key[1], key[0]) for key in self.model.keys}
         return {key: ".".join((*key, e.size.name)) for key, e in entries.items() if not e.is_table}
 
-    @property
-    def sure(self) -> frozenset[Key]:
-        """The names that lead every rival, are more than nothing, and stand in each recording and predict it."""
+    @cached_property
+    def certainty(self) -> dict[Key, Confidence]:
+        """How sure each name is: as judged, if it is more than nothing, stands in each recording and predicts it."""
         sizes = self.sizes
-        return frozenset(
-            key for key in self.judged.sure
-            if self.full and self.follows and key in sizes and is_there(self.model, self.values, key)
-            and self.stands_in_each(sizes[key]) and not self.not_predicted(key)
-        )  # fmt: skip
+        return {
+            key: self.judged.certainty.get(key, "partial")
+            if self.full and self.follows and is_there(self.model, self.values, key)
+            and self.stands_in_each(sizes[key]) and not self.not_predicted(key) else "partial"
+            for key in sizes
+        }  # fmt: skip
+
+    @property
+    def known(self) -> bool:
+        """Whether some name is sure, or one of several at a place that is."""
+        return any(mark != "partial" for mark in self.certainty.values())
 
     def stands_in_each(self, title: str) -> bool:
         """Whether a value is there, and alike, in each of several recordings that can show it."""
@@ -143,7 +148,8 @@ class Conclusion:
         if self.with_table is not None and not enough:
             return UNEXPLAINED
         if named:
-            return MISSING if enough or (self.sure and self.explains) else UNEXPLAINED
+            known = self.known or not self.full  # a quick search says what is likeliest
+            return MISSING if enough or (known and self.explains) else UNEXPLAINED
         rig, missed = self.model.rig, self.left > MISSED * rules.much and not enough
         if missed and self.seen.shows(rig) and not self.seen.unlogged(rig):
             return UNEXPLAINED

@@ -8,7 +8,8 @@ from typing import Any, Literal
 from dtbacklash.files import json_able
 from dtbacklash.physics.rig import Rig
 
-Confidence = Literal["sure", "partial"]
+#: ``one_of``: this effect or one of those that also fit, at this place
+Confidence = Literal["sure", "one_of", "partial"]
 
 #: the ends of a 95 % interval, in the unit of the value; NaN or infinite where it is open
 Interval = tuple[float, float]

@@ -278,7 +278,7 @@ class _Course:
     def _found(self, search: Search, depth: Depth) -> Diagnosis:
         """Judge a search, and say what it amounts to."""
         full = depth == FULL
-        judged = Judge(search).judged() if full else Judged(search.now, {}, {}, {}, {}, frozenset(), ())
+        judged = Judge(search).judged() if full else Judged(search.now)
         self.tell("modelling what is left", 0.9)
         said, last = None, None
         tables = [k for k in judged.model.keys if find(self.rig.kind_at(k[0]), k[1], k[0]).is_table]
@@ -323,6 +323,7 @@ class _Course:
                 bench, motion, last = full, along, found
         several = len(model.keys) > 1 and bench is not search.bench
         ends = {f.key for f, x in zip(last.free, last.x, strict=True) if f.at_end(x)}
+        bench = bench.fine  # what follows is compared with what is polished
         last, about = polished(bench, motion, last)
         for key in model.keys:
             doubted = several or key in ends or not is_there(last, about, key)

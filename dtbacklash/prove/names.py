@@ -17,7 +17,7 @@ from dtbacklash.prove.rules import Case
 SENSORS, ALL = "sensors", "all"
 #: the parts of a rig by which the score sorts what was hidden, and what was named
 FAMILIES = (*PARTS, SENSORS)
-CONFIDENCES = ("sure", "partial")
+CONFIDENCES = ("sure", "one_of", "partial")
 #: what stands for a place without an effect in the confusion matrix
 NOTHING, PARAMETERS, UNEXPLAINED, EXTRA, FAILED = "nothing", "parameters", "unknown", "one too many", "failed"
 #: the right effect at another place of the right kind

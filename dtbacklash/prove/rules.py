@@ -15,6 +15,7 @@ from scipy.optimize import linear_sum_assignment
 
 from dtbacklash.physics.catalogue import CATALOGUE
 from dtbacklash.physics.effects.declare import Role
+from dtbacklash.physics.effects.table import SHAPES
 
 Key = tuple[str, str]
 
@@ -22,6 +23,8 @@ Key = tuple[str, str]
 SENSOR = "sensor"
 #: an unknown effect can be seen when it changes the signals by this many times their noise
 UNKNOWN_CLEAR = 3.0
+#: the findings to rely on
+CERTAIN = ("sure", "one_of")
 #: verdicts that say that no physics is missing
 NOTHING_MISSING = ("consistent", "parameters")
 
@@ -168,21 +171,37 @@ def unknown_unnamed(case: Case) -> bool:
 
 
 def sure(case: Case) -> set[int]:
-    """Indices of the findings to rely on: those that are called sure, whatever the verdict."""
+    """Indices of the findings that are called sure, whatever the verdict."""
     return {j for j, f in enumerate(case.findings) if f.get("confidence") == "sure"}
 
 
+def certain(case: Case) -> set[int]:
+    """Indices of the findings to rely on: sure, or one of several at a sure place."""
+    return {j for j, f in enumerate(case.findings) if f.get("confidence") in CERTAIN}
+
+
 def right_names(case: Case) -> set[int]:
-    """Indices of the findings whose (location, effect) is hidden, or is one of the small things beside it."""
-    return {j for j, name in enumerate(case.named) if name in case.hidden or name in case.beside}
+    """Indices of the findings that mean something that is hidden, or one of the small things beside it.
+
+    A finding means its (location, effect). As ``one_of`` it means also what it may be instead, for a hidden effect one
+    to one; a table among these means physics that the catalogue lacks at its place.
+    """
+    lacking, paired = (case.secret.get("unknown") or {}).get("location"), set(matches(case).values())
+    found = set()
+    for j, (finding, name) in enumerate(zip(case.findings, case.named, strict=True)):
+        others = also(finding) if finding.get("confidence") == "one_of" else set()
+        tables = any(place == lacking and effect in SHAPES for place, effect in others)
+        if name in case.hidden or tables or ({name} | others) & case.beside or (others and j in paired):
+            found.add(j)
+    return found
 
 
 def no_false_name(case: Case) -> bool:
-    """Each sure finding is hidden, or in its stated ambiguity, one to one; what is missed is no false name.
+    """Each finding to rely on is hidden, or in its stated ambiguity, one to one; what is missed is no false name.
 
     In a lifelike case it may be one of the small things as well.
     """
-    return case.diagnosis is not None and sure(case) <= set(matches(case).values()) | right_names(case)
+    return case.diagnosis is not None and certain(case) <= set(matches(case).values()) | right_names(case)
 
 
 def main_named(case: Case) -> bool:
@@ -191,8 +210,13 @@ def main_named(case: Case) -> bool:
 
 
 def main_sure(case: Case) -> bool:
-    """The same, and these findings are called sure."""
-    return main_named(case) and set(matches(case).values()) <= sure(case)
+    """The same, and these findings are to be relied on."""
+    return main_named(case) and set(matches(case).values()) <= certain(case)
+
+
+def said_with_certainty(case: Case) -> bool:
+    """What is hidden is named, to be relied on, and said to be missing."""
+    return case.verdict == "missing_physics" and main_sure(case)
 
 
 def beaten(case: Case) -> bool:

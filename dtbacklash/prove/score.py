@@ -204,6 +204,9 @@ BY_CASE = (
     _Tallied("strict_several", "the same where two or three are hidden", ("several",), rules.strict, (0.88, 1)),
     _Tallied("within_ambiguity", "each hidden effect named, or in the stated ambiguity; none too many",
               ("single", "several"), rules.within_ambiguity, (0.97, 1)),
+    _Tallied("said_with_certainty", "of the exactly right ones, said with certainty: missing, and sure or one of few",
+              ("single", "several"), rules.said_with_certainty, (0.95, 1),
+              lambda case: case.diagnosis is None or rules.strict(case)),
     _Tallied("nothing_found", "nothing found where nothing is", ("nothing",), rules.no_physics, (0.95, 1), None),
     _Tallied("called_consistent", "of these, called consistent", ("nothing",), rules.called_consistent, None, None),
     _Tallied("parameters_told", "wrong parameters not taken for physics", ("parameters",), rules.no_physics,
@@ -212,19 +215,19 @@ BY_CASE = (
               rules.unknown_admitted, (0.80, 1)),
     _Tallied("unknown_unnamed", "unknown physics whose true law clearly beats the catalogue's best, given no name",
               ("unknown",), rules.unknown_unnamed, (0.97, 1), rules.beaten),
-    _Tallied("no_false_name", "recordings of all kinds and sizes without a false name that is said to be sure",
+    _Tallied("no_false_name", "recordings of all kinds and sizes without a false name that is said with certainty",
               commands.KINDS, rules.no_false_name, None, None),
 )  # fmt: skip
 #: the same of lifelike recordings
 LIFELIKE = (
     _Tallied("main_named", "beside small things: each main effect named, or in the stated ambiguity",
               ("single", "several"), rules.main_named, (0.90, 1)),
-    _Tallied("main_sure", "of these, said to be sure", ("single", "several"), rules.main_sure, (0.80, 1),
-              rules.main_named),
-    _Tallied("nothing_sure", "small things only, or with wrong parameters: no false sure name",
+    _Tallied("main_sure", "of these, said with certainty (sure, or one of few)", ("single", "several"),
+              rules.main_sure, (0.85, 1), rules.main_named),
+    _Tallied("nothing_sure", "small things only, or with wrong parameters: no false name said with certainty",
               ("nothing", "parameters"), rules.no_false_name, (0.98, 1), None),
-    _Tallied("lifelike_no_false_name", "lifelike recordings of all kinds without a false sure name", commands.KINDS,
-              rules.no_false_name, None, None),
+    _Tallied("lifelike_no_false_name", "lifelike recordings of all kinds without a false name said with certainty",
+              commands.KINDS, rules.no_false_name, None, None),
 )  # fmt: skip
 #: sure names that are right
 SURE_RIGHT = (0.98, 1.0)

@@ -1,7 +1,7 @@
 """The predictors of all stretches and recordings together: what is fitted to, stacked."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -128,6 +128,11 @@ class Bench:
         each = [p.leads(rig, moved, g) for p, g in zip(self.predictors, gains, strict=True)]
         return {title: np.concatenate([one[title] for one in each]) for title in moved}
 
+    @cached_property
+    def fine(self) -> "Bench":
+        """The same, simulated in fine steps."""
+        return replace(self, predictors=tuple(p.fine() for p in self.predictors))
+
     def refine(self, rig: Rig, sizes: Sizes, worth: float) -> bool:
         """Simulate in finer steps from now on, if that changes innovations by so much; whether it does.
 
@@ -156,7 +161,7 @@ class Bench:
         return tuple(s for s, _ in each), min(sum(v for _, v in each), LOST)
 
     def unknown(self, sizes: Sizes) -> dict[str, float]:
-        """Body -> its unknown force, a share of what moves it, rms over the stretches."""
+        """Body -> its unknown force, a share of what acts there, rms over the stretches."""
         weights = np.array([p.count for p in self.predictors], dtype=float)
         squares = np.array([np.exp(2.0 * s[: len(self.linear.bodies)]) for s in sizes])
         mean = np.sqrt(weights @ squares / weights.sum())

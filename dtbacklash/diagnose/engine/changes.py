@@ -13,7 +13,7 @@ from dtbacklash.diagnose.engine.columns import Columns
 from dtbacklash.diagnose.engine.differences import MOST, differing, freed, joined, named_apart
 from dtbacklash.diagnose.engine.exact import Model
 from dtbacklash.diagnose.engine.free import Key
-from dtbacklash.diagnose.engine.judge import STRETCHES, lead
+from dtbacklash.diagnose.engine.horizons import STRETCHES, paired_t
 from dtbacklash.diagnose.engine.search import STRICT, Search
 from dtbacklash.physics.rig import Rig
 
@@ -62,7 +62,7 @@ def judged(search: Search) -> tuple[Change, ...]:
         less = _shared(search, now, title)
         others = [one for one in fits(search, less) if one.title != title] if less else []
         gained = less.score - now.score if less else np.inf
-        found.append(Change(title, gained, {one.title: (_lead(search, one.model), one.model) for one in others}))
+        found.append(Change(title, gained, {one.title: (_paired_t(search, one.model), one.model) for one in others}))
     return tuple(found)
 
 
@@ -103,7 +103,7 @@ def _ranked(search: Search, model: Model, at: Model) -> list[tuple[str, Rig, tup
     return [row[1:] for row in sorted(found, key=lambda row: -row[0]) if row[0] > 0.0]
 
 
-def _lead(search: Search, other: Model) -> float:
+def _paired_t(search: Search, other: Model) -> float:
     """By how many standard errors the search's model leads another one, over stretches of the recordings."""
     sums = []
     for model in (other, search.now):
@@ -111,4 +111,4 @@ def _lead(search: Search, other: Model) -> float:
         if rows is None:
             return np.inf if model is other else 0.0
         sums.append(np.array([(part**2).sum() for part in np.array_split(rows, STRETCHES)]))
-    return lead(sums[0], sums[1])
+    return paired_t(sums[0], sums[1])

@@ -310,7 +310,7 @@ def as_it_stands(bench: Bench, motion: Motion, model: Model) -> Model:
 
 
 def share_of(bench: Bench, model: Model, key: Key) -> float:
-    """The part that a law makes of what moves its place, or a sensor's error of what it reads.
+    """The part that a law makes of what acts at its place, or a sensor's error of what it reads.
 
     Rms, or a tenth of its largest where it acts rarely.
     """
@@ -336,12 +336,12 @@ def share_of(bench: Bench, model: Model, key: Key) -> float:
         X = found.X[:, :needs]
         if key[0].startswith(SENSOR_PREFIX):
             there = p.simulated.shown(model.rig, found.X)
-            made, moved = there - p.simulated.shown(bare, X), there - there.mean(axis=0)
+            made, whole = there - p.simulated.shown(bare, X), there.std(axis=0)
         else:
             there = p.simulated.onwards(model.rig, found.X)[:-1, v : v + n]
             made = there - p.simulated.onwards(bare, X)[:-1, v : v + n]
-            moved = there - found.X[:-1, v : v + n]
+            whole = p.force / p.linear.inertia * p.readings.sample_time_s
         size = np.maximum(np.sqrt((made**2).mean(axis=0)), 0.1 * np.abs(made).max(axis=0))
-        share = size / (np.sqrt((moved**2).mean(axis=0)) + 1e-300)
+        share = size / (whole + 1e-300)
         most = max(most, float(np.nan_to_num(share, nan=np.inf).max()))
     return most

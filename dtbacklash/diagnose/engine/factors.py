@@ -68,17 +68,52 @@ def numbers_instead(bench: Bench, sizes: Sizes, model: Model, motion: Motion, wo
         times = 1.0 + model.rig.effects[key[0]][key[1]]["relative"] if key[1] == GAIN else 1.0
         if abs(np.log(times)) < LEAST:
             continue
-        here = Problem(bench, model.rig, model.keys, motion, model.stiff).ladder(sizes, None, (1.0,))
-        others = [k for k in model.keys if k != key]
-        for name, value in _numbers(bench, bench.nominal).items() if here else ():
+        with_gain = Problem(bench, model.rig, model.keys, motion, model.stiff).ladder(sizes, None, (1.0,))
+        bare = replace(model, rig=taken_out(model.rig, key), keys=tuple(k for k in model.keys if k != key))
+        for name in _numbers(bench, bench.nominal) if with_gain else ():
             for factor in (times, 1.0 / times):
-                away = {name: factor * value}
-                there = replace(bench, nominal=bench.nominal.with_parameters(away))
-                rig = taken_out(model.rig, key).with_parameters(away)
-                m = Problem(there, rig, others, motion, model.stiff).ladder(sizes, None, (1.0, 0.1, 1.0))
-                if m is not None and here is not None and m.loss < here.loss + worth * bench.count:
+                m = _with_number(bench, sizes, bare, motion, name, factor)
+                if m is not None and with_gain is not None and m.loss < with_gain.loss + worth * bench.count:
                     found.append(Off(("", name), factor, m.rig, m.sizes, m.loss))
     return sorted(found, key=lambda one: one.loss)
+
+
+def numbers_suspected(
+    bench: Bench, sizes: Sizes, model: Model, motion: Motion, rules: DiagnoseSettings, begun: Rig
+) -> list[Off]:
+    """Parameters of the rig that explain more, off by a factor, than the names of a model do, the likeliest first.
+
+    The rig with such a number, the names fitted anew or gone, has to be likelier than the model by what a name earns,
+    and to leave less unknown force. sizes : of the model, on this bench. begun : the rig from which the search began.
+    """
+    suspects = near_best(bench, numbers_off(bench, begun, rules), rules.worth)
+    if not suspects or not model.keys:
+        return suspects
+    named = Problem(bench, model.rig, model.keys, motion, model.stiff).ladder(sizes, None, (1.0,))
+    if named is None:
+        return suspects
+    found, alone = [], replace(model, rig=begun, keys=())
+    for one in suspects:
+        fits = [_with_number(bench, one.sizes, m, motion, one.key[1], one.factor) for m in (model, alone)]
+        best = min((m for m in fits if m is not None), key=lambda m: m.score, default=None)
+        if best is None or bench.most_unknown(best.sizes) > bench.most_unknown(named.sizes):
+            continue
+        if best.score < named.score - rules.worth * bench.count:
+            found.append(replace(one, rig=best.rig, sizes=best.sizes, loss=best.loss))
+    return found
+
+
+def _with_number(
+    bench: Bench, sizes: Sizes, model: Model, motion: Motion, name: str, factor: float
+) -> Model | None:  # fmt: skip
+    """A model with a parameter of the rig off by a factor, fitted anew; None where that is no rig."""
+    away = {name: factor * bench.nominal.config.parameters[name].value}
+    try:
+        there = replace(bench, nominal=bench.nominal.with_parameters(away))
+        rig = model.rig.with_parameters(away)
+        return Problem(there, rig, model.keys, motion, model.stiff).ladder(sizes, None, (1.0, 0.1, 1.0))
+    except (UserError, np.linalg.LinAlgError):
+        return None
 
 
 def _numbers(bench: Bench, rig: Rig) -> dict[str, float]:

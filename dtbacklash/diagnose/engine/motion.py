@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from dtbacklash.diagnose.engine.bench import Bench
 from dtbacklash.diagnose.engine.predictor import Gains, corrected
 from dtbacklash.diagnose.engine.readings import Readings, between
 from dtbacklash.diagnose.engine.simulator import Pass
+from dtbacklash.diagnose.engine.trajectory import Trajectory
 from dtbacklash.physics.bodies import natural_frequencies_hz
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Place
@@ -22,38 +22,29 @@ MOVES = 0.02
 FINEST_WAVE, RIPPLES, STANDS_OUT = 400, 4, 30.0
 
 
-class Motion:
+class Motion(Trajectory):
     """Predicted states of all stretches, one after the other: places in motion, and the states that laws are over."""
 
     def __init__(self, bench: Bench, rig: Rig, passes: list[Pass], kicks: Floats | None = None) -> None:
         linear, readings = bench.linear, [p.readings for p in bench.predictors]
-        self.rig, self._linear = rig, linear
-        self._predictors, self._passes = bench.predictors, passes
-        X = np.concatenate([p.X[:, : len(linear.states)] for p in passes])
-        n, v = len(linear.bodies), linear.speed
-        self.position = dict(zip(linear.bodies, X[:, v - n : v].T, strict=True))
-        self.speed = dict(zip(linear.bodies, X[:, v : v + n].T, strict=True))
-        self._kicks = {} if kicks is None else dict(zip(linear.bodies, kicks[:, v : v + n].T, strict=True))
-        self.command = np.concatenate([r.u for r in readings])
-        self._recorded = np.concatenate([r.recorded for r in readings])
-        step = self.step_s = readings[0].sample_time_s
-        self.recorded_s = step / readings[0].every
-        self._readings = readings
+        self._predictors, self._passes, self._readings = bench.predictors, passes, readings
         drives = [e.name for e in rig.elements.values() if e.trait.trait == slots.JOINT_DRIVE]
         inputs = [r.inputs for r in readings if r.inputs is not None]
-        self._commands = dict(zip(drives, np.concatenate(inputs).T, strict=True)) if inputs else {}
-        self.current = X[:, 0] if linear.states[0] == "current" else None
+        super().__init__(
+            rig, linear, np.concatenate([p.X[:, : len(linear.states)] for p in passes]),
+            np.concatenate([r.u for r in readings]), readings[0].sample_time_s,
+            dict(zip(drives, np.concatenate(inputs).T, strict=True)) if inputs else {},
+            self._exerted if rig.config.model else None,
+        )  # fmt: skip
+        step, n, v = self.step_s, len(linear.bodies), linear.speed
+        self._kicks = {} if kicks is None else dict(zip(linear.bodies, kicks[:, v : v + n].T, strict=True))
+        self._recorded = np.concatenate([r.recorded for r in readings])
+        self.recorded_s = step / readings[0].every
         self.shown = self._predicted(readings, passes)
         self.time = np.concatenate([r.sample_time_s * np.arange(len(r.u)) for r in readings])
         self.acceleration = {b: np.gradient(s, step) for b, s in self.speed.items()}
         modes = natural_frequencies_hz(rig)
-        screw, positioner = rig.only("screw"), rig.only("positioner")
-        self._lead = screw.values["lead"] if screw else positioner.values["travel"] if positioner else 0.0
-        self._base = screw.neighbours.get("carries") if screw else positioner.name if positioner else None
-        rotor = rig.motor_rotor()
-        self._driver = self.position.get(rotor.name) if rotor else None, self.speed.get(rotor.name) if rotor else None
-        if positioner:
-            self._driver = self.command, np.gradient(self.command, step)
+        screw = rig.only("screw")
         self._anywhere = Place(
             duration_s=sum(len(r.u) * r.sample_time_s for r in readings), sample_time_s=step,
             modes=(float(modes.min()), float(modes.max())) if len(modes) else (0.0, 0.0), command=self._recorded,
@@ -113,42 +104,25 @@ class Motion:
         """(N,) a function of the command as recorded, or that of an actuator of several, averaged as the command is."""
         parts = []
         for r in self._readings:
-            u = r.recorded if r.inputs is None or not drive else r.inputs[:, list(self._commands).index(drive)]
+            u = r.recorded if r.inputs is None or not drive else r.inputs[:, list(self.commands).index(drive)]
             parts.append(between(law(np.ascontiguousarray(u)), r.every)[0][: len(r.u)])
         return np.concatenate(parts)
 
-    @cached_property
-    def _loads(self) -> dict[str, Floats]:
-        """Joint of a simulator's model -> (N,) what actuators exert on it."""
-        loads = [
-            p.simulated.loads(self.rig, np.ascontiguousarray(found.X))
-            for p, found in zip(self._predictors, self._passes, strict=True)
-        ]
-        return dict(zip(self._linear.bodies, np.concatenate(loads).T, strict=True))
-
-    def driving(self, drive: Element) -> Floats | None:
-        """(N,) the effort of a drive on the body that it drives, N or N m; None where it is not known."""
-        v = drive.values
-        if drive.trait.trait == slots.JOINT_DRIVE:
-            return self._loads[drive.neighbours["drives"]]
-        if "torque_constant" in v:
-            return np.asarray(v["torque_constant"] * self.current) if self.current is not None else None
-        if "position_gain" in v:
-            body = drive.neighbours["drives"]
-            speed = v.get("speed_gain", 0.0) * self.speed[body]
-            return np.asarray(v["position_gain"] * (self.command - self.position[body]) - speed)
-        return np.asarray(v["gain"] * self.command) if "gain" in v else None
+    def _exerted(self) -> Floats:
+        """(N, joints) what actuators of a simulator's model exert on each joint, N or N m."""
+        each = zip(self._predictors, self._passes, strict=True)
+        return np.concatenate([p.simulated.loads(self.rig, np.ascontiguousarray(found.X)) for p, found in each])
 
     def states(self, name: str) -> dict[str, Floats]:
         """State -> (N,) of a place, as tables are over them."""
         element = self.rig.elements.get(name)
         if element is None:
             return {}
-        found: dict[str, Floats] = {"command": self._commands.get(name, self.command)}
+        found: dict[str, Floats] = {"command": self.commands.get(name, self.command)}
         if name in self.position:
             found |= {"position": self.position[name], "speed": self.speed[name]}
         if element.trait.trait == slots.SPRING:
-            found |= dict(zip(("stretch", "stretch rate"), self._stretch(element), strict=True))
+            found |= dict(zip(("stretch", "stretch rate"), self.stretch(element), strict=True))
         return found
 
     def __call__(self, name: str) -> Place:
@@ -168,16 +142,16 @@ class Motion:
             speed_slow=float(np.quantile(moving, 0.25)) if len(moving) else 0.0,
         )  # fmt: skip
         if element.trait.trait == slots.SPRING:
-            stretch, rate = self._stretch(element)
+            stretch, rate = self.stretch(element)
             return replace(
                 place, stretch=stretch, span=float(np.quantile(np.abs(stretch), 0.95)),
                 reach=float(np.abs(stretch).max()), stretch_rate=float(np.quantile(np.abs(rate), 0.9)),
             )  # fmt: skip
         if element.trait.trait == slots.BODY and name in self.position:
-            force = self._force(name)
+            force = self.acting[name]
             return replace(place, force=force, force_most=3.0 * force)
         if element.trait.trait == slots.JOINT_DRIVE:
-            return replace(place, command=self._commands[name])
+            return replace(place, command=self.commands[name])
         if element.trait.trait == slots.SERVO:
             asked = self.command - self.position[body]
             return replace(place, force=element.values["position_gain"] * float(np.quantile(np.abs(asked), 0.98)))
@@ -190,36 +164,6 @@ class Motion:
             if name in self.position:
                 return str(name)
         return next(iter(self.position), None)
-
-    def _force(self, name: str) -> float:
-        """What usually drives a body: its springs or its drive, or what its acceleration takes, N or N m."""
-        inertia = float(self._linear.inertia[self._linear.bodies.index(name)])
-        force = inertia * float(np.std(self.acceleration[name]))
-        for spring in self.rig.links():
-            if name in spring.neighbours["between"]:
-                pull = spring.values["stiffness"] * float(np.std(self._stretch(spring)[0]))
-                force = max(force, pull * (spring.lever if spring.neighbours["between"][0] == name else 1.0))
-        drive = self.rig.drive
-        if drive is not None and drive.neighbours["drives"] == name:
-            v, usual = drive.values, float(np.std(self.command))
-            per_unit = v["torque_constant"] / v["resistance"] if "torque_constant" in v else v.get("gain", 0.0)
-            force = max(force, per_unit * usual)
-        return force
-
-    def _stretch(self, spring: Element) -> tuple[Floats, Floats]:
-        """(N,) stretch of a spring, and its rate."""
-        a, b = spring.neighbours["between"]
-        found = [self._end(b, k) - spring.lever * self._end(a, k) for k in (0, 1)]
-        return found[0], found[1]
-
-    def _end(self, name: str, rate: int) -> Floats:
-        of: dict[str, Floats] = self.speed if rate else self.position
-        if name in of:
-            return of[name]
-        driver = self._driver[rate]
-        if name != self._base or driver is None:
-            return np.zeros(len(self.command))
-        return np.asarray(self._lead * driver)
 
 
 def motion_of(bench: Bench, rig: Rig, gains: list[Gains]) -> Motion:

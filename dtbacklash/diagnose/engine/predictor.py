@@ -20,6 +20,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.filter import driven, frozen, opening, riccati, update
 from dtbacklash.diagnose.engine.simulator import Linear, Pass, Simulator
+from dtbacklash.diagnose.engine.trajectory import Trajectory
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.slots import Filter, Slot
 from dtbacklash.physics.rig import Rig
@@ -27,8 +28,8 @@ from dtbacklash.physics.rig import Rig
 #: what laws add to the linear recursion along a pass: A, C, drive (N, n), readings, first state, and the linear part
 Known = tuple[Floats, Floats, Floats, Floats, Floats, Linear]
 
-#: where the search for the sizes of unknown forces begins, and between which it looks (shares of the motion's force)
-FORCE_START, FORCE_ENDS = 0.1, (1e-8, 30.0)
+#: where the search for the sizes of unknown forces begins, and between which it looks (shares of what acts)
+FORCE_START, FORCE_ENDS = 0.03, (1e-8, 30.0)
 #: a sensor's noise lies between these, relative to what its readings show (ratio); ripple and counts do not average out
 NOISE_ENDS = (np.exp(-1.0), np.exp(0.4))
 AVERAGED_NOISE = np.exp(2.0)
@@ -61,7 +62,7 @@ class Predictor:
     Attributes
     ----------
     simulated : what simulates it. readings : its stretch. linear : of the nominal rig. bodies : where forces may be
-    unknown. force : (bodies,) the rms force that moves each as it moves, N or N m: what sizes are shares of. sizes are
+    unknown. force : (bodies,) the largest of what acts on each, rms, N or N m: what sizes are shares of. sizes are
     (bodies + channels,) logarithms of unknown forces over these, and of noises, SI.
     """
 
@@ -83,7 +84,7 @@ class Predictor:
                 break
             spread = found.X[:, : len(self.linear.states)].std(axis=0)
             self.spread = dict(zip(self.linear.states, spread.tolist(), strict=True))
-            self.force = self._moving_force(found.X)
+            self.force = self._acting_force(rig, found.X)
 
     def first(self, share: float) -> "Predictor":
         """The same on the beginning of the stretch."""
@@ -91,6 +92,13 @@ class Predictor:
         other.readings = self.readings.first(share)
         other.simulated = self.simulated.on(other.readings)
         other.count = other.readings.count
+        return other
+
+    def fine(self) -> "Predictor":
+        """The same, simulated in fine steps."""
+        other = copy.copy(self)
+        other.simulated = copy.copy(self.simulated)
+        other.simulated.finely = True
         return other
 
     def _rough_speed(self, rig: Rig) -> Floats:
@@ -107,19 +115,12 @@ class Predictor:
         usual = float(np.median(speeds)) if speeds else float(np.nanstd(self.readings.y[:, 0]))
         return np.full(len(self.bodies), max(usual * 20.0 * np.pi, 1e-300))
 
-    def _moving_force(self, X: Floats) -> Floats:
-        """(bodies,) inertia times the rms acceleration, as a motion of the speed's spread and mean frequency has."""
-        n, v = len(self.bodies), self.linear.speed
-        speed = X[:, v : v + n] - X[:, v : v + n].mean(axis=0)
-        power = np.abs(np.fft.rfft(speed * np.hanning(len(speed))[:, None], axis=0)) ** 2
-        band = np.arange(len(power))[:, None] / (len(speed) * self.readings.sample_time_s)
-        # what lies above the band is noise that the predictor lets through
-        total = np.cumsum(power, axis=0)
-        inside = total <= 0.99 * np.maximum(total[-1], 1e-300)
-        mean = np.sqrt((power * inside * band**2).sum(axis=0) / np.maximum((power * inside).sum(axis=0), 1e-300))
-        force = self.linear.inertia * 2.0 * np.pi * mean * speed.std(axis=0)
-        least = 1e-3 * force.max() * self.linear.inertia / self.linear.inertia.max() + 1e-300
-        return np.asarray(np.maximum(force, least))
+    def _acting_force(self, rig: Rig, X: Floats) -> Floats:
+        """(bodies,) see :attr:`.trajectory.Trajectory.acting`."""
+        r = self.readings
+        loads = (lambda: self.simulated.loads(rig, np.ascontiguousarray(X))) if rig.config.model else None
+        acting = Trajectory(rig, self.linear, X[:, : len(self.linear.states)], r.u, r.sample_time_s, loads=loads).acting
+        return np.array([acting[body] for body in self.bodies])
 
     def first_sizes(self) -> Floats:
         """Where a search for sizes begins."""
@@ -142,7 +143,7 @@ class Predictor:
         return other
 
     def unknown(self, sizes: Floats) -> dict[str, float]:
-        """Body -> its unknown force, a share of what moves it."""
+        """Body -> its unknown force, a share of what acts there."""
         return dict(zip(self.bodies, np.exp(sizes[: len(self.bodies)]).tolist(), strict=True))
 
     def gains(self, rig: Rig, sizes: Floats, linear: Linear | None = None, contact: bool = False) -> Gains:

@@ -95,7 +95,11 @@ def polished(bench: Bench, motion: Motion, model: Model) -> tuple[Model, Values]
     """A model after steps by precise differences, its sizes and priors as they are, while it is likelier; its values.
 
     A fit ends where a step by rough differences brings little: in directions that are hardly seen, standard errors off.
+    bench : in fine steps (:attr:`.Bench.fine`) where intervals count. Rough times of sticking and slipping make
+    innovations jump: noise in their differences, by which a direction that changes nothing seems to be seen.
     """
+    problem = _problem(bench, motion, model, model.stiff)
+    model = _at(problem, model, problem.start()) or model
     found = values(bench, motion, model)
     for _ in range(POLISHED):
         problem = _problem(bench, motion, model, model.stiff)
@@ -107,8 +111,8 @@ def polished(bench: Bench, motion: Motion, model: Model) -> tuple[Model, Values]
         step = -inverse(jacobian) @ (jacobian.T @ rows)
         if np.all(np.abs(step) < NEAR * np.sqrt(np.diag(found.covariance))):
             break
-        better = _stepped(problem, model, found.x + np.clip(step, -STEP_MAX, STEP_MAX))
-        if better is None:
+        better = _at(problem, model, found.x + np.clip(step, -STEP_MAX, STEP_MAX))
+        if better is None or not better.loss < model.loss:
             break
         model = better
         found = values(bench, motion, model)
@@ -135,17 +139,14 @@ def _problem(bench: Bench, motion: Motion, model: Model, stiff: float) -> Proble
     return Problem(bench, model.rig, keys, motion, stiff, model.smooth)
 
 
-def _stepped(problem: Problem, model: Model, x: Floats) -> Model | None:
-    """The model at other values; None where it is no likelier."""
+def _at(problem: Problem, model: Model, x: Floats) -> Model | None:
+    """The model at other values; None where its simulation does not run."""
     bench = problem.bench
     try:
         rig = problem.rig(x)
         gains = bench.gains(rig, model.sizes)
         likelihood = sum(p.likelihood(rig, g) for p, g in zip(bench.predictors, gains, strict=True))
     except (UserError, np.linalg.LinAlgError):
-        return None
-    beside = problem.beside(x)
-    if not likelihood + float(beside @ beside) < model.loss:
         return None
     return problem.model(x, model.sizes, likelihood)
 

@@ -10,7 +10,6 @@ from dtbacklash.diagnose.engine.judge import Rival
 from dtbacklash.diagnose.engine.values import NORMAL95
 from dtbacklash.diagnose.named import (
     Alternative,
-    Confidence,
     Finding,
     Ground,
     Instead,
@@ -21,7 +20,7 @@ from dtbacklash.diagnose.named import (
 )
 from dtbacklash.diagnose.result import UNEXPLAINED, Candidate, Limit, Located, Rest, Verdict
 from dtbacklash.diagnose.say.differences import apart_said, only_said
-from dtbacklash.diagnose.say.sentences import less, open_said, quantity, when
+from dtbacklash.diagnose.say.sentences import certainty_said, less, quantity, when
 from dtbacklash.diagnose.words import all_in_words, place_in_words
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import Role
@@ -71,13 +70,15 @@ def _finding(c: Conclusion, key: Key) -> Finding:
     parameters |= each
     silent = idle | _unseen(c, key)
     said = entry.said(silent).format(location=place_in_words(place), **shown)
-    sure: Confidence = "sure" if key in c.sure else "partial"
-    opened = ("" if sure == "sure" else open_said(grounds)) + apart_said(c, key) + only_said(c, key)
-    opened += "" if is_there(c.model, c.values, key) else UNSIZED
-    return Finding(
-        place, name, parameters, also_fits(c, key), when(c, key), instead,
-        said[:1].upper() + said[1:] + entry.remark(values) + opened + less(instead), sure, grounds,
-    )  # fmt: skip
+    mark, others = c.certainty.get(key, "partial"), also_fits(c, key)
+    said += entry.remark(values)
+    if c.full:
+        said = said.removesuffix(".") + certainty_said(mark, grounds, name, others, c.explains) + "."
+    else:
+        said = f"Likeliest, not tried against rivals: {said}"
+    said += apart_said(c, key) + only_said(c, key) + ("" if is_there(c.model, c.values, key) else UNSIZED)
+    sentence = said[:1].upper() + said[1:] + less(instead)
+    return Finding(place, name, parameters, others, when(c, key), instead, sentence, mark, grounds)
 
 
 def _elsewhere(c: Conclusion, key: Key, parameter: str) -> list[float]:
@@ -104,16 +105,18 @@ def _unseen(c: Conclusion, key: Key) -> set[str]:
 
 
 def also_fits(c: Conclusion, key: Key) -> tuple[Alternative, ...]:
-    """Every rival by name that is not beaten; a pair is its parts."""
-    found: dict[Key, Alternative] = {}
-    for rival in c.judged.rivals.get(key, ()):
-        if rival.beaten or not rival.keys:
-            continue
-        for place, name in rival.keys:
-            if not find(c.model.rig.kind_at(place), name, place).is_table and (place, name) not in c.model.keys:
+    """Every rival that is not beaten, a pair as its parts; a table that adds much; the law that does the same here."""
+    judged, found = c.judged, dict[Key, Alternative]()
+    for rival in judged.rivals.get(key, ()):
+        for place, name in () if rival.beaten else rival.keys:
+            if (place, name) not in c.model.keys:
                 others = [(at, effect) for at, effect in rival.keys if (at, effect) != (place, name)]
                 beside = f"with {all_in_words(others)}" if others else ""
                 found.setdefault((place, name), Alternative(place, name, beside))
+    here = [p.keys[0] for p in judged.rest if p.keys[0][0] == key[0]]
+    more = here[:1] if judged.adds.get(key, 0.0) >= c.search.rules.alike else []
+    for place, name in [*more, *([(key[0], judged.simpler[key])] if judged.simpler.get(key) else [])]:
+        found.setdefault((place, name), Alternative(place, name))
     return tuple(found.values())
 
 
@@ -135,8 +138,6 @@ def stands(c: Conclusion, key: Key) -> Stands:
         None if share is None else 1.0 - min(share, 1.0),
     )
     size = _ground(without)
-    if c.left >= c.search.rules.left:
-        size = replace(size, stands=False)
     size = replace(size, recordings=tuple(c.predicted.get(key, ())))
     return Stands(_ground(elsewhere), law, size)
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.conclusion import Conclusion
-from dtbacklash.diagnose.engine.judge import STRETCHES
+from dtbacklash.diagnose.engine.horizons import STRETCHES
 from dtbacklash.diagnose.engine.motion import motion_of
 from dtbacklash.diagnose.planning import Observed, OpenModel
 from dtbacklash.diagnose.say.differences import changed

@@ -9,12 +9,12 @@ from dtbacklash import units
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.conclusion import Conclusion
 from dtbacklash.diagnose.engine.free import Key, taken_out, unit_of
-from dtbacklash.diagnose.named import Finding, Instead, Modelled, Recalibrated, Stands
+from dtbacklash.diagnose.named import Alternative, Confidence, Finding, Instead, Modelled, Recalibrated, Stands
 from dtbacklash.diagnose.records import UNLOGGED
 from dtbacklash.diagnose.result import CONSISTENT, PARAMETERS, UNEXPLAINED, Located, Verdict
 from dtbacklash.diagnose.several import Several, source_of
 from dtbacklash.diagnose.shown import Explained
-from dtbacklash.diagnose.words import all_in_words, other_in_words, place_in_words
+from dtbacklash.diagnose.words import all_in_words, one_of_in_words, other_in_words, place_in_words
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import SENSOR_PREFIX
 from dtbacklash.recording.model import Recording
@@ -60,16 +60,27 @@ def less(instead: Instead | None) -> str:
             f"with {times} times the error; it is not needed in addition.")  # fmt: skip
 
 
-def open_said(grounds: Stands) -> str:
-    """What of a name the recording leaves open; empty where it stands."""
+def certainty_said(
+    mark: Confidence, grounds: Stands, effect: str, others: Sequence[Alternative], explains: bool
+) -> str:
+    """What of a name the recording leaves open, by the rivals that it does not lead; empty where it is sure.
+
+    others : laws that also fit. explains : whether most of what was unknown is explained.
+    """
+    if mark == "sure":
+        return ""
+    if mark == "one_of":
+        return f" ({one_of_in_words(effect, others)}: this recording cannot tell which)"
     if not grounds.size.stands:
-        return " The recording hardly needs it: it may not be there."
+        return ". It may not be there: the rig without it predicts the recording as well"
     said = []
     if not grounds.where.stands:
         said.append("where it acts")
     if not grounds.law.stands:
         said.append("which law it is")
-    return f" The recording leaves open {' and '.join(said)}." if said else ""
+    if said:
+        return f". The recording leaves open {' and '.join(said)}"
+    return "" if explains else ". It leads all that was tried in its place, but most of what was unknown is left"
 
 
 def when(c: Conclusion, key: Key) -> str:
@@ -138,7 +149,7 @@ def summary(
         return f"No physics is missing: recalibrated parameters explain the recording ({names})."
     parts = [f.sentence for f in findings]
     for finding in findings:
-        if finding.also_fits:
+        if finding.also_fits and finding.confidence == "partial":
             others = " or ".join(other_in_words(o) for o in finding.also_fits)
             parts.append(f"This recording cannot tell {name_in_words(finding.effect)} from {others}.")
     if findings and names:
@@ -207,13 +218,13 @@ def _percent(share: float) -> str:
 
 
 def unknown_said(much: Explained) -> str:
-    """The unknown force that the recording still needs, where it needs most, in its unit and beside what moves it."""
+    """The unknown force that the recording still needs, where it needs most, in its unit and beside what acts there."""
     if not much.unknown:
         return ""
     body = max(much.unknown, key=lambda b: float(much.unknown[b]["after"]))
     row = much.unknown[body]
     before, after, force = (float(row[n]) for n in ("before", "after", "force"))
-    share = f"{_two(100 * after)} % of what moves it"
+    share = f"{_two(100 * after)} % of what acts on it"
     said = f"{quantity(after * force, str(row['unit']))} at the {place_in_words(body)}, {share}"
     was = f" ({_two(100 * before)} % before)" if before > 1.5 * after else ""
     return f"Unknown force left: {said}{was}."

@@ -6,7 +6,7 @@ A typo in a rig is the commonest fault of all, and no search finds it: tolerance
 from collections.abc import Sequence
 
 from dtbacklash.diagnose.conclusion import Conclusion
-from dtbacklash.diagnose.engine.factors import Off, near_best, numbers_off
+from dtbacklash.diagnose.engine.factors import Off, numbers_suspected
 from dtbacklash.diagnose.say.sentences import quantity
 
 #: a prefix, a slipped point, a radius for a diameter
@@ -15,12 +15,11 @@ FACTORS = {1e-3: "a thousandth of", 0.01: "a hundredth of", 0.1: "a tenth of", 0
 
 
 def suspects(c: Conclusion) -> list[Off]:
-    """Parameters that are off by a factor, the likeliest first: in the place of a gain, or of what no name explains."""
+    """Parameters that are off by a factor, the likeliest first: instead of a gain, or of the names."""
     search = c.search
-    rig = search.begin.rig if search.begin else search.bench.nominal
-    return list(c.judged.numbers) or near_best(
-        search.quick, numbers_off(search.quick, rig, search.rules), search.rules.worth
-    )
+    begun = search.begin.rig if search.begin else search.bench.nominal
+    sizes = search.bench.of_first(c.model.sizes)
+    return list(c.judged.numbers) or numbers_suspected(search.quick, sizes, c.model, search.motion, search.rules, begun)
 
 
 def suspects_said(c: Conclusion, found: Sequence[Off]) -> str:

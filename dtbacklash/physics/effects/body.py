@@ -9,7 +9,17 @@ import numpy as np
 from numpy.random import Generator
 
 from dtbacklash.compiled import law
-from dtbacklash.physics.effects.declare import REST_ERROR, Alias, Draws, Effect, Parameter, Place, Role, Values
+from dtbacklash.physics.effects.declare import (
+    REST_ERROR,
+    Alias,
+    Draws,
+    Effect,
+    Parameter,
+    Place,
+    Role,
+    Values,
+    within_a_line,
+)
 from dtbacklash.physics.effects.periodic import periodic
 from dtbacklash.physics.effects.slots import BodyDamping, BodyEffort, Contact, HiddenBody
 
@@ -165,6 +175,8 @@ def _bearing(axis: _Axis) -> list[Effect]:
             conceal=_effort_range, draws=lambda rng, place: {"speed": place.speed * float(rng.uniform(0.05, 0.4))},
             starts=_stribeck_starts, visible=lambda place: {"speed": (0.0, place.speed)},
             becomes=("speed", "coulomb_friction"),
+            # the end of the fall, at which it is below a fiftieth, is not seen
+            simpler_at=lambda values, place: "coulomb_friction" if 2.0 * values["speed"] > place.speed > 0.0 else "",
             formulation_error=0.05,  # how far it rises before it falls off depends on how a body is held at rest
         ),
         Effect(
@@ -233,7 +245,7 @@ GRAVITY = Effect(
     ),
     "torque sin(theta + phase)", BodyEffort(gravity), "off-centre mass, torque = m g l",
     "Gravity pulls an off-centre mass at the {location} with {torque} (phase {phase}).",
-    conceal=_effort_range, draws=_gravity_draws, starts=_share_of_force,
+    conceal=_effort_range, draws=_gravity_draws, starts=_share_of_force, simpler_at=within_a_line("constant_load"),
 )  # fmt: skip
 
 ABSORBER = Effect(

@@ -41,8 +41,8 @@ CORNER_ERROR = 2e-3
 SAMPLES_A_PERIOD, PERIODS = 4.0, 2.0
 #: of what waves over a position, as much of a wave has to lie within the way
 WAVES = 0.5
-#: over less of a turn what goes with its sine is no more than a spring, or a wave of any length (share)
-TOLD = 0.1
+#: over less of a turn what goes with its sine is no more than a straight line (share)
+STRAIGHT = 0.1
 
 
 class Role(StrEnum):
@@ -158,6 +158,11 @@ class Alias:
     reason: str
 
 
+def within_a_line(simpler: str) -> Callable[[Values, Place], str]:
+    """The simpler law where a place moves over so little of a turn that a sine is no more than a straight line."""
+    return lambda values, place: simpler if 0.0 < place.way < 2.0 * np.pi * STRAIGHT else ""
+
+
 @dataclass(frozen=True)
 class Effect:
     """One effect at one kind of element.
@@ -181,6 +186,8 @@ class Effect:
     remark : values -> a sentence more, or nothing.
     excludes : effects that are not concealed together with it.
     visible : what a recording can show of its parameters, see :meth:`bounds_at`.
+    simpler_at : (values, place) -> the law that does the same there, as the motion does not reach the end of this one's
+        shape; empty where it does.
     of_both_signs : the state that has to take both signs, or the law is another one.
     of_units : the SI units of the sensors that take it; empty: all.
     declared : of a law that a user wrote, its declaration, see :mod:`dtbacklash.physics.own_laws`.
@@ -206,6 +213,7 @@ class Effect:
     remark: Callable[[Values], str] = lambda values: ""
     excludes: tuple[str, ...] = ()
     visible: Callable[[Place], Bounds] = lambda place: {}
+    simpler_at: Callable[[Values, Place], str] = lambda values, place: ""
     of_both_signs: str = ""
     of_units: tuple[str, ...] = ()
     declared: Mapping[str, Any] | None = None
@@ -320,11 +328,6 @@ class Effect:
     def is_shown(self, place: Place) -> bool:
         """Whether a recording can show the effect at all: a law that waves, some wave number of it."""
         return all(high > low for low, high in self._waves_at(place).values())
-
-    def is_told(self, place: Place) -> bool:
-        """Whether the way at a place tells a law of one wave a turn from waves of other lengths."""
-        once = self.of_role(Role.ANGLE) is not None and self.of_role(Role.WAVE) is None
-        return not (once and 0.0 < place.way < 2.0 * np.pi * TOLD)
 
     def _waves_at(self, place: Place) -> Bounds:
         """The wave numbers that a recording can show."""

@@ -83,11 +83,18 @@ def _widths(place: Place) -> list[Values]:
     return [{"size": float(v)} for v in np.unique(np.quantile(size, (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.65)))]
 
 
+def _hardly_clipped(values: Values, place: Place) -> str:
+    """A limit that clips less than a hundredth of the command is little else than a gain."""
+    return "gain_error" if float(np.mean(np.abs(place.command) > values["limit"])) < CLIPS else ""
+
+
 def _largest(place: Place) -> float:
     """The largest command but for a thousandth, V."""
     return float(np.quantile(np.abs(place.command), 0.999))
 
 
+#: a limit that clips less of the command is hardly reached (share)
+CLIPS = 0.01
 #: a dead zone that is wider than this share of the commands would switch the drive off
 PASSING = 0.98
 
@@ -125,7 +132,7 @@ EFFECTS = [
         "The {location} clips the voltage at {limit}.",
         conceal=lambda place, sign: (0.9, 0.3), starts=_limits,
         strength=lambda place, strength: _largest(place) * (1.0 - strength),
-        visible=_limits_seen,
+        visible=_limits_seen, simpler_at=_hardly_clipped,
         formulation_error=CORNER_ERROR,
     ),
     Effect(

@@ -7,7 +7,17 @@ import numpy as np
 from numpy.random import Generator
 
 from dtbacklash.compiled import law
-from dtbacklash.physics.effects.declare import INF, REST_ERROR, SENSOR_UNIT, Effect, Parameter, Place, Role, Values
+from dtbacklash.physics.effects.declare import (
+    INF,
+    REST_ERROR,
+    SENSOR_UNIT,
+    Effect,
+    Parameter,
+    Place,
+    Role,
+    Values,
+    within_a_line,
+)
 from dtbacklash.physics.effects.drive import GAIN_ENDS, GAIN_MAX, late
 from dtbacklash.physics.effects.slots import Filter, Reading, ShownPlay
 
@@ -146,6 +156,7 @@ EFFECTS = [
         "The encoder of {location} is off centre: it errs by {amplitude} once a turn (phase {phase}).",
         conceal=lambda place, sign: (0.2, 0.002), draws=_any_phase, of_units=("rad",),
         starts=lambda place: [{"phase": turn * math.pi / 2.0} for turn in (-1, 0, 1, 2)],
+        simpler_at=within_a_line("gain_error"),
     ),
     Effect(
         "lost_motion", "sensor", (Parameter("width", SENSOR_UNIT, 0.0, 1e3, 1e-3, 0.0, role=Role.SIZE),),

@@ -18,6 +18,8 @@ from dtbacklash.physics.effects.slots import Contact, SpringForce, SpringMemory,
 SOFTEST = 0.3
 #: a stop that is touched for less than the rest of the time is not known
 HIT = 0.999
+#: a stop that is touched more often shows its corner
+TOUCHES = 2
 
 
 @law
@@ -86,6 +88,14 @@ def _starts(size: Callable[[Place], float]) -> Starts:
 def _damping(place: Place) -> float:
     """The spring's damping, or what would damp it as strongly as the spring pulls, N s/m."""
     return place.values.get("damping", place.values["stiffness"] * place.span / place.stretch_rate)
+
+
+def _hardly_touched(values: Values, place: Place) -> str:
+    """Two touches of a stop, or fewer, do not show a corner: a spring that stiffens does the same."""
+    if place.stretch is None:
+        return ""
+    touches = np.count_nonzero(np.diff((place.stretch > values["clearance"]).astype(int), prepend=0) > 0)
+    return "cubic_stiffness" if touches <= TOUCHES else ""
 
 
 def _hysteresis_starts(place: Place) -> list[Values]:
@@ -175,7 +185,7 @@ def _spring(kind: str, force: str, length: str, names: tuple[str, ...], scale: d
             "stiffness (s - clearance) where s > clearance", SpringForce(bumper), "one-sided elastic stop",
             "{location} hits a stop of {stiffness} at a stretch of {clearance}.",
             conceal=lambda place, sign: (20.0 * place.values["stiffness"], 0.3 * place.values["stiffness"]),
-            draws=_bumper_draws, starts=_bumper_starts, formulation_error=REST_ERROR,
+            draws=_bumper_draws, starts=_bumper_starts, formulation_error=REST_ERROR, simpler_at=_hardly_touched,
             visible=lambda place: {} if place.stretch is None else {
                 "clearance": (float(place.stretch.min()), float(np.quantile(place.stretch, HIT)))},
         ),

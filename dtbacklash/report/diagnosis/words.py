@@ -15,7 +15,7 @@ from dtbacklash.diagnose.named import Finding, Recalibrated
 from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Diagnosis
 from dtbacklash.diagnose.say.next_experiment import DESIGN
 from dtbacklash.diagnose.shown import Curve
-from dtbacklash.diagnose.words import listed, named_in_words, other_in_words, place_in_words
+from dtbacklash.diagnose.words import listed, named_in_words, one_of_in_words, other_in_words, place_in_words
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import SENSOR_PREFIX
@@ -117,17 +117,21 @@ def causes(diagnosis: Diagnosis, plain: bool = False) -> Table:
 
 
 def _sure(finding: Finding) -> str:
-    """``sure``, or what is open of a name."""
+    """How sure a name is, and what is open of it."""
+    if finding.confidence == "sure":
+        return "sure"
+    if finding.confidence == "one_of":
+        return f"sure as one of: {one_of_in_words(finding.effect, finding.also_fits)}"
     others = "; ".join(other_in_words(a) for a in finding.also_fits)
     if others:
         return f"open against {others}"
-    if finding.confidence == "sure":
-        return "sure"
     grounds = finding.stands
-    if grounds is None or not grounds.size.stands:
+    if grounds is None:
+        return "open"
+    if not grounds.size.stands:
         return "open: it may not be there"
     said = [text for text, one in (("where", grounds.where), ("which law", grounds.law)) if not one.stands]
-    return f"open: {' and '.join(said)}" if said else "open"
+    return f"open: {' and '.join(said)}" if said else "open: much is left"
 
 
 def _beside(diagnosis: Diagnosis, name: str, share: str, plain: bool) -> list[str]:
@@ -171,7 +175,7 @@ def _unknown(diagnosis: Diagnosis) -> list[str]:
         body = max(much.unknown, key=lambda b: float(much.unknown[b]["after"]))
         one = much.unknown[body]
         share, force = float(one["after"]), float(one["after"]) * float(one["force"])
-        size = f"{interval(force, None, str(one['unit']), True)} rms\n{number(100 * share, 2)} % of what moves it"
+        size = f"{interval(force, None, str(one['unit']), True)} rms\n{number(100 * share, 2)} % of what acts on it"
     done = sum(much.causes.values())
     return [where, "unexplained", size, "open", _percent(1.0 - done)]
 

@@ -23,12 +23,27 @@ PLACE = Place(
 )  # fmt: skip
 
 
-def test_a_small_way_tells_no_wave_of_a_turn():
-    """Over 0.1 rad a cogging of eight waves is the same spring as an off-centre mass."""
-    small, large = replace(PLACE, way=0.1), replace(PLACE, way=3.0)
-    cogging, eccentric = CATALOGUE["rotor", "cogging"], CATALOGUE["sensor", "eccentricity"]
-    assert [e.is_told(small) for e in (GRAVITY, eccentric, cogging)] == [False, False, True]
-    assert all(e.is_told(large) for e in (GRAVITY, eccentric, cogging))
+WAY = {"way": 3.0}
+STRETCHED = np.concatenate([np.zeros(50), np.full(5, 1e-4), np.zeros(50)])
+
+
+@pytest.mark.parametrize(("key", "values", "moved", "simpler"), [
+    (("rotor", "gravity"), {}, {"way": 0.1}, "constant_load"),  # over 0.1 rad a sine is a straight line
+    (("rotor", "gravity"), {}, WAY, ""),
+    (("sensor", "eccentricity"), {}, {"way": 0.1}, "gain_error"),
+    (("sensor", "eccentricity"), {}, WAY, ""),
+    (("rotor", "cogging"), {}, {"way": 0.1}, ""),
+    (("rotor", "stribeck_friction"), {"speed": 1.9}, WAY, "coulomb_friction"),  # the end of its fall is never seen
+    (("rotor", "stribeck_friction"), {"speed": 0.5}, WAY, ""),
+    (("amplifier", "saturation"), {"limit": 2.99}, {"command": np.linspace(-3.0, 3.0, 1000)}, "gain_error"),
+    (("amplifier", "saturation"), {"limit": 2.0}, WAY, ""),
+    (("link", "bumper"), {"clearance": 5e-5}, {"stretch": np.tile(STRETCHED, 2)}, "cubic_stiffness"),
+    (("link", "bumper"), {"clearance": 5e-5}, {"stretch": np.tile(STRETCHED, 3)}, ""),
+])  # fmt: skip
+def test_a_law_whose_shape_ends_beyond_the_motion_does_what_a_simpler_one_does(key, values, moved, simpler):
+    assert CATALOGUE[key].simpler_at(values, replace(PLACE, **moved)) == simpler
+    if simpler:
+        assert (key[0], simpler) in CATALOGUE
 
 
 def test_every_effect_has_a_slot_starts_and_a_concealed_size():

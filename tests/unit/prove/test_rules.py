@@ -86,6 +86,27 @@ def test_a_false_name_is_one_that_pairs_with_nothing_hidden(kind, hidden, found,
     assert rules.no_false_name(case(kind, hidden, *found, verdict="unexplained")) == without
 
 
+@pytest.mark.parametrize(("found", "relied_on"), [
+    ([finding(DEAD_ZONE, COULOMB) | {"confidence": "one_of"}], True),
+    ([finding(DEAD_ZONE, BACKLASH) | {"confidence": "one_of"}], False),
+    ([finding(COULOMB), finding(DEAD_ZONE, COULOMB) | {"confidence": "one_of"}], False),  # one hidden, two names
+])  # fmt: skip
+def test_one_of_several_is_right_if_the_truth_is_in_it(found, relied_on):
+    judged = case("single", [COULOMB], *found)
+    assert rules.no_false_name(judged) == relied_on
+    assert rules.right_names(judged) == (set(range(len(found))) if relied_on else {0} & rules.exact(judged))
+    assert rules.said_with_certainty(judged) == (relied_on or len(found) > 1)
+    assert not rules.said_with_certainty(case("single", [COULOMB], *found, verdict="unexplained"))
+
+
+def test_a_table_among_several_is_physics_that_the_catalogue_lacks():
+    place = secret("unknown")["unknown"]["location"]
+    for table, right in (((place, "speed_table"), True), (("gear", "speed_table"), False), (COULOMB, False)):
+        judged = Case("a", secret("unknown"), diagnosis(finding(CUBIC, table) | {"confidence": "one_of"}), oracle())
+        assert rules.no_false_name(judged) is right
+        assert rules.unknown_unnamed(judged)  # it is no sure name
+
+
 def test_exact_matches_come_first():
     judged = case("several", [COULOMB, DEAD_ZONE], finding(DEAD_ZONE, COULOMB), finding(COULOMB, DEAD_ZONE))
     assert rules.matches(judged) == {0: 1, 1: 0}
@@ -220,7 +241,7 @@ def lifelike(kind, hidden, *findings, beside=(COGGING,), akin=()):
     return replace(case(kind, hidden, *findings), secret=told)
 
 
-PARTIAL = {"confidence": "partial"}
+PARTIAL, ONE_OF = {"confidence": "partial"}, {"confidence": "one_of"}
 HELD = ("mass_3", "ground_friction")
 
 
@@ -235,6 +256,9 @@ HELD = ("mass_3", "ground_friction")
         ([finding(COULOMB), finding(CUBIC)], True, True, False),
         ([finding(COULOMB), finding(CUBIC) | PARTIAL], True, True, True),
         ([finding(COULOMB), finding(COULOMB) | {"location": HELD[0], "effect": HELD[1]}], True, True, True),
+        ([finding(DEAD_ZONE, COULOMB) | ONE_OF], True, True, True),
+        ([finding(DEAD_ZONE, CUBIC) | ONE_OF], False, False, False),
+        ([finding(DEAD_ZONE, COGGING) | ONE_OF], False, False, True),
         ([], False, False, True),
     ],
 )

@@ -142,14 +142,22 @@ def test_a_cause_has_its_place_law_size_doubt_and_share():
     assert causes(diagnosed.consistent()).rows == []
     ((place, law, size, sure, share),) = causes(diagnosed.unexplained()).rows
     assert (place, law, sure, share) == ("motor bearing", "unexplained", "open", "100 %")
-    assert size == "2 mN m rms\n10 % of what moves it"
+    assert size == "2 mN m rms\n10 % of what acts on it"
 
 
 @pytest.mark.parametrize(
     ("change", "said"),
     [
         ({}, "sure"),
-        ({"confidence": "partial"}, "open: it may not be there"),
+        ({"confidence": "partial"}, "open"),
+        (
+            {"confidence": "partial", "stands": Stands(Ground(True), Ground(True), Ground(True))},
+            "open: much is left",
+        ),
+        (
+            {"confidence": "one_of", "also_fits": (Alternative("gear", "compliance"),)},
+            "sure as one of: backlash or compliance",
+        ),
         (
             {"confidence": "partial", "stands": Stands(Ground(False), Ground(False), Ground(True))},
             "open: where and which law",
@@ -159,7 +167,10 @@ def test_a_cause_has_its_place_law_size_doubt_and_share():
             {"confidence": "partial", "stands": Stands(Ground(True), Ground(True), Ground(False))},
             "open: it may not be there",
         ),
-        ({"also_fits": (Alternative("gear", "backlash"),)}, "open against backlash at the gear"),
+        (
+            {"confidence": "partial", "also_fits": (Alternative("gear", "backlash"),)},
+            "open against backlash at the gear",
+        ),
     ],
 )
 def test_what_is_open_of_a_name_is_said(change, said):

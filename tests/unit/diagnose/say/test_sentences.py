@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from dtbacklash.diagnose.named import Ground, Stands
-from dtbacklash.diagnose.say.sentences import _when_it_moves, explained_said, open_said
+from dtbacklash.diagnose.named import Alternative, Ground, Stands
+from dtbacklash.diagnose.say.sentences import _when_it_moves, certainty_said, explained_said
 from dtbacklash.diagnose.shown import Explained, Left
 
 from ..conftest import STEP_S
@@ -27,18 +27,29 @@ def test_when_a_change_goes_with_reversals_or_with_speed_it_is_said(change, expe
     assert bool(_when_it_moves(STEP_S, SPEED, change)) == bool(expected)
 
 
+LATE = ("moving_average", "low_pass")
+
+
 @pytest.mark.parametrize(
-    ("where", "law", "size", "expected"),
+    ("mark", "grounds", "others", "explains", "expected"),
     [
-        (True, True, True, ""),
-        (False, True, True, " The recording leaves open where it acts."),
-        (True, False, True, " The recording leaves open which law it is."),
-        (False, False, True, " The recording leaves open where it acts and which law it is."),
-        (True, False, False, " The recording hardly needs it: it may not be there."),
+        ("sure", (True, True, True), (), True, ""),
+        ("one_of", (True, False, True), LATE, True,
+         " (delay, moving average or low pass: this recording cannot tell which)"),
+        ("one_of", (True, False, True), ("speed_table",), True,
+         " (delay or another law over the speed: this recording cannot tell which)"),
+        ("partial", (False, True, True), (), True, ". The recording leaves open where it acts"),
+        ("partial", (False, False, True), (), True, ". The recording leaves open where it acts and which law it is"),
+        ("partial", (True, False, False), (), True,
+         ". It may not be there: the rig without it predicts the recording as well"),
+        ("partial", (True, True, True), (), False,
+         ". It leads all that was tried in its place, but most of what was unknown is left"),
     ],
-)
-def test_what_of_a_name_is_open_is_said(where, law, size, expected):
-    assert open_said(Stands(Ground(where), Ground(law), Ground(size))) == expected
+)  # fmt: skip
+def test_what_of_a_name_is_open_follows_from_what_it_does_not_lead(mark, grounds, others, explains, expected):
+    where, law, size = map(Ground, grounds)
+    also = [Alternative("sensor_q3", effect) for effect in others]
+    assert certainty_said(mark, Stands(where, law, size), "delay", also, explains) == expected
 
 
 LEFT = {"q3": Left(5e-5, "m", 0.021, 12.3)}
