@@ -123,9 +123,11 @@ class Bench:
         rows = found[0] if len(found) == 1 else np.concatenate(found)
         return rows if np.isfinite(rows).all() and np.abs(rows).max() < ASTRAY else None
 
-    def leads(self, rig: Rig, moved: dict[str, tuple[Rig, float]], gains: Sequence[Gains]) -> dict[str, Floats]:
+    def leads(
+        self, rig: Rig, moved: dict[str, tuple[Rig, float]], gains: Sequence[Gains], kept: bool = True
+    ) -> dict[str, Floats]:
         """See :meth:`.Predictor.leads`."""
-        each = [p.leads(rig, moved, g) for p, g in zip(self.predictors, gains, strict=True)]
+        each = [p.leads(rig, moved, g, kept) for p, g in zip(self.predictors, gains, strict=True)]
         return {title: np.concatenate([one[title] for one in each]) for title in moved}
 
     @cached_property

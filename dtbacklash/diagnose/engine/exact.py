@@ -26,6 +26,7 @@ from dtbacklash.diagnose.engine.motion import Motion
 from dtbacklash.diagnose.engine.predictor import Gains
 from dtbacklash.diagnose.spread import spread
 from dtbacklash.errors import UserError
+from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.table import VALUES
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
@@ -36,6 +37,8 @@ STIFF = 10.0
 LADDER = (0.1, 0.1, 0.1, 1.0)
 #: a step goes no further in x
 STEP_MAX = 1.0
+#: laws that are efforts over states of a body or a spring
+EFFORTS = (slots.BodyEffort, slots.BodyDamping, slots.Contact, slots.SpringForce)
 #: a fit ends where a step brings less (share of the sum of squares; sum of squares)
 ENOUGH = 1e-4, 20.0
 
@@ -175,16 +178,25 @@ class Problem:
         shown = {self.base.sensors[c].quantity for p in self.bench.predictors for c in p.readings.channels}
         return bool(self.base.config.model) and shown <= {"position", "velocity"}
 
-    def leads(self, x: Floats, gains: Sequence[Gains]) -> dict[str, Floats]:
-        """Columns of the rig's parameters by what they add to each sample, by title."""
+    def leads(self, x: Floats, gains: Sequence[Gains], kept: bool = True) -> dict[str, Floats]:
+        """Columns of the rig's parameters by what they add to each sample, by title.
+
+        kept : see :meth:`.Predictor.leads`; else of the laws that are efforts over states as well.
+        """
         rig, moved, per = self.rig(x), {}, {}
-        for f, xi in zip(self.free, x, strict=True):
-            if f.prior and not f.place and f.recording is None:
-                by = f.value(xi + f.step) - f.value(xi) or f.value(xi - f.step) - f.value(xi)
+        for j, f in enumerate(self.free):
+            law = f.effect and (kept or rig.effect(*f.key) is None or not isinstance(
+                find(rig.kind_at(f.place), f.effect, f.place).slot, EFFORTS))  # fmt: skip
+            if f.recording is not None or f.is_zero or law:
+                continue
+            for step in (f.step, -f.step):
+                z = x.copy()
+                z[j] += step
+                by = f.value(z[j]) - f.value(x[j])
                 if by:
-                    moved[f.title] = rig.with_parameters({f.name: f.value(xi) + by}), by
-                    per[f.title] = f.per_x(xi)
-        found = self.bench.leads(rig, moved, gains) if moved else {}
+                    moved[f.title], per[f.title] = (self.rig(z), by), f.per_x(x[j])
+                    break
+        found = self.bench.leads(rig, moved, gains, kept) if moved else {}
         return {title: per[title] * column for title, column in found.items()}
 
     @property

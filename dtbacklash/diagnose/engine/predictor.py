@@ -202,24 +202,26 @@ class Predictor:
         with np.errstate(over="ignore", invalid="ignore"):  # what does not stay finite is no model
             return replace(found, E=np.exp(logs) * found.E) if logs else found
 
-    def leads(self, rig: Rig, moved: dict[str, tuple[Rig, float]], gains: Gains) -> dict[str, Floats]:
+    def leads(
+        self, rig: Rig, moved: dict[str, tuple[Rig, float]], gains: Gains, kept: bool = True
+    ) -> dict[str, Floats]:
         """Parameter -> (N m,) by which whitened innovations change per unit of it, by what it adds to each sample.
 
         moved : parameter -> a rig with more of it, and how much more. What it adds follows from where samples lead from
-        the predicted states, and what becomes of that from the linear part; it is kept, as readings hold the states.
+        the predicted states, and what becomes of that from the linear part. kept : it is kept for other rigs, as
+        readings hold the states; else it is of this one.
         """
         n, r, L = len(self.readings.u), self.readings, self.simulated.linear(rig)
-        which = r.which(gains.opening, r.y)
-        if any(len(self._leads.get(title, ())) < n for title in moved):
+        which, led = r.which(gains.opening, r.y), self._leads if kept else {}
+        if any(len(led.get(title, ())) < n for title in moved):
             found = self.run(rig, gains)
             Z = corrected(found.X, found.D, gains, which)
             base = self.simulated.onwards(rig, Z)
             for title, (other, by) in moved.items():
-                led = (self.simulated.onwards(other, Z) - base) / by
-                self._leads[title] = led[:, : len(L.states)]
+                led[title] = ((self.simulated.onwards(other, Z) - base) / by)[:, : len(L.states)]
         there = np.ascontiguousarray(L.A[1]), np.ascontiguousarray(L.C[1]), np.ascontiguousarray(gains.K[1]), gains.W[1]
         none = np.zeros(r.there.shape)
-        return {title: driven(*there, which, self._leads[title][:n], none, ~r.there) for title in moved}
+        return {title: driven(*there, which, led[title][:n], none, ~r.there) for title in moved}
 
     def tuned(
         self, rig: Rig, sizes: Floats | None = None, steps: tuple[float, ...] = STEPS, refresh: int = 2

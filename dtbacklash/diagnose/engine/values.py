@@ -256,10 +256,14 @@ def _along_the_least_seen(problem: Problem, x: Floats, gains: Sequence[Gains], j
     """The Jacobian, measured anew along the directions that the recording determines least.
 
     Where all forces, masses and springs grow alike nothing changes and the columns cancel, but the errors of their
-    differences do not. A difference along such a direction has none.
+    differences do not, and hide the direction. The columns of what each parameter adds to a sample, carried on by the
+    linear part, have no such errors: they show it. A difference along such a direction has none either.
     """
-    for _ in range(PASSES):
-        norms, _, directions = _decomposed(jacobian)
+    rough = jacobian.copy()
+    for title, column in problem.leads(x, gains, kept=False).items():
+        rough[: len(column), [f.title for f in problem.free].index(title)] = column
+    for turn in range(PASSES):
+        norms, _, directions = _decomposed(jacobian if turn else rough)
         moved = 0.0
         for unit in directions[::-1][:LEAST_SEEN]:
             step = unit / norms
@@ -273,6 +277,6 @@ def _along_the_least_seen(problem: Problem, x: Floats, gains: Sequence[Gains], j
             # a difference that is larger has met a corner or an end
             if there @ there < before @ before:
                 jacobian = jacobian + np.outer(there - before, unit * norms)
-        if moved < MOVED:
+        if turn and moved < MOVED:
             break
     return jacobian
