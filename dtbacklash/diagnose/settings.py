@@ -13,7 +13,7 @@ from dtbacklash.config.setting import declared, setting
 # fmt: off
 @dataclass(frozen=True)
 class DiagnoseSettings:
-    """All of them. "Unknown force" is that of the predictor, a share of the force that moves a body as it moves."""
+    """All of them. "Unknown force" is that of the predictor, a share of the largest force that acts at a body."""
 
     held_out_share: float = setting(
         0.2, "end of a recording that is not fitted to where no other recording judges", unit="share")
@@ -29,13 +29,13 @@ class DiagnoseSettings:
         0.1, "of two that are nearer than this share of what a name has to earn, or explains, the simpler is taken",
         unit="share")
     small: float = setting(
-        0.015, "a law that makes less of what moves its place is none", unit="share of the motion")
+        0.015, "a law that makes less of what acts at its place is none", unit="share of what acts")
     much: float = setting(
         0.01, "more unknown force is looked at closely: priors stay stiff, and three times as much is missing physics",
-        unit="share of the motion")
+        unit="share of what acts")
     left: float = setting(
-        0.1, "no name is sure, and nothing is explained, while so much unknown force is left",
-        unit="share of the motion")
+        0.1, "where more unknown force is left, gains are tried at wrong factors, and a finer rate",
+        unit="share of what acts")
     lead: float = setting(
         3.0, "a name is sure if it leads each rival by so much in each view", unit="standard errors")
     moved: float = setting(

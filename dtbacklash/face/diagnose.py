@@ -55,7 +55,7 @@ class Found:
         """The effects that the rig lacks, a row a parameter.
 
         Columns ``location, effect, confidence, parameter, value, unit, low, high, also_fits, sentence``: ``confidence``
-        is ``sure`` or ``partial`` (place, law or size are open, see ``also_fits``); ``low`` and ``high``
+        is ``sure``, ``one_of`` (it or one of ``also_fits``) or ``partial`` (more is open); ``low`` and ``high``
         are the ends of the 95 % interval, in ``unit`` (SI); ``also_fits`` is a tuple of (location, effect) that this
         recording cannot tell from it. The size of an effect is its first parameter.
         """
