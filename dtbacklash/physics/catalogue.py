@@ -130,6 +130,11 @@ def find(kind: str, name: str, key: str) -> Effect:
     return effect
 
 
+def simpler(effect: Effect) -> Effect | None:
+    """The law that an effect becomes (:attr:`.Effect.becomes`) at its kind of element; None where that has none."""
+    return CATALOGUE.get((effect.kind, effect.becomes[1])) if effect.becomes else None
+
+
 for _effect in (
     *drive.EFFECTS,
     *body.EFFECTS,

@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.engine.attempts import attempt
 from dtbacklash.diagnose.engine.bench import Bench, Sizes
 from dtbacklash.diagnose.engine.efforts import SMALL, Entry, efforts
 from dtbacklash.diagnose.engine.exact import Model, Problem
@@ -21,7 +22,6 @@ from dtbacklash.diagnose.engine.hypotheses import Hypothesis, hypotheses
 from dtbacklash.diagnose.engine.motion import motion_of
 from dtbacklash.diagnose.engine.predictor import Gains
 from dtbacklash.diagnose.spread import spread
-from dtbacklash.errors import UserError
 from dtbacklash.physics.effects.table import STATES, bends
 from dtbacklash.physics.rig import Rig
 
@@ -82,7 +82,7 @@ class Columns:
         self.hypotheses: list[tuple[Hypothesis, slice]] = []
         asked = list(hypotheses(bench, model.rig, motion, without, tables))
         asked = [h for h in asked if not (bounded and h.as_it_is and h.effect.size.neutral == 0.0)]
-        made = spread(lambda h: self._made(h, gains, e0), asked)
+        made = spread(lambda h: attempt(self._made, h, gains, e0), asked)
         columns, first = np.empty((sum(len(m) for m in made if m), data)), 0
         for h in asked:  # one by one, as many recordings fill the memory
             for column in (found := made.pop(0) or []):
@@ -121,10 +121,7 @@ class Columns:
             values, per = dict(h.values) if phase is None else {**h.values, h.angle: phase}, 1.0
             if not h.as_it_is:
                 values[size] = per = SMALL * values[size]
-            try:
-                rows = self.bench.rows(self.rig.with_effect(*h.key, values), gains)
-            except (UserError, np.linalg.LinAlgError):
-                return None
+            rows = self.bench.rows(self.rig.with_effect(*h.key, values), gains)
             if rows is None or not per:
                 return None
             found.append((rows - e0) / per)

@@ -15,11 +15,11 @@ from scipy.optimize import lsq_linear
 from scipy.signal import lfilter
 
 from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.engine.attempts import attempt
 from dtbacklash.diagnose.engine.bench import Bench, Sizes
 from dtbacklash.diagnose.engine.exact import Model, Problem
 from dtbacklash.diagnose.engine.motion import Motion
 from dtbacklash.diagnose.engine.predictor import Gains
-from dtbacklash.errors import UserError
 from dtbacklash.physics.effects.declare import Role
 
 VIEWS = SHORT, LONG, WHITE = ("short", "long", "white")
@@ -53,7 +53,7 @@ class Horizons:
         self.bench, self.motion, self.model = bench, motion, model
         self.shares: tuple[float, ...] = ()
         self._filters: list[list[Floats]] = []
-        self.reference = self._measured(model, self._longest)
+        self.reference = attempt(self._measured, model, self._longest)
 
     def squares(self, m: Model) -> Squares | None:
         """A model in the three views, fitted anew at the sizes of the judged one; None where it does not follow."""
@@ -75,10 +75,7 @@ class Horizons:
         x, squares = problem.solve(sizes, x, steps)
         if not np.isfinite(squares):
             return None
-        try:
-            gains = self.bench.gains(problem.base, sizes)
-        except (UserError, np.linalg.LinAlgError):
-            return None
+        gains = self.bench.gains(problem.base, sizes)
         rows = problem.rows(x, gains)
         return None if rows is None else (x, rows, gains)
 

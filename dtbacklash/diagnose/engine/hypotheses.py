@@ -7,10 +7,10 @@ import numpy as np
 from scipy.linalg import null_space
 
 from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.engine.attempts import attempt
 from dtbacklash.diagnose.engine.bench import Bench
 from dtbacklash.diagnose.engine.free import Key
 from dtbacklash.diagnose.engine.motion import Motion
-from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import is_found
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Effect, Role, Values
@@ -107,10 +107,8 @@ def hypotheses(
                 continue
             if not _possible(rig, place, effect) or not _of_both_signs(effect, motion.states(place)):
                 continue
-            if tables:
-                yield from _table(place, effect, motion)
-            else:
-                yield from _laws(place, effect, motion, bench.anywhere)
+            starts = _table(place, effect, motion) if tables else _laws(place, effect, motion, bench.anywhere)
+            yield from attempt(list, starts) or ()
 
 
 def unseen_positions(bench: Bench) -> set[str]:
@@ -134,11 +132,7 @@ def _possible(rig: Rig, place: str, effect: Effect) -> bool:
         return False  # a rigid screw moves this mass, whatever acts on it
     if effect.is_table:
         return True
-    try:
-        rig.with_effect(place, effect.name, {effect.size.name: effect.size.typical})
-    except UserError:
-        return False
-    return True
+    return attempt(rig.with_effect, place, effect.name, {effect.size.name: effect.size.typical}) is not None
 
 
 def _of_both_signs(effect: Effect, states: dict[str, Floats]) -> bool:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from dtbacklash.diagnose.engine.attempts import attempt
 from dtbacklash.diagnose.engine.columns import Columns, Proposal
 from dtbacklash.diagnose.engine.exact import Model
 from dtbacklash.diagnose.engine.factors import Off, numbers_instead
@@ -152,15 +153,15 @@ class Judge:
         """The best other names in the place of one: those of the search, and those that columns now propose."""
         search = self.search
         known = {tuple(sorted(m.keys)): m for m in search.beaten.get(key, []) if key not in m.keys}
-        for m in search.in_its_place(less, key):
+        for m in attempt(search.in_its_place, less, key) or []:
             known.setdefault(tuple(sorted(m.keys)), m)
         kept = [m for k, m in known.items() if set(less.keys) <= set(k)]
         return sorted(kept, key=lambda m: m.score)[:3]
 
     def _tables(self, model: Model, place: str | None) -> tuple[Proposal, ...]:
         """Tables that explain something beside a model, at one place or anywhere, best first."""
-        found = Columns(self.bench, model, model.sizes, tables=True).ranked
-        return tuple(p for p in found if place is None or p.keys[0][0] == place)
+        found = attempt(Columns, self.bench, model, model.sizes, tables=True)
+        return tuple(p for p in (found.ranked if found else ()) if place is None or p.keys[0][0] == place)
 
     def _with_tables(self, less: Model, tables: Sequence[Proposal]) -> list[Model]:
         """The model without a name, with the best table of its place."""
@@ -174,7 +175,7 @@ class Judge:
         gained, behind = less.score - self.model.score, m.score - self.model.score
         if container and -behind < self.rules.alike * max(gained, 0.0):
             return None
-        mine, other = self.horizons.reference, self.horizons.squares(m)
+        mine, other = self.horizons.reference, attempt(self.horizons.squares, m)
         if mine is None or other is None:  # a rival that strays at these sizes, far behind at its own, is none
             strays = mine is not None and behind > self.rules.worth * self.bench.count
             t, agree, ratio = dict.fromkeys(VIEWS, ASTRAY if strays else OPEN), 0.0, np.nan

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from dtbacklash.arrays import Floats
+from dtbacklash.diagnose.engine.attempts import attempt, attempts
 from dtbacklash.diagnose.engine.bench import Bench, Sizes
 from dtbacklash.diagnose.engine.columns import Columns, Proposal
 from dtbacklash.diagnose.engine.differences import alike, differ, named_apart
@@ -20,9 +21,8 @@ from dtbacklash.diagnose.engine.hypotheses import Hypothesis
 from dtbacklash.diagnose.engine.motion import Motion, motion_of
 from dtbacklash.diagnose.engine.predictor import LOST
 from dtbacklash.diagnose.settings import SETTINGS, DiagnoseSettings
-from dtbacklash.diagnose.spread import spread
 from dtbacklash.errors import UserError
-from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.catalogue import find, simpler
 from dtbacklash.physics.effects.declare import Values
 from dtbacklash.physics.effects.slots import Filter
 from dtbacklash.physics.effects.table import VALUES
@@ -40,6 +40,9 @@ SHARE = 1.0 / 3.0
 STRICT = (0.1, 0.01)
 
 Tell = Callable[[str, float], None]
+#: a rig that was fitted quickly: squares with their cost, what was fitted, values; then score, rig, names, sizes
+_Rough = tuple[float, Problem, Floats]
+_Tuned = tuple[float, Rig, tuple[Key, ...], Sizes]
 
 
 @dataclass
@@ -104,8 +107,8 @@ class Search:
 
     def glance(self) -> None:
         """What explains most on the beginning, by its column: a first answer, and nothing else takes note of it."""
-        ranked = Columns(self.quick, self.now, self.bench.of_first(self.now.sizes)).ranked
-        self.likely = ranked[0].keys[0] if ranked else None
+        columns = attempt(Columns, self.quick, self.now, self.bench.of_first(self.now.sizes))
+        self.likely = columns.ranked[0].keys[0] if columns and columns.ranked else None
 
     def look_at(self, sizes: Sizes) -> None:
         """Make quick fits on the stretch that says most of what is missing, at these sizes."""
@@ -133,8 +136,8 @@ class Search:
         stiff: float | None = None,
     ) -> Model | None:
         """A rig with these names fitted on all, from the sizes of a model."""
-        problem = Problem(self.bench, rig, keys, self.motion, model.stiff if stiff is None else stiff, model.smooth)
-        found = problem.ladder(model.sizes, None, rungs, steps)
+        given = self.bench, rig, keys, self.motion, model.stiff if stiff is None else stiff, model.smooth
+        found = attempt(lambda: Problem(*given).ladder(model.sizes, None, rungs, steps))
         if found is not None:
             key = tuple(sorted(found.keys))
             self.tried[key] = min(self.tried.get(key, np.inf), found.score)
@@ -145,7 +148,9 @@ class Search:
 
         Or from the sizes that it then needs: a name may hide how far.
         """
-        bare = without_name(self.bench, model, key)
+        bare = attempt(without_name, self.bench, model, key)
+        if bare is None:
+            return None
         rungs = (1.0, 0.1, 1.0) if stiff is not None else (1.0,)
         starts = (replace(bare, sizes=model.sizes), bare)
         found = [self.fitted(start.rig, start, start.keys, rungs, steps, stiff) for start in starts]
@@ -165,7 +170,9 @@ class Search:
             levels += [(self.quick, share, 4 - n, 2 - n) for n, share in enumerate(STRICT)]
         for bench, share, singles, pairs in levels:
             at = self.bench.of_first(model.sizes) if bench is self.quick else model.sizes
-            columns = Columns(bench, model, bench.scaled(at, share), without, alone=alone)
+            columns = attempt(Columns, bench, model, bench.scaled(at, share), without, alone=alone)
+            if columns is None:
+                continue
             ranked = columns.ranked
             if share == 1.0 and not quick:
                 for p in ranked:
@@ -175,8 +182,8 @@ class Search:
             chosen: list[Proposal] = ranked[:singles] + (columns.pairs(ranked[:5])[:pairs] if pairs else [])
             for p in ranked[:singles]:  # the simpler law that it may become
                 ((h, _),) = p.parts
-                if h.effect.becomes:
-                    simple = (o for o, _ in columns.hypotheses if o.key == (h.place, h.effect.becomes[1]))
+                if law := simpler(h.effect):
+                    simple = (o for o, _ in columns.hypotheses if o.key == (h.place, law.name))
                     chosen += [Proposal(0.0, ((o, None),)) for o in simple][:1]
             for p in chosen:
                 values = [h.values for h, _ in p.parts]
@@ -184,10 +191,8 @@ class Search:
                 if len(there) >= 3 or values in there:
                     continue
                 there.append(values)
-                try:
-                    found.append((p.put(model.rig), (*model.keys, *(h.key for h, _ in p.parts))))
-                except UserError:
-                    continue
+                if (rig := attempt(p.put, model.rig)) is not None:
+                    found.append((rig, (*model.keys, *(h.key for h, _ in p.parts))))
         return found
 
     def in_its_place(self, less: Model, key: Key, best: int = 3) -> list[Model]:
@@ -215,11 +220,8 @@ class Search:
                 (k, title.replace(mine, f"{place}.{key[1]}.")): value
                 for k, there in enumerate(self.now.rig.own) for title, value in there.items() if title.startswith(mine)
             }  # fmt: skip
-            try:
-                rig = bare.rig.with_effect(place, key[1], dict(values)).owning(own)
+            if (rig := attempt(_put, bare.rig, (place, key[1]), dict(values), own)) is not None:
                 proposals.append((rig, (*bare.keys, (place, key[1]))))
-            except UserError:
-                continue
         return self.sifted(less, proposals, best, key)
 
     def sifted(
@@ -235,47 +237,47 @@ class Search:
         sizes = self.bench.of_first(model.sizes) if len(model.sizes) != len(quick.predictors) else model.sizes
         most = self.unknown(model)
         strict = quick.scaled(sizes, 0.1 if most > self.rules.much else 1.0)
-        near = self._near(model, strict)
-        rough: list[tuple[float, Problem, Floats]] = []
-        for filters in (False, True):
-            problems = [
-                Problem(quick, rig, keys, self.motion, model.stiff, model.smooth)
-                for rig, keys in (_as_late(rough, model, instead) if filters else proposals)
-            ]
-            solved = spread(lambda p: p.solved(strict, 3, near), problems)
-            for problem, (x, squares) in zip(problems, solved, strict=True):
-                if np.isfinite(squares):
-                    rough.append((squares + n * problem.counts, problem, x))
-            rough.sort(key=lambda r: r[0])
-        second: list[tuple[float, Rig, tuple[Key, ...], Sizes]] = []
-        names: set[frozenset[Key]] = set()
-        for _, problem, x in rough:
-            if len(names) > best + 1 or (here := frozenset(problem.keys)) in names:
-                continue  # another start of the same
-            names.add(here)
+        near = attempt(self._near, model, strict) or {}
+
+        def solved(one: tuple[Rig, tuple[Key, ...]]) -> _Rough | None:
+            problem = Problem(quick, *one, self.motion, model.stiff, model.smooth)
+            x, squares = problem.solved(strict, 3, near)
+            return (squares + n * problem.counts, problem, x) if np.isfinite(squares) else None
+
+        def tuned(one: _Rough) -> _Tuned | None:
+            _, problem, x = one
             rig = problem.rig(x)
             if any(rig.effect(*key) is None for key in problem.keys):
-                continue  # it came to nothing
-            tuned, likelihood = quick.tuned(rig, strict, steps=(2.0, 0.7), refresh=1)
+                return None  # it came to nothing
+            sizes, likelihood = quick.tuned(rig, strict, steps=(2.0, 0.7), refresh=1)
             beside = problem.beside(x)
-            second.append((likelihood + float(beside @ beside) + n * problem.counts, rig, problem.keys, tuned))
+            return likelihood + float(beside @ beside) + n * problem.counts, rig, problem.keys, sizes
+
+        rough = sorted(attempts(solved, proposals), key=lambda r: r[0])
+        rough += attempts(solved, attempt(_as_late, rough, model, instead) or [])
+        rough.sort(key=lambda r: r[0])
+        kept: dict[frozenset[Key], _Rough] = {}
+        for one in rough:  # another start of the same is none more
+            if len(kept) < best + 2:
+                kept.setdefault(frozenset(one[1].keys), one)
+        second = [found for one in kept.values() if (found := attempt(tuned, one)) is not None]
         second.sort(key=lambda r: r[0])
         few = min(len(keys) for _, _, keys, _ in second) if second else 0
         near_best = [s for s in second if s[0] < second[0][0] + 0.2 * quick.count][:best]
         # a pair may have been first by what it cannot keep
         simple = [s for s in second if len(s[2]) == few][:1] if all(len(s[2]) > few for s in near_best) else []
 
-        def climbed(one: tuple[float, Rig, tuple[Key, ...], Sizes]) -> Model | None:
-            _, rig, keys, tuned = one
-            rungs = (0.1, 0.1, 1.0) if quick.most_unknown(tuned) > 3e-3 else (1.0,)
-            return Problem(quick, rig, keys, self.motion, model.stiff, model.smooth).ladder(tuned, None, rungs)
+        def climbed(one: _Tuned) -> Model | None:
+            _, rig, keys, sizes = one
+            rungs = (0.1, 0.1, 1.0) if quick.most_unknown(sizes) > 3e-3 else (1.0,)
+            return Problem(quick, rig, keys, self.motion, model.stiff, model.smooth).ladder(sizes, None, rungs)
 
-        some = [m for m in spread(climbed, near_best + simple) if m is not None and not m.at_end]
+        some = [m for m in attempts(climbed, near_best + simple) if not m.at_end]
         some.sort(key=lambda m: m.score)
         full: list[Model] = []
         for m in some:
             if len(full) < 2 and (m.score < some[0].score + 0.1 * quick.count or len(m.keys) == few):
-                full += self._on_all(m, model, instead is not None)
+                full += attempt(self._on_all, m, model, instead is not None) or []
         return sorted((m for m in full if m.score < LOST), key=lambda m: m.score)
 
     def _on_all(self, m: Model, model: Model, small: bool) -> list[Model]:
@@ -316,7 +318,7 @@ class Search:
             if proposed:
                 self.tell(f"round {there + 1}: fitting the {len(proposed)} likeliest", 0.1 + 0.1 * there)
             found = self.sifted(self.now, proposed)
-            if differ(self, found):
+            if attempt(differ, self, found):
                 been.clear()
                 continue
             if not found:
@@ -344,7 +346,7 @@ class Search:
 
     def trim(self, stiff: float | None = None) -> None:
         """Out with what costs less than it is worth."""
-        alike(self)
+        attempt(alike, self)
         for key in self.now.keys:
             if len(self.now.keys) < (2 if stiff is None else 1):
                 return
@@ -369,7 +371,7 @@ class Search:
             less = self.without(self.now, key)
             if less is None:
                 continue
-            found = self.in_its_place(less, key, 2)
+            found = attempt(self.in_its_place, less, key, 2) or []
             self.beaten[key] = found
             if found and found[0].score < self.now.score - self.rules.alike * self.rules.worth * self.bench.count:
                 self.now = found[0]
@@ -380,28 +382,31 @@ class Search:
     def simplify(self) -> None:
         """The simpler law that a name may become, where it explains hardly less."""
         for key in self.now.keys:
-            entry = find(self.now.rig.kind_at(key[0]), key[1], key[0])
-            if entry.becomes is None or self.now.rig.effect(key[0], entry.becomes[1]) is not None:
-                continue
-            less = self.without(self.now, key)
-            simple = find(self.now.rig.kind_at(key[0]), entry.becomes[1], key[0])
-            if less is None:
-                continue
-            size = self.now.rig.effects[key[0]][key[1]][entry.size.name]
-            other = (key[0], simple.name)
-            rig = less.rig.with_effect(*other, {simple.size.name: size})
-            done = self.fitted(rig, less, (*less.keys, other), (1.0, 0.1, 1.0), 5)
-            gained = less.score - self.now.score
-            if done is not None and not done.at_end and done.score - self.now.score < self.rules.alike * gained:
-                self.now = done
+            self.now = attempt(self._simpler, key) or self.now
+
+    def _simpler(self, key: Key) -> Model | None:
+        """The model with the simpler law in the place of a name; None where there is none, or it explains less."""
+        entry = find(self.now.rig.kind_at(key[0]), key[1], key[0])
+        law = simpler(entry)
+        if law is None or self.now.rig.effect(key[0], law.name) is not None:
+            return None
+        less = self.without(self.now, key)
+        if less is None:
+            return None
+        size, other = self.now.rig.effects[key[0]][key[1]][entry.size.name], (key[0], law.name)
+        rig = less.rig.with_effect(*other, {law.size.name: size})
+        done = self.fitted(rig, less, (*less.keys, other), (1.0, 0.1, 1.0), 5)
+        gained = less.score - self.now.score
+        good = done is not None and not done.at_end and done.score - self.now.score < self.rules.alike * gained
+        return done if good else None
 
     def add_table(self) -> None:
         """A table over a state of some place, beside the names and alone, where it takes the unknown force away."""
         names = self.names = self.now
         found: list[Model] = []
         for start in [names, *([self.nothing] if names.keys else [])]:
-            columns = Columns(self.bench, start, start.sizes, tables=True)
-            for p in columns.ranked[: 1 if start is names and names.keys else 2]:
+            columns = attempt(Columns, self.bench, start, start.sizes, tables=True)
+            for p in columns.ranked[: 1 if start is names and names.keys else 2] if columns else ():
                 done = self.tabled(start, p) if p.gain > self.rules.least * self.bench.count else None
                 if done is not None and self.unknown(done) < self.rules.clears * self.unknown(names):
                     found.append(done)
@@ -421,12 +426,11 @@ class Search:
         ((h, _),) = p.parts
         assert p.smooth is not None
         model = replace(start, smooth={**start.smooth, h.key: p.smooth})
-        try:
-            rig = p.put(start.rig)
-        except UserError:
+        rig = attempt(p.put, start.rig)
+        if rig is None:
             return None
-        quick = Problem(self.quick, rig, (*start.keys, h.key), self.motion, STIFF, model.smooth)
-        first = quick.ladder(self.bench.of_first(start.sizes), None, (0.1, 1.0), 3)
+        given = self.quick, rig, (*start.keys, h.key), self.motion, STIFF, model.smooth
+        first = attempt(lambda: Problem(*given).ladder(self.bench.of_first(start.sizes), None, (0.1, 1.0), 3))
         if first is None:
             return None
         back = replace(model, sizes=self.bench.back(first.sizes, start.sizes))
@@ -448,9 +452,12 @@ class Search:
         return tuple(key for key in model.keys if share_of(self.bench, model, key) < least)
 
 
-def _as_late(
-    rough: list[tuple[float, Problem, Floats]], model: Model, without: Key | None
-) -> list[tuple[Rig, tuple[Key, ...]]]:
+def _put(rig: Rig, key: Key, values: Values, own: dict[tuple[int, str], float]) -> Rig:
+    """The rig with an effect; own : (recording, title) -> value there."""
+    return rig.with_effect(*key, values).owning(own)
+
+
+def _as_late(rough: list[_Rough], model: Model, without: Key | None) -> list[tuple[Rig, tuple[Key, ...]]]:
     """Other filters in the place of the best new one of fitted rigs, or of a sensor's delay: each as late as that."""
     for _, problem, x in rough:
         rig = problem.rig(x)

@@ -180,7 +180,8 @@ class Effect:
     starts : where a search starts.
     strength : (place, strength) -> size, for laws in which less is more; ``None`` where the size is the strength.
     formulation_error : see :data:`FORMULATION_ERROR`; intervals count it.
-    becomes : (parameter, effect): where the parameter is small, or beyond what is recorded, the law is the other one.
+    becomes : (parameter, effect): where the parameter is small, or beyond what is recorded, the law is the other one,
+        at kinds of elements that take it (:func:`dtbacklash.physics.catalogue.simpler`).
     alias : what the law is called beside dry friction that is larger.
     sentence_without : (parameter, sentence): what a report says instead where this parameter does nothing.
     remark : values -> a sentence more, or nothing.
