@@ -1,11 +1,14 @@
 """What rigs say of whole recordings, fitted part and held-out part: predictions at one set of gains, and free runs.
 
-All models are compared at the gains of the last one, which forgive least; a free run is corrected over the first
-samples only, in which the first state becomes known, and by the command alone from then on.
+All models are compared at the gains of the last one, which forgive least. A free run is a simulation by the command
+alone, from rest; where a recording does not begin at rest, its first readings make the state known, and judge nothing.
+A machine that nothing pulls back may drift away although its physics is right: then free runs begin anew after each
+window, as long as the last model predicts better than a constant.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -14,7 +17,7 @@ from dtbacklash.diagnose.engine.bench import Bench, Sizes
 from dtbacklash.diagnose.engine.fmu import Exchanged
 from dtbacklash.diagnose.engine.mujoco import Stepped
 from dtbacklash.diagnose.engine.predictor import Gains, Predictor
-from dtbacklash.diagnose.engine.readings import OPENING, readings
+from dtbacklash.diagnose.engine.readings import OPENING, first_read, readings
 from dtbacklash.diagnose.engine.simulated import Simulated
 from dtbacklash.diagnose.engine.zeros import zeroed
 from dtbacklash.diagnose.records import Record
@@ -22,6 +25,10 @@ from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate_roughly
 
+#: the longest window of free runs is the recording, and the shortest so many times the readings that begin one
+SHORTEST = 4
+#: a free run from rest leaves less of the square of what is read first, or the machine does not begin at rest (share)
+MOSTLY = 0.5
 #: a free run that errs by less shows nothing: it may be what a sensor cannot resolve (times its noise)
 TIMES = 2.0
 
@@ -101,11 +108,21 @@ def _between(rig: Rig, s: Stretch) -> Floats:
     return np.array([np.std(one[c] - other[c]) for c in readings.channels])
 
 
+def _rests(s: Stretch, errors: Floats) -> bool:
+    """Whether a free run from rest, with these errors (N, m), says most of what is read first, or all but noise."""
+    e, y = errors[:OPENING], s.measured[:OPENING] - [first_read(y) for y in s.measured.T]
+    there = np.isfinite(e)
+    left, moved = (np.sum(np.where(there, part, 0.0) ** 2, axis=0) for part in (e, y))
+    noise = there.sum(axis=0) * s.predictor.readings.noise**2
+    return bool((left <= np.maximum(MOSTLY * moved, TIMES**2 * noise)).all())
+
+
 class Seen:
     """All records, as rigs predict them at the gains of the last model."""
 
     def __init__(self, bench: Bench, records: list[Record], every: list[int], rig: Rig, sizes: Sizes) -> None:
         self.stretches: list[Stretch] = []
+        self._rig = rig
         self._gains: list[Gains] = []
         self._fitted = {p.readings.recording for p in bench.predictors}
         fitted = iter(zip(bench.predictors, sizes, strict=True))
@@ -146,7 +163,10 @@ class Seen:
 
         others : recording -> the rig there instead.
         """
-        return self._passes(rig, self._gains, others)
+        return self._each(rig, others, [
+            lambda own, p=s.predictor, g=g: p.errors(own, g)
+            for s, g in zip(self.stretches, self._gains, strict=True)
+        ])  # fmt: skip
 
     def errs_by_more(self, rig: Rig, most: list[Floats]) -> bool:
         """Whether a free run errs by clearly more than some sizes, (m,) a stretch, in SI."""
@@ -167,28 +187,70 @@ class Seen:
         return self.errs_by_more(rig, [m / TIMES**2 for m in most]) and not self.errs_by_more(rig, most)
 
     def free(self, rig: Rig, others: Mapping[int, Rig] = NONE) -> list[Floats] | None:
-        """The same of free runs."""
-        alone = []
-        for gains in self._gains:
-            K = gains.K.copy()
-            K[:, OPENING:] = 0.0
-            alone.append(replace(gains, K=K))
-        return self._passes(rig, alone, others)
+        """The same of free runs: readings less what a rig shows by its commands alone (:meth:`.Predictor.simulate`).
 
-    def _passes(self, of: Rig, gains: list[Gains], others: Mapping[int, Rig]) -> list[Floats] | None:
+        NaN as well where readings make the state known from which a run begins.
+        """
+        return self._free(rig, self._begins[0], others)
+
+    @property
+    def window_s(self) -> float | None:
+        """After so long free runs begin anew, s; None where they last for the whole recording."""
+        return self._begins[1]
+
+    @cached_property
+    def _begins(self) -> tuple[list[Sequence[int]], float | None]:
+        """Per stretch the samples at which free runs begin anew, for all rigs as the last model needs it; the window.
+
+        From rest, unless that says little of what is read first: then from a state that the first readings make known.
+        """
+        rest = self._free(self._rig, [()] * len(self.stretches), NONE) or [None] * len(self.stretches)
+        begins: list[Sequence[int]] = [
+            () if e is not None and _rests(s, e) else (0,) for s, e in zip(self.stretches, rest, strict=True)
+        ]
+        drifts = any(s.predictor.simulated.linear(self._rig).drifts for s in self.stretches)
+        if not drifts or self._predicts(begins):
+            return begins, None
+        steps = [s.predictor.readings.sample_time_s for s in self.stretches]
+        window = max(h * len(s.predictor.readings.u) for h, s in zip(steps, self.stretches, strict=True))
+        while window > 2 * SHORTEST * OPENING * max(steps):
+            window *= 0.5
+            begins = [
+                range(0, len(s.predictor.readings.u), round(window / h))
+                for h, s in zip(steps, self.stretches, strict=True)
+            ]
+            if self._predicts(begins):
+                break
+        return begins, window
+
+    def _predicts(self, begins: list[Sequence[int]]) -> bool:
+        """Whether free runs of the last model err by less than a constant."""
+        errors, spread = self._free(self._rig, begins, NONE), self.spread()
+        parts = [self.mean_squares(errors, part) for part in ("train", "held")]
+        return errors is not None and all(v < spread[c] ** 2 for part in parts for c, v in part.items())
+
+    def _free(self, rig: Rig, begins: list[Sequence[int]], others: Mapping[int, Rig]) -> list[Floats] | None:
+        """Free runs that begin anew at some samples of each stretch."""
+        return self._each(rig, others, [
+            lambda own, p=s.predictor, g=g, b=b: p.simulate(own, g, b)
+            for s, g, b in zip(self.stretches, self._gains, begins, strict=True)
+        ])  # fmt: skip
+
+    def _each(
+        self, of: Rig, others: Mapping[int, Rig], passes: Sequence[Callable[[Rig], Floats]]
+    ) -> list[Floats] | None:
+        """What a pass gives on each stretch, of a rig or that of its recording; None where one does not stay finite."""
         found = []
-        for stretch, g in zip(self.stretches, gains, strict=True):
+        for stretch, errors in zip(self.stretches, passes, strict=True):
             rig = others.get(stretch.record.recording, of)
             try:
                 with np.errstate(over="ignore", invalid="ignore"):
                     alone = stretch.record.recording not in self._fitted  # its sensors' zeros are its own
-                    own = zeroed(Bench(rig, (stretch.predictor,)), rig) if alone else rig
-                    D = stretch.predictor.run(own, g).D
+                    found.append(errors(zeroed(Bench(rig, (stretch.predictor,)), rig) if alone else rig))
             except (UserError, np.linalg.LinAlgError):
                 return None
-            if not np.isfinite(D).all() or np.abs(D).max(initial=0.0) > 1e150:
+            if np.nanmax(np.abs(found[-1]), initial=0.0) > 1e150:
                 return None
-            found.append(stretch.predictor.simulated.as_read(own, D))
         return found
 
     def mean_squares(

@@ -116,13 +116,15 @@ class RecordingUsed:
 
 @dataclass(frozen=True)
 class FreeRunning:
-    """The same errors with nothing measured coming to help: from the commands and the first sample alone.
+    """The same errors with nothing measured coming to help: simulated from the first sample by the commands alone.
 
-    None where a simulation does not stay finite.
+    None where a simulation does not stay finite. window_s : after so long the simulation begins anew, s; None where it
+    lasts for the whole recording.
     """
 
     train: ModelErrors
     held_out: ModelErrors
+    window_s: float | None = None
 
 
 @dataclass(frozen=True)

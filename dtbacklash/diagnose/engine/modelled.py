@@ -179,11 +179,11 @@ class Modelled(Simulated):
                 raise UserError("rig.sensors", read, allowed)
 
     @_alone
-    def observe(self, rig: Rig, K: Floats, W: Floats, opening: int) -> Pass:
+    def observe(self, rig: Rig, K: Floats, W: Floats, opening: int, which: np.ndarray | None = None) -> Pass:
         """Predict and correct, sample by sample."""
         rig, Y = self._in_time(self._here(rig))
         owner, c = self._model(rig)
-        which = self.readings.which(opening, Y)
+        which = self.readings.which(opening, Y) if which is None else which
         first = self._start(rig, c, np.array([first_read(y) for y in Y.T]))
         D, X = np.zeros(Y.shape), np.zeros((len(Y), len(first)))
         put(c, first)

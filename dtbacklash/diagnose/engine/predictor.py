@@ -19,6 +19,7 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.filter import driven, frozen, opening, riccati, update
+from dtbacklash.diagnose.engine.readings import OPENING
 from dtbacklash.diagnose.engine.simulator import Linear, Pass, Simulator
 from dtbacklash.diagnose.engine.trajectory import Trajectory
 from dtbacklash.physics.catalogue import find
@@ -188,19 +189,52 @@ class Predictor:
         What a filter's states are changes with its values: corrections of the first samples would miss them.
         Innovations are scaled so that the sum of their squares compares as likelihoods do, determinants included.
         """
-        slots_there = _slots(rig)
-        if not any(slot.adds_states for slot in slots_there):
-            return self.simulated.observe(rig, gains.K, gains.W, gains.opening)
-        L, logs = self.simulated.linear(rig), 0.0
-        filtered = any(isinstance(slot, Filter) for slot in slots_there)
-        if filtered or L.states != gains.states:
-            fresh = self.gains(rig, gains.sizes, L)
-            if filtered and L.states == gains.states:
-                logs = (fresh.logs - gains.logs) / (2.0 * self.count)
-            gains = fresh
+        given, logs = gains, 0.0
+        gains = self._own_gains(rig, given)
+        if gains is not given and gains.states == given.states:
+            logs = (gains.logs - given.logs) / (2.0 * self.count)
         found = self.simulated.observe(rig, gains.K, gains.W, gains.opening)
         with np.errstate(over="ignore", invalid="ignore"):  # what does not stay finite is no model
             return replace(found, E=np.exp(logs) * found.E) if logs else found
+
+    def _own_gains(self, rig: Rig, gains: Gains) -> Gains:
+        """The gains, or where a rig has filters or other states than they were made for, its own at the same sizes."""
+        slots_there = _slots(rig)
+        if not any(slot.adds_states for slot in slots_there):
+            return gains
+        L = self.simulated.linear(rig)
+        filtered = any(isinstance(slot, Filter) for slot in slots_there)
+        return self.gains(rig, gains.sizes, L) if filtered or L.states != gains.states else gains
+
+    def errors(self, rig: Rig, gains: Gains) -> Floats:
+        """(N, m) innovations as they were read, NaN where there is none, infinite where they do not stay finite."""
+        return self._as_read(rig, self.run(rig, gains).D)
+
+    def _as_read(self, rig: Rig, D: Floats) -> Floats:
+        return self.simulated.as_read(rig, np.where(np.isfinite(D), D, np.inf))
+
+    def simulate(self, rig: Rig, gains: Gains, begins: Sequence[int] = ()) -> Floats:
+        """A free run: (N, m) readings less what a rig shows by its command alone, as :meth:`errors`.
+
+        It begins at rest, where the positions were read first, and nothing corrects it.
+
+        Parameters
+        ----------
+        begins : samples at which it begins anew, with a state that the next ``OPENING`` readings make known by gains
+            of their own; these are no part of it, and NaN.
+        """
+        N, n = len(self.readings.u), min(OPENING, gains.opening)
+        own = self._own_gains(rig, gains) if len(begins) else gains
+        begun, which = np.zeros(N, dtype=bool), np.full(N, own.K.shape[1])  # the last gains correct nothing
+        for first in begins:
+            last = min(first + n, N)
+            which[first:last] = np.arange(last - first) + (first if self.readings.seldom else 0)
+            begun[first:last] = True
+        K = np.concatenate([own.K, np.zeros_like(own.K[:, :1])], axis=1)
+        W = np.concatenate([own.W, own.W[:, -1:]], axis=1)
+        found = self._as_read(rig, self.simulated.observe(rig, K, W, gains.opening, which).D)
+        found[begun] = np.nan
+        return found
 
     def leads(
         self, rig: Rig, moved: dict[str, tuple[Rig, float]], gains: Gains, kept: bool = True

@@ -105,10 +105,10 @@ class Simulated:
         key = "linear", r.sample_time_s, r.channels
         return here.once(key, lambda: linear_of(here, r.sample_time_s, r.channels))
 
-    def observe(self, rig: Rig, K: Floats, W: Floats, opening: int) -> Pass:
+    def observe(self, rig: Rig, K: Floats, W: Floats, opening: int, which: np.ndarray | None = None) -> Pass:
         """Predict and correct, sample by sample, by gains of the rig's linear states; others are not corrected.
 
-        opening : samples with gains of their own, see :class:`.predictor.Gains`.
+        opening, which : see :meth:`.simulator.Simulator.observe`.
         """
         rig, Y = self._in_time(self._here(rig))
         u, rise, rig = self._driven(rig)
@@ -123,7 +123,7 @@ class Simulated:
         theta = u if p.imposed else np.zeros(1)
         observe(
             p, state, u, rise, self._ramp(p), self._half_gap(rig), theta, Y, np.ascontiguousarray(K[:, :, :n]), W,
-            self.readings.which(opening, Y), chan, found.E, found.X,
+            self.readings.which(opening, Y) if which is None else which, chan, found.E, found.X,
             found.D, np.zeros(len(rig.sensors)),
         )  # fmt: skip
         return found

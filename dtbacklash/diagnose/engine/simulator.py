@@ -12,6 +12,9 @@ from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.engine.readings import Readings
 from dtbacklash.physics.rig import Rig
 
+#: a mode that so nearly stays where it is (eigenvalue of a sample), and of which a sensor shows so much (share)
+STAYS, SHOWN = 1e-6, 1e-9
+
 
 @dataclass(frozen=True)
 class Linear:
@@ -35,6 +38,13 @@ class Linear:
     inertia: Floats
     speed: int
     drives: dict[str, tuple[Floats, Floats]] = field(default_factory=dict)
+
+    @property
+    def drifts(self) -> bool:
+        """Whether the sensors show a motion that nothing pulls back, or that grows."""
+        modes, shapes = np.linalg.eig(self.A[1])
+        shown = np.abs(self.C[1] @ shapes).max(axis=0) > SHOWN * np.abs(shapes).max(axis=0)
+        return bool((np.abs(modes[shown]) > 1.0 - STAYS).any())
 
     def index(self, body: str) -> int:
         """Of a body's speed among the states."""
@@ -75,11 +85,12 @@ class Simulator(Protocol):
     def linear(self, rig: Rig) -> Linear:
         """The linear part of a rig for one sample, as its laws do nothing."""
 
-    def observe(self, rig: Rig, K: Floats, W: Floats, opening: int) -> Pass:
+    def observe(self, rig: Rig, K: Floats, W: Floats, opening: int, which: np.ndarray | None = None) -> Pass:
         """Predict each sample, compare it with what was read, and correct the state by that.
 
         K (modes, g, n, m), W (modes, g, m, m) : gains and whitening of the states of :meth:`linear`, of the first
-        ``opening`` samples and then of each set of readings, see :class:`.predictor.Gains`.
+        ``opening`` samples and then of each set of readings, see :class:`.predictor.Gains`. which : (N,) the number of
+        the gains of each sample instead.
         """
 
     def onwards(self, rig: Rig, Z: Floats) -> Floats:

@@ -48,7 +48,8 @@ class ErrorTables:
 
     def free_running(self) -> FreeRunning:
         """With nothing measured coming to help."""
-        return FreeRunning(self._errors(self.fitted_free, "train"), self._errors(self.free, "held"))
+        parts = self._errors(self.fitted_free, "train"), self._errors(self.free, "held")
+        return FreeRunning(*parts, self._seen.window_s)
 
     def _errors(self, passes: list[Passes], part: str, numbers: tuple[int, ...] | None = None) -> ModelErrors:
         """Normalised rms over the channels, of each model; None where one does not stay finite."""

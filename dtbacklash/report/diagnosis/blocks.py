@@ -31,6 +31,12 @@ MODELS = ("nominal", "recalibrated", "extended", "modelled")
 BEYOND = 10.0
 #: candidates that are shown at once, and correlations worth a row
 SHOWN_CANDIDATES, CORRELATED = 10, 0.5
+#: what a rig's errors on its own are
+FREELY = "simulated from the first sample by the commands alone."
+IN_WINDOWS = (
+    "simulated by the commands alone for {length} s at a time, each time from a state that the readings before make "
+    "known; a machine that nothing pulls back drifts away over the whole recording although its physics is right."
+)
 SETTING = ("setting", "value#", "unit", "what it is")
 PARAMETER = ("parameter", "what it is", "nominal#", "value, 95 % interval#", "change#", "tolerance#")
 
@@ -87,7 +93,8 @@ def errors(diagnosis: Diagnosis) -> list[str | Table]:
         [words, *(error_text(getattr(one, m), fit.metric) for m in models), error_text(fit.noise_floor, fit.metric)]
         for words, one in (("fitted to", fit.train), ("held out", fit.held_out))
     ]
-    alone = (("fitted to, on its own", free.train), ("held out, on its own", free.held_out)) if free else ()
+    own = "on its own" if not free or free.window_s is None else f"on its own for {number(free.window_s)} s"
+    alone = ((f"fitted to, {own}", free.train), (f"held out, {own}", free.held_out)) if free else ()
     rows += [[words, *(_alone(getattr(one, m)) for m in models), ""] for words, one in alone]
     what = "normalised rms error" if fit.metric == "nrmse" else fit.metric
     heads = [f"{m}#" for m in models]
@@ -96,8 +103,7 @@ def errors(diagnosis: Diagnosis) -> list[str | Table]:
     return [
         Table((what, *heads, "noise floor#"), rows),
         f"The errors are those of {listed(list(fit.channels))}, relative to their standard deviations. On its own: "
-        "simulated from the first sample by the commands alone; a rig that integrates may drift away there although "
-        "its physics is right.",
+        + (FREELY if not free or free.window_s is None else IN_WINDOWS.format(length=number(free.window_s))),
         Table(("held-out rms error, noise floors", *(f"{m}#" for m in in_floors)), floors),
         _recordings(diagnosis),
         in_each(diagnosis),

@@ -235,7 +235,10 @@ def sensor_unit(diagnosis: Diagnosis, channel: str) -> tuple[float, str]:
 def judged_how(diagnosis: Diagnosis) -> str:
     """How the rigs say what they say where they judge."""
     alone = judged(diagnosis) is diagnosis.shown.alone
-    return "simulated by the commands alone" if alone else "predicted from one reading to the next"
+    if not alone:
+        return "predicted from one reading to the next"
+    window = diagnosis.free_running.window_s if diagnosis.free_running else None
+    return "simulated by the commands alone" + (f" for {number(window)} s at a time" if window else "")
 
 
 def lead(diagnosis: Diagnosis) -> str:

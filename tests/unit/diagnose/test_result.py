@@ -126,5 +126,6 @@ def test_numbers_that_json_has_not_become_null(tmp_path):
     assert document["free_running"] == {
         "train": {"nominal": None, "recalibrated": None, "extended": 0.1},
         "held_out": {"nominal": 1.0, "recalibrated": None, "extended": 0.2},
+        "window_s": None,
     }
     assert document["candidates"][0]["score"] is None
