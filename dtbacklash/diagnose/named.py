@@ -111,8 +111,8 @@ class Finding:
     location : an element or ``sensor_<name>``. effect : its name in the catalogue.
     parameters : by name. also_fits : what cannot be told from it. when : where in time it matters, one clause.
     instead : the second best, if one explains a part. sentence : what a person would say. stands : what the name rests
-    on. confidence : ``sure`` where place, law and size stand, ``one_of`` where it is this effect or one of ``also_fits``
-    at its place; else what is open is in ``stands`` and ``also_fits``.
+    on. confidence : ``sure`` where place, law and size stand; ``one_of`` where it is this effect or one of
+    ``also_fits`` at its place; else what is open is in ``stands`` and ``also_fits``.
     """
 
     location: str

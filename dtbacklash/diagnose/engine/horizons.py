@@ -84,7 +84,7 @@ class Horizons:
         data = problem.bench_rows
         most = FOLLOWS * float(fit[1][:data] @ fit[1][:data])
         for share in LONGER:
-            far = self._fitted(problem, fit[0], share, STEPS_LONGER)
+            far = attempt(self._fitted, problem, fit[0], share, STEPS_LONGER)
             if far is None or far[1][:data] @ far[1][:data] > most:
                 break
             fit, self.shares = far, (*self.shares, share)
