@@ -3,7 +3,7 @@ these.
 
 A rival is the rig without the name, with each of the best other names or pairs in its place, and with a table over a
 state of its place, each fitted anew and compared at several horizons (:mod:`.horizons`). A name that loses to the rig
-without it explains nothing there, however well it fits at the short one, and leaves.
+without it explains nothing there, however well it fits at the short one: it leaves, and the search goes on without it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -131,7 +131,7 @@ class Judge:
         return left < max(rules.much, rules.clears * self.search.unknown(self.search.nothing))
 
     def _without(self) -> dict[Key, Rival]:
-        """Per name, the rig without it; names that lose to it leave first, one after the other."""
+        """Per name, the rig without it; where a name loses to that, the search goes on without the name first."""
         while True:
             found: dict[Key, Rival] = {}
             for key in self.model.keys:
@@ -141,12 +141,11 @@ class Judge:
                 rival = less and self._rival(less, key, less)
                 if rival is not None:
                     found[key] = rival
-            ahead = [rival for rival in found.values() if rival.is_ahead]
+            ahead = [key for key, rival in found.items() if rival.is_ahead]
             if not ahead:
                 return found
-            less = min(ahead, key=lambda rival: rival.ratio).model
-            again = self.search.fitted(less.rig, less, less.keys, (1.0, 0.1, 1.0), 5)
-            self.search.now = again or less
+            worst = min(ahead, key=lambda key: found[key].ratio)
+            self.search.reject(worst, found[worst].model)
             self._take(self.search.now)
 
     def _others(self, less: Model, key: Key) -> list[Model]:

@@ -4,7 +4,7 @@ All models are compared by one number, the score of :class:`.exact.Model`: -2 lo
 each parameter. A name joins if it earns a share of the number of readings, and stays if taking it out costs as much.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -24,7 +24,7 @@ from dtbacklash.diagnose.settings import SETTINGS, DiagnoseSettings
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find, simpler
 from dtbacklash.physics.effects.declare import Values
-from dtbacklash.physics.effects.slots import Filter
+from dtbacklash.physics.effects.slots import Filter, Late
 from dtbacklash.physics.effects.table import VALUES
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 
@@ -36,6 +36,8 @@ LEAST = 60.0
 CLOSER = 0.5
 #: the beginning of a recording on which quick fits are made
 SHARE = 1.0 / 3.0
+#: slots that make a signal late: of a slow motion one is nearly the other
+LATE = (Filter, Late)
 #: sizes at which columns are looked at as well while much is unknown (shares)
 STRICT = (0.1, 0.01)
 
@@ -55,6 +57,7 @@ class Search:
     most : so many names are looked for. begin : a gain that is so far off that the search begins with it.
     differences : titles of what is free in each recording as the search found it to differ.
     apart : what names with a size in each recording would explain beside the model that was last proposed to.
+    rejected : names that explain nothing at a longer horizon, and are proposed no more.
     """
 
     bench: Bench
@@ -70,6 +73,7 @@ class Search:
     likely: Key | None = None
     differences: tuple[str, ...] = ()
     apart: list[tuple[float, Hypothesis, Floats]] = field(default_factory=list)
+    rejected: set[Key] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         """Recalibrate the nominal rig."""
@@ -104,6 +108,14 @@ class Search:
             self.add_table()
         self.let_go()
         return self.now
+
+    def reject(self, key: Key, less: Model) -> None:
+        """Go on without a name, or what makes its place late as it does, from a model that does without it."""
+        late = [e.name for e in less.rig.takes(key[0]).values() if isinstance(e.slot, LATE)]
+        self.rejected |= {(key[0], name) for name in (late if key[1] in late else [key[1]])}
+        self.now = self.fitted(less.rig, less, less.keys, (1.0, 0.1, 1.0), 5) or less
+        self.finer = None
+        self.run()
 
     def glance(self) -> None:
         """What explains most on the beginning, by its column: a first answer, and nothing else takes note of it."""
@@ -163,7 +175,7 @@ class Search:
 
         alone : see :class:`.columns.Columns`.
         """
-        far, found = self.far(model), []
+        far, found, without = self.far(model), [], (*without, *self.rejected)
         seen: dict[tuple[Key, ...], list[list[Values]]] = {}
         levels = [(self.quick, 1.0, 5 if alone else 3, 0)] if quick else [(self.bench, 1.0, 5, 3)]
         if far and not quick:
@@ -214,7 +226,7 @@ class Search:
         for place in self.now.rig.places:  # the same law elsewhere
             unread = place.startswith(SENSOR_PREFIX) and place not in self.bench.sensors
             takes = key[1] in self.now.rig.takes(place) and bare.rig.effect(place, key[1]) is None
-            if place == key[0] or unread or not takes:
+            if place == key[0] or unread or not takes or (place, key[1]) in self.rejected:
                 continue
             own = {
                 (k, title.replace(mine, f"{place}.{key[1]}.")): value
@@ -254,7 +266,8 @@ class Search:
             return likelihood + float(beside @ beside) + n * problem.counts, rig, problem.keys, sizes
 
         rough = sorted(attempts(solved, proposals), key=lambda r: r[0])
-        rough += attempts(solved, attempt(_as_late, rough, model, instead) or [])
+        gone = self.rejected | ({instead} if instead else set())
+        rough += attempts(solved, attempt(_as_late, rough, model, gone) or [])
         rough.sort(key=lambda r: r[0])
         kept: dict[frozenset[Key], _Rough] = {}
         for one in rough:  # another start of the same is none more
@@ -385,7 +398,10 @@ class Search:
             self.now = attempt(self._simpler, key) or self.now
 
     def _simpler(self, key: Key) -> Model | None:
-        """The model with the simpler law in the place of a name; None where there is none, or it explains less."""
+        """The model with the simpler law in the place of a name; None where there is none, or it explains less.
+
+        Where the motion does not reach the end of the name's shape, the simpler law may explain clearly less.
+        """
         entry = find(self.now.rig.kind_at(key[0]), key[1], key[0])
         law = simpler(entry)
         if law is None or self.now.rig.effect(key[0], law.name) is not None:
@@ -393,12 +409,13 @@ class Search:
         less = self.without(self.now, key)
         if less is None:
             return None
-        size, other = self.now.rig.effects[key[0]][key[1]][entry.size.name], (key[0], law.name)
-        rig = less.rig.with_effect(*other, {law.size.name: size})
+        values, other = self.now.rig.effects[key[0]][key[1]], (key[0], law.name)
+        rig = less.rig.with_effect(*other, {law.size.name: values[entry.size.name]})
         done = self.fitted(rig, less, (*less.keys, other), (1.0, 0.1, 1.0), 5)
         gained = less.score - self.now.score
-        good = done is not None and not done.at_end and done.score - self.now.score < self.rules.alike * gained
-        return done if good else None
+        unseen = entry.simpler_at(values, self.motion(key[0])) == law.name
+        most = (self.rules.clears if unseen else self.rules.alike) * gained
+        return done if done is not None and not done.at_end and done.score - self.now.score < most else None
 
     def add_table(self) -> None:
         """A table over a state of some place, beside the names and alone, where it takes the unknown force away."""
@@ -457,7 +474,7 @@ def _put(rig: Rig, key: Key, values: Values, own: dict[tuple[int, str], float]) 
     return rig.with_effect(*key, values).owning(own)
 
 
-def _as_late(rough: list[_Rough], model: Model, without: Key | None) -> list[tuple[Rig, tuple[Key, ...]]]:
+def _as_late(rough: list[_Rough], model: Model, without: Collection[Key]) -> list[tuple[Rig, tuple[Key, ...]]]:
     """Other filters in the place of the best new one of fitted rigs, or of a sensor's delay: each as late as that."""
     for _, problem, x in rough:
         rig = problem.rig(x)
@@ -467,7 +484,7 @@ def _as_late(rough: list[_Rough], model: Model, without: Key | None) -> list[tup
             late = values[entry.size.name] if entry.is_delay and values else late
             others = {
                 e.name: e.slot for e in rig.takes(key[0]).values()
-                if isinstance(e.slot, Filter) and rig.effect(key[0], e.name) is None and (key[0], e.name) != without
+                if isinstance(e.slot, Filter) and rig.effect(key[0], e.name) is None and (key[0], e.name) not in without
             }  # fmt: skip
             if not late > 0.0 or not others:
                 continue

@@ -6,7 +6,7 @@ import pytest
 from nominal import nominal_rig
 
 import dtbacklash as dtb
-from dtbacklash.diagnose.engine.factors import begin
+from dtbacklash.diagnose.engine.factors import begin, numbers_suspected
 from dtbacklash.diagnose.engine.search import Search
 from dtbacklash.diagnose.settings import SETTINGS
 
@@ -55,6 +55,19 @@ def test_a_search_begins_with_a_gain_only_where_nothing_else_is_wrong(case):
     begun = Search(search.bench, begin=found).now
     assert begun.keys == (found.key,)
     assert begun.rig.effect(*found.key)["relative"] == pytest.approx(factor - 1.0, rel=0.02)
+
+
+@pytest.mark.parametrize(("off", "suspected"), [({}, set()), ({"J": 10.0}, {"J", "K_t"})])
+def test_a_number_is_suspected_only_where_it_does_better_than_what_was_found(off, suspected):
+    """Friction alone: no typo explains more. A wrong inertia beside it: no friction explains more."""
+    rig, u, y = measured(("pendulum", DRY, off, {}))
+    search = Search(bench_of(rig, u, y))
+    key = DRY[:2]
+    model = search.fitted(search.nothing.rig.with_effect(*DRY), search.nothing, (key,), (0.1, 0.1, 1.0), 5)
+    sizes = search.bench.of_first(model.sizes)
+    found = numbers_suspected(search.quick, sizes, model, search.motion, SETTINGS, search.bench.nominal)
+    assert {one.key[1] for one in found} == suspected
+    assert all(abs(np.log10(one.factor)) == pytest.approx(1.0) for one in found)
 
 
 def diagnosed(case):
