@@ -76,7 +76,8 @@ def values(bench: Bench, motion: Motion, model: Model) -> Values:
         nothing = np.zeros(0) if rows is None else rows
         n = len(problem.free)
         return Values(tuple(problem.free), x, np.zeros((len(nothing), n)), nothing, np.full((n, n), np.nan), {})
-    jacobian = _along_the_least_seen(problem, x, gains, _columns(problem, x, gains, rows))
+    led = problem.leads(x, gains, kept=problem.dear)
+    jacobian = _along_the_least_seen(problem, x, gains, _columns(problem, x, gains, rows, led), led)
     covariance = covariance_of(jacobian, rows, stretches(bench))
     return Values(tuple(problem.free), x, jacobian, rows, covariance, _errors(model, problem.free, x, covariance))
 
@@ -220,19 +221,23 @@ def _decomposed(jacobian: Floats) -> tuple[Floats, Floats, Floats]:
     return norms, sizes, directions
 
 
-def _columns(problem: Problem, x: Floats, gains: Sequence[Gains], rows: Floats) -> Floats:
-    """(rows, free) Jacobian by central differences, by one side only where a value stands at its end or is dear."""
+def _columns(
+    problem: Problem, x: Floats, gains: Sequence[Gains], rows: Floats, led: dict[str, Floats]
+) -> Floats:  # fmt: skip
+    """(rows, free) Jacobian by central differences, by one side only where a value stands at its end or is dear.
+
+    led : columns by what parameters add to each sample, for the sizes of steps.
+    """
     found = np.zeros((len(rows), len(x)))
-    near = problem.leads(x, gains) if problem.dear else {}
 
     def fill(j: int) -> None:
         f = problem.free[j]
         # over the usual step of a fit the innovations of a light resonance bend by more than what is unseen adds up to
-        rough = float(np.linalg.norm(near[f.title] if f.title in near else problem.column(j, x, gains, rows)))
+        rough = float(np.linalg.norm(led[f.title] if f.title in led else problem.column(j, x, gains, rows)))
         h = min(f.step, CHANGE / max(rough, 1e-300))
         ends: dict[float, Floats] = {}
         for sign in (-1.0, 1.0):
-            if ends and f.title in near:
+            if ends and problem.dear and f.title in led:
                 continue
             z = x.copy()
             z[j] += sign * h
@@ -252,7 +257,9 @@ def _columns(problem: Problem, x: Floats, gains: Sequence[Gains], rows: Floats) 
     return found
 
 
-def _along_the_least_seen(problem: Problem, x: Floats, gains: Sequence[Gains], jacobian: Floats) -> Floats:
+def _along_the_least_seen(
+    problem: Problem, x: Floats, gains: Sequence[Gains], jacobian: Floats, led: dict[str, Floats]
+) -> Floats:
     """The Jacobian, measured anew along the directions that the recording determines least.
 
     Where all forces, masses and springs grow alike nothing changes and the columns cancel, but the errors of their
@@ -260,7 +267,7 @@ def _along_the_least_seen(problem: Problem, x: Floats, gains: Sequence[Gains], j
     linear part, have no such errors: they show it. A difference along such a direction has none either.
     """
     rough = jacobian.copy()
-    for title, column in problem.leads(x, gains, kept=False).items():
+    for title, column in led.items():
         rough[: len(column), [f.title for f in problem.free].index(title)] = column
     for turn in range(PASSES):
         norms, _, directions = _decomposed(jacobian if turn else rough)

@@ -85,11 +85,12 @@ def _elsewhere(c: Conclusion, key: Key, parameter: str) -> list[float]:
     """The values that a parameter of a name has in other models: those that the rig's other names do not beat.
 
     Which of these is true is open, unless the recording is so much likelier with the name as one has to be that joins.
+    A table takes up any part of a law over its state: beside one the name's value is none.
     """
     place, name = key
     most = c.search.rules.worth * c.search.bench.count
     rivals = [r for other, those in c.judged.rivals.items() if other != key for r in those]
-    models = [r.model for r in rivals if not r.beaten and r.lead < most]
+    models = [r.model for r in rivals if not r.beaten and r.lead < most and not r.model.smooth]
     return [there[parameter] for m in models if (there := m.rig.effect(place, name)) is not None]
 
 
