@@ -8,12 +8,14 @@ BIN := .venv/bin
 # what runs need, and what work on the code needs beside it
 READY := .venv/.ready
 ALL := .venv/.all
+# the compiled core; made anew where its sources have changed
+CORE := .venv/.core
 # a complete lock needs no search for what fits, and what nobody imports needs no bytecode
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-compile
 
 .PHONY: run warm test check check-more nightly prove lint format typecheck paper bench docs references site gallery lock clean
 
-run: $(READY)
+run: $(CORE)
 	$(BIN)/dtb run controller=nimc_twin
 
 # the fast tier: no broker, no diagnosis from end to end, no integration of references. Files whose tests share what is
@@ -39,10 +41,10 @@ check-more: $(ALL)
 nightly: $(ALL) prove
 	$(TEST) -m nightly
 
-prove: $(READY)
+prove: $(CORE)
 	$(BIN)/dtb prove --quick out="$$(mktemp -d)/proof"
 
-paper: $(READY)
+paper: $(CORE)
 	$(BIN)/dtb paper
 
 lint: $(ALL)
@@ -87,17 +89,25 @@ lock: $(ALL)
 	$(COMPILE) $(FOR_RUNS) --extra dask --extra dev --extra docs --extra fmu --extra matlab --extra mujoco --extra submitit --upgrade \
 		--output-file requirements-all.lock
 	$(COMPILE) $(FOR_RUNS) --constraint requirements-all.lock --upgrade --output-file requirements.lock
+	echo 'ziglang>=0.13' | $(COMPILE:pyproject.toml=-) --upgrade --output-file requirements-compiler.lock
 
 # A half-finished set-up has no stamp and is done again; the project itself is installed in place.
-$(READY): requirements.lock pyproject.toml
+$(READY): requirements.lock pyproject.toml hatch_build.py
 	@test -n "$(PYTHON)" || { echo "make: needs Python 3.11, 3.12 or 3.13 with venv; set PYTHON=..." >&2; exit 1; }
 	@rm -f $(READY)
 	$(PYTHON) -m venv .venv
 	$(INSTALL) --require-hashes -r requirements.lock
+	@test -n "$$CC" || command -v cc > /dev/null || { \
+		echo "make: no C compiler here; takes that of the package ziglang" >&2 \
+		&& $(INSTALL) --require-hashes -r requirements-compiler.lock; }
 	$(INSTALL) --no-build-isolation -e .
 	@touch $(READY)
 
-$(ALL): requirements-all.lock $(READY)
+$(CORE): $(wildcard dtbacklash/core/*.[ch]) dtbacklash/core/build.py $(READY)
+	@$(BIN)/python -m dtbacklash.core.build
+	@touch $(CORE)
+
+$(ALL): requirements-all.lock $(CORE)
 	$(INSTALL) --require-hashes -r requirements-all.lock
 	@touch $(ALL)
 

@@ -14,6 +14,8 @@ PACKAGE = Path(__file__).parent
 ROOT = PACKAGE.name
 #: an import from the package, with the names in or without parentheses; what only a type checker sees is none
 IMPORT = re.compile(rf"^[ \t]*(?:from ({ROOT}[\w.]*) import (\([^)]*\)|.*)|import ({ROOT}[\w.]*))", re.MULTILINE)
+#: a package that holds such files compiles them
+C_SOURCES = ("*.c", "*.h")
 FOR_TYPES = re.compile(r"^if TYPE_CHECKING:\n(?:(?:[ \t].*)?\n)+", re.MULTILINE)
 
 _foreign: set[str] = set()
@@ -32,6 +34,7 @@ def imported(module: str) -> list[Path]:
         if file is None or path == PACKAGE or file in files:
             continue
         files[file] = None
+        files |= dict.fromkeys(c for kind in C_SOURCES if path.is_dir() for c in path.glob(kind))
         names.append(name.rpartition(".")[0])  # a package's own code runs before that of its modules
         for source, inside, alone in IMPORT.findall(FOR_TYPES.sub("", file.read_text(encoding="utf-8"))):
             names += [source or alone, *(f"{source}.{one}" for one in re.findall(r"\w+", inside))]
@@ -43,7 +46,7 @@ def _digest(parts: tuple[str, ...], foreign: frozenset[str]) -> str:
     total = hashlib.sha256()
     for part in parts:
         path = PACKAGE / part
-        inside = sorted(file for kind in ("*.py", "*.yaml", "*.mplstyle") for file in path.rglob(kind))
+        inside = sorted(file for kind in ("*.py", "*.yaml", "*.mplstyle", *C_SOURCES) for file in path.rglob(kind))
         for source in imported(part) if part.startswith(f"{ROOT}.") else [path] if path.is_file() else inside:
             total.update(source.read_bytes())
     for text in sorted(foreign):

@@ -129,7 +129,7 @@ def announce_compilation() -> bool:
 
     cold = is_cold(advance)
     if cold:
-        print("dtb: compiling the simulation, once on this machine (about 20 s)", file=sys.stderr, flush=True)
+        print("dtb: compiling the closed loop, once on this machine (some minutes)", file=sys.stderr, flush=True)
     return cold
 
 

@@ -79,7 +79,8 @@ def _alone(name: str, config: DictConfig, folder: Path, overrides: Sequence[str]
     application = find(name)
     settings = application.load(config)  # first: a mistake in an override is told here
     try:
-        with application.progress() if application.progress else console.progress(application.doing) as tell:
+        bar = application.progress or (lambda: console.progress(application.doing, application.compiles))
+        with bar() as tell:
             result, _ = application.do(settings, folder, command_line(name, overrides), tell)
     except UserError as error:
         if error.result is not None:  # minutes of work, which the terminal can keep

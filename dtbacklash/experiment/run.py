@@ -29,6 +29,7 @@ from dtbacklash.experiment.sensors import roles, sensor_errors
 from dtbacklash.experiment.watch import ALARM, Watcher, run_watched
 from dtbacklash.kept import kept
 from dtbacklash.physics.assembly import compile_plant
+from dtbacklash.physics.kernel.dispatch import with_addresses
 from dtbacklash.physics.kernel.plant import Plant, State, new_state, place_at
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import rig_half_gap
@@ -189,7 +190,8 @@ def _designed(config: RunConfig, belief: Belief) -> ControllerDesign | None:
 
 def _build(config: RunConfig, rig: Rig, design: ControllerDesign | None, belief: Belief) -> _Machine:
     """Everything at rest."""
-    plant = compile_plant(rig, config.sample_time_s, config.solver.substeps, config.solver.event_levels)
+    solver = config.solver
+    plant = with_addresses(compile_plant(rig, config.sample_time_s, solver.substeps, solver.event_levels))
     controller, detector = _controlling(config, design, belief)
     return _Machine(
         plant, new_state(plant), controller, new_controller_state(controller), detector, detector.initial_state()

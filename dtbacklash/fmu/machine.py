@@ -9,6 +9,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.compiled import compiled
 from dtbacklash.physics.assembly import compile_plant
+from dtbacklash.physics.kernel.dispatch import with_addresses
 from dtbacklash.physics.kernel.plant import new_state, place_at
 from dtbacklash.physics.kernel.sample import advance, read_sensor
 from dtbacklash.physics.kernel.step import screw_angle
@@ -61,7 +62,7 @@ class Machine:
         self, rig: Rig, sample_time_s: float, substeps: int = 0, event_levels: int = 16, start_s: float = 0.0,
         u: float = 0.0, gap_rad: float = 0.0,
     ) -> None:  # fmt: skip
-        self.plant = compile_plant(rig, sample_time_s, substeps, event_levels)
+        self.plant = with_addresses(compile_plant(rig, sample_time_s, substeps, event_levels))
         self.state = new_state(self.plant)
         self.start_s, self.samples = start_s, 0
         self.y: Floats = np.zeros(len(rig.sensors) + 1)

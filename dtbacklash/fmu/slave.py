@@ -127,7 +127,7 @@ class RigSlave(Fmi2Slave):
         UserError : a parameter that the rig may not have.
         """
         if is_cold(advance):
-            self.log("compiling the simulation, once on this machine (about 20 s)")
+            self.log("compiling the simulation, once on this machine (some minutes)")
         self._now()
         self._running = True
 

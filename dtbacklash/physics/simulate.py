@@ -5,12 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.compiled import compiled, copy
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.kernel.plant import Plant, State, new_state, place_at
-from dtbacklash.physics.kernel.sample import advance, sense
-from dtbacklash.physics.kernel.step import screw_angle
+from dtbacklash.physics.kernel.simulation import run, sense
 from dtbacklash.physics.rig import Rig
 
 
@@ -22,16 +20,6 @@ class Response:
     sensors: dict[str, Floats]
     states: Floats
     theta_d_rad: Floats
-
-
-@compiled
-def _run(P, S, u, gap, theta_m, y, x, theta_d):
-    for k in range(u.shape[0]):
-        rate = (gap[k + 1] - gap[k]) / P.sample_time
-        advance(P, S, k * P.sample_time, u[k], gap[k], gap[k + 1], theta_m, k)
-        sense(P, S, gap[k + 1], rate, y[k + 1])
-        copy(S.x, x[k + 1])
-        theta_d[k + 1] = S.gear[0] if P.rotor < 0 else screw_angle(P, S, gap[k + 1])
 
 
 def simulate_plant(
@@ -55,7 +43,7 @@ def simulate_plant(
     x = np.zeros((len(u) + 1, plant.A.shape[1]))
     theta_d = np.zeros(len(u) + 1)
     sense(plant, state, gap_rad[0], 0.0, y[0])
-    _run(plant, state, u, gap_rad, theta_m_rad, y, x, theta_d)
+    run(plant, state, u, gap_rad, theta_m_rad, y, x, theta_d)
     return y, x, theta_d, state
 
 

@@ -4,21 +4,19 @@ Its effect on the innovations follows from the linear plant, so that hundreds of
 states. What is no effort over states (a play, a delay, a memory) is simulated instead.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import cont2discrete, lfilter
 
 from dtbacklash.arrays import Floats
-from dtbacklash.compiled import compiled_free, kept
+from dtbacklash.core.library import buffer, copied, lib
 from dtbacklash.diagnose.engine.hypotheses import Hypothesis
 from dtbacklash.diagnose.engine.motion import Motion
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.effects.declare import Effect, Values
-from dtbacklash.physics.effects.slots import ROW_PARAMETERS
-from dtbacklash.physics.effects.table import KNOTS, SHAPES, STATES, interpolated
-from dtbacklash.physics.kernel import dispatch
+from dtbacklash.physics.effects.table import KNOTS, SHAPES, STATES
+from dtbacklash.physics.kernel.laws import values_of
 from dtbacklash.physics.rig import SENSOR_PREFIX, Element, Rig
 
 #: a law is looked at with so much of its start (share)
@@ -35,58 +33,16 @@ class Entry:
     drive: str = ""
 
 
-@compiled_free
-def _on_body(code, q, v, t, p, out):
-    for k in range(q.shape[0]):
-        out[k] = dispatch.body_effort(code, q[k], v[k], t[k], p, 0)
+def _rubbing(effect: Effect, values: Values, speed: Floats, load: Floats) -> Floats:
+    """(N,) what a dry friction does at these speeds."""
+    side = np.where(speed > 0.0, 1.0, -1.0)
+    level = _law_values(effect, values, slip_speed=np.abs(speed), direction=side, load=load)
+    return np.where(speed != 0.0, -side * level, 0.0)
 
 
-@compiled_free
-def _rubbing(code, v, load, p, out):
-    for k in range(v.shape[0]):
-        side = 1.0 if v[k] > 0.0 else -1.0
-        out[k] = -side * dispatch.friction_level(code, abs(v[k]), side, load[k], p, 0) if v[k] != 0.0 else 0.0
-
-
-@compiled_free
-def _in_spring(code, s, r, t, stiffness, damping, p, out):
-    for k in range(s.shape[0]):
-        out[k] = dispatch.spring_force(code, s[k], r[k], t[k], stiffness, damping, p, 0)
-
-
-@compiled_free
-def _of_motor(code, i, q, constant, p, out):
-    for k in range(i.shape[0]):
-        out[k] = dispatch.motor_torque(code, i[k], q[k], constant, p, 0)
-
-
-@compiled_free
-def _in_command(code, u, p, out):
-    for k in range(u.shape[0]):
-        out[k] = dispatch.amplified(code, u[k], p, 0) - u[k]
-
-
-@compiled_free
-def _shown(code, y, p, out):
-    for k in range(y.shape[0]):
-        out[k] = dispatch.shown(code, y[k], p, 0) - y[k]
-
-
-@kept(nogil=True)
-def _hats(states, row, F):
-    for j in range(KNOTS):
-        row[:KNOTS] = 0.0
-        row[j] = 1.0
-        for i in range(len(states)):
-            F[j, i] = interpolated(states[i], row)
-
-
-def _filled(run: Callable[..., None], effect: Effect, values: Values, n: int, *states: Floats | float) -> Floats:
-    """(n,) a law of some values at these states."""
-    out, row = np.zeros(n), np.zeros((1, ROW_PARAMETERS))
-    row[0, : len(values)] = list(values.values())
-    run(dispatch.code_of(effect), *states, row, out)
-    return out
+def _law_values(effect: Effect, values: Values, **states: Floats | float) -> Floats:
+    """(N,) a law of some values at these states."""
+    return values_of(effect, list(values.values()), **states)
 
 
 def efforts(h: Hypothesis, rig: Rig, motion: Motion) -> tuple[Floats, Entry] | None:
@@ -140,26 +96,32 @@ def _law(h: Hypothesis, values: Values, rig: Rig, motion: Motion, element: Eleme
     slot, states, n = h.effect.slot, motion.states(h.place), len(motion.command)
     if isinstance(slot, slots.Reading):
         shown = motion.shown.get(h.place.removeprefix(SENSOR_PREFIX))
-        return None if shown is None else _filled(_shown, h.effect, values, n, shown)
+        return None if shown is None else _law_values(h.effect, values, reading=shown) - shown
     if element is None:
         return None
     if isinstance(slot, slots.Late) and element.trait.trait == slots.JOINT_DRIVE:
         return _late(h, values[slot.time], motion)
     if isinstance(slot, slots.Command):
-        return motion.averaged(lambda u: _filled(_in_command, h.effect, values, len(u), u), h.place)
+        return motion.averaged(lambda u: _law_values(h.effect, values, command=u) - u, h.place)
     if isinstance(slot, slots.BodyDamping):
         return -values[slot.coefficient] * states["speed"]
     if isinstance(slot, slots.BodyEffort):
-        return _filled(_on_body, h.effect, values, n, states["position"], states["speed"], motion.time)
+        at = {"position": states["position"], "velocity": states["speed"], "time": motion.time}
+        return _law_values(h.effect, values, **at)
     if isinstance(slot, slots.SpringForce):
-        spring = element.values["stiffness"], element.values.get("damping", 0.0)
-        return _filled(_in_spring, h.effect, values, n, states["stretch"], states["stretch rate"], motion.time, *spring)
+        spring = {name: element.values.get(name, 0.0) for name in ("stiffness", "damping")}
+        return _law_values(
+            h.effect, values, stretch=states["stretch"], stretch_rate=states["stretch rate"], time=motion.time,
+            spring_stiffness=spring["stiffness"], spring_damping=spring["damping"],
+        )  # fmt: skip
     if isinstance(slot, slots.Contact):
         return _friction(h, values, motion, element, n)
     if isinstance(slot, slots.MotorTorque) and motion.current is not None:
         body = element.neighbours["drives"]
-        constant = element.values["torque_constant"]
-        return _filled(_of_motor, h.effect, values, n, motion.current, motion.position[body], constant)
+        return _law_values(
+            h.effect, values, current=motion.current, position=motion.position[body],
+            torque_constant=element.values["torque_constant"],
+        )  # fmt: skip
     if isinstance(slot, slots.HiddenBody):
         return _absorber(values[slot.mass], values[slot.frequency], values[slot.damping_ratio], h.place, motion)
     return None
@@ -183,7 +145,7 @@ def _friction(h: Hypothesis, values: Values, motion: Motion, element: Element, n
         load = element.values["stiffness"] * states["stretch"]
         if isinstance(h.effect.slot, slots.Passing):
             return None  # it brakes one of two bodies, which one depends on what drives
-        return -_filled(_rubbing, h.effect, values, n, states["stretch rate"], load)
+        return -_rubbing(h.effect, values, states["stretch rate"], load)
     body = h.place if h.place in motion.position else element.neighbours.get("drives")
     if body not in motion.position or element.trait.trait == slots.SCREW:
         return None
@@ -192,7 +154,7 @@ def _friction(h: Hypothesis, values: Values, motion: Motion, element: Element, n
         if effort is None:
             return None
         load = effort
-    return _filled(_rubbing, h.effect, values, n, motion.speed[body], load)
+    return _rubbing(h.effect, values, motion.speed[body], load)
 
 
 def _absorber(mass: float, frequency_hz: float, damping_ratio: float, place: str, motion: Motion) -> Floats:
@@ -206,7 +168,6 @@ def _absorber(mass: float, frequency_hz: float, damping_ratio: float, place: str
 def _table(h: Hypothesis, motion: Motion) -> Floats:
     """(KNOTS, N) what each value of a table adds."""
     shape, states = SHAPES[h.effect.name], motion.states(h.place)
-    F = np.zeros((KNOTS, len(motion.command)))
-    row = np.array([0.0] * KNOTS + [h.values[n] for n in STATES])
-    _hats(states[shape.over], row, F)
+    F, knots = np.empty((KNOTS, len(motion.command))), np.array([h.values[n] for n in STATES])
+    lib.dtb_table_weights(F.shape[1], copied(states[shape.over], F.shape[1]), copied(knots, KNOTS), buffer(F))
     return F * states[shape.times] if shape.times else F

@@ -261,7 +261,7 @@ def laws(found: list[tuple[int, Effect, Values]]) -> Laws:
     for row, (_, _, values) in zip(numbers, found, strict=True):
         row[: len(values)] = list(values.values())
     at, codes = ([one[0] for one in found], [dispatch.code_of(one[1]) for one in found])
-    return Laws(np.array(at, dtype=np.int64), np.array(codes, dtype=np.int64), numbers)
+    return Laws(np.array(at, dtype=np.int64), dispatch.addressed(codes), numbers)
 
 
 @kept(nogil=True)

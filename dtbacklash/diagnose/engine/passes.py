@@ -1,24 +1,17 @@
-"""The compiled rig along a stretch of a recording: corrected at each reading, or led on from given states."""
+"""The rig along a stretch of a recording, by the core: corrected at each reading, or led on from given states."""
 
-from dtbacklash.compiled import compiled_free
-from dtbacklash.diagnose.engine.readings import OPENING
-from dtbacklash.physics.kernel import plant as pl
-from dtbacklash.physics.kernel.sample import advance, amplify, sense
-from dtbacklash.physics.kernel.step import screw_angle, slip_rate
+import numpy as np
 
-
-@compiled_free
-def let_slip(P, S, gap):
-    """What is not at rest slips: a state that is not known yet is corrected to one that moves."""
-    theta = S.gear[0] if P.imposed else screw_angle(P, S, gap)
-    for c in range(P.friction_ends.shape[0]):
-        if S.mode[1 + c] == 0:
-            rate = slip_rate(P, S, S.x, c, theta, 0.0)
-            S.mode[1 + c] = 1 if rate > 0.0 else (-1 if rate < 0.0 else 0)
+from dtbacklash.arrays import Floats, Ints
+from dtbacklash.core.library import buffer, copied, ffi, lib
+from dtbacklash.physics.kernel.plant import Plant, State
+from dtbacklash.physics.kernel.structs import plant_struct, state_struct
 
 
-@compiled_free
-def observe(P, S, u, rise, ramp, gap, theta, Y, K, W, which, chan, E, X, D, y):
+def observe(
+    P: Plant, S: State, u: Floats, rise: Floats, ramp: Floats, gap: float, theta: Floats, Y: Floats, K: Floats,
+    W: Floats, which: Ints, chan: Ints, E: Floats, X: Floats, D: Floats,
+) -> None:  # fmt: skip
     """Predict each sample, compare it with what was read, and correct the state by it.
 
     Parameters
@@ -30,59 +23,26 @@ def observe(P, S, u, rise, ramp, gap, theta, Y, K, W, which, chan, E, X, D, y):
     gear is in contact, or where there is none. chan : (m,) sensors of the readings.
     E, D (N, m), X (N, n) : filled with whitened innovations, innovations, and states before each correction.
     """
-    n, m, nx = u.shape[0], chan.shape[0], S.x.shape[0]
-    for k in range(n):
-        g = which[k]
-        sense(P, S, gap, 0.0, y)
-        mode = 0 if P.rotor >= 0 and S.mode[0] == pl.FREE else 1
-        for r in range(m):
-            D[k, r] = Y[k, r] - y[chan[r]] if Y[k, r] == Y[k, r] else 0.0
-        for r in range(m):
-            s = 0.0
-            for q in range(r + 1):
-                s += W[mode, g, r, q] * D[k, q]
-            E[k, r] = s if Y[k, r] == Y[k, r] else 0.0
-        for i in range(nx):
-            X[k, i] = S.x[i]
-            for r in range(m):
-                S.x[i] += K[mode, g, i, r] * D[k, r]
-        for s in range(P.sensor_play.shape[0]):  # what senses goes along with what it is corrected to
-            at = P.sensor[s, pl.Y_INDEX]
-            if P.sensor_play[s] > 0.0 and at >= 0:
-                S.played[s] += S.x[int(at)] - X[k, int(at)]
-        if k < OPENING:
-            let_slip(P, S, gap)
-        if k + 1 < n:
-            advance(P, S, k * P.sample_time, u[k], gap, gap, theta, k)
-            if rise[k] != 0.0:
-                for i in range(nx):
-                    S.x[i] += ramp[i] * rise[k]
+    N, n, m, g, y = len(u), len(S.x), len(chan), K.shape[1], np.zeros(len(P.sensor))
+    by = ffi.new("Correction *", {"samples": N, "readings": m, "gains": g})
+    arrays = copied(K, 2, g, n, m), copied(W, 2, g, m, m), copied(Y, N, m), buffer(which, N), buffer(chan, m)
+    by.K, by.W, by.Y, by.which, by.chan = arrays
+    lib.dtb_observe(
+        plant_struct(P), state_struct(S), by, buffer(u, N), buffer(rise, N), buffer(ramp, n), gap, buffer(theta),
+        len(theta), buffer(E, N, m), buffer(X, N, n), buffer(D, N, m), buffer(y),
+    )  # fmt: skip
 
 
-@compiled_free
-def onwards(P, S, u, gap, theta, Z, X):
-    """(N, n) where one sample leads from each of the states Z (N, n)."""
-    for k in range(u.shape[0] - 1):
-        for i in range(min(S.x.shape[0], Z.shape[1])):
-            S.x[i] = Z[k, i]
-        advance(P, S, k * P.sample_time, u[k], gap, gap, theta, k)
-        for i in range(Z.shape[1]):
-            X[k, i] = S.x[i]
+def onwards(P: Plant, S: State, u: Floats, gap: float, theta: Floats, Z: Floats, X: Floats) -> None:
+    """Where one sample leads from each of the states Z (N, n), into X (N, n); its last row stays."""
+    N, width = Z.shape
+    lib.dtb_onwards(
+        plant_struct(P), state_struct(S), N, buffer(u, N), gap, buffer(theta), len(theta), width, copied(Z),
+        buffer(X, N, width),
+    )  # fmt: skip
 
 
-@compiled_free
-def shown(P, S, gap, Z, y, Y):
-    """(N, sensors) what sensors that are not late show of the states Z (N, n)."""
-    for k in range(Z.shape[0]):
-        for i in range(min(S.x.shape[0], Z.shape[1])):
-            S.x[i] = Z[k, i]
-        sense(P, S, gap, 0.0, y)
-        for s in range(y.shape[0]):
-            Y[k, s] = y[s]
-
-
-@compiled_free
-def amplified(P, u, out):
-    """What the amplifier makes of each command."""
-    for k in range(u.shape[0]):
-        out[k] = amplify(P, u[k])
+def shown(P: Plant, S: State, gap: float, Z: Floats, Y: Floats) -> None:
+    """What sensors that are not late show of the states Z (N, n), into Y (N, sensors)."""
+    N, width = Z.shape
+    lib.dtb_shown(plant_struct(P), state_struct(S), N, gap, width, copied(Z), buffer(Y, N, len(P.sensor)))

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.engine.passes import amplified, observe, onwards, shown
+from dtbacklash.diagnose.engine.passes import observe, onwards, shown
 from dtbacklash.diagnose.engine.readings import Readings, between, first_read
 from dtbacklash.diagnose.engine.simulator import Linear, Pass
 from dtbacklash.physics.assembly import compile_plant, state_names
@@ -12,7 +12,7 @@ from dtbacklash.physics.effects import slots
 from dtbacklash.physics.kernel import plant as pl
 from dtbacklash.physics.kernel.exponential import discretise
 from dtbacklash.physics.kernel.plant import Plant, State, new_state
-from dtbacklash.physics.kernel.sample import sense
+from dtbacklash.physics.kernel.simulation import amplify, sense
 from dtbacklash.physics.kinds import GROUND
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig
 from dtbacklash.physics.simulate import rig_half_gap
@@ -122,9 +122,8 @@ class Simulated:
         found = Pass(np.zeros(shape), np.zeros(shape), np.zeros((len(u), n)), state.x.copy())
         theta = u if p.imposed else np.zeros(1)
         observe(
-            p, state, u, rise, self._ramp(p), self._half_gap(rig), theta, Y, np.ascontiguousarray(K[:, :, :n]), W,
-            self.readings.which(opening, Y) if which is None else which, chan, found.E, found.X,
-            found.D, np.zeros(len(rig.sensors)),
+            p, state, u, rise, self._ramp(p), self._half_gap(rig), theta, Y, K[:, :, :n], W,
+            self.readings.which(opening, Y) if which is None else which, chan, found.E, found.X, found.D,
         )  # fmt: skip
         return found
 
@@ -133,14 +132,14 @@ class Simulated:
         u, _, rig = self._driven(self._in_time(self._here(rig))[0])
         p, state, _ = self._ready(rig, self.readings.y)
         X = np.zeros_like(Z)
-        onwards(p, state, u, self._half_gap(rig), u if p.imposed else np.zeros(1), np.ascontiguousarray(Z), X)
+        onwards(p, state, u, self._half_gap(rig), u if p.imposed else np.zeros(1), Z, X)
         return X
 
     def shown(self, rig: Rig, Z: Floats) -> Floats:
         """(N, m) what the sensors show of states at once."""
         p, state, chan = self._ready(self._here(rig), self.readings.y)
         Y = np.zeros((len(Z), len(rig.sensors)))
-        shown(p, state, self._half_gap(rig), np.ascontiguousarray(Z), np.zeros(len(rig.sensors)), Y)
+        shown(p, state, self._half_gap(rig), Z, Y)
         return Y[:, chan]
 
     def loads(self, rig: Rig, Z: Floats) -> Floats:
@@ -206,7 +205,7 @@ class Simulated:
         if not laws or amplifier is None:
             return r.u, r.rise, rig
         out = np.zeros_like(r.recorded)
-        amplified(compile_plant(rig, r.sample_time_s, 1, 1), r.recorded, out)
+        amplify(compile_plant(rig, r.sample_time_s, 1, 1), r.recorded, out)
         for effect, _ in laws:
             rig = rig.with_effect(amplifier.name, effect.name, None)
         u, rise = between(out, r.every)

@@ -174,7 +174,16 @@ class Formula:
         # what is kept of compiled code names a module; there is nothing else to be found from inside
         space: dict[str, Any] = {"__name__": __name__, "__builtins__": {}, **_MADE_OF}
         exec(compile(module, f"<{self.key}>", "exec"), space)
+        space["formula"].formula = self
         return kept(_nrt=False)(space["formula"])
+
+    def program(self) -> list[tuple[str, Any]]:
+        """The formula as operations of a stack machine, in the order in which it carries them out.
+
+        ``NAME`` and ``CONSTANT`` put the value of a name and a number on the stack; each other one replaces the last
+        one or two numbers on it, and is named as in ``core/laws.h``.
+        """
+        return _program(self._tree)
 
     def dimension(self, known: Mapping[str, units.Dimension | None]) -> units.Dimension | None:
         """The dimension of what it gives, from those of its names; None where it cannot be told.
@@ -232,6 +241,28 @@ class Formula:
                 two = f"{units.of_dimension(told[0])} and {units.of_dimension(one)}"
                 raise UserError(self.key, _shown(node), f"{two} cannot be added or compared")
         return told[0] if told else None
+
+
+_BINARY: Final = {
+    ast.Add: "ADD", ast.Sub: "SUBTRACT", ast.Mult: "MULTIPLY", ast.Div: "DIVIDE", ast.Pow: "POWER",
+}  # fmt: skip
+
+
+def _program(node: ast.expr) -> list[tuple[str, Any]]:
+    """The operations of a part of a checked formula."""
+    if isinstance(node, ast.Constant):
+        return [("CONSTANT", _value(node))]
+    if isinstance(node, ast.Name):
+        return [("NAME", node.id)]
+    if isinstance(node, ast.UnaryOp):
+        return _program(node.operand) + [("NEGATIVE", None)] * isinstance(node.op, ast.USub)
+    if isinstance(node, ast.BinOp):
+        if isinstance(node.op, ast.Pow) and isinstance(node.right, ast.Constant) and _value(node.right) == 2.0:
+            return [*_program(node.left), ("SQUARE", None)]
+        return [*_program(node.left), *_program(node.right), (_BINARY[type(node.op)], None)]
+    assert isinstance(node, ast.Call)
+    assert isinstance(node.func, ast.Name)
+    return [step for one in node.args for step in _program(one)] + [(node.func.id.upper(), None)]
 
 
 #: what people write who think of Python, as they would call it

@@ -17,6 +17,7 @@ from dtbacklash.errors import UserError
 
 if TYPE_CHECKING:
     from dtbacklash.physics.effects.declare import Effect
+    from dtbacklash.physics.effects.formula import Formula
 
 #: a compiled law: numba's dispatcher around a function of floats
 Law = Callable[..., Any]
@@ -351,6 +352,11 @@ class Reading(Slot):
 def plain_function(law: Law) -> Callable[..., Any]:
     """The Python function behind a compiled law; it takes floats, and arrays where it only calculates."""
     return getattr(law, "py_func", law)
+
+
+def formula_of(law: Law) -> Formula | None:
+    """The formula that a law was made of; None where it is a function of Python."""
+    return getattr(plain_function(law), "formula", None)
 
 
 def asked(effect: Effect) -> set[str]:

@@ -57,8 +57,7 @@ class Plant(NamedTuple):
     G: Floats
     slot: Ints  # (N_SLOTS,) index in `first` of a slot's first place
     first: Ints  # the laws at a place: entries first[place] to first[place + 1] - 1
-    # (entries, 2) code of the law in its slot, or its address; its memory's index in x, what a friction carries, or its
-    # place
+    # (entries, 2) code of the law in its slot; its memory's index in x, what a friction carries, or its place
     law: Ints
     law_p: Floats  # (entries, slots.ROW_PARAMETERS) its parameters
     link: Floats
@@ -90,14 +89,14 @@ class Plant(NamedTuple):
     delay_part: float  # and a part of a tick
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """What is pickled names the laws at addresses, which hold in this process alone."""
+        """What is pickled names the laws of others, whose codes hold in this process alone."""
         from dtbacklash.physics.kernel import dispatch
 
         return _again, (tuple(self), dispatch.named(self.law[:, 0]))
 
 
 def _again(values: tuple[Any, ...], named: dict[int, Any]) -> "Plant":
-    """A plant of another process, with the addresses of its laws in this one."""
+    """A plant of another process, with the codes of its laws in this one."""
     from dtbacklash.physics.kernel import dispatch
 
     plant = Plant(*values)

@@ -20,6 +20,7 @@ from dtbacklash.compiled import compiled
 from dtbacklash.control.belief import bending
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.bodies import take_apart
+from dtbacklash.physics.kernel.dispatch import with_addresses
 from dtbacklash.physics.kernel.plant import Plant, new_state
 from dtbacklash.physics.kernel.sample import advance, sense
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, Sensor
@@ -67,7 +68,7 @@ class Structure:
         for place, name in [(p, n) for p, there in rig.effects.items() for n in there]:
             if (gear and place == gear.name) or place.startswith(SENSOR_PREFIX) or (place, name) in bent:
                 rig = rig.with_effect(place, name, None)
-        plant = compile_plant(rig, sample_time_s, SUBSTEPS, EVENT_LEVELS, imposed=True)
+        plant = with_addresses(compile_plant(rig, sample_time_s, SUBSTEPS, EVENT_LEVELS, imposed=True))
         bodies = take_apart(rig, imposed=True).bodies
         screw = rig.only("screw")
         assert screw is not None

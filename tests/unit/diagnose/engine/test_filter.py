@@ -7,9 +7,9 @@ from nominal import nominal_rig
 from scipy.linalg import expm, solve_discrete_are
 
 from dtbacklash.diagnose.engine.filter import answers, frozen, opening, riccati
-from dtbacklash.diagnose.engine.passes import amplified
 from dtbacklash.diagnose.engine.simulated import linear_of
 from dtbacklash.physics.assembly import compile_plant
+from dtbacklash.physics.kernel.simulation import amplify
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
 
@@ -230,5 +230,5 @@ def test_an_amplifier_gives_what_its_laws_make_of_each_command():
     rig = nominal_rig("oscillator")
     rig = rig.with_effect("amplifier", "saturation", {rig.takes("amplifier")["saturation"].size.name: 1.5})
     u, out = np.linspace(-3.0, 3.0, 13), np.zeros(13)
-    amplified(compile_plant(rig, STEP_S, 1, 1), u, out)
+    amplify(compile_plant(rig, STEP_S, 1, 1), u, out)
     assert np.allclose(out, np.clip(u, -1.5, 1.5))

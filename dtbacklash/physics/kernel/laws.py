@@ -1,0 +1,139 @@
+"""From an effect to what the core calls: a function of ``laws.c``, a formula's program, or a function of Python."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from dtbacklash.arrays import Floats
+from dtbacklash.core.library import LAWS, buffer, ffi, lib
+from dtbacklash.physics.effects import slots
+from dtbacklash.physics.effects.declare import Effect
+from dtbacklash.physics.effects.slots import ROW, ROW_PARAMETERS, Law, Slot, formula_of, plain_function
+from dtbacklash.physics.kernel import dispatch
+from dtbacklash.physics.kernel import plant as pl
+
+#: slot of a plant -> the slots of the laws at its places; a link has three places that follow one another
+SLOTS: dict[int, tuple[type[Slot], ...]] = {
+    pl.BODY_EFFORT: (slots.BodyEffort,), pl.BODY_MEMORY: (slots.BodyMemory,),
+    pl.LINK: (slots.SpringPlay, slots.SpringForce, slots.SpringMemory), pl.FRICTION: (slots.Contact,),
+    pl.READING: (slots.Reading,), pl.COMMAND: (slots.Command,), pl.WINDING: (slots.WindingMemory,),
+    pl.MOTOR_TORQUE: (slots.MotorTorque,), pl.LEAD: (slots.Lead,),
+}  # fmt: skip
+_FUNCTION = ffi.typeof("void (*)(void)")
+
+
+class Called:
+    """What the core calls for one field of a slot: ``function``, or ``formula`` where that is not NULL."""
+
+    def __init__(self, function: Any = ffi.NULL, formula: Any = ffi.NULL, *kept: Any) -> None:
+        self.function, self.formula = function, formula
+        self._kept = kept  # what they point to
+
+
+def fields_of(slot: type[Slot]) -> list[str]:
+    """The fields of a slot that are laws, in the order in which the core knows them."""
+    return [name for name, kind in slot.__annotations__.items() if kind == "Law" and name != "inverse"]
+
+
+def core_law(law: Law, slot: type[Slot]) -> Called:
+    """The law of ``laws.c`` that has the name of a declared one.
+
+    Raises
+    ------
+    KeyError : there is none of that name in the slot.
+    """
+    name = plain_function(law).__name__
+    if name not in LAWS or LAWS[name][0] != slot.__name__:
+        raise KeyError(f"laws.c has no law `{name}` of {slot.__name__}")
+    return Called(ffi.cast(_FUNCTION, getattr(lib, name)))
+
+
+@cache
+def of_package(slot: type[Slot], code: int) -> list[Called]:
+    """What is called for the laws of the package that have a code in a slot, field by field."""
+    calls = dispatch.listed(slot)[code]
+    return [core_law(calls[field][0], slot) for field in fields_of(slot)]
+
+
+@cache
+def of_others(code: int) -> list[Called]:
+    """The same for a code below 0."""
+    effect = dispatch.other_of(code)
+    slot = _base(type(effect.slot))
+    calls = dispatch.calls_of(effect)
+    return [_of_other(*calls[field], slot) for field in fields_of(slot)]
+
+
+def called(slot: type[Slot], code: int) -> list[Called]:
+    """What is called for the laws of a code, field by field."""
+    code = dispatch.ADDRESSES[code][0] if code in dispatch.ADDRESSES else code
+    return of_others(code) if code < 0 else of_package(slot, code)
+
+
+def _base(slot: type[Slot]) -> type[Slot]:
+    """The slot whose laws the core calls: that of the states."""
+    return next(one for kinds in SLOTS.values() for one in kinds if issubclass(slot, one))
+
+
+def _of_other(law: Law, names: tuple[str | int, ...], slot: type[Slot]) -> Called:
+    """A law that others have registered; a function of Python is compiled as the core calls it."""
+    if formula := formula_of(law):
+        places = dict(zip(formula.names, names, strict=True))
+        return program(formula.program(), places, slot)
+    given = [
+        f"p[{one}]" if isinstance(one, int) else "p" if one == ROW else f"at[{slot.states.index(one)}]" for one in names
+    ]
+    from numba import cfunc
+
+    space: dict[str, Any] = {"law": law}
+    exec(f"def called(at, p):\n    return float(law({', '.join(given)}))", space)
+    made = cfunc("float64(CPointer(float64), CPointer(float64))", error_model="numpy")(space["called"])
+    return Called(ffi.cast(_FUNCTION, made.address), ffi.NULL, made)
+
+
+def program(steps: list[tuple[str, Any]], places: dict[str, str | int], slot: type[Slot]) -> Called:
+    """A formula as the core evaluates it.
+
+    Parameters
+    ----------
+    steps : operations with the name or number that each puts on the stack. places : name -> the state or the
+        parameter's place that it is. slot : of the law.
+    """
+    operations = np.zeros(len(steps), dtype=np.int64)
+    numbers, constants = np.zeros(len(steps), dtype=np.int64), np.zeros(len(steps))
+    for k, (operation, operand) in enumerate(steps):
+        name, place = operation, places.get(operand, k)
+        if operation == "NAME":
+            name = "PARAMETER" if isinstance(place, int) else "STATE"
+        elif operation == "CONSTANT":
+            constants[k] = operand
+        operations[k] = getattr(lib, f"OP_{name}")
+        numbers[k] = place if isinstance(place, int) else slot.states.index(place)
+    kept = buffer(operations), buffer(numbers), buffer(constants)
+    formula = ffi.new("Formula *", dict(zip(("operation", "number", "constant"), kept, strict=True)))
+    formula.length = len(steps)
+    return Called(ffi.NULL, formula, kept)
+
+
+def fill(law: Any, found: list[Called]) -> None:
+    """Write what is called into a struct ``Law``."""
+    for k, one in enumerate(found):
+        law.call[k], law.formula[k] = one.function, one.formula
+
+
+def values_of(effect: Effect, values: list[float], **states: Floats | float) -> Floats:
+    """(N,) the first law of an effect, with these values of its parameters, at states (N,) or numbers; others are 0."""
+    slot = _base(type(effect.slot))
+    given = np.broadcast_arrays(*states.values())
+    at, row, out = np.zeros((given[0].size, len(slot.states))), np.zeros(ROW_PARAMETERS), np.empty(given[0].size)
+    for name, one in zip(states, given, strict=True):
+        at[:, slot.states.index(name)] = one
+    row[: len(values)] = values
+    law, parameters = ffi.new("Law *"), buffer(row)
+    fill(law, called(slot, dispatch.code_of(effect)))
+    law.p = parameters
+    lib.dtb_law_values(law, len(at), at.shape[1], buffer(at), buffer(out))
+    return out

@@ -1,0 +1,90 @@
+"""A plant and its state as the core takes them: the addresses of their arrays in the structs of ``plant.h``."""
+
+from __future__ import annotations
+
+from threading import Lock
+from typing import Any
+from weakref import WeakKeyDictionary
+
+from dtbacklash.core.library import buffer, ffi
+from dtbacklash.physics.kernel import laws
+from dtbacklash.physics.kernel import plant as pl
+from dtbacklash.physics.kernel.plant import Plant, State
+
+#: structs of so many plants are kept: one is asked for again and again, and it takes longer to make than a short pass
+PLANTS_MAX = 32
+
+_ARRAYS = (
+    "E", "P1", "P2", "A", "G", "slot", "first", "link", "link_ends", "friction_ends", "circuit", "screw", "sensor",
+    "sensor_whole", "sensor_tick", "sensor_part", "sensor_play",
+)  # fmt: skip
+_SCALARS = (
+    "levels", "substeps", "position", "current", "rotor", "driven", "lag", "limited", "loaded", "has_base", "imposed",
+    "forced", "delay_whole", "delay_ticks", "delay_part", "sample_time",
+)  # fmt: skip
+_kept: dict[int, tuple[Plant, Any]] = {}
+_keeping = Lock()
+#: struct -> what it points to, which has to be there as long
+_pointed_to: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
+
+
+def plant_struct(P: Plant) -> Any:
+    """The struct of a plant."""
+    with _keeping:
+        known = _kept.get(id(P))
+        if known is None or known[0] is not P:
+            while len(_kept) >= PLANTS_MAX:
+                del _kept[next(iter(_kept))]
+            known = _kept[id(P)] = P, _struct(P)
+        return known[1]
+
+
+def state_struct(S: State) -> Any:
+    """The struct of a state."""
+    arrays = {name: buffer(array) for name, array in zip(S._fields, S, strict=True)}
+    struct = ffi.new("State *", arrays)
+    _pointed_to[struct] = arrays
+    return struct
+
+
+def _struct(P: Plant) -> Any:
+    arrays, law_p, entries = {name: buffer(getattr(P, name)) for name in _ARRAYS}, buffer(P.law_p), _laws(P)
+    for entry in range(len(P.law)):
+        entries[entry].p = law_p + entry * P.law_p.shape[1]
+    struct = ffi.new("Plant *", {
+        **arrays, **{name: getattr(P, name) for name in _SCALARS}, "law": entries, "n": P.A.shape[1],
+        "channels": P.G.shape[1], "bodies": P.n_bodies, "links": len(P.link), "frictions": len(P.friction_ends),
+        "sensors": len(P.sensor), "depth": int(P.sensor_whole.max(initial=0)) + 1, "acts": _acting(P),
+        "remembers": _remembers(P),
+    })  # fmt: skip
+    _pointed_to[struct] = arrays, law_p, entries
+    return struct
+
+
+def _places(P: Plant) -> list[int]:
+    """(N_SLOTS + 1,) where the places of each slot begin, and where the last one ends."""
+    return [*P.slot.tolist(), len(P.first) - 1]
+
+
+def _laws(P: Plant) -> Any:
+    """The structs of a plant's laws, without their parameters; those at places that were taken out are empty."""
+    entries, starts, first, rows = ffi.new("Law[]", max(len(P.law), 1)), _places(P), P.first.tolist(), P.law.tolist()
+    for number, kinds in laws.SLOTS.items():
+        for place in range(starts[number], starts[number + 1]):
+            slot = kinds[(place - starts[number]) % len(kinds)]
+            for entry in range(first[place], first[place + 1]):
+                code, entries[entry].at = rows[entry]
+                laws.fill(entries[entry], laws.called(slot, code))
+    return entries
+
+
+def _acting(P: Plant) -> int:
+    """A bit for each slot in which a law stands."""
+    starts = _places(P)
+    return sum(int(P.first[starts[k]] < P.first[starts[k + 1]]) << k for k in range(pl.N_SLOTS))
+
+
+def _remembers(P: Plant) -> bool:
+    """Whether a spring has a memory."""
+    places = [P.slot[pl.LINK] + pl.PER_LINK * j + pl.MEMORIES for j in range(len(P.link))]
+    return any(P.first[place] < P.first[place + 1] for place in places)

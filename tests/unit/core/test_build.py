@@ -1,0 +1,80 @@
+"""How the core is compiled: by which compiler, without a warning, and sound under sanitizers."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from dtbacklash.core import build
+
+TESTS = Path(__file__).parents[2]
+needs_cc = pytest.mark.skipif(not shutil.which("cc"), reason="needs cc")
+WARNINGS = ["-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror"]
+
+
+def test_the_compiler_is_the_chosen_one_or_cc_or_that_of_a_package(monkeypatch):
+    monkeypatch.setenv("CC", "clang -m64")
+    assert build.compiler() == ["clang", "-m64"]
+    monkeypatch.delenv("CC")
+    monkeypatch.setattr(build.shutil, "which", lambda name: f"/usr/bin/{name}")
+    assert build.compiler() == ["cc"]
+    monkeypatch.setattr(build.shutil, "which", lambda name: None)
+    monkeypatch.setattr(build.importlib.util, "find_spec", lambda name: object())
+    assert build.compiler() == [sys.executable, "-m", "ziglang", "cc"]
+    monkeypatch.setattr(build.importlib.util, "find_spec", lambda name: None)
+    assert build.compiler() == []
+
+
+def test_without_a_compiler_one_line_says_what_to_install(monkeypatch):
+    monkeypatch.setattr(build, "compiler", list)
+    monkeypatch.setattr(build, "is_current", lambda: False)
+    with pytest.raises(SystemExit, match=r"^dtbacklash: needs a C compiler: install cc .*ziglang.*$") as stopped:
+        build.make()
+    assert "\n" not in str(stopped.value)
+
+
+def test_what_is_there_is_not_compiled_again(monkeypatch):
+    monkeypatch.setattr(build, "compiler", lambda: pytest.fail("compiled"))
+    build.make()
+    monkeypatch.setattr(build, "digest", lambda: "another")
+    assert not build.is_current()
+
+
+@needs_cc
+def test_the_sources_give_no_warning():
+    done = subprocess.run(
+        ["cc", *build.FLAGS, *WARNINGS, "-fsyntax-only", str(build.HERE / "core.c")],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+#: a library in another place, in a process that has loaded the sanitizer
+SANITIZED = """
+import sys
+from dtbacklash.core import build
+build.LIBRARY = sys.argv[1]
+import pytest
+raise SystemExit(pytest.main(["-q", "-p", "no:cacheprovider", *sys.argv[2:]]))
+"""
+
+
+@needs_cc
+@pytest.mark.check
+def test_the_core_is_sound_under_sanitizers(tmp_path):
+    """Reads and writes stay in their arrays, and nothing is undefined, wherever the tests of equality lead."""
+    library = tmp_path / "sanitized.so"
+    sanitize = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    subprocess.run(["cc", *build.FLAGS, *sanitize, str(build.HERE / "core.c"), "-o", str(library), "-lm"], check=True)
+    asan = subprocess.run(["cc", "-print-file-name=libasan.so"], capture_output=True, text=True, check=True).stdout
+    environment = os.environ | {"LD_PRELOAD": asan.strip(), "ASAN_OPTIONS": "detect_leaks=0"}
+    tests = [str(Path(__file__).with_name(name)) for name in ("test_equality.py", "test_laws.py")]
+    done = subprocess.run(
+        [sys.executable, "-c", SANITIZED, str(library), *tests], cwd=TESTS.parent, env=environment, capture_output=True,
+        text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
+    assert " passed" in done.stdout
