@@ -112,5 +112,6 @@ $(ALL): requirements-all.lock $(CORE)
 	@touch $(ALL)
 
 clean:
+	rm -f dtbacklash/core/_core.so dtbacklash/core/_declared.py
 	rm -rf .venv build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -36,9 +36,6 @@ enum { BODY_EFFORT, BODY_MEMORY, LINK, FRICTION, READING, COMMAND, WINDING, MOTO
 /* a link has three places that follow one another: its play, its forces, and those with a memory */
 enum { PLAYS, FORCES, MEMORIES, PER_LINK };
 
-/* the first samples of a pass, while the state becomes known */
-enum { OPENING = 250 };
-
 /* m gear modes, l step levels, n states, c channels; matrices by rows. */
 typedef struct {
     int64_t n, channels, levels, substeps;
@@ -96,11 +93,12 @@ typedef struct {
     double *now;      /* (2,) time, s, and voltage in force, for what is measured of forces */
 } State;
 
-/* Gains and whitening of a pass, and the readings that it is corrected by; mode 1 while the gear is in contact.
+/* Gains and whitening of a pass, and the readings that it is corrected by; mode 1 while the gear is in contact. The
+ * state becomes known in the first `opening` samples.
  * K (2, g, n, m), W (2, g, m, m), which (N,) : those of each sample. Y (N, m), NaN where one is missing. chan (m,) :
  * their sensors. */
 typedef struct {
-    int64_t samples, readings, gains;
+    int64_t samples, readings, gains, opening;
     const double *K, *W, *Y;
     const int64_t *which, *chan;
 } Correction;

@@ -96,7 +96,7 @@ void dtb_observe(const Plant *P, State *S, const Correction *by, const double *u
         case 4: correct_n(4, P, S, by, k, y, e, d, z); break;
         default: correct_n(by->readings, P, S, by, k, y, e, d, z);
         }
-        if (k < OPENING)
+        if (k < by->opening)
             let_slip(P, S, gap);
         if (k + 1 == by->samples)
             break;

@@ -4,6 +4,7 @@ import email
 import os
 import subprocess
 import sys
+import sysconfig
 import tarfile
 import tomllib
 import zipfile
@@ -16,7 +17,8 @@ from dtbacklash.version import __version__
 
 pytest.importorskip("hatchling", reason="the extra `dev`")
 ROOT = Path(__file__).resolve().parents[2]
-WHEEL = f"dtbacklash-{__version__}-py3-none-any.whl"
+PLATFORM = sysconfig.get_platform().replace("-", "_").replace(".", "_")
+WHEEL = f"dtbacklash-{__version__}-py3-none-{PLATFORM}.whl"
 SDIST = f"dtbacklash-{__version__}"
 #: what the program reads at run time, beside its modules
 DATA = ("dtbacklash/conf", "dtbacklash/remote/schemas", "dtbacklash/report/templates")
@@ -92,7 +94,9 @@ def test_the_source_distribution_builds_the_same_wheel(built: Path, unpacked: Pa
     with tarfile.open(built / f"{SDIST}.tar.gz") as sdist:
         sdist.extractall(tmp_path, filter="data")
     source = tmp_path / SDIST
-    assert {"LICENSE", "CITATION.cff", "README.md", "Makefile", "tests", "docs"} <= {p.name for p in source.iterdir()}
+    assert {"LICENSE", "CITATION.cff", "README.md", "Makefile", "hatch_build.py", "tests", "docs"} <= {
+        p.name for p in source.iterdir()
+    }
     _build(source, tmp_path / "again")
     with zipfile.ZipFile(tmp_path / "again" / WHEEL) as wheel:
         assert set(wheel.namelist()) == _files(unpacked)
@@ -113,6 +117,7 @@ def test_dtb_runs_from_the_wheel_in_an_empty_folder(unpacked: Path, tmp_path: Pa
     assert "nimc_twin" in python("-m", "dtbacklash.cli", "run", "--help")
     assert "lead_screw" in python("-m", "dtbacklash.cli", "run", "--cfg", "job")
     assert "emps" in python("-m", "dtbacklash.cli", "recordings")
+    assert str(unpacked) in python("-c", "from dtbacklash.core import build, library; print(build.HERE, library.lib)")
 
 
 def pins(name: str) -> set[str]:

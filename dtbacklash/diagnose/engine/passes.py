@@ -4,6 +4,7 @@ import numpy as np
 
 from dtbacklash.arrays import Floats, Ints
 from dtbacklash.core.library import buffer, copied, ffi, lib
+from dtbacklash.diagnose.engine.readings import OPENING
 from dtbacklash.physics.kernel.plant import Plant, State
 from dtbacklash.physics.kernel.structs import plant_struct, state_struct
 
@@ -24,7 +25,7 @@ def observe(
     E, D (N, m), X (N, n) : filled with whitened innovations, innovations, and states before each correction.
     """
     N, n, m, g, y = len(u), len(S.x), len(chan), K.shape[1], np.zeros(len(P.sensor))
-    by = ffi.new("Correction *", {"samples": N, "readings": m, "gains": g})
+    by = ffi.new("Correction *", {"samples": N, "readings": m, "gains": g, "opening": OPENING})
     arrays = copied(K, 2, g, n, m), copied(W, 2, g, m, m), copied(Y, N, m), buffer(which, N), buffer(chan, m)
     by.K, by.W, by.Y, by.which, by.chan = arrays
     lib.dtb_observe(

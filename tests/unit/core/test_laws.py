@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from dtbacklash.core import build, library
 from dtbacklash.core.library import LAWS, lib
-from dtbacklash.diagnose.engine.readings import OPENING
 from dtbacklash.errors import UserError
 from dtbacklash.physics import catalogue
 from dtbacklash.physics.catalogue import CATALOGUE, SHIPPED
@@ -63,7 +62,6 @@ def test_what_both_sides_count_they_count_alike():
     named = {name: value for name, value in vars(pl).items() if name.isupper() and isinstance(value, int)}
     assert {name: getattr(lib, name) for name in named} == named
     assert len(named) > 40
-    assert lib.OPENING == OPENING
     assert lib.STACK > 2 * DEPTH_MAX
     assert {f"OP_{name.upper()}" for name in FUNCTIONS} <= set(dir(lib))
 
