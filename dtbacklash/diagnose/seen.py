@@ -8,7 +8,7 @@ window, as long as the last model predicts better than a constant.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -163,10 +163,8 @@ class Seen:
 
         others : recording -> the rig there instead.
         """
-        return self._each(rig, others, [
-            lambda own, p=s.predictor, g=g: p.errors(own, g)
-            for s, g in zip(self.stretches, self._gains, strict=True)
-        ])  # fmt: skip
+        passes = [partial(s.predictor.errors, gains=g) for s, g in zip(self.stretches, self._gains, strict=True)]
+        return self._each(rig, others, passes)
 
     def errs_by_more(self, rig: Rig, most: list[Floats]) -> bool:
         """Whether a free run errs by clearly more than some sizes, (m,) a stretch, in SI."""
@@ -204,10 +202,10 @@ class Seen:
 
         From rest, unless that says little of what is read first: then from a state that the first readings make known.
         """
-        rest = self._free(self._rig, [()] * len(self.stretches), NONE) or [None] * len(self.stretches)
-        begins: list[Sequence[int]] = [
-            () if e is not None and _rests(s, e) else (0,) for s, e in zip(self.stretches, rest, strict=True)
-        ]
+        rest = self._free(self._rig, [()] * len(self.stretches), NONE)
+        begins: list[Sequence[int]] = [(0,)] * len(self.stretches)
+        if rest is not None:
+            begins = [() if _rests(s, e) else (0,) for s, e in zip(self.stretches, rest, strict=True)]
         drifts = any(s.predictor.simulated.linear(self._rig).drifts for s in self.stretches)
         if not drifts or self._predicts(begins):
             return begins, None
@@ -231,10 +229,11 @@ class Seen:
 
     def _free(self, rig: Rig, begins: list[Sequence[int]], others: Mapping[int, Rig]) -> list[Floats] | None:
         """Free runs that begin anew at some samples of each stretch."""
-        return self._each(rig, others, [
-            lambda own, p=s.predictor, g=g, b=b: p.simulate(own, g, b)
+        passes = [
+            partial(s.predictor.simulate, gains=g, begins=b)
             for s, g, b in zip(self.stretches, self._gains, begins, strict=True)
-        ])  # fmt: skip
+        ]
+        return self._each(rig, others, passes)
 
     def _each(
         self, of: Rig, others: Mapping[int, Rig], passes: Sequence[Callable[[Rig], Floats]]

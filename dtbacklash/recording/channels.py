@@ -213,7 +213,7 @@ def hanging(name: str, values: Floats, u: Floats | None, t_s: Floats, samples: i
     at_least = max(20, int(HANGS_SHARE * samples))
     for start, stop in runs(steps == 0.0):
         length = stop - start
-        if u is None or length < at_least or np.std(u[start:stop]) < 0.5 * np.std(u):
+        if u is None or length < at_least or np.std(u[start:stop]) <= 0.5 * np.std(u):
             continue
         where = f"from {t_s[start]:.6g} to {t_s[stop]:.6g} s"
         jumps = stop < len(steps) and steps[stop] > JUMP * usual

@@ -16,7 +16,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 
-def attempt(function: Callable[P, R], *args: P.args, **named: P.kwargs) -> R | None:
+def attempt(function: Callable[P, R | None], *args: P.args, **named: P.kwargs) -> R | None:
     """What a function returns; None where it raises.
 
     A rig that cannot have some values and a fit that breaks down are no news. Any other error is logged as a warning.

@@ -8,6 +8,7 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnose.inspect import samples
+from dtbacklash.diagnose.inspect.command import bridged, outliers
 from dtbacklash.diagnose.inspect.sampling import MODE_SAMPLES_MIN, Carried, carried
 from dtbacklash.diagnose.inspect.wiring import Rewiring, wiring
 from dtbacklash.diagnose.records import Mask, Record
@@ -23,6 +24,8 @@ from dtbacklash.recording.refusal import SAMPLES_MIN
 MISSING_SHARE_MAX = 0.25
 #: of its readings to fit to and to judge on, this much has to remain (share)
 LEFT_SHARE_MIN = 0.5
+#: so many outliers of a recording's command are said one by one
+OUTLIERS_SAID = 3
 #: of fewer readings in a stretch nothing is told (readings)
 STRETCH_READINGS_MIN = 20
 
@@ -68,6 +71,7 @@ def inspect(rig: Rig, records: list[Record]) -> Inspected:
     The recordings with jumps of an angle undone, without dead channels. Spikes, clipped and repeated samples are NaN.
     """
     found = Inspected(list(records))
+    _command(rig, found)
     _dead(rig, found)
     for name in _channels(rig, found.records):
         if rig.sensors[name].quantity == "position" and rig.sensors[name].unit == "rad":
@@ -84,6 +88,28 @@ def inspect(rig: Rig, records: list[Record]) -> Inspected:
         rewiring = next((r for _, r in wired if r is not None), None)
         found.fault = _miswired(rig, found.records[0], wired, rewiring) if rewiring else _too_slow(rig, found, slowest)
     return found
+
+
+def _command(rig: Rig, found: Inspected) -> None:
+    """Bridge outliers of the command, and say where they were."""
+    masks = [outliers(rig, r) for r in found.records]
+    count = sum(int(m.sum()) for m in masks)
+    found.checks.append(_row(
+        "u is free of outliers", float(count), 1.0,
+        "number of samples that stand alone and that no sensor answers as the rig would; what lies between their "
+        "neighbours is put in their place", TUKEY,
+    ))  # fmt: skip
+    for record, mask in zip(found.records, masks, strict=True):
+        for k in np.flatnonzero(mask).tolist()[:OUTLIERS_SAID]:
+            at_s = record.from_s + k * record.sample_time_s
+            where = (
+                f"u is {record.u[k]:.6g} at {at_s:.6g} s (row {round(at_s / record.sample_time_s) + 1} of the values)"
+            )
+            found.notes.append(f"{where}, and no sensor answers that: bridged.")
+    more = count - sum(min(int(m.sum()), OUTLIERS_SAID) for m in masks)
+    if more:
+        found.notes.append(f"u has {more} more outliers: bridged.")
+    found.records = [bridged(r, mask) if mask.any() else r for r, mask in zip(found.records, masks, strict=True)]
 
 
 def _channels(rig: Rig, records: list[Record]) -> tuple[str, ...]:

@@ -56,11 +56,23 @@ WHEEL = """
     """
 
 
-def diagnosed(folder: Path, rig: str, **columns: np.ndarray) -> Diagnosis:
+def diagnosed(folder: Path, rig: str, command: str | None = None, **columns: np.ndarray) -> Diagnosis:
     (folder / "rig.yaml").write_text(dedent(rig))
     pd.DataFrame(columns).to_csv(folder / "log.csv", index=False)
     nominal = dtb.load_rig(str(folder / "rig.yaml"))
-    return diagnose(read_recording(str(folder / "log.csv"), rig=nominal), nominal)
+    return diagnose(read_recording(str(folder / "log.csv"), rig=nominal, command=command), nominal)
+
+
+PENDULUM = """
+    name: let_go
+    parameters: {J: {value: 0.01 kg m^2, tolerance: 0.05}}
+    elements: {arm: {kind: rotor, inertia: J}}
+    effects:
+      arm:
+        gravity: {torque: {value: 0.6, tolerance: 0.02}, phase: {value: 3.14159, tolerance: 0.02}}
+        viscous_friction: {coefficient: {value: 0.0025, tolerance: 0.3}}
+    sensors: {theta: {of: arm, quantity: position, absolute: true}}
+    """
 
 
 def sines(t: np.ndarray, seed: int = 1) -> np.ndarray:
@@ -246,3 +258,26 @@ def test_a_sensor_behind_a_play(tmp_path):
     (finding,) = found.findings
     assert (finding.location, finding.effect, finding.confidence) == ("sensor_phi", "lost_motion", "sure")
     assert finding.parameters["width"].value == pytest.approx(0.06, rel=0.02)
+
+
+def test_a_pendulum_let_go_comes_to_rest_by_its_friction(tmp_path):
+    """Coulomb friction of 25 mN m; it rests in the last two thirds, which are said and judge nothing."""
+    fine, n = 40, 3000
+    h, q, v, rows = 4e-3 / fine, 1.2, 0.0, []
+    for k in range(n * fine):
+        if k % fine == 0:
+            rows.append(q)
+        torque = -0.6 * np.sin(q) - 0.0025 * v
+        free = v + h * torque / 0.01
+        hold = h * 0.025 / 0.01
+        v = 0.0 if abs(free) <= hold else free - np.sign(free) * hold
+        q += h * v
+    count = 2.0 * np.pi / 4096
+    theta = count * np.round(np.array(rows) / count)
+    assert np.ptp(theta[2 * n // 3 :]) == 0.0
+    found = diagnosed(tmp_path, PENDULUM, command="none", t=4e-3 * np.arange(n), theta=theta)
+    assert found.verdict == "missing_physics"
+    (friction,) = found.findings
+    assert (friction.location, friction.effect, friction.confidence) == ("arm", "coulomb_friction", "sure")
+    assert friction.parameters["torque"].value == pytest.approx(0.025, rel=0.05)
+    assert any("is left out: there it rests" in note for note in found.notes)

@@ -269,6 +269,15 @@ def test_a_rest_is_noted_not_refused():
     assert hanging("q3", play, np.where(t < 1.0, 0.0, u), t) is None
 
 
+@pytest.mark.parametrize("input_v", [0.0, 3.0])
+def test_what_rests_while_the_input_does_does_not_hang(input_v):
+    t = 1e-3 * np.arange(4000)
+    rests = np.where(t < 2.0, np.cos(5.0 * t) * (2.0 - t), 0.0)
+    assert hanging("theta", rests, np.full(4000, input_v), t) is None
+    with pytest.raises(Refused, match="never moves again"):
+        hanging("theta", rests, np.sin(t), t)
+
+
 # --- what to judge on
 
 
