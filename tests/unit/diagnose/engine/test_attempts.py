@@ -137,4 +137,4 @@ def test_a_proposal_that_breaks_costs_itself_alone(monkeypatch, caplog):
         assert any(method in record.getMessage() for record in caplog.records)
     assert model.keys == (COULOMB,)
     assert model.rig.effect(*COULOMB)["torque"] == pytest.approx(0.02, rel=0.01)
-    assert found.sure == {COULOMB}
+    assert found.certainty == {COULOMB: "sure"}
