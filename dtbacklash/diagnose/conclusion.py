@@ -145,11 +145,11 @@ class Conclusion:
         """The verdict. enough : whether what is left is what the user called so."""
         rules = self.search.rules
         named = [k for k in self.model.keys if not find(self.model.rig.kind_at(k[0]), k[1], k[0]).is_table]
-        if self.with_table is not None and not enough:
-            return UNEXPLAINED
         if named:
             known = self.known or not self.full  # a quick search says what is likeliest
             return MISSING if enough or (known and self.explains) else UNEXPLAINED
+        if self.with_table is not None and not enough:
+            return UNEXPLAINED
         rig, missed = self.model.rig, self.left > MISSED * rules.much and not enough
         if missed and self.seen.shows(rig) and not self.seen.unlogged(rig):
             return UNEXPLAINED
