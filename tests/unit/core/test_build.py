@@ -58,7 +58,7 @@ import sys
 from dtbacklash.core import build
 build.LIBRARY = sys.argv[1]
 import pytest
-raise SystemExit(pytest.main(["-q", "-p", "no:cacheprovider", *sys.argv[2:]]))
+raise SystemExit(pytest.main(["-q", "-m", "", "-p", "no:cacheprovider", *sys.argv[2:]]))
 """
 
 
@@ -71,7 +71,8 @@ def test_the_core_is_sound_under_sanitizers(tmp_path):
     subprocess.run(["cc", *build.FLAGS, *sanitize, str(build.HERE / "core.c"), "-o", str(library), "-lm"], check=True)
     asan = subprocess.run(["cc", "-print-file-name=libasan.so"], capture_output=True, text=True, check=True).stdout
     environment = os.environ | {"LD_PRELOAD": asan.strip(), "ASAN_OPTIONS": "detect_leaks=0"}
-    tests = [str(Path(__file__).with_name(name)) for name in ("test_equality.py", "test_laws.py")]
+    here = Path(__file__).parent
+    tests = ["-k", "not with_each_of_its", str(here / "test_equality.py"), str(here / "test_laws.py")]
     done = subprocess.run(
         [sys.executable, "-c", SANITIZED, str(library), *tests], cwd=TESTS.parent, env=environment, capture_output=True,
         text=True, check=False,

@@ -101,6 +101,7 @@ def test_a_predictor_of_each_rig(name, twice):
     assert {"run", "observe", "onwards", "shown", "opening", "riccati"} <= set(twice.calls)
 
 
+@pytest.mark.check
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_drawn_rigs_and_commands(data, twice):
@@ -122,6 +123,7 @@ def test_drawn_rigs_and_commands(data, twice):
     assert twice.calls["run"] == before + 1
 
 
+@pytest.mark.check
 @settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_predictors_of_drawn_models(data, twice):
