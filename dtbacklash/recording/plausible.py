@@ -167,6 +167,17 @@ class Bench:
             first = max(first, *paces)
         return Reversal(names, first, second, unlike)
 
+    def exchange(self, name: str) -> Reversal | None:
+        """The reversal of the command and a position or a speed, which have changed places; None: nothing is said."""
+        if self.rig.sensors[name].quantity not in ("position", "velocity") or self.rig.only("positioner") is not None:
+            return None
+        alone = replace(self, channels={one: self.channels[one] for one in ("u", name)})
+        paces = (replace(alone, step_s=pace * self.step_s).scale((name,)) for pace in (1.0, *PACES))
+        straight, turned = [one for one in paces if one], alone.changed(swapped=("u", name)).scale((name,))
+        if not straight or turned is None:
+            return None
+        return Reversal(("u", name), max(one.share for one in straight), turned.share, True)
+
     def _share(self, names: Names, unlike: bool) -> float | None:
         if not unlike:
             found = self.scale(names)

@@ -1,4 +1,4 @@
-"""Wiring: channels whose sign is turned round, and pairs that have changed places.
+"""Wiring: channels whose sign is turned round, and pairs that have changed places, the command among them.
 
 One statistic decides, the *balance of effort* of :mod:`dtbacklash.recording.plausible`: what the command makes a
 channel do in the nominal rig is compared with what the channel shows, beside all that may use the command up
@@ -12,7 +12,8 @@ is near -1 on a clean recording, near 0 where friction leaves nothing of the rig
 wrong. A swap of two channels turns the sign of their difference, so it has the same statistic. Near a resonance a
 wrong mass turns the phase: the largest share as recorded over rigs whose modes are up to twice as fast or half as
 fast counts. Two channels of unlike quantities have no difference: there the mean of the two shares is compared
-(:class:`dtbacklash.recording.plausible.Reversal`).
+(:class:`dtbacklash.recording.plausible.Reversal`). The command and a position or a speed that have changed places are
+found as such a pair: what moves takes no effort that a position would make.
 
 Of 431 reversals on drawn machines that are wired right (friction near stalling, loads as large as the drive, play as
 wide as the motion, masses off by half, PID loops) two exceed 0.05, and the largest is 0.34 (a single tone between two
@@ -54,7 +55,8 @@ def wiring(rig: Rig, record: Record) -> tuple[list[Reversal], Rewiring | None]:
         return [], None
     channels = {"u": record.u, **{n: filled(v) for n, v in record.y.items() if n in rig.sensors}}
     bench = Bench.of(rig, channels, record.sample_time_s, HELD, SAMPLES_WIRING)
-    exchanges = [r for pair in bench.pairs(alike=False) if (r := bench.reversal(pair, unlike=True)) is not None]
+    exchanges = [r for name in rig.sensors if name in channels and (r := bench.exchange(name)) is not None]
+    exchanges += [r for pair in bench.pairs(alike=False) if (r := bench.reversal(pair, unlike=True)) is not None]
     found = [*exchanges, *_reversals(bench)]
     most = max(exchanges, key=lambda r: r.value, default=None)
     if most is not None and most.wrong:

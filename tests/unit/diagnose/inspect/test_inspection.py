@@ -148,3 +148,16 @@ def test_a_mode_that_the_recording_does_not_show_asks_for_no_sampling(clean):
     stiff = build_rig(compose("rig=lead_screw", "rig.parameters.k.value=1e10").rig)
     found = inspect(stiff, [clean])
     assert "the sampling carries the rig's modes" not in failed(found)
+
+
+@pytest.mark.parametrize(
+    ("name", "channel"), [("carriage, PID, sticks", "x"), ("oscillator, friction", "y"), ("motor, hoist", "theta")]
+)
+def test_a_command_and_a_sensor_that_have_changed_places_are_named(machine_recordings, name, channel):
+    rig, record = machine_recordings[name]
+    swapped = replace(with_(record, **{channel: record.u}), u=record.y[channel])
+    fault = inspect(rig, [swapped]).fault
+    assert fault is not None
+    assert fault.what == f"u and {channel} have changed places"
+    assert (fault.where, fault.mend.split(" in the")[0]) == (rig.only("amplifier").name, f"Swap u and {channel}")
+    assert inspect(rig, [record]).fault is None
