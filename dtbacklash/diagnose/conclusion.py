@@ -74,8 +74,11 @@ class Conclusion:
 
     @cached_property
     def follows(self) -> bool:
-        """Whether the extended rig's simulation stays finite on all of every recording, with readings to correct it."""
-        return self.seen.errors(self.model.rig) is not None
+        """Whether the extended rig, with readings to correct it, errs by less than what was read moves where it judges.
+
+        Else the recording has a fault, or belongs to another machine: nothing that was found in it is sure.
+        """
+        return self.seen.follows(self.model.rig)
 
     @property
     def explains(self) -> bool:
@@ -150,7 +153,7 @@ class Conclusion:
             return MISSING if enough or (known and self.explains) else UNEXPLAINED
         if self.with_table is not None and not enough:
             return UNEXPLAINED
-        rig, missed = self.model.rig, self.left > MISSED * rules.much and not enough
+        rig, missed = self.model.rig, not enough and (self.left > MISSED * rules.much or not self.follows)
         if missed and self.seen.shows(rig) and not self.seen.unlogged(rig):
             return UNEXPLAINED
         return PARAMETERS if self.moved else CONSISTENT

@@ -166,6 +166,28 @@ class Seen:
         passes = [partial(s.predictor.errors, gains=g) for s, g in zip(self.stretches, self._gains, strict=True)]
         return self._each(rig, others, passes)
 
+    def follows(self, rig: Rig) -> bool:
+        """Whether a rig's predictions stay finite, and err by less than what was read moves, or than noise does."""
+        errors, spread = self.errors(rig), self.spread()
+        judged = self.mean_squares(errors, "held")
+        noise = dict.fromkeys(judged, 0.0)
+        for s in self.stretches:
+            for c, size in zip(s.predictor.readings.channels, s.predictor.readings.noise, strict=True):
+                noise[c] = max(noise.get(c, 0.0), float(size))
+        return errors is not None and all(v < spread[c] ** 2 + (TIMES * noise[c]) ** 2 for c, v in judged.items())
+
+    def furthest_off(self, rig: Rig) -> tuple[str, str, float] | None:
+        """Recording, channel and time, s, at which a rig's predictions err most, by what the channel moves; or None."""
+        errors, spread = self.errors(rig), self.spread()
+        worst = 0.0
+        found: tuple[str, str, float] | None = None
+        for s, e in zip(self.stretches, errors or [], strict=False):
+            for j, c in enumerate(s.predictor.readings.channels):
+                off = np.nan_to_num(np.abs(e[:, j])) / spread[c]
+                if off.max(initial=0.0) > worst:
+                    worst, found = float(off.max()), (s.record.name, c, float(s.t_s[off.argmax()]))
+        return found
+
     def errs_by_more(self, rig: Rig, most: list[Floats]) -> bool:
         """Whether a free run errs by clearly more than some sizes, (m,) a stretch, in SI."""
         errors = self.free(rig)

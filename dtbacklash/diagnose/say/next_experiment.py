@@ -18,6 +18,10 @@ TOLD_APART_SHARE = 0.01
 DESIGN = "dtb design FOLDER, with the folder of this diagnosis, looks for the experiment that tells what is open apart."
 NOTHING = "Nothing is ambiguous in this recording; a second recording would confirm it."
 LOG_IT = "Log the command whenever it changes, or as often as the sensors: what is left then shows what it is."
+FAULT = (
+    "The rig errs by more than the signals move, although each reading corrects it: look for a fault of the recording "
+    "(values far off, units, which column is which) before anything else."
+)
 NOTHING_IN_ALL = "Nothing is ambiguous in these recordings, taken together."
 #: of the longest command, what is simulated (samples)
 SAMPLES = 20_000
@@ -31,6 +35,8 @@ def next_experiment(c: Conclusion, verdict: Verdict, where: Located | None) -> s
     ]  # fmt: skip
     changed = [(one.title, *one.also_fits) for one in changes(c) or () if one.also_fits]
     said = LOG_IT if c.seen.unlogged(c.model.rig) else ""
+    if not said and not c.follows:
+        return _fault(c)
     if not said and verdict == UNEXPLAINED and where is not None:
         said = _where(c, where)
     if not said and changed:
@@ -39,6 +45,15 @@ def next_experiment(c: Conclusion, verdict: Verdict, where: Located | None) -> s
         alone = len({s.record.recording for s in c.seen.stretches}) == 1
         said = _told_apart(c, *pairs[0]) if pairs else NOTHING if alone else NOTHING_IN_ALL
     return f"{said} {DESIGN}" if (pairs or changed) and not c.model.rig.config.model else said
+
+
+def _fault(c: Conclusion) -> str:
+    """What to look for in a recording that the rig, corrected by each reading, does not follow at all."""
+    at = c.seen.furthest_off(c.model.rig)
+    where = (
+        f" It errs most in {at[1]}, {at[2]:.6g} s after the beginning{f' of {at[0]}' if at[0] else ''}." if at else ""
+    )
+    return f"{FAULT}{where}"
 
 
 def _where(c: Conclusion, where: Located) -> str:

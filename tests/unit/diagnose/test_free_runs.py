@@ -122,3 +122,18 @@ def test_a_machine_that_drifts_away_is_compared_over_windows():
     held = nominal_rig("oscillator")
     record = record_of(held.with_effect("mass", "constant_force", {"force": 50.0}), command(30.0, 1.0))
     assert seen(held, record).window_s is None
+
+
+def test_a_rig_that_errs_by_more_than_the_motion_does_not_follow_it():
+    """An outlier of the command where it judges; where a machine rests noise is no motion."""
+    rig, u = nominal_rig("pendulum"), command(5.0, 0.4)
+    record = record_of(rig, u)
+    assert seen(rig, record).follows(rig)
+    far = u.copy()
+    far[2200] = -1e5
+    found = seen(rig, replace(record, u=far))
+    assert not found.follows(rig)
+    assert found.furthest_off(rig)[1:] == ("omega", pytest.approx(2201 * STEP_S))
+    noise = 1e-3 * np.random.default_rng(1).standard_normal((len(record.y), len(u)))
+    rests = replace(record, u=0.0 * u, y=dict(zip(record.y, noise, strict=True)))
+    assert seen(rig, rests).follows(rig)
