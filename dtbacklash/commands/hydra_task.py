@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
+from dtbacklash.commands import early
 from dtbacklash.config.grammar import GRAMMARS
 from dtbacklash.errors import UserError
 
@@ -23,6 +24,7 @@ def main(name: str, words: Sequence[str]) -> int:
     Raises UserError: whatever the user got wrong.
     """
     grammar = GRAMMARS[name]
+    early.check(grammar, words)
     from dtbacklash.campaign.application import find
     from dtbacklash.config import hydra_app
     from dtbacklash.config.explain import as_written, explain

@@ -112,3 +112,20 @@ FILES = {EXPORT.name: EXPORT}
 def grammar_of(schema: type) -> Grammar:
     """The command whose configuration is a ``schema``."""
     return next(one for one in _ALL.values() if one.schema is schema)
+
+
+def unknown_key(key: str, grammar: Grammar = RUN) -> str:
+    """Say that ``key`` is no setting of a command, and which one may be meant."""
+    import difflib
+
+    known = grammar.known_keys()
+    groups = {name.split(".")[0] for name in known if not name.startswith("hydra.")}
+    near = difflib.get_close_matches(key, [*known, *groups], n=1, cutoff=0.6)
+    near = near or [name for name in known if name.split(".")[-1] == key.rsplit(".", maxsplit=1)[-1]][:1]
+    if near:
+        return f"no such setting; did you mean {near[0]}?"
+    if key.startswith("hydra."):
+        return f"no such setting; dtb {grammar.name} --cfg hydra lists them"
+    section = key.split(".", maxsplit=1)[0] + "."
+    inside = [name for name in known if name.startswith(section)]
+    return "no such setting; choose one of " + ", ".join(inside or sorted(groups))

@@ -15,7 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from dtbacklash import sources
-from dtbacklash.config.grammar import RUN, Grammar, grammar_of
+from dtbacklash.config.grammar import RUN, Grammar, grammar_of, unknown_key
 from dtbacklash.config.groups import RIGS
 from dtbacklash.config.rig import of_the_model
 from dtbacklash.config.run import RunConfig
@@ -66,23 +66,6 @@ def _refuse_unknown(config: DictConfig, schema: type, grammar: Grammar, prefix: 
             child = next(k for k in typing.get_args(child) if k is not type(None))
         if dataclasses.is_dataclass(child) and isinstance(child, type):
             _refuse_unknown(config[key], child, grammar, f"{dotted}.")
-
-
-def unknown_key(key: str, grammar: Grammar = RUN) -> str:
-    """Say that ``key`` is no setting of a command, and which one may be meant."""
-    import difflib
-
-    known = grammar.known_keys()
-    groups = {name.split(".")[0] for name in known if not name.startswith("hydra.")}
-    near = difflib.get_close_matches(key, [*known, *groups], n=1, cutoff=0.6)
-    near = near or [name for name in known if name.split(".")[-1] == key.rsplit(".", maxsplit=1)[-1]][:1]
-    if near:
-        return f"no such setting; did you mean {near[0]}?"
-    if key.startswith("hydra."):
-        return f"no such setting; dtb {grammar.name} --cfg hydra lists them"
-    section = key.split(".", maxsplit=1)[0] + "."
-    inside = [name for name in known if name.startswith(section)]
-    return "no such setting; choose one of " + ", ".join(inside or sorted(groups))
 
 
 def kind_of(key: str, grammar: Grammar = RUN) -> str:

@@ -13,9 +13,9 @@ from typing import Any
 from dtbacklash import units, yaml_files
 from dtbacklash.config.choices import COMMANDS
 from dtbacklash.errors import UserError
-from dtbacklash.recording.command import HELD
 
 SUFFIXES = (".yaml", ".yml")
+HELD = next(iter(COMMANDS))
 NO_MAPPING = "none"  # the option of `dtb run` that says where nothing is saved
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 
@@ -105,7 +105,8 @@ def load_mapping(name: str) -> Mapping:
     packaged = resources.files("dtbacklash.conf").joinpath("recording", f"{name}.yaml")
     if packaged.is_file() and not name.endswith(SUFFIXES):
         return _checked(name, packaged.read_bytes(), None)
-    raise UserError("recording", name, "choose one of " + ", ".join(mapping_names()) + ", or the path of a file")
+    missing = "no such file: give the path of a mapping, or one of " if name.endswith(SUFFIXES) else "choose one of "
+    raise UserError("recording", name, missing + ", ".join(mapping_names()))
 
 
 def mapping_of(source: str) -> Mapping | None:

@@ -1,9 +1,7 @@
-"""Several recordings from what a person writes: a list ``[a.csv,b.csv]``, a pattern ``data/*.csv``, or one of them."""
+"""Several recordings that are diagnosed together, and what judges."""
 
 from __future__ import annotations
 
-import glob
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,32 +12,10 @@ from dtbacklash.errors import UserError
 from dtbacklash.recording.mapping import mapping_of
 from dtbacklash.recording.model import Recording
 from dtbacklash.recording.read import read_pair, read_recording
+from dtbacklash.recording.sources import sources_of
 
 #: what is read: a path, a pattern, a list of them in brackets, a mapping's name, a DataFrame; or what has been read
 Source = str | Path | Recording | pd.DataFrame
-
-
-def sources_of(source: str, key: str = "recording") -> list[str]:
-    """The single sources that are meant by a list, a pattern or a single source; files of a pattern by their names.
-
-    Raises
-    ------
-    UserError : with the ``key``: a pattern that no file has, an empty list.
-    """
-    if Path(source).expanduser().is_file():
-        return [source]
-    if source.startswith("[") and source.endswith("]"):
-        parts = [part.strip() for part in re.findall(r"(?:'[^']*'|\"[^\"]*\"|[^,])+", source[1:-1])]
-        found = [one for part in parts if part for one in sources_of(part.strip("'\""), key)]
-        if not found:
-            raise UserError(key, source, "lists no recording; write [a.csv,b.csv]")
-        return found
-    if any(sign in source for sign in "*?["):
-        files = sorted(f for f in glob.glob(str(Path(source).expanduser()), recursive=True) if Path(f).is_file())
-        if not files:
-            raise UserError(key, source, "no file has such a name")
-        return files
-    return [source]
 
 
 def read_together(

@@ -118,7 +118,7 @@ def _excel(content: bytes) -> Table:
         sheet = pd.read_excel(io.BytesIO(content), header=None, dtype=object)
     except ImportError:
         raise Refused("is an Excel file, which needs openpyxl: pip install dtbacklash[excel]") from None
-    return text.read(sheet.to_csv(sep="\t", header=False, index=False).encode())
+    return text.read(sheet.to_csv(sep="\t", header=False, index=False).encode(), decimal=".")
 
 
 def _parquet(content: bytes) -> Table:
