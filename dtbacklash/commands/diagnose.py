@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Iterable
+import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from dtbacklash.recording import Recording
 
 MARK, TABLE = "diagnosis.json", "diagnose.csv"
+NOTES_SAID = 5  # lines
 INTERRUPTED = 130  # exit code
 FIGURES = ("verdict", "findings", "held_out_nominal", "held_out_extended", "noise_floor")
 
@@ -51,8 +53,7 @@ def do(config: DiagnoseConfig, folder: Path, command: str, tell: Tell | None) ->
             rig = build_rig(config.rig)
             say(0.0, "reading the recording")
             train, held_out = read(config, rig)
-            for note in (*_notes(train, held_out), *_untold(train, rig)):
-                log.info(note)
+            say_notes((*_notes(train, held_out), *_untold(train, rig)), tell is not None)
             keep = config.keep is not None and tell is not None  # a job of a sweep that was stopped is not done
             diagnosis = run_diagnosis(train, held_out, rig, jobs, say, config, keep)
             say(1.0, "drawing the report")
@@ -72,6 +73,24 @@ def do(config: DiagnoseConfig, folder: Path, command: str, tell: Tell | None) ->
 
 def _silent(share: float, text: str = "") -> None:
     """Tell nobody."""
+
+
+def say_notes(notes: Sequence[str], watched: bool) -> None:
+    """Say what the reader did and took for granted, before the answer: units first, a few lines; all with -v.
+
+    watched : whether somebody looks at the terminal; a job of a sweep is read in its report.
+    """
+    for note in notes:
+        log.info(note)
+    if not watched or log.isEnabledFor(logging.INFO):
+        return
+    first = sorted(notes, key=lambda note: "Units: " not in note)  # a wrong unit costs most
+    more = len(first) - NOTES_SAID
+    shown = (
+        first if more <= 0 else [*first[: NOTES_SAID - 1], f"{more + 1} more notes on the recording: in the report."]
+    )
+    for note in shown:
+        print(f"dtb: {note}", file=sys.stderr, flush=True)
 
 
 def read(
@@ -95,7 +114,7 @@ def read(
     )
 
 
-def _notes(train: Recording | list[Recording], held_out: Recording | list[Recording] | int | None) -> Iterable[str]:
+def _notes(train: Recording | list[Recording], held_out: Recording | list[Recording] | int | None) -> Sequence[str]:
     from dtbacklash.diagnose.say.sentences import notes_of
     from dtbacklash.diagnose.settings import SETTINGS
 

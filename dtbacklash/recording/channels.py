@@ -66,7 +66,11 @@ def fill(
     used = sum(b - a for a, b in stretches)
     if used < (1.0 - TRIM_MAX) * rows:
         share = f"{100 * used / rows:.0f} % of the rows only"
-        raise Refused(f"the channels have values at the same time, in stretches without holes, in {share}")
+        early = " ".join(_stops(kept, t_s))
+        raise Refused(
+            f"the channels have values at the same time, in stretches without holes, in {share}"
+            + (f". {early} The rows before can be taken with recording.rows=[FIRST,LAST]" if early else "")
+        )
     _note_losses(kept, t_s, pieces, stretches, notes)
     return stretches, {name: _bridged(name, values, t_s, stretches, notes) for name, values in kept.items()}, notes
 
@@ -93,11 +97,12 @@ def _note_losses(
     channels: dict[str, Floats], t_s: Floats, pieces: list[tuple[int, int]], stretches: list[tuple[int, int]],
     notes: list[str],
 ) -> None:  # fmt: skip
-    """Say what is cut off at the ends, and where channels drop out in between."""
+    """Say what is cut off at the ends, which channels stop early, and where they drop out in between."""
     first, last = stretches[0][0], stretches[-1][1]
     ends = sum(b - a for a, b in pieces) - sum(max(0, min(b, last) - max(a, first)) for a, b in pieces)
     if ends:
         notes.append(f"{ends} rows at the ends, where a channel has no value, were cut off.")
+    notes += _stops(channels, t_s)
     for name, values in channels.items():
         out = [(first + a, first + b) for a, b in runs(~np.isfinite(values[first:last])) if b - a > RUN_MAX]
         if out:
@@ -105,6 +110,16 @@ def _note_losses(
             where = f"up to {b - a} samples in a row, first" if len(out) > 1 else f"{b - a} samples in a row"
             times = "once" if len(out) == 1 else f"{len(out)} times"
             notes.append(f"Channel {name} drops out {times}, for {where} at t = {t_s[out[0][0]]:.6g} s.")
+
+
+def _stops(channels: dict[str, Floats], t_s: Floats) -> list[str]:
+    """A sentence on each channel that has no more values from a time on, before the times end."""
+    ends = {name: int(np.flatnonzero(np.isfinite(values))[-1]) for name, values in channels.items()}
+    return [
+        f"Channel {name} stops at t = {t_s[end]:.6g} s, and the recording at {t_s[-1]:.6g} s."
+        for name, end in ends.items()
+        if end < len(t_s) - 1
+    ]
 
 
 def _bridged(name: str, values: Floats, t_s: Floats, stretches: list[tuple[int, int]], notes: list[str]) -> Floats:

@@ -26,6 +26,7 @@ from dtbacklash.recording.pick import (
 )
 from dtbacklash.recording.refusal import CHANGE_MIN, VALUE_MAX, Refused
 from dtbacklash.recording.series import events, on_grid, own_paces, paces_said, straight
+from dtbacklash.recording.uneven import resample
 
 SAID = 3  # as many stretches are told one by one
 STEP_ASSUMED_MAX_S = 0.1  # nobody records a machine this slowly who does not say so: the unit of the time is wrong
@@ -59,9 +60,13 @@ def clean(
             if column is not None:
                 _check_sizes(name, column)
         apart = own_paces(picked) or events(picked)
-        grid = _grid(picked, sample_time_s)
         commands = {COMMAND, *(rig.config.commands if rig else ())}
         required, held = frozenset({*commands, *(rig.sensors if rig else ())}), {*commands, REFERENCE}
+        try:
+            grid = _grid(picked, sample_time_s)
+        except timebase.Uneven:
+            resample(picked, held, command == BAND_LIMITED)
+            grid = _grid(picked, sample_time_s)
         pieces = [(a, b) for a, b, _ in grid.pieces]
         rows = {n: v[grid.rows] for n, v in picked.channels.items()}
         used, filled, lost = checks.fill(rows, grid.stamps_s, required, pieces)

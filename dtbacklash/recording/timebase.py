@@ -20,6 +20,10 @@ BAD_STAMPS_MAX = 0.01  # of all rows that may have no time or that of the row be
 STRETCH_MIN = 0.5  # stretches without a gap that are long enough must hold this share of the samples
 
 
+class Uneven(Refused):
+    """Times that are no uniform grid, whatever single rows are amiss."""
+
+
 @dataclass
 class Grid:
     """Rows of the file to use and the uniform times to bring them to.
@@ -52,7 +56,7 @@ def uniform_grid(stamps_s: Floats) -> Grid:
 
     Raises
     ------
-    Refused : time runs backwards, stands still or is too uneven; too little between gaps; too few samples.
+    Refused : time runs backwards or stands still; too little between gaps; too few samples. Uneven : no uniform grid.
     """
     notes: list[str] = []
     rows = np.flatnonzero(np.isfinite(stamps_s))
@@ -144,14 +148,14 @@ def _repaired(rows: np.ndarray, t: Floats, notes: list[str]) -> Grid:
     usual = float(np.median(steps))
     long = steps > 1.5 * usual
     if long.mean() > ODD_SHARE_MAX:
-        raise Refused(f"sampling is uneven: steps from {steps.min():.3g} to {steps.max():.3g} s")
+        raise Uneven(f"sampling is uneven: steps from {steps.min():.3g} to {steps.max():.3g} s")
     bounds = _between_gaps(t, (MISSING_MAX + 1.5) * usual, notes)
     inside = np.ones(len(steps), dtype=bool)
     inside[[a - 1 for a, _ in bounds if a > 0]] = False
     inside[[b - 1 for _, b in bounds if b < len(t)]] = False
     short = steps < (1.0 - JITTER_MAX) * usual
     if short.mean() > ODD_SHARE_MAX:
-        raise Refused(f"sampling is uneven: steps from {steps[~long].min():.3g} to {steps[~long].max():.3g} s")
+        raise Uneven(f"sampling is uneven: steps from {steps[~long].min():.3g} to {steps[~long].max():.3g} s")
     # a sample that came late, with the next ones in time again, is not missing: short steps make up for the long one
     missing = max(0, int(np.round(steps[(long | short) & inside] / usual - 1.0).sum()))
     if missing:
