@@ -74,12 +74,12 @@ def task(config: DictConfig) -> int | Exception | None:
 def _alone(name: str, config: DictConfig, folder: Path, overrides: Sequence[str]) -> int:
     """Do what was asked for, show it, return the exit code."""
     from dtbacklash.campaign.application import find
-    from dtbacklash.commands import console
+    from dtbacklash.face.progress import progress
 
     application = find(name)
     settings = application.load(config)  # first: a mistake in an override is told here
     try:
-        with application.progress() if application.progress else console.progress(application.doing) as tell:
+        with application.progress() if application.progress else progress(application.doing) as tell:
             result, _ = application.do(settings, folder, command_line(name, overrides), tell)
     except UserError as error:
         if error.result is not None:  # minutes of work, which the terminal can keep

@@ -71,7 +71,8 @@ def _files_lines(mapping: Mapping) -> Iterator[str]:
 
 
 def _fetch(name: str, only: str | None) -> None:
-    from dtbacklash.commands.console import progress, shown_path
+    from dtbacklash.commands.console import shown_path
+    from dtbacklash.face.progress import progress
     from dtbacklash.recording.fetch import fetch
     from dtbacklash.recording.mapping import load_mapping, mapping_names
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import sys
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from dtbacklash.errors import UserError
+from dtbacklash.face.durations import timed
 from dtbacklash.face.progress import ShowProgress, cores_of, shown
 from dtbacklash.face.rigs import RigLike, load_rig
 from dtbacklash.recording import Recording
@@ -49,6 +52,11 @@ class Found:
     def summary(self) -> str:
         """Two or three sentences that a person would say."""
         return self.diagnosis.summary
+
+    @property
+    def stopped(self) -> str:
+        """What was being done when it was interrupted; empty of a diagnosis that came to its end."""
+        return self.diagnosis.stopped
 
     @cached_property
     def findings(self) -> pd.DataFrame:
@@ -258,11 +266,15 @@ def diagnose(
     compare : ``change``: what changed from the first of two recordings to the second (``found.to_json()["changes"]``),
         whatever else the rig lacks.
     jobs : threads that share the work; None: one for each core.
-    progress : True shows a bar; a function is called with the share done, 0 to 1, and what is being done.
+    progress : True shows a bar; a function is called with the share of the stages done, 0 to 1, and what is being done.
     trust_units : of what is read here: do not ask whether the channels' sizes are what the rig can do.
+
+    In a notebook or at a prompt an interruption (Ctrl-C) gives what is known so far, marked as stopped
+    (:attr:`Found.stopped`), once the rig is recalibrated; a second one ends it.
 
     Raises
     ------
+    KeyboardInterrupt : it was interrupted in a script, or before anything was known.
     UserError : a channel looks to be in a wrong unit; no channel of the rig was recorded, or a recording has none; an
         integrating part not measured, too little is left to fit to or to judge on; the validation repeats the
         recording, or, of one recording, lacks one of its channels or has another sample time.
@@ -291,11 +303,12 @@ def diagnose(
     cores = cores_of(jobs)
     if enough is not None and not isinstance(enough, Mapping):
         raise UserError("enough", enough, "must be a mapping, channel: what is good enough, like 0.05 mm or 2 %")
-    with shown(progress, "diagnosing") as tell:
-        said = None if tell is None else lambda text, share: tell(share, text)
+    with shown(progress, "diagnosing") as tell, ExitStack() as until_done:
+        told = until_done.enter_context(timed(tell, nominal, fitted, search, cores)) if tell else None
+        said = None if told is None else lambda text, share: told(share, text)
         found = diagnosed(
-            fitted, nominal, judged, held_out, said, cores, enough=enough, depth=search, own=own, given=given,
-            hold_out=hold_out, compare=compare,
+            fitted, nominal, judged, held_out, said, cores, enough=enough, depth=search, keep=hasattr(sys, "ps1"),
+            own=own, given=given, hold_out=hold_out, compare=compare,
         )  # fmt: skip
     return Found(found)
 
