@@ -242,7 +242,7 @@ def test_verbose_says_what_it_is_doing_once_each_and_leaves_logging_alone(dtb):
         (["recording=bench.csv", "validation=gone.csv"], "validation=gone.csv: no such file"),
         (
             ["recording=bench.csv", "colour=red"],
-            "colour=red: no such setting; choose one of compare, enough, given, hold_out, jobs, keep, out",
+            "colour=red: no such setting; choose one of compare, enough, given, hold_out, jobs, out",
         ),
         (["recording=bench.csv", "-x"], "option=-x: choose one of"),
         (["bench.csv"], "argument=bench.csv: write key=value"),
@@ -255,7 +255,7 @@ def test_a_mistake_is_one_line_and_leaves_nothing(dtb, tmp_path, words, line):
 
 
 def test_what_goes_wrong_inside_leaves_no_folder(dtb, tmp_path, monkeypatch):
-    def fail(*_):
+    def fail(*_, **__):
         raise UserError("recording", "bench.csv", "cannot be explained")
 
     monkeypatch.setattr(command, "run_diagnosis", fail)
