@@ -15,6 +15,7 @@ import pandas as pd
 
 from dtbacklash.errors import UserError
 from dtbacklash.face.durations import timed
+from dtbacklash.face.in_python import speaks_python
 from dtbacklash.face.progress import ShowProgress, cores_of, shown
 from dtbacklash.face.rigs import RigLike, load_rig
 from dtbacklash.recording import Recording
@@ -138,6 +139,20 @@ class Found:
         table.attrs["blind"] = [one.sentence for one in found.blind]
         return table
 
+    def fit_report(self) -> str:
+        """The fitted parameters as text: value, standard error, nominal value; correlations from 0.1 on.
+
+        A parameter that is held (``fixed: true``), or tied to another one, has no row.
+        """
+        from dtbacklash.report.diagnosis.text import fit_report
+        from dtbacklash.report.kit import tables
+
+        found, text = self.diagnosis.calibration, io.StringIO()
+        if found is None or not found.parameters:
+            return "No parameter was fitted."
+        tables.show(*fit_report(found), file=text)
+        return text.getvalue().rstrip("\n")
+
     @cached_property
     def candidates(self) -> pd.DataFrame:
         """What was tried, best first: ``location, effect, score, held_out, verdict``."""
@@ -173,7 +188,8 @@ class Found:
         Parameters
         ----------
         what : ``rig``, the rig with the evidence at each element; a channel (``q3``), measured and simulated before and
-            after; a finding's location (``motor_bearing``), its law over its state.
+            after; ``residual q3``, what the model leaves there, with its autocorrelation and spectrum; a finding's
+            location (``motor_bearing``), the recovered force and the law over its state.
 
         Raises
         ------
@@ -181,6 +197,7 @@ class Found:
         """
         from dtbacklash.report.diagnosis.figures import curve_figure, law_figure
         from dtbacklash.report.diagnosis.page import rig_figure
+        from dtbacklash.report.diagnosis.residual import residual_figure
         from dtbacklash.report.diagnosis.words import better_model
 
         if what == "rig":
@@ -192,7 +209,10 @@ class Found:
             return curve_figure(curves[what], better_model(self.diagnosis))
         if what in laws:
             return law_figure(laws[what])
-        raise UserError("plot", what, "choose one of " + ", ".join(["rig", *curves, *laws]))
+        left = {f"residual {name}": curve for name, curve in curves.items()}
+        if what in left:
+            return residual_figure(left[what])
+        raise UserError("plot", what, "choose one of " + ", ".join(["rig", *curves, *left, *laws]))
 
     def save(self, folder: str | Path) -> Path:
         """Write what ``dtb diagnose`` writes, complete or not at all; an earlier diagnosis there is replaced.
@@ -223,11 +243,18 @@ class Found:
         tables.show(*lines(self.diagnosis), file=text)
         return text.getvalue().rstrip("\n")
 
+    def _repr_html_(self) -> str:
+        """The causes and the figure of the report's first screen, for a notebook."""
+        from dtbacklash.report.diagnosis.page import first_look
+
+        return first_look(self.diagnosis)
+
     def __repr__(self) -> str:
         named = [f"{finding.effect} at {finding.location}" for finding in self.diagnosis.findings]
         return f"<Found: {', '.join([self.verdict, *named])}>"
 
 
+@speaks_python
 def diagnose(
     recording: Source | Sequence[Source],
     rig: RigLike | None = None,
