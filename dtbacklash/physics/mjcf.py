@@ -50,7 +50,7 @@ def _mujoco(path: str) -> Any:
     try:
         import mujoco
     except ImportError:
-        raise UserError("rig.model", path, "needs MuJoCo: pip install dtbacklash[mujoco]") from None
+        raise UserError("rig.model", path, "needs MuJoCo: pip install 'dtbacklash[mujoco]'") from None
     return mujoco
 
 
