@@ -45,7 +45,8 @@ def do(config: DiagnoseConfig, folder: Path, command: str, tell: Tell | None) ->
     from dtbacklash.physics.rig import build_rig
 
     jobs = config.jobs or (os.cpu_count() if tell else None) or 1
-    say, stages = tell or _silent, Stages(cast("Depth", config.search))
+    depth = "quick" if config.compare and config.search == "full" else config.search
+    say, stages = tell or _silent, Stages(cast("Depth", depth))
     diagnosis = None
     try:
         with run_folder(folder, RUN_FOLDER, MARK, files.DIAGNOSIS_ENTRIES) as scratch:

@@ -172,7 +172,7 @@ def modes(rig: Rig) -> list[str]:
         if size <= 1e-6 * fastest:
             free += 1
         elif pole.imag > 1e-6 * size:
-            told.append(f"{size / 6.283185307179586:.3g} Hz, damping {100 * max(-pole.real / size, 0.0):.2g} %")
+            told.append(f"{size / 6.283185307179586:.3g} Hz, damping {100 * max(0.0, -pole.real / size):.2g} %")
         elif abs(pole.imag) <= 1e-6 * size:
             told.append(f"time constant {1 / size:.3g} s")
     loose = ["free to drift: hold it by a loop, or record it briefly"] if free else []

@@ -55,6 +55,7 @@ from dtbacklash.physics.rig import Rig
 
 #: what is said while and after a search is stopped
 ENDING = "stopped: what is known is judged and written (Ctrl-C once more ends it)"
+UNKNOWN = ": nothing was known yet"
 STOPPED = "what was found until then, with nothing tried in its place. More may be missing, and no name is sure."
 TO_THE_END = "Let the diagnosis run to its end, before anything is measured because of it."
 RATE = "Compared at the rate of the motion: each reading is the mean of {every} samples ({hz:.4g} Hz)."
@@ -156,15 +157,23 @@ class _Course:
                 self.changes = judged_changes(search)
             return self._found(search, self.depth)
         except KeyboardInterrupt:
-            if not self.keep or self.search is None:
+            if not self.keep:
                 raise
-            step, self.changes = self.step, None  # what changed has not been judged
-            self._ending = ENDING
-            self.tell("judging what is known", 0.9)
-            found = self._found(self.search, QUICK if self.depth == FULL else self.depth)
-            said = found.summary.removeprefix(SEARCHED[QUICK]).strip()
-            summarised = f"Stopped early ({step}): {STOPPED} {said}"
-            return replace(found, summary=summarised, stopped=step, next_experiment=TO_THE_END)
+            if self.search is None:
+                raise KeyboardInterrupt(UNKNOWN) from None
+            return self._until_now(self.search)
+
+    def _until_now(self, search: Search) -> Diagnosis:
+        """What a search has found until it was stopped; a second interruption ends this as well."""
+        step, self.changes, self._ending = self.step, None, ENDING  # what changed has not been judged
+        self.tell("judging what is known", 0.9)
+        try:
+            found = self._found(search, QUICK if self.depth == FULL else self.depth)
+        except (ValueError, IndexError, KeyError, np.linalg.LinAlgError) as error:  # stopped between two of its changes
+            raise KeyboardInterrupt(UNKNOWN) from error
+        said = found.summary.removeprefix(SEARCHED[QUICK]).strip()
+        summarised = f"Stopped early ({step}): {STOPPED} {said}"
+        return replace(found, summary=summarised, stopped=step, next_experiment=TO_THE_END)
 
     def _searched(self) -> Search:
         """The search with the command held between its samples; with another course where that is likelier."""
