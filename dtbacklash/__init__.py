@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from dtbacklash.errors import Diverged, UserError
     from dtbacklash.face.diagnose import Found, diagnose
     from dtbacklash.face.experiments import design, isolability
-    from dtbacklash.face.recordings import read_recording
+    from dtbacklash.face.recordings import plot_recording, read_recording
     from dtbacklash.face.rigs import load_rig, save_rig
     from dtbacklash.face.run import Run, run
     from dtbacklash.physics.rig import Rig
@@ -43,6 +43,7 @@ __all__ = [
     "diagnose",
     "isolability",
     "load_rig",
+    "plot_recording",
     "read_recording",
     "run",
     "save_rig",
@@ -59,6 +60,7 @@ _FOUND_IN = {
     "design": "face.experiments",
     "isolability": "face.experiments",
     "load_rig": "face.rigs",
+    "plot_recording": "face.recordings",
     "read_recording": "face.recordings",
     "run": "face.run",
     "save_rig": "face.rigs",

@@ -26,13 +26,17 @@ COMMANDS = {
     "rig": "a rig of your own: write one to begin with, and check one",
     "twin": "the digital twin over a network: serve it, and its status",
 }
+#: the commands of a diagnosis stand first
+FIRST = ("diagnose", "rig", "recordings", "effects")
 
 
 def usage() -> str:
     """Return the text of ``dtb --help``."""
-    lines = ["dtb: a drive with growing backlash, its controllers and its digital twin", ""]
+    lines = ["dtb: why a machine's recording differs from its simulation, and what physics is missing;"]
+    lines += ["drives with growing backlash, their controllers and their digital twins", ""]
+    width = max(map(len, COMMANDS))
     lines += ["usage: dtb <command> [key=value ...]", "", "commands:"]
-    lines += [f"  {name:<10} {summary}" for name, summary in COMMANDS.items()]
+    lines += [f"  {name:<{width}}  {COMMANDS[name]}" for name in dict.fromkeys((*FIRST, *COMMANDS))]
     lines += ["", "dtb <command> --help lists its settings; dtb --version prints the version;"]
     lines += ["dtb --install-completion lets the shell complete commands, settings and choices (bash, zsh)."]
     return "\n".join(lines)
@@ -73,7 +77,9 @@ def _dispatch(words: list[str]) -> int:
 
         return completion.main(words)
     if name not in COMMANDS:
-        raise UserError("command", name, "choose one of " + ", ".join(COMMANDS))
+        from dtbacklash.config.near import meant
+
+        raise UserError("command", name, meant(name, COMMANDS) + "choose one of " + ", ".join(COMMANDS))
     if any(word in HELP for word in rest):
         from dtbacklash.commands.help import of_command
 

@@ -185,6 +185,26 @@ def compiling() -> Iterator[Callable[[], float]]:
         yield lambda: float(listener.duration) if listener.done else 0.0
 
 
+class _Running(event.Listener):
+    """Counts what is being compiled, in all threads."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def on_start(self, event: Any) -> None:
+        self.count += 1
+
+    def on_end(self, event: Any) -> None:
+        self.count -= 1
+
+
+@contextmanager
+def at_compiling() -> Iterator[Callable[[], bool]]:
+    """Give a function that says whether something is being compiled at this moment."""
+    with event.install_listener("numba:compile", _Running()) as listener:
+        yield lambda: listener.count > 0
+
+
 #: No fast-math: results repeat to the last bit.
 #: ``_nrt=False`` takes the counting of references out of the loop: it may not allocate, and a call costs 1 ns
 #: instead of 0.5 us (the plant is a tuple of twenty arrays, each counted at each call).

@@ -48,6 +48,8 @@ PARTS: dict[str, Unit] = {
         "ohm": {"ohm": 1.0, "Ohm": 1.0, "mohm": 1e-3, "kohm": 1e3, "Ω": 1.0},
         "H": {"H": 1.0, "mH": 1e-3, "uH": 1e-6, "µH": 1e-6, "μH": 1e-6},
         "Hz": {"Hz": 1.0, "kHz": 1e3},
+        "W": {"W": 1.0, "mW": 1e-3, "kW": 1e3},
+        "1": {"1": 1.0, "%": 1e-2},
     }.items()
     for name, factor in written.items()
 }

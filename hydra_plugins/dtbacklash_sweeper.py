@@ -12,6 +12,6 @@ class ResumableSweeper(BasicSweeper):
 
     def sweep(self, arguments: list[str]) -> Any:
         from dtbacklash.campaign import sweep
-        from dtbacklash.commands.console import announce_compilation
+        from dtbacklash.face.progress import announce_compilation
 
         return sweep.run(self, arguments, announce_compilation)

@@ -211,13 +211,15 @@ def case(seed: int, models: tuple[str, ...]) -> Row:
         fixed = MODELS[name].fixed
         text = [line for line in new_rig(str(model)).splitlines() if not any(f in line for f in fixed)]
         rig.write_text("\n".join([*text, f"fixed: [{', '.join(fixed)}]", ""]))
-        commands = {c: U[:, k] for k, c in enumerate(dtb.load_rig(rig).config.commands)}
+        loaded = dtb.load_rig(rig)
+        commands = {c: U[:, k] for k, c in enumerate(loaded.config.commands)}
+        shows = {s.of: s.name for s in loaded.sensors.values() if s.quantity == "position"}
         frame = pd.DataFrame({"t": machine.step_s * np.arange(len(U)), **commands,
-                              **{f"q_{b}": Y[:, k] for k, b in enumerate(joints)}})  # fmt: skip
+                              **{shows[b]: Y[:, k] for k, b in enumerate(joints) if b in shows}})  # fmt: skip
         begun, there = time.process_time(), time.monotonic()
         found = dtb.diagnose(frame, rig, jobs=2)
         seconds, wall = time.process_time() - begun, time.monotonic() - there
-    place_hidden = f"sensor_q_{joints[-1]}" if hidden == "delay" else joints[j]
+    place_hidden = f"sensor_{shows[joints[-1]]}" if hidden == "delay" else joints[j]
     names = ALIKE.get(hidden, {hidden})
     moved = sorted(found.diagnosis.recalibrated)
     damped = hidden == "viscous_friction" and f"joints.{joints[j]}.damping" in moved

@@ -9,7 +9,7 @@ import pytest
 from dtbacklash import cli
 from dtbacklash.errors import UserError
 
-PROGRESS = re.compile(r"dtb: .*, \d+ %(, about .+ left|, longer than the steps before it)?\n")
+PROGRESS = re.compile(r"dtb: .*, \d+ %, .+ gone(, about .+ left)?\n")
 
 
 def without_progress(err: str) -> str:

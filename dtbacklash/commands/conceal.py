@@ -16,7 +16,7 @@ from dtbacklash.errors import UserError
 from dtbacklash.files import forget_empty, json_text, note_missing, run_folder
 
 if TYPE_CHECKING:
-    from dtbacklash.commands.console import Tell
+    from dtbacklash.face.progress import Tell
 
 MARK = "concealed.json"
 FIGURES = ("recordings",)

@@ -14,9 +14,9 @@ from dtbacklash.config.load import settings_hash
 from dtbacklash.files import run_folder
 
 if TYPE_CHECKING:
-    from dtbacklash.commands.console import Tell
     from dtbacklash.diagnose.experiments.design import Design
     from dtbacklash.diagnose.experiments.rivalry import Rivalry
+    from dtbacklash.face.progress import Tell
 
 MARK = "design.json"
 ENTRIES = frozenset({MARK, "command.csv", "figures", "report.html"})

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -23,9 +23,9 @@ from dtbacklash.files import run_folder
 if TYPE_CHECKING:
     import pandas as pd
 
-    from dtbacklash.commands.console import Tell
     from dtbacklash.diagnose import Diagnosis
-    from dtbacklash.diagnose.pipeline import Depth
+    from dtbacklash.diagnose.so_far import Depth
+    from dtbacklash.face.progress import Tell
     from dtbacklash.physics.rig import Rig
     from dtbacklash.recording import Recording
 
@@ -42,22 +42,26 @@ def do(config: DiagnoseConfig, folder: Path, command: str, tell: Tell | None) ->
 
     A job of a sweep, which nobody watches, works on one thread unless ``jobs`` says otherwise.
     """
+    from dtbacklash.diagnose.so_far import DRAWING, READING, Stages
+    from dtbacklash.face.durations import timed
     from dtbacklash.physics.rig import build_rig
-    from dtbacklash.report.diagnosis import page
 
     jobs = config.jobs or (os.cpu_count() if tell else None) or 1
-    say = tell or _silent
+    depth = "quick" if config.compare and config.search == "full" else config.search
+    say, stages = tell or _silent, Stages(cast("Depth", depth))
     diagnosis = None
     try:
         with run_folder(folder, RUN_FOLDER, MARK, files.DIAGNOSIS_ENTRIES) as scratch:
             rig = build_rig(config.rig)
-            say(0.0, "reading the recording")
+            say(0.0, stages.reached(READING, 0.0)[0])
             train, held_out = read(config, rig)
             say_notes((*_notes(train, held_out), *_untold(train, rig)), tell is not None)
-            keep = config.keep is not None and tell is not None  # a job of a sweep that was stopped is not done
-            diagnosis = run_diagnosis(train, held_out, rig, jobs, say, config, keep)
-            say(1.0, "drawing the report")
-            page.write(diagnosis, scratch)
+            with timed(say, rig, train, config.search, jobs) as said:
+                # a job of a sweep that was stopped is not done
+                diagnosis = run_diagnosis(train, held_out, rig, jobs, said, config, keep=tell is not None)
+                text, share = stages.reached(DRAWING, 1.0)
+                said(share, text)
+                _write(diagnosis, scratch)
     except UserError as error:  # the disk is full, say: what was found is not lost with it
         error.result = diagnosis
         raise
@@ -71,7 +75,19 @@ def do(config: DiagnoseConfig, folder: Path, command: str, tell: Tell | None) ->
     }
 
 
-def _silent(share: float, text: str = "") -> None:
+def _write(diagnosis: Diagnosis, folder: Path) -> None:
+    """Write the files of a diagnosis; where Ctrl-C comes meanwhile, anew: what was found is not lost by a second."""
+    from dtbacklash.report.diagnosis import page
+
+    try:
+        page.write(diagnosis, folder)
+    except KeyboardInterrupt:
+        if diagnosis.stopped:
+            raise
+        page.write(diagnosis, folder)
+
+
+def _silent(share: float, text: str = "", left: Callable[[], float | None] | None = None) -> None:
     """Tell nobody."""
 
 
@@ -207,7 +223,7 @@ def fingerprint(config: DiagnoseConfig) -> str:
     files += [config.rig.model] if config.rig.model else []
     for source in sources_of(config.recording.source) if config.recording.source else []:
         files.append(str(locate.resolve(source, config.recording.path)[0]))
-    return settings_hash(replace(config, jobs=None, keep=None), files)
+    return settings_hash(replace(config, jobs=None), files)
 
 
 def finish(folder: Path, table: pd.DataFrame, axes: list[str]) -> None:

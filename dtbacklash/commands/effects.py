@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from dtbacklash.config.near import meant
 from dtbacklash.errors import UserError
 
 if TYPE_CHECKING:
@@ -62,19 +63,22 @@ def _all(rig: Rig | None) -> list[str]:
     from dtbacklash.physics.catalogue import effects_of
 
     lines = []
+    there = {
+        kind: [e for e in effects_of(kind).values() if rig is None or _takers(rig, e, places)]
+        for kind, places in _places(rig).items()
+    }
+    width = max(len(effect.name) for effects in there.values() for effect in effects)
     for kind, places in _places(rig).items():
-        effects = [e for e in effects_of(kind).values() if rig is None or _takers(rig, e, places)]
         lines += ["", kind + (f" ({', '.join(places)})" if places else "")]
-        width = max(len(effect.name) for effect in effects)
-        for effect in effects:
+        for effect in there[kind]:
             mark = "*" if effect.declared is not None else " "
             given = ", ".join(_with_unit(p) for p in effect.listed)
             lines.append(f" {mark} {effect.name:<{width}}  {effect.law}  ({given})")
-    lines += ["", "* a law of one's own; dtb effects NAME shows one effect in detail", *_packaged()]
+    lines += ["", "* a law of one's own; dtb effects NAME shows one effect in detail", *_packaged(width)]
     return lines[1:]
 
 
-def _packaged() -> list[str]:
+def _packaged(width: int) -> list[str]:
     """The laws of the package that a rig has to ask for."""
     from dtbacklash.physics.own_laws import ACTS_ON, LAW, MEMORY, SHIPPED, folder_declarations
 
@@ -82,7 +86,7 @@ def _packaged() -> list[str]:
     for name, said in folder_declarations(SHIPPED):
         kinds = said[ACTS_ON] if isinstance(said[ACTS_ON], list) else [said[ACTS_ON]]
         law = said[LAW] + (f", z' = {said[MEMORY]}" if MEMORY in said else "")
-        lines.append(f"   {name:<19}  {law}  ({', '.join(kinds)})")
+        lines.append(f"   {name:<{width}}  {law}  ({', '.join(kinds)})")
     return lines
 
 
@@ -96,7 +100,10 @@ def _one(name: str, rig: Rig | None) -> list[str]:
         if any(name == shipped for shipped, _ in folder_declarations(SHIPPED)):
             raise UserError("effects", name, f"a law that a rig has to ask for: rig.laws.{name}=packaged")
         known = sorted({other for kind, other in CATALOGUE if kind in places})
-        raise UserError("effects", name, "choose one of " + ", ".join(known))
+        found = meant(name, known)
+        raise UserError(
+            "effects", name, f"{found}dtb effects lists all" if found else f"choose one of {', '.join(known)}"
+        )
     lines = []
     for effect in found:
         there = places[effect.kind] if rig is None else _takers(rig, effect, places[effect.kind])

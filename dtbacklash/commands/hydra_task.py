@@ -76,12 +76,12 @@ def task(config: DictConfig) -> int | Exception | None:
 def _alone(name: str, config: DictConfig, folder: Path, overrides: Sequence[str]) -> int:
     """Do what was asked for, show it, return the exit code."""
     from dtbacklash.campaign.application import find
-    from dtbacklash.commands import console
+    from dtbacklash.face.progress import progress
 
     application = find(name)
     settings = application.load(config)  # first: a mistake in an override is told here
     try:
-        bar = application.progress or (lambda: console.progress(application.doing, application.compiles))
+        bar = application.progress or (lambda: progress(application.doing, application.compiles))
         with bar() as tell:
             result, _ = application.do(settings, folder, command_line(name, overrides), tell)
     except UserError as error:

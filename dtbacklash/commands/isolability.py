@@ -13,8 +13,8 @@ from dtbacklash.config.load import settings_hash
 from dtbacklash.files import run_folder
 
 if TYPE_CHECKING:
-    from dtbacklash.commands.console import Tell
     from dtbacklash.diagnose.experiments.isolability import Isolability
+    from dtbacklash.face.progress import Tell
 
 MARK = "isolability.json"
 ENTRIES = frozenset({MARK, "effects.csv", "matrix.csv", "figures", "report.html"})

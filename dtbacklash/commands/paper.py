@@ -12,7 +12,7 @@ from dtbacklash.config.grammar import RUN_FOLDER
 from dtbacklash.files import read_json, run_folder
 
 if TYPE_CHECKING:
-    from dtbacklash.commands.console import Tell
+    from dtbacklash.face.progress import Tell
 
 MARK = "claims.csv"
 ENTRIES = frozenset({MARK, "figures", "report.html", "summary.json"})

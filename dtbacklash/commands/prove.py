@@ -29,7 +29,7 @@ FIGURES = (
 
 def do(config: ProveConfig, folder: Path, command: str, tell: Tell | None) -> tuple[Any, dict[str, Any]]:
     """Check what can be checked, then do what is missing of the proof; gives plan and score, and the score's shares."""
-    from dtbacklash.commands.console import announce_compilation
+    from dtbacklash.face.progress import announce_compilation
     from dtbacklash.prove import run
 
     by = _workers(config)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dtbacklash.errors import UserError
@@ -16,12 +17,45 @@ def main(words: Sequence[str]) -> int:
     if not words:
         _list()
         return 0
+    if words[0] == "check":
+        for line in check(words[1:]):
+            print(line)
+        return 0
     if words[0] != "fetch":
-        raise UserError("argument", words[0], "dtb recordings takes nothing, or fetch NAME")
+        raise UserError("argument", words[0], "dtb recordings takes nothing, fetch NAME, or check FILE")
     if not 2 <= len(words) <= 3:
         raise UserError("argument", " ".join(words), "write dtb recordings fetch NAME [FILE]")
     _fetch(words[1], words[2] if len(words) == 3 else None)
     return 0
+
+
+def check(words: Sequence[str]) -> list[str]:
+    """What a recording holds, read as a diagnosis reads it: ``FILE|MAPPING [rig=RIG] [out=FOLDER]``; it is drawn, too.
+
+    The figure is ``NAME_recording.png`` in the folder, or here.
+    """
+    from dtbacklash.commands.console import shown_path
+    from dtbacklash.face.recordings import plot_recording
+    from dtbacklash.face.rigs import load_rig
+    from dtbacklash.files import write_bytes
+    from dtbacklash.recording import mapping_of, read_recording
+    from dtbacklash.report.kit.style import png
+
+    settings = dict(word.split("=", 1) for word in words if "=" in word)
+    names = [word for word in words if "=" not in word]
+    unknown = next((key for key in settings if key not in ("rig", "out")), None)
+    if unknown is not None:
+        raise UserError(
+            unknown, settings[unknown], "no such setting; dtb recordings check takes rig=RIG and out=FOLDER"
+        )
+    if len(names) != 1:
+        raise UserError("argument", " ".join(names) or "(missing)", "write dtb recordings check FILE")
+    mapping = mapping_of(names[0])
+    rig = settings.get("rig") or (mapping.rig if mapping else None)
+    recording = read_recording(names[0], rig=load_rig(rig) if rig else None)
+    file = Path(settings.get("out", ".")).expanduser().absolute() / f"{Path(names[0]).stem}_recording.png"
+    write_bytes(file, png(plot_recording(recording)), "out", settings.get("out", "."))
+    return [*str(recording).splitlines(), f"drawn in {shown_path(file)}"]
 
 
 def _list() -> None:
@@ -71,7 +105,8 @@ def _files_lines(mapping: Mapping) -> Iterator[str]:
 
 
 def _fetch(name: str, only: str | None) -> None:
-    from dtbacklash.commands.console import progress, shown_path
+    from dtbacklash.commands.console import shown_path
+    from dtbacklash.face.progress import progress
     from dtbacklash.recording.fetch import fetch
     from dtbacklash.recording.mapping import load_mapping, mapping_names
 

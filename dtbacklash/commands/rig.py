@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import shlex
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -162,15 +164,32 @@ def modes(rig: Rig) -> list[str]:
     from dtbacklash.recording.plausible import plain_rig
 
     compile_plant(rig, STEP_S)  # effects that do not go with the rig are refused
-    poles = sorted(poles_of(compile_plant(plain_rig(rig), STEP_S)), key=abs)
+    plain, held = _with_gravity(rig, plain_rig(rig))
+    poles = sorted(poles_of(compile_plant(plain, STEP_S)), key=abs)
     fastest, told, free = max(map(abs, poles), default=0.0), [], 0
     for pole in poles:
         size = abs(pole)
         if size <= 1e-6 * fastest:
             free += 1
         elif pole.imag > 1e-6 * size:
-            told.append(f"{size / 6.283185307179586:.3g} Hz, damping {100 * -pole.real / size:.2g} %")
+            told.append(f"{size / 6.283185307179586:.3g} Hz, damping {100 * max(0.0, -pole.real / size):.2g} %")
         elif abs(pole.imag) <= 1e-6 * size:
             told.append(f"time constant {1 / size:.3g} s")
     loose = ["free to drift: hold it by a loop, or record it briefly"] if free else []
-    return [*loose, *told] or ["none: what is recorded follows the command at once"]
+    return [*held, *loose, *told] or ["none: what is recorded follows the command at once"]
+
+
+def _with_gravity(rig: Rig, plain: Rig) -> tuple[Rig, list[str]]:
+    """The rig without its effects, but with what gravity is to a mass that hangs: a spring; and that in words."""
+    from dtbacklash.physics.effects.body import GRAVITY, lowest
+    from dtbacklash.physics.kinds import GROUND
+    from dtbacklash.physics.rig import build_rig
+
+    config, said = plain.config, []
+    for place, there in rig.effects.items():
+        if GRAVITY.name in there and rig.kind_at(place) == GRAVITY.kind:
+            torque, phase = (there[GRAVITY.name][p.name] for p in GRAVITY.parameters)
+            spring = {"kind": "shaft", "between": [GROUND, place], "stiffness": f"{torque!r} N m/rad"}
+            config = replace(config, elements={**config.elements, f"{GRAVITY.name}_{place}": spring})
+            said.append(f"gravity holds {place} at {math.degrees(lowest(phase)) + 0.0:.0f}°, about which it swings:")
+    return build_rig(config) if said else plain, said

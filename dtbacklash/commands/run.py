@@ -16,7 +16,7 @@ from dtbacklash.face.run_files import simulate_and_write
 if TYPE_CHECKING:
     import pandas as pd
 
-    from dtbacklash.commands.console import Tell
+    from dtbacklash.face.progress import Tell
 
 FIGURES = ("overshoot_pct_max", "settling_time_s_max", "peak_voltage_v", "n_estimations", "n_accepted")
 

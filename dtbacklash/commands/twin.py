@@ -25,8 +25,8 @@ def main(words: Sequence[str]) -> int:
 
 
 def _serve(config: ServeConfig) -> int:
-    from dtbacklash.commands.console import announce_compilation
     from dtbacklash.config.compose import compose
+    from dtbacklash.face.progress import announce_compilation
     from dtbacklash.remote.belief import described
     from dtbacklash.remote.server import TwinServer
 

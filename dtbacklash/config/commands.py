@@ -93,10 +93,6 @@ class DiagnoseConfig:
         "how much is looked for: everything; quick: what is large; none: the rig is calibrated as it is",
         choices=tuple(SEARCHES),
     )
-    keep: str | None = setting(
-        None, "partial: Ctrl-C writes what is known so far, marked as stopped early; a second one ends it",
-        choices=("partial",),
-    )  # fmt: skip
     jobs: int | None = setting(
         None, "threads that share the work (default: one for each core)", at_least=1, at_most=JOBS_MAX
     )

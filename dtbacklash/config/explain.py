@@ -95,7 +95,7 @@ def _missing_option(error: MissingConfigException) -> UserError:
         if option.endswith((".yaml", ".yml")):
             return UserError(group, option, f"no such file; choose one of {options}")
     if group == "hydra/launcher" and "submitit" in option:
-        options += " (submitit needs the extra: pip install dtbacklash[submitit])"
+        options += " (submitit needs the extra: pip install 'dtbacklash[submitit]')"
     return UserError(group, option, f"choose one of {options}" if options else "no such file")
 
 

@@ -19,10 +19,20 @@ from hydra.core.override_parser.types import Quote, QuotedString
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf
 
-from dtbacklash import files
+from dtbacklash import files, units
 from dtbacklash.config.commands import folder_name
-from dtbacklash.config.grammar import FILES, FOLDER_WORD, GRAMMARS, RUN_FOLDER, SWEEP_FOLDER, VERBOSE, Grammar
+from dtbacklash.config.grammar import (
+    FILES,
+    FOLDER_WORD,
+    GRAMMARS,
+    OPEN_MAPPINGS,
+    RUN_FOLDER,
+    SWEEP_FOLDER,
+    VERBOSE,
+    Grammar,
+)
 from dtbacklash.config.groups import LAUNCHER, NO_RECORDING, RIGS, SUFFIXES, options
+from dtbacklash.config.rig import in_si
 from dtbacklash.config.setting import INPUT
 from dtbacklash.errors import UserError
 
@@ -34,6 +44,8 @@ FLAGS = {*MULTIRUN, "--resolve"}
 VALUED = {"-c", "--cfg", "-p", "--package", "-i", "--info"}
 #: what Hydra reads as it stands: names of options, paths without a sign that means something to it
 _PLAIN = re.compile(r"[A-Za-z0-9_./-]+")
+#: a number with its unit
+_WITH_UNIT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)? +[^\d\s].*")
 #: what Python refuses to read as a number
 _HUGE = re.compile(r"\d{1000}")
 #: a sweep by one of Hydra's functions
@@ -67,15 +79,16 @@ def overrides(grammar: Grammar, words: Sequence[str]) -> list[str]:
     result: list[str] = []
     given: dict[str, str] = {}
     expects_value = False
-    for word in words:
+    for word, following in zip(words, [*words[1:], ""], strict=False):
         if expects_value:
             expects_value = False
             result.append(word)
         elif word.startswith("-"):
             expects_value = word in VALUED
-            result += _option(grammar, word)
+            result += _option(grammar, word, following)
         else:
-            key, value = _in_volts(grammar, words, *_split(grammar, word, sweeps))
+            key, value = _split(grammar, word, sweeps)
+            key, value = _in_volts(grammar, words, key, _as_number(grammar, key, value))
             if key in given:
                 raise UserError(word.partition("=")[0], value, f"is given twice; the first is {given[key]}")
             given[key] = value
@@ -88,12 +101,15 @@ def is_sweep(words: Sequence[str]) -> bool:
     return any(word in MULTIRUN for word in words)
 
 
-def _option(grammar: Grammar, word: str) -> list[str]:
-    name, equals, _ = word.partition("=")
+def _option(grammar: Grammar, word: str, following: str) -> list[str]:
+    name, equals, given = word.partition("=")
     if word in VERBOSE:
         return [f"hydra.verbose=[{LOGGER}]"]
     if word in grammar.flags:
         return [grammar.flags[word]]
+    setting = name.lstrip("-").replace("-", "_")
+    if name not in FLAGS | VALUED and setting in {*grammar.known_keys(), *grammar.groups, FOLDER_WORD, *grammar.words}:
+        raise UserError("option", word, f"a setting has no dashes: write {setting}={given or following or 'VALUE'}")
     if name not in FLAGS | VALUED or (equals and name not in VALUED):
         known = sorted(FLAGS | VALUED | {*VERBOSE, *grammar.flags, "--help"})
         raise UserError("option", word, "choose one of " + ", ".join(known))
@@ -113,6 +129,26 @@ def _split(grammar: Grammar, word: str, sweeps: bool) -> tuple[str, str]:
     if name == FOLDER_WORD and not grammar.one_file:
         return (SWEEP_FOLDER if sweeps else RUN_FOLDER), value
     return grammar.words.get(name, name), value
+
+
+def _as_number(grammar: Grammar, key: str, value: str) -> str:
+    """The value of a number's setting that is written with its unit, or several of a sweep, in the setting's unit."""
+    declared = grammar.settings.get(key)
+    unit = "V" if key in OPEN_LOOP else declared.unit if declared else units.by_suffix(key)
+    own = units.composed(unit) if unit and (key in OPEN_LOOP or declared is None or declared.is_number) else None
+    if own is None or key.startswith(OPEN_MAPPINGS):
+        return value
+    return ",".join(_in_unit(key, one.strip(), unit, own) for one in value.split(","))
+
+
+def _in_unit(key: str, value: str, unit: str, own: units.Unit) -> str:
+    text = _unquoted(value)
+    if not _WITH_UNIT.fullmatch(text):
+        return value
+    number, si = in_si(key, text)
+    if si != own.si:
+        raise UserError(key, text, f"must be in {unit}")
+    return repr(number / own.factor)
 
 
 def _in_volts(grammar: Grammar, words: Sequence[str], key: str, value: str) -> tuple[str, str]:

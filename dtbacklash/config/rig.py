@@ -56,17 +56,49 @@ def in_si(key: str, value: object, unit: str = "") -> tuple[float, str]:
     return size * found.factor, found.si
 
 
+class Quantity(float):
+    """A number in SI that was written with its unit: whoever knows what it is of asks whether the unit fits.
+
+    unit : its SI unit, empty where none was written. written : as it stands in the file.
+    """
+
+    def __new__(cls, value: float, unit: str = "", written: str = "") -> "Quantity":
+        """The number, with the unit beside it."""
+        made = super().__new__(cls, value)
+        made.unit, made.written = unit, written
+        return made
+
+    unit: str
+    written: str
+
+    def in_unit(self, key: str, unit: str) -> float:
+        """The number in ``unit``; refused, in the name of ``key``, where its own is of another kind."""
+        own = units.composed(unit) or units.Unit(unit, 1.0)
+        if self.unit and self.unit != own.si:
+            raise UserError(key, self.written, f"must be in {unit}" if unit != "1" else "has no unit")
+        return self / own.factor if self.unit else float(self)
+
+
 @dataclass
 class ParameterConfig:
     """One physical parameter of a rig: its nominal value, and how far from it the truth may lie.
 
-    value : in SI, or a text with a unit such as ``0.5 N/mm``; a rig has it in SI.
+    value : in SI, or a text with a unit such as ``0.5 N/mm``; a rig has it in SI. ``= k1``: it is the parameter ``k1``.
+    fixed : it is known exactly, as with a tolerance of 0. min, max : a fit does not leave them; as ``value``.
     """
 
     value: Any
     unit: str = ""
-    tolerance: float = 0.1  # relative, one standard deviation of the prior
+    tolerance: Any = 0.1  # relative, one standard deviation of the prior; also as 5 %
     description: str = ""
+    fixed: bool = False
+    min: Any = None
+    max: Any = None
+
+    def within(self, low: float, high: float) -> tuple[float, float]:
+        """The bounds of a fit, no wider than the parameter's own."""
+        least, most = (end if given is None else given for given, end in ((self.min, low), (self.max, high)))
+        return max(low, least), min(high, most)
 
 
 @dataclass
@@ -109,15 +141,12 @@ class RigConfig:
             if not isinstance(element, dict) or "kind" not in element:
                 raise UserError(f"rig.elements.{name}", element, "a mapping with at least `kind`")
             self._name_numbers(name, element)
-        for name, parameter in self.parameters.items():
-            key = f"rig.parameters.{name}"
-            value, unit = in_si(f"{key}.value", parameter.value, parameter.unit)
-            _check_tolerance(f"{key}.tolerance", parameter.tolerance)
-            self.parameters = {**self.parameters, name: replace(parameter, value=value, unit=unit)}
+        self._tie()
+        self.parameters = {name: _in_si(f"rig.parameters.{name}", p) for name, p in self.parameters.items()}
         for name, sensor in self.sensors.items():
             if not isinstance(sensor, dict) or not {"of", "quantity"} <= set(sensor):
                 raise UserError(f"rig.sensors.{name}", sensor, "a mapping with `of` and `quantity`")
-        self._check_effects()
+        self.effects = {place: _effects_there(place, there) for place, there in self.effects.items()}
 
     @property
     def simulator(self) -> str:
@@ -146,6 +175,23 @@ class RigConfig:
             leaves[name] = {**leaf, "value": value} if isinstance(leaf, dict) else value
         return replace(self, parameters=parameters, effects=effects)
 
+    def _tie(self) -> None:
+        """Give elements the parameter itself that another one is said to be: the two are one."""
+        tied = {
+            name: p.value.strip()[1:].strip() for name, p in self.parameters.items()
+            if isinstance(p.value, str) and p.value.strip().startswith("=")
+        }  # fmt: skip
+        own = {name: p for name, p in self.parameters.items() if name not in tied}
+        for name, other in tied.items():
+            if other not in own:
+                raise UserError(f"rig.parameters.{name}.value", f"= {other}", f"must be one of {', '.join(own)}")
+        if tied:
+            self.parameters = own
+            self.elements = {
+                element: {f: tied.get(v, v) if isinstance(v, str) else v for f, v in fields.items()}
+                for element, fields in self.elements.items()
+            }
+
     def _name_numbers(self, element: str, fields: dict[str, Any]) -> None:
         """Make parameters of the numbers that stand in an element."""
         for field, value in fields.items():
@@ -158,16 +204,34 @@ class RigConfig:
                 self.parameters = {**self.parameters, name: parameter}
                 self.elements = {**self.elements, element: {**self.elements[element], field: name}}
 
-    def _check_effects(self) -> None:
-        for location, effects in self.effects.items():
-            if not isinstance(effects, dict):
-                raise UserError(f"rig.effects.{location}", effects, "a mapping effect -> {parameter: value}")
-            for effect, values in effects.items():
-                key = f"rig.effects.{location}.{effect}"
-                if not isinstance(values, dict):
-                    raise UserError(key, values, "a mapping parameter -> value")
-                for parameter, value in values.items():
-                    _check_value(f"{key}.{parameter}", value)
+
+def _in_si(key: str, parameter: ParameterConfig) -> ParameterConfig:
+    """A parameter with numbers in SI."""
+    value, unit = in_si(f"{key}.value", parameter.value, parameter.unit)
+    share = 0.0 if parameter.fixed else share_of(f"{key}.tolerance", parameter.tolerance)
+    ends: dict[str, float] = {}
+    for end in ("min", "max"):
+        if (given := getattr(parameter, end)) is not None:
+            ends[end], own = in_si(f"{key}.{end}", given)
+            if own not in ("", unit):
+                raise UserError(f"{key}.{end}", given, f"must be in {unit or 'SI, as its value is'}")
+    low, high = ends.get("min", -math.inf), ends.get("max", math.inf)
+    if not low <= value <= high or low == high:
+        raise UserError(f"{key}.value", value, f"must lie between its min and max, {low:g} and {high:g}")
+    return replace(parameter, value=value, unit=unit, tolerance=share, fixed=False, **ends)
+
+
+def _effects_there(location: str, effects: object) -> dict[str, Any]:
+    """The effects at a place, their values in SI."""
+    if not isinstance(effects, dict):
+        raise UserError(f"rig.effects.{location}", effects, "a mapping effect -> {parameter: value}")
+    for effect, values in effects.items():
+        if not isinstance(values, dict):
+            raise UserError(f"rig.effects.{location}.{effect}", values, "a mapping parameter -> value")
+    return {
+        effect: {name: _leaf(f"rig.effects.{location}.{effect}.{name}", value) for name, value in values.items()}
+        for effect, values in effects.items()
+    }
 
 
 def share_of(key: str, value: object) -> float:
@@ -195,13 +259,21 @@ def is_number(value: object, finite: bool = False) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
-def _check_value(key: str, value: object) -> None:
-    """An effect's parameter is a number, or a mapping with its ``value`` and its ``tolerance``."""
-    if isinstance(value, dict) and set(value) == {"value", "tolerance"}:
-        _check_value(f"{key}.value", value["value"])
-        _check_tolerance(f"{key}.tolerance", value["tolerance"])
-    elif not is_number(value):
-        raise UserError(key, value, "a number, or {value: number, tolerance: relative, one standard deviation}")
+def _leaf(key: str, value: object) -> float | dict[str, float]:
+    """An effect's parameter in SI: a number or one with its unit, or a mapping with that and its ``tolerance``."""
+    if isinstance(value, dict) and "value" in value and set(value) <= {"value", "tolerance", "fixed"}:
+        number = _leaf(f"{key}.value", value["value"])
+        if value.get("fixed") is True and not isinstance(number, dict):
+            return {"value": number, "tolerance": 0.0}
+        if "tolerance" not in value or isinstance(number, dict):
+            return number
+        return {"value": number, "tolerance": share_of(f"{key}.tolerance", value["tolerance"])}
+    if isinstance(value, str):
+        return Quantity(*in_si(key, value), value)
+    if not is_number(value):
+        allowed = "a number, SI, or with its unit (20 mN m), or {value: 20 mN m, tolerance: 30 %}"
+        raise UserError(key, value, allowed)
+    return value  # type: ignore[return-value]
 
 
 def _check_tolerance(key: str, value: object) -> None:

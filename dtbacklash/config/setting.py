@@ -131,6 +131,11 @@ class Declared:
         return self.kind
 
     @property
+    def is_number(self) -> bool:
+        """Whether it is a number."""
+        return self.plain_kind in (float, int)
+
+    @property
     def is_mapping(self) -> bool:
         """Whether it is a mapping with free keys."""
         return typing.get_origin(self.kind) is dict

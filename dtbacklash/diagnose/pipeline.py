@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -48,22 +47,21 @@ from dtbacklash.diagnose.say.sentences import (
 from dtbacklash.diagnose.say.suspects import suspects, suspects_said
 from dtbacklash.diagnose.seen import Seen, bench_of
 from dtbacklash.diagnose.shown import Work
-from dtbacklash.diagnose.so_far import Pace, known
+from dtbacklash.diagnose.so_far import Depth, Stages, known
 from dtbacklash.diagnose.spread import on_cores
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects import slots
 from dtbacklash.physics.rig import Rig
 
 #: what is said while and after a search is stopped
-ENDING = "stopped: judging what is known so far (Ctrl-C once more ends it)"
+ENDING = "stopped: what is known is judged and written (Ctrl-C once more ends it)"
+UNKNOWN = ": nothing was known yet"
 STOPPED = "what was found until then, with nothing tried in its place. More may be missing, and no name is sure."
 TO_THE_END = "Let the diagnosis run to its end, before anything is measured because of it."
 RATE = "Compared at the rate of the motion: each reading is the mean of {every} samples ({hz:.4g} Hz)."
 
 #: where no command drives, so much force stays unknown with one name in a machine that something else moves (share)
 UNDRIVEN = 0.5
-#: how much is looked for: all; what is large, without rivals; nothing, the rig is calibrated as it is
-Depth = Literal["full", "quick", "none"]
 FULL: Depth = "full"
 QUICK: Depth = "quick"
 NONE: Depth = "none"
@@ -138,16 +136,17 @@ class _Course:
         self.every = [
             rate_of(rig, {c: v for c, v in r.y.items() if c in rig.sensors}, r.sample_time_s) for r in records
         ]
-        self.stage, self._pace = "", Pace()
+        self.step, self._stages, self._ending = "", Stages(self.depth), ""
         self.search: Search | None = None
         self.begin: Off | None = None
         self.course = ""
 
-    def tell(self, stage: str, share: float) -> None:
-        """What is being done, what is known so far, and the share done."""
-        self.stage = stage
-        share = self._pace.share(stage, share, len(self.search.now.keys) if self.search else 0)
-        self._say(stage + (SO_FAR + known(self.search) if self.search else ""), share)
+    def tell(self, step: str, counted: float) -> None:
+        """What is being done and at which stage, and what is known so far; counted : as the search counts."""
+        self.step = step
+        text, share = self._stages.reached(step, counted)
+        news = self._ending or (known(self.search) if self.search else "")
+        self._say(text + (SO_FAR + news if news else ""), share)
 
     def run(self) -> Diagnosis:
         """Search, judge, and say it; where it is stopped, what is known so far."""
@@ -158,14 +157,23 @@ class _Course:
                 self.changes = judged_changes(search)
             return self._found(search, self.depth)
         except KeyboardInterrupt:
-            if not self.keep or self.search is None:
+            if not self.keep:
                 raise
-            stage, self.changes = self.stage, None  # what changed has not been judged
-            self.tell(ENDING, 0.9)
-            found = self._found(self.search, QUICK if self.depth == FULL else self.depth)
-            said = found.summary.removeprefix(SEARCHED[QUICK]).strip()
-            summarised = f"Stopped early ({stage}): {STOPPED} {said}"
-            return replace(found, summary=summarised, stopped=stage, next_experiment=TO_THE_END)
+            if self.search is None:
+                raise KeyboardInterrupt(UNKNOWN) from None
+            return self._until_now(self.search)
+
+    def _until_now(self, search: Search) -> Diagnosis:
+        """What a search has found until it was stopped; a second interruption ends this as well."""
+        step, self.changes, self._ending = self.step, None, ENDING  # what changed has not been judged
+        self.tell("judging what is known", 0.9)
+        try:
+            found = self._found(search, QUICK if self.depth == FULL else self.depth)
+        except (ValueError, IndexError, KeyError, np.linalg.LinAlgError) as error:  # stopped between two of its changes
+            raise KeyboardInterrupt(UNKNOWN) from error
+        said = found.summary.removeprefix(SEARCHED[QUICK]).strip()
+        summarised = f"Stopped early ({step}): {STOPPED} {said}"
+        return replace(found, summary=summarised, stopped=step, next_experiment=TO_THE_END)
 
     def _searched(self) -> Search:
         """The search with the command held between its samples; with another course where that is likelier."""

@@ -1,7 +1,6 @@
-"""What a diagnosis on its way can say already: what it has found, and how much of it is done by what its steps took."""
+"""What a diagnosis on its way can say already: at which stage it is, and what it has found."""
 
-import time
-from collections.abc import Callable
+from typing import Literal
 
 from dtbacklash import units
 from dtbacklash.diagnose.engine.free import unit_at
@@ -9,40 +8,37 @@ from dtbacklash.diagnose.engine.search import Search
 from dtbacklash.diagnose.words import named_in_words
 from dtbacklash.physics.catalogue import find
 
-#: where a search begins, where what it found is judged, and what comes last, as the search counts
-BEGINS, JUDGED, LAST = 0.1, 0.6, 0.9
+#: how much is looked for: all; what is large, without rivals; nothing, the rig is calibrated as it is
+Depth = Literal["full", "quick", "none"]
+
+READING, DRAWING = "reading the recording", "drawing the report"
+#: the stages of each depth between reading and drawing, by what a search has counted as each begins
+STAGES: dict[Depth, tuple[float, ...]] = {"full": (0.0, 0.1, 0.6, 0.9), "quick": (0.0, 0.1, 0.9), "none": (0.0, 0.9)}
 
 
-class Pace:
-    """The share that is done: of the time until now and that of the steps ahead, which take as long as those before."""
+class Stages:
+    """The stages of a diagnosis: reading, recalibrating, looking for names, trying rivals, modelling the rest, drawing.
 
-    def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
-        self._clock, self._begun = clock, clock()
-        self._searching: float | None = None
-        self._stages: list[str] = []
-        self._share = 0.0
+    A depth that names nothing has fewer.
+    """
 
-    def share(self, stage: str, counted: float, names: int) -> float:
-        """The share done as a stage begins; it never falls.
+    def __init__(self, depth: Depth) -> None:
+        self._counted = STAGES[depth]
+        self._now = 0
 
-        counted : how far it is as the search counts. names : that are found, if nothing more is.
+    @property
+    def number(self) -> int:
+        """How many there are."""
+        return len(self._counted) + 2
+
+    def reached(self, step: str, counted: float) -> tuple[str, float]:
+        """The step with its stage in words, and the share of the stages that are done, which never falls.
+
+        counted : how far it is as the search counts, 0 to 1.
         """
-        now = self._clock()
-        if counted < BEGINS or counted >= 1.0 or self._searching is None:
-            self._searching = now if BEGINS <= counted < 1.0 else self._searching
-            self._share = max(self._share, min(counted, 0.05) if counted < 1.0 else 1.0)
-            return self._share
-        if stage not in self._stages:
-            self._stages.append(stage)
-        ahead = 1.0
-        if counted < JUDGED:
-            ahead += 1.0 + names + (names if names > 1 else 0)
-        elif counted < LAST:
-            ahead += round(names * (LAST - counted) / (LAST - JUDGED))
-        each = (now - self._searching) / len(self._stages)
-        done = now - self._begun
-        self._share = max(self._share, done / max(done + ahead * each, 1e-9))
-        return self._share
+        begun = sum(counted >= at for at in self._counted) if step != READING else 0
+        self._now = max(self._now, self.number - 1 if step == DRAWING else begun)
+        return f"stage {self._now + 1} of {self.number}, {step}", self._now / self.number
 
 
 def known(search: Search) -> str:

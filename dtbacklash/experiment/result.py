@@ -1,7 +1,7 @@
 """The result of a run: tables of the trace, the moves and the estimates, what the sensors saw, and a summary."""
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -18,13 +18,19 @@ from dtbacklash.experiment.watch import Watcher
 from dtbacklash.physics.covered import beyond
 from dtbacklash.physics.rig import Rig
 
+#: columns of a trace that mean nothing without a gear, and without a loop with a twin
+OF_A_TWIN = ["gap_hat_deg", "eps_mm", "novelty_mm"]
+OF_A_GEAR = ["theta_d_rad", "gap_deg", *OF_A_TWIN]
+
 
 @dataclass
 class RunResult:
     """What a run gives; the columns are those that ``dtb run`` writes.
 
     config, rig : what was simulated.
-    trace : a row a sample, N+1 of them, with the true values.
+    trace : a row a sample, N+1 of them, with the true values, in the loop's columns: ``theta_m_rad`` is the motor's
+        angle and ``q3_mm`` the output, whatever the rig calls them. channels : the same in the rig's own columns.
+    own : column of the rig's own -> that of the trace.
     seen : channel -> (N+1,) what controller and sensors saw, in SI: the reference ``r`` (m; V in open loop), the
         command ``u`` (V), and each sensor of the rig with its noise and counts.
     moves : a row a move, see :func:`dtbacklash.experiment.metrics.move_table`.
@@ -40,6 +46,28 @@ class RunResult:
     estimates: pd.DataFrame
     summary: dict[str, Any]
     design: DesignedLoop | None = None
+    own: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether nothing is fed back: the reference is the command."""
+        return self.config.controller.structure == "open_loop"
+
+    @property
+    def channels(self) -> pd.DataFrame:
+        """A row a sample, N+1 of them, with the true values: what this rig and this run have, and nothing else.
+
+        Columns ``t_s``; ``r_mm`` in closed loop; the command; each sensor by its name and unit; of a rig with a gear
+        ``theta_d_rad, gap_deg``, in closed loop also ``gap_hat_deg, eps_mm, novelty_mm``; bands and indexes.
+        """
+        gone = [name for name in ("theta_m_rad", "q3_mm") if name not in self.own.values()]
+        gone += OF_A_GEAR if self.rig.only("gear") is None else []
+        gone += ["r_mm", *OF_A_TWIN] if self.is_open else []
+        names = {inside: own for own, inside in self.own.items()}
+        names |= {f"{inside}_{end}": f"{own}_{end}" for own, inside in self.own.items() for end in ("low", "high")}
+        table = self.trace.drop(columns=[name for name in dict.fromkeys(gone) if name in self.trace])
+        factor = units.shown(self.rig.command_unit)[1]
+        return (table if factor == 1.0 else table.assign(u_v=table["u_v"] * factor)).rename(columns=names)
 
     @property
     def t_s(self) -> Floats:
@@ -49,8 +77,8 @@ class RunResult:
     @property
     def units(self) -> dict[str, str]:
         """The SI unit of each channel of ``seen``."""
-        closed = self.config.controller.structure != "open_loop"
-        return {"r": "m" if closed else "V", "u": "V", **{s.name: s.unit for s in self.rig.sensors.values()}}
+        unit = self.rig.command_unit
+        return {"r": unit if self.is_open else "m", "u": unit, **{s.name: s.unit for s in self.rig.sensors.values()}}
 
 
 @dataclass(frozen=True)
@@ -113,18 +141,28 @@ def collect(
     }
     if watcher is not None:
         summary["alarms"] = watcher.alarms
-    return RunResult(config, rig, trace, seen, moves, estimates, summary, design)
+    return RunResult(config, rig, trace, seen, moves, estimates, summary, design, _own_columns(rig, roles))
+
+
+def _own_columns(rig: Rig, roles: tuple[int, int]) -> dict[str, str]:
+    """The columns of command and sensors, by their names and units -> the columns of the loop's trace."""
+    motor, output = roles
+    inside = [{motor: "theta_m_rad", output: "q3_mm"}.get(j, column(s)) for j, s in enumerate(rig.sensors.values())]
+    command = f"u_{units.suffix(units.shown(rig.command_unit)[0])}"
+    return {command: "u_v", **dict(zip(map(column, rig.sensors.values()), inside, strict=True))}
 
 
 def _signals(rig: Rig, trace: pd.DataFrame, roles: tuple[int, int]) -> list[dict[str, Any]]:
-    """For the summary: what the command and each sensor are, their columns of the trace, their ranges."""
-    found: list[dict[str, Any]] = [{"signal": "u", "column": "u_v", "unit": "V", "of": "", "quantity": "command"}]
-    motor, output = roles
-    for j, s in enumerate(rig.sensors.values()):
-        name = {motor: "theta_m_rad", output: "q3_mm"}.get(j, column(s))
-        unit = units.shown(s.unit)[0]
-        found.append({"signal": s.name, "column": name, "unit": unit, "of": s.of, "quantity": s.quantity})
-    return [signal | metrics.signal_range(trace[signal["column"]]) for signal in found]
+    """For the summary: what the command and each sensor are, their own columns, their ranges."""
+    (command, _), *sensors = own = list(_own_columns(rig, roles).items())
+    unit, factor = units.shown(rig.command_unit)
+    found = [{"signal": "u", "column": command, "unit": unit, "of": "", "quantity": "command"}]
+    found += [
+        {"signal": s.name, "column": name, "unit": units.shown(s.unit)[0], "of": s.of, "quantity": s.quantity}
+        for s, (name, _) in zip(rig.sensors.values(), sensors, strict=True)
+    ]
+    ranges = [metrics.signal_range(trace[inside] * (1.0 if k else factor)) for k, (_, inside) in enumerate(own)]
+    return [signal | there for signal, there in zip(found, ranges, strict=True)]
 
 
 def _trace(config: RunConfig, rig: Rig, s: loop.Signals, t: loop.Traces, roles: tuple[int, int]) -> pd.DataFrame:

@@ -49,7 +49,8 @@ def with_band(result: RunResult, folder: str, progress: Callable[[float], None] 
     found = _found(folder)
     steps = list(_steps(found["calibration"], rig, folder))
     forces, stretch_s = list(_forces(found.get("observed") or {}, rig)), (found.get("observed") or {}).get("stretch_s")
-    columns = [c["column"] for c in result.summary["signals"] if c["signal"] != "u"]
+    own = [c["column"] for c in result.summary["signals"] if c["signal"] != "u"]
+    columns = [result.own[name] for name in own]
     here, time_s = result.trace[columns].to_numpy(), result.trace["t_s"].to_numpy()
     beliefs, squares = beliefs_of(config), np.zeros_like(here)
     for k, step in enumerate([*steps, *forces]):
@@ -74,7 +75,7 @@ def with_band(result: RunResult, folder: str, progress: Callable[[float], None] 
     result.trace = result.trace.assign(**bands)
     result.summary["uncertainty"] = {
         "folder": folder, "directions": len(steps), "unknown_forces": len(forces),
-        "half_width_max": dict(zip(columns, half.max(axis=0).tolist(), strict=True)),
+        "half_width_max": dict(zip(own, half.max(axis=0).tolist(), strict=True)),
     }  # fmt: skip
 
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+import sys
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from dtbacklash.errors import UserError
+from dtbacklash.face.durations import timed
+from dtbacklash.face.in_python import speaks_python
 from dtbacklash.face.progress import ShowProgress, cores_of, shown
 from dtbacklash.face.rigs import RigLike, load_rig
 from dtbacklash.recording import Recording
@@ -49,6 +53,11 @@ class Found:
     def summary(self) -> str:
         """Two or three sentences that a person would say."""
         return self.diagnosis.summary
+
+    @property
+    def stopped(self) -> str:
+        """What was being done when it was interrupted; empty of a diagnosis that came to its end."""
+        return self.diagnosis.stopped
 
     @cached_property
     def findings(self) -> pd.DataFrame:
@@ -130,6 +139,20 @@ class Found:
         table.attrs["blind"] = [one.sentence for one in found.blind]
         return table
 
+    def fit_report(self) -> str:
+        """The fitted parameters as text: value, standard error, nominal value; correlations from 0.1 on.
+
+        A parameter that is held (``fixed: true``), or tied to another one, has no row.
+        """
+        from dtbacklash.report.diagnosis.text import fit_report
+        from dtbacklash.report.kit import tables
+
+        found, text = self.diagnosis.calibration, io.StringIO()
+        if found is None or not found.parameters:
+            return "No parameter was fitted."
+        tables.show(*fit_report(found), file=text)
+        return text.getvalue().rstrip("\n")
+
     @cached_property
     def candidates(self) -> pd.DataFrame:
         """What was tried, best first: ``location, effect, score, held_out, verdict``."""
@@ -165,7 +188,8 @@ class Found:
         Parameters
         ----------
         what : ``rig``, the rig with the evidence at each element; a channel (``q3``), measured and simulated before and
-            after; a finding's location (``motor_bearing``), its law over its state.
+            after; ``residual q3``, what the model leaves there, with its autocorrelation and spectrum; a finding's
+            location (``motor_bearing``), the recovered force and the law over its state.
 
         Raises
         ------
@@ -173,6 +197,7 @@ class Found:
         """
         from dtbacklash.report.diagnosis.figures import curve_figure, law_figure
         from dtbacklash.report.diagnosis.page import rig_figure
+        from dtbacklash.report.diagnosis.residual import residual_figure
         from dtbacklash.report.diagnosis.words import better_model
 
         if what == "rig":
@@ -184,7 +209,10 @@ class Found:
             return curve_figure(curves[what], better_model(self.diagnosis))
         if what in laws:
             return law_figure(laws[what])
-        raise UserError("plot", what, "choose one of " + ", ".join(["rig", *curves, *laws]))
+        left = {f"residual {name}": curve for name, curve in curves.items()}
+        if what in left:
+            return residual_figure(left[what])
+        raise UserError("plot", what, "choose one of " + ", ".join(["rig", *curves, *left, *laws]))
 
     def save(self, folder: str | Path) -> Path:
         """Write what ``dtb diagnose`` writes, complete or not at all; an earlier diagnosis there is replaced.
@@ -215,11 +243,18 @@ class Found:
         tables.show(*lines(self.diagnosis), file=text)
         return text.getvalue().rstrip("\n")
 
+    def _repr_html_(self) -> str:
+        """The causes and the figure of the report's first screen, for a notebook."""
+        from dtbacklash.report.diagnosis.page import first_look
+
+        return first_look(self.diagnosis)
+
     def __repr__(self) -> str:
         named = [f"{finding.effect} at {finding.location}" for finding in self.diagnosis.findings]
         return f"<Found: {', '.join([self.verdict, *named])}>"
 
 
+@speaks_python
 def diagnose(
     recording: Source | Sequence[Source],
     rig: RigLike | None = None,
@@ -258,11 +293,15 @@ def diagnose(
     compare : ``change``: what changed from the first of two recordings to the second (``found.to_json()["changes"]``),
         whatever else the rig lacks.
     jobs : threads that share the work; None: one for each core.
-    progress : True shows a bar; a function is called with the share done, 0 to 1, and what is being done.
+    progress : True shows a bar; a function is called with the share of the stages done, 0 to 1, and what is being done.
     trust_units : of what is read here: do not ask whether the channels' sizes are what the rig can do.
+
+    In a notebook or at a prompt an interruption (Ctrl-C) gives what is known so far, marked as stopped
+    (:attr:`Found.stopped`), once the rig is recalibrated; a second one ends it.
 
     Raises
     ------
+    KeyboardInterrupt : it was interrupted in a script, or before anything was known.
     UserError : a channel looks to be in a wrong unit; no channel of the rig was recorded, or a recording has none; an
         integrating part not measured, too little is left to fit to or to judge on; the validation repeats the
         recording, or, of one recording, lacks one of its channels or has another sample time.
@@ -291,11 +330,12 @@ def diagnose(
     cores = cores_of(jobs)
     if enough is not None and not isinstance(enough, Mapping):
         raise UserError("enough", enough, "must be a mapping, channel: what is good enough, like 0.05 mm or 2 %")
-    with shown(progress, "diagnosing") as tell:
-        said = None if tell is None else lambda text, share: tell(share, text)
+    with shown(progress, "diagnosing") as tell, ExitStack() as until_done:
+        told = until_done.enter_context(timed(tell, nominal, fitted, search, cores)) if tell else None
+        said = None if told is None else lambda text, share: told(share, text)
         found = diagnosed(
-            fitted, nominal, judged, held_out, said, cores, enough=enough, depth=search, own=own, given=given,
-            hold_out=hold_out, compare=compare,
+            fitted, nominal, judged, held_out, said, cores, enough=enough, depth=search, keep=hasattr(sys, "ps1"),
+            own=own, given=given, hold_out=hold_out, compare=compare,
         )  # fmt: skip
     return Found(found)
 

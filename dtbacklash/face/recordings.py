@@ -6,12 +6,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dtbacklash.face.in_python import speaks_python
 from dtbacklash.face.rigs import RigLike, load_rig
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from dtbacklash.recording import Recording
 
 
+@speaks_python
 def read_recording(
     source: str | Path,
     rig: RigLike | None = None,
@@ -72,3 +76,10 @@ def read_recording(
         source, path=None if path is None else str(path), part=part, rig=known, sample_time_s=sample_time_s,
         units=units, trust_units=trust_units, command=command, rows=rows,
     )  # fmt: skip
+
+
+def plot_recording(recording: Recording) -> Figure:
+    """Draw the channels of a recording as they were read, a panel each, without pyplot."""
+    from dtbacklash.report.kit.channels import channels_figure
+
+    return channels_figure(recording.t_s, dict(recording.channels), recording.units, recording.stretches)

@@ -36,12 +36,13 @@ class Run:
 
     @property
     def trace(self) -> pd.DataFrame:
-        """A row a sample, N+1 of them, with the true values.
+        """A row a sample, N+1 of them, with the true values: the rig's own channels, each with its unit in its name.
 
-        Columns ``t_s, r_mm, q3_mm, u_v, theta_m_rad, theta_d_rad, gap_deg, gap_hat_deg, eps_mm, novelty_mm``, and one
-        for each further sensor with its unit in its name.
+        Columns of the lead screw: ``t_s, r_mm, q3_mm, u_v, theta_m_rad, theta_d_rad, gap_deg, gap_hat_deg, eps_mm,
+        novelty_mm``, and one for each further sensor. In open loop there is no reference ``r_mm``, and nothing of a
+        twin; without a gear no gap.
         """
-        return self.data.trace
+        return self.data.channels
 
     @property
     def moves(self) -> pd.DataFrame:
@@ -123,6 +124,16 @@ class Run:
             else:
                 tables.show(line, file=text)
         return text.getvalue().rstrip("\n")
+
+    def _repr_html_(self) -> str:
+        """The moves and the overview, for a notebook."""
+        from dtbacklash.report.kit.blocks import Figure
+        from dtbacklash.report.kit.page import embedded, fragment
+        from dtbacklash.report.kit.style import png
+        from dtbacklash.report.run.text import moves_table
+
+        table = [moves_table(self.moves)] if len(self.moves) else []
+        return fragment(repr(self)[1:-1], *table, Figure(embedded(png(self.plot())), ""))
 
     def __repr__(self) -> str:
         samples, name = len(self.trace), self.config.controller.name

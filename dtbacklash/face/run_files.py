@@ -153,7 +153,7 @@ def write(result: RunResult, folder: Path) -> None:
     write_json(folder / "summary.json", result.summary)
     result.moves.to_csv(folder / "metrics.csv", index=False)
     result.estimates.to_csv(folder / "estimates.csv", index=False)
-    write_parquet(folder / "trace.parquet", result.trace)
+    write_parquet(folder / "trace.parquet", result.channels)
     run_report.write(result, result.moves, folder)
 
 

@@ -21,7 +21,7 @@ SCRIPT = Path(__file__).with_name("dtbacklash_slave.py")
 def check_extra() -> None:
     """Raise UserError where pythonfmu is not installed, or has no library for this platform."""
     if importlib.util.find_spec("pythonfmu") is None:
-        raise UserError("export", "fmu", "needs pythonfmu; install it by: pip install dtbacklash[fmu]")
+        raise UserError("export", "fmu", "needs pythonfmu: pip install 'dtbacklash[fmu]'")
 
 
 def target(out: str | None, export: Export) -> Path:

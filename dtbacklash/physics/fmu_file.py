@@ -154,7 +154,7 @@ def _read(path: str, stamp: int) -> Model:
     try:
         import fmpy
     except ImportError:
-        raise UserError("rig.model", path, "needs FMPy: pip install dtbacklash[fmu]") from None
+        raise UserError("rig.model", path, "needs FMPy: pip install 'dtbacklash[fmu]'") from None
     folder = tempfile.TemporaryDirectory()
     try:
         described = fmpy.read_model_description(path, validate=False)

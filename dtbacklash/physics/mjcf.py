@@ -50,7 +50,7 @@ def _mujoco(path: str) -> Any:
     try:
         import mujoco
     except ImportError:
-        raise UserError("rig.model", path, "needs MuJoCo: pip install dtbacklash[mujoco]") from None
+        raise UserError("rig.model", path, "needs MuJoCo: pip install 'dtbacklash[mujoco]'") from None
     return mujoco
 
 
@@ -232,9 +232,9 @@ def named(key: str, name: object, there: Mapping[str, Any]) -> Any:
 
 
 def new_rig(model: str) -> str:
-    """The text of a rig's file for a model: all columns by the names of the model, usual tolerances.
+    """The text of a rig's file for a model: columns by the names of its actuators and sensors, usual tolerances.
 
-    Joints that neither turn nor slide are fixed there.
+    A model without sensors of joints has a column for each joint. Joints that neither turn nor slide are fixed there.
 
     Raises
     ------
@@ -254,13 +254,12 @@ def new_rig(model: str) -> str:
         "# the column of the log: the actuator of the model that it commands",
         "commands:",
     ]
-    lines += [f"  {_written(f'u_{a.name}')}: {_written(a.name)}" for a in spec.actuators]
+    shown = _sensors(mj, spec, slides)
+    lines += [f"  {_written(column)}: {_written(name)}" for column, name in _commands(spec, shown).items()]
     lines += ["", "# the column of the log: what it shows. quantity: position, velocity, acceleration of a joint, or",
               "# torque, force of actuator_NAME; recorded_in: deg, say; absolute: it is 0 where the model's joint is",
               "sensors:"]  # fmt: skip
-    for name, slide in slides.items():
-        said = f"{{of: {_written(name)}, quantity: position, absolute: true}}  # {'m' if slide else 'rad'}"
-        lines.append(f"  {_written(f'q_{name}')}: {said}")
+    lines += [f"  {_written(column)}: {said}" for column, said in shown.items()]
     if fixed:
         lines += ["", "# joints that neither turn nor slide: taken out, they never move"]
         lines += [f"fixed: [{', '.join(map(_written, fixed))}]"]
@@ -275,6 +274,35 @@ def new_rig(model: str) -> str:
     text = "\n".join([*lines, ""])
     completed(RigConfig(**{**yaml.safe_load(text), "model": model}))
     return text
+
+
+def _sensors(mj: Any, spec: Any, slides: Mapping[str, bool]) -> dict[str, str]:
+    """Column -> what it shows, as YAML: the model's own sensors of joints and actuators, or else each joint.
+
+    slides : joint -> whether it slides and does not turn.
+    """
+    drives = {a.name: a.target for a in spec.actuators if a.target in slides}
+    found = {}
+    for sensor in spec.sensors:
+        kind, of = sensor.type, sensor.objname
+        if kind == mj.mjtSensor.mjSENS_ACTUATORFRC and of in drives:
+            quantity, unit = ("force", "N") if slides[drives[of]] else ("torque", "N m")
+            found[sensor.name or of] = f"{{of: {_written(ACTUATOR_PREFIX + of)}, quantity: {quantity}}}  # {unit}"
+        elif kind == mj.mjtSensor.mjSENS_JOINTVEL and of in slides:
+            unit = "m/s" if slides[of] else "rad/s"
+            found[sensor.name or f"v_{of}"] = f"{{of: {_written(of)}, quantity: velocity}}  # {unit}"
+        elif kind == mj.mjtSensor.mjSENS_JOINTPOS and of in slides:
+            found[sensor.name or of] = _position(of, slides[of])
+    return found or {name: _position(name, slide) for name, slide in slides.items()}
+
+
+def _position(name: str, slides: bool) -> str:
+    return f"{{of: {_written(name)}, quantity: position, absolute: true}}  # {'m' if slides else 'rad'}"
+
+
+def _commands(spec: Any, columns: Iterable[str]) -> dict[str, str]:
+    """Column -> the actuator that it commands: the actuator's name, unless a sensor's column has it."""
+    return {f"u_{a.name}" if a.name in columns else a.name: a.name for a in spec.actuators}
 
 
 def _written(name: str) -> str:

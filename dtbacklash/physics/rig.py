@@ -5,11 +5,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 from dtbacklash import units
-from dtbacklash.config.rig import ParameterConfig, RigConfig, finite
+from dtbacklash.config.rig import ParameterConfig, Quantity, RigConfig, finite, value_of
 from dtbacklash.errors import UserError
 from dtbacklash.physics import catalogue, fmus, mjcf
 from dtbacklash.physics.effects import slots
-from dtbacklash.physics.effects.declare import Effect, Values
+from dtbacklash.physics.effects.declare import SENSOR_UNIT, Effect, Values
 from dtbacklash.physics.kinds import AXES, GROUND, KINDS, LINEAR, OPTIONAL_NEIGHBOURS, SENSOR, Kind
 
 SENSOR_PREFIX = "sensor_"
@@ -85,6 +85,18 @@ class Rig:
     tolerances: Effects = field(default_factory=dict)
     own: Own = ()
     _made: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def __repr__(self) -> str:
+        effects = [f"{name} at {place}" for place, there in self.effects.items() for name in there]
+        return f"<Rig: {', '.join([self.config.name, f'{len(self.elements)} elements', *effects])}>"
+
+    def _repr_html_(self) -> str:
+        """A row a parameter, for a notebook."""
+        import pandas as pd
+
+        rows = {n: (p.value, p.unit, p.tolerance, p.description) for n, p in self.config.parameters.items()}
+        table = pd.DataFrame.from_dict(rows, orient="index", columns=["value", "unit", "tolerance", "description"])
+        return str(table.rename_axis(columns=repr(self)[1:-1]).to_html())
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """In another process: its own laws have to be known there as well."""
@@ -290,7 +302,7 @@ def build_rig(config: RigConfig, own: Own = ()) -> Rig:
             effect = catalogue.find(kind, name, key)
             if not rig.suits(location, effect):
                 raise UserError(key, name, f"needs a sensor whose unit is {' or '.join(effect.of_units)}")
-            filled = effect.complete(leaves, key)
+            filled = effect.complete({**leaves, **_with_units(rig, location, effect, leaves, key)}, key)
             if effect.is_neutral(filled):
                 continue
             effects.setdefault(location, {})[name] = filled
@@ -298,6 +310,14 @@ def build_rig(config: RigConfig, own: Own = ()) -> Rig:
             if known:
                 tolerances.setdefault(location, {})[name] = known
     return replace(rig, effects=effects, tolerances=tolerances)
+
+
+def _with_units(rig: Rig, location: str, effect: Effect, leaves: Mapping[str, Any], key: str) -> dict[str, float]:
+    """Those values of an effect that were written with a unit, in the units of its parameters."""
+    written = {name: value for name, leaf in leaves.items() if isinstance(value := value_of(leaf), Quantity)}
+    sensor = rig.sensors.get(location.removeprefix(SENSOR_PREFIX)) if written else None
+    units_of = {p.name: sensor.unit if sensor and p.unit == SENSOR_UNIT else p.unit for p in effect.parameters}
+    return {name: value.in_unit(f"{key}.{name}", units_of[name]) for name, value in written.items() if name in units_of}
 
 
 def _as_in(rig: Rig, own: Mapping[str, float]) -> Rig:

@@ -11,6 +11,8 @@ from dtbacklash.config.rig import ParameterConfig, RigConfig
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig, build_rig
 
+#: what is always said of a parameter; bounds where there are some
+STATED = ("value", "unit", "tolerance", "description")
 #: what the names of tables end in
 TABLE = "_table"
 #: the sections of a rig's file below its name and description
@@ -26,7 +28,7 @@ def rig_content(rig: Rig) -> dict[str, Any]:
     effects = {place: {name: rig_leaves(rig, place, name) for name in there} for place, there in rig.effects.items()}
     content: dict[str, Any] = plain_numbers({
         "name": config.name, "description": config.description,
-        "parameters": {name: asdict(parameter) for name, parameter in config.parameters.items()},
+        "parameters": {name: _stated(parameter) for name, parameter in config.parameters.items()},
         "elements": config.elements, "effects": effects, "laws": rig.laws(), "sensors": config.sensors,
     })  # fmt: skip
     if config.model:
@@ -34,6 +36,12 @@ def rig_content(rig: Rig) -> dict[str, Any]:
     if config.joints:
         content["joints"] = config.joints
     return content if content["laws"] else {name: one for name, one in content.items() if name != "laws"}
+
+
+def _stated(parameter: ParameterConfig) -> dict[str, Any]:
+    """What is said of a parameter; its bounds where it has some."""
+    said = asdict(parameter)
+    return {name: said[name] for name in said if name in STATED or said[name] is not getattr(ParameterConfig, name)}
 
 
 def rig_of(content: Mapping[str, Any]) -> Rig:

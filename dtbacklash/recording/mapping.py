@@ -13,6 +13,7 @@ from typing import Any
 from dtbacklash import units, yaml_files
 from dtbacklash.config.choices import COMMANDS
 from dtbacklash.errors import UserError
+from dtbacklash.recording.prepare import TRENDS, Preparation
 
 SUFFIXES = (".yaml", ".yml")
 HELD = next(iter(COMMANDS))
@@ -70,6 +71,7 @@ class Mapping:
     channels: dict[str, Channel] = field(default_factory=dict)
     parts: dict[str, tuple[int, int]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    prepare: Preparation | None = None
     folder: Path | None = None
 
 
@@ -232,6 +234,19 @@ def _file(key: str, name: str, spec: Any) -> PublicFile:
     return PublicFile(name, size_bytes=int(_number(f"{key}.size_bytes", spec.get("size_bytes", 0))), **texts)
 
 
+def _preparation(key: str, spec: Any) -> Preparation:
+    known = {"from_s": _number, "to_s": _number, "detrend": _each(_trend), "sample_time_s": _seconds}
+    if not isinstance(spec, dict) or set(spec) - set(known):
+        raise UserError(key, spec, "must be a mapping with some of " + ", ".join(known))
+    return Preparation(**{name: known[name](f"{key}.{name}", value) for name, value in spec.items()})
+
+
+def _trend(key: str, value: Any) -> str:
+    if value not in TRENDS:
+        raise UserError(key, value, "choose one of " + ", ".join(TRENDS))
+    return str(value)
+
+
 def rows_of(key: str, value: Any) -> tuple[int, int]:
     """A half-open range of rows (raises UserError)."""
     good = isinstance(value, Sequence) and len(value) == 2 and all(type(end) is int for end in value)
@@ -244,5 +259,5 @@ def rows_of(key: str, value: Any) -> tuple[int, int]:
 FIELDS: dict[str, Callable[[str, Any], Any]] = {
     "name": _text, "title": _text, "rig": _rig, "citation": _text, "licence": _text, "page": _text, "file": _text,
     "files": _files, "time": _channel, "sample_time_s": _seconds, "command": _command, "channels": _each(_channel),
-    "parts": _each(rows_of), "notes": _texts,
+    "parts": _each(rows_of), "notes": _texts, "prepare": _preparation,
 }  # fmt: skip

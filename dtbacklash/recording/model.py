@@ -14,6 +14,7 @@ from dtbacklash.recording.clean import clean
 from dtbacklash.recording.command import HELD, stepped
 from dtbacklash.recording.mapping import Channel
 from dtbacklash.recording.pick import pick
+from dtbacklash.recording.prepare import cut, detrended, resampled
 from dtbacklash.recording.refusal import SAMPLES_MIN, Refused
 from dtbacklash.recording.tables import frame_table
 
@@ -144,6 +145,20 @@ class Recording:
             lines.append(f"  {name:<{width}}  {values.min():.4g} to {values.max():.4g} {self.units[name]}{read}")
         return "\n".join([*lines, *(f"  {note}" for note in self.notes)])
 
+    def __repr__(self) -> str:
+        return f"<Recording: {self.name}, {self.samples} samples, {', '.join(self.channels)}>"
+
+    def _repr_html_(self) -> str:
+        """A row a channel, for a notebook."""
+        import pandas as pd
+
+        rows = {
+            name: (values.min(), values.max(), self.units[name], self.assumed_units.get(name, ""))
+            for name, values in self.channels.items()
+        }
+        table = pd.DataFrame.from_dict(rows, orient="index", columns=["lowest", "highest", "unit", "read in"])
+        return str(table.rename_axis(columns=repr(self)[1:-1]).to_html())
+
     @property
     def samples(self) -> int:
         """Number of samples N."""
@@ -153,6 +168,43 @@ class Recording:
     def duration_s(self) -> float:
         """Time from the first to the last sample, without the gaps, s."""
         return self.sample_time_s * (self.samples - len(self.stretches))
+
+    def cut(self, from_s: float | None = None, to_s: float | None = None) -> Recording:
+        """What lies from ``from_s`` to ``to_s`` of its clock, s; None: its beginning, its end.
+
+        Raises
+        ------
+        UserError : fewer than 100 samples lie there.
+
+        Examples
+        --------
+        >>> import numpy as np, pandas as pd
+        >>> t = 1e-3 * np.arange(2000)
+        >>> recording = Recording.from_frame(pd.DataFrame({"t": t, "u": np.sin(9 * t), "x [mm]": 3.0 + np.cos(7 * t)}))
+        >>> part = recording.cut(0.5, 1.5).detrend("x").resample(0.002)
+        >>> part.samples, part.sample_time_s, bool(abs(part.channels["x"].mean()) < 0.01)
+        (501, 0.002, True)
+        """
+        return cut(self, from_s, to_s)
+
+    def detrend(self, *channels: str, trend: str = "constant") -> Recording:
+        """Channels without their means, or with ``trend="linear"`` without their lines; without names: all sensors'.
+
+        Raises
+        ------
+        UserError : no such channel, or no such trend.
+        """
+        names = channels or [name for name in self.channels if name not in ("r", "u")]
+        return detrended(self, dict.fromkeys(names, trend))
+
+    def resample(self, sample_time_s: float) -> Recording:
+        """The recording at a slower rate, low-passed first. sample_time_s : a whole multiple of its own.
+
+        Raises
+        ------
+        UserError : it is none, or too few samples are left.
+        """
+        return resampled(self, sample_time_s)
 
     def section(self, start: int, stop: int) -> Recording:
         """The samples ``start`` to ``stop - 1``."""

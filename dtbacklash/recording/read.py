@@ -74,7 +74,8 @@ def read_recording(
         read = clean(picked, rig, table.notes, command, sample_time_s)
     except Refused as refusal:
         raise UserError(key, file.name if key == "recording.path" else source, str(refusal)) from refusal
-    return Recording(source=file, part=part, command=command, trust_units=trust_units, **about, **read)
+    recording = Recording(source=file, part=part, command=command, trust_units=trust_units, **about, **read)
+    return found.prepare.of(recording) if found and found.prepare else recording
 
 
 def read_pair(

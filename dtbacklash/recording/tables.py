@@ -117,7 +117,7 @@ def _excel(content: bytes) -> Table:
     try:
         sheet = pd.read_excel(io.BytesIO(content), header=None, dtype=object)
     except ImportError:
-        raise Refused("is an Excel file, which needs openpyxl: pip install dtbacklash[excel]") from None
+        raise Refused("is an Excel file, which needs openpyxl: pip install 'dtbacklash[excel]'") from None
     return text.read(sheet.to_csv(sep="\t", header=False, index=False).encode(), decimal=".")
 
 
@@ -138,7 +138,7 @@ def _matlab73(content: bytes) -> Table:
     try:
         import h5py
     except ImportError:
-        raise Refused("is a MATLAB 7.3 file, which needs h5py: pip install dtbacklash[matlab]") from None
+        raise Refused("is a MATLAB 7.3 file, which needs h5py: pip install 'dtbacklash[matlab]'") from None
     arrays: dict[str, Any] = {}
 
     def visit(name: str, item: Any) -> None:

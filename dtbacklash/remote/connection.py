@@ -30,7 +30,7 @@ HERE = ("localhost", "127.", "::1")
 CLOSE_S = 1.0
 #: what the broker says about a message on a topic without subscribers
 NOBODY = "no matching subscribers"
-EXTRA = "needs the extra `remote`: pip install 'dtbacklash[remote]'"
+EXTRA = "needs paho-mqtt: pip install 'dtbacklash[remote]'"
 
 Take = Callable[[str, bytes, str | None], None]
 

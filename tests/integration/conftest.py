@@ -52,9 +52,12 @@ def pretend(config, progress=None):
     }  # fmt: skip
     trace = pd.DataFrame(dict(zip(names, columns, strict=True)))
     sensors = {name: SimpleNamespace(name=name, unit="m", per_si=1.0) for name in SENSORS}
-    rig = SimpleNamespace(config=config.rig, sensors=sensors, reference_per_si=lambda: 1.0)
+    rig = SimpleNamespace(
+        config=config.rig, sensors=sensors, reference_per_si=lambda: 1.0, command_unit="V", only=sensors.get
+    )
     seen = dict.fromkeys(("r", "u", *SENSORS), 1e-3 * r_mm)
-    return RunResult(config, rig, trace, seen, move_table(trace), pd.DataFrame(columns=heads), summary)
+    own = {name: name for name in ("u_v", "theta_m_rad", "q3_mm")}
+    return RunResult(config, rig, trace, seen, move_table(trace), pd.DataFrame(columns=heads), summary, own=own)
 
 
 @pytest.fixture

@@ -19,6 +19,7 @@ from dtbacklash.diagnose.say.sentences import notes_of
 from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.diagnose.several import source_of
 from dtbacklash.errors import UserError
+from dtbacklash.report.diagnosis import page
 
 pytestmark = pytest.mark.check
 
@@ -35,7 +36,7 @@ def asked(monkeypatch, undrawn):
         )
         for fraction, text in ((0.0, "comparing"), (0.2, "comparing"), (0.5, "naming")):
             progress(fraction, text)
-        if keep:  # as if Ctrl-C came
+        if keep and seen.get("stopped"):  # as if Ctrl-C came
             return replace(made_up, stopped="naming")
         return replace(made_up, source=source_of(train), notes=notes_of(train, held_out, SETTINGS.held_out_share))
 
@@ -58,17 +59,39 @@ def dtb(typed, tmp_path_factory, monkeypatch, asked):
 
 
 def test_what_was_known_when_it_was_stopped_is_written_and_marked(dtb, asked, tmp_path):
-    code, out, _ = dtb("recording=bench.csv", "out=found", "keep=partial")
+    asked["stopped"] = True
+    code, out, _ = dtb("recording=bench.csv", "out=found")
     assert code == 130
     assert out.startswith("stopped early; so far missing_physics: Coulomb")
     assert json.loads((tmp_path / "found" / "diagnosis.json").read_text())["stopped_early"] == "naming"
     assert ">stopped early</div>" in (tmp_path / "found" / "report.html").read_text(encoding="utf-8")
+    asked["stopped"] = False
     code, out, _ = dtb("recording=bench.csv", "out=found")  # takes its place
     assert code == 0
     assert "stopped" not in out + (tmp_path / "found" / "diagnosis.json").read_text()
-    assert one_line(dtb("recording=bench.csv", "out=other", "keep=all")).startswith("keep=all: choose one of partial")
-    dtb("-m", "recording=bench.csv", "search=full,quick", "keep=partial", "out=jobs", "hydra/launcher=basic")
+    assert asked["keep"] is True
+    dtb("-m", "recording=bench.csv", "search=full,quick", "out=jobs", "hydra/launcher=basic")
     assert asked["keep"] is False  # a job of a sweep that was stopped is not done
+
+
+@pytest.mark.parametrize(("stopped", "times"), [(False, 1), (False, 2), (True, 1)])
+def test_what_was_found_is_written_though_ctrl_c_comes_meanwhile(dtb, asked, tmp_path, monkeypatch, stopped, times):
+    """The first one; a second ends it."""
+    left = [times]
+    write = page.write
+
+    def interrupted(*words):
+        if left[0]:
+            left[0] -= 1
+            raise KeyboardInterrupt
+        return write(*words)
+
+    monkeypatch.setattr("dtbacklash.report.diagnosis.page.write", interrupted)
+    asked["stopped"] = stopped
+    code, _, err = dtb("recording=bench.csv", "out=found")
+    ended = stopped or times == 2
+    assert code == (130 if ended else 0)
+    assert ("dtb: interrupted" in err, (tmp_path / "found").exists()) == (ended, not ended)
 
 
 def test_a_full_disk_does_not_lose_what_was_found(dtb, asked, tmp_path, monkeypatch):
@@ -219,7 +242,7 @@ def test_verbose_says_what_it_is_doing_once_each_and_leaves_logging_alone(dtb):
         (["recording=bench.csv", "validation=gone.csv"], "validation=gone.csv: no such file"),
         (
             ["recording=bench.csv", "colour=red"],
-            "colour=red: no such setting; choose one of compare, enough, given, hold_out, jobs, keep, out",
+            "colour=red: no such setting; choose one of compare, enough, given, hold_out, jobs, out",
         ),
         (["recording=bench.csv", "-x"], "option=-x: choose one of"),
         (["bench.csv"], "argument=bench.csv: write key=value"),
@@ -232,7 +255,7 @@ def test_a_mistake_is_one_line_and_leaves_nothing(dtb, tmp_path, words, line):
 
 
 def test_what_goes_wrong_inside_leaves_no_folder(dtb, tmp_path, monkeypatch):
-    def fail(*_):
+    def fail(*_, **__):
         raise UserError("recording", "bench.csv", "cannot be explained")
 
     monkeypatch.setattr(command, "run_diagnosis", fail)

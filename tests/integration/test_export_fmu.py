@@ -170,7 +170,7 @@ def test_without_pythonfmu_the_extra_is_named(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert cli.main(["export", "fmu"]) == 2
-    assert "pip install dtbacklash[fmu]" in capsys.readouterr().err
+    assert "pip install 'dtbacklash[fmu]'" in capsys.readouterr().err
 
 
 def test_the_help_names_settings_and_examples(capsys):

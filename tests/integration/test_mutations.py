@@ -22,7 +22,6 @@ MODULES = {
     "records": ("test_records.py", "PIECES*2 PIECE_SAMPLES_MIN RESTS REACH*2 PART_SAMPLES_MIN"),
     "say/calibration": ("test_calibration.py", "BLIND_TOLERANCES TAKES_PART ALIKE_RATIO*2"),
     "say/sentences": ("say/test_sentences.py", "NEAR_S.1 NEAR_S.2 NEAR_S.3 MOVES WORTH_SAYING"),
-    "so_far": ("test_so_far.py", "BEGINS/2"),
 }
 UNSEEN = pytest.mark.xfail(reason="no test near it notices", run=False)
 CHANGES = {"*2": lambda x: 2 * x, "/2": lambda x: type(x)(x / 2)}

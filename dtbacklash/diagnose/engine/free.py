@@ -141,7 +141,7 @@ def nominal_free(nominal: Rig, rig: Rig | None = None, recordings: Sequence[int]
             if width > 0.0:
                 # a parameter keeps its sign
                 least = centre * max(1.0 - TOLERANCES_MAX * share, LEAST_SHARE)
-                low, high = sorted((least, centre * (1.0 + TOLERANCES_MAX * share)))
+                low, high = p.within(*sorted((least, centre * (1.0 + TOLERANCES_MAX * share))))
                 free.append(Free("", "", name, centre, width, False, low, high, True, recording=recording))
     for key, q, value, tolerance in _known_effects(nominal, rig):
         for recording, centre, share in _holders(nominal, rig, ".".join((*key, q.name)), value, tolerance, recordings):

@@ -205,7 +205,9 @@ def modelled_said(modelled: Modelled, much: Explained) -> str:
 
 
 def _two(value: float) -> str:
-    """Two digits, or all before the point."""
+    """Two digits, or all before the point; of next to nothing only that."""
+    if 0.0 < value < 1e-3:
+        return "less than 0.001"
     return f"{value:.2g}" if value < 10.0 else f"{value:.0f}"
 
 

@@ -237,6 +237,15 @@ def _gravity_draws(rng: Generator, place: Place) -> Values:
     return {"phase": float(rng.uniform(-3.1, 3.1))}
 
 
+def lowest(phase: float) -> float:
+    """The angle at which an off-centre mass hangs down, rad, -pi to pi."""
+    return math.remainder(math.pi - phase, 2.0 * math.pi)
+
+
+def _hangs(values: Values) -> str:
+    return f" It hangs down at {math.degrees(lowest(values['phase'])) + 0.0:.0f}°."
+
+
 GRAVITY = Effect(
     "gravity", "rotor",
     (
@@ -244,8 +253,9 @@ GRAVITY = Effect(
         Parameter("phase", "rad", -3.2, 3.2, 0.0, role=Role.ANGLE),
     ),
     "torque sin(theta + phase)", BodyEffort(gravity), "off-centre mass, torque = m g l",
-    "Gravity pulls an off-centre mass at the {location} with {torque} (phase {phase}).",
-    conceal=_effort_range, draws=_gravity_draws, starts=_share_of_force, simpler_at=within_a_line("constant_load"),
+    "Gravity pulls an off-centre mass at the {location} with {torque}.", remark=_hangs,
+    turned="a mass that hangs down at the angle 0 has", conceal=_effort_range, draws=_gravity_draws,
+    starts=_share_of_force, simpler_at=within_a_line("constant_load"),
 )  # fmt: skip
 
 ABSORBER = Effect(

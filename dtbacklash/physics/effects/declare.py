@@ -6,6 +6,7 @@ declarations and knows no effect by its name.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -194,6 +195,7 @@ class Effect:
     declared : of a law that a user wrote, its declaration, see :mod:`dtbacklash.physics.own_laws`.
     refuse : values -> (parameter, what is allowed), of values that do not go together, or None.
     covered : values -> state -> (lowest, highest) that it was made from, where that is known.
+    turned : of a law with a phase, what it is half a turn further, where its size would be negative.
     """
 
     name: str
@@ -220,6 +222,7 @@ class Effect:
     declared: Mapping[str, Any] | None = None
     refuse: Callable[[Values], tuple[str, str] | None] = lambda values: None
     covered: Callable[[Values], Mapping[str, tuple[float, float]]] = lambda values: {}
+    turned: str = "the same with the other sign has"
 
     @property
     def size(self) -> Parameter:
@@ -293,10 +296,14 @@ class Effect:
             raise UserError(f"{key}.{missing[0]}", "(missing)", "a table has f1 to f16, its values, at x1 to x16")
         usual = {p.name: p.typical if p.neutral is None else p.neutral for p in self.parameters}
         filled = {name: float(values.get(name, value)) for name, value in usual.items()}
-        for name, value in filled.items():
-            p = known[name]
-            if not p.low <= value <= p.high:
-                raise UserError(f"{key}.{name}", value, f"from {p.low:g} to {p.high:g} {p.unit}".removesuffix(" 1"))
+        for p in self.parameters:
+            if p.role is Role.ANGLE and not p.low <= filled[p.name] <= p.high:
+                filled[p.name] = math.remainder(filled[p.name], 2.0 * math.pi)
+            if not p.low <= (value := filled[p.name]) <= p.high:
+                allowed = f"from {p.low:g} to {p.high:g} {p.unit}".removesuffix(" 1")
+                angle = self.of_role(Role.ANGLE) if p is self.size and value < 0.0 else None
+                turned = f"; {self.turned} {angle.name}: 180 deg" if angle else ""
+                raise UserError(f"{key}.{p.name}", value, allowed + turned)
         if refused := self.refuse(filled):
             raise UserError(f"{key}.{refused[0]}", filled[refused[0]], refused[1])
         return filled

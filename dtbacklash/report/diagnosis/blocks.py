@@ -24,7 +24,7 @@ from dtbacklash.report.diagnosis.words import (
 )
 from dtbacklash.report.kit.blocks import Block, Code, Figure, Items, Table
 from dtbacklash.report.kit.intervals import interval
-from dtbacklash.report.kit.numbers import number
+from dtbacklash.report.kit.numbers import change, number
 
 MODELS = ("nominal", "recalibrated", "extended", "modelled")
 #: from this many times the signal on, an error is only said to be over it
@@ -172,8 +172,7 @@ def parameter_row(name: str, row: Recalibrated, rig: Rig) -> list[str]:
     return [
         name, known.description if known else "", interval(row.nominal, None, row.unit, size=row.nominal),
         interval(row.value, row.ci95, row.unit, size=row.nominal),
-        f"{100 * (row.value / row.nominal - 1):+.3g} %" if row.nominal else "-",
-        f"± {number(100 * known.tolerance)} %" if known else "-",
+        change(row.value, row.nominal), f"± {number(100 * known.tolerance)} %" if known else "-",
     ]  # fmt: skip
 
 

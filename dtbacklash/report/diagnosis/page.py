@@ -19,6 +19,7 @@ from dtbacklash.report.diagnosis.words import (
     capital,
     causes,
     design_command,
+    failing,
     heading,
     judged,
     judged_how,
@@ -30,7 +31,7 @@ from dtbacklash.report.diagnosis.words import (
     sensor_unit,
 )
 from dtbacklash.report.kit.blocks import Block, Code, Figure, Part, Side
-from dtbacklash.report.kit.page import embedded, render
+from dtbacklash.report.kit.page import embedded, fragment, render
 from dtbacklash.report.kit.style import png
 from dtbacklash.report.kit.style import save as save_figure
 
@@ -51,6 +52,13 @@ def write(diagnosis: Diagnosis, folder: Path) -> None:
     (folder / "report.html").write_text(page, encoding="utf-8")
 
 
+def first_look(diagnosis: Diagnosis) -> str:
+    """The verdict, a row a cause and the figure of what was not fitted, as HTML for a notebook."""
+    curve = judged_curve(diagnosis)
+    drawn = png(judged_figure(curve, sensor_unit(diagnosis, curve.name))) if curve else png(rig_figure(diagnosis))
+    return fragment(heading(diagnosis) + ".", causes(diagnosis), Figure(embedded(drawn), lead(diagnosis)))
+
+
 def first_screen(diagnosis: Diagnosis, folder: Path) -> list[Part]:
     """Causes; one figure beside what is left, what to record next, and the command that uses the result."""
     table, rest, curve = causes(diagnosis), left(diagnosis), judged_curve(diagnosis)
@@ -63,8 +71,9 @@ def first_screen(diagnosis: Diagnosis, folder: Path) -> list[Part]:
     ]
     if not table.rows and not rest.rows:
         right.insert(0, diagnosis.summary)
+    checked = failing(diagnosis)
     if curve is None:
-        return [table, *right]
+        return [table, *right, checked]
     unit = sensor_unit(diagnosis, curve.name)
     path = save_figure(judged_figure(curve, unit), folder / "figures" / "judged.png")
     held = "The part that was not fitted" if curve.held_out_from_s is not None else "A part of the recording"
@@ -72,7 +81,7 @@ def first_screen(diagnosis: Diagnosis, folder: Path) -> list[Part]:
         embedded(path), f"{held}, {judged_how(diagnosis)}; below it what the model leaves.",
         narrow=embedded(png(judged_figure(curve, unit, NARROW))),
     )  # fmt: skip
-    return [table, Side([figure], right)]
+    return [table, Side([figure], right), checked]
 
 
 def judged_curve(diagnosis: Diagnosis) -> Curve | None:

@@ -5,15 +5,19 @@ from __future__ import annotations
 from rich.console import RenderableType
 from rich.text import Text
 
+from dtbacklash.diagnose.engine.values import NORMAL95
 from dtbacklash.diagnose.named import Calibration
 from dtbacklash.diagnose.records import COURSES
 from dtbacklash.diagnose.result import Diagnosis
 from dtbacklash.report.diagnosis.blocks import in_each
-from dtbacklash.report.diagnosis.words import causes, checks_said, error_text, heading, left, together
+from dtbacklash.report.diagnosis.words import causes, error_text, failing, heading, left, together
 from dtbacklash.report.kit import tables
 from dtbacklash.report.kit.blocks import Table
-from dtbacklash.report.kit.intervals import interval
+from dtbacklash.report.kit.intervals import interval, scaled
+from dtbacklash.report.kit.numbers import change, number, percent
 
+#: the same in a report of the fit, as lmfit does
+REPORTED_CORRELATION = 0.1
 #: a correlation of a parameter with another is told from here on
 TOLD_CORRELATION = 0.5
 MEANS = "What that means stands beside it in the report."
@@ -46,11 +50,33 @@ def lines(diagnosis: Diagnosis) -> list[RenderableType]:
     )
     told += ["", tables.of(each)] if (each := in_each(diagnosis, plain=True)).rows else []
     told += [Text(), Text(together(diagnosis))] if together(diagnosis) else [Text()]
-    failed = [c.check for c in diagnosis.checks if not c.passed]
-    told += [Text(f"{checks_said(len(diagnosis.checks), failed)} {MEANS}")] if failed else []
+    told += [Text(f"{failing(diagnosis)} {MEANS}")] if failing(diagnosis) else []
     if diagnosis.next_experiment:
         told += [_text(f"To record next: {diagnosis.next_experiment}")]
     return told
+
+
+def fit_report(found: Calibration) -> list[RenderableType]:
+    """Every fitted parameter with its value, standard error, bounds given; the correlations of their errors."""
+    rows = []
+    for name, row in found.parameters.items():
+        error = (row.ci95[1] - row.ci95[0]) / (2.0 * NORMAL95)
+        factor, unit = scaled(row.unit, row.nominal)
+        share = percent(error / abs(row.value), 2, plain=True) if row.value else "-"
+        values = [number(v / factor, 5, plain=True) for v in (row.value, error, row.nominal)]
+        rows.append([f"{name} [{unit}]", *values[:2], share, values[2], change(row.value, row.nominal)])
+    heads = ("parameter", "value#", "std. error#", "of it#", "nominal#", "change#")
+    names = list(found.correlation)
+    pairs = [(a, b, found.correlation[a][b]) for i, a in enumerate(names) for b in names[i + 1 :]]
+    far = sorted((p for p in pairs if abs(p[2]) >= REPORTED_CORRELATION), key=lambda p: -abs(p[2]))
+    told: list[RenderableType] = [tables.of(Table(heads, rows, "Fitted parameters"))]
+    if far:
+        title = f"Correlations of their errors, from {REPORTED_CORRELATION} on"
+        told += [
+            "",
+            tables.of(Table(("parameter", "with", "correlation#"), [[a, b, f"{c:+.3f}"] for a, b, c in far], title)),
+        ]
+    return told + [_text(f"Not told beyond the tolerances: {one.sentence}") for one in found.blind]
 
 
 def _text(words: str) -> Text:
@@ -64,8 +90,7 @@ def _calibrated(found: Calibration) -> list[RenderableType]:
         others = [(abs(c), f"{c:+.2f} with {n}") for n, c in found.correlation[name].items() if n != name]
         most, said = max(others, default=(0.0, ""))
         value = interval(row.value, row.ci95, row.unit, plain=True, size=row.nominal)
-        change = f"{100 * (row.value / row.nominal - 1):+.3g} %" if row.nominal else "-"
-        rows.append([name, value, change, said if most >= TOLD_CORRELATION else ""])
+        rows.append([name, value, change(row.value, row.nominal), said if most >= TOLD_CORRELATION else ""])
     told: list[RenderableType] = []
     if rows:
         told += ["", tables.of(Table(("parameter", "95 % interval", "change#", "correlation"), rows, "Parameters"))]

@@ -21,7 +21,7 @@ from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import SENSOR_PREFIX
 from dtbacklash.report.kit.blocks import Table
 from dtbacklash.report.kit.intervals import degrees, interval
-from dtbacklash.report.kit.numbers import number
+from dtbacklash.report.kit.numbers import number, percent
 
 #: heads of the table of causes
 CAUSES = ("place", "law", "size, 95 % interval", "sure?", "explains#")
@@ -57,7 +57,7 @@ def heading(diagnosis: Diagnosis) -> str:
         return "The model explains this recording"
     if diagnosis.verdict == PARAMETERS:
         verb = "need be" if any(row.also_fits for row in diagnosis.recalibrated.values()) else "is"
-        return f"No physics {verb} missing; recalibrate {listed(list(diagnosis.recalibrated))}"
+        return f"No physics {verb} missing; recalibrate {listed(list(moved(diagnosis)))}"
     if diagnosis.verdict == MISSING:
         return f"Missing: {listed(named)}"
     if diagnosis.fault:
@@ -79,8 +79,14 @@ def _calibrated(diagnosis: Diagnosis) -> str:
         return "the calibrated rig leaves more than noise"
     enough = diagnosis.explained.enough if diagnosis.explained else None
     left = "leaves what was called enough" if enough else "leaves noise"
-    moved = f", with other {listed(list(diagnosis.recalibrated))}," if diagnosis.recalibrated else ""
-    return f"the calibrated rig{moved} {left}"
+    others = f", with other {listed(list(moved(diagnosis)))}," if diagnosis.recalibrated else ""
+    return f"the calibrated rig{others} {left}"
+
+
+def moved(diagnosis: Diagnosis) -> dict[str, Recalibrated]:
+    """The parameters that had to move: those whose given value their intervals exclude; all, where none does."""
+    away = {name: row for name, row in diagnosis.recalibrated.items() if not row.ci95[0] <= row.nominal <= row.ci95[1]}
+    return away or dict(diagnosis.recalibrated)
 
 
 def causes(diagnosis: Diagnosis, plain: bool = False) -> Table:
@@ -109,7 +115,7 @@ def causes(diagnosis: Diagnosis, plain: bool = False) -> Table:
     listed_already |= {f"{m.location}.{m.effect}"} if m else set()
     for name in (n for n in shares if n not in listed_already and n not in diagnosis.recalibrated):
         rows.append(_beside(diagnosis, name, _percent(shares[name]), plain))
-    for name, row in diagnosis.recalibrated.items():
+    for name, row in moved(diagnosis).items():
         rows.append(_parameter(diagnosis, name, row, _percent(shares.get(name)), plain))
     if diagnosis.verdict == UNEXPLAINED and not diagnosis.fault and much is not None and m is None:
         rows.append(_unknown(diagnosis))
@@ -175,7 +181,7 @@ def _unknown(diagnosis: Diagnosis) -> list[str]:
         body = max(much.unknown, key=lambda b: float(much.unknown[b]["after"]))
         one = much.unknown[body]
         share, force = float(one["after"]), float(one["after"]) * float(one["force"])
-        size = f"{interval(force, None, str(one['unit']), True)} rms\n{number(100 * share, 2)} % of what acts on it"
+        size = f"{interval(force, None, str(one['unit']), True)} rms\n{percent(share, 2)} of what acts on it"
     done = sum(much.causes.values())
     return [where, "unexplained", size, "open", _percent(1.0 - done)]
 
@@ -184,8 +190,7 @@ def _percent(share: float | None) -> str:
     """A share in percent; next to nothing and next to all are said to be that."""
     if share is None:
         return "-"
-    percent = 100.0 * share
-    return "< 0.1 %" if percent < 0.1 else "> 99.9 %" if 99.9 < percent < 100.0 else f"{number(percent)} %"
+    return "< 0.1 %" if share < 1e-3 else "> 99.9 %" if 0.999 < share < 1.0 else percent(share)
 
 
 def judged(diagnosis: Diagnosis) -> tuple[Curve, ...]:
@@ -212,7 +217,7 @@ def left(diagnosis: Diagnosis, plain: bool = False) -> Table:
         motion = float(np.nanstd(curve.measured))
         ends = [math.sqrt(mean_square((curve.measured - v)[part])) for v in (curve.nominal, curve.extended)]
         sizes = [number(v / factor, plain=plain) for v in (*ends, curve.noise_floor or math.nan)]
-        share = f"{number(100 * ends[1] / motion, 2, plain=plain)} %" if motion else "-"
+        share = percent(ends[1] / motion, 2, plain) if motion else "-"
         rows.append([f"{curve.name} [{unit if plain else units.in_signs(unit)}]", *sizes[:2], share, sizes[2]])
     return Table(
         ("sensor", "before, rms#", "left, rms#", "of its motion#", "noise, rms#"),
@@ -242,13 +247,17 @@ def judged_how(diagnosis: Diagnosis) -> str:
 
 
 def lead(diagnosis: Diagnosis) -> str:
-    """What was compared with what, how much is explained, and which checks fail."""
+    """What was compared with what, and how much is explained."""
     rig = diagnosis.nominal.config
     of = f"Recording{'s' if diagnosis.recordings else ''} {diagnosis.source}, compared with the rig {rig.name}"
     of += f" ({rig.description})" if rig.description else ""
+    return " ".join(filter(None, [diagnosis.first, f"{of}.", together(diagnosis)]))
+
+
+def failing(diagnosis: Diagnosis) -> str:
+    """Which checks fail; empty where none does."""
     failed = [c.check for c in diagnosis.checks if not c.passed]
-    checked = [checks_said(len(diagnosis.checks), failed)] if failed else []
-    return " ".join([*filter(None, [diagnosis.first]), f"{of}.", together(diagnosis), *checked])
+    return checks_said(len(diagnosis.checks), failed) if failed else ""
 
 
 def together(diagnosis: Diagnosis) -> str:
@@ -277,7 +286,7 @@ def error_text(value: float | None, metric: str) -> str:
     """An error of fit; a normalised one in percent."""
     if value is None:
         return "-"
-    return f"{number(100 * value)} %" if metric == "nrmse" else number(value)
+    return percent(value) if metric == "nrmse" else number(value)
 
 
 def labels(findings: tuple[Finding, ...]) -> list[tuple[str, str]]:

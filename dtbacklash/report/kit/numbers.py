@@ -35,6 +35,26 @@ def number(value: Any, digits: int = 3, missing: str = "-", plain: bool = False)
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
+#: a share of which no reader notices less, in percent
+UNNOTICED = 1e-3
+
+
+def percent(share: float, digits: int = 3, plain: bool = False) -> str:
+    """A share in percent; what nobody would notice is said to be less than that."""
+    value = 100.0 * share
+    if 0.0 < abs(value) < UNNOTICED:
+        return f"< {UNNOTICED:g} %"
+    return f"{number(value, digits, plain=plain)} %"
+
+
+def change(value: float, nominal: float) -> str:
+    """By how much a value is larger than its nominal one, in percent with its sign; a dash beside a nominal 0."""
+    if not nominal:
+        return "-"
+    percents = 100.0 * (value / nominal - 1.0)
+    return "0 %" if abs(percents) < UNNOTICED else f"{percents:+.3g} %"
+
+
 def powers(text: str) -> str:
     """A text with its numbers of the form 3.1e-12 written 3.1 × 10⁻¹²."""
 

@@ -14,7 +14,7 @@ from markupsafe import Markup, escape
 
 from dtbacklash.report.kit.blocks import Part
 
-TEMPLATE = "page.html.j2"
+TEMPLATE, PARTS = "page.html.j2", "parts.html.j2"
 #: what the pages cite, each once
 PAPER = "“The use of a digital twin to reconfigure a nonlinear internal model controller”"
 INTEGRATOR = "Cox and Matthews, J. Comput. Phys. 176 (2002) 430"
@@ -33,12 +33,21 @@ def render(title: str, lead: str, parts: Sequence[Part], badges: Sequence[tuple[
     parts: see :mod:`.blocks`.
     badges: (text, class ``good``, ``fair``, ``warm`` or ``bad``) above the title.
     """
+    return _environment().get_template(TEMPLATE).render(title=title, lead=lead, parts=parts, badges=badges)
+
+
+def fragment(*parts: Part) -> str:
+    """Blocks as HTML without a page around them, for a notebook."""
+    return _environment().get_template(PARTS).render(parts=parts)
+
+
+def _environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("dtbacklash.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         lstrip_blocks=True,
     )  # fmt: skip
     environment.filters.update(prose=prose, mood=mood)
-    return environment.get_template(TEMPLATE).render(title=title, lead=lead, parts=parts, badges=badges)
+    return environment
 
 
 def prose(text: Any) -> Markup:

@@ -67,12 +67,12 @@ def run_overview(
 def open_overview(trace: pd.DataFrame, signals: list[dict[str, Any]]) -> Figure:
     """An open-loop run over time: the command, then what each sensor shows, then the gap if there is one.
 
-    trace: columns `t_s, gap_deg` and those that `signals` names.
+    trace: columns `t_s`, those that `signals` names, and `gap_deg` of a rig with a gear.
     signals: `signal, column, unit, of, quantity, rms` of the command and of each sensor, as in a run's summary.
     """
     height = 1.7 if len(signals) <= 4 else 1.3
     chosen: list[Panel] = [(_signal_title(s), height, partial(_signal_panel, trace=trace, signal=s)) for s in signals]
-    if trace["gap_deg"].to_numpy().any():
+    if "gap_deg" in trace and trace["gap_deg"].to_numpy().any():
         gap = {"column": "gap_deg", "unit": "deg", "of": "gear", "rms": 0.0}
         chosen.append(("backlash gap angle", height, partial(_signal_panel, trace=trace, signal=gap)))
     return _stacked(chosen, trace)

@@ -117,7 +117,7 @@ def overview(result: Any, moves: pd.DataFrame) -> Drawn:
     """Everything over time, as the page shows it first. result: a `RunResult`; moves: `metrics.move_table`."""
     config = result.config
     if is_open(config):
-        return open_overview(result.trace, result.summary["signals"])
+        return open_overview(result.channels, result.summary["signals"])
     novelty = config.twin.novelty_threshold_mm if config.controller.reconfigure == "novelty" else None
     return run_overview(result.trace, result.estimates, moves, novelty, indexes_drawn(config))
 
@@ -128,7 +128,7 @@ def _draw(result: Any, moves: pd.DataFrame, folder: Path) -> dict[str, Path]:
     if len(moves):
         figures["moves"] = save(moves_overlay(result.trace, moves), folder / "moves.png")
     if banded := list(result.summary.get("uncertainty", {}).get("half_width_max", {})):
-        figures["uncertainty"] = save(band_figure(result.trace, banded), folder / "uncertainty.png")
+        figures["uncertainty"] = save(band_figure(result.channels, banded), folder / "uncertainty.png")
     if result.design is not None:  # many runs share a design: what it looks like is drawn once
         figures["loop"] = save_png(kept(loop_page.loop_png, result.design), folder / "loop.png")
     return figures

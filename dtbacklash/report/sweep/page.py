@@ -29,6 +29,10 @@ SHORT = {
     "overshoot_pct_max": "over-\nshoot [%]", "settling_time_s_max": "settling\ntime [s]", "peak_voltage_v": "peak\n[V]",
     "n_estimations": "esti-\nmates",
 }  # fmt: skip
+#: of which less is better
+MERIT = ("overshoot_pct_max", "settling_time_s_max", "peak_voltage_v")
+#: jobs that are named where several are alike
+MOST_WINNERS = 3
 #: what a missing value of a job that is done means
 MISSING = {"settling_time_s_max": "not settled"}
 CAPTION = (
@@ -68,6 +72,7 @@ def write(folder: Path, table: pd.DataFrame, axes: list[str]) -> None:
         f"Sweep over {listed(axes)}" if axes else "Sweep",
         f"{len(table)} jobs, one for each combination of what was swept.",
         [
+            Block("The best of each figure of merit", [winners(table, axes)]),
             Tiles(_tiles(table, axes, failed)),
             Block("What failed", [Table(("job", "why"), why)]),
             Block("Overview", _figure(folder, table, axes)),
@@ -79,6 +84,34 @@ def write(folder: Path, table: pd.DataFrame, axes: list[str]) -> None:
         ],
     )  # fmt: skip
     write_text(folder / "report.html", page, "hydra.sweep.dir", folder)
+
+
+def winners(table: pd.DataFrame, axes: list[str]) -> Table:
+    """A row a figure of merit: which job has the least of it, and by how much; none where all jobs have the same."""
+    done, rows = table[table["status"] == "done"], []
+    for name in MERIT if len(done) > 1 else ():
+        values = pd.to_numeric(done[name], errors="coerce").dropna() if name in done else pd.Series(dtype=float)
+        ordered = values.sort_values(kind="stable")
+        least = ordered.iloc[0] if len(ordered) else 0.0
+        others = ordered[ordered > least]
+        missed = len(done) - len(values)
+        if not len(ordered) or not (len(others) or missed):
+            continue
+        best = "; ".join(_choices(table.loc[k].to_dict(), axes) for k in ordered.index[ordered == least][:MOST_WINNERS])
+        more = int((ordered == least).sum()) - MOST_WINNERS
+        best += f" and {more} more" if more > 0 else ""
+        rows.append([HEADINGS[name], best, number(least, 4), _ahead(table, axes, least, others, missed)])
+    return Table(("figure of merit", "least of it", "value#", "by how much"), rows, "Winners")
+
+
+def _ahead(table: pd.DataFrame, axes: list[str], least: float, others: pd.Series, missed: int) -> str:
+    """By how much the least value is below the next one."""
+    if not len(others):
+        return f"{missed} do not settle" if missed > 1 else "the other does not settle"
+    value = others.iloc[0]
+    share = f", {number(100.0 * (value - least) / abs(value), 2)} % less" if value else ""
+    following = _choices(table.loc[others.index[0]].to_dict(), axes)
+    return f"{number(value - least)} below {following} ({number(value, 4)}{share})"
 
 
 def _is_number(column: pd.Series) -> bool:

@@ -28,7 +28,9 @@ def test_all_effects_are_listed_by_kind_with_laws_and_units(capsys):
     assert (code, err) == (0, "")
     kind, listed = "", set()
     of_kinds, asked_for = out.split("of the package, where a rig asks for it (rig.laws.NAME=packaged):\n")
-    assert "dahl_friction        -level*z, z' = (v - abs(v)*z)/reach  (rotor, carriage, mass)" in asked_for
+    assert re.search(r" dahl_friction +-level\*z, z' = \(v - abs\(v\)\*z\)/reach  \(rotor, carriage, mass\)", asked_for)
+    laws = [line for line in out.splitlines() if line.startswith("   ")]
+    assert len({re.match(r"   \S+ +", line).end() for line in laws}) == 1  # one column through all kinds
     for line in of_kinds.splitlines():
         kind = line if line and not line.startswith(" ") else kind
         listed |= {(kind, line.split()[0])} if line.startswith("   ") else set()
@@ -57,6 +59,8 @@ def test_one_effect_in_detail(capsys):
     ("words", "line"),
     [
         (("nothing",), "effects=nothing: choose one of absorber"),
+        (("coulomb",), "effects=coulomb: did you mean coulomb_friction? dtb effects lists all"),
+        (("backlsh",), "effects=backlsh: did you mean backlash?"),
         (("gravity", "rig=emps"), "effects=gravity: choose one of"),
         (("--all",), "option=--all: dtb effects takes"), (("a", "b"), "argument=a b: write dtb effects [NAME]"),
         (("rug=emps",), "rug=emps: no such setting"), (("rig=nowhere",), "rig=nowhere: choose one of"),

@@ -1,5 +1,6 @@
 """``dtb rig``: what it writes runs, and what it says of a rig is true."""
 
+import math
 import re
 
 import pytest
@@ -7,6 +8,7 @@ from PIL import Image
 from told import refusal
 
 from dtbacklash import cli
+from dtbacklash.commands import rig as command
 from dtbacklash.config.groups import MACHINES
 from dtbacklash.face.rigs import load_rig
 from dtbacklash.report.diagnosis.rig_drawing import draw_rig
@@ -72,6 +74,18 @@ def test_what_is_hardly_meant_is_said_first(old, new, said, tmp_path, monkeypatc
     first = capsys.readouterr().out.splitlines()[0]
     assert first.startswith("look at this: ")
     assert said in first
+
+
+@pytest.mark.parametrize(("phase", "angle"), [("180 deg", 0), ("0 deg", 180), ("90 deg", 90)])
+def test_gravity_holds_a_pendulum_that_hangs(phase, angle):
+    gravity = "rig.effects.disk.gravity"
+    told = command.check(["pendulum", f"{gravity}.torque=0.5 N m", f"{gravity}.phase={phase}"])
+    at = told.index("modes:") + 1
+    hertz = math.sqrt(0.5 / 0.02) / (2.0 * math.pi)
+    assert told[at : at + 2] == [
+        f"  gravity holds disk at {angle}°, about which it swings:", f"  {hertz:.3g} Hz, damping 0 %",
+    ]  # fmt: skip
+    assert "free to drift" in "".join(command.check(["pendulum"]))
 
 
 @pytest.mark.parametrize(("written", "meant"), [("1,2 ohm", "1.2 ohm"), ("0,05", "0.05"), ("-4,5 kg", "-4.5 kg")])

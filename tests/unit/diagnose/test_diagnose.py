@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from nominal import nominal_rig
 
-from dtbacklash.diagnose import Record, diagnose, diagnose_records
+from dtbacklash.diagnose import Record, diagnose, diagnose_records, pipeline
 from dtbacklash.diagnose.seen import Seen
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.recording.model import Recording
@@ -103,7 +103,7 @@ def test_what_is_known_when_it_is_stopped_may_be_kept(rig):
         waiting = list(stages)
 
         def tell(text, share):
-            if waiting and text.startswith(waiting[0]):
+            if waiting and waiting[0] in text.partition(", ")[2]:
                 del waiting[0]
                 raise KeyboardInterrupt
 
@@ -119,9 +119,21 @@ def test_what_is_known_when_it_is_stopped_may_be_kept(rig):
         "Stopped early (round 2: ranking what may be missing): what was found until then"
     )
     assert "stopped_early" not in replace(found, stopped="").to_json()
-    for keep, stages in ((False, ["round"]), (True, ["recalibrating"]), (True, ["round", "stopped"])):
-        with pytest.raises(KeyboardInterrupt):
+    for keep, stages in ((False, ["round"]), (True, ["recalibrating"]), (True, ["round", "judging what is known"])):
+        with pytest.raises(KeyboardInterrupt) as ended:
             diagnose_records(rig, records, stopped_at(*stages), keep=keep)
+        assert str(ended.value) == (": nothing was known yet" if stages == ["recalibrating"] else "")
+
+
+@pytest.mark.check
+def test_what_cannot_be_judged_where_it_was_stopped_ends_it_in_a_line(rig, monkeypatch):
+    def interrupted(search):
+        search.now = replace(search.now, sizes=search.now.sizes[:0])  # as between two changes of a search
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pipeline.Search, "run", interrupted)
+    with pytest.raises(KeyboardInterrupt, match="nothing was known yet"):
+        diagnose_records(rig, [recorded(rig, seconds=4.0)], keep=True)
 
 
 def test_a_recording_s_units_notes_and_name_stand_in_the_result(rig):

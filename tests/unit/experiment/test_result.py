@@ -7,6 +7,8 @@ from dtbacklash.config.compose import compose
 from dtbacklash.experiment.estimation import ESTIMATE_COLUMNS
 from dtbacklash.experiment.run import run_scenario
 
+SHOWN = {"rad": "rad", "m": "mm", "rad/s": "rad_s", "m/s": "mm_s", "A": "a"}
+
 
 @pytest.fixture(scope="module")
 def result():
@@ -27,6 +29,35 @@ def test_in_open_loop_the_reference_is_a_voltage():
     opened = run_scenario(compose("controller=open_loop", "duration_s=1"))
     assert opened.units["r"] == "V"
     assert np.array_equal(opened.seen["r"], opened.seen["u"])
+
+
+#: rig -> the columns of its trace in open loop
+CHANNELS = {
+    "pendulum": ["t_s", "u_v", "theta_rad", "omega_rad_s"],
+    "servo_arm": ["t_s", "u_rad", "theta_rad", "omega_rad_s"],
+    "emps": ["t_s", "qm_mm", "u_v"],
+    "lead_screw": ["t_s", "q3_mm", "u_v", "theta_m_rad", "theta_d_rad", "gap_deg", "i_m_a", "q2_mm"],
+}
+
+
+@pytest.mark.parametrize("rig", CHANNELS)
+def test_a_rig_has_its_own_channels_and_no_others(rig):
+    run = run_scenario(compose("controller=open_loop", f"rig={rig}", "reference=multisine", "duration_s=1"))
+    assert list(run.channels) == CHANNELS[rig]
+    assert not run.channels.isna().any(axis=None)
+    (command, *sensors), table = run.summary["signals"], run.channels
+    units = {name: unit for name, unit in run.units.items() if name not in ("r", "u")}
+    assert [s["column"] for s in sensors] == [f"{name}_{SHOWN[unit]}" for name, unit in units.items()]
+    for signal in (command, *sensors):
+        assert table[signal["column"]].max() == pytest.approx(signal["highest"])
+    assert run.units["u"] == ("rad" if rig == "servo_arm" else "V")
+
+
+def test_a_closed_loop_has_the_reference_and_the_twin_s_columns(result):
+    assert list(result.channels) == [
+        "t_s", "r_mm", "q3_mm", "u_v", "theta_m_rad", "theta_d_rad", "gap_deg", "gap_hat_deg", "eps_mm", "novelty_mm",
+        "i_m_a", "q2_mm",
+    ]  # fmt: skip
 
 
 def test_a_row_an_attempt(result):

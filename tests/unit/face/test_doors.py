@@ -105,9 +105,7 @@ def test_a_doubt_about_a_unit_is_settled_in_the_end(verdict, findings, said, fra
     assert summary.endswith("All else.")
 
 
-def test_progress_without_a_terminal_or_a_widget_is_lines(capsys):
+def test_progress_in_python_is_that_of_the_command_line(capsys):
     with shown(True, "diagnosing") as tell:
-        tell(0.1, "reading")
-        tell(0.2, "reading")
-        tell(0.5, "searching")
-    assert capsys.readouterr().err == "diagnosing: reading, 10 %\ndiagnosing: searching, 50 %\n"
+        tell(0.5, "searching; so far backlash")
+    assert capsys.readouterr().err.endswith("dtb: after 0 s: backlash\n")

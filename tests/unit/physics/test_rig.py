@@ -2,6 +2,7 @@
 
 import copy
 import math
+import pickle
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -14,10 +15,12 @@ from reference import rigs
 from told import refused
 
 from dtbacklash.config.rig import ParameterConfig, RigConfig
+from dtbacklash.diagnose.engine.free import nominal_free
 from dtbacklash.errors import UserError
 from dtbacklash.physics.assembly import compile_plant, state_names
 from dtbacklash.physics.catalogue import CATALOGUE, find
 from dtbacklash.physics.rig import Rig, build_rig
+from dtbacklash.physics.rig_file import rig_content, rig_of
 
 Change = Callable[[RigConfig], Any]
 
@@ -267,3 +270,84 @@ def test_numbers_and_units_may_stand_in_the_elements() -> None:
     assert rig.config.parameters["link_1_stiffness"].unit == "N/m"
     assert elements["mass_2"]["mass"] == 2.5  # what was given stays as it was
     assert build_rig(rig.config).elements == rig.elements
+
+
+#: an effect of the lead screw as it may be written -> the values that it means, SI
+WRITTEN = {
+    ("motor_bearing", "coulomb_friction"): ({"torque": "20 mN m"}, {"torque": 0.02}),
+    ("gear", "backlash"): ({"half_gap": {"value": "1 deg", "tolerance": "30 %"}}, {"half_gap": math.radians(1.0)}),
+    ("motor_bearing", "cogging"): (
+        {"torque": {"value": "0.002 Nm"}, "periods": 24, "phase": "270 deg"},
+        {"torque": 0.002, "periods": 24.0, "phase": -math.pi / 2.0},
+    ),
+    ("sensor_q3", "offset"): ({"offset": {"value": "0.2 mm"}}, {"offset": 2e-4}),
+    ("sensor_q3", "delay"): ({"time": "2 ms"}, {"time": 2e-3}),
+    ("sensor_q3", "gain_error"): ({"relative": "2 %"}, {"relative": 0.02}),
+}
+
+
+@pytest.mark.parametrize("where", WRITTEN)
+def test_the_values_of_an_effect_may_have_their_units(where) -> None:
+    leaves, meant = WRITTEN[where]
+    place, name = where
+    rig = rigs.lead_screw().with_effect(place, name, leaves)
+    assert rig.effects[place][name] == pytest.approx({**rig.effects[place][name], **meant})
+    again = pickle.loads(pickle.dumps(rig)).with_parameters({"m": 6.0})  # built anew from its description
+    assert again.effects == rig.effects
+    assert rig_of(rig_content(rig)).effects == rig.effects
+    assert rig.tolerances.get(place, {}).get(name, {}) == ({"half_gap": 0.3} if name == "backlash" else {})
+
+
+@pytest.mark.parametrize(("place", "name", "leaves", "said"), [
+    ("motor_bearing", "coulomb_friction", {"torque": "1.2 mm"}, "torque=1.2 mm: must be in N m"),
+    ("motor_bearing", "coulomb_friction", {"torque": {"value": "1.2 N"}}, "torque=1.2 N: must be in N m"),
+    ("motor_bearing", "coulomb_friction", {"torque": "2 kg"}, "torque=2 kg: must be in N m"),
+    ("motor_bearing", "coulomb_friction", {"torque": "2 pound"}, "torque=2 pound: the unit pound is unknown"),
+    ("motor_bearing", "coulomb_friction", {"torque": "much"}, "torque=much: must be a finite number, SI, or with its"),
+    ("sensor_q3", "offset", {"offset": "2 deg"}, "offset=2 deg: must be in m"),
+    ("sensor_theta_m", "gain_error", {"relative": "2 mm"}, "relative=2 mm: has no unit"),
+    ("motor_bearing", "gravity", {"torque": "-1 N m"},
+     "from 0 to 1e+09 N m; a mass that hangs down at the angle 0 has phase: 180 deg"),
+    ("motor_bearing", "cogging", {"torque": -1.0}, "the same with the other sign has phase: 180 deg"),
+])  # fmt: skip
+def test_a_unit_of_another_kind_and_a_sign_that_is_a_phase_are_refused(place, name, leaves, said) -> None:
+    with refused(said):
+        rigs.lead_screw().with_effect(place, name, leaves)
+
+
+def held(**parameters: dict[str, Any]) -> RigConfig:
+    """The lead screw with other parameters k, and k2 at its second link."""
+    config = copy.deepcopy(rigs.lead_screw().config)
+    known = {**config.parameters, **{n: ParameterConfig(**one) for n, one in parameters.items()}}
+    elements = {**config.elements, "link_2": {**config.elements["link_2"], "stiffness": "k2"}}
+    return replace(config, parameters=known, elements=elements)
+
+
+def test_a_parameter_may_be_held_bounded_and_tied() -> None:
+    rig = build_rig(held(
+        k={"value": "8 N/mm", "tolerance": "20 %", "min": "7 N/mm", "max": 9000.0}, k2={"value": "= k"},
+        m={"value": 5.2, "unit": "kg", "fixed": True},
+    ))  # fmt: skip
+    assert rig.elements["link_2"].values["stiffness"] == 8000.0
+    softer = rig.with_parameters({"k": 7500.0})
+    assert [softer.elements[f"link_{n}"].values["stiffness"] for n in (1, 2)] == [7500.0, 7500.0]
+    free = {f.name: f for f in nominal_free(rig)}
+    assert not {"k2", "m"} & set(free)
+    assert (free["k"].low, free["k"].high, free["k"].scale) == (7000.0, 9000.0, 1600.0)
+    assert nominal_free(rig_of(rig_content(rig))) == nominal_free(rig)
+    assert "max" not in rig_content(rigs.lead_screw())["parameters"]["k"]
+    at_0 = build_rig(held(k={"value": 8000.0, "min": 0.0}, k2={"value": "= k"}))
+    assert rig_content(at_0)["parameters"]["k"]["min"] == 0.0
+
+
+@pytest.mark.parametrize(("parameters", "said"), [
+    ({"k2": {"value": "= kk"}}, "rig.parameters.k2.value== kk: must be one of "),
+    ({"k2": {"value": "= k2"}}, "rig.parameters.k2.value== k2: must be one of "),
+    ({"k2": {"value": 8000.0, "min": "7 N"}}, "rig.parameters.k2.min=7 N: must be in SI"),
+    ({"k2": {"value": "8 N/mm", "max": "7 kg"}}, "rig.parameters.k2.max=7 kg: must be in N/m"),
+    ({"k2": {"value": "8 N/mm", "max": "7 N/mm"}}, "rig.parameters.k2.value=8000.0: must lie between its min and max"),
+    ({"k2": {"value": 8.0, "tolerance": "much"}}, "rig.parameters.k2.tolerance=much: a relative tolerance"),
+])  # fmt: skip
+def test_a_bound_or_a_tie_that_makes_no_sense_is_refused(parameters, said) -> None:
+    with refused(start=said):
+        held(**parameters)

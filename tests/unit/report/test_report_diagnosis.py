@@ -25,6 +25,7 @@ from dtbacklash.report.diagnosis.text import lines
 from dtbacklash.report.diagnosis.words import capital, causes, heading, left, next_command, percents
 from dtbacklash.report.kit import tables
 from dtbacklash.report.kit.intervals import interval, scaled
+from dtbacklash.report.kit.numbers import percent
 
 
 @pytest.fixture(scope="module", params=list(diagnosed.EACH))
@@ -55,6 +56,38 @@ def printed(made):
     out = StringIO()
     tables.show(*lines(made), file=out)
     return out.getvalue()
+
+
+def test_there_is_no_empty_box_and_the_checks_come_after_the_answer(page_of):
+    made = replace(diagnosed.missing(), next_experiment="Nothing is ambiguous.")
+    made = replace(made, checks=tuple(replace(c, passed=False) for c in made.checks))
+    page = page_of(made)
+    assert re.search(r"<pre>\s*</pre>", page) is None
+    assert page.index("What next") < page.index("checks pass. These checks fail")
+    assert "checks pass" not in page.partition("<table")[0]
+
+
+def test_causes_are_only_what_had_to_move():
+    """A parameter that moved beside another one, and may well be as it was given, is none of them."""
+    made = diagnosed.parameters()
+    (name, row), *_ = made.recalibrated.items()
+    beside = Recalibrated(0.02, 0.0206, "kg", (0.019, 0.0222))
+    both = replace(made, recalibrated={name: row, "m": beside})
+    assert heading(both) == heading(made)
+    assert len(causes(both).rows) == len(causes(made).rows)
+    alone = replace(made, recalibrated={name: replace(row, ci95=(8000.0, 11000.0))})
+    assert len(causes(alone).rows) == len(causes(made).rows)  # where there is nothing else
+
+
+def test_what_nobody_notices_is_not_given_in_powers_of_ten(page_of):
+    made = diagnosed.parameters()
+    (name, row), *_ = made.recalibrated.items()
+    rows = {name: row, "m": Recalibrated(5.2, 5.2 * (1.0 - 2.03e-11), "kg", (5.1, 5.3))}
+    made = replace(made, calibration=Calibration(rows, {n: {m: float(n == m) for m in rows} for n in rows}, ()))
+    shown = page_of(made).partition("diagnosis.json</h2>")[0]
+    assert "-2.03e-09 %" not in shown + printed(made)
+    assert re.search(r"10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+ %|e-?\d+ %", shown + printed(made)) is None
+    assert [percent(x) for x in (2e-11, 2e-4, 0.0, 1.0)] == ["< 0.001 %", "0.02 %", "0 %", "100 %"]
 
 
 @pytest.mark.parametrize(("rig", "more"), [("lead_screw", ""), ("emps", " controller=open_loop")])

@@ -39,6 +39,22 @@ def test_every_job_has_its_row_and_leads_to_its_own_page(tmp_path):
     assert set(reader.anchors) <= set(reader.ids)
 
 
+def test_the_page_begins_with_the_winner_of_each_figure_of_merit(tmp_path):
+    table = pd.DataFrame({
+        "controller": ["imc", "pid", "lqg", "mpc"], "overshoot_pct_max": [0.5, 2.0, 1.0, 0.0],
+        "settling_time_s_max": [1.0, 1.0, np.nan, 0.1], "peak_voltage_v": [4.0, 4.0, 4.0, 1.0],
+        "status": ["done", "done", "done", "failed"], "error": ["", "", "", "diverged"],
+    })  # fmt: skip
+    found = page.winners(table, ["controller"])
+    assert [list(row) for row in found.rows] == [
+        ["largest overshoot [%]", "controller=imc", "0.5", "0.5 below controller=lqg (1, 50 % less)"],
+        ["longest settling time [s]", "controller=imc; controller=pid", "1", "the other does not settle"],
+    ]
+    text, _ = written(tmp_path, table, ["controller"])
+    assert text.index("The best of each figure of merit") < text.index("jobs done")
+    assert page.winners(table[:1], ["controller"]).rows == []
+
+
 def test_a_finished_figure_is_shown_and_not_drawn_anew(tmp_path):
     (tmp_path / "sweep.png").write_bytes(b"a figure")
     _, reader = written(tmp_path, synthetic.sweep_table(AXES), list(AXES))

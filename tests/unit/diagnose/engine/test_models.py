@@ -249,11 +249,26 @@ def test_a_new_rig_of_a_model_can_be_read(tmp_path):
         (tmp_path / "machine.xml").write_text(text.replace("</worldbody>", thrown) if damped else bare)
         described = yaml.safe_load(new_rig(str(tmp_path / "machine.xml")))
         rig = load_rig({**described, "model": str(tmp_path / "machine.xml")})
-        assert (rig.config.commands["u_no: 1"], list(rig.bodies())[1].name) == ("no: 1", "on")
+        assert (rig.config.commands, list(rig.bodies())[1].name) == ({"no: 1": "no: 1", "u_on": "on"}, "on")
+        assert [(s.name, s.of) for s in rig.sensors.values()] == [("axle", "axle"), ("on", "on")]
         assert described.get("fixed", []) == ["free"] * damped
     (tmp_path / "machine.xml").write_text(re.sub("<actuator>.*</actuator>", "", text, flags=re.DOTALL))
     with pytest.raises(UserError, match=r"rig.model=.*machine.xml: has no actuator that moves a joint"):
         new_rig(str(tmp_path / "machine.xml"))
+
+
+def test_a_new_rig_names_columns_as_the_model_names_actuators_and_sensors(tmp_path):
+    """So that a log with these heads is read as it is."""
+    sensors = """<sensor><jointpos name="q1" joint="axle"/><jointvel name="w1" joint="axle"/><jointpos joint="rail"/>
+        <actuatorfrc name="tau" actuator="spin"/><accelerometer name="a" site="here"/></sensor></mujoco>"""
+    text = MODEL.format(step=2e-3).replace("</mujoco>", sensors)
+    (tmp_path / "machine.xml").write_text(text.replace("<worldbody>", '<worldbody><site name="here"/>'))
+    rig = load_rig({**yaml.safe_load(new_rig(str(tmp_path / "machine.xml"))), "model": str(tmp_path / "machine.xml")})
+    assert [(s.name, s.of, s.quantity) for s in rig.sensors.values()] == [
+        ("q1", "axle", "position"), ("w1", "axle", "velocity"), ("rail", "rail", "position"),
+        ("tau", "actuator_spin", "torque"),
+    ]  # fmt: skip
+    assert rig.config.commands == {"spin": "spin", "u_rail": "rail"}
 
 
 def test_a_free_joint_and_a_step_that_is_no_divisor_are_refused(rig, tmp_path):
