@@ -138,7 +138,7 @@ class Judge:
                 if find(self.model.rig.kind_at(key[0]), key[1], key[0]).is_table:
                     continue
                 less = self.search.without(self.model, key)
-                rival = less and self._rival(less, key, less)
+                rival = self._rival(less, key, less) if less is not None else None
                 if rival is not None:
                     found[key] = rival
             ahead = [key for key, rival in found.items() if rival.is_ahead]

@@ -67,7 +67,7 @@ class Trajectory:
     def _end(self, name: str, rate: bool) -> Floats:
         of = self.speed if rate else self.position
         if name in of:
-            return of[name]
+            return np.asarray(of[name])
         driver = self._driver[rate]
         if name != self._base or driver is None:
             return np.zeros(len(self.command))

@@ -70,15 +70,15 @@ def _finding(c: Conclusion, key: Key) -> Finding:
     parameters |= each
     silent = idle | _unseen(c, key)
     said = entry.said(silent).format(location=place_in_words(place), **shown)
-    mark, others = c.certainty.get(key, "partial"), also_fits(c, key)
+    mark, alike = c.certainty.get(key, "partial"), also_fits(c, key)
     said += entry.remark(values)
     if c.full:
-        said = said.removesuffix(".") + certainty_said(mark, grounds, name, others, c.explains) + "."
+        said = said.removesuffix(".") + certainty_said(mark, grounds, name, alike, c.explains) + "."
     else:
         said = f"Likeliest, not tried against rivals: {said}"
     said += apart_said(c, key) + only_said(c, key) + ("" if is_there(c.model, c.values, key) else UNSIZED)
     sentence = said[:1].upper() + said[1:] + less(instead)
-    return Finding(place, name, parameters, others, when(c, key), instead, sentence, mark, grounds)
+    return Finding(place, name, parameters, alike, when(c, key), instead, sentence, mark, grounds)
 
 
 def _elsewhere(c: Conclusion, key: Key, parameter: str) -> list[float]:
