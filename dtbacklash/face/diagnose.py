@@ -254,7 +254,6 @@ class Found:
         return f"<Found: {', '.join([self.verdict, *named])}>"
 
 
-@speaks_python
 def diagnose(
     recording: Source | Sequence[Source],
     rig: RigLike | None = None,
@@ -321,22 +320,23 @@ def diagnose(
     from dtbacklash.diagnose import diagnose as diagnosed
     from dtbacklash.recording import read_together
 
-    nominal = load_rig(rig if rig is not None else _usual_rig(recording))
-    fitted, judged = read_together(recording, validation, rig=nominal, trust_units=trust_units)
-    if held_out is not None and not (isinstance(held_out, (int, float)) and 0.0 < held_out < 1.0):
-        raise UserError("held_out", held_out, "must be above 0 and below 1")
-    if search not in SEARCHES:
-        raise UserError("search", search, f"choose one of {', '.join(SEARCHES)}")
-    cores = cores_of(jobs)
-    if enough is not None and not isinstance(enough, Mapping):
-        raise UserError("enough", enough, "must be a mapping, channel: what is good enough, like 0.05 mm or 2 %")
-    with shown(progress, "diagnosing") as tell, ExitStack() as until_done:
-        told = until_done.enter_context(timed(tell, nominal, fitted, search, cores)) if tell else None
-        said = None if told is None else lambda text, share: told(share, text)
-        found = diagnosed(
-            fitted, nominal, judged, held_out, said, cores, enough=enough, depth=search, keep=hasattr(sys, "ps1"),
-            own=own, given=given, hold_out=hold_out, compare=compare,
-        )  # fmt: skip
+    with speaks_python():
+        nominal = load_rig(rig if rig is not None else _usual_rig(recording))
+        fitted, judged = read_together(recording, validation, rig=nominal, trust_units=trust_units)
+        if held_out is not None and not (isinstance(held_out, (int, float)) and 0.0 < held_out < 1.0):
+            raise UserError("held_out", held_out, "must be above 0 and below 1")
+        if search not in SEARCHES:
+            raise UserError("search", search, f"choose one of {', '.join(SEARCHES)}")
+        cores = cores_of(jobs)
+        if enough is not None and not isinstance(enough, Mapping):
+            raise UserError("enough", enough, "must be a mapping, channel: what is good enough, like 0.05 mm or 2 %")
+        with shown(progress, "diagnosing") as tell, ExitStack() as until_done:
+            told = until_done.enter_context(timed(tell, nominal, fitted, search, cores)) if tell else None
+            said = None if told is None else lambda text, share: told(share, text)
+            found = diagnosed(
+                fitted, nominal, judged, held_out, said, cores, enough=enough, depth=search, keep=hasattr(sys, "ps1"),
+                own=own, given=given, hold_out=hold_out, compare=compare,
+            )  # fmt: skip
     return Found(found)
 
 

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from functools import wraps
-from typing import ParamSpec, TypeVar
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from dtbacklash.errors import UserError
-
-Arguments = ParamSpec("Arguments")
-Result = TypeVar("Result")
 
 #: ``recording.units.q3=mm``, ``recording.rows=[0,500]``: a setting of the recording, a name within it, its value
 _SETTING = re.compile(r"\brecording\.(\w+)(?:\.(\w+))?=(\[[^\]]*\]|[^\s;,]*\w)")
@@ -18,20 +14,16 @@ _SETTING = re.compile(r"\brecording\.(\w+)(?:\.(\w+))?=(\[[^\]]*\]|[^\s;,]*\w)")
 _MAPPING = re.compile(r"MAPPING\.yaml: \{files: \[FILE\], time: (\S+), channels: \{(.*?)\}\}, and give \S+")
 
 
-def speaks_python(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """A function whose errors name its arguments."""
-
-    @wraps(function)
-    def called(*arguments: Arguments.args, **options: Arguments.kwargs) -> Result:
-        try:
-            return function(*arguments, **options)
-        except UserError as error:
-            _, argument, name = [*error.key.split("."), "", ""][:3] if error.key.startswith("recording.") else ("",) * 3
-            error.key = f"{argument}[{name!r}]" if name else argument or error.key
-            error.allowed = in_python(error.allowed)
-            raise
-
-    return called
+@contextmanager
+def speaks_python() -> Iterator[None]:
+    """Errors that are raised in it name arguments."""
+    try:
+        yield
+    except UserError as error:
+        _, argument, name = [*error.key.split("."), "", ""][:3] if error.key.startswith("recording.") else ("",) * 3
+        error.key = f"{argument}[{name!r}]" if name else argument or error.key
+        error.allowed = in_python(error.allowed)
+        raise
 
 
 def in_python(text: str) -> str:

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from dtbacklash.recording import Recording
 
 
-@speaks_python
 def read_recording(
     source: str | Path,
     rig: RigLike | None = None,
@@ -72,14 +71,26 @@ def read_recording(
     from dtbacklash.recording import read_recording as read
 
     known = None if rig is None else load_rig(rig)
-    return read(
-        source, path=None if path is None else str(path), part=part, rig=known, sample_time_s=sample_time_s,
-        units=units, trust_units=trust_units, command=command, rows=rows,
-    )  # fmt: skip
+    with speaks_python():
+        return read(
+            source, path=None if path is None else str(path), part=part, rig=known, sample_time_s=sample_time_s,
+            units=units, trust_units=trust_units, command=command, rows=rows,
+        )  # fmt: skip
 
 
 def plot_recording(recording: Recording) -> Figure:
-    """Draw the channels of a recording as they were read, a panel each, without pyplot."""
+    """Draw the channels of a recording as they were read, a panel each, without pyplot.
+
+    Examples
+    --------
+    >>> import numpy as np, pandas as pd
+    >>> import dtbacklash as dtb
+    >>> t = 1e-3 * np.arange(500)
+    >>> frame = pd.DataFrame({"t": t, "u": np.sin(9 * t), "x [mm]": np.cos(7 * t)})
+    >>> figure = dtb.plot_recording(dtb.Recording.from_frame(frame))
+    >>> [ax.get_ylabel() for ax in figure.axes]
+    ['u [V]', 'x [mm]']
+    """
     from dtbacklash.report.kit.channels import channels_figure
 
     return channels_figure(recording.t_s, dict(recording.channels), recording.units, recording.stretches)

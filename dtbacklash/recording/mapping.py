@@ -235,7 +235,12 @@ def _file(key: str, name: str, spec: Any) -> PublicFile:
 
 
 def _preparation(key: str, spec: Any) -> Preparation:
-    known = {"from_s": _number, "to_s": _number, "detrend": _each(_trend), "sample_time_s": _seconds}
+    known: dict[str, Callable[[str, Any], Any]] = {
+        "from_s": _number,
+        "to_s": _number,
+        "detrend": _each(_trend),
+        "sample_time_s": _seconds,
+    }
     if not isinstance(spec, dict) or set(spec) - set(known):
         raise UserError(key, spec, "must be a mapping with some of " + ", ".join(known))
     return Preparation(**{name: known[name](f"{key}.{name}", value) for name, value in spec.items()})

@@ -10,7 +10,7 @@ import dtbacklash as dtb
 MODULES = ("face.diagnose", "face.experiments", "face.recordings", "face.rigs", "face.run", "recording.model",
            "recording.stamps", "units")  # fmt: skip
 #: what is a class, or an exception, has its example where it is made
-FUNCTIONS = ("design", "diagnose", "isolability", "load_rig", "read_recording", "run", "save_rig")
+FUNCTIONS = ("design", "diagnose", "isolability", "load_rig", "plot_recording", "read_recording", "run", "save_rig")
 
 
 @pytest.mark.parametrize("module", MODULES)
