@@ -20,10 +20,10 @@ from pathlib import Path
 HERE = Path(__file__).parent
 HEADERS, SOURCES = ("laws.h", "plant.h"), ("laws.c", "formula.c", "predict.c", "filter.c")
 LIBRARY, DECLARED = "_core.so", "_declared.py"
-#: loops run over a few states: as they are written, not in vectors with a rest, nor as calls of memset
-LOOPS = ["-fno-tree-loop-vectorize", "-fno-tree-loop-distribute-patterns", "-Wno-ignored-optimization-argument"]
 #: no contraction of a product and a sum into one rounding: results are those of any other compiler
-FLAGS = ["-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", *LOOPS, "-fPIC", "-shared"]
+FLAGS = ["-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared"]
+#: GCC's: loops run over a few states as they are written, not in vectors with a rest, nor as calls of memset
+LOOPS = ["-fno-tree-loop-vectorize", "-fno-tree-loop-distribute-patterns"]
 #: a law: its name, its slot, its parameters one by one or as a row, and what stands in it
 _LAW = re.compile(r"^double (\w+)\(const (\w+) \*at, const double \*(p|row)\)\s*\{(.*?)\}\n(?:\n|\Z)", re.M | re.DOTALL)
 _CALLED = re.compile(r"^\w+ dtb_\w+\([^{;]*\)(?=\n?\s*\{)", re.MULTILINE)
@@ -32,7 +32,7 @@ _CALLED = re.compile(r"^\w+ dtb_\w+\([^{;]*\)(?=\n?\s*\{)", re.MULTILINE)
 def digest() -> str:
     """Hash of what decides the library: sources, flags and platform, 16 hexadecimal digits."""
     files = sorted(file for kind in ("*.c", "*.h", "build.py") for file in HERE.glob(kind))
-    said = [*(file.read_bytes() for file in files), " ".join(FLAGS).encode(), sysconfig.get_platform().encode()]
+    said = [*(file.read_bytes() for file in files), " ".join(FLAGS + LOOPS).encode(), sysconfig.get_platform().encode()]
     return hashlib.sha256(b"".join(said)).hexdigest()[:16]
 
 
@@ -71,6 +71,14 @@ def compiler() -> list[str]:
     return [sys.executable, "-m", "ziglang", "cc"] if importlib.util.find_spec("ziglang") else []
 
 
+def flags(chosen: list[str]) -> list[str]:
+    """The flags for a compiler; some refuse what only GCC knows."""
+    tried = subprocess.run(
+        [*chosen, *LOOPS, "-Werror", "-fsyntax-only", "-x", "c", os.devnull], capture_output=True, check=False
+    )
+    return FLAGS if tried.returncode else FLAGS + LOOPS
+
+
 def make() -> None:
     """Compile the library, and write down what is in it, beside the sources; not if it is there already.
 
@@ -84,9 +92,8 @@ def make() -> None:
     if not chosen:
         raise SystemExit("dtbacklash: needs a C compiler: install cc (gcc, clang), or `pip install ziglang`; or set CC")
     made, declared = HERE / f"{LIBRARY}.new", HERE / f"{DECLARED}.new"
-    done = subprocess.run(
-        [*chosen, *FLAGS, str(HERE / "core.c"), "-o", str(made), "-lm"], capture_output=True, text=True, check=False
-    )
+    words = [*chosen, *flags(chosen), str(HERE / "core.c"), "-o", str(made), "-lm"]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
     if done.returncode:
         raise SystemExit(f"dtbacklash: {' '.join(chosen)} cannot compile the core:\n{done.stderr.strip()}")
     ffi = FFI()

@@ -44,6 +44,15 @@ def test_what_is_there_is_not_compiled_again(monkeypatch):
 
 
 @needs_cc
+def test_flags_that_only_some_compilers_know_are_left_out_elsewhere(tmp_path):
+    picky = tmp_path / "picky"
+    picky.write_text('#!/bin/sh\ncase "$*" in *-fno-tree*) exit 1;; esac\n')
+    picky.chmod(0o755)
+    assert build.flags([str(picky)]) == build.FLAGS
+    assert set(build.FLAGS) <= set(build.flags(["cc"]))
+
+
+@needs_cc
 def test_the_sources_give_no_warning():
     done = subprocess.run(
         ["cc", *build.FLAGS, *WARNINGS, "-fsyntax-only", str(build.HERE / "core.c")],
