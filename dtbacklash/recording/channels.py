@@ -101,8 +101,8 @@ def _note_losses(
     first, last = stretches[0][0], stretches[-1][1]
     ends = sum(b - a for a, b in pieces) - sum(max(0, min(b, last) - max(a, first)) for a, b in pieces)
     if ends:
-        notes.append(f"{ends} rows at the ends, where a channel has no value, were cut off.")
-    notes += _stops(channels, t_s)
+        cut = f"{ends} rows at the ends, where a channel has no value, were cut off."
+        notes.append(" ".join([cut, *_stops(channels, t_s)]))
     for name, values in channels.items():
         out = [(first + a, first + b) for a, b in runs(~np.isfinite(values[first:last])) if b - a > RUN_MAX]
         if out:

@@ -150,6 +150,7 @@ def test_decimal_commas_between_commas_are_refused():
 RELAXED = settings(deadline=None, suppress_health_check=list(HealthCheck))
 
 
+@pytest.mark.check
 @settings(RELAXED, max_examples=300, derandomize=True)
 @given(table=tables())
 def test_a_table_is_read_as_it_was_written_or_refused(table):

@@ -107,7 +107,7 @@ def test_what_differs_from_the_published_file_is_noted(mine, tmp_path):
         ("mine", {"path": "log.csv"}, "recording.path=log.csv: is not here"),
         ("mine:best", {}, "recording=mine:best: choose one of train, test"),
         ("disk:train", {}, "disk has no parts: write recording=disk"),
-        ("other.yaml", {}, "recording=other.yaml: choose one of anticogging, brfd"),
+        ("other.yaml", {}, "recording=other.yaml: no such file: give the path of a mapping, or one of anticogging"),
         ("plain.csv", {"path": "x.csv"}, "recording.path=x.csv: belongs to a mapping"),
         ("mine", {"path": "plain.csv"}, "has no column Volts, which the mapping mine needs; it has a, b"),
     ],
