@@ -8,9 +8,9 @@ proves nothing and is read as the others say. A number that contradicts them mak
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import pyarrow as pa
@@ -19,8 +19,8 @@ import pyarrow.compute as pc
 from dtbacklash import units
 from dtbacklash.arrays import Floats
 
-#: (N,) texts of a column, null where a value is missing
-Texts = pa.ChunkedArray
+#: (N,) texts of a column, null where a value is missing: a pa.ChunkedArray, which declares no types
+Texts: TypeAlias = Any
 Mask = np.ndarray[Any, np.dtype[np.bool_]]
 POINT, COMMA = ".", ","
 #: what groups thousands, and does nothing else
@@ -38,10 +38,12 @@ class Convention:
     """How the numbers of a table are written.
 
     decimal : its decimal sign. decided : whether anything tells; if not, no column with numbers like 1,234 can be read.
+    alone : whether the other sign stands nowhere.
     """
 
     decimal: str = POINT
     decided: bool = True
+    alone: bool = False
 
     @property
     def other(self) -> str:
@@ -49,19 +51,20 @@ class Convention:
         return COMMA if self.decimal == POINT else POINT
 
 
-def decide(columns: Sequence[Texts], fallback: str = "") -> Convention:
+def decide(columns: Sequence[Texts], present: Collection[str] = (POINT, COMMA), fallback: str = "") -> Convention:
     """How the numbers of all columns are written; texts that are no numbers say nothing.
 
-    fallback : the decimal sign where no number tells; empty: it stays undecided.
+    present : the signs that may stand in a text. fallback : the decimal sign where no number tells; empty: it stays
+    undecided.
     """
-    held = {sign: [c for c in columns if pc.any(pc.match_substring(c, sign)).as_py()] for sign in (POINT, COMMA)}
-    signs = [sign for sign in held if held[sign]]
+    signs = [sign for sign in (POINT, COMMA) if sign in present]
     if not signs:
-        return Convention()
+        return Convention(alone=True)
     if len(signs) == 1:  # the usual file: one proof is enough
-        for part in (part for c in held[signs[0]] for part in (c[:_LOOK], c)):
+        for part in (part for rows in (slice(_LOOK), slice(None)) for c in columns for part in (c[rows],)):
             if _proofs(part, signs[0]).any():
-                return Convention(signs[0])
+                return Convention(signs[0], alone=True)
+    held = {sign: [c for c in columns if pc.any(pc.match_substring(c, sign)).as_py()] for sign in (POINT, COMMA)}
     both = [c for c in columns if any(c is one for sign in signs for one in held[sign])]
     votes = {sign: sum(int(_proofs(c, sign).sum()) for c in both) for sign in held}
     decimal = max(votes, key=lambda sign: votes[sign])
@@ -84,7 +87,7 @@ def parse(texts: Texts, convention: Convention) -> tuple[Floats, np.ndarray, str
     (N,) numbers, NaN where there is none; the rows of texts that are none; why the column cannot be read, or empty.
     """
     sign, other = convention.decimal, convention.other
-    if convention.decided and not pc.any(pc.match_substring(texts, other)).as_py():
+    if convention.decided and (convention.alone or not pc.any(pc.match_substring(texts, other)).as_py()):
         try:
             return _floats(texts, sign), np.empty(0, dtype=np.int64), ""
         except pa.ArrowInvalid:
@@ -107,7 +110,7 @@ def parse(texts: Texts, convention: Convention) -> tuple[Floats, np.ndarray, str
 
 def without_units(texts: Texts) -> tuple[Texts, Texts | None]:
     """The numbers and the units of a column with a unit behind each number, ``900 mV``, ``1.1 V``; else None."""
-    first = re.match(_QUANTITY, next(iter(texts.drop_null()[:1].to_pylist()), ""))
+    first = re.match(_QUANTITY, first_text(texts))
     if first is None or units.find(first["unit"]) is None:
         return texts, None
     parts = pc.extract_regex(texts, _QUANTITY)
@@ -116,9 +119,15 @@ def without_units(texts: Texts) -> tuple[Texts, Texts | None]:
     return pc.utf8_trim_whitespace(pc.struct_field(parts, "number")), pc.struct_field(parts, "unit")
 
 
+def first_text(texts: Texts) -> str:
+    """The first text of a column; empty where it has none."""
+    at = pc.index(pc.is_valid(texts), True).as_py() if texts.null_count else 0
+    return str(texts[at].as_py()) if 0 <= at < len(texts) else ""
+
+
 def whole_numbers(texts: Texts) -> np.ndarray | None:
     """(N,) differences to the first of numbers too long for a float, as clocks count; else None."""
-    if not pc.any(pc.match_substring_regex(texts[:1], r"^[+-]?\d{16,}$")).as_py():
+    if not re.fullmatch(r"[+-]?\d{16,}", first_text(texts[:1])):
         return None
     try:
         counts = texts.cast(pa.int64())
@@ -169,7 +178,7 @@ def _match(texts: Texts, pattern: str) -> Mask:
     return _mask(pc.match_substring_regex(texts, pattern))
 
 
-def _mask(booleans: pa.ChunkedArray) -> Mask:
+def _mask(booleans: Any) -> Mask:
     return np.asarray(pc.fill_null(booleans, False).to_numpy(), dtype=bool)
 
 

@@ -58,8 +58,9 @@ def read(content: bytes, rows: tuple[int, int] | None = None, decimal: str = "")
     texts = layout.split(body, found.delimiter, wide, found.first)
     width = 1 + max((j for j, column in enumerate(texts) if column.null_count < len(column)), default=0)
     texts = [column.slice(*((rows[0], rows[1] - rows[0]) if rows else (0,))) for column in texts[:width]]
+    present = [sign for sign in ".," if sign in body and (sign != found.delimiter or '"' in body)]
     parts = [numerals.without_units(column) for column in texts]
-    convention = numerals.decide([numbers for numbers, _ in parts if not _stamped(numbers)], decimal)
+    convention = numerals.decide([numbers for numbers, _ in parts if not _stamped(numbers)], present, decimal)
     head = preamble.understood(above, width, convention.decimal)
     table = Table(numbered=not any(head.names), constants={"dt": head.step_s} if head.step_s else {})
     if found.delimiter == ",":
@@ -131,8 +132,7 @@ def _unlabelled(whole: str) -> str:
 
 def _stamped(texts: Texts) -> bool:
     """Whether a column begins with a time stamp."""
-    first = texts.drop_null()[:1].to_pylist()
-    return bool(first) and stamps.STAMP.fullmatch(first[0].strip()) is not None
+    return stamps.STAMP.fullmatch(numerals.first_text(texts).strip()) is not None
 
 
 def _check_commas(texts: list[Texts], names: list[str]) -> None:
@@ -180,8 +180,9 @@ def _quantities(values: Floats, behind: Texts, texts: Texts) -> Column:
     names = behind.combine_chunks().dictionary_encode()
     found = [units.find(text) for text in names.dictionary.to_pylist()]
     if None in found or len({unit.si for unit in found if unit}) != 1:
-        first = texts.drop_null()[0].as_py()
-        return Column(unusable=f"holds text ({first[:30]!r})", labels=texts.to_pandas().str.strip())
+        return Column(
+            unusable=f"holds text ({numerals.first_text(texts)[:30]!r})", labels=texts.to_pandas().str.strip()
+        )
     own = names.dictionary[0].as_py()
     per = np.array([units.per_si(own) * unit.factor for unit in found if unit])
     return Column(values * per[np.asarray(names.indices.fill_null(0))], own)

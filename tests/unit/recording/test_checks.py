@@ -22,18 +22,12 @@ def note(recording: Recording, words: str) -> str:
     return notes[0]
 
 
-def jittery(f):
-    return f.assign(t=f.t + 4.5e-4 * np.random.default_rng(1).uniform(-1, 1, len(f)))
-
-
 def hanging_from(f, name, first, last):
     return f.assign(**{name: f[name].where((f.index < first) | (f.index > last), f[name][first])})
 
 
 #: how a recording is spoilt, and what is said of it
 REFUSED = {
-    "large jitter": (jittery, "sampling is uneven"),
-    "two sample rates": (lambda f: f[(f.index < 2000) | (f.index % 2 == 0)], "sampling is uneven"),
     "too little between gaps": (lambda f: f[(f.index // 90) % 2 == 0],
                                 "stretches of at least 100 samples between them hold 0 % of it"),
     "many double stamps": (lambda f: f.assign(t=1e-3 * (f.index - (f.index % 20 == 7))),
@@ -75,6 +69,19 @@ def test_jitter_is_resampled(frame, save):
     truth = np.interp(recording.t_s, frame.t, frame.q3)
     assert np.abs(recording.channels["q3"] - truth)[1:-1].max() < 1e-4 * np.ptp(truth)
     assert np.ptp(np.diff(recording.t_s)) < 1e-12
+
+
+@pytest.mark.parametrize("kind", ["large jitter", "two sample rates"])
+def test_uneven_times_are_resampled(kind, frame, save):
+    rng = np.random.default_rng(1)
+    t = frame.t + 4.5e-4 * rng.uniform(-1, 1, len(frame)) * (kind == "large jitter")
+    logged = pd.DataFrame({"t": t, "u": frame.u, **{n: np.interp(t, frame.t, frame[n]) for n in ("theta_m", "q3")}})
+    rows = slice(None) if kind == "large jitter" else (frame.index < 2000) | (frame.index % 2 == 0)
+    recording = read_recording(save(logged[rows]))
+    note(recording, "Sampling is uneven, with steps from")
+    for name in ("theta_m", "q3"):
+        off = recording.channels[name] - np.interp(recording.t_s, frame.t, frame[name])
+        assert np.abs(off)[2:-2].max() < 1e-3 * np.ptp(frame[name])
 
 
 def test_samples_that_come_late_now_and_then_are_resampled_and_none_is_missing(frame, save):
