@@ -63,14 +63,14 @@ def _all(rig: Rig | None) -> list[str]:
     from dtbacklash.physics.catalogue import effects_of
 
     lines = []
-    there = {
+    acting = {
         kind: [e for e in effects_of(kind).values() if rig is None or _takers(rig, e, places)]
         for kind, places in _places(rig).items()
     }
-    width = max(len(effect.name) for effects in there.values() for effect in effects)
+    width = max(len(effect.name) for effects in acting.values() for effect in effects)
     for kind, places in _places(rig).items():
         lines += ["", kind + (f" ({', '.join(places)})" if places else "")]
-        for effect in there[kind]:
+        for effect in acting[kind]:
             mark = "*" if effect.declared is not None else " "
             given = ", ".join(_with_unit(p) for p in effect.listed)
             lines.append(f" {mark} {effect.name:<{width}}  {effect.law}  ({given})")
@@ -100,9 +100,9 @@ def _one(name: str, rig: Rig | None) -> list[str]:
         if any(name == shipped for shipped, _ in folder_declarations(SHIPPED)):
             raise UserError("effects", name, f"a law that a rig has to ask for: rig.laws.{name}=packaged")
         known = sorted({other for kind, other in CATALOGUE if kind in places})
-        found = meant(name, known)
+        hint = meant(name, known)
         raise UserError(
-            "effects", name, f"{found}dtb effects lists all" if found else f"choose one of {', '.join(known)}"
+            "effects", name, f"{hint}dtb effects lists all" if hint else f"choose one of {', '.join(known)}"
         )
     lines = []
     for effect in found:

@@ -209,7 +209,7 @@ def _in_si(key: str, parameter: ParameterConfig) -> ParameterConfig:
     """A parameter with numbers in SI."""
     value, unit = in_si(f"{key}.value", parameter.value, parameter.unit)
     share = 0.0 if parameter.fixed else share_of(f"{key}.tolerance", parameter.tolerance)
-    ends: dict[str, float] = {}
+    ends: dict[str, Any] = {}
     for end in ("min", "max"):
         if (given := getattr(parameter, end)) is not None:
             ends[end], own = in_si(f"{key}.{end}", given)

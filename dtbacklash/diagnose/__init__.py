@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from dtbacklash.diagnose.owned import Given, Own, with_own
-from dtbacklash.diagnose.pipeline import FULL, Depth, diagnose_records
+from dtbacklash.diagnose.pipeline import FULL, diagnose_records
 from dtbacklash.diagnose.records import Record, check_parts, long_enough, records_of, while_it_moves
 from dtbacklash.diagnose.result import Diagnosis
 from dtbacklash.diagnose.say.beforehand import beforehand
@@ -14,6 +14,7 @@ from dtbacklash.diagnose.say.error_names import names_the_recording
 from dtbacklash.diagnose.say.sentences import notes_of, notes_of_several, units_of
 from dtbacklash.diagnose.settings import SETTINGS
 from dtbacklash.diagnose.several import ENDS, Several, source_of
+from dtbacklash.diagnose.so_far import Depth
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 from dtbacklash.recording.model import Recording

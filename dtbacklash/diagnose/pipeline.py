@@ -172,7 +172,7 @@ class _Course:
         except (ValueError, IndexError, KeyError, np.linalg.LinAlgError) as error:  # stopped between two of its changes
             raise KeyboardInterrupt(UNKNOWN) from error
         said = found.summary.removeprefix(SEARCHED[QUICK]).strip()
-        summarised = f"Stopped early ({step}): {STOPPED} {said}"
+        summarised = f"Stopped early ({step}): {STOPPED} Known then: {known(search)}. {said}"
         return replace(found, summary=summarised, stopped=step, next_experiment=TO_THE_END)
 
     def _searched(self) -> Search:

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     from dtbacklash.diagnose.named import Alternative
     from dtbacklash.diagnose.owned import Given, Own
-    from dtbacklash.diagnose.pipeline import Depth
     from dtbacklash.diagnose.result import Diagnosis
+    from dtbacklash.diagnose.so_far import Depth
     from dtbacklash.physics.rig import Rig
 
 DEFAULT_RIG = "lead_screw"

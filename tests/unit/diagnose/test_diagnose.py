@@ -118,6 +118,7 @@ def test_what_is_known_when_it_is_stopped_may_be_kept(rig):
     assert document["summary"].startswith(
         "Stopped early (round 2: ranking what may be missing): what was found until then"
     )
+    assert "Known then: Coulomb friction at the motor bearing (torque " in document["summary"]
     assert "stopped_early" not in replace(found, stopped="").to_json()
     for keep, stages in ((False, ["round"]), (True, ["recalibrating"]), (True, ["round", "judging what is known"])):
         with pytest.raises(KeyboardInterrupt) as ended:
