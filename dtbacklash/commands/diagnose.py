@@ -148,7 +148,7 @@ def _untold(train: Recording | list[Recording], rig: Rig) -> tuple[str, ...]:
 
 def run_diagnosis(
     train: Recording | list[Recording], held_out: Recording | list[Recording] | int | None, rig: Rig, jobs: int,
-    tell: Callable[[float, str], object], config: DiagnoseConfig, keep: bool = False,
+    tell: Callable[[float, str], None], config: DiagnoseConfig, keep: bool = False,
 ) -> Diagnosis:  # fmt: skip
     """Diagnose; ``tell`` is told the share done, and what is being done."""
     from dtbacklash.diagnose import diagnose
