@@ -84,6 +84,10 @@ def find(whole: str) -> Layout:
             sum(map(_is_number, fields_of(line, d))) > 1 for line in full for d in DELIMITERS
         )
         raise Refused("holds one row of numbers" if alone else "holds no table of numbers with at least two columns")
+    delimiter, first, width = best[1]
+    above = fields_of(lines[first - 1], delimiter) if first else []
+    if any(above[width:]) and all(map(_is_number, filter(None, above))):  # no head, but a row of numbers
+        raise Refused(_lengths(width, first, len(above)))
     return best[1]
 
 
@@ -153,10 +157,13 @@ def _repaired(body: str, delimiter: str, width: int, first: int) -> str:
         elif line.strip():
             fields = fields_of(line, delimiter)
             if any(fields[width:]) and any(map(_is_number, fields)):
-                said = f"expected {width} fields in line {first + k + 1}, saw {len(fields)}"
-                raise Refused(f"has lines of different lengths ({said})")
+                raise Refused(_lengths(width, first + k + 1, len(fields)))
             writer.writerow([*fields, *[""] * width][:width])
     return out.getvalue()
+
+
+def _lengths(width: int, line: int, fields: int) -> str:
+    return f"has lines of different lengths (expected {width} fields in line {line}, saw {fields})"
 
 
 def _joined(body: str) -> str:
