@@ -55,10 +55,11 @@ def do(config: DiagnoseConfig, folder: Path, command: str, tell: Tell | None) ->
             rig = build_rig(config.rig)
             say(0.0, stages.reached(READING, 0.0)[0])
             train, held_out = read(config, rig)
-            say_notes((*_notes(train, held_out), *_untold(train, rig)), tell is not None)
+            notes = *_notes(train, held_out), *_untold(train, rig)
             with timed(say, rig, train, config.search, jobs) as said:
+                noted = _after_notes(said, notes, tell is not None)
                 # a job of a sweep that was stopped is not done
-                diagnosis = run_diagnosis(train, held_out, rig, jobs, said, config, keep=tell is not None)
+                diagnosis = run_diagnosis(train, held_out, rig, jobs, noted, config, keep=tell is not None)
                 text, share = stages.reached(DRAWING, 1.0)
                 said(share, text)
                 _write(diagnosis, scratch)
@@ -85,6 +86,18 @@ def _write(diagnosis: Diagnosis, folder: Path) -> None:
         if diagnosis.stopped:
             raise
         page.write(diagnosis, folder)
+
+
+def _after_notes(tell: Tell, notes: Sequence[str], watched: bool) -> Tell:
+    """The same, which says notes on the recording first: once all that was asked for has been accepted."""
+    pending = [notes]
+
+    def noted(share: float, text: str = "", left: Callable[[], float | None] | None = None) -> None:
+        if pending:
+            say_notes(pending.pop(), watched)
+        tell(share, text, left)
+
+    return noted
 
 
 def _silent(share: float, text: str = "", left: Callable[[], float | None] | None = None) -> None:

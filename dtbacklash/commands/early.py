@@ -47,5 +47,6 @@ def _check_recording(given: dict[str, str]) -> None:
         return
     from dtbacklash.recording import locate, sources_of
 
-    for one in sources_of(source):
-        locate.resolve(one, given.get("recording.path"))
+    several = sources_of(source)
+    for one in several:
+        locate.resolve(one, given.get("recording.path") if len(several) == 1 else None)

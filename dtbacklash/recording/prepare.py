@@ -8,13 +8,11 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from dtbacklash.arrays import Floats
 from dtbacklash.errors import UserError
 from dtbacklash.recording.refusal import SAMPLES_MIN
 
 if TYPE_CHECKING:
+    from dtbacklash.arrays import Floats
     from dtbacklash.recording.model import Recording
 
 #: what is taken off a channel, as in ``scipy.signal.detrend``
@@ -50,6 +48,8 @@ def cut(recording: Recording, from_s: float | None = None, to_s: float | None = 
     ------
     UserError : too few samples lie there.
     """
+    import numpy as np
+
     t_s = recording.t_s
     begin, end = t_s[0] if from_s is None else from_s, t_s[-1] if to_s is None else to_s
     first, last = int(np.searchsorted(t_s, begin - 1e-9)), int(np.searchsorted(t_s, end + 1e-9, side="right"))
@@ -90,6 +90,8 @@ def resampled(recording: Recording, sample_time_s: float) -> Recording:
     ------
     UserError : it is none; too few samples are left of every stretch.
     """
+    import numpy as np
+
     step_s = recording.sample_time_s
     every = round(sample_time_s / step_s) if math.isfinite(sample_time_s) else 0
     if every < 1 or not math.isclose(sample_time_s, every * step_s, rel_tol=1e-6):
@@ -113,6 +115,7 @@ def resampled(recording: Recording, sample_time_s: float) -> Recording:
 
 
 def _slower(values: Floats, every: int) -> Floats:
+    import numpy as np
     from scipy.signal import decimate
 
     return np.ascontiguousarray(decimate(values, every, ftype="fir", zero_phase=True))

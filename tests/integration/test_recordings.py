@@ -92,7 +92,7 @@ def test_fetch_of_what_is_here_needs_no_network(public, monkeypatch, capsys):
         (["fetch", "nope"], "recordings=nope: choose one of anticogging, brfd, disk, emps, silverbox"),
         (["fetch", "emps", "nope.mat"], "recordings=nope.mat: choose one of DATA_EMPS.mat"),
         (["fetch"], "write dtb recordings fetch NAME"),
-        (["remove", "emps"], "takes nothing, or fetch NAME"),
+        (["remove", "emps"], "takes nothing, fetch NAME, or check FILE"),
     ],
 )
 def test_wrong_words_are_one_line(words, said, offline, capsys):

@@ -15,7 +15,8 @@ def test_units_come_first_and_what_is_more_stands_in_the_report(capsys):
     assert lines[1:] == [*(f"dtb: Note {k}." for k in range(3)), "dtb: 3 more notes on the recording: in the report."]
 
 
-def test_a_few_are_said_whole_and_a_job_of_a_sweep_says_none(capsys, caplog):
+def test_a_few_are_said_whole_and_a_job_of_a_sweep_says_none(capsys, caplog, monkeypatch):
+    monkeypatch.setattr(logging.getLogger("dtbacklash"), "handlers", [])  # of a command that has ended
     say_notes(["One.", UNITS], True)
     assert capsys.readouterr().err == f"dtb: {UNITS}\ndtb: One.\n"
     say_notes(["One."], False)

@@ -113,7 +113,7 @@ WRONG_CHANGES = [
     ({"at_s": 1, "effects": {"motor_bearing": {"coulomb_friction": 0.05}}}, ".effects.motor_bearing.coulomb_friction",
      "a mapping parameter"),
     ({"at_s": 1, "effects": {"motor_bearing": {"coulomb_friction": {"torque": "abc"}}}},
-     ".effects.motor_bearing.coulomb_friction.torque", "a number"),
+     ".effects.motor_bearing.coulomb_friction.torque", "a finite number"),
 ]  # fmt: skip
 
 

@@ -207,6 +207,7 @@ def test_what_is_open_ends_with_the_command(monkeypatch, unlogged, rivals, chang
     open_change = SimpleNamespace(title="J_l", also_fits=("load.coulomb_friction.torque",))
     monkeypatch.setattr(next_experiment, "changes", lambda c: (open_change,) if changed else None)
     c = SimpleNamespace(
+        follows=True,
         model=SimpleNamespace(keys=(FRICTION,), rig=SimpleNamespace(config=SimpleNamespace(model=model))),
         judged=SimpleNamespace(rivals={FRICTION: (rival,)} if rivals else {}),
         seen=SimpleNamespace(unlogged=lambda rig: unlogged, stretches=()),

@@ -40,7 +40,7 @@ def test_findings_and_parameters_are_what_they_always_were():
         "when": "84 % of the mismatch lies within 50 ms of a velocity reversal",
         "instead": {"location": "gear", "effect": "backlash", "value": 0.1, "unit": "rad", "times_the_error": 2.5},
         "sentence": "Dry (Coulomb) friction of 0.02 N m acts at the motor bearing.",
-        "confidence": "sure",
+        "confidence": "partial",
         "stands": None,
     }
     assert made.to_json()["recalibrated"]["k"] == {

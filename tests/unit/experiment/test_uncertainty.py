@@ -51,11 +51,11 @@ def test_one_parameter_makes_the_band_of_a_simulation_to_both_sides(tmp_path, mo
         run_scenario(compose(*RUN, f"rig.parameters.{name}.value={value * s!r}")).trace["theta_m_rad"]
         for s in (0.98, 1.02)
     )
-    here = trace["theta_m_rad"]
+    here = trace["theta_rad"]
     half = 1.96 * np.sqrt(0.5 * ((low - here) ** 2 + (high - here) ** 2))
     assert half.max() > 1e-4
-    assert np.allclose(trace["theta_m_rad_high"] - here, half, rtol=1e-6, atol=1e-12)
-    assert np.allclose(here - trace["theta_m_rad_low"], half, rtol=1e-6, atol=1e-12)
+    assert np.allclose(trace["theta_rad_high"] - here, half, rtol=1e-6, atol=1e-12)
+    assert np.allclose(here - trace["theta_rad_low"], half, rtol=1e-6, atol=1e-12)
     assert summary["uncertainty"]["directions"] == 1
 
 
@@ -66,7 +66,7 @@ def test_correlated_parameters_narrow_or_widen_the_band(tmp_path, monkeypatch):
         monkeypatch.chdir(tmp_path / str(correlation))
         calibrated(dict.fromkeys(names(), 0.02), correlation)
         trace, _ = run("uncertainty=found")
-        widths[correlation] = float((trace["theta_m_rad_high"] - trace["theta_m_rad_low"]).abs().mean())
+        widths[correlation] = float((trace["theta_rad_high"] - trace["theta_rad_low"]).abs().mean())
     between = sorted((widths[-0.99], widths[0.99]))
     assert between[0] < widths[0.0] < between[1]
 
@@ -101,9 +101,9 @@ def test_a_force_that_stays_unknown_widens_the_band_as_a_constant_one_does_for_a
         run_scenario(compose(*RUN, f"+rig.effects.{body}={load.replace('TORQUE', s)}")).trace["theta_m_rad"]
         for s in ("-0.01", "0.01")
     )
-    here, first = trace["theta_m_rad"], trace["t_s"] <= 0.5
+    here, first = trace["theta_rad"], trace["t_s"] <= 0.5
     half = 1.96 * np.sqrt(np.maximum.accumulate(0.5 * ((low - here) ** 2 + (high - here) ** 2)))
-    band = trace["theta_m_rad_high"] - here
+    band = trace["theta_rad_high"] - here
     assert half[first].max() > 1e-4
     assert np.allclose(band[first], half[first], rtol=1e-4, atol=1e-9)
     assert band.is_monotonic_increasing

@@ -39,8 +39,8 @@ MISTAKES = {
         lambda rig: dtb.read_recording(pd.DataFrame({"a": [1.0]})),
         "recording=a DataFrame: must be",
     ),
-    "a number for rows": (lambda rig: dtb.read_recording("a.csv", rows=5), "recording.rows=5: must be [first row"),
-    "a list of units": (lambda rig: dtb.read_recording("a.csv", units=["mm"]), "recording.units=['mm']: must be a map"),
+    "a number for rows": (lambda rig: dtb.read_recording("a.csv", rows=5), "rows=5: must be [first row"),
+    "a list of units": (lambda rig: dtb.read_recording("a.csv", units=["mm"]), "units=['mm']: must be a map"),
     "text for a step": (
         lambda rig: dtb.read_recording("a.csv", sample_time_s="1"),
         "sample_time_s=1: must be positive s",

@@ -91,7 +91,12 @@ def test_bounds_are_inclusive_and_kept():
             for value in () if effect.is_table and p.role is Role.GIVEN else (p.low, p.high):  # its ends are in order
                 assert effect.complete(size | {p.name: value}, "key")[p.name] == value
             for value in (p.low - abs(p.low) - 1.0, p.high + abs(p.high) + 1.0):
-                if value not in (p.low, p.high):  # beyond an infinite bound there is nothing
+                if p.role is Role.ANGLE:  # it begins anew after a turn
+                    kept = effect.complete(size | {p.name: value}, "key")[p.name]
+                    assert (kept - value) % (2.0 * np.pi) == pytest.approx(0.0, abs=1e-9) or (
+                        (value - kept) % (2.0 * np.pi) == pytest.approx(0.0, abs=1e-9)
+                    )
+                elif value not in (p.low, p.high):  # beyond an infinite bound there is nothing
                     with refused(f"key.{p.name}="):
                         effect.complete(size | {p.name: value}, "key")
 

@@ -20,7 +20,7 @@ def _connection(broker: str, credentials: Credentials) -> Connection:
 def test_without_the_extra_or_certificates(missing: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if missing:
         monkeypatch.setitem(sys.modules, missing, None)
-    extra = "twin.broker=127.0.0.1: needs the extra `remote`"
+    extra = "twin.broker=127.0.0.1: needs paho-mqtt: pip install 'dtbacklash[remote]'"
     with refused(extra if missing else "credentials=nowhere.pem: no certificates"):
         _connection("127.0.0.1", Credentials() if missing else Credentials(ca_file="nowhere.pem"))
 
