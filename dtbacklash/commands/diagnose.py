@@ -88,14 +88,16 @@ def _write(diagnosis: Diagnosis, folder: Path) -> None:
         page.write(diagnosis, folder)
 
 
-def _after_notes(tell: Tell, notes: Sequence[str], watched: bool) -> Tell:
+def _after_notes(
+    tell: Callable[[float, str], None], notes: Sequence[str], watched: bool
+) -> Callable[[float, str], None]:
     """The same, which says notes on the recording first: once all that was asked for has been accepted."""
     pending = [notes]
 
-    def noted(share: float, text: str = "", left: Callable[[], float | None] | None = None) -> None:
+    def noted(share: float, text: str) -> None:
         if pending:
             say_notes(pending.pop(), watched)
-        tell(share, text, left)
+        tell(share, text)
 
     return noted
 
