@@ -95,7 +95,7 @@ def said(d: Diagnosis) -> tuple[object, ...]:
 #: number that decides -> a recording of which it decides what is said, and a factor that changes that
 MOVED = {
     "held_out_share": (Golden("pendulum", 3010, "disk.viscous_friction"), 0.1),
-    "worth": (Golden("oscillator", 3017, "mass.ground_friction"), 1e4),
+    "worth": (Golden("oscillator", 3030, "spring.cubic_stiffness", "lifelike"), 1e4),
     "least": (Golden("pendulum", 3010, "disk.viscous_friction"), 1e4),
     "clears": (Golden("oscillator", 3030, "spring.cubic_stiffness", "lifelike"), 1e-4),
     "much": (Golden("oscillator", 3030, "spring.cubic_stiffness", "lifelike"), 1e3),

@@ -166,7 +166,9 @@ class Search:
         rungs = (1.0, 0.1, 1.0) if stiff is not None else (1.0,)
         starts = (replace(bare, sizes=model.sizes), bare)
         found = [self.fitted(start.rig, start, start.keys, rungs, steps, stiff) for start in starts]
-        return min((m for m in found if m is not None), key=lambda m: m.score, default=None)
+        best = min((m for m in found if m is not None), key=lambda m: m.score, default=None)
+        # a name that has come to nothing meanwhile is none
+        return best and replace(best, keys=tuple(k for k in best.keys if best.rig.effect(*k) is not None))
 
     def proposals(
         self, model: Model, without: tuple[Key, ...] = (), quick: bool = False, alone: bool = False

@@ -42,6 +42,8 @@ CORNER_ERROR = 2e-3
 SAMPLES_A_PERIOD, PERIODS = 4.0, 2.0
 #: of what waves over a position, as much of a wave has to lie within the way
 WAVES = 0.5
+#: an end that is reached more often shows its corner
+TOUCHES = 2
 #: over less of a turn what goes with its sine is no more than a straight line (share)
 STRAIGHT = 0.1
 
@@ -157,6 +159,11 @@ class Alias:
     effect: str
     parameter: str
     reason: str
+
+
+def hardly_reached(beyond: np.ndarray) -> bool:
+    """Whether a motion goes beyond an end twice at most: that shows no corner. beyond : (N,) whether it is there."""
+    return int(np.count_nonzero(np.diff(beyond.astype(int), prepend=0) > 0)) <= TOUCHES
 
 
 def within_a_line(simpler: str) -> Callable[[Values, Place], str]:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.random import Generator
 
 from dtbacklash.compiled import law
-from dtbacklash.physics.effects.declare import CORNER_ERROR, INF, Effect, Parameter, Place, Role, Values
+from dtbacklash.physics.effects.declare import CORNER_ERROR, INF, Effect, Parameter, Place, Role, Values, hardly_reached
 from dtbacklash.physics.effects.periodic import periodic
 from dtbacklash.physics.effects.slots import Clipping, Command, Lag, Late, MotorTorque, WindingMemory
 
@@ -84,8 +84,8 @@ def _widths(place: Place) -> list[Values]:
 
 
 def _hardly_clipped(values: Values, place: Place) -> str:
-    """A limit that clips less than a hundredth of the command is little else than a gain."""
-    return "gain_error" if float(np.mean(np.abs(place.command) > values["limit"])) < CLIPS else ""
+    """A limit that clips twice at most is little else than a gain."""
+    return "gain_error" if hardly_reached(np.abs(place.command) > values["limit"]) else ""
 
 
 def _largest(place: Place) -> float:
@@ -93,8 +93,6 @@ def _largest(place: Place) -> float:
     return float(np.quantile(np.abs(place.command), 0.999))
 
 
-#: a limit that clips less of the command is hardly reached (share)
-CLIPS = 0.01
 #: a dead zone that is wider than this share of the commands would switch the drive off
 PASSING = 0.98
 

@@ -10,7 +10,16 @@ from numpy.random import Generator
 
 from dtbacklash.compiled import law
 from dtbacklash.physics.effects.body import coulomb
-from dtbacklash.physics.effects.declare import REST_ERROR, Effect, Parameter, Place, Role, Starts, Values
+from dtbacklash.physics.effects.declare import (
+    REST_ERROR,
+    Effect,
+    Parameter,
+    Place,
+    Role,
+    Starts,
+    Values,
+    hardly_reached,
+)
 from dtbacklash.physics.effects.play import play
 from dtbacklash.physics.effects.slots import Contact, SpringForce, SpringMemory, SpringPlay
 
@@ -18,8 +27,6 @@ from dtbacklash.physics.effects.slots import Contact, SpringForce, SpringMemory,
 SOFTEST = 0.3
 #: a stop that is touched for less than the rest of the time is not known
 HIT = 0.999
-#: a stop that is touched more often shows its corner
-TOUCHES = 2
 
 
 @law
@@ -94,8 +101,7 @@ def _hardly_touched(values: Values, place: Place) -> str:
     """Two touches of a stop, or fewer, do not show a corner: a spring that stiffens does the same."""
     if place.stretch is None:
         return ""
-    touches = np.count_nonzero(np.diff((place.stretch > values["clearance"]).astype(int), prepend=0) > 0)
-    return "cubic_stiffness" if touches <= TOUCHES else ""
+    return "cubic_stiffness" if hardly_reached(place.stretch > values["clearance"]) else ""
 
 
 def _hysteresis_starts(place: Place) -> list[Values]:

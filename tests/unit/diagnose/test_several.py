@@ -133,7 +133,7 @@ def test_what_one_direction_leaves_open_the_other_settles():
     plus, minus = one_way(nominal, 1.0, 1), one_way(nominal, -1.0, 2)
     (alone,) = dtb.diagnose(plus, nominal).diagnosis.findings
     open_between = {(alone.location, alone.effect), *((a.location, a.effect) for a in alone.also_fits)}
-    assert alone.confidence == "partial"
+    assert alone.confidence == "one_of"
     assert {("load", "constant_load"), ("load", "coulomb_friction")} <= open_between
     (both,) = dtb.diagnose([plus, minus], nominal).diagnosis.findings
     assert (both.location, both.effect, both.confidence, both.also_fits) == ("load", "coulomb_friction", "sure", ())

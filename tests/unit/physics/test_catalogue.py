@@ -35,8 +35,8 @@ STRETCHED = np.concatenate([np.zeros(50), np.full(5, 1e-4), np.zeros(50)])
     (("rotor", "cogging"), {}, {"way": 0.1}, ""),
     (("rotor", "stribeck_friction"), {"speed": 1.9}, WAY, "coulomb_friction"),  # the end of its fall is never seen
     (("rotor", "stribeck_friction"), {"speed": 0.5}, WAY, ""),
-    (("amplifier", "saturation"), {"limit": 2.99}, {"command": np.linspace(-3.0, 3.0, 1000)}, "gain_error"),
-    (("amplifier", "saturation"), {"limit": 2.0}, WAY, ""),
+    (("amplifier", "saturation"), {"limit": 2.99}, WAY, "gain_error"),
+    (("amplifier", "saturation"), {"limit": 2.99}, {"command": 3.0 * np.sin(np.linspace(0.0, 20.0, 999))}, ""),
     (("link", "bumper"), {"clearance": 5e-5}, {"stretch": np.tile(STRETCHED, 2)}, "cubic_stiffness"),
     (("link", "bumper"), {"clearance": 5e-5}, {"stretch": np.tile(STRETCHED, 3)}, ""),
 ])  # fmt: skip
