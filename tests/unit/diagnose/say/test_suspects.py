@@ -20,6 +20,6 @@ def test_a_wrong_number_is_told_and_what_is_missing_is_none(rig, hidden, wrong, 
     run = dtb.run(*MOTION, *([f"rig.effects.{hidden}"] if hidden else []), rig=rig)
     found = dtb.diagnose(run.recording, dtb.load_rig(rig).with_parameters(wrong), search="none").diagnosis
     assert found.verdict == "unexplained"
-    assert found.suspected.startswith(said)
+    assert said in found.suspected
     assert bool(found.suspected) == bool(said)
     assert found.summary.startswith(found.suspected)
