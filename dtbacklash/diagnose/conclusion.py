@@ -83,8 +83,7 @@ class Conclusion:
     @property
     def explains(self) -> bool:
         """Whether little is left beside what was missing."""
-        rules = self.search.rules
-        return self.follows and self.left < max(rules.clears * self.before, rules.much)
+        return self.follows and self.search.explains(self.model)
 
     @property
     def moved(self) -> dict[str, tuple[float, float]]:

@@ -122,13 +122,9 @@ class Judge:
             entry = find(model.rig.kind_at(key[0]), key[1], key[0])
             simpler[key] = entry.simpler_at(model.rig.effects[key[0]][key[1]], search.motion(key[0]))
             doubted = bool(simpler[key]) or adds[key] >= self.rules.alike
-            certainty[key] = "partial" if numbers or not self._explains() else _certainty(key, rivals[key], doubted)
+            known = not numbers and search.explains(model)
+            certainty[key] = _certainty(key, rivals[key], doubted) if known else "partial"
         return Judged(model, rivals, explains, adds, tables, certainty, rest, tuple(numbers), simpler)
-
-    def _explains(self) -> bool:
-        """Whether most of what was unknown before is explained, or hardly anything is left."""
-        left, rules = self.search.unknown(self.model), self.rules
-        return left < max(rules.much, rules.clears * self.search.unknown(self.search.nothing))
 
     def _without(self) -> dict[Key, Rival]:
         """Per name, the rig without it; where a name loses to that, the search goes on without the name first."""

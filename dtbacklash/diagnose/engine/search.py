@@ -131,6 +131,10 @@ class Search:
         """The largest unknown force of a model, a share of the motion."""
         return self.bench.most_unknown(model.sizes)
 
+    def explains(self, model: Model) -> bool:
+        """Whether a model explains most of what was unknown before, or leaves hardly anything."""
+        return self.unknown(model) < max(self.rules.much, self.rules.clears * self.unknown(self.nothing))
+
     def far(self, model: Model) -> bool:
         """Whether much is unexplained, so that smaller sizes see more than the present ones."""
         left = self.unknown(model)
