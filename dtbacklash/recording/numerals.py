@@ -60,23 +60,26 @@ def decide(columns: Sequence[Texts], present: Collection[str] = (POINT, COMMA), 
     signs = [sign for sign in (POINT, COMMA) if sign in present]
     if not signs:
         return Convention(alone=True)
-    if len(signs) == 1:  # the usual file: one proof is enough
-        for part in (part for rows in (slice(_LOOK), slice(None)) for c in columns for part in (c[rows],)):
-            if _proofs(part, signs[0]).any():
-                return Convention(signs[0], alone=True)
+    if len(signs) == 1:  # the usual file: its beginning is enough
+        decimal, proved = _vote([column[:_LOOK] for column in columns])
+        if proved:
+            return Convention(decimal, alone=signs == [decimal])
+    decimal, proved = _vote(columns)
+    if proved:
+        return Convention(decimal, alone=signs == [decimal])
     held = {sign: [c for c in columns if pc.any(pc.match_substring(c, sign)).as_py()] for sign in (POINT, COMMA)}
-    both = [c for c in columns if any(c is one for sign in signs for one in held[sign])]
-    votes = {sign: sum(int(_proofs(c, sign).sum()) for c in both) for sign in held}
-    decimal = max(votes, key=lambda sign: votes[sign])
-    signed = sum(
-        int(_match(c, f"{_plain(POINT)}|{_plain(COMMA)}|{_grouped(POINT)}|{_grouped(COMMA)}").sum()) for c in both
-    )
-    if votes[decimal] > SLIPS * signed:
-        return Convention(decimal)
     open_ = [sign for sign in signs if any(_match(c, _one_group(sign)).any() for c in held[sign])]
     if len(open_) == 1 and any(_counts_on(c, open_[0]) for c in held[open_[0]]):
         return Convention(COMMA if open_ == [POINT] else POINT)
     return Convention(fallback or POINT, decided=bool(fallback) or not open_)
+
+
+def _vote(columns: Sequence[Texts]) -> tuple[str, bool]:
+    """The decimal sign that more numbers prove, and whether they are more than slips."""
+    votes = {sign: sum(int(proofs(column, sign).sum()) for column in columns) for sign in (POINT, COMMA)}
+    decimal = max(votes, key=lambda sign: votes[sign])
+    signed = "|".join([_plain(POINT), _plain(COMMA), _grouped(POINT), _grouped(COMMA)])
+    return decimal, votes[decimal] > SLIPS * sum(int(_match(column, signed).sum()) for column in columns)
 
 
 def parse(texts: Texts, convention: Convention) -> tuple[Floats, np.ndarray, str]:
@@ -136,7 +139,7 @@ def whole_numbers(texts: Texts) -> np.ndarray | None:
     return np.asarray(pc.subtract(counts, counts[0]).cast(pa.float64()).to_numpy(), dtype=float)
 
 
-def _proofs(texts: Texts, sign: str) -> Mask:
+def proofs(texts: Texts, sign: str) -> Mask:
     """(N,) which numbers prove that a sign is the decimal one."""
     other = COMMA if sign == POINT else POINT
     plain = _match(texts, _plain(sign)) & ~_match(texts, _one_group(sign))

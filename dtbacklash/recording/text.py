@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
+from itertools import pairwise
 
 import numpy as np
 import pyarrow as pa
@@ -13,7 +14,7 @@ from dtbacklash import units
 from dtbacklash.arrays import Floats
 from dtbacklash.recording import heads, layout, numerals, preamble, stamps
 from dtbacklash.recording.channels import runs
-from dtbacklash.recording.numerals import Convention, Texts
+from dtbacklash.recording.numerals import POINT, Convention, Texts
 from dtbacklash.recording.preamble import Preamble
 from dtbacklash.recording.refusal import Refused
 from dtbacklash.recording.table import EMPTY, Column, Table, since_1970
@@ -64,7 +65,8 @@ def read(content: bytes, rows: tuple[int, int] | None = None, decimal: str = "")
     head = preamble.understood(above, width, convention.decimal)
     table = Table(numbered=not any(head.names), constants={"dt": head.step_s} if head.step_s else {})
     if found.delimiter == ",":
-        _check_commas(texts, [name for name in (*head.names, *head.spare) if name])
+        named = any(len(row) == width for row in above)
+        _check_commas(texts, [""] * width if named else [name for name in (*head.names, *head.spare) if name])
     if table.numbered:
         head.names = [str(j) for j in range(width)]
     columns = {j: _column(c, convention) for j, c in enumerate(texts) if head.names[j] or c.null_count < len(c)}
@@ -136,22 +138,33 @@ def _stamped(texts: Texts) -> bool:
 
 
 def _check_commas(texts: list[Texts], names: list[str]) -> None:
-    """Refuse decimal commas between commas, 0,001,1,5 below t,u: whole numbers in more columns than have names.
+    """Refuse commas of numbers between commas of columns, 0,001,1,5 or 0,1,257.3 below t,u: more columns than names.
 
     Raises
     ------
-    Refused : so it is; numbers that are counted, as a table of R has them, need no name.
+    Refused : so it may be.
     """
     full = [column for column in texts if column.null_count < len(column)]
-    if len(names) >= len(full) or any(pc.any(pc.match_substring_regex(c, "[.,:]")).as_py() for c in full):
+    if len(names) >= len(full):
         return
-    fractions = any(pc.any(pc.match_substring_regex(column, r"^\s*[+-]?0\d+\s*$")).as_py() for column in full)
-    counted = numerals.parse(full[0], Convention())[0]
-    if fractions or (names and not np.array_equal(counted, counted[0] + np.arange(len(counted)))):
+    whole = sum(int(numerals.proofs(column, POINT).sum()) for column in full) <= numerals.SLIPS * len(full[0])
+    zeros = any(pc.any(pc.match_substring_regex(column, r"^\s*[+-]?0\d+\s*$")).as_py() for column in full)
+    longest = [column.filter(pc.is_valid(full[-1])) for column in full]
+    groups = any(_parts_of_one(left, right) for left, right in pairwise(longest))
+    if (whole and (zeros or names)) or (groups and names):
+        kind = "whole numbers" if whole else "numbers"
         raise Refused(
-            f"has {len(full)} columns of whole numbers below {len(names) or 'no'} names: a decimal comma cannot be "
+            f"has {len(full)} columns of {kind} below {len(names) or 'no'} names: a comma in a number cannot be "
             "told from a comma between columns; part them by semicolons, or put the numbers in quotes"
         )
+
+
+def _parts_of_one(left: Texts, right: Texts) -> bool:
+    """Whether two columns may be the parts of numbers like 1,257.3: a whole number, and three digits behind it."""
+    parts = pc.and_(
+        pc.match_substring_regex(left, r"^[+-]?[1-9]\d{0,2}$"), pc.match_substring_regex(right, r"^\d{3}(\.\d*)?$")
+    )
+    return pc.all(pc.fill_null(parts, False)).as_py() is True
 
 
 def _column(texts: Texts, convention: Convention, odd: float = 0.0) -> Column:

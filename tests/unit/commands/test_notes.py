@@ -16,7 +16,8 @@ def test_units_come_first_and_what_is_more_stands_in_the_report(capsys):
 
 
 def test_a_few_are_said_whole_and_a_job_of_a_sweep_says_none(capsys, caplog, monkeypatch):
-    monkeypatch.setattr(logging.getLogger("dtbacklash"), "handlers", [])  # of a command that has ended
+    monkeypatch.setattr(logging.getLogger(), "handlers", [caplog.handler])  # none of a command that has ended
+    monkeypatch.setattr(logging.getLogger("dtbacklash"), "handlers", [])
     say_notes(["One.", UNITS], True)
     assert capsys.readouterr().err == f"dtb: {UNITS}\ndtb: One.\n"
     say_notes(["One."], False)
