@@ -15,8 +15,6 @@ What each takes and gives, with shapes and units: docs/python.md.
 from __future__ import annotations
 
 import importlib
-import sys
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -58,6 +56,7 @@ _FOUND_IN = {
     "Run": "face.run",
     "UserError": "errors",
     "design": "face.experiments",
+    "diagnose": "face.diagnose",
     "isolability": "face.experiments",
     "load_rig": "face.rigs",
     "plot_recording": "face.recordings",
@@ -69,8 +68,6 @@ _FOUND_IN = {
 
 def __getattr__(name: str) -> Any:
     """Import a name of the face at its first use (PEP 562)."""
-    if name == "diagnose":
-        return importlib.import_module(f"{__name__}.diagnose")
     if name not in _FOUND_IN:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(importlib.import_module(f"{__name__}.{_FOUND_IN[name]}"), name)
@@ -80,25 +77,3 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted(__all__)
-
-
-class _Diagnose(ModuleType):
-    """The room ``dtbacklash.diagnose``, which can be called: the face has a function of that name."""
-
-    def __call__(self, *args: Any, **settings: Any) -> Any:
-        """Diagnose a recording on a rig: :func:`dtbacklash.face.diagnose.diagnose`."""
-        from dtbacklash.face.diagnose import diagnose
-
-        return diagnose(*args, **settings)
-
-
-class _Package(ModuleType):
-    """This package; an import of a room sets it here under its name, and one of them has the name of a function."""
-
-    def __setattr__(self, name: str, value: object) -> None:
-        if name == "diagnose" and type(value) is ModuleType:
-            value.__class__ = _Diagnose
-        super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package

@@ -23,7 +23,7 @@ from dtbacklash.physics.simulate import rig_half_gap
 from dtbacklash.recording import Recording
 
 if TYPE_CHECKING:
-    from dtbacklash.diagnose import Diagnosis
+    from dtbacklash.diagnosis import Diagnosis
 
 #: what the loops believe: name -> (design, twin), each ``nominal``, ``found`` or ``true``
 VARIANTS = {
@@ -66,7 +66,7 @@ def close_the_loop(config: RunConfig, tell: Tell | None = None) -> Closed:
     ------
     UserError : the rig is none that a controller is made for; the recording says nothing.
     """
-    from dtbacklash.diagnose import diagnose
+    from dtbacklash.diagnosis import diagnose
 
     say = tell or (lambda text, share: None)
     stated = build_rig(config.model or nominal(config.rig))

@@ -3,8 +3,8 @@
 Per recording and channel, the error on the held-out last 30 %, in units of the channel's noise floor. No method sees
 these 30 %: the diagnosis gets the first 70 % alone, and holds out the last 30 % of those to choose by, as PySINDy does.
 
-- the nominal rig and the diagnosed rig: as predictors (see :mod:`dtbacklash.diagnose.engine.predictor`) that may assume
-  an unknown force of ``STRICT`` of the motion's only, so that they hardly follow what was measured;
+- the nominal rig and the diagnosed rig: as predictors (see :mod:`dtbacklash.diagnosis.engine.predictor`) that may
+  assume an unknown force of ``STRICT`` of the motion's only, so that they hardly follow what was measured;
 - PySINDy, weak form and ensemble: a second-order equation for the residual of the nominal rig, with the terms of
   ``LIBRARY`` along the nominal motion, added to the nominal rig's prediction, simulated freely over the held-out part;
 - NARX by sysidentpy (polynomial of degree 2, FROLS): the channel from its input (u, or the measured angle), simulated
@@ -25,10 +25,10 @@ import numpy as np
 from scipy.signal import butter, cont2discrete, sosfiltfilt
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose import Record, diagnose_records, records_of
-from dtbacklash.diagnose.engine.predictor import Predictor
-from dtbacklash.diagnose.engine.readings import readings
-from dtbacklash.diagnose.engine.simulated import Simulated
+from dtbacklash.diagnosis import Record, diagnose_records, records_of
+from dtbacklash.diagnosis.engine.predictor import Predictor
+from dtbacklash.diagnosis.engine.readings import readings
+from dtbacklash.diagnosis.engine.simulated import Simulated
 from dtbacklash.files import write_json, write_text
 from dtbacklash.physics.rig import Rig
 from dtbacklash.prove.conceal import conceal, nominal_rig

@@ -20,7 +20,7 @@ import numpy as np
 from dtbacklash.closing import COLUMNS, VARIANTS, compare, table
 from dtbacklash.config.compose import compose
 from dtbacklash.control.belief import Belief, Beliefs, settled
-from dtbacklash.diagnose import Record, diagnose_records
+from dtbacklash.diagnosis import Record, diagnose_records
 from dtbacklash.files import json_able, write_json, write_text
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.prove import draw as drawing

@@ -10,7 +10,7 @@ import pandas as pd
 
 import dtbacklash as dtb
 from dtbacklash.config.compose import compose
-from dtbacklash.diagnose import Record, diagnose_records
+from dtbacklash.diagnosis import Record, diagnose_records
 from dtbacklash.experiment.run import run_scenario
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import simulate

@@ -18,7 +18,7 @@ import pandas as pd
 from numpy.random import Generator
 
 import dtbacklash as dtb
-from dtbacklash.diagnose.records import records_of
+from dtbacklash.diagnosis.records import records_of
 from dtbacklash.files import write_text
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.rig import Rig

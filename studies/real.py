@@ -124,10 +124,10 @@ def predicted(rig: Rig, said: dict[str, Any], part: str, smooth: bool) -> dict[s
     Its interval is that of rigs whose parameters are drawn from their intervals, each on its own: what they have in
     common is not known here, so that it is rather too wide. smooth : as the diagnosis read the command.
     """
-    from dtbacklash.diagnose import records_of
-    from dtbacklash.diagnose.engine.zeros import zeroed
-    from dtbacklash.diagnose.records import held_equivalent
-    from dtbacklash.diagnose.seen import bench_of
+    from dtbacklash.diagnosis import records_of
+    from dtbacklash.diagnosis.engine.zeros import zeroed
+    from dtbacklash.diagnosis.records import held_equivalent
+    from dtbacklash.diagnosis.seen import bench_of
     from dtbacklash.recording import read_recording
 
     records = records_of(read_recording(part, rig=rig), rig, True, False)

@@ -16,18 +16,18 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.config.compose import compose
-from dtbacklash.diagnose.engine.bench import Bench
-from dtbacklash.diagnose.engine.exact import Model, Problem
-from dtbacklash.diagnose.engine.free import Key, with_priors
-from dtbacklash.diagnose.engine.motion import motion_of
-from dtbacklash.diagnose.engine.readings import rate_of
-from dtbacklash.diagnose.engine.search import LEAST
-from dtbacklash.diagnose.experiments.design import Limits, designed
-from dtbacklash.diagnose.experiments.rivalry import Rival, Rivalry
-from dtbacklash.diagnose.planning import Observed
-from dtbacklash.diagnose.records import Record
-from dtbacklash.diagnose.seen import bench_of
-from dtbacklash.diagnose.settings import SETTINGS
+from dtbacklash.diagnosis.engine.bench import Bench
+from dtbacklash.diagnosis.engine.exact import Model, Problem
+from dtbacklash.diagnosis.engine.free import Key, with_priors
+from dtbacklash.diagnosis.engine.motion import motion_of
+from dtbacklash.diagnosis.engine.readings import rate_of
+from dtbacklash.diagnosis.engine.search import LEAST
+from dtbacklash.diagnosis.experiments.design import Limits, designed
+from dtbacklash.diagnosis.experiments.rivalry import Rival, Rivalry
+from dtbacklash.diagnosis.planning import Observed
+from dtbacklash.diagnosis.records import Record
+from dtbacklash.diagnosis.seen import bench_of
+from dtbacklash.diagnosis.settings import SETTINGS
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import simulate
 from studies.measure import Row

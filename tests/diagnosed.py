@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from nominal import nominal_rig
 
-from dtbacklash.diagnose.named import (
+from dtbacklash.diagnosis.named import (
     Alternative,
     Calibration,
     Confidence,
@@ -16,8 +16,8 @@ from dtbacklash.diagnose.named import (
     ParameterEstimate,
     Recalibrated,
 )
-from dtbacklash.diagnose.result import Candidate, Check, Diagnosis, Limit, Located, Rest
-from dtbacklash.diagnose.shown import (
+from dtbacklash.diagnosis.result import Candidate, Check, Diagnosis, Limit, Located, Rest
+from dtbacklash.diagnosis.shown import (
     Curve,
     Explained,
     FitTable,

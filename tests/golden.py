@@ -5,7 +5,7 @@ from pathlib import Path
 
 from nominal import nominal_rig
 
-from dtbacklash.diagnose.result import Diagnosis
+from dtbacklash.diagnosis.result import Diagnosis
 from dtbacklash.physics.rig import Rig
 from dtbacklash.prove.conceal import csv_gz, recording_table
 from dtbacklash.prove.draw import draw, record

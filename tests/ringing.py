@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from machine_cases import rig as rig_of
 
-from dtbacklash.diagnose.records import Record
+from dtbacklash.diagnosis.records import Record
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import simulate
 

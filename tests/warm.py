@@ -19,7 +19,7 @@ def main() -> None:
 
     from dtbacklash import cli
     from dtbacklash.config.compose import compose
-    from dtbacklash.diagnose import Record, diagnose_records
+    from dtbacklash.diagnosis import Record, diagnose_records
     from dtbacklash.physics.rig import build_rig
     from dtbacklash.physics.simulate import simulate
 

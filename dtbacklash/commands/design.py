@@ -14,8 +14,8 @@ from dtbacklash.config.load import settings_hash
 from dtbacklash.files import run_folder
 
 if TYPE_CHECKING:
-    from dtbacklash.diagnose.experiments.design import Design
-    from dtbacklash.diagnose.experiments.rivalry import Rivalry
+    from dtbacklash.diagnosis.experiments.design import Design
+    from dtbacklash.diagnosis.experiments.rivalry import Rivalry
     from dtbacklash.face.progress import Tell
 
 MARK = "design.json"

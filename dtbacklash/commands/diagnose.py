@@ -23,8 +23,8 @@ from dtbacklash.files import run_folder
 if TYPE_CHECKING:
     import pandas as pd
 
-    from dtbacklash.diagnose import Diagnosis
-    from dtbacklash.diagnose.so_far import Depth
+    from dtbacklash.diagnosis import Diagnosis
+    from dtbacklash.diagnosis.so_far import Depth
     from dtbacklash.face.progress import Tell
     from dtbacklash.physics.rig import Rig
     from dtbacklash.recording import Recording
@@ -42,7 +42,7 @@ def do(config: DiagnoseConfig, folder: Path, command: str, tell: Tell | None) ->
 
     A job of a sweep, which nobody watches, works on one thread unless ``jobs`` says otherwise.
     """
-    from dtbacklash.diagnose.so_far import DRAWING, READING, Stages
+    from dtbacklash.diagnosis.so_far import DRAWING, READING, Stages
     from dtbacklash.face.durations import timed
     from dtbacklash.physics.rig import build_rig
 
@@ -146,8 +146,8 @@ def read(
 
 
 def _notes(train: Recording | list[Recording], held_out: Recording | list[Recording] | int | None) -> Sequence[str]:
-    from dtbacklash.diagnose.say.sentences import notes_of
-    from dtbacklash.diagnose.settings import SETTINGS
+    from dtbacklash.diagnosis.say.sentences import notes_of
+    from dtbacklash.diagnosis.settings import SETTINGS
 
     if isinstance(train, list) or isinstance(held_out, (list, int)):
         return [f"{r.name}: {note}" for r in ([train] if not isinstance(train, list) else train) for note in r.notes]
@@ -155,7 +155,7 @@ def _notes(train: Recording | list[Recording], held_out: Recording | list[Record
 
 
 def _untold(train: Recording | list[Recording], rig: Rig) -> tuple[str, ...]:
-    from dtbacklash.diagnose.say.beforehand import beforehand
+    from dtbacklash.diagnosis.say.beforehand import beforehand
 
     first = train[0] if isinstance(train, list) else train
     return beforehand(rig, first.channels)
@@ -166,7 +166,7 @@ def run_diagnosis(
     tell: Callable[[float, str], None], config: DiagnoseConfig, keep: bool = False,
 ) -> Diagnosis:  # fmt: skip
     """Diagnose; ``tell`` is told the share done, and what is being done."""
-    from dtbacklash.diagnose import diagnose
+    from dtbacklash.diagnosis import diagnose
 
     said, depth = config.enough, cast("Depth", config.search)
     return diagnose(

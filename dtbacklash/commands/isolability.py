@@ -13,7 +13,7 @@ from dtbacklash.config.load import settings_hash
 from dtbacklash.files import run_folder
 
 if TYPE_CHECKING:
-    from dtbacklash.diagnose.experiments.isolability import Isolability
+    from dtbacklash.diagnosis.experiments.isolability import Isolability
     from dtbacklash.face.progress import Tell
 
 MARK = "isolability.json"

@@ -82,7 +82,7 @@ def check(words: Sequence[str]) -> list[str]:
         raise UserError("argument", "(missing)", "write dtb rig check FILE.yaml")
     if len(out) > 1:
         raise UserError("out", out[1].removeprefix("out="), "is given twice")
-    from dtbacklash.diagnose.say.beforehand import beforehand
+    from dtbacklash.diagnosis.say.beforehand import beforehand
     from dtbacklash.face.rigs import load_rig
     from dtbacklash.report.diagnosis.rig_drawing import chain
 

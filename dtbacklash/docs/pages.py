@@ -19,7 +19,7 @@ from dtbacklash.config.grammar import COMMON, FILES, GRAMMARS, RUN
 from dtbacklash.config.groups import FOLDERS, GROUPS, PACKAGED, packaged_options
 from dtbacklash.config.setting import Declared, declared
 from dtbacklash.config.twin import PARTS
-from dtbacklash.diagnose.settings import DiagnoseSettings
+from dtbacklash.diagnosis.settings import DiagnoseSettings
 from dtbacklash.physics.catalogue import CATALOGUE, effects_of
 from dtbacklash.physics.effects.declare import Effect, Parameter
 from dtbacklash.physics.effects.table import KNOTS

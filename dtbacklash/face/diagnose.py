@@ -24,10 +24,10 @@ from dtbacklash.recording.several import Source
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from dtbacklash.diagnose.named import Alternative
-    from dtbacklash.diagnose.owned import Given, Own
-    from dtbacklash.diagnose.result import Diagnosis
-    from dtbacklash.diagnose.so_far import Depth
+    from dtbacklash.diagnosis.named import Alternative
+    from dtbacklash.diagnosis.owned import Given, Own
+    from dtbacklash.diagnosis.result import Diagnosis
+    from dtbacklash.diagnosis.so_far import Depth
     from dtbacklash.physics.rig import Rig
 
 DEFAULT_RIG = "lead_screw"
@@ -317,7 +317,7 @@ def diagnose(
     'consistent'
     """
     from dtbacklash.config.choices import SEARCHES
-    from dtbacklash.diagnose import diagnose as diagnosed
+    from dtbacklash.diagnosis import diagnose as diagnosed
     from dtbacklash.recording import read_together
 
     with speaks_python():

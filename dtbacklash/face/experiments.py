@@ -21,10 +21,10 @@ from dtbacklash.face.rigs import RigLike, description, load_rig
 
 if TYPE_CHECKING:
     from dtbacklash.arrays import Floats
-    from dtbacklash.diagnose.experiments.design import Design, Limits
-    from dtbacklash.diagnose.experiments.isolability import Isolability
-    from dtbacklash.diagnose.experiments.rivalry import Rival, Rivalry
-    from dtbacklash.diagnose.planning import Observed
+    from dtbacklash.diagnosis.experiments.design import Design, Limits
+    from dtbacklash.diagnosis.experiments.isolability import Isolability
+    from dtbacklash.diagnosis.experiments.rivalry import Rival, Rivalry
+    from dtbacklash.diagnosis.planning import Observed
     from dtbacklash.physics.rig import Rig
     from dtbacklash.recording import Recording
 
@@ -43,8 +43,8 @@ def isolable(config: IsolabilityConfig, jobs: int = 1, tell: Tell | None = None)
     """
     from threadpoolctl import threadpool_limits
 
-    from dtbacklash.diagnose.experiments.isolability import isolability
-    from dtbacklash.diagnose.spread import on_cores
+    from dtbacklash.diagnosis.experiments.isolability import isolability
+    from dtbacklash.diagnosis.spread import on_cores
     from dtbacklash.physics.rig import build_rig
 
     say = tell or (lambda share, text: None)
@@ -183,9 +183,9 @@ def experiment(config: DesignConfig, jobs: int = 1, tell: Tell | None = None) ->
     """
     from threadpoolctl import threadpool_limits
 
-    from dtbacklash.diagnose.experiments.design import chosen, designed
-    from dtbacklash.diagnose.experiments.rivalry import Rivalry
-    from dtbacklash.diagnose.spread import on_cores
+    from dtbacklash.diagnosis.experiments.design import chosen, designed
+    from dtbacklash.diagnosis.experiments.rivalry import Rivalry
+    from dtbacklash.diagnosis.spread import on_cores
 
     found, seen, rivals = _open_models(config)
     rivalry, limits = Rivalry(found, rivals, seen), _limits(config, found, seen)
@@ -199,9 +199,9 @@ def experiment(config: DesignConfig, jobs: int = 1, tell: Tell | None = None) ->
 
 def _open_models(config: DesignConfig) -> tuple[Rig, Observed, list[Rival]]:
     """The found rig, how it was seen, and the models that are open."""
-    from dtbacklash.diagnose.experiments.rivalry import Rival
-    from dtbacklash.diagnose.planning import Observed
-    from dtbacklash.diagnose.words import all_in_words
+    from dtbacklash.diagnosis.experiments.rivalry import Rival
+    from dtbacklash.diagnosis.planning import Observed
+    from dtbacklash.diagnosis.words import all_in_words
     from dtbacklash.files import read_json
     from dtbacklash.physics.rig_file import rig_of
 
@@ -231,7 +231,7 @@ def _open_models(config: DesignConfig) -> tuple[Rig, Observed, list[Rival]]:
 
 
 def _limits(config: DesignConfig, rig: Rig, seen: Observed) -> Limits:
-    from dtbacklash.diagnose.experiments.design import Limits
+    from dtbacklash.diagnosis.experiments.design import Limits
     from dtbacklash.physics.kinds import KINDS
 
     found: dict[str, dict[str, float]] = {}

@@ -32,21 +32,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.engine.bench import Bench, Sizes
-from dtbacklash.diagnose.engine.columns import Columns
-from dtbacklash.diagnose.engine.exact import Model, Problem
-from dtbacklash.diagnose.engine.free import Key, effects_of_rig, is_known, taken_out
-from dtbacklash.diagnose.engine.motion import motion_of
-from dtbacklash.diagnose.engine.predictor import ASTRAY
-from dtbacklash.diagnose.engine.readings import rate_of
-from dtbacklash.diagnose.engine.simulated import Simulated
-from dtbacklash.diagnose.seen import predictor_of
+from dtbacklash.diagnosis.engine.bench import Bench, Sizes
+from dtbacklash.diagnosis.engine.columns import Columns
+from dtbacklash.diagnosis.engine.exact import Model, Problem
+from dtbacklash.diagnosis.engine.free import Key, effects_of_rig, is_known, taken_out
+from dtbacklash.diagnosis.engine.motion import motion_of
+from dtbacklash.diagnosis.engine.predictor import ASTRAY
+from dtbacklash.diagnosis.engine.readings import rate_of
+from dtbacklash.diagnosis.engine.simulated import Simulated
+from dtbacklash.diagnosis.seen import predictor_of
 from dtbacklash.errors import Failure, UserError
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.prove.secret import with_effects
 
 if TYPE_CHECKING:
-    from dtbacklash.diagnose.records import Record
+    from dtbacklash.diagnosis.records import Record
 
 #: the last share of a recording is held out
 HELD_OUT = 0.15

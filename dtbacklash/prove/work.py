@@ -19,7 +19,7 @@ from dtbacklash.prove.seal import PUBLIC, RECORDING
 CONCEALED_BY = ("dtbacklash.prove.conceal", "conf/rig", "physics/laws")
 #: on which a diagnosis depends: when it changes, a case is diagnosed again
 DIAGNOSED_BY = (
-    *(f"dtbacklash.{name}" for name in ("diagnose", "recording", "config.compose", "physics.rig_file")),
+    *(f"dtbacklash.{name}" for name in ("diagnosis", "recording", "config.compose", "physics.rig_file")),
     "conf/rig", "physics/laws",
 )  # fmt: skip
 ORACLE_BY = (*DIAGNOSED_BY, "dtbacklash.prove.oracle", "dtbacklash.prove.draw")
@@ -33,7 +33,7 @@ Oracle = Callable[[Path, str, dict[str, Any], dict[str, Any] | None], dict[str, 
 
 def diagnose_folder(folder: Path, rig_name: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """Diagnose the recording of a case from its public files."""
-    from dtbacklash.diagnose import diagnose
+    from dtbacklash.diagnosis import diagnose
     from dtbacklash.physics.rig_file import rig_content
     from dtbacklash.prove.conceal import nominal_rig
     from dtbacklash.recording import read_recording
@@ -47,7 +47,7 @@ def oracle_folder(
     folder: Path, rig_name: str, secret: dict[str, Any], extended: dict[str, Any] | None
 ) -> dict[str, Any]:
     """Ask the oracle about a case whose seal is open."""
-    from dtbacklash.diagnose.records import records_of
+    from dtbacklash.diagnosis.records import records_of
     from dtbacklash.physics import rig_file
     from dtbacklash.prove.conceal import nominal_rig
     from dtbacklash.prove.draw import record

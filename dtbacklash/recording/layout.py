@@ -29,9 +29,7 @@ _VALUE = re.compile(
 )
 _QUANTITY = re.compile(rf"({preamble.NUMBER.pattern})\s*([^\W\d]\D*|°|µ\D+)")
 #: digits in groups of three, for a point as decimal sign
-_GROUPED = re.compile(
-    rf"[+-]?\d{{1,3}}(([,{BLANKS}]\d{{3}})+\.\d*|([,{BLANKS}]\d{{3}}){{2,}}|([{BLANKS}]\d{{3}})+)"
-)
+_GROUPED = re.compile(rf"[+-]?\d{{1,3}}(([,{BLANKS}]\d{{3}})+\.\d*|([,{BLANKS}]\d{{3}}){{2,}}|([{BLANKS}]\d{{3}})+)")
 _BLANKS = re.compile(r"[ \t\f]+")
 _BEFORE_BRACKET = re.compile(r"\s+(?=[\[({<])")
 _POINT = str.maketrans(".,", ",.")

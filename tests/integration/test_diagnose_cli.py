@@ -15,9 +15,9 @@ from told import one_line
 
 from dtbacklash.commands import diagnose as command
 from dtbacklash.compiled import cache_folder
-from dtbacklash.diagnose.say.sentences import notes_of
-from dtbacklash.diagnose.settings import SETTINGS
-from dtbacklash.diagnose.several import source_of
+from dtbacklash.diagnosis.say.sentences import notes_of
+from dtbacklash.diagnosis.settings import SETTINGS
+from dtbacklash.diagnosis.several import source_of
 from dtbacklash.errors import UserError
 from dtbacklash.report.diagnosis import page
 

@@ -8,9 +8,9 @@ import pytest
 from golden import GOLDEN, MOVED, Golden, recorded, said
 from nominal import nominal_rig
 
-from dtbacklash.diagnose import diagnose, pipeline
-from dtbacklash.diagnose.engine.search import Search
-from dtbacklash.diagnose.settings import SETTINGS
+from dtbacklash.diagnosis import diagnose, pipeline
+from dtbacklash.diagnosis.engine.search import Search
+from dtbacklash.diagnosis.settings import SETTINGS
 
 pytestmark = pytest.mark.check
 

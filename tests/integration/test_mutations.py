@@ -29,7 +29,7 @@ CHANGES = {"*2": lambda x: 2 * x, "/2": lambda x: type(x)(x / 2)}
 
 def numbers(module: str) -> dict[str, ast.Constant]:
     """The numbers in the constants of a module, by name; several in one constant are counted. None: it is gone."""
-    file = PACKAGE / "diagnose" / f"{module}.py"
+    file = PACKAGE / "diagnosis" / f"{module}.py"
     tree = ast.parse(file.read_text(encoding="utf-8") if file.exists() else "")
     found = [(node.targets[0], node.value) for node in tree.body if isinstance(node, ast.Assign)]
     each = [p for t, v in found for p in (zip(t.elts, v.elts) if isinstance(t, ast.Tuple) else [(t, v)])]  # noqa: B905
@@ -52,12 +52,12 @@ def test_the_lists_are_of_what_there_is() -> None:
 @pytest.mark.parametrize(("module", "name", "change"), CASES)
 def test_a_number_that_is_changed_is_noticed(module: str, name: str, change: str, tmp_path: Path) -> None:
     shutil.copytree(PACKAGE, tmp_path / "dtbacklash", ignore=shutil.ignore_patterns("__pycache__"))
-    file, number = tmp_path / "dtbacklash" / "diagnose" / f"{module}.py", numbers(module)[name]
+    file, number = tmp_path / "dtbacklash" / "diagnosis" / f"{module}.py", numbers(module)[name]
     text = file.read_text(encoding="utf-8").splitlines(keepends=True)
     line, other = text[number.lineno - 1], repr(CHANGES[change](number.value))
     text[number.lineno - 1] = line[: number.col_offset] + other + line[number.end_col_offset :]
     file.write_text("".join(text), encoding="utf-8")
-    near = [TESTS / "unit" / "diagnose" / MODULES[module][0], TESTS / "integration" / "test_golden.py"]
+    near = [TESTS / "unit" / "diagnosis" / MODULES[module][0], TESTS / "integration" / "test_golden.py"]
     words = ["-c", TESTS.parent / "pyproject.toml", "-x", "-n0", "-m", "not nightly", *near]
     command = [sys.executable, "-m", "pytest", *words]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)

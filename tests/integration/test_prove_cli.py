@@ -68,7 +68,7 @@ def pretended(monkeypatch, undrawn):
     def look(folder, rig_name, secret, extended):
         return proved.oracle(*((hidden["location"], hidden["effect"]) for hidden in secret["effects"]))
 
-    monkeypatch.setattr("dtbacklash.diagnose.diagnose", pretend)
+    monkeypatch.setattr("dtbacklash.diagnosis.diagnose", pretend)
     monkeypatch.setattr("dtbacklash.prove.work.oracle_folder", look)
     return asked
 
@@ -221,7 +221,7 @@ def test_several_rigs_end_in_one_table(dtb, monkeypatch, tmp_path):
     monkeypatch.setattr("dtbacklash.prove.draw.DURATION_S", (2, 2))
     found = SimpleNamespace(to_json=proved.diagnosis)
     monkeypatch.setattr(
-        "dtbacklash.diagnose.diagnose", lambda recording, rig: SimpleNamespace(**vars(found), extended=rig)
+        "dtbacklash.diagnosis.diagnose", lambda recording, rig: SimpleNamespace(**vars(found), extended=rig)
     )
     monkeypatch.setattr("dtbacklash.prove.work.oracle_folder", lambda *_: proved.oracle())
     code, _, err = dtb("rigs=[oscillator:2,pendulum]", "n=1", "seed=3", "out=proof", "jobs=1")

@@ -18,9 +18,9 @@ from told import refusal
 
 import dtbacklash as dtb
 from dtbacklash import cli
-from dtbacklash.diagnose import Diagnosis, diagnose
-from dtbacklash.diagnose.named import Alternative
-from dtbacklash.diagnose.records import held_equivalent
+from dtbacklash.diagnosis import Diagnosis, diagnose
+from dtbacklash.diagnosis.named import Alternative
+from dtbacklash.diagnosis.records import held_equivalent
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.rig_file import rig_yaml
 from dtbacklash.physics.simulate import simulate

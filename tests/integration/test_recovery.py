@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from nominal import nominal_rig
 
-from dtbacklash.diagnose import Record, diagnose_records
+from dtbacklash.diagnosis import Record, diagnose_records
 from dtbacklash.prove import draw as drawing
 from dtbacklash.prove.secret import Secret
 

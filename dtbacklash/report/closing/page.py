@@ -13,7 +13,7 @@ from matplotlib.figure import Figure as Drawn
 from dtbacklash.closing import COLUMNS, Closed
 from dtbacklash.config.run import RunConfig
 from dtbacklash.control.belief import beliefs_of, settled
-from dtbacklash.diagnose.result import Diagnosis
+from dtbacklash.diagnosis.result import Diagnosis
 from dtbacklash.experiment.run import RunResult
 from dtbacklash.report.kit.blocks import Block, Code, Figure, Link, Table
 from dtbacklash.report.kit.numbers import fixed, number, quantity

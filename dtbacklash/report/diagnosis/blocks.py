@@ -5,10 +5,10 @@ from __future__ import annotations
 from math import isfinite
 
 from dtbacklash import units
-from dtbacklash.diagnose.named import Finding, Recalibrated
-from dtbacklash.diagnose.result import UNEXPLAINED, Diagnosis
-from dtbacklash.diagnose.settings import SETTINGS
-from dtbacklash.diagnose.words import listed, named_in_words, other_in_words, place_in_words
+from dtbacklash.diagnosis.named import Finding, Recalibrated
+from dtbacklash.diagnosis.result import UNEXPLAINED, Diagnosis
+from dtbacklash.diagnosis.settings import SETTINGS
+from dtbacklash.diagnosis.words import listed, named_in_words, other_in_words, place_in_words
 from dtbacklash.files import json_text
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import Rig

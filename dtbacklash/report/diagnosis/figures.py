@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.shown import Curve, LawShown
+from dtbacklash.diagnosis.shown import Curve, LawShown
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.report.kit.intervals import scaled, unit_in_signs
 from dtbacklash.report.kit.style import INK, MUTED, envelope, line_up, new_figure, styled

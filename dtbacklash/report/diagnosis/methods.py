@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dtbacklash.diagnose.result import Diagnosis
-from dtbacklash.diagnose.settings import SETTINGS
-from dtbacklash.diagnose.words import listed
+from dtbacklash.diagnosis.result import Diagnosis
+from dtbacklash.diagnosis.settings import SETTINGS
+from dtbacklash.diagnosis.words import listed
 from dtbacklash.report.kit.intervals import interval
 from dtbacklash.report.kit.numbers import number
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure as Drawn
 
-from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Diagnosis
-from dtbacklash.diagnose.say.save import save
-from dtbacklash.diagnose.shown import Curve
-from dtbacklash.diagnose.words import named_in_words
+from dtbacklash.diagnosis.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Diagnosis
+from dtbacklash.diagnosis.say.save import save
+from dtbacklash.diagnosis.shown import Curve
+from dtbacklash.diagnosis.words import named_in_words
 from dtbacklash.report.diagnosis.blocks import folded, law_caption
 from dtbacklash.report.diagnosis.figures import NARROW, curve_figure, judged_figure, law_figure
 from dtbacklash.report.diagnosis.rig_drawing import draw_rig

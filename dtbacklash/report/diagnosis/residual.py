@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from scipy.signal import welch
 
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.shown import Curve
+from dtbacklash.diagnosis.shown import Curve
 from dtbacklash.report.diagnosis.figures import EXTENDED, NOISE, _broken
 from dtbacklash.report.kit.intervals import scaled, unit_in_signs
 from dtbacklash.report.kit.style import INK, MUTED, envelope, new_figure, styled

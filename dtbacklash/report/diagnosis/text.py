@@ -5,10 +5,10 @@ from __future__ import annotations
 from rich.console import RenderableType
 from rich.text import Text
 
-from dtbacklash.diagnose.engine.values import NORMAL95
-from dtbacklash.diagnose.named import Calibration
-from dtbacklash.diagnose.records import COURSES
-from dtbacklash.diagnose.result import Diagnosis
+from dtbacklash.diagnosis.engine.values import NORMAL95
+from dtbacklash.diagnosis.named import Calibration
+from dtbacklash.diagnosis.records import COURSES
+from dtbacklash.diagnosis.result import Diagnosis
 from dtbacklash.report.diagnosis.blocks import in_each
 from dtbacklash.report.diagnosis.words import causes, error_text, failing, heading, left, together
 from dtbacklash.report.kit import tables

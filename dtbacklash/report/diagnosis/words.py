@@ -11,11 +11,11 @@ import numpy as np
 
 from dtbacklash import units
 from dtbacklash.arrays import Floats
-from dtbacklash.diagnose.named import Finding, Recalibrated
-from dtbacklash.diagnose.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Diagnosis
-from dtbacklash.diagnose.say.next_experiment import DESIGN
-from dtbacklash.diagnose.shown import Curve
-from dtbacklash.diagnose.words import listed, named_in_words, one_of_in_words, other_in_words, place_in_words
+from dtbacklash.diagnosis.named import Finding, Recalibrated
+from dtbacklash.diagnosis.result import CONSISTENT, MISSING, PARAMETERS, UNEXPLAINED, Diagnosis
+from dtbacklash.diagnosis.say.next_experiment import DESIGN
+from dtbacklash.diagnosis.shown import Curve
+from dtbacklash.diagnosis.words import listed, named_in_words, one_of_in_words, other_in_words, place_in_words
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import SENSOR_PREFIX

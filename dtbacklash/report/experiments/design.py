@@ -10,10 +10,10 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure as Drawn
 
-from dtbacklash.diagnose.engine.search import LEAST
-from dtbacklash.diagnose.experiments.design import Design, Tried
-from dtbacklash.diagnose.experiments.rivalry import Rivalry
-from dtbacklash.diagnose.say.sentences import quantity
+from dtbacklash.diagnosis.engine.search import LEAST
+from dtbacklash.diagnosis.experiments.design import Design, Tried
+from dtbacklash.diagnosis.experiments.rivalry import Rivalry
+from dtbacklash.diagnosis.say.sentences import quantity
 from dtbacklash.files import write_json
 from dtbacklash.physics.kinds import KINDS
 from dtbacklash.physics.simulate import simulate_roughly

@@ -10,9 +10,9 @@ import pandas as pd
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure as Drawn
 
-from dtbacklash.diagnose.experiments.isolability import ALIKE, SHOWS, Effect, Isolability
-from dtbacklash.diagnose.say.sentences import quantity
-from dtbacklash.diagnose.words import named_in_words
+from dtbacklash.diagnosis.experiments.isolability import ALIKE, SHOWS, Effect, Isolability
+from dtbacklash.diagnosis.say.sentences import quantity
+from dtbacklash.diagnosis.words import named_in_words
 from dtbacklash.files import json_able, write_json
 from dtbacklash.report.kit.blocks import Block, Code, Figure, Items, Table
 from dtbacklash.report.kit.page import embedded, render

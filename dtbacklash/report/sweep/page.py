@@ -8,7 +8,7 @@ from urllib.parse import quote
 
 import pandas as pd
 
-from dtbacklash.diagnose.words import listed
+from dtbacklash.diagnosis.words import listed
 from dtbacklash.files import write_text
 from dtbacklash.report.kit.blocks import Block, Figure, Link, Table, Tiles
 from dtbacklash.report.kit.numbers import number

@@ -16,16 +16,16 @@ import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.control.belief import Belief
-from dtbacklash.diagnose.engine.bench import Bench, Sizes
-from dtbacklash.diagnose.engine.columns import Columns
-from dtbacklash.diagnose.engine.exact import Model, Problem
-from dtbacklash.diagnose.engine.free import Key
-from dtbacklash.diagnose.engine.motion import Motion, motion_of
-from dtbacklash.diagnose.engine.predictor import Predictor
-from dtbacklash.diagnose.engine.readings import readings
-from dtbacklash.diagnose.engine.search import LEAST, STRICT
-from dtbacklash.diagnose.engine.simulated import Simulated
-from dtbacklash.diagnose.settings import SETTINGS
+from dtbacklash.diagnosis.engine.bench import Bench, Sizes
+from dtbacklash.diagnosis.engine.columns import Columns
+from dtbacklash.diagnosis.engine.exact import Model, Problem
+from dtbacklash.diagnosis.engine.free import Key
+from dtbacklash.diagnosis.engine.motion import Motion, motion_of
+from dtbacklash.diagnosis.engine.predictor import Predictor
+from dtbacklash.diagnosis.engine.readings import readings
+from dtbacklash.diagnosis.engine.search import LEAST, STRICT
+from dtbacklash.diagnosis.engine.simulated import Simulated
+from dtbacklash.diagnosis.settings import SETTINGS
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects import slots

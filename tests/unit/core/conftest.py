@@ -8,7 +8,7 @@ import pytest
 from oracle import filter as oracle_filter
 from oracle import passes as oracle_passes
 
-from dtbacklash.diagnose.engine import columns, predictor, simulated
+from dtbacklash.diagnosis.engine import columns, predictor, simulated
 from dtbacklash.physics import simulate as simulation
 
 #: of the largest size in a column; the two differ in the last bit at most, and where a machine does not run away that

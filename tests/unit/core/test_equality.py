@@ -11,9 +11,9 @@ from nominal import nominal_rig
 from reference import rigs
 
 import dtbacklash
-from dtbacklash.diagnose.engine.predictor import Predictor
-from dtbacklash.diagnose.engine.readings import readings
-from dtbacklash.diagnose.engine.simulated import Simulated
+from dtbacklash.diagnosis.engine.predictor import Predictor
+from dtbacklash.diagnosis.engine.readings import readings
+from dtbacklash.diagnosis.engine.simulated import Simulated
 from dtbacklash.errors import UserError
 from dtbacklash.physics.catalogue import CATALOGUE, effects_of
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig

@@ -8,7 +8,7 @@ import pytest
 from told import refused
 
 import dtbacklash as dtb
-from dtbacklash.diagnose.say.doubts import GAIN, said_first
+from dtbacklash.diagnosis.say.doubts import GAIN, said_first
 from dtbacklash.face.progress import shown
 from dtbacklash.recording import Recording
 from dtbacklash.recording.wrong_units import Doubt
@@ -97,7 +97,7 @@ def test_a_doubt_about_a_unit_is_settled_in_the_end(verdict, findings, said, fra
     rig = SimpleNamespace(config=SimpleNamespace(commands={}))
     found = SimpleNamespace(suspected="", verdict=verdict, summary="All else.", recalibrated={}, nominal=rig,
                             findings=[SimpleNamespace(location=at, effect=name) for at, name in findings])  # fmt: skip
-    monkeypatch.setattr("dtbacklash.diagnose.say.doubts.replace", lambda found, first, summary: summary)
+    monkeypatch.setattr("dtbacklash.diagnosis.say.doubts.replace", lambda found, first, summary: summary)
     doubt = Doubt("theta", "its values are about a factor 6.28 too small")
     summary = said_first(found, [Recording.from_frame(frame)], [doubt])
     assert summary.startswith("theta looked to be in a wrong unit: its values are about a factor 6.28 too small. ")

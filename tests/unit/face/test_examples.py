@@ -24,7 +24,4 @@ def test_the_examples_of_a_module_run(module):
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_each_public_function_has_an_example(name):
     assert set(FUNCTIONS) == {n for n in dtb.__all__ if n.islower() and not n.startswith("_")}
-    function = (
-        dtb.__getattr__(name) if name != "diagnose" else importlib.import_module("dtbacklash.face.diagnose").diagnose
-    )
-    assert ">>> " in function.__doc__
+    assert ">>> " in getattr(dtb, name).__doc__

@@ -89,7 +89,9 @@ def test_a_run_with_its_figures_and_files_changes_nothing(tmp_path):
 
 @pytest.mark.nightly
 def test_the_simulator_of_concealed_recordings_changes_nothing():
-    assert changed("import dtbacklash.prove.simulator.rig, dtbacklash.diagnose, dtbacklash.report.diagnosis.page") == {}
+    assert (
+        changed("import dtbacklash.prove.simulator.rig, dtbacklash.diagnosis, dtbacklash.report.diagnosis.page") == {}
+    )
 
 
 @pytest.mark.nightly

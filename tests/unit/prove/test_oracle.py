@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from nominal import nominal_rig
 
-from dtbacklash.diagnose.records import Record
+from dtbacklash.diagnosis.records import Record
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate
 from dtbacklash.prove.oracle import HELD_OUT, Oracle, Sight, better, compared, look

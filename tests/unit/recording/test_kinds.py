@@ -14,8 +14,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from nominal import nominal_rig
 
-from dtbacklash.diagnose.inspect.inspection import _turned_back
-from dtbacklash.diagnose.records import records_of
+from dtbacklash.diagnosis.inspect.inspection import _turned_back
+from dtbacklash.diagnosis.records import records_of
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import build_rig
 from dtbacklash.recording import Recording, read_recording

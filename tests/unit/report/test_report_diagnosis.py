@@ -14,8 +14,8 @@ from nominal import nominal_rig
 from page_reader import Reader
 
 from dtbacklash.config.compose import compose
-from dtbacklash.diagnose.named import Alternative, Blind, Calibration, Ground, Recalibrated, Stands
-from dtbacklash.diagnose.shown import ModelErrors, RecordingUsed
+from dtbacklash.diagnosis.named import Alternative, Blind, Calibration, Ground, Recalibrated, Stands
+from dtbacklash.diagnosis.shown import ModelErrors, RecordingUsed
 from dtbacklash.physics.effects.declare import name_in_words
 from dtbacklash.physics.rig import build_rig
 from dtbacklash.report.diagnosis import page as diagnosis_page

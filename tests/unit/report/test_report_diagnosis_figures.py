@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from nominal import nominal_rig
 
-from dtbacklash.diagnose.shown import Curve, LawShown
+from dtbacklash.diagnosis.shown import Curve, LawShown
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.drawing import drawing_of, law_curve
 from dtbacklash.physics.rig import build_rig

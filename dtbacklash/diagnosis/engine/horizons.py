@@ -1,0 +1,181 @@
+"""Models compared over stretches of a recording, at a short horizon of the predictor and at a long one.
+
+A wrong law has systematic errors: it may lead at one horizon and lose at another. So each model is fitted anew and
+compared in three views: at the tuned sizes of what is unknown (short); at smaller unknown forces, which correct the
+prediction less (long); and there once more, whitened by what the judged model leaves (white). The long horizon is the
+longest one that the judged model can follow: a free rotor drifts through whole turns if nothing corrects it, and a law
+over its position has lost its phase long before.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy.linalg import solve_toeplitz
+from scipy.optimize import lsq_linear
+from scipy.signal import lfilter
+
+from dtbacklash.arrays import Floats
+from dtbacklash.diagnosis.engine.attempts import attempt
+from dtbacklash.diagnosis.engine.bench import Bench, Sizes
+from dtbacklash.diagnosis.engine.exact import Model, Problem
+from dtbacklash.diagnosis.engine.motion import Motion
+from dtbacklash.diagnosis.engine.predictor import Gains
+from dtbacklash.physics.effects.declare import Role
+
+VIEWS = SHORT, LONG, WHITE = ("short", "long", "white")
+#: stretches over which models are compared
+STRETCHES = 12
+#: unknown forces of longer and longer horizons (shares of the tuned ones)
+LONGER = (0.3, 0.1, 0.05)
+#: a model follows a horizon where its mean square is below so many times that of the short one (ratio)
+FOLLOWS = 10.0
+#: steps of a fit at the short horizon, and at longer ones
+STEPS, STEPS_LONGER = 3, 6
+#: order of the filter that whitens what the model leaves
+ORDER = 40
+#: differences are clipped at so many times their median, so that one stretch does not decide
+CLIPPED = 3.0
+
+#: view -> (STRETCHES,) sums of squares of whitened innovations
+Squares = dict[str, Floats]
+#: a fit: where it stands, its rows, and the gains of its predictors
+Fit = tuple[Floats, Floats, list[Gains]]
+
+
+class Horizons:
+    """Compares models with one that is judged.
+
+    reference : (view -> squares) of that model; None where its prediction does not stay finite. shares : of the tuned
+    unknown forces, from one horizon to the next, as far as the judged model follows.
+    """
+
+    def __init__(self, bench: Bench, motion: Motion, model: Model) -> None:
+        self.bench, self.motion, self.model = bench, motion, model
+        self.shares: tuple[float, ...] = ()
+        self._filters: list[list[Floats]] = []
+        self.reference = attempt(self._measured, model, self._longest)
+
+    def squares(self, m: Model) -> Squares | None:
+        """A model in the three views, fitted anew at the sizes of the judged one; None where it does not follow."""
+        return self._measured(m, self._as_long)
+
+    def _measured(self, m: Model, lengthen: Callable[[Problem, Fit], Fit | None]) -> Squares | None:
+        problem = Problem(self.bench, m.rig, m.keys, self.motion, self.model.stiff, m.smooth)
+        fit = self._fitted(problem, problem.start(), 1.0, STEPS)
+        if fit is None:
+            return None
+        found = {SHORT: self._sums(fit[1])}
+        far = lengthen(problem, fit)
+        if far is None:
+            return None
+        return found | {LONG: self._sums(far[1]), WHITE: self._sums(self._whitened_fit(problem, *far))}
+
+    def _fitted(self, problem: Problem, x: Floats, share: float, steps: int) -> Fit | None:
+        sizes: Sizes = self.bench.scaled(self.model.sizes, share)
+        x, squares = problem.solve(sizes, x, steps)
+        if not np.isfinite(squares):
+            return None
+        gains = self.bench.gains(problem.base, sizes)
+        rows = problem.rows(x, gains)
+        return None if rows is None else (x, rows, gains)
+
+    def _longest(self, problem: Problem, fit: Fit) -> Fit:
+        """The fit at the longest horizon that the judged model follows."""
+        data = problem.bench_rows
+        most = FOLLOWS * float(fit[1][:data] @ fit[1][:data])
+        for share in LONGER:
+            far = attempt(self._fitted, problem, fit[0], share, STEPS_LONGER)
+            if far is None or far[1][:data] @ far[1][:data] > most:
+                break
+            fit, self.shares = far, (*self.shares, share)
+        return fit
+
+    def _as_long(self, problem: Problem, fit: Fit) -> Fit | None:
+        """The fit at the same horizon as the judged model's, by way of the shorter ones."""
+        for share in self.shares:
+            far = self._fitted(problem, fit[0], share, STEPS_LONGER)
+            if far is None:
+                return None
+            fit = far
+        return fit
+
+    def _whitened_fit(self, problem: Problem, x: Floats, rows: Floats, gains: list[Gains]) -> Floats:
+        """(rows,) whitened by what the judged model leaves, after one more step of the fit to them."""
+        data = problem.bench_rows
+        if not self._filters:
+            self._filters = [[_whitening(channel) for channel in e.T] for e in self._split(rows)]
+        J = problem.jacobian(x, gains, rows)
+        K = np.column_stack([np.zeros((data, 0)), *(self._whitened(column[:data]) for column in J.T)])
+        all_rows, all_K = np.concatenate([self._whitened(rows[:data]), rows[data:]]), np.vstack([K, J[data:]])
+        norms = np.sqrt(np.einsum("ij,ij->j", all_K, all_K)) + 1e-300
+        room = [(low * n, high * n) for (low, high), n in zip(_room(problem, x), norms, strict=True)]
+        left: Floats = all_rows + (all_K / norms) @ _within(all_K / norms, all_rows, room)
+        return left
+
+    def _split(self, rows: Floats) -> list[Floats]:
+        """(samples, channels) of each stretch of recording."""
+        found, first = [], 0
+        for p in self.bench.predictors:
+            found.append(rows[first : first + p.readings.y.size].reshape(p.readings.y.shape))
+            first += p.readings.y.size
+        return found
+
+    def _whitened(self, rows: Floats) -> Floats:
+        parts = []
+        for e, filters in zip(self._split(rows), self._filters, strict=True):
+            parts.append(np.column_stack([lfilter(f, [1.0], c) for f, c in zip(filters, e.T, strict=True)]).ravel())
+        return np.concatenate(parts)
+
+    def _sums(self, rows: Floats) -> Floats:
+        """(STRETCHES,) sums of squares of innovations; what priors cost has no scatter: it counts in the score."""
+        each = np.concatenate([(e**2).sum(axis=1) for e in self._split(rows)])
+        return np.array([part.sum() for part in np.array_split(each, STRETCHES)]) + 1e-12
+
+
+def paired_t(a: Floats, b: Floats) -> float:
+    """By how many standard errors the second model leads; a, b : (stretches,) sums of squares of the two.
+
+    The larger of the leads by differences and by their logarithms.
+    """
+    return max(_t(a - b), _t(np.log(a / b)))
+
+
+def _room(problem: Problem, x: Floats) -> list[tuple[float, float]]:
+    """How far each free parameter may move from x: the rig's own within their ends, others anywhere."""
+    ends = [((f.low - f.centre) / f.scale, (f.high - f.centre) / f.scale) if f.prior and f.role is not Role.ANGLE else
+            (-np.inf, np.inf) for f in problem.free]  # fmt: skip
+    return [(low - at, high - at) for (low, high), at in zip(ends, x.tolist(), strict=True)]
+
+
+def _within(K: Floats, rows: Floats, ends: Sequence[tuple[float, float]]) -> Floats:
+    """The step within its ends that leaves least of ``rows + K step``."""
+    if not ends:
+        return np.zeros(0)
+    step = np.asarray(-np.linalg.lstsq(K, rows, rcond=1e-8)[0], dtype=float)
+    low, high = np.array(ends).T
+    if (step < low).any() or (step > high).any():
+        small = np.asarray(np.linalg.qr(np.column_stack([K, -rows]), mode="reduced")[1], dtype=float)
+        step = np.asarray(lsq_linear(small[:, :-1], small[:, -1], (low, high), method="bvls").x, dtype=float)
+    return step
+
+
+def _t(d: Floats) -> float:
+    """The mean of differences in standard errors; large ones are clipped, so that one stretch does not decide."""
+    middle = float(np.median(d))
+    d = np.minimum(d, CLIPPED * middle) if middle > 0.0 else d
+    error = float(d.std(ddof=1)) / float(np.sqrt(len(d)))
+    return float(d.mean()) / max(error, 1e-12 * float(np.abs(d).max()) + 1e-300)
+
+
+def _whitening(e: Floats) -> Floats:
+    """Coefficients of a filter that makes a signal white, by Yule and Walker's equations."""
+    n = len(e)
+    order = min(ORDER, n // 20)
+    spectrum = np.fft.rfft(e, 2 * n)
+    r = np.fft.irfft(spectrum * np.conj(spectrum))[: order + 1] / n
+    if not r[0] > 0.0:
+        return np.ones(1)
+    r[0] *= 1.0 + 1e-9
+    a = solve_toeplitz(r[:-1], r[1:])
+    found: Floats = np.concatenate([[1.0], -a]) / np.sqrt(max(float(r[0] - a @ r[1:]), 1e-300))
+    return found

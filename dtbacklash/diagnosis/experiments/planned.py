@@ -1,0 +1,51 @@
+"""A planned experiment on a bench: its simulated readings, as a diagnosis would look at them."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from dtbacklash.diagnosis.engine.bench import Bench, Sizes
+from dtbacklash.diagnosis.engine.exact import Model
+from dtbacklash.diagnosis.engine.free import with_priors
+from dtbacklash.diagnosis.engine.readings import rate_of
+from dtbacklash.diagnosis.engine.zeros import zeroed
+from dtbacklash.diagnosis.records import records_of
+from dtbacklash.diagnosis.seen import bench_of
+from dtbacklash.physics.rig import Rig
+from dtbacklash.recording.model import Recording
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A bench of a planned experiment. sizes : of the unknown forces, as they are assumed, and of the noises."""
+
+    bench: Bench
+    sizes: Sizes
+    every: int
+
+    @property
+    def model(self) -> Model:
+        """The rig as it is planned with, its parameters known to their tolerances."""
+        return Model(self.bench.nominal, (), self.sizes, 0.0, 0.0, 0.0, False, stiff=1.0)
+
+
+def planned(rig: Rig, recording: Recording, unknown: float) -> Planned:
+    """The bench of a simulated recording of a rig.
+
+    Parameters
+    ----------
+    unknown : unknown force at each body, a share of the force that moves it: no model of a machine is exact.
+
+    Raises
+    ------
+    UserError : nothing recorded shows some part that integrates.
+    """
+    nominal = with_priors(rig)
+    records = records_of(recording, nominal, True, False)
+    every = [rate_of(nominal, r.y, r.sample_time_s) for r in records]
+    bench = bench_of(nominal, records, every)
+    bench = replace(bench, nominal=zeroed(bench, nominal))
+    bodies = len(bench.linear.bodies)
+    sizes, _ = bench.tuned(bench.nominal)
+    assumed = tuple(np.concatenate([np.full(bodies, np.log(unknown)), s[bodies:]]) for s in sizes)
+    return Planned(bench, assumed, every[0])

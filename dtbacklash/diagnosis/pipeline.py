@@ -1,0 +1,410 @@
+"""From recordings to a diagnosis: inspect, search, judge, and put together what is said and shown."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from dtbacklash.campaign.progress import SO_FAR
+from dtbacklash.diagnosis.conclusion import Conclusion, had_to_move, is_there
+from dtbacklash.diagnosis.engine.bench import Bench
+from dtbacklash.diagnosis.engine.changes import Change, grow
+from dtbacklash.diagnosis.engine.changes import judged as judged_changes
+from dtbacklash.diagnosis.engine.exact import Model, Problem, without_name
+from dtbacklash.diagnosis.engine.factors import Off, begin
+from dtbacklash.diagnosis.engine.formulas import modelled
+from dtbacklash.diagnosis.engine.free import with_errors, with_priors
+from dtbacklash.diagnosis.engine.in_each import in_each
+from dtbacklash.diagnosis.engine.judge import Judge, Judged
+from dtbacklash.diagnosis.engine.motion import Motion, motion_of
+from dtbacklash.diagnosis.engine.readings import rate_of
+from dtbacklash.diagnosis.engine.search import MOST, Search
+from dtbacklash.diagnosis.engine.turns import left_out, predicted
+from dtbacklash.diagnosis.engine.values import Values, polished
+from dtbacklash.diagnosis.engine.zeros import zeroed
+from dtbacklash.diagnosis.inspect.fault import faulty, mended, not_finite, undriven
+from dtbacklash.diagnosis.inspect.inspection import inspect
+from dtbacklash.diagnosis.records import SMOOTH, STEPPED, Record, ways_to_read
+from dtbacklash.diagnosis.result import UNEXPLAINED, Diagnosis
+from dtbacklash.diagnosis.say.calibration import calibration
+from dtbacklash.diagnosis.say.checks import USUAL, all_checks
+from dtbacklash.diagnosis.say.differences import changes, changes_said, differences_said
+from dtbacklash.diagnosis.say.drawn import shown
+from dtbacklash.diagnosis.say.enough import Enough
+from dtbacklash.diagnosis.say.errors import ErrorTables
+from dtbacklash.diagnosis.say.findings import candidates, findings, limits, located, recalibrated
+from dtbacklash.diagnosis.say.next_experiment import next_experiment
+from dtbacklash.diagnosis.say.observed import observed
+from dtbacklash.diagnosis.say.sentences import (
+    explained_said,
+    modelled_said,
+    summary,
+    tolerances_said,
+    unknown_said,
+    zeros_said,
+)
+from dtbacklash.diagnosis.say.suspects import suspects, suspects_said
+from dtbacklash.diagnosis.seen import Seen, bench_of
+from dtbacklash.diagnosis.shown import Work
+from dtbacklash.diagnosis.so_far import Depth, Stages, known
+from dtbacklash.diagnosis.spread import on_cores
+from dtbacklash.physics.catalogue import find
+from dtbacklash.physics.effects import slots
+from dtbacklash.physics.rig import Rig
+
+#: what is said while and after a search is stopped
+ENDING = "stopped: what is known is judged and written (Ctrl-C once more ends it)"
+UNKNOWN = ": nothing was known yet"
+STOPPED = "what was found until then, with nothing tried in its place. More may be missing, and no name is sure."
+TO_THE_END = "Let the diagnosis run to its end, before anything is measured because of it."
+RATE = "Compared at the rate of the motion: each reading is the mean of {every} samples ({hz:.4g} Hz)."
+
+#: where no command drives, so much force stays unknown with one name in a machine that something else moves (share)
+UNDRIVEN = 0.5
+FULL: Depth = "full"
+QUICK: Depth = "quick"
+NONE: Depth = "none"
+SEARCHED: dict[Depth, str] = {
+    NONE: "No physics was looked for (search=none): the rig was calibrated as it is.",
+    QUICK: "Only what is large was looked for (search=quick), and nothing was tried in its place: no name is sure.",
+    FULL: "",
+}
+
+
+def silent(text: str, share: float) -> None:
+    """What to call with a text and a share, 0 to 1, where nobody asked for progress."""
+
+
+def diagnose_records(
+    rig: Rig, records: list[Record], progress: Callable[[str, float], None] | None = None, jobs: int | None = None,
+    enough: Enough | None = None, depth: Depth = FULL, keep: bool = False, changes: bool = False,
+) -> Diagnosis:  # fmt: skip
+    """Diagnose recordings on a rig.
+
+    Parameters
+    ----------
+    rig : the nominal rig; effects that it has already have tolerances, and are recalibrated as its parameters are.
+    records : with masks of the samples to fit and to judge on. progress : called with a text and a share, 0 to 1.
+    jobs : threads; None leaves what joblib has been told, else one. enough : a rest that the user accepts.
+    depth : how much is looked for. keep : whether Ctrl-C, once the rig is recalibrated, gives what is known so far,
+        judged as a quick search is; a second one ends it.
+    changes : look for what changed between two recordings, beside what is large and missing in both.
+
+    Raises
+    ------
+    UserError : no channel of the rig was recorded, or nothing recorded shows some part.
+    KeyboardInterrupt : it was interrupted, and nothing is to be kept.
+    """
+    tell = progress or silent
+    # many short products of long vectors: threads of the linear algebra would cost more than they bring
+    with on_cores(jobs), threadpool_limits(1, "blas"):
+        inspected = inspect(rig, records)
+        if inspected.fault is not None:
+            return faulty(rig, inspected, inspected.fault)
+        try:
+            return mended(
+                _Course(with_priors(rig), inspected.records, tell, depth, enough or {}, keep, changes).run(),
+                inspected,
+            )
+        except _Undriven as error:
+            return faulty(rig, inspected, undriven(rig, inspected, *error.args))
+        except np.linalg.LinAlgError as error:
+            return faulty(rig, inspected, not_finite(rig, inspected, error))
+
+
+class _Undriven(Exception):
+    """A constant command does not move a machine so: what explains most, and the force that stays unknown (share)."""
+
+
+class _Course:
+    """One diagnosis on its way."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        records: list[Record],
+        tell: Callable[[str, float], None],
+        depth: Depth,
+        enough: Enough,
+        keep: bool,
+        changes: bool = False,
+    ) -> None:
+        self.rig, self.records, self._say, self.enough, self.keep = rig, records, tell, enough, keep
+        self.depth: Depth = QUICK if changes and depth == FULL else depth
+        self.changes: tuple[Change, ...] | None = () if changes else None
+        self.every = [
+            rate_of(rig, {c: v for c, v in r.y.items() if c in rig.sensors}, r.sample_time_s) for r in records
+        ]
+        self.step, self._stages, self._ending = "", Stages(self.depth), ""
+        self.search: Search | None = None
+        self.begin: Off | None = None
+        self.course = ""
+
+    def tell(self, step: str, counted: float) -> None:
+        """What is being done and at which stage, and what is known so far; counted : as the search counts."""
+        self.step = step
+        text, share = self._stages.reached(step, counted)
+        news = self._ending or (known(self.search) if self.search else "")
+        self._say(text + (SO_FAR + news if news else ""), share)
+
+    def run(self) -> Diagnosis:
+        """Search, judge, and say it; where it is stopped, what is known so far."""
+        try:
+            search = self._searched()
+            if self.changes is not None:
+                grow(search)
+                self.changes = judged_changes(search)
+            return self._found(search, self.depth)
+        except KeyboardInterrupt:
+            if not self.keep:
+                raise
+            if self.search is None:
+                raise KeyboardInterrupt(UNKNOWN) from None
+            return self._until_now(self.search)
+
+    def _until_now(self, search: Search) -> Diagnosis:
+        """What a search has found until it was stopped; a second interruption ends this as well."""
+        step, self.changes, self._ending = self.step, None, ENDING  # what changed has not been judged
+        self.tell("judging what is known", 0.9)
+        try:
+            found = self._found(search, QUICK if self.depth == FULL else self.depth)
+        except (ValueError, IndexError, KeyError, np.linalg.LinAlgError) as error:  # stopped between two of its changes
+            raise KeyboardInterrupt(UNKNOWN) from error
+        said = found.summary.removeprefix(SEARCHED[QUICK]).strip()
+        summarised = f"Stopped early ({step}): {STOPPED} Known then: {known(search)}. {said}"
+        return replace(found, summary=summarised, stopped=step, next_experiment=TO_THE_END)
+
+    def _searched(self) -> Search:
+        """The search with the command held between its samples; with another course where that is likelier."""
+        self.tell("recalibrating the rig", 0.02)
+        ways = {"": self.records, **ways_to_read(self.records, self.rig)}
+        held = self.search = self._begun(self.records)
+        if self.depth != NONE and not self._seen(held).unlogged(held.now.rig):
+            held.glance()
+            self.tell("recalibrating the rig", 0.04)
+        if held.unknown(held.nothing) > held.rules.left:
+            self.begin = begin(held.quick, held.rules)
+            held = self._begun(self.records) if self.begin else held
+        begun = {
+            course: self._begun(records) if course else held
+            for course, records in ways.items() if course != STEPPED or self._clears(records, held)
+        }  # fmt: skip
+        scores = {course: search.now.score for course, search in begun.items()}
+        likelier = [c for c in begun if scores[c] < scores[""] - held.asked(begun[c].now, held.now)]
+        self.course = min(likelier, key=lambda course: scores[course], default="")
+        self.records = ways[self.course]
+        search = self._at_rates(begun[self.course])
+        for course, records in ways.items():  # what was missing may have looked like another course
+            if course != self.course and self._likelier(records, search):
+                before = self.course, self.records, self.every
+                self.course, self.records = course, records
+                other = self._at_rates(self._begun(records))
+                if self.every != before[2] or other.now.score < search.now.score:
+                    return other  # at another rate the two cannot be compared
+                self.course, self.records, self.every = before
+                self.search = search
+        return search
+
+    def _clears(self, records: list[Record], held: Search) -> bool:
+        """Whether with another course hardly any force stays unknown: what is missing looks like steps, too."""
+        bench = replace(self._bench(records, self.every), nominal=held.bench.nominal)
+        left = bench.most_unknown(bench.tuned(held.now.rig)[0])
+        return left < held.rules.clears * held.unknown(held.now)
+
+    def _likelier(self, records: list[Record], search: Search) -> bool:
+        """Whether records are likelier with a search's model, or, fitted anew, with that without what makes it late."""
+        bench, now = replace(self._bench(records, self.every), nominal=search.bench.nominal), search.now
+        late = [key for key in now.keys if self._of_timing(replace(now, keys=(key,)))]
+        alike = now.score - now.loss + bench.tuned(now.rig)[1]
+        # another course moves all delays and lags alike: where one goes, the values of the others follow
+        fitted = [_fitted(bench, search.motion, without_name(bench, now, key)) for key in late]
+        fewer = any(m is not None and m.score < now.score for m in fitted)  # with a name less it has nothing to earn
+        return fewer or bool(alike < now.score - search.least)
+
+    def _begun(self, records: list[Record]) -> Search:
+        """A search that has recalibrated the nominal rig."""
+        finer = self._at_finer if max(self.every) > 1 else None
+        bench, first = self._bench(records, self.every), self.begin
+        if first:
+            first = replace(first, rig=zeroed(bench, first.rig))
+        return Search(replace(bench, nominal=zeroed(bench, self.rig)), tell=self.tell, finer=finer, begin=first)
+
+    def _bench(self, records: list[Record], every: list[int]) -> Bench:
+        """Predictors of records, with the forces that move the rig from which a search begins."""
+        return replace(bench_of(self.begin.rig if self.begin else self.rig, records, every), nominal=self.rig)
+
+    def _at_rates(self, search: Search) -> Search:
+        """The search at the rate of the motion; at faster ones where much force stays unknown."""
+        while True:
+            if self._seen(search).unlogged(search.now.rig):
+                self.search = search  # whatever would be found may be what is not in the log
+                return search
+            search.likely = search.likely or (self.search.likely if self.search else None)
+            self.search = search
+            if self.depth != NONE and not any(r.driven for r in self.records):
+                self._moves_by_itself(search)
+            if self.depth == FULL:
+                search.run()
+            elif self.depth == QUICK:
+                search.grow()
+            if self.depth != FULL and not search.too_coarse:
+                search.let_go()
+            if not (search.too_coarse or (max(self.every) > 1 and self._of_timing(search.now))):
+                return search
+            self.every = self._finer() if search.too_coarse else [1] * len(self.every)
+            self.tell("looking closer, at a faster rate", 0.3)
+            search = self._begun(self.records)
+
+    def _seen(self, search: Search) -> Seen:
+        """All records, as the search's present model sees them."""
+        return Seen(search.bench, self.records, self.every, search.now.rig, search.now.sizes)
+
+    def _moves_by_itself(self, search: Search) -> None:
+        """Look for what explains most where no command drives; raises _Undriven where hardly anything does."""
+        search.most = len(search.now.keys) + 1
+        search.grow()
+        left, names = search.unknown(search.now), search.now.keys or ((search.likely,) if search.likely else ())
+        if left > UNDRIVEN and not search.too_coarse and self._seen(search).shows(search.now.rig):
+            raise _Undriven(names, left)
+        search.most = MOST
+
+    def _finer(self) -> list[int]:
+        """A third of the samples for a reading, an odd number."""
+        return [max(1, (m // 3 + 1) // 2 * 2 - 1) for m in self.every]
+
+    def _at_finer(self, model: Model) -> float:
+        """The largest unknown force of a model at a finer rate."""
+        bench = self._bench(self.records, self._finer())
+        return bench.most_unknown(bench.tuned(model.rig)[0])
+
+    def _of_timing(self, model: Model) -> bool:
+        """Whether a model has a delay or a lag: what is averaged shows them only roughly."""
+        found = [find(model.rig.kind_at(place), name, place).slot for place, name in model.keys]
+        return any(slot.delays or isinstance(slot, (slots.Lag, slots.Filter)) for slot in found)
+
+    def _found(self, search: Search, depth: Depth) -> Diagnosis:
+        """Judge a search, and say what it amounts to."""
+        full = depth == FULL
+        judged = Judge(search).judged() if full else Judged(search.now)
+        self.tell("modelling what is left", 0.9)
+        said, last = None, None
+        tables = [k for k in judged.model.keys if find(self.rig.kind_at(k[0]), k[1], k[0]).is_table]
+        if tables:
+            names = search.names
+            gone = tuple(k for k in names.keys if k not in judged.model.keys)
+            last, said = modelled(search, judged.model, tables[0], gone)
+            judged = replace(judged, model=_without_tables(search, judged.model, tables) or judged.model)
+        model, about, bench = self._last_word(search, judged.model)
+        judged = replace(judged, model=model)
+        seen = Seen(search.bench, self.records, self.every, (last or model).rig, (last or model).sizes)
+        moved = had_to_move(search, model, about)
+        c = Conclusion(search, judged, moved, about, seen, said, last, self.course, full, changes=self.changes)
+        away = [f.shared_title for f in moved]
+        c = replace(c, in_each=in_each(bench, model, about, {*c.sizes.values(), *search.differences, *away}))
+        if any((r.train & r.held).any() for r in self.records):
+            c = self._in_turns(c)
+        return self._diagnosis(c, depth)
+
+    def _in_turns(self, c: Conclusion) -> Conclusion:
+        """Each recording left out in turn, to judge."""
+        bench, motion = c.search.bench, c.search.motion
+        nothing, extended = (left_out(bench, motion, m) for m in (c.search.nothing, c.model))
+        less = {key: r.model for key, those in c.judged.rivals.items() if key in c.sizes for r in those if not r.keys}
+        said = predicted(bench, motion, extended, c.model, less)
+        return replace(c, left_out=(nothing if c.model.keys else extended, extended), predicted=said)
+
+    def _last_word(self, search: Search, model: Model) -> tuple[Model, Values, Bench]:
+        """A model with the values that the recording has at its full rate, what they may be off by, and that bench.
+
+        A law that is not linear is another one, a little, on means: what stood for the difference earns nothing here.
+        """
+        bench, motion, last = search.bench, search.motion, model
+        if max(self.every) > 1 and model.keys:
+            full = replace(self._bench(self.records, [1] * len(self.every)), nominal=bench.nominal)
+            sizes, _ = full.tuned(model.rig)
+            if full.refine(model.rig, sizes, search.rules.worth * search.bench.count):
+                sizes, _ = full.tuned(model.rig, sizes)
+            along = motion_of(full, model.rig, full.gains(model.rig, sizes))
+            found = _fitted(full, along, replace(model, sizes=sizes))
+            if found is not None and (len(model.keys) > 1 or not found.at_end):
+                bench, motion, last = full, along, found
+        several = len(model.keys) > 1 and bench is not search.bench
+        ends = {f.key for f, x in zip(last.free, last.x, strict=True) if f.at_end(x)}
+        bench = bench.fine  # what follows is compared with what is polished
+        last, about = polished(bench, motion, last)
+        for key in model.keys:
+            doubted = several or key in ends or not is_there(last, about, key)
+            less = _fitted(bench, motion, without_name(bench, last, key)) if doubted else None
+            if less is not None and (key in ends or less.score < last.score + search.asked(last, less)):
+                last, about = polished(bench, motion, less)
+        if last.keys != model.keys:
+            model = replace(model, keys=last.keys, sizes=search.bench.tuned(last.rig, model.sizes)[0])
+        return replace(model, rig=last.rig), about, bench
+
+    def _diagnosis(self, c: Conclusion, depth: Depth) -> Diagnosis:
+        tables = ErrorTables(c)
+        table, free, much = tables.fit(), tables.free_running(), tables.explained(self.enough)
+        verdict = c.verdict(much.enough)
+        named, moved, where = findings(c), recalibrated(c), located(c, verdict)
+        told = replace(c.modelled, sentence=modelled_said(c.modelled, much)) if c.modelled else None
+        suspected = suspects_said(c, suspects(c)) if verdict == UNEXPLAINED else ""
+        parts = (
+            suspected, SEARCHED[depth] if c.changes is None else "", differences_said(c),
+            summary(
+                verdict, named, moved, where, depth != NONE, much.enough, c.seen.unlogged(c.model.rig),
+                c.explains and c.with_table is None,
+            ) if c.changes is None else changes_said(c, named),
+            explained_said(much, bool(named)), unknown_said(much), told.sentence if told else "",
+            tolerances_said(c.beyond(), USUAL),
+        )  # fmt: skip
+        every, record, zeros = max(self.every), self.records[0], zeros_said(c)
+        rate = (RATE.format(every=every, hz=1.0 / (every * record.sample_time_s)),) if every > 1 else ()
+        return Diagnosis(
+            verdict=verdict,
+            summary=" ".join(filter(None, parts)),
+            findings=named,
+            recalibrated=moved,
+            fit=table,
+            recordings=tables.recordings(),
+            candidates=candidates(c),
+            located=where,
+            suspected=suspected,
+            zeros=zeros,
+            next_experiment=next_experiment(c, verdict, where),
+            nominal=self.rig,
+            extended=with_errors(
+                c.model.rig, c.values.errors, verdict != UNEXPLAINED, c.search.bench.recordings[-1]
+            ),
+            free_running=free,
+            explained=much,
+            checks=all_checks(c, tables, free),
+            limits=limits(c) if depth == FULL else (),
+            notes=(*filter(None, (c.course, zeros)), *rate),
+            shown=shown(c, tables, much.causes),
+            work=Work(
+                record.sample_time_s, sum(int(r.train.sum()) for r in self.records),
+                sum(int(r.held.sum()) for r in self.records), every, tables.floor, len(c.search.gains),
+                len(c.search.tried), c.course == SMOOTH, depth,
+            ),
+            calibration=calibration(c),
+            observed=observed(c),
+            modelled=told,
+            changes=changes(c),
+        )  # fmt: skip
+
+
+def _fitted(bench: Bench, motion: Motion, model: Model) -> Model | None:
+    """A model fitted anew on a bench; None where nothing stays finite."""
+    problem = Problem(bench, model.rig, model.keys, motion, model.stiff, model.smooth)
+    return problem.ladder(model.sizes, None, (1.0, 0.1, 1.0), 4)
+
+
+def _without_tables(search: Search, model: Model, tables: list[tuple[str, str]]) -> Model | None:
+    """The model with its names alone."""
+    for key in tables:
+        less = search.without(model, key)
+        if less is None:
+            return None
+        model = less
+    return model

@@ -1,0 +1,341 @@
+"""Columns rank what is missing first, and exact fits find its values, on recordings with one known effect."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import pytest
+from nominal import nominal_rig
+
+from dtbacklash.diagnosis.engine.bench import Bench
+from dtbacklash.diagnosis.engine.columns import Columns
+from dtbacklash.diagnosis.engine.exact import Model, Problem
+from dtbacklash.diagnosis.engine.free import Key, apply, standing, taken_out
+from dtbacklash.diagnosis.engine.motion import Motion, motion_of
+from dtbacklash.diagnosis.engine.predictor import Predictor
+from dtbacklash.diagnosis.engine.readings import readings
+from dtbacklash.diagnosis.engine.simulated import Simulated
+from dtbacklash.physics.effects.table import VALUES, weights
+from dtbacklash.physics.rig import Rig
+
+from .conftest import STEP_S, bench_of, command, recorded, with_sensors
+
+
+@dataclass(frozen=True)
+class Case:
+    """A rig with one effect that the nominal one lacks, and the size of its command."""
+
+    rig: str
+    key: Key
+    values: dict[str, float]
+    rms: float
+
+
+CASES = {
+    "coulomb": Case("pendulum", ("disk", "coulomb_friction"), {"torque": 0.02}, 0.4),
+    "gravity": Case("pendulum", ("disk", "gravity"), {"torque": 0.05, "phase": 0.6}, 0.4),
+    "cogging": Case("pendulum", ("disk", "cogging"), {"torque": 0.03, "periods": 7.0, "phase": 0.3}, 0.6),
+    "viscous": Case("two_mass_stage", ("carriage", "viscous_friction"), {"coefficient": 12.0}, 1.0),
+    "cubic": Case("oscillator", ("spring", "cubic_stiffness"), {"k3": 2e6}, 1.5),
+    "a cubic of stiff springs": Case("lead_screw", ("link_1", "cubic_stiffness"), {"k3": 1e10}, 3.0),
+    "constant": Case("two_mass_stage", ("table", "constant_force"), {"force": 0.7}, 1.0),
+}
+
+
+@cache
+def looked_at(name: str) -> tuple[Rig, Bench, Model, Motion]:
+    """The nominal rig recalibrated on a recording of another, at sizes by likelihood."""
+    case = CASES[name]
+    rig = nominal_rig(case.rig)
+    u = command(8.0, case.rms)
+    bench = bench_of(rig, u, recorded(rig.with_effect(*case.key, case.values), u))
+    return rig, bench, *recalibrated(rig, bench)
+
+
+def recalibrated(rig: Rig, bench: Bench) -> tuple[Model, Motion]:
+    sizes, _ = bench.tuned(rig)
+    motion = motion_of(bench, rig, bench.gains(rig, sizes))
+    model = Problem(bench, rig, (), motion).ladder(sizes, None, (1.0,))
+    assert model is not None
+    return model, motion
+
+
+each = pytest.mark.parametrize("name", list(CASES))
+
+
+@each
+def test_what_is_missing_is_ranked_first(name):
+    _, bench, model, _ = looked_at(name)
+    columns = Columns(bench, model, bench.scaled(model.sizes, 0.1))
+    assert columns.ranked[0].keys == (CASES[name].key,)
+    assert columns.ranked[0].gain > 1000.0
+    gains = [p.gain for p in columns.ranked]
+    assert gains == sorted(gains, reverse=True)
+    names = [p.keys for p in columns.ranked]
+    assert len(names) == len(set(names))
+
+
+@each
+def test_exact_fits_find_the_values(name):
+    rig, bench, model, motion = looked_at(name)
+    case = CASES[name]
+    best = next(p for p in Columns(bench, model, bench.scaled(model.sizes, 0.1)).ranked if p.keys == (case.key,))
+    found = Problem(bench, best.put(rig), (case.key,), motion).ladder(model.sizes)
+    values = found.rig.effect(*case.key)
+    for parameter, value in case.values.items():
+        near = {"abs": 0.02} if parameter == "phase" else {"rel": 0.01}
+        assert values[parameter] == pytest.approx(value, **near), parameter
+    assert not found.at_end
+    assert found.keys == (case.key,)
+    assert found.counts == len([f for f in found.free if not f.prior])
+    assert found.score == pytest.approx(found.loss + found.counts * np.log(bench.count))
+    assert found.score < model.score - 250.0
+    # hardly anything is left unknown
+    assert bench.most_unknown(found.sizes) < 0.05 * bench.most_unknown(model.sizes)
+    # nominal parameters, which were right, stay within a tenth of a tolerance or so
+    assert np.abs([standing(f, found.rig) for f in found.free if f.prior]).max() < 0.3
+
+
+@each
+def test_a_gain_that_columns_promise_is_one_that_comes(name):
+    """At the same sizes: the fall of the sum of squares of an exact fit, less what its parameters cost."""
+    rig, bench, model, motion = looked_at(name)
+    case = CASES[name]
+    (best,) = (p for p in Columns(bench, model, model.sizes).ranked if p.keys == (case.key,))
+    problem = Problem(bench, best.put(rig), (case.key,), motion)
+    nothing = Problem(bench, model.rig, (), motion)
+    rows = nothing.rows(nothing.start(), bench.gains(model.rig, model.sizes))
+    _, squares = problem.solve(model.sizes, problem.start(), 6)
+    fall = float(rows @ rows) - squares - np.log(bench.count) * best.parts[0][0].counts
+    assert best.gain == pytest.approx(fall, rel=0.25)
+
+
+def test_a_jacobian_is_how_rows_change():
+    rig, bench, model, motion = looked_at("cubic")
+    key = CASES["cubic"].key
+    problem = Problem(bench, rig.with_effect(*key, {"k3": 1.5e6}), (key,), motion)
+    x, gains = problem.start(), bench.gains(rig, model.sizes)
+    rows = problem.rows(x, gains)
+    J = problem.jacobian(x, gains, rows)
+    assert J.shape == (len(rows), len(problem.free))
+    assert problem.bench_rows + problem.priors == len(rows)
+    for j, f in enumerate(problem.free):
+        z = np.zeros(len(x))
+        z[j] = 0.5 * f.step
+        both = (problem.rows(x + z, gains) - problem.rows(x - z, gains)) / f.step
+        assert np.linalg.norm(J[:, j] - both) < 0.1 * np.linalg.norm(both)
+    # known columns are used again
+    kept = problem.jacobian(x, gains, rows, 3.0 * J)
+    assert np.array_equal(kept[:, : problem.priors], 3.0 * J[:, : problem.priors])
+    assert np.array_equal(kept[:, problem.priors :], J[:, problem.priors :])
+    near = problem.jacobian(x, gains, rows, None, {problem.free[0].title: np.ones(problem.bench_rows)})
+    assert np.array_equal(near[: problem.bench_rows, 0], np.ones(problem.bench_rows))
+    assert near[problem.bench_rows, 0] == problem.stiff
+    assert not near[: problem.bench_rows, 1].any()
+
+
+def test_a_wrong_parameter_is_no_missing_law():
+    """What the nominal parameters can do is projected out of every column."""
+    rig = nominal_rig("oscillator")
+    stiffer = rig.with_parameters({"k": 1.05 * rig.config.parameters["k"].value})
+    u = command(8.0, 1.0)
+    bench = bench_of(rig, u, recorded(stiffer, u))
+    model, _ = recalibrated(rig, bench)
+    assert model.rig.config.parameters["k"].value == pytest.approx(1.05 * 1900.0, rel=0.005)
+    best = Columns(bench, model, model.sizes).ranked[0]
+    assert best.gain < 0.02 * bench.count
+
+
+def test_pairs_promise_what_no_single_does():
+    rig = nominal_rig("pendulum")
+    keys = (("disk", "coulomb_friction"), ("disk", "viscous_friction"))
+    true = rig.with_effect(*keys[0], {"torque": 0.02}).with_effect(*keys[1], {"coefficient": 0.01})
+    u = command(8.0, 0.6)
+    bench = bench_of(rig, u, recorded(true, u))
+    model, motion = recalibrated(rig, bench)
+    columns = Columns(bench, model, bench.scaled(model.sizes, 0.1))
+    pairs = columns.pairs(columns.ranked[:5])
+    assert pairs[0].keys == keys
+    assert pairs[0].gain > columns.ranked[0].gain + 100.0
+    found = Problem(bench, pairs[0].put(rig), keys, motion).ladder(model.sizes)
+    assert found.rig.effect(*keys[0])["torque"] == pytest.approx(0.02, rel=0.01)
+    assert found.rig.effect(*keys[1])["coefficient"] == pytest.approx(0.01, rel=0.01)
+
+
+class Kept(Columns):
+    """Columns that keep what was projected."""
+
+    def _project(self, columns, e0, base, jacobian, data):
+        self.T, self.J = np.hstack([columns, np.zeros((len(columns), len(base) - data))]), jacobian
+        self.base = base
+        super()._project(columns.copy(), e0, base, jacobian, data)
+
+    def left(self, base: np.ndarray, *columns: np.ndarray) -> float:
+        """What is left of a sum of squares beside nominal parameters and columns, by least squares."""
+        made = np.column_stack([self.J, *columns])
+        made = made / np.linalg.norm(made, axis=0)
+        left = base - made @ np.linalg.lstsq(made, base, rcond=1e-13)[0]
+        return float(left @ left)
+
+
+def test_what_columns_promise_is_by_least_squares():
+    """Singles, and others beside a hypothesis that falls with its size or counts as it is, all columns written out."""
+    _, bench, model, _ = looked_at("coulomb")
+    columns = Kept(bench, model, bench.scaled(model.sizes, 0.1))
+    slices, log_n = dict(columns.hypotheses), columns.log_n
+    nothing = columns.left(columns.base)
+
+    def one(h, base: np.ndarray, *beside: np.ndarray) -> float:
+        """What is left with a hypothesis."""
+        made = columns.T[slices[h]]
+        return columns.left(base + made[0], *beside) if h.as_it_is else columns.left(base, *beside, *made)
+
+    for p in columns.ranked:
+        ((h, size),) = p.parts
+        assert p.gain == pytest.approx(nothing - one(h, columns.base) - log_n * h.counts, rel=1e-4, abs=0.1)
+        assert (size is None) is h.as_it_is
+    firsts = [next(p.parts[0][0] for p in columns.ranked if p.parts[0][0].as_it_is is kind) for kind in (False, True)]
+    for first in firsts:
+        made = columns.T[slices[first]]
+        base, beside = (columns.base + made[0], ()) if first.as_it_is else (columns.base, tuple(made))
+        before = columns.left(base, *beside)
+        others = columns._ranked((first, slices[first]))
+        assert len(others) >= 5
+        assert first.key not in {p.parts[0][0].key for p in others}
+        for p in others[:8]:
+            h = p.parts[0][0]
+            fall = before - one(h, base, *beside)
+            assert p.gain == pytest.approx(fall - log_n * h.counts, rel=1e-3, abs=0.2)
+            # what is left beside the first is not what is there without it
+        alone = {p.keys: p.gain for p in columns.ranked}
+        assert max(abs(alone.get(p.keys, 0.0) - p.gain) for p in others) > 100.0
+
+
+DRAG = 0.02
+
+
+@cache
+def dragged() -> tuple[Rig, Bench, Model, Motion]:
+    """A disk under a drag that grows with the root of its speed, integrated here: no law of the catalogue."""
+    rig, u, steps = nominal_rig("pendulum"), command(8.0, 0.5), 40
+    at, speed, h = 0.0, 0.0, STEP_S / steps
+    y = np.zeros((len(u), 2))
+    for k in range(len(u)):
+        y[k] = at, speed
+        for _ in range(steps):
+            half = speed + 0.5 * h * (0.3 * u[k] - DRAG * np.sign(speed) * np.sqrt(abs(speed))) / 0.02
+            at, speed = at + h * half, speed + h * (0.3 * u[k] - DRAG * np.sign(half) * np.sqrt(abs(half))) / 0.02
+    y += 1e-3 * y.std(axis=0) * np.random.default_rng(2).normal(size=y.shape)
+    bench = bench_of(rig, u, {"theta": y[:, 0], "omega": y[:, 1]})
+    return rig, bench, *recalibrated(rig, bench)
+
+
+def test_a_table_gains_more_than_any_name_where_no_name_is_right():
+    _rig, bench, model, motion = dragged()
+    key = ("disk", "speed_table")
+    for share, more in ((1.0, 1.01), (0.1, 1.03)):
+        sizes = bench.scaled(model.sizes, share)
+        names, tables = (Columns(bench, model, sizes, tables=tables).ranked for tables in (False, True))
+        assert tables[0].keys == (key,)
+        assert tables[0].gain > more * names[0].gain
+    smooth = {key: tables[0].smooth}
+    found = Problem(bench, tables[0].put(model.rig), (key,), motion, smooth=smooth).ladder(model.sizes)
+    named = Problem(bench, names[0].put(model.rig), names[0].keys, motion).ladder(model.sizes)
+    assert found.score < named.score - 1000.0
+    assert named.score < model.score - 1000.0
+    # it is held back in how it bends: it has less freedom than values
+    assert 3.0 < found.counts < len(VALUES)
+    values = found.rig.effect(*key)
+    knots, efforts = np.array([values[f"x{k + 1}"] for k in range(16)]), np.array([values[n] for n in VALUES])
+    speeds = np.quantile(motion.speed["disk"], [0.05, 0.2, 0.35, 0.65, 0.8, 0.95])
+    made = weights(speeds, knots) @ efforts
+    assert made == pytest.approx(-DRAG * np.sign(speeds) * np.sqrt(np.abs(speeds)), rel=0.06)
+
+
+def test_a_table_of_values_is_found_by_the_linear_plant_as_by_the_simulation():
+    """The column of each value of a table, which the linear plant answers, against a difference of two passes."""
+    _rig, bench, model, _ = dragged()
+    columns = Columns(bench, model, model.sizes, tables=True)
+    gains = bench.gains(model.rig, model.sizes)
+    h, _ = next(pair for pair in columns.hypotheses if pair[0].effect.name == "speed_table")
+    made = columns._made(h, gains, bench.rows(model.rig, gains))
+    before = bench.rows(model.rig, gains)
+    # around rest a knot acts for less than a sample, and less exactly
+    for j, near in ((2, 0.05), (7, 0.35), (12, 0.05)):
+        size = 1e-4 * np.eye(len(VALUES))[j]
+        after = bench.rows(h.put(model.rig, size), gains)
+        difference = (after - before) / 1e-4
+        assert np.linalg.norm(made[j] - difference) < near * np.linalg.norm(difference)
+
+
+def test_a_model_that_comes_to_nothing_is_at_its_end():
+    """A law that is not there."""
+    rig, u = nominal_rig("pendulum"), command(8.0, 0.4)
+    bench = bench_of(rig, u, recorded(rig, u))
+    model, motion = recalibrated(rig, bench)
+    key = ("disk", "viscous_friction")
+    found = Problem(bench, rig.with_effect(*key, {"coefficient": 1e-4}), (key,), motion).ladder(model.sizes)
+    assert found.at_end or found.rig.effect(*key)["coefficient"] < 1e-4
+    assert found.score > model.score
+
+
+def test_a_rig_that_cannot_be_has_no_rows():
+    rig, bench, model, motion = looked_at("gravity")
+    key = CASES["gravity"].key
+    problem = Problem(bench, rig.with_effect(*key, {"torque": 0.05}), (key,), motion)
+    x = problem.start()
+    x[0] = np.nan
+    with np.errstate(all="ignore"):
+        assert problem.rows(x, bench.gains(rig, model.sizes)) is None
+    assert taken_out(problem.base, key).effect(*key) is None
+
+
+def test_a_parameter_that_has_left_its_tolerance_begins_where_it_was_given_too():
+    rig, bench, model, motion = looked_at("gravity")
+    key = CASES["gravity"].key
+    free = Problem(bench, rig, (), motion).free
+    away = apply(rig, free, np.array([3.0 * (j == 0) for j in range(len(free))]))
+    problem = Problem(bench, away.with_effect(*key, dict(CASES["gravity"].values)), (key,), motion)
+    few = [problem.solve(model.sizes, x, 1)[1] for x in (problem.start(), np.zeros(len(problem.free)))]
+    assert problem.start()[0] == pytest.approx(3.0)
+    assert problem.solved(model.sizes, 1)[1] == min(few)
+    assert few[1] < few[0]
+
+
+def test_a_rig_that_cannot_be_compiled_is_passed_over():
+    """No force acts on a mass that a rigid screw carries; that is refused when the rig is compiled."""
+    rig = nominal_rig("lead_screw")
+    u = command(3.0, 1.0)
+    bench = bench_of(rig, u, recorded(rig, u))
+    sizes = (bench.predictors[0].first_sizes(),)
+    proposed = rig.with_effect("mass_1", "ground_friction", {"force": 1.0})
+    problem = Problem(bench, proposed, (), motion_of(bench, rig, bench.gains(rig, sizes)))
+    assert problem.better_start(sizes) == pytest.approx(problem.start())
+    assert problem.solve(sizes, problem.start(), 2)[1] == np.inf
+    assert problem.ladder(sizes) is None
+
+
+def test_two_laws_over_a_position_that_begins_anywhere_have_phases_in_each_recording():
+    """Zeros half a turn apart: with one phase for both, weight and a cogging of odd periods would add up to nothing."""
+    nominal, found = nominal_rig("pendulum"), []
+    nominal = with_sensors(nominal, theta={"of": "disk", "quantity": "position"})
+    weight, cogging, zeros = ("disk", "gravity"), ("disk", "cogging"), (0.0, -np.pi)
+    for k, zero in enumerate(zeros):
+        rig = nominal.with_effect(*weight, {"torque": 0.03, "phase": 0.6 + zero})
+        rig = rig.with_effect(*cogging, {"torque": 0.03, "periods": 7.0, "phase": 0.3 + zero})
+        u = command(8.0, 0.6, 1 + k)
+        y = recorded(rig, u, seed=k)
+        found.append(Predictor(nominal, Simulated(readings(u, y, tuple(y), STEP_S, 1, False, None, k))))
+    bench = Bench(nominal, tuple(found))
+    assert bench.anywhere == (0, 1)
+    model, _ = recalibrated(nominal, bench)
+    columns = Columns(bench, model, bench.scaled(model.sizes, 0.1))
+    pair = columns.pairs(columns.ranked[:3])[0]
+    assert pair.keys == (cogging, weight)
+    rig = pair.put(nominal)
+    for k, zero in enumerate(zeros):
+        there = rig.of(k)
+        for key, phase in ((weight, 0.6 + zero), (cogging, 0.3 + zero)):
+            values = there.effects[key[0]][key[1]]
+            assert values["torque"] == pytest.approx(0.03, rel=0.3)
+            assert abs(np.angle(np.exp(1j * (values["phase"] - phase)))) < 0.4
