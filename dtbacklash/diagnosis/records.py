@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.signal.windows import kaiser
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnosis.engine.readings import noise_of
@@ -197,7 +196,7 @@ def held_equivalent(u: Floats) -> Floats:
     gain = np.divide(x, np.sin(x), out=np.ones_like(x), where=np.abs(x) > 1e-9)
     n = np.arange(-REACH, REACH)
     taps = np.array([np.trapezoid(gain * np.cos(omega * (k + 0.5)), omega) / (2.0 * np.pi) for k in n])
-    taps *= kaiser(2 * REACH + 1, 8.0)[:-1]
+    taps *= np.kaiser(2 * REACH + 1, 8.0)[:-1]
     taps /= taps.sum()
     padded = np.concatenate([np.full(REACH, u[0]), u, np.full(REACH, u[-1])])
     # value k lies between u[k] and u[k + 1]: taps n weigh u[k - n]

@@ -6,24 +6,28 @@ A machine that nothing pulls back may drift away although its physics is right: 
 window, as long as the last model predicts better than a constant.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnosis.engine.bench import Bench, Sizes
-from dtbacklash.diagnosis.engine.fmu import Exchanged
-from dtbacklash.diagnosis.engine.mujoco import Stepped
 from dtbacklash.diagnosis.engine.predictor import Gains, Predictor
-from dtbacklash.diagnosis.engine.readings import OPENING, first_read, readings
+from dtbacklash.diagnosis.engine.readings import OPENING, Readings, first_read, readings
 from dtbacklash.diagnosis.engine.simulated import Simulated
 from dtbacklash.diagnosis.engine.zeros import zeroed
 from dtbacklash.diagnosis.records import Record
 from dtbacklash.errors import UserError
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import simulate_roughly
+
+if TYPE_CHECKING:
+    from dtbacklash.diagnosis.engine.modelled import Modelled
 
 #: the longest window of free runs is the recording, and the shortest so many times the readings that begin one
 SHORTEST = 4
@@ -88,8 +92,19 @@ def predictor_of(rig: Rig, record: Record, every: int) -> Predictor:
     found = readings(record.u, y, channels, record.sample_time_s, every, imposed, at_once, number)
     if rig.config.model:
         found = replace(found, inputs=record.inputs, as_stepped=record.as_stepped)
-        return Predictor(rig, {"mujoco": Stepped, "fmu": Exchanged}[rig.config.simulator](found, rig))
+        return Predictor(rig, _external(found, rig))
     return Predictor(rig, Simulated(found))
+
+
+def _external(found: Readings, rig: Rig) -> Modelled:
+    """The simulator of a model that MuJoCo or an FMU steps."""
+    if rig.config.simulator == "mujoco":
+        from dtbacklash.diagnosis.engine.mujoco import Stepped
+
+        return Stepped(found, rig)
+    from dtbacklash.diagnosis.engine.fmu import Exchanged
+
+    return Exchanged(found, rig)
 
 
 def _between(rig: Rig, s: Stretch) -> Floats:

@@ -6,7 +6,6 @@ Or there was none: the machine was pushed or let go, and its first state is all 
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import resample_poly
 
 from dtbacklash.arrays import Floats
 from dtbacklash.config.choices import COMMANDS
@@ -31,5 +30,7 @@ def stepped(u: Floats, command: str, parts: int = 4) -> tuple[Floats, int]:
     """
     if command != BAND_LIMITED:
         return u[:-1], 1
+    from scipy.signal import resample_poly
+
     fine = resample_poly(u, 2 * parts, 1, window=("kaiser", 8.0))
     return np.ascontiguousarray(fine[1 : 2 * parts * (len(u) - 1) : 2]), parts

@@ -78,8 +78,9 @@ def _vote(columns: Sequence[Texts]) -> tuple[str, bool]:
     """The decimal sign that more numbers prove, and whether they are more than slips."""
     votes = {sign: sum(int(proofs(column, sign).sum()) for column in columns) for sign in (POINT, COMMA)}
     decimal = max(votes, key=lambda sign: votes[sign])
-    signed = "|".join([_plain(POINT), _plain(COMMA), _grouped(POINT), _grouped(COMMA)])
-    return decimal, votes[decimal] > SLIPS * sum(int(_match(column, signed).sum()) for column in columns)
+    signed = "|".join(form(sign) for form in (_plain, _grouped) for sign in (POINT, COMMA))
+    count = sum(int(_match(column, signed).sum()) for column in columns)
+    return decimal, votes[decimal] > max(SLIPS * count, min(1, count - 1))  # one proves nothing beside others
 
 
 def parse(texts: Texts, convention: Convention) -> tuple[Floats, np.ndarray, str]:

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from dtbacklash.errors import UserError
 from dtbacklash.recording.mapping import mapping_of
 from dtbacklash.recording.model import Recording
 from dtbacklash.recording.read import read_pair, read_recording
 from dtbacklash.recording.sources import sources_of
+from dtbacklash.recording.tables import is_frame
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: what is read: a path, a pattern, a list of them in brackets, a mapping's name, a DataFrame; or what has been read
-Source = str | Path | Recording | pd.DataFrame
+Source: TypeAlias = "str | Path | Recording | pd.DataFrame"
 
 
 def read_together(
@@ -49,7 +51,7 @@ def read_together(
 
 def _listed(given: Source | Sequence[Source], key: str) -> list[Source]:
     """One by one."""
-    if not isinstance(given, (str, Path, Recording, pd.DataFrame, Sequence)):
+    if not isinstance(given, (str, Path, Recording, Sequence)) and not is_frame(given):
         raise UserError(key, given, "must be a recording, a DataFrame, a path or a name; or a list of them")
     several = list(given) if isinstance(given, Sequence) and not isinstance(given, str) else [given]
     if not several:
@@ -68,7 +70,7 @@ def _one(source: Source, validation: Source | None, how: dict[str, Any]) -> tupl
 def _read(source: Source, key: str, how: dict[str, Any]) -> Recording:
     if isinstance(source, Recording):
         return source
-    if isinstance(source, pd.DataFrame):
+    if is_frame(source):
         said = {key: value for key, value in how.items() if key not in ("path", "rows") and value is not None}
         return Recording.from_frame(source, **said)
     try:
@@ -87,7 +89,7 @@ def _among(sources: list[Source], validation: Source) -> int | None:
     if text.isdecimal() and not here.is_file():
         return int(text)
     for number, source in enumerate(sources, 1):
-        if isinstance(source, pd.DataFrame):
+        if is_frame(source):
             continue
         if isinstance(source, Recording):
             names, file = [source.name], source.source

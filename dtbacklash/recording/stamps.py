@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from dtbacklash.arrays import Floats
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 HOUR_S, DAY_S = 3600.0, 86400.0
 STAMP = re.compile(
@@ -33,6 +36,8 @@ def seconds(values: object) -> Floats | None:
     >>> seconds(["01.03.2026 23:59:59,5", "02.03.2026 00:00:01"]).tolist()
     [0.0, 1.5]
     """
+    import pandas as pd
+
     array = np.asarray(values)
     if array.dtype.kind in "mM":
         return _from_first(pd.Series(array.reshape(-1)))
@@ -60,6 +65,8 @@ def seconds(values: object) -> Floats | None:
 
 def _read(texts: pd.Series, form: str) -> pd.Series:
     """Dates of one form, whole seconds maybe without a fraction; NaT where it is another one."""
+    import pandas as pd
+
     stamps = pd.to_datetime(texts, format=form, utc=True, errors="coerce")
     plain, tenths = _FRACTION.sub("", form), re.sub(r"%S(?!.%f)", "%S.%f", form)
     for other in dict.fromkeys([plain, tenths]):
@@ -70,6 +77,8 @@ def _read(texts: pd.Series, form: str) -> pd.Series:
 
 def _from_first(stamps: pd.Series) -> Floats:
     """(N,) seconds of dates or durations from the first one on."""
+    import pandas as pd
+
     first = stamps.dropna().iloc[:1]
     since = pd.TimedeltaIndex(stamps - (first.iloc[0] if len(first) else pd.NaT))
     return np.asarray(since.total_seconds(), dtype=float)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from dtbacklash import units
 from dtbacklash.arrays import Floats
 from dtbacklash.recording import heads
 from dtbacklash.recording.stamps import DAY_S
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 LABELS_MAX = 100  # different signals in a log that has a row for each message
 _UNIT = re.compile(r"_?(units?|einheit)", re.IGNORECASE)
@@ -143,6 +146,8 @@ def _spread(table: Table) -> None:
     for name, column in list(table.columns.items()) if len(values) == 1 else ():
         if column.labels is None or not _LABEL.fullmatch(name):
             continue
+        import pandas as pd
+
         codes, labels = pd.factorize(column.labels)
         units = next((c.labels for n, c in table.columns.items() if _UNIT.fullmatch(n) and c.labels is not None), None)
         for code, label in enumerate(labels) if 1 < len(labels) <= LABELS_MAX else ():

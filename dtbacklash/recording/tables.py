@@ -5,20 +5,24 @@ from __future__ import annotations
 import io
 import json
 import re
+import sys
 import zipfile
 import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from dtbacklash.arrays import Floats
 from dtbacklash.recording import heads, stamps, text
 from dtbacklash.recording.refusal import Refused
 from dtbacklash.recording.table import Column, Table, with_clocks
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from typing_extensions import TypeIs
 
 FORMATS = "CSV, Excel .xlsx, Parquet, MATLAB .mat, NumPy .npz or JSON, gzipped or not"
 BYTES_MAX = 4 << 30  # of an unpacked file; beyond this the memory, not the reader, is the limit
@@ -114,6 +118,8 @@ def _is_excel(content: bytes) -> bool:
 
 def _excel(content: bytes) -> Table:
     """The first sheet, read as the text that it shows: heads, a line of units and remarks as in a CSV."""
+    import pandas as pd
+
     try:
         sheet = pd.read_excel(io.BytesIO(content), header=None, dtype=object)
     except ImportError:
@@ -167,6 +173,8 @@ def _json(content: bytes) -> Table:
     if isinstance(names, dict):  # {"columns": {"t": [...], ...}}
         return from_arrays(_flat({**data, **names}))
     if isinstance(rows, list) and rows and isinstance(rows[0], dict):
+        import pandas as pd
+
         rest = {key: value for key, value in data.items() if key not in ("data", "columns")}
         return from_arrays({**_flat(rest), **{str(n): c for n, c in pd.json_normalize(rows).items()}})
     table = from_arrays(_flat({key: value for key, value in data.items() if key not in ("data", "columns")}))
@@ -194,6 +202,11 @@ def _flat(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     return result
 
 
+def is_frame(value: object) -> TypeIs[pd.DataFrame]:
+    """Whether something is a DataFrame; where nobody has imported pandas, nothing is."""
+    return "pandas" in sys.modules and isinstance(value, sys.modules["pandas"].DataFrame)
+
+
 def frame_table(frame: pd.DataFrame) -> Table:
     """The columns of a DataFrame; its index is the column ``t`` unless it only counts the rows.
 
@@ -201,7 +214,7 @@ def frame_table(frame: pd.DataFrame) -> Table:
     ------
     Refused : no frame, no rows, two columns of one name, or an index of something else than times.
     """
-    if not isinstance(frame, pd.DataFrame):
+    if not is_frame(frame):
         raise Refused(f"must be a DataFrame, not a {type(frame).__name__}")
     names = [str(name) for name in frame.columns]
     double = next((name for name in names if names.count(name) > 1), None)
@@ -209,6 +222,8 @@ def frame_table(frame: pd.DataFrame) -> Table:
         raise Refused(f"has two columns named {double}")
     if not len(frame) or not names:
         raise Refused("is empty")
+    import pandas as pd
+
     index = frame.index
     apart = not isinstance(index, pd.RangeIndex) and not any(map(heads.is_time, names))
     arrays: dict[str, object] = {str(index.name or heads.TIME): index.to_numpy()} if apart else {}

@@ -150,7 +150,7 @@ def _check_commas(texts: list[Texts], names: list[str]) -> None:
     whole = sum(int(numerals.proofs(column, POINT).sum()) for column in full) <= numerals.SLIPS * len(full[0])
     zeros = any(pc.any(pc.match_substring_regex(column, r"^\s*[+-]?0\d+\s*$")).as_py() for column in full)
     longest = [column.filter(pc.is_valid(full[-1])) for column in full]
-    groups = any(_parts_of_one(left, right) for left, right in pairwise(longest))
+    groups = np.any([_parts_of_one(left, right) for left, right in pairwise(longest)], axis=0).all()
     if (whole and (zeros or names)) or (groups and names):
         kind = "whole numbers" if whole else "numbers"
         raise Refused(
@@ -159,12 +159,12 @@ def _check_commas(texts: list[Texts], names: list[str]) -> None:
         )
 
 
-def _parts_of_one(left: Texts, right: Texts) -> bool:
-    """Whether two columns may be the parts of numbers like 1,257.3: a whole number, and three digits behind it."""
+def _parts_of_one(left: Texts, right: Texts) -> np.ndarray:
+    """(N,) where two columns may hold the parts of a number like 1,257.3: a whole number, and three digits next."""
     parts = pc.and_(
         pc.match_substring_regex(left, r"^[+-]?[1-9]\d{0,2}$"), pc.match_substring_regex(right, r"^\d{3}(\.\d*)?$")
     )
-    return pc.all(pc.fill_null(parts, False)).as_py() is True
+    return np.asarray(pc.fill_null(parts, False).to_numpy(), dtype=bool)
 
 
 def _column(texts: Texts, convention: Convention, odd: float = 0.0) -> Column:

@@ -7,7 +7,6 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.signal import detrend
 
 from dtbacklash.arrays import Floats
 from dtbacklash.recording.pick import Picked
@@ -73,6 +72,8 @@ def resample(picked: Picked, held: Collection[str], linear: bool) -> None:
 
 def fastest_period(t_s: Floats, values: Floats, step_s: float) -> float:
     """The shortest period that a signal at uneven times shows, s: faster ones hold a hundredth of its variance."""
+    from scipy.signal import detrend
+
     at = np.arange(t_s[0], t_s[-1], step_s)
     shown = detrend(CubicSpline(t_s, values)(at)) * np.hanning(len(at))
     power = np.cumsum(np.abs(np.fft.rfft(shown))[1:] ** 2)

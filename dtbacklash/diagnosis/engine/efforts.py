@@ -7,7 +7,6 @@ states. What is no effort over states (a play, a delay, a memory) is simulated i
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import cont2discrete, lfilter
 
 from dtbacklash.arrays import Floats
 from dtbacklash.core.library import buffer, copied, lib
@@ -159,6 +158,8 @@ def _friction(h: Hypothesis, values: Values, motion: Motion, element: Element, n
 
 def _absorber(mass: float, frequency_hz: float, damping_ratio: float, place: str, motion: Motion) -> Floats:
     """(N,) force of a hidden mass on a spring, from the acceleration of the body that carries it."""
+    from scipy.signal import cont2discrete, lfilter
+
     w = 2.0 * np.pi * frequency_hz
     tall = [2.0 * damping_ratio * w, w * w], [1.0, 2.0 * damping_ratio * w, w * w]
     b, a, _ = cont2discrete((np.array(tall[0]), np.array(tall[1])), motion.step_s, "bilinear")

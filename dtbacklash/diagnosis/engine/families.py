@@ -13,7 +13,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import OptimizeWarning, curve_fit
 
 from dtbacklash.arrays import Floats
 from dtbacklash.physics.effects.declare import Values
@@ -93,6 +92,8 @@ def _fitted(family: Family, grid: Floats, tabled: Floats, efforts: Floats, covar
     tabled : (KNOTS, G) the table that comes nearest to a law with these (G,) efforts on the (G,) states of ``grid``.
     """
     names, reach = list(family.parameters), float(np.ptp(grid))
+    from scipy.optimize import OptimizeWarning, curve_fit
+
     checked = Formula(family.written("stretch", "", STEP * reach), ["stretch"], names, "family")
     function = plain_function(checked.function())
 

@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.linalg import solve_toeplitz
 from scipy.optimize import lsq_linear
-from scipy.signal import lfilter
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnosis.engine.attempts import attempt
@@ -123,7 +122,8 @@ class Horizons:
     def _whitened(self, rows: Floats) -> Floats:
         parts = []
         for e, filters in zip(self._split(rows), self._filters, strict=True):
-            parts.append(np.column_stack([lfilter(f, [1.0], c) for f, c in zip(filters, e.T, strict=True)]).ravel())
+            each = [np.convolve(f, c)[: len(c)] for f, c in zip(filters, e.T, strict=True)]
+            parts.append(np.column_stack(each).ravel())
         return np.concatenate(parts)
 
     def _sums(self, rows: Floats) -> Floats:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnosis.engine.bench import Bench
@@ -182,7 +182,7 @@ def covariance_of(jacobian: Floats, rows: Floats, parts: Sequence[slice]) -> Flo
         sums = np.array([_left_out(jacobian[at] @ roots, rows[at]) for at in parts])
         # at the optimum the sums add up to what the priors pull: their scatter counts, not their mean
         sums -= sums.mean(axis=0)
-        student = float(stats.t.ppf(0.975, n - 1) / stats.norm.ppf(0.975))
+        student = float(special.stdtrit(n - 1, 0.975) / special.ndtri(0.975))
         meat = meat + student**2 * (n - 1.0) / n * sums.T @ sums
     wider = np.maximum(np.einsum("ij,jk,ik->i", roots, meat, roots), curved)
     root = np.sqrt(wider / np.maximum(curved, 1e-300))

@@ -8,7 +8,6 @@ from collections.abc import Mapping
 
 import numpy as np
 from scipy.ndimage import median_filter
-from scipy.signal import coherence
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnosis.engine.readings import noise_of
@@ -175,6 +174,8 @@ def noise_alone(values: Floats, others: Mapping[str, Floats]) -> float:
     share = 1.0 - alike / float(off @ off)
     if share < DEAD_NOISE_SHARE:
         return share
+    from scipy.signal import coherence
+
     length = max(32, min(1024, len(values) // COHERENCE_STRETCHES_MIN))
     chance = COHERENCE_CHANCE / (length // 2 + 1) / max(len(others), 1)
     level = 1.0 - chance ** (1.0 / max(len(values) // length - 1, 1))

@@ -7,7 +7,6 @@ sensor's noise: a stiff coupling at many times the sampling rate does not.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import welch
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnosis.engine.readings import noise_of
@@ -70,6 +69,8 @@ def _response(rig: Rig, record: Record) -> dict[str, Floats]:
 
 def _rms_above(values: Floats, frequency_hz: float, step_s: float) -> float:
     """What a signal holds above a frequency, rms; differenced first, so that its slow parts do not leak."""
+    from scipy.signal import welch
+
     if not np.isfinite(values).all():
         return 0.0
     at, power = welch(np.diff(values), 1.0 / step_s, "blackmanharris", min(len(values) - 1, 4096))

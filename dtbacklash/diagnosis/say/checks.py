@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnosis.conclusion import Conclusion
@@ -99,7 +99,7 @@ def _whiteness(c: Conclusion, tables: ErrorTables) -> list[Check]:
         if len(left) < SAMPLES_PER_LAG * LAGS:
             continue
         rows.append(_below(
-            f"residual of {channel} is white", ljung_box(left, LAGS), float(chi2.ppf(0.95, LAGS)),
+            f"residual of {channel} is white", ljung_box(left, LAGS), float(chdtri(LAGS, 0.05)),
             f"Ljung-Box Q over {LAGS} lags of what judges; more shows structure, as encoder counts and a rate that was "
             "averaged do, too", LJUNG_BOX,
         ))  # fmt: skip

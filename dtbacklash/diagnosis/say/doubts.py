@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import find_peaks
 
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnosis.engine.factors import GAIN
@@ -56,6 +55,8 @@ def _short(recordings: Sequence[Recording]) -> list[str]:
 
 def _turns(values: Floats) -> int:
     """How often a channel turns round, by a fifth of its range at least."""
+    from scipy.signal import find_peaks
+
     read = values[np.isfinite(values)]
     length = max(1, len(read) // BLOCKS)
     means = read[: len(read) // length * length].reshape(-1, length).mean(axis=1)

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 from decimal import Decimal
 
 import numpy as np
@@ -64,8 +65,9 @@ def tables(draw):
         columns.append([name, *(text for text, _ in cells)])
         truths.append(np.array([said for _, said in cells]))
     slip = draw(st.booleans()) and draw(st.booleans())
-    # among groups and whole numbers alone, a number with the other sign is no slip: it tells what the sign is
-    slip = slip and (not group or sum(decimal in text for column in columns for text in column) > ROWS // 3)
+    # where hardly a number tells what the sign is, one with the other sign is no slip: it tells
+    telling = rf"[+-]?\d+[{decimal}](\d{{1,2}}|\d{{4,}}).*"
+    slip = slip and sum(re.fullmatch(telling, text) is not None for column in columns for text in column) > ROWS // 3
     if slip:  # one number as somebody else writes it
         k, j = draw(st.integers(1, ROWS)), draw(st.integers(0, len(columns) - 1))
         alone = not any(decimal in text for text in columns[j])  # nothing tells 2,250 from 2250 there
