@@ -52,14 +52,13 @@ class RigFileSource(ConfigSource):
             raise ConfigLoadError(f"Config not found: {config_path}")
         group, _, name = config_path.partition("/")
         try:
-            data = yaml_files.read(file.read_bytes())
+            data = yaml_files.rig_content(yaml_files.read(file.read_bytes()), file)
         except yaml_files.Mistake as mistake:
             raise UserError(group, name, str(mistake)) from mistake
         except OSError as error:
             raise UserError(group, name, f"cannot be read: {(error.strerror or str(error)).lower()}") from error
         if not isinstance(data, dict):
             raise UserError(group, name, "must be a YAML file that describes a rig")
-        yaml_files.beside(data, file)
         return ConfigResult(
             config=OmegaConf.create(data), path=self.full_path(), provider=self.provider, header={"package": None}
         )

@@ -57,4 +57,4 @@ def known(search: Search) -> str:
         told.append(f"likeliest {named_in_words(likely[1], likely[0])}")
     percent = 100.0 * search.unknown(model)
     left = "nearly all" if percent > 99.0 else "less than 0.1 %" if percent < 0.1 else f"{percent:.2g} %"
-    return ", ".join([*told, f"{left} of what moves the machine is unexplained"])
+    return ", ".join([*told, f"{left} of what acts is unexplained"])

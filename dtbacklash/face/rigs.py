@@ -153,7 +153,8 @@ def _is_file(rig: str | Path) -> bool:
 def _from_mapping(rig: Mapping[str, Any]) -> Any:
     """By the rules of a file: numbers, texts, lists and mappings, and nothing to be resolved."""
     try:
-        return yaml_files.read(yaml.safe_dump(plain_numbers(dict(rig)), sort_keys=False, allow_unicode=True))
+        text = yaml.safe_dump(plain_numbers(dict(rig)), sort_keys=False, allow_unicode=True)
+        return yaml_files.rig_content(yaml_files.read(text))
     except yaml_files.Mistake as mistake:
         raise UserError("rig", "a mapping", str(mistake)) from mistake
     except yaml.YAMLError as error:
@@ -162,7 +163,7 @@ def _from_mapping(rig: Mapping[str, Any]) -> Any:
 
 def _from_file(path: Path) -> Any:
     try:
-        return yaml_files.beside(yaml_files.read(path.read_bytes()), path)
+        return yaml_files.rig_content(yaml_files.read(path.read_bytes()), path)
     except yaml_files.Mistake as mistake:
         raise UserError("rig", path, str(mistake)) from mistake
     except OSError as error:

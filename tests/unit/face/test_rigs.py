@@ -28,6 +28,23 @@ def test_a_name_a_file_a_mapping_and_a_rig(file):
     assert dtb.load_rig("lead_screw").elements == rigs[0].elements
 
 
+def test_a_parameter_may_be_its_value_alone(tmp_path):
+    short = {"k1": "3 N/mm", "k2": "= k1", "g": 2.0}
+    rig = {
+        "parameters": short, "sensors": {"x": {"of": "b", "quantity": "position"}},
+        "elements": {
+            "drive": {"kind": "actuator", "gain": "g", "drives": "a"}, "a": {"kind": "mass", "mass": 1.0},
+            "b": {"kind": "mass", "mass": "2 kg"}, "one": {"kind": "link", "between": ["a", "b"], "stiffness": "k1"},
+            "two": {"kind": "link", "between": ["b", "ground"], "stiffness": "k2"},
+        },
+    }  # fmt: skip
+    file = tmp_path / "short.yaml"
+    file.write_text(yaml.safe_dump(rig))
+    longer = {**rig, "parameters": {name: {"value": value} for name, value in short.items()}}
+    assert dtb.load_rig(rig) == dtb.load_rig(file) == dtb.load_rig(longer)
+    assert [dtb.load_rig(file).elements[link].values["stiffness"] for link in ("one", "two")] == [3e3, 3e3]
+
+
 @pytest.mark.parametrize("kind", ["name", "file", "mapping", "rig"])
 def test_changes_go_on_top(kind, file):
     source = {
