@@ -204,12 +204,12 @@ def _quantities(values: Floats, behind: Texts, texts: Texts) -> Column:
 def _cut_texts(table: Table, columns: dict[int, Column], texts: list[Texts], convention: Convention) -> list[Texts]:
     """The rows without lines of text between or below the numbers; where they stand, the log may have begun anew.
 
-    They are known by the first column that holds numbers otherwise.
+    They are known by the first column that holds numbers or stamps otherwise.
     """
     count = len(texts[0])
-    odd_ones = {j: numerals.parse(texts[j], convention) for j, column in columns.items() if column.values is None}
+    odd_ones = {j: _odd(texts[j], convention) for j, column in columns.items() if column.values is None}
     mostly = [j for j, column in columns.items() if column.unusable != EMPTY
-              and (j not in odd_ones or 2 * np.isfinite(odd_ones[j][0]).sum() > count)]  # fmt: skip
+              and (j not in odd_ones or 2 * odd_ones[j][0].sum() > count)]  # fmt: skip
     _, texts_in, why = odd_ones.get(mostly[0] if mostly else -1, (None, (), ""))
     if why or not len(texts_in):  # a number that contradicts the others is no text
         return texts
@@ -228,6 +228,15 @@ def _cut_texts(table: Table, columns: dict[int, Column], texts: list[Texts], con
     table.starts = tuple(np.unique((np.cumsum(keep))[lines]).tolist())
     table.notes.append(f"{count} line{'s' if count > 1 else ''} of text between or below the numbers left out.")
     return texts
+
+
+def _odd(texts: Texts, convention: Convention) -> tuple[np.ndarray, np.ndarray, str]:
+    """Which texts of a column are numbers or stamps; the rows of those that are neither; why it cannot be read."""
+    if _stamped(texts):
+        read = np.array([stamps.STAMP.fullmatch((text or "").strip()) is not None for text in texts.to_pylist()])
+        return read, np.flatnonzero(~read), ""
+    values, rows, why = numerals.parse(texts, convention)
+    return np.isfinite(values), rows, why
 
 
 def _follow_on(table: Table) -> None:
