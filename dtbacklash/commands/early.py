@@ -1,20 +1,25 @@
-"""What can be told of a command line at once: words that nothing reads, rigs and recordings that are nowhere.
+"""What can be told of a command line at once: keys, choices and numbers that cannot be, recordings that are nowhere.
 
-Hydra would tell it as well, after half a second of imports, and the reader after seconds.
+Hydra would tell it as well, after a second of imports, and the reader after seconds.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from typing import Any
 
-from dtbacklash.config.grammar import FOLDER_WORD, Grammar, unknown_key
+from dtbacklash.config.grammar import FOLDER_WORD, OPEN_LOOP, Grammar, unknown_key
 from dtbacklash.config.groups import LAUNCHER, RIGS, options
+from dtbacklash.config.setting import Declared
 from dtbacklash.errors import UserError
 
 _SHOWS = ("-c", "--cfg", "-i", "--info")
 _SWEEPS = ("-m", "--multirun")
-_NAME = re.compile(r"[\w-]+")
+_NAME = re.compile(r"[A-Za-z_][\w-]*")
+_NUMBER = re.compile(r"[+-]?\d{1,15}(\.\d{0,15})?")
+#: what YAML reads as something else than a text
+_WORDS = ("null", "none", "true", "false", "yes", "no", "on", "off", "nan", "inf")
 SOURCE = "recording.source"
 
 
@@ -23,22 +28,45 @@ def check(grammar: Grammar, words: Sequence[str]) -> None:
 
     Raises
     ------
-    UserError : a key that no setting has; a rig, or a recording, that there is not.
+    UserError : a key that no setting has; a choice or a recording that there is not; a number out of its range.
     """
     given = [(key.lstrip("+"), value) for key, equals, value in (word.partition("=") for word in words)
              if equals and not key.startswith(("-", "~"))]  # fmt: skip
-    known = {*grammar.settings, *grammar.words, *grammar.groups, *RIGS, LAUNCHER, FOLDER_WORD, "hydra", "recording"}
-    sections = {key.split(".")[0] for key in known}
+    groups = (*grammar.groups, *RIGS, LAUNCHER)
+    known = {*grammar.settings, *grammar.known_keys(), *grammar.words, *groups, FOLDER_WORD, "recording"}
+    sections = {*(key.split(".")[0] for key in known), "hydra"}
+    mappings = (one.word for one in grammar.settings.values() if one.is_mapping or one.kind is Any)
+    free = (*grammar.open_mappings, *(f"{name}." for name in (*mappings, *RIGS, "hydra")))
     for key, value in given:
-        if key.strip() and key.split(".")[0] not in sections:
+        section = key.split(".")[0]
+        there = section in sections and (key in {*known, section, *OPEN_LOOP} or key.startswith(free))
+        if key.strip() and not there:
             raise UserError(key, value, unknown_key(key, grammar))
     if any(word.partition("=")[0] in (*_SHOWS, *_SWEEPS) for word in words):
         return
     for key, value in given:
-        if key in RIGS and key in grammar.groups and _NAME.fullmatch(value) and value not in (*options(key), "null"):
-            raise UserError(key, value, f"choose one of {', '.join(options(key))}, or the path of a YAML file")
+        if key in grammar.groups and _NAME.fullmatch(value) and value not in (*options(key), "null"):
+            path = ", or the path of a YAML file" if key in RIGS else ""
+            raise UserError(key, value, f"choose one of {', '.join(options(key))}{path}")
+        if (one := grammar.settings.get(grammar.words.get(key, key))) is not None:
+            _check_value(key, value, one)
     if SOURCE in grammar.settings:
         _check_recording({SOURCE if key == grammar.settings[SOURCE].word else key: value for key, value in given})
+
+
+def _check_value(key: str, value: str, one: Declared) -> None:
+    """Refuse a plain word where a number is wanted or where it is none of the choices, and a number out of range."""
+    if _NUMBER.fullmatch(value):
+        whole = value.lstrip("+-").isdigit()
+        if one.is_number and (whole or one.plain_kind is float):
+            one.about.check(one.word, one.plain_kind(value))
+        return
+    if not _NAME.fullmatch(value) or value.lower() in _WORDS:
+        return
+    if one.is_number:
+        raise UserError(key, value, "must be a whole number" if one.plain_kind is int else "must be a number")
+    if one.plain_kind is str:
+        one.about.check(one.word, value)
 
 
 def _check_recording(given: dict[str, str]) -> None:

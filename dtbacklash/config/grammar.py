@@ -24,6 +24,8 @@ OPEN_MAPPINGS = tuple(f"{group}.{part}." for group in RIGS for part in OPEN_PART
 RUN_FOLDER, SWEEP_FOLDER, FOLDER_WORD = "hydra.run.dir", "hydra.sweep.dir", "out"
 JOBS_KEY = "hydra.launcher.n_jobs"
 VERBOSE = ("-v", "--verbose")
+#: in open loop the reference is the command: these are volts, and stand for the same ending in ``_mm``
+OPEN_LOOP = tuple(f"reference.{name}_v" for name in ("amplitude", "offset", "step", "rms"))
 
 
 @dataclass(frozen=True)

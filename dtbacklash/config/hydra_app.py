@@ -25,6 +25,7 @@ from dtbacklash.config.grammar import (
     FILES,
     FOLDER_WORD,
     GRAMMARS,
+    OPEN_LOOP,
     OPEN_MAPPINGS,
     RUN_FOLDER,
     SWEEP_FOLDER,
@@ -56,9 +57,6 @@ OF_A_RIG = {
     "laws": "dahl_friction=packaged", "parameters": "k.value=9000",
     "effects": "motor_bearing.coulomb_friction.torque=0.02",
 }  # fmt: skip
-
-#: in open loop the reference is the command: these are volts, and stand for the same ending in ``_mm``
-OPEN_LOOP = tuple(f"reference.{name}_v" for name in ("amplitude", "offset", "step", "rms"))
 
 Task = Callable[[DictConfig], object]
 

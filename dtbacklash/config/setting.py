@@ -63,7 +63,7 @@ class Setting:
             return
         phrase = " and ".join(["finite"] * (not finite) + self.limits()) or "finite"
         unit = self.unit or units.by_suffix(key)
-        raise UserError(key, value, f"must be {phrase}" + (f" {unit}" if unit else ""))
+        raise UserError(key, value, f"must be {phrase}" + (f" {unit}" if unit and phrase[-1].isdigit() else ""))
 
     def limits(self) -> list[str]:
         """The bounds in words, without the unit; a whole number with all its digits."""

@@ -30,6 +30,20 @@ WRONG = [
 ]
 
 
+WRONG_RUNS = [
+    (["controller=nimc_twinn"], "controller=nimc_twinn: choose one of imc, "),
+    (["twin.dealy_s=1"], "twin.dealy_s=1: no such setting; did you mean twin.delay_s?"),
+    (["twin.delay_s=long"], "twin.delay_s=long: must be a number"),
+    (["duration_s=-1"], "duration_s=-1.0: must be positive"),
+    (["solver=rk4"], "solver=rk4: choose one of default, fine"),
+]
+RIGHT_RUNS = [
+    ["controller=nimc_twin", "profile=step", "twin.delay_s=0", "duration_s=20 s"], ["twin.delay_s=${duration_s}"],
+    ["reference.amplitude_v=2", "controller=open_loop"], ["rig.effects.motor_bearing.coulomb_friction.torque=0.02"],
+    ["seed=null"], ["-m", "controller=imc,nimc_twin"], ["model=emps", "model.parameters.k.value=3"], ["experiment=null"],
+]  # fmt: skip
+
+
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -53,6 +67,24 @@ def test_a_wrong_word_is_refused(words, said):
 ])  # fmt: skip
 def test_what_may_be_right_passes(words):
     early.check(GRAMMARS["diagnose"], words)
+
+
+@pytest.mark.parametrize(("words", "said"), WRONG_RUNS)
+def test_a_wrong_setting_of_a_run_is_refused(words, said):
+    with pytest.raises(UserError) as caught:
+        early.check(GRAMMARS["run"], words)
+    assert str(caught.value).startswith(said)
+
+
+@pytest.mark.parametrize("words", RIGHT_RUNS)
+def test_what_may_be_a_run_passes(words):
+    early.check(GRAMMARS["run"], words)
+
+
+@pytest.mark.parametrize("name", list(GRAMMARS))
+def test_every_setting_passes_with_its_default(name):
+    grammar = GRAMMARS[name]
+    early.check(grammar, [f"{one.word}={one.shown()}" for one in grammar.settings.values() if not one.about.shown])
 
 
 @pytest.mark.parametrize("words", [WRONG[0][0], WRONG[1][0], WRONG[4][0], WRONG[6][0]])
