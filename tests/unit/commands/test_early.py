@@ -40,7 +40,8 @@ WRONG_RUNS = [
 RIGHT_RUNS = [
     ["controller=nimc_twin", "profile=step", "twin.delay_s=0", "duration_s=20 s"], ["twin.delay_s=${duration_s}"],
     ["reference.amplitude_v=2", "controller=open_loop"], ["rig.effects.motor_bearing.coulomb_friction.torque=0.02"],
-    ["seed=null"], ["-m", "controller=imc,nimc_twin"], ["model=emps", "model.parameters.k.value=3"], ["experiment=null"],
+    ["seed=null"], ["-m", "controller=imc,nimc_twin"], ["experiment=null"],
+    ["model=emps", "model.parameters.k.value=3"],
 ]  # fmt: skip
 
 
