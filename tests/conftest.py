@@ -12,7 +12,7 @@ from warm import warm
 
 from dtbacklash.cli import GARBAGE_AFTER, one_blas_thread
 from dtbacklash.compiled import is_cold
-from dtbacklash.experiment.loop import advance
+from dtbacklash.physics.kernel.sample import advance
 
 # as the command line does: threads for tiny matrices, two tests at a time, only stand in each other's way
 one_blas_thread()

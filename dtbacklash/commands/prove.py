@@ -29,7 +29,6 @@ FIGURES = (
 
 def do(config: ProveConfig, folder: Path, command: str, tell: Tell | None) -> tuple[Any, dict[str, Any]]:
     """Check what can be checked, then do what is missing of the proof; gives plan and score, and the score's shares."""
-    from dtbacklash.face.progress import announce_compilation
     from dtbacklash.prove import run
 
     by = _workers(config)
@@ -43,8 +42,6 @@ def do(config: ProveConfig, folder: Path, command: str, tell: Tell | None) -> tu
         check_docs(docs, config.machine)
     if plan.folder is not None:
         run.check_given(plan)
-    if tell is not None:
-        announce_compilation()
     with _nothing_half_made(plan):
         run.claim(plan)
         _write_rig(config, plan)

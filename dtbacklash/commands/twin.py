@@ -26,7 +26,6 @@ def main(words: Sequence[str]) -> int:
 
 def _serve(config: ServeConfig) -> int:
     from dtbacklash.config.compose import compose
-    from dtbacklash.face.progress import announce_compilation
     from dtbacklash.remote.belief import described
     from dtbacklash.remote.server import TwinServer
 
@@ -36,7 +35,6 @@ def _serve(config: ServeConfig) -> int:
     server = TwinServer(config, say)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: server.end())
-    announce_compilation()
     say(f"twin {config.name}: {config.workers} process{'es' * (config.workers > 1)}, broker {config.broker}")
     server.run(described(compose()))
     if server.refused:

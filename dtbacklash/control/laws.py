@@ -1,4 +1,4 @@
-"""The sampled controllers, compiled: linear IMC, nonlinear IMC, linear laws and open loop, one control step a sample.
+"""The sampled controllers: linear IMC, nonlinear IMC, linear laws and open loop, one control step a sample.
 
 Block diagrams: the paper's Figures 3 (IMC) and 9 (NIMC). The prediction error ``eps = q3 - q3^`` is taken from the
 reference, the prefilter W turns the rest into ``theta_ref``, and the inner loop sets the voltage:
@@ -27,17 +27,16 @@ the command and of both sensors pass lines of the same length. All others are a 
 
 import math
 from dataclasses import astuple
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.compiled import inlined
 from dtbacklash.config.run import ControllerConfig
 from dtbacklash.control.belief import FeedForward
 from dtbacklash.control.design import ControllerDesign
-from dtbacklash.control.linear_law import LinearLaw, advance_model, limited, linear_step, output, search_lengths
-from dtbacklash.physics.effects.play import play
+from dtbacklash.control.linear_law import FOUND_V, SEARCH_STEPS, LinearLaw, search_lengths
+from dtbacklash.core.library import buffer, lib, struct
 
 IMC, NIMC, OPEN_LOOP, LINEAR = 0, 1, 2, 3
 BARE, MEASURED, INNER_LOOP, EXACT, INVERSE = 0, 1, 2, 3, 4
@@ -181,146 +180,25 @@ def new_controller_state(controller: Controller) -> ControllerState:
                            np.zeros((2, len(controller.lh))))  # fmt: skip
 
 
-@inlined
-def _late(line, samples, value):
-    """The value that was given ``samples`` calls ago, linearly between two; line : the latest values, newest first."""
-    if samples <= 0.0:
-        return value
-    for i in range(line.shape[0] - 1, 0, -1):
-        line[i] = line[i - 1]
-    line[0] = value
-    whole = int(samples)
-    share = samples - whole
-    return (1.0 - share) * line[whole] + share * line[whole + 1]
+def controller_struct(C: Controller) -> Any:
+    """A controller as the core takes it."""
+    sizes = {"n_w": len(C.wb), "n_m": len(C.mb), "n_s": len(C.sb), "n_law": len(C.lc), "n_moves": len(C.lh)}
+    constants = {
+        "small_gap": SMALL_GAP_RAD, "near": NEAR_RAD, "catching_most": CATCHING_MOST, "search_steps": SEARCH_STEPS,
+        "found": FOUND_V,
+    }  # fmt: skip
+    return struct("Controller", **C._asdict(), **sizes, **constants)
 
 
-@inlined
-def _predict(C, X):
-    """The predicted output q3^, m, as the sensor shows it at the present sample."""
-    return _late(X.lines[2], C.late[2], output(C.sc, X.s))
+def controller_state_struct(X: ControllerState) -> Any:
+    """The state of a controller as the core takes it."""
+    return struct("ControllerState", **X._asdict(), delay=X.lines.shape[1])
 
 
-@inlined
-def feed_forward(C, X, theta_m):
-    """V against the torques on the motor that are known: those that hang on its angle from the measured one."""
-    f = C.forward
-    # the model's speed is smooth; an encoder's counts would be differentiated
-    speed = X.m[1] if C.model in (BARE, INNER_LOOP, INVERSE) else (theta_m - X.angle[0]) / C.sample_time
-    X.angle[0] = theta_m
-    return f[3] * speed - f[0] * math.sin(f[1] * theta_m + f[2]) - f[4]
-
-
-@inlined
-def _grow(X, growth):
-    """The gap that `inverse` is in grows by ``growth``, rad: nothing moves, so that b stays and its share shrinks."""
-    if growth == 0.0:
-        return
-    before = X.inverse[2]
-    X.inverse[2] = max(before + growth, 0.0)
-    if X.inverse[2] > 0.0:
-        X.inverse[0] = min(max(X.inverse[0] * before / X.inverse[2], -1.0), 1.0)
-
-
-@inlined
-def _reseat(C, X, gap):
-    """Move the model of `inverse` to a new estimate of the gap, rad, without a jump of the voltage.
-
-    Where the motor lay in the old gap, as a share of it, it lies in the new one: a tooth that pushed still touches. The
-    screw behind it, the structure and theta_ref move by what b gains, as constants, which rings nothing.
-    """
-    if gap == X.inverse[2]:
-        return
-    gained = X.inverse[0] * (gap - X.inverse[2])
-    X.inverse[2] = gap
-    X.theta_d[0] -= gained
-    for i in range(X.s.shape[0]):
-        X.s[i] -= gained * C.s_rest[i]
-    for i in range(X.lines.shape[1]):
-        X.lines[2, i] -= gained * output(C.sc, C.s_rest)
-    for i in range(X.w.shape[0]):
-        X.w[i] -= gained * C.w_rest[i]
-
-
-@inlined
-def _set_out(C, X, gap, toward):
-    """b crosses to the side to which the load will move next, before it does."""
-    if C.crossing_step > 0.0 and gap > 0.0:
-        left = (1.0 - X.inverse[0] * toward) * gap
-        X.inverse[0] += toward * min(left, C.crossing_step) / gap
-
-
-@inlined
-def crossing_samples(C, gap):
-    """How long before the load moves the motor has to set out, to have crossed the gap by then."""
-    return math.ceil(2.0 * gap / C.crossing_step) + C.arriving if C.crossing_step > 0.0 else 0
-
-
-@inlined
-def _held(C, X, r, gap):
-    """The reference that is let through, m: while a jump waits for the motor to cross the gap, the one before it.
-
-    The side to which the motor has to go follows from the jump alone, so no feedback of the output passes here. b is
-    an angle of the motor, and this is measured: friction keeps a servo from its reference, on the other side when it
-    turns round, and the screw would start that much too late.
-    """
-    jump = r - X.inverse[3]
-    if C.crossing_step > 0.0 and gap > SMALL_GAP_RAD and abs(jump) > C.jump:
-        side = 1.0 if jump > 0.0 else -1.0
-        left = (1.0 - X.inverse[0] * side) * gap
-        X.inverse[0] += side * min(left, C.crossing_step) / gap
-        if left > C.crossing_step:
-            X.inverse[4] = C.arriving + C.patience
-            return X.inverse[3]
-        if X.inverse[4] > 0.0:
-            X.inverse[4] -= 1.0
-            if X.inverse[4] > C.patience or (X.inverse[4] > 0.0 and abs(X.servo[2]) > NEAR_RAD):
-                return X.inverse[3]
-    X.inverse[3], X.inverse[4] = r, 0.0
-    return r
-
-
-@inlined
-def _catch_up(C, X, apart):
-    """Make up for what keeps the motor from its model while the reference is held. apart : theta_m less theta_m^."""
-    if X.inverse[4] == 0.0:  # always, with `inner_loop`
-        X.servo[1] = apart
-        return
-    X.servo[2] = X.servo[1] - apart
-    X.servo[0] = min(max(X.servo[0] + C.catching * X.servo[2], -CATCHING_MOST), CATCHING_MOST)
-
-
-@inlined
-def _taken_in(C, X, r, gap, growth, toward):
-    """The model of `inverse` takes the present gap; returns the reference that is let through, m."""
-    if C.model != INVERSE:
-        return r
-    _reseat(C, X, gap - growth if gap > 0.0 else 0.0)  # first: what has grown from nothing forgets which tooth pushed
-    _grow(X, growth)
-    if toward != 0.0:
-        _set_out(C, X, gap, toward)
-        X.inverse[3], X.inverse[4] = r, 0.0
-        return r
-    return _held(C, X, r, gap)
-
-
-@inlined
-def _inverse(C, X, r, error, gap):
-    """The next inverse of the backlash b, rad. error : theta_ref - theta_d^, rad. gap : estimated half-gap, rad.
-
-    Across the gap the motor's angle is the loop's, not an integral of its error: b alone integrates, and no faster than
-    the output can tell whether the gap is there. Only the reference, which no feedback passes, moves it faster.
-    """
-    ahead = output(C.wc, X.w_r) + C.wd * r
-    advance_model(C.wa, C.wb, r, X.w_r, X.spare)
-    moved = C.crossing_ratio * (ahead - X.inverse[1]) + C.crossing_rate * C.sample_time * error
-    if X.inverse[4] == 0.0:  # else it is on its way, or waits there
-        X.inverse[0] = min(max(X.inverse[0] + moved / max(gap, SMALL_GAP_RAD), -1.0), 1.0)
-    X.inverse[1] = ahead
-    return X.inverse[0] * gap
-
-
-@inlined
-def control_step(C, X, r, theta_m, q3, gap_hat, growth=0.0, toward=0.0):
+def control_step(
+    C: Controller, X: ControllerState, r: float, theta_m: float, q3: float, gap_hat: float, growth: float = 0.0,
+    toward: float = 0.0,
+) -> tuple[float, float]:  # fmt: skip
     """One sample of the controller: measurements in, voltage and prediction error out; its states move on.
 
     What is fed forward is added to the voltage behind the internal model, which does not know of the torques that it
@@ -332,48 +210,16 @@ def control_step(C, X, r, theta_m, q3, gap_hat, growth=0.0, toward=0.0):
     growth : by how much of it the gap has grown since the sample before, rad; the rest of its change is a new estimate.
     toward : the side, -1 or 1, to which the load moves :func:`crossing_samples` from now, where that is known.
     """
-    if C.structure == OPEN_LOOP:
-        return r, 0.0
-    gap = gap_hat if C.structure == NIMC else 0.0
-    forward = feed_forward(C, X, theta_m) if C.forwards else 0.0
-    if C.structure == LINEAR:
-        return linear_step(C, X, r, theta_m, q3, forward), 0.0
-    r = _taken_in(C, X, r, gap, growth, toward)
-    eps = q3 - _predict(C, X)
-    error = r - eps
-    theta_ref = output(C.wc, X.w) + C.wd * error
-    advance_model(C.wa, C.wb, error, X.w, X.spare)
-    if C.model == EXACT:
-        u = limited(C, C.gain * (theta_ref - theta_m) + forward)
-        advance_model(C.sa, C.sb, _late(X.lines[0], C.late[0], u - forward), X.s, X.spare)
-        return u, eps
-    if C.model == BARE:
-        theta_d = X.theta_d[0] if C.structure == NIMC else X.m[2]
-    elif C.model == MEASURED:
-        X.theta_d[0] = play(X.theta_d[0], theta_m, gap)
-        theta_d = X.theta_d[0]
-    else:
-        X.theta_d[0] = play(X.theta_d[0], X.m[2], gap)
-        theta_d = X.theta_d[0]
-    feedback = theta_m
-    if C.model == INVERSE:
-        feedback = theta_m - _inverse(C, X, r, theta_ref - theta_d, gap) - X.servo[0]
-    elif C.structure == NIMC:
-        # the inner loop acts on the screw's angle; the complete model has its own, so the loop takes the measured one
-        X.theta_d[1] = play(X.theta_d[1], theta_m, gap)
-        feedback = X.theta_d[1] if C.model == INNER_LOOP else theta_d
-    u = limited(C, C.gain * (theta_ref - feedback) + forward)
-    advance_model(C.sa, C.sb, theta_d, X.s, X.spare)
-    if C.model == BARE:
-        if C.structure == NIMC:  # Eqs (16)-(17) with the sampled sG1's speed, integrated forward
-            z, omega = theta_m - X.theta_d[0], X.m[1]
-            if (omega > 0.0 and z >= gap) or (omega < 0.0 and z <= -gap):
-                X.theta_d[0] += omega * C.sample_time
-        advance_model(C.ma, C.mb, _late(X.lines[0], C.late[0], u - forward), X.m, X.spare)
-    elif C.model in (INNER_LOOP, INVERSE):
-        ahead, own = (X.inverse[0] * gap, X.m[2]) if C.model == INVERSE else (0.0, theta_d)
-        own = _late(X.lines[1], C.late[1], own)
-        _catch_up(C, X, theta_m - own)
-        own_u = limited(C, C.gain * (theta_ref + ahead - own))
-        advance_model(C.ma, C.mb, _late(X.lines[0], C.late[0], own_u), X.m, X.spare)
-    return u, eps
+    out, given = np.empty(2), (r, theta_m, q3, gap_hat, growth, toward)
+    lib.dtb_control_step(controller_struct(C), controller_state_struct(X), *map(float, given), buffer(out))
+    return float(out[0]), float(out[1])
+
+
+def feed_forward(C: Controller, X: ControllerState, theta_m: float) -> float:
+    """V against the torques on the motor that are known: those that hang on its angle from the measured one."""
+    return float(lib.dtb_feed_forward(controller_struct(C), controller_state_struct(X), theta_m))
+
+
+def crossing_samples(C: Controller, gap: float) -> int:
+    """How long before the load moves the motor has to set out, to have crossed the gap by then."""
+    return int(lib.dtb_crossing_samples(controller_struct(C), gap))

@@ -9,3 +9,6 @@
 #include "sample.c"
 #include "predict.c"
 #include "filter.c"
+#include "control.c"
+#include "indexes.c"
+#include "loop.c"

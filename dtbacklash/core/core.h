@@ -5,7 +5,9 @@
 #include <math.h>
 #include <stdint.h>
 
+#include "control.h"
 #include "laws.h"
+#include "loop.h"
 #include "plant.h"
 
 /* For a function that is called with a constant size, so that its loops are unrolled. */

@@ -1,6 +1,7 @@
 """The compiled core as it is loaded, and arrays as it takes them."""
 
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -33,6 +34,8 @@ LAWS: dict[str, tuple[str, tuple[str, ...], tuple[str, ...]]] = _declared.LAWS
 lib = ffi.dlopen(str(build.HERE / build.LIBRARY))
 
 _doubles, _integers, _flags = (ffi.typeof(f"{kind}[]") for kind in ("double", "int64_t", "unsigned char"))
+#: struct -> the arrays that it points to, which have to be there as long
+_pointed_to: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
 _KINDS = {np.dtype(np.float64): _doubles, np.dtype(np.int64): _integers, np.dtype(np.bool_): _flags}
 
 
@@ -57,3 +60,15 @@ def buffer(array: np.ndarray, *shape: int) -> Any:
 def copied(array: np.ndarray, *shape: int) -> Any:
     """The same of an array that the core only reads: of floats, made contiguous where it is not."""
     return buffer(np.ascontiguousarray(array, dtype=np.float64), *shape)
+
+
+def struct(kind: str, **fields: Any) -> Any:
+    """A struct of the core, by its name in a header; the arrays that it points to live as long as it does.
+
+    fields : numbers; arrays, as for :func:`buffer`; structs made so.
+    """
+    inside = dict(ffi.typeof(kind).fields)
+    kept = {name: buffer(value) if isinstance(value, np.ndarray) else value for name, value in fields.items()}
+    made = ffi.new(f"{kind} *", {n: v[0] if inside[n].type.kind == "struct" else v for n, v in kept.items()})
+    _pointed_to[made] = kept
+    return made

@@ -17,7 +17,6 @@ from dtbacklash.errors import UserError
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.slots import GearPlay
-from dtbacklash.physics.kernel.dispatch import with_addresses
 from dtbacklash.physics.kernel.plant import Plant, State, new_state
 from dtbacklash.physics.kernel.step import slip_rate
 from dtbacklash.physics.rig import Rig, build_rig
@@ -33,7 +32,7 @@ def aged_rigs(config: RunConfig, plant: Plant) -> list[tuple[int, Rig, Plant]]:
     for i, change in sorted(enumerate(config.changes), key=lambda one: float(one[1]["at_s"])):
         try:
             rig = _changed(rig, change)
-            after = with_addresses(compile_plant(rig, config.sample_time_s, solver.substeps, solver.event_levels))
+            after = compile_plant(rig, config.sample_time_s, solver.substeps, solver.event_levels)
         except UserError as mistake:
             raise of_the_change(mistake, i) from mistake
         if after.A.shape != plant.A.shape or after.n_bodies != plant.n_bodies:

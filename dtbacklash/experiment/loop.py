@@ -1,19 +1,18 @@
-"""The closed loop, compiled: plant, sensors, controller and novelty index, sample by sample."""
+"""The closed loop: plant, sensors, controller and novelty index, sample by sample, in the core (``loop.c``)."""
 
-import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.compiled import compiled, inlined
-from dtbacklash.control.laws import control_step, crossing_samples
-from dtbacklash.physics.kernel.sample import advance, read_sensor, sense
-from dtbacklash.physics.kernel.step import screw_angle
-from dtbacklash.twin.gap.novelty import novelty_step
+from dtbacklash.control.laws import Controller, ControllerState, controller_state_struct, controller_struct
+from dtbacklash.core.library import ffi, lib, struct
+from dtbacklash.physics.kernel.plant import Plant, State
+from dtbacklash.physics.kernel.structs import plant_struct, state_struct
+from dtbacklash.twin.gap.novelty import lock_in_struct
 
-#: why a segment ended
-RAN, NOVELTY, DIVERGED = 0, 1, 2
+#: why a segment ended; ALARM and the place of a novelty index: it has risen
+RAN, NOVELTY, DIVERGED, ALARM = lib.RAN, lib.NOVELTY, lib.DIVERGED, lib.ALARM
 
 
 class Signals(NamedTuple):
@@ -54,49 +53,33 @@ class GapInForce(NamedTuple):
         return max(self.gap + self.growth * (k - self.since), 0.0)
 
 
-@inlined
-def _measure(P, S, signals, k, rate, traces):
-    """What the sensors show at sample k, with noise and counts; the truth goes beside it."""
-    seen = traces.seen[k]
-    sense(P, S, signals.gap[k], rate, seen)
-    for s in range(seen.shape[0]):
-        traces.truth[k, s] = read_sensor(P, S, s, signals.gap[k], rate)
-        if signals.noise.shape[0] > 0:
-            seen[s] += signals.noise[k, s]
-        count = signals.resolution[s]
-        if count > 0.0:
-            seen[s] = count * math.floor(seen[s] / count + 0.5)
-
-
-@compiled
-def run_segment(P, S, C, X, detector, oscillator, signals, traces, roles, first, stop, in_force, limits, before):
+def run_segment(
+    P: Plant, S: State, C: Controller, X: ControllerState, detector: Floats, oscillator: tuple[Floats, float, float],
+    signals: Signals, traces: Traces, roles: tuple[int, int], first: int, stop: int, in_force: GapInForce,
+    limits: tuple[float, float], before: float, indexes: Any = None,
+) -> tuple[int, int]:  # fmt: skip
     """Run the samples ``first <= k < stop``.
 
     roles : sensors (index or -1) that show theta_m and q3. oscillator : (sos, cos_step, sin_step) of the lock-in filter
-        and ``detector`` its state. in_force : :class:`GapInForce`. limits : |q3| that counts as diverged, m, and the
-        novelty that ends the segment, m (inf for never). before : novelty before the first sample, m; it has to rise
-        through its limit.
+        and ``detector`` its state. limits : |q3| that counts as diverged, m, and the novelty that ends the segment, m
+        (inf for never). before : novelty before the first sample, m; it has to rise through its limit. indexes : of
+        :func:`.indexes.indexes_struct`, which then end the segment as well; None for none.
 
-    Returns (k, why) : the sample after the last one that was run, and RAN, NOVELTY or DIVERGED.
+    Returns (k, why) : the sample after the last one that was run, and RAN, NOVELTY, DIVERGED, or ALARM and the place of
+    an index.
     """
-    last = signals.gap.shape[0] - 1
-    for k in range(first, stop):
-        rate = (signals.gap[min(k + 1, last)] - signals.gap[min(k, last - 1)]) / P.sample_time
-        _measure(P, S, signals, k, rate, traces)
-        theta_m = traces.seen[k, roles[0]] if roles[0] >= 0 else 0.0
-        q3 = traces.seen[k, roles[1]] if roles[1] >= 0 else 0.0
-        believed = max(in_force.gap + in_force.growth * (k - in_force.since), 0.0)
-        toward = signals.moving[min(k + crossing_samples(C, believed), last)] if signals.moving.shape[0] > 0 else 0.0
-        u, eps = control_step(C, X, signals.reference[k], theta_m, q3, believed, in_force.growth, toward)
-        traces.u[k], traces.eps[k], traces.gap_hat[k] = u, eps, believed
-        traces.theta_d[k] = screw_angle(P, S, signals.gap[k]) if P.rotor >= 0 else 0.0
-        level = novelty_step(detector, oscillator[0], oscillator[1], oscillator[2], eps)
-        traces.novelty[k] = level
-        if not abs(q3) <= limits[0] or not math.isfinite(u):
-            return k, DIVERGED
-        if k < last:
-            advance(P, S, k * P.sample_time, u, signals.gap[k], signals.gap[k + 1], signals.reference, k)
-        if level > limits[1] and not before > limits[1]:
-            return k + 1, NOVELTY
-        before = level
-    return stop, RAN
+    stretch = struct(
+        "Stretch", first=first, stop=stop, theta_m=roles[0], q3=roles[1], gap=in_force.gap, growth=in_force.growth,
+        since=in_force.since, largest=limits[0], novelty=limits[1], before=before,
+    )  # fmt: skip
+    given = struct(
+        "Signals", **signals._asdict(), samples=len(signals.gap), sensors=traces.seen.shape[1],
+        noisy=len(signals.noise) > 0, ahead=len(signals.moving) > 0,
+    )  # fmt: skip
+    made = struct("Traces", **traces._asdict())
+    why = ffi.new("int64_t *")
+    after = lib.dtb_run_loop(
+        plant_struct(P), state_struct(S), controller_struct(C), controller_state_struct(X),
+        lock_in_struct(detector, *oscillator), ffi.NULL if indexes is None else indexes, given, made, stretch, why,
+    )  # fmt: skip
+    return int(after), int(why[0])

@@ -26,14 +26,13 @@ from dtbacklash.experiment.pace import RealTime, undisturbed
 from dtbacklash.experiment.rest import AT_REST
 from dtbacklash.experiment.result import RunResult, Walls, collect
 from dtbacklash.experiment.sensors import roles, sensor_errors
-from dtbacklash.experiment.watch import ALARM, Watcher, run_watched
+from dtbacklash.experiment.watch import Watcher
 from dtbacklash.kept import kept
 from dtbacklash.physics.assembly import compile_plant
-from dtbacklash.physics.kernel.dispatch import with_addresses
 from dtbacklash.physics.kernel.plant import Plant, State, new_state, place_at
 from dtbacklash.physics.rig import Rig, build_rig
 from dtbacklash.physics.simulate import rig_half_gap
-from dtbacklash.twin.gap.novelty import NoveltyDesign, novelty_design, novelty_step
+from dtbacklash.twin.gap.novelty import NoveltyDesign, novelty_design, novelty_index
 from dtbacklash.twin.link.background import BackgroundTwin
 from dtbacklash.twin.link.service import Answer, TwinService
 
@@ -88,8 +87,8 @@ class _Machine:
         self.control_state = handed_over(self.controller, self.control_state, controller, here)
         self.controller, self.detector, self.detector_state = controller, detector, detector.initial_state()
         error = here.q3 - float(controller.sc @ self.control_state.s)
-        for _ in range(round(SETTLED_S / config.sample_time_s)):
-            novelty_step(self.detector_state, detector.sos, detector.cos_step, detector.sin_step, error)
+        errors = np.full(round(SETTLED_S / config.sample_time_s), error)
+        novelty_index(errors, detector.sos, detector.cos_step, detector.sin_step, self.detector_state)
         if self.watcher is not None:
             before = self.watcher
             self.watcher = Watcher.prepare(config, belief, before.values.shape[0])
@@ -115,14 +114,10 @@ class _Machine:
         in_force: loop.GapInForce, limits: tuple[float, float], before: float,
     ) -> tuple[int, int]:  # fmt: skip
         oscillator = (self.detector.sos, self.detector.cos_step, self.detector.sin_step)
-        common = (
+        return loop.run_segment(
             self.plant, self.state, self.controller, self.control_state, self.detector_state, oscillator, inputs,
-            traces, which, first, stop, in_force, limits, before,
+            traces, which, first, stop, in_force, limits, before, self.watcher and self.watcher.struct(),
         )  # fmt: skip
-        if self.watcher is None:
-            return loop.run_segment(*common)
-        w = self.watcher
-        return run_watched(*common, w.watch, w.state, w.values, w.limits, w.config.twin.index_hysteresis)
 
 
 def run_scenario(
@@ -191,7 +186,7 @@ def _designed(config: RunConfig, belief: Belief) -> ControllerDesign | None:
 def _build(config: RunConfig, rig: Rig, design: ControllerDesign | None, belief: Belief) -> _Machine:
     """Everything at rest."""
     solver = config.solver
-    plant = with_addresses(compile_plant(rig, config.sample_time_s, solver.substeps, solver.event_levels))
+    plant = compile_plant(rig, config.sample_time_s, solver.substeps, solver.event_levels)
     controller, detector = _controlling(config, design, belief)
     return _Machine(
         plant, new_state(plant), controller, new_controller_state(controller), detector, detector.initial_state()
@@ -276,7 +271,7 @@ def _segments(
             raise Diverged("controller", config.controller.name, k * config.sample_time_s, what, said)
         if why == loop.NOVELTY:
             twin.alarm(k)
-        elif why >= ALARM and machine.watcher is not None:
+        elif why >= loop.ALARM and machine.watcher is not None:
             twin.alarmed(k, machine.watcher.raised(k - 1, why))
         if listening:
             twin.rejected = False

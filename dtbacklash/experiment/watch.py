@@ -4,24 +4,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TypedDict
+from typing import Any, TypedDict
 
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.compiled import compiled
 from dtbacklash.config.run import RunConfig
 from dtbacklash.control.belief import Belief
 from dtbacklash.control.chain import dominant_frequency
-from dtbacklash.experiment.loop import RAN, run_segment
+from dtbacklash.experiment.loop import ALARM
 from dtbacklash.kept import kept
 from dtbacklash.twin.bank.equation import motor_equation
-from dtbacklash.twin.bank.indexes import FREQUENCY, MOTOR, STRUCTURE, Watch, WatchState, index_step, new_watch, rising
+from dtbacklash.twin.bank.indexes import FREQUENCY, MOTOR, STRUCTURE, Watch, WatchState, indexes_struct, new_watch
 from dtbacklash.twin.bank.indexes import new_watch_state as _new_state
 from dtbacklash.twin.gap.observer import twin_model
 
-#: why a segment ended: ALARM and the place of the index; the others are the loop's
-ALARM = 10
 #: index -> its place, its column of the trace, and what turns its SI value into that column's
 INDEXES = {
     "frequency": (FREQUENCY, "frequency_ratio", 1.0),
@@ -73,6 +70,10 @@ class Watcher:
         limits = np.array([asked[name] if name in t.indexes else math.inf for name in INDEXES])
         return cls(config, watch, _new_state(watch), np.full((samples, len(INDEXES)), math.nan), limits)
 
+    def struct(self) -> Any:
+        """The indexes as the loop takes them."""
+        return indexes_struct(self.watch, self.state, self.values, self.limits, self.config.twin.index_hysteresis)
+
     def raised(self, k: int, why: int) -> str:
         """Note an alarm at sample k; returns the index's name."""
         name = list(INDEXES)[why - ALARM]
@@ -99,34 +100,3 @@ class Watcher:
             column: self.values[:, place] * factor
             for name, (place, column, factor) in INDEXES.items() if name in self.config.twin.indexes
         }  # fmt: skip
-
-
-@compiled
-def run_watched(
-    P, S, C, X, detector, oscillator, signals, traces, roles, first, stop, in_force, limits, before,
-    W, Z, values, index_limits, hysteresis,
-):  # fmt: skip
-    """:func:`.loop.run_segment` with the indexes beside it; it also ends where one of them rises above its limit.
-
-    W, Z : :class:`.indexes.Watch` and its state. values : (N+1, 3). index_limits : (3,).
-    """
-    k = first
-    while k < stop:
-        after, why = run_segment(
-            P, S, C, X, detector, oscillator, signals, traces, roles, k, k + 1, in_force, limits, before
-        )
-        if after == k:
-            return k, why
-        shown = detector.shape[0] - 2
-        index_step(
-            W, Z, detector[shown], detector[shown + 1], traces.seen[k, roles[0]], traces.seen[k, roles[1]],
-            traces.u[k], traces.gap_hat[k], values[k],
-        )  # fmt: skip
-        before = traces.novelty[k]
-        k = after
-        if why != RAN:
-            return k, why
-        found = rising(Z, values[k - 1], index_limits, hysteresis)
-        if found >= 0:
-            return k, ALARM + found
-    return stop, RAN

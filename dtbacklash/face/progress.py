@@ -107,7 +107,6 @@ class _Work:
         from dtbacklash.compiled import at_compiling
 
         self._compiles = False
-        announce_compilation()
         self.compiling = self._listening.enter_context(at_compiling())
 
     def say_now_and_then(self, ended: threading.Event) -> None:
@@ -176,16 +175,6 @@ def progress(what: str, compiles: bool = True) -> Iterator[Tell]:
         if bar.live.is_started:  # else it would end with an empty line
             bar.stop()
         work.end()
-
-
-def announce_compilation() -> None:
-    """Say why the first run takes longer than the others."""
-    from dtbacklash.compiled import is_cold
-    from dtbacklash.physics.kernel.sample import advance
-
-    if is_cold(advance):
-        once = "compiling the closed loop, once on this machine (some minutes, by how busy it is)"
-        _print(once)
 
 
 def cores_of(jobs: int | None) -> int:

@@ -7,12 +7,10 @@ import math
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.compiled import compiled
+from dtbacklash.core.library import buffer, lib
 from dtbacklash.physics.assembly import compile_plant
-from dtbacklash.physics.kernel.dispatch import with_addresses
 from dtbacklash.physics.kernel.plant import new_state, place_at
-from dtbacklash.physics.kernel.sample import advance, read_sensor
-from dtbacklash.physics.kernel.step import screw_angle
+from dtbacklash.physics.kernel.structs import plant_struct, state_struct
 from dtbacklash.physics.rig import Rig
 from dtbacklash.physics.simulate import rig_half_gap
 
@@ -21,29 +19,6 @@ from dtbacklash.physics.simulate import rig_half_gap
 WINDOW, HERE = 4, 1
 #: samples by which a positioner follows its command for that reason
 LATE_SAMPLES = WINDOW - 1 - HERE
-
-
-@compiled
-def _run(P, S, start_s, first, samples, u, gap, gap_to, window, y):
-    """Run samples with the command held; the gap is at ``gap_to`` after the first of them."""
-    rate = 0.0
-    for k in range(first, first + samples):
-        for j in range(window.shape[0] - 1):
-            window[j] = window[j + 1]
-        window[window.shape[0] - 1] = u
-        advance(P, S, start_s + k * P.sample_time, u, gap, gap_to, window, HERE)
-        rate = (gap_to - gap) / P.sample_time
-        gap = gap_to
-    _show(P, S, gap, rate, y)
-
-
-@compiled
-def _show(P, S, gap, rate, y):
-    """What every sensor measures, SI, and the screw's angle behind it."""
-    last = y.shape[0] - 1
-    for s in range(last):
-        y[s] = read_sensor(P, S, s, gap, rate)
-    y[last] = screw_angle(P, S, gap) if P.rotor >= 0 else 0.0
 
 
 class Machine:
@@ -62,7 +37,7 @@ class Machine:
         self, rig: Rig, sample_time_s: float, substeps: int = 0, event_levels: int = 16, start_s: float = 0.0,
         u: float = 0.0, gap_rad: float = 0.0,
     ) -> None:  # fmt: skip
-        self.plant = with_addresses(compile_plant(rig, sample_time_s, substeps, event_levels))
+        self.plant = compile_plant(rig, sample_time_s, substeps, event_levels)
         self.state = new_state(self.plant)
         self.start_s, self.samples = start_s, 0
         self.y: Floats = np.zeros(len(rig.sensors) + 1)
@@ -71,7 +46,7 @@ class Machine:
         self._window = np.full(WINDOW, u)
         if self.plant.imposed:
             place_at(self.plant, self.state, u)
-        _run(self.plant, self.state, start_s, 0, 0, u, self._gap, self._gap, self._window, self.y)
+        self._hold(0, u, self._gap)
 
     @property
     def t_s(self) -> float:
@@ -85,10 +60,15 @@ class Machine:
         end of the first of them.
         """
         gap = gap_rad + self._own
-        arguments = (self.start_s, self.samples, samples, u, self._gap, gap, self._window, self.y)
-        _run(self.plant, self.state, *arguments)
+        self._hold(samples, u, gap)
         self._gap = gap
         self.samples += samples
+
+    def _hold(self, samples: int, u: float, gap: float) -> None:
+        lib.dtb_hold(
+            plant_struct(self.plant), state_struct(self.state), self.start_s, self.samples, samples, u, self._gap, gap,
+            buffer(self._window), WINDOW, HERE, buffer(self.y),
+        )  # fmt: skip
 
     def is_finite(self) -> bool:
         """Whether every value that it shows is a number: with a wrong parameter it may run away."""

@@ -21,11 +21,9 @@ from pythonfmu.fmi2slave import Fmi2Slave
 from pythonfmu.variables import Real
 
 from dtbacklash import sources
-from dtbacklash.compiled import is_cold
 from dtbacklash.fmu import interface
 from dtbacklash.fmu.interface import COMMAND, GAP, GAP_MOST_DEG, INPUT, OUTPUT, PARAMETER, Export, Variable
 from dtbacklash.fmu.machine import Machine
-from dtbacklash.physics.kernel.sample import advance
 
 #: the file in the FMU that says which rig it is
 CONTENT = "rig.json"
@@ -120,14 +118,12 @@ class RigSlave(Fmi2Slave):
 
     @told
     def exit_initialization_mode(self) -> None:
-        """From here on the parameters are what they are; compiles, the first time on a machine.
+        """From here on the parameters are what they are.
 
         Raises
         ------
         UserError : a parameter that the rig may not have.
         """
-        if is_cold(advance):
-            self.log("compiling the simulation, once on this machine (some minutes)")
         self._now()
         self._running = True
 

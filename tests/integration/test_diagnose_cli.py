@@ -50,7 +50,6 @@ def dtb(typed, tmp_path_factory, monkeypatch, asked):
     monkeypatch.delenv("DTB_RECORDINGS", raising=False)
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(cache_folder()))  # compiled code stays where it is
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-    monkeypatch.setattr("dtbacklash.compiled.is_cold", lambda function: False)
     t = np.arange(4000) * 1e-3
     slow = np.sin(7 * t) + 0.3 * np.sin(23 * t)
     table = pd.DataFrame({"t": t, "u": 2 * slow, "theta_m": 3 * slow, "q3": slow, "lab": 1.0 + t})

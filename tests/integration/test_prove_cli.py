@@ -42,7 +42,6 @@ def concealed(tmp_path_factory):
 @pytest.fixture
 def dtb(typed, tmp_path, monkeypatch, concealed):
     """Run ``dtb prove`` in an empty folder beside a copy of the recordings: words -> (exit code, stdout, stderr)."""
-    monkeypatch.setattr("dtbacklash.compiled.is_cold", lambda function: False)
     shutil.copytree(concealed, tmp_path / "bench")
     shutil.copy(seal.key_path(concealed), tmp_path / "bench.key")
     return partial(typed, "prove")

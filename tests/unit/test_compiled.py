@@ -15,7 +15,7 @@ from numba.core.dispatcher import Dispatcher
 
 import dtbacklash
 from dtbacklash import compiled
-from dtbacklash.experiment import loop
+from dtbacklash.physics.kernel import sample
 from dtbacklash.prove.simulator import laws
 
 #: a compiled module, and one that it reads from and that is compiled in part only
@@ -156,7 +156,7 @@ def test_the_same_types_give_the_same_file_and_others_another(tmp_path, monkeypa
     assert len(list(tmp_path.glob("copy-*.nbc"))) == 2
 
 
-@pytest.mark.parametrize("dispatcher", [loop.run_segment, compiled.copy, laws.amplify])
+@pytest.mark.parametrize("dispatcher", [sample.advance, compiled.copy, laws.amplify])
 def test_ours_are_kept_in_our_folder(dispatcher):
     assert Path(dispatcher.stats.cache_path) == compiled.cache_folder()
 

@@ -6,7 +6,7 @@ from threading import Lock
 from typing import Any
 from weakref import WeakKeyDictionary
 
-from dtbacklash.core.library import buffer, ffi
+from dtbacklash.core.library import buffer, ffi, struct
 from dtbacklash.physics.kernel import laws
 from dtbacklash.physics.kernel import plant as pl
 from dtbacklash.physics.kernel.plant import Plant, State
@@ -24,8 +24,8 @@ _SCALARS = (
 )  # fmt: skip
 _kept: dict[int, tuple[Plant, Any]] = {}
 _keeping = Lock()
-#: struct -> what it points to, which has to be there as long
-_pointed_to: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
+#: struct of a plant -> the parameters of its laws, which have to be there as long
+_parameters: WeakKeyDictionary[Any, Any] = WeakKeyDictionary()
 
 
 def plant_struct(P: Plant) -> Any:
@@ -41,24 +41,21 @@ def plant_struct(P: Plant) -> Any:
 
 def state_struct(S: State) -> Any:
     """The struct of a state."""
-    arrays = {name: buffer(array) for name, array in zip(S._fields, S, strict=True)}
-    struct = ffi.new("State *", arrays)
-    _pointed_to[struct] = arrays
-    return struct
+    return struct("State", **S._asdict())
 
 
 def _struct(P: Plant) -> Any:
-    arrays, law_p, entries = {name: buffer(getattr(P, name)) for name in _ARRAYS}, buffer(P.law_p), _laws(P)
+    law_p, entries = buffer(P.law_p), _laws(P)
     for entry in range(len(P.law)):
         entries[entry].p = law_p + entry * P.law_p.shape[1]
-    struct = ffi.new("Plant *", {
-        **arrays, **{name: getattr(P, name) for name in _SCALARS}, "law": entries, "n": P.A.shape[1],
-        "channels": P.G.shape[1], "bodies": P.n_bodies, "links": len(P.link), "frictions": len(P.friction_ends),
-        "sensors": len(P.sensor), "depth": int(P.sensor_whole.max(initial=0)) + 1, "acts": _acting(P),
-        "remembers": _remembers(P),
-    })  # fmt: skip
-    _pointed_to[struct] = arrays, law_p, entries
-    return struct
+    made = struct(
+        "Plant", **{name: getattr(P, name) for name in (*_ARRAYS, *_SCALARS)}, law=entries, n=P.A.shape[1],
+        channels=P.G.shape[1], bodies=P.n_bodies, links=len(P.link), frictions=len(P.friction_ends),
+        sensors=len(P.sensor), depth=int(P.sensor_whole.max(initial=0)) + 1, acts=_acting(P),
+        remembers=_remembers(P),
+    )  # fmt: skip
+    _parameters[made] = law_p
+    return made
 
 
 def _places(P: Plant) -> list[int]:

@@ -8,15 +8,15 @@ with passes the same lags.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import linalg
 
 from dtbacklash.arrays import Floats
-from dtbacklash.compiled import compiled_allocating, inlined
 from dtbacklash.control.belief import Belief
 from dtbacklash.control.chain import MotorParameters, motor_parameters
+from dtbacklash.core.library import buffer, lib, struct
 
 #: slower than this, rad/s, the rotor may be at rest: an encoder's counts are no motion
 REST_RAD_S = 0.3
@@ -74,44 +74,20 @@ def _numerator(sampled: Floats, b: Floats) -> Floats:
     return np.asarray(np.poly(A - np.outer(b, [0.0, 0.0, 1.0])) - np.poly(A), dtype=np.float64)
 
 
-@inlined
-def residual_torque(E, past, lags, theta, u):
-    """The torque that is left over at the newest sample, through both lags, N m; and the speed, through both, rad/s.
-
-    past : (8,) angles and voltages before, newest first. lags : (9,) of torque, speed, dry friction's mean and
-    spread (at rest it takes whatever it has to, up to its level), and of the speed by a lag a quarter as long.
-    """
-    difference = E.a[0] * theta
-    for i in range(3):
-        difference += E.a[i + 1] * past[i] - E.b[i + 1] * past[4 + i]
-    speed = (theta - past[0]) / E.sample_time
-    for i in range(2, 0, -1):
-        past[i], past[4 + i] = past[i - 1], past[3 + i]
-    past[0], past[4] = theta, u
-    known = E.known[1] + E.known[2] * np.sin(E.known[3] * theta + E.known[4])
-    share = 1.0 - E.keep
-    mean, spread = 0.0, E.known[0]
-    fast = E.keep * E.keep * E.keep * E.keep
-    lags[8] = fast * lags[8] + (1.0 - fast) * speed
-    if abs(lags[8]) > REST_RAD_S:
-        mean, spread = (-spread if lags[8] > 0.0 else spread), 0.0
-    news = (difference / E.scale - known, speed, mean, spread)
-    for i in range(4):
-        lags[2 * i] = E.keep * lags[2 * i] + share * news[i]
-        lags[2 * i + 1] = E.keep * lags[2 * i + 1] + share * lags[2 * i]
-    left = lags[1] - lags[5]
-    return left - min(max(left, -lags[7]), lags[7]), lags[3]
+def motor_struct(E: MotorEquation) -> Any:
+    """The equation as the core takes it."""
+    return struct("MotorEquation", **E._asdict(), rest=REST_RAD_S)
 
 
-@compiled_allocating
 def torque_record(E: MotorEquation, theta: Floats, u: Floats) -> tuple[Floats, Floats]:
     """(N,) torque left over, N m, and (N,) speed, rad/s, of a record of the measured angle and the voltage.
 
     u : (N,) V, held from its sample on. The record begins as if at rest.
     """
+    theta, u = (np.ascontiguousarray(values, dtype=float) for values in (theta, u))
     torque, speed = np.empty_like(theta), np.empty_like(theta)
-    past, lags = np.zeros(8), np.zeros(9)
-    past[:4], past[4:] = theta[0], u[0]
-    for k in range(theta.size):
-        torque[k], speed[k] = residual_torque(E, past, lags, theta[k], u[k])
+    past, lags = np.repeat([theta[0], u[0]], 4), np.zeros(9)
+    lib.dtb_residual_torque(
+        motor_struct(E), buffer(past), buffer(lags), theta.size, buffer(theta), buffer(u), buffer(torque), buffer(speed)
+    )
     return torque, speed

@@ -11,18 +11,17 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.compiled import inlined
-from dtbacklash.physics.effects.play import play
-from dtbacklash.twin.bank.equation import MotorEquation, residual_torque
+from dtbacklash.core.library import lib, struct
+from dtbacklash.twin.bank.equation import MotorEquation, motor_struct
 from dtbacklash.twin.gap.observer import Path, TwinModel
 
 #: places of the indexes in tables
-FREQUENCY, MOTOR, STRUCTURE = 0, 1, 2
+FREQUENCY, MOTOR, STRUCTURE = lib.FREQUENCY, lib.MOTOR, lib.STRUCTURE
 #: time constants of the rms, two periods of the paper's mode, and of the frequency's means, one period, s
 MEAN_S, TURNING_S = 0.5, 0.25
 
@@ -77,80 +76,18 @@ def new_watch_state(watch: Watch) -> WatchState:
     return WatchState(past, lags, by_q3, by_theta_d, theta_d, phasor, means, np.ones(3), begun)
 
 
-@inlined
-def _through(path, state, u):
-    """One sample through a path: its output; the state moves on."""
-    n = state.shape[0]
-    out = state[0] + path.d * u
-    for i in range(n):
-        following = path.b[i] * u
-        for j in range(i, n):
-            following += path.phi[i, j] * state[j]
-        state[i] = following
-    return out
+def indexes_struct(watch: Watch, state: WatchState, values: Floats, limits: Floats, hysteresis: float) -> Any:
+    """What the loop keeps and fills of the indexes.
 
-
-@inlined
-def _begin(W, Z, theta_m, q3, u):
-    """As if everything had been at rest before the first sample."""
-    Z.begun[0] = 1.0
-    Z.theta_d[0] = theta_m
-    for i in range(4):
-        Z.past[i], Z.past[4 + i] = theta_m, u
-    for i in range(Z.by_q3.shape[0]):
-        Z.by_q3[i] = W.from_q3.start[i] * q3
-    for i in range(Z.by_theta_d.shape[0]):
-        Z.by_theta_d[i] = W.from_theta_d.start[i] * theta_m
-
-
-@inlined
-def _ratio(W, Z, real, imag):
-    """Frequency of the mode over omega_d, NaN while it is not known. real, imag : of the phasor, m."""
-    before_real, before_imag = Z.phasor[0], Z.phasor[1]
-    Z.phasor[0], Z.phasor[1] = real, imag
-    square, keep = real * real + imag * imag, W.keep_turning
-    Z.means[4] = keep * Z.means[4] + (1.0 - keep) * square
-    if not square < Z.means[4]:  # driven, not swinging: what turns is no mode
-        Z.means[0] = Z.means[1] = Z.begun[1] = 0.0
-        return np.nan
-    Z.means[0] = keep * Z.means[0] + (1.0 - keep) * (before_real * imag - before_imag * real)
-    Z.means[1] = keep * Z.means[1] + (1.0 - keep) * (before_real * real + before_imag * imag)
-    Z.begun[1] += 1.0
-    if Z.begun[1] * W.sample_time * W.frequency < 2.0 * math.pi or square < W.least_m * W.least_m:
-        return np.nan
-    return 1.0 + math.atan2(Z.means[0], Z.means[1]) / (W.sample_time * W.frequency)
-
-
-@inlined
-def index_step(W, Z, real, imag, theta_m, q3, u, gap_hat, out):
-    """The indexes after one more sample, into ``out`` (3,): ratio, N m, m.
-
-    real, imag : m, both channels of the lock-in, :func:`.novelty.novelty_step`. gap_hat : rad.
+    values : (N+1, 3) every index of each sample, SI. limits : (3,) of |ratio - 1|, N m, m; an index that rises above
+    its own is told, and again only after it has been below ``hysteresis`` times that.
     """
-    if Z.begun[0] == 0.0:
-        _begin(W, Z, theta_m, q3, u)
-    out[0] = _ratio(W, Z, real, -imag)  # the error's analytic signal seen from omega_d
-    torque, _ = residual_torque(W.motor, Z.past, Z.lags, theta_m, u)
-    Z.theta_d[0] = play(Z.theta_d[0], theta_m, gap_hat)
-    error = _through(W.from_q3, Z.by_q3, q3) + _through(W.from_theta_d, Z.by_theta_d, Z.theta_d[0])
-    Z.means[2] = W.keep * Z.means[2] + (1.0 - W.keep) * torque * torque
-    Z.means[3] = W.keep * Z.means[3] + (1.0 - W.keep) * error * error
-    out[1], out[2] = math.sqrt(Z.means[2]), math.sqrt(Z.means[3])
-
-
-@inlined
-def rising(Z, values, limits, hysteresis):
-    """The first armed index that is above its limit, which disarms it; -1 for none.
-
-    limits : (3,) of |ratio - 1|, N m, m. An index is armed again below ``hysteresis`` times its limit.
-    """
-    found = -1
-    for i in range(3):
-        size = abs(values[i] - 1.0) if i == 0 else values[i]
-        if Z.armed[i] == 0.0:
-            if not size >= hysteresis * limits[i]:
-                Z.armed[i] = 1.0
-        elif size > limits[i] and found < 0:
-            Z.armed[i] = 0.0
-            found = i
-    return found
+    filters = {
+        name: struct("Filter", n=path.b.size, phi=path.phi, b=path.b, start=path.start, d=path.d)
+        for name, path in (("from_q3", watch.from_q3), ("from_theta_d", watch.from_theta_d))
+    }
+    own = {name: getattr(watch, name) for name in ("frequency", "sample_time", "keep", "keep_turning", "least_m")}
+    return struct(
+        "Indexes", motor=motor_struct(watch.motor), **filters, **own, **state._asdict(), values=values, limits=limits,
+        hysteresis=hysteresis,
+    )  # fmt: skip

@@ -11,12 +11,13 @@ its cut-off at 0.33 omega_d.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dtbacklash.compiled import compiled, compiled_allocating
 from dtbacklash.config.choices import NOVELTY_FILTERS
+from dtbacklash.core.library import buffer, lib, struct
 from dtbacklash.errors import UserError
 
 Array = NDArray[np.float64]
@@ -67,35 +68,22 @@ def novelty_design(kind: str, frequency_rad_s: float, sample_time_s: float) -> N
     return NoveltyDesign(np.ascontiguousarray(sos), float(np.cos(phase)), float(np.sin(phase)))
 
 
-@compiled
+def lock_in_struct(state: Array, sos: Array, cos_step: float, sin_step: float) -> Any:
+    """The lock-in filter and its state, from :meth:`NoveltyDesign.initial_state`, as the core takes them."""
+    return struct("LockIn", sections=len(sos), cos_step=cos_step, sin_step=sin_step, sos=sos, state=state)
+
+
 def novelty_step(state: Array, sos: Array, cos_step: float, sin_step: float, error: float) -> float:
     """Amplitude of the mode after one more sample of the prediction error, in the error's unit.
 
-    state: from :meth:`NoveltyDesign.initial_state`, changed in place. The oscillator is a rotating phasor,
-    pulled back to the unit circle every sample, so that it neither grows nor fades however long the run.
+    state: from :meth:`NoveltyDesign.initial_state`, changed in place.
     """
-    squares = 0.0
-    for channel in range(2):
-        value = 2.0 * error * state[channel]
-        for section in range(sos.shape[0]):
-            at = 2 + 4 * section + 2 * channel
-            out = sos[section, 0] * value + state[at]
-            state[at] = sos[section, 1] * value - sos[section, 4] * out + state[at + 1]
-            state[at + 1] = sos[section, 2] * value - sos[section, 5] * out
-            value = out
-        squares += value * value
-        state[state.shape[0] - 2 + channel] = value
-    real = state[0] * cos_step - state[1] * sin_step
-    imag = state[0] * sin_step + state[1] * cos_step
-    pull = 1.5 - 0.5 * (real * real + imag * imag)
-    state[0], state[1] = real * pull, imag * pull
-    return np.sqrt(squares)
+    return float(novelty_index(np.array([error]), sos, cos_step, sin_step, state)[0])
 
 
-@compiled_allocating
 def novelty_index(errors: Array, sos: Array, cos_step: float, sin_step: float, state: Array) -> Array:
-    """:func:`novelty_step` over a whole record (N,) of errors; (N,) amplitudes."""
+    """(N,) :func:`novelty_step` over a whole record (N,) of errors."""
+    errors = np.ascontiguousarray(errors, dtype=float)
     out = np.empty_like(errors)
-    for k in range(errors.size):
-        out[k] = novelty_step(state, sos, cos_step, sin_step, errors[k])
+    lib.dtb_lock_in(lock_in_struct(state, sos, cos_step, sin_step), len(errors), buffer(errors), buffer(out))
     return out

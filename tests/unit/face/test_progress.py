@@ -77,7 +77,6 @@ def test_an_error_inside_ends_the_bar(terminal):
 def test_what_is_compiled_is_said_while_it_is(capsys, monkeypatch):
     running = [True]
     monkeypatch.setattr(bar, "LINE_EVERY_S", 0.05)
-    monkeypatch.setattr(bar, "announce_compilation", lambda: None)
     monkeypatch.setattr("dtbacklash.compiled.at_compiling", lambda: nullcontext(lambda: running[0]))
     with bar.progress("simulating") as tell:
         tell(0.0)
