@@ -18,7 +18,8 @@ from contextlib import redirect_stdout
 from pathlib import Path
 
 HERE = Path(__file__).parent
-HEADERS, SOURCES = ("laws.h", "plant.h"), ("laws.c", "formula.c", "predict.c", "filter.c")
+HEADERS = ("laws.h", "plant.h", "twin.h")
+SOURCES = ("laws.c", "formula.c", "predict.c", "filter.c", "twin.c")
 LIBRARY, DECLARED = "_core.so", "_declared.py"
 #: no contraction of a product and a sum into one rounding: results are those of any other compiler
 FLAGS = ["-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fPIC", "-shared"]

@@ -9,3 +9,4 @@
 #include "sample.c"
 #include "predict.c"
 #include "filter.c"
+#include "twin.c"
