@@ -3,13 +3,13 @@
 
 static double within(double value, double low, double high) { return dmin(dmax(value, low), high); }
 
-/* C x, for a row C (n,). */
-static double output(const double *C, const double *x, int64_t n)
+/* c x, for a row c (n,). */
+static double dot(const double *c, const double *x, int64_t n)
 {
     double total = 0.0;
 
     for (int64_t i = 0; i < n; i++)
-        total += C[i] * x[i];
+        total += c[i] * x[i];
     return total;
 }
 
@@ -84,7 +84,7 @@ static void reseat(const Controller *C, ControllerState *X, double gap)
     for (int64_t i = 0; i < C->n_s; i++)
         X->s[i] -= gained * C->s_rest[i];
     for (int64_t i = 0; i < X->delay; i++)
-        X->lines[2 * X->delay + i] -= gained * output(C->sc, C->s_rest, C->n_s);
+        X->lines[2 * X->delay + i] -= gained * dot(C->sc, C->s_rest, C->n_s);
     for (int64_t i = 0; i < C->n_w; i++)
         X->w[i] -= gained * C->w_rest[i];
 }
@@ -161,7 +161,7 @@ static double take_gap(const Controller *C, ControllerState *X, double r, double
  * the output can tell whether the gap is there. Only the reference, which no feedback passes, moves it faster. */
 static double next_inverse(const Controller *C, ControllerState *X, double r, double error, double gap)
 {
-    double ahead = output(C->wc, X->w_r, C->n_w) + C->wd * r;
+    double ahead = dot(C->wc, X->w_r, C->n_w) + C->wd * r;
 
     advance_model(C->wa, C->wb, r, X->w_r, X->spare, C->n_w);
     double moved =
@@ -180,12 +180,12 @@ static double planned(const Controller *C, ControllerState *X, double forward)
 
     for (int64_t i = 0; i < n; i++) {
         ahead[i] = last[i];
-        spare[i] = output(C->lf + i * C->n_law, X->law, C->n_law);
+        spare[i] = dot(C->lf + i * C->n_law, X->law, C->n_law);
     }
     for (int64_t step = 0; step < C->search_steps; step++) {
         double changed = 0.0;
         for (int64_t i = 0; i < n; i++)
-            spare[n + i] = ahead[i] - C->search[0] * (output(C->lh + i * n, ahead, n) + spare[i]);
+            spare[n + i] = ahead[i] - C->search[0] * (dot(C->lh + i * n, ahead, n) + spare[i]);
         for (int64_t i = 0; i < n; i++) {
             double found = within(spare[n + i], -C->limit - forward, C->limit - forward);
             changed = dmax(changed, fabs(found - last[i]));
@@ -207,7 +207,7 @@ static double step_linear_law(const Controller *C, ControllerState *X, double r,
     if (C->n_moves > 0)
         u = planned(C, X, forward) + forward;
     else
-        u = limited(C, output(C->lc, x, n) + C->ld[0] * r + C->ld[1] * theta_m + C->ld[2] * q3 + forward);
+        u = limited(C, dot(C->lc, x, n) + C->ld[0] * r + C->ld[1] * theta_m + C->ld[2] * q3 + forward);
     for (int64_t i = 0; i < n; i++) {
         const double *b = C->lb + 3 * i;
         double total = b[0] * r + b[1] * theta_m + b[2] * q3 + C->le[i] * (u - forward);
@@ -276,8 +276,8 @@ static double control_step(
     if (C->structure == LINEAR)
         return step_linear_law(C, X, r, theta_m, q3, forward);
     r = take_gap(C, X, r, gap, growth, toward);
-    *eps = q3 - late(X->lines + 2 * X->delay, X->delay, C->late[2], output(C->sc, X->s, C->n_s));
-    double error = r - *eps, theta_ref = output(C->wc, X->w, C->n_w) + C->wd * error;
+    *eps = q3 - late(X->lines + 2 * X->delay, X->delay, C->late[2], dot(C->sc, X->s, C->n_s));
+    double error = r - *eps, theta_ref = dot(C->wc, X->w, C->n_w) + C->wd * error;
     advance_model(C->wa, C->wb, error, X->w, X->spare, C->n_w);
     if (C->model == EXACT) {
         u = limited(C, C->gain * (theta_ref - theta_m) + forward);

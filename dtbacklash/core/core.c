@@ -9,6 +9,7 @@
 #include "sample.c"
 #include "predict.c"
 #include "filter.c"
+#include "twin.c"
 #include "control.c"
 #include "indexes.c"
 #include "loop.c"

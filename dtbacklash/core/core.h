@@ -5,10 +5,11 @@
 #include <math.h>
 #include <stdint.h>
 
-#include "control.h"
 #include "laws.h"
-#include "loop.h"
 #include "plant.h"
+#include "twin.h"
+#include "control.h"
+#include "loop.h"
 
 /* For a function that is called with a constant size, so that its loops are unrolled. */
 #define UNROLLED static inline __attribute__((always_inline))

@@ -82,17 +82,12 @@ void dtb_residual_torque(
         torque[k] = residual_torque(E, past, lags, theta[k], u[k], speed + k);
 }
 
-/* One sample through a filter: its output; the state moves on. */
-static double filter_step(const Filter *F, double *state, double u)
+/* One sample through a path: its output; the state moves on. */
+static double path_step(const TwinPath *path, double *x, double u)
 {
-    double out = state[0] + F->d * u;
+    double out = path_output(path, x, u);
 
-    for (int64_t i = 0; i < F->n; i++) {
-        double next = F->b[i] * u;
-        for (int64_t j = i; j < F->n; j++)
-            next += F->phi[i * F->n + j] * state[j];
-        state[i] = next;
-    }
+    go_on_n(path->n, path, x, u);
     return out;
 }
 
@@ -105,10 +100,8 @@ static void begin_indexes(Indexes *I, double theta_m, double q3, double u)
         I->past[i] = theta_m;
         I->past[4 + i] = u;
     }
-    for (int64_t i = 0; i < I->from_q3.n; i++)
-        I->by_q3[i] = I->from_q3.start[i] * q3;
-    for (int64_t i = 0; i < I->from_theta_d.n; i++)
-        I->by_theta_d[i] = I->from_theta_d.start[i] * theta_m;
+    rest_n(I->from_q3.n, &I->from_q3, I->by_q3, q3);
+    rest_n(I->from_theta_d.n, &I->from_theta_d, I->by_theta_d, theta_m);
 }
 
 /* Frequency of the mode over that of the design, NaN while it is not known. real, imag : of the phasor, m. */
@@ -143,8 +136,8 @@ static void index_step(
     values[FREQUENCY] = frequency_ratio(I, phasor[0], -phasor[1]); /* the error's analytic signal */
     double torque = residual_torque(&I->motor, I->past, I->lags, theta_m, u, &speed);
     I->theta_d[0] = play(I->theta_d[0], theta_m, gap_hat);
-    double error = filter_step(&I->from_q3, I->by_q3, q3);
-    error = error + filter_step(&I->from_theta_d, I->by_theta_d, I->theta_d[0]);
+    double error = path_step(&I->from_q3, I->by_q3, q3);
+    error = error + path_step(&I->from_theta_d, I->by_theta_d, I->theta_d[0]);
     means[2] = I->keep * means[2] + (1.0 - I->keep) * torque * torque;
     means[3] = I->keep * means[3] + (1.0 - I->keep) * error * error;
     values[MOTOR] = sqrt(means[2]);

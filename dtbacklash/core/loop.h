@@ -37,17 +37,10 @@ typedef struct {
     double rest;         /* slower than this, rad/s, the rotor may be at rest: an encoder's counts are no motion */
 } MotorEquation;
 
-/* A linear filter: y = x[0] + d u, x' = b u + phi x with phi upper triangular; start : x for a unit input at rest. */
-typedef struct {
-    int64_t n;
-    const double *phi, *b, *start;
-    double d;
-} Filter;
-
 /* The novelty indexes and their state: twin/bank/indexes.py. */
 typedef struct {
     MotorEquation motor;
-    Filter from_q3, from_theta_d;
+    TwinPath from_q3, from_theta_d;
     double frequency, sample_time, keep, keep_turning, least_m;
     double *past, *lags, *by_q3, *by_theta_d, *theta_d, *phasor, *means, *armed, *begun;
     double *values;       /* (N + 1, 3) every index */

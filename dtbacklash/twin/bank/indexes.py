@@ -18,7 +18,7 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.core.library import lib, struct
 from dtbacklash.twin.bank.equation import MotorEquation, motor_struct
-from dtbacklash.twin.gap.observer import Path, TwinModel
+from dtbacklash.twin.gap.observer import Path, TwinModel, path_struct
 
 #: places of the indexes in tables
 FREQUENCY, MOTOR, STRUCTURE = lib.FREQUENCY, lib.MOTOR, lib.STRUCTURE
@@ -82,12 +82,9 @@ def indexes_struct(watch: Watch, state: WatchState, values: Floats, limits: Floa
     values : (N+1, 3) every index of each sample, SI. limits : (3,) of |ratio - 1|, N m, m; an index that rises above
     its own is told, and again only after it has been below ``hysteresis`` times that.
     """
-    filters = {
-        name: struct("Filter", n=path.b.size, phi=path.phi, b=path.b, start=path.start, d=path.d)
-        for name, path in (("from_q3", watch.from_q3), ("from_theta_d", watch.from_theta_d))
-    }
+    paths = {"from_q3": path_struct(watch.from_q3), "from_theta_d": path_struct(watch.from_theta_d)}
     own = {name: getattr(watch, name) for name in ("frequency", "sample_time", "keep", "keep_turning", "least_m")}
     return struct(
-        "Indexes", motor=motor_struct(watch.motor), **filters, **own, **state._asdict(), values=values, limits=limits,
+        "Indexes", motor=motor_struct(watch.motor), **paths, **own, **state._asdict(), values=values, limits=limits,
         hysteresis=hysteresis,
     )  # fmt: skip

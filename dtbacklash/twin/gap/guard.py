@@ -24,17 +24,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dtbacklash.compiled import compiled_allocating
+from dtbacklash.core.library import buffer, lib
 from dtbacklash.twin.gap import observer
 from dtbacklash.twin.gap.estimate import Estimate, OptimizerLike, Problem, Start, default_start, estimate_gap
 from dtbacklash.twin.gap.model_error import Explanation, Tolerances, explained
 from dtbacklash.twin.gap.observer import Path, TwinModel
 
 Array = NDArray[np.float64]
-
-COARSE_STARTS = 9  # first tries for theta_d0 across the gap
-POLISH_STEPS = 6  # Newton steps that follow, each halved until it helps
-HALVINGS = 4
 
 
 @dataclass(frozen=True)
@@ -84,51 +80,27 @@ class Attempt:
     applied_rad: float = math.nan
 
 
-@compiled_allocating
 def profile_point(theta_m: Array, eps_q: Array, half_gap: float, path: Path, settle: int) -> tuple[float, float]:
     """Least cost [m^2] over theta_d0 for one gap, and that theta_d0 [rad]. Arguments as observer.cost.
 
     theta_d0 lies within the gap around theta_m[0]. Where it matters the cost is piecewise quadratic in it, so
     that Newton's method from the best of a few points ends at rounding.
     """
-    best, best_start = np.inf, theta_m[0]
-    for i in range(COARSE_STARTS):
-        start = theta_m[0] + half_gap * (2.0 * i / (COARSE_STARTS - 1) - 1.0)
-        value = observer.cost(theta_m, eps_q, half_gap, start, 0.0, path, settle)
-        if value < best:
-            best, best_start = value, start
-    for _ in range(POLISH_STEPS):
-        rows = observer.start_sensitivity(theta_m, eps_q, half_gap, best_start, path, settle)
-        curvature = np.sum(rows[1] * rows[1])
-        if curvature <= 0.0:
-            break
-        step = -np.sum(rows[0] * rows[1]) / curvature
-        gained = 0.0
-        for _ in range(HALVINGS):
-            start = min(max(best_start + step, theta_m[0] - half_gap), theta_m[0] + half_gap)
-            value = observer.cost(theta_m, eps_q, half_gap, start, 0.0, path, settle)
-            if value < best:
-                gained = best - value
-                best, best_start = value, start
-                break
-            step *= 0.5
-        if gained <= 1e-9 * best:
-            break
-    return best, best_start
+    value, start = _profile(theta_m, eps_q, np.array([half_gap]), path, settle)[:, 0].tolist()
+    return value, start
 
 
-@compiled_allocating
 def _profile(theta_m: Array, eps_q: Array, gaps: Array, path: Path, settle: int) -> Array:
-    out = np.empty((2, gaps.size))
-    for i in range(gaps.size):
-        out[0, i], out[1, i] = profile_point(theta_m, eps_q, gaps[i], path, settle)
+    """:func:`profile_point` of each gap, (2, gaps)."""
+    out, given = np.empty((2, gaps.size)), observer.buffer_struct(theta_m, eps_q, path, settle)
+    lib.dtb_profile(given, gaps.size, buffer(gaps, gaps.size), buffer(out), observer.room(path, 3))
     return out
 
 
 def profile(problem: Problem, gaps_rad: Array) -> tuple[Array, Array]:
     """The cost's profile: for each gap [rad] the least cost [m^2] and the theta_d0 [rad] where it lies."""
     model = problem.model
-    gaps = np.atleast_1d(np.asarray(gaps_rad, dtype=np.float64))
+    gaps = np.ascontiguousarray(gaps_rad, dtype=np.float64)
     costs, starts = _profile(problem.theta_m, problem.eps_q, gaps, model.from_theta_d, model.settle)
     return costs, starts
 
@@ -289,7 +261,7 @@ def outcome(attempts: list[Attempt]) -> Attempt:
 
 
 def warm_up(model: TwinModel, optimizer: OptimizerLike) -> None:
-    """Load (the first time: compile) what an estimation needs, so that ``wall_s`` is the estimation's own."""
+    """Load what an estimation needs, so that ``wall_s`` is the estimation's own."""
     theta_m = np.linspace(0.0, 1.0, model.settle + 50)
     guard = Guard(Problem(theta_m, theta_m * model.pitch_m_per_rad, model), 0.0)
     guard.judged(estimate_gap(guard.problem, optimizer, (0.1, 0.0)))

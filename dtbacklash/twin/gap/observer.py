@@ -15,14 +15,14 @@ samples err by O(Ts^2); a zero-order hold would delay both by Ts/2, which looks 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg
 
-from dtbacklash.compiled import compiled_allocating
 from dtbacklash.control.chain import StructureParameters, structure_polynomials
+from dtbacklash.core.library import buffer, copied, lib, struct
 from dtbacklash.errors import UserError
 
 Array = NDArray[np.float64]
@@ -113,7 +113,6 @@ def sampled_path(lags: Array, pole: float, sample_time_s: float) -> Path:
     return Path(np.array(np.triu(phi), dtype=np.float64), columns[0], float(d[0, 0]), columns[1])
 
 
-@compiled_allocating
 def play(theta_m: Array, half_gap: float, theta_d0: float, growth: float) -> Array:
     """theta_d of the backlash (16)-(17), driven by the samples theta_m; both (N,) [rad].
 
@@ -121,42 +120,23 @@ def play(theta_m: Array, half_gap: float, theta_d0: float, growth: float) -> Arr
     theta_d0 [rad] is where it rests before the first sample; it is pushed if the gap does not allow it.
     growth [rad/sample]: half_gap is that of the middle of the buffer, and grows by this much per sample.
     """
-    theta_d = np.empty_like(theta_m)
-    now = theta_d0
-    middle = 0.5 * (theta_m.size - 1)
-    for k in range(theta_m.size):
-        gap = max(half_gap + growth * (k - middle), 0.0)
-        now = min(max(now, theta_m[k] - gap), theta_m[k] + gap)
-        theta_d[k] = now
+    theta_d = np.empty(len(theta_m))
+    lib.dtb_play(len(theta_m), copied(theta_m), half_gap, theta_d0, growth, buffer(theta_d))
     return theta_d
 
 
-@compiled_allocating
 def filtered(u: Array, path: Path) -> Array:
     """Response of a path to the samples u, (N,), from rest at u[0]."""
-    out = u.copy()
+    out = np.array(u, dtype=np.float64, order="C")
     filter_in_place(out, path)
     return out
 
 
-# element by element: numba takes seconds to compile the assignment of a row
-@compiled_allocating
 def filter_in_place(u: Array, path: Path) -> None:
     """Samples u, (N,), become the response of a path to them, from rest at u[0]."""
-    phi, b, d = path.phi, path.b, path.d
-    n = b.size
-    state = path.start * u[0]
-    for k in range(u.size):
-        now = u[k]
-        u[k] = state[0] + d * now
-        for i in range(n):
-            following = b[i] * now
-            for j in range(i, n):
-                following += phi[i, j] * state[j]
-            state[i] = following
+    lib.dtb_filter(path_struct(path), len(u), buffer(u, len(u)), room(path, 1))
 
 
-@compiled_allocating
 def cost(
     theta_m: Array, eps_q: Array, half_gap: float, theta_d0: float, growth: float, path: Path, settle: int
 ) -> float:
@@ -166,53 +146,21 @@ def cost(
     path: ``from_theta_d``. half_gap and theta_d0 [rad], growth [rad/sample] as in :func:`play`; a negative
     half_gap counts as its magnitude, which makes the cost smooth where the true gap is zero.
     """
-    phi, b, d = path.phi, path.b, path.d
-    n = b.size
-    middle = 0.5 * (theta_m.size - 1)
-    theta_d = theta_d0
-    state = np.zeros(n)
-    total = 0.0
-    for k in range(theta_m.size):
-        gap = max(abs(half_gap) + growth * (k - middle), 0.0)
-        theta_d = min(max(theta_d, theta_m[k] - gap), theta_m[k] + gap)
-        if k == 0:
-            for i in range(n):
-                state[i] = path.start[i] * theta_d
-        if k >= settle:
-            error = eps_q[k] + state[0] + d * theta_d
-            total += error * error
-        for i in range(n):
-            following = b[i] * theta_d
-            for j in range(i, n):
-                following += phi[i, j] * state[j]
-            state[i] = following
-    return total / (theta_m.size - settle)
+    given = buffer_struct(theta_m, eps_q, path, settle)
+    found: float = lib.dtb_cost(given, half_gap, theta_d0, growth, room(path, 1))
+    return found
 
 
-@compiled_allocating
 def play_sensitivities(theta_m: Array, half_gap: float, theta_d0: float, growth: float, out: Array) -> None:
     """theta_d and its derivatives by half_gap, theta_d0 and growth into the rows of ``out``, (4, N).
 
     Exact wherever the play is smooth: theta_d moves with theta_d0 until the first contact, and from then on
     by -1 or +1 with the gap, by the side that pushed last.
     """
-    sign = -1.0 if half_gap < 0.0 else 1.0
-    middle = 0.5 * (theta_m.size - 1)
-    theta_d, by_gap, by_start, by_growth = theta_d0, 0.0, 1.0, 0.0
-    for k in range(theta_m.size):
-        gap = max(abs(half_gap) + growth * (k - middle), 0.0)
-        side = 0.0
-        if theta_d < theta_m[k] - gap:
-            side = -1.0
-        elif theta_d > theta_m[k] + gap:
-            side = 1.0
-        if side != 0.0:
-            theta_d = theta_m[k] + side * gap
-            by_gap, by_start, by_growth = side * sign, 0.0, side * (k - middle)
-        out[0, k], out[1, k], out[2, k], out[3, k] = theta_d, by_gap, by_start, by_growth
+    N = len(theta_m)
+    lib.dtb_play_sensitivities(N, copied(theta_m), half_gap, theta_d0, growth, buffer(out, 4, N))
 
 
-@compiled_allocating
 def sensitivities(
     theta_m: Array, eps_q: Array, half_gap: float, theta_d0: float, growth: float, path: Path, settle: int
 ) -> Array:
@@ -220,37 +168,41 @@ def sensitivities(
 
     Arguments as for :func:`cost`.
     """
-    rows = np.empty((4, theta_m.size))
-    play_sensitivities(theta_m, half_gap, theta_d0, growth, rows)
-    for row in range(4):
-        filter_in_place(rows[row], path)
-    for k in range(eps_q.size):
-        rows[0, k] += eps_q[k]
-    return rows[:, settle:].copy()
+    rows = np.empty((4, max(len(theta_m) - settle, 0)))
+    given = buffer_struct(theta_m, eps_q, path, settle)
+    lib.dtb_sensitivities(given, half_gap, theta_d0, growth, buffer(rows), room(path, 4))
+    return rows
 
 
-@compiled_allocating
 def cost_and_gradient(
     theta_m: Array, eps_q: Array, half_gap: float, theta_d0: float, path: Path, settle: int
 ) -> tuple[float, float, float]:
     """:func:`cost` [m^2] and its derivatives by half_gap and theta_d0 [m^2/rad], without growth."""
-    rows = np.empty((4, theta_m.size))
-    play_sensitivities(theta_m, half_gap, theta_d0, 0.0, rows)
-    error = (filtered(rows[0], path) + eps_q)[settle:]
-    scale = 2.0 / error.size
-    by_gap = scale * np.sum(error * filtered(rows[1], path)[settle:])
-    by_start = scale * np.sum(error * filtered(rows[2], path)[settle:])
-    return 0.5 * scale * np.sum(error * error), by_gap, by_start
+    given, out = buffer_struct(theta_m, eps_q, path, settle), np.empty(3)
+    lib.dtb_cost_and_gradient(given, half_gap, theta_d0, buffer(out), room(path, 3))
+    value, by_gap, by_start = out.tolist()
+    return value, by_gap, by_start
 
 
-@compiled_allocating
-def start_sensitivity(theta_m: Array, eps_q: Array, half_gap: float, theta_d0: float, path: Path, settle: int) -> Array:
-    """Output error and its derivative by theta_d0 alone: rows of (2, N - settle), SI; half_gap >= 0."""
-    rows = np.empty((4, theta_m.size))
-    play_sensitivities(theta_m, half_gap, theta_d0, 0.0, rows)
-    filter_in_place(rows[0], path)
-    filter_in_place(rows[2], path)
-    out = np.empty((2, theta_m.size - settle))
-    for k in range(settle, theta_m.size):
-        out[0, k - settle], out[1, k - settle] = rows[0, k] + eps_q[k], rows[2, k]
-    return out
+def buffer_struct(theta_m: Array, eps_q: Array, path: Path, settle: int) -> Any:
+    """A buffer as the core takes it; arguments as for :func:`cost`.
+
+    Raises ValueError: it is empty, or begins to count before its first sample.
+    """
+    N = len(theta_m)
+    if N == 0 or settle < 0:
+        raise ValueError(f"a buffer of {N} samples that count from {settle} on")
+    arrays = {"theta_m": copied(theta_m, N), "eps_q": copied(eps_q, N)}
+    return struct("TwinBuffer", samples=N, settle=settle, path=path_struct(path), **arrays)
+
+
+def room(path: Path, paths: int) -> Any:
+    """Memory to work in with the states of so many paths."""
+    return buffer(np.empty(paths * path.b.size))
+
+
+def path_struct(path: Path) -> Any:
+    """A path as the core takes it."""
+    n = path.b.size
+    arrays = {"phi": copied(path.phi, n, n), "b": copied(path.b, n), "start": copied(path.start, n)}
+    return struct("TwinPath", n=n, d=path.d, **arrays)

@@ -16,13 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from dtbacklash.arrays import Floats
-from dtbacklash.compiled import compiled
 from dtbacklash.control.belief import bending
+from dtbacklash.core.library import buffer, copied, lib
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.bodies import take_apart
-from dtbacklash.physics.kernel.dispatch import with_addresses
-from dtbacklash.physics.kernel.plant import Plant, new_state
-from dtbacklash.physics.kernel.sample import advance, sense
+from dtbacklash.physics.kernel.plant import Plant, State, new_state
+from dtbacklash.physics.kernel.structs import plant_struct, state_struct
 from dtbacklash.physics.rig import SENSOR_PREFIX, Rig, Sensor
 from dtbacklash.twin.gap import observer
 from dtbacklash.twin.gap.estimate import OptimizerLike, Problem, default_start, estimate_gap
@@ -34,19 +33,21 @@ SUBSTEPS, EVENT_LEVELS = 4, 8
 STEP_RAD, STEP_RAD_S = 3.5e-4, 3.5e-4
 
 
-@compiled
-def follow(P, S, theta_m, gap, index, y, q3):
-    """q3 at every sample of the buffer; the gap's own change does not push the screw before the motor does."""
-    for k in range(theta_m.shape[0]):
-        sense(P, S, gap[k], 0.0, y)
-        q3[k] = y[index]
-        if k + 1 < theta_m.shape[0]:
-            advance(P, S, k * P.sample_time, 0.0, gap[k], gap[k + 1], theta_m, k)
+def follow(P: Plant, S: State, theta_m: Floats, gap: Floats, index: int, y: Floats, q3: Floats) -> None:
+    """q3 at every sample of the buffer; the gap's own change does not push the screw before the motor does.
+
+    theta_m, gap : (N,) rad. index : of the sensor. y : (sensors,) room. q3 : (N,) filled.
+    """
+    N = len(theta_m)
+    lib.dtb_follow(
+        plant_struct(P), state_struct(S), N, copied(theta_m, N), copied(gap, N), index, buffer(y, len(P.sensor)),
+        buffer(q3, N),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Structure:
-    """What moves behind the gear, compiled.
+    """What moves behind the gear, for the core.
 
     index : of the output's sensor. rest_by_travel, rest_by_output : (bodies,) where the bodies rest per m of the
     screw's travel and per m of the output, where that is held: dry friction can hold it off its balance.
@@ -68,7 +69,7 @@ class Structure:
         for place, name in [(p, n) for p, there in rig.effects.items() for n in there]:
             if (gear and place == gear.name) or place.startswith(SENSOR_PREFIX) or (place, name) in bent:
                 rig = rig.with_effect(place, name, None)
-        plant = with_addresses(compile_plant(rig, sample_time_s, SUBSTEPS, EVENT_LEVELS, imposed=True))
+        plant = compile_plant(rig, sample_time_s, SUBSTEPS, EVENT_LEVELS, imposed=True)
         bodies = take_apart(rig, imposed=True).bodies
         screw = rig.only("screw")
         assert screw is not None
@@ -90,7 +91,7 @@ class Structure:
         state.gear[0] = min(max(theta_d0, theta_m[0] - half_gap[0]), theta_m[0] + half_gap[0])
         rest = self.rest_by_travel * self.lead * state.gear[0] + self.rest_by_output * q3_0
         state.x[plant.position : plant.position + plant.n_bodies] = rest
-        q3 = np.empty_like(theta_m)
+        q3 = np.empty(len(theta_m))
         follow(plant, state, theta_m, half_gap, self.index, np.zeros(len(plant.sensor)), q3)
         return q3
 

@@ -81,7 +81,8 @@ def test_the_core_is_sound_under_sanitizers(tmp_path):
     asan = subprocess.run(["cc", "-print-file-name=libasan.so"], capture_output=True, text=True, check=True).stdout
     environment = os.environ | {"LD_PRELOAD": asan.strip(), "ASAN_OPTIONS": "detect_leaks=0"}
     here = Path(__file__).parent
-    tests = ["-k", "not with_each_of_its", str(here / "test_equality.py"), str(here / "test_laws.py")]
+    names = ("test_equality.py", "test_laws.py", "test_twin_core.py")
+    tests = ["-k", "not with_each_of_its", *(str(here / name) for name in names)]
     done = subprocess.run(
         [sys.executable, "-c", SANITIZED, str(library), *tests], cwd=TESTS.parent, env=environment, capture_output=True,
         text=True, check=False,
