@@ -184,6 +184,11 @@ def cost_and_gradient(
     return value, by_gap, by_start
 
 
+def start_sensitivity(theta_m: Array, eps_q: Array, half_gap: float, theta_d0: float, path: Path, settle: int) -> Array:
+    """Output error and its derivative by theta_d0 alone: rows of (2, N - settle), SI; half_gap >= 0."""
+    return sensitivities(theta_m, eps_q, half_gap, theta_d0, 0.0, path, settle)[[0, 2]]
+
+
 def buffer_struct(theta_m: Array, eps_q: Array, path: Path, settle: int) -> Any:
     """A buffer as the core takes it; arguments as for :func:`cost`.
 
