@@ -32,7 +32,7 @@ from dtbacklash.recording.model import Recording
 from dtbacklash.report.kit.markdown import between, table
 from studies.measure import Row
 
-PAGE = "diagnosis.md"
+PAGE = "several_recordings.md"
 BEGIN, END = "<!-- fleets: begin, made by python -m studies fleets -->", "<!-- fleets: end -->"
 RIGS = "oscillator", "two_mass_stage", "rotary_drive", "pendulum"
 FLEETS, CHANGES = ("payloads", "in one only"), ("added", "grown", "nothing", "payload", "gap")

@@ -30,12 +30,12 @@ OUTLIERS_SAID = 3
 STRETCH_READINGS_MIN = 20
 
 TUKEY = "running median: Tukey, Exploratory Data Analysis (1977)"
-EFFORT = "balance of effort, docs/diagnosis.md"
+EFFORT = "balance of effort, docs/method.md"
 COHERENCE = "Welch's coherence; its level: Carter, Knapp and Nuttall, IEEE Trans. Audio Electroacoust. 21 (1973) 337"
 LEVELS = "docs/recordings.md"
-REPEATED = "equal readings in a row by chance; docs/diagnosis.md"
+REPEATED = "equal readings in a row by chance; docs/method.md"
 TURNS = "phase unwrapping: Itoh, Applied Optics 21 (1982) 2470"
-SAMPLED = "Shannon, Proc. IRE 37 (1949) 10; margin for interpolation: docs/diagnosis.md"
+SAMPLED = "Shannon, Proc. IRE 37 (1949) 10; margin for interpolation: docs/method.md"
 
 
 @dataclass(frozen=True)
