@@ -33,7 +33,6 @@ from dtbacklash.control.belief import Belief, Beliefs, design_for, settled
 from dtbacklash.control.laws import Controller, build_controller, new_controller_state
 from dtbacklash.experiment import loop
 from dtbacklash.physics.assembly import compile_plant
-from dtbacklash.physics.kernel.dispatch import with_addresses
 from dtbacklash.physics.kernel.plant import Plant, new_state
 from dtbacklash.physics.rig import build_rig
 from dtbacklash.twin.gap.estimate import Problem, estimate_gap
@@ -120,7 +119,7 @@ def new_bench() -> Bench:
     time_s = config.sample_time_s
     return Bench(
         config,
-        with_addresses(compile_plant(rig, time_s)),
+        compile_plant(rig, time_s),
         build_controller(config.controller, design),
         novelty_design(config.twin.novelty_filter, design.dominant_frequency_rad_s, time_s),
         twin_model(belief.linear().structure, config.twin.observer_pole_rad_s, time_s, config.twin.settle),

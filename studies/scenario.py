@@ -17,7 +17,6 @@ from dtbacklash.control.laws import Controller, build_controller, new_controller
 from dtbacklash.experiment import loop
 from dtbacklash.experiment.run import RunResult, run_scenario
 from dtbacklash.physics.assembly import compile_plant
-from dtbacklash.physics.kernel.dispatch import with_addresses
 from dtbacklash.physics.kernel.plant import Plant, new_state
 from dtbacklash.physics.rig import build_rig
 from dtbacklash.twin.gap.novelty import NoveltyDesign, novelty_design
@@ -68,7 +67,7 @@ def prepare(*overrides: str) -> Scenario:
     columns = (("r_mm", 1e-3), ("gap_deg", np.pi / 180), ("gap_hat_deg", np.pi / 180), ("q3_mm", 1e-3))
     arrays = [result.trace[name].to_numpy() * factor for name, factor in columns]
     solver = config.solver
-    plant = with_addresses(compile_plant(rig, config.sample_time_s, solver.substeps, solver.event_levels))
+    plant = compile_plant(rig, config.sample_time_s, solver.substeps, solver.event_levels)
     controller = build_controller(config.controller, design)
     detector = novelty_design(config.twin.novelty_filter, design.dominant_frequency_rad_s, config.sample_time_s)
     return Scenario(config, result, design, linear.motor, linear.structure, plant, controller, detector, *arrays)

@@ -2,17 +2,16 @@
 
 import gc
 import re
-import tempfile
 from functools import cache
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from oracle.kernel.sample import advance
 from warm import warm
 
 from dtbacklash.cli import GARBAGE_AFTER, one_blas_thread
 from dtbacklash.compiled import is_cold
-from dtbacklash.physics.kernel.sample import advance
 
 # as the command line does: threads for tiny matrices, two tests at a time, only stand in each other's way
 one_blas_thread()
@@ -26,8 +25,7 @@ settings.load_profile("house")
 def pytest_configure(config: pytest.Config) -> None:
     """Compile before the workers start: each of them would compile the same."""
     if config.getoption("numprocesses", None) and not hasattr(config, "workerinput") and is_cold(advance):
-        with tempfile.TemporaryDirectory() as folder:
-            warm(Path(folder))
+        warm()
 
 
 @pytest.fixture

@@ -1,37 +1,32 @@
-"""Compile what the tests need, once: a run with a twin, and a diagnosis. ``python warm.py``, in an empty folder."""
+"""Compile what the tests need, once: the oracle of the core, and a concealed recording. ``python warm.py``."""
 
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
-RUN = ["duration_s=2", "twin.buffer=200", "twin.settle=100", "figures=false"]
+import numpy as np
 
 
-def warm(folder: Path) -> None:
+def warm() -> None:
     """Run this file as a process of its own; what is compiled is kept on disk."""
-    subprocess.run(
-        [sys.executable, str(Path(__file__).resolve())], cwd=folder, capture_output=True, check=True, timeout=900
-    )
+    subprocess.run([sys.executable, str(Path(__file__).resolve())], capture_output=True, check=True, timeout=900)
 
 
 def main() -> None:
-    import numpy as np
+    from oracle import passes
 
-    from dtbacklash import cli
-    from dtbacklash.config.compose import compose
-    from dtbacklash.diagnosis import Record, diagnose_records
-    from dtbacklash.physics.rig import build_rig
-    from dtbacklash.physics.simulate import simulate
+    from dtbacklash import load_rig
+    from dtbacklash.physics.assembly import compile_plant
+    from dtbacklash.physics.kernel.plant import new_state
+    from dtbacklash.prove.conceal import conceal
 
-    for number, more in enumerate(([], ["rig.effects.motor_bearing.coulomb_friction.torque=0.01"])):
-        if code := cli.main(["run", *RUN, f"out=warm{number}", *more]):
-            raise SystemExit(code)
-    rig, rng = build_rig(compose("controller=open_loop", "rig=lead_screw").rig), np.random.default_rng(0)
-    u = np.repeat(rng.uniform(-3.0, 3.0, 40), 100)
-    seen = {name: values for name, values in simulate(rig, u, 1e-3).sensors.items() if name in ("theta_m", "q3")}
-    measured = {name: v + 1e-4 * np.ptp(v) * rng.standard_normal(v.size) for name, v in seen.items()}
-    train = np.arange(u.size + 1) < 2800
-    diagnose_records(rig, [Record(1e-3, np.append(u, u[-1]), measured, train, ~train)])
+    plant = compile_plant(load_rig("lead_screw"), 1e-3, 0, 16)
+    state, rows = new_state(plant), np.zeros(3)
+    y = np.zeros((3, len(plant.sensor)))
+    passes.run(plant, state, np.zeros(2), rows, rows, y, np.zeros((3, state.x.size)), rows.copy())
+    with tempfile.TemporaryDirectory() as folder:
+        conceal(1, "oscillator", Path(folder, "cases"))
 
 
 if __name__ == "__main__":

@@ -92,3 +92,6 @@ void dtb_hold(
     }
     show_truth(P, S, (Gap){gap, rate}, y);
 }
+
+/* Velocity at which a friction contact slips while its base rests, m/s or rad/s. */
+double dtb_slip_rate(const Plant *P, State *S, int64_t contact) { return slip_rate(P, S, S->x, contact, 0.0, 0.0); }

@@ -13,12 +13,13 @@ import numpy as np
 
 from dtbacklash.config.changes import of_the_change
 from dtbacklash.config.run import RunConfig
+from dtbacklash.core.library import lib
 from dtbacklash.errors import UserError
 from dtbacklash.physics.assembly import compile_plant
 from dtbacklash.physics.catalogue import find
 from dtbacklash.physics.effects.slots import GearPlay
 from dtbacklash.physics.kernel.plant import Plant, State, new_state
-from dtbacklash.physics.kernel.step import slip_rate
+from dtbacklash.physics.kernel.structs import plant_struct, state_struct
 from dtbacklash.physics.rig import Rig, build_rig
 
 
@@ -77,5 +78,5 @@ def aged_state(plant: Plant, state: State, after: Plant) -> State:
         if tuple(pair) in ends:
             new.mode[1 + c] = state.mode[1 + ends.index(tuple(pair))]
         else:
-            new.mode[1 + c] = int(np.sign(slip_rate(after, new, new.x, c, 0.0, 0.0)))
+            new.mode[1 + c] = int(np.sign(lib.dtb_slip_rate(plant_struct(after), state_struct(new), c)))
     return new

@@ -15,14 +15,11 @@ import pytest
 from hydra.core.global_hydra import GlobalHydra
 from network import Broker, Puppet, Served
 from told import without_progress
-from warm import warm
 
 from dtbacklash import cli
-from dtbacklash.compiled import is_cold
 from dtbacklash.experiment import signals
 from dtbacklash.experiment.metrics import move_table
 from dtbacklash.experiment.result import RunResult
-from dtbacklash.physics.kernel.sample import advance
 
 SENSORS = ("theta_m", "q3")
 SIGNALS = [
@@ -88,13 +85,6 @@ def typed(tmp_path, monkeypatch, capsys):
 def dtb(typed, scenario):
     """The same with the stand-in."""
     return typed
-
-
-@pytest.fixture(scope="session", autouse=True)
-def compiled(tmp_path_factory):
-    """The first run on a machine says on stderr that it compiles; here that has been said already."""
-    if is_cold(advance):
-        warm(tmp_path_factory.mktemp("warm"))
 
 
 @pytest.fixture

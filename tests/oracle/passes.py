@@ -5,10 +5,10 @@ import numpy as np
 from dtbacklash.arrays import Floats
 from dtbacklash.diagnosis.engine.readings import OPENING
 from dtbacklash.physics.kernel import plant as pl
-from dtbacklash.physics.kernel.dispatch import with_addresses
 from dtbacklash.physics.kernel.plant import Plant, State
-from dtbacklash.physics.kernel.sample import advance, amplify, sense
-from dtbacklash.physics.kernel.step import screw_angle, slip_rate
+from oracle.kernel import with_addresses
+from oracle.kernel.sample import advance, amplify, sense
+from oracle.kernel.step import screw_angle, slip_rate
 
 
 def run(P: Plant, S: State, u: Floats, gap: Floats, theta: Floats, y: Floats, x: Floats, theta_d: Floats) -> None:

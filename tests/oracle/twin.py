@@ -3,7 +3,7 @@
 import numpy as np
 
 from dtbacklash.compiled import compiled, compiled_allocating
-from dtbacklash.physics.kernel.sample import advance, sense
+from oracle.kernel.sample import advance, sense
 
 COARSE_STARTS = 9  # first tries for theta_d0 across the gap
 POLISH_STEPS = 6  # Newton steps that follow, each halved until it helps

@@ -12,10 +12,10 @@ import numba
 import numpy as np
 import pytest
 from numba.core.dispatcher import Dispatcher
+from oracle.kernel import sample
 
 import dtbacklash
 from dtbacklash import compiled
-from dtbacklash.physics.kernel import sample
 from dtbacklash.prove.simulator import laws
 
 #: a compiled module, and one that it reads from and that is compiled in part only

@@ -25,7 +25,7 @@ from dtbacklash.physics.effects.declare import Effect
 from dtbacklash.physics.effects.slots import LAW_PARAMETERS, Law, Slot, arguments
 
 if TYPE_CHECKING:
-    from dtbacklash.physics.kernel.plant import Plant
+    pass
 
 Call = tuple[Law, tuple[str | int, ...]]
 #: kind, name and declaration of an effect, and whether its law stood at an address
@@ -129,13 +129,6 @@ def other_of(code: int) -> Effect:
 def addressed(codes: Iterable[int]) -> Ints:
     """Codes as loops that numba compiles take them: of others the addresses of their laws, compiled here."""
     return np.array([_address_of(int(code)) if code < 0 else code for code in codes], dtype=np.int64)
-
-
-def with_addresses(plant: Plant) -> Plant:
-    """A plant as loops that numba compiles take it."""
-    if not (plant.law[:, 0] < 0).any():
-        return plant
-    return plant._replace(law=np.column_stack([addressed(plant.law[:, 0]), plant.law[:, 1]]))
 
 
 def _address_of(code: int) -> int:

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracle import twin as oracle
+from oracle.kernel import with_addresses
 
 from dtbacklash.config.compose import compose
 from dtbacklash.control.chain import StructureParameters
 from dtbacklash.physics.assembly import compile_plant
-from dtbacklash.physics.kernel.dispatch import with_addresses
 from dtbacklash.physics.kernel.plant import new_state
 from dtbacklash.physics.rig import build_rig
 from dtbacklash.twin.gap import guard, observer, simulated

@@ -7,8 +7,8 @@ halved until the event is located to a tick (``sample_time/substeps/2**(levels-1
 
 from dtbacklash.compiled import compiled, inlined
 from dtbacklash.physics.kernel import plant as pl
-from dtbacklash.physics.kernel.forces import add_forces, base_motion, end_velocity, gained, respond
-from dtbacklash.physics.kernel.memory import remember, settle_memories
+from oracle.kernel.forces import add_forces, base_motion, end_velocity, gained, respond
+from oracle.kernel.memory import remember, settle_memories
 
 #: a sample with more events than this (chatter) is finished without locating further ones: a contact at the edge of
 #: slipping switches as often as it is looked at, which costs and changes nothing

@@ -6,7 +6,7 @@ from dtbacklash.compiled import clear, compiled, copy, inlined
 from dtbacklash.physics.effects.play import play
 from dtbacklash.physics.kernel import dispatch
 from dtbacklash.physics.kernel import plant as pl
-from dtbacklash.physics.kernel.events import (
+from oracle.kernel.events import (
     NO_EVENT,
     find_event,
     located,
@@ -16,14 +16,14 @@ from dtbacklash.physics.kernel.events import (
     torn_loose,
     turn_contacts,
 )
-from dtbacklash.physics.kernel.forces import (
+from oracle.kernel.forces import (
     add_forces,
     base_motion,
     body_acceleration,
     link_force,
     push,
 )
-from dtbacklash.physics.kernel.step import MOST_EVENTS, drive_channels, drive_rate, screw_angle, try_step
+from oracle.kernel.step import MOST_EVENTS, drive_channels, drive_rate, screw_angle, try_step
 
 
 @inlined

@@ -10,7 +10,7 @@ import math
 from dtbacklash.compiled import compiled, inlined
 from dtbacklash.physics.kernel import dispatch
 from dtbacklash.physics.kernel import plant as pl
-from dtbacklash.physics.kernel.forces import base_motion, gained, push, respond, stretch_of
+from oracle.kernel.forces import base_motion, gained, push, respond, stretch_of
 
 #: the force is solved for to this share of its change
 SOLVED, MOST_ROUNDS = 1e-8, 60

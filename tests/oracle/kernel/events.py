@@ -2,8 +2,8 @@
 
 from dtbacklash.compiled import clear, compiled, inlined
 from dtbacklash.physics.kernel import plant as pl
-from dtbacklash.physics.kernel.forces import add_forces, body_acceleration, gained, held_level, push
-from dtbacklash.physics.kernel.step import screw_angle, slip_rate
+from oracle.kernel.forces import add_forces, body_acceleration, gained, held_level, push
+from oracle.kernel.step import screw_angle, slip_rate
 
 #: a contact is located well enough when the gear would move no farther than this by what is left, rad (relative to an
 #: angle above 1 rad). A motor that creeps to rest on a flank would otherwise be chased through steps in which its
