@@ -1,23 +1,15 @@
-"""A designed controller as C99: its matrices and constants as numbers, and the law of ``controller.c``."""
+"""A designed controller as C99: the core's own law, with matrices and constants as numbers, and what calls it."""
 
 from __future__ import annotations
 
-import math
 from importlib.resources import files
+from typing import Any
 
 import numpy as np
 
 from dtbacklash.arrays import Floats
 from dtbacklash.control.handover import rests
-from dtbacklash.control.laws import (
-    CATCHING_MOST,
-    NEAR_RAD,
-    SMALL_GAP_RAD,
-    Controller,
-    control_step,
-    new_controller_state,
-)
-from dtbacklash.control.linear_law import FOUND_V, SEARCH_STEPS
+from dtbacklash.control.laws import Controller, control_step, law_fields, new_controller_state
 
 HEAD = """/* {about}
  *
@@ -27,6 +19,7 @@ HEAD = """/* {about}
  * A value that is not finite or above {sane:g} is held at the last good one, and counted in c.held.
  */
 #include <math.h>
+#include <stdint.h>
 #include <string.h>
 """
 #: runs the vector of the file beside it
@@ -50,44 +43,55 @@ int main(void) {{
     return worst < 1e-9 ? 0 : 1;
 }}
 """
+#: behind this the core's file is for Python alone
+PYTHON = "/* ---- for Python ---- */"
 #: of the test vector
 ROWS = 400
 
 
 def c_source(controller: Controller, first_half_gap_rad: float, about: str) -> str:
-    """The whole C file of a controller.
+    """The whole C file of a controller: the core's own law with its numbers.
 
     first_half_gap_rad : that it believes in after a reset. about : one line on what it is, for its head.
     """
     C = controller
     w_unit, s_unit, x_rest = rests(C)
-    matrices = {"WA": C.wa, "MA": C.ma, "SA": C.sa, "LA": C.la, "LB": C.lb, "LH": C.lh, "LF": C.lf, "X_REST": x_rest}
-    vectors = {
-        "WB": C.wb, "WC": C.wc, "MB": C.mb, "SB": C.sb, "SC": C.sc, "LC": C.lc, "LE": C.le, "S_REST": C.s_rest,
-        "W_REST": C.w_rest, "W_UNIT": w_unit, "S_UNIT": s_unit, "LD": C.ld, "LATE": C.late, "FORWARD": C.forward,
-        "SEARCH": C.search,
-    }  # fmt: skip
-    numbers = {
-        "WD": C.wd, "GAIN": C.gain, "LIMIT": C.limit, "SAMPLE_TIME": C.sample_time, "JUMP": C.jump,
-        "CROSSING_RATIO": C.crossing_ratio, "CROSSING_RATE": C.crossing_rate, "CROSSING_STEP": C.crossing_step,
-        "SMALL_GAP": SMALL_GAP_RAD, "FIRST_HALF_GAP": first_half_gap_rad, "NEAR": NEAR_RAD, "FOUND": FOUND_V,
-        "CATCHING": C.catching, "CATCHING_MOST": CATCHING_MOST,
-    }  # fmt: skip
+    fields = law_fields(C)
+    arrays = {name.upper(): value for name, value in fields.items() if isinstance(value, np.ndarray)}
+    rest = {"W_UNIT": w_unit, "S_UNIT": s_unit, "X_REST": x_rest}
     # C has no empty arrays: what a form does not use has one 0
     sizes = {"NW": len(C.wb), "NM": len(C.mb), "NS": len(C.sb), "NL": len(C.lc), "NP": len(C.lh)}
     sizes = {name: max(size, 1) for name, size in sizes.items()}
-    whole = {
-        "STRUCTURE": C.structure, "MODEL": C.model, "FORWARDS": int(C.forwards), "ARRIVING": C.arriving,
-        "PATIENCE": C.patience, "PREDICTIVE": int(len(C.lh) > 0), "SEARCH_STEPS": SEARCH_STEPS, **sizes,
-        "NMAX": max(sizes.values()), "NLINE": math.ceil(C.late.max()) + 2,
-    }  # fmt: skip
-    lines = ["enum { " + ", ".join(f"{name} = {value}" for name, value in whole.items()) + " };"]
+    state = new_controller_state(C)
+    sizes |= {"NSPARE": len(state.spare), "NLINE": state.lines.shape[1]}
+    numbers = {"LIMIT": C.limit, "SAMPLE_TIME": C.sample_time, "FIRST_HALF_GAP": first_half_gap_rad}
+    lines = ["enum { " + ", ".join(f"{name} = {value}" for name, value in sizes.items()) + " };"]
     lines += [f"static const double {name} = {_number(value)};" for name, value in numbers.items()]
-    lines += [f"static const double {name}[{max(v.size, 1)}] = {row(v)};" for name, v in vectors.items()]
-    lines += [matrix(name, a) for name, a in matrices.items()]
-    law = files("dtbacklash.control").joinpath("controller.c").read_text(encoding="utf-8")
-    about = about.replace("*/", "* /")
-    return "\n".join([HEAD.format(about=about, sample_time=C.sample_time, limit=C.limit, sane=1e6), *lines, "", law])
+    lines += [
+        f"static const double {name}[{max(v.size, 1)}] = {row(v.ravel())};" for name, v in (arrays | rest).items()
+    ]
+    inside = (f".{name} = {_entry(name, value)}" for name, value in fields.items())
+    law = [_core("arithmetic.h"), _core("control.h"), _core("control.c").partition(PYTHON)[0]]
+    own = files("dtbacklash.control").joinpath("controller.c").read_text(encoding="utf-8")
+    head = HEAD.format(about=about.replace("*/", "* /"), sample_time=C.sample_time, limit=C.limit, sane=1e6)
+    values = "static const Controller LAW = {" + ", ".join(inside) + "};"
+    return "\n".join([head, *law, *lines, values, "", own])
+
+
+def _core(name: str) -> str:
+    """A file of the core without what it includes."""
+    text = files("dtbacklash.core").joinpath(name).read_text(encoding="utf-8")
+    return "\n".join(line for line in text.splitlines() if not line.startswith("#include")) + "\n"
+
+
+def _entry(name: str, value: Any) -> str:
+    return (
+        name.upper()
+        if isinstance(value, np.ndarray)
+        else _number(value)
+        if isinstance(value, float)
+        else str(int(value))
+    )
 
 
 def c_test(controller: Controller, first_half_gap_rad: float, name: str) -> str:

@@ -180,14 +180,19 @@ def new_controller_state(controller: Controller) -> ControllerState:
                            np.zeros((2, len(controller.lh))))  # fmt: skip
 
 
-def controller_struct(C: Controller) -> Any:
-    """A controller as the core takes it."""
+def law_fields(C: Controller) -> dict[str, Any]:
+    """The fields of a controller in the core's struct of that name."""
     sizes = {"n_w": len(C.wb), "n_m": len(C.mb), "n_s": len(C.sb), "n_law": len(C.lc), "n_moves": len(C.lh)}
     constants = {
         "small_gap": SMALL_GAP_RAD, "near": NEAR_RAD, "catching_most": CATCHING_MOST, "search_steps": SEARCH_STEPS,
         "found": FOUND_V,
     }  # fmt: skip
-    return struct("Controller", **C._asdict(), **sizes, **constants)
+    return C._asdict() | sizes | constants
+
+
+def controller_struct(C: Controller) -> Any:
+    """A controller as the core takes it."""
+    return struct("Controller", **law_fields(C))
 
 
 def controller_state_struct(X: ControllerState) -> Any:

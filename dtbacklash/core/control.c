@@ -99,7 +99,7 @@ static double cross(const Controller *C, ControllerState *X, double gap, double 
 }
 
 /* How many samples before the load moves the motor has to set out, to have crossed a gap, rad, by then. */
-int64_t dtb_crossing_samples(const Controller *C, double gap)
+static int64_t crossing_samples(const Controller *C, double gap)
 {
     return C->crossing_step > 0.0 ? (int64_t)ceil(2.0 * gap / C->crossing_step) + C->arriving : 0;
 }
@@ -291,7 +291,9 @@ static double control_step(
     return u;
 }
 
-/* The same for Python: the voltage into out[0], V, the prediction error into out[1], m. */
+/* ---- for Python ---- */
+
+/* The voltage into out[0], V, the prediction error into out[1], m: see control_step(). */
 void dtb_control_step(
     const Controller *C, ControllerState *X, double r, double theta_m, double q3, double gap_hat, double growth,
     double toward, double *out)
@@ -301,3 +303,6 @@ void dtb_control_step(
 
 /* What is fed forward at a measured angle, rad; V. */
 double dtb_feed_forward(const Controller *C, ControllerState *X, double theta_m) { return feed_forward(C, X, theta_m); }
+
+/* How many samples before the load moves the motor has to set out, to have crossed a gap, rad, by then. */
+int64_t dtb_crossing_samples(const Controller *C, double gap) { return crossing_samples(C, gap); }

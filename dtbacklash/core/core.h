@@ -5,6 +5,7 @@
 #include <math.h>
 #include <stdint.h>
 
+#include "arithmetic.h"
 #include "laws.h"
 #include "plant.h"
 #include "twin.h"
@@ -13,24 +14,6 @@
 
 /* For a function that is called with a constant size, so that its loops are unrolled. */
 #define UNROLLED static inline __attribute__((always_inline))
-
-static inline double dmin(double a, double b) { return b < a ? b : a; }
-static inline double dmax(double a, double b) { return b > a ? b : a; }
-
-/* The sign of a number: -1, 0 or 1. */
-static inline int64_t sign_of(double value) { return (value > 0.0) - (value < 0.0); }
-
-static inline void set_zero(double *target, int64_t n)
-{
-    for (int64_t i = 0; i < n; i++)
-        target[i] = 0.0;
-}
-
-static inline void copy(const double *source, double *target, int64_t n)
-{
-    for (int64_t i = 0; i < n; i++)
-        target[i] = source[i];
-}
 
 /* ---- the matrices of one gear mode, and of one length of the step ---- */
 

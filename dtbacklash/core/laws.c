@@ -3,12 +3,6 @@
 
 /* ---- helpers of several laws ---- */
 
-/* Next output of the play operator; Krasnosel'skii & Pokrovskii, Systems with Hysteresis (1989). rad -> rad. */
-static double play(double theta_d, double theta_m, double half_gap)
-{
-    return dmin(dmax(theta_d, theta_m - half_gap), theta_m + half_gap);
-}
-
 /* amplitude sin(wave_number position + phase): cogging, the ripple of a torque or of a lead. */
 static double sine(double position, double amplitude, double wave_number, double phase)
 {

@@ -36,7 +36,7 @@ int64_t dtb_run_loop(
         const double *seen = out->seen + k * in->sensors;
         double theta_m = over->theta_m >= 0 ? seen[over->theta_m] : 0.0, q3 = over->q3 >= 0 ? seen[over->q3] : 0.0;
         double believed = dmax(over->gap + over->growth * (double)(k - over->since), 0.0);
-        double toward = in->ahead ? in->moving[least_of(k + dtb_crossing_samples(C, believed), last)] : 0.0;
+        double toward = in->ahead ? in->moving[least_of(k + crossing_samples(C, believed), last)] : 0.0;
         double u = control_step(C, X, in->reference[k], theta_m, q3, believed, over->growth, toward, out->eps + k);
         out->u[k] = u;
         out->gap_hat[k] = believed;

@@ -67,7 +67,7 @@ import sys
 from dtbacklash.core import build
 build.LIBRARY = sys.argv[1]
 import pytest
-raise SystemExit(pytest.main(["-q", "-m", "", "-p", "no:cacheprovider", *sys.argv[2:]]))
+raise SystemExit(pytest.main(["-m", "", "-p", "no:cacheprovider", *sys.argv[2:]]))
 """
 
 
@@ -81,7 +81,7 @@ def test_the_core_is_sound_under_sanitizers(tmp_path):
     asan = subprocess.run(["cc", "-print-file-name=libasan.so"], capture_output=True, text=True, check=True).stdout
     environment = os.environ | {"LD_PRELOAD": asan.strip(), "ASAN_OPTIONS": "detect_leaks=0"}
     here = Path(__file__).parent
-    names = ("test_equality.py", "test_laws.py", "test_twin_core.py")
+    names = ("test_equality.py", "test_laws.py", "test_twin_core.py", "test_control_core.py")
     tests = ["-k", "not with_each_of_its", *(str(here / name) for name in names)]
     done = subprocess.run(
         [sys.executable, "-c", SANITIZED, str(library), *tests], cwd=TESTS.parent, env=environment, capture_output=True,

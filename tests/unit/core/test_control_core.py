@@ -13,8 +13,12 @@ from dtbacklash.twin.gap.novelty import novelty_design, novelty_index
 SAMPLES = 400
 CONTROLLERS = [
     *(["controller=imc", f"controller.internal_model={m}"] for m in ("bare", "measured", "exact", "inner_loop")),
-    *(["controller=nimc_fixed", f"controller.internal_model={m}"] for m in ("bare", "measured", "inner_loop", "inverse")),
-    ["controller=nimc_fixed", "controller.crossing=hold"], ["controller=nimc_fixed", "controller.limit_v=1.5"],
+    *(
+        ["controller=nimc_fixed", f"controller.internal_model={m}"]
+        for m in ("bare", "measured", "inner_loop", "inverse")
+    ),
+    ["controller=nimc_fixed", "controller.crossing=hold"],
+    ["controller=nimc_fixed", "controller.limit_v=1.5"],
     ["controller=nimc_fixed", "rig.effects.motor_bearing.cogging.torque=0.02"],
     ["controller=nimc_fixed", "rig.effects.amplifier.delay.time=0.0037"],
     *([f"controller={name}"] for name in ("mpc", "lqg", "pid", "offset")),
@@ -26,7 +30,9 @@ def designed(words):
     beliefs = beliefs_of(asked)
     config = settled(asked, beliefs)
     design = design_for(config, beliefs.design)
-    return build_controller(config.controller, design, beliefs.design.feed_forward(config.controller.compensate)), beliefs
+    return build_controller(
+        config.controller, design, beliefs.design.feed_forward(config.controller.compensate)
+    ), beliefs
 
 
 @pytest.mark.parametrize("words", CONTROLLERS, ids=" ".join)
